@@ -1,0 +1,33 @@
+"""flexgen: inverse dynamics of elastic robots, from a model file to C that runs in a controller.
+
+The public verbs are resolved on first use, so that ``import flexgen`` is quick.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+__version__ = "0.1.0"
+
+_VERBS = {
+    "read": "flexgen.model.reader",
+    "derive": "flexgen.mechanics.equations",
+    "analyze": "flexgen.analysis.report",
+    "solve": "flexgen.solvers.solve",
+    "simulate": "flexgen.simulate",
+    "generate": "flexgen.codegen.build",
+    "load": "flexgen.runtime",
+}
+
+__all__ = [*_VERBS, "__version__"]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _VERBS:
+        return getattr(importlib.import_module(_VERBS[name]), name)
+    raise AttributeError(f"module 'flexgen' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,1 @@
+"""What the equations say about a robot: modes, zeros, index."""

@@ -1,0 +1,1 @@
+"""From a robot's data to its equations of motion."""

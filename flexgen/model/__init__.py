@@ -1,0 +1,1 @@
+"""What a robot is: data read from a file, nothing derived."""

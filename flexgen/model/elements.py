@@ -1,0 +1,368 @@
+"""The nouns of a robot description: frozen data, no computation beyond counting and looking up.
+
+Notation (S. Moberg, Modeling and Control of Flexible Manipulators, Linkoeping 2010): arm coordinates ``q_a`` in chain
+order consist of actuated ones ``q_g`` (a gear between them and a motor) and non-actuated ones ``q_e`` (spring-damper
+only); motor coordinates ``q_m`` are on the motor side of the gears.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+Vector = tuple[float, ...]
+Matrix = tuple[tuple[float, ...], ...]
+
+IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Placement:
+    """A constant pose: ``p_parent = position + rotation @ p_child``; position in m, rotation a rotation matrix."""
+
+    position: Vector = ZERO
+    rotation: Matrix = IDENTITY
+
+
+@dataclass(frozen=True)
+class LinearSpring:
+    """``tau = stiffness d`` (stiffness in N m/rad or N/m)."""
+
+    stiffness: float
+
+
+@dataclass(frozen=True)
+class CubicSpring:
+    """``tau = stiffness d + cubic d^3`` (cubic in N m/rad^3 or N/m^3)."""
+
+    stiffness: float
+    cubic: float
+
+
+@dataclass(frozen=True)
+class SmoothSpring:
+    """Low and high stiffness, once continuously differentiable.
+
+    ``tau = low d + (high - low)/(3 break_at^2) d^3`` for ``|d| <= break_at``, slope ``high`` beyond.
+    """
+
+    low: float
+    high: float
+    break_at: float
+
+
+@dataclass(frozen=True)
+class PiecewiseSpring:
+    """Piecewise linear: slope ``low`` for ``|d| <= break_at``, slope ``high`` beyond; continuous."""
+
+    low: float
+    high: float
+    break_at: float
+
+
+@dataclass(frozen=True)
+class BacklashSpring:
+    """Smooth dead band of half width ``gap``.
+
+    ``tau = stiffness (d - (r(d + gap) - r(d - gap))/2)`` with ``r(x) = sqrt(x^2 + smoothing^2)``.
+    """
+
+    stiffness: float
+    gap: float
+    smoothing: float
+
+
+Spring = LinearSpring | CubicSpring | SmoothSpring | PiecewiseSpring | BacklashSpring
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Friction torque against a speed w.
+
+    ``f(w) = viscous w + (coulomb + stribeck / cosh(alpha w)) tanh(beta w) + offset``; alpha and beta in s/rad (or s/m).
+    The offset makes it asymmetric.
+    """
+
+    viscous: float = 0.0
+    coulomb: float = 0.0
+    stribeck: float = 0.0
+    alpha: float = 0.0
+    beta: float = 0.0
+    offset: float = 0.0
+
+
+NO_FRICTION = Friction()
+
+
+@dataclass(frozen=True)
+class Gear:
+    """What stands between a motor and an actuated degree of freedom.
+
+    Parameters
+    ----------
+    rigid : bool
+        A rigid gear has no spring: the motor follows the joint exactly.
+    side : str
+        ``"arm"`` or ``"motor"``: the side of the gear on which spring and damping are stated.
+    spring : Spring or None
+        None for a rigid gear.
+    damping : float
+        Damping in parallel with the spring [N m s/rad or N s/m], on the stated side.
+    """
+
+    rigid: bool
+    side: str = "arm"
+    spring: Spring | None = None
+    damping: float = 0.0
+
+
+@dataclass(frozen=True)
+class Dof:
+    """One degree of freedom: rotation about, or translation along, a unit axis of the frame reached so far.
+
+    Exactly one of ``gear`` (actuated) and ``spring`` (non-actuated) is given. ``friction`` acts on the arm side.
+    ``lower``, ``upper`` [rad or m] and ``speed_max`` [rad/s or m/s] and ``acceleration_max`` are limits; None:
+    unlimited.
+    """
+
+    name: str
+    type: str  # "rotation" or "translation"
+    axis: Vector
+    gear: Gear | None = None
+    spring: Spring | None = None
+    damping: float = 0.0
+    friction: Friction = NO_FRICTION
+    lower: float | None = None
+    upper: float | None = None
+    speed_max: float | None = None
+    acceleration_max: float | None = None
+
+    @property
+    def actuated(self) -> bool:
+        """True where a gear joins it to a motor."""
+        return self.gear is not None
+
+
+@dataclass(frozen=True)
+class Body:
+    """A rigid body: mass [kg], centre of mass [m] and inertia tensor about the centre [kg m^2], in its own frame.
+
+    ``rotational_drag`` [N m s/rad] brakes the body's rotation against the ground: torque ``-rotational_drag omega``.
+    """
+
+    mass: float = 0.0
+    com: Vector = ZERO
+    inertia: Matrix = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    rotational_drag: float = 0.0
+
+
+@dataclass(frozen=True)
+class Bending:
+    """Bending of a beam in one direction (``"y"`` or ``"z"``): flexural stiffness EI [N m^2], modes, damping ratio."""
+
+    direction: str
+    stiffness: float
+    modes: int
+    damping_ratio: float
+
+
+@dataclass(frozen=True)
+class Beam:
+    """A slender elastic link along the x axis of its body's frame, clamped at the origin (Euler-Bernoulli).
+
+    Its shape is a sum of clamped-free modes; each modal coordinate (tip deflection of the mode, m) is a non-actuated
+    coordinate. Foreshortening is neglected. ``length`` [m], ``mass_per_length`` [kg/m].
+    """
+
+    length: float
+    mass_per_length: float
+    bendings: tuple[Bending, ...]
+
+
+@dataclass(frozen=True)
+class Element:
+    """A link of the chain: placement, degrees of freedom in order, the body's frame, the body, and a beam or None.
+
+    Frames: previous tip -> ``origin`` (constant) -> degrees of freedom -> ``link`` (constant) -> body -> beam tip.
+    The next element, or the tool, is attached to the body frame, or to the beam's tip where there is a beam.
+    """
+
+    name: str
+    dofs: tuple[Dof, ...]
+    origin: Placement = Placement()
+    link: Placement = Placement()
+    body: Body = Body()
+    beam: Beam | None = None
+
+
+@dataclass(frozen=True)
+class Motor:
+    """A motor: rotor inertia [kg m^2, axial, motor side] and its gear: ``q_m = sum_k ratio_k q_(drives_k)``.
+
+    A motor that drives several joints (a coupled wrist) gives a row with several entries of the ratio matrix ``eta``.
+    ``axis`` (unit, in the frame of the element ``carrier``, or of the base for ``"base"``) is used by the complete
+    model only. Limits ``torque_max`` [N m] and ``speed_max`` [rad/s] are on the motor side; None: unlimited.
+    """
+
+    name: str
+    inertia: float
+    drives: tuple[str, ...]
+    ratio: Vector
+    friction: Friction = NO_FRICTION
+    axis: Vector | None = None
+    carrier: str | None = None
+    torque_max: float | None = None
+    speed_max: float | None = None
+
+
+@dataclass(frozen=True)
+class Output:
+    """What the reference prescribes.
+
+    ``type``: ``"tool_position"`` (rows chosen by ``axes``, a subset of "xyz"), ``"tool_pose"`` (position and rotation)
+    or ``"combination"`` (``y = weights q_a``; a joint is a combination with a single one). ``unit`` of the rows.
+    """
+
+    type: str
+    axes: str = "xyz"
+    weights: Matrix = ()
+    unit: str = "m"
+
+    @property
+    def size(self) -> int:
+        """Number of scalar outputs n_y."""
+        if self.type == "tool_pose":
+            return 6
+        return len(self.axes) if self.type == "tool_position" else len(self.weights)
+
+
+@dataclass(frozen=True)
+class Move:
+    """A named reference move, rest to rest.
+
+    ``type`` ``"tool_line"``: straight line of the tool by ``displacement`` [m, world axes] with a rotation by the
+    vector ``rotation`` [rad, axis times angle, world axes] from the tool's pose at ``start``; ``"joint"``: from
+    ``start`` to ``end`` in the actuated coordinates; ``"output_line"``: the outputs move by ``displacement`` [their
+    unit]. ``start`` and ``end`` are actuated coordinates [rad or m]. ``smoothness`` k: the time law has k continuous
+    derivatives, all zero at both ends.
+    """
+
+    name: str
+    type: str
+    start: Vector
+    duration: float
+    smoothness: int
+    displacement: Vector = ()
+    rotation: Vector = ZERO
+    end: Vector = ()
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One arm coordinate: its name, unit ("rad" or "m"), whether it is actuated, and the element it belongs to."""
+
+    name: str
+    unit: str
+    actuated: bool
+    element: str
+    dof: Dof | None  # None for the modal coordinate of a beam
+
+
+@dataclass(frozen=True)
+class RobotModel:
+    """A robot as described in a model file; SI units throughout."""
+
+    name: str
+    description: str
+    source: str
+    gravity: Vector
+    base: Placement
+    elements: tuple[Element, ...]
+    motors: tuple[Motor, ...]
+    tool: Placement
+    payload: Body
+    output: Output
+    home: Vector  # actuated coordinates
+    moves: tuple[Move, ...]
+    motor_coupling: str = "simplified"  # or "complete"
+    variant: str = ""
+    variants: tuple[str, ...] = ()
+    file: str = ""
+    text: str = field(default="", repr=False)  # canonical text of the data, hashed for caches
+
+    @cached_property
+    def coordinates(self) -> tuple[Coordinate, ...]:
+        """The arm coordinates q_a in chain order."""
+        out: list[Coordinate] = []
+        for element in self.elements:
+            for dof in element.dofs:
+                unit = "rad" if dof.type == "rotation" else "m"
+                out.append(Coordinate(dof.name, unit, dof.actuated, element.name, dof))
+            if element.beam is not None:
+                for bending in element.beam.bendings:
+                    for k in range(bending.modes):
+                        name = f"{element.name}_{bending.direction}{k + 1}"
+                        out.append(Coordinate(name, "m", False, element.name, None))
+        return tuple(out)
+
+    @cached_property
+    def i_g(self) -> tuple[int, ...]:
+        """Indices in q_a of the actuated coordinates."""
+        return tuple(i for i, c in enumerate(self.coordinates) if c.actuated)
+
+    @cached_property
+    def i_e(self) -> tuple[int, ...]:
+        """Indices in q_a of the non-actuated coordinates."""
+        return tuple(i for i, c in enumerate(self.coordinates) if not c.actuated)
+
+    @property
+    def n_a(self) -> int:
+        """Number of arm coordinates, n_g + n_e."""
+        return len(self.coordinates)
+
+    @property
+    def n_g(self) -> int:
+        """Number of actuated arm coordinates."""
+        return len(self.i_g)
+
+    @property
+    def n_e(self) -> int:
+        """Number of non-actuated arm coordinates."""
+        return len(self.i_e)
+
+    @property
+    def n_m(self) -> int:
+        """Number of motors."""
+        return len(self.motors)
+
+    @cached_property
+    def i_m(self) -> tuple[int, ...]:
+        """Indices in q_m of the motors behind elastic gears: only these are degrees of freedom of their own."""
+        gears = {c.name: c.dof.gear for c in self.coordinates if c.dof is not None and c.dof.gear is not None}
+        return tuple(j for j, motor in enumerate(self.motors) if not gears[motor.drives[0]].rigid)
+
+    @property
+    def dof(self) -> int:
+        """Degrees of freedom: n_g + n_e + the number of motors behind elastic gears."""
+        return self.n_a + len(self.i_m)
+
+    @cached_property
+    def eta(self) -> np.ndarray:
+        """Gear-ratio matrix, ``q_m = eta q_g`` for rigid gears, shape (n_m, n_g), possibly non-diagonal."""
+        column = {self.coordinates[i].name: k for k, i in enumerate(self.i_g)}
+        eta = np.zeros((self.n_m, self.n_g))
+        for j, motor in enumerate(self.motors):
+            for name, ratio in zip(motor.drives, motor.ratio, strict=True):
+                eta[j, column[name]] = ratio
+        eta.setflags(write=False)
+        return eta
+
+    def move(self, name: str | None = None) -> Move:
+        """The move of that name; the first one in the file where no name is given. KeyError where there is none."""
+        for move in self.moves:
+            if name is None or move.name == name:
+                return move
+        raise KeyError(name)

@@ -1,0 +1,85 @@
+"""Ports: the one place where the name, shape, unit and meaning of every array is written.
+
+The C header's comments, the manifest, the Python wrapper's checks, the channels of a trajectory and the
+printed tables are all rendered from ports, so that they cannot disagree.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from flexgen.errors import ArgumentError
+
+_IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}\Z")
+
+# Reserved by C11, C++20 or the C library's headers that a user of the emitted code is likely to include.
+_RESERVED = frozenset(
+    """
+    alignas alignof and and_eq asm auto bitand bitor bool break case catch char char8_t char16_t char32_t class
+    compl concept const consteval constexpr constinit const_cast continue co_await co_return co_yield decltype
+    default delete do double dynamic_cast else enum explicit export extern false float for friend goto if inline
+    int long mutable namespace new noexcept not not_eq nullptr operator or or_eq private protected public register
+    reinterpret_cast requires restrict return short signed sizeof static static_assert static_cast struct switch
+    template this thread_local throw true try typedef typeid typename typeof union unsigned using virtual void
+    volatile wchar_t while xor xor_eq main errno NULL EOF stdin stdout stderr
+    acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs fdim floor fma
+    fmax fmin fmod frexp hypot ilogb ldexp lgamma log log10 log1p log2 logb modf nan nearbyint nextafter pow
+    remainder rint round scalbn sin sinh sqrt tan tanh tgamma trunc j0 j1 jn y0 y1 yn gamma signgam
+    abort abs atexit atof atoi atol bsearch calloc div exit free getenv index labs malloc memcmp memcpy memmove
+    memset printf puts qsort rand random read realloc rindex signal sleep sprintf srand strcmp strcpy strlen
+    strncpy system time clock write open close link
+    """.split()
+)
+
+
+def identifier_problem(text: str) -> str | None:
+    """Why ``text`` may not become a name in the emitted C, or None where it may.
+
+    One gate for every name that comes from a file: a letter, then at most 30 letters, digits or underscores, no
+    double underscore, no keyword of C or C++ and no name of the C library.
+    """
+    if not _IDENTIFIER.match(text):
+        return "a letter followed by at most 30 letters, digits or underscores"
+    if "__" in text:
+        return "a name without a double underscore"
+    if text in _RESERVED:
+        return "a name that is not reserved by C, C++ or the C library"
+    return None
+
+
+@dataclass(frozen=True)
+class Port:
+    """One array that crosses an interface.
+
+    Parameters
+    ----------
+    name : str
+        Identifier in Python and C.
+    shape : tuple of int
+        ``(n,)`` for a vector, ``(rows, columns)`` for a matrix (stored by columns).
+    unit : str
+        SI unit, such as ``"rad/s"``; ``"mixed"`` where the rows differ, with the doc saying how.
+    doc : str
+        What it is, in one line.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    unit: str
+    doc: str
+
+    def __post_init__(self) -> None:
+        problem = identifier_problem(self.name)
+        if problem is not None:
+            raise ArgumentError(f"port name: given {self.name!r}, expected {problem}")
+        if len(self.shape) not in (1, 2) or any(n < 0 for n in self.shape):
+            raise ArgumentError(f"port {self.name}: given shape {self.shape}, expected one or two sizes >= 0")
+
+    @property
+    def size(self) -> int:
+        """Number of entries."""
+        n = 1
+        for m in self.shape:
+            n *= m
+        return n

@@ -1,0 +1,1 @@
+"""What is asked: time laws and paths; no solver inside."""

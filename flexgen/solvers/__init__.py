@@ -1,0 +1,1 @@
+"""Answers: trajectories of torque that follow a path."""

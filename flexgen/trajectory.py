@@ -1,0 +1,119 @@
+"""Trajectories: named channels over one time grid, saved as npz or csv without losing a bit."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.ports import Port
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """Channels sampled on one time grid.
+
+    Parameters
+    ----------
+    time : array, shape (n,) [s]
+        Strictly increasing.
+    channels : mapping from name to array, shape (n, width)
+    ports : mapping from name to Port
+        Shape ``(width,)``, unit and meaning of each channel.
+    labels : mapping from name to tuple of str
+        One label a column (the coordinate's or motor's name).
+    meta : dict
+        What it belongs to: model, move, digest; only JSON types.
+    """
+
+    time: np.ndarray
+    channels: Mapping[str, np.ndarray]
+    ports: Mapping[str, Port]
+    labels: Mapping[str, tuple[str, ...]]
+    meta: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        n = len(self.time)
+        if n < 2 or not np.all(np.diff(self.time) > 0):
+            raise ArgumentError(
+                "trajectory: given a time grid that does not increase, expected at least 2 rising instants"
+            )
+        for name, port in self.ports.items():
+            shape = np.shape(self.channels[name])
+            if shape != (n, *port.shape):
+                raise ArgumentError(f"trajectory channel {name}: given shape {shape}, expected {(n, *port.shape)}")
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.channels[name]
+
+    def save(self, path: str | Path) -> Path:
+        """Write to ``path``: ``.npz`` keeps everything, ``.csv`` has one column a scalar, ``name[label] unit``."""
+        path = Path(path)
+        if path.suffix not in (".npz", ".csv"):
+            raise ArgumentError(f"trajectory file: given {path.name!r}, expected a name that ends in .npz or .csv")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if path.suffix == ".npz":
+            head = {
+                "meta": self.meta,
+                "ports": {k: [list(p.shape), p.unit, p.doc] for k, p in self.ports.items()},
+                "labels": {k: list(v) for k, v in self.labels.items()},
+            }
+            arrays: dict[str, Any] = {name: self.channels[name] for name in self.ports}
+            np.savez_compressed(path, time=self.time, head=np.array(json.dumps(head)), **arrays)
+            return path
+        with path.open("w", newline="") as stream:
+            stream.write("# " + json.dumps(self.meta) + "\n")
+            writer = csv.writer(stream)
+            columns = [f"{k}[{label}] {p.unit}" for k, p in self.ports.items() for label in self.labels[k]]
+            writer.writerow(["time s", *columns])
+            table = np.column_stack([self.time, *(self.channels[k] for k in self.ports)])
+            writer.writerows([[repr(float(x)) for x in row] for row in table])
+        return path
+
+    @staticmethod
+    def load(path: str | Path) -> Trajectory:
+        """Read what `save` wrote; ArgumentError where the file is no trajectory."""
+        path = Path(path)
+        try:
+            if path.suffix == ".csv":
+                return _load_csv(path)
+            with np.load(path, allow_pickle=False) as data:
+                head = json.loads(str(data["head"]))
+                ports = {k: Port(k, tuple(s), unit, doc) for k, (s, unit, doc) in head["ports"].items()}
+                labels = {k: tuple(v) for k, v in head["labels"].items()}
+                return Trajectory(data["time"], {k: data[k] for k in ports}, ports, labels, head["meta"])
+        except FileNotFoundError:
+            raise ArgumentError(
+                f"trajectory: given {str(path)!r}, which does not exist; write one with 'solve --out'"
+            ) from None
+        except ArgumentError:
+            raise
+        except Exception as error:  # numpy, zipfile and json each have their own idea of a broken file
+            raise ArgumentError(f"trajectory {path}: not a trajectory file of flexgen ({error})") from error
+
+
+def _load_csv(path: Path) -> Trajectory:
+    with path.open(newline="") as stream:
+        meta = json.loads(stream.readline().removeprefix("#"))
+        rows = csv.reader(stream)
+        header = next(rows)
+        table = np.array([[float(x) for x in row] for row in rows])
+    names: dict[str, list[str]] = {}
+    units: dict[str, str] = {}
+    for column in header[1:]:
+        name, rest = column.split("[", 1)
+        label, unit = rest.rsplit("] ", 1)
+        names.setdefault(name, []).append(label)
+        units[name] = unit
+    channels, at = {}, 1
+    for name, columns in names.items():
+        channels[name] = table[:, at : at + len(columns)]
+        at += len(columns)
+    ports = {k: Port(k, (len(v),), units[k], "read from csv") for k, v in names.items()}
+    return Trajectory(table[:, 0], channels, ports, {k: tuple(v) for k, v in names.items()}, meta)
