@@ -1,0 +1,70 @@
+"""Force laws of springs and frictions as CasADi expressions: torque against twist or speed, and stored energy."""
+
+from __future__ import annotations
+
+import casadi as ca
+
+from flexgen.model.elements import (
+    BacklashSpring,
+    CubicSpring,
+    Friction,
+    LinearSpring,
+    PiecewiseSpring,
+    SmoothSpring,
+    Spring,
+)
+
+
+def spring_torque(spring: Spring, d: ca.SX) -> ca.SX:
+    """Torque [N m or N] of a spring at the twist ``d`` [rad or m]; odd in d. Formulas: see `flexgen.model.elements`."""
+    if isinstance(spring, LinearSpring):
+        return spring.stiffness * d
+    if isinstance(spring, CubicSpring):
+        return spring.stiffness * d + spring.cubic * (d * d * d)
+    if isinstance(spring, SmoothSpring):
+        low, high, at = spring.low, spring.high, spring.break_at
+        inside = low * d + (high - low) / (3 * at**2) * (d * d * d)
+        at_break = low * at + (high - low) * at / 3
+        return ca.if_else(ca.fabs(d) <= at, inside, ca.sign(d) * (at_break + high * (ca.fabs(d) - at)))
+    if isinstance(spring, PiecewiseSpring):
+        low, high, at = spring.low, spring.high, spring.break_at
+        return ca.if_else(ca.fabs(d) <= at, low * d, ca.sign(d) * (low * at + high * (ca.fabs(d) - at)))
+    gap, eps = spring.gap, spring.smoothing
+    clipped = (ca.sqrt((d + gap) ** 2 + eps**2) - ca.sqrt((d - gap) ** 2 + eps**2)) / 2
+    return spring.stiffness * (d - clipped)
+
+
+def spring_energy(spring: Spring, d: ca.SX) -> ca.SX:
+    """Energy [J] stored at the twist ``d``: the integral of `spring_torque` from 0, in closed form."""
+    if isinstance(spring, LinearSpring):
+        return spring.stiffness * d**2 / 2
+    if isinstance(spring, CubicSpring):
+        return spring.stiffness * d**2 / 2 + spring.cubic * d**4 / 4
+    if isinstance(spring, BacklashSpring):
+        gap, eps = spring.gap, spring.smoothing
+
+        def area(x: ca.SX) -> ca.SX:  # the integral of sqrt(x^2 + eps^2)
+            return (x * ca.sqrt(x**2 + eps**2) + eps**2 * ca.asinh(x / eps)) / 2
+
+        clipped = (area(d + gap) - area(d - gap) - area(gap) + area(-gap)) / 2
+        return spring.stiffness * (d**2 / 2 - clipped)
+    low, high, at = spring.low, spring.high, spring.break_at
+    beyond = ca.fabs(d) - at
+    if isinstance(spring, SmoothSpring):
+        inside = low * d**2 / 2 + (high - low) / (12 * at**2) * d**4
+        at_break, torque_at_break = low * at**2 / 2 + (high - low) * at**2 / 12, low * at + (high - low) * at / 3
+    else:
+        inside = low * d**2 / 2
+        at_break, torque_at_break = low * at**2 / 2, low * at
+    return ca.if_else(ca.fabs(d) <= at, inside, at_break + torque_at_break * beyond + high * beyond**2 / 2)
+
+
+def friction_torque(friction: Friction, w: ca.SX) -> ca.SX:
+    """Friction torque [N m or N] at the speed ``w`` [rad/s or m/s]; it enters the motion with a minus sign."""
+    torque = friction.viscous * w
+    if friction.coulomb or friction.stribeck:
+        level = friction.coulomb
+        if friction.stribeck:
+            level = level + friction.stribeck / ca.cosh(friction.alpha * w)
+        torque = torque + level * ca.tanh(friction.beta * w)
+    return torque + friction.offset

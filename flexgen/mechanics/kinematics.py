@@ -1,0 +1,192 @@
+"""Kinematics of the chain as CasADi graphs: frames, velocities, and the energies of the bodies that ride on them.
+
+Velocities are carried along in the moving frames, which keeps the graphs small:
+
+    constant placement (r, C):    w <- C' w,             v <- C' (v + w x r)
+    rotation about a by q:        w <- E' w + a q',      v <- E' v,             E = exp(a q)
+    translation along a by q:     w <- w,                v <- v + w x (a q) + a q'
+
+Source: R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 2-4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from flexgen.mechanics.beam import ModalBeam, modal_beam
+from flexgen.model.elements import Body, Element, Placement, RobotModel
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A frame F of the chain: ``p`` (3) and ``R`` (3x3) in the world; ``w``, ``v`` (3) of F in its own axes."""
+
+    p: ca.SX
+    R: ca.SX
+    w: ca.SX
+    v: ca.SX
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """Chain kinematics and the energies that follow from it.
+
+    ``q_a``, ``v_a`` (n_a): the symbols. ``tool``: the tool frame. ``kinetic``: kinetic energy of the bodies and beams [J],
+    without the rotors. ``gravity``: their potential energy [J]. ``drag``: half the power that body drags dissipate [W].
+    ``spin``: angular velocity (3) of each element's body in its own axes, for rotors that ride on it. ``modal``: the
+    integrals of each beam with the index of its first coordinate in q_a. ``places``: positions in the world of the
+    chain's corner points, for drawing.
+    """
+
+    q_a: ca.SX
+    v_a: ca.SX
+    tool: Frame
+    kinetic: ca.SX
+    gravity: ca.SX
+    drag: ca.SX
+    spin: dict[str, ca.SX]
+    modal: tuple[tuple[int, ModalBeam], ...]
+    places: tuple[ca.SX, ...]
+
+
+def cross_matrix(a: ca.SX) -> ca.SX:
+    """The matrix ``A`` with ``A b = a x b``."""
+    return ca.vertcat(ca.horzcat(0, -a[2], a[1]), ca.horzcat(a[2], 0, -a[0]), ca.horzcat(-a[1], a[0], 0))
+
+
+def rotation(axis: np.ndarray, q: ca.SX) -> ca.SX:
+    """``exp(axis q)``: rotation about a constant unit axis (Rodrigues); exact zeros where the axis is a coordinate axis."""
+    a = ca.SX(ca.DM(axis))
+    hat = cross_matrix(a)
+    outer = ca.mtimes(a, a.T)
+    return outer + (ca.SX.eye(3) - outer) * ca.cos(q) + hat * ca.sin(q)
+
+
+def place(frame: Frame, placement: Placement) -> Frame:
+    """The frame fixed to ``frame`` at a constant placement."""
+    r, C = ca.SX(ca.DM(placement.position)), ca.SX(ca.DM(np.array(placement.rotation)))
+    return Frame(
+        p=frame.p + ca.mtimes(frame.R, r),
+        R=ca.mtimes(frame.R, C),
+        w=ca.mtimes(C.T, frame.w),
+        v=ca.mtimes(C.T, frame.v + ca.cross(frame.w, r)),
+    )
+
+
+def body_energies(frame: Frame, body: Body, gravity: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Kinetic and potential energy [J] of a body in its frame, and half the power of its drag [W]."""
+    com, inertia = ca.SX(ca.DM(body.com)), ca.SX(ca.DM(np.array(body.inertia)))
+    v_com = frame.v + ca.cross(frame.w, com)
+    turning = ca.dot(frame.w, ca.mtimes(inertia, frame.w)) / 2
+    kinetic = body.mass * ca.dot(v_com, v_com) / 2 + turning
+    potential = -body.mass * ca.dot(gravity, frame.p + ca.mtimes(frame.R, com))
+    return kinetic, potential, body.rotational_drag * ca.dot(frame.w, frame.w) / 2
+
+
+def beam_energies(frame: Frame, beam: ModalBeam, q: ca.SX, v: ca.SX, gravity: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Kinetic and potential energy [J] of a beam rooted in ``frame`` with modal coordinates ``q`` and speeds ``v``.
+
+    With r = x e_x + u, u = sum phi_k q_k d_k:
+    T = m |v0|^2/2 + v0.(w x S + S') + w.I w/2 + w.H + (modal), S = int r dm, I = int (r.r 1 - r r') dm, H = int r x r' dm.
+    """
+    d = beam.direction.T  # (3, n)
+    ex = np.array([1.0, 0.0, 0.0])
+    first = ca.SX(ca.DM(beam.s0 * ex)) + ca.mtimes(ca.SX(ca.DM(d * beam.s1)), q)
+    rate = ca.mtimes(ca.SX(ca.DM(d * beam.s1)), v)
+    # second moments P = int r r' dm
+    j1 = ca.mtimes(ca.SX(ca.DM(d * beam.j1)), q)  # int x u dm
+    e = ca.SX(ca.DM(ex))
+    P = beam.j0 * ca.mtimes(e, e.T) + ca.mtimes(e, j1.T) + ca.mtimes(j1, e.T)
+    spin = ca.cross(e, ca.mtimes(ca.SX(ca.DM(d * beam.j1)), v))
+    for i in range(len(beam.slope)):
+        for k in range(len(beam.slope)):
+            if beam.m2[i, k] != 0.0:
+                di, dk = ca.SX(ca.DM(d[:, i])), ca.SX(ca.DM(d[:, k]))
+                P += beam.m2[i, k] * q[i] * q[k] * ca.mtimes(di, dk.T)
+                spin += beam.m2[i, k] * q[i] * v[k] * ca.cross(di, dk)
+    inertia = ca.trace(P) * ca.SX.eye(3) - P
+    w, v0 = frame.w, frame.v
+    kinetic = (
+        beam.mass * ca.dot(v0, v0) / 2
+        + ca.dot(v0, ca.cross(w, first) + rate)
+        + ca.dot(w, ca.mtimes(inertia, w)) / 2
+        + ca.dot(w, spin)
+        + ca.dot(v, ca.mtimes(ca.SX(ca.DM(beam.m2)), v)) / 2
+    )
+    potential = -ca.dot(gravity, beam.mass * frame.p + ca.mtimes(frame.R, first))
+    return kinetic, potential
+
+
+def beam_tip(frame: Frame, element: Element, beam: ModalBeam, q: ca.SX, v: ca.SX) -> Frame:
+    """Frame at the beam's tip: deflected by the modes, turned by the slopes (first about z, then about y)."""
+    assert element.beam is not None
+    d = ca.SX(ca.DM(beam.direction.T))
+    r = ca.SX(ca.DM([element.beam.length, 0.0, 0.0])) + ca.mtimes(d, q)
+    moved = Frame(frame.p + ca.mtimes(frame.R, r), frame.R, frame.w, frame.v + ca.cross(frame.w, r) + ca.mtimes(d, v))
+    for axis, row, sign in ((np.array([0.0, 0.0, 1.0]), 1, 1.0), (np.array([0.0, 1.0, 0.0]), 2, -1.0)):
+        slope = ca.SX(ca.DM(sign * beam.slope * beam.direction[:, row]))
+        moved = _turn(moved, axis, ca.dot(slope, q), ca.dot(slope, v))
+    return moved
+
+
+def _turn(frame: Frame, axis: np.ndarray, q: ca.SX, v: ca.SX) -> Frame:
+    E = rotation(axis, q)
+    w = ca.mtimes(E.T, frame.w) + ca.SX(ca.DM(axis)) * v
+    return Frame(frame.p, ca.mtimes(frame.R, E), w, ca.mtimes(E.T, frame.v))
+
+
+def _slide(frame: Frame, axis: np.ndarray, q: ca.SX, v: ca.SX) -> Frame:
+    a = ca.SX(ca.DM(axis))
+    return Frame(frame.p + ca.mtimes(frame.R, a) * q, frame.R, frame.w, frame.v + ca.cross(frame.w, a * q) + a * v)
+
+
+def kinematics(model: RobotModel) -> Kinematics:
+    """Build the `Kinematics` of a model from its data."""
+    q_a, v_a = ca.SX.sym("q_a", model.n_a), ca.SX.sym("v_a", model.n_a)
+    gravity = ca.SX(ca.DM(model.gravity))
+    frame = place(Frame(ca.SX.zeros(3), ca.SX.eye(3), ca.SX.zeros(3), ca.SX.zeros(3)), model.base)
+    kinetic = potential = drag = ca.SX(0)
+    spin = {"base": ca.SX.zeros(3)}
+    modal: list[tuple[int, ModalBeam]] = []
+    places = [frame.p]
+    i = 0
+    for element in model.elements:
+        frame = place(frame, element.origin)
+        places.append(frame.p)
+        for dof in element.dofs:
+            step = _turn if dof.type == "rotation" else _slide
+            frame = step(frame, np.array(dof.axis), q_a[i], v_a[i])
+            i += 1
+        places.append(frame.p)
+        frame = place(frame, element.link)
+        places.append(frame.p)
+        spin[element.name] = frame.w
+        terms = body_energies(frame, element.body, gravity)
+        kinetic, potential, drag = kinetic + terms[0], potential + terms[1], drag + terms[2]
+        if element.beam is not None:
+            beam = modal_beam(element.beam)
+            n = len(beam.slope)
+            q, v = q_a[i : i + n], v_a[i : i + n]
+            energies = beam_energies(frame, beam, q, v, gravity)
+            kinetic, potential = kinetic + energies[0], potential + energies[1]
+            modal.append((i, beam))
+            frame = beam_tip(frame, element, beam, q, v)
+            places.append(frame.p)
+            i += n
+    terms = body_energies(frame, model.payload, gravity)
+    tool = place(frame, model.tool)
+    places.append(tool.p)
+    return Kinematics(
+        q_a=q_a,
+        v_a=v_a,
+        tool=tool,
+        kinetic=kinetic + terms[0],
+        gravity=potential + terms[1],
+        drag=drag + terms[2],
+        spin=spin,
+        modal=tuple(modal),
+        places=tuple(places),
+    )

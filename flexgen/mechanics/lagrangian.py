@@ -1,0 +1,177 @@
+"""Energies and generalised forces of the extended flexible joint model, and Lagrange's equations by differentiation.
+
+Coordinates ``y = (q_a, q_me)``: the arm coordinates and the motors behind elastic gears. A motor behind a rigid gear
+follows its joints, ``q_m = eta q_g``, and its inertia and torque act on them directly.
+
+    d/dt dT/dy' - dT/dy + dV/dy = Q,     T = T_bodies(q_a, v_a) + T_rotors
+
+Simplified motor coupling: ``T_rotor = J v_m^2 / 2``; complete: ``T_rotor = J (v_m + a . omega_carrier)^2 / 2`` with the
+rotor's axis a in the body that carries it.
+
+Source: S. Moberg, Modeling and Control of Flexible Manipulators, 2010; P. Tomei, IEEE TAC 36(10), 1991, for the coupling.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from flexgen.mechanics.force_laws import friction_torque, spring_energy, spring_torque
+from flexgen.mechanics.kinematics import Kinematics, kinematics
+from flexgen.model.elements import RobotModel
+
+
+@dataclass(frozen=True)
+class Lagrangian:
+    """Energies and forces as graphs in the symbols ``q_a v_a a_a`` (n_a) and ``q_m v_m a_m tau_m`` (n_m).
+
+    ``kinetic``, ``potential`` [J]: of the whole machine. ``kinetic_arm``, ``gravity`` [J]: without rotors and springs
+    (in complete coupling with the rotors' share for motors at rest). ``forces`` (n_a + n_me): generalised forces that
+    have no potential. ``power_motor``, ``power_dissipated`` [W]. ``tau_g`` (n_g): torque of the elastic gears on the
+    arm side; ``tau_e`` (n_e): torque of the non-actuated elements; ``tau_gm`` (n_m): what a gear asks of its motor;
+    ``arm_forces`` (n_a): joint frictions and body drags, as they act.
+    """
+
+    model: RobotModel
+    chain: Kinematics
+    a_a: ca.SX
+    q_m: ca.SX
+    v_m: ca.SX
+    a_m: ca.SX
+    tau_m: ca.SX
+    kinetic: ca.SX
+    kinetic_arm: ca.SX
+    gravity: ca.SX
+    potential: ca.SX
+    forces: ca.SX
+    power_motor: ca.SX
+    power_dissipated: ca.SX
+    tau_g: ca.SX
+    tau_e: ca.SX
+    tau_gm: ca.SX
+    arm_forces: ca.SX
+
+    def equations(self, kinetic: ca.SX, potential: ca.SX, y: ca.SX, dy: ca.SX, ddy: ca.SX) -> ca.SX:
+        """Left side of Lagrange's equations, ``d/dt dT/dy' - dT/dy + dV/dy``, at the accelerations ``ddy``."""
+        momentum = ca.gradient(kinetic, dy)
+        rate = ca.jtimes(momentum, ca.vertcat(y, dy), ca.vertcat(dy, ddy))
+        return rate - ca.gradient(kinetic, y) + ca.gradient(potential, y)
+
+
+def lagrangian(model: RobotModel) -> Lagrangian:
+    """Build the `Lagrangian` of a model."""
+    chain = kinematics(model)
+    q_a, v_a = chain.q_a, chain.v_a
+    a_a = ca.SX.sym("a_a", model.n_a)
+    q_m, v_m, a_m, tau_m = (ca.SX.sym(name, model.n_m) for name in ("q_m", "v_m", "a_m", "tau_m"))
+    i_g, i_e, i_m = list(model.i_g), list(model.i_e), list(model.i_m)
+    q_g, v_g = q_a[i_g], v_a[i_g]
+    eta = ca.SX(ca.DM(model.eta))
+
+    # a motor behind a rigid gear is where its joints are
+    elastic = set(i_m)
+    q_geared, v_geared = ca.mtimes(eta, q_g), ca.mtimes(eta, v_g)
+    q_m_all = ca.vertcat(*[q_m[j] if j in elastic else q_geared[j] for j in range(model.n_m)])
+    v_m_all = ca.vertcat(*[v_m[j] if j in elastic else v_geared[j] for j in range(model.n_m)])
+
+    kinetic, carried = chain.kinetic, ca.SX(0)
+    for j, motor in enumerate(model.motors):
+        if model.motor_coupling == "complete":
+            assert motor.axis is not None and motor.carrier is not None  # the reader saw to it
+            turning = ca.dot(ca.SX(ca.DM(motor.axis)), chain.spin[motor.carrier])
+            kinetic = kinetic + motor.inertia * (v_m_all[j] + turning) ** 2 / 2
+            carried = carried + motor.inertia * turning**2 / 2
+        else:
+            kinetic = kinetic + motor.inertia * v_m_all[j] ** 2 / 2
+
+    inverse = ca.SX(ca.DM(np.linalg.inv(model.eta)))
+    theta, omega = ca.mtimes(inverse, q_m_all), ca.mtimes(inverse, v_m_all)  # motors seen from the arm side
+    stored, lost = ca.SX(0), ca.SX(0)
+    tau_g: list[ca.SX] = []
+    tau_e: list[ca.SX] = []
+    force_a = [ca.SX(0) for _ in range(model.n_a)]
+    k = 0
+    for i, coordinate in enumerate(model.coordinates):
+        dof = coordinate.dof
+        if dof is not None:
+            braking = friction_torque(dof.friction, v_a[i])
+            force_a[i] = force_a[i] - braking
+            lost = lost + braking * v_a[i]
+        if dof is not None and dof.gear is not None:
+            gear = dof.gear
+            if gear.rigid:
+                tau_g.append(ca.SX(0))
+            else:
+                assert gear.spring is not None
+                ratio = 1.0
+                if gear.side == "motor":
+                    ratio = next(m.ratio[0] for m in model.motors if m.drives == (dof.name,))
+                twist, rate = ratio * (theta[k] - q_a[i]), ratio * (omega[k] - v_a[i])
+                stored = stored + spring_energy(gear.spring, twist)
+                lost = lost + gear.damping * rate**2
+                tau_g.append(ratio * (spring_torque(gear.spring, twist) + gear.damping * rate))
+            k += 1
+        elif dof is not None:
+            assert dof.spring is not None
+            stored = stored + spring_energy(dof.spring, q_a[i])
+            lost = lost + dof.damping * v_a[i] ** 2
+            tau_e.append(-spring_torque(dof.spring, q_a[i]) - dof.damping * v_a[i])
+    for first, beam in chain.modal:
+        rows = slice(first, first + len(beam.slope))
+        q, v = q_a[rows], v_a[rows]
+        K, D = ca.SX(ca.DM(beam.stiffness)), ca.SX(ca.DM(beam.damping))
+        stored = stored + ca.dot(q, ca.mtimes(K, q)) / 2
+        lost = lost + ca.dot(v, ca.mtimes(D, v))
+    tau_e_all = _elastic_torques(model, chain, tau_e)
+    tau_g_all = ca.vertcat(*tau_g)
+    tau_gm = ca.mtimes(inverse.T, tau_g_all)
+
+    drag = ca.gradient(chain.drag, v_a)
+    lost = lost + ca.dot(drag, v_a)
+    arm_forces = ca.vertcat(*force_a) - drag
+    force = ca.SX(arm_forces)
+    friction_m = ca.vertcat(*[friction_torque(m.friction, v_m_all[j]) for j, m in enumerate(model.motors)])
+    lost = lost + ca.dot(friction_m, v_m_all)
+    force_m = tau_m - friction_m
+    rigid = [j for j in range(model.n_m) if j not in elastic]
+    # springs are generalised forces here, not potential: one expression serves statics, dynamics and the torque output
+    force[i_g] = force[i_g] + tau_g_all
+    if rigid:
+        force[i_g] = force[i_g] + ca.mtimes(eta[rigid, :].T, force_m[rigid])
+    if i_e:
+        force[i_e] = force[i_e] + tau_e_all
+    motor_rows = [force_m[j] - tau_gm[j] for j in i_m]
+    return Lagrangian(
+        model=model,
+        chain=chain,
+        a_a=a_a,
+        q_m=q_m,
+        v_m=v_m,
+        a_m=a_m,
+        tau_m=tau_m,
+        kinetic=kinetic,
+        kinetic_arm=chain.kinetic + carried,
+        gravity=chain.gravity,
+        potential=chain.gravity + stored,
+        forces=ca.vertcat(force, *motor_rows),
+        power_motor=ca.dot(tau_m, v_m_all),
+        power_dissipated=lost,
+        tau_g=tau_g_all,
+        tau_e=tau_e_all,
+        tau_gm=tau_gm,
+        arm_forces=arm_forces,
+    )
+
+
+def _elastic_torques(model: RobotModel, chain: Kinematics, joints: list[ca.SX]) -> ca.SX:
+    """Torques of all non-actuated coordinates in chain order: joints from the list, beams from their matrices."""
+    torques: dict[int, ca.SX] = {}
+    for first, beam in chain.modal:
+        n = len(beam.slope)
+        q, v = chain.q_a[first : first + n], chain.v_a[first : first + n]
+        torque = -ca.mtimes(ca.SX(ca.DM(beam.stiffness)), q) - ca.mtimes(ca.SX(ca.DM(beam.damping)), v)
+        torques.update({first + k: torque[k] for k in range(n)})
+    rest = iter(joints)
+    return ca.vertcat(ca.SX(0, 1), *[torques[i] if i in torques else next(rest) for i in model.i_e])
