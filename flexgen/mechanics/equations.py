@@ -16,8 +16,8 @@ from pathlib import Path
 import casadi as ca
 
 from flexgen.errors import ArgumentError
-from flexgen.mechanics.force_laws import friction_torque
-from flexgen.mechanics.lagrangian import Lagrangian, lagrangian
+from flexgen.mechanics.force_laws import friction_torque, spring_torque
+from flexgen.mechanics.lagrangian import Lagrangian, gears, lagrangian
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 
@@ -39,6 +39,7 @@ class Equations:
     inverse_dynamics     q_a, v_a, a_a                         tau_a = M a_a + c + g
     arm_forces           q_a, v_a                              frictions and drags on the arm, as they act
     motor_friction       v_m                                   f_m (n_m)
+    gear_spring          twist (n_g, arm side)                 tau (n_g), slope (n_g); zero for rigid gears
     gear_torque          q_a, v_a, q_m, v_m                    tau_g (n_g); zero for rigid gears
     elastic_torque       q_a, v_a                              tau_e (n_e)
     forward_dynamics     q_a, v_a, q_m, v_m, tau_m             a_a, a_m
@@ -77,6 +78,7 @@ class Equations:
                 "inverse_dynamics": self._inverse_dynamics,
                 "arm_forces": self._arm_forces,
                 "motor_friction": self._motor_friction,
+                "gear_spring": self._gear_spring,
                 "gear_torque": self._gear_torque,
                 "elastic_torque": self._elastic_torque,
                 "forward_dynamics": self._forward_dynamics,
@@ -182,6 +184,15 @@ class Equations:
         v_m = self.lagrangian.v_m
         friction = [friction_torque(motor.friction, v_m[j]) for j, motor in enumerate(self.model.motors)]
         return [v_m], ["v_m"], [ca.vertcat(*friction)], ["f_m"]
+
+    def _gear_spring(self) -> Built:
+        twist = ca.SX.sym("twist", self.model.n_g)
+        tau: list[ca.SX] = []
+        for k, (gear, ratio) in enumerate(gears(self.model)):
+            spring = gear.spring
+            tau.append(ca.SX(0) if spring is None else ratio * spring_torque(spring, ratio * twist[k]))
+        slope = [ca.gradient(torque, twist[k]) for k, torque in enumerate(tau)]
+        return [twist], ["twist"], [ca.vertcat(*tau), ca.vertcat(*slope)], ["tau", "slope"]
 
     def _gear_torque(self) -> Built:
         lag = self.lagrangian

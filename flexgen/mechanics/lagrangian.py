@@ -20,7 +20,7 @@ import numpy as np
 
 from flexgen.mechanics.force_laws import friction_torque, spring_energy, spring_torque
 from flexgen.mechanics.kinematics import Kinematics, kinematics
-from flexgen.model.elements import RobotModel
+from flexgen.model.elements import Gear, RobotModel
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def lagrangian(model: RobotModel) -> Lagrangian:
     tau_g: list[ca.SX] = []
     tau_e: list[ca.SX] = []
     force_a = [ca.SX(0) for _ in range(model.n_a)]
-    k = 0
+    k, joints = 0, gears(model)
     for i, coordinate in enumerate(model.coordinates):
         dof = coordinate.dof
         if dof is not None:
@@ -100,14 +100,10 @@ def lagrangian(model: RobotModel) -> Lagrangian:
             force_a[i] = force_a[i] - braking
             lost = lost + braking * v_a[i]
         if dof is not None and dof.gear is not None:
-            gear = dof.gear
-            if gear.rigid:
+            gear, ratio = joints[k]
+            if gear.spring is None:
                 tau_g.append(ca.SX(0))
             else:
-                assert gear.spring is not None
-                ratio = 1.0
-                if gear.side == "motor":
-                    ratio = next(m.ratio[0] for m in model.motors if m.drives == (dof.name,))
                 twist, rate = ratio * (theta[k] - q_a[i]), ratio * (omega[k] - v_a[i])
                 stored = stored + spring_energy(gear.spring, twist)
                 lost = lost + gear.damping * rate**2
@@ -163,6 +159,17 @@ def lagrangian(model: RobotModel) -> Lagrangian:
         tau_gm=tau_gm,
         arm_forces=arm_forces,
     )
+
+
+def gears(model: RobotModel) -> list[tuple[Gear, float]]:
+    """The gear of each actuated coordinate, and the factor from an arm-side twist to the side its spring is stated on."""
+    out = []
+    for i in model.i_g:
+        dof = model.coordinates[i].dof
+        assert dof is not None and dof.gear is not None  # what makes a coordinate actuated
+        on_motor = dof.gear.side == "motor" and not dof.gear.rigid
+        out.append((dof.gear, next(m.ratio[0] for m in model.motors if m.drives == (dof.name,)) if on_motor else 1.0))
+    return out
 
 
 def _elastic_torques(model: RobotModel, chain: Kinematics, joints: list[ca.SX]) -> ca.SX:

@@ -1,0 +1,142 @@
+"""Rest: where gravity, springs and motors balance, and how far a gear twists under a torque.
+
+At rest ``g_e(q_a) = tau_e(q_e)`` on the non-actuated rows, ``tau_g = g_g(q_a)`` on the actuated ones, the motors follow
+from the springs of the gears, and, where the tool is prescribed, ``Gamma(q_a) = Z``: all solved together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from flexgen.errors import SolverError
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.evaluate import evaluate
+from flexgen.mechanics.lagrangian import gears
+
+NEWTON_STEPS = 50
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """A state of rest: ``q_a`` (n_a), ``q_m``, ``tau_m`` (n_m, motor side), ``tau_g`` (n_g, arm side)."""
+
+    q_a: np.ndarray
+    q_m: np.ndarray
+    tau_m: np.ndarray
+    tau_g: np.ndarray
+
+
+def gear_damping(equations: Equations) -> np.ndarray:
+    """Damping of the gears on the arm side, (n_g,) [N m s/rad]; zero for rigid gears."""
+    return np.array([ratio**2 * gear.damping for gear, ratio in gears(equations.model)])
+
+
+def gear_twist(equations: Equations, tau: np.ndarray) -> np.ndarray:
+    """Static twist ``eta^-1 q_m - q_g`` of the gears under the arm-side torques ``tau``; both (n, n_g); zero if rigid.
+
+    Newton's method kept inside a bracket: springs are odd and rise, but some have corners.
+    """
+    function = equations.function("gear_spring")
+    elastic = np.array([not gear.rigid for gear, _ in gears(equations.model)])
+    target = np.where(elastic, tau, 0.0)
+    _, slope0 = evaluate(function, np.zeros_like(target))
+    high = np.where(elastic, 1e-9 + np.abs(target) / np.maximum(slope0.reshape(target.shape), 1e-6), 0.0)
+    for _ in range(200):  # the bracket: |spring(high)| >= |target|
+        short = elastic & (np.abs(evaluate(function, high)[0].reshape(target.shape)) < np.abs(target))
+        if not short.any():
+            break
+        high = np.where(short, 2 * high, high)
+    lower, upper = -high, high.copy()
+    twist = np.clip(target / np.maximum(slope0.reshape(target.shape), 1e-6), lower, upper)
+    for _ in range(200):
+        value, slope = (x.reshape(target.shape) for x in evaluate(function, twist))
+        error = value - target
+        lower, upper = np.where(error <= 0, twist, lower), np.where(error >= 0, twist, upper)
+        step = twist - error / np.where(slope > 0, slope, 1.0)
+        inside = (step >= lower) & (step <= upper) & (slope > 0)
+        new = np.where(elastic, np.where(inside, step, (lower + upper) / 2), 0.0)
+        done = np.abs(new - twist) <= 4e-16 * np.abs(twist) + 1e-300
+        twist = new
+        if done.all():
+            break
+    return twist
+
+
+def at_rest(equations: Equations, q_a: np.ndarray) -> Equilibrium:
+    """Motor angles and torques that hold the arm at ``q_a`` (n_a), whose non-actuated rows must be in balance."""
+    model = equations.model
+    zero = np.zeros(model.n_a)
+    load = evaluate(equations.function("inverse_dynamics"), q_a, zero, zero)[0][0]
+    load = load - evaluate(equations.function("arm_forces"), q_a, zero)[0][0]
+    tau_g = load[list(model.i_g)]
+    theta = q_a[list(model.i_g)] + gear_twist(equations, tau_g[None])[0]
+    friction = evaluate(equations.function("motor_friction"), np.zeros(model.n_m))[0][0]
+    tau_m = np.linalg.solve(model.eta.T, tau_g) + friction
+    return Equilibrium(q_a, model.eta @ theta, tau_m, tau_g)
+
+
+def balance(equations: Equations) -> ca.SX:
+    """Non-actuated rows of the equations at rest (n_e), in the symbol ``equations.lagrangian.chain.q_a`` [N m or N]."""
+    lag, model = equations.lagrangian, equations.model
+    rows = ca.gradient(lag.gravity, lag.chain.q_a) - lag.arm_forces
+    static = rows[list(model.i_e)] - lag.tau_e
+    return ca.substitute(static, lag.chain.v_a, ca.SX.zeros(model.n_a))
+
+
+def hold_joints(equations: Equations, q_g: np.ndarray, q_e: np.ndarray | None = None) -> Equilibrium:
+    """Rest with the actuated coordinates at ``q_g``; the others start from ``q_e`` (default zero) and settle."""
+    model = equations.model
+    q = np.zeros(model.n_a)
+    q[list(model.i_g)] = q_g
+    i_e = list(model.i_e)
+    if q_e is not None:
+        q[i_e] = q_e
+    if i_e:
+        symbol = equations.lagrangian.chain.q_a
+        rows = balance(equations)
+        newton = ca.Function("rest", [symbol], [rows, ca.densify(ca.jacobian(rows, symbol[i_e]))])
+        q[i_e] = _newton(newton, q, i_e, "static equilibrium of the non-actuated elements")[i_e]
+    return at_rest(equations, q)
+
+
+def hold_output(equations: Equations, residual: ca.SX, q_start: np.ndarray) -> Equilibrium:
+    """Rest at a prescribed output.
+
+    ``residual`` (n_m): zero where the output is right, in the symbol ``equations.lagrangian.chain.q_a``; ``q_start``
+    (n_a): where the search starts. SolverError where there is no balance nearby.
+    """
+    symbol = equations.lagrangian.chain.q_a
+    rows = ca.vertcat(residual, balance(equations)) if equations.model.n_e else residual
+    newton = ca.Function("rest", [symbol], [rows, ca.densify(ca.jacobian(rows, symbol))])
+    return at_rest(equations, _newton(newton, q_start, list(range(len(q_start))), "rest at the start of the path"))
+
+
+def _newton(function: ca.Function, start: np.ndarray, free: list[int], what: str) -> np.ndarray:
+    """Solve ``rows(q) = 0`` for the entries ``free`` of q, halving steps that do not help; rows scaled by the Jacobian."""
+    q = np.array(start, dtype=float)
+    rows, jacobian = (np.array(x) for x in function(q))
+    scale = np.maximum(np.abs(jacobian).max(axis=1), 1e-12)
+    error = np.linalg.norm(rows[:, 0] / scale)
+    for _ in range(NEWTON_STEPS):
+        try:
+            step = np.linalg.solve(jacobian / scale[:, None], -rows[:, 0] / scale)
+        except np.linalg.LinAlgError:
+            raise SolverError(f"{what}: the equations are singular at q_a = {np.round(q, 4).tolist()}") from None
+        length = 1.0
+        while True:
+            trial = q.copy()
+            trial[free] += length * step
+            rows, jacobian = (np.array(x) for x in function(trial))
+            new = np.linalg.norm(rows[:, 0] / scale)
+            if new < error or length < 1e-4 or new < 1e-14:
+                break
+            length /= 2
+        q, error = trial, new
+        if np.linalg.norm(length * step) < 1e-13 * (1 + np.linalg.norm(q)):
+            break
+    if not error < 1e-9:
+        raise SolverError(f"{what}: not found, remaining error {error:.2e} rad; choose another pose")
+    return q

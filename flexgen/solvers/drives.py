@@ -1,0 +1,131 @@
+"""From gear torques to motors: the stable stage behind the reduced inverse dynamics.
+
+A gear twisted by p carries ``D p' + spring(p) = tau_g``; the motor follows from ``eta^-1 q_m = q_g + p``:
+
+    tau_m = J_m eta (a_g + p'') + f(v_m) + eta^-T tau_g
+
+Without damping p is algebraic and p'' needs tau_g'' (the fourth derivative of the path); with damping p obeys a stable
+first-order equation, which starts at rest, and p'' needs tau_g' only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.evaluate import evaluate
+from flexgen.mechanics.lagrangian import gears
+from flexgen.mechanics.statics import gear_damping, gear_twist
+from flexgen.solvers.tableaus import radau
+
+
+@dataclass(frozen=True)
+class Drives:
+    """Motors at n instants: ``q_m v_m a_m tau_m`` (n, n_m), motor side."""
+
+    q_m: np.ndarray
+    v_m: np.ndarray
+    a_m: np.ndarray
+    tau_m: np.ndarray
+
+
+def drives(
+    equations: Equations, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, tau_g: np.ndarray
+) -> Drives:
+    """Motor motion and torque.
+
+    Parameters
+    ----------
+    equations : Equations
+    t : array (n,) [s]
+        Instants; the first one at rest.
+    q, v, a : arrays (n, n_a)
+        Motion of the arm.
+    tau_g : array (n, n_g, 3)
+        Gear torque on the arm side and its first two time derivatives [N m, N m/s, N m/s^2].
+    """
+    model = equations.model
+    i_g = list(model.i_g)
+    p, dp, ddp = twists(equations, t, tau_g)
+    theta = [q[:, i_g] + p, v[:, i_g] + dp, a[:, i_g] + ddp]
+    q_m, v_m, a_m = (x @ model.eta.T for x in theta)
+    friction = evaluate(equations.function("motor_friction"), v_m)[0].reshape(v_m.shape)
+    inertia = np.array([motor.inertia for motor in model.motors])
+    tau_m = inertia * a_m + friction + np.linalg.solve(model.eta.T, tau_g[:, :, 0].T).T
+    return Drives(q_m, v_m, a_m, tau_m)
+
+
+def twists(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gear twists p, p', p'' on the arm side, each (n, n_g); zero for rigid gears."""
+    spring = equations.function("gear_spring")
+    D = gear_damping(equations)
+    elastic = np.array([not gear.rigid for gear, _ in gears(equations.model)])
+    damped = elastic & (D > 0)
+    static = gear_twist(equations, tau_g[:, :, 0])
+    slope, curvature = _slopes(equations, static)
+    p = static.copy()
+    safe = np.where(elastic, slope, 1.0)
+    dp = np.where(elastic, tau_g[:, :, 1] / safe, 0.0)
+    ddp = np.where(elastic, (tau_g[:, :, 2] - curvature * dp**2) / safe, 0.0)
+    if damped.any():
+        moving = _damped_twists(spring, np.where(damped, D, 1.0), t, tau_g, static[0])
+        rigidity, _ = _slopes(equations, moving)
+        torque = evaluate(spring, moving)[0].reshape(moving.shape)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rate = (tau_g[:, :, 0] - torque) / D
+            second = (tau_g[:, :, 1] - rigidity * rate) / D
+        p, dp, ddp = np.where(damped, moving, p), np.where(damped, rate, dp), np.where(damped, second, ddp)
+    return p, dp, ddp
+
+
+def _slopes(equations: Equations, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slope of the gear springs and its slope, each (n, n_g)."""
+    spring = equations.function("gear_spring")
+    x = ca.SX.sym("twist", equations.model.n_g)
+    second = ca.Function("second", [x], [ca.jtimes(spring(x)[1], x, ca.SX.ones(x.shape))])
+    slope = evaluate(spring, twist)[1].reshape(twist.shape)
+    return slope, evaluate(second, twist)[0].reshape(twist.shape)
+
+
+def _damped_twists(
+    spring: ca.Function, D: np.ndarray, t: np.ndarray, tau_g: np.ndarray, start: np.ndarray
+) -> np.ndarray:
+    """Integrate ``D p' + spring(p) = tau_g(t)`` from ``start`` (n_g) by Radau IIA with quintic Hermite torque between."""
+    table = radau(3)
+    n, n_g = tau_g.shape[:2]
+    out = np.empty((n, n_g))
+    out[0] = p = start
+    for k in range(n - 1):
+        h = t[k + 1] - t[k]
+        torque = _hermite(table.c, h, tau_g[k], tau_g[k + 1])  # (s, n_g)
+        stages = np.tile(p, (3, 1))
+        for _ in range(30):
+            value, slope = (x.reshape(3, n_g) for x in evaluate(spring, stages))
+            defect = stages - p - h * table.A @ ((torque - value) / D)
+            matrix = np.eye(3)[None] + h * table.A[None] * (slope / D).T[:, None, :]
+            step = np.linalg.solve(matrix, defect.T[:, :, None])[:, :, 0].T
+            stages = stages - step
+            if np.abs(step).max() <= 1e-15 * (1e-3 + np.abs(stages).max()):
+                break
+        out[k + 1] = p = stages[-1]
+    return out
+
+
+def _hermite(c: np.ndarray, h: float, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Quintic Hermite interpolation at ``c`` (s,) in [0, 1] from values and two derivatives (m, 3) at both ends: (s, m)."""
+    x = c[:, None]
+    y = 1 - x
+
+    def half(u: np.ndarray, values: np.ndarray, sign: float) -> np.ndarray:
+        # the part of one end: its weight functions vanish to third order at the other end
+        w = (1 - u) ** 3
+        return w * (
+            values[:, 0] * (1 + 3 * u + 6 * u**2)
+            + sign * h * values[:, 1] * (u + 3 * u**2)
+            + h**2 * values[:, 2] * u**2 / 2
+        )
+
+    return half(x, left, 1.0) + half(y, right, -1.0)

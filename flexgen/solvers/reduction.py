@@ -1,0 +1,219 @@
+"""Reduction of the inverse dynamics to its hard core: n_e second-order equations along a prescribed output.
+
+With the output prescribed, ``Gamma(q_a) = Z(t)`` and its derivatives give the actuated coordinates from the others, and
+the non-actuated rows ``[M a + c + g]_e - tau_e = 0`` are all that remains. From coordinates and speeds on that manifold
+all higher derivatives follow from linear systems with one matrix,
+
+    [ W   ]  a = [ Z''   - W' v          ]        [ W   ]  a' = [ Z'''  - ... ]        W: output rates = W(q_a) v_a
+    [ M_e ]      [ -(c + g - tau_e)_e    ]        [ M_e ]       [ ...         ]
+
+and gears, motors and friction afterwards, as a stable stage of their own (`flexgen.solvers.drives`).
+
+Source: cf. S. Devasia, D. Chen, B. Paden, IEEE TAC 41(7), 1996 (zero dynamics along a reference).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.evaluate import evaluate
+from flexgen.mechanics.statics import Equilibrium, hold_output
+from flexgen.problems.path import Path, PathSample
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Arm motion at n instants: ``q v a j s`` (n, n_a), derivatives 0 to 4; ``tau_g`` (n, n_g, 3): derivatives 0 to 2."""
+
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    j: np.ndarray
+    s: np.ndarray
+    tau_g: np.ndarray
+
+
+class Reduction:
+    """The reduced problem of a model whose outputs are as many as its motors."""
+
+    def __init__(self, equations: Equations) -> None:
+        model = equations.model
+        if model.output.size != model.n_m:
+            raise ArgumentError(
+                f"model {model.name}: {model.output.size} outputs and {model.n_m} motors; inverse dynamics needs as many"
+            )
+        if model.motor_coupling != "simplified":
+            raise ArgumentError(
+                f"model {model.name}: motor_coupling {model.motor_coupling!r} does not reduce, expected 'simplified'; "
+                "use --method full"
+            )
+        self.equations, self.model = equations, model
+        self.pose = model.output.type == "tool_pose"
+        self.n_y = model.output.size
+        self.i_g, self.i_e = list(model.i_g), list(model.i_e)
+
+    @cached_property
+    def _graph(self) -> dict[str, ca.SX]:
+        lag = self.equations.lagrangian
+        q, v, a = lag.chain.q_a, lag.chain.v_a, lag.a_a
+        j, s = ca.SX.sym("j_a", self.model.n_a), ca.SX.sym("s_a", self.model.n_a)
+
+        def rate(x: ca.SX) -> ca.SX:
+            return ca.jtimes(x, ca.vertcat(q, v, a, j), ca.vertcat(v, a, j, s))
+
+        if self.pose:
+            W = ca.densify(self.equations.function("jacobian")(q))
+        else:
+            W = ca.densify(ca.jacobian(self.equations.function("output")(q), q))
+        arm = self.equations.function("inverse_dynamics")(q, v, a) - lag.arm_forces
+        row = arm[self.i_e] - lag.tau_e
+        tau = arm[self.i_g]
+        graph = {"q": q, "v": v, "a": a, "j": j, "s": s, "W": W, "row0": row, "tau0": tau, "rate1": ca.mtimes(W, v)}
+        for k in (1, 2):
+            graph[f"row{k}"] = rate(graph[f"row{k - 1}"])
+            graph[f"tau{k}"] = rate(graph[f"tau{k - 1}"])
+        for k in (2, 3, 4):
+            graph[f"rate{k}"] = rate(graph[f"rate{k - 1}"])
+        graph["G"] = ca.vertcat(W, ca.densify(ca.jacobian(row, a))) if self.i_e else W
+        return graph
+
+    @cached_property
+    def place_error(self) -> tuple[ca.SX, ca.SX]:
+        """Residual (n_y) of the output's place in the symbol q_a and the target symbol (n_y, or 3 + 9 for a pose).
+
+        Orientation error: the axial vector of ``(R R_d' - R_d R')/2``, sine of the angle times the axis, world axes.
+        """
+        q = self._graph["q"]
+        if not self.pose:
+            target = ca.SX.sym("target", self.n_y)
+            return self.equations.function("output")(q) - target, target
+        target = ca.SX.sym("target", 12)
+        p, R = self.equations.function("forward_kinematics")(q)
+        E = ca.mtimes(R, ca.reshape(target[3:], 3, 3).T)
+        turn = ca.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]) / 2
+        return ca.vertcat(p - target[:3], turn), target
+
+    def targets(self, sample: PathSample) -> np.ndarray:
+        """Target values, (n, n_y) or (n, 12), for the symbol of `place_error`."""
+        if sample.R is None:
+            return sample.y[:, :, 0]
+        return np.hstack([sample.y[:, :, 0], sample.R.transpose(0, 2, 1).reshape(-1, 9)])
+
+    @cached_property
+    def stage(self) -> ca.Function:
+        """Everything that holds at one instant.
+
+        (X = (q, v, a), target, Z', Z'') -> residual (3 n_y + n_e): place, rate, its rate, non-actuated rows.
+        """
+        g = self._graph
+        error, target = self.place_error
+        y1, y2 = ca.SX.sym("y1", self.n_y), ca.SX.sym("y2", self.n_y)
+        rows = ca.vertcat(error, g["rate1"] - y1, g["rate2"] - y2, g["row0"])
+        X = ca.vertcat(g["q"], g["v"], g["a"])
+        return ca.Function("stage", [X, target, y1, y2], [rows])
+
+    def start(self, path: Path) -> Equilibrium:
+        """Rest at the start of the path: tool, springs and gravity in balance together."""
+        return self.rest(path, 0.0, path.q_start)
+
+    def rest(self, path: Path, t: float, guess: np.ndarray) -> Equilibrium:
+        """Rest with the output where the path has it at the instant ``t`` [s]."""
+        error, target = self.place_error
+        value = ca.DM(self.targets(path.sample(np.array([t])))[0])
+        return hold_output(self.equations, ca.substitute(error, target, value), guess)
+
+    @cached_property
+    def _place(self) -> ca.Function:
+        error, target = self.place_error
+        q = self._graph["q"]
+        return ca.Function("place", [q, target], [error, ca.densify(ca.jacobian(error, q[self.i_g]))])
+
+    def close(self, q: np.ndarray, targets: np.ndarray) -> np.ndarray:
+        """Inverse kinematics: change the actuated coordinates of ``q`` (n, n_a) until the outputs are at ``targets``."""
+        q = q.copy()
+        for _ in range(25):
+            error, slope = evaluate(self._place, q, targets)
+            error, slope = error.reshape(len(q), -1), slope.reshape(len(q), self.n_y, -1)
+            try:
+                step = np.linalg.solve(slope, error[:, :, None])[:, :, 0]
+            except np.linalg.LinAlgError:
+                raise SolverError("inverse kinematics: the path passes a singular pose") from None
+            q[:, self.i_g] -= step
+            if np.abs(step).max() < 1e-14 * (1 + np.abs(q).max()):
+                break
+        if not np.abs(error).max() < 1e-9:
+            worst = int(np.argmax(np.abs(error).max(axis=1)))
+            raise SolverError(
+                f"inverse kinematics: no solution at sample {worst} of {len(q)}, error {np.abs(error).max():.2e}; "
+                "the path leaves the workspace or passes a singular pose"
+            )
+        return q
+
+    def follow(self, path: Path, times: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """Quasi-static motion (n, n_a): rest at each of the instants, one after the other from ``start`` (n_a)."""
+        error, target = self.place_error
+        symbol = self._graph["q"]
+        from flexgen.mechanics.statics import balance
+
+        rows = ca.vertcat(error, balance(self.equations)) if self.i_e else error
+        newton = ca.Function("follow", [symbol, target], [rows, ca.densify(ca.jacobian(rows, symbol))])
+        targets = self.targets(path.sample(times))
+        out = np.zeros((len(times), self.model.n_a))
+        q = start
+        for k, value in enumerate(targets):
+            for _ in range(30):
+                residual, slope = (np.array(x) for x in newton(q, value))
+                try:
+                    step = np.linalg.solve(slope, -residual[:, 0])
+                except np.linalg.LinAlgError:
+                    raise SolverError(f"path: singular pose at t = {times[k]:.4g} s") from None
+                q = q + step
+                if np.abs(step).max() < 1e-12:
+                    break
+            else:
+                raise SolverError(
+                    f"path: no pose of rest at t = {times[k]:.4g} s; the path leaves the workspace or passes a singular pose"
+                )
+            out[k] = q
+        return out
+
+    @cached_property
+    def _levels(self) -> ca.Function:
+        g = self._graph
+        names = ["rate1", "rate2", "rate3", "rate4", "row0", "row1", "row2", "tau0", "tau1", "tau2", "G", "W"]
+        outputs = [ca.densify(g[name]) for name in names]
+        return ca.Function("levels", [g["q"], g["v"], g["a"], g["j"], g["s"]], outputs, list("qvajs"), names)
+
+    def motion(self, sample: PathSample, q: np.ndarray, v_e: np.ndarray) -> Motion:
+        """All derivatives of the arm's motion on the manifold, from coordinates ``q`` (n, n_a) and speeds ``v_e`` (n, n_e).
+
+        The equations hold exactly at each instant by construction; SolverError where their matrix is singular.
+        """
+        n, n_a, n_y = len(q), self.model.n_a, self.n_y
+        zero = np.zeros((n, n_a))
+        chosen = np.zeros((n, n_a, n_a))
+        chosen[:, n_y + np.arange(len(self.i_e)), self.i_e] = 1.0
+        at = dict(zip(self._levels.name_out(), evaluate(self._levels, q, zero, zero, zero, zero), strict=True))
+        chosen[:, :n_y] = at["W"].reshape(n, n_y, n_a)
+        v = np.linalg.solve(chosen, np.hstack([sample.rates(1), v_e])[:, :, None])[:, :, 0]
+        chain = [q, v, zero, zero, zero]
+        for k in (2, 3, 4):
+            at = dict(zip(self._levels.name_out(), evaluate(self._levels, *chain), strict=True))
+            G = at["G"].reshape(n, n_a, n_a)
+            rhs = np.hstack([sample.rates(k) - at[f"rate{k}"].reshape(n, n_y), -at[f"row{k - 2}"].reshape(n, len(self.i_e))])
+            scale = np.abs(G).max(axis=2)
+            try:
+                chain[k] = np.linalg.solve(G / scale[:, :, None], (rhs / scale)[:, :, None])[:, :, 0]
+            except np.linalg.LinAlgError:
+                raise SolverError(
+                    f"model {self.model.name}: the zero dynamics is singular on the path; use --method full"
+                ) from None
+        at = dict(zip(self._levels.name_out(), evaluate(self._levels, *chain), strict=True))
+        tau_g = np.stack([at[f"tau{k}"].reshape(n, -1) for k in range(3)], axis=-1)
+        return Motion(*chain, tau_g)
