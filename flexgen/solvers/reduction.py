@@ -23,7 +23,8 @@ import numpy as np
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.evaluate import evaluate
-from flexgen.mechanics.statics import Equilibrium, hold_output
+from flexgen.mechanics.outputs import OutputMap, output_map
+from flexgen.mechanics.statics import Equilibrium, balance, hold_output
 from flexgen.problems.path import Path, PathSample
 
 
@@ -67,10 +68,7 @@ class Reduction:
         def rate(x: ca.SX) -> ca.SX:
             return ca.jtimes(x, ca.vertcat(q, v, a, j), ca.vertcat(v, a, j, s))
 
-        if self.pose:
-            W = ca.densify(self.equations.function("jacobian")(q))
-        else:
-            W = ca.densify(ca.jacobian(self.equations.function("output")(q), q))
+        W = self._output.rate
         arm = self.equations.function("inverse_dynamics")(q, v, a) - lag.arm_forces
         row = arm[self.i_e] - lag.tau_e
         tau = arm[self.i_g]
@@ -85,19 +83,12 @@ class Reduction:
 
     @cached_property
     def place_error(self) -> tuple[ca.SX, ca.SX]:
-        """Residual (n_y) of the output's place in the symbol q_a and the target symbol (n_y, or 3 + 9 for a pose).
+        """Residual (n_y) of the output's place in the symbol q_a and the target symbol (n_y, or 3 + 9 for a pose)."""
+        return self._output.error, self._output.target
 
-        Orientation error: the axial vector of ``(R R_d' - R_d R')/2``, sine of the angle times the axis, world axes.
-        """
-        q = self._graph["q"]
-        if not self.pose:
-            target = ca.SX.sym("target", self.n_y)
-            return self.equations.function("output")(q) - target, target
-        target = ca.SX.sym("target", 12)
-        p, R = self.equations.function("forward_kinematics")(q)
-        E = ca.mtimes(R, ca.reshape(target[3:], 3, 3).T)
-        turn = ca.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]) / 2
-        return ca.vertcat(p - target[:3], turn), target
+    @cached_property
+    def _output(self) -> OutputMap:
+        return output_map(self.equations)
 
     def targets(self, sample: PathSample) -> np.ndarray:
         """Target values, (n, n_y) or (n, 12), for the symbol of `place_error`."""
@@ -159,8 +150,6 @@ class Reduction:
         """Quasi-static motion (n, n_a): rest at each of the instants, one after the other from ``start`` (n_a)."""
         error, target = self.place_error
         symbol = self._graph["q"]
-        from flexgen.mechanics.statics import balance
-
         rows = ca.vertcat(error, balance(self.equations)) if self.i_e else error
         newton = ca.Function("follow", [symbol, target], [rows, ca.densify(ca.jacobian(rows, symbol))])
         targets = self.targets(path.sample(times))

@@ -1,0 +1,85 @@
+"""The machine near a pose of rest: linearisation, poles, modes, frequency response.
+
+    M y'' + D y' + K y = B tau_m,        y = (q_a, q_me),    x = (y, y'),    x' = A x + B_x tau_m
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.evaluate import evaluate
+from flexgen.mechanics.outputs import output_map
+from flexgen.mechanics.statics import Equilibrium
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """Variation of the equations at rest.
+
+    ``M D K`` (n, n), ``B`` (n, n_m) in y = (q_a, q_me); ``W`` (n_y, n): output rates; ``C_m`` (n_m, n): motor angles.
+    """
+
+    M: np.ndarray
+    D: np.ndarray
+    K: np.ndarray
+    B: np.ndarray
+    W: np.ndarray
+    C_m: np.ndarray
+
+    def state_space(self) -> tuple[np.ndarray, np.ndarray]:
+        """``A`` (2n, 2n) and ``B`` (2n, n_m) of the state x = (y, y')."""
+        n = len(self.M)
+        lower = np.linalg.solve(self.M, np.hstack([-self.K, -self.D, self.B]))
+        A = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower[:, : 2 * n]])
+        return A, np.vstack([np.zeros((n, self.B.shape[1])), lower[:, 2 * n :]])
+
+    def response(self, w: np.ndarray, C: np.ndarray) -> np.ndarray:
+        """``C (K + j w D - w^2 M)^-1 B`` at the angular frequencies ``w`` [rad/s], shape (len(w), rows of C, n_m)."""
+        s = 1j * w[:, None, None]
+        return C @ np.linalg.solve(s**2 * self.M + s * self.D + self.K, np.broadcast_to(self.B, (len(w), *self.B.shape)))
+
+
+def linearise(equations: Equations, rest: Equilibrium) -> LinearModel:
+    """The `LinearModel` of a machine at rest."""
+    model = equations.model
+    zero_a, zero_m = np.zeros(model.n_a), np.zeros(model.n_m)
+    arguments = (rest.q_a, zero_a, zero_a, rest.q_m, zero_m, zero_m, rest.tau_m)
+    M, D, K, B = (x[0] for x in evaluate(equations.function("second_order"), *arguments))
+    W = np.zeros((model.output.size, model.dof))
+    symbol = equations.lagrangian.chain.q_a
+    W[:, : model.n_a] = evaluate(ca.Function("W", [symbol], [output_map(equations).rate]), rest.q_a)[0][0]
+    C_m = np.zeros((model.n_m, model.dof))
+    C_m[:, list(model.i_g)] = model.eta
+    for k, j in enumerate(model.i_m):
+        C_m[j] = 0.0
+        C_m[j, model.n_a + k] = 1.0
+    B = B.reshape(model.dof, model.n_m)
+    return LinearModel(M, D, K, B, W, C_m)
+
+
+def poles(linear: LinearModel) -> np.ndarray:
+    """Eigenvalues [1/s] of the linearisation, by size."""
+    A, _ = linear.state_space()
+    # one unit of time for all: the slowest and the fastest pole lie far apart
+    rate = np.sqrt(max(float(np.linalg.norm(np.linalg.solve(linear.M, linear.K))), 1.0))
+    n = len(A) // 2
+    scaled = A.copy()
+    scaled[:n, n:] *= rate
+    scaled[n:, :n] /= rate
+    values = np.linalg.eigvals(scaled / rate) * rate
+    return sort_roots(values)
+
+
+def sort_roots(values: np.ndarray) -> np.ndarray:
+    """By distance from the origin, conjugates together."""
+    return np.array(sorted(values, key=lambda z: (round(abs(z), 6), z.real, z.imag)), dtype=complex)
+
+
+def modes(values: np.ndarray) -> list[tuple[float, float]]:
+    """(natural frequency [Hz], damping ratio) of each oscillatory pair among the poles, rising."""
+    pairs = [z for z in values if z.imag > 1e-6 * abs(z)]
+    return sorted((abs(z) / (2 * np.pi), -z.real / abs(z)) for z in pairs)

@@ -1,0 +1,151 @@
+"""Transmission zeros: what the machine does inside while its output stands still, and what that means for inversion.
+
+Two routes that share nothing:
+
+* `transmission_zeros`: from any linear system, by removing the infinite zeros step by step with orthogonal
+  transformations (A. Emami-Naeini, P. Van Dooren, Automatica 18(4), 1982);
+* `inner_zeros`: from the structure of the reduction. With the output held, the non-actuated rows give a quadratic pencil
+  ``A s^2 + D s + K`` in the non-actuated coordinates; each damped gear adds ``-K_g/D_g``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from flexgen.analysis.linear import LinearModel, sort_roots
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.evaluate import evaluate
+from flexgen.mechanics.statics import Equilibrium, gear_damping
+
+PREVIEW = 5.0  # time constants of the slowest unstable zero: what comes earlier is below one percent of the torque
+RANK = 1e-9  # relative size below which a singular value counts as zero
+
+
+@dataclass(frozen=True)
+class ZeroReport:
+    """Zeros of the declared output [1/s] and the verdict.
+
+    ``phase``: ``"flat"`` (no zeros: the torque follows from the reference and its derivatives alone), ``"minimum phase"``,
+    ``"non-minimum phase"`` (a torque that follows the path exactly has to begin before it), or ``"none"`` (not as many
+    outputs as motors, or a degenerate system: no verdict). ``unstable_time_constant_s``: of the slowest unstable zero,
+    0 where there is none; ``preview_s``: five of them.
+    """
+
+    zeros: np.ndarray
+    phase: str
+    unstable_time_constant_s: float
+    preview_s: float
+
+
+def transmission_zeros(A: np.ndarray, B: np.ndarray, C: np.ndarray, rate: float = 1.0) -> np.ndarray | None:
+    """Finite transmission zeros [1/s] of a square system without feed-through; None where it is degenerate.
+
+    ``rate`` [1/s]: a typical rate of the system, for scaling.
+    """
+    n = len(A) // 2
+    T = np.concatenate([np.ones(n), np.full(len(A) - n, rate)])
+    A = (A * T) / T[:, None] / rate
+    B = B / T[:, None] / rate
+    C = C * T
+    B = B / np.linalg.norm(B, axis=0)
+    C = C / np.linalg.norm(C, axis=1)[:, None]
+    D = np.zeros((C.shape[0], B.shape[1]))
+    while True:
+        size = max(np.linalg.norm(A), np.linalg.norm(B), np.linalg.norm(C), 1.0)
+        U, values, _ = np.linalg.svd(D)
+        rank = int(np.sum(values > RANK * size))
+        if rank == D.shape[0]:
+            break
+        C, D = U.T @ C, U.T @ D
+        upper_C, upper_D, lower = C[:rank], D[:rank], C[rank:]
+        norms = np.linalg.norm(lower, axis=1)
+        lower = lower / np.where(norms > 0, norms, 1.0)[:, None]
+        _, values, Vh = np.linalg.svd(lower)
+        depth = int(np.sum(values > RANK)) if len(A) else 0
+        if depth == 0:
+            return None  # outputs that depend on each other
+        Z = np.vstack([Vh[depth:], Vh[:depth]]).T
+        keep = len(A) - depth
+        A, B, upper_C = Z.T @ A @ Z, Z.T @ B, upper_C @ Z
+        C = np.vstack([upper_C[:, :keep], A[keep:, :keep]])
+        D = np.vstack([upper_D, B[keep:]])
+        A, B = A[:keep, :keep], B[:keep]
+        # rows may differ by many orders of magnitude; constraints may be scaled freely
+        norms = np.linalg.norm(np.hstack([C, D]), axis=1)
+        C, D = C / np.where(norms > 0, norms, 1.0)[:, None], D / np.where(norms > 0, norms, 1.0)[:, None]
+        if not len(A) and np.linalg.matrix_rank(D, tol=RANK) < D.shape[1]:
+            return None
+    if D.shape[0] != D.shape[1]:
+        return None
+    return sort_roots(np.linalg.eigvals(A - B @ np.linalg.solve(D, C)) * rate)
+
+
+def inner_pencil(equations: Equations, linear: LinearModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """``A, D, K`` (n_e, n_e) of the non-actuated rows while the output stands still: the zero dynamics at a pose."""
+    model = equations.model
+    i_g, i_e = list(model.i_g), list(model.i_e)
+    S = np.zeros((model.n_a, model.n_e))
+    S[i_e, np.arange(model.n_e)] = 1.0
+    S[i_g] = -np.linalg.solve(linear.W[:, i_g], linear.W[:, i_e])
+    n_a = model.n_a
+    A, D, K = (X[i_e][:, :n_a] @ S for X in (linear.M, linear.D, linear.K))
+    return A, D, K
+
+
+def inner_zeros(equations: Equations, linear: LinearModel, rest: Equilibrium) -> np.ndarray:
+    """Zeros [1/s] by the structure; simplified motor coupling, as many outputs of the arm as motors."""
+    model = equations.model
+    theta = np.linalg.solve(model.eta, rest.q_m) - rest.q_a[list(model.i_g)]
+    slope = evaluate(equations.function("gear_spring"), theta)[1][0]
+    damping = gear_damping(equations)
+    values = [-slope[damping > 0] / damping[damping > 0]]
+    if model.n_e:
+        A, D, K = inner_pencil(equations, linear)
+        n = model.n_e
+        rate = np.sqrt(np.linalg.norm(K) / max(np.linalg.norm(A), 1e-300))
+        size = np.linalg.norm(K)
+        A, D, K = A * rate**2 / size, D * rate / size, K / size
+        left = np.block([[np.zeros((n, n)), np.eye(n)], [-K, -D]])
+        right = np.block([[np.eye(n), np.zeros((n, n))], [np.zeros((n, n)), A]])
+        alpha, beta = scipy.linalg.eig(left, right, right=False, homogeneous_eigvals=True)
+        finite = np.abs(beta) > 1e-12 * np.abs(alpha)
+        values.append(alpha[finite] / beta[finite] * rate)
+    return sort_roots(np.concatenate(values).astype(complex))
+
+
+def is_structured(equations: Equations) -> bool:
+    """Whether the reduction applies: simplified coupling and as many outputs as motors."""
+    model = equations.model
+    return model.motor_coupling == "simplified" and model.output.size == model.n_m
+
+
+def zero_report(equations: Equations, linear: LinearModel, rest: Equilibrium) -> ZeroReport:
+    """Zeros of the declared output at a pose of rest, and the verdict."""
+    model = equations.model
+    zeros: np.ndarray | None = None
+    if model.output.size == model.n_m:
+        if is_structured(equations):
+            blocks = np.linalg.svd(linear.W[:, list(model.i_g)], compute_uv=False)
+            if blocks[-1] > RANK * max(blocks[0], 1e-300):
+                zeros = inner_zeros(equations, linear, rest)
+        else:
+            A, B = linear.state_space()
+            rate = np.sqrt(max(float(np.linalg.norm(np.linalg.solve(linear.M, linear.K))), 1.0))
+            zeros = transmission_zeros(A, B, np.hstack([linear.W, np.zeros_like(linear.W)]), rate)
+    if zeros is None:
+        return ZeroReport(np.zeros(0, dtype=complex), "none", 0.0, 0.0)
+    unstable = zeros[zeros.real > 1e-9 * np.abs(zeros)]
+    if len(unstable):
+        slowest = float(1 / unstable.real.min())
+        return ZeroReport(zeros, "non-minimum phase", slowest, PREVIEW * slowest)
+    return ZeroReport(zeros, "minimum phase" if len(zeros) else "flat", 0.0, 0.0)
+
+
+def motor_zeros(linear: LinearModel) -> np.ndarray | None:
+    """Zeros [1/s] from the motor torques to the motor angles: the machine with locked motors."""
+    A, B = linear.state_space()
+    rate = np.sqrt(max(float(np.linalg.norm(np.linalg.solve(linear.M, linear.K))), 1.0))
+    return transmission_zeros(A, B, np.hstack([linear.C_m, np.zeros_like(linear.C_m)]), rate)

@@ -1,0 +1,37 @@
+"""The output as a constraint: how far it is from a target, and the map from arm speeds to its rates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+
+from flexgen.mechanics.equations import Equations
+
+
+@dataclass(frozen=True)
+class OutputMap:
+    """Graphs in the symbol ``equations.lagrangian.chain.q_a``.
+
+    ``error`` (n_y): zero where the output is at ``target`` (n_y; for a pose 3 + 9: position, rotation matrix by columns);
+    orientation: the axial vector of ``(R R_d' - R_d R')/2``, sine of the angle times the axis, world axes.
+    ``rate`` W (n_y, n_a): time derivative of the output, for a pose the twist (linear, angular), ``= W v_a``.
+    """
+
+    error: ca.SX
+    target: ca.SX
+    rate: ca.SX
+
+
+def output_map(equations: Equations) -> OutputMap:
+    """The `OutputMap` of a model's declared output."""
+    model, q = equations.model, equations.lagrangian.chain.q_a
+    if model.output.type != "tool_pose":
+        target = ca.SX.sym("target", model.output.size)
+        y = equations.function("output")(q)
+        return OutputMap(y - target, target, ca.densify(ca.jacobian(y, q)))
+    target = ca.SX.sym("target", 12)
+    p, R = equations.function("forward_kinematics")(q)
+    E = ca.mtimes(R, ca.reshape(target[3:], 3, 3).T)
+    turn = ca.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]) / 2
+    return OutputMap(ca.vertcat(p - target[:3], turn), target, ca.densify(equations.function("jacobian")(q)))

@@ -1,0 +1,216 @@
+"""Forward simulation of the full model under a given motor torque: the referee of every inversion.
+
+The integrator (explicit Runge-Kutta of order 8 by Dormand and Prince, tight tolerance) shares nothing with the solvers;
+the torque is a quintic spline through the samples. Work and losses are integrated along, so that the energy balance
+
+    E(t) - E(0) = int P_motor dt - int P_dissipated dt
+
+tells whether the integration can be trusted.
+
+Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec. II.5 (DOP853).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+
+import numpy as np
+from scipy.integrate import DOP853
+from scipy.interpolate import make_interp_spline
+
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.evaluate import evaluate
+from flexgen.model.elements import RobotModel
+from flexgen.ports import Port
+from flexgen.trajectory import Trajectory
+
+RTOL, ATOL = 1e-11, 1e-12  # a tenth of a nanometre over a metre of reach and a thousand steps
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What the machine does under the torque.
+
+    ``trajectory``: channels ``q_a v_a q_m v_m tau_m`` and, where the reference was given, ``error`` of the output.
+    ``tool_error_max_m`` [m], ``tool_error_max_rad`` [rad]: None where the output has no such part or no reference.
+    ``energy_error``: largest violation of the energy balance, relative to the energy that was turned over.
+    ``torque_max_Nm``, ``speed_max_rad_s``: largest motor torque and speed of any motor, motor side.
+    """
+
+    trajectory: Trajectory
+    tool_error_max_m: float | None
+    tool_error_max_rad: float | None
+    energy_error: float
+    torque_max_Nm: float
+    speed_max_rad_s: float
+    evaluations: int
+    wall_s: float
+
+
+def _checked(model: RobotModel, trajectory: Trajectory) -> None:
+    sizes = {"tau_m": model.n_m, "q_a": model.n_a, "q_m": model.n_m}
+    for name, size in sizes.items():
+        if name not in trajectory.channels:
+            raise ArgumentError(f"trajectory: channel {name} is missing; write one with 'flexgen solve {model.name} --out FILE'")
+        width = trajectory[name].shape[1]
+        if width != size:
+            raise ArgumentError(
+                f"trajectory channel {name}: given {width} columns, expected {size} for model {model.name}; "
+                "was it written for another model?"
+            )
+        if not np.isfinite(trajectory[name]).all():
+            raise ArgumentError(f"trajectory channel {name}: given NaN or infinity, expected finite numbers")
+
+
+def simulate(
+    model: str | FilePath | RobotModel | Equations,
+    trajectory: Trajectory | str | FilePath,
+    *,
+    rtol: float = RTOL,
+    progress: Callable[[str], None] | None = None,
+) -> Simulation:
+    """Simulate the full model from rest under the torque of a trajectory.
+
+    Parameters
+    ----------
+    model : name, path, RobotModel or Equations
+    trajectory : Trajectory or path
+        Channels ``tau_m`` (n, n_m) [N m, motor side], and ``q_a``, ``q_m``, whose first samples are where the machine
+        rests; with ``y_ref`` (and ``R_ref``) the output's error is measured.
+    rtol : float
+        Relative tolerance of the integrator.
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    ArgumentError
+        The trajectory does not belong to the model.
+    SolverError
+        The integration broke down; the text says when.
+    """
+    equations = model if isinstance(model, Equations) else derive(model)
+    data = trajectory if isinstance(trajectory, Trajectory) else Trajectory.load(trajectory)
+    robot = equations.model
+    _checked(robot, data)
+    t = data.time
+    tau = make_interp_spline(t, data["tau_m"], k=min(5, len(t) - 1))
+    states, count, wall = _integrate(equations, t, tau, data["q_a"][0], data["q_m"][0], rtol, progress)
+    n_a, i_m = robot.n_a, list(robot.i_m)
+    n = robot.dof
+    q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
+    q_m, v_m = q_a[:, list(robot.i_g)] @ robot.eta.T, v_a[:, list(robot.i_g)] @ robot.eta.T
+    q_m[:, i_m], v_m[:, i_m] = states[:, n_a:n], states[:, n + n_a : 2 * n]
+
+    energies = [x.reshape(len(t)) for x in evaluate(equations.function("energy"), q_a, v_a, q_m, v_m)]
+    total = energies[0] + energies[1]
+    imbalance = total - total[0] - states[:, 2 * n] + states[:, 2 * n + 1]
+    turned = max(np.ptp(energies[0]), np.ptp(energies[1]), np.ptp(states[:, 2 * n]), 1e-12)
+
+    channels = {"q_a": q_a, "v_a": v_a, "q_m": q_m, "v_m": v_m, "tau_m": data["tau_m"]}
+    names_a, names_m = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)
+    labels = {"q_a": names_a, "v_a": names_a, "q_m": names_m, "v_m": names_m, "tau_m": names_m}
+    ports = {
+        "q_a": Port("q_a", (n_a,), "rad or m", "arm coordinates, simulated"),
+        "v_a": Port("v_a", (n_a,), "rad/s or m/s", "their speeds"),
+        "q_m": Port("q_m", (robot.n_m,), "rad", "motor angles, motor side"),
+        "v_m": Port("v_m", (robot.n_m,), "rad/s", "motor speeds, motor side"),
+        "tau_m": Port("tau_m", (robot.n_m,), "N m", "motor torques, motor side"),
+    }
+    in_m, in_rad = None, None
+    if "y_ref" in data.channels:
+        error, in_m, in_rad = _output_error(equations, data, q_a)
+        channels["error"] = error
+        unit = robot.output.unit if robot.output.type == "combination" else "m"
+        ports["error"] = Port("error", (error.shape[1],), unit, "output minus reference")
+        labels["error"] = data.labels["y_ref"]
+        if in_rad is not None and robot.output.type == "tool_pose":
+            channels["turn"] = _turn_error(equations, data, q_a)[:, None]
+            ports["turn"] = Port("turn", (1,), "rad", "angle between tool and reference")
+            labels["turn"] = ("angle",)
+    meta = {"model": robot.name, "kind": "simulation"}
+    return Simulation(
+        trajectory=Trajectory(t, channels, ports, labels, meta),
+        tool_error_max_m=in_m,
+        tool_error_max_rad=in_rad,
+        energy_error=float(np.abs(imbalance).max() / turned),
+        torque_max_Nm=float(np.abs(data["tau_m"]).max()),
+        speed_max_rad_s=float(np.abs(v_m).max()),
+        evaluations=count,
+        wall_s=wall,
+    )
+
+
+def _integrate(
+    equations: Equations,
+    t: np.ndarray,
+    tau: Callable[[float], np.ndarray],
+    q_a: np.ndarray,
+    q_m: np.ndarray,
+    rtol: float,
+    progress: Callable[[str], None] | None,
+) -> tuple[np.ndarray, int, float]:
+    """States (q_a, q_me, v_a, v_me, work, loss) at the instants t, evaluations of the right-hand side, wall time."""
+    robot = equations.model
+    n_a, n, i_m = robot.n_a, robot.dof, list(robot.i_m)
+    forward, power = equations.function("forward_dynamics"), equations.function("power")
+    motors, speeds = np.zeros(robot.n_m), np.zeros(robot.n_m)
+
+    def rate(instant: float, x: np.ndarray) -> np.ndarray:
+        motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a : 2 * n]
+        torque = tau(instant)
+        arguments = (x[:n_a], x[n : n + n_a], motors, speeds, torque)
+        a_a, a_m = forward(*arguments)
+        given, lost = power(*arguments)
+        accelerations = np.concatenate([np.array(a_a).ravel(), np.array(a_m).ravel()[i_m]])
+        return np.concatenate([x[n : 2 * n], accelerations, [float(given), float(lost)]])
+
+    start = np.concatenate([q_a, q_m[i_m], np.zeros(n + 2)])
+    began = time.perf_counter()
+    # work and loss are observers: they must not drive the step size below what the motion needs
+    atol = np.concatenate([np.full(2 * n, ATOL), np.full(2, 1e-9)])
+    solver = DOP853(rate, t[0], start, t[-1], rtol=rtol, atol=atol)
+    out = np.empty((len(t), len(start)))
+    out[0] = start
+    k, spoken = 1, began
+    while k < len(t):
+        message = solver.step()
+        if solver.status == "failed" or not np.isfinite(solver.y).all():
+            raise SolverError(f"simulation: broke down at t = {solver.t:.6g} s ({message or 'not finite'})")
+        dense = solver.dense_output()
+        while k < len(t) and t[k] <= solver.t:
+            out[k] = dense(t[k])
+            k += 1
+        if progress is not None and time.perf_counter() - spoken > 1.0:
+            spoken = time.perf_counter()
+            progress(f"simulation: t = {solver.t:7.3f} of {t[-1]:.3f} s, {solver.nfev} evaluations")
+    return out, int(solver.nfev), time.perf_counter() - began
+
+
+def _output_error(
+    equations: Equations, data: Trajectory, q_a: np.ndarray
+) -> tuple[np.ndarray, float | None, float | None]:
+    """Output minus reference (n, n_y), largest distance [m] and angle [rad]."""
+    output = equations.model.output
+    y = evaluate(equations.function("output"), q_a)[0].reshape(len(q_a), -1)
+    error = y - data["y_ref"]
+    largest = float(np.linalg.norm(error, axis=1).max())
+    if output.type == "combination":
+        return (error, largest, None) if output.unit == "m" else (error, None, largest)
+    if output.type == "tool_pose" and "R_ref" in data.channels:
+        return error, largest, float(_turn_error(equations, data, q_a).max())
+    return error, largest, None
+
+
+def _turn_error(equations: Equations, data: Trajectory, q_a: np.ndarray) -> np.ndarray:
+    """Angle between the tool and its reference orientation, (n,) [rad], accurate for small angles."""
+    R = evaluate(equations.function("forward_kinematics"), q_a)[1]
+    E = R @ data["R_ref"].reshape(-1, 3, 3).transpose(0, 2, 1)
+    axial = np.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], axis=1)
+    return np.arctan2(np.linalg.norm(axial, axis=1) / 2, (np.trace(E, axis1=1, axis2=2) - 1) / 2)
