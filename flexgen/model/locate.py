@@ -1,0 +1,209 @@
+"""TOML text to a tree of values that know their lines, which ``tomllib`` alone does not tell."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from bisect import bisect_right
+from dataclasses import dataclass
+from typing import Any
+
+Path = tuple[str | int, ...]
+
+DEPTH = 16  # levels of nesting that a model file may have; the deepest key of the format needs eight
+WIDTH = 2000  # characters in a line
+
+_SPACE = re.compile(r"(?:[ \t\n]|#[^\n]*)*")
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+_STRING = re.compile(
+    r'"""(?:\\.|[^\\])*?"""(?:"{0,2})|' r"'''.*?'''(?:'{0,2})|" r'"(?:\\.|[^"\\])*"|' r"'[^']*'",
+    re.DOTALL,
+)
+_SCALAR = re.compile(r"[^,\]}#\n]*")
+
+
+@dataclass
+class Entry:
+    """A value and its line (0: not from the file); the entries of tables and lists are Entries again."""
+
+    value: Any
+    line: int
+
+
+class TextError(Exception):
+    """The text cannot be read as TOML: what was given and expected, and the line (0 where it is not known)."""
+
+    def __init__(self, line: int, given: str, expected: str) -> None:
+        self.line, self.given, self.expected = line, given, expected
+        super().__init__(f"line {line}: given {given}, expected {expected}")
+
+
+def parse(text: str) -> Entry:
+    """Parse TOML text into a tree of Entries.
+
+    Raises
+    ------
+    TextError
+        Where the text is not TOML, or is nested too deeply.
+    """
+    text = text.replace("\r\n", "\n")
+    for number, row in enumerate(text.split("\n"), 1):
+        if len(row) > WIDTH:
+            raise TextError(number, f"a line of {len(row)} characters", f"at most {WIDTH}")
+    try:
+        data = tomllib.loads(text)
+    except RecursionError:
+        raise TextError(0, "values nested too deeply", f"at most {DEPTH} levels") from None
+    except ValueError as error:  # TOMLDecodeError is one
+        message = str(error)
+        found = re.search(r" \(at (?:line (\d+), column \d+|end of document)\)\Z", message)
+        line = 0 if found is None else int(found[1] or text.count("\n") + 1)
+        raise TextError(line, "text that is not TOML", message[: found.start()] if found else message) from None
+    check_depth(data)
+    return _attach(data, (), _Scanner(text).lines, 1)
+
+
+def check_depth(data: Any) -> None:
+    """Raise TextError where tables and lists are nested more than DEPTH levels deep; recursion is safe after it."""
+    level = [data]
+    for _ in range(DEPTH + 1):
+        level = [
+            child
+            for item in level
+            if isinstance(item, (dict, list, tuple))
+            for child in (item.values() if isinstance(item, dict) else item)
+        ]
+        if not level:
+            return
+    raise TextError(0, "values nested too deeply", f"at most {DEPTH} levels")
+
+
+def wrap(data: Any, line: int = 0) -> Entry:
+    """Plain data as Entries that all have the same line."""
+    return _attach(data, (), {}, line)
+
+
+def unwrap(entry: Entry) -> Any:
+    """The plain data of an Entry."""
+    value = entry.value
+    if isinstance(value, dict):
+        return {key: unwrap(child) for key, child in value.items()}
+    return [unwrap(child) for child in value] if isinstance(value, list) else value
+
+
+def copy(entry: Entry) -> Entry:
+    """A copy whose tables and lists can be changed without changing the original."""
+    value = entry.value
+    if isinstance(value, dict):
+        value = {key: copy(child) for key, child in value.items()}
+    elif isinstance(value, list):
+        value = [copy(child) for child in value]
+    return Entry(value, entry.line)
+
+
+def _attach(data: Any, path: Path, lines: dict[Path, int], line: int) -> Entry:
+    line = lines.get(path, line)
+    if isinstance(data, dict):
+        return Entry({str(key): _attach(child, (*path, key), lines, line) for key, child in data.items()}, line)
+    if isinstance(data, (list, tuple)):
+        return Entry([_attach(child, (*path, i), lines, line) for i, child in enumerate(data)], line)
+    return Entry(data, line)
+
+
+class _Scanner:
+    """Finds the line of every key and list entry in text that is known to be TOML; ``lines`` maps paths to lines."""
+
+    def __init__(self, text: str) -> None:
+        self.text, self.pos = text, 0
+        self.breaks = [match.start() for match in re.finditer("\n", text)]
+        self.lines: dict[Path, int] = {}
+        self.counts: dict[Path, int] = {}  # entries of each array of tables so far
+        here: Path = ()
+        while self.skip():
+            if self.text[self.pos] == "[":
+                here = self.header()
+            else:
+                self.pair(here)
+
+    def skip(self) -> bool:
+        """Skip blanks, line ends and comments; False at the end of the text."""
+        self.pos = self.match(_SPACE, self.pos)
+        return self.pos < len(self.text)
+
+    def match(self, pattern: re.Pattern[str], pos: int) -> int:
+        found = pattern.match(self.text, pos)
+        return pos if found is None else found.end()
+
+    def note(self, path: Path) -> None:
+        """Remember the present line for a path and for those of its parents that have none yet."""
+        line = bisect_right(self.breaks, self.pos) + 1
+        for n in range(1, len(path) + 1):
+            self.lines.setdefault(path[:n], line)
+
+    def header(self) -> Path:
+        many = self.text.startswith("[[", self.pos)
+        start = self.pos
+        self.pos += 2 if many else 1
+        keys = self.keys()
+        end, self.pos = self.pos + (2 if many else 1), start
+        path: Path = ()
+        for key in keys[:-1] if many else keys:
+            path = (*path, key)
+            if path in self.counts:
+                path = (*path, self.counts[path] - 1)
+        if many:
+            path = (*path, keys[-1])
+            self.counts[path] = self.counts.get(path, 0) + 1
+            path = (*path, self.counts[path] - 1)
+        self.note(path)
+        self.pos = end
+        return path
+
+    def keys(self) -> list[str]:
+        """A dotted key, and the blanks around it."""
+        out: list[str] = []
+        while True:
+            self.skip()
+            start = self.pos
+            if self.text[start] in "\"'":
+                self.pos = self.match(_STRING, start)
+                out.append(tomllib.loads(f"key = {self.text[start : self.pos]}")["key"])
+            else:
+                self.pos = self.match(_BARE, start)
+                out.append(self.text[start : self.pos])
+            self.skip()
+            if self.text[self.pos] != ".":
+                return out
+            self.pos += 1
+
+    def pair(self, here: Path) -> None:
+        start = self.pos
+        path = (*here, *self.keys())
+        after, self.pos = self.pos + 1, start
+        self.note(path)
+        self.pos = after
+        self.value(path)
+
+    def value(self, path: Path) -> None:
+        self.skip()
+        first = self.text[self.pos]
+        if first in "\"'":
+            self.pos = self.match(_STRING, self.pos)
+        elif first in "[{":
+            self.pos += 1
+            index = 0
+            while True:
+                self.skip()
+                if self.text[self.pos] in "]}":
+                    break
+                if self.text[self.pos] == ",":
+                    self.pos += 1
+                elif first == "{":
+                    self.pair(path)
+                else:
+                    self.note((*path, index))
+                    self.value((*path, index))
+                    index += 1
+            self.pos += 1
+        else:
+            self.pos = self.match(_SCALAR, self.pos)

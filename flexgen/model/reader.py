@@ -1,0 +1,263 @@
+"""Model files to robots: find the file, parse it, apply a variant, check everything."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError, ModelError
+from flexgen.model import goals, locate, parts
+from flexgen.model.check import Table, closest, entry_name, show
+from flexgen.model.elements import Body, Output, Placement, RobotModel
+from flexgen.model.locate import Entry
+from flexgen.ports import identifier_problem
+
+SIZE_MAX = 1_000_000  # bytes
+
+_KEYS = (
+    "name description source gravity motor_coupling home_rad home_deg base element motor tool payload output move"
+).split()
+
+
+def read(model: str | Path, variant: str | None = None, overrides: Mapping[str, Any] | None = None) -> RobotModel:
+    """Read and check a robot.
+
+    Parameters
+    ----------
+    model : str or Path
+        A name in the models folder (such as ``"planar5_nmp"``) or the path of a ``.toml`` file; either may end in
+        ``"@variant"``.
+    variant : str, optional
+        Name of one of the file's variants.
+    overrides : mapping, optional
+        Values to set after the variant; keys are dotted paths in which the entries of a list are called by their
+        names, such as ``"element.arm1.dof.q1.gear.damping"``.
+
+    Returns
+    -------
+    RobotModel
+
+    Raises
+    ------
+    ModelError
+        Where the file is wrong.
+    ArgumentError
+        Where there is no such file, name or variant.
+    """
+    path, shown, chosen = _find(model, variant)
+    root = _parse(path, shown)
+    variants = _variants(root, shown)
+    if chosen and chosen not in variants:
+        raise ArgumentError(f"variant of {shown}: given {chosen!r}, expected {closest(chosen, variants)}")
+    base = locate.copy(root)
+    if chosen:
+        variants[chosen].apply(root)
+    for key, value in (overrides or {}).items():
+        _override(root, shown, key, value)
+    robot = _robot(Table(shown, root, ""), chosen, tuple(variants))
+    for other in variants.values():  # a trial of the paths of those that were not chosen
+        other.apply(locate.copy(base))
+    return robot
+
+
+def model_names() -> list[str]:
+    """Names of the models in the models folders, sorted."""
+    return sorted({path.stem for folder in _folders() for path in folder.glob("*.toml")})
+
+
+def _folders() -> list[Path]:
+    """Where names are looked up: FLEXGEN_MODELS, the repository's folder, the current directory's."""
+    named = os.environ.get("FLEXGEN_MODELS")
+    found = [Path(named)] if named else []
+    found += [Path(__file__).resolve().parents[2] / "models", Path("models")]
+    return [folder for folder in found if folder.is_dir()]
+
+
+def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:
+    """The file, what to call it in messages, and the name of the variant or an empty text."""
+    if not isinstance(model, (str, Path)) or not isinstance(variant, (str, type(None))):
+        raise ArgumentError(f"model: given {model!r} and variant {variant!r}, expected a name or path, and a name")
+    text, chosen = str(model), variant or ""
+    head, at, tail = text.rpartition("@")
+    if at and not set(tail) & set("/\\."):
+        if not tail or (chosen and chosen != tail):
+            raise ArgumentError(f"model: given {text!r} and variant {variant!r}, expected one name of a variant")
+        text, chosen = head, tail
+    if not text.endswith(".toml") and not set(text) & set("/\\"):
+        for folder in _folders():
+            if (folder / f"{text}.toml").is_file():
+                return folder / f"{text}.toml", f"{folder.name}/{text}.toml", chosen
+        raise ArgumentError(f"model: given {text!r}, expected a path ending in .toml or {closest(text, model_names())}")
+    path = Path(text)
+    try:
+        exists, regular = path.exists(), path.is_file()
+    except (OSError, ValueError):
+        exists = regular = False
+    if not exists:
+        raise ArgumentError(f"model: given {text!r}, which does not exist, expected the path of a .toml file")
+    if not regular:
+        raise ArgumentError(f"model: given {text!r}, which is no file, expected the path of a .toml file")
+    return path, text, chosen
+
+
+def _parse(path: Path, shown: str) -> Entry:
+    try:
+        with path.open("rb") as stream:
+            raw = stream.read(SIZE_MAX + 1)
+    except OSError as error:
+        raise ArgumentError(f"model: given {shown!r}, which cannot be read ({error.strerror})") from None
+    if len(raw) > SIZE_MAX:
+        raise ModelError(shown, 0, "file", f"more than {SIZE_MAX} bytes", "a model file")
+    try:
+        return locate.parse(raw.decode("utf-8"))
+    except UnicodeDecodeError as error:
+        line = raw[: error.start].count(b"\n") + 1
+        raise ModelError(shown, line, "file", f"the byte 0x{raw[error.start]:02x}", "text in UTF-8") from None
+    except locate.TextError as error:
+        raise ModelError(shown, error.line, "file", error.given, error.expected) from None
+
+
+class _NoSuchPath(Exception):
+    """A dotted path leads nowhere; the text says what was expected there."""
+
+
+def _walk(root: Entry, dotted: str) -> tuple[Entry, Any]:
+    """The table or list that holds the last part of a dotted path, and that part as a key or an index."""
+    words = dotted.split(".")
+    here = root
+    for n, word in enumerate(words):
+        last = n == len(words) - 1
+        known: list[str] = []
+        key: Any = word
+        if isinstance(here.value, list):
+            names = [entry_name(entry) for entry in here.value]
+            known = [name for name in names if name]
+            key = names.index(word) if word in known else None
+        elif isinstance(here.value, dict):
+            known = list(here.value)
+            key = word if last or word in known else None
+        if key is None or not isinstance(here.value, (list, dict)):
+            raise _NoSuchPath(f"in place of {show(word)} {closest(word, known)}")
+        if last:
+            return here, key
+        here = here.value[key]
+    raise AssertionError("a split text has at least one part")
+
+
+def _set(root: Entry, dotted: str, value: Entry) -> None:
+    holder, key = _walk(root, dotted)
+    holder.value[key] = value
+
+
+def _remove(root: Entry, dotted: str) -> None:
+    holder, key = _walk(root, dotted)
+    if isinstance(holder.value, dict) and key not in holder.value:
+        raise _NoSuchPath(f"in place of {show(key)} {closest(key, holder.value)}")
+    del holder.value[key]
+
+
+class _Variant:
+    """The changes that a variant makes."""
+
+    def __init__(self, table: Table) -> None:
+        table.only("description", "set", "remove")
+        table.text("description", "")
+        self.table, self.sets = table, table.table("set")
+        self.removes = table.words("remove") if "remove" in table else []
+
+    def apply(self, root: Entry) -> None:
+        """Take away what is to be removed, then set what is to be set."""
+        for dotted in self.removes:
+            try:
+                _remove(root, dotted)
+            except _NoSuchPath as error:
+                raise self.table.fail("remove", str(error), show(dotted)) from None
+        if self.sets is None:
+            return
+        for dotted, value in self.sets.entries.items():
+            try:
+                _set(root, dotted, locate.copy(value))
+            except _NoSuchPath as error:
+                raise self.sets.fail(dotted, str(error), show(dotted)) from None
+
+
+def _variants(root: Entry, shown: str) -> dict[str, _Variant]:
+    """The variants; takes them out of the tree."""
+    if "variant" not in root.value:
+        return {}
+    out: dict[str, _Variant] = {}
+    tables = Table(shown, root.value.pop("variant"), "variant")
+    for name, entry in tables.entries.items():
+        problem = identifier_problem(name)
+        if problem is not None:
+            raise tables.fail(name, problem, show(name))
+        out[name] = _Variant(Table(shown, entry, tables.path(name)))
+    return out
+
+
+def _override(root: Entry, shown: str, key: Any, value: Any) -> None:
+    if not isinstance(key, str):
+        raise ArgumentError(f"overrides: given the key {key!r}, expected a dotted path")
+    plain = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+    try:
+        locate.check_depth(plain)
+        _set(root, key, locate.wrap(plain))
+    except locate.TextError as error:
+        raise ArgumentError(f"overrides {key}: given {error.given}, expected {error.expected}") from None
+    except _NoSuchPath as error:
+        raise ModelError(shown, 0, key, "a path that leads nowhere", str(error)) from None
+
+
+def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
+    root.only(*_KEYS)
+    coupling = root.choice("motor_coupling", ("simplified", "complete"), "simplified")
+    chain, where = parts.elements(root)
+    draft = RobotModel(
+        name=root.name(),
+        description=root.text("description", ""),
+        source=root.text("source", ""),
+        gravity=root.vector("gravity", 3, what="m/s^2, world axes"),
+        base=root.build("base", parts.placement, Placement()),
+        elements=chain,
+        motors=parts.motors(root, chain, where, coupling),
+        tool=root.build("tool", parts.placement, Placement()),
+        payload=root.build("payload", parts.body, Body()),
+        output=Output("tool_pose"),
+        home=(),
+        moves=(),
+        motor_coupling=coupling,
+        variant=variant,
+        variants=variants,
+        file=root.file,
+    )
+    actuated = [draft.coordinates[i] for i in draft.i_g]
+    target = root.build("output", lambda table: goals.output(table, draft.coordinates))
+    if target is None:
+        raise root.fail("output", "a table: what a reference prescribes")
+    return replace(
+        draft,
+        output=target,
+        home=goals.posture(root, "home", actuated),
+        moves=goals.moves(root, target, actuated),
+        text=_canonical(root),
+    )
+
+
+def _canonical(root: Table) -> str:
+    """The data as text that depends on nothing but the data: sorted keys, every number as a float."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: plain(item) for key, item in value.items()}
+        if isinstance(value, list):
+            return [plain(item) for item in value]
+        return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+    data = {key: locate.unwrap(entry) for key, entry in root.entries.items() if key not in ("description", "source")}
+    return json.dumps(plain(data), sort_keys=True, ensure_ascii=True)
