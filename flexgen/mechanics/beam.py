@@ -76,11 +76,11 @@ def modal_beam(beam: Beam) -> ModalBeam:
             zeta.append(bending.damping_ratio)
             group.append(n)
     shapes, curvatures = np.array(phi), np.array(bend)
-    same = np.equal.outer(group, group)
-    m2 = (shapes * dm) @ shapes.T * same
-    stiffness = (curvatures * dm) @ curvatures.T * same
-    # modes of one bending are orthogonal: what quadrature leaves off the diagonal is dust
-    m2, stiffness = np.diag(np.diag(m2)), np.diag(np.diag(stiffness))
+    # modes of one bending are orthogonal: what quadrature leaves off the diagonal is dust; modes of two bendings are not,
+    # and their products enter the products of inertia
+    dust = np.equal.outer(group, group) & ~np.eye(len(group), dtype=bool)
+    m2 = np.where(dust, 0.0, (shapes * dm) @ shapes.T)
+    stiffness = np.diag(np.sum(curvatures**2 * dm, axis=1))
     damping = np.diag(2 * np.array(zeta) * np.sqrt(np.diag(stiffness) * np.diag(m2)))
     return ModalBeam(
         direction=np.array(direction),

@@ -114,7 +114,7 @@ def beam_energies(frame: Frame, beam: ModalBeam, q: ca.SX, v: ca.SX, gravity: ca
         + ca.dot(v0, ca.cross(w, first) + rate)
         + ca.dot(w, ca.mtimes(inertia, w)) / 2
         + ca.dot(w, spin)
-        + ca.dot(v, ca.mtimes(ca.SX(ca.DM(beam.m2)), v)) / 2
+        + ca.dot(v, ca.mtimes(ca.SX(ca.DM(beam.m2 * (d.T @ d))), v)) / 2
     )
     potential = -ca.dot(gravity, beam.mass * frame.p + ca.mtimes(frame.R, first))
     return kinetic, potential
