@@ -105,8 +105,12 @@ def inner_zeros(equations: Equations, linear: LinearModel, rest: Equilibrium) ->
     if model.n_e:
         A, D, K = inner_pencil(equations, linear)
         n = model.n_e
-        rate = np.sqrt(np.linalg.norm(K) / max(np.linalg.norm(A), 1e-300))
+        # where the output is flat, A vanishes but for rounding
+        i_e = list(model.i_e)
+        A = np.where(np.abs(A) > 1e-13 * np.abs(linear.M[np.ix_(i_e, i_e)]).max(), A, 0.0)
         size = np.linalg.norm(K)
+        rates = [np.sqrt(size / np.linalg.norm(A)) if A.any() else np.inf, size / np.linalg.norm(D) if D.any() else np.inf]
+        rate = min(rates) if np.isfinite(min(rates)) else 1.0
         A, D, K = A * rate**2 / size, D * rate / size, K / size
         left = np.block([[np.zeros((n, n)), np.eye(n)], [-K, -D]])
         right = np.block([[np.eye(n), np.zeros((n, n))], [np.zeros((n, n)), A]])

@@ -27,6 +27,8 @@ from flexgen.mechanics.outputs import OutputMap, output_map
 from flexgen.mechanics.statics import Equilibrium, balance, hold_output
 from flexgen.problems.path import Path, PathSample
 
+SINGULAR = 1e-9  # relative size of the smallest singular value below which rows no longer determine accelerations
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -179,30 +181,59 @@ class Reduction:
         outputs = [ca.densify(g[name]) for name in names]
         return ca.Function("levels", [g["q"], g["v"], g["a"], g["j"], g["s"]], outputs, list("qvajs"), names)
 
-    def motion(self, sample: PathSample, q: np.ndarray, v_e: np.ndarray) -> Motion:
+    def motion(self, sample: PathSample, q: np.ndarray, v_e: np.ndarray) -> Motion | None:
         """All derivatives of the arm's motion on the manifold, from coordinates ``q`` (n, n_a) and speeds ``v_e`` (n, n_e).
 
-        The equations hold exactly at each instant by construction; SolverError where their matrix is singular.
+        The equations hold exactly at each instant by construction. None where their matrix is (nearly) singular: there
+        the rows are no equations for the accelerations (a flat direction), see `motion_through`.
         """
-        n, n_a, n_y = len(q), self.model.n_a, self.n_y
+        n, n_a = len(q), self.model.n_a
         zero = np.zeros((n, n_a))
-        chosen = np.zeros((n, n_a, n_a))
-        chosen[:, n_y + np.arange(len(self.i_e)), self.i_e] = 1.0
-        at = dict(zip(self._levels.name_out(), evaluate(self._levels, q, zero, zero, zero, zero), strict=True))
-        chosen[:, :n_y] = at["W"].reshape(n, n_y, n_a)
-        v = np.linalg.solve(chosen, np.hstack([sample.rates(1), v_e])[:, :, None])[:, :, 0]
+        at = self._at([q, zero, zero, zero, zero])
+        G = at["G"].reshape(n, n_a, n_a)
+        rows = G / np.abs(G).max(axis=2)[:, :, None]
+        singular = np.linalg.svd(rows, compute_uv=False)
+        if (singular[:, -1] < SINGULAR * singular[:, 0]).any():
+            return None
+        v = np.linalg.solve(self._picking(at["W"]), np.hstack([sample.rates(1), v_e])[:, :, None])[:, :, 0]
         chain = [q, v, zero, zero, zero]
+        scale = np.abs(G).max(axis=2)
         for k in (2, 3, 4):
-            at = dict(zip(self._levels.name_out(), evaluate(self._levels, *chain), strict=True))
-            G = at["G"].reshape(n, n_a, n_a)
-            rhs = np.hstack([sample.rates(k) - at[f"rate{k}"].reshape(n, n_y), -at[f"row{k - 2}"].reshape(n, len(self.i_e))])
-            scale = np.abs(G).max(axis=2)
-            try:
-                chain[k] = np.linalg.solve(G / scale[:, :, None], (rhs / scale)[:, :, None])[:, :, 0]
-            except np.linalg.LinAlgError:
-                raise SolverError(
-                    f"model {self.model.name}: the zero dynamics is singular on the path; use --method full"
-                ) from None
-        at = dict(zip(self._levels.name_out(), evaluate(self._levels, *chain), strict=True))
-        tau_g = np.stack([at[f"tau{k}"].reshape(n, -1) for k in range(3)], axis=-1)
+            at = self._at(chain)
+            tool = sample.rates(k) - at[f"rate{k}"].reshape(n, self.n_y)
+            rhs = np.hstack([tool, -at[f"row{k - 2}"].reshape(n, len(self.i_e))])
+            chain[k] = np.linalg.solve(rows, (rhs / scale)[:, :, None])[:, :, 0]
+        return self._motion(chain)
+
+    def motion_through(self, sample: PathSample, q: np.ndarray, deflection: list[np.ndarray]) -> Motion:
+        """The same from the non-actuated coordinates' derivatives 1 to 4, each (n, n_e), as given."""
+        n = len(q)
+        zero = np.zeros_like(q)
+        chain = [q, zero, zero, zero, zero]
+        at = self._at(chain)
+        picking = self._picking(at["W"])
+        for k in (1, 2, 3, 4):
+            tool = sample.rates(k) - (0.0 if k == 1 else self._at(chain)[f"rate{k}"].reshape(n, self.n_y))
+            chain[k] = np.linalg.solve(picking, np.hstack([tool, deflection[k - 1]])[:, :, None])[:, :, 0]
+        return self._motion(chain)
+
+    def _at(self, chain: list[np.ndarray]) -> dict[str, np.ndarray]:
+        return dict(zip(self._levels.name_out(), evaluate(self._levels, *chain), strict=True))
+
+    def _picking(self, W: np.ndarray) -> np.ndarray:
+        """The matrix (n, n_a, n_a) whose upper rows are W and whose lower rows pick the non-actuated coordinates."""
+        n_a = self.model.n_a
+        W = W.reshape(-1, self.n_y, n_a)
+        out = np.zeros((len(W), n_a, n_a))
+        out[:, : self.n_y] = W
+        out[:, self.n_y + np.arange(len(self.i_e)), self.i_e] = 1.0
+        return out
+
+    def _motion(self, chain: list[np.ndarray]) -> Motion:
+        at = self._at(chain)
+        tau_g = np.stack([at[f"tau{k}"].reshape(len(chain[0]), -1) for k in range(3)], axis=-1)
         return Motion(*chain, tau_g)
+
+    def joint_motion(self, q_g: np.ndarray) -> Motion:
+        """Arm motion and gear torques from actuated coordinates with derivatives (n, n_g, 6); flexible-joint models only."""
+        return self._motion([np.ascontiguousarray(q_g[:, :, k]) for k in range(5)])

@@ -1,0 +1,374 @@
+"""Solve: from a model and a move to motor torques, verified by simulating the full model forward."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import BPoly, make_interp_spline
+
+from flexgen.analysis.linear import linearise
+from flexgen.analysis.zeros import inner_zeros
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.evaluate import evaluate
+from flexgen.model.elements import Move, RobotModel
+from flexgen.ports import Port
+from flexgen.problems.path import Path
+from flexgen.simulate import Simulation, simulate
+from flexgen.solvers.collocation import collocate
+from flexgen.solvers.drives import drives
+from flexgen.solvers.full import Limits, collocate_full
+from flexgen.solvers.reduction import Motion, Reduction
+from flexgen.solvers.tableaus import gauss
+from flexgen.trajectory import Trajectory
+
+METHODS = ("auto", "closed-form", "collocation", "full")
+ACCURACY = 1e-5  # m and rad: a verified error above this is refined, then called inaccurate
+STEP = 1e-3  # s: the torque is sampled at least as finely
+STAGES = 3
+DECAY = 15.0  # time constants before the path: exp(-15) of the pre-actuation is cut off
+SETTLE = 6.0  # time constants after the path, for the picture only
+RESIDUAL = 1e-3  # of the largest torque: above it an answer is called wrong, whatever the solver says
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Motor torques along a move, and how far they can be trusted.
+
+    ``status``: ``"solved"``; ``"limited"`` where torque or speed limits keep the tool off the path; ``"inaccurate"`` where
+    the verification says so. ``verdict``: the nonlinear program's own words, empty for the closed form. ``trajectory``:
+    channels ``q_a v_a a_a q_m v_m a_m tau_m tau_g y_ref (R_ref)``. ``residual_max_Nm``: largest residual of the full
+    equations of motion half way between the samples. ``simulation``: the verification, None where it was switched off.
+    ``lead_s``: how long before the path the motion begins. ``warnings``: what the user should know.
+    """
+
+    model: RobotModel
+    move: Move
+    method: str
+    status: str
+    verdict: str
+    trajectory: Trajectory
+    residual_max_Nm: float
+    iterations: int
+    wall_s: float
+    cpu_s: float
+    lead_s: float
+    simulation: Simulation | None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def tool_error_max_m(self) -> float | None:
+        """Largest distance of the simulated output from the path [m]; None where it was not measured."""
+        return None if self.simulation is None else self.simulation.tool_error_max_m
+
+    @property
+    def tool_error_max_rad(self) -> float | None:
+        """Largest angle between the simulated output and the path [rad]; None where it was not measured."""
+        return None if self.simulation is None else self.simulation.tool_error_max_rad
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures as JSON types, SI units."""
+        simulation = self.simulation
+        return {
+            "model": self.model.name,
+            "status": self.status,
+            "verdict": self.verdict,
+            "method": self.method,
+            "move": self.move.name,
+            "wall_s": self.wall_s,
+            "cpu_s": self.cpu_s,
+            "tool_error_max_m": self.tool_error_max_m,
+            "tool_error_max_rad": self.tool_error_max_rad,
+            "torque_max_Nm": float(np.abs(self.trajectory["tau_m"]).max()),
+            "speed_max_rad_s": float(np.abs(self.trajectory["v_m"]).max()),
+            "residual_max_Nm": self.residual_max_Nm,
+            "energy_error": None if simulation is None else simulation.energy_error,
+            "iterations": self.iterations,
+            "lead_s": self.lead_s,
+            "warnings": list(self.warnings),
+            "trajectory": None,
+        }
+
+
+def solve(
+    model: str | FilePath | RobotModel | Equations,
+    move: str | Move | None = None,
+    method: str = "auto",
+    *,
+    preview: float | None = None,
+    mesh: float | None = None,
+    limits: Limits | None = None,
+    verify: bool = True,
+    accuracy: float = ACCURACY,
+    progress: Callable[[str], None] | None = None,
+) -> Solution:
+    """Find the motor torques that make the output follow a move.
+
+    Parameters
+    ----------
+    model : name, path, RobotModel or Equations
+    move : str or Move, optional
+        A move of the model file; default: its first.
+    method : str
+        ``"closed-form"`` (no non-actuated coordinates), ``"collocation"`` (optimal control on the reduced problem, exact
+        path), ``"full"`` (optimal control on the full model, with limits and for complete motor coupling), or ``"auto"``.
+    preview : float, optional [s]
+        How long before the path the motion may begin; default: fifteen time constants of the slowest unstable zero.
+    mesh : float, optional [s]
+        Length of the collocation intervals; default: a hundredth of the move, between 1 and 5 ms.
+    limits : Limits, optional
+        Bounds on motor torque and speed; only with method "full" (which "auto" then picks).
+    verify : bool
+        Simulate the full model forward and measure the error; meshes that miss ``accuracy`` [m and rad] are refined.
+    progress : callable, optional
+        Called with one line of text now and then.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    ArgumentError
+        Unknown move or method, or one that does not apply.
+    SolverError
+        No solution: the text says what happened and what to try.
+    """
+    wall, cpu = time.perf_counter(), time.process_time()
+    equations = model if isinstance(model, Equations) else derive(model)
+    robot = equations.model
+    chosen = move if isinstance(move, Move) else _find(robot, move)
+    if method not in METHODS:
+        raise ArgumentError(f"method: given {method!r}, expected one of {', '.join(METHODS)}")
+    for name, value in (("preview", preview), ("mesh", mesh)):
+        if value is not None and not (np.isfinite(value) and (value > 0 or (name == "preview" and value == 0))):
+            raise ArgumentError(f"{name}: given {value}, expected a positive time in s")
+    if method == "auto":
+        needs_full = limits is not None or robot.motor_coupling != "simplified"
+        method = "full" if needs_full else ("closed-form" if robot.n_e == 0 else "collocation")
+    if limits is not None and method != "full":
+        raise ArgumentError(f"limits: method {method!r} follows the path exactly and cannot respect them, expected 'full'")
+    if method == "closed-form" and robot.n_e:
+        raise ArgumentError(f"method closed-form: model {robot.name} has {robot.n_e} non-actuated coordinates, use collocation")
+    path = Path(equations, chosen)
+    h = mesh if mesh is not None else float(np.clip(path.duration / 100, 1e-3, 5e-3))
+    attempts = 1 if (mesh is not None or method == "closed-form" or not verify) else 3
+    for attempt in range(attempts):
+        solution = _once(equations, path, method, preview, h / 2**attempt, limits, progress)
+        if verify:
+            simulation = simulate(equations, solution.trajectory, progress=progress)
+            solution = replace(solution, simulation=simulation)
+            worst = max(simulation.tool_error_max_m or 0.0, simulation.tool_error_max_rad or 0.0)
+            if worst <= accuracy or limits is not None:
+                break
+            solution = replace(solution, status="inaccurate")
+            if progress is not None and attempt + 1 < attempts:
+                progress(f"verified error {worst:.2e} is above {accuracy:.0e}: halving the mesh")
+    return replace(solution, wall_s=time.perf_counter() - wall, cpu_s=time.process_time() - cpu)
+
+
+def _find(robot: RobotModel, name: str | None) -> Move:
+    try:
+        return robot.move(name)
+    except KeyError:
+        names = ", ".join(m.name for m in robot.moves) or "none"
+        raise ArgumentError(f"move: given {name!r}, model {robot.name} has: {names}") from None
+
+
+def _once(
+    equations: Equations,
+    path: Path,
+    method: str,
+    preview: float | None,
+    h: float,
+    limits: Limits | None,
+    progress: Callable[[str], None] | None,
+) -> Solution:
+    robot = equations.model
+    if method == "full":
+        lead, settle = windows(equations, path) if preview is None else (preview, 0.05)
+        answer = collocate_full(equations, path, _mesh(lead, path.duration, settle, h), limits, progress=progress)
+        trajectory = _trajectory(equations, path, answer.t, answer.motion, answer.drives)
+        status = "limited" if answer.limited else "solved"
+        return _solution(equations, path, method, status, answer.nlp.status, answer.nlp.iterations, lead, trajectory)
+    if method == "closed-form":
+        n = int(np.ceil(path.duration / min(STEP, path.duration / 400)))
+        t = np.linspace(0.0, path.duration, n + 1)
+        sample = path.sample(t)
+        reduction = Reduction(equations)
+        if sample.q_g is not None:
+            motion = reduction.joint_motion(sample.q_g)
+        else:
+            q = reduction.close(reduction.follow(path, t, reduction.start(path).q_a), reduction.targets(sample))
+            motion = reduction.motion(sample, q, np.zeros((len(t), 0)))
+            if motion is None:
+                raise SolverError(f"move {path.move.name}: the path passes a singular pose; choose another path")
+        trajectory = _trajectory(equations, path, t, motion, None)
+        return _solution(equations, path, method, "solved", "", 0, 0.0, trajectory)
+    reduction = Reduction(equations)
+    lead, settle = windows(equations, path) if preview is None else (preview, 0.05)
+    nodes = _mesh(lead, path.duration, settle, h)
+    answer_r = collocate(reduction, path, nodes, stages=STAGES, progress=progress)
+    parts = max(1, int(np.ceil(2 * h / STEP - 1e-9)))
+    t, q_e, v_e, guess = answer_r.dense(gauss(STAGES), parts)
+    sample = path.sample(t)
+    guess[:, list(robot.i_e)] = q_e
+    q = reduction.close(guess, reduction.targets(sample))
+    motion = reduction.motion(sample, q, v_e)
+    if motion is None:  # a flat direction: its accelerations are read from the solution itself
+        smooth = make_interp_spline(nodes, answer_r.q_e, k=7)
+        q[:, list(robot.i_e)] = smooth(t)
+        q = reduction.close(q, reduction.targets(sample))
+        motion = reduction.motion_through(sample, q, [smooth(t, k) for k in (1, 2, 3, 4)])
+    trajectory = _trajectory(equations, path, t, motion, None)
+    nlp = answer_r.nlp
+    return _solution(equations, path, method, "solved", nlp.status, nlp.iterations, lead, trajectory)
+
+
+def windows(equations: Equations, path: Path) -> tuple[float, float]:
+    """How long before the path to begin and after it to end [s], from the zeros at five poses along the path."""
+    if equations.model.n_e == 0 or equations.model.motor_coupling != "simplified":
+        return 0.05, 0.05
+    reduction = Reduction(equations)
+    before, after = 0.0, 0.0
+    guess = path.q_start
+    for t in np.linspace(0.0, path.duration, 5):
+        rest = reduction.rest(path, float(t), guess)
+        guess = rest.q_a
+        zeros = inner_zeros(equations, linearise(equations, rest), rest)
+        unstable = zeros.real[zeros.real > 1e-9 * np.abs(zeros)]
+        stable = -zeros.real[zeros.real < -1e-9 * np.abs(zeros)]
+        before = max(before, 1 / unstable.min()) if len(unstable) else before
+        after = max(after, 1 / stable.min()) if len(stable) else after
+    return float(np.clip(DECAY * before, 0.02, 2.0)), float(np.clip(SETTLE * after, 0.05, 0.3))
+
+
+def _mesh(lead: float, duration: float, settle: float, h: float) -> np.ndarray:
+    """Nodes with the ends of the path among them; intervals of at most h on it, 2 h before and after."""
+    spans = [(-lead, 0.0, 2 * h), (0.0, duration, h), (duration, duration + settle, 2 * h)]
+    parts = [np.linspace(a, b, max(2, int(np.ceil((b - a) / d - 1e-9)) + 1)) for a, b, d in spans if b > a]
+    return np.unique(np.concatenate(parts))
+
+
+def _trajectory(equations: Equations, path: Path, t: np.ndarray, motion: Motion, motors: Any) -> Trajectory:
+    robot = equations.model
+    d = motors or drives(equations, t, motion.q, motion.v, motion.a, motion.tau_g)
+    sample = path.sample(t)
+    n_a, n_m, n_g = robot.n_a, robot.n_m, robot.n_g
+    names_a = tuple(c.name for c in robot.coordinates)
+    names_m = tuple(m.name for m in robot.motors)
+    names_g = tuple(names_a[i] for i in robot.i_g)
+    output = robot.output
+    n_y = sample.y.shape[1]
+    names_y = tuple(f"y{k + 1}" for k in range(n_y)) if output.type == "combination" else tuple(output.axes)
+    rows: list[tuple[str, np.ndarray, str, str, tuple[str, ...]]] = [
+        ("q_a", motion.q, "rad or m", "arm coordinates", names_a),
+        ("v_a", motion.v, "rad/s or m/s", "their speeds", names_a),
+        ("a_a", motion.a, "rad/s^2 or m/s^2", "their accelerations", names_a),
+        ("q_m", d.q_m, "rad", "motor angles, motor side", names_m),
+        ("v_m", d.v_m, "rad/s", "motor speeds, motor side", names_m),
+        ("a_m", d.a_m, "rad/s^2", "motor accelerations, motor side", names_m),
+        ("tau_m", d.tau_m, "N m", "motor torques, motor side", names_m),
+        ("tau_g", motion.tau_g[:, :, 0], "N m", "gear torques, arm side", names_g),
+        ("y_ref", sample.y[:, :, 0], output.unit if output.type == "combination" else "m", "reference output", names_y),
+    ]
+    if sample.R is not None:
+        labels = tuple(f"{r}{c}" for r in "xyz" for c in "xyz")
+        rows.append(("R_ref", sample.R.reshape(len(t), 9), "-", "reference orientation, rows of the matrix", labels))
+    assert (n_a, n_m, n_g) == (motion.q.shape[1], d.q_m.shape[1], motion.tau_g.shape[1])
+    return Trajectory(
+        t,
+        {name: values for name, values, *_ in rows},
+        {name: Port(name, (values.shape[1],), unit, doc) for name, values, unit, doc, _ in rows},
+        {name: labels for name, *_, labels in rows},
+        {"model": robot.name, "variant": robot.variant, "move": path.move.name, "kind": "solution"},
+    )
+
+
+def _solution(
+    equations: Equations,
+    path: Path,
+    method: str,
+    status: str,
+    verdict: str,
+    iterations: int,
+    lead: float,
+    trajectory: Trajectory,
+) -> Solution:
+    residual = residual_max(equations, trajectory)
+    scale = max(float(np.abs(trajectory["tau_g"]).max()), float(np.abs(trajectory["tau_m"]).max()), 1e-6)
+    if not (np.isfinite(residual) and residual <= RESIDUAL * scale):
+        raise SolverError(
+            f"method {method}: the answer does not satisfy the equations of motion: residual {residual:.3g} N m "
+            f"of {scale:.3g} N m; try a finer --mesh or a smoother move"
+        )
+    return Solution(
+        model=equations.model,
+        move=path.move,
+        method=method,
+        status=status,
+        verdict=verdict,
+        trajectory=trajectory,
+        residual_max_Nm=residual,
+        iterations=iterations,
+        wall_s=0.0,
+        cpu_s=0.0,
+        lead_s=lead,
+        simulation=None,
+        warnings=_warnings(equations.model, trajectory),
+    )
+
+
+def residual_max(equations: Equations, trajectory: Trajectory) -> float:
+    """Largest residual of the full equations of motion half way between the samples [N m or N].
+
+    Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque by a quintic spline:
+    nothing of the solver is used again.
+    """
+    robot = equations.model
+    t = trajectory.time
+    middle = (t[:-1] + t[1:]) / 2
+    arm, motor = (
+        BPoly.from_derivatives(t, np.stack([trajectory[f"{x}_{part}"] for x in "qva"], axis=1)) for part in "am"
+    )
+    tau = make_interp_spline(t, trajectory["tau_m"], k=5)(middle)
+    r_a, r_m = evaluate(
+        equations.function("residual"),
+        *(arm(middle, k) for k in range(3)),
+        *(motor(middle, k) for k in range(3)),
+        tau,
+    )
+    rows = [np.abs(r_a).max()]
+    if robot.i_m:
+        rows.append(np.abs(r_m.reshape(len(middle), -1)[:, list(robot.i_m)]).max())
+    return float(max(rows))
+
+
+def _warnings(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]:
+    """Limits of the model file that the trajectory exceeds."""
+    out = []
+    for j, motor in enumerate(robot.motors):
+        for channel, limit, unit in (("tau_m", motor.torque_max, "N m"), ("v_m", motor.speed_max, "rad/s")):
+            largest = float(np.abs(trajectory[channel][:, j]).max())
+            if limit is not None and largest > limit * (1 + 1e-9):
+                what = "torque" if channel == "tau_m" else "speed"
+                out.append(f"motor {motor.name}: {what} {largest:.4g} {unit} exceeds its limit {limit:.4g} {unit}")
+    for i, coordinate in enumerate(robot.coordinates):
+        dof = coordinate.dof
+        if dof is None:
+            continue
+        q, v, a = (trajectory[x][:, i] for x in ("q_a", "v_a", "a_a"))
+        u = coordinate.unit
+        if dof.lower is not None and q.min() < dof.lower - 1e-9:
+            out.append(f"coordinate {dof.name}: {q.min():.4g} {u} is below its limit {dof.lower:.4g} {u}")
+        if dof.upper is not None and q.max() > dof.upper + 1e-9:
+            out.append(f"coordinate {dof.name}: {q.max():.4g} {u} is above its limit {dof.upper:.4g} {u}")
+        for values, limit, unit in ((v, dof.speed_max, f"{u}/s"), (a, dof.acceleration_max, f"{u}/s^2")):
+            if limit is not None and np.abs(values).max() > limit * (1 + 1e-9):
+                out.append(f"coordinate {dof.name}: {np.abs(values).max():.4g} {unit} exceeds its limit {limit:.4g} {unit}")
+    return tuple(out)
