@@ -65,6 +65,8 @@ def friction_torque(friction: Friction, w: ca.SX) -> ca.SX:
     if friction.coulomb or friction.stribeck:
         level = friction.coulomb
         if friction.stribeck:
-            level = level + friction.stribeck / ca.cosh(friction.alpha * w)
+            # 1/cosh written so that neither it nor its derivative overflows at high speed
+            fade = ca.exp(-ca.fabs(friction.alpha * w))
+            level = level + friction.stribeck * (2 * fade / (1 + fade * fade))
         torque = torque + level * ca.tanh(friction.beta * w)
     return torque + friction.offset

@@ -1,0 +1,84 @@
+"""Generated libraries for the tests: made once, compiled by the compiler that is there, compared with CasADi."""
+
+from __future__ import annotations
+
+import atexit
+import shutil
+import subprocess
+import tempfile
+from functools import cache
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from flexgen.codegen.build import Generated, generate
+from flexgen.runtime import Library, load
+
+CC = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1", "-ffp-contract=off"]
+ROOT = Path(__file__).resolve().parent.parent
+SMALL = ["elbow", "planar5_nmp"]
+
+needs_compiler = pytest.mark.skipif(CC is None, reason="no C compiler")
+
+
+@cache
+def _folder() -> Path:
+    folder = tempfile.mkdtemp(prefix="flexgen-")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
+
+
+@cache
+def made(name: str) -> Generated:
+    """The library of a model; nobody changes it."""
+    return generate(name, _folder() / name)
+
+
+def loaded(name: str) -> Library:
+    return load(made(name).directory)
+
+
+def library_of(folder: Path) -> Path:
+    return next(path for path in folder.iterdir() if path.suffix in (".so", ".dylib"))
+
+
+def run(*command, folder: Path, expected: int = 0) -> str:
+    answer = subprocess.run([str(word) for word in command], cwd=folder, capture_output=True, text=True, check=False)
+    assert answer.returncode == expected, answer.stderr[:4000]
+    return answer.stdout
+
+
+def sources(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.glob("*.c") if path.name != "example.c")
+
+
+def random_states(model, n: int) -> dict[str, np.ndarray]:
+    """Moderate states: gears twisted by some mrad, motors moving with their joints."""
+    rng = np.random.default_rng(20240229)
+    i_g = list(model.i_g)
+    x = {"q_a": 0.7 * rng.normal(size=(n, model.n_a)), "v_a": rng.normal(size=(n, model.n_a))}
+    x["a_a"] = 5.0 * rng.normal(size=(n, model.n_a))
+    x["q_m"] = (x["q_a"][:, i_g] + 1e-3 * rng.normal(size=(n, len(i_g)))) @ model.eta.T
+    x["v_m"] = (x["v_a"][:, i_g] + 1e-2 * rng.normal(size=(n, len(i_g)))) @ model.eta.T
+    x["tau_m"] = 10.0 * rng.normal(size=(n, model.n_m))
+    return x
+
+
+def machine(function: ca.Function, inputs: list[np.ndarray]) -> list[np.ndarray]:
+    """Every output of CasADi's virtual machine at every point, shape (N, rows, columns)."""
+    buffer, trigger = function.buffer()
+    out = [np.zeros(function.size_out(i), order="F") for i in range(function.n_out())]
+    for i, array in enumerate(out):
+        buffer.set_res(i, memoryview(array.reshape(-1, order="F")))
+    results: list[list[np.ndarray]] = [[] for _ in out]
+    for k in range(inputs[0].shape[0]):
+        point = [np.ascontiguousarray(x[k]) for x in inputs]
+        for i, x in enumerate(point):
+            buffer.set_arg(i, memoryview(x))
+        trigger()
+        for i, array in enumerate(out):
+            results[i].append(array.copy())
+    return [np.array(r) for r in results]
