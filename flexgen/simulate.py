@@ -55,7 +55,9 @@ def _checked(model: RobotModel, trajectory: Trajectory) -> None:
     sizes = {"tau_m": model.n_m, "q_a": model.n_a, "q_m": model.n_m}
     for name, size in sizes.items():
         if name not in trajectory.channels:
-            raise ArgumentError(f"trajectory: channel {name} is missing; write one with 'flexgen solve {model.name} --out FILE'")
+            raise ArgumentError(
+                f"trajectory: channel {name} is missing; write one with 'flexgen solve {model.name} --out FILE'"
+            )
         width = trajectory[name].shape[1]
         if width != size:
             raise ArgumentError(

@@ -23,12 +23,14 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
+from scipy.interpolate import CubicSpline
 
 from flexgen.errors import SolverError
 from flexgen.problems.path import Path
 from flexgen.solvers.nlp import NlpResult, Progress, solve_nlp
 from flexgen.solvers.reduction import Reduction
 from flexgen.solvers.tableaus import Tableau, gauss
+from flexgen.solvers.transcription import Transcription
 
 DEFLECTION = 1e-2  # rad or m: the size of a deflection that matters, scales the unknowns
 RATE = 1.0  # rad/s or m/s
@@ -83,189 +85,63 @@ def collocate(
 
     SolverError where IPOPT does not converge; its verdict is in the text.
     """
-    model, table = reduction.model, gauss(stages)
-    n_a, n_e, n_g, N = model.n_a, model.n_e, model.n_g, len(nodes) - 1
-    h = np.diff(nodes)
-    times = (nodes[:-1, None] + h[:, None] * table.c).ravel()
-    sample = path.sample(times)
+    n_e, i_e, i_g = len(reduction.i_e), reduction.i_e, reduction.i_g
+    n_a, n_g = reduction.model.n_a, reduction.model.n_g
+    mesh = Transcription(nodes, gauss(stages), n_e, 3 * n_g)
     began = time.perf_counter()
-    guess, rest = _guess(reduction, path, nodes, times)
+    sample = path.sample(mesh.times)
+    guess, rest = _guess(reduction, path, mesh)
 
-    # the unknowns: states at the nodes; for each interval the accelerations a_e and then (q_g, v_g, a_g) of its instants
-    n_w = 3 * n_g
-    n_state, n_inner = 2 * n_e, stages * (n_e + n_w)
-    n_nodes = n_state * (N + 1)
+    z, row, h, deflection, w = mesh.instant()
+    X = ca.SX.zeros(3 * n_a)
+    for level, part in enumerate(deflection):
+        X[[level * n_a + i for i in i_e]] = part
+        X[[level * n_a + i for i in i_g]] = w[level * n_g : (level + 1) * n_g]
+    target, y1, y2 = (ca.SX.sym(f"target{i}", reduction.stage.size_in(i)[0]) for i in (1, 2, 3))
+    rows = reduction.stage(X, target, y1, y2)
+    values = [*mesh.parameters, reduction.targets(sample).T, sample.rates(1).T, sample.rates(2).T]
+
     scale_state = np.r_[np.full(n_e, DEFLECTION), np.full(n_e, RATE)]
     scale_w = np.repeat([1.0, 1.0, ACCELERATION], n_g)
     scale_inner = np.r_[np.full(stages * n_e, ACCELERATION), np.tile(scale_w, stages)]
-    scale_x = np.r_[np.tile(scale_state, N + 1), np.tile(scale_inner, N)]
-
-    local, block = _instant(reduction, stages)
-    n_rows, count = local.size1_out(0), N * stages
-    parameters = [
-        np.tile(np.hstack([table.c[:, None], table.A, table.AA, np.eye(stages)]), (N, 1)).T,
-        np.repeat(h, stages)[None],
-        reduction.targets(sample).T,
-        sample.rates(1).T,
-        sample.rates(2).T,
-    ]
-    # rows scaled so that an error in q, v or a of the size of their scales weighs one
-    where = _columns(N, stages, n_nodes, n_state, n_inner, n_e, n_w)  # (count, columns of the block)
-    x0 = guess[where[0]]
-    first = np.zeros(block.shape)
-    first[tuple(np.array(i) for i in block.get_triplet())] = np.array(local(x0, *[p[:, 0] for p in parameters])[1]).ravel()
-    local_scale = np.r_[scale_state, np.full(stages * n_e, ACCELERATION), scale_w]
-    size = np.maximum(np.abs(first * local_scale).max(axis=1), 1e-9)
-
-    x = ca.MX.sym("x", len(scale_x))
-    shown = x * ca.DM(scale_x)
-    gathered = ca.reshape(shown[where.ravel().tolist()], where.shape[1], count)
-    values, slopes = local.map(count)(gathered, *[ca.DM(p) for p in parameters])
-    linear = _continuity(nodes, table, n_e, n_nodes, n_inner)
-    scale_g = np.r_[np.tile(1 / size, count), np.tile(1 / scale_state, N)]
-    g = ca.vertcat(ca.vec(values), ca.mtimes(_dm(linear), shown)) * ca.DM(scale_g)
-    jac = _jacobian(block, slopes, linear, where, n_rows, scale_x, scale_g)
+    scale_x = np.r_[np.tile(scale_state, mesh.N + 1), np.tile(scale_inner, mesh.N)]
+    x = ca.MX.sym("x", mesh.size)
+    g, jacobian, _ = mesh.constraints(x, rows, [z, row, h, target, y1, y2], values, scale_x, guess)
 
     # the cost is quadratic and the constraints leave few freedoms: its own Hessian is all the curvature that is needed
-    weight = np.zeros(len(scale_x))
-    weight[:n_state] = 1.0
-    weight[n_nodes - n_state : n_nodes] = 1.0
-    aim = np.zeros(len(scale_x))
-    aim[:n_state], aim[n_nodes - n_state : n_nodes] = rest
-    deviation = x - ca.DM(aim / scale_x)
-    cost = ca.dot(ca.DM(weight), deviation**2) / 2
-    curvature = ca.DM(sp.diags(weight).tocsc())
-    setup_s = time.perf_counter() - began
+    ends = np.r_[0 : 2 * n_e, mesh.n_nodes - 2 * n_e : mesh.n_nodes]
+    weight, aim = np.zeros(mesh.size), np.zeros(mesh.size)
+    weight[ends], aim[ends] = 1.0, np.concatenate(rest)
+    cost = ca.dot(ca.DM(weight), (x - ca.DM(aim / scale_x)) ** 2) / 2
     result = solve_nlp(
         x,
         cost,
         g,
-        jac,
-        ca.MX(curvature),
+        jacobian,
+        ca.MX(ca.DM(sp.diags(weight).tocsc())),
         guess / scale_x,
         progress=progress,
         max_iterations=max_iterations,
-        setup_s=setup_s,
+        setup_s=time.perf_counter() - began,
     )
     if not result.success:
         raise SolverError(
             f"collocation: IPOPT ended with {result.status!r} after {result.iterations} iterations, "
             f"largest violation {result.violation:.2e}; try a longer --preview, a finer --mesh or --method full"
         )
-    solution = result.x * scale_x
-    states = solution[:n_nodes].reshape(N + 1, 2, n_e)
-    inner = solution[n_nodes:].reshape(N, n_inner)
-    a_e = inner[:, : stages * n_e].reshape(N, stages, n_e)
-    q = np.zeros((N, stages, n_a))
-    q[:, :, reduction.i_g] = inner[:, stages * n_e :].reshape(N, stages, n_w)[:, :, :n_g]
-    return Collocated(nodes, states[:, 0], states[:, 1], a_e, q, result)
+    q_e, v_e, a_e, found = mesh.unpack(result.x * scale_x)
+    q = np.zeros((mesh.N, stages, n_a))
+    q[:, :, i_g] = found[:, :, :n_g]
+    return Collocated(nodes, q_e, v_e, a_e, q, result)
 
 
-def _instant(reduction: Reduction, stages: int) -> tuple[ca.Function, ca.Sparsity]:
-    """Residual at one Gauss point and the nonzeros of its Jacobian.
-
-    Unknowns: (q_e, v_e at the node before, a_e at all Gauss points of the interval, (q_g, v_g, a_g) at this one);
-    parameters: row (c, A, AA) of the tableau, h, target, Z', Z''. The deflections at the point follow by integration.
-    """
-    n_a, i_g, i_e = reduction.model.n_a, reduction.i_g, reduction.i_e
-    n_e, n_g = len(i_e), len(i_g)
-    z = ca.SX.sym("z", (2 + stages) * n_e + 3 * n_g)
-    row, h = ca.SX.sym("row", 1 + 2 * stages), ca.SX.sym("h")
-    stage = reduction.stage
-    target, y1, y2 = (ca.SX.sym(stage.name_in(i), stage.size_in(i)[0]) for i in (1, 2, 3))
-    q_k, v_k = z[:n_e], z[n_e : 2 * n_e]
-    a = [z[(2 + j) * n_e : (3 + j) * n_e] for j in range(stages)]
-    w = z[(2 + stages) * n_e :]
-    q_e, v_e, a_e = q_k + h * row[0] * v_k, v_k, ca.SX.zeros(n_e)
-    own = ca.SX.sym("own", stages)  # picks this instant's acceleration
-    for j in range(stages):
-        v_e = v_e + h * row[1 + j] * a[j]
-        q_e = q_e + h**2 * row[1 + stages + j] * a[j]
-        a_e = a_e + own[j] * a[j]
-    place = ca.SX.zeros(3 * n_a)
-    for level, part in enumerate((q_e, v_e, a_e)):
-        place[[level * n_a + i for i in i_e]] = part
-        place[[level * n_a + i for i in i_g]] = w[level * n_g : (level + 1) * n_g]
-    X = ca.SX.sym("X", 3 * n_a)
-    rows = stage(X, target, y1, y2)
-    slope = ca.mtimes(ca.jacobian(rows, X), ca.jacobian(place, z))
-    rows, slope = ca.substitute([rows, slope], [X], [place])
-    block = slope.sparsity()
-    function = ca.Function("instant", [z, ca.vertcat(row, own), h, target, y1, y2], [rows, ca.vertcat(*slope.nonzeros())])
-    return function, block
-
-
-def _columns(N: int, stages: int, n_nodes: int, n_state: int, n_inner: int, n_e: int, n_w: int) -> np.ndarray:
-    """Where the unknowns of each instant stand in x, shape (N stages, columns of its block)."""
-    k, i = np.divmod(np.arange(N * stages), stages)
-    start = n_nodes + n_inner * k
-    parts = [
-        n_state * k[:, None] + np.arange(n_state),
-        start[:, None] + np.arange(stages * n_e),
-        (start + stages * n_e + n_w * i)[:, None] + np.arange(n_w),
-    ]
-    return np.hstack(parts)
-
-
-def _dm(matrix: sp.spmatrix) -> ca.DM:
-    return ca.DM(sp.csc_matrix(matrix))
-
-
-def _guess(
-    reduction: Reduction, path: Path, nodes: np.ndarray, times: np.ndarray
-) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+def _guess(reduction: Reduction, path: Path, mesh: Transcription) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """Quasi-static motion as a first guess, and the states of rest before and after the path."""
-    from scipy.interpolate import CubicSpline
-
-    n_e, i_e, i_g = len(reduction.i_e), reduction.i_e, reduction.i_g
-    start = reduction.start(path).q_a
+    i_e, i_g, nodes, times = reduction.i_e, reduction.i_g, mesh.nodes, mesh.times
     both = np.unique(np.concatenate([nodes, times]))
-    slow = CubicSpline(both, reduction.follow(path, both, start))
-    N = len(nodes) - 1
+    slow = CubicSpline(both, reduction.follow(path, both, reduction.start(path).q_a))
     states = np.hstack([slow(nodes)[:, i_e], slow(nodes, 1)[:, i_e]])
-    a_e = slow(times, 2)[:, i_e].reshape(N, -1)
-    w = np.hstack([slow(times, k)[:, i_g] for k in range(3)]).reshape(N, -1)
-    rest = (
-        np.concatenate([slow(nodes[0])[i_e], np.zeros(n_e)]),
-        np.concatenate([slow(nodes[-1])[i_e], np.zeros(n_e)]),
-    )
-    return np.concatenate([states.ravel(), np.hstack([a_e, w]).ravel()]), rest
-
-
-def _continuity(nodes: np.ndarray, table: Tableau, n_e: int, n_nodes: int, n_inner: int) -> sp.csc_matrix:
-    """From node to node: linear in the unknowns, so written once as a sparse matrix."""
-    N, s = len(nodes) - 1, len(table.c)
-    k = np.repeat(np.arange(N), n_e)
-    e = np.tile(np.arange(n_e), N)
-    h = np.diff(nodes)[k]
-    at = 2 * n_e * k + e
-    here, after, inner = 2 * n_e * k + e, 2 * n_e * (k + 1) + e, n_nodes + n_inner * k + e
-    one = np.ones(len(k))
-    entries = [(at, after, one), (at, here, -one), (at, here + n_e, -h)]
-    entries += [(at + n_e, after + n_e, one), (at + n_e, here + n_e, -one)]
-    for j in range(s):
-        entries += [(at, inner + n_e * j, -(h**2) * table.bb[j]), (at + n_e, inner + n_e * j, -h * table.b[j])]
-    rows, cols, values = (np.concatenate(x) for x in zip(*entries, strict=True))
-    return sp.csc_matrix((values, (rows, cols)), shape=(2 * n_e * N, n_nodes + n_inner * N))
-
-
-def _jacobian(
-    block: ca.Sparsity,
-    slopes: ca.MX,
-    linear: sp.csc_matrix,
-    where: np.ndarray,
-    n_rows: int,
-    scale_x: np.ndarray,
-    scale_g: np.ndarray,
-) -> ca.MX:
-    """The constraint Jacobian put together from the blocks of each instant and the constant rows."""
-    row, col = (np.array(x) for x in block.get_triplet())
-    count = len(where)
-    fixed = linear.tocoo()
-    rows = np.concatenate([(np.arange(count)[:, None] * n_rows + row).ravel(), n_rows * count + fixed.row])
-    cols = np.concatenate([where[:, col].ravel(), fixed.col])
-    order = np.lexsort((rows, cols))  # column by column, as CasADi stores it
-    values = ca.vertcat(ca.vec(slopes), ca.DM(fixed.data)) * ca.DM(scale_g[rows] * scale_x[cols])
-    shape = (n_rows * count + linear.shape[0], linear.shape[1])
-    pattern = ca.Sparsity.triplet(*shape, rows.tolist(), cols.tolist())
-    return ca.MX(pattern, values[order.tolist()])
+    w = np.hstack([slow(times, k)[:, i_g] for k in range(3)])
+    still = np.zeros(len(i_e))
+    rest = np.r_[slow(nodes[0])[i_e], still], np.r_[slow(nodes[-1])[i_e], still]
+    return mesh.pack(states, slow(times, 2)[:, i_e], w), rest

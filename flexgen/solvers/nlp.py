@@ -32,9 +32,10 @@ class NlpResult:
 class _Watch(ca.Callback):
     """Reports each iteration to a progress function."""
 
-    def __init__(self, n_x: int, n_g: int, progress: Progress) -> None:
+    def __init__(self, n_x: int, lower: np.ndarray, upper: np.ndarray, progress: Progress) -> None:
         ca.Callback.__init__(self)
-        self.n_x, self.n_g, self.progress = n_x, n_g, progress
+        self.n_x, self.n_g, self.progress = n_x, len(lower), progress
+        self.lower, self.upper = lower, upper
         self.count, self.began = 0, time.perf_counter()
         self.construct("watch", {})
 
@@ -50,13 +51,17 @@ class _Watch(ca.Callback):
 
     def eval(self, arg: list[ca.DM]) -> list[int]:
         at = {ca.nlpsol_out(i): value for i, value in enumerate(arg)}
-        violation = float(ca.norm_inf(at["g"])) if self.n_g else 0.0
+        violation = _violation(np.array(at["g"]).ravel(), self.lower, self.upper)
         elapsed = time.perf_counter() - self.began
         self.progress(
             f"IPOPT iteration {self.count:3d}: cost {float(at['f']):10.3e}, constraints {violation:9.2e}, {elapsed:6.1f} s"
         )
         self.count += 1
         return [0]
+
+
+def _violation(values: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> float:
+    return float(np.max(np.maximum(np.maximum(lower - values, values - upper), 0.0), initial=0.0))
 
 
 def solve_nlp(
@@ -100,23 +105,20 @@ def solve_nlp(
     if hessian is not None:
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", n_g)
         options["hess_lag"] = ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], [lam_f * ca.triu(hessian)])
+    lower, upper = (np.broadcast_to(bound, n_g) for bound in (bounds_g or (0.0, 0.0)))
     watch = None
     if progress is not None:
-        watch = _Watch(x.shape[0], n_g, progress)
+        watch = _Watch(x.shape[0], lower, upper, progress)
         options["iteration_callback"] = watch
     solver = ca.nlpsol("nlp", "ipopt", {"x": x, "f": cost, "g": g, "p": p}, options)
     setup_s += time.perf_counter() - began
     began = time.perf_counter()
-    arguments: dict[str, Any] = {"x0": guess, "lbg": 0.0, "ubg": 0.0}
-    if bounds_g is not None:
-        arguments["lbg"], arguments["ubg"] = bounds_g
+    arguments: dict[str, Any] = {"x0": guess, "lbg": lower, "ubg": upper}
     if bounds_x is not None:
         arguments["lbx"], arguments["ubx"] = bounds_x
     answer = solver(**arguments)
     stats = solver.stats()
-    values = np.array(answer["g"]).ravel()
-    lower, upper = np.broadcast_to(arguments["lbg"], n_g), np.broadcast_to(arguments["ubg"], n_g)
-    violation = float(np.max(np.maximum(np.maximum(lower - values, values - upper), 0.0), initial=0.0))
+    violation = _violation(np.array(answer["g"]).ravel(), lower, upper)
     # IPOPT's word alone is not believed: the constraints are looked at
     success = bool(stats["success"]) and violation <= 100 * tolerance and bool(np.isfinite(violation))
     return NlpResult(

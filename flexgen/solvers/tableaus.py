@@ -33,6 +33,12 @@ class Tableau:
         for k in range(1, len(self.c) + 1):  # C(s): sum A c^(k-1) = c^k/k
             assert np.allclose(self.A @ self.c ** (k - 1), self.c**k / k, atol=1e-12), f"{self.name}: stage order {k}"
 
+    def lagrange(self, theta: np.ndarray) -> np.ndarray:
+        """Values of the Lagrange polynomials of the nodes at ``theta``, (n, s)."""
+        others = [np.delete(self.c, j) for j in range(len(self.c))]
+        columns = [np.prod((theta[:, None] - o) / (c - o), axis=1) for c, o in zip(self.c, others, strict=True)]
+        return np.stack(columns, axis=1)
+
     def weights(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Integrals ``int_0^theta l_j`` and ``int int l_j`` for dense output, each (n, s)."""
         once, twice = _integrals(self.c)

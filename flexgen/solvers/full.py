@@ -1,0 +1,244 @@
+"""Inverse dynamics as optimal control of the full model, with bounds on motor torque and speed.
+
+Nothing is reduced: all coordinates y = (q_a, q_me) are collocated, the motor torques are unknowns, the machine starts
+exactly at rest, and the tool follows as well as it can:
+
+    min  mean |e(q_a) / e_0|^2 + rho mean |tau_m' T / tau_0|^2 + |end - rest|^2
+    s.t. the equations of motion at the Gauss points,  |tau_m| <= tau_max,  |v_m| <= v_max
+
+The torque is continuous: it is collocated as the speed of further coordinates u, ``u' = tau_m``. Five Gauss points an
+interval, one more than the index of the inverse problem: with fewer the torque loses its order. The path is followed to a
+small fraction of ``e_0``, not exactly; where limits bite, by as much as they allow.
+
+Source: J. Betts, Practical Methods for Optimal Control, 2010, ch. 4.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+from scipy.interpolate import CubicSpline
+
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.evaluate import evaluate
+from flexgen.mechanics.outputs import output_map
+from flexgen.mechanics.statics import at_rest
+from flexgen.model.elements import RobotModel
+from flexgen.problems.path import Path
+from flexgen.solvers.collocation import ACCELERATION
+from flexgen.solvers.drives import Drives
+from flexgen.solvers.nlp import NlpResult, Progress, solve_nlp
+from flexgen.solvers.reduction import Motion, Reduction
+from flexgen.solvers.tableaus import gauss
+from flexgen.solvers.transcription import Transcription
+
+STAGES = 5
+PARTS = 10  # samples an interval
+ERROR = 1e-4  # e_0, m or rad: the tool error that costs one
+SMOOTH = 1e-9  # rho: small, for the torque shall follow the path and only what the path leaves open shall be smooth
+SMOOTH_LIMITED = 1e-3  # rho with limits: with less the torque chatters between them for a gain that nobody could measure
+TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds on motor torque [N m] and speed [rad/s], motor side, one entry a motor; None: no bounds of that kind."""
+
+    torque: tuple[float, ...] | None = None
+    speed: tuple[float, ...] | None = None
+
+    def arrays(self, n_m: int) -> tuple[np.ndarray, np.ndarray]:
+        """Torque and speed bounds (n_m,), infinite where there is none; ArgumentError where they do not fit."""
+        out = []
+        for name, values in (("torque", self.torque), ("speed", self.speed)):
+            array = np.full(n_m, np.inf) if values is None else np.array(values, dtype=float)
+            if array.shape != (n_m,) or not (array > 0).all():
+                raise ArgumentError(f"limits: given {name} {values}, expected {n_m} positive numbers")
+            out.append(array)
+        return out[0], out[1]
+
+
+def limits_from_model(model: RobotModel) -> Limits:
+    """The limits stated in the model file; ArgumentError where it states none."""
+    torque = tuple(np.inf if m.torque_max is None else m.torque_max for m in model.motors)
+    speed = tuple(np.inf if m.speed_max is None else m.speed_max for m in model.motors)
+    if np.isinf([*torque, *speed]).all():
+        raise ArgumentError(f"limits: model {model.name} states none; add torque_max or speed_max to its motors")
+    return Limits(torque, speed)
+
+
+@dataclass(frozen=True)
+class FullSolution:
+    """Samples of motion and torque; ``limited``: a bound keeps the tool off the path."""
+
+    t: np.ndarray
+    motion: Motion
+    drives: Drives
+    limited: bool
+    nlp: NlpResult
+
+
+def collocate_full(
+    equations: Equations,
+    path: Path,
+    nodes: np.ndarray,
+    limits: Limits | None = None,
+    *,
+    progress: Progress | None = None,
+    max_iterations: int = 300,
+) -> FullSolution:
+    """Solve the full problem on the mesh ``nodes`` [s]. SolverError where IPOPT does not converge."""
+    model = equations.model
+    n, n_a, n_m, n_y, i_m = model.dof, model.n_a, model.n_m, model.output.size, list(model.i_m)
+    torque_max, speed_max = (limits or Limits()).arrays(n_m)
+    mesh = Transcription(nodes, gauss(STAGES), n + n_m, n_y)
+    began = time.perf_counter()
+    reduction, y_rest, tau_rest, slow = _slow_motion(equations, path, mesh)
+    sample = path.sample(mesh.times)
+
+    ratio, inertia = np.abs(model.eta).max(axis=1), np.array([m.inertia for m in model.motors])
+    scale_y = np.r_[np.ones(n_a), ratio[i_m]]
+    tau_0 = np.maximum(np.abs(tau_rest).max(axis=0), 0.1 * inertia * ratio * ACCELERATION)
+    scale_state = np.r_[scale_y, tau_0, scale_y, tau_0]  # u in N m s
+    scale_rate = np.r_[scale_y, tau_0] * ACCELERATION
+    scale_x = np.r_[
+        np.tile(scale_state, mesh.N + 1), np.tile(np.r_[np.tile(scale_rate, STAGES), np.ones(STAGES * n_y)], mesh.N)
+    ]
+    torque = np.clip(tau_rest[0] + np.linspace(0, 1, mesh.N + 1)[:, None] * (tau_rest[1] - tau_rest[0]), -torque_max, torque_max)
+    states = np.hstack([slow(nodes), np.zeros((mesh.N + 1, n_m)), slow(nodes, 1), torque])
+    still = np.zeros((len(mesh.times), n_m))
+    guess = mesh.pack(states, np.hstack([slow(mesh.times, 2), still]), np.zeros((len(mesh.times), n_y)))
+
+    z, row, h, (y, dy, ddy), e = mesh.instant()
+    place = output_map(equations)
+    target = ca.SX.sym("target", place.target.shape[0])
+    symbols = ca.vertcat(equations.lagrangian.chain.q_a, place.target)
+    error = ca.substitute(place.error, symbols, ca.vertcat(y[:n_a], target))
+    residual, speeds = _instant_rows(equations, y, dy, ddy)
+    bounds = np.r_[speed_max, torque_max]
+    bounded = np.flatnonzero(np.isfinite(bounds)).tolist()
+    rows = ca.vertcat(residual, error - ERROR * e, ca.vertcat(speeds, dy[n:])[bounded])
+    x = ca.MX.sym("x", mesh.size)
+    values = [*mesh.parameters, reduction.targets(sample).T]
+    g, jacobian, scale = mesh.constraints(x, rows, [z, row, h, target], values, scale_x, guess)
+    upper = np.zeros(rows.shape[0])
+    upper[n + n_y :] = bounds[bounded]
+    upper_g = np.r_[np.tile(upper * scale, mesh.N * STAGES), np.zeros(2 * mesh.n * mesh.N)]
+
+    # all terms of the cost are squares of unknowns: a diagonal holds all of it
+    count = mesh.N * STAGES
+    smooth = SMOOTH if np.isinf(bounds).all() else SMOOTH_LIMITED
+    accelerations, errors = mesh.own
+    weight, aim = np.zeros(mesh.size), np.zeros(mesh.size)
+    weight[errors.ravel()] = 1.0 / count
+    weight[accelerations[:, n:].ravel()] = smooth / count * (ACCELERATION * path.duration) ** 2
+    last = np.arange(mesh.n_nodes - 2 * mesh.n, mesh.n_nodes)
+    goal = np.r_[y_rest[1], np.zeros(n_m), np.zeros(n), tau_rest[1]]
+    keep = np.r_[np.ones(n), np.zeros(n_m), np.ones(n), np.zeros(n_m)]
+    weight[last], aim[last] = 1e-3 * keep, goal
+    cost = ca.dot(ca.DM(weight), (x - ca.DM(aim / scale_x)) ** 2) / 2
+    H = ca.DM(sp.diags(weight).tocsc())
+
+    lower_x, upper_x = np.full(mesh.size, -np.inf), np.full(mesh.size, np.inf)
+    nodes_tau = np.arange(mesh.N + 1)[:, None] * 2 * mesh.n + 2 * mesh.n - n_m + np.arange(n_m)
+    lower_x[nodes_tau], upper_x[nodes_tau] = -torque_max / tau_0, torque_max / tau_0
+    first = np.r_[y_rest[0], np.zeros(n_m), np.zeros(n), tau_rest[0]] / scale_state
+    lower_x[: 2 * mesh.n] = upper_x[: 2 * mesh.n] = first
+    result = solve_nlp(
+        x,
+        cost,
+        g,
+        jacobian,
+        ca.MX(H),
+        guess / scale_x,
+        bounds_x=(lower_x, upper_x),
+        bounds_g=(-upper_g, upper_g),
+        progress=progress,
+        max_iterations=max_iterations,
+        tolerance=TOLERANCE,
+        setup_s=time.perf_counter() - began,
+    )
+    if not result.success:
+        raise SolverError(
+            f"full collocation: IPOPT ended with {result.status!r} after {result.iterations} iterations, largest "
+            f"violation {result.violation:.2e}; give the move more time, loosen the limits or change the --mesh"
+        )
+    return _samples(equations, mesh, result, scale_x, torque_max, speed_max)
+
+
+def _slow_motion(
+    equations: Equations, path: Path, mesh: Transcription
+) -> tuple[Reduction, list[np.ndarray], np.ndarray, CubicSpline]:
+    """Where to start: quasi-static motion of y as a spline, rest (y, torque) at both ends."""
+    model = equations.model
+    simple = dataclasses.replace(model, motor_coupling="simplified")  # rest is the same, and it can be reduced
+    reduction = Reduction(Equations(simple) if model.motor_coupling == "complete" else equations)
+    times = np.unique(np.concatenate([mesh.nodes, mesh.times]))
+    arm = reduction.follow(path, times, reduction.start(path).q_a)
+    ends = [at_rest(equations, arm[0]), at_rest(equations, arm[-1])]
+    i_m = list(model.i_m)
+    geared = (arm[:, list(model.i_g)] @ model.eta.T)[:, i_m]
+    share = np.linspace(0, 1, len(times))[:, None]
+    motors = geared + (1 - share) * (ends[0].q_m[i_m] - geared[0]) + share * (ends[1].q_m[i_m] - geared[-1])
+    y_rest = [np.r_[e.q_a, e.q_m[i_m]] for e in ends]
+    return reduction, y_rest, np.array([e.tau_m for e in ends]), CubicSpline(times, np.hstack([arm, motors]))
+
+
+def _instant_rows(equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Equations of motion (n) and motor speeds (n_m) at one instant, from (q_a, q_me, u) and their derivatives."""
+    model = equations.model
+    n, n_a, n_m, i_m = model.dof, model.n_a, model.n_m, list(model.i_m)
+    q_m, v_m, a_m = (ca.SX.zeros(n_m) for _ in range(3))
+    for full, part in ((q_m, y), (v_m, dy), (a_m, ddy)):
+        full[i_m] = part[n_a:n]
+    r_a, r_m = equations.function("residual")(y[:n_a], dy[:n_a], ddy[:n_a], q_m, v_m, a_m, dy[n:])
+    geared = ca.mtimes(ca.SX(ca.DM(model.eta)), dy[list(model.i_g)])
+    elastic = set(i_m)
+    return ca.vertcat(r_a, r_m[i_m]), ca.vertcat(*[v_m[j] if j in elastic else geared[j] for j in range(n_m)])
+
+
+def _samples(
+    equations: Equations,
+    mesh: Transcription,
+    result: NlpResult,
+    scale_x: np.ndarray,
+    torque_max: np.ndarray,
+    speed_max: np.ndarray,
+) -> FullSolution:
+    """Motion and torques on a grid ``PARTS`` times finer than the mesh, from the collocation polynomials."""
+    model = equations.model
+    n, n_a, i_m, i_g = model.dof, model.n_a, list(model.i_m), list(model.i_g)
+    y, dy, ddy, w = mesh.unpack(result.x * scale_x)
+    theta = np.arange(PARTS) / PARTS
+    once, twice = mesh.table.weights(theta)
+    h = mesh.h[:, None, None]
+    levels = [
+        y[:-1, None] + h * theta[:, None] * dy[:-1, None] + h**2 * np.einsum("pj,njk->npk", twice, ddy),
+        dy[:-1, None] + h * np.einsum("pj,njk->npk", once, ddy),
+        np.einsum("pj,njk->npk", mesh.table.lagrange(theta), ddy),
+    ]
+    ends = [y[-1:], dy[-1:], np.einsum("j,jk->k", mesh.table.lagrange(np.ones(1))[0], ddy[-1])[None]]
+    t = np.r_[(mesh.nodes[:-1, None] + mesh.h[:, None] * theta).ravel(), mesh.nodes[-1]]
+    sampled = [np.vstack([level.reshape(-1, mesh.n), end]) for level, end in zip(levels, ends, strict=True)]
+    arm = [level[:, :n_a] for level in sampled]
+    motor = []
+    for level in sampled:
+        full = level[:, i_g] @ model.eta.T
+        full[:, i_m] = level[:, n_a:n]
+        motor.append(full)
+    # between nodes and Gauss points, where it is bounded, the torque's polynomial may swing over by a trifle
+    tau_m = np.clip(sampled[1][:, n:], -torque_max, torque_max)
+    arm_load = evaluate(equations.function("inverse_dynamics"), *arm)[0]
+    load = arm_load - evaluate(equations.function("arm_forces"), *arm[:2])[0]
+    tau_g = np.zeros((len(t), len(i_g), 3))
+    tau_g[:, :, 0] = load.reshape(len(t), -1)[:, i_g]
+    at_bound = (np.abs(tau_m) > 0.999 * torque_max).any() or (np.abs(motor[1]) > 0.999 * speed_max).any()
+    limited = bool(at_bound and np.abs(w).max() * ERROR > 1e-6)
+    zero = np.zeros_like(arm[0])
+    return FullSolution(t, Motion(*arm, zero, zero, tau_g), Drives(*motor, tau_m), limited, result)
