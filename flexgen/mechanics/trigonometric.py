@@ -1,9 +1,10 @@
 """Polynomials in constants and in sines and cosines of angles: exact, canonical, and arranged for a reader.
 
 Every entry of the closed-form equations of a chain is such a polynomial. Sums and products are those of a sparse
-polynomial ring over the rationals, with one generator for each sine and cosine; ``sin^2 = 1 - cos^2`` is applied after
-each product, so that equal expressions are equal objects and zeros are recognised without any guessing. What a person
-reads is chosen among several equal forms: multiple angles, or powers of sines and cosines of relative or absolute angles.
+polynomial ring over the rationals, with one generator for each sine and cosine; ``sin^2 = 1 - cos^2`` is applied
+after each product, so that equal expressions are equal objects and zeros are recognised without any guessing. What a
+person reads is the shortest of several equal forms: multiple angles, or powers of sines and cosines of relative or
+absolute angles.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
 import sympy as sp
+from sympy.polys.orderings import lex
 from sympy.polys.rings import PolyRing
 
 from flexgen.errors import ArgumentError
@@ -21,9 +24,11 @@ from flexgen.errors import ArgumentError
 Element = Any  # an element of a sympy PolyRing
 Vector3 = list[Element]
 Matrix3 = list[list[Element]]
+Rows = Sequence[Sequence[int]]
+Levels = Sequence[Sequence[sp.Symbol] | None]
 Waves = dict[tuple[int, ...], list[Element]]
 
-MAX_TERMS = 6000  # in one polynomial: beyond, nobody reads the result
+MAX_TERMS = 3000  # in one polynomial: beyond, nobody reads the result
 MAX_TERMS_TIDIED = 250  # up to here all forms are tried and factored
 MAX_TERMS_FACTORED = 24
 
@@ -52,12 +57,12 @@ class TrigonometricRing:
         unit_vectors: Sequence[tuple[sp.Symbol, ...]] = (),
         heavy: Sequence[sp.Symbol] = (),
         light: Sequence[sp.Symbol] = (),
-        absolute: Sequence[Sequence[int]] = (),
+        absolute: Rows = (),
     ) -> None:
         self.constants, self.angles, self.heavy, self.light = tuple(constants), tuple(angles), heavy, light
         self.n = len(self.constants)
         self._trig = [sp.Dummy(f"{f}_{a}", real=True) for a in self.angles for f in ("c", "s")]
-        self.ring = PolyRing([*self.constants, *self._trig], sp.QQ, sp.polys.orderings.lex)
+        self.ring = PolyRing([*self.constants, *self._trig], sp.QQ, lex)
         self.zero, self.one = self.ring.zero, self.ring.one
         self._at = {symbol: i for i, symbol in enumerate(self.ring.symbols)}
         gens = self.ring.gens
@@ -65,17 +70,17 @@ class TrigonometricRing:
         for vector in unit_vectors:
             others = [gens[self._at[symbol]] ** 2 for symbol in vector[:-1]]
             self._squares[self._at[vector[-1]]] = self.one - sum(others, self.zero)
-        identity = sp.eye(len(self.angles))
-        self._bases = [identity]
-        if absolute and sp.Matrix(absolute) != identity:
-            self._bases.append(sp.Matrix(absolute))
+        identity = [[int(i == j) for j in range(len(angles))] for i in range(len(angles))]
+        self._bases: list[tuple[Rows, Rows]] = [(identity, identity)]
+        if absolute and list(map(list, absolute)) != identity:
+            inverse = np.rint(np.linalg.inv(np.array(absolute))).astype(int).tolist()
+            self._bases.append((absolute, inverse))
 
     def element(self, value: sp.Expr | int) -> Element:
-        """The generator of a symbol, or a rational number."""
-        value = sp.sympify(value)
-        if value.is_Symbol:
-            return self.ring.gens[self._at[value]]
-        return self.ring.ground_new(sp.QQ(value.p, value.q))
+        """A rational number, or a symbol, or the product of both."""
+        number, symbol = sp.sympify(value).as_coeff_Mul()
+        generator = self.ring.gens[self._at[symbol]] if symbol.is_Symbol else self.one
+        return generator * sp.QQ(number.p, number.q)
 
     def cos(self, angle: sp.Symbol) -> Element:
         """Cosine of one of the angles."""
@@ -141,29 +146,36 @@ class TrigonometricRing:
     # --- equal forms ----------------------------------------------------------------------------------------------
 
     def expression(self, p: Element) -> sp.Expr:
-        """The form of ``p`` that is shortest to read."""
-        if not p:
-            return sp.Integer(0)
-        trig = self._functions(self._bases[0])
-        if len(p) > MAX_TERMS_TIDIED:
-            return self._nest(p.as_expr(), [self.heavy, self.light, self._trig], False).xreplace(trig)
-        best = None
+        """The form of ``p`` that is shortest to read: as a whole, or part by part, each in the form that suits it."""
+        common, p = _common(p, self.n)
+        found = [self._best(p, [[self.heavy, None], [None], [self.light, None]])]
+        for by in (self.heavy, self.light, [*self.heavy, *self.light]):
+            groups = _grouped(p, by)
+            if len(groups) > 1:
+                parts = []
+                for key, part in groups:
+                    shared, rest = _common(part, self.n)
+                    parts.append(_times(key.as_expr() * shared, self._best(rest, [[None], [self.light, None]])))
+                found.append(sp.Add(*parts))
+        return _times(common, min(found, key=sp.count_ops))
+
+    def _best(self, p: Element, orders: Sequence[Levels]) -> sp.Expr:
+        """The shortest form of ``p``, collected in one of the orders; None in an order stands for sines and cosines."""
+        if len(p) <= 1 and not any(any(m[self.n :]) for m in p):
+            return p.as_expr()
+        found = []
         for form, functions in self._forms(p):
-            for levels in ([self.heavy, list(functions)], [list(functions)], [self.heavy, self.light], [self.light]):
-                found = self._nest(form, levels, True).xreplace(functions)
-                size = sp.count_ops(found)
-                if best is None or size < best[0]:
-                    best = size, found
-        assert best is not None
-        return best[1]
+            trig = list(functions)
+            for order in orders if len(form) <= MAX_TERMS_TIDIED else [[self.heavy, self.light, trig]]:
+                levels = [trig if level is None else level for level in order]
+                found.append(_nest(form, levels).xreplace(functions))
+        return min(found, key=sp.count_ops)
 
-    def _functions(self, basis: sp.Matrix) -> dict[sp.Dummy, sp.Expr]:
-        angles = basis * sp.Matrix(self.angles) if self.angles else []
-        values = [f(angle) for angle in angles for f in (sp.cos, sp.sin)]
-        return dict(zip(self._trig, values, strict=True))
-
-    def _forms(self, p: Element) -> Iterator[tuple[sp.Expr, dict[sp.Dummy, sp.Expr]]]:
-        """Equal forms of ``p``: expressions in dummies, and what the dummies stand for."""
+    def _forms(self, p: Element) -> Iterator[tuple[Element, dict[sp.Dummy, sp.Expr]]]:
+        """Equal forms of ``p``: polynomials with dummies, and what the dummies stand for."""
+        if len(p) > MAX_TERMS_TIDIED:
+            yield p, self._functions(self._bases[0][0])
+            return
         waves = self._waves(p)
         functions: dict[sp.Dummy, sp.Expr] = {}
         terms = []
@@ -171,23 +183,36 @@ class TrigonometricRing:
             angle = sum((k * a for k, a in zip(frequency, self.angles, strict=True)), sp.Integer(0))
             for coefficient, f in zip(pair, (sp.cos, sp.sin), strict=True):
                 if coefficient:
-                    dummy = sp.Integer(1) if angle == 0 else sp.Dummy(real=True)
-                    if angle != 0:
+                    dummy = sp.Dummy(real=True) if angle != 0 else None
+                    if dummy is not None:
                         functions[dummy] = f(angle)
-                    terms.append((coefficient.as_expr() * dummy).expand())
-        yield sp.Add(*terms), functions
-        swap = [(self.n + 2 * i, self.n + 2 * i + 1) for i in range(len(self.angles))]
-        for basis in self._bases:
-            inverse = basis.inv()
+                    terms.append((coefficient, dummy))
+        ring = PolyRing([*self.constants, *functions], sp.QQ, lex)
+        at = {dummy: self.n + i for i, dummy in enumerate(functions)}
+        wave_form = ring.zero
+        for coefficient, dummy in terms:
+            unit = [int(at.get(dummy) == self.n + i) for i in range(len(functions))]
+            wave_form += ring.from_dict({(*m[: self.n], *unit): k for m, k in coefficient.items()})
+        yield wave_form, functions
+        for basis, inverse in self._bases:
             q = self.zero
             for frequency, (c, s) in waves.items():
-                real, imaginary = self._powers(tuple(int(k) for k in sp.Matrix([frequency]) * inverse))
+                turned = (
+                    sum(f * x for f, x in zip(frequency, column, strict=True)) for column in zip(*inverse, strict=True)
+                )
+                real, imaginary = self._powers(tuple(turned))
                 q = q + c * real + s * imaginary
             q = self.reduce(q)
-            yield q.as_expr(), self._functions(basis)
-            for i_c, i_s in swap:  # the other choice: squares of sines kept, those of cosines replaced
-                q = self._without_squares(q, i_c, self.one - self.ring.gens[i_s] ** 2)
-            yield q.as_expr(), self._functions(basis)
+            yield q, self._functions(basis)
+            for i in range(self.n, self.n + len(self._trig), 2):  # squares of sines instead of those of cosines
+                q = self._without_squares(q, i, self.one - self.ring.gens[i + 1] ** 2)
+            yield q, self._functions(basis)
+
+    def _functions(self, basis: Rows) -> dict[sp.Dummy, sp.Expr]:
+        """What the generators of cosines and sines stand for where they mean sums of the angles."""
+        angles = [sum((k * a for k, a in zip(row, self.angles, strict=True)), sp.Integer(0)) for row in basis]
+        values = [f(angle) for angle in angles for f in (sp.cos, sp.sin)]
+        return dict(zip(self._trig, values, strict=True))
 
     def _without_squares(self, p: Element, i: int, square: Element) -> Element:
         out = self.zero
@@ -197,7 +222,7 @@ class TrigonometricRing:
         return out
 
     def _waves(self, p: Element) -> Waves:
-        """Fourier form: frequency -> factors (free of angles) of the cosine and of the sine of ``frequency . angles``."""
+        """Fourier form: frequency -> factors (free of angles) of cosine and sine of ``frequency . angles``."""
         waves: Waves = {}
         for monomial, coefficient in p.items():
             rest = self.ring.from_dict({(*monomial[: self.n], *[0] * len(self._trig)): coefficient})
@@ -216,35 +241,102 @@ class TrigonometricRing:
                 real, imaginary = real * c - imaginary * s, real * s + imaginary * c
         return real, imaginary
 
-    def _nest(self, form: sp.Expr, levels: Sequence[Sequence[sp.Symbol]], factor: bool) -> sp.Expr:
-        """``form`` collected by the symbols of the first level, each part by those of the next; factored where it can be."""
-        if not form.is_Add:
-            return form
-        if factor and len(form.args) <= MAX_TERMS_FACTORED:
-            factored = _factor(form)
-            if factored.is_Pow:
-                return factored
-            if factored.is_Mul:
-                return sp.Mul(*[self._nest(part, levels, False) for part in factored.args])
-        if not levels:
-            return form
-        present = [symbol for symbol in levels[0] if form.has(symbol)]
-        if not present:
-            return self._nest(form, levels[1:], factor)
-        parts = sp.Poly(form, *present).terms()
-        keys = [sp.Mul(*[x**k for x, k in zip(present, powers, strict=True)]) for powers, _ in parts]
-        return sp.Add(*[key * self._nest(part, levels[1:], factor) for key, (_, part) in zip(keys, parts, strict=True)])
+
+def _common(p: Element, n: int | None = None) -> tuple[sp.Expr, Element]:
+    """The number and the monomial (in the first ``n`` symbols) common to all terms of ``p``, and what remains."""
+    if not p:
+        return sp.Integer(0), p
+    ring = p.ring
+    powers = tuple(min(k) if n is None or i < n else 0 for i, k in enumerate(zip(*p, strict=True)))
+    rest = ring.from_dict({tuple(x - y for x, y in zip(m, powers, strict=True)): k for m, k in p.items()})
+    number, rest = rest.primitive()
+    if len(rest) == 1 and rest.LC < 0:
+        number, rest = -number, -rest
+    return ring.from_dict({powers: number}).as_expr(), rest
 
 
-@lru_cache(maxsize=4096)
-def _factor(form: sp.Expr) -> sp.Expr:
-    return sp.factor(form)
+def _signed(inner: sp.Expr) -> tuple[int, sp.Expr]:
+    """The sign of most terms of a sum, and the sum without it."""
+    negative = sum(1 if term.could_extract_minus_sign() else -1 for term in inner.args) if inner.is_Add else 0
+    return (-1, sp.Add(*[-term for term in inner.args])) if negative > 0 else (1, inner)
+
+
+def _times(common: sp.Expr, inner: sp.Expr) -> sp.Expr:
+    """The product; a sum of mostly negative terms hands its sign to the factor before it."""
+    sign, positive = _signed(inner)
+    return sp.Mul(common, inner) if common.is_Number else sp.Mul(sign * common, positive)
+
+
+def _grouped(p: Element, by: Sequence[sp.Symbol]) -> list[tuple[Element, Element]]:
+    """``p`` as a sum of monomials in the symbols ``by`` times what is free of them."""
+    ring = p.ring
+    present = {i for i, symbol in enumerate(ring.symbols) if symbol in by and any(m[i] for m in p)}
+    groups: dict[tuple[int, ...], dict[tuple[int, ...], Any]] = {}
+    for monomial, coefficient in p.items():
+        key = tuple(k if i in present else 0 for i, k in enumerate(monomial))
+        rest = tuple(0 if i in present else k for i, k in enumerate(monomial))
+        groups.setdefault(key, {})[rest] = coefficient
+    return [(ring.from_dict({key: ring.domain.one}), ring.from_dict(part)) for key, part in groups.items()]
+
+
+def _nest(p: Element, levels: Sequence[Sequence[sp.Symbol]]) -> sp.Expr:
+    """``p`` collected by the symbols of the first level, each part by the next; factored where it can be."""
+    common, p = _common(p)
+    if len(p) <= 1:
+        return common
+    factors = _factor(p) if len(p) <= MAX_TERMS_FACTORED else [(p, 1)]
+    if len(factors) > 1 or factors[0][1] > 1:
+        signed = [(_signed(_nest(part, levels)), power) for part, power in factors]
+        return sp.Mul(common, *[sign**power for (sign, _), power in signed], *[x**power for (_, x), power in signed])
+    groups: list[tuple[Element, Element]] = []
+    while levels and len(groups) <= 1:
+        groups, levels = _grouped(p, levels[0]), levels[1:]
+    if len(groups) <= 1:
+        return _times(common, p.as_expr())
+    terms = []
+    for key, part in groups:
+        shared, rest = _common(part)
+        terms.append(_times(key.as_expr() * shared, _nest(rest, levels)))
+    return _times(common, sp.Add(*terms))
+
+
+def _factor(p: Element) -> list[tuple[Element, int]]:
+    """Factors of ``p``, which has no common monomial and number, up to sign.
+
+    A polynomial that is linear in a symbol, ``a x + b``, has the factors of ``gcd(a, b)`` and one more; where a or b is
+    a single term there are no others. Only what is linear in no symbol takes a general factorisation.
+    """
+    ring = p.ring
+    used = [i for i in range(ring.ngens) if any(m[i] for m in p)]
+    linear = [i for i in used if all(m[i] <= 1 for m in p)]
+    shares = [sum(m[i] for m in p) for i in linear]
+    if any(share in (1, len(p) - 1) for share in shares):
+        return [(p, 1)]
+    small = PolyRing([ring.symbols[i] for i in used], ring.domain, lex)
+    q = small.from_dict({tuple(m[i] for i in used): k for m, k in p.items()})
+    place = {i: k for k, i in enumerate(used)}
+
+    def back(part: Element) -> Element:
+        monomials = {tuple(m[place[i]] if i in place else 0 for i in range(ring.ngens)): c for m, c in part.items()}
+        return ring.from_dict(monomials)
+
+    if linear:
+        x = place[linear[0]]
+        b = small.from_dict({m: k for m, k in q.items() if not m[x]})
+        a = small.from_dict({(*m[:x], 0, *m[x + 1 :]): k for m, k in q.items() if m[x]})
+        divisor = back(a.gcd(b)).primitive()[1]
+        return [(p, 1)] if divisor.is_ground else [*_factor(divisor), (p.quo(divisor), 1)]
+    number, factors = q.factor_list()
+    found = [(back(part), power) for part, power in factors]
+    return [*found, (ring.ground_new(number), 1)] if number != 1 else found
 
 
 @lru_cache(maxsize=4096)
 def _expand(powers: tuple[int, ...]) -> dict[tuple[int, ...], tuple[Any, Any]]:
     """Product of powers of cosines and sines (c, s, c, s ...) as a sum: frequency -> factors of its cosine and sine."""
-    waves: dict[tuple[int, ...], tuple[Any, Any]] = {(): (sp.QQ(1), sp.QQ(0))}  # complex amplitudes of exp(i f . angles)
+    waves: dict[tuple[int, ...], tuple[Any, Any]] = {
+        (): (sp.QQ(1), sp.QQ(0))
+    }  # complex amplitudes of exp(i f . angles)
     for n_c, n_s in zip(powers[::2], powers[1::2], strict=True):
         line: dict[int, tuple[Any, Any]] = {0: (sp.QQ(1), sp.QQ(0))}
         for is_sine in [False] * n_c + [True] * n_s:
