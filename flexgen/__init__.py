@@ -11,11 +11,13 @@ from typing import Any
 __version__ = "0.1.0"
 
 _VERBS = {
+    "models": "flexgen.catalogue",
+    "describe": "flexgen.catalogue",
     "read": "flexgen.model.reader",
     "derive": "flexgen.mechanics.equations",
     "analyze": "flexgen.analysis.report",
     "solve": "flexgen.solvers.solve",
-    "simulate": "flexgen.simulate",
+    "simulate": "flexgen.simulation",
     "generate": "flexgen.codegen.build",
     "load": "flexgen.runtime",
 }

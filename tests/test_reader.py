@@ -24,7 +24,7 @@ COUNTS = {
     "planar5_nmp": (2, 2, 1, 5, ("undamped",)),
     "planar5_soft": (2, 2, 1, 5, ("undamped",)),
     "elbow": (2, 2, 0, 4, ("rigid", "payload")),
-    "four_mass": (1, 1, 2, 4, ("high", "low", "smooth")),
+    "four_mass": (1, 1, 2, 4, ("high", "low", "piecewise")),
     "abb_arm": (1, 1, 1, 3, ("viscous",)),
     "manutec_r3": (6, 6, 0, 9, ()),
     "manutec_r3_efjm": (6, 6, 12, 21, ()),
@@ -184,7 +184,9 @@ def test_four_mass_output_and_inertias():
     assert np.allclose(weights, np.array([0.020, 0.600, 1.530]) @ absolute)
     assert np.allclose([e.body.inertia[2][2] / 220**2 for e in model.elements], [2e-3, 0.02, 0.02])
     assert np.allclose([e.dofs[0].spring.stiffness / 220**2 for e in model.elements[1:]], [110, 80])
-    assert model.elements[0].dofs[0].gear.spring == nouns.PiecewiseSpring(16.7, 100.0, 0.064)
+    assert model.elements[0].dofs[0].gear.spring == nouns.SmoothSpring(16.7, 100.0, 0.064)
+    kinked = read("four_mass@piecewise")
+    assert kinked.elements[0].dofs[0].gear.spring == nouns.PiecewiseSpring(16.7, 100.0, 0.064)
 
 
 def test_rotations_are_exact_at_right_angles():

@@ -1,8 +1,9 @@
 """Structural index of the inverse dynamics by Pryce's signature method.
 
 Equations: the equations of motion of y = (q_a, q_me) and the prescribed output; unknowns: y and the motor torques. The
-signature ``sigma_ij`` is the order of the highest derivative of unknown j in equation i. A transversal of largest sum and
-the smallest offsets with ``d_j - c_i >= sigma_ij`` (equality on it) give the structural index ``max c + (1 if min d = 0)``.
+signature ``sigma_ij`` is the order of the highest derivative of unknown j in equation i. A transversal of largest sum
+and the smallest offsets with ``d_j - c_i >= sigma_ij`` (equality on it) give the structural index ``max c + (1 if min d
+= 0)``.
 
 Source: J. D. Pryce, BIT Numerical Mathematics 41(2), 2001.
 """

@@ -1,6 +1,6 @@
 """The machine near a pose of rest: linearisation, poles, modes, frequency response.
 
-    M y'' + D y' + K y = B tau_m,        y = (q_a, q_me),    x = (y, y'),    x' = A x + B_x tau_m
+M y'' + D y' + K y = B tau_m,        y = (q_a, q_me),    x = (y, y'),    x' = A x + B_x tau_m
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ class LinearModel:
     def response(self, w: np.ndarray, C: np.ndarray) -> np.ndarray:
         """``C (K + j w D - w^2 M)^-1 B`` at the angular frequencies ``w`` [rad/s], shape (len(w), rows of C, n_m)."""
         s = 1j * w[:, None, None]
-        return C @ np.linalg.solve(s**2 * self.M + s * self.D + self.K, np.broadcast_to(self.B, (len(w), *self.B.shape)))
+        return C @ np.linalg.solve(
+            s**2 * self.M + s * self.D + self.K, np.broadcast_to(self.B, (len(w), *self.B.shape))
+        )
 
 
 def linearise(equations: Equations, rest: Equilibrium) -> LinearModel:
@@ -80,6 +82,10 @@ def sort_roots(values: np.ndarray) -> np.ndarray:
 
 
 def modes(values: np.ndarray) -> list[tuple[float, float]]:
-    """(natural frequency [Hz], damping ratio) of each oscillatory pair among the poles, rising."""
-    pairs = [z for z in values if z.imag > 1e-6 * abs(z)]
+    """(natural frequency [Hz], damping ratio) of each oscillatory pair among the poles, rising.
+
+    A double pole at the origin that rounding has pulled apart is no mode.
+    """
+    fastest = max((abs(z) for z in values), default=0.0)
+    pairs = [z for z in values if z.imag > 1e-6 * abs(z) and abs(z) > 1e-6 * fastest]
     return sorted((abs(z) / (2 * np.pi), -z.real / abs(z)) for z in pairs)

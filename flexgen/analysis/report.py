@@ -86,7 +86,8 @@ def analyze(model: str | Path | RobotModel | Equations, pose: Sequence[float] | 
     if values.ndim != 1 or len(values) not in (robot.n_a, robot.n_g) or not np.isfinite(values).all():
         names = ", ".join(c.name for c in robot.coordinates)
         raise ArgumentError(
-            f"pose: given {values.tolist()}, expected {robot.n_a} finite numbers ({names}) or the {robot.n_g} actuated ones"
+            f"pose: given {values.tolist()}, expected {robot.n_a} finite numbers ({names}) "
+            f"or the {robot.n_g} actuated ones"
         )
     if len(values) == robot.n_a and robot.n_a != robot.n_g:
         rest = hold_joints(equations, values[list(robot.i_g)], values[list(robot.i_e)])

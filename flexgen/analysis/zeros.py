@@ -4,7 +4,8 @@ Two routes that share nothing:
 
 * `transmission_zeros`: from any linear system, by removing the infinite zeros step by step with orthogonal
   transformations (A. Emami-Naeini, P. Van Dooren, Automatica 18(4), 1982);
-* `inner_zeros`: from the structure of the reduction. With the output held, the non-actuated rows give a quadratic pencil
+* `inner_zeros`: from the structure of the reduction. With the output held, the non-actuated rows give a quadratic
+pencil
   ``A s^2 + D s + K`` in the non-actuated coordinates; each damped gear adds ``-K_g/D_g``.
 """
 
@@ -28,10 +29,10 @@ RANK = 1e-9  # relative size below which a singular value counts as zero
 class ZeroReport:
     """Zeros of the declared output [1/s] and the verdict.
 
-    ``phase``: ``"flat"`` (no zeros: the torque follows from the reference and its derivatives alone), ``"minimum phase"``,
-    ``"non-minimum phase"`` (a torque that follows the path exactly has to begin before it), or ``"none"`` (not as many
-    outputs as motors, or a degenerate system: no verdict). ``unstable_time_constant_s``: of the slowest unstable zero,
-    0 where there is none; ``preview_s``: five of them.
+    ``phase``: ``"flat"`` (no zeros: the torque follows from the reference and its derivatives alone), ``"minimum
+    phase"``, ``"non-minimum phase"`` (a torque that follows the path exactly has to begin before it), or ``"none"``
+    (not as many outputs as motors, or a degenerate system: no verdict). ``unstable_time_constant_s``: of the slowest
+    unstable zero, 0 where there is none; ``preview_s``: five of them.
     """
 
     zeros: np.ndarray
@@ -54,7 +55,7 @@ def transmission_zeros(A: np.ndarray, B: np.ndarray, C: np.ndarray, rate: float 
     C = C / np.linalg.norm(C, axis=1)[:, None]
     D = np.zeros((C.shape[0], B.shape[1]))
     while True:
-        size = max(np.linalg.norm(A), np.linalg.norm(B), np.linalg.norm(C), 1.0)
+        size = max(float(np.linalg.norm(X)) for X in (A, B, C, np.eye(1)))
         U, values, _ = np.linalg.svd(D)
         rank = int(np.sum(values > RANK * size))
         if rank == D.shape[0]:
@@ -105,17 +106,21 @@ def inner_zeros(equations: Equations, linear: LinearModel, rest: Equilibrium) ->
     if model.n_e:
         A, D, K = inner_pencil(equations, linear)
         n = model.n_e
-        # where the output is flat, A vanishes but for rounding
+        # where the output is flat in a direction, A loses rank but for rounding: that many zeros lie at infinity
         i_e = list(model.i_e)
-        A = np.where(np.abs(A) > 1e-13 * np.abs(linear.M[np.ix_(i_e, i_e)]).max(), A, 0.0)
-        size = np.linalg.norm(K)
-        rates = [np.sqrt(size / np.linalg.norm(A)) if A.any() else np.inf, size / np.linalg.norm(D) if D.any() else np.inf]
-        rate = min(rates) if np.isfinite(min(rates)) else 1.0
+        U, values_A, Vh = np.linalg.svd(A)
+        values_A = np.where(values_A > 1e-12 * np.abs(linear.M[np.ix_(i_e, i_e)]).max(), values_A, 0.0)
+        A, lost = (U * values_A) @ Vh, int(np.sum(values_A == 0.0))
+        size = float(np.linalg.norm(K))
+        rate = float(np.sqrt(size / np.linalg.norm(A))) if values_A.any() else np.inf
+        rate = min(rate, size / float(np.linalg.norm(D)) if D.any() else np.inf)
+        rate = rate if np.isfinite(rate) else 1.0
         A, D, K = A * rate**2 / size, D * rate / size, K / size
         left = np.block([[np.zeros((n, n)), np.eye(n)], [-K, -D]])
         right = np.block([[np.eye(n), np.zeros((n, n))], [np.zeros((n, n)), A]])
         alpha, beta = scipy.linalg.eig(left, right, right=False, homogeneous_eigvals=True)
-        finite = np.abs(beta) > 1e-12 * np.abs(alpha)
+        finite = np.argsort(np.abs(beta) / np.maximum(np.abs(alpha), 1e-300))[lost:]
+        finite = finite[np.abs(beta[finite]) > 1e-12 * np.abs(alpha[finite])]
         values.append(alpha[finite] / beta[finite] * rate)
     return sort_roots(np.concatenate(values).astype(complex))
 

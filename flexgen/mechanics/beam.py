@@ -23,7 +23,8 @@ class ModalBeam:
 
     ``direction`` (n, 3): unit vector in which the mode bends. ``slope`` (n,): phi'(L) [1/m]. ``mass`` [kg];
     ``s0`` [kg m], ``s1`` [kg m]: integral of x dm and of phi dm (n,); ``j0`` [kg m^2]: integral of x^2 dm; ``j1`` (n,):
-    integral of x phi dm; ``m2`` (n, n): integral of phi_i phi_k dm [kg]; ``stiffness``, ``damping`` (n, n) [N/m, N s/m].
+    integral of x phi dm; ``m2`` (n, n): integral of phi_i phi_k dm [kg]; ``stiffness``, ``damping`` (n, n) [N/m, N
+    s/m].
     """
 
     direction: np.ndarray
@@ -76,8 +77,8 @@ def modal_beam(beam: Beam) -> ModalBeam:
             zeta.append(bending.damping_ratio)
             group.append(n)
     shapes, curvatures = np.array(phi), np.array(bend)
-    # modes of one bending are orthogonal: what quadrature leaves off the diagonal is dust; modes of two bendings are not,
-    # and their products enter the products of inertia
+    # modes of one bending are orthogonal: what quadrature leaves off the diagonal is dust; modes of two bendings are
+    # not, and their products enter the products of inertia
     dust = np.equal.outer(group, group) & ~np.eye(len(group), dtype=bool)
     m2 = np.where(dust, 0.0, (shapes * dm) @ shapes.T)
     stiffness = np.diag(np.sum(curvatures**2 * dm, axis=1))

@@ -267,7 +267,7 @@ class Equations:
 
 
 def solve_symmetric(A: ca.SX, B: ca.SX) -> ca.SX:
-    """``X`` with ``A X = B`` for a symmetric positive definite ``A``: L D L' without pivots, structural zeros skipped."""
+    """``X`` with ``A X = B``, ``A`` symmetric positive definite: L D L' without pivots, structural zeros skipped."""
     n, m = A.shape[0], B.shape[1]
     zero = ca.SX(0)
     L: list[list[ca.SX | None]] = [[None] * n for _ in range(n)]

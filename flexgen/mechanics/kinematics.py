@@ -34,10 +34,10 @@ class Frame:
 class Kinematics:
     """Chain kinematics and the energies that follow from it.
 
-    ``q_a``, ``v_a`` (n_a): the symbols. ``tool``: the tool frame. ``kinetic``: kinetic energy of the bodies and beams [J],
-    without the rotors. ``gravity``: their potential energy [J]. ``drag``: half the power that body drags dissipate [W].
-    ``spin``: angular velocity (3) of each element's body in its own axes, for rotors that ride on it. ``modal``: the
-    integrals of each beam with the index of its first coordinate in q_a. ``places``: positions in the world of the
+    ``q_a``, ``v_a`` (n_a): the symbols. ``tool``: the tool frame. ``kinetic``: kinetic energy of the bodies and beams
+    [J], without the rotors. ``gravity``: their potential energy [J]. ``drag``: half the power that body drags dissipate
+    [W]. ``spin``: angular velocity (3) of each element's body in its own axes, for rotors that ride on it. ``modal``:
+    the integrals of each beam with the index of its first coordinate in q_a. ``places``: positions in the world of the
     chain's corner points, for drawing.
     """
 
@@ -58,7 +58,7 @@ def cross_matrix(a: ca.SX) -> ca.SX:
 
 
 def rotation(axis: np.ndarray, q: ca.SX) -> ca.SX:
-    """``exp(axis q)``: rotation about a constant unit axis (Rodrigues); exact zeros where the axis is a coordinate axis."""
+    """``exp(axis q)``: rotation about a constant unit axis (Rodrigues); exact zeros for coordinate axes."""
     a = ca.SX(ca.DM(axis))
     hat = cross_matrix(a)
     outer = ca.mtimes(a, a.T)
@@ -90,7 +90,8 @@ def beam_energies(frame: Frame, beam: ModalBeam, q: ca.SX, v: ca.SX, gravity: ca
     """Kinetic and potential energy [J] of a beam rooted in ``frame`` with modal coordinates ``q`` and speeds ``v``.
 
     With r = x e_x + u, u = sum phi_k q_k d_k:
-    T = m |v0|^2/2 + v0.(w x S + S') + w.I w/2 + w.H + (modal), S = int r dm, I = int (r.r 1 - r r') dm, H = int r x r' dm.
+    T = m |v0|^2/2 + v0.(w x S + S') + w.I w/2 + w.H + (modal), S = int r dm, I = int (r.r 1 - r r') dm, H = int r x r'
+    dm.
     """
     d = beam.direction.T  # (3, n)
     ex = np.array([1.0, 0.0, 0.0])

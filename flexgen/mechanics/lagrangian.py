@@ -8,7 +8,8 @@ follows its joints, ``q_m = eta q_g``, and its inertia and torque act on them di
 Simplified motor coupling: ``T_rotor = J v_m^2 / 2``; complete: ``T_rotor = J (v_m + a . omega_carrier)^2 / 2`` with the
 rotor's axis a in the body that carries it.
 
-Source: S. Moberg, Modeling and Control of Flexible Manipulators, 2010; P. Tomei, IEEE TAC 36(10), 1991, for the coupling.
+Source: S. Moberg, Modeling and Control of Flexible Manipulators, 2010; P. Tomei, IEEE TAC 36(10), 1991, for the
+coupling.
 """
 
 from __future__ import annotations
@@ -162,7 +163,7 @@ def lagrangian(model: RobotModel) -> Lagrangian:
 
 
 def gears(model: RobotModel) -> list[tuple[Gear, float]]:
-    """The gear of each actuated coordinate, and the factor from an arm-side twist to the side its spring is stated on."""
+    """The gear of each actuated coordinate, and the factor from an arm-side twist to the side of its spring."""
     out = []
     for i in model.i_g:
         dof = model.coordinates[i].dof

@@ -13,8 +13,8 @@ from flexgen.mechanics.equations import Equations
 class OutputMap:
     """Graphs in the symbol ``equations.lagrangian.chain.q_a``.
 
-    ``error`` (n_y): zero where the output is at ``target`` (n_y; for a pose 3 + 9: position, rotation matrix by columns);
-    orientation: the axial vector of ``(R R_d' - R_d R')/2``, sine of the angle times the axis, world axes.
+    ``error`` (n_y): zero where the output is at ``target`` (n_y; for a pose 3 + 9: position, rotation matrix by
+    columns); orientation: the axial vector of ``(R R_d' - R_d R')/2``, sine of the angle times the axis, world axes.
     ``rate`` W (n_y, n_a): time derivative of the output, for a pose the twist (linear, angular), ``= W v_a``.
     """
 

@@ -115,7 +115,7 @@ def hold_output(equations: Equations, residual: ca.SX, q_start: np.ndarray) -> E
 
 
 def _newton(function: ca.Function, start: np.ndarray, free: list[int], what: str) -> np.ndarray:
-    """Solve ``rows(q) = 0`` for the entries ``free`` of q, halving steps that do not help; rows scaled by the Jacobian."""
+    """Solve ``rows(q) = 0`` for the entries ``free`` of q, halving steps that do not help; rows are scaled."""
     q = np.array(start, dtype=float)
     rows, jacobian = (np.array(x) for x in function(q))
     scale = np.maximum(np.abs(jacobian).max(axis=1), 1e-12)

@@ -72,10 +72,15 @@ def model_names() -> list[str]:
 
 
 def _folders() -> list[Path]:
-    """Where names are looked up: FLEXGEN_MODELS, the repository's folder, the current directory's."""
+    """Where names are looked up: FLEXGEN_MODELS, the models that come with flexgen, the current directory's.
+
+    An installed package has its models inside; in a clone they are in the repository's folder.
+    """
     named = os.environ.get("FLEXGEN_MODELS")
     found = [Path(named)] if named else []
-    found += [Path(__file__).resolve().parents[2] / "models", Path("models")]
+    package = Path(__file__).resolve().parents[1]
+    inside = package / "models"
+    found += [inside if inside.is_dir() else package.parent / "models", Path("models")]
     return [folder for folder in found if folder.is_dir()]
 
 

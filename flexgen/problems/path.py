@@ -22,8 +22,8 @@ ORDER = 5  # highest derivative of the reference
 class PathSample:
     """Reference at n instants.
 
-    ``y`` (n, n_y, 6): rows of the output that are positions (3 for a pose), last axis: derivatives 0 to 5. For a pose also
-    ``R`` (n, 3, 3), the orientation in the world, and ``w`` (n, 3, 5), the angular velocity (world axes) and its
+    ``y`` (n, n_y, 6): rows of the output that are positions (3 for a pose), last axis: derivatives 0 to 5. For a pose
+    also ``R`` (n, 3, 3), the orientation in the world, and ``w`` (n, 3, 5), the angular velocity (world axes) and its
     derivatives 0 to 4. ``q_g`` (n, n_g, 6) where the move is one of joints.
     """
 
@@ -56,7 +56,7 @@ def chain_rule(f: list[np.ndarray], s: np.ndarray) -> list[np.ndarray]:
 
 
 class Path:
-    """The reference of one move of one model; `sample` gives it at any instant, constant before 0 and after `duration`."""
+    """The reference of one move of one model at any instant; constant before 0 and after `duration`."""
 
     def __init__(self, equations: Equations, move: Move) -> None:
         self.equations, self.move = equations, move
@@ -69,7 +69,9 @@ class Path:
         self.p_start, self.R_start = p[0], R[0]
         self.y_start = evaluate(equations.function("output"), self.q_start)[0][0]
         if move.type == "tool_line" and model.output.type == "combination":
-            raise ArgumentError(f"move {move.name}: a tool_line needs a tool output, expected an output_line or joint move")
+            raise ArgumentError(
+                f"move {move.name}: a tool_line needs a tool output, expected an output_line or joint move"
+            )
         self.axis, self.angle = np.array([0.0, 0.0, 1.0]), float(np.linalg.norm(move.rotation))
         if self.angle > 0:
             self.axis = np.array(move.rotation) / self.angle

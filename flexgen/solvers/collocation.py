@@ -1,8 +1,8 @@
 """Inverse dynamics as collocation optimal control on the reduced problem, solved by IPOPT.
 
-Unknown are the non-actuated coordinates (q_e, v_e) at the nodes of a mesh and the arm's (q, v, a) at the Gauss points of
-each interval. Everything that physics and the path demand is a hard constraint; what is left free is the initial state of
-the zero dynamics, and the cost asks that the motion comes from rest and goes to rest:
+Unknown are the non-actuated coordinates (q_e, v_e) at the nodes of a mesh and the arm's (q, v, a) at the Gauss points
+of each interval. Everything that physics and the path demand is a hard constraint; what is left free is the initial
+state of the zero dynamics, and the cost asks that the motion comes from rest and goes to rest:
 
     min  |y(0) - rest|^2 + |y(T) - rest|^2      s.t.   Gamma(q) = Z,  W v = Z',  W a + W' v = Z'',
                                                        [M a + c + g]_e = tau_e   at the Gauss points
@@ -17,7 +17,6 @@ Source: L. Biegler, Nonlinear Programming, 2010, ch. 10 (collocation); A. Waecht
 from __future__ import annotations
 
 import time
-
 from dataclasses import dataclass
 
 import casadi as ca
@@ -41,8 +40,8 @@ ACCELERATION = 100.0  # rad/s^2 or m/s^2
 class Collocated:
     """Solution on the mesh.
 
-    ``nodes`` (N + 1,) [s]; ``q_e``, ``v_e`` (N + 1, n_e); ``a_e`` (N, s, n_e) and ``q`` (N, s, n_a) at the Gauss points;
-    ``nlp``: IPOPT's verdict.
+    ``nodes`` (N + 1,) [s]; ``q_e``, ``v_e`` (N + 1, n_e); ``a_e`` (N, s, n_e) and ``q`` (N, s, n_a) at the Gauss
+    points; ``nlp``: IPOPT's verdict.
     """
 
     nodes: np.ndarray

@@ -93,7 +93,7 @@ def _slopes(equations: Equations, twist: np.ndarray) -> tuple[np.ndarray, np.nda
 def _damped_twists(
     spring: ca.Function, D: np.ndarray, t: np.ndarray, tau_g: np.ndarray, start: np.ndarray
 ) -> np.ndarray:
-    """Integrate ``D p' + spring(p) = tau_g(t)`` from ``start`` (n_g) by Radau IIA with quintic Hermite torque between."""
+    """Integrate ``D p' + spring(p) = tau_g(t)`` from ``start`` (n_g) by Radau IIA; quintic Hermite torque between."""
     table = radau(3)
     n, n_g = tau_g.shape[:2]
     out = np.empty((n, n_g))
@@ -115,7 +115,7 @@ def _damped_twists(
 
 
 def _hermite(c: np.ndarray, h: float, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Quintic Hermite interpolation at ``c`` (s,) in [0, 1] from values and two derivatives (m, 3) at both ends: (s, m)."""
+    """Quintic Hermite interpolation (s, m) at ``c`` (s,) in [0, 1]; value and two derivatives (m, 3) at both ends."""
     x = c[:, None]
     y = 1 - x
 

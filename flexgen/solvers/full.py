@@ -7,8 +7,8 @@ exactly at rest, and the tool follows as well as it can:
     s.t. the equations of motion at the Gauss points,  |tau_m| <= tau_max,  |v_m| <= v_max
 
 The torque is continuous: it is collocated as the speed of further coordinates u, ``u' = tau_m``. Five Gauss points an
-interval, one more than the index of the inverse problem: with fewer the torque loses its order. The path is followed to a
-small fraction of ``e_0``, not exactly; where limits bite, by as much as they allow.
+interval, one more than the index of the inverse problem: with fewer the torque loses its order. The path is followed to
+a small fraction of ``e_0``, not exactly; where limits bite, by as much as they allow.
 
 Source: J. Betts, Practical Methods for Optimal Control, 2010, ch. 4.
 """
@@ -42,7 +42,7 @@ STAGES = 5
 PARTS = 10  # samples an interval
 ERROR = 1e-4  # e_0, m or rad: the tool error that costs one
 SMOOTH = 1e-9  # rho: small, for the torque shall follow the path and only what the path leaves open shall be smooth
-SMOOTH_LIMITED = 1e-3  # rho with limits: with less the torque chatters between them for a gain that nobody could measure
+SMOOTH_LIMITED = 1e-3  # rho with limits: with less the torque chatters between them for a gain too small to measure
 TOLERANCE = 1e-9
 
 
@@ -110,7 +110,7 @@ def collocate_full(
     scale_x = np.r_[
         np.tile(scale_state, mesh.N + 1), np.tile(np.r_[np.tile(scale_rate, STAGES), np.ones(STAGES * n_y)], mesh.N)
     ]
-    torque = np.clip(tau_rest[0] + np.linspace(0, 1, mesh.N + 1)[:, None] * (tau_rest[1] - tau_rest[0]), -torque_max, torque_max)
+    torque = np.linspace(tau_rest[0], tau_rest[1], mesh.N + 1).clip(-torque_max, torque_max)
     states = np.hstack([slow(nodes), np.zeros((mesh.N + 1, n_m)), slow(nodes, 1), torque])
     still = np.zeros((len(mesh.times), n_m))
     guess = mesh.pack(states, np.hstack([slow(mesh.times, 2), still]), np.zeros((len(mesh.times), n_y)))
@@ -241,4 +241,5 @@ def _samples(
     at_bound = (np.abs(tau_m) > 0.999 * torque_max).any() or (np.abs(motor[1]) > 0.999 * speed_max).any()
     limited = bool(at_bound and np.abs(w).max() * ERROR > 1e-6)
     zero = np.zeros_like(arm[0])
-    return FullSolution(t, Motion(*arm, zero, zero, tau_g), Drives(*motor, tau_m), limited, result)
+    motion = Motion(arm[0], arm[1], arm[2], zero, zero, tau_g)
+    return FullSolution(t, motion, Drives(motor[0], motor[1], motor[2], tau_m), limited, result)

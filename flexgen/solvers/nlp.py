@@ -1,4 +1,4 @@
-"""Nonlinear programs through CasADi's interface to IPOPT: one place that calls it, and a verdict that is never hidden."""
+"""Nonlinear programs by IPOPT through CasADi: one place that calls it, and a verdict that is never hidden."""
 
 from __future__ import annotations
 
@@ -54,7 +54,8 @@ class _Watch(ca.Callback):
         violation = _violation(np.array(at["g"]).ravel(), self.lower, self.upper)
         elapsed = time.perf_counter() - self.began
         self.progress(
-            f"IPOPT iteration {self.count:3d}: cost {float(at['f']):10.3e}, constraints {violation:9.2e}, {elapsed:6.1f} s"
+            f"IPOPT iteration {self.count:3d}: cost {float(at['f']):10.3e}, constraints {violation:9.2e}, "
+            f"{elapsed:6.1f} s"
         )
         self.count += 1
         return [0]
@@ -81,8 +82,8 @@ def solve_nlp(
 ) -> NlpResult:
     """Minimise ``cost`` subject to ``bounds_g`` (default: g = 0) and ``bounds_x``.
 
-    ``jacobian``: of g, where it is known better than by colouring; ``hessian``: of the Lagrangian (upper triangle) where
-    an approximation serves, else exact.
+    ``jacobian``: of g, where it is known better than by colouring; ``hessian``: of the Lagrangian (upper triangle)
+    where an approximation serves, else exact.
     """
     began = time.perf_counter()
     n_g = g.shape[0]

@@ -32,7 +32,7 @@ SINGULAR = 1e-9  # relative size of the smallest singular value below which rows
 
 @dataclass(frozen=True)
 class Motion:
-    """Arm motion at n instants: ``q v a j s`` (n, n_a), derivatives 0 to 4; ``tau_g`` (n, n_g, 3): derivatives 0 to 2."""
+    """Arm motion at n instants: ``q v a j s`` (n, n_a), derivatives 0 to 4; ``tau_g`` (n, n_g, 3): 0 to 2."""
 
     q: np.ndarray
     v: np.ndarray
@@ -49,7 +49,8 @@ class Reduction:
         model = equations.model
         if model.output.size != model.n_m:
             raise ArgumentError(
-                f"model {model.name}: {model.output.size} outputs and {model.n_m} motors; inverse dynamics needs as many"
+                f"model {model.name}: {model.output.size} outputs and {model.n_m} motors; "
+                "inverse dynamics needs as many outputs as motors"
             )
         if model.motor_coupling != "simplified":
             raise ArgumentError(
@@ -128,7 +129,7 @@ class Reduction:
         return ca.Function("place", [q, target], [error, ca.densify(ca.jacobian(error, q[self.i_g]))])
 
     def close(self, q: np.ndarray, targets: np.ndarray) -> np.ndarray:
-        """Inverse kinematics: change the actuated coordinates of ``q`` (n, n_a) until the outputs are at ``targets``."""
+        """Inverse kinematics: change the actuated coordinates of ``q`` (n, n_a) to reach ``targets``."""
         q = q.copy()
         for _ in range(25):
             error, slope = evaluate(self._place, q, targets)
@@ -169,7 +170,8 @@ class Reduction:
                     break
             else:
                 raise SolverError(
-                    f"path: no pose of rest at t = {times[k]:.4g} s; the path leaves the workspace or passes a singular pose"
+                    f"path: no pose of rest at t = {times[k]:.4g} s; "
+                    "the path leaves the workspace or passes a singular pose"
                 )
             out[k] = q
         return out
@@ -182,7 +184,7 @@ class Reduction:
         return ca.Function("levels", [g["q"], g["v"], g["a"], g["j"], g["s"]], outputs, list("qvajs"), names)
 
     def motion(self, sample: PathSample, q: np.ndarray, v_e: np.ndarray) -> Motion | None:
-        """All derivatives of the arm's motion on the manifold, from coordinates ``q`` (n, n_a) and speeds ``v_e`` (n, n_e).
+        """All derivatives of the motion on the manifold, from coordinates ``q`` (n, n_a) and speeds ``v_e`` (n, n_e).
 
         The equations hold exactly at each instant by construction. None where their matrix is (nearly) singular: there
         the rows are no equations for the accelerations (a flat direction), see `motion_through`.
@@ -232,8 +234,9 @@ class Reduction:
     def _motion(self, chain: list[np.ndarray]) -> Motion:
         at = self._at(chain)
         tau_g = np.stack([at[f"tau{k}"].reshape(len(chain[0]), -1) for k in range(3)], axis=-1)
-        return Motion(*chain, tau_g)
+        q, v, a, j, s = chain
+        return Motion(q, v, a, j, s, tau_g)
 
     def joint_motion(self, q_g: np.ndarray) -> Motion:
-        """Arm motion and gear torques from actuated coordinates with derivatives (n, n_g, 6); flexible-joint models only."""
+        """Motion and gear torques from actuated coordinates with derivatives (n, n_g, 6); flexible-joint models."""
         return self._motion([np.ascontiguousarray(q_g[:, :, k]) for k in range(5)])

@@ -20,7 +20,7 @@ from flexgen.mechanics.statics import at_rest
 from flexgen.model.elements import Move, RobotModel
 from flexgen.ports import Port
 from flexgen.problems.path import Path
-from flexgen.simulate import Simulation, simulate
+from flexgen.simulation import Simulation, simulate
 from flexgen.solvers.collocation import collocate
 from flexgen.solvers.drives import drives
 from flexgen.solvers.full import Limits, collocate_full
@@ -34,6 +34,7 @@ STEP = 1e-3  # s: the torque is sampled at least as finely
 STAGES = 3
 DECAY = 15.0  # time constants before the path: exp(-15) of the pre-actuation is cut off
 SETTLE = 6.0  # time constants after the path, for the picture only
+ENERGY = 1e-7  # relative: a simulation that misses the energy balance by more proves nothing
 RESIDUAL = 1e-3  # of the largest torque: above it an answer is called wrong, whatever the solver says
 
 
@@ -41,11 +42,12 @@ RESIDUAL = 1e-3  # of the largest torque: above it an answer is called wrong, wh
 class Solution:
     """Motor torques along a move, and how far they can be trusted.
 
-    ``status``: ``"solved"``; ``"limited"`` where torque or speed limits keep the tool off the path; ``"inaccurate"`` where
-    the verification says so. ``verdict``: the nonlinear program's own words, empty for the closed form. ``trajectory``:
-    channels ``q_a v_a a_a q_m v_m a_m tau_m tau_g y_ref (R_ref)``. ``residual_max_Nm``: largest residual of the full
-    equations of motion half way between the samples. ``simulation``: the verification, None where it was switched off.
-    ``lead_s``: how long before the path the motion begins. ``warnings``: what the user should know.
+    ``status``: ``"solved"``; ``"limited"`` where torque or speed limits keep the tool off the path; ``"inaccurate"``
+    where the verification says so. ``verdict``: the nonlinear program's own words, empty for the closed form.
+    ``trajectory``: channels ``q_a v_a a_a q_m v_m a_m tau_m tau_g y_ref (R_ref)``. ``residual_max_Nm``: largest
+    residual of the full equations of motion half way between the samples. ``simulation``: the verification, None where
+    it was switched off. ``lead_s``: how long before the path the motion begins. ``warnings``: what the user should
+    know.
     """
 
     model: RobotModel
@@ -116,8 +118,9 @@ def solve(
     move : str or Move, optional
         A move of the model file; default: its first.
     method : str
-        ``"closed-form"`` (no non-actuated coordinates), ``"collocation"`` (optimal control on the reduced problem, exact
-        path), ``"full"`` (optimal control on the full model, with limits and for complete motor coupling), or ``"auto"``.
+        ``"closed-form"`` (no non-actuated coordinates), ``"collocation"`` (optimal control on the reduced problem,
+        exact path), ``"full"`` (optimal control on the full model, with limits and for complete motor coupling), or
+        ``"auto"``.
     preview : float, optional [s]
         How long before the path the motion may begin; default: fifteen time constants of the slowest unstable zero.
     mesh : float, optional [s]
@@ -168,9 +171,9 @@ def solve(
         if verify:
             simulation = simulate(equations, solution.trajectory, progress=progress)
             worst = _departure(equations, solution, simulation)
-            status = solution.status if worst <= accuracy else "inaccurate"
-            solution = replace(solution, simulation=simulation, status=status)
-            if worst <= accuracy:
+            right = worst <= accuracy and simulation.energy_error <= ENERGY
+            solution = replace(solution, simulation=simulation, status=solution.status if right else "inaccurate")
+            if right:
                 break
             if progress is not None and attempt + 1 < attempts:
                 progress(f"verified error {worst:.2e} is above {accuracy:.0e}: halving the mesh")
@@ -197,8 +200,9 @@ def _judge(solution: Solution) -> None:
     scale = max(float(np.abs(trajectory["tau_g"]).max()), float(np.abs(trajectory["tau_m"]).max()), 1e-6)
     if not solution.residual_max_Nm <= RESIDUAL * scale:
         raise SolverError(
-            f"method {solution.method}: the answer does not satisfy the equations of motion between its samples: residual "
-            f"{solution.residual_max_Nm:.3g} N m of {scale:.3g} N m; verify it, or try a finer --mesh or a smoother move"
+            f"method {solution.method}: the answer does not satisfy the equations of motion between its samples: "
+            f"residual {solution.residual_max_Nm:.3g} N m of {scale:.3g} N m; verify it, or try a finer --mesh or a "
+            "smoother move"
         )
 
 
@@ -235,9 +239,10 @@ def _once(
             motion = reduction.joint_motion(sample.q_g)
         else:
             q = reduction.close(reduction.follow(path, t, reduction.start(path).q_a), reduction.targets(sample))
-            motion = reduction.motion(sample, q, np.zeros((len(t), 0)))
-            if motion is None:
+            found = reduction.motion(sample, q, np.zeros((len(t), 0)))
+            if found is None:
                 raise SolverError(f"move {path.move.name}: the path passes a singular pose; choose another path")
+            motion = found
         trajectory = _trajectory(equations, path, t, motion, None)
         return _solution(equations, path, method, "solved", "", 0, 0.0, trajectory)
     reduction = Reduction(equations)
@@ -249,8 +254,10 @@ def _once(
     sample = path.sample(t)
     guess[:, list(robot.i_e)] = q_e
     q = reduction.close(guess, reduction.targets(sample))
-    motion = reduction.motion(sample, q, v_e)
-    if motion is None:  # a flat direction: its accelerations are read from the solution itself
+    found = reduction.motion(sample, q, v_e)
+    if found is not None:
+        motion = found
+    else:  # a flat direction: its accelerations are read from the solution itself
         smooth = make_interp_spline(nodes, answer_r.q_e, k=7)
         q[:, list(robot.i_e)] = smooth(t)
         q = reduction.close(q, reduction.targets(sample))
@@ -278,8 +285,11 @@ def windows(equations: Equations, path: Path) -> tuple[float, float]:
 
 
 def _mesh(lead: float, duration: float, settle: float, h: float) -> np.ndarray:
-    """Nodes with the ends of the path among them; intervals of at most h on it, 2 h before and after."""
-    spans = [(-lead, 0.0, 2 * h), (0.0, duration, h), (duration, duration + settle, 2 * h)]
+    """Nodes with the ends of the path among them; intervals of at most h on it, 2 h after it, and before
+    it two time constants of what grows there, where that is less.
+    """
+    early = min(2 * h, max(2 * lead / DECAY, h / 5))
+    spans = [(-lead, 0.0, early), (0.0, duration, h), (duration, duration + settle, 2 * h)]
     parts = [np.linspace(a, b, max(2, int(np.ceil((b - a) / d - 1e-9)) + 1)) for a, b, d in spans if b > a]
     return np.unique(np.concatenate(parts))
 

@@ -13,10 +13,10 @@ from numpy.polynomial import Polynomial, legendre
 
 @dataclass(frozen=True)
 class Tableau:
-    """A collocation method with the nodes ``c``: ``A[i, j] = int_0^c_i l_j``, ``b[j] = int_0^1 l_j`` and twice integrated.
+    """A collocation method with the nodes ``c``: ``A[i, j] = int_0^c_i l_j``, ``b[j] = int_0^1 l_j``, and twice.
 
-    ``AA[i, j]``, ``bb[j]``: ``int_0^c_i int_0^t l_j`` and to 1, for second-order equations. ``order``: of the quadrature
-    (b, c), which is asserted.
+    ``AA[i, j]``, ``bb[j]``: ``int_0^c_i int_0^t l_j`` and to 1, for second-order equations. ``order``: of the
+    quadrature (b, c), which is asserted.
     """
 
     name: str
@@ -49,7 +49,7 @@ def _integrals(c: np.ndarray) -> tuple[list[Polynomial], list[Polynomial]]:
     once, twice = [], []
     for j in range(len(c)):
         others = np.delete(c, j)
-        lagrange = Polynomial.fromroots(others) / np.prod(c[j] - others)
+        lagrange = Polynomial(np.atleast_1d(np.poly(others))[::-1] / np.prod(c[j] - others))
         once.append(lagrange.integ())
         twice.append(lagrange.integ(2))
     return once, twice

@@ -1,8 +1,8 @@
 """Collocation of second-order equations on a mesh: where the unknowns stand, and the sparse matrices that follow.
 
-Unknowns, in this order: the states (y, y') at all nodes; then for each interval the accelerations y'' at its Gauss points
-and, for each of its instants, ``n_w`` further unknowns w. Within an interval y follows by integrating the polynomial
-through the accelerations twice:
+Unknowns, in this order: the states (y, y') at all nodes; then for each interval the accelerations y'' at its Gauss
+points and, for each of its instants, ``n_w`` further unknowns w. Within an interval y follows by integrating the
+polynomial through the accelerations twice:
 
     y(t_k + c_i h) = y_k + c_i h y'_k + h^2 sum_j AA_ij y''_j,     y'(t_k + c_i h) = y'_k + h sum_j A_ij y''_j
 """
@@ -21,7 +21,7 @@ from flexgen.solvers.tableaus import Tableau
 
 @dataclass(frozen=True)
 class Transcription:
-    """A mesh with its unknowns: ``nodes`` (N + 1,) [s], the method, ``n`` coordinates y, ``n_w`` unknowns an instant."""
+    """A mesh with its unknowns: ``nodes`` (N + 1,) [s], the method, ``n`` coordinates y, ``n_w`` more an instant."""
 
     nodes: np.ndarray
     table: Tableau

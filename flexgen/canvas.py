@@ -1,0 +1,192 @@
+"""The canvas of all pictures: settings, colours, axes and files.
+
+Figures are built without pyplot and under settings of their own, which are put back afterwards: a program's figures and
+style stay as they were. Colours: M. Okabe and K. Ito, Color Universal Design, 2008 (colour-blind readers tell them
+apart).
+"""
+
+from __future__ import annotations
+
+import functools
+import io
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import matplotlib
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from flexgen.errors import ArgumentError
+from flexgen.mechanics.equations import Equations
+from flexgen.model.elements import RobotModel
+from flexgen.trajectory import Trajectory
+
+BLUE, ORANGE, GREEN, RED, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
+INK, GREY, PALE = "#222222", "#777777", "#F1F1EE"
+COLOURS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, INK)
+DASHES = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)))
+WIDTH = 8.6  # inches
+
+_OURS = re.compile(
+    r"(axes|font|grid|hatch|legend|lines|mathtext|patch|path|svg|text|[xy]tick|[xy]axis|scatter|markers)\."
+)
+_STYLE = {key: value for key, value in matplotlib.rcParamsDefault.items() if _OURS.match(key)} | {
+    "axes.axisbelow": True, "axes.edgecolor": GREY, "axes.formatter.useoffset": False, "axes.grid": True,
+    "axes.labelcolor": INK, "axes.labelsize": 9, "axes.linewidth": 0.7, "axes.spines.right": False,
+    "axes.spines.top": False, "axes.titlelocation": "left", "axes.titlepad": 5, "axes.titlesize": 9.5,
+    "font.family": ["DejaVu Sans"], "font.size": 9, "grid.color": "#DDDDDD", "grid.linewidth": 0.5,
+    "legend.fontsize": 8.5, "legend.frameon": False, "lines.linewidth": 1.5, "lines.solid_capstyle": "round",
+    "svg.fonttype": "path", "svg.hashsalt": "flexgen", "text.color": INK, "text.parse_math": False,
+    "xtick.color": GREY, "xtick.labelcolor": INK, "xtick.labelsize": 8.5, "ytick.color": GREY,
+    "ytick.labelcolor": INK, "ytick.labelsize": 8.5,
+}  # fmt: skip
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def styled(function: Callable[P, R]) -> Callable[P, R]:
+    """Run under the settings of this module, whatever the caller's are."""
+
+    @functools.wraps(function)
+    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+        with matplotlib.rc_context(_STYLE):
+            return function(*args, **kwargs)
+
+    return run
+
+
+# --- files ------------------------------------------------------------------------------------------------------------
+
+
+@styled
+def svg(figure: Figure, prefix: str = "") -> str:
+    """The figure as the text of an ``<svg>`` element.
+
+    Parameters
+    ----------
+    figure : Figure
+    prefix : str
+        Put before every id, so that several pictures can stand in one page.
+    """
+    stream = io.StringIO()
+    empty = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    FigureCanvasSVG(figure).print_svg(stream, metadata=empty)
+    text = stream.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"\s*<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    return re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{prefix}", text)
+
+
+@styled
+def save(figure: Figure, path: str | Path, dpi: float = 150.0) -> Path:
+    """Write a figure to a ``.svg`` or ``.png`` file; the same figure gives the same bytes.
+
+    Raises
+    ------
+    ArgumentError
+        The name ends in something else.
+    """
+    path = Path(path)
+    if path.suffix not in (".svg", ".png"):
+        raise ArgumentError(f"picture: given {path.name!r}, expected a name that ends in .svg or .png")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.suffix == ".svg":
+        path.write_text('<?xml version="1.0" encoding="utf-8"?>\n' + svg(figure), encoding="utf-8", newline="\n")
+    else:
+        figure.set_dpi(dpi)
+        FigureCanvasAgg(figure).print_png(path, metadata={"Software": None})
+    return path
+
+
+# --- helpers ----------------------------------------------------------------------------------------------------------
+
+
+def title_of(model: RobotModel) -> str:
+    """Name of a model with its variant, as on the command line."""
+    return f"{model.name}@{model.variant}" if model.variant else model.name
+
+
+def power(x: float, _: Any = None) -> str:
+    """A tick label of a logarithmic axis: ``10⁻³``; 1 and 10 as they are."""
+    if x == 0:
+        return "0"
+    size = round(np.log10(abs(x)))
+    raised = {0: "1", 1: "10"}.get(size, "10" + str(size).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")))
+    return f"\N{MINUS SIGN}{raised}" if x < 0 else raised
+
+
+def log_axis(axis: Any, ticks: int = 6) -> None:
+    """Ticks of a logarithmic axis at powers of ten."""
+    axis.set_major_locator(LogLocator(numticks=ticks))
+    axis.set_major_formatter(FuncFormatter(power))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def prefixed(largest: float, unit: str) -> tuple[float, str]:
+    """Factor and unit in which a number of that size reads well: mm or um, mrad or urad."""
+    if unit not in ("m", "rad"):
+        return 1.0, unit
+    return (1e3, f"m{unit}") if largest >= 1e-4 else (1e6, f"µ{unit}")
+
+
+def path_end(equations: Equations, trajectory: Trajectory) -> float:
+    """When the reference comes to rest [s], read from the trajectory."""
+    if "y_ref" not in trajectory.channels:
+        return float(trajectory.time[-1])
+    t, y = trajectory.time, trajectory["y_ref"]
+    if "R_ref" in trajectory.channels:
+        y = np.hstack([y, trajectory["R_ref"]])
+    moving = np.abs(y - y[-1]).max(axis=1) > 1e-14 * max(1.0, float(np.abs(y).max()))
+    seen = float(t[min(int(np.flatnonzero(moving).max(initial=0)) + 1, len(t) - 1)])
+    # the last instants of a smooth law are below rounding: the move of the file tells, where it is this one
+    for move in equations.model.moves:
+        if move.name == trajectory.meta.get("move") and 0 <= move.duration - seen <= 0.1 * move.duration:
+            return move.duration
+    return seen
+
+
+def hold(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
+    """How far the motor torque is from its value at rest (n, n_m), and its range (n_m) [N m]."""
+    t, tau = trajectory.time, trajectory["tau_m"]
+    rest = np.median(tau[t <= t[0] / 2], axis=0) if t[0] < 0 else tau[0]
+    return np.abs(tau - rest), np.ptp(tau, axis=0)
+
+
+def begin(trajectory: Trajectory, end: float) -> float:
+    """Where pictures over time begin [s]: shortly before something can be seen."""
+    t = trajectory.time
+    away, span = hold(trajectory)
+    early = (away > 1e-3 * np.maximum(span, 1e-12)).any(axis=1)
+    first = t[int(np.argmax(early))] if early.any() else 0.0
+    return float(max(t[0], min(first, 0.0) - 0.06 * end))
+
+
+def time_axis(ax: Any, first: float, end: float, last: float, label: bool = True) -> None:
+    """Limits, the path's begin and end as lines, what lies outside of it shaded."""
+    ax.set_xlim(first, last)
+    for a, b in ((first, 0.0), (end, last)):
+        if b > a:
+            ax.axvspan(a, b, color=PALE, lw=0, zorder=0)
+    for x in (0.0, end):
+        ax.axvline(x, color=GREY, lw=0.8, zorder=1)
+    if label:
+        ax.set_xlabel("time, s   (shaded: before and after the path)" if first < 0 or last > end else "time, s")
+
+
+def new_figure(width: float, height: float, title: str, layout: bool = True) -> Figure:
+    """An empty white figure, title on the left; sizes in inches; with ``layout`` axes are placed when it is drawn."""
+    engine = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05, hspace=0.03, wspace=0.03) if layout else None
+    figure = Figure(figsize=(width, height), layout=engine, facecolor="white")
+    FigureCanvasAgg(figure)
+    if title:
+        place = {} if layout else {"y": 1 - 0.07 / height}  # a given height switches the placing off
+        figure.suptitle(title, x=0.07 / width, ha="left", va="top", fontsize=11, fontweight="bold", **place)
+    return figure

@@ -1,0 +1,172 @@
+"""What model files say of themselves, as JSON types: the list of models, and one model in full. SI units."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from flexgen.errors import FlexgenError
+from flexgen.model.elements import Coordinate, Dof, Friction, Gear, Motor, RobotModel, Spring
+from flexgen.model.reader import model_names, read
+
+
+def models(broken: dict[str, str] | None = None) -> list[dict[str, Any]]:
+    """The models that can be called by their names.
+
+    Parameters
+    ----------
+    broken : dict, optional
+        Receives the names of files that are no models, with the reason; without it such files raise.
+
+    Returns
+    -------
+    list of dict
+        ``name source n_m n_g n_e dof description variants`` each, sorted by name.
+
+    Raises
+    ------
+    ModelError
+        One of the files is wrong, and ``broken`` was not given.
+    """
+    rows = []
+    for name in model_names():
+        try:
+            robot = read(name)
+        except FlexgenError as error:
+            if broken is None:
+                raise
+            broken[name] = str(error)
+            continue
+        rows.append(
+            {
+                "name": name,
+                "source": " ".join(robot.source.split()),
+                **counts(robot),
+                "description": robot.description,
+                "variants": list(robot.variants),
+            }
+        )
+    return rows
+
+
+def counts(robot: RobotModel) -> dict[str, int]:
+    """Numbers of motors, actuated and non-actuated arm coordinates, and degrees of freedom."""
+    return {"n_m": robot.n_m, "n_g": robot.n_g, "n_e": robot.n_e, "dof": robot.dof}
+
+
+def describe(
+    model: str | Path | RobotModel, variant: str | None = None, overrides: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """One model in full: coordinates, gears, motors, bodies, output, moves, variants.
+
+    Parameters
+    ----------
+    model : name, path or RobotModel
+    variant, overrides : optional
+        As in `flexgen.read`.
+
+    Returns
+    -------
+    dict
+        JSON types, SI units.
+
+    Raises
+    ------
+    ModelError, ArgumentError
+        The model cannot be read.
+    """
+    robot = model if isinstance(model, RobotModel) else read(model, variant, overrides)
+    return {
+        "name": robot.name,
+        "variant": robot.variant,
+        "description": robot.description,
+        "source": " ".join(robot.source.split()),
+        "file": robot.file,
+        **counts(robot),
+        "gravity": list(robot.gravity),
+        "motor_coupling": robot.motor_coupling,
+        "home": list(robot.home),
+        "bodies": [
+            {"name": element.name, "mass": element.body.mass, "com": list(element.body.com)}
+            for element in robot.elements
+        ],
+        "coordinates": [_coordinate(c) for c in robot.coordinates],
+        "motors": [_motor(m) for m in robot.motors],
+        "output": {
+            "type": robot.output.type,
+            "size": robot.output.size,
+            "axes": robot.output.axes if robot.output.type == "tool_position" else None,
+            "weights": [list(row) for row in robot.output.weights] or None,
+            "unit": {"combination": robot.output.unit, "tool_pose": "m and rad"}.get(robot.output.type, "m"),
+        },
+        "moves": [
+            {
+                "name": move.name,
+                "type": move.type,
+                "duration": move.duration,
+                "smoothness": move.smoothness,
+                "start": list(move.start),
+                "end": list(move.end) or None,
+                "displacement": list(move.displacement) or None,
+                "rotation": list(move.rotation) if any(move.rotation) else None,
+            }
+            for move in robot.moves
+        ],
+        "variants": list(robot.variants),
+    }
+
+
+def _spring(spring: Spring) -> dict[str, Any]:
+    kind = type(spring).__name__.removesuffix("Spring").lower()
+    return {"type": kind, **dataclasses.asdict(spring)}
+
+
+def _friction(friction: Friction) -> dict[str, float] | None:
+    given = {key: value for key, value in dataclasses.asdict(friction).items() if value != 0.0}
+    return given or None
+
+
+def _gear(gear: Gear) -> dict[str, Any]:
+    if gear.spring is None:
+        return {"type": "rigid"}
+    return {"type": "elastic", "side": gear.side, "spring": _spring(gear.spring), "damping": gear.damping}
+
+
+def _coordinate(coordinate: Coordinate) -> dict[str, Any]:
+    dof = coordinate.dof
+    row: dict[str, Any] = {
+        "name": coordinate.name,
+        "unit": coordinate.unit,
+        "actuated": coordinate.actuated,
+        "element": coordinate.element,
+        "type": "beam mode" if dof is None else dof.type,
+    }
+    return row if dof is None else row | _dof(dof)
+
+
+def _dof(dof: Dof) -> dict[str, Any]:
+    return {
+        "axis": list(dof.axis),
+        "gear": None if dof.gear is None else _gear(dof.gear),
+        "spring": None if dof.spring is None else _spring(dof.spring),
+        "damping": dof.damping if dof.spring is not None else None,
+        "friction": _friction(dof.friction),
+        "lower": dof.lower,
+        "upper": dof.upper,
+        "speed_max": dof.speed_max,
+        "acceleration_max": dof.acceleration_max,
+    }
+
+
+def _motor(motor: Motor) -> dict[str, Any]:
+    return {
+        "name": motor.name,
+        "drives": list(motor.drives),
+        "ratio": list(motor.ratio),
+        "inertia": motor.inertia,
+        "friction": _friction(motor.friction),
+        "torque_max": motor.torque_max,
+        "speed_max": motor.speed_max,
+    }

@@ -1,0 +1,496 @@
+"""The command line: every verb, its JSON, its exit status, and what it says when something is wrong."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexgen import commands
+from flexgen.cli import build_parser, main
+from flexgen.printing import as_json, number, plain, roots, table
+from flexgen.trajectory import Trajectory
+
+ROOT = Path(__file__).resolve().parents[1]
+
+needs_compiler = pytest.mark.skipif(
+    not any(shutil.which(name) for name in ("cc", "gcc", "clang")), reason="needs a C compiler"
+)
+
+
+@pytest.fixture
+def run(capfd):
+    """Run a command line in this process; (status, standard output, standard error)."""
+
+    def call(*words):
+        capfd.readouterr()
+        status = main([str(word) for word in words])
+        captured = capfd.readouterr()
+        assert "Traceback" not in captured.err
+        return status, captured.out, captured.err
+
+    return call
+
+
+@pytest.fixture
+def ask(run):
+    """Run with --json; (status, the one object, standard error)."""
+
+    def call(*words):
+        def refuse(text):
+            raise AssertionError(f"{text} is not JSON")
+
+        status, out, err = run(*words, "--json")
+        data = json.loads(out, parse_constant=refuse)
+        assert isinstance(data, dict)
+        assert ("error" in data) == (status != 0)
+        return status, data, err
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def trajectory(tmp_path_factory):
+    """A solved move of the planar arm."""
+    path = tmp_path_factory.mktemp("solved") / "line.npz"
+    assert main(["solve", "planar5_nmp", "--out", str(path), "--no-verify", "--quiet", "--json"]) == 0
+    return path
+
+
+# --- models, describe -------------------------------------------------------------------------------------------------
+def test_models(ask, run):
+    status, data, _ = ask("models")
+    assert status == 0 and list(data) == ["models"]
+    rows = {row["name"]: row for row in data["models"]}
+    assert set(rows) == {path.stem for path in (ROOT / "models").glob("*.toml")}
+    for row in rows.values():
+        assert set(row) == {"name", "source", "n_m", "n_g", "n_e", "dof", "description", "variants"}
+    row = rows["planar5_nmp"]
+    assert [row[key] for key in ("n_m", "n_g", "n_e", "dof")] == [2, 2, 1, 5]
+    assert row["variants"] == ["undamped"]
+    _, text, _ = run("models")
+    assert all(name in text for name in rows) and "planar5_nmp@undamped" in text
+
+
+def test_broken_file_among_the_models_is_named_and_left_out(ask, tmp_path, monkeypatch):
+    (tmp_path / "bad.toml").write_text("name = 3\n")
+    monkeypatch.setenv("FLEXGEN_MODELS", str(tmp_path))
+    status, data, err = ask("models")
+    assert status == 0 and len(data["models"]) > 1
+    assert "bad.toml:" in data["broken"]["bad"] and "bad.toml:" in err
+
+
+def test_describe(ask, run):
+    status, data, _ = ask("describe", "planar5_nmp")
+    assert status == 0
+    assert {"name", "source", "n_m", "n_g", "n_e", "dof", "coordinates", "motors", "moves", "variants"} <= set(data)
+    assert [c["name"] for c in data["coordinates"]] == ["q1", "q2", "q3"]
+    assert data["coordinates"][0]["gear"]["damping"] == 400.0 and data["coordinates"][2]["spring"]["type"] == "linear"
+    status, text, _ = run("describe", "planar5_nmp")
+    assert status == 0 and "coordinate" in text and "m1" in text
+
+
+def test_every_model_can_be_described(ask, run):
+    for row in ask("models")[1]["models"]:
+        assert ask("describe", row["name"])[0] == 0
+        assert run("describe", row["name"])[0] == 0
+
+
+def test_variant_and_path(ask):
+    assert ask("describe", "planar5_nmp@undamped")[1]["coordinates"][0]["gear"]["damping"] == 0.0
+    assert ask("describe", ROOT / "models" / "elbow.toml")[1]["name"] == "elbow"
+    assert ask("describe", f"{ROOT / 'models' / 'elbow.toml'}@rigid")[1]["variant"] == "rigid"
+    status, data, _ = ask("describe", "planar5_nmp@nosuch")
+    assert status == 1 and "undamped" in data["error"]
+
+
+def test_set(ask):
+    _, data, _ = ask(
+        "describe",
+        "planar5_nmp",
+        "--set",
+        "motor.m1.inertia=0.5",
+        "--set",
+        'output.axes = "x"',
+        "--set",
+        "home_rad=[0, 1]",
+    )
+    assert data["motors"][0]["inertia"] == 0.5 and data["output"]["axes"] == "x" and data["home"] == [0.0, 1.0]
+    status, data, _ = ask("describe", "planar5_nmp", "--set", "motor.m9.inertia=0.5")
+    assert status == 1 and "motor.m9.inertia" in data["error"]
+    status, data, _ = ask("describe", "planar5_nmp", "--set", "motor.m1.inertia=-1")
+    assert status == 1 and "inertia" in data["error"]
+
+
+@pytest.mark.parametrize("text", ["motor.m1.inertia", "=3", "name=elbow", "x=1\ny=2", "x=", "x=[1,"])
+def test_bad_set_is_a_usage_error(ask, text):
+    status, data, err = ask("describe", "planar5_nmp", "--set", text)
+    assert status == 2 and "KEY=VALUE" in data["error"] and "usage:" in err
+
+
+# --- derive -----------------------------------------------------------------------------------------------------------
+def test_derive(ask, run, tmp_path):
+    status, data, _ = ask("derive", "elbow")
+    assert status == 0 and data["functions"]["mass_matrix"] > 0 and data["seconds"] >= 0 and "text" not in data
+    status, text, _ = run("derive", "elbow")
+    assert status == 0 and text.startswith("elbow") and "cos(" in text
+    assert ask("derive", "elbow", "--text")[1]["text"].strip() == text.strip()
+    file = tmp_path / "new" / "elbow.tex"
+    assert ask("derive", "elbow", "--out", file)[1]["out"] == str(file)
+    assert "\\documentclass" in file.read_text()
+
+
+def test_derive_without_a_closed_form(ask, run):
+    status, text, err = run("derive", "kr300")
+    assert status == 0 and "instructions" in text and "at most" in err
+    status, data, _ = ask("derive", "kr300", "--text")
+    assert status == 1 and "at most" in data["error"]
+    assert run("derive", "kr300", "--text", "--latex")[0] == 2
+
+
+# --- analyze ----------------------------------------------------------------------------------------------------------
+def test_analyze(ask, run):
+    status, data, _ = ask("analyze", "planar5_nmp")
+    assert status == 0
+    keys = "n_m n_g n_e dof modes_hz poles zeros phase structural_index preview_s"
+    assert set(keys.split()) <= set(data)
+    assert data["phase"] == "non-minimum phase" and data["structural_index"] == 4
+    assert all(len(pair) == 2 for pair in data["poles"] + data["zeros"])
+    status, text, _ = run("analyze", "planar5_nmp")
+    assert status == 0 and "non-minimum phase" in text and "Hz" in text
+
+
+@pytest.mark.parametrize(
+    "words", [["--pose", "-0.3,1,0"], ["--pose=-0.3,1,0"], ["--pose", "-.3,1"], ["--pose", "-3e-1, 1"]]
+)
+def test_negative_pose(ask, words):
+    status, data, _ = ask("analyze", "planar5_nmp", *words)
+    assert status == 0 and data["pose"][:2] == [-0.3, 1.0]
+
+
+@pytest.mark.parametrize("pose", ["a,b", "", "0.3,", "nan,1", "1,inf", "-x", "1;2"])
+def test_pose_that_is_no_list_of_numbers(run, pose):
+    status, out, err = run("analyze", "planar5_nmp", "--pose", pose)
+    assert status == 2 and out == "" and "--pose" in err
+
+
+def test_pose_of_the_wrong_length(ask):
+    status, data, _ = ask("analyze", "planar5_nmp", "--pose", "1,2,3,4")
+    assert status == 1 and "q1, q2, q3" in data["error"]
+
+
+# --- generate ---------------------------------------------------------------------------------------------------------
+@needs_compiler
+def test_generate(ask, run, tmp_path):
+    status, data, err = ask("generate", "elbow", "--directory", tmp_path / "c")
+    assert status == 0 and {"directory", "files", "functions", "digest", "seconds"} <= set(data)
+    assert data["directory"] == str(tmp_path / "c") and all(Path(file).is_file() for file in data["files"])
+    assert "mass_matrix" in data["functions"] and "compiling" in err
+    again = ask("generate", "elbow", "--directory", tmp_path / "c")[1]
+    assert again["cached"] and again["digest"] == data["digest"]
+    other = ask("generate", "elbow", "--directory", tmp_path / "c", "--set", "motor.m1.inertia=0.02")[1]
+    assert not other["cached"] and other["digest"] != data["digest"]
+    status, text, _ = run("generate", "elbow", "--directory", tmp_path / "c", "--force")
+    assert status == 0 and "elbow.h" in text
+
+
+# --- solve, simulate --------------------------------------------------------------------------------------------------
+def test_solve(ask, tmp_path):
+    status, data, _ = ask("solve", "planar5_nmp", "--move", "joints", "--out", tmp_path / "a" / "joints.csv")
+    assert status == 0
+    keys = (
+        "status method move wall_s cpu_s tool_error_max_m tool_error_max_rad torque_max_Nm residual_max_Nm iterations "
+        "trajectory"
+    )
+    assert set(keys.split()) <= set(data)
+    assert (data["status"], data["move"], data["tool_error_max_rad"]) == ("solved", "joints", None)
+    assert data["trajectory"] == str(tmp_path / "a" / "joints.csv")
+    assert 0 < data["tool_error_max_m"] < 1e-6
+    assert Trajectory.load(data["trajectory"])["tau_m"].shape[1] == 2
+
+
+def test_solve_writes_nothing_unless_asked(ask, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, data, _ = ask("solve", "elbow", "--no-verify")
+    assert status == 0 and data["trajectory"] is None and data["tool_error_max_m"] is None
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_solve_for_people(run):
+    status, out, _ = run("solve", "elbow", "--no-verify")
+    assert status == 0 and "N m" in out and "solved" in out
+    assert run("solve", "elbow", "--no-verify", "--quiet")[2] == ""
+
+
+def test_inaccurate_is_a_failure_with_its_figures(ask):
+    status, data, err = ask("solve", "planar5_nmp", "--mesh", "0.005", "--accuracy", "1e-30")
+    assert status == 1 and data["status"] == "inaccurate"
+    assert data["error"].startswith("inaccurate") and data["tool_error_max_m"] > 0 and "flexgen: inaccurate" in err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--move", "nosuch"],
+        ["--set", "motor.m1.ratio=0"],
+        ["--method", "closed-form", "--limits"],
+    ],
+)
+def test_solve_that_cannot_be_done(ask, words):
+    status, data, err = ask("solve", "elbow", *words)
+    assert status == 1 and err.strip().endswith(data["error"])
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--method", "magic"],
+        ["--out", "torque.txt"],
+        ["--mesh", "0"],
+        ["--mesh", "-1e-3"],
+        ["--mesh", "fine"],
+        ["--preview", "-0.1"],
+        ["--accuracy", "nan"],
+        ["--mov", "line"],
+    ],
+)
+def test_solve_usage(ask, words):
+    assert ask("solve", "elbow", *words)[0] == 2
+
+
+def test_simulate(ask, run, trajectory, tmp_path):
+    status, data, _ = ask("simulate", "planar5_nmp", trajectory, "--out", tmp_path / "moved.npz")
+    assert status == 0
+    keys = (
+        "model tool_error_max_m tool_error_max_rad energy_error torque_max_Nm speed_max_rad_s evaluations wall_s "
+        "trajectory"
+    )
+    assert list(data) == keys.split()
+    assert data["tool_error_max_m"] < 1e-6 and data["energy_error"] < 1e-9
+    assert Trajectory.load(data["trajectory"])["q_a"].shape[1] == 3
+    status, text, _ = run("simulate", "planar5_nmp", trajectory)
+    assert status == 0 and "energy error" in text
+
+
+def test_simulate_with_a_trajectory_of_another_model(ask, trajectory, tmp_path):
+    status, data, _ = ask("simulate", "elbow", trajectory)
+    assert status == 1 and "another model" in data["error"]
+    for name, content in (("a.npz", b"\x00\x01"), ("b.csv", b"1,2\n3\n"), ("c.npz", b"")):
+        (tmp_path / name).write_bytes(content)
+        status, data, _ = ask("simulate", "elbow", tmp_path / name)
+        assert status == 1 and name in data["error"]
+    assert ask("simulate", "elbow", tmp_path)[0] == 1
+    assert ask("simulate", "elbow", tmp_path / "nosuch.npz")[0] == 1
+
+
+# --- what is wrong with files -----------------------------------------------------------------------------------------
+@pytest.mark.parametrize("verb", ["describe", "derive", "analyze", "generate", "solve", "run"])
+@pytest.mark.parametrize(
+    "content", [b"", b"\xff\xfe\x00", b"name = ", b"name = 'a'\n", b"[" * 5000, b'{"name": "json"}'], ids=range(6)
+)
+def test_bad_model_files(ask, tmp_path, verb, content):
+    file = tmp_path / "bad.toml"
+    file.write_bytes(content)
+    status, data, err = ask(verb, file)
+    assert status == 1 and data["error"].startswith(f"{file}:") and err == f"flexgen: {data['error']}\n"
+
+
+@pytest.mark.parametrize("model", ["nosuch", "nosuch.toml", "/", "models/", "a@b@c", "@", "", "..", "x" * 5000, "\0"])
+def test_models_that_are_not_there(ask, model):
+    status, data, _ = ask("describe", model)
+    assert status == 1 and data["error"]
+
+
+def test_paths_that_cannot_be_written(ask, tmp_path):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder.npz").mkdir()
+    for words in (
+        ["solve", "elbow", "--no-verify", "--out", tmp_path / "file" / "a.npz"],
+        ["solve", "elbow", "--no-verify", "--out", tmp_path / "folder.npz"],
+        ["solve", "elbow", "--no-verify", "--report", tmp_path / "file"],
+        ["derive", "elbow", "--out", tmp_path / "file" / "a.txt"],
+        ["generate", "elbow", "--directory", tmp_path / "file" / "c"],
+        ["analyze", "elbow", "--report", tmp_path / "file"],
+        ["run", "elbow", "--report", tmp_path / "file" / "report"],
+    ):
+        status, data, _ = ask(*words)
+        assert status == 1 and str(tmp_path) in data["error"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_full_disk(ask):
+    with open("/dev/full", "w") as full:
+        answer = subprocess.run(
+            [sys.executable, "-m", "flexgen", "models"], cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert (
+        answer.returncode == 1
+        and answer.stderr.startswith("flexgen: standard output")
+        and answer.stderr.count("\n") == 1
+    )
+
+
+# --- usage, interruption, noise ---------------------------------------------------------------------------------------
+def test_usage(run):
+    for words in (
+        [],
+        ["nosuch"],
+        ["describe"],
+        ["describe", "a", "b"],
+        ["models", "--nosuch"],
+        ["solve", "elbow", "--out"],
+    ):
+        status, out, err = run(*words)
+        assert status == 2 and out == "" and err.startswith("usage: ")
+
+
+def test_help(run):
+    status, text, _ = run("--help")
+    assert status == 0
+    for verb in ("models", "describe", "derive", "analyze", "generate", "solve", "simulate", "run"):
+        assert verb in text
+        status, own, _ = run(verb, "--help")
+        assert status == 0 and "--json" in own
+    assert run("--version")[1].startswith("flexgen ")
+
+
+def noise(args, tell):
+    print("from Python")
+    os.write(1, b"from C\n")
+    tell("progress")
+    return commands.Answer({"x": float("nan"), "y": [np.float64("inf"), np.arange(2)]}, "done", warnings=["careful"])
+
+
+def test_only_the_answer_is_on_standard_output(ask, run, monkeypatch):
+    monkeypatch.setattr(commands, "models", noise)
+    _, data, err = ask("models")
+    assert data == {"x": None, "y": [None, [0, 1]]}
+    for text in ("from Python", "from C", "progress", "flexgen: warning: careful"):
+        assert text in err
+    assert run("models")[1] == "done\n"
+
+
+@pytest.mark.parametrize(
+    ("error", "expected"),
+    [(KeyboardInterrupt(), 130), (RuntimeError("broken"), 1), (MemoryError(), 1), (SystemExit(3), 1)],
+)
+def test_unexpected_ends(ask, monkeypatch, error, expected):
+    def fail(args, tell):
+        raise error
+
+    monkeypatch.setattr(commands, "models", fail)
+    status, data, err = ask("models")
+    assert status == expected and data["error"] and err.startswith("flexgen: ")
+
+
+def test_interruption_that_a_solver_swallows(ask, monkeypatch):
+    def swallow(args, tell):
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        return commands.Answer({"half": 1}, "half")
+
+    monkeypatch.setattr(commands, "models", swallow)
+    status, data, _ = ask("models")
+    assert status == 130 and data == {"error": "interrupted"}
+
+
+def test_closed_pipe_is_quiet():
+    reader, writer = os.pipe()
+    os.close(reader)
+    answer = subprocess.run(
+        [sys.executable, "cli.py", "models"], cwd=ROOT, stdout=writer, stderr=subprocess.PIPE, text=True
+    )
+    os.close(writer)
+    assert answer.stderr == "" and answer.returncode == 141
+
+
+def test_clone_without_installation(tmp_path):
+    """From anywhere, with no site-packages at all: a clear word instead of an import error."""
+    command = [sys.executable, "-S", "-E", str(ROOT / "cli.py")]
+    answer = subprocess.run([*command, "--help"], cwd=tmp_path, capture_output=True, text=True)
+    assert answer.returncode == 0 and "describe" in answer.stdout
+    answer = subprocess.run([*command, "models", "--json"], cwd=tmp_path, capture_output=True, text=True)
+    assert answer.returncode == 1 and "make setup" in json.loads(answer.stdout)["error"]
+    assert "Traceback" not in answer.stderr
+
+
+def test_output_in_an_ascii_terminal():
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    command = [sys.executable, "-m", "flexgen", "describe", "elbow", "--set", 'description="Ümlaut"']
+    answer = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True)
+    assert answer.returncode == 0 and b"mlaut" in answer.stdout and b"Traceback" not in answer.stderr
+
+
+# --- printing ---------------------------------------------------------------------------------------------------------
+def test_tables_are_aligned():
+    text = table([["a", 1.0, "m"], ["long", None, ""]], ("what", "value", "unit"))
+    assert text.splitlines() == ["what  value  unit", "----  -----  ----", "a         1  m", "long      -"]
+
+
+def test_numbers_for_people():
+    given = [0.00012345, 123456.0, 1.5, float("nan"), None, 3, "x", True, -2500.4, 1e-12]
+    assert [number(x) for x in given] == ["0.0001234", "123456", "1.5", "-", "-", "3", "x", "yes", "-2500", "1e-12"]
+    assert roots([[-1.0, -2.0], [-1.0, 2.0], [-3.0, 0.0], [-3.0, 0.0]]) == ["-1 +/- 2i", "-3 (2 times)"]
+
+
+def test_json_types():
+    assert plain({"p": Path("a"), "t": (1, 2.0), "b": True, 3: np.int64(4)}) == {
+        "p": "a",
+        "t": [1, 2.0],
+        "b": True,
+        "3": 4,
+    }
+    assert json.loads(as_json({"x": float("-inf")})) == {"x": None}
+
+
+# --- the README -------------------------------------------------------------------------------------------------------
+def readme_blocks(language):
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    return [block.partition("\n```")[0] for block in text.split(f"```{language}\n")[1:]]
+
+
+def test_commands_of_the_readme_are_understood():
+    lines = [line for block in readme_blocks("") for line in block.splitlines() if line.startswith("flexgen ")]
+    assert len(lines) > 5
+    for line in lines:
+        build_parser().parse_args(line.split()[1:])
+
+
+@needs_compiler
+def test_python_and_c_of_the_readme(tmp_path):
+    (python,), (c,) = readme_blocks("python"), readme_blocks("c")
+    answer = subprocess.run([sys.executable, "-c", python], cwd=tmp_path, capture_output=True, text=True)
+    assert answer.returncode == 0 and "solved" in answer.stdout, answer.stderr
+    (tmp_path / "demo.c").write_text(c)
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    command = next(line.strip() for line in text.splitlines() if line.startswith("    cc "))
+    compiler = next(name for name in ("cc", "gcc", "clang") if shutil.which(name))
+    subprocess.run(command.replace("cc ", f"{compiler} ", 1), shell=True, cwd=tmp_path, check=True)
+    printed = subprocess.run([tmp_path / "demo"], capture_output=True, text=True, check=True).stdout
+    assert f"`{printed.strip()}`" in text
+
+
+# --- the main job -----------------------------------------------------------------------------------------------------
+@needs_compiler
+def test_run_and_reports(ask, run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, data, _ = ask("run", "planar5_nmp")
+    assert status == 0 and data["solve"]["status"] == "solved" and data["load"]["difference_Nm"] < 1e-9
+    assert data["report"] == str(Path("reports", "planar5_nmp", "index.html"))
+    assert "<svg" in Path(data["report"]).read_text(encoding="utf-8")
+    assert Trajectory.load(data["solve"]["trajectory"])["tau_m"].shape[1] == 2
+    assert Path("generated", "planar5_nmp", "planar5_nmp.h").is_file()
+    status, text, _ = run("run", "planar5_nmp")
+    assert status == 0 and text.splitlines()[-1] == f"wrote {Path('generated', 'planar5_nmp')}"
+    status, data, _ = ask("solve", "planar5_nmp", "--no-verify", "--report", "r")
+    assert status == 0 and Path(data["report"]).is_file()
+    status, data, _ = ask("analyze", "planar5_nmp", "--report", "a")
+    assert status == 0 and data["pictures"] and all(Path(file).is_file() for file in data["pictures"])

@@ -1,0 +1,124 @@
+"""Time laws and paths: derivatives against finite differences and closed forms, ends at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import flexgen
+from flexgen.errors import ArgumentError
+from flexgen.mechanics.evaluate import evaluate
+from flexgen.model.elements import Move
+from flexgen.problems.path import Path, chain_rule
+from flexgen.problems.timing import TimeLaw
+
+# Central differences of step 1e-4 s on quantities whose third derivative is below 1e6 of their own size.
+DIFFERENCE = 2e-5
+
+
+def derivatives_agree(t: np.ndarray, values: np.ndarray) -> float:
+    """Largest relative difference between each derivative (last axis) and the finite difference of the one before."""
+    worst = 0.0
+    inner = slice(2, -2)
+    h = t[1] - t[0]
+    for k in range(values.shape[-1] - 1):
+        y = values[..., k]
+        slope = (-y[4:] + 8 * y[3:-1] - 8 * y[1:-3] + y[:-4]) / (12 * h)
+        given = values[inner][..., k + 1]
+        worst = max(worst, np.abs(slope - given).max() / max(np.abs(given).max(), 1e-12))
+    return worst
+
+
+@pytest.mark.parametrize("smoothness", [3, 5, 7, 9])
+def test_time_law_is_smooth_and_at_rest_at_both_ends(smoothness: int) -> None:
+    law = TimeLaw(0.5, smoothness)
+    ends = law(np.array([-1.0, 0.0, 0.5, 2.0]))
+    assert np.array_equal(ends[:, 0], [0, 0, 1, 1])
+    assert not ends[:, 1:].any()
+    # continuous derivatives: the value just inside is as small as the distance allows
+    near = np.abs(law(np.array([1e-4, 0.5 - 1e-4]))[:, 1 : min(smoothness, 5) + 1])
+    assert (near < 1e-2 * np.abs(law(np.linspace(0, 0.5, 99))).max(axis=0)[1 : min(smoothness, 5) + 1]).all()
+    middle = law(np.array([0.25]))[0]
+    assert abs(middle[0] - 0.5) < 1e-15 and abs(middle[2]) < 1e-9
+
+
+def test_time_law_matches_the_quintic_of_the_textbooks() -> None:
+    u = np.linspace(0, 1, 11)
+    # the textbook's sum itself loses as many units as its coefficients add up to: 31 eps
+    assert np.abs(TimeLaw(1.0, 2)(u)[:, 0] - (10 * u**3 - 15 * u**4 + 6 * u**5)).max() < 31 * 2.3e-16
+
+
+def test_time_law_derivatives() -> None:
+    t = np.linspace(0.001, 0.499, 4001)
+    assert derivatives_agree(t, TimeLaw(0.5, 7)(t)) < DIFFERENCE
+
+
+def test_time_law_refuses_nonsense() -> None:
+    with pytest.raises(ArgumentError, match="duration: given 0"):
+        TimeLaw(0.0, 5)
+    with pytest.raises(ArgumentError, match="smoothness: given 12"):
+        TimeLaw(1.0, 12)
+
+
+def test_chain_rule_on_a_known_function() -> None:
+    # f(s) = exp(2 s), s = t^3: compare with the derivatives of exp(2 t^3), by hand
+    t = np.array([0.3, 0.7])
+    s = np.stack([t**3, 3 * t**2, 6 * t, 6 + 0 * t, 0 * t, 0 * t], axis=1)
+    f = [(2**k * np.exp(2 * t**3))[:, None] for k in range(4)]
+    e = np.exp(2 * t**3)
+    expected = [e, 6 * t**2 * e, (12 * t + 36 * t**4) * e, (12 + 216 * t**3 + 216 * t**6) * e]
+    for found, right in zip(chain_rule(f, s), expected, strict=True):
+        assert np.abs(found[:, 0] / right - 1).max() < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("name", "move"),
+    [
+        ("planar5_nmp", "line"),
+        ("planar5_nmp", "joints"),
+        ("four_mass", "step"),
+        ("manutec_r3", "line"),
+        ("manutec_r3", "joints"),
+        ("beam_arm", "line"),
+    ],
+)
+def test_path_derivatives(name: str, move: str) -> None:
+    equations = flexgen.derive(name)
+    path = Path(equations, equations.model.move(move))
+    # two stretches apart from the ends, so that the highest derivative is continuous in between
+    t = np.linspace(0.05, 0.95, 6001) * path.duration
+    sample = path.sample(t)
+    assert derivatives_agree(t, sample.y) < DIFFERENCE
+    if sample.q_g is not None:
+        assert derivatives_agree(t, sample.q_g) < DIFFERENCE
+    if sample.R is not None and sample.w is not None:
+        assert derivatives_agree(t, sample.w) < DIFFERENCE
+        h = t[1] - t[0]
+        rate = (sample.R[2:] - sample.R[:-2]) / (2 * h)
+        omega = rate @ sample.R[1:-1].transpose(0, 2, 1)
+        axial = np.stack([omega[:, 2, 1], omega[:, 0, 2], omega[:, 1, 0]], axis=1)
+        assert np.abs(axial - sample.w[1:-1, :, 0]).max() < 1e-5 * np.abs(sample.w).max() + 1e-9
+        assert np.abs(sample.R @ sample.R.transpose(0, 2, 1) - np.eye(3)).max() < 1e-14
+
+
+def test_tool_line_with_rotation_turns_about_its_axis() -> None:
+    equations = flexgen.derive("manutec_r3")
+    start = equations.model.move("line").start
+    turn = (0.0, 0.0, 0.7)
+    path = Path(equations, Move("turn", "tool_line", start, 1.0, 5, displacement=(0.1, 0, 0), rotation=turn))
+    sample = path.sample(np.array([0.0, 1.0]))
+    assert sample.R is not None
+    c, s = np.cos(0.7), np.sin(0.7)
+    about_z = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    assert np.abs(sample.R[1] @ sample.R[0].T - about_z).max() < 1e-14
+    assert np.allclose(sample.y[1, :, 0] - sample.y[0, :, 0], [0.1, 0, 0], atol=1e-15)
+
+
+def test_joint_move_ends_where_the_joints_say() -> None:
+    equations = flexgen.derive("manutec_r3")
+    move = equations.model.move("joints")
+    sample = Path(equations, move).sample(np.array([0.0, move.duration]))
+    for k, q in enumerate((move.start, move.end)):
+        p, R = evaluate(equations.function("forward_kinematics"), np.array(q))
+        assert np.abs(sample.y[k, :, 0] - p[0]).max() < 1e-14
+        assert sample.R is not None and np.abs(sample.R[k] - R[0]).max() < 1e-14

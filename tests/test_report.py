@@ -1,0 +1,246 @@
+"""Reports and pictures: well-formed, self-contained, safe against what a model file says, the same every time."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from html.parser import HTMLParser
+from types import SimpleNamespace
+
+import matplotlib
+import numpy as np
+import pytest
+
+import flexgen
+from flexgen import canvas, pictures
+from flexgen.errors import ArgumentError
+from flexgen.report import write_analysis, write_report
+from flexgen.solvers.full import Limits
+
+CASES = [("planar5_nmp", "line"), ("manutec_r3", "line"), ("four_mass@high", "step"), ("beam_arm", "line")]
+ALWAYS = ["robot", "torques", "speeds", "deflections", "pole_zero_map", "frequency_response"]
+VOID = {"meta", "br", "hr", "img", "link", "input", "col", "area", "base", "source", "wbr"}
+
+
+@functools.cache
+def solved(name, move=None, verify=True):
+    equations = flexgen.derive(name)
+    return equations, flexgen.solve(equations, move, verify=verify)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A function that gives the page of a case, written once."""
+    folder = tmp_path_factory.mktemp("reports")
+
+    @functools.cache
+    def page(name, move):
+        return write_report(*solved(name, move), folder / "new" / name)
+
+    return page
+
+
+class Page(HTMLParser):
+    """Checks nesting; keeps tags, attributes and the text outside of style."""
+
+    def __init__(self, text):
+        super().__init__(convert_charrefs=True)
+        self.open, self.tags, self.attributes, self.text = [], [], [], []
+        self.feed(text)
+        self.close()
+        assert not self.open, f"not closed: {self.open}"
+
+    def handle_starttag(self, tag, attrs):
+        self.handle_startendtag(tag, attrs)
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += [(tag, key, value) for key, value in attrs]
+
+    def handle_endtag(self, tag):
+        assert self.open and self.open[-1] == tag, f"</{tag}> within {self.open[-3:]}"
+        self.open.pop()
+
+    def handle_data(self, data):
+        if not self.open or self.open[-1] != "style":
+            self.text.append(data)
+
+
+def read_page(path):
+    text = path.read_text(encoding="utf-8")
+    page = Page(text)
+    for _, key, value in page.attributes:
+        if key in ("href", "src", "xlink:href"):
+            assert value.startswith("#"), value
+        assert not key.startswith("on"), key
+    assert not re.search(r"url\((?!#)|@import|<script|NaN|\bnan\b", text)
+    assert "script" not in page.tags
+    ids = [value for _, key, value in page.attributes if key == "id"]
+    assert len(ids) == len(set(ids))
+    targets = {value[1:] for _, key, value in page.attributes if key == "xlink:href"}
+    assert targets <= set(ids)
+    return page, " ".join(page.text)
+
+
+@pytest.mark.parametrize("name, move", CASES)
+def test_report_is_complete_and_needs_nothing_else(name, move, written):
+    equations, _ = solved(name, move)
+    path = written(name, move)
+    page, text = read_page(path)
+    assert path.name == "index.html"
+    names = [value for tag, key, value in page.attributes if tag == "figure" and key == "id"]
+    assert set(names) == {*ALWAYS, "errors"}
+    assert page.tags.count("figure") == page.tags.count("figcaption") == len(names)
+    for picture in names:
+        root = ET.parse(path.parent / f"{picture}.svg").getroot()
+        assert root.tag.endswith("svg")
+    for word in (name, "status", "solved", "energy balance", "largest motor torque", "residual", "lead", "wall time"):
+        assert word in text
+    for motor in equations.model.motors:
+        assert motor.name in text
+    assert equations.model.description in text
+
+
+def test_caption_of_the_torque_follows_the_zeros(written):
+    texts = {}
+    for name, move in (("planar5_nmp", "line"), ("four_mass@high", "step")):
+        texts[name] = read_page(written(name, move))[1]
+    assert "zero dynamics is unstable" in texts["planar5_nmp"]
+    assert "zero dynamics is unstable" not in texts["four_mass@high"]
+
+
+def test_report_without_verification(tmp_path):
+    equations, solution = solved("planar5_nmp", "line", verify=False)
+    page, text = read_page(write_report(equations, solution, tmp_path))
+    assert "not done" in text
+    assert "errors" not in [value for tag, key, value in page.attributes if tag == "figure" and key == "id"]
+    assert not (tmp_path / "errors.svg").exists()
+    with pytest.raises(ArgumentError, match="not verified"):
+        pictures.errors(equations, solution.trajectory, None)
+    assert pictures.overview(equations, solution.trajectory) is not None
+
+
+def test_report_of_a_limited_solution_with_warnings_and_library(tmp_path):
+    equations, solution = solved("planar5_nmp", "line")
+    limited = dataclasses.replace(solution, status="limited", warnings=("motor m1: <b>torque</b> & more",))
+    library = SimpleNamespace(functions=("mass_matrix",), files=("a/planar5_nmp.c",), digest="0123456789abcdef0123")
+    page, text = read_page(
+        write_report(equations, limited, tmp_path, generated=library, limits=Limits(torque=(26.0, np.inf)))
+    )
+    assert "limited" in text and "Limits keep the machine off the path" in text
+    assert "motor m1: <b>torque</b> & more" in text and "b" not in page.tags
+    assert re.search(r"24\.48 / 26 ", text) and re.search(r"6\.\d+ / \N{EN DASH}", text)
+    assert "mass_matrix" in text and "planar5_nmp.c" in text and "a/planar5_nmp.c" not in text
+
+
+def test_text_of_a_model_cannot_become_markup(tmp_path):
+    equations, solution = solved("planar5_nmp", "line", verify=False)
+    evil = "<script>alert('x')</script><img src=x onerror=y>\" onload=\"z $\\frac$ </svg>"
+    model = dataclasses.replace(equations.model, description=evil, source=evil, variant=evil)
+    move = dataclasses.replace(solution.move, name=evil)
+    trajectory = dataclasses.replace(solution.trajectory, meta={**solution.trajectory.meta, "move": evil})
+    hostile = dataclasses.replace(solution, model=model, move=move, trajectory=trajectory, verdict=evil, method=evil)
+    page, text = read_page(write_report(flexgen.derive(model), hostile, tmp_path))
+    assert text.count("<script>alert('x')</script>") >= 4  # shown, not run
+    assert not {"script", "img"} & set(page.tags)
+    for file in tmp_path.glob("*.svg"):
+        assert all(not element.tag.endswith("script") for element in ET.parse(file).iter())
+
+
+def test_pictures_are_the_same_every_time_and_leave_no_trace(tmp_path):
+    equations, solution = solved("planar5_nmp", "line")
+    before = dict(matplotlib.rcParams)
+    style = {"font.size": 31.0, "axes.grid": False, "svg.hashsalt": "theirs"}
+    texts = []
+    for k in range(2):
+        with matplotlib.rc_context(style if k else {}):
+            figure = pictures.torques(equations, solution.trajectory, solution.simulation)
+            texts.append(pictures.save(figure, tmp_path / f"{k}.svg").read_bytes())
+    assert texts[0] == texts[1]
+    assert dict(matplotlib.rcParams) == before
+    assert b"<metadata" not in texts[0] and b"dc:date" not in texts[0]
+    code = "import sys, flexgen.report; assert 'matplotlib.pyplot' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+    code = "import sys, flexgen; assert 'matplotlib' not in sys.modules"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_overview_is_small(tmp_path):
+    equations, solution = solved("planar5_nmp", "line")
+    figure = pictures.overview(equations, solution.trajectory, solution.simulation)
+    assert pictures.save(figure, tmp_path / "a.svg").stat().st_size < 200_000
+    assert pictures.save(figure, tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
+    with pytest.raises(ArgumentError, match=r"\.svg or \.png"):
+        pictures.save(figure, tmp_path / "a.pdf")
+
+
+def test_limits_are_drawn_where_they_are_near():
+    equations, solution = solved("planar5_nmp", "line")
+    motors = tuple(
+        dataclasses.replace(m, torque_max=limit) for m, limit in zip(equations.model.motors, (26, 900), strict=True)
+    )
+    near = flexgen.derive(dataclasses.replace(equations.model, motors=motors))
+    figure = pictures.torques(near, solution.trajectory)
+    first, second = (axes for axes in figure.get_axes() if axes.get_ylabel() == "torque, N m")
+    assert first.get_ylim()[1] > 26 and first.get_title(loc="right") == "limit ±26 N m"
+    assert second.get_ylim()[1] < 50 and second.get_title(loc="right") == "limit ±900 N m"
+
+
+def test_early_torque_has_a_panel_only_with_unstable_zeros():
+    def titles(name, move):
+        equations, solution = solved(name, move)
+        analysis = flexgen.analyze(equations, solution.move.start)
+        return [
+            axes.get_title(loc="left")
+            for axes in pictures.torques(equations, solution.trajectory, analysis=analysis).get_axes()
+        ]
+
+    assert any("before the path" in title for title in titles("beam_arm", "line"))
+    assert not any("before the path" in title for title in titles("four_mass@high", "step"))
+
+
+def test_end_of_the_path_is_read_from_the_reference():
+    for name, move in CASES:
+        equations, solution = solved(name, move)
+        assert canvas.path_end(equations, solution.trajectory) == pytest.approx(solution.move.duration)
+
+
+def test_rigid_machine_has_no_deflections():
+    equations, solution = solved("elbow@rigid", "line", verify=False)
+    with pytest.raises(ArgumentError, match="rigid gears"):
+        pictures.deflections(equations, solution.trajectory)
+
+
+def test_machines_without_extent_show_their_output():
+    equations, solution = solved("four_mass@high", "step")
+    figure = pictures.robot(equations, solution.trajectory, solution.simulation)
+    (axes,) = figure.get_axes()
+    assert axes.get_ylabel() == "output, m"
+
+
+def test_analysis_is_written(tmp_path):
+    files = write_analysis(flexgen.analyze("planar5_nmp"), tmp_path / "a")
+    assert [f.name for f in files] == [
+        f"{name}.{end}" for name in ("pole_zero_map", "frequency_response") for end in ("svg", "png")
+    ]
+    assert all(f.stat().st_size > 5000 for f in files)
+
+
+@pytest.mark.parametrize("name", ["planar5_mp", "elbow@rigid", "abb_arm", "kr300", "manutec_r3_efjm"])
+def test_every_machine_has_its_pictures_of_dynamics(name):
+    analysis = flexgen.analyze(name)
+    for draw in (pictures.pole_zero_map, pictures.frequency_response):
+        for axes in draw(analysis).get_axes():
+            assert np.isfinite([*axes.get_xlim(), *axes.get_ylim()]).all()
+            assert axes.lines
+
+
+@pytest.mark.parametrize("x, text", [(1e-4, "10⁻⁴"), (1.0, "1"), (10.0, "10"), (-1e3, "\N{MINUS SIGN}10³"), (0.0, "0")])
+def test_tick_labels(x, text):
+    assert canvas.power(x) == text
