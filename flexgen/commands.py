@@ -5,6 +5,7 @@ Nothing heavy is imported before a verb runs, so that help and usage errors are 
 
 from __future__ import annotations
 
+import math
 import time
 from argparse import Namespace
 from collections.abc import Callable, Iterator
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from flexgen.mechanics.equations import Equations
     from flexgen.model.elements import RobotModel
     from flexgen.simulation import Simulation
-    from flexgen.solvers.solve import Solution
+    from flexgen.solvers.solution import Solution
 
 Tell = Callable[[str], None]
 
@@ -265,11 +266,14 @@ def _analysis_text(analysis: Analysis, data: dict[str, Any]) -> str:
         ],
         ("mode", "Hz", "damping ratio"),
     )
-    zeros = roots(data["zeros"] or [])
+    zeros, inner = roots(data["zeros"] or []), data["zeros_motor"] or []
+    notches = sorted(math.hypot(*root) / (2 * math.pi) for root in inner if root[1] > 0)
     verdict = figures(
         [
             ("phase of the output", data["phase"], ""),
-            ("zeros", ", ".join(zeros) if zeros else "none", "1/s" if zeros else ""),
+            ("zeros of the output", ", ".join(zeros) if zeros else "none", "1/s" if zeros else ""),
+            ("zeros, motor torque to motor angle", ", ".join(map(number, notches)) or None, "Hz"),
+            ("slowest unstable time constant", data["unstable_time_constant_s"] or None, "s"),
             ("structural index", data["structural_index"], ""),
             ("preview that exact following needs", data["preview_s"], "s"),
         ]
@@ -363,8 +367,13 @@ def inaccuracy(solution: Solution, accuracy: float) -> str:
     worst = max(solution.tool_error_max_m or 0.0, solution.tool_error_max_rad or 0.0)
     return (
         f"inaccurate: the simulated output strays {worst:.3g} m or rad from the path, more than {accuracy:.3g}; "
-        "try a finer --mesh or a longer --preview"
+        "try a finer --mesh, a longer --preview or --method full"
     )
+
+
+def micro(value: float | None) -> float | None:
+    """The same in millionths, for people: um, urad."""
+    return None if value is None else 1e6 * value
 
 
 def solution_rows(solution: Solution) -> list[tuple[str, Any, str]]:
@@ -379,8 +388,8 @@ def solution_rows(solution: Solution) -> list[tuple[str, Any, str]]:
         ("motor torque, largest", data["torque_max_Nm"], "N m"),
         ("motor speed, largest", data["speed_max_rad_s"], "rad/s"),
         ("residual of the equations, largest", data["residual_max_Nm"], "N m"),
-        ("output error in simulation, largest", data["tool_error_max_m"], "m"),
-        ("output error in simulation, largest", data["tool_error_max_rad"], "rad"),
+        ("tool error in simulation, largest", micro(data["tool_error_max_m"]), "um"),
+        ("tool error in simulation, largest", micro(data["tool_error_max_rad"]), "urad"),
         ("energy error of the simulation", data["energy_error"], "relative"),
     ]
 
@@ -395,8 +404,8 @@ def simulate(args: Namespace, tell: Tell) -> Answer:
     data = _simulation_dict(equations.model, simulation)
     text = f"{title(equations.model)} under the torque of {args.trajectory}\n\n" + figures(
         [
-            ("output error, largest", data["tool_error_max_m"], "m"),
-            ("output error, largest", data["tool_error_max_rad"], "rad"),
+            ("tool error, largest", micro(data["tool_error_max_m"]), "um"),
+            ("tool error, largest", micro(data["tool_error_max_rad"]), "urad"),
             ("energy error", data["energy_error"], "relative"),
             ("motor torque, largest", data["torque_max_Nm"], "N m"),
             ("motor speed, largest", data["speed_max_rad_s"], "rad/s"),

@@ -23,7 +23,7 @@ from flexgen.printing import figures, plain
 
 if TYPE_CHECKING:
     from flexgen.mechanics.equations import Equations
-    from flexgen.solvers.solve import Solution
+    from flexgen.solvers.solution import Solution
 
 
 def run(args: Namespace, tell: Tell) -> Answer:

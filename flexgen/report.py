@@ -18,7 +18,7 @@ from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Friction, Motor, RobotModel
 from flexgen.solvers.full import Limits
-from flexgen.solvers.solve import Solution
+from flexgen.solvers.solution import Solution
 
 _CSS = """
 body { font: 16px/1.5 "Helvetica Neue", Arial, "DejaVu Sans", sans-serif; color: #222; background: #fff;

@@ -245,7 +245,7 @@ def test_verbs_are_public_and_not_hidden_by_modules_of_the_same_name():
         ("flexgen.codegen.build", "from flexgen import runtime"),
         ("flexgen.runtime", "from flexgen.codegen import spec"),
         ("flexgen.analysis.linear", "from flexgen.problems.path import Path"),
-        ("flexgen.problems.path", "if TYPE_CHECKING:\n    from flexgen.solvers.solve import Solution"),
+        ("flexgen.problems.path", "if TYPE_CHECKING:\n    from flexgen.solvers.solution import Solution"),
     ],
 )
 def test_planted_import_upwards_is_seen(module, line):

@@ -21,7 +21,7 @@ from flexgen.solvers.collocation import collocate
 from flexgen.solvers.drives import twists
 from flexgen.solvers.full import Limits, limits_from_model
 from flexgen.solvers.reduction import Reduction
-from flexgen.solvers.solve import residual_max
+from flexgen.solvers.solution import residual_max
 from flexgen.solvers.tableaus import gauss, radau
 
 MICRON = 1e-6  # what a user is promised
@@ -96,7 +96,7 @@ def test_a_sign_error_in_the_coriolis_term_is_seen() -> None:
     bugged = Bugged(model)
     with pytest.raises(SolverError, match="does not satisfy the equations of motion"):
         flexgen.solve(bugged, verify=False)
-    seen = flexgen.solve(bugged, mesh=0.005)
+    seen = flexgen.solve(bugged, method="collocation", mesh=0.005)
     assert seen.status == "inaccurate" and (seen.tool_error_max_m or 0) > 100 * MICRON
 
 
@@ -157,6 +157,23 @@ def test_limits_of_the_model_file() -> None:
         limits_from_model(read("planar5_mp"))
     with pytest.raises(ArgumentError, match="expected 2 positive numbers"):
         flexgen.solve("planar5_mp", limits=Limits(torque=(1.0, -2.0)))
+
+
+def test_a_gear_with_a_kink_is_solved_by_the_full_method() -> None:
+    solution = flexgen.solve("four_mass@piecewise")
+    assert (solution.method, solution.status) == ("full", "solved")
+    assert (solution.tool_error_max_m or 1) < 2 * MICRON
+    exact = flexgen.solve("four_mass@piecewise", method="collocation", mesh=0.005)
+    assert exact.status == "inaccurate"  # its torque would have to jump
+
+
+@pytest.mark.long
+def test_backlash_is_solved_by_the_full_method_when_the_closed_form_fails() -> None:
+    said: list[str] = []
+    solution = flexgen.solve("kr300@backlash", progress=said.append)
+    assert any("trying the full model" in line for line in said)
+    assert (solution.method, solution.status) == ("full", "solved")
+    assert (solution.tool_error_max_m or 1) < 2 * MICRON and (solution.tool_error_max_rad or 1) < 2 * MICRON
 
 
 def test_complete_motor_coupling() -> None:

@@ -9,7 +9,7 @@ from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BPoly, make_interp_spline
+from scipy.interpolate import make_interp_spline
 
 from flexgen.analysis.linear import linearise
 from flexgen.analysis.zeros import inner_zeros
@@ -25,6 +25,7 @@ from flexgen.solvers.collocation import collocate
 from flexgen.solvers.drives import drives
 from flexgen.solvers.full import Limits, collocate_full
 from flexgen.solvers.reduction import Motion, Reduction
+from flexgen.solvers.solution import Solution, exceeded, has_kinks, residual_max
 from flexgen.solvers.tableaus import gauss
 from flexgen.trajectory import Trajectory
 
@@ -36,66 +37,6 @@ DECAY = 15.0  # time constants before the path: exp(-15) of the pre-actuation is
 SETTLE = 6.0  # time constants after the path, for the picture only
 ENERGY = 1e-7  # relative: a simulation that misses the energy balance by more proves nothing
 RESIDUAL = 1e-3  # of the largest torque: above it an answer is called wrong, whatever the solver says
-
-
-@dataclass(frozen=True)
-class Solution:
-    """Motor torques along a move, and how far they can be trusted.
-
-    ``status``: ``"solved"``; ``"limited"`` where torque or speed limits keep the tool off the path; ``"inaccurate"``
-    where the verification says so. ``verdict``: the nonlinear program's own words, empty for the closed form.
-    ``trajectory``: channels ``q_a v_a a_a q_m v_m a_m tau_m tau_g y_ref (R_ref)``. ``residual_max_Nm``: largest
-    residual of the full equations of motion half way between the samples. ``simulation``: the verification, None where
-    it was switched off. ``lead_s``: how long before the path the motion begins. ``warnings``: what the user should
-    know.
-    """
-
-    model: RobotModel
-    move: Move
-    method: str
-    status: str
-    verdict: str
-    trajectory: Trajectory
-    residual_max_Nm: float
-    iterations: int
-    wall_s: float
-    cpu_s: float
-    lead_s: float
-    simulation: Simulation | None
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def tool_error_max_m(self) -> float | None:
-        """Largest distance of the simulated output from the path [m]; None where it was not measured."""
-        return None if self.simulation is None else self.simulation.tool_error_max_m
-
-    @property
-    def tool_error_max_rad(self) -> float | None:
-        """Largest angle between the simulated output and the path [rad]; None where it was not measured."""
-        return None if self.simulation is None else self.simulation.tool_error_max_rad
-
-    def to_dict(self) -> dict[str, Any]:
-        """The figures as JSON types, SI units."""
-        simulation = self.simulation
-        return {
-            "model": self.model.name,
-            "status": self.status,
-            "verdict": self.verdict,
-            "method": self.method,
-            "move": self.move.name,
-            "wall_s": self.wall_s,
-            "cpu_s": self.cpu_s,
-            "tool_error_max_m": self.tool_error_max_m,
-            "tool_error_max_rad": self.tool_error_max_rad,
-            "torque_max_Nm": float(np.abs(self.trajectory["tau_m"]).max()),
-            "speed_max_rad_s": float(np.abs(self.trajectory["v_m"]).max()),
-            "residual_max_Nm": self.residual_max_Nm,
-            "energy_error": None if simulation is None else simulation.energy_error,
-            "iterations": self.iterations,
-            "lead_s": self.lead_s,
-            "warnings": list(self.warnings),
-            "trajectory": None,
-        }
 
 
 def solve(
@@ -120,7 +61,8 @@ def solve(
     method : str
         ``"closed-form"`` (no non-actuated coordinates), ``"collocation"`` (optimal control on the reduced problem,
         exact path), ``"full"`` (optimal control on the full model, with limits and for complete motor coupling), or
-        ``"auto"``.
+        ``"auto"``: the first that applies, and "full" for springs with a kink or where the verification rejects the
+        others.
     preview : float, optional [s]
         How long before the path the motion may begin; default: fifteen time constants of the slowest unstable zero.
     mesh : float, optional [s]
@@ -152,8 +94,9 @@ def solve(
     for name, value in (("preview", preview), ("mesh", mesh)):
         if value is not None and not (np.isfinite(value) and (value > 0 or (name == "preview" and value == 0))):
             raise ArgumentError(f"{name}: given {value}, expected a positive time in s")
-    if method == "auto":
-        needs_full = limits is not None or robot.motor_coupling != "simplified"
+    choose = method == "auto"
+    if choose:
+        needs_full = limits is not None or robot.motor_coupling != "simplified" or has_kinks(robot)
         method = "full" if needs_full else ("closed-form" if robot.n_e == 0 else "collocation")
     if limits is not None and method != "full":
         raise ArgumentError(
@@ -164,22 +107,51 @@ def solve(
             f"method closed-form: model {robot.name} has {robot.n_e} non-actuated coordinates, use collocation"
         )
     path = Path(equations, chosen)
-    h = mesh if mesh is not None else float(np.clip(path.duration / 100, 1e-3, 5e-3))
-    attempts = 1 if (mesh is not None or method == "closed-form" or not verify) else 3
-    for attempt in range(attempts):
-        solution = _once(equations, path, method, preview, h / 2**attempt, limits, progress)
-        if verify:
-            simulation = simulate(equations, solution.trajectory, progress=progress)
-            worst = _departure(equations, solution, simulation)
-            right = worst <= accuracy and simulation.energy_error <= ENERGY
-            solution = replace(solution, simulation=simulation, status=solution.status if right else "inaccurate")
-            if right:
-                break
-            if progress is not None and attempt + 1 < attempts:
-                progress(f"verified error {worst:.2e} is above {accuracy:.0e}: halving the mesh")
-        else:
-            _judge(solution)
+    ask = _Question(equations, path, preview, mesh, limits, verify, accuracy, progress)
+    solution = _refined(ask, method)
+    if choose and solution.status == "inaccurate" and method != "full":
+        ask.tell(f"method {method} missed the path: trying the full model")
+        other = _refined(ask, "full")
+        solution = other if other.status != "inaccurate" else solution
     return replace(solution, wall_s=time.perf_counter() - wall, cpu_s=time.process_time() - cpu)
+
+
+@dataclass(frozen=True)
+class _Question:
+    """What `solve` was asked, checked."""
+
+    equations: Equations
+    path: Path
+    preview: float | None
+    mesh: float | None
+    limits: Limits | None
+    verify: bool
+    accuracy: float
+    progress: Callable[[str], None] | None
+
+    def tell(self, text: str) -> None:
+        if self.progress is not None:
+            self.progress(text)
+
+
+def _refined(ask: _Question, method: str) -> Solution:
+    """One method, on finer meshes until its answer is verified."""
+    h = ask.mesh if ask.mesh is not None else float(np.clip(ask.path.duration / 100, 1e-3, 5e-3))
+    attempts = 1 if (ask.mesh is not None or method == "closed-form" or not ask.verify) else 3
+    for attempt in range(attempts):
+        solution = _once(ask, method, h / 2**attempt)
+        if not ask.verify:
+            _judge(solution)
+            return solution
+        simulation = simulate(ask.equations, solution.trajectory, progress=ask.progress)
+        worst = _departure(ask.equations, solution, simulation)
+        right = worst <= ask.accuracy and simulation.energy_error <= ENERGY
+        solution = replace(solution, simulation=simulation, status=solution.status if right else "inaccurate")
+        if right:
+            break
+        if attempt + 1 < attempts:
+            ask.tell(f"verified error {worst:.2e} is above {ask.accuracy:.0e}: halving the mesh")
+    return solution
 
 
 def _departure(equations: Equations, solution: Solution, simulation: Simulation) -> float:
@@ -214,15 +186,9 @@ def _find(robot: RobotModel, name: str | None) -> Move:
         raise ArgumentError(f"move: given {name!r}, model {robot.name} has: {names}") from None
 
 
-def _once(
-    equations: Equations,
-    path: Path,
-    method: str,
-    preview: float | None,
-    h: float,
-    limits: Limits | None,
-    progress: Callable[[str], None] | None,
-) -> Solution:
+def _once(ask: _Question, method: str, h: float) -> Solution:
+    """One method on one mesh, not verified."""
+    equations, path, preview, limits, progress = ask.equations, ask.path, ask.preview, ask.limits, ask.progress
     robot = equations.model
     if method == "full":
         lead, settle = windows(equations, path) if preview is None else (preview, 0.05)
@@ -258,7 +224,10 @@ def _once(
     if found is not None:
         motion = found
     else:  # a flat direction: its accelerations are read from the solution itself
-        smooth = make_interp_spline(nodes, answer_r.q_e, k=7)
+        # it was at rest before: without samples from then a spline's derivatives are poor at its end
+        before = nodes[0] - (nodes[1] - nodes[0]) * np.arange(8, 0, -1)
+        rest = np.tile(answer_r.q_e[0], (len(before), 1))
+        smooth = make_interp_spline(np.r_[before, nodes], np.vstack([rest, answer_r.q_e]), k=7)
         q[:, list(robot.i_e)] = smooth(t)
         q = reduction.close(q, reduction.targets(sample))
         motion = reduction.motion_through(sample, q, [smooth(t, k) for k in (1, 2, 3, 4)])
@@ -355,57 +324,5 @@ def _solution(
         cpu_s=0.0,
         lead_s=lead,
         simulation=None,
-        warnings=_warnings(equations.model, trajectory),
+        warnings=exceeded(equations.model, trajectory),
     )
-
-
-def residual_max(equations: Equations, trajectory: Trajectory) -> float:
-    """Largest residual of the full equations of motion half way between the samples [N m or N].
-
-    Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque by a quintic spline:
-    nothing of the solver is used again.
-    """
-    robot = equations.model
-    t = trajectory.time
-    middle = (t[:-1] + t[1:]) / 2
-    arm, motor = (
-        BPoly.from_derivatives(t, np.stack([trajectory[f"{x}_{part}"] for x in "qva"], axis=1)) for part in "am"
-    )
-    tau = make_interp_spline(t, trajectory["tau_m"], k=5)(middle)
-    r_a, r_m = evaluate(
-        equations.function("residual"),
-        *(arm(middle, k) for k in range(3)),
-        *(motor(middle, k) for k in range(3)),
-        tau,
-    )
-    rows = [np.abs(r_a).max()]
-    if robot.i_m:
-        rows.append(np.abs(r_m.reshape(len(middle), -1)[:, list(robot.i_m)]).max())
-    return float(max(rows))
-
-
-def _warnings(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]:
-    """Limits of the model file that the trajectory exceeds."""
-    out = []
-    for j, motor in enumerate(robot.motors):
-        for channel, limit, unit in (("tau_m", motor.torque_max, "N m"), ("v_m", motor.speed_max, "rad/s")):
-            largest = float(np.abs(trajectory[channel][:, j]).max())
-            if limit is not None and largest > limit * (1 + 1e-9):
-                what = "torque" if channel == "tau_m" else "speed"
-                out.append(f"motor {motor.name}: {what} {largest:.4g} {unit} exceeds its limit {limit:.4g} {unit}")
-    for i, coordinate in enumerate(robot.coordinates):
-        dof = coordinate.dof
-        if dof is None:
-            continue
-        q, v, a = (trajectory[x][:, i] for x in ("q_a", "v_a", "a_a"))
-        u = coordinate.unit
-        if dof.lower is not None and q.min() < dof.lower - 1e-9:
-            out.append(f"coordinate {dof.name}: {q.min():.4g} {u} is below its limit {dof.lower:.4g} {u}")
-        if dof.upper is not None and q.max() > dof.upper + 1e-9:
-            out.append(f"coordinate {dof.name}: {q.max():.4g} {u} is above its limit {dof.upper:.4g} {u}")
-        for values, limit, unit in ((v, dof.speed_max, f"{u}/s"), (a, dof.acceleration_max, f"{u}/s^2")):
-            if limit is not None and np.abs(values).max() > limit * (1 + 1e-9):
-                out.append(
-                    f"coordinate {dof.name}: {np.abs(values).max():.4g} {unit} exceeds its limit {limit:.4g} {unit}"
-                )
-    return tuple(out)

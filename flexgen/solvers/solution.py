@@ -1,0 +1,133 @@
+"""Solution: motor torques along a move, with the figures that tell how far they can be trusted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import BPoly, make_interp_spline
+
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.evaluate import evaluate
+from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
+from flexgen.simulation import Simulation
+from flexgen.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Motor torques along a move, and how far they can be trusted.
+
+    ``status``: ``"solved"``; ``"limited"`` where torque or speed limits keep the tool off the path; ``"inaccurate"``
+    where the verification says so. ``verdict``: the nonlinear program's own words, empty for the closed form.
+    ``trajectory``: channels ``q_a v_a a_a q_m v_m a_m tau_m tau_g y_ref (R_ref)``. ``residual_max_Nm``: largest
+    residual of the full equations of motion half way between the samples. ``simulation``: the verification, None where
+    it was switched off. ``lead_s``: how long before the path the motion begins. ``warnings``: what the user should
+    know.
+    """
+
+    model: RobotModel
+    move: Move
+    method: str
+    status: str
+    verdict: str
+    trajectory: Trajectory
+    residual_max_Nm: float
+    iterations: int
+    wall_s: float
+    cpu_s: float
+    lead_s: float
+    simulation: Simulation | None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def tool_error_max_m(self) -> float | None:
+        """Largest distance of the simulated output from the path [m]; None where it was not measured."""
+        return None if self.simulation is None else self.simulation.tool_error_max_m
+
+    @property
+    def tool_error_max_rad(self) -> float | None:
+        """Largest angle between the simulated output and the path [rad]; None where it was not measured."""
+        return None if self.simulation is None else self.simulation.tool_error_max_rad
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures as JSON types, SI units."""
+        simulation = self.simulation
+        return {
+            "model": self.model.name,
+            "status": self.status,
+            "verdict": self.verdict,
+            "method": self.method,
+            "move": self.move.name,
+            "wall_s": self.wall_s,
+            "cpu_s": self.cpu_s,
+            "tool_error_max_m": self.tool_error_max_m,
+            "tool_error_max_rad": self.tool_error_max_rad,
+            "torque_max_Nm": float(np.abs(self.trajectory["tau_m"]).max()),
+            "speed_max_rad_s": float(np.abs(self.trajectory["v_m"]).max()),
+            "residual_max_Nm": self.residual_max_Nm,
+            "energy_error": None if simulation is None else simulation.energy_error,
+            "iterations": self.iterations,
+            "lead_s": self.lead_s,
+            "warnings": list(self.warnings),
+            "trajectory": None,
+        }
+
+
+def residual_max(equations: Equations, trajectory: Trajectory) -> float:
+    """Largest residual of the full equations of motion half way between the samples [N m or N].
+
+    Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque by a quintic spline:
+    nothing of the solver is used again.
+    """
+    robot = equations.model
+    t = trajectory.time
+    middle = (t[:-1] + t[1:]) / 2
+    arm, motor = (
+        BPoly.from_derivatives(t, np.stack([trajectory[f"{x}_{part}"] for x in "qva"], axis=1)) for part in "am"
+    )
+    tau = make_interp_spline(t, trajectory["tau_m"], k=5)(middle)
+    r_a, r_m = evaluate(
+        equations.function("residual"),
+        *(arm(middle, k) for k in range(3)),
+        *(motor(middle, k) for k in range(3)),
+        tau,
+    )
+    rows = [np.abs(r_a).max()]
+    if robot.i_m:
+        rows.append(np.abs(r_m.reshape(len(middle), -1)[:, list(robot.i_m)]).max())
+    return float(max(rows))
+
+
+def exceeded(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]:
+    """Limits of the model file that the trajectory exceeds."""
+    out = []
+    for j, motor in enumerate(robot.motors):
+        for channel, limit, unit in (("tau_m", motor.torque_max, "N m"), ("v_m", motor.speed_max, "rad/s")):
+            largest = float(np.abs(trajectory[channel][:, j]).max())
+            if limit is not None and largest > limit * (1 + 1e-9):
+                what = "torque" if channel == "tau_m" else "speed"
+                out.append(f"motor {motor.name}: {what} {largest:.4g} {unit} exceeds its limit {limit:.4g} {unit}")
+    for i, coordinate in enumerate(robot.coordinates):
+        dof = coordinate.dof
+        if dof is None:
+            continue
+        q, v, a = (trajectory[x][:, i] for x in ("q_a", "v_a", "a_a"))
+        u = coordinate.unit
+        if dof.lower is not None and q.min() < dof.lower - 1e-9:
+            out.append(f"coordinate {dof.name}: {q.min():.4g} {u} is below its limit {dof.lower:.4g} {u}")
+        if dof.upper is not None and q.max() > dof.upper + 1e-9:
+            out.append(f"coordinate {dof.name}: {q.max():.4g} {u} is above its limit {dof.upper:.4g} {u}")
+        for values, limit, unit in ((v, dof.speed_max, f"{u}/s"), (a, dof.acceleration_max, f"{u}/s^2")):
+            if limit is not None and np.abs(values).max() > limit * (1 + 1e-9):
+                out.append(
+                    f"coordinate {dof.name}: {np.abs(values).max():.4g} {unit} exceeds its limit {limit:.4g} {unit}"
+                )
+    return tuple(out)
+
+
+def has_kinks(robot: RobotModel) -> bool:
+    """Whether a gear's spring has a kink, where the torque that follows a path exactly would have to jump."""
+    springs = [c.dof.gear.spring for c in robot.coordinates if c.dof is not None and c.dof.gear is not None]
+    return any(isinstance(spring, PiecewiseSpring) for spring in springs)
