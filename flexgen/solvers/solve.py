@@ -237,9 +237,14 @@ def _once(ask: _Question, method: str, h: float) -> Solution:
 
 
 def windows(equations: Equations, path: Path) -> tuple[float, float]:
-    """How long before the path to begin and after it to end [s], from the zeros at five poses along the path."""
-    if equations.model.n_e == 0 or equations.model.motor_coupling != "simplified":
+    """How long before the path to begin and after it to end [s], from the zeros at five poses along the path.
+
+    Rotors that turn with their carriers move the zeros a little; for this estimate they do not turn.
+    """
+    if equations.model.n_e == 0:
         return 0.05, 0.05
+    if equations.model.motor_coupling != "simplified":
+        equations = Equations(replace(equations.model, motor_coupling="simplified"))
     reduction = Reduction(equations)
     before, after = 0.0, 0.0
     poses = reduction.follow(path, np.linspace(0.0, path.duration, 65), reduction.start(path).q_a)
@@ -254,8 +259,9 @@ def windows(equations: Equations, path: Path) -> tuple[float, float]:
 
 
 def _mesh(lead: float, duration: float, settle: float, h: float) -> np.ndarray:
-    """Nodes with the ends of the path among them; intervals of at most h on it, 2 h after it, and before
-    it two time constants of what grows there, where that is less.
+    """Nodes, the ends of the path among them: intervals of at most h on it, 2 h after it.
+
+    Before it at most two time constants of what grows there, where that is less.
     """
     early = min(2 * h, max(2 * lead / DECAY, h / 5))
     spans = [(-lead, 0.0, early), (0.0, duration, h), (duration, duration + settle, 2 * h)]
