@@ -28,6 +28,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.ports import Port
 from flexgen.trajectory import Trajectory
 
+EVALUATIONS = 5_000_000  # a few minutes: what takes more has gone wrong
 RTOL, ATOL = 1e-11, 1e-12  # a tenth of a nanometre over a metre of reach and a thousand steps
 
 
@@ -49,23 +50,35 @@ class Simulation:
     speed_max_rad_s: float
     evaluations: int
     wall_s: float
+    warnings: tuple[str, ...] = ()
 
 
-def _checked(model: RobotModel, trajectory: Trajectory) -> None:
-    sizes = {"tau_m": model.n_m, "q_a": model.n_a, "q_m": model.n_m}
-    for name, size in sizes.items():
-        if name not in trajectory.channels:
+def _checked(model: RobotModel, data: Trajectory) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """The channels that a simulation needs, their columns in the model's order, and warnings."""
+    names_a, names_m = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
+    wanted = {"tau_m": (names_m, "N m"), "q_a": (names_a, "rad or m"), "q_m": (names_m, "rad")}
+    found = {}
+    for name, (labels, unit) in wanted.items():
+        if name not in data.channels:
             raise ArgumentError(
                 f"trajectory: channel {name} is missing; write one with 'flexgen solve {model.name} --out FILE'"
             )
-        width = trajectory[name].shape[1]
-        if width != size:
+        if sorted(data.labels[name]) != sorted(labels):
             raise ArgumentError(
-                f"trajectory channel {name}: given {width} columns, expected {size} for model {model.name}; "
-                "was it written for another model?"
+                f"trajectory channel {name}: given columns {', '.join(data.labels[name])}, expected "
+                f"{', '.join(labels)} for model {model.name}; was it written for another model?"
             )
-        if not np.isfinite(trajectory[name]).all():
+        if data.ports[name].unit != unit:
+            raise ArgumentError(f"trajectory channel {name}: given in {data.ports[name].unit}, expected in {unit}")
+        if not np.isfinite(data[name]).all():
             raise ArgumentError(f"trajectory channel {name}: given NaN or infinity, expected finite numbers")
+        found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
+    warnings = []
+    for key, own in (("model", model.name), ("variant", model.variant)):
+        other = data.meta.get(key, own)
+        if other != own:
+            warnings.append(f"the trajectory was written for {key} {other or 'none'!r}, this is {own or 'none'!r}")
+    return found, tuple(warnings)
 
 
 def simulate(
@@ -98,12 +111,18 @@ def simulate(
         The integration broke down; the text says when.
     """
     equations = model if isinstance(model, Equations) else derive(model)
+    if not isinstance(trajectory, Trajectory | str | FilePath):
+        raise ArgumentError(
+            f"trajectory: given {type(trajectory).__name__}, expected a Trajectory or the path of a file"
+        )
+    if not 1e-14 < rtol < 1e-2:
+        raise ArgumentError(f"rtol: given {rtol}, expected a relative tolerance between 1e-14 and 1e-2")
     data = trajectory if isinstance(trajectory, Trajectory) else Trajectory.load(trajectory)
     robot = equations.model
-    _checked(robot, data)
-    t = data.time
-    tau = make_interp_spline(t, data["tau_m"], k=min(5, len(t) - 1))
-    states, count, wall = _integrate(equations, t, tau, data["q_a"][0], data["q_m"][0], rtol, progress)
+    given, warnings = _checked(robot, data)
+    t, torque = data.time, given["tau_m"]
+    tau = make_interp_spline(t, torque, k=min(5, len(t) - 1))
+    states, count, wall = _integrate(equations, t, tau, given["q_a"][0], given["q_m"][0], rtol, progress)
     n_a, i_m = robot.n_a, list(robot.i_m)
     n = robot.dof
     q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
@@ -115,7 +134,7 @@ def simulate(
     imbalance = total - total[0] - states[:, 2 * n] + states[:, 2 * n + 1]
     turned = max(np.ptp(energies[0]), np.ptp(energies[1]), np.ptp(states[:, 2 * n]), 1e-12)
 
-    channels = {"q_a": q_a, "v_a": v_a, "q_m": q_m, "v_m": v_m, "tau_m": data["tau_m"]}
+    channels = {"q_a": q_a, "v_a": v_a, "q_m": q_m, "v_m": v_m, "tau_m": torque}
     names_a, names_m = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)
     labels = {"q_a": names_a, "v_a": names_a, "q_m": names_m, "v_m": names_m, "tau_m": names_m}
     ports = {
@@ -142,10 +161,11 @@ def simulate(
         tool_error_max_m=in_m,
         tool_error_max_rad=in_rad,
         energy_error=float(np.abs(imbalance).max() / turned),
-        torque_max_Nm=float(np.abs(data["tau_m"]).max()),
+        torque_max_Nm=float(np.abs(torque).max()),
         speed_max_rad_s=float(np.abs(v_m).max()),
         evaluations=count,
         wall_s=wall,
+        warnings=warnings,
     )
 
 
@@ -189,6 +209,11 @@ def _integrate(
         while k < len(t) and t[k] <= solver.t:
             out[k] = dense(t[k])
             k += 1
+        if solver.nfev > EVALUATIONS:
+            raise SolverError(
+                f"simulation: gave up at t = {solver.t:.6g} of {t[-1]:.6g} s after {solver.nfev} evaluations; "
+                "is the trajectory in SI units, and the machine no stiffer than it should be?"
+            )
         if progress is not None and time.perf_counter() - spoken > 1.0:
             spoken = time.perf_counter()
             progress(f"simulation: t = {solver.t:7.3f} of {t[-1]:.3f} s, {solver.nfev} evaluations")

@@ -14,6 +14,8 @@ import numpy as np
 from flexgen.errors import ArgumentError
 from flexgen.ports import Port
 
+LARGEST = 2**30  # bytes: a file that is larger is no trajectory of a robot
+
 
 @dataclass(frozen=True)
 class Trajectory:
@@ -57,6 +59,8 @@ class Trajectory:
         path = Path(path)
         if path.suffix not in (".npz", ".csv"):
             raise ArgumentError(f"trajectory file: given {path.name!r}, expected a name that ends in .npz or .csv")
+        if path.exists() and not path.is_file():
+            raise ArgumentError(f"trajectory file: given {str(path)!r}, which is no regular file")
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix == ".npz":
             head = {
@@ -80,22 +84,40 @@ class Trajectory:
     def load(path: str | Path) -> Trajectory:
         """Read what `save` wrote; ArgumentError where the file is no trajectory."""
         path = Path(path)
-        try:
-            if path.suffix == ".csv":
-                return _load_csv(path)
-            with np.load(path, allow_pickle=False) as data:
-                head = json.loads(str(data["head"]))
-                ports = {k: Port(k, tuple(s), unit, doc) for k, (s, unit, doc) in head["ports"].items()}
-                labels = {k: tuple(v) for k, v in head["labels"].items()}
-                return Trajectory(data["time"], {k: data[k] for k in ports}, ports, labels, head["meta"])
-        except FileNotFoundError:
+        if not path.exists():
             raise ArgumentError(
-                f"trajectory: given {str(path)!r}, which does not exist; write one with 'solve --out'"
-            ) from None
-        except ArgumentError:
-            raise
+                f"trajectory: given {str(path)!r}, which does not exist; "
+                "write one with 'flexgen solve MODEL --out FILE'"
+            )
+        if not path.is_file():
+            raise ArgumentError(f"trajectory: given {str(path)!r}, expected a regular file that ends in .npz or .csv")
+        if path.stat().st_size > LARGEST:
+            raise ArgumentError(f"trajectory: given {str(path)!r} of {path.stat().st_size} bytes, at most {LARGEST}")
+        try:
+            return _load_csv(path) if path.suffix == ".csv" else _load_npz(path)
+        except ArgumentError as error:
+            raise ArgumentError(f"{path}: {error}") from None
         except Exception as error:  # numpy, zipfile and json each have their own idea of a broken file
-            raise ArgumentError(f"trajectory {path}: not a trajectory file of flexgen ({error})") from error
+            raise ArgumentError(
+                f"{path}: given a file that is no trajectory of flexgen ({type(error).__name__}), "
+                "expected one that 'flexgen solve MODEL --out FILE' wrote"
+            ) from error
+
+
+def _load_npz(path: Path) -> Trajectory:
+    with np.load(path, allow_pickle=False) as data:
+        head = json.loads(str(data["head"]))
+        ports = {k: Port(k, tuple(s), unit, doc) for k, (s, unit, doc) in head["ports"].items()}
+        labels = {k: tuple(v) for k, v in head["labels"].items()}
+        return Trajectory(
+            _real("time", data["time"]), {k: _real(k, data[k]) for k in ports}, ports, labels, head["meta"]
+        )
+
+
+def _real(name: str, values: np.ndarray) -> np.ndarray:
+    if values.dtype.kind not in "fiu":
+        raise ArgumentError(f"channel {name}: given numbers of type {values.dtype}, expected real ones")
+    return np.asarray(values, dtype=float)
 
 
 def _load_csv(path: Path) -> Trajectory:
@@ -103,16 +125,29 @@ def _load_csv(path: Path) -> Trajectory:
         meta = json.loads(stream.readline().removeprefix("#"))
         rows = csv.reader(stream)
         header = next(rows)
-        table = np.array([[float(x) for x in row] for row in rows])
+        numbers = []
+        for row in rows:
+            if len(row) != len(header):
+                raise ArgumentError(f"line {rows.line_num + 1}: given {len(row)} columns, expected {len(header)}")
+            try:
+                numbers.append([float(x) for x in row])
+            except ValueError:
+                raise ArgumentError(f"line {rows.line_num + 1}: given text, expected numbers") from None
+    if len(numbers) < 2:
+        raise ArgumentError(f"given {len(numbers)} samples, expected at least 2")
+    table = np.array(numbers)
     names: dict[str, list[str]] = {}
     units: dict[str, str] = {}
     for column in header[1:]:
         name, rest = column.split("[", 1)
         label, unit = rest.rsplit("] ", 1)
         names.setdefault(name, []).append(label)
-        units[name] = unit
+        if units.setdefault(name, unit) != unit:
+            raise ArgumentError(f"channel {name}: given columns in {units[name]} and in {unit}, expected one unit")
     channels, at = {}, 1
     for name, columns in names.items():
+        if [c.split("[", 1)[0] for c in header[at : at + len(columns)]] != [name] * len(columns):
+            raise ArgumentError(f"channel {name}: given columns apart from each other, expected them side by side")
         channels[name] = table[:, at : at + len(columns)]
         at += len(columns)
     ports = {k: Port(k, (len(v),), units[k], "read from csv") for k, v in names.items()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from flexgen.solvers.full import Limits, limits_from_model
 from flexgen.solvers.reduction import Reduction
 from flexgen.solvers.solution import residual_max
 from flexgen.solvers.tableaus import gauss, radau
+from flexgen.trajectory import Trajectory
 
 MICRON = 1e-6  # what a user is promised
 RIGHT = 1e-8  # what the methods reach: a hundredth of it
@@ -136,6 +138,8 @@ def test_torque_limits_are_kept_and_their_price_is_told() -> None:
     assert solution.method == "full" and solution.status == "limited"
     assert (np.abs(solution.trajectory["tau_m"]).max(axis=0) <= np.array(bound) * (1 + 1e-12)).all()
     assert solution.tool_error_max_m is not None and 1e-4 < solution.tool_error_max_m < 1e-2
+    # the plan itself is verified as closely as an exact path would be
+    assert solution.plan_error_max is not None and solution.plan_error_max < 1e-5
 
 
 def test_speed_limits_are_kept() -> None:
@@ -293,6 +297,10 @@ def test_simulation_from_rest_stays_at_rest() -> None:
         ({"method": "closed-form"}, "has 1 non-actuated coordinates"),
         ({"mesh": -1.0}, "mesh: given -1.0"),
         ({"preview": float("nan")}, "preview: given nan"),
+        ({"preview": -1.0}, "preview: given -1.0, expected zero or a positive time"),
+        ({"accuracy": 0.0}, "accuracy: given 0.0"),
+        ({"mesh": 1e-8}, "mesh: given 1e-08 s, which makes .* intervals"),
+        ({"preview": 1e9}, "expected at most 20000"),
         ({"method": "collocation", "limits": Limits(torque=(1.0, 1.0))}, "cannot respect them"),
     ],
 )
@@ -318,10 +326,48 @@ def test_trajectories_survive_a_file(tmp_path, suffix: str) -> None:  # type: ig
     equations = flexgen.derive("planar5_mp")
     solution = flexgen.solve(equations, verify=False)
     path = solution.trajectory.save(tmp_path / f"line.{suffix}")
-    again = flexgen.trajectory.Trajectory.load(path)
+    again = Trajectory.load(path)
     for name, values in solution.trajectory.channels.items():
         assert np.array_equal(again[name], values)
     assert simulate(equations, path).tool_error_max_m == simulate(equations, solution.trajectory).tool_error_max_m
     path.write_text("no trajectory")
-    with pytest.raises(ArgumentError, match="not a trajectory file"):
-        flexgen.trajectory.Trajectory.load(path)
+    with pytest.raises(ArgumentError, match="no trajectory of flexgen"):
+        Trajectory.load(path)
+
+
+def test_columns_are_known_by_their_labels(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    """A file whose columns are in another order is the same file; other units or names are refused."""
+    equations = flexgen.derive("elbow")
+    trajectory = flexgen.solve(equations, verify=False).trajectory
+    text = trajectory.save(tmp_path / "elbow.csv").read_text().splitlines()
+    header = text[1].split(",")
+    one, two = header.index("tau_m[m1] N m"), header.index("tau_m[m2] N m")
+
+    def written(lines: list[str]) -> Trajectory:
+        (tmp_path / "other.csv").write_text("\n".join(lines) + "\n")
+        return Trajectory.load(tmp_path / "other.csv")
+
+    swapped = [text[0]]
+    for line in text[1:]:
+        cells = line.split(",")
+        cells[one], cells[two] = cells[two], cells[one]
+        swapped.append(",".join(cells))
+    assert simulate(equations, written(swapped)).tool_error_max_m == simulate(equations, trajectory).tool_error_max_m
+    with pytest.raises(ArgumentError, match="tau_m: given in kN m, expected in N m"):
+        simulate(equations, written([text[0], text[1].replace("] N m", "] kN m"), *text[2:]]))
+    with pytest.raises(ArgumentError, match="q_a: given columns q1, q9, expected q1, q2"):
+        simulate(equations, written([text[0], text[1].replace("q_a[q2]", "q_a[q9]"), *text[2:]]))
+    with pytest.raises(ArgumentError, match="line 7: given 3 columns, expected"):
+        written([*text[:6], "1,2,3", *text[7:]])
+    with pytest.raises(ArgumentError, match="line 7: given text, expected numbers"):
+        written([*text[:6], text[6].replace("0.", "o.", 1), *text[7:]])
+    other = written([text[0].replace('"elbow"', '"shoulder"'), *text[1:]])
+    assert "was written for model 'shoulder'" in simulate(equations, other).warnings[0]
+
+
+def test_trajectories_are_regular_files(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    os.mkfifo(tmp_path / "pipe.npz")
+    with pytest.raises(ArgumentError, match="expected a regular file"):
+        Trajectory.load(tmp_path / "pipe.npz")
+    with pytest.raises(ArgumentError, match="no regular file"):
+        flexgen.solve("elbow", verify=False).trajectory.save(tmp_path / "pipe.npz")

@@ -23,8 +23,9 @@ class Solution:
     where the verification says so. ``verdict``: the nonlinear program's own words, empty for the closed form.
     ``trajectory``: channels ``q_a v_a a_a q_m v_m a_m tau_m tau_g y_ref (R_ref)``. ``residual_max_Nm``: largest
     residual of the full equations of motion half way between the samples. ``simulation``: the verification, None where
-    it was switched off. ``lead_s``: how long before the path the motion begins. ``warnings``: what the user should
-    know.
+    it was switched off. ``plan_error_max`` [m or rad]: for a motion that limits keep off its path, the largest
+    difference between the simulated output and the planned one, else None. ``lead_s``: how long before the path the
+    motion begins. ``warnings``: what the user should know.
     """
 
     model: RobotModel
@@ -40,6 +41,7 @@ class Solution:
     lead_s: float
     simulation: Simulation | None
     warnings: tuple[str, ...] = ()
+    plan_error_max: float | None = None
 
     @property
     def tool_error_max_m(self) -> float | None:
@@ -64,6 +66,7 @@ class Solution:
             "cpu_s": self.cpu_s,
             "tool_error_max_m": self.tool_error_max_m,
             "tool_error_max_rad": self.tool_error_max_rad,
+            "plan_error_max": self.plan_error_max,
             "torque_max_Nm": float(np.abs(self.trajectory["tau_m"]).max()),
             "speed_max_rad_s": float(np.abs(self.trajectory["v_m"]).max()),
             "residual_max_Nm": self.residual_max_Nm,

@@ -33,6 +33,8 @@ METHODS = ("auto", "closed-form", "collocation", "full")
 ACCURACY = 1e-5  # m and rad: a verified error above this is refined, then called inaccurate
 STEP = 1e-3  # s: the torque is sampled at least as finely
 STAGES = 3
+INTERVALS = 20_000  # of a mesh: more do not fit into memory for large machines
+SAMPLES = 200_000  # of a closed form
 DECAY = 15.0  # time constants before the path: exp(-15) of the pre-actuation is cut off
 SETTLE = 6.0  # time constants after the path, for the picture only
 ENERGY = 1e-7  # relative: a simulation that misses the energy balance by more proves nothing
@@ -91,9 +93,14 @@ def solve(
     chosen = move if isinstance(move, Move) else _find(robot, move)
     if method not in METHODS:
         raise ArgumentError(f"method: given {method!r}, expected one of {', '.join(METHODS)}")
-    for name, value in (("preview", preview), ("mesh", mesh)):
-        if value is not None and not (np.isfinite(value) and (value > 0 or (name == "preview" and value == 0))):
-            raise ArgumentError(f"{name}: given {value}, expected a positive time in s")
+    for name, value in (("preview", preview), ("mesh", mesh), ("accuracy", accuracy)):
+        if value is None or (name == "preview" and value == 0):
+            continue
+        if not isinstance(value, int | float) or not (np.isfinite(value) and value > 0):
+            what = {"preview": "zero or a positive time in s", "mesh": "a positive time in s"}.get(
+                name, "a positive length"
+            )
+            raise ArgumentError(f"{name}: given {value!r}, expected {what}")
     choose = method == "auto"
     if choose:
         needs_full = limits is not None or robot.motor_coupling != "simplified" or has_kinks(robot)
@@ -144,9 +151,11 @@ def _refined(ask: _Question, method: str) -> Solution:
             _judge(solution)
             return solution
         simulation = simulate(ask.equations, solution.trajectory, progress=ask.progress)
-        worst = _departure(ask.equations, solution, simulation)
+        plan = _plan_error(ask.equations, solution, simulation) if solution.status == "limited" else None
+        worst = max(simulation.tool_error_max_m or 0.0, simulation.tool_error_max_rad or 0.0) if plan is None else plan
         right = worst <= ask.accuracy and simulation.energy_error <= ENERGY
-        solution = replace(solution, simulation=simulation, status=solution.status if right else "inaccurate")
+        status = solution.status if right else "inaccurate"
+        solution = replace(solution, simulation=simulation, status=status, plan_error_max=plan)
         if right:
             break
         if attempt + 1 < attempts:
@@ -154,13 +163,8 @@ def _refined(ask: _Question, method: str) -> Solution:
     return solution
 
 
-def _departure(equations: Equations, solution: Solution, simulation: Simulation) -> float:
-    """How far the simulated output is from what the solver promised [m or rad].
-
-    That is the reference, or, where limits keep the tool off it, the output of the planned motion.
-    """
-    if solution.status != "limited":
-        return max(simulation.tool_error_max_m or 0.0, simulation.tool_error_max_rad or 0.0)
+def _plan_error(equations: Equations, solution: Solution, simulation: Simulation) -> float:
+    """How far the simulated output is from the planned one, which limits keep off the reference [m or rad]."""
     output = equations.function("output")
     planned, found = (evaluate(output, t["q_a"])[0] for t in (solution.trajectory, simulation.trajectory))
     return float(np.abs(planned - found).max())
@@ -197,7 +201,7 @@ def _once(ask: _Question, method: str, h: float) -> Solution:
         status = "limited" if answer.limited else "solved"
         return _solution(equations, path, method, status, answer.nlp.status, answer.nlp.iterations, lead, trajectory)
     if method == "closed-form":
-        n = int(np.ceil(path.duration / min(STEP, path.duration / 400)))
+        n = int(min(np.ceil(path.duration / min(STEP, path.duration / 400)), SAMPLES))
         t = np.linspace(0.0, path.duration, n + 1)
         sample = path.sample(t)
         reduction = Reduction(equations)
@@ -265,7 +269,13 @@ def _mesh(lead: float, duration: float, settle: float, h: float) -> np.ndarray:
     """
     early = min(2 * h, max(2 * lead / DECAY, h / 5))
     spans = [(-lead, 0.0, early), (0.0, duration, h), (duration, duration + settle, 2 * h)]
-    parts = [np.linspace(a, b, max(2, int(np.ceil((b - a) / d - 1e-9)) + 1)) for a, b, d in spans if b > a]
+    counts = [max(1, int(np.ceil((b - a) / d - 1e-9))) if b > a else 0 for a, b, d in spans]
+    if sum(counts) > INTERVALS:
+        raise ArgumentError(
+            f"mesh: given {h:.3g} s, which makes {sum(counts)} intervals over {lead + duration + settle:.3g} s, "
+            f"expected at most {INTERVALS}; take a coarser --mesh, a shorter --preview or a shorter move"
+        )
+    parts = [np.linspace(a, b, n + 1) for (a, b, _), n in zip(spans, counts, strict=True) if n]
     return np.unique(np.concatenate(parts))
 
 
