@@ -32,6 +32,7 @@ INK, GREY, PALE = "#222222", "#777777", "#F1F1EE"
 COLOURS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, INK)
 DASHES = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)))
 WIDTH = 8.6  # inches
+_PREFIXES = ((1.0, 1.0, ""), (1e-3, 1e3, "m"), (1e-7, 1e6, "µ"), (0.0, 1e9, "n"))  # from this size on, factor, prefix
 
 _OURS = re.compile(
     r"(axes|font|grid|hatch|legend|lines|mathtext|patch|path|svg|text|[xy]tick|[xy]axis|scatter|markers)\."
@@ -131,10 +132,24 @@ def log_axis(axis: Any, ticks: int = 6) -> None:
 
 
 def prefixed(largest: float, unit: str) -> tuple[float, str]:
-    """Factor and unit in which a number of that size reads well: mm or um, mrad or urad."""
-    if unit not in ("m", "rad"):
+    """Factor and unit in which a number of that size reads well: nm below 0.1 µm, µm, mm from 1000 µm on, m; so rad.
+
+    ``unit`` may name both, "rad or m"; others are left as they are.
+    """
+    if not set(unit.split(" or ")) <= {"m", "rad"}:
         return 1.0, unit
-    return (1e3, f"m{unit}") if largest >= 1e-4 else (1e6, f"µ{unit}")
+    size = float(f"{abs(largest):.3g}")
+    factor, prefix = next((f, p) for least, f, p in _PREFIXES if size >= least)
+    return factor, " or ".join(prefix + part for part in unit.split(" or "))
+
+
+def measure(value: float, unit: str) -> tuple[str, str]:
+    """A size of zero or more in words, three digits, and its unit with a prefix."""
+    factor, shown = prefixed(value, unit)
+    number = float(f"{factor * value:.3g}")
+    if 0 < number < 1e-3:
+        return "< 0.001", shown
+    return f"{number:.0f}" if number >= 1e3 else f"{number:.3g}", shown
 
 
 def path_end(equations: Equations, trajectory: Trajectory) -> float:
@@ -188,5 +203,6 @@ def new_figure(width: float, height: float, title: str, layout: bool = True) -> 
     FigureCanvasAgg(figure)
     if title:
         place = {} if layout else {"y": 1 - 0.07 / height}  # a given height switches the placing off
-        figure.suptitle(title, x=0.07 / width, ha="left", va="top", fontsize=11, fontweight="bold", **place)
+        size = min(11.0, 104.0 * width / len(title))  # long ones are set smaller, to fit
+        figure.suptitle(title, x=0.07 / width, ha="left", va="top", fontsize=size, fontweight="bold", **place)
     return figure

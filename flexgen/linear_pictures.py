@@ -23,12 +23,13 @@ def _bounds(values: np.ndarray) -> tuple[float, float]:
     return top, float(max(sizes[sizes > 1e-6 * top].min(), top / 3e3))
 
 
-def _root_axis(ax: Any, axis: str, values: np.ndarray) -> None:
+def _root_axis(ax: Any, axis: str, values: np.ndarray) -> str:
+    """Scale, limits and ticks of an axis; what its label says about the scale."""
     top, low = _bounds(values)
     set_scale, set_limits = getattr(ax, f"set_{axis}scale"), getattr(ax, f"set_{axis}lim")
     if top / low < 30:
         set_limits(-1.25 * top, 1.25 * max(float(values.max()), 0.2 * top))
-        return
+        return ""
     first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(1.3 * top)))
     set_scale("symlog", linthresh=10.0**first, linscale=0.6)
     right = float(values.max())  # the unstable half is as wide as it is needed
@@ -39,6 +40,7 @@ def _root_axis(ax: Any, axis: str, values: np.ndarray) -> None:
     chosen.set_major_locator(FixedLocator([-d for d in decades] + [0.0] + decades[::-1]))
     chosen.set_minor_locator(NullLocator())
     chosen.set_major_formatter(FuncFormatter(cv.power))
+    return f" (logarithmic outside ±{cv.power(10.0**first)})"
 
 
 def _counted(ax: Any, roots: np.ndarray, offset: tuple[float, float]) -> None:
@@ -63,6 +65,13 @@ def verdict(analysis: Analysis) -> str:
     return words.get(report.phase, "no verdict: as many outputs as motors are needed")
 
 
+def falls(analysis: Analysis) -> bool:
+    """Whether gravity lets the arm fall with free motors: a real pole to the right, slow beside the fastest ones."""
+    poles, top = analysis.poles, float(np.abs(analysis.poles).max(initial=0.0))
+    slow = (np.abs(poles.imag) <= 1e-9 * top) & (poles.real > 1e-6 * top) & (poles.real < 0.05 * top)
+    return any(analysis.model.gravity) and bool(slow.any())
+
+
 @cv.styled
 def pole_zero_map(analysis: Analysis) -> Figure:
     """Poles of the machine and zeros of its declared output at a pose of rest, in 1/s.
@@ -79,8 +88,9 @@ def pole_zero_map(analysis: Analysis) -> Figure:
     every = np.concatenate(sets)
     drawn = every[np.abs(every) <= FAR]
     drawn = np.where(np.abs(drawn) > 1e-9 * np.abs(drawn).max(initial=0.0), drawn, 0.0)
-    for axis, values in (("x", drawn.real), ("y", drawn.imag)):
-        _root_axis(ax, axis, np.where(np.abs(values) > 1e-6 * np.abs(drawn), values, 0.0))
+    for axis, part, values in (("x", "real", drawn.real), ("y", "imaginary", drawn.imag)):
+        scale = _root_axis(ax, axis, np.where(np.abs(values) > 1e-6 * np.abs(drawn), values, 0.0))
+        ax.set(**{f"{axis}label": f"{part} part, 1/s{scale}"})
     ax.axvspan(0.0, ax.get_xlim()[1], color="#F7E3D8", lw=0, zorder=0)
     ax.axvline(0.0, color=cv.INK, lw=0.8, zorder=1)
     ax.axhline(0.0, color=cv.GREY, lw=0.6, zorder=1)
@@ -107,10 +117,9 @@ def pole_zero_map(analysis: Analysis) -> Figure:
     _counted(ax, np.where(near, 0.0, sets[0])[near], (6, -12))
     far = int(np.sum(np.abs(every) > FAR))
     if far:
-        note = f"{far} roots beyond {cv.power(FAR)} 1/s not drawn"
+        note = f"{far} root{'s' if far > 1 else ''} beyond {cv.power(FAR)} 1/s not drawn"
         ax.text(0.99, 0.02, note, transform=ax.transAxes, ha="right", fontsize=8, color=cv.GREY)
     ax.text(0.99, 0.98, "unstable", transform=ax.transAxes, ha="right", va="top", color=cv.RED, fontsize=8.5)
-    ax.set(xlabel="real part, 1/s", ylabel="imaginary part, 1/s")
     figure.legend(loc="outside lower center", ncols=4, handletextpad=0.3, columnspacing=1.4)
     return figure
 
@@ -160,7 +169,7 @@ def frequency_response(analysis: Analysis) -> Figure:
         ax.set_ylabel(f"dB re 1 {of}/(N m)")
         ax.set_title(title)
         for frequency, _ in found:
-            ax.axvline(frequency, color=cv.GREY, lw=0.6, ls=(0, (2, 3)), zorder=0)
+            ax.axvline(frequency, color=cv.GREY, lw=0.6, ls=(0, (6, 4)), zorder=0)
     axes[1].set(xscale="log", xlim=(low, high), xlabel="frequency, Hz")
     axes[1].xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 500 * low else (1.0,)))
     axes[1].xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))

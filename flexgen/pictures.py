@@ -12,7 +12,7 @@ from flexgen import canvas as cv
 from flexgen.analysis.report import Analysis
 from flexgen.canvas import save, svg
 from flexgen.errors import ArgumentError
-from flexgen.linear_pictures import frequency_response, pole_zero_map, verdict
+from flexgen.linear_pictures import falls, frequency_response, pole_zero_map, verdict
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.evaluate import evaluate
 from flexgen.simulation import Simulation
@@ -22,6 +22,7 @@ from flexgen.trajectory import Trajectory
 __all__ = [
     "deflections",
     "errors",
+    "falls",
     "frequency_response",
     "overview",
     "pole_zero_map",
@@ -237,17 +238,17 @@ def deflections(
 
 
 def _error_axis(ax: Any, t: np.ndarray, values: np.ndarray, unit: str, names: list[str], label: str) -> None:
-    """Sizes on a logarithmic scale in um or urad, the largest in words."""
-    factor, shown = (1e6, f"µ{unit}") if unit in ("m", "rad") else (1.0, unit)
+    """Sizes on a logarithmic scale, the largest in words."""
+    top = float(np.abs(values).max())
+    factor, shown = cv.prefixed(top, unit)
     size = factor * np.abs(values)
-    top = float(size.max())
-    floor = max(1e-4 * top, 1e-9)
+    floor = factor * max(1e-4 * top, 1e-15)
     for k, name in enumerate(names):
         ax.semilogy(t, np.maximum(size[:, k], 0.1 * floor), color=cv.COLOURS[k % 7], lw=1.2, label=name)
-    ax.set_ylim(floor, max(4 * top, 10 * floor))
+    ax.set_ylim(floor, max(4 * factor * top, 10 * floor))
     cv.log_axis(ax.yaxis)
     ax.set_ylabel(f"{label}, {shown}")
-    ax.set_title(f"largest {top:{'.3g' if top < 1e3 else '.0f'}} {shown}", loc="right", fontsize=8.5)
+    ax.set_title(f"largest {' '.join(cv.measure(top, unit))}", loc="right", fontsize=8.5)
     if len(names) > 1:
         ax.legend(loc="lower right", ncols=len(names))
 
@@ -270,7 +271,7 @@ def _error_parts(equations: Equations, simulation: Simulation | None) -> list[tu
 def errors(
     equations: Equations, trajectory: Trajectory, simulation: Simulation | None, *, end: float | None = None
 ) -> Figure:
-    """Error of the simulated output over time [um, urad], logarithmic.
+    """Error of the simulated output over time, logarithmic.
 
     Raises
     ------
@@ -300,17 +301,10 @@ def _outputs(
     driven = trajectory if simulation is None else simulation.trajectory
     y = evaluate(equations.function("output"), driven["q_a"])[0].reshape(len(t), -1)
     unit = model.output.unit if model.output.type == "combination" else "m"
-    window = _window(equations, trajectory, end)
+    window, name = _window(equations, trajectory, end), "output" if simulation is None else "output, simulated"
     axes = figure.subplots(y.shape[1], 1, squeeze=False)[:, 0]
     for k, ax in enumerate(axes):
-        ax.plot(
-            t,
-            y[:, k],
-            color=cv.GREEN,
-            lw=3.2,
-            alpha=0.55,
-            label="output" if simulation is None else "output, simulated",
-        )
+        ax.plot(t, y[:, k], color=cv.GREEN, lw=3.2, alpha=0.55, label=name)
         if "y_ref" in trajectory.channels:
             ax.plot(t, trajectory["y_ref"][:, k], color=cv.RED, lw=1.1, ls=(0, (4, 2.5)), label="reference")
         cv.time_axis(ax, *window)

@@ -13,7 +13,7 @@ from scipy.integrate import trapezoid
 
 from flexgen import __version__, pictures
 from flexgen.analysis.report import Analysis, analyze
-from flexgen.canvas import title_of
+from flexgen.canvas import measure, title_of
 from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Friction, Motor, RobotModel
@@ -40,6 +40,12 @@ sup { line-height: 0; }
 """
 
 
+_FALLING = (
+    "Near the origin, a pole in the right half plane is the arm falling under gravity with free motors, not a fault of "
+    "the controller."
+)
+
+
 def _number(x: float | None, digits: int = 4) -> str:
     """A number for people, ``5.065·10<sup>-4</sup>``; a dash for None."""
     if x is None or not np.isfinite(x):
@@ -49,6 +55,12 @@ def _number(x: float | None, digits: int = 4) -> str:
         mantissa, exponent = text.split("e")
         text = f"{mantissa}·10<sup>{int(exponent)}</sup>"
     return text.replace("-", "\N{MINUS SIGN}")
+
+
+def _measure(value: float, unit: str) -> tuple[str, str]:
+    """A size and its unit with a prefix."""
+    number, shown = measure(value, unit)
+    return html.escape(number), html.escape(shown)
 
 
 def _complex(z: complex) -> str:
@@ -77,8 +89,8 @@ def _summary(solution: Solution) -> str:
     d = solution.to_dict()
     model, simulation = solution.model, solution.simulation
     bad = "" if solution.status == "solved" else " bad"
-    micro = [None if x is None else 1e6 * x for x in (d["tool_error_max_m"], d["tool_error_max_rad"])]
-    what = "output" if model.output.type == "combination" else "tool"
+    combined = model.output.type == "combination"
+    what, limited, plan = "output" if combined else "tool", _is_limited(solution), d.get("plan_error_max")
     t = solution.trajectory.time
     rows = [
         ("status", f'<span class="status{bad}">{html.escape(solution.status)}</span>', ""),
@@ -89,21 +101,36 @@ def _summary(solution: Solution) -> str:
     if simulation is None:
         rows.append(("verification", "not done", ""))
     else:
-        if micro[0] is not None:
-            rows.append((f"largest error of the {what}, simulated", _number(micro[0], 3), "µm"))
-        if micro[1] is not None:
-            rows.append((f"largest angle error of the {what}, simulated", _number(micro[1], 3), "µrad"))
-        rows.append(("error of the energy balance, relative", _number(simulation.energy_error, 2), "1"))
+        for key, unit in (("tool_error_max_m", "m"), ("tool_error_max_rad", "rad")):
+            if d[key] is not None:
+                angle = " angle" if unit == "rad" and not combined else ""
+                title = f"largest{angle} error of the {what}, simulated"
+                if limited:
+                    title = f"limits keep the {what} off the path by"
+                rows.append((title, *_measure(d[key], unit)))
+        if plan is not None:
+            unit = "m" if not combined else model.output.unit.replace("mixed", "rad or m")
+            rows.append(("simulation against the plan", *_measure(plan, unit)))
+        rows.append(("error of the energy balance", _number(simulation.energy_error, 2), "relative"))
     rows += [
         ("largest motor torque, motor side", _number(d["torque_max_Nm"]), "N m"),
         ("largest motor speed, motor side", _number(d["speed_max_rad_s"]), "rad/s"),
         ("largest residual of the equations of motion", _number(solution.residual_max_Nm, 2), "N m"),
         ("duration of the path", _number(solution.move.duration), "s"),
-        ("lead: motion may begin before the path by", _number(solution.lead_s), "s"),
+        ("motion begins before the path", _number(solution.lead_s), "s"),
         ("samples of the trajectory", f"{len(t)} from {_number(t[0])} to {_number(t[-1])} s", ""),
         ("wall time", _number(solution.wall_s, 3), "s"),
     ]
-    return _table(("what", "value", "unit"), rows, (1,))
+    told = (
+        f"<p>The limits do not let the {what} follow the path: how far it is off the path is part of the plan. The "
+        "simulation against the plan tells how well this torque drives the machine along what was planned.</p>\n"
+    )
+    return _table(("what", "value", "unit"), rows, (1,)) + (told if limited and plan is not None else "")
+
+
+def _is_limited(solution: Solution) -> bool:
+    """Whether limits keep the machine off the path, by the plan."""
+    return solution.status == "limited" or solution.to_dict().get("plan_error_max") is not None
 
 
 def _friction(f: Friction) -> str:
@@ -187,12 +214,12 @@ def _pictures(
     given = (equations, trajectory, simulation)
     end = solution.move.duration
     source = "planned" if simulation is None else "simulated"
-    limited = " Limits keep the machine off the path." if solution.status == "limited" else ""
+    limited = " Limits keep the machine off the path." if _is_limited(solution) else ""
     exact = analysis if solution.method != "full" else None  # the optimum of the full model is free before the path
     unstable = exact is not None and exact.zeros.phase == "non-minimum phase"
     early = (
         "It begins before the path because the zero dynamics is unstable, and only what comes beforehand keeps it "
-        "bounded; below, on a logarithmic scale, this early torque and the slope of the slowest unstable zero (dotted)."
+        "bounded; below, on a logarithmic scale, this early torque and the slope of the slowest unstable zero (dashed)."
         if unstable and trajectory.time[0] < 0
         else "Before the path it follows from the optimisation, which weighs the tool's error against steps of torque."
         if exact is None
@@ -228,10 +255,12 @@ def _pictures(
     if analysis is not None:
         what = "output" if model.output.type == "combination" else "tool"
         text = f"Poles and zeros at the start of the move: {pictures.verdict(analysis)}."
+        if pictures.falls(analysis):
+            text += f" {_FALLING}"
         out.append(("pole_zero_map", pictures.pole_zero_map(analysis), text))
         text = (
-            "Resonances show as peaks, dotted at the modes; the dips of the upper panel are the frequencies at which "
-            f"the machine swings against a standing motor; below, what reaches the {what}."
+            "Resonances show as peaks, dashed lines mark the modes; the dips of the upper panel are the frequencies at "
+            f"which the machine swings against a standing motor; below, what reaches the {what}."
         )
         out.append(("frequency_response", pictures.frequency_response(analysis), text))
     return out

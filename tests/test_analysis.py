@@ -92,11 +92,9 @@ def test_two_routes_to_the_zeros(name: str) -> None:
     rate = np.sqrt(np.linalg.norm(np.linalg.solve(linear.M, linear.K)))
     by_reduction = transmission_zeros(A, B, np.hstack([linear.W, np.zeros_like(linear.W)]), rate)
     assert by_reduction is not None
-    # a flat direction lets a zero through at infinity, which rounding may bring back to a huge one
-    finite = [z[np.abs(z) < 1e6] for z in (by_structure, by_reduction)]
-    assert len(finite[0]) == len(finite[1])
-    for zero in finite[0]:
-        assert closest(finite[1], zero) < 1e-5, name  # the eigenvalues of a badly scaled pencil of 40 states
+    assert len(by_structure) == len(by_reduction)  # zeros at infinity, of flat directions, are in neither
+    for zero in by_structure:
+        assert closest(by_reduction, zero) < 1e-5, name  # the eigenvalues of a badly scaled pencil of 40 states
 
 
 def test_planted_bug_in_the_pencil_is_caught() -> None:

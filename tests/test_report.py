@@ -100,7 +100,16 @@ def test_report_is_complete_and_needs_nothing_else(name, move, written):
     for picture in names:
         root = ET.parse(path.parent / f"{picture}.svg").getroot()
         assert root.tag.endswith("svg")
-    for word in (name, "status", "solved", "energy balance", "largest motor torque", "residual", "lead", "wall time"):
+    for word in (
+        name,
+        "status",
+        "solved",
+        "energy balance",
+        "largest motor torque",
+        "residual",
+        "motion begins before",
+        "wall time",
+    ):
         assert word in text
     for motor in equations.model.motors:
         assert motor.name in text
@@ -128,12 +137,17 @@ def test_report_without_verification(tmp_path):
 
 def test_report_of_a_limited_solution_with_warnings_and_library(tmp_path):
     equations, solution = solved("planar5_nmp", "line")
+    measured = dataclasses.replace(solution, status="limited", plan_error_max=1.7e-6)
+    text = " ".join(read_page(write_report(equations, measured, tmp_path / "measured"))[1].split())
+    assert "simulation against the plan 1.7 µm" in text and "is part of the plan" in text
     limited = dataclasses.replace(solution, status="limited", warnings=("motor m1: <b>torque</b> & more",))
     library = SimpleNamespace(functions=("mass_matrix",), files=("a/planar5_nmp.c",), digest="0123456789abcdef0123")
     page, text = read_page(
         write_report(equations, limited, tmp_path, generated=library, limits=Limits(torque=(26.0, np.inf)))
     )
     assert "limited" in text and "Limits keep the machine off the path" in text
+    assert "limits keep the tool off the path by" in text and "largest error of the tool" not in text
+    assert "simulation against the plan" not in text  # which was not measured
     assert "motor m1: <b>torque</b> & more" in text and "b" not in page.tags
     assert re.search(r"24\.48 / 26 ", text) and re.search(r"6\.\d+ / \N{EN DASH}", text)
     assert "mass_matrix" in text and "planar5_nmp.c" in text and "a/planar5_nmp.c" not in text
@@ -244,3 +258,50 @@ def test_every_machine_has_its_pictures_of_dynamics(name):
 @pytest.mark.parametrize("x, text", [(1e-4, "10⁻⁴"), (1.0, "1"), (10.0, "10"), (-1e3, "\N{MINUS SIGN}10³"), (0.0, "0")])
 def test_tick_labels(x, text):
     assert canvas.power(x) == text
+
+
+@pytest.mark.parametrize(
+    "value, unit, text",
+    [
+        (0.0, "m", "0 nm"),
+        (2e-13, "m", "< 0.001 nm"),
+        (6.22e-11, "m", "0.0622 nm"),
+        (9.99e-8, "m", "99.9 nm"),
+        (9.9996e-8, "m", "0.1 µm"),
+        (4.2e-5, "rad", "42 µrad"),
+        (9.994e-4, "m", "999 µm"),
+        (9.999e-4, "m", "1 mm"),
+        (3.125e-3, "rad", "3.12 mrad"),
+        (1.5, "m", "1.5 m"),
+        (2346.0, "m", "2350 m"),
+        (2e-6, "rad or m", "2 µrad or µm"),
+        (2e-6, "N m", "< 0.001 N m"),
+    ],
+)
+def test_sizes_for_people(value, unit, text):
+    assert " ".join(canvas.measure(value, unit)) == text
+
+
+@pytest.mark.parametrize("size, unit", [(3e-10, "nm"), (3e-6, "µm"), (3e-3, "mm")])
+def test_errors_are_drawn_in_a_unit_that_reads_well(size, unit):
+    equations, solution = solved("planar5_nmp", "line")
+    simulation = solution.simulation
+    done = simulation.trajectory
+    error = done["error"] * size / np.linalg.norm(done["error"], axis=1).max()
+    other = dataclasses.replace(done, channels={**done.channels, "error": error})
+    simulation = dataclasses.replace(simulation, trajectory=other)
+    (axes,) = pictures.errors(equations, solution.trajectory, simulation).get_axes()
+    assert axes.get_ylabel().endswith(f", {unit}") and unit in axes.get_title(loc="right")
+    assert axes.get_title(loc="right").split()[1] in ("3", "0.3")
+
+
+def test_logarithmic_axes_say_so_and_falling_is_explained(tmp_path):
+    analysis = flexgen.analyze("planar5_nmp")
+    axes = pictures.pole_zero_map(analysis).get_axes()[0]
+    for part, label in (("real", axes.get_xlabel()), ("imaginary", axes.get_ylabel())):
+        assert re.fullmatch(rf"{part} part, 1/s \(logarithmic outside ±\S+\)", label)
+    assert pictures.falls(analysis)
+    assert not pictures.falls(flexgen.analyze("abb_arm"))
+    text = read_page(write_report(*solved("planar5_nmp", "line"), tmp_path))[1]
+    assert "falling under gravity with free motors, not a fault of the controller" in text
+    assert "dotted" not in text

@@ -212,6 +212,47 @@ def test_elbow_is_the_published_closed_form():
             assert_close(one, other)
 
 
+@pytest.mark.parametrize("name", ["elbow", "planar5_nmp", "abb_arm", "four_mass"])
+def test_output_is_the_one_that_is_followed(name):
+    found, output = closed(name), derive(model_of(name)).function("output")
+    y = found.function(found.output)
+    for q, *_ in states(found.model):
+        assert_close(y(q)[0], output(q), 1.0 + np.abs(q).max())
+
+
+def test_declared_output_is_printed():
+    text = closed("elbow").text()
+    assert "declared output y:  y = (p[1], p[3])" in text and "y_{1}" not in closed("elbow").latex()
+    text = closed("four_mass").text()
+    assert "Declared output y, m\n\n  y[1] = 2.13*e2 + 1.53*e3 + 2.15*q1\n" in text
+    assert "Position of the tool" not in text
+    assert r"y_{1} &= 2.13\,e_{2} + 1.53\,e_{3} + 2.15\,q_{1}" in closed("four_mass").latex()
+    pose = symbolic(replace(model_of("elbow"), output=Output("tool_pose")))
+    assert "y = (p[1], p[2], p[3]) and the rotation" in pose.text()
+    check_latex(pose.latex())
+
+
+def test_coordinates_of_one_number_keep_their_names():
+    found = closed("abb_arm")
+    text, tex = found.text(), found.latex()
+    check_latex(tex)
+    assert "(2)" not in text and "(2)" not in tex
+    assert [s.name for s in (*found.v_a, *found.a_a, *found.tau)] == [
+        f"{head}_{name}" for head in ("v", "a", "tau") for name in ("q1", "e1")
+    ]
+    assert r"\tau_{\mathrm{e1}} &= " in tex and "v_{1}" not in tex
+    assert [s.name for s in closed("elbow").v_a] == ["v1", "v2"]
+    elbow = model_of("elbow")
+    motor = symbolic(replace(elbow, motors=(replace(elbow.motors[0], name="1"), elbow.motors[1])))
+    assert [s.name for s in (*motor.tau, *motor.tau_m)] == ["tau_1", "tau_2", "tau_1_motor", "tau_m2"]
+
+
+def test_gravity_vector_and_its_strength_have_different_names():
+    found = closed("elbow")
+    assert "g_0" in {entry.symbol.name for entry in found.entries} and r"g_{0}" in found.latex()
+    assert not {entry.symbol.name for entry in found.entries} & {"g", "M", "c"}
+
+
 def test_a_wrong_sign_would_be_seen():
     found = closed("elbow")
     q, v = np.array([0.3, -0.8]), np.array([1.0, 0.5])

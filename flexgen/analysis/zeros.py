@@ -106,11 +106,14 @@ def inner_zeros(equations: Equations, linear: LinearModel, rest: Equilibrium) ->
     if model.n_e:
         A, D, K = inner_pencil(equations, linear)
         n = model.n_e
-        # where the output is flat in a direction, A loses rank but for rounding: that many zeros lie at infinity
+        # where the output is flat in a direction, A loses rank but for rounding: a zero lies at infinity for each such
+        # direction, and another one where there is no damping in it either
         i_e = list(model.i_e)
         U, values_A, Vh = np.linalg.svd(A)
         values_A = np.where(values_A > 1e-12 * np.abs(linear.M[np.ix_(i_e, i_e)]).max(), values_A, 0.0)
-        A, lost = (U * values_A) @ Vh, int(np.sum(values_A == 0.0))
+        A, flat = (U * values_A) @ Vh, values_A == 0.0
+        braked = np.abs(np.sum(U * (D @ Vh.T), axis=0)) > 1e-12 * np.linalg.norm(D)
+        lost = int(np.sum(flat)) + int(np.sum(flat & ~braked))
         size = float(np.linalg.norm(K))
         rate = float(np.sqrt(size / np.linalg.norm(A))) if values_A.any() else np.inf
         rate = min(rate, size / float(np.linalg.norm(D)) if D.any() else np.inf)

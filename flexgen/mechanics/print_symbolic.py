@@ -143,7 +143,7 @@ class _Text(StrPrinter):
     """Plain text with abbreviations such as ``s12``."""
 
     def __init__(self, short: dict[sp.Expr, str]) -> None:
-        super().__init__()
+        super().__init__({"full_prec": False})
         self.short = short
 
     def _print_sin(self, expr: sp.Expr) -> str:
@@ -174,7 +174,7 @@ class _Latex(LatexPrinter):
     """LaTeX with abbreviations such as s_12; symbols only by the names given."""
 
     def __init__(self, short: dict[sp.Expr, str], names: dict[sp.Symbol, str]) -> None:
-        super().__init__({"symbol_names": names, "mul_symbol": r"\,"})
+        super().__init__({"symbol_names": names, "mul_symbol": r"\,", "full_prec": False})
         self.short, self.names = short, names
 
     def _print_Symbol(self, expr: sp.Symbol, style: str = "plain") -> str:

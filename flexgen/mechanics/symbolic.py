@@ -11,7 +11,7 @@ Source: L. Sciavicco and B. Siciliano, Modelling and Control of Robot Manipulato
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -61,6 +61,9 @@ class SymbolicEquations:
         ``q_m`` of the motors behind rigid gears.
     tool : Matrix
         Position of the tool in the world (3, 1) [m].
+    output : Matrix
+        What the model's reference prescribes: a combination of coordinates (n_y, 1), or rows of ``tool``; of a pose
+        its position.
     """
 
     model: RobotModel
@@ -84,6 +87,7 @@ class SymbolicEquations:
     motor_equations: tuple[sp.Expr, ...]
     gear_equations: tuple[tuple[sp.Symbol, sp.Expr], ...]
     tool: sp.Matrix
+    output: sp.Matrix
 
     @cached_property
     def parameters(self) -> dict[sp.Symbol, float]:
@@ -159,7 +163,7 @@ class SymbolicEquations:
         if self.motor_equations:
             rows = named(list(zip(self.tau_m, self.motor_equations, strict=True)))
             sections.append(Section("Motors", rows))
-        sections.append(Section("Position of the tool p", tuple(Row("p", (i + 1,), self.tool[i]) for i in range(3))))
+        sections += self._output_sections()
         used = {symbol for section in sections for row in section.rows for symbol in row.value.free_symbols}
         used |= {*self.q_a, *self.v_a, *self.a_a, *self.tau, *self.tau_m}
         symbols = tuple(entry for entry in self.entries if entry.symbol in used)
@@ -167,10 +171,37 @@ class SymbolicEquations:
         title = model.name + (f"@{model.variant}" if model.variant else "")
         return Sheet(title, model.description, model.source, symbols, tuple(sections), self.q_a)
 
+    def _output_sections(self) -> list[Section]:
+        """The declared output; the tool's position where it moves, with the rows that are the output."""
+        output = self.model.output
+        position = tuple(Row("p", (i + 1,), self.tool[i]) for i in range(3))
+        if output.type == "combination":
+            unit = "rad or m" if output.unit == "mixed" else output.unit
+            rows = tuple(Row("y", (i + 1,), value) for i, value in enumerate(self.output))
+            moving = self.tool.free_symbols & set(self.q_a)
+            rest = [Section("Position of the tool p", position)] if moving else []
+            return [Section(f"Declared output y, {unit}", rows), *rest]
+        rows = position if output.type == "tool_pose" else tuple(position["xyz".index(axis)] for axis in output.axes)
+        plain = f"y = ({', '.join(row.text() for row in rows)})"
+        formula = rf"y = ({', '.join(row.latex() for row in rows)})"
+        if output.type == "tool_pose":
+            plain, formula = f"{plain} and the rotation", rf"{formula} \text{{ and the rotation}}"
+        return [Section("Position of the tool p, declared output y", position, plain, formula)]
+
 
 def _coordinate_name(name: str) -> Name:
     match = re.match(r"([a-z])([0-9]+)\Z", name)
     return Name(match[1], (match[2],)) if match else Name("q", (name,), plain=name)
+
+
+def _subscripts(names: Sequence[Name], coordinates: Sequence[Coordinate]) -> list[tuple[str, ...]]:
+    """Subscripts of speeds and torques: the number of a coordinate where it is told by that, else its full name."""
+    texts = {name.text() for name in names}
+    shared = [n.subscripts for n in names]
+    return [
+        (c.name,) if shared.count(n.subscripts) > 1 or texts & {f"{x}{n.subscripts[0]}" for x in "va"} else n.subscripts
+        for n, c in zip(names, coordinates, strict=True)
+    ]
 
 
 def _role(model: RobotModel, coordinate: Coordinate) -> str:
@@ -187,9 +218,19 @@ def _gravity(model: RobotModel, symbols: Symbols) -> Expr3:
     pull[np.abs(pull) < 1e-14 * np.abs(pull).max()] = 0.0
     if np.count_nonzero(pull) > 1:
         return symbols.vector("g", "", tuple(pull), "m/s^2", "acceleration of gravity in the frame of the base")
-    strength = symbols.parameter("g", (), float(np.abs(pull).max()), "m/s^2", "acceleration of gravity")
+    size, name = float(np.abs(pull).max()), Name("g", ("0",), plain="g_0")
+    strength = symbols.new(name, "m/s^2", "acceleration of gravity", size) if size else sp.Integer(0)
     x, y, z = (strength * int(np.sign(part)) for part in pull)
     return x, y, z
+
+
+def _output(model: RobotModel, q_a: tuple[sp.Symbol, ...], position: sp.Matrix) -> sp.Matrix:
+    """The declared output; of a pose its position."""
+    output = model.output
+    if output.type == "combination":
+        weights = [[sp.Integer(w) if float(w).is_integer() else sp.Float(w) for w in row] for row in output.weights]
+        return sp.Matrix(weights) * sp.Matrix(q_a)
+    return position if output.type == "tool_pose" else position.extract(["xyz".index(a) for a in output.axes], [0])
 
 
 def symbolic(model: RobotModel) -> SymbolicEquations:
@@ -224,21 +265,25 @@ def symbolic(model: RobotModel) -> SymbolicEquations:
     q_names = [_coordinate_name(c.name) for c in model.coordinates]
     units = [c.unit for c in model.coordinates]
     q_a = tuple(symbols.new(n, c.unit, _role(model, c)) for n, c in zip(q_names, model.coordinates, strict=True))
+    subscripts = _subscripts(q_names, model.coordinates)
 
     def along(head: str, suffix: str, what: str) -> tuple[sp.Symbol, ...]:
-        made = zip(q_names, units, model.coordinates, strict=True)
-        return tuple(symbols.new(Name(head, n.subscripts), u + suffix, f"{what} of {c.name}") for n, u, c in made)
+        made = zip(subscripts, units, model.coordinates, strict=True)
+        return tuple(symbols.new(Name(head, sub), u + suffix, f"{what} of {c.name}") for sub, u, c in made)
 
     v_a, a_a = along("v", "/s", "speed"), along("a", "/s^2", "acceleration")
     torque_units = [("N m", "rad") if unit == "rad" else ("N", "m") for unit in units]
     tau = tuple(
-        symbols.new(
-            Name("tau", n.subscripts), u, f"torque on {c.name}, arm side" if u == "N m" else f"force on {c.name}"
-        )
-        for n, (u, _), c in zip(q_names, torque_units, model.coordinates, strict=True)
+        symbols.new(Name("tau", sub), u, f"torque on {c.name}, arm side" if u == "N m" else f"force on {c.name}")
+        for sub, (u, _), c in zip(subscripts, torque_units, model.coordinates, strict=True)
     )
+    taken = {sub[0] for sub in subscripts}
+    of_motors = [(m.name, "motor") if m.name in taken else (m.name,) for m in model.motors]
     motor_symbols = [
-        tuple(symbols.new(Name(head, (m.name,)), unit, f"{what} of {m.name}") for m in model.motors)
+        tuple(
+            symbols.new(Name(head, sub), unit, f"{what} of {m.name}")
+            for sub, m in zip(of_motors, model.motors, strict=True)
+        )
         for head, unit, what in (
             ("q", "rad", "motor angle"),
             ("v", "rad/s", "speed"),
@@ -268,6 +313,7 @@ def symbolic(model: RobotModel) -> SymbolicEquations:
     drag = [ring.dot(row, [ring.element(v) for v in v_a]) for row in chain.D]
     S = sp.Matrix(n, model.n_m, lambda i, j: full[i][n + j])
     forces = Forces(model, symbols, q_a, v_a, tau, q_m, v_m, torque_units)
+    position = sp.Matrix([ring.expression(x) for x in tool])
     carried = S.T * sp.Matrix(a_a)
     motors = [rotor[j] * a_m[j] + carried[j] + c[n + j] + forces.on_motors[j] for j in range(model.n_m)]
     return SymbolicEquations(
@@ -291,5 +337,6 @@ def symbolic(model: RobotModel) -> SymbolicEquations:
         torques=tuple(forces.torques),
         motor_equations=tuple(motors),
         gear_equations=tuple(forces.gear_equations),
-        tool=sp.Matrix([ring.expression(x) for x in tool]),
+        tool=position,
+        output=_output(model, q_a, position),
     )
