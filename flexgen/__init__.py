@@ -1,6 +1,6 @@
 """flexgen: inverse dynamics of elastic robots, from a model file to C that runs in a controller.
 
-The public verbs are resolved on first use, so that ``import flexgen`` is quick.
+The public verbs and errors are resolved on first use, so that ``import flexgen`` is quick.
 """
 
 from __future__ import annotations
@@ -21,13 +21,15 @@ _VERBS = {
     "generate": "flexgen.codegen.build",
     "load": "flexgen.runtime",
 }
+_ERRORS = dict.fromkeys(["FlexgenError", "ModelError", "ArgumentError", "SolverError", "BuildError"], "flexgen.errors")
+_PUBLIC = _VERBS | _ERRORS
 
-__all__ = [*_VERBS, "__version__"]
+__all__ = [*_PUBLIC, "__version__"]
 
 
 def __getattr__(name: str) -> Any:
-    if name in _VERBS:
-        return getattr(importlib.import_module(_VERBS[name]), name)
+    if name in _PUBLIC:
+        return getattr(importlib.import_module(_PUBLIC[name]), name)
     raise AttributeError(f"module 'flexgen' has no attribute {name!r}")
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from flexgen.errors import FlexgenError
+from flexgen.errors import FlexgenError, ModelError
 from flexgen.model.elements import Coordinate, Dof, Friction, Gear, Motor, RobotModel, Spring
 from flexgen.model.reader import model_names, read
 
@@ -18,7 +18,8 @@ def models(broken: dict[str, str] | None = None) -> list[dict[str, Any]]:
     Parameters
     ----------
     broken : dict, optional
-        Receives the names of files that are no models, with the reason; without it such files raise.
+        Receives the names of files that are no models and, as ``name@variant``, of variants that cannot be read, with
+        the reason; without it such files and variants raise.
 
     Returns
     -------
@@ -39,16 +40,35 @@ def models(broken: dict[str, str] | None = None) -> list[dict[str, Any]]:
                 raise
             broken[name] = str(error)
             continue
+        wrong = _wrong_variants(robot)
+        for variant, reason in wrong.items():
+            if broken is None:
+                raise reason
+            broken[f"{name}@{variant}"] = str(reason)
         rows.append(
             {
                 "name": name,
                 "source": " ".join(robot.source.split()),
                 **counts(robot),
                 "description": robot.description,
-                "variants": list(robot.variants),
+                "variants": [variant for variant in robot.variants if variant not in wrong],
             }
         )
     return rows
+
+
+def _wrong_variants(robot: RobotModel) -> dict[str, FlexgenError]:
+    """Those of the variants of a model's file that cannot be read, and why."""
+    wrong: dict[str, FlexgenError] = {}
+    for variant in robot.variants:
+        try:
+            read(robot.file, variant)
+        except FlexgenError as error:
+            if isinstance(error, ModelError):
+                expected = f"{error.expected} (variant {variant})"
+                error = ModelError(error.file, error.line, error.key, error.given, expected)
+            wrong[variant] = error
+    return wrong
 
 
 def counts(robot: RobotModel) -> dict[str, int]:
@@ -75,9 +95,14 @@ def describe(
     Raises
     ------
     ModelError, ArgumentError
-        The model cannot be read.
+        The model cannot be read, or one of the variants of its file cannot.
     """
-    robot = model if isinstance(model, RobotModel) else read(model, variant, overrides)
+    if isinstance(model, RobotModel):
+        robot = model
+    else:
+        robot = read(model, variant, overrides)
+        for error in _wrong_variants(robot).values():
+            raise error
     return {
         "name": robot.name,
         "variant": robot.variant,

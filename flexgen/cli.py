@@ -14,6 +14,7 @@ import re
 import signal
 import sys
 import tomllib
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
@@ -145,6 +146,7 @@ def build_parser() -> argparse.ArgumentParser:
 
     sub = verb("generate")
     sub.add_argument("--directory", metavar="DIR", type=_path, help="where to write; default: generated/MODEL")
+    sub.add_argument("--no-build", action="store_true", help="write the sources only, compile nothing")
     sub.add_argument("--force", action="store_true", help="build even where nothing has changed")
 
     sub = verb("solve")
@@ -220,6 +222,15 @@ def _standard_output_kept() -> Iterator[None]:
 
 
 @contextlib.contextmanager
+def _warnings_kept() -> Iterator[None]:
+    """What libraries warn of is for developers: whoever runs a verb is told by its answer."""
+    with warnings.catch_warnings():
+        if not os.environ.get("FLEXGEN_DEBUG"):
+            warnings.simplefilter("ignore")
+        yield
+
+
+@contextlib.contextmanager
 def _interrupts_noted() -> Iterator[list[int]]:
     """Ctrl-C is noted as well as raised: a solver in C++ may catch the exception and call it a failure of its own."""
     noted: list[int] = []
@@ -274,7 +285,7 @@ def _main(words: list[str]) -> int:
     answer, problem, status = None, "", DONE
     noted: list[int] = []
     try:
-        with _standard_output_kept(), _interrupts_noted() as noted:
+        with _standard_output_kept(), _warnings_kept(), _interrupts_noted() as noted:
             answer = args.action(args, (lambda line: None) if args.quiet else _tell)
         problem = answer.problem
         status = FAILED if problem else DONE
@@ -282,7 +293,7 @@ def _main(words: list[str]) -> int:
         noted += [signal.SIGINT] * isinstance(error, KeyboardInterrupt)
         if os.environ.get("FLEXGEN_DEBUG"):
             raise
-        problem, status = _reason(error), FAILED
+        problem, status = _reason(error, args), FAILED
     if noted:
         answer, problem, status = None, "interrupted", INTERRUPTED
     for warning in answer.warnings if answer is not None else ():
@@ -297,7 +308,16 @@ def _main(words: list[str]) -> int:
     return status
 
 
-def _reason(error: BaseException) -> str:
+def _numerical(error: BaseException) -> bool:
+    """Whether a computation broke down: overflow, division by zero, a singular matrix, numbers that are not finite."""
+    if isinstance(error, ArithmeticError) or any(kind.__name__ == "LinAlgError" for kind in type(error).__mro__):
+        return True
+    return isinstance(error, ValueError) and "infs or NaNs" in str(
+        error
+    )  # what numpy and scipy check before they start
+
+
+def _reason(error: BaseException, args: argparse.Namespace) -> str:
     """Why the job failed, for the user."""
     if isinstance(error, FlexgenError):
         return str(error)
@@ -311,6 +331,12 @@ def _reason(error: BaseException) -> str:
         return f"{where}{error.strerror or error}"
     if isinstance(error, MemoryError):
         return "not enough memory"
+    if _numerical(error):
+        what = f" {args.model}" if getattr(args, "model", None) else ""
+        return (
+            f"{args.verb}{what}: the computation broke down ({str(error) or type(error).__name__}); likely because of "
+            "the numbers of the model: masses, inertias, lengths, stiffnesses or dampings that do not go together"
+        )
     return f"internal error, please report it with the output of FLEXGEN_DEBUG=1: {type(error).__name__}: {error}"
 
 

@@ -5,7 +5,6 @@ Nothing heavy is imported before a verb runs, so that help and usage errors are 
 
 from __future__ import annotations
 
-import math
 import time
 from argparse import Namespace
 from collections.abc import Callable, Iterator
@@ -15,7 +14,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexgen.errors import ArgumentError
-from flexgen.printing import figures, number, plain, roots, table
+from flexgen.printing import (
+    analysis_text,
+    description_text,
+    figures,
+    one_line,
+    plain,
+    simulation_rows,
+    solution_rows,
+    table,
+)
 
 if TYPE_CHECKING:
     from flexgen.analysis.report import Analysis
@@ -107,86 +115,27 @@ def models(args: Namespace, tell: Tell) -> Answer:
     broken: dict[str, str] = {}
     rows = listed(broken)
     head = ("name", "motors", "actuated", "elastic", "dof", "description")
-    text = table([[r["name"], r["n_m"], r["n_g"], r["n_e"], r["dof"], r["description"]] for r in rows], head)
+    text = table([[r["name"], r["n_m"], r["n_g"], r["n_e"], r["dof"], one_line(r["description"])] for r in rows], head)
     variants = [f"{row['name']}@{name}" for row in rows for name in row["variants"]]
     if variants:
         text += "\n\nvariants: " + ", ".join(variants)
     data: dict[str, Any] = {"models": rows}
     if broken:
         data["broken"] = broken
-    return Answer(data, text, warnings=[f"left out: {reason}" for reason in broken.values()])
+    return Answer(data, text, warnings=[f"left out: {name}: {reason}" for name, reason in broken.items()])
 
 
 def describe(args: Namespace, tell: Tell) -> Answer:
     """Print what a model file says."""
     from flexgen.catalogue import describe as described
 
-    robot = read_model(args)
-    data = described(robot)
-    parts = [
-        title(robot) + f": {robot.description}",
-        figures(
-            [
-                ("file", data["file"], ""),
-                ("motors n_m", data["n_m"], ""),
-                ("actuated arm coordinates n_g", data["n_g"], ""),
-                ("non-actuated arm coordinates n_e", data["n_e"], ""),
-                ("degrees of freedom", data["dof"], ""),
-                ("mass of the arm", sum(body["mass"] for body in data["bodies"]), "kg"),
-                ("motor coupling", data["motor_coupling"], ""),
-                ("output", _output_text(data["output"]), ""),
-            ]
-        ),
-        table(
-            [[c["name"], c["unit"], c["element"], c["type"], _drive(c), *_stiffness(c)] for c in data["coordinates"]],
-            ("coordinate", "unit", "element", "type", "drive", "stiffness", "damping"),
-        ),
-        table(
-            [
-                [m["name"], ", ".join(m["drives"]), _ratios(m["ratio"]), m["inertia"], m["torque_max"], m["speed_max"]]
-                for m in data["motors"]
-            ],
-            ("motor", "drives", "ratio", "inertia kg m^2", "torque max N m", "speed max rad/s"),
-        ),
-    ]
-    if data["moves"]:
-        rows = [[m["name"], m["type"], float(m["duration"]), m["smoothness"]] for m in data["moves"]]
-        parts.append(table(rows, ("move", "type", "duration s", "smoothness")))
-    if data["variants"]:
-        parts.append("variants: " + ", ".join(f"{robot.name}@{name}" for name in data["variants"]))
-    if data["source"]:
-        parts.append(f"source: {data['source']}")
-    return Answer(data, "\n\n".join(parts))
+    data = described(args.model, overrides=dict(args.set or ()))
+    return Answer(data, description_text(data))
 
 
 def title(robot: RobotModel) -> str:
     """Name and variant."""
     return robot.name + (f"@{robot.variant}" if robot.variant else "")
-
-
-def _ratios(values: list[float]) -> str:
-    return ", ".join(number(float(value)) for value in values)
-
-
-def _output_text(output: dict[str, Any]) -> str:
-    axes = f" {output['axes']}" if output["axes"] else ""
-    return f"{output['type']}{axes} ({output['size']} scalars)"
-
-
-def _drive(coordinate: dict[str, Any]) -> str:
-    if not coordinate["actuated"]:
-        return "none"
-    gear = coordinate["gear"]
-    return "rigid gear" if gear["type"] == "rigid" else f"elastic gear, {gear['spring']['type']}, {gear['side']} side"
-
-
-def _stiffness(coordinate: dict[str, Any]) -> tuple[float | None, float | None]:
-    """Stiffness (the low one of a nonlinear spring) and damping, on the side that the file states them."""
-    holder = coordinate.get("gear") or coordinate
-    spring = holder.get("spring")
-    if spring is None:
-        return None, None
-    return float(spring.get("stiffness", spring.get("low"))), float(holder.get("damping") or 0.0)
 
 
 # --- derive, analyze, generate ----------------------------------------------------------------------------------------
@@ -237,7 +186,7 @@ def analyze(args: Namespace, tell: Tell) -> Answer:
     check_writable(args.report, folder=True)
     analysis = analysed(derived(args), args.pose)
     data = analysis.to_dict()
-    text = title(analysis.model) + " at rest\n\n" + _analysis_text(analysis, plain(data))
+    text = title(analysis.model) + " at rest\n\n" + _analysis_text(analysis)
     if args.report is not None:
         from flexgen.report import write_analysis
 
@@ -249,36 +198,9 @@ def analyze(args: Namespace, tell: Tell) -> Answer:
     return Answer(data, text)
 
 
-def _analysis_text(analysis: Analysis, data: dict[str, Any]) -> str:
-    robot = analysis.model
-    rest = table(
-        [[c.name, float(q), c.unit] for c, q in zip(robot.coordinates, data["pose"], strict=True)],
-        ("coordinate", "at rest", "unit"),
-    )
-    motors = table(
-        [[m.name, float(tau), "N m"] for m, tau in zip(robot.motors, data["motor_torque_Nm"], strict=True)],
-        ("motor", "torque", "unit"),
-    )
-    modes = table(
-        [
-            [k + 1, f, d]
-            for k, (f, d) in enumerate(zip(data["modes_hz"] or [], data.get("modes_damping") or [], strict=True))
-        ],
-        ("mode", "Hz", "damping ratio"),
-    )
-    zeros, inner = roots(data["zeros"] or []), data["zeros_motor"] or []
-    notches = sorted(math.hypot(*root) / (2 * math.pi) for root in inner if root[1] > 0)
-    verdict = figures(
-        [
-            ("phase of the output", data["phase"], ""),
-            ("zeros of the output", ", ".join(zeros) if zeros else "none", "1/s" if zeros else ""),
-            ("zeros, motor torque to motor angle", ", ".join(map(number, notches)) or None, "Hz"),
-            ("slowest unstable time constant", data["unstable_time_constant_s"] or None, "s"),
-            ("structural index", data["structural_index"], ""),
-            ("preview that exact following needs", data["preview_s"], "s"),
-        ]
-    )
-    return "\n\n".join([rest, motors, modes, verdict])
+def _analysis_text(analysis: Analysis) -> str:
+    coordinates = [(c.name, c.unit) for c in analysis.model.coordinates]
+    return analysis_text(plain(analysis.to_dict()), coordinates, [motor.name for motor in analysis.model.motors])
 
 
 def generate(args: Namespace, tell: Tell) -> Answer:
@@ -287,9 +209,12 @@ def generate(args: Namespace, tell: Tell) -> Answer:
     from flexgen.codegen.build import generate as generated
 
     robot = read_model(args)
-    made = generated(robot, args.directory, progress=tell, force=args.force)
-    head = f"{title(robot)}: " + ("nothing has changed" if made.cached else f"built in {made.seconds:.1f} s")
-    lines = [head, "", "functions: " + ", ".join(made.functions), "", *_paths(made.files)]
+    made = generated(robot, args.directory, build=not args.no_build, progress=tell, force=args.force)
+    done = f"built in {made.seconds:.1f} s" if not made.cached else "written, nothing compiled"
+    lines = [f"{title(robot)}: {done if made.written else 'nothing has changed'} in {made.directory}"]
+    lines += ["", "functions: " + ", ".join(made.functions)]
+    if made.written:
+        lines += ["", *_paths(made.files)]
     return Answer(generated_dict(robot, made), "\n".join(lines))
 
 
@@ -345,7 +270,7 @@ def solve(args: Namespace, tell: Tell) -> Answer:
     )
     data = solution.to_dict()
     text = f"{title(equations.model)}, move {solution.move.name}: {solution.status}\n\n"
-    text += figures(solution_rows(solution))
+    text += figures(solution_rows(plain(data)))
     problem = inaccuracy(solution, accuracy)
     if args.out is not None:
         with writing(args.out):
@@ -364,34 +289,13 @@ def inaccuracy(solution: Solution, accuracy: float) -> str:
     """Why the solution is not good enough; empty where it is."""
     if solution.status != "inaccurate":
         return ""
-    worst = max(solution.tool_error_max_m or 0.0, solution.tool_error_max_rad or 0.0)
+    planned = solution.to_dict().get("plan_error_max")  # limits keep the plan itself off the path
+    worst = max(solution.tool_error_max_m or 0.0, solution.tool_error_max_rad or 0.0) if planned is None else planned
+    aim = "path" if planned is None else "plan"
     return (
-        f"inaccurate: the simulated output strays {worst:.3g} m or rad from the path, more than {accuracy:.3g}; "
+        f"inaccurate: the simulated output strays {worst:.3g} m or rad from the {aim}, more than {accuracy:.3g}; "
         "try a finer --mesh, a longer --preview or --method full"
     )
-
-
-def micro(value: float | None) -> float | None:
-    """The same in millionths, for people: um, urad."""
-    return None if value is None else 1e6 * value
-
-
-def solution_rows(solution: Solution) -> list[tuple[str, Any, str]]:
-    """What, value and unit of a solution."""
-    data = plain(solution.to_dict())
-    return [
-        ("method", data["method"], ""),
-        ("iterations", data["iterations"], ""),
-        ("time to solve and verify, wall", data["wall_s"], "s"),
-        ("time to solve and verify, processor", data["cpu_s"], "s"),
-        ("motion begins before the path", data["lead_s"], "s"),
-        ("motor torque, largest", data["torque_max_Nm"], "N m"),
-        ("motor speed, largest", data["speed_max_rad_s"], "rad/s"),
-        ("residual of the equations, largest", data["residual_max_Nm"], "N m"),
-        ("tool error in simulation, largest", micro(data["tool_error_max_m"]), "um"),
-        ("tool error in simulation, largest", micro(data["tool_error_max_rad"]), "urad"),
-        ("energy error of the simulation", data["energy_error"], "relative"),
-    ]
 
 
 def simulate(args: Namespace, tell: Tell) -> Answer:
@@ -402,17 +306,7 @@ def simulate(args: Namespace, tell: Tell) -> Answer:
     equations = derived(args)
     simulation = simulated(equations, args.trajectory, progress=tell)
     data = _simulation_dict(equations.model, simulation)
-    text = f"{title(equations.model)} under the torque of {args.trajectory}\n\n" + figures(
-        [
-            ("tool error, largest", micro(data["tool_error_max_m"]), "um"),
-            ("tool error, largest", micro(data["tool_error_max_rad"]), "urad"),
-            ("energy error", data["energy_error"], "relative"),
-            ("motor torque, largest", data["torque_max_Nm"], "N m"),
-            ("motor speed, largest", data["speed_max_rad_s"], "rad/s"),
-            ("evaluations of the right-hand side", data["evaluations"], ""),
-            ("time, wall", data["wall_s"], "s"),
-        ]
-    )
+    text = f"{title(equations.model)} under the torque of {args.trajectory}\n\n" + figures(simulation_rows(plain(data)))
     if args.out is not None:
         with writing(args.out):
             data["trajectory"] = str(simulation.trajectory.save(args.out))

@@ -15,11 +15,10 @@ from flexgen.commands import (
     generated_dict,
     inaccuracy,
     read_model,
-    solution_rows,
     title,
     writing,
 )
-from flexgen.printing import figures, plain
+from flexgen.printing import figures, one_line, plain, solution_rows
 
 if TYPE_CHECKING:
     from flexgen.mechanics.equations import Equations
@@ -42,7 +41,7 @@ def run(args: Namespace, tell: Tell) -> Answer:
     from flexgen.solvers.solve import ACCURACY
     from flexgen.solvers.solve import solve as solved
 
-    tell(f"describe: {title(robot)}, {robot.description}")
+    tell(f"describe: {title(robot)}, {one_line(robot.description)}")
     equations = derived(args)
     tell("analyze: modes, poles and zeros at the home pose")
     analysis = analysed(equations)
@@ -58,7 +57,7 @@ def run(args: Namespace, tell: Tell) -> Answer:
         trajectory = solution.trajectory.save(directory / f"{solution.move.name}.npz")
     facts, answer = plain(analysis.to_dict()), solution.to_dict()
     answer["trajectory"] = str(trajectory)
-    unstable = [re for re, _ in facts["zeros"] or [] if re > 0]
+    unstable = [re for re, _ in facts["zeros"] or [] if re is not None and re > 0]
     rows: list[tuple[str, Any, str]] = [
         ("model", title(robot), ""),
         ("motors, degrees of freedom", f"{robot.n_m}, {robot.dof}", ""),
@@ -72,10 +71,11 @@ def run(args: Namespace, tell: Tell) -> Answer:
         ("C against the equations, largest difference", checked["difference_Nm"], "N m"),
         ("move", solution.move.name, ""),
         ("status", solution.status, ""),
-        *solution_rows(solution),
+        *solution_rows(plain(answer)),
         ("everything together", time.perf_counter() - began, "s"),
     ]
-    text = figures(rows) + "\n\n" + "\n".join(f"wrote {path}" for path in (report, trajectory, made.directory))
+    text = figures(rows) + f"\n\nwrote {report}\nwrote {trajectory}\n"
+    text += f"{'wrote' if made.written else 'unchanged'} {made.directory}"
     data = {
         "model": robot.name,
         "variant": robot.variant,

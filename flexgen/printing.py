@@ -1,4 +1,7 @@
-"""What the command line prints: aligned tables, numbers, and JSON without NaN."""
+"""What the command line prints: aligned tables, numbers, JSON without NaN, and the answers of the verbs for people.
+
+The answers are rendered from their JSON types, as `plain` makes them: a number that is not finite is None there.
+"""
 
 from __future__ import annotations
 
@@ -21,15 +24,22 @@ def number(value: Any, digits: int = 4) -> str:
     return str(value)
 
 
-def complex_number(pair: Sequence[float]) -> str:
+def one_line(text: str) -> str:
+    """The text without its line ends."""
+    return " ".join(text.split())
+
+
+def complex_number(pair: Sequence[float | None]) -> str:
     """A root ``[re, im]`` for people; of a conjugate pair both at once."""
     re, im = pair
+    if re is None or im is None:
+        return "-"
     return number(float(re)) if im == 0 else f"{number(float(re))} +/- {number(abs(float(im)))}i"
 
 
-def roots(pairs: Iterable[Sequence[float]]) -> list[str]:
+def roots(pairs: Iterable[Sequence[float | None]]) -> list[str]:
     """Roots for people: a conjugate pair is one text, equal ones are counted."""
-    texts = [complex_number(pair) for pair in pairs if pair[1] >= 0]
+    texts = [complex_number(pair) for pair in pairs if pair[1] is None or pair[1] >= 0]
     counted: dict[str, int] = {}
     for text in texts:
         counted[text] = counted.get(text, 0) + 1
@@ -81,3 +91,146 @@ def plain(value: Any) -> Any:
 def as_json(data: dict[str, Any]) -> str:
     """One JSON object, valid for every parser."""
     return json.dumps(plain(data), indent=2, allow_nan=False)
+
+
+# --- answers of the verbs ---------------------------------------------------------------------------------------------
+
+Row = tuple[str, Any, str]  # what, value, unit
+
+
+def description_text(data: dict[str, Any]) -> str:
+    """One model in full, from what `flexgen.describe` gives."""
+    name = data["name"]
+    parts = [
+        name + (f"@{data['variant']}" if data["variant"] else "") + f": {one_line(data['description'])}",
+        figures(
+            [
+                ("file", data["file"], ""),
+                ("motors n_m", data["n_m"], ""),
+                ("actuated arm coordinates n_g", data["n_g"], ""),
+                ("non-actuated arm coordinates n_e", data["n_e"], ""),
+                ("degrees of freedom", data["dof"], ""),
+                ("mass of the arm", sum(body["mass"] for body in data["bodies"]), "kg"),
+                ("motor coupling", data["motor_coupling"], ""),
+                ("output", _output(data["output"]), ""),
+            ]
+        ),
+        table(
+            [[c["name"], c["unit"], c["element"], c["type"], _drive(c), *_stiffness(c)] for c in data["coordinates"]],
+            ("coordinate", "unit", "element", "type", "drive or spring", "stiffness", "damping"),
+        ),
+        table(
+            [
+                [
+                    m["name"],
+                    ", ".join(m["drives"]),
+                    ", ".join(number(float(ratio)) for ratio in m["ratio"]),
+                    m["inertia"],
+                    m["torque_max"],
+                    m["speed_max"],
+                ]
+                for m in data["motors"]
+            ],
+            ("motor", "drives", "ratio", "inertia kg m^2", "torque max N m", "speed max rad/s"),
+        ),
+    ]
+    if data["moves"]:
+        rows = [[m["name"], m["type"], float(m["duration"]), m["smoothness"]] for m in data["moves"]]
+        parts.append(table(rows, ("move", "type", "duration s", "smoothness")))
+    if data["variants"]:
+        parts.append("variants: " + ", ".join(f"{name}@{variant}" for variant in data["variants"]))
+    if data["source"]:
+        parts.append(f"source: {data['source']}")
+    return "\n\n".join(parts)
+
+
+def _output(output: dict[str, Any]) -> str:
+    axes = f" {output['axes']}" if output["axes"] else ""
+    return f"{output['type']}{axes} ({output['size']} scalars)"
+
+
+def _drive(coordinate: dict[str, Any]) -> str:
+    """What holds a coordinate: its gear, or its spring where no motor drives it."""
+    gear, spring = coordinate.get("gear"), coordinate.get("spring")
+    if gear is not None:
+        elastic = gear["type"] != "rigid"
+        return f"elastic gear, {gear['spring']['type']}, {gear['side']} side" if elastic else "rigid gear"
+    return "bending of the beam" if spring is None else f"spring, {spring['type']}"
+
+
+def _stiffness(coordinate: dict[str, Any]) -> tuple[str | None, str | None]:
+    """Stiffness (the low one of a nonlinear spring) and damping, on the side that the file states them."""
+    holder = coordinate.get("gear") or coordinate
+    spring = holder.get("spring")
+    if spring is None:
+        return None, None
+    stiffness, damping = float(spring.get("stiffness", spring.get("low"))), float(holder.get("damping") or 0.0)
+    force, unit = ("N m", "rad") if coordinate["unit"] == "rad" or holder.get("side") == "motor" else ("N", "m")
+    return f"{number(stiffness)} {force}/{unit}", f"{number(damping)} {force} s/{unit}"
+
+
+def analysis_text(data: dict[str, Any], coordinates: Sequence[tuple[str, str]], motors: Sequence[str]) -> str:
+    """What `flexgen.analyze` found, with the names and units of the coordinates and the names of the motors."""
+    rest = table(
+        [[name, q, unit] for (name, unit), q in zip(coordinates, data["pose"], strict=True)],
+        ("coordinate", "at rest", "unit"),
+    )
+    torques = table(
+        [[name, tau, "N m"] for name, tau in zip(motors, data["motor_torque_Nm"], strict=True)],
+        ("motor", "torque", "unit"),
+    )
+    rows = zip(data["modes_hz"] or [], data.get("modes_damping") or [], strict=True)
+    modes = table([[k, f, d] for k, (f, d) in enumerate(rows, 1)], ("mode", "Hz", "damping ratio"))
+    zeros, inner = roots(data["zeros"] or []), data["zeros_motor"] or []
+    notches = sorted(math.hypot(*root) / (2 * math.pi) for root in inner if None not in root and root[1] > 0)
+    verdict = figures(
+        [
+            ("phase of the output", data["phase"], ""),
+            ("zeros of the output", ", ".join(zeros) if zeros else "none", "1/s" if zeros else ""),
+            ("zeros, motor torque to motor angle", ", ".join(map(number, notches)) or None, "Hz"),
+            ("slowest unstable time constant", data["unstable_time_constant_s"] or None, "s"),
+            ("structural index", data["structural_index"], ""),
+            ("preview that exact following needs", data["preview_s"], "s"),
+        ]
+    )
+    return "\n\n".join([rest, torques, modes, verdict])
+
+
+def _small(what: str, value: float | None, unit: str) -> Row:
+    """A row of a length [m] or an angle [rad] that should be small: in millionths, from a thousandth on in these."""
+    if value is None:
+        return what, None, ""
+    return (what, 1e3 * value, f"m{unit}") if value >= 1e-3 else (what, 1e6 * value, f"u{unit}")
+
+
+def solution_rows(data: dict[str, Any]) -> list[Row]:
+    """What, value and unit of a solution's figures."""
+    limited = data["status"] == "limited"
+    strays = "limits keep the tool off the path by" if limited else "tool error in simulation, largest"
+    return [
+        ("method", data["method"], ""),
+        ("iterations", data["iterations"], ""),
+        ("time to solve and verify, wall", data["wall_s"], "s"),
+        ("time to solve and verify, processor", data["cpu_s"], "s"),
+        ("motion begins before the path", data["lead_s"], "s"),
+        ("motor torque, largest", data["torque_max_Nm"], "N m"),
+        ("motor speed, largest", data["speed_max_rad_s"], "rad/s"),
+        ("residual of the equations, largest", data["residual_max_Nm"], "N m"),
+        _small(strays, data["tool_error_max_m"], "m"),
+        _small(strays, data["tool_error_max_rad"], "rad"),
+        ("simulation against the plan, largest", data.get("plan_error_max"), "m or rad"),
+        ("energy error of the simulation", data["energy_error"], "relative"),
+    ]
+
+
+def simulation_rows(data: dict[str, Any]) -> list[Row]:
+    """What, value and unit of a simulation's figures."""
+    return [
+        _small("tool error, largest", data["tool_error_max_m"], "m"),
+        _small("tool error, largest", data["tool_error_max_rad"], "rad"),
+        ("energy error", data["energy_error"], "relative"),
+        ("motor torque, largest", data["torque_max_Nm"], "N m"),
+        ("motor speed, largest", data["speed_max_rad_s"], "rad/s"),
+        ("evaluations of the right-hand side", data["evaluations"], ""),
+        ("time, wall", data["wall_s"], "s"),
+    ]

@@ -262,9 +262,13 @@ def load(directory: str | os.PathLike[str]) -> Library:
 
     Raises
     ------
+    ArgumentError
+        Where the directory is no path.
     BuildError
         Where there is no library, or not the one that the manifest describes.
     """
+    if not isinstance(directory, str | os.PathLike) or not isinstance(os.fspath(directory), str):
+        raise ArgumentError(f"directory: given {directory!r}, expected the path of what flexgen.generate wrote")
     folder = Path(directory)
     manifest = _read(folder)
     try:
@@ -302,11 +306,15 @@ def _read(folder: Path) -> dict[str, Any]:
     except OSError as error:
         raise BuildError(f"{folder}: given no readable manifest.json, expected what flexgen.generate writes") from error
     except ValueError as error:
+        if "\0" in str(folder):
+            raise ArgumentError(f"directory: given {str(folder)!r}, expected the path of a folder") from None
         raise BuildError(f"{path}: given text that is not JSON ({error}); {_AGAIN}") from error
     if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
         raise BuildError(f"{path}: given another format, expected format {FORMAT}; {_AGAIN}")
     if not manifest.get("build"):
-        raise BuildError(f"{folder}: given sources only, expected a compiled library; generate it with build=True")
+        raise BuildError(
+            f"{folder}: given sources only, expected a compiled library; generate it without build=False (--no-build)"
+        )
     return manifest
 
 

@@ -19,11 +19,12 @@ from pathlib import Path as FilePath
 
 import numpy as np
 from scipy.integrate import DOP853
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import PchipInterpolator, make_interp_spline
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.evaluate import evaluate
+from flexgen.mechanics.statics import Equilibrium
 from flexgen.model.elements import RobotModel
 from flexgen.ports import Port
 from flexgen.trajectory import Trajectory
@@ -73,7 +74,15 @@ def _checked(model: RobotModel, data: Trajectory) -> tuple[dict[str, np.ndarray]
         if not np.isfinite(data[name]).all():
             raise ArgumentError(f"trajectory channel {name}: given NaN or infinity, expected finite numbers")
         found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
+    references = {"y_ref": model.output.size if model.output.type != "tool_pose" else 3, "R_ref": 9}
+    for name, width in references.items():
+        if name in data.channels and (data[name].shape[1] != width or not np.isfinite(data[name]).all()):
+            raise ArgumentError(
+                f"trajectory channel {name}: given {data[name].shape[1]} columns, expected {width} of finite numbers"
+            )
     warnings = []
+    if "v_a" in data.channels and np.abs(data["v_a"][0]).max() > 1e-6:
+        warnings.append("the trajectory does not begin at rest; the simulation does")
     for key, own in (("model", model.name), ("variant", model.variant)):
         other = data.meta.get(key, own)
         if other != own:
@@ -85,6 +94,7 @@ def simulate(
     model: str | FilePath | RobotModel | Equations,
     trajectory: Trajectory | str | FilePath,
     *,
+    start: Equilibrium | None = None,
     rtol: float = RTOL,
     progress: Callable[[str], None] | None = None,
 ) -> Simulation:
@@ -96,6 +106,8 @@ def simulate(
     trajectory : Trajectory or path
         Channels ``tau_m`` (n, n_m) [N m, motor side], and ``q_a``, ``q_m``, whose first samples are where the machine
         rests; with ``y_ref`` (and ``R_ref``) the output's error is measured.
+    start : Equilibrium, optional
+        Where the machine rests at first, if not where the trajectory's first sample is.
     rtol : float
         Relative tolerance of the integrator.
 
@@ -121,8 +133,10 @@ def simulate(
     robot = equations.model
     given, warnings = _checked(robot, data)
     t, torque = data.time, given["tau_m"]
-    tau = make_interp_spline(t, torque, k=min(5, len(t) - 1))
-    states, count, wall = _integrate(equations, t, tau, given["q_a"][0], given["q_m"][0], rtol, progress)
+    smooth = data.meta.get("torque") != "limited"  # a spline would swing over where a torque runs into its limit
+    tau = make_interp_spline(t, torque, k=min(5, len(t) - 1)) if smooth else PchipInterpolator(t, torque)
+    first_a, first_m = (given["q_a"][0], given["q_m"][0]) if start is None else (start.q_a, start.q_m)
+    states, count, wall = _integrate(equations, t, tau, first_a, first_m, rtol, progress)
     n_a, i_m = robot.n_a, list(robot.i_m)
     n = robot.dof
     q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
@@ -132,7 +146,8 @@ def simulate(
     energies = [x.reshape(len(t)) for x in evaluate(equations.function("energy"), q_a, v_a, q_m, v_m)]
     total = energies[0] + energies[1]
     imbalance = total - total[0] - states[:, 2 * n] + states[:, 2 * n + 1]
-    turned = max(np.ptp(energies[0]), np.ptp(energies[1]), np.ptp(states[:, 2 * n]), 1e-12)
+    # what rounding leaves of energies that do not change is no imbalance
+    turned = max(np.ptp(energies[0]), np.ptp(energies[1]), np.ptp(states[:, 2 * n]), 1e-6 * np.abs(total).max(), 1e-9)
 
     channels = {"q_a": q_a, "v_a": v_a, "q_m": q_m, "v_m": v_m, "tau_m": torque}
     names_a, names_m = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)

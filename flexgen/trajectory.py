@@ -42,7 +42,7 @@ class Trajectory:
 
     def __post_init__(self) -> None:
         n = len(self.time)
-        if n < 2 or not np.all(np.diff(self.time) > 0):
+        if np.ndim(self.time) != 1 or n < 2 or not np.isfinite(self.time).all() or not np.all(np.diff(self.time) > 0):
             raise ArgumentError(
                 "trajectory: given a time grid that does not increase, expected at least 2 rising instants"
             )

@@ -159,6 +159,33 @@ CASES = {
     "mass is text": ([("mass = 10.0", 'mass = "10 kg"')], "element.first.body.mass", ['"10 kg"', "a number"]),
     "mass is a truth value": ([("mass = 10.0", "mass = true")], "element.first.body.mass", ["given true", "a number"]),
     "mass is huge": ([("mass = 10.0", "mass = 1" + "0" * 400)], "element.first.body.mass", ["1000", "a number"]),
+    "mass is absurd": (
+        [("mass = 10.0", "mass = 1e15")],
+        "element.first.body.mass",
+        ["given 1000000000000000.0, expected a number of magnitude 1e-12 to 1e12 (or 0)"],
+    ),
+    "mass is tiny": ([("mass = 10.0", "mass = 5e-324")], "element.first.body.mass", ["5e-324", "of magnitude"]),
+    "stiffness is absurd": (
+        [("stiffness = 1e5", "stiffness = 1e308")],
+        "element.first.dof.e1.spring.stiffness",
+        ["1e+308", "of magnitude"],
+    ),
+    "gravity is absurd": ([("-9.81]", "-1e13] #!")], "gravity", ["numbers of magnitude"]),
+    "gravity is tiny": ([("-9.81]", "-1e-300] #!")], "gravity", ["numbers of magnitude"]),
+    "tiny ratio beside another": ([("[50.0, 0.5]", "[50.0, 1e-300] #!")], "motor.m2.ratio", ["not 0"]),
+    "control character": (
+        [('"for tests"', '"red \\u001b[31m" #!')],
+        "description",
+        ['given the control character "\\x1b"', "without control characters"],
+    ),
+    "control character in a key": ([("gravity =", '"\\u001b[2J" = 3 #!\ngravity =')], '"\\x1b[2J"', ["unknown key"]),
+    "control character in a value": (
+        [("mass = 10.0", 'mass = { "\\u001b" = 1 }')],
+        "element.first.body.mass",
+        ['{"\\x1b" = 1}'],
+    ),
+    "empty key": ([("gravity =", '"" = 3 #!\ngravity =')], '""', ["unknown key"]),
+    "empty key in a table": ([("[base]", '[base]\n"" = 3 #!')], 'base.""', ["unknown key"]),
     "no mass": ([("mass = 10.0, ", "")], "element.first.body.mass", ["nothing"]),
     "inertia without mass": ([("mass = 10.0", "mass = 0")], "element.first.body.inertia", ["mass is 0"]),
     "negative inertia": (
@@ -356,7 +383,16 @@ CASES = {
         ["a table"],
     ),
     # the text
-    "no TOML": ([("mass = 10.0", "mass = = 10")], "file", ["not TOML", "Invalid value"]),
+    "no TOML": (
+        [("mass = 10.0", "mass = = 10")],
+        "file",
+        ["given text that is not TOML (invalid value), expected TOML 1.0"],
+    ),
+    "no line end": (
+        [("gravity =", "a = 1 b = 2 #!\ngravity =")],
+        "file",
+        ["given text that is not TOML (expected newline", "), expected TOML 1.0"],
+    ),
     "key twice": ([("gravity", 'name = "again" #!\ngravity')], "file", ["not TOML", "overwrite"]),
     "deep nesting": ([("gravity", "deep = " + "[" * 900 + "]" * 900 + "\ngravity")], "file", ["nested too deeply"]),
     "somewhat deep nesting": (

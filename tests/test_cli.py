@@ -9,14 +9,16 @@ import shutil
 import signal
 import subprocess
 import sys
+import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from flexgen import commands
 from flexgen.cli import build_parser, main
-from flexgen.printing import as_json, number, plain, roots, table
+from flexgen.printing import analysis_text, as_json, figures, number, plain, roots, solution_rows, table
 from flexgen.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -88,6 +90,36 @@ def test_broken_file_among_the_models_is_named_and_left_out(ask, tmp_path, monke
     assert "bad.toml:" in data["broken"]["bad"] and "bad.toml:" in err
 
 
+def test_variants_that_are_not_chosen_are_read_too(ask, tmp_path, monkeypatch):
+    text = (ROOT / "models" / "elbow.toml").read_text(encoding="utf-8")
+    wrong = '\n[variant.wrong]\nset = { "element.upper.body.mass" = -1 }\n'
+    (tmp_path / "arm.toml").write_text(text.replace("description =", 'description = """two\nlines"""\n#', 1) + wrong)
+    for model in (tmp_path / "arm.toml", f"{tmp_path / 'arm.toml'}@rigid"):
+        status, data, _ = ask("describe", model)
+        assert status == 1 and "element.upper.body.mass: given -1, expected " in data["error"]
+        assert data["error"].endswith("(variant wrong)")
+    monkeypatch.setenv("FLEXGEN_MODELS", str(tmp_path))
+    status, data, err = ask("models")
+    assert status == 0 and list(data["broken"]) == ["arm@wrong"] and "warning: left out: arm@wrong: " in err
+    row = next(row for row in data["models"] if row["name"] == "arm")
+    assert row["variants"] == ["rigid", "payload"] and row["description"] == "two\nlines"
+
+
+def test_tables_have_one_line_for_each_model(run, tmp_path, monkeypatch):
+    monkeypatch.setenv("FLEXGEN_MODELS", str(tmp_path))
+    text = (ROOT / "models" / "elbow.toml").read_text(encoding="utf-8")
+    (tmp_path / "arm.toml").write_text(text.replace("description =", 'description = """two\nlines"""\n#', 1))
+    assert next(line for line in run("models")[1].splitlines() if line.startswith("arm ")).endswith("  two lines")
+    assert run("describe", "arm")[1].splitlines()[0] == "elbow: two lines"
+
+
+def test_folder_of_models_that_is_not_there(ask, monkeypatch):
+    monkeypatch.setenv("FLEXGEN_MODELS", "/nosuch")
+    for words in (["models"], ["describe", "elbow"]):
+        status, data, _ = ask(*words)
+        assert status == 1 and data["error"].startswith("FLEXGEN_MODELS: given '/nosuch'")
+
+
 def test_describe(ask, run):
     status, data, _ = ask("describe", "planar5_nmp")
     assert status == 0
@@ -96,6 +128,12 @@ def test_describe(ask, run):
     assert data["coordinates"][0]["gear"]["damping"] == 400.0 and data["coordinates"][2]["spring"]["type"] == "linear"
     status, text, _ = run("describe", "planar5_nmp")
     assert status == 0 and "coordinate" in text and "m1" in text
+    rows = {line.split()[0]: line for line in text.splitlines() if line}
+    assert "elastic gear, linear, arm side  400000 N m/rad  400 N m s/rad" in rows["q1"]
+    assert "spring, linear  " in rows["q3"] and "150000 N m/rad" in rows["q3"]
+    text = run("describe", "manutec_r3_efjm")[1]
+    assert "N/m" in next(line for line in text.splitlines() if line.startswith("b2x "))
+    assert "bending of the beam" in run("describe", "beam_arm")[1]
 
 
 def test_every_model_can_be_described(ask, run):
@@ -196,10 +234,22 @@ def test_generate(ask, run, tmp_path):
     assert "mass_matrix" in data["functions"] and "compiling" in err
     again = ask("generate", "elbow", "--directory", tmp_path / "c")[1]
     assert again["cached"] and again["digest"] == data["digest"]
+    status, text, _ = run("generate", "elbow", "--directory", tmp_path / "c")
+    assert status == 0 and "nothing has changed" in text and "wrote" not in text and "mass_matrix" in text
     other = ask("generate", "elbow", "--directory", tmp_path / "c", "--set", "motor.m1.inertia=0.02")[1]
     assert not other["cached"] and other["digest"] != data["digest"]
     status, text, _ = run("generate", "elbow", "--directory", tmp_path / "c", "--force")
     assert status == 0 and "elbow.h" in text
+
+
+def test_generate_without_a_compiler(ask, run, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    status, data, _ = ask("generate", "elbow", "--directory", tmp_path / "c")
+    assert status == 1 and "--no-build" in data["error"]
+    status, text, _ = run("generate", "elbow", "--directory", tmp_path / "c", "--no-build")
+    assert status == 0 and "nothing compiled" in text and "elbow.h" in text
+    assert "nothing has changed" in run("generate", "elbow", "--directory", tmp_path / "c", "--no-build")[1]
 
 
 # --- solve, simulate --------------------------------------------------------------------------------------------------
@@ -234,6 +284,28 @@ def test_inaccurate_is_a_failure_with_its_figures(ask):
     status, data, err = ask("solve", "planar5_nmp", "--mesh", "0.005", "--accuracy", "1e-30")
     assert status == 1 and data["status"] == "inaccurate"
     assert data["error"].startswith("inaccurate") and data["tool_error_max_m"] > 0 and "flexgen: inaccurate" in err
+
+
+def test_limited_is_told_from_inaccurate():
+    facts = dict.fromkeys(
+        "method iterations wall_s cpu_s lead_s torque_max_Nm speed_max_rad_s residual_max_Nm tool_error_max_rad "
+        "energy_error".split()
+    )
+    rows = solution_rows(facts | {"status": "solved", "tool_error_max_m": 3.9e-10})
+    assert ("tool error in simulation, largest", 3.9e-4, "um") in [(a, b and round(b, 9), c) for a, b, c in rows]
+    limited = facts | {"status": "limited", "tool_error_max_m": 0.0125, "plan_error_max": 2e-9}
+    told = figures(solution_rows(limited))
+    assert "limits keep the tool off the path by  12.5   mm" in told
+    assert "simulation against the plan, largest  2e-09  m or rad" in told
+    strays = SimpleNamespace(
+        status="inaccurate",
+        tool_error_max_m=0.1,
+        tool_error_max_rad=None,
+        to_dict=lambda: {"plan_error_max": 3e-3},
+    )
+    assert "strays 0.003 m or rad from the plan, more than 1e-06" in commands.inaccuracy(strays, 1e-6)
+    strays.to_dict = dict
+    assert "strays 0.1 m or rad from the path, more than 1e-06" in commands.inaccuracy(strays, 1e-6)
 
 
 @pytest.mark.parametrize(
@@ -391,6 +463,33 @@ def test_unexpected_ends(ask, monkeypatch, error, expected):
     assert status == expected and data["error"] and err.startswith("flexgen: ")
 
 
+@pytest.mark.parametrize(
+    "error",
+    [
+        np.linalg.LinAlgError("Singular matrix"),
+        OverflowError("too large"),
+        ZeroDivisionError("division"),
+        ArithmeticError(),
+        ValueError("array must not contain infs or NaNs"),
+    ],
+)
+def test_computations_that_break_down_blame_the_numbers(ask, monkeypatch, error):
+    def fail(args, tell):
+        warnings.warn("overflow encountered", RuntimeWarning, stacklevel=1)
+        raise error
+
+    monkeypatch.setattr(commands, "analyze", fail)
+    status, data, err = ask("analyze", "elbow@rigid")
+    assert status == 1 and data["error"].startswith("analyze elbow@rigid: the computation broke down")
+    assert "the numbers of the model" in data["error"] and err == f"flexgen: {data['error']}\n"
+
+
+def test_absurd_numbers_are_refused(ask):
+    for value in ("1e308", "5e-324", "1e15"):
+        status, data, _ = ask("solve", "elbow", "--set", f"motor.m1.inertia={value}")
+        assert status == 1 and "expected a number of magnitude 1e-12 to 1e12 (or 0)" in data["error"]
+
+
 def test_interruption_that_a_solver_swallows(ask, monkeypatch):
     def swallow(args, tell):
         with contextlib.suppress(KeyboardInterrupt):
@@ -438,7 +537,21 @@ def test_tables_are_aligned():
 def test_numbers_for_people():
     given = [0.00012345, 123456.0, 1.5, float("nan"), None, 3, "x", True, -2500.4, 1e-12]
     assert [number(x) for x in given] == ["0.0001234", "123456", "1.5", "-", "-", "3", "x", "yes", "-2500", "1e-12"]
+    assert roots([[None, 1.0], [1.0, None], [-2.0, 0.0]]) == ["- (2 times)", "-2"]
     assert roots([[-1.0, -2.0], [-1.0, 2.0], [-3.0, 0.0], [-3.0, 0.0]]) == ["-1 +/- 2i", "-3 (2 times)"]
+
+
+def test_analysis_without_figures():
+    data = dict.fromkeys("pose motor_torque_Nm modes_hz modes_damping zeros zeros_motor phase structural_index".split())
+    data |= {"pose": [None], "motor_torque_Nm": [None], "unstable_time_constant_s": None, "preview_s": None}
+    assert "q1" in analysis_text(data, [("q1", "rad")], ["m1"])
+    data |= {
+        "zeros": [[None, None]],
+        "zeros_motor": [[None, 1.0], [0.0, None]],
+        "modes_hz": [None],
+        "modes_damping": [None],
+    }
+    assert "zeros of the output" in analysis_text(data, [("q1", "rad")], ["m1"])
 
 
 def test_json_types():
@@ -461,7 +574,9 @@ def test_commands_of_the_readme_are_understood():
     lines = [line for block in readme_blocks("") for line in block.splitlines() if line.startswith("flexgen ")]
     assert len(lines) > 5
     for line in lines:
-        build_parser().parse_args(line.split()[1:])
+        given = vars(build_parser().parse_args(line.split()[1:]))
+        for path in (given.get("out"), given.get("report"), given.get("trajectory")):
+            assert path is None or path.parts[0] == "reports"  # which git ignores
 
 
 @needs_compiler
@@ -469,13 +584,14 @@ def test_python_and_c_of_the_readme(tmp_path):
     (python,), (c,) = readme_blocks("python"), readme_blocks("c")
     answer = subprocess.run([sys.executable, "-c", python], cwd=tmp_path, capture_output=True, text=True)
     assert answer.returncode == 0 and "solved" in answer.stdout, answer.stderr
-    (tmp_path / "demo.c").write_text(c)
+    (tmp_path / "reports" / "demo.c").write_text(c)
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     command = next(line.strip() for line in text.splitlines() if line.startswith("    cc "))
     compiler = next(name for name in ("cc", "gcc", "clang") if shutil.which(name))
     subprocess.run(command.replace("cc ", f"{compiler} ", 1), shell=True, cwd=tmp_path, check=True)
-    printed = subprocess.run([tmp_path / "demo"], capture_output=True, text=True, check=True).stdout
+    printed = subprocess.run([tmp_path / "reports" / "demo"], capture_output=True, text=True, check=True).stdout
     assert f"`{printed.strip()}`" in text
+    assert {path.name for path in tmp_path.iterdir()} == {"generated", "reports"}  # what git ignores
 
 
 # --- the main job -----------------------------------------------------------------------------------------------------
@@ -489,7 +605,7 @@ def test_run_and_reports(ask, run, tmp_path, monkeypatch):
     assert Trajectory.load(data["solve"]["trajectory"])["tau_m"].shape[1] == 2
     assert Path("generated", "planar5_nmp", "planar5_nmp.h").is_file()
     status, text, _ = run("run", "planar5_nmp")
-    assert status == 0 and text.splitlines()[-1] == f"wrote {Path('generated', 'planar5_nmp')}"
+    assert status == 0 and text.splitlines()[-1] == f"unchanged {Path('generated', 'planar5_nmp')}"
     status, data, _ = ask("solve", "planar5_nmp", "--no-verify", "--report", "r")
     assert status == 0 and Path(data["report"]).is_file()
     status, data, _ = ask("analyze", "planar5_nmp", "--report", "a")

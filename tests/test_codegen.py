@@ -60,7 +60,7 @@ def test_c_agrees_with_the_virtual_machine_bit_for_bit(name):
 @pytest.mark.parametrize("name", SMALL)
 def test_sources_are_strict_c99_and_pure(name, tmp_path):
     folder = made(name).directory
-    run(CC, *STRICT, *sorted(folder.glob("*.c")), "-lm", "-o", tmp_path / "example", folder=tmp_path)
+    run(CC, *STRICT, "-Wshadow", *sorted(folder.glob("*.c")), "-lm", "-o", tmp_path / "example", folder=tmp_path)
     for path in [*sources(folder), folder / f"{name}.h"]:
         text = path.read_text(encoding="ascii")
         for word in ("malloc", "calloc", "stdio", "printf", "stdlib", "casadi", "free("):
@@ -91,8 +91,30 @@ def test_the_header_is_a_manual():
         " *   tau_a = M(q_a) a_a + c(q_a, v_a) + g(q_a)",
         " *   in  a_a   n_a [rad/s^2] arm accelerations",
         " *   out M   n_a x n_a [kg m^2] mass matrix, symmetric",
+        " *   m1: eta 100.0 (q1); J_m 0.004 kg m^2",
     ):
         assert line in header.splitlines()
+    assert "gravity (0.0, -9.81, 0.0) m/s^2" in header
+
+
+def test_the_header_has_the_coupled_ratios():
+    model = read("manutec_r3", overrides={"motor.m6.drives": ["q5", "q6"], "motor.m6.ratio": [0.5, -99]})
+    spec = library_spec(derive(model), ["gravity"])
+    assert spec.gears[5] == (("q5", 0.5), ("q6", -99.0)) and spec.rotor_inertias[5] == model.motors[5].inertia
+    assert " *   m6: eta 0.5 (q5), -99.0 (q6); J_m 4.3e-05 kg m^2\n" in emit(spec)["manutec_r3.h"]
+
+
+def test_prototypes_break_between_arguments_only():
+    for line in "\n".join(emit(library_spec(derive("manutec_r3_efjm"), ["forward_dynamics"])).values()).splitlines():
+        assert not line.endswith("double") and not line.strip().startswith("*work"), line
+
+
+def test_constants_are_written_as_people_write_them():
+    text = (made("planar5_nmp").directory / "example.c").read_text()
+    assert "{0.3, -1.1, 0.0}" in text.replace("(", "").replace(")", "")
+    for path in made("planar5_nmp").directory.glob("*.c"):
+        for number in re.findall(r"(?<![\w.])\d+\.\d+(?:e[-+]?\d+)?", path.read_text()):
+            assert repr(float(number)) == number, (path.name, number)
 
 
 def test_units_follow_the_coordinates():
@@ -279,6 +301,7 @@ def test_an_unknown_operation_is_named():
 
 
 def test_literals_read_back_to_the_same_bits():
+    assert (literal(0.3), literal(-9.81), literal(2.0), literal(1e16)) == ("0.3", "(-9.81)", "2.0", "1e+16")
     for x in (0.0, -0.0, 1.0, -3.0, 0.1, 1e300, -5e-324, 2.0**53, 1e22):
         text = literal(x).strip("()")
         assert float(text).hex() == x.hex() and re.search(r"[.e]", text)

@@ -19,6 +19,7 @@ from emitted import (
 )
 
 import flexgen
+from flexgen import errors
 from flexgen.codegen.build import generate
 from flexgen.codegen.emit import emit
 from flexgen.errors import ArgumentError, BuildError
@@ -148,14 +149,28 @@ def test_a_failed_compilation_leaves_everything_as_it_was(copy, monkeypatch, tmp
 def test_compilers_are_found_and_checked(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
-    with pytest.raises(BuildError, match=r"C compiler: given none, expected cc, gcc or clang .*install one"):
+    with pytest.raises(
+        BuildError, match=r"C compiler: given none, expected cc, .*install one.* build=False .* --no-build"
+    ):
         generate("elbow", tmp_path / "out")
     assert not (tmp_path / "out").exists()
-    assert generate("elbow", tmp_path / "out", build=False).files
+    made = generate("elbow", tmp_path / "out", build=False)
+    assert made.files and made.cached and made.written
+    assert not generate("elbow", tmp_path / "out", build=False).written
     with pytest.raises(BuildError, match="given sources only"):
         load(tmp_path / "out")
     monkeypatch.setenv("CC", "no_such_compiler")
     with pytest.raises(BuildError, match=r"\$CC: given 'no_such_compiler'"):
+        generate("elbow", tmp_path / "out")
+    for text in (f"{CC} 'x", '"'):
+        monkeypatch.setenv("CC", text)
+        with pytest.raises(BuildError, match=r"\$CC: given .*, expected a command \(no closing quotation\)"):
+            generate("elbow", tmp_path / "out")
+    broken = tmp_path / "broken"
+    broken.write_text("no program")
+    broken.chmod(0o755)
+    monkeypatch.setenv("CC", str(broken))
+    with pytest.raises(BuildError, match="which cannot be run"):
         generate("elbow", tmp_path / "out")
     monkeypatch.setenv("CC", f"{CC} -fplugin=evil.so")
     with pytest.raises(BuildError, match=r"given the flag '-fplugin=evil\.so'"):
@@ -192,6 +207,9 @@ def test_equations_and_models_are_both_welcome(tmp_path, monkeypatch):
     assert not generate(equations.model, functions=["gravity"], force=True).cached
     with pytest.raises(ArgumentError, match="given int, expected a model's name"):
         generate(5)
+    for wrong in (5, b"folder", "a\0b", ["x"]):
+        with pytest.raises(ArgumentError, match=r"directory: given .*, expected the path of a folder"):
+            generate("elbow", wrong)
     variant = generate("planar5_nmp@undamped", functions=["gravity"], build=False)
     assert variant.directory == Path("generated/planar5_nmp_undamped")
 
@@ -207,3 +225,5 @@ def test_a_changed_field_is_a_changed_model(tmp_path):
 
 def test_the_public_verbs():
     assert flexgen.generate is generate and flexgen.load is load
+    for error in (errors.FlexgenError, errors.ModelError, ArgumentError, errors.SolverError, BuildError):
+        assert getattr(flexgen, error.__name__) is error and error.__name__ in flexgen.__all__

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import os
 import re
 from pathlib import Path
 
@@ -285,7 +286,12 @@ def test_lookup(good, monkeypatch):
         read("elbow@")
     monkeypatch.setenv("FLEXGEN_MODELS", str(good.parent))
     assert "good" in model_names() and "elbow" in model_names()
-    assert read("good@stiff").file == f"{good.parent.name}/good.toml"
+    assert read("good@stiff").file == str(good)
+    monkeypatch.setenv("FLEXGEN_MODELS", str(good))
+    for call in (model_names, lambda: read("elbow")):
+        with pytest.raises(ArgumentError, match=r"FLEXGEN_MODELS: given '.*good.toml', which is no folder"):
+            call()
+    assert read(good).name == "robot"  # a path needs no folder
     monkeypatch.delenv("FLEXGEN_MODELS")
     monkeypatch.chdir(good.parent)
     assert read("good.toml").file == "good.toml"
@@ -293,6 +299,63 @@ def test_lookup(good, monkeypatch):
     folder.mkdir()
     good.rename(folder / "mine.toml")
     assert read("mine").file == "models/mine.toml"
+    assert read("elbow").file == str(MODELS / "elbow.toml")
+
+
+def test_the_users_own_models_go_first(good, monkeypatch):
+    """A name means the file that its error messages and its description show, seen from the current directory."""
+    own, named = good.parent / "models" / "elbow.toml", good.parent / "named" / "elbow.toml"
+    for path, text in ((own, "own"), (named, "named")):
+        path.parent.mkdir()
+        path.write_text(GOOD.replace("for tests", text))
+    monkeypatch.chdir(good.parent)
+    assert (read("elbow").description, read("elbow").file) == ("own", "models/elbow.toml")
+    monkeypatch.setenv("FLEXGEN_MODELS", "named")
+    assert (read("elbow").description, read("elbow").file) == ("named", "named/elbow.toml")
+    monkeypatch.chdir(own.parent)
+    monkeypatch.setenv("FLEXGEN_MODELS", str(named.parent))
+    assert read("elbow").file == str(named)
+    named.write_text("name = 3\n")
+    with pytest.raises(ModelError, match=f"^{re.escape(str(named))}:1:element: "):
+        read("elbow")
+
+
+def test_only_regular_files_are_models(good, monkeypatch):
+    folder = good.parent
+    (folder / "folder.toml").mkdir()
+    (folder / "dangling.toml").symlink_to(folder / "nothing")
+    (folder / "linked.toml").symlink_to(good)
+    (folder / ".hidden.toml").write_text(GOOD)
+    (folder / "evil\x1b[2J.toml").write_text(GOOD)
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(folder / "fifo.toml")
+    before = set(model_names())
+    monkeypatch.setenv("FLEXGEN_MODELS", str(folder))
+    assert set(model_names()) - before == {"good", "linked"}
+
+
+def test_byte_order_mark_and_size(good):
+    good.write_bytes(b"\xef\xbb\xbf" + GOOD.encode())
+    assert read(good).name == "robot"
+    good.write_bytes(b'\xef\xbb\xbfname = "a"\nsource = "\xff"\n')
+    with pytest.raises(ModelError, match=r"good\.toml:2:file: given the byte 0xff"):
+        read(good)
+    spring = 'type = "rotation"\naxis = [0, 0, 1]\nspring = { type = "linear", stiffness = 1.0 }\n'
+    many = "".join(f'[[element.dof]]\nname = "x{k}"\n{spring}' for k in range(1500))
+    good.write_text(GOOD.replace('[[element]]\nname = "second"', f'{many}[[element]]\nname = "second"'))
+    with pytest.raises(ModelError, match="given 1506 coordinates, expected at most 64"):
+        read(good)
+
+
+@pytest.mark.parametrize("x", [4.3e-5, 5e-6, 1e7, 257.0, 1e-12, 1e12])
+def test_sensible_numbers_pass(good, x):
+    assert read(good, overrides={"motor.m1.inertia": x}).motors[0].inertia == x
+    assert read(good, overrides={"payload.com": [x, 0, -x]}).payload.com == (x, 0.0, -x)
+
+
+def test_rounding_dust_in_a_vector_passes(good):
+    gravity = (6e-17, 0.0, -9.81)
+    assert read(good, overrides={"gravity": gravity}).gravity == gravity
 
 
 def test_every_key_of_a_shipped_file_is_located():

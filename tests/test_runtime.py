@@ -18,6 +18,7 @@ from emitted import (
 from flexgen.codegen.spec import STATUSES
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.model.reader import read
+from flexgen.runtime import load
 
 pytestmark = needs_compiler
 
@@ -110,6 +111,12 @@ def test_wrong_arguments_are_refused(planar, arguments, told):
     with pytest.raises(ArgumentError, match=told):
         planar.mass_matrix(*arguments)
     assert planar.mass_matrix(np.zeros(3)).shape == (3, 3)  # and do no harm
+
+
+def test_directories_that_are_no_paths_are_refused():
+    for wrong in (None, 5, b"folder", "a\0b"):
+        with pytest.raises(ArgumentError, match="directory: given"):
+            load(wrong)
 
 
 def test_wrong_names_and_counts_are_refused(planar):

@@ -87,5 +87,5 @@ def modes(values: np.ndarray) -> list[tuple[float, float]]:
     A double pole at the origin that rounding has pulled apart is no mode.
     """
     fastest = max((abs(z) for z in values), default=0.0)
-    pairs = [z for z in values if z.imag > 1e-6 * abs(z) and abs(z) > 1e-6 * fastest]
+    pairs = [z for z in values if z.imag > 1e-6 * abs(z) and abs(z) > 1e-7 * fastest]
     return sorted((abs(z) / (2 * np.pi), -z.real / abs(z)) for z in pairs)

@@ -14,9 +14,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
 from flexgen.analysis.linear import LinearModel, sort_roots
+from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.statics import Equilibrium, gear_damping
@@ -53,7 +53,12 @@ def transmission_zeros(A: np.ndarray, B: np.ndarray, C: np.ndarray, rate: float 
     C = C * T
     B = B / np.linalg.norm(B, axis=0)
     C = C / np.linalg.norm(C, axis=1)[:, None]
-    D = np.zeros((C.shape[0], B.shape[1]))
+    zeros = _invariant_zeros(A, B, C, np.zeros((C.shape[0], B.shape[1])))
+    return None if zeros is None else sort_roots(zeros * rate)
+
+
+def _invariant_zeros(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray) -> np.ndarray | None:
+    """Finite zeros of a scaled square system with feed-through D; None where it is degenerate."""
     while True:
         size = max(float(np.linalg.norm(X)) for X in (A, B, C, np.eye(1)))
         U, values, _ = np.linalg.svd(D)
@@ -81,7 +86,7 @@ def transmission_zeros(A: np.ndarray, B: np.ndarray, C: np.ndarray, rate: float 
             return None
     if D.shape[0] != D.shape[1]:
         return None
-    return sort_roots(np.linalg.eigvals(A - B @ np.linalg.solve(D, C)) * rate)
+    return np.linalg.eigvals(A - B @ np.linalg.solve(D, C))
 
 
 def inner_pencil(equations: Equations, linear: LinearModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -106,25 +111,21 @@ def inner_zeros(equations: Equations, linear: LinearModel, rest: Equilibrium) ->
     if model.n_e:
         A, D, K = inner_pencil(equations, linear)
         n = model.n_e
-        # where the output is flat in a direction, A loses rank but for rounding: a zero lies at infinity for each such
-        # direction, and another one where there is no damping in it either
-        i_e = list(model.i_e)
-        U, values_A, Vh = np.linalg.svd(A)
-        values_A = np.where(values_A > 1e-12 * np.abs(linear.M[np.ix_(i_e, i_e)]).max(), values_A, 0.0)
-        A, flat = (U * values_A) @ Vh, values_A == 0.0
-        braked = np.abs(np.sum(U * (D @ Vh.T), axis=0)) > 1e-12 * np.linalg.norm(D)
-        lost = int(np.sum(flat)) + int(np.sum(flat & ~braked))
         size = float(np.linalg.norm(K))
-        rate = float(np.sqrt(size / np.linalg.norm(A))) if values_A.any() else np.inf
-        rate = min(rate, size / float(np.linalg.norm(D)) if D.any() else np.inf)
-        rate = rate if np.isfinite(rate) else 1.0
+        rate = min(
+            float(np.sqrt(size / np.linalg.norm(A))) if A.any() else np.inf,
+            size / float(np.linalg.norm(D)) if D.any() else np.inf,
+        )
+        rate = rate if np.isfinite(rate) and rate > 0 else 1.0
+        # A s^2 + D s + K is the transfer function from a = w'' to A a + D w' + K w, up to a factor
         A, D, K = A * rate**2 / size, D * rate / size, K / size
-        left = np.block([[np.zeros((n, n)), np.eye(n)], [-K, -D]])
-        right = np.block([[np.eye(n), np.zeros((n, n))], [np.zeros((n, n)), A]])
-        alpha, beta = scipy.linalg.eig(left, right, right=False, homogeneous_eigvals=True)
-        finite = np.argsort(np.abs(beta) / np.maximum(np.abs(alpha), 1e-300))[lost:]
-        finite = finite[np.abs(beta[finite]) > 1e-12 * np.abs(alpha[finite])]
-        values.append(alpha[finite] / beta[finite] * rate)
+        upper = np.hstack([np.zeros((n, n)), np.eye(n)])
+        chain = np.vstack([upper, np.zeros((n, 2 * n))])
+        rows = np.linalg.norm(np.hstack([K, D, A]), axis=1)[:, None]
+        inner = _invariant_zeros(chain, np.vstack([np.zeros((n, n)), np.eye(n)]), np.hstack([K, D]) / rows, A / rows)
+        if inner is None:
+            raise SolverError("zeros: the output leaves a motion of the elastic elements undetermined")
+        values.append(inner * rate)
     return sort_roots(np.concatenate(values).astype(complex))
 
 

@@ -65,6 +65,8 @@ class Generated:
         Time taken [s].
     cached : bool
         True where nothing had to be compiled.
+    written : bool
+        False where nothing had changed, so that nothing was written either.
     """
 
     directory: Path
@@ -73,6 +75,7 @@ class Generated:
     digest: str
     seconds: float
     cached: bool
+    written: bool
 
 
 @dataclass(frozen=True)
@@ -125,16 +128,17 @@ def generate(
     model, equations = _resolve(model_or_equations)
     names = chosen_functions(functions)
     name = library_name(model)
-    target = Path("generated", name) if directory is None else Path(directory)
+    target = Path("generated", name) if directory is None else _folder(directory)
     digest = _content_digest(model, names, given_equations=equations is not None)
     compiler = _find_compiler()
     old = _read_manifest(target)
     if not force and old is not None and old.get("digest") == digest and _intact(target, old, build, compiler):
-        return _result(target, old, start, cached=True)
+        return _result(target, old, start, cached=True, written=False)
     if build and compiler is None:
         raise BuildError(
             "C compiler: given none, expected cc, gcc or clang on the PATH or $CC; "
-            "install one (such as the package gcc or build-essential), or ask for build=False"
+            "install one (such as the package gcc or build-essential), or write the sources only: "
+            "build=False in Python, --no-build on the command line"
         )
     if equations is None:
         from flexgen.mechanics.equations import derive
@@ -158,7 +162,7 @@ def generate(
             sources = [file for file in texts if file.endswith(".c") and file != "example.c"]
             manifest["build"] = _compile(staging, spec.name, sources, compiler, tell)
         _install(staging, target, manifest, old)
-    return _result(target, manifest, start, cached=not compiled)
+    return _result(target, manifest, start, cached=not compiled, written=True)
 
 
 def _resolve(given: Any) -> tuple[RobotModel, Any]:
@@ -172,6 +176,13 @@ def _resolve(given: Any) -> tuple[RobotModel, Any]:
     raise ArgumentError(
         f"model_or_equations: given {type(given).__name__}, expected a model's name or path, a RobotModel or Equations"
     )
+
+
+def _folder(given: Any) -> Path:
+    """The directory to write to."""
+    if not isinstance(given, str | os.PathLike) or not isinstance(os.fspath(given), str) or "\0" in os.fspath(given):
+        raise ArgumentError(f"directory: given {given!r}, expected the path of a folder")
+    return Path(given)
 
 
 # --- digest and manifest ----------------------------------------------------------------------------------------------
@@ -261,7 +272,7 @@ def _intact(directory: Path, manifest: dict[str, Any], build: bool, compiler: _C
         return False
 
 
-def _result(directory: Path, manifest: dict[str, Any], start: float, *, cached: bool) -> Generated:
+def _result(directory: Path, manifest: dict[str, Any], start: float, *, cached: bool, written: bool) -> Generated:
     files = [*manifest["files"], MANIFEST, *([manifest["build"]["library"]] if manifest["build"] else [])]
     return Generated(
         directory=directory,
@@ -270,6 +281,7 @@ def _result(directory: Path, manifest: dict[str, Any], start: float, *, cached: 
         digest=manifest["digest"],
         seconds=time.perf_counter() - start,
         cached=cached,
+        written=written,
     )
 
 
@@ -316,7 +328,11 @@ def _install(staging: Path, target: Path, manifest: dict[str, Any], old: dict[st
 
 def _find_compiler() -> _Compiler | None:
     """The compiler of $CC, or else the first of cc, gcc and clang; None where there is none."""
-    chosen = shlex.split(os.environ.get("CC", ""))
+    given = os.environ.get("CC", "")
+    try:
+        chosen = shlex.split(given)
+    except ValueError as error:
+        raise BuildError(f"$CC: given {given!r}, expected a command ({str(error).lower()})") from None
     if chosen:
         for word in chosen:
             if word.startswith("-") and not _ALLOWED_FLAG.match(word):
@@ -328,7 +344,10 @@ def _find_compiler() -> _Compiler | None:
         if found is None:
             return None
         chosen = [found]
-    answer = subprocess.run([*chosen, "--version"], capture_output=True, text=True, check=False)
+    try:
+        answer = subprocess.run([*chosen, "--version"], capture_output=True, text=True, errors="replace", check=False)
+    except OSError as error:
+        raise BuildError(f"C compiler: given {chosen[0]!r}, which cannot be run ({error.strerror})") from None
     return _Compiler(tuple(chosen), answer.stdout.strip().partition("\n")[0])
 
 
@@ -338,7 +357,7 @@ def _flags(compiler: _Compiler) -> list[str]:
 
 def _run(command: Sequence[str], folder: Path) -> None:
     """Run the compiler; BuildError with its first error lines where it fails."""
-    answer = subprocess.run(list(command), cwd=folder, capture_output=True, text=True, check=False)
+    answer = subprocess.run(list(command), cwd=folder, capture_output=True, text=True, errors="replace", check=False)
     if answer.returncode != 0:
         lines = [line for line in answer.stderr.splitlines() if line.strip()]
         errors = [line for line in lines if "error" in line.lower()] or lines

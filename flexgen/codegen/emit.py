@@ -7,10 +7,19 @@ gate; text from a model file is never written.
 from __future__ import annotations
 
 import re
-import textwrap
-from collections.abc import Iterable
 
 from flexgen.codegen.mathematics import Mathematics, literal, mathematics
+from flexgen.codegen.pieces import (
+    batch_prototype,
+    comment,
+    count_of,
+    macro,
+    numbered,
+    port_table,
+    prototype,
+    quoted,
+    size_macro,
+)
 from flexgen.codegen.spec import ABI_VERSION, STATUSES, FunctionSpec, LibrarySpec
 from flexgen.errors import BuildError
 from flexgen.ports import Port, identifier_problem
@@ -65,7 +74,8 @@ def symbols(spec: LibrarySpec) -> tuple[str, ...]:
 
 def _check_names(spec: LibrarySpec) -> None:
     """Everything that becomes a name, or part of one, passes the gate; BuildError where it does not."""
-    names = [spec.name, *spec.coordinates, *spec.motors, *spec.sizes]
+    driven = [name for gears in spec.gears for name, _ in gears]
+    names = [spec.name, *spec.coordinates, *spec.motors, *spec.sizes, *driven]
     names += [f.name for f in spec.functions]
     for name in names:
         problem = identifier_problem(name)
@@ -80,90 +90,22 @@ def _check_names(spec: LibrarySpec) -> None:
         raise BuildError(f"functions of {spec.name}: given names that collide, expected {len(exported)} different ones")
 
 
-# --- pieces -----------------------------------------------------------------------------------------------------------
-
-
-def _comment(text: str, indent: str = " * ") -> str:
-    """Lines of a block comment; whatever could end or nest one is taken apart."""
-    clean = "".join(c if c.isascii() and c.isprintable() else " " for c in text)
-    clean = clean.replace("\\", "/").replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
-    hanging = " " * (2 * (len(clean) - len(clean.lstrip())))
-    return "".join(
-        f"{indent}{line}".rstrip() + "\n" for line in textwrap.wrap(clean, 116, subsequent_indent=hanging) or [""]
-    )
-
-
-def _string(text: str) -> str:
-    """A C string literal; whatever is not plain is written in octal."""
-    plain = (
-        chr(b) if (chr(b).isascii() and chr(b).isalnum()) or chr(b) in " .,:;/^_()*-+" else f"\\{b:03o}"
-        for b in text.encode()
-    )
-    return f'"{"".join(plain)}"'
-
-
-def _macro(spec: LibrarySpec, name: str) -> str:
-    return f"{spec.name}_{name}".upper()
-
-
-def _size_macro(spec: LibrarySpec, extent: str) -> str:
-    """A size in C: the macro ``<NAME>_NA`` for ``n_a``, digits as they are."""
-    return _macro(spec, extent.replace("_", "")) if extent in spec.sizes else extent
-
-
-def _count(spec: LibrarySpec, f: FunctionSpec, port: Port) -> str:
-    """Number of entries of a port, in C."""
-    return " * ".join(_size_macro(spec, extent) for extent in f.extents[port.name])
-
-
-def _declaration(text: str) -> str:
-    """A prototype, broken into lines where it is long."""
-    return "\n".join(textwrap.wrap(text, 116, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False))
-
-
-def _prototype(spec: LibrarySpec, f: FunctionSpec) -> str:
-    arguments = [f"const double {p.name}[{_count(spec, f, p)}]" for p in f.inputs]
-    arguments += [f"double {p.name}[{_count(spec, f, p)}]" for p in f.outputs]
-    return _declaration(f"int {spec.name}_{f.name}({', '.join([*arguments, 'double *work'])})")
-
-
-def _batch_prototype(spec: LibrarySpec, f: FunctionSpec) -> str:
-    arguments = [f"const double *{p.name}" for p in f.inputs] + [f"double *{p.name}" for p in f.outputs]
-    return _declaration(f"int {spec.name}_{f.name}_batch({', '.join(['int n', *arguments, 'double *work'])})")
-
-
-def _table(spec: LibrarySpec, f: FunctionSpec) -> str:
-    """The column of shapes and units of a function's arrays, as comment lines."""
-    rows = []
-    for kind, ports in (("in", f.inputs), ("out", f.outputs)):
-        rows += [(kind, p.name, " x ".join(f.extents[p.name]), f"[{p.unit}]", p.doc) for p in ports]
-    width = [max(len(row[i]) for row in rows) for i in range(4)]
-    return "".join(
-        _comment(" ".join(x.ljust(w) for x, w in zip(row, [*width, 0], strict=True)), " *   ") for row in rows
-    )
-
-
-def _numbered(names: Iterable[str], units: Iterable[str]) -> str:
-    return ", ".join(f"{i} {name} [{unit}]" for i, (name, unit) in enumerate(zip(names, units, strict=True)))
-
-
 # --- header -----------------------------------------------------------------------------------------------------------
 
 
 def _header(spec: LibrarySpec, written: dict[str, Mathematics]) -> str:
-    guard, api = _macro(spec, "H"), _macro(spec, "API")
-    listed = "".join(_comment(line) for line in _manual(spec))
+    guard, api = macro(spec, "H"), macro(spec, "API")
+    listed = "".join(comment(line) for line in _manual(spec))
     sizes = "".join(
-        f"#define {_size_macro(spec, name)} {size} /* {_SIZES.get(name, name)} */\n"
-        for name, size in spec.sizes.items()
+        f"#define {size_macro(spec, name)} {size} /* {_SIZES.get(name, name)} */\n" for name, size in spec.sizes.items()
     )
-    works = "".join(f"#define {_macro(spec, f.name)}_WORK {max(1, written[f.name].work)}\n" for f in spec.functions)
-    statuses = ",\n".join(f"    {_macro(spec, s.name)} = {s.code} /* {s.text} */" for s in STATUSES)
+    works = "".join(f"#define {macro(spec, f.name)}_WORK {max(1, written[f.name].work)}\n" for f in spec.functions)
+    statuses = ",\n".join(f"    {macro(spec, s.name)} = {s.code} /* {s.text} */" for s in STATUSES)
     functions = "\n".join(
-        f"/*\n{_comment(f.summary)} *\n{_comment(f.equation, ' *   ')} *\n{_table(spec, f)}"
-        f"{_comment(f'{written[f.name].operations} operations')} */\n"
-        f"{api}\n{_prototype(spec, f)};\n{api}\n{_batch_prototype(spec, f)};\n"
-        f"{api} int {spec.name}_{f.name}_work(void); /* {_macro(spec, f.name)}_WORK */\n"
+        f"/*\n{comment(f.summary)} *\n{comment(f.equation, ' *   ')} *\n{port_table(spec, f)}"
+        f"{comment(f'{written[f.name].operations} operations')} */\n"
+        f"{api}\n{prototype(spec, f)};\n{api}\n{batch_prototype(spec, f)};\n"
+        f"{api} int {spec.name}_{f.name}_work(void); /* {macro(spec, f.name)}_WORK */\n"
         for f in spec.functions
     )
     size_functions = "".join(f"{api} int {spec.name}_{name}(void);\n" for name in spec.sizes)
@@ -173,7 +115,7 @@ def _header(spec: LibrarySpec, written: dict[str, Mathematics]) -> str:
 #ifndef {guard}
 #define {guard}
 
-#if defined(_WIN32) && defined({_macro(spec, "SHARED")})
+#if defined(_WIN32) && defined({macro(spec, "SHARED")})
 #define {api} __declspec(dllexport)
 #elif defined(__GNUC__)
 #define {api} __attribute__((visibility("default")))
@@ -216,19 +158,27 @@ def _manual(spec: LibrarySpec) -> list[str]:
     name = spec.name
     half = len(spec.states) // 2
     units = [*spec.coordinate_units, *("rad" for _ in range(half - len(spec.coordinates)))]
-    states = _numbered(spec.states, [*units, *(f"{unit}/s" for unit in units)])
+    states = numbered(spec.states, [*units, *(f"{unit}/s" for unit in units)])
     lines = [
         f"{name}: equations of motion of an elastic robot, written by flexgen. Do not edit.",
         "",
         "SI units. Matrices are stored by columns. Arm quantities (q_a, v_a, a_a, tau_a) are on the arm side of the "
         "gears and in chain order, motor quantities (q_m, v_m, a_m, tau_m) on the motor side. Indices from 0:",
-        f"  q_a: {_numbered(spec.coordinates, spec.coordinate_units)}",
-        f"  q_m: {_numbered(spec.motors, ['rad'] * len(spec.motors))}",
+        f"  q_a: {numbered(spec.coordinates, spec.coordinate_units)}",
+        f"  q_m: {numbered(spec.motors, ['rad'] * len(spec.motors))}",
     ]
     if any(f.name == "linearize" for f in spec.functions):
         lines.append(f"  x: {states}")
     return [
         *lines,
+        "",
+        "Numbers of the model that the functions use and a controller may need: gravity "
+        f"({', '.join(map(repr, spec.gravity))}) m/s^2 in world axes; the gear ratios eta, with q_m = eta q_a of the "
+        "driven coordinates where no gear is twisted; the rotor inertias J_m, motor side:",
+        *(
+            f"  {motor}: eta {', '.join(f'{ratio!r} ({name})' for name, ratio in gears)}; J_m {inertia!r} kg m^2"
+            for motor, gears, inertia in zip(spec.motors, spec.gears, spec.rotor_inertias, strict=True)
+        ),
         "",
         "Every function takes its inputs, its outputs and a workspace of <NAME>_<FUNCTION>_WORK doubles (at least 1), "
         "whose contents mean nothing before and after. No pointer may be null; arrays must not overlap. It returns 0, "
@@ -250,13 +200,13 @@ def _manual(spec: LibrarySpec) -> list[str]:
 
 
 def _facade(spec: LibrarySpec, written: dict[str, Mathematics]) -> str:
-    cases = "".join(f"    case {_macro(spec, s.name)}:\n        return {_string(s.text)};\n" for s in STATUSES)
+    cases = "".join(f"    case {macro(spec, s.name)}:\n        return {quoted(s.text)};\n" for s in STATUSES)
     values = {
-        **{f"{f.name}_work": f"{_macro(spec, f.name)}_WORK" for f in spec.functions},
+        **{f"{f.name}_work": f"{macro(spec, f.name)}_WORK" for f in spec.functions},
         "abi_version": str(ABI_VERSION),
         "sizeof_real": "(int)sizeof(double)",
         "sizeof_int": "(int)sizeof(int)",
-        **{name: _size_macro(spec, name) for name in spec.sizes},
+        **{name: size_macro(spec, name) for name in spec.sizes},
     }
     functions = "\n".join(
         f"int {spec.name}_{name}(void)\n{{\n    return {value};\n}}\n" for name, value in values.items()
@@ -275,7 +225,7 @@ const char *{spec.name}_status_text(int status)
 
 const char *{spec.name}_digest(void)
 {{
-    return {_string(spec.digest)};
+    return {quoted(spec.digest)};
 }}
 
 const char *{spec.name}_interface(void)
@@ -313,11 +263,11 @@ def _source(spec: LibrarySpec, f: FunctionSpec, written: Mathematics) -> str:
     calls = "".join(f"    {call}\n" for call in written.call)
 
     def finite(ports: tuple[Port, ...]) -> str:
-        return " && ".join(f"all_finite({p.name}, {_count(spec, f, p)})" for p in ports)
+        return " && ".join(f"all_finite({p.name}, {count_of(spec, f, p)})" for p in ports)
 
-    spoils = "".join(f"    spoil({p.name}, {_count(spec, f, p)});\n" for p in f.outputs)
-    steps = "".join(f"        {p.name} += {_count(spec, f, p)};\n" for p in (*f.inputs, *f.outputs))
-    ok, null_status = _macro(spec, "OK"), _macro(spec, "NULL_ARGUMENT")
+    spoils = "".join(f"    spoil({p.name}, {count_of(spec, f, p)});\n" for p in f.outputs)
+    steps = "".join(f"        {p.name} += {count_of(spec, f, p)};\n" for p in (*f.inputs, *f.outputs))
+    ok, null_status = macro(spec, "OK"), macro(spec, "NULL_ARGUMENT")
     return f"""\
 /* {spec.name}: {f.name}. Written by flexgen; see {spec.name}.h. */
 #include "{spec.name}.h"
@@ -327,7 +277,7 @@ def _source(spec: LibrarySpec, f: FunctionSpec, written: Mathematics) -> str:
 
 {written.text}
 {_FINITE}
-{_prototype(spec, f)}
+{prototype(spec, f)}
 {{
     int status;
     if ({null}) {{
@@ -336,15 +286,15 @@ def _source(spec: LibrarySpec, f: FunctionSpec, written: Mathematics) -> str:
 {calls}    if ({finite(f.outputs)}) {{
         return {ok};
     }}
-    status = ({finite(f.inputs)}) ? {_macro(spec, "RESULT_NOT_FINITE")} : {_macro(spec, "INPUT_NOT_FINITE")};
+    status = ({finite(f.inputs)}) ? {macro(spec, "RESULT_NOT_FINITE")} : {macro(spec, "INPUT_NOT_FINITE")};
 {spoils}    return status;
 }}
 
-{_batch_prototype(spec, f)}
+{batch_prototype(spec, f)}
 {{
     int first = {ok};
     if (n < 0) {{
-        return {_macro(spec, "BAD_COUNT")};
+        return {macro(spec, "BAD_COUNT")};
     }}
     if ({null}) {{
         return {null_status};
@@ -362,27 +312,27 @@ def _source(spec: LibrarySpec, f: FunctionSpec, written: Mathematics) -> str:
 
 def _example(spec: LibrarySpec) -> str:
     """A program that calls every function at the home pose, at rest, and prints what it gives."""
-    inputs: dict[str, str] = {}
     blocks = []
     for f in spec.functions:
+        inputs = ""
         for p in f.inputs:
             values = spec.home.get(p.name, (0.0,) * p.size)
-            inputs.setdefault(
-                p.name, f"    const double {p.name}[{_count(spec, f, p)}] = {{{', '.join(map(literal, values))}}};\n"
+            inputs += (
+                f"        const double {p.name}[{count_of(spec, f, p)}] = {{{', '.join(map(literal, values))}}};\n"
             )
-        outputs = "".join(f"        double {p.name}[{_count(spec, f, p)}];\n" for p in f.outputs)
+        outputs = "".join(f"        double {p.name}[{count_of(spec, f, p)}];\n" for p in f.outputs)
         arguments = ", ".join([*(p.name for p in (*f.inputs, *f.outputs)), "work"])
         shows = "".join(
-            f'            show("{p.name}", {_string(p.unit)}, {p.name}, {_size_macro(spec, f.extents[p.name][0])}, '
-            f"{_size_macro(spec, f.extents[p.name][1]) if len(p.shape) == 2 else 1});\n"
+            f'            show("{p.name}", {quoted(p.unit)}, {p.name}, {size_macro(spec, f.extents[p.name][0])}, '
+            f"{size_macro(spec, f.extents[p.name][1]) if len(p.shape) == 2 else 1});\n"
             for p in f.outputs
         )
         blocks.append(f"""\
     {{
-{outputs}        double work[{_macro(spec, f.name)}_WORK];
+{inputs}{outputs}        double work[{macro(spec, f.name)}_WORK];
         status = {spec.name}_{f.name}({arguments});
         printf("{f.name}: %s\\n", {spec.name}_status_text(status));
-        if (status == {_macro(spec, "OK")}) {{
+        if (status == {macro(spec, "OK")}) {{
 {shows}        }} else {{
             failed = 1;
         }}
@@ -411,7 +361,7 @@ static void show(const char *name, const char *unit, const double *x, int rows, 
 
 int main(void)
 {{
-{"".join(inputs.values())}    int status, failed = 0;
+    int status, failed = 0;
 {"".join(blocks)}    return failed;
 }}
 """

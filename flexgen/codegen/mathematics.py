@@ -99,14 +99,12 @@ class _Store:
 
 
 def literal(x: float) -> str:
-    """A double as a C expression that reads back to the same bits."""
+    """A double as the shortest C expression that reads back to the same bits."""
     if math.isnan(x):
         return "NAN"
     if math.isinf(x):
         return "INFINITY" if x > 0 else "(-INFINITY)"
-    text = f"{x:.17g}"
-    if not any(c in text for c in ".e"):
-        text += ".0"
+    text = repr(float(x))  # always with a point or an exponent
     return f"({text})" if text.startswith("-") else text
 
 

@@ -90,6 +90,12 @@ class LibrarySpec:
         ``q_a`` and ``q_m`` of the home pose with relaxed springs; every other input is zero there.
     digest : str
         SHA-256 of the model's data.
+    gravity : tuple of float
+        Acceleration of gravity in world axes [m/s^2].
+    gears : tuple of tuple of (str, float)
+        For each motor the coordinates it drives and the ratios: its row of ``eta``.
+    rotor_inertias : tuple of float
+        Of each motor, motor side [kg m^2].
     """
 
     name: str
@@ -101,6 +107,9 @@ class LibrarySpec:
     states: tuple[str, ...]
     home: dict[str, tuple[float, ...]]
     digest: str
+    gravity: tuple[float, ...]
+    gears: tuple[tuple[tuple[str, float], ...], ...]
+    rotor_inertias: tuple[float, ...]
 
     @property
     def interface(self) -> str:
@@ -284,6 +293,9 @@ def library_spec(equations: Any, functions: Sequence[str] | None = None) -> Libr
         states=(*half, *(f"d({name})/dt" for name in half)),
         home={"q_a": tuple(float(x) for x in q_a), "q_m": tuple(float(x) for x in q_m)},
         digest=model_digest(model),
+        gravity=tuple(float(x) for x in model.gravity),
+        gears=tuple(tuple((j, float(r)) for j, r in zip(m.drives, m.ratio, strict=True)) for m in model.motors),
+        rotor_inertias=tuple(float(m.inertia) for m in model.motors),
     )
 
 

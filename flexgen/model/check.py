@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
+import unicodedata
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -13,6 +14,8 @@ from flexgen.model.locate import Entry, unwrap
 from flexgen.ports import identifier_problem
 
 UNITS = ("_rad", "_deg")
+LARGEST = 1e12  # of a number in SI units; its inverse is the smallest, and powers of both can be computed with
+MAGNITUDE = "of magnitude 1e-12 to 1e12 (or 0)"
 
 
 def as_number(value: Any) -> float | None:
@@ -24,6 +27,15 @@ def as_number(value: Any) -> float | None:
     except OverflowError:
         return None
     return number if math.isfinite(number) else None
+
+
+def _reasonable(numbers: Sequence[float]) -> bool:
+    """Whether a computation can be expected to bear the numbers: none is huge, nor the largest of them tiny.
+
+    Rounding dust beside a larger entry of a vector is harmless.
+    """
+    largest = max(map(abs, numbers), default=0.0)
+    return largest == 0.0 or 1.0 / LARGEST <= largest <= LARGEST
 
 
 def show(value: Any, limit: int = 80) -> str:
@@ -40,11 +52,16 @@ def _show(value: Any) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(_show(item) for item in value) + "]"
     if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {_show(item)}" for key, item in value.items()) + "}"
+        return "{" + ", ".join(f"{bare(key)} = {_show(item)}" for key, item in value.items()) + "}"
     try:
         return str(value)
     except ValueError:  # an integer of thousands of digits
         return "a huge number"
+
+
+def bare(key: str) -> str:
+    """A key or a name as it would stand in a dotted path: quoted where it is not plain."""
+    return key if re.fullmatch(r"[A-Za-z0-9_\[\]-]+", key) else _show(key)
 
 
 def closest(word: str, known: Iterable[str]) -> str:
@@ -53,8 +70,8 @@ def closest(word: str, known: Iterable[str]) -> str:
     if not names:
         return "nothing here"
     near = difflib.get_close_matches(word, names, 1)
-    listed = ", ".join(names)
-    return f"{near[0]} (there are: {listed})" if near else f"one of {listed}"
+    listed = ", ".join(map(bare, names))
+    return f"{bare(near[0])} (there are: {listed})" if near else f"one of {listed}"
 
 
 class Table:
@@ -79,16 +96,15 @@ class Table:
     def __contains__(self, key: str) -> bool:
         return key in self.entries
 
-    def path(self, key: str) -> str:
-        """Dotted path of a key of this table; of the table itself for an empty key."""
-        if not key:
+    def path(self, key: str | None) -> str:
+        """Dotted path of a key of this table; of the table itself for None."""
+        if key is None:
             return self.key
-        shown = key if re.fullmatch(r"[A-Za-z0-9_\[\]-]+", key) else _show(key)
-        return f"{self.key}.{shown}" if self.key else shown
+        return f"{self.key}.{bare(key)}" if self.key else bare(key)
 
-    def fail(self, key: str, expected: str, given: str | None = None) -> ModelError:
-        """The error to raise for a key of this table; by default with the value that stands there."""
-        entry = self.entries.get(key)
+    def fail(self, key: str | None, expected: str, given: str | None = None) -> ModelError:
+        """The error to raise for a key of this table (None: the table); by default with the value that stands there."""
+        entry = None if key is None else self.entries.get(key)
         if given is None:
             given = "nothing" if entry is None else show(unwrap(entry))
         return ModelError(self.file, self.line if entry is None else entry.line, self.path(key), given, expected)
@@ -121,6 +137,8 @@ class Table:
         number = as_number(self._get(key, expected))
         if number is None or (above is not None and number <= above) or (least is not None and number < least):
             raise self.fail(key, expected)
+        if not _reasonable([number]):
+            raise self.fail(key, f"a number {MAGNITUDE}")
         return number
 
     def optional(self, key: str, *, above: float | None = None) -> float | None:
@@ -153,6 +171,8 @@ class Table:
             if number is None:
                 raise ModelError(self.file, item.line, self.path(key), show(unwrap(self.entries[key])), expected)
             out.append(number)
+        if not _reasonable(out):
+            raise self.fail(key, f"numbers {MAGNITUDE}")
         return tuple(out)
 
     def axis(self, key: str) -> tuple[float, ...]:
@@ -194,12 +214,15 @@ class Table:
         return math.radians(self.number(key)) if key.endswith("_deg") else self.number(key)
 
     def text(self, key: str, default: str | None = None) -> str:
-        """A string."""
+        """A string without control characters, which a terminal would obey; line ends and tabs may be."""
         if default is not None and key not in self.entries:
             return default
         value = self._get(key, "a string")
         if not isinstance(value, str):
             raise self.fail(key, "a string")
+        for c in value:
+            if unicodedata.category(c) in ("Cc", "Cs") and c not in "\n\t":
+                raise self.fail(key, "text without control characters", f"the control character {show(c)}")
         return value
 
     def flag(self, key: str) -> bool:

@@ -39,7 +39,7 @@ def output(table: Table, coordinates: Sequence[Coordinate]) -> Output:
         row.only(*units)
         rows.append(tuple(row.number(name, 0.0) for name in units))
         if not any(rows[-1]):
-            raise row.fail("", "a weight that is not 0")
+            raise row.fail(None, "a weight that is not 0")
     scaled = np.array(rows) / np.abs(rows).max(axis=1, keepdims=True)
     if np.linalg.matrix_rank(scaled, tol=1e-9) < len(rows):
         raise table.fail("rows", "rows that do not depend on each other")

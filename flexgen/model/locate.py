@@ -58,7 +58,9 @@ def parse(text: str) -> Entry:
         message = str(error)
         found = re.search(r" \(at (?:line (\d+), column \d+|end of document)\)\Z", message)
         line = 0 if found is None else int(found[1] or text.count("\n") + 1)
-        raise TextError(line, "text that is not TOML", message[: found.start()] if found else message) from None
+        reason = message[: found.start()] if found else message
+        given = f"text that is not TOML ({reason[:1].lower()}{reason[1:]})"
+        raise TextError(line, given, "TOML 1.0") from None
     check_depth(data)
     return _attach(data, (), _Scanner(text).lines, 1)
 

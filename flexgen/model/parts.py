@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from flexgen.model.check import Table, closest
+from flexgen.model.check import LARGEST, Table, closest
 from flexgen.model.elements import (
     IDENTITY,
     NO_FRICTION,
@@ -31,6 +31,7 @@ from flexgen.model.elements import (
 from flexgen.ports import identifier_problem
 
 _DUST = 1e-15
+COORDINATES_MAX = 64  # of the arm; derivation and compilation grow faster than their number
 _INERTIA_TOLERANCE = 1e-9  # relative to the largest principal moment
 
 _SPRINGS: dict[str, tuple[type, tuple[str, ...]]] = {
@@ -239,6 +240,8 @@ def elements(root: Table) -> tuple[tuple[Element, ...], dict[str, Table]]:
                 beam=None if inner is None else beam(inner, name, taken),
             )
         )
+    if len(taken) > COORDINATES_MAX:
+        raise root.fail("element", f"at most {COORDINATES_MAX}", f"{len(taken)} coordinates")
     return tuple(chain), where
 
 
@@ -292,7 +295,7 @@ def _ratio(table: Table, count: int) -> tuple[float, ...]:
         ratio = (table.number("ratio"),)
     else:
         raise table.fail("ratio", f"a list of {count} numbers (one for each driven joint)")
-    if 0.0 in ratio:
+    if min(map(abs, ratio)) < 1.0 / LARGEST:
         raise table.fail("ratio", "a ratio that is not 0")
     return ratio
 

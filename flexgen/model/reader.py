@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 import os
 from collections.abc import Mapping
@@ -68,20 +69,33 @@ def read(model: str | Path, variant: str | None = None, overrides: Mapping[str, 
 
 def model_names() -> list[str]:
     """Names of the models in the models folders, sorted."""
-    return sorted({path.stem for folder in _folders() for path in folder.glob("*.toml")})
+    found = (path for folder in _folders() for path in folder.glob("[!.]*.toml"))
+    return sorted({path.stem for path in found if path.is_file() and path.stem.isprintable()})
 
 
 def _folders() -> list[Path]:
-    """Where names are looked up: FLEXGEN_MODELS, the models that come with flexgen, the current directory's.
+    """Where names are looked up: FLEXGEN_MODELS, models/ in the current directory, the models that come with flexgen.
 
-    An installed package has its models inside; in a clone they are in the repository's folder.
+    What is the user's own goes first. An installed package has its models inside; in a clone they are in the
+    repository's folder.
     """
     named = os.environ.get("FLEXGEN_MODELS")
+    if named and not Path(named).is_dir():
+        raise ArgumentError(f"FLEXGEN_MODELS: given {named!r}, which is no folder, expected a folder of model files")
     found = [Path(named)] if named else []
     package = Path(__file__).resolve().parents[1]
     inside = package / "models"
-    found += [inside if inside.is_dir() else package.parent / "models", Path("models")]
+    found += [Path("models"), inside if inside.is_dir() else package.parent / "models"]
     return [folder for folder in found if folder.is_dir()]
+
+
+def _from_here(path: Path) -> str:
+    """The path as it opens from the current directory: relative where it is below, else absolute."""
+    try:
+        absolute, here = Path(os.path.abspath(path)), Path.cwd()
+    except OSError:  # the current directory is gone
+        return str(path)
+    return str(absolute.relative_to(here) if absolute.is_relative_to(here) else absolute)
 
 
 def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:
@@ -96,8 +110,12 @@ def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:
         text, chosen = head, tail
     if not text.endswith(".toml") and not set(text) & set("/\\"):
         for folder in _folders():
-            if (folder / f"{text}.toml").is_file():
-                return folder / f"{text}.toml", f"{folder.name}/{text}.toml", chosen
+            path = folder / f"{text}.toml"
+            try:
+                if path.is_file():
+                    return path, _from_here(path), chosen
+            except (OSError, ValueError):  # a name that no file can have
+                break
         raise ArgumentError(f"model: given {text!r}, expected a path ending in .toml or {closest(text, model_names())}")
     path = Path(text)
     try:
@@ -119,6 +137,7 @@ def _parse(path: Path, shown: str) -> Entry:
         raise ArgumentError(f"model: given {shown!r}, which cannot be read ({error.strerror})") from None
     if len(raw) > SIZE_MAX:
         raise ModelError(shown, 0, "file", f"more than {SIZE_MAX} bytes", "a model file")
+    raw = raw.removeprefix(codecs.BOM_UTF8)
     try:
         return locate.parse(raw.decode("utf-8"))
     except UnicodeDecodeError as error:
@@ -216,7 +235,7 @@ def _override(root: Entry, shown: str, key: Any, value: Any) -> None:
     except locate.TextError as error:
         raise ArgumentError(f"overrides {key}: given {error.given}, expected {error.expected}") from None
     except _NoSuchPath as error:
-        raise ModelError(shown, 0, key, "a path that leads nowhere", str(error)) from None
+        raise ModelError(shown, 0, key or '""', "a path that leads nowhere", str(error)) from None
 
 
 def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:

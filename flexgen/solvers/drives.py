@@ -14,12 +14,15 @@ from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.statics import gear_damping, gear_twist
 from flexgen.solvers.tableaus import radau
+
+HURRY = 5e-3  # of a sampling interval: gears whose D / slope is less follow their torque at once
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,15 @@ def twists(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple[np.n
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = (tau_g[:, :, 0] - torque) / D
             second = (tau_g[:, :, 1] - rigidity * rate) / D
-        p, dp, ddp = np.where(damped, moving, p), np.where(damped, rate, dp), np.where(damped, second, ddp)
+        # where D is tiny, p' and p'' are differences of large numbers divided by it; there p hurries after its static
+        # value p_s, and the expansion p = p_s - (D / slope) p_s' + ... is exact to the square of D / slope
+        lag = -D / safe * dp
+        nearly = damped & ((D / safe).max(axis=0) < HURRY * np.median(np.diff(t)))
+        late = make_interp_spline(t, lag, k=min(5, len(t) - 1))
+        slow = damped & ~nearly
+        p = np.where(slow, moving, p + np.where(nearly, lag, 0.0))
+        dp = np.where(slow, rate, dp + np.where(nearly, late(t, 1), 0.0))
+        ddp = np.where(slow, second, ddp + np.where(nearly, late(t, 2), 0.0))
     return p, dp, ddp
 
 
