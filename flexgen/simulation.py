@@ -253,6 +253,11 @@ def _output_error(
 def _turn_error(equations: Equations, data: Trajectory, q_a: np.ndarray) -> np.ndarray:
     """Angle between the tool and its reference orientation, (n,) [rad], accurate for small angles."""
     R = evaluate(equations.function("forward_kinematics"), q_a)[1]
-    E = R @ data["R_ref"].reshape(-1, 3, 3).transpose(0, 2, 1)
+    return turn_angle(R, data["R_ref"].reshape(-1, 3, 3))
+
+
+def turn_angle(R: np.ndarray, R_ref: np.ndarray) -> np.ndarray:
+    """Angle between two orientations, each (n, 3, 3): (n,) [rad], accurate for small angles too."""
+    E = R @ R_ref.transpose(0, 2, 1)
     axial = np.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], axis=1)
     return np.arctan2(np.linalg.norm(axial, axis=1) / 2, (np.trace(E, axis1=1, axis2=2) - 1) / 2)

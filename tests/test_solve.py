@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from pathlib import Path as Path_
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.statics import gear_twist, hold_joints
-from flexgen.model.elements import Move
+from flexgen.model.elements import Move, Output
 from flexgen.model.reader import read
 from flexgen.problems.path import Path
 from flexgen.simulation import simulate
@@ -26,6 +27,15 @@ from flexgen.solvers.solution import residual_max
 from flexgen.solvers.tableaus import gauss, radau
 from flexgen.trajectory import Trajectory
 
+ROBOTS = Path_(__file__).parent / "robots"
+COMPLETE = {
+    "motor_coupling": "complete",
+    "motor.m1.axis": [0, 0, 1],
+    "motor.m1.carrier": "base",
+    "motor.m2.axis": [0, 0, 1],
+    "motor.m2.carrier": "arm1",
+    "motor.m2.inertia": 0.01,
+}
 MICRON = 1e-6  # what a user is promised
 RIGHT = 1e-8  # what the methods reach: a hundredth of it
 BALANCE = 1e-9  # relative; the integrator's tolerance is 1e-11 a step
@@ -163,6 +173,65 @@ def test_limits_of_the_model_file() -> None:
         flexgen.solve("planar5_mp", limits=Limits(torque=(1.0, -2.0)))
 
 
+def test_a_zero_may_pass_through_infinity_along_the_path() -> None:
+    """There the rows that give the accelerations are singular between two samples; the motion itself is smooth."""
+    solution = flexgen.solve(ROBOTS / "spatial.toml")
+    assert (solution.method, solution.status) == ("collocation", "solved")
+    assert (solution.tool_error_max_m or 1) < RIGHT
+
+
+@pytest.mark.parametrize("damping", [1.0, 1e-2, 1e-6])
+def test_gears_with_next_to_no_damping(damping: float) -> None:
+    solution = flexgen.solve(read("planar5_nmp", overrides={"element.arm1.dof.q1.gear.damping": damping}))
+    assert (solution.tool_error_max_m or 1) < RIGHT
+
+
+def test_a_move_of_no_length_is_solved() -> None:
+    solution = flexgen.solve(read("planar5_nmp", overrides={"move.line.displacement": [0.0, 0.0, 0.0]}))
+    assert solution.status == "solved" and (solution.tool_error_max_m or 1) < 1e-12
+
+
+def test_an_output_that_no_motor_moves_is_told() -> None:
+    weights = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    model = dataclasses.replace(read("planar5_nmp"), output=Output("combination", "", weights, "rad"))
+    with pytest.raises(SolverError, match="does not determine the actuated coordinates"):
+        flexgen.solve(model, "joints")
+
+
+def test_limits_below_gravity_are_told() -> None:
+    with pytest.raises(SolverError, match=r"motor m1 needs 8\.57 N m to hold the arm"):
+        flexgen.solve("planar5_nmp", limits=Limits(torque=(5.0, 6.0)))
+
+
+def test_too_rough_a_move_is_warned_of() -> None:
+    model = read("planar5_nmp@undamped", overrides={"move.line.smoothness": 3})
+    solution = flexgen.solve(model, method="collocation", mesh=0.005)
+    assert any("smoothness 3 makes the torque jump" in warning for warning in solution.warnings)
+    assert not flexgen.solve("planar5_nmp", verify=False).warnings
+
+
+def test_coarse_meshes_are_refused_or_seen() -> None:
+    assert flexgen.solve("abb_arm", method="collocation", mesh=0.5).status == "inaccurate"
+    for name, mesh in (("beam_arm", 0.1), ("planar5_nmp", 0.08)):
+        with pytest.raises(SolverError, match="does not satisfy the equations of motion"):
+            flexgen.solve(name, mesh=mesh, verify=False)
+
+
+def test_gear_torque_channel_is_that_of_the_gears() -> None:
+    for name, changes in (("planar5_nmp", COMPLETE), ("elbow@rigid", {}), ("elbow", {})):
+        equations = flexgen.derive(read(name, overrides=changes))
+        trajectory = flexgen.solve(equations, method="full", verify=False).trajectory
+        if not equations.model.i_m:
+            arm = [trajectory[x] for x in ("q_a", "v_a", "a_a")]
+            right = evaluate(equations.function("inverse_dynamics"), *arm)[0]
+            right = right - evaluate(equations.function("arm_forces"), *arm[:2])[0]
+            close = 1e-2  # the torque's polynomial between the Gauss points, where the equations need not hold
+        else:
+            state = [trajectory[x] for x in ("q_a", "v_a", "q_m", "v_m")]
+            right, close = evaluate(equations.function("gear_torque"), *state)[0], 1e-9
+        assert np.abs(right - trajectory["tau_g"]).max() < close * np.abs(right).max()
+
+
 def test_a_gear_with_a_kink_is_solved_by_the_full_method() -> None:
     solution = flexgen.solve("four_mass@piecewise")
     assert (solution.method, solution.status) == ("full", "solved")
@@ -182,15 +251,7 @@ def test_backlash_is_solved_by_the_full_method_when_the_closed_form_fails() -> N
 
 def test_complete_motor_coupling() -> None:
     """Rotors that turn with their carriers: solved by the full method; leaving the coupling out shows in the tool."""
-    changes = {
-        "motor_coupling": "complete",
-        "motor.m1.axis": [0, 0, 1],
-        "motor.m1.carrier": "base",
-        "motor.m2.axis": [0, 0, 1],
-        "motor.m2.carrier": "arm1",
-        "motor.m2.inertia": 0.01,
-    }
-    complete = flexgen.derive(read("planar5_nmp", overrides=changes))
+    complete = flexgen.derive(read("planar5_nmp", overrides=COMPLETE))
     solution = flexgen.solve(complete)
     assert solution.method == "full" and solution.status == "solved"
     assert (solution.tool_error_max_m or 1) < 2 * MICRON

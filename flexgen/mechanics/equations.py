@@ -39,6 +39,7 @@ class Equations:
     inverse_dynamics     q_a, v_a, a_a                         tau_a = M a_a + c + g
     arm_forces           q_a, v_a                              frictions and drags on the arm, as they act
     motor_friction       v_m                                   f_m (n_m)
+    rotor_torque         q_a, v_a, a_a, v_m, a_m               d/dt of the rotors' axial momentum (n_m)
     gear_spring          twist (n_g, arm side)                 tau (n_g), slope (n_g); zero for rigid gears
     gear_torque          q_a, v_a, q_m, v_m                    tau_g (n_g); zero for rigid gears
     elastic_torque       q_a, v_a                              tau_e (n_e)
@@ -78,6 +79,7 @@ class Equations:
                 "inverse_dynamics": self._inverse_dynamics,
                 "arm_forces": self._arm_forces,
                 "motor_friction": self._motor_friction,
+                "rotor_torque": self._rotor_torque,
                 "gear_spring": self._gear_spring,
                 "gear_torque": self._gear_torque,
                 "elastic_torque": self._elastic_torque,
@@ -184,6 +186,13 @@ class Equations:
         v_m = self.lagrangian.v_m
         friction = [friction_torque(motor.friction, v_m[j]) for j, motor in enumerate(self.model.motors)]
         return [v_m], ["v_m"], [ca.vertcat(*friction)], ["f_m"]
+
+    def _rotor_torque(self) -> Built:
+        lag = self.lagrangian
+        inputs = [lag.chain.q_a, lag.chain.v_a, lag.a_a, lag.v_m, lag.a_m]
+        moving, rates = ca.vertcat(inputs[0], inputs[1], inputs[3]), ca.vertcat(inputs[1], inputs[2], inputs[4])
+        rate = ca.jtimes(lag.momentum_m, moving, rates)
+        return inputs, ["q_a", "v_a", "a_a", "v_m", "a_m"], [rate], ["tau_r"]
 
     def _gear_spring(self) -> Built:
         twist = ca.SX.sym("twist", self.model.n_g)

@@ -32,7 +32,8 @@ class Lagrangian:
     (in complete coupling with the rotors' share for motors at rest). ``forces`` (n_a + n_me): generalised forces that
     have no potential. ``power_motor``, ``power_dissipated`` [W]. ``tau_g`` (n_g): torque of the elastic gears on the
     arm side; ``tau_e`` (n_e): torque of the non-actuated elements; ``tau_gm`` (n_m): what a gear asks of its motor;
-    ``arm_forces`` (n_a): joint frictions and body drags, as they act.
+    ``momentum_m`` (n_m): axial momentum of the rotors for the motor speeds v_m [N m s]; ``arm_forces`` (n_a): joint
+    frictions and body drags, as they act.
     """
 
     model: RobotModel
@@ -52,6 +53,7 @@ class Lagrangian:
     tau_g: ca.SX
     tau_e: ca.SX
     tau_gm: ca.SX
+    momentum_m: ca.SX
     arm_forces: ca.SX
 
     def equations(self, kinetic: ca.SX, potential: ca.SX, y: ca.SX, dy: ca.SX, ddy: ca.SX) -> ca.SX:
@@ -78,14 +80,17 @@ def lagrangian(model: RobotModel) -> Lagrangian:
     v_m_all = ca.vertcat(*[v_m[j] if j in elastic else v_geared[j] for j in range(model.n_m)])
 
     kinetic, carried = chain.kinetic, ca.SX(0)
+    momentum_m = []
     for j, motor in enumerate(model.motors):
         if model.motor_coupling == "complete":
             assert motor.axis is not None and motor.carrier is not None  # the reader saw to it
             turning = ca.dot(ca.SX(ca.DM(motor.axis)), chain.spin[motor.carrier])
             kinetic = kinetic + motor.inertia * (v_m_all[j] + turning) ** 2 / 2
             carried = carried + motor.inertia * turning**2 / 2
+            momentum_m.append(motor.inertia * (v_m[j] + turning))
         else:
             kinetic = kinetic + motor.inertia * v_m_all[j] ** 2 / 2
+            momentum_m.append(motor.inertia * v_m[j])
 
     inverse = ca.SX(ca.DM(np.linalg.inv(model.eta)))
     theta, omega = ca.mtimes(inverse, q_m_all), ca.mtimes(inverse, v_m_all)  # motors seen from the arm side
@@ -158,6 +163,7 @@ def lagrangian(model: RobotModel) -> Lagrangian:
         tau_g=tau_g_all,
         tau_e=tau_e_all,
         tau_gm=tau_gm,
+        momentum_m=ca.vertcat(*momentum_m),
         arm_forces=arm_forces,
     )
 

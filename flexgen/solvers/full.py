@@ -27,6 +27,7 @@ from scipy.interpolate import CubicSpline
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.evaluate import evaluate
+from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.statics import at_rest
 from flexgen.model.elements import RobotModel
@@ -100,6 +101,13 @@ def collocate_full(
     mesh = Transcription(nodes, gauss(STAGES), n + n_m, n_y)
     began = time.perf_counter()
     reduction, y_rest, tau_rest, slow = _slow_motion(equations, path, mesh)
+    for j, motor in enumerate(model.motors):
+        needed = float(np.abs(tau_rest[:, j]).max())
+        if needed > torque_max[j]:
+            raise SolverError(
+                f"limits: motor {motor.name} needs {needed:.4g} N m to hold the arm at rest at the ends of the path, "
+                f"its limit is {torque_max[j]:.4g} N m"
+            )
     sample = path.sample(mesh.times)
 
     ratio, inertia = np.abs(model.eta).max(axis=1), np.array([m.inertia for m in model.motors])
@@ -234,10 +242,15 @@ def _samples(
         motor.append(full)
     # between nodes and Gauss points, where it is bounded, the torque's polynomial may swing over by a trifle
     tau_m = np.clip(sampled[1][:, n:], -torque_max, torque_max)
-    arm_load = evaluate(equations.function("inverse_dynamics"), *arm)[0]
-    load = arm_load - evaluate(equations.function("arm_forces"), *arm[:2])[0]
+    # through a rigid gear goes what a motor gives and neither its rotor nor its friction takes
+    taken = [
+        evaluate(equations.function("rotor_torque"), *arm, *motor[1:])[0],
+        evaluate(equations.function("motor_friction"), motor[1])[0],
+    ]
+    through = (tau_m - sum(x.reshape(tau_m.shape) for x in taken)) @ model.eta
+    twisted = evaluate(equations.function("gear_torque"), arm[0], arm[1], motor[0], motor[1])[0].reshape(through.shape)
     tau_g = np.zeros((len(t), len(i_g), 3))
-    tau_g[:, :, 0] = load.reshape(len(t), -1)[:, i_g]
+    tau_g[:, :, 0] = np.where([gear.rigid for gear, _ in gears(model)], through, twisted)
     at_bound = (np.abs(tau_m) > 0.999 * torque_max).any() or (np.abs(motor[1]) > 0.999 * speed_max).any()
     limited = bool(at_bound and np.abs(w).max() * ERROR > 1e-6)
     zero = np.zeros_like(arm[0])

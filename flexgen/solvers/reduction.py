@@ -28,6 +28,7 @@ from flexgen.mechanics.statics import Equilibrium, balance, hold_output
 from flexgen.problems.path import Path, PathSample
 
 SINGULAR = 1e-9  # relative size of the smallest singular value below which rows no longer determine accelerations
+DOUBTFUL = 1e-5  # and below which they may amplify errors, so that another way has to be compared
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,17 @@ class Reduction:
         return ca.Function("stage", [X, target, y1, y2], [rows])
 
     def start(self, path: Path) -> Equilibrium:
-        """Rest at the start of the path: tool, springs and gravity in balance together."""
+        """Rest at the start of the path: tool, springs and gravity in balance together.
+
+        SolverError where the output does not determine the actuated coordinates there.
+        """
+        slope = evaluate(self._place, path.q_start, self.targets(path.sample(np.zeros(1)))[0])[1][0]
+        sizes = np.linalg.svd(slope.reshape(self.n_y, -1), compute_uv=False)
+        if sizes[-1] < SINGULAR * max(sizes[0], 1e-300):
+            raise SolverError(
+                "the output does not determine the actuated coordinates at the start of the path: a singular pose, "
+                "or an output that a motor cannot move; choose another start or output"
+            )
         return self.rest(path, 0.0, path.q_start)
 
     def rest(self, path: Path, t: float, guess: np.ndarray) -> Equilibrium:
@@ -183,11 +194,12 @@ class Reduction:
         outputs = [ca.densify(g[name]) for name in names]
         return ca.Function("levels", [g["q"], g["v"], g["a"], g["j"], g["s"]], outputs, list("qvajs"), names)
 
-    def motion(self, sample: PathSample, q: np.ndarray, v_e: np.ndarray) -> Motion | None:
+    def motion(self, sample: PathSample, q: np.ndarray, v_e: np.ndarray) -> tuple[Motion | None, bool]:
         """All derivatives of the motion on the manifold, from coordinates ``q`` (n, n_a) and speeds ``v_e`` (n, n_e).
 
-        The equations hold exactly at each instant by construction. None where their matrix is (nearly) singular: there
-        the rows are no equations for the accelerations (a flat direction), see `motion_through`.
+        The equations hold exactly at each instant by construction. None where their matrix is singular: there the rows
+        are no equations for the accelerations (a flat direction), see `motion_through`. The second result tells whether
+        the matrix comes close to that, or passes it between two instants, as when a zero passes through infinity.
         """
         n, n_a = len(q), self.model.n_a
         zero = np.zeros((n, n_a))
@@ -195,8 +207,10 @@ class Reduction:
         G = at["G"].reshape(n, n_a, n_a)
         rows = G / np.abs(G).max(axis=2)[:, :, None]
         singular = np.linalg.svd(rows, compute_uv=False)
-        if (singular[:, -1] < SINGULAR * singular[:, 0]).any():
-            return None
+        ratio = float((singular[:, -1] / singular[:, 0]).min())
+        if ratio < SINGULAR:
+            return None, True
+        doubtful = ratio < DOUBTFUL or len(np.unique(np.linalg.slogdet(rows)[0])) > 1
         v = np.linalg.solve(self._picking(at["W"]), np.hstack([sample.rates(1), v_e])[:, :, None])[:, :, 0]
         chain = [q, v, zero, zero, zero]
         scale = np.abs(G).max(axis=2)
@@ -205,7 +219,7 @@ class Reduction:
             tool = sample.rates(k) - at[f"rate{k}"].reshape(n, self.n_y)
             rhs = np.hstack([tool, -at[f"row{k - 2}"].reshape(n, len(self.i_e))])
             chain[k] = np.linalg.solve(rows, (rhs / scale)[:, :, None])[:, :, 0]
-        return self._motion(chain)
+        return self._motion(chain), doubtful
 
     def motion_through(self, sample: PathSample, q: np.ndarray, deflection: list[np.ndarray]) -> Motion:
         """The same from the non-actuated coordinates' derivatives 1 to 4, each (n, n_e), as given."""

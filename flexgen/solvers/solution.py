@@ -79,10 +79,15 @@ class Solution:
 
 
 def residual_max(equations: Equations, trajectory: Trajectory) -> float:
-    """Largest residual of the full equations of motion half way between the samples [N m or N].
+    """Largest residual of the full equations of motion half way between the samples [N m or N], see `residual_rows`."""
+    return float(residual_rows(equations, trajectory).max())
+
+
+def residual_rows(equations: Equations, trajectory: Trajectory) -> np.ndarray:
+    """Largest residual of each equation of motion, (dof,), half way between the samples [N m or N].
 
     Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque by a quintic spline:
-    nothing of the solver is used again.
+    nothing of the solver is used again. Rows: arm coordinates, then the motors behind elastic gears.
     """
     robot = equations.model
     t = trajectory.time
@@ -90,17 +95,29 @@ def residual_max(equations: Equations, trajectory: Trajectory) -> float:
     arm, motor = (
         BPoly.from_derivatives(t, np.stack([trajectory[f"{x}_{part}"] for x in "qva"], axis=1)) for part in "am"
     )
-    tau = make_interp_spline(t, trajectory["tau_m"], k=5)(middle)
+    tau = make_interp_spline(t, trajectory["tau_m"], k=min(5, len(t) - 1))(middle)
     r_a, r_m = evaluate(
         equations.function("residual"),
         *(arm(middle, k) for k in range(3)),
         *(motor(middle, k) for k in range(3)),
         tau,
     )
-    rows = [np.abs(r_a).max()]
-    if robot.i_m:
-        rows.append(np.abs(r_m.reshape(len(middle), -1)[:, list(robot.i_m)]).max())
-    return float(max(rows))
+    rows = np.hstack([r_a.reshape(len(middle), -1), r_m.reshape(len(middle), -1)[:, list(robot.i_m)]])
+    return np.abs(rows).max(axis=0)
+
+
+def relative_residual(equations: Equations, trajectory: Trajectory) -> float:
+    """The largest of `residual_rows`, each relative to the largest torque in its own row."""
+    robot = equations.model
+    scale = np.zeros(robot.n_a)
+    scale[list(robot.i_g)] = np.abs(trajectory["tau_g"]).max(axis=0)
+    if robot.n_e:
+        elastic = evaluate(equations.function("elastic_torque"), trajectory["q_a"], trajectory["v_a"])[0]
+        scale[list(robot.i_e)] = np.abs(elastic.reshape(-1, robot.n_e)).max(axis=0)
+    motors = np.abs(trajectory["tau_m"]).max(axis=0)[list(robot.i_m)]
+    # a row that carries next to nothing is measured by the others of its kind
+    scales = [np.maximum(x, 1e-3 * x.max(initial=1e-9)) for x in (scale, motors)]
+    return float((residual_rows(equations, trajectory) / np.concatenate(scales)).max())
 
 
 def exceeded(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]:
