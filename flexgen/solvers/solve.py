@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path as FilePath
-from typing import Any
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -24,7 +23,7 @@ from flexgen.ports import Port
 from flexgen.problems.path import Path, PathSample
 from flexgen.simulation import Simulation, simulate, turn_angle
 from flexgen.solvers.collocation import collocate
-from flexgen.solvers.drives import drives
+from flexgen.solvers.drives import Drives, drives
 from flexgen.solvers.full import Limits, collocate_full
 from flexgen.solvers.reduction import Motion, Reduction
 from flexgen.solvers.solution import Solution, exceeded, has_kinks, relative_residual, residual_max
@@ -223,7 +222,7 @@ def _once(ask: _Question, method: str, h: float) -> Solution:
     if method == "full":
         lead, settle = windows(equations, path) if preview is None else (preview, 0.05)
         answer = collocate_full(equations, path, _mesh(lead, path.duration, settle, 2 * h), limits, progress=progress)
-        trajectory = _trajectory(equations, path, answer.t, answer.motion, answer.drives)
+        trajectory = _trajectory(ask, answer.t, answer.motion, answer.drives)
         status = "limited" if answer.limited else "solved"
         return _solution(ask, method, status, answer.nlp.status, answer.nlp.iterations, lead, trajectory)
     if method == "closed-form":
@@ -239,7 +238,7 @@ def _once(ask: _Question, method: str, h: float) -> Solution:
             if found is None:
                 raise SolverError(f"move {path.move.name}: the path passes a singular pose; choose another path")
             motion = found
-        trajectory = _trajectory(equations, path, t, motion, None)
+        trajectory = _trajectory(ask, t, motion)
         return _solution(ask, method, "solved", "", 0, 0.0, trajectory)
     reduction = Reduction(equations)
     lead, settle = windows(equations, path) if preview is None else (preview, 0.05)
@@ -255,7 +254,7 @@ def _once(ask: _Question, method: str, h: float) -> Solution:
     answers = []
     for candidate in (found, _read_off(reduction, sample, t, q, nodes, answer_r.q_e) if doubtful else None):
         if candidate is not None:
-            trajectory = _trajectory(equations, path, t, candidate, None)
+            trajectory = _trajectory(ask, t, candidate)
             answers.append(_solution(ask, method, "solved", nlp.status, nlp.iterations, lead, trajectory))
     return min(answers, key=lambda answer: answer.residual_max_Nm)
 
@@ -313,7 +312,8 @@ def _mesh(lead: float, duration: float, settle: float, h: float) -> np.ndarray:
     return np.unique(np.concatenate(parts))
 
 
-def _trajectory(equations: Equations, path: Path, t: np.ndarray, motion: Motion, motors: Any) -> Trajectory:
+def _trajectory(ask: _Question, t: np.ndarray, motion: Motion, motors: Drives | None = None) -> Trajectory:
+    equations, path = ask.equations, ask.path
     robot = equations.model
     d = motors or drives(equations, t, motion.q, motion.v, motion.a, motion.tau_g)
     sample = path.sample(t)
@@ -344,7 +344,13 @@ def _trajectory(equations: Equations, path: Path, t: np.ndarray, motion: Motion,
         {name: values for name, values, *_ in rows},
         {name: Port(name, (values.shape[1],), unit, doc) for name, values, unit, doc, _ in rows},
         {name: labels for name, *_, labels in rows},
-        {"model": robot.name, "variant": robot.variant, "move": path.move.name, "kind": "solution"},
+        {
+            "model": robot.name,
+            "variant": robot.variant,
+            "move": path.move.name,
+            "kind": "solution",
+            "torque": "smooth" if ask.limits is None else "limited",
+        },
     )
 
 
@@ -352,8 +358,6 @@ def _solution(
     ask: _Question, method: str, status: str, verdict: str, iterations: int, lead: float, trajectory: Trajectory
 ) -> Solution:
     equations, path = ask.equations, ask.path
-    if ask.limits is not None:
-        trajectory.meta["torque"] = "limited"
     residual = residual_max(equations, trajectory)
     if not np.isfinite(residual):
         raise SolverError(f"method {method}: the answer is not finite; try another --mesh or a smoother move")
