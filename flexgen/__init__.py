@@ -1,6 +1,6 @@
 """flexgen: inverse dynamics of elastic robots, from a model file to C that runs in a controller.
 
-The public verbs and errors are resolved on first use, so that ``import flexgen`` is quick.
+The public verbs, the nouns they take and the errors they raise are resolved on first use: ``import flexgen`` is quick.
 """
 
 from __future__ import annotations
@@ -21,8 +21,13 @@ _VERBS = {
     "generate": "flexgen.codegen.build",
     "load": "flexgen.runtime",
 }
+_NOUNS = {
+    "Limits": "flexgen.solvers.full",
+    "Move": "flexgen.model.elements",
+    "Trajectory": "flexgen.trajectory",
+}
 _ERRORS = dict.fromkeys(["FlexgenError", "ModelError", "ArgumentError", "SolverError", "BuildError"], "flexgen.errors")
-_PUBLIC = _VERBS | _ERRORS
+_PUBLIC = _VERBS | _NOUNS | _ERRORS
 
 __all__ = [*_PUBLIC, "__version__"]
 

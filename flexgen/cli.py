@@ -24,7 +24,7 @@ from flexgen.errors import FlexgenError
 from flexgen.printing import as_json
 
 METHODS = ("auto", "closed-form", "collocation", "full")
-PACKAGES = ("casadi", "numpy", "scipy", "sympy", "osqp", "matplotlib")
+PACKAGES = ("casadi", "numpy", "scipy", "sympy", "matplotlib")
 
 DONE, FAILED, USAGE, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 

@@ -287,14 +287,23 @@ def solve(args: Namespace, tell: Tell) -> Answer:
 
 def inaccuracy(solution: Solution, accuracy: float) -> str:
     """Why the solution is not good enough; empty where it is."""
+    from flexgen.solvers.solve import ENERGY
+
     if solution.status != "inaccurate":
         return ""
+    simulation = solution.simulation
+    if simulation is not None and simulation.energy_error > ENERGY:
+        return (
+            f"inaccurate: the simulation misses the energy balance by {simulation.energy_error:.1e}, so that it proves "
+            "nothing; is the model stiffer than it should be?"
+        )
     planned = solution.to_dict().get("plan_error_max")  # limits keep the plan itself off the path
     worst = max(solution.tool_error_max_m or 0.0, solution.tool_error_max_rad or 0.0) if planned is None else planned
     aim = "path" if planned is None else "plan"
     return (
         f"inaccurate: the simulated output strays {worst:.3g} m or rad from the {aim}, more than {accuracy:.3g}; "
-        "try a finer --mesh, a longer --preview or --method full"
+        + ("loosen the limits, give the move more time or " if solution.method == "full" else "try --method full or ")
+        + "try a finer --mesh"
     )
 
 
@@ -311,7 +320,7 @@ def simulate(args: Namespace, tell: Tell) -> Answer:
         with writing(args.out):
             data["trajectory"] = str(simulation.trajectory.save(args.out))
         text += f"\n\nwrote {args.out}"
-    return Answer(data, text)
+    return Answer(data, text, warnings=list(simulation.warnings))
 
 
 def _simulation_dict(robot: RobotModel, simulation: Simulation) -> dict[str, Any]:

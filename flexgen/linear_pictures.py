@@ -10,6 +10,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, NullForma
 
 from flexgen import canvas as cv
 from flexgen.analysis.report import Analysis
+from flexgen.analysis.zeros import ON_AXIS
 
 FAR = 1e6  # 1/s: roots beyond are counted, not drawn
 
@@ -107,7 +108,7 @@ def pole_zero_map(analysis: Analysis) -> Figure:
     ax.plot(sets[0].real, sets[0].imag, "x", ms=6.5, color=cv.BLUE, mew=1.6, label="poles")
     zeros = sets[1]
     if len(zeros):
-        bad = zeros.real > 1e-9 * np.abs(zeros)
+        bad = zeros.real > ON_AXIS * np.abs(zeros)
         style: dict[str, Any] = {"ms": 7.5, "mfc": "none", "mew": 1.7}
         ax.plot(zeros[~bad].real, zeros[~bad].imag, "o", mec=cv.GREEN, label="zeros of the output", **style)
         if bad.any():

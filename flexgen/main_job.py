@@ -53,17 +53,17 @@ def run(args: Namespace, tell: Tell) -> Answer:
     checked = _compared(library, equations, solution)
     tell("report")
     with writing(directory):
-        report = write_report(equations, solution, directory, analysis=analysis, generated=made)
+        report = write_report(equations, solution, directory, generated=made)
         trajectory = solution.trajectory.save(directory / f"{solution.move.name}.npz")
     facts, answer = plain(analysis.to_dict()), solution.to_dict()
     answer["trajectory"] = str(trajectory)
-    unstable = [re for re, _ in facts["zeros"] or [] if re is not None and re > 0]
+    slowest = facts["unstable_time_constant_s"]
     rows: list[tuple[str, Any, str]] = [
         ("model", title(robot), ""),
         ("motors, degrees of freedom", f"{robot.n_m}, {robot.dof}", ""),
         ("lowest mode", facts["modes_hz"][0] if facts["modes_hz"] else None, "Hz"),
         ("phase of the output", facts["phase"], ""),
-        ("slowest unstable zero", min(unstable) if unstable else None, "1/s"),
+        ("slowest unstable zero", 1 / slowest if slowest else None, "1/s"),
         ("structural index", facts["structural_index"], ""),
         ("C functions generated", len(made.functions), ""),
         ("C library built in", None if made.cached else made.seconds, "s"),

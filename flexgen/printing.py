@@ -209,6 +209,7 @@ def solution_rows(data: dict[str, Any]) -> list[Row]:
     strays = "limits keep the tool off the path by" if limited else "tool error in simulation, largest"
     return [
         ("method", data["method"], ""),
+        ("verdict of IPOPT", data["verdict"] or None, ""),
         ("iterations", data["iterations"], ""),
         ("time to solve and verify, wall", data["wall_s"], "s"),
         ("time to solve and verify, processor", data["cpu_s"], "s"),
@@ -216,6 +217,7 @@ def solution_rows(data: dict[str, Any]) -> list[Row]:
         ("motor torque, largest", data["torque_max_Nm"], "N m"),
         ("motor speed, largest", data["speed_max_rad_s"], "rad/s"),
         ("residual of the equations, largest", data["residual_max_Nm"], "N m"),
+        ("the same, of the torque in its row", data["residual_relative"], "relative"),
         _small(strays, data["tool_error_max_m"], "m"),
         _small(strays, data["tool_error_max_rad"], "rad"),
         ("simulation against the plan, largest", data.get("plan_error_max"), "m or rad"),

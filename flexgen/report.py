@@ -13,6 +13,7 @@ from scipy.integrate import trapezoid
 
 from flexgen import __version__, pictures
 from flexgen.analysis.report import Analysis, analyze
+from flexgen.analysis.zeros import ON_AXIS
 from flexgen.canvas import measure, title_of
 from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
@@ -195,7 +196,7 @@ def _dynamics(analysis: Analysis) -> str:
 
 
 def _side(z: complex) -> str:
-    return "unstable" if z.real > 1e-9 * abs(z) else "stable" if z.real < -1e-9 * abs(z) else "on the axis"
+    return "unstable" if z.real > ON_AXIS * abs(z) else "stable" if z.real < -ON_AXIS * abs(z) else "on the axis"
 
 
 def _analysis(equations: Equations, solution: Solution) -> Analysis | None:

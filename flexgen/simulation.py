@@ -1,7 +1,8 @@
 """Forward simulation of the full model under a given motor torque: the referee of every inversion.
 
-The integrator (explicit Runge-Kutta of order 8 by Dormand and Prince, tight tolerance) shares nothing with the solvers;
-the torque is a quintic spline through the samples. Work and losses are integrated along, so that the energy balance
+The integrator (explicit Runge-Kutta of order 8 by Dormand and Prince, tight tolerance) shares nothing with the solvers.
+The torque is a quintic spline through the samples or, where it runs into limits, a monotone cubic that stays within
+them. Work and losses are integrated along, so that the energy balance
 
     E(t) - E(0) = int P_motor dt - int P_dissipated dt
 
@@ -196,17 +197,15 @@ def _integrate(
     """States (q_a, q_me, v_a, v_me, work, loss) at the instants t, evaluations of the right-hand side, wall time."""
     robot = equations.model
     n_a, n, i_m = robot.n_a, robot.dof, list(robot.i_m)
-    forward, power = equations.function("forward_dynamics"), equations.function("power")
+    state_rate, power = equations.function("state_rate"), equations.function("power")
     motors, speeds = np.zeros(robot.n_m), np.zeros(robot.n_m)
 
     def rate(instant: float, x: np.ndarray) -> np.ndarray:
         motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a : 2 * n]
         torque = tau(instant)
-        arguments = (x[:n_a], x[n : n + n_a], motors, speeds, torque)
-        a_a, a_m = forward(*arguments)
-        given, lost = power(*arguments)
-        accelerations = np.concatenate([np.array(a_a).ravel(), np.array(a_m).ravel()[i_m]])
-        return np.concatenate([x[n : 2 * n], accelerations, [float(given), float(lost)]])
+        given, lost = power(x[:n_a], x[n : n + n_a], motors, speeds, torque)
+        moving = np.array(state_rate(x[: 2 * n], torque)).ravel()
+        return np.concatenate([moving, [float(given), float(lost)]])
 
     start = np.concatenate([q_a, q_m[i_m], np.zeros(n + 2)])
     began = time.perf_counter()
@@ -242,9 +241,14 @@ def _output_error(
     output = equations.model.output
     y = evaluate(equations.function("output"), q_a)[0].reshape(len(q_a), -1)
     error = y - data["y_ref"]
-    largest = float(np.linalg.norm(error, axis=1).max())
     if output.type == "combination":
-        return (error, largest, None) if output.unit == "m" else (error, None, largest)
+        # rows of different units are joints: each row has the unit of its coordinate
+        units = [equations.model.coordinates[int(np.argmax(np.abs(row)))].unit for row in output.weights]
+        units = units if output.unit == "mixed" else [output.unit] * len(units)
+        parts = [error[:, [u == unit for u in units]] for unit in ("m", "rad")]
+        worst = [float(np.linalg.norm(part, axis=1).max()) if part.shape[1] else None for part in parts]
+        return error, worst[0], worst[1]
+    largest = float(np.linalg.norm(error, axis=1).max())
     if output.type == "tool_pose" and "R_ref" in data.channels:
         return error, largest, float(_turn_error(equations, data, q_a).max())
     return error, largest, None

@@ -31,7 +31,8 @@ class Trajectory:
     labels : mapping from name to tuple of str
         One label a column (the coordinate's or motor's name).
     meta : dict
-        What it belongs to: model, move, digest; only JSON types.
+        What it belongs to, only JSON types: ``model``, ``variant``, ``move``, ``kind``; ``torque`` is ``"limited"``
+        where the torque runs into limits and must not be interpolated beyond them.
     """
 
     time: np.ndarray
@@ -46,7 +47,13 @@ class Trajectory:
             raise ArgumentError(
                 "trajectory: given a time grid that does not increase, expected at least 2 rising instants"
             )
+        if not self.ports.keys() == self.channels.keys() == self.labels.keys():
+            raise ArgumentError("trajectory: channels, ports and labels differ in their names, expected the same ones")
         for name, port in self.ports.items():
+            if len(self.labels[name]) != port.size:
+                raise ArgumentError(
+                    f"trajectory channel {name}: given {len(self.labels[name])} labels for {port.size} columns"
+                )
             shape = np.shape(self.channels[name])
             if shape != (n, *port.shape):
                 raise ArgumentError(f"trajectory channel {name}: given shape {shape}, expected {(n, *port.shape)}")

@@ -10,6 +10,8 @@ from flexgen.analysis.index import structural_index
 from flexgen.analysis.linear import linearise
 from flexgen.analysis.zeros import inner_zeros, is_structured, transmission_zeros
 from flexgen.errors import ArgumentError
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.reader import model_names, read
 
@@ -78,6 +80,33 @@ def test_planar_zeros_in_closed_form() -> None:
         zeros = flexgen.analyze(model, POSE).zeros.zeros
         for zero in expected:
             assert closest(zeros, zero) < 1e-10  # both are exact but for rounding
+
+
+def state_space_difference(equations: Equations, planted: float = 1.0) -> float:
+    """Variation of the equations at rest against the linearised, and the differenced, state-space right-hand side."""
+    model = equations.model
+    rest = hold_joints(equations, np.array(model.home))
+    A, B = linearise(equations, rest).state_space()
+    A = A * np.where(np.arange(len(A)) == len(A) - 1, planted, 1.0)[:, None]
+    zero_a, zero_m = np.zeros(model.n_a), np.zeros(model.n_m)
+    exact = evaluate(equations.function("linearize"), rest.q_a, zero_a, rest.q_m, zero_m, rest.tau_m)
+    x = np.concatenate([rest.q_a, rest.q_m[list(model.i_m)], np.zeros(model.dof)])
+    rate = equations.function("state_rate")
+    step = 1e-6
+    ends = [evaluate(rate, x + sign * step * np.eye(len(x)), rest.tau_m)[0] for sign in (1, -1)]
+    differenced = (ends[0] - ends[1]).T / (2 * step)
+    size = np.abs(exact[0][0]).max(axis=1, keepdims=True)
+    B_size = np.abs(exact[1][0]).max() + 1e-300
+    closed = max(np.abs((A - exact[0][0]) / size).max(), np.abs(B - exact[1][0].reshape(B.shape)).max() / B_size)
+    # differences of a stiff right-hand side lose half of the digits
+    return float(max(closed, 1e-6 * np.abs((differenced - exact[0][0]) / size).max()))
+
+
+@pytest.mark.parametrize("name", model_names())
+def test_three_routes_to_the_linearisation(name: str) -> None:
+    equations = flexgen.derive(name)
+    assert state_space_difference(equations) < 1e-11
+    assert state_space_difference(equations, planted=1.0 + 1e-6) > 1e-11  # planted bug in the last row
 
 
 @pytest.mark.parametrize("name", model_names())

@@ -50,7 +50,7 @@ FLOORS = {
 
 WITHOUT_CASADI = ["errors", "ports", "trajectory", "model", "catalogue", "runtime", "cli", "__main__"]
 INSTANT = ["cli", "__main__", "commands", "main_job", "printing"]  # behind --help: the standard library only
-HEAVY = {"casadi", "numpy", "scipy", "sympy", "matplotlib", "osqp", "mujoco"}
+HEAVY = {"casadi", "numpy", "scipy", "sympy", "matplotlib", "mujoco"}
 RUNTIME_NEEDS = {"runtime", "errors", "ports", ""}
 
 

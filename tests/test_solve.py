@@ -8,15 +8,17 @@ from pathlib import Path as Path_
 
 import numpy as np
 import pytest
+from referee import Referee
+from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.evaluate import evaluate
-from flexgen.mechanics.statics import gear_twist, hold_joints
+from flexgen.mechanics.statics import gear_twist, hold_joints, reach
 from flexgen.model.elements import Move, Output
-from flexgen.model.reader import read
+from flexgen.model.reader import model_names, read
 from flexgen.problems.path import Path
 from flexgen.simulation import simulate
 from flexgen.solvers.collocation import collocate
@@ -279,8 +281,6 @@ def test_flexible_joint_closed_form_against_the_textbook() -> None:
 
 
 def test_drives_with_a_nonlinear_damped_gear_against_an_integrator() -> None:
-    from scipy.integrate import solve_ivp
-
     equations = flexgen.derive("four_mass")
     t = np.linspace(0, 0.2, 201)
     w = 2 * np.pi * 5
@@ -432,3 +432,141 @@ def test_trajectories_are_regular_files(tmp_path) -> None:  # type: ignore[no-un
         Trajectory.load(tmp_path / "pipe.npz")
     with pytest.raises(ArgumentError, match="no regular file"):
         flexgen.solve("elbow", verify=False).trajectory.save(tmp_path / "pipe.npz")
+
+
+@pytest.mark.parametrize(
+    ("name", "move"),
+    [(name, move.name) for name in model_names() for move in read(name).moves if name != "manutec_r3_efjm"],
+)
+def test_every_shipped_move_is_solved(name: str, move: str) -> None:
+    solution = flexgen.solve(name, move)
+    assert solution.status == "solved"
+    assert (solution.tool_error_max_m or 0) < 2 * MICRON and (solution.tool_error_max_rad or 0) < MICRON
+    assert not solution.warnings, solution.warnings
+
+
+@pytest.mark.long
+def test_the_other_move_with_twelve_elasticities() -> None:
+    solution = flexgen.solve("manutec_r3_efjm", "joints")
+    assert solution.status == "solved" and (solution.tool_error_max_m or 1) < MICRON / 10
+
+
+@pytest.mark.long
+def test_the_referee_moves_the_tool_along_the_path() -> None:
+    """The torque found, applied to Newton-Euler equations of another hand and integrated by another method."""
+    model = read("planar5_nmp")
+    solution = flexgen.solve(model, verify=False)
+    trajectory = solution.trajectory
+    tau = make_interp_spline(trajectory.time, trajectory["tau_m"], k=5)
+    referee = Referee(model)
+
+    def rate(t: float, x: np.ndarray) -> np.ndarray:
+        a_a, a_m = referee.forward_dynamics(x[:3], x[5:8], x[3:5], x[8:], tau(t))
+        return np.concatenate([x[5:], a_a, a_m])
+
+    start = np.concatenate([trajectory["q_a"][0], trajectory["q_m"][0], np.zeros(5)])
+    ends = np.linspace(0.1, 0.5, 5)
+    span = (trajectory.time[0], 0.5)
+    done = solve_ivp(rate, span, start, method="RK45", rtol=1e-8, atol=1e-11, t_eval=ends)
+    path = Path(flexgen.derive(model), model.move("line"))
+    for k, t in enumerate(ends):
+        q1, q2, q3 = done.y[:3, k]
+        tool = 0.8 * np.exp(1j * q1) + 0.35 * np.exp(1j * (q1 + q2)) + 0.45 * np.exp(1j * (q1 + q2 + q3))
+        reference = path.sample(np.array([t])).y[0, :, 0]
+        # the tolerance of a lower-order integrator, a tenth of what is promised
+        assert np.hypot(tool.real - reference[0], tool.imag - reference[1]) < MICRON / 10
+
+
+@pytest.mark.parametrize("factor", [0.1, 0.01])
+def test_fast_moves_of_light_machines(factor: float) -> None:
+    """The same arm with time running faster: stiffness and gravity by factor^-2, damping by factor^-1."""
+    changes: dict[str, object] = {
+        "gravity": [0.0, -9.81 / factor**2, 0.0],
+        "move.line.duration": 0.5 * factor,
+        "element.arm3.dof.q3.spring.stiffness": 1.5e5 / factor**2,
+        "element.arm3.dof.q3.damping": 150.0 / factor,
+    }
+    for element, joint, stiffness, damping in (("arm1", "q1", 4e5, 400.0), ("arm2", "q2", 2.5e5, 250.0)):
+        changes[f"element.{element}.dof.{joint}.gear.spring.stiffness"] = stiffness / factor**2
+        changes[f"element.{element}.dof.{joint}.gear.damping"] = damping / factor
+    for motor in ("m1", "m2"):
+        changes[f"motor.{motor}.friction.viscous"] = 20e-4 / factor
+    solution = flexgen.solve(read("planar5_nmp", overrides=changes))
+    slow = flexgen.solve("planar5_nmp", verify=False)
+    assert (solution.tool_error_max_m or 1) < RIGHT
+    largest = [np.abs(s.trajectory["tau_m"]).max() for s in (solution, slow)]
+    assert largest[0] * factor**2 == pytest.approx(largest[1], rel=1e-4)
+
+
+def test_small_arms_are_judged_by_their_size() -> None:
+    assert reach(flexgen.derive("planar5_nmp")) == pytest.approx(1.6, rel=1e-3)
+    assert reach(flexgen.derive("four_mass")) == 1.0
+    small = {"element.arm2.origin.position": [8e-4, 0, 0], "element.arm3.origin.position": [3.5e-4, 0, 0]}
+    small["tool.position"] = [4.5e-4, 0, 0]
+    assert reach(flexgen.derive(read("planar5_nmp", overrides=small))) == pytest.approx(1.6e-3, rel=1e-3)
+
+
+COUPLED = {"motor.m2.drives": ["q1", "q2"], "motor.m2.ratio": [30.0, 100.0]}
+
+
+@pytest.mark.parametrize(("name", "method"), [("planar5_nmp", "collocation"), ("elbow", "closed-form")])
+def test_coupled_motors(name: str, method: str) -> None:
+    solution = flexgen.solve(read(name, overrides=COUPLED))
+    assert solution.method == method and solution.status == "solved"
+    assert (solution.tool_error_max_m or 1) < RIGHT
+    # both motors carry the first joint now: the torques are others than without the coupling
+    alone = flexgen.solve(name, verify=False)
+    assert np.abs(solution.trajectory["tau_m"] - alone.trajectory["tau_m"]).max() > 0.1
+
+
+def test_an_undamped_nonlinear_gear() -> None:
+    cubic = {"type": "cubic", "stiffness": 4e5, "cubic": 2e10}
+    changes = {"element.arm1.dof.q1.gear.spring": cubic, "element.arm1.dof.q1.gear.damping": 0.0}
+    solution = flexgen.solve(read("planar5_mp", overrides=changes))
+    assert (solution.tool_error_max_m or 1) < RIGHT
+
+
+@pytest.mark.parametrize(
+    ("move", "message"),
+    [
+        (Move("x", "toolline", (0.3, -1.1), 0.5, 5), "given type 'toolline'"),
+        (Move("x", "tool_line", (0.3,), 0.5, 5, displacement=(0.1, 0.0, 0.0)), "expected 2 finite numbers"),
+        (Move("x", "tool_line", (0.3, -1.1), 0.5, 5), "given displacement"),
+        (Move("x", "joint", (0.3, -1.1), 0.5, 5, end=(float("nan"), 0.0)), "given end"),
+    ],
+)
+def test_wrong_moves_are_refused(move: Move, message: str) -> None:
+    with pytest.raises(ArgumentError, match=message):
+        flexgen.solve("planar5_mp", move)
+
+
+def test_wrong_limits_are_refused() -> None:
+    with pytest.raises(ArgumentError, match=r"expected flexgen\.Limits"):
+        flexgen.solve("planar5_mp", limits=(1.0, 2.0))  # type: ignore[arg-type]
+
+
+def test_guards_of_the_verdicts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Planted bugs: a simulation that loses energy, and an NLP that calls open constraints a success."""
+    import flexgen.solvers.nlp as nlp
+    import flexgen.solvers.solve as solving
+
+    def leaking(*arguments: object, **options: object) -> object:
+        return dataclasses.replace(simulate(*arguments, **options), energy_error=1e-3)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(solving, "simulate", leaking)
+    assert flexgen.solve("planar5_mp", method="collocation", mesh=0.005).status == "inaccurate"
+    monkeypatch.setattr(solving, "simulate", simulate)
+    monkeypatch.setattr(nlp, "_violation", lambda *bounds: 1.0)
+    with pytest.raises(SolverError, match="Solve_Succeeded"):
+        flexgen.solve("planar5_mp", method="collocation", mesh=0.005)
+
+
+def test_exceeded_limits_are_warned_of() -> None:
+    changes = {
+        "motor.m1.torque_max": 20.0,
+        "element.arm2.dof.q2.speed_max": 1.0,
+        "element.arm1.dof.q1.acceleration_max": 2.0,
+    }
+    warnings = flexgen.solve(read("planar5_nmp", overrides=changes), verify=False).warnings
+    assert len(warnings) == 3
+    assert "motor m1: torque 24.48 N m exceeds its limit 20 N m" in warnings

@@ -37,6 +37,11 @@ class LinearModel:
         A = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower[:, : 2 * n]])
         return A, np.vstack([np.zeros((n, self.B.shape[1])), lower[:, 2 * n :]])
 
+    @property
+    def rate(self) -> float:
+        """A typical rate [1/s], to choose the unit of time by."""
+        return float(np.sqrt(max(float(np.linalg.norm(np.linalg.solve(self.M, self.K))), 1e-300)))
+
     def response(self, w: np.ndarray, C: np.ndarray) -> np.ndarray:
         """``C (K + j w D - w^2 M)^-1 B`` at the angular frequencies ``w`` [rad/s], shape (len(w), rows of C, n_m)."""
         s = 1j * w[:, None, None]
@@ -67,7 +72,7 @@ def poles(linear: LinearModel) -> np.ndarray:
     """Eigenvalues [1/s] of the linearisation, by size."""
     A, _ = linear.state_space()
     # one unit of time for all: the slowest and the fastest pole lie far apart
-    rate = np.sqrt(max(float(np.linalg.norm(np.linalg.solve(linear.M, linear.K))), 1.0))
+    rate = linear.rate
     n = len(A) // 2
     scaled = A.copy()
     scaled[:n, n:] *= rate

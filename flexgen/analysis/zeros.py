@@ -22,6 +22,7 @@ from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.statics import Equilibrium, gear_damping
 
 PREVIEW = 5.0  # time constants of the slowest unstable zero: what comes earlier is below one percent of the torque
+ON_AXIS = 1e-9  # of its size: a real part that is smaller is rounding
 RANK = 1e-9  # relative size below which a singular value counts as zero
 
 
@@ -31,8 +32,9 @@ class ZeroReport:
 
     ``phase``: ``"flat"`` (no zeros: the torque follows from the reference and its derivatives alone), ``"minimum
     phase"``, ``"non-minimum phase"`` (a torque that follows the path exactly has to begin before it), or ``"none"``
-    (not as many outputs as motors, or a degenerate system: no verdict). ``unstable_time_constant_s``: of the slowest
-    unstable zero, 0 where there is none; ``preview_s``: five of them.
+    (not as many outputs as motors, or a degenerate system: no verdict). Zeros on the imaginary axis, of undamped
+    elements, do not make an output non-minimum phase. ``unstable_time_constant_s``: of the slowest unstable zero, 0
+    where there is none; ``preview_s``: five of them.
     """
 
     zeros: np.ndarray
@@ -146,19 +148,26 @@ def zero_report(equations: Equations, linear: LinearModel, rest: Equilibrium) ->
                 zeros = inner_zeros(equations, linear, rest)
         else:
             A, B = linear.state_space()
-            rate = np.sqrt(max(float(np.linalg.norm(np.linalg.solve(linear.M, linear.K))), 1.0))
-            zeros = transmission_zeros(A, B, np.hstack([linear.W, np.zeros_like(linear.W)]), rate)
+            zeros = transmission_zeros(A, B, np.hstack([linear.W, np.zeros_like(linear.W)]), linear.rate)
     if zeros is None:
         return ZeroReport(np.zeros(0, dtype=complex), "none", 0.0, 0.0)
-    unstable = zeros[zeros.real > 1e-9 * np.abs(zeros)]
-    if len(unstable):
-        slowest = float(1 / unstable.real.min())
+    slowest, _ = time_constants(zeros)
+    if slowest > 0:
         return ZeroReport(zeros, "non-minimum phase", slowest, PREVIEW * slowest)
     return ZeroReport(zeros, "minimum phase" if len(zeros) else "flat", 0.0, 0.0)
+
+
+def time_constants(zeros: np.ndarray) -> tuple[float, float]:
+    """Slowest unstable and slowest stable time constant [s]; 0 where there is none.
+
+    Zeros on the imaginary axis, but for rounding, are neither.
+    """
+    growing = zeros.real[zeros.real > ON_AXIS * np.abs(zeros)]
+    fading = -zeros.real[zeros.real < -ON_AXIS * np.abs(zeros)]
+    return tuple(float(1 / x.min()) if len(x) else 0.0 for x in (growing, fading))  # type: ignore[return-value]
 
 
 def motor_zeros(linear: LinearModel) -> np.ndarray | None:
     """Zeros [1/s] from the motor torques to the motor angles: the machine with locked motors."""
     A, B = linear.state_space()
-    rate = np.sqrt(max(float(np.linalg.norm(np.linalg.solve(linear.M, linear.K))), 1.0))
-    return transmission_zeros(A, B, np.hstack([linear.C_m, np.zeros_like(linear.C_m)]), rate)
+    return transmission_zeros(A, B, np.hstack([linear.C_m, np.zeros_like(linear.C_m)]), linear.rate)

@@ -45,6 +45,7 @@ class Equations:
     elastic_torque       q_a, v_a                              tau_e (n_e)
     forward_dynamics     q_a, v_a, q_m, v_m, tau_m             a_a, a_m
     residual             q_a, v_a, a_a, q_m, v_m, a_m, tau_m   r_a (n_a), r_m (n_m)
+    state_rate           x (n_x), tau_m                        dx: the state-space right-hand side
     linearize            q_a, v_a, q_m, v_m, tau_m             A (n_x, n_x), B (n_x, n_m)
     second_order         q_a, v_a, a_a, q_m, v_m, a_m, tau_m   M, D, K, B: variation of the equations in y
     energy               q_a, v_a, q_m, v_m                    kinetic, potential [J]
@@ -85,6 +86,7 @@ class Equations:
                 "elastic_torque": self._elastic_torque,
                 "forward_dynamics": self._forward_dynamics,
                 "residual": self._residual,
+                "state_rate": self._state_rate,
                 "linearize": self._linearize,
                 "second_order": self._second_order,
                 "energy": self._energy,
@@ -240,6 +242,13 @@ class Equations:
         names = ["q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m"]
         outputs = [self._mass, ca.jacobian(r, dy), ca.jacobian(r, y), -ca.jacobian(r, lag.tau_m)]
         return inputs, names, outputs, ["M", "D", "K", "B"]
+
+    def _state_rate(self) -> Built:
+        lag, n = self.lagrangian, self.model.dof
+        y, dy, _ = self._y
+        x = ca.SX.sym("x", 2 * n)
+        dx = ca.substitute(ca.vertcat(dy, self._acceleration), ca.vertcat(y, dy), x)
+        return [x, lag.tau_m], ["x", "tau_m"], [dx], ["dx"]
 
     def _linearize(self) -> Built:
         lag, n = self.lagrangian, self.model.dof

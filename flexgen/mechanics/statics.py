@@ -65,6 +65,17 @@ def gear_twist(equations: Equations, tau: np.ndarray) -> np.ndarray:
     return twist
 
 
+def reach(equations: Equations) -> float:
+    """Length of the chain at home [m], from base to tool; 1 for a chain without extent, such as a drive train."""
+    model = equations.model
+    q = np.zeros(model.n_a)
+    q[list(model.i_g)] = model.home
+    corners = evaluate(equations.function("places"), q)[0][0]
+    # the first leg is the base's own placement and reaches nothing
+    length = float(np.linalg.norm(np.diff(corners[:, 1:], axis=1), axis=0).sum())
+    return length if length > 0 else 1.0
+
+
 def at_rest(equations: Equations, q_a: np.ndarray) -> Equilibrium:
     """Motor angles and torques that hold the arm at ``q_a`` (n_a), whose non-actuated rows must be in balance."""
     model = equations.model

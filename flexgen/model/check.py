@@ -14,8 +14,8 @@ from flexgen.model.locate import Entry, unwrap
 from flexgen.ports import identifier_problem
 
 UNITS = ("_rad", "_deg")
-LARGEST = 1e12  # of a number in SI units; its inverse is the smallest, and powers of both can be computed with
-MAGNITUDE = "of magnitude 1e-12 to 1e12 (or 0)"
+LARGEST = 1e18  # of a number in SI units; its inverse is the smallest, and powers of both can be computed with
+MAGNITUDE = "of magnitude 1e-18 to 1e18 (or 0)"
 
 
 def as_number(value: Any) -> float | None:

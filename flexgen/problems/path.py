@@ -63,6 +63,18 @@ class Path:
         self.law = TimeLaw(move.duration, move.smoothness)
         self.duration = move.duration
         model = equations.model
+        sizes = {"start": (move.start, model.n_g)}
+        if move.type == "joint":
+            sizes["end"] = (move.end, model.n_g)
+        elif move.type == "tool_line":
+            sizes |= {"displacement": (move.displacement, 3), "rotation": (move.rotation, 3)}
+        elif move.type == "output_line":
+            sizes["displacement"] = (move.displacement, model.output.size)
+        else:
+            raise ArgumentError(f"move {move.name}: given type {move.type!r}, expected tool_line, joint or output_line")
+        for name, (values, size) in sizes.items():
+            if len(values) != size or not np.isfinite(values).all():
+                raise ArgumentError(f"move {move.name}: given {name} {values}, expected {size} finite numbers")
         self.pose = model.output.type == "tool_pose"
         self.q_start = self.full(move.start)
         p, R = evaluate(equations.function("forward_kinematics"), self.q_start)

@@ -16,7 +16,6 @@ Source: L. Biegler, Nonlinear Programming, 2010, ch. 10 (collocation); A. Waecht
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import casadi as ca
@@ -87,7 +86,6 @@ def collocate(
     n_e, i_e, i_g = len(reduction.i_e), reduction.i_e, reduction.i_g
     n_a, n_g = reduction.model.n_a, reduction.model.n_g
     mesh = Transcription(nodes, gauss(stages), n_e, 3 * n_g)
-    began = time.perf_counter()
     sample = path.sample(mesh.times)
     guess, rest = _guess(reduction, path, mesh)
 
@@ -121,7 +119,6 @@ def collocate(
         guess / scale_x,
         progress=progress,
         max_iterations=max_iterations,
-        setup_s=time.perf_counter() - began,
     )
     if not result.success:
         raise SolverError(

@@ -16,7 +16,6 @@ Source: J. Betts, Practical Methods for Optimal Control, 2010, ch. 4.
 from __future__ import annotations
 
 import dataclasses
-import time
 from dataclasses import dataclass
 
 import casadi as ca
@@ -29,7 +28,7 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.outputs import output_map
-from flexgen.mechanics.statics import at_rest
+from flexgen.mechanics.statics import at_rest, reach
 from flexgen.model.elements import RobotModel
 from flexgen.problems.path import Path
 from flexgen.solvers.collocation import ACCELERATION
@@ -41,9 +40,10 @@ from flexgen.solvers.transcription import Transcription
 
 STAGES = 5
 PARTS = 10  # samples an interval
-ERROR = 1e-4  # e_0, m or rad: the tool error that costs one
+ERROR = 1e-4  # e_0: the tool error that costs one, rad, and m for each metre of reach, at most m
 SMOOTH = 1e-9  # rho: small, for the torque shall follow the path and only what the path leaves open shall be smooth
 SMOOTH_LIMITED = 1e-3  # rho with limits: with less the torque chatters between them for a gain too small to measure
+NOTICED = 1e-2  # of e_0: a tool that is farther from its path is kept off it by the limits
 TOLERANCE = 1e-9
 
 
@@ -99,7 +99,6 @@ def collocate_full(
     n, n_a, n_m, n_y, i_m = model.dof, model.n_a, model.n_m, model.output.size, list(model.i_m)
     torque_max, speed_max = (limits or Limits()).arrays(n_m)
     mesh = Transcription(nodes, gauss(STAGES), n + n_m, n_y)
-    began = time.perf_counter()
     reduction, y_rest, tau_rest, slow = _slow_motion(equations, path, mesh)
     for j, motor in enumerate(model.motors):
         needed = float(np.abs(tau_rest[:, j]).max())
@@ -129,9 +128,10 @@ def collocate_full(
     symbols = ca.vertcat(equations.lagrangian.chain.q_a, place.target)
     error = ca.substitute(place.error, symbols, ca.vertcat(y[:n_a], target))
     residual, speeds = _instant_rows(equations, y, dy, ddy)
+    scale_e = ERROR * min(1.0, reach(equations))
     bounds = np.r_[speed_max, torque_max]
     bounded = np.flatnonzero(np.isfinite(bounds)).tolist()
-    rows = ca.vertcat(residual, error - ERROR * e, ca.vertcat(speeds, dy[n:])[bounded])
+    rows = ca.vertcat(residual, error - scale_e * e, ca.vertcat(speeds, dy[n:])[bounded])
     x = ca.MX.sym("x", mesh.size)
     values = [*mesh.parameters, reduction.targets(sample).T]
     g, jacobian, scale = mesh.constraints(x, rows, [z, row, h, target], values, scale_x, guess)
@@ -170,7 +170,6 @@ def collocate_full(
         progress=progress,
         max_iterations=max_iterations,
         tolerance=TOLERANCE,
-        setup_s=time.perf_counter() - began,
     )
     if not result.success:
         raise SolverError(
@@ -252,7 +251,7 @@ def _samples(
     tau_g = np.zeros((len(t), len(i_g), 3))
     tau_g[:, :, 0] = np.where([gear.rigid for gear, _ in gears(model)], through, twisted)
     at_bound = (np.abs(tau_m) > 0.999 * torque_max).any() or (np.abs(motor[1]) > 0.999 * speed_max).any()
-    limited = bool(at_bound and np.abs(w).max() * ERROR > 1e-6)
+    limited = bool(at_bound and np.abs(w).max() > NOTICED)
     zero = np.zeros_like(arm[0])
     motion = Motion(arm[0], arm[1], arm[2], zero, zero, tau_g)
     return FullSolution(t, motion, Drives(motor[0], motor[1], motor[2], tau_m), limited, result)

@@ -23,10 +23,7 @@ class NlpResult:
     success: bool
     iterations: int
     violation: float
-    objective: float
     x: np.ndarray
-    setup_s: float
-    solve_s: float
 
 
 class _Watch(ca.Callback):
@@ -78,14 +75,12 @@ def solve_nlp(
     progress: Progress | None = None,
     max_iterations: int = 200,
     tolerance: float = TOLERANCE,
-    setup_s: float = 0.0,
 ) -> NlpResult:
     """Minimise ``cost`` subject to ``bounds_g`` (default: g = 0) and ``bounds_x``.
 
     ``jacobian``: of g, where it is known better than by colouring; ``hessian``: of the Lagrangian (upper triangle)
     where an approximation serves, else exact.
     """
-    began = time.perf_counter()
     n_g = g.shape[0]
     options: dict[str, Any] = {
         "print_time": False,
@@ -112,8 +107,6 @@ def solve_nlp(
         watch = _Watch(x.shape[0], lower, upper, progress)
         options["iteration_callback"] = watch
     solver = ca.nlpsol("nlp", "ipopt", {"x": x, "f": cost, "g": g, "p": p}, options)
-    setup_s += time.perf_counter() - began
-    began = time.perf_counter()
     arguments: dict[str, Any] = {"x0": guess, "lbg": lower, "ubg": upper}
     if bounds_x is not None:
         arguments["lbx"], arguments["ubx"] = bounds_x
@@ -127,8 +120,5 @@ def solve_nlp(
         success=success,
         iterations=int(stats["iter_count"]),
         violation=violation,
-        objective=float(answer["f"]),
         x=np.array(answer["x"]).ravel(),
-        setup_s=setup_s,
-        solve_s=time.perf_counter() - began,
     )

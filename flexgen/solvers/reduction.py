@@ -152,7 +152,7 @@ class Reduction:
             q[:, self.i_g] -= step
             if np.abs(step).max() < 1e-14 * (1 + np.abs(q).max()):
                 break
-        if not np.abs(error).max() < 1e-9:
+        if not np.abs(error).max() < 1e-9 * (1 + np.abs(targets).max()):
             worst = int(np.argmax(np.abs(error).max(axis=1)))
             raise SolverError(
                 f"inverse kinematics: no solution at sample {worst} of {len(q)}, error {np.abs(error).max():.2e}; "
@@ -177,7 +177,7 @@ class Reduction:
                 except np.linalg.LinAlgError:
                     raise SolverError(f"path: singular pose at t = {times[k]:.4g} s") from None
                 q = q + step
-                if np.abs(step).max() < 1e-12:
+                if np.abs(step).max() < 1e-12 * (1 + np.abs(value).max() + np.abs(q).max()):
                     break
             else:
                 raise SolverError(

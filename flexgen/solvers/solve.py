@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Real
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -13,11 +14,11 @@ from scipy.interpolate import make_interp_spline
 
 from flexgen.analysis.index import structural_index
 from flexgen.analysis.linear import linearise
-from flexgen.analysis.zeros import inner_zeros
+from flexgen.analysis.zeros import inner_zeros, time_constants
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.evaluate import evaluate
-from flexgen.mechanics.statics import Equilibrium, at_rest
+from flexgen.mechanics.statics import Equilibrium, at_rest, reach
 from flexgen.model.elements import Move, RobotModel
 from flexgen.ports import Port
 from flexgen.problems.path import Path, PathSample
@@ -32,7 +33,8 @@ from flexgen.trajectory import Trajectory
 
 METHODS = ("auto", "closed-form", "collocation", "full")
 ACCURACY = 1e-5  # m and rad: a verified error above this is refined, then called inaccurate
-STEP = 1e-3  # s: the torque is sampled at least as finely
+STEP = 1e-3  # s: the torque is sampled at least as finely, and 400 times along a short move
+LONGEST = 5e-3  # s: of the intervals of a mesh, unless the move lasts for minutes
 STAGES = 3
 INTERVALS = 20_000  # of a mesh: more do not fit into memory for large machines
 SAMPLES = 200_000  # of a closed form
@@ -65,16 +67,19 @@ def solve(
     method : str
         ``"closed-form"`` (no non-actuated coordinates), ``"collocation"`` (optimal control on the reduced problem,
         exact path), ``"full"`` (optimal control on the full model, with limits and for complete motor coupling), or
-        ``"auto"``: the first that applies, and "full" for springs with a kink or where the verification rejects the
-        others.
+        ``"auto"``: the first that applies, and "full" for gears whose spring has a kink or where the verification
+        rejects the others.
     preview : float, optional [s]
-        How long before the path the motion may begin; default: fifteen time constants of the slowest unstable zero.
+        How long before the path the motion may begin; default: fifteen time constants of the slowest unstable zero, at
+        least 4 % of the move (of half a second, if it is longer) and at most 2 s.
     mesh : float, optional [s]
-        Length of the collocation intervals; default: a hundredth of the move, between 1 and 5 ms.
+        Length of the collocation intervals; default: a hundredth of the move, at most 5 ms.
     limits : Limits, optional
         Bounds on motor torque and speed; only with method "full" (which "auto" then picks).
     verify : bool
-        Simulate the full model forward and measure the error; meshes that miss ``accuracy`` [m and rad] are refined.
+        Simulate the full model forward and measure the error; meshes that miss ``accuracy`` are refined.
+    accuracy : float [rad, and m for each metre of reach, at most m]
+        What the verified error of a solved move may be.
     progress : callable, optional
         Called with one line of text now and then.
 
@@ -98,11 +103,15 @@ def solve(
     for name, value in (("preview", preview), ("mesh", mesh), ("accuracy", accuracy)):
         if value is None or (name == "preview" and value == 0):
             continue
-        if not isinstance(value, int | float) or not (np.isfinite(value) and value > 0):
+        if not isinstance(value, Real) or isinstance(value, bool) or not (np.isfinite(value) and value > 0):
             what = {"preview": "zero or a positive time in s", "mesh": "a positive time in s"}.get(
                 name, "a positive length"
             )
             raise ArgumentError(f"{name}: given {value!r}, expected {what}")
+    if limits is not None and not isinstance(limits, Limits):
+        raise ArgumentError(f"limits: given {limits!r}, expected flexgen.Limits(torque=..., speed=...)")
+    if not isinstance(chosen, Move):
+        raise ArgumentError(f"move: given {chosen!r}, expected the name of a move or a flexgen.Move")
     choose = method == "auto"
     if choose:
         needs_full = limits is not None or robot.motor_coupling != "simplified" or has_kinks(robot)
@@ -139,6 +148,22 @@ class _Question:
     progress: Callable[[str], None] | None
 
     @cached_property
+    def windows(self) -> tuple[float, float]:
+        """How long before the path to begin and after it to end [s]."""
+        return windows(self.equations, self.path)
+
+    @cached_property
+    def too_rough(self) -> tuple[str, ...]:
+        """A warning where the time law is not smooth enough for a continuous torque."""
+        index, move = structural_index(self.equations).index, self.path.move
+        if index is None or move.smoothness >= index - 1:
+            return ()
+        return (
+            f"move {move.name}: smoothness {move.smoothness} makes the torque jump at its ends; "
+            f"a continuous torque needs {index - 1} (structural index less one)",
+        )
+
+    @cached_property
     def rest(self) -> Equilibrium:
         """Where the machine rests before it begins, by statics alone."""
         equations, model = self.equations, self.equations.model
@@ -154,16 +179,19 @@ class _Question:
 
 def _refined(ask: _Question, method: str) -> Solution:
     """One method, on finer meshes until its answer is verified."""
-    h = ask.mesh if ask.mesh is not None else float(np.clip(ask.path.duration / 100, 1e-3, 5e-3))
+    duration = ask.path.duration
+    h = max(min(duration / 100, LONGEST), duration / (INTERVALS / 4)) if ask.mesh is None else float(ask.mesh)
     attempts = 1 if (ask.mesh is not None or method == "closed-form" or not ask.verify) else 3
     for attempt in range(attempts):
         solution = _once(ask, method, h / 2**attempt)
         if not ask.verify:
-            _judge(ask.equations, solution)
+            _judge(solution)
             return solution
         simulation = simulate(ask.equations, solution.trajectory, start=ask.rest, progress=ask.progress)
         plan = _plan_error(ask.equations, solution, simulation) if solution.status == "limited" else None
-        worst = max(simulation.tool_error_max_m or 0.0, simulation.tool_error_max_rad or 0.0) if plan is None else plan
+        size = min(1.0, reach(ask.equations))
+        worst = max((simulation.tool_error_max_m or 0.0) / size, simulation.tool_error_max_rad or 0.0)
+        worst = worst if plan is None else plan / size
         right = worst <= ask.accuracy and simulation.energy_error <= ENERGY
         status = solution.status if right else "inaccurate"
         solution = replace(solution, simulation=simulation, status=status, plan_error_max=plan)
@@ -185,20 +213,9 @@ def _plan_error(equations: Equations, solution: Solution, simulation: Simulation
     return worst
 
 
-def _too_rough(ask: _Question) -> tuple[str, ...]:
-    """A warning where the time law is not smooth enough for a continuous torque."""
-    index = structural_index(ask.equations).index
-    if index is None or ask.path.move.smoothness >= index - 1:
-        return ()
-    return (
-        f"move {ask.path.move.name}: smoothness {ask.path.move.smoothness} makes the torque jump at its ends; "
-        f"a continuous torque needs {index - 1} (structural index less one)",
-    )
-
-
-def _judge(equations: Equations, solution: Solution) -> None:
+def _judge(solution: Solution) -> None:
     """Without a verification the residual alone decides; SolverError where it is too large to be believed."""
-    worst = relative_residual(equations, solution.trajectory)
+    worst = solution.residual_relative
     if not worst <= (RIPPLE if solution.method == "full" else RESIDUAL):
         raise SolverError(
             f"method {solution.method}: the answer does not satisfy the equations of motion between its samples: "
@@ -217,16 +234,16 @@ def _find(robot: RobotModel, name: str | None) -> Move:
 
 def _once(ask: _Question, method: str, h: float) -> Solution:
     """One method on one mesh, not verified."""
-    equations, path, preview, limits, progress = ask.equations, ask.path, ask.preview, ask.limits, ask.progress
+    equations, path, limits, progress = ask.equations, ask.path, ask.limits, ask.progress
     robot = equations.model
     if method == "full":
-        lead, settle = windows(equations, path) if preview is None else (preview, 0.05)
-        answer = collocate_full(equations, path, _mesh(lead, path.duration, settle, 2 * h), limits, progress=progress)
+        lead, nodes = _nodes(ask, 2 * h)
+        answer = collocate_full(equations, path, nodes, limits, progress=progress)
         trajectory = _trajectory(ask, answer.t, answer.motion, answer.drives)
         status = "limited" if answer.limited else "solved"
         return _solution(ask, method, status, answer.nlp.status, answer.nlp.iterations, lead, trajectory)
     if method == "closed-form":
-        n = int(min(np.ceil(path.duration / min(STEP, path.duration / 400)), SAMPLES))
+        n = int(min(np.ceil(path.duration / _step(path)), SAMPLES))
         t = np.linspace(0.0, path.duration, n + 1)
         sample = path.sample(t)
         reduction = Reduction(equations)
@@ -241,10 +258,9 @@ def _once(ask: _Question, method: str, h: float) -> Solution:
         trajectory = _trajectory(ask, t, motion)
         return _solution(ask, method, "solved", "", 0, 0.0, trajectory)
     reduction = Reduction(equations)
-    lead, settle = windows(equations, path) if preview is None else (preview, 0.05)
-    nodes = _mesh(lead, path.duration, settle, h)
+    lead, nodes = _nodes(ask, h)
     answer_r = collocate(reduction, path, nodes, stages=STAGES, progress=progress)
-    parts = max(1, int(np.ceil(np.diff(nodes).max() / STEP - 1e-9)))
+    parts = max(1, int(np.ceil(np.diff(nodes).max() / _step(path) - 1e-9)))
     t, q_e, v_e, guess = answer_r.dense(gauss(STAGES), parts)
     sample = path.sample(t)
     guess[:, list(robot.i_e)] = q_e
@@ -257,6 +273,11 @@ def _once(ask: _Question, method: str, h: float) -> Solution:
             trajectory = _trajectory(ask, t, candidate)
             answers.append(_solution(ask, method, "solved", nlp.status, nlp.iterations, lead, trajectory))
     return min(answers, key=lambda answer: answer.residual_max_Nm)
+
+
+def _step(path: Path) -> float:
+    """The sampling interval of the torque [s]."""
+    return min(STEP, path.duration / 400)
 
 
 def _read_off(
@@ -278,8 +299,9 @@ def windows(equations: Equations, path: Path) -> tuple[float, float]:
 
     Rotors that turn with their carriers move the zeros a little; for this estimate they do not turn.
     """
+    scale = min(path.duration, 0.5)
     if equations.model.n_e == 0:
-        return 0.05, 0.05
+        return 0.1 * scale, 0.1 * scale
     if equations.model.motor_coupling != "simplified":
         equations = Equations(replace(equations.model, motor_coupling="simplified"))
     reduction = Reduction(equations)
@@ -287,21 +309,24 @@ def windows(equations: Equations, path: Path) -> tuple[float, float]:
     poses = reduction.follow(path, np.linspace(0.0, path.duration, 65), reduction.start(path).q_a)
     for q in poses[::16]:
         rest = at_rest(equations, q)
-        zeros = inner_zeros(equations, linearise(equations, rest), rest)
-        unstable = zeros.real[zeros.real > 1e-9 * np.abs(zeros)]
-        stable = -zeros.real[zeros.real < -1e-9 * np.abs(zeros)]
-        before = max(before, 1 / unstable.min()) if len(unstable) else before
-        after = max(after, 1 / stable.min()) if len(stable) else after
-    return float(np.clip(DECAY * before, 0.02, 2.0)), float(np.clip(SETTLE * after, 0.05, 0.3))
+        unstable, stable = time_constants(inner_zeros(equations, linearise(equations, rest), rest))
+        before, after = max(before, unstable), max(after, stable)
+    lead, settle = np.clip(DECAY * before, 0.04 * scale, 2.0), np.clip(SETTLE * after, 0.1 * scale, 0.6 * scale)
+    return float(lead), float(settle)
 
 
-def _mesh(lead: float, duration: float, settle: float, h: float) -> np.ndarray:
-    """Nodes, the ends of the path among them: intervals of at most h on it, 2 h after it.
+def _nodes(ask: _Question, h: float) -> tuple[float, np.ndarray]:
+    """How long before the path the mesh begins [s], and its nodes."""
+    lead, settle = ask.windows
+    early = max(2 * lead / DECAY, h / 5)  # two time constants of what grows there
+    if ask.preview is not None:
+        lead = float(ask.preview)
+    return lead, _mesh(lead, early, ask.path.duration, settle, h)
 
-    Before it at most two time constants of what grows there, where that is less.
-    """
-    early = min(2 * h, max(2 * lead / DECAY, h / 5))
-    spans = [(-lead, 0.0, early), (0.0, duration, h), (duration, duration + settle, 2 * h)]
+
+def _mesh(lead: float, early: float, duration: float, settle: float, h: float) -> np.ndarray:
+    """Nodes, the ends of the path among them: intervals of h on it, 2 h after it, 2 h or ``early`` before it."""
+    spans = [(-lead, 0.0, min(2 * h, early)), (0.0, duration, h), (duration, duration + settle, 2 * h)]
     counts = [max(1, int(np.ceil((b - a) / d - 1e-9))) if b > a else 0 for a, b, d in spans]
     if sum(counts) > INTERVALS:
         raise ArgumentError(
@@ -369,10 +394,11 @@ def _solution(
         verdict=verdict,
         trajectory=trajectory,
         residual_max_Nm=residual,
+        residual_relative=relative_residual(equations, trajectory),
         iterations=iterations,
         wall_s=0.0,
         cpu_s=0.0,
         lead_s=lead,
         simulation=None,
-        warnings=(*exceeded(equations.model, trajectory), *_too_rough(ask)),
+        warnings=(*exceeded(equations.model, trajectory), *ask.too_rough),
     )
