@@ -98,8 +98,8 @@ def state_space_difference(equations: Equations, planted: float = 1.0) -> float:
     size = np.abs(exact[0][0]).max(axis=1, keepdims=True)
     B_size = np.abs(exact[1][0]).max() + 1e-300
     closed = max(np.abs((A - exact[0][0]) / size).max(), np.abs(B - exact[1][0].reshape(B.shape)).max() / B_size)
-    # differences of a stiff right-hand side lose half of the digits
-    return float(max(closed, 1e-6 * np.abs((differenced - exact[0][0]) / size).max()))
+    # differences over 1e-6 rad see the curvature of a spring that stiffens within 3e-4 rad: 1e-4 must do
+    return float(max(closed, 1e-7 * np.abs((differenced - exact[0][0]) / size).max()))
 
 
 @pytest.mark.parametrize("name", model_names())
