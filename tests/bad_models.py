@@ -162,7 +162,7 @@ CASES = {
     "mass is absurd": (
         [("mass = 10.0", "mass = 1e15")],
         "element.first.body.mass",
-        ["given 1000000000000000.0, expected a number of magnitude 1e-12 to 1e12 (or 0)"],
+        ["given 1000000000000000.0, expected a number of magnitude 1e-18 to 1e12 (or 0)"],
     ),
     "mass is tiny": ([("mass = 10.0", "mass = 5e-324")], "element.first.body.mass", ["5e-324", "of magnitude"]),
     "stiffness is absurd": (

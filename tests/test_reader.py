@@ -23,8 +23,8 @@ MODELS = Path(__file__).parents[1] / "models"
 COUNTS = {
     "planar5_mp": (2, 2, 1, 5, ("undamped",)),
     "planar5_nmp": (2, 2, 1, 5, ("undamped",)),
-    "planar5_soft": (2, 2, 1, 5, ("undamped",)),
-    "elbow": (2, 2, 0, 4, ("rigid", "payload")),
+    "planar5_soft": (2, 2, 1, 5, ("undamped", "light")),
+    "elbow": (2, 2, 0, 4, ("fjm", "rigid", "payload")),
     "four_mass": (1, 1, 2, 4, ("high", "low", "piecewise")),
     "abb_arm": (1, 1, 1, 3, ("viscous",)),
     "manutec_r3": (6, 6, 0, 9, ()),

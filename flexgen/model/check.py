@@ -14,8 +14,8 @@ from flexgen.model.locate import Entry, unwrap
 from flexgen.ports import identifier_problem
 
 UNITS = ("_rad", "_deg")
-LARGEST = 1e18  # of a number in SI units; its inverse is the smallest, and powers of both can be computed with
-MAGNITUDE = "of magnitude 1e-18 to 1e18 (or 0)"
+SMALLEST, LARGEST = 1e-18, 1e12  # of a number in SI units: powers of both can be computed with
+MAGNITUDE = "of magnitude 1e-18 to 1e12 (or 0)"
 
 
 def as_number(value: Any) -> float | None:
@@ -35,7 +35,7 @@ def _reasonable(numbers: Sequence[float]) -> bool:
     Rounding dust beside a larger entry of a vector is harmless.
     """
     largest = max(map(abs, numbers), default=0.0)
-    return largest == 0.0 or 1.0 / LARGEST <= largest <= LARGEST
+    return largest == 0.0 or SMALLEST <= largest <= LARGEST
 
 
 def show(value: Any, limit: int = 80) -> str:
