@@ -50,7 +50,9 @@ def test_shipped_model(name):
     assert model.output.size == model.n_m
     for variant in model.variants:
         other = read(f"{name}@{variant}")
-        assert other.variant == variant and other.text != model.text and other.file == model.file
+        assert other.variant == variant and other.file == model.file
+        # elbow@fjm names what elbow is by itself; every other variant changes something
+        assert (other.text == model.text) == (variant == "fjm")
     hash(model)  # all parts are immutable
     with pytest.raises(dataclasses.FrozenInstanceError):
         model.name = "other"
