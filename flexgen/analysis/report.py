@@ -82,7 +82,10 @@ def analyze(model: str | Path | RobotModel | Equations, pose: Sequence[float] | 
     """
     equations = model if isinstance(model, Equations) else derive(model)
     robot = equations.model
-    values = np.array(robot.home if pose is None else pose, dtype=float)
+    try:
+        values = np.array(robot.home if pose is None else pose, dtype=float)
+    except (TypeError, ValueError):
+        raise ArgumentError(f"pose: given {pose!r}, expected a sequence of numbers") from None
     if values.ndim != 1 or len(values) not in (robot.n_a, robot.n_g) or not np.isfinite(values).all():
         names = ", ".join(c.name for c in robot.coordinates)
         raise ArgumentError(

@@ -55,7 +55,7 @@ def emit(spec: LibrarySpec) -> dict[str, str]:
     """
     _check_names(spec)
     written = {f.name: mathematics(f.function) for f in spec.functions}
-    files = {f"{spec.name}.h": _header(spec, written), f"{spec.name}.c": _facade(spec, written)}
+    files = {f"{spec.name}.h": _header(spec, written), f"{spec.name}.c": _facade(spec)}
     for f in spec.functions:
         files[f"{spec.name}_{f.name}.c"] = _source(spec, f, written[f.name])
     files["example.c"] = _example(spec)
@@ -102,7 +102,7 @@ def _header(spec: LibrarySpec, written: dict[str, Mathematics]) -> str:
     works = "".join(f"#define {macro(spec, f.name)}_WORK {max(1, written[f.name].work)}\n" for f in spec.functions)
     statuses = ",\n".join(f"    {macro(spec, s.name)} = {s.code} /* {s.text} */" for s in STATUSES)
     functions = "\n".join(
-        f"/*\n{comment(f.summary)} *\n{comment(f.equation, ' *   ')} *\n{port_table(spec, f)}"
+        f"/*\n{comment(f.summary)} *\n{comment(f.equation, ' *   ')} *\n{port_table(f)}"
         f"{comment(f'{written[f.name].operations} operations')} */\n"
         f"{api}\n{prototype(spec, f)};\n{api}\n{batch_prototype(spec, f)};\n"
         f"{api} int {spec.name}_{f.name}_work(void); /* {macro(spec, f.name)}_WORK */\n"
@@ -199,7 +199,7 @@ def _manual(spec: LibrarySpec) -> list[str]:
 # --- sources ----------------------------------------------------------------------------------------------------------
 
 
-def _facade(spec: LibrarySpec, written: dict[str, Mathematics]) -> str:
+def _facade(spec: LibrarySpec) -> str:
     cases = "".join(f"    case {macro(spec, s.name)}:\n        return {quoted(s.text)};\n" for s in STATUSES)
     values = {
         **{f"{f.name}_work": f"{macro(spec, f.name)}_WORK" for f in spec.functions},

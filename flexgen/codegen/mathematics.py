@@ -15,7 +15,7 @@ import casadi as ca
 
 from flexgen.errors import BuildError
 
-CHUNK = 1000  # operations per C function; see the measurements in the tests of compile time
+CHUNK = 1000  # operations per C function; a compiler's time grows faster than a function's length
 MARGIN = 250  # a function that is longer than a chunk by less than this stays in one piece
 
 # What a name in the emitted function may not be: the locals t0, t1, ... and the workspace.

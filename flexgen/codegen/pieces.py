@@ -63,7 +63,7 @@ def batch_prototype(spec: LibrarySpec, f: FunctionSpec) -> str:
     return _declaration(f"int {spec.name}_{f.name}_batch({', '.join(['int n', *arguments, 'double *work'])})")
 
 
-def port_table(spec: LibrarySpec, f: FunctionSpec) -> str:
+def port_table(f: FunctionSpec) -> str:
     """The column of shapes and units of a function's arrays, as comment lines."""
     rows = []
     for kind, ports in (("in", f.inputs), ("out", f.outputs)):

@@ -17,7 +17,7 @@ import casadi as ca
 
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.force_laws import friction_torque, spring_torque
-from flexgen.mechanics.lagrangian import Lagrangian, gears, lagrangian
+from flexgen.mechanics.lagrangian import Lagrangian, equations_of, gears, lagrangian
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 
@@ -117,7 +117,7 @@ class Equations:
     def _left(self) -> ca.SX:
         """Lagrange's equations of the whole machine without springs and forces, at the accelerations (a_a, a_me)."""
         lag = self.lagrangian
-        return lag.equations(lag.kinetic, lag.gravity, *self._y)
+        return equations_of(lag.kinetic, lag.gravity, *self._y)
 
     @cached_property
     def _mass(self) -> ca.SX:
@@ -165,7 +165,7 @@ class Equations:
     @cached_property
     def _arm(self) -> ca.SX:
         lag = self.lagrangian
-        return lag.equations(lag.kinetic_arm, lag.gravity, lag.chain.q_a, lag.chain.v_a, lag.a_a)
+        return equations_of(lag.kinetic_arm, lag.gravity, lag.chain.q_a, lag.chain.v_a, lag.a_a)
 
     def _bias(self) -> Built:
         lag = self.lagrangian

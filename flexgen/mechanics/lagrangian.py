@@ -56,11 +56,12 @@ class Lagrangian:
     momentum_m: ca.SX
     arm_forces: ca.SX
 
-    def equations(self, kinetic: ca.SX, potential: ca.SX, y: ca.SX, dy: ca.SX, ddy: ca.SX) -> ca.SX:
-        """Left side of Lagrange's equations, ``d/dt dT/dy' - dT/dy + dV/dy``, at the accelerations ``ddy``."""
-        momentum = ca.gradient(kinetic, dy)
-        rate = ca.jtimes(momentum, ca.vertcat(y, dy), ca.vertcat(dy, ddy))
-        return rate - ca.gradient(kinetic, y) + ca.gradient(potential, y)
+
+def equations_of(kinetic: ca.SX, potential: ca.SX, y: ca.SX, dy: ca.SX, ddy: ca.SX) -> ca.SX:
+    """Left side of Lagrange's equations, ``d/dt dT/dy' - dT/dy + dV/dy``, at the accelerations ``ddy``."""
+    momentum = ca.gradient(kinetic, dy)
+    rate = ca.jtimes(momentum, ca.vertcat(y, dy), ca.vertcat(dy, ddy))
+    return rate - ca.gradient(kinetic, y) + ca.gradient(potential, y)
 
 
 def lagrangian(model: RobotModel) -> Lagrangian:

@@ -149,5 +149,5 @@ def _newton(function: ca.Function, start: np.ndarray, free: list[int], what: str
         if np.linalg.norm(length * step) < 1e-13 * (1 + np.linalg.norm(q)):
             break
     if not error < 1e-9:
-        raise SolverError(f"{what}: not found, remaining error {error:.2e} rad; choose another pose")
+        raise SolverError(f"{what}: not found, remaining error {error:.2e} of the coordinates; choose another pose")
     return q
