@@ -55,6 +55,16 @@ class Simulation:
     warnings: tuple[str, ...] = ()
 
 
+def output_labels(model: RobotModel) -> dict[str, tuple[str, ...]]:
+    """Labels of the columns of the reference: ``y_ref`` and, for a pose, ``R_ref`` (rows of the matrix)."""
+    output = model.output
+    if output.type == "combination":
+        return {"y_ref": tuple(f"y{k + 1}" for k in range(output.size))}
+    if output.type == "tool_position":
+        return {"y_ref": tuple(output.axes)}
+    return {"y_ref": tuple("xyz"), "R_ref": tuple(f"{r}{c}" for r in "xyz" for c in "xyz")}
+
+
 def _checked(model: RobotModel, data: Trajectory) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """The channels that a simulation needs, their columns in the model's order, and warnings."""
     names_a, names_m = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
@@ -75,12 +85,15 @@ def _checked(model: RobotModel, data: Trajectory) -> tuple[dict[str, np.ndarray]
         if not np.isfinite(data[name]).all():
             raise ArgumentError(f"trajectory channel {name}: given NaN or infinity, expected finite numbers")
         found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
-    references = {"y_ref": model.output.size if model.output.type != "tool_pose" else 3, "R_ref": 9}
-    for name, width in references.items():
-        if name in data.channels and (data[name].shape[1] != width or not np.isfinite(data[name]).all()):
+    for name, labels in output_labels(model).items():
+        if name not in data.channels:
+            continue
+        if sorted(data.labels[name]) != sorted(labels) or not np.isfinite(data[name]).all():
             raise ArgumentError(
-                f"trajectory channel {name}: given {data[name].shape[1]} columns, expected {width} of finite numbers"
+                f"trajectory channel {name}: given columns {', '.join(data.labels[name])}, expected "
+                f"{', '.join(labels)} of finite numbers"
             )
+        found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
     warnings = []
     if "v_a" in data.channels and np.abs(data["v_a"][0]).max() > 1e-6:
         warnings.append("the trajectory does not begin at rest; the simulation does")
@@ -161,17 +174,17 @@ def simulate(
         "tau_m": Port("tau_m", (robot.n_m,), "N m", "motor torques, motor side"),
     }
     in_m, in_rad = None, None
-    if "y_ref" in data.channels:
-        error, in_m, in_rad = _output_error(equations, data, q_a)
+    if "y_ref" in given:
+        error, in_m, in_rad = _output_error(equations, given, q_a)
         channels["error"] = error
         unit = robot.output.unit if robot.output.type == "combination" else "m"
         ports["error"] = Port("error", (error.shape[1],), unit, "output minus reference")
-        labels["error"] = data.labels["y_ref"]
+        labels["error"] = output_labels(robot)["y_ref"]
         if in_rad is not None and robot.output.type == "tool_pose":
-            channels["turn"] = _turn_error(equations, data, q_a)[:, None]
+            channels["turn"] = _turn_error(equations, given, q_a)[:, None]
             ports["turn"] = Port("turn", (1,), "rad", "angle between tool and reference")
             labels["turn"] = ("angle",)
-    meta = {"model": robot.name, "kind": "simulation"}
+    meta = {"model": robot.name, "variant": robot.variant, "kind": "simulation"}
     return Simulation(
         trajectory=Trajectory(t, channels, ports, labels, meta),
         tool_error_max_m=in_m,
@@ -235,7 +248,7 @@ def _integrate(
 
 
 def _output_error(
-    equations: Equations, data: Trajectory, q_a: np.ndarray
+    equations: Equations, data: dict[str, np.ndarray], q_a: np.ndarray
 ) -> tuple[np.ndarray, float | None, float | None]:
     """Output minus reference (n, n_y), largest distance [m] and angle [rad]."""
     output = equations.model.output
@@ -249,12 +262,12 @@ def _output_error(
         worst = [float(np.linalg.norm(part, axis=1).max()) if part.shape[1] else None for part in parts]
         return error, worst[0], worst[1]
     largest = float(np.linalg.norm(error, axis=1).max())
-    if output.type == "tool_pose" and "R_ref" in data.channels:
+    if output.type == "tool_pose" and "R_ref" in data:
         return error, largest, float(_turn_error(equations, data, q_a).max())
     return error, largest, None
 
 
-def _turn_error(equations: Equations, data: Trajectory, q_a: np.ndarray) -> np.ndarray:
+def _turn_error(equations: Equations, data: dict[str, np.ndarray], q_a: np.ndarray) -> np.ndarray:
     """Angle between the tool and its reference orientation, (n,) [rad], accurate for small angles."""
     R = evaluate(equations.function("forward_kinematics"), q_a)[1]
     return turn_angle(R, data["R_ref"].reshape(-1, 3, 3))

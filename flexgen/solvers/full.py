@@ -3,7 +3,7 @@
 Nothing is reduced: all coordinates y = (q_a, q_me) are collocated, the motor torques are unknowns, the machine starts
 exactly at rest, and the tool follows as well as it can:
 
-    min  mean |e(q_a) / e_0|^2 + rho mean |tau_m' T / tau_0|^2 + |end - rest|^2
+    min  mean |e(q_a) / e_0|^2 + rho mean |tau_m' T / tau_0|^2 + sigma |y(end) - rest|^2 + sigma |y'(end)|^2
     s.t. the equations of motion at the Gauss points,  |tau_m| <= tau_max,  |v_m| <= v_max
 
 The torque is continuous: it is collocated as the speed of further coordinates u, ``u' = tau_m``. Five Gauss points an
@@ -44,6 +44,7 @@ ERROR = 1e-4  # e_0: the tool error that costs one, rad, and m for each metre of
 SMOOTH = 1e-9  # rho: small, for the torque shall follow the path and only what the path leaves open shall be smooth
 SMOOTH_LIMITED = 1e-3  # rho with limits: with less the torque chatters between them for a gain too small to measure
 NOTICED = 1e-2  # of e_0: a tool that is farther from its path is kept off it by the limits
+END = 1e-3  # sigma: enough to pick the motion that does not blow up at the end, too little to bend it before
 TOLERANCE = 1e-9
 
 
@@ -149,7 +150,7 @@ def collocate_full(
     last = np.arange(mesh.n_nodes - 2 * mesh.n, mesh.n_nodes)
     goal = np.r_[y_rest[1], np.zeros(n_m), np.zeros(n), tau_rest[1]]
     keep = np.r_[np.ones(n), np.zeros(n_m), np.ones(n), np.zeros(n_m)]
-    weight[last], aim[last] = 1e-3 * keep, goal
+    weight[last], aim[last] = END * keep, goal
     cost = ca.dot(ca.DM(weight), (x - ca.DM(aim / scale_x)) ** 2) / 2
     H = ca.DM(sp.diags(weight).tocsc())
 

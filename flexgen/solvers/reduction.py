@@ -59,7 +59,6 @@ class Reduction:
                 "use --method full"
             )
         self.equations, self.model = equations, model
-        self.pose = model.output.type == "tool_pose"
         self.n_y = model.output.size
         self.i_g, self.i_e = list(model.i_g), list(model.i_e)
 

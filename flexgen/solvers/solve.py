@@ -22,7 +22,7 @@ from flexgen.mechanics.statics import Equilibrium, at_rest, reach
 from flexgen.model.elements import Move, RobotModel
 from flexgen.ports import Port
 from flexgen.problems.path import Path, PathSample
-from flexgen.simulation import Simulation, simulate, turn_angle
+from flexgen.simulation import Simulation, output_labels, simulate, turn_angle
 from flexgen.solvers.collocation import collocate
 from flexgen.solvers.drives import Drives, drives
 from flexgen.solvers.full import Limits, collocate_full
@@ -129,8 +129,11 @@ def solve(
     solution = _refined(ask, method)
     if choose and solution.status == "inaccurate" and method != "full":
         ask.tell(f"method {method} missed the path: trying the full model")
-        other = _refined(ask, "full")
-        solution = other if other.status != "inaccurate" else solution
+        try:
+            other = _refined(ask, "full")
+            solution = other if other.status != "inaccurate" else solution
+        except SolverError as error:  # what was found before is worth more than nothing
+            ask.tell(f"the full model did not help: {error}")
     return replace(solution, wall_s=time.perf_counter() - wall, cpu_s=time.process_time() - cpu)
 
 
@@ -342,13 +345,12 @@ def _trajectory(ask: _Question, t: np.ndarray, motion: Motion, motors: Drives | 
     robot = equations.model
     d = motors or drives(equations, t, motion.q, motion.v, motion.a, motion.tau_g)
     sample = path.sample(t)
-    n_a, n_m, n_g = robot.n_a, robot.n_m, robot.n_g
     names_a = tuple(c.name for c in robot.coordinates)
     names_m = tuple(m.name for m in robot.motors)
     names_g = tuple(names_a[i] for i in robot.i_g)
     output = robot.output
-    n_y = sample.y.shape[1]
-    names_y = tuple(f"y{k + 1}" for k in range(n_y)) if output.type == "combination" else tuple(output.axes)
+    unit = output.unit if output.type == "combination" else "m"
+    reference = output_labels(robot)
     rows: list[tuple[str, np.ndarray, str, str, tuple[str, ...]]] = [
         ("q_a", motion.q, "rad or m", "arm coordinates", names_a),
         ("v_a", motion.v, "rad/s or m/s", "their speeds", names_a),
@@ -358,12 +360,11 @@ def _trajectory(ask: _Question, t: np.ndarray, motion: Motion, motors: Drives | 
         ("a_m", d.a_m, "rad/s^2", "motor accelerations, motor side", names_m),
         ("tau_m", d.tau_m, "N m", "motor torques, motor side", names_m),
         ("tau_g", motion.tau_g[:, :, 0], "N m", "gear torques, arm side", names_g),
-        ("y_ref", sample.y[:, :, 0], output.unit if output.type == "combination" else "m", "reference output", names_y),
+        ("y_ref", sample.y[:, :, 0], unit, "reference output", reference["y_ref"]),
     ]
     if sample.R is not None:
-        labels = tuple(f"{r}{c}" for r in "xyz" for c in "xyz")
-        rows.append(("R_ref", sample.R.reshape(len(t), 9), "-", "reference orientation, rows of the matrix", labels))
-    assert (n_a, n_m, n_g) == (motion.q.shape[1], d.q_m.shape[1], motion.tau_g.shape[1])
+        matrix, doc = sample.R.reshape(len(t), 9), "reference orientation, rows of the matrix"
+        rows.append(("R_ref", matrix, "-", doc, reference["R_ref"]))
     return Trajectory(
         t,
         {name: values for name, values, *_ in rows},

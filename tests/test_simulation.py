@@ -1,0 +1,88 @@
+"""Forward simulation, and the trajectories that it is given."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+
+import numpy as np
+import pytest
+
+import flexgen
+from flexgen.errors import ArgumentError
+from flexgen.mechanics.statics import hold_joints
+from flexgen.simulation import simulate
+from flexgen.trajectory import Trajectory
+
+
+def test_simulation_from_rest_stays_at_rest() -> None:
+    equations = flexgen.derive("planar5_mp")
+    rest = hold_joints(equations, np.array([0.3, -1.1]))
+    base = flexgen.solve(equations, verify=False).trajectory
+    n = len(base.time)
+    still = {name: np.zeros_like(values) for name, values in base.channels.items()}
+    still |= {"q_a": np.tile(rest.q_a, (n, 1)), "q_m": np.tile(rest.q_m, (n, 1)), "tau_m": np.tile(rest.tau_m, (n, 1))}
+    moved = simulate(equations, dataclasses.replace(base, channels=still)).trajectory["q_a"] - rest.q_a
+    assert np.abs(moved).max() < 1e-12
+
+
+def test_a_trajectory_of_another_model_is_refused() -> None:
+    trajectory = flexgen.solve("planar5_mp", verify=False).trajectory
+    with pytest.raises(ArgumentError, match="was it written for another model"):
+        simulate("manutec_r3", trajectory)
+
+
+@pytest.mark.parametrize("suffix", ["npz", "csv"])
+def test_trajectories_survive_a_file(tmp_path, suffix: str) -> None:  # type: ignore[no-untyped-def]
+    equations = flexgen.derive("planar5_mp")
+    solution = flexgen.solve(equations, verify=False)
+    path = solution.trajectory.save(tmp_path / f"line.{suffix}")
+    again = Trajectory.load(path)
+    for name, values in solution.trajectory.channels.items():
+        assert np.array_equal(again[name], values)
+    assert simulate(equations, path).tool_error_max_m == simulate(equations, solution.trajectory).tool_error_max_m
+    path.write_text("no trajectory")
+    with pytest.raises(ArgumentError, match="no trajectory of flexgen"):
+        Trajectory.load(path)
+
+
+def test_columns_are_known_by_their_labels(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    """A file whose columns are in another order is the same file; other units or names are refused."""
+    equations = flexgen.derive("elbow")
+    trajectory = flexgen.solve(equations, verify=False).trajectory
+    text = trajectory.save(tmp_path / "elbow.csv").read_text().splitlines()
+    header = text[1].split(",")
+
+    def swapped_pair(lines: list[str], first: str, second: str) -> list[str]:
+        one, two = header.index(first), header.index(second)
+        rows = [line.split(",") for line in lines]
+        for cells in rows:
+            cells[one], cells[two] = cells[two], cells[one]
+        return [",".join(cells) for cells in rows]
+
+    def written(lines: list[str]) -> Trajectory:
+        (tmp_path / "other.csv").write_text("\n".join(lines) + "\n")
+        return Trajectory.load(tmp_path / "other.csv")
+
+    swapped = [text[0], *swapped_pair(text[1:], "tau_m[m1] N m", "tau_m[m2] N m")]
+    assert simulate(equations, written(swapped)).tool_error_max_m == simulate(equations, trajectory).tool_error_max_m
+    again = simulate(equations, written([text[0], *swapped_pair(text[1:], "y_ref[x] m", "y_ref[z] m")]))
+    assert again.tool_error_max_m == simulate(equations, trajectory).tool_error_max_m
+    with pytest.raises(ArgumentError, match="tau_m: given in kN m, expected in N m"):
+        simulate(equations, written([text[0], text[1].replace("] N m", "] kN m"), *text[2:]]))
+    with pytest.raises(ArgumentError, match="q_a: given columns q1, q9, expected q1, q2"):
+        simulate(equations, written([text[0], text[1].replace("q_a[q2]", "q_a[q9]"), *text[2:]]))
+    with pytest.raises(ArgumentError, match="line 7: given 3 columns, expected"):
+        written([*text[:6], "1,2,3", *text[7:]])
+    with pytest.raises(ArgumentError, match="line 7: given text, expected numbers"):
+        written([*text[:6], text[6].replace("0.", "o.", 1), *text[7:]])
+    other = written([text[0].replace('"elbow"', '"shoulder"'), *text[1:]])
+    assert "was written for model 'shoulder'" in simulate(equations, other).warnings[0]
+
+
+def test_trajectories_are_regular_files(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    os.mkfifo(tmp_path / "pipe.npz")
+    with pytest.raises(ArgumentError, match="expected a regular file"):
+        Trajectory.load(tmp_path / "pipe.npz")
+    with pytest.raises(ArgumentError, match="no regular file"):
+        flexgen.solve("elbow", verify=False).trajectory.save(tmp_path / "pipe.npz")
