@@ -31,6 +31,7 @@ COUNTS = {
     "manutec_r3_efjm": (6, 6, 12, 21, ()),
     "kr300": (6, 6, 0, 9, ("backlash",)),
     "beam_arm": (2, 2, 2, 6, ()),
+    "urdf_arm": (3, 3, 1, 5, ()),
 }
 
 

@@ -80,7 +80,7 @@ class Table:
     Parameters
     ----------
     file : str
-        The file as the user named it.
+        The file as the user named it, for entries that do not say which they are from.
     entry : Entry
         The table.
     key : str
@@ -88,9 +88,9 @@ class Table:
     """
 
     def __init__(self, file: str, entry: Entry, key: str) -> None:
-        self.file, self.key, self.line = file, key, entry.line
+        self.file, self.key, self.line = entry.file or file, key, entry.line
         if not isinstance(entry.value, dict):
-            raise ModelError(file, entry.line, key, show(unwrap(entry)), "a table")
+            raise ModelError(self.file, entry.line, key, show(unwrap(entry)), "a table")
         self.entries: dict[str, Entry] = entry.value
 
     def __contains__(self, key: str) -> bool:
@@ -107,7 +107,8 @@ class Table:
         entry = None if key is None else self.entries.get(key)
         if given is None:
             given = "nothing" if entry is None else show(unwrap(entry))
-        return ModelError(self.file, self.line if entry is None else entry.line, self.path(key), given, expected)
+        file, line = (self.file, self.line) if entry is None else (entry.file or self.file, entry.line)
+        return ModelError(file, line, self.path(key), given, expected)
 
     def only(self, *known: str) -> None:
         """Refuse keys that are not among the known ones."""
@@ -169,7 +170,8 @@ class Table:
         for item in value:
             number = as_number(item.value)
             if number is None:
-                raise ModelError(self.file, item.line, self.path(key), show(unwrap(self.entries[key])), expected)
+                given = show(unwrap(self.entries[key]))
+                raise ModelError(item.file or self.file, item.line, self.path(key), given, expected)
             out.append(number)
         if not _reasonable(out):
             raise self.fail(key, f"numbers {MAGNITUDE}")

@@ -24,10 +24,11 @@ _SCALAR = re.compile(r"[^,\]}#\n]*")
 
 @dataclass
 class Entry:
-    """A value and its line (0: not from the file); the entries of tables and lists are Entries again."""
+    """A value, its line (0: not from the file) and its file; the entries of tables and lists are Entries again."""
 
     value: Any
     line: int
+    file: str = ""
 
 
 class TextError(Exception):
@@ -38,8 +39,8 @@ class TextError(Exception):
         super().__init__(f"line {line}: given {given}, expected {expected}")
 
 
-def parse(text: str) -> Entry:
-    """Parse TOML text into a tree of Entries.
+def parse(text: str, file: str = "") -> Entry:
+    """Parse TOML text into a tree of Entries that say that they are from the file.
 
     Raises
     ------
@@ -62,7 +63,7 @@ def parse(text: str) -> Entry:
         given = f"text that is not TOML ({reason[:1].lower()}{reason[1:]})"
         raise TextError(line, given, "TOML 1.0") from None
     check_depth(data)
-    return _attach(data, (), _Scanner(text).lines, 1)
+    return _attach(data, (), _Scanner(text).lines, 1, file)
 
 
 def check_depth(data: Any) -> None:
@@ -80,9 +81,9 @@ def check_depth(data: Any) -> None:
     raise TextError(0, "values nested too deeply", f"at most {DEPTH} levels")
 
 
-def wrap(data: Any, line: int = 0) -> Entry:
-    """Plain data as Entries that all have the same line."""
-    return _attach(data, (), {}, line)
+def wrap(data: Any, line: int = 0, file: str = "") -> Entry:
+    """Plain data as Entries that all have the same line and file."""
+    return _attach(data, (), {}, line, file)
 
 
 def unwrap(entry: Entry) -> Any:
@@ -100,16 +101,17 @@ def copy(entry: Entry) -> Entry:
         value = {key: copy(child) for key, child in value.items()}
     elif isinstance(value, list):
         value = [copy(child) for child in value]
-    return Entry(value, entry.line)
+    return Entry(value, entry.line, entry.file)
 
 
-def _attach(data: Any, path: Path, lines: dict[Path, int], line: int) -> Entry:
+def _attach(data: Any, path: Path, lines: dict[Path, int], line: int, file: str) -> Entry:
     line = lines.get(path, line)
     if isinstance(data, dict):
-        return Entry({str(key): _attach(child, (*path, key), lines, line) for key, child in data.items()}, line)
+        value = {str(key): _attach(child, (*path, key), lines, line, file) for key, child in data.items()}
+        return Entry(value, line, file)
     if isinstance(data, (list, tuple)):
-        return Entry([_attach(child, (*path, i), lines, line) for i, child in enumerate(data)], line)
-    return Entry(data, line)
+        return Entry([_attach(child, (*path, i), lines, line, file) for i, child in enumerate(data)], line, file)
+    return Entry(data, line, file)
 
 
 class _Scanner:

@@ -44,7 +44,8 @@ _SPRINGS: dict[str, tuple[type, tuple[str, ...]]] = {
 _MAY_BE_ZERO = ("cubic", "gap")
 _FRICTION = ("viscous", "coulomb", "stribeck", "alpha", "beta", "offset")
 _BODY = ("mass", "com", "inertia", "inertia_reduced", "rotational_drag")
-_PLACEMENT = ("position", "rpy_rad", "rpy_deg")
+_PLACEMENT = ("position", "rpy_rad", "rpy_deg", "rotation")
+_ROTATION_TOLERANCE = 1e-9  # of a rotation matrix: its columns are orthogonal and of length 1
 
 
 def _snap(x: float) -> float:
@@ -76,10 +77,18 @@ def rotation(rpy: tuple[float, ...], degrees: bool) -> Matrix:
 
 
 def placement(table: Table) -> Placement:
-    """A ``position`` and ``rpy_*`` table."""
+    """A ``position`` and ``rpy_*`` or ``rotation`` table."""
     table.only(*_PLACEMENT)
     position = table.vector("position", 3, ZERO, "m")
     key = table.unit_key("rpy", required=False)
+    if "rotation" in table:
+        if key is not None:
+            raise table.fail("rotation", "one of the two", f"both {key} and rotation")
+        matrix = np.array(table.vector("rotation", 9, what="a rotation matrix, row by row")).reshape(3, 3)
+        off = np.abs(matrix.T @ matrix - np.eye(3)).max()
+        if not off <= _ROTATION_TOLERANCE or np.linalg.det(matrix) < 0.0:
+            raise table.fail("rotation", "a rotation matrix: orthogonal columns of length 1, determinant 1")
+        return Placement(position, tuple(map(tuple, matrix.tolist())))
     return Placement(
         position, IDENTITY if key is None else rotation(table.vector(key, 3, what="roll, pitch, yaw"), key == "rpy_deg")
     )
@@ -262,6 +271,9 @@ def motors(root: Table, chain: tuple[Element, ...], where: dict[str, Table], cou
         kinds = {gear.rigid for joint in drives if (gear := gears[joint]) is not None}
         if len(kinds) > 1:
             raise table.fail("drives", "all gears of a coupled motor elastic, or all rigid")
+        inertia = table.number("inertia", least=0.0)
+        if inertia == 0.0 and kinds != {True}:
+            raise table.fail("inertia", "a number > 0 behind an elastic gear")
         if coupling == "complete":
             for key in ("axis", "carrier"):
                 if key not in table:
@@ -269,7 +281,7 @@ def motors(root: Table, chain: tuple[Element, ...], where: dict[str, Table], cou
         out.append(
             Motor(
                 name,
-                table.number("inertia", above=0.0),
+                inertia,
                 tuple(drives),
                 _ratio(table, len(drives)),
                 friction=table.build("friction", friction, NO_FRICTION),

@@ -16,7 +16,10 @@ from flexgen.errors import ArgumentError, ModelError
 from flexgen.model import goals, locate, parts
 from flexgen.model.check import Table, closest, entry_name, show
 from flexgen.model.elements import Body, Output, Placement, RobotModel
+from flexgen.model.inertia import idle_coordinates
 from flexgen.model.locate import Entry
+from flexgen.model.overlay import expand
+from flexgen.model.sources import from_here, plain_urdf
 from flexgen.ports import identifier_problem
 
 SIZE_MAX = 1_000_000  # bytes
@@ -26,19 +29,29 @@ _KEYS = (
 ).split()
 
 
-def read(model: str | Path, variant: str | None = None, overrides: Mapping[str, Any] | None = None) -> RobotModel:
+def read(
+    model: str | Path,
+    variant: str | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    base: str | None = None,
+    tip: str | None = None,
+) -> RobotModel:
     """Read and check a robot.
 
     Parameters
     ----------
     model : str or Path
         A name in the models folder (such as ``"planar5_nmp"``) or the path of a ``.toml`` file; either may end in
-        ``"@variant"``.
+        ``"@variant"``. Or a URDF file, with the two ends of its chain: the path of a ``.urdf`` file, or
+        ``"package://NAME/PATH"``, with ``base`` and ``tip`` or followed by ``"#base:tip"``.
     variant : str, optional
         Name of one of the file's variants.
     overrides : mapping, optional
         Values to set after the variant; keys are dotted paths in which the entries of a list are called by their
         names, such as ``"element.arm1.dof.q1.gear.damping"``.
+    base, tip : str, optional
+        Names of the links of a URDF file between which the robot is.
 
     Returns
     -------
@@ -51,20 +64,30 @@ def read(model: str | Path, variant: str | None = None, overrides: Mapping[str, 
     ArgumentError
         Where there is no such file, name or variant.
     """
-    path, shown, chosen = _find(model, variant)
-    root = _parse(path, shown)
+    plain = plain_urdf(model, base, tip)
+    if plain is not None:
+        root, shown, again = plain
+        folder, chosen = Path(), variant or ""
+    else:
+        path, shown, chosen = _find(model, variant)
+        root, folder, again = _parse(path, shown), path.parent, shown
+    urdf = "urdf" in root.value
+    if urdf:
+        expand(root, folder, shown)
     variants = _variants(root, shown)
     if chosen and chosen not in variants:
         raise ArgumentError(f"variant of {shown}: given {chosen!r}, expected {closest(chosen, variants)}")
-    base = locate.copy(root)
+    unchanged = locate.copy(root)
     if chosen:
         variants[chosen].apply(root)
     for key, value in (overrides or {}).items():
         _override(root, shown, key, value)
     robot = _robot(Table(shown, root, ""), chosen, tuple(variants))
     for other in variants.values():  # a trial of the paths of those that were not chosen
-        other.apply(locate.copy(base))
-    return robot
+        other.apply(locate.copy(unchanged))
+    if urdf:
+        _check_inertia(root, robot)
+    return replace(robot, file=again)
 
 
 def model_names() -> list[str]:
@@ -89,15 +112,6 @@ def _folders() -> list[Path]:
     return [folder for folder in found if folder.is_dir()]
 
 
-def _from_here(path: Path) -> str:
-    """The path as it opens from the current directory: relative where it is below, else absolute."""
-    try:
-        absolute, here = Path(os.path.abspath(path)), Path.cwd()
-    except OSError:  # the current directory is gone
-        return str(path)
-    return str(absolute.relative_to(here) if absolute.is_relative_to(here) else absolute)
-
-
 def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:
     """The file, what to call it in messages, and the name of the variant or an empty text."""
     if not isinstance(model, (str, Path)) or not isinstance(variant, (str, type(None))):
@@ -113,7 +127,7 @@ def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:
             path = folder / f"{text}.toml"
             try:
                 if path.is_file():
-                    return path, _from_here(path), chosen
+                    return path, from_here(path), chosen
             except (OSError, ValueError):  # a name that no file can have
                 break
         raise ArgumentError(f"model: given {text!r}, expected a path ending in .toml or {closest(text, model_names())}")
@@ -139,7 +153,7 @@ def _parse(path: Path, shown: str) -> Entry:
         raise ModelError(shown, 0, "file", f"more than {SIZE_MAX} bytes", "a model file")
     raw = raw.removeprefix(codecs.BOM_UTF8)
     try:
-        return locate.parse(raw.decode("utf-8"))
+        return locate.parse(raw.decode("utf-8"), shown)
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
         raise ModelError(shown, line, "file", f"the byte 0x{raw[error.start]:02x}", "text in UTF-8") from None
@@ -231,7 +245,7 @@ def _override(root: Entry, shown: str, key: Any, value: Any) -> None:
     plain = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
     try:
         locate.check_depth(plain)
-        _set(root, key, locate.wrap(plain))
+        _set(root, key, locate.wrap(plain, 0, shown))
     except locate.TextError as error:
         raise ArgumentError(f"overrides {key}: given {error.given}, expected {error.expected}") from None
     except _NoSuchPath as error:
@@ -271,6 +285,23 @@ def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
         moves=goals.moves(root, target, actuated),
         text=_canonical(root),
     )
+
+
+def _check_inertia(root: Entry, robot: RobotModel) -> None:
+    """Refuse a chain of a URDF file of which a part moves nothing: its inertia matrix would be singular."""
+    idle = idle_coordinates(robot)
+    for element in root.value["element"].value if idle else ():
+        for dof in element.value["dof"].value if "dof" in element.value else ():
+            if dof.value["name"].value == idle[-1]:
+                what = "coordinates" if len(idle) > 1 else "coordinate"
+                raise ModelError(
+                    dof.file,
+                    dof.line,
+                    f"joint.{idle[-1]}",
+                    f"the {what} {', '.join(idle)}, which can move without moving any mass",
+                    "links with mass and inertia behind every joint (in the overlay: [link.NAME] body = { mass = ..., "
+                    "com = [...], inertia = [...] }, a payload, or a rotor inertia)",
+                )
 
 
 def _canonical(root: Table) -> str:

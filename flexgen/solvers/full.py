@@ -112,7 +112,11 @@ def collocate_full(
 
     ratio, inertia = np.abs(model.eta).max(axis=1), np.array([m.inertia for m in model.motors])
     scale_y = np.r_[np.ones(n_a), ratio[i_m]]
-    tau_0 = np.maximum(np.abs(tau_rest).max(axis=0), 0.1 * inertia * ratio * ACCELERATION)
+    arm = np.diag(evaluate(equations.function("mass_matrix"), slow(nodes[:1])[:, :n_a])[0][0])[list(model.i_g)]
+    turned = np.where(
+        inertia > 0.0, inertia * ratio, np.abs(np.linalg.inv(model.eta)).T @ arm
+    )  # a direct drive: the arm
+    tau_0 = np.maximum(np.abs(tau_rest).max(axis=0), 0.1 * turned * ACCELERATION)
     scale_state = np.r_[scale_y, tau_0, scale_y, tau_0]  # u in N m s
     scale_rate = np.r_[scale_y, tau_0] * ACCELERATION
     scale_x = np.r_[

@@ -1,0 +1,402 @@
+"""Overlays: a model file whose chain comes from a URDF file becomes the tables of an ordinary model file.
+
+The table ``[urdf]`` names the file and the two ends of the chain; ``[joint.NAME]`` and ``[link.NAME]`` say what URDF
+does not know. All other keys are those of every model file and stay as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ModelError
+from flexgen.model import parts
+from flexgen.model.chain import MOVING, Chain, Segment, follow
+from flexgen.model.check import Table, as_number, bare, show
+from flexgen.model.locate import Entry, wrap
+from flexgen.model.sources import located
+from flexgen.model.urdf import Inertial, Link, Pose, Urdf, among, key, without_dust
+from flexgen.ports import identifier_problem
+
+_URDF = ("file", "base", "tip", "lock", "drop", "limits", "dynamics")
+_LIMITS = (
+    "lower upper lower_rad lower_deg upper_rad upper_deg speed_max acceleration_max"  # keys of a degree of freedom
+).split()
+_JOINT = ("rename", "gear", "spring", "damping", "friction", "limits", "motor", "before", "after", *_LIMITS)
+_LINK = ("rename", "body", "inertia_reduced")
+_TAKEN = ("element",)  # what the URDF file says in place of the model file
+
+
+def expand(root: Entry, folder: Path, shown: str) -> None:
+    """Replace the tables ``urdf``, ``joint`` and ``link`` of a model file by ``element`` and ``motor`` tables.
+
+    Adds what was left out: the name of the URDF file's robot, gravity along -z, an output of all actuated joints, and a
+    home at zero (or midway between the limits, where zero is outside).
+
+    Parameters
+    ----------
+    root : Entry
+        The model file, changed in place.
+    folder : Path
+        Where relative paths in it begin.
+    shown : str
+        What to call the model file in messages.
+
+    Raises
+    ------
+    ModelError
+        Where one of the two files is wrong.
+    """
+    top = Table(shown, root, "")
+    for name in _TAKEN:
+        if name in top:
+            raise top.fail(name, "either [urdf] or the elements of the chain", f"{name} beside [urdf]")
+    overlay = _Overlay(top, folder)
+    chain = overlay.chain()
+    elements, motors = overlay.elements(chain), overlay.motors(chain)
+    for name in ("urdf", "joint", "link"):
+        root.value.pop(name, None)
+    root.value["element"] = Entry(elements, overlay.table.line, overlay.urdf.file)
+    given = root.value.get("motor")
+    if given is None or isinstance(given.value, list):
+        root.value["motor"] = Entry([*motors, *(given.value if given else [])], overlay.table.line, shown)
+    for name, value in overlay.defaults(chain).items():
+        root.value.setdefault(name, value)
+
+
+class _Overlay:
+    """The tables of an overlay and the URDF file under them."""
+
+    def __init__(self, top: Table, folder: Path) -> None:
+        self.top = top
+        table = top.table("urdf")
+        assert table is not None
+        self.table = table
+        table.only(*_URDF)
+        path, shown = located(table, folder)
+        self.urdf = Urdf(path, shown)
+        self.limits = table.flag("limits") if "limits" in table else True
+        self.dynamics = table.flag("dynamics") if "dynamics" in table else True
+        self.joints = self._tables("joint", list(self.urdf.joints), _JOINT)
+        self.links = self._tables("link", list(self.urdf.links), _LINK)
+        self.ends = tuple(self._end(name) for name in ("base", "tip"))
+
+    def _tables(self, kind: str, known: list[str], keys: Sequence[str]) -> dict[str, Table]:
+        outer = self.top.table(kind)
+        out: dict[str, Table] = {}
+        for name in outer.entries if outer is not None else ():
+            assert outer is not None
+            if name not in known:
+                raise outer.fail(name, among(name, known), f"an unknown {kind} {show(name)}")
+            table = outer.table(name)
+            assert table is not None
+            table.only(*keys)
+            out[name] = table
+        return out
+
+    # --- the chain ----------------------------------------------------------------------------------------------------
+
+    def chain(self) -> Chain:
+        """The chain between base and tip."""
+        base, tip = self.ends
+        locked, dropped = self._locked(), self._dropped()
+        chain = follow(self.urdf, base, tip, locked, dropped, self._inertial)
+        moving = {segment.joint.name for segment in chain.segments}
+        for name in dropped & self._above(tip):
+            raise self.table.fail("drop", f"joints beside the chain, {show(name)} is part of it")
+        for name, table in self.joints.items():
+            if name not in moving:
+                given = f"{show(name)}, which does not move"
+                raise table.fail(None, f"a moving joint of the chain: {among(name, sorted(moving))}", given)
+        named = {segment.link.name for segment in chain.segments} | {tip}
+        for name, table in self.links.items():
+            if "rename" in table and name not in named:
+                expected = (
+                    f"no new name for a link that is fixed to another one; named are {among(name, sorted(named))}"
+                )
+                raise table.fail("rename", expected)
+        return chain
+
+    def _end(self, name: str) -> str:
+        link = self.table.text(name)
+        if link not in self.urdf.links:
+            raise self.table.fail(name, f"a link of {self.urdf.file}: {among(link, self.urdf.links)}")
+        return link
+
+    def _above(self, link: str) -> set[str]:
+        out = set()
+        while (holder := self.urdf.holder.get(link)) is not None:
+            out.add(holder.name)
+            link = holder.parent
+        return out
+
+    def _locked(self) -> dict[str, float]:
+        """The joints under ``lock``: a table of positions, or a list of those that are fixed at zero."""
+        if "lock" not in self.table:
+            return {}
+        if isinstance(self.table.entries["lock"].value, dict):
+            table = self.table.table("lock")
+            assert table is not None
+            locked = {name: table.number(name) for name in table.entries}
+        else:
+            locked = dict.fromkeys(self.table.words("lock"), 0.0)
+        movable = [joint.name for joint in self.urdf.joints.values() if joint.type in MOVING]
+        for name in locked:
+            if name not in movable:
+                raise self.table.fail("lock", f"in place of {show(name)} {among(name, movable)}")
+        return locked
+
+    def _dropped(self) -> frozenset[str]:
+        names = self.table.words("drop") if "drop" in self.table else []
+        for name in names:
+            if name not in self.urdf.joints:
+                raise self.table.fail("drop", f"in place of {show(name)} {among(name, self.urdf.joints)}")
+        return frozenset(names)
+
+    def _inertial(self, link: Link) -> Inertial | None:
+        """The inertial of a link, or the body that the overlay has for it."""
+        table = self.links.get(link.name)
+        reduced = table is not None and table.flag("inertia_reduced")
+        if table is None or "body" not in table:
+            return self.urdf.inertial(link, reduced)
+        inner = table.table("body")
+        assert inner is not None
+        inner.only("mass", "com", "inertia", "inertia_reduced")
+        body = parts.body(inner)
+        if body.mass == 0.0:
+            return None
+        reduced = reduced or inner.flag("inertia_reduced")
+        return Inertial(body.mass, np.array(body.com), np.array(body.inertia), reduced)
+
+    # --- the tables of a model file -----------------------------------------------------------------------------------
+
+    def elements(self, chain: Chain) -> list[Entry]:
+        """An element for each moving joint, and one for the tip where that is not the last link."""
+        out = [self._element(segment) for segment in chain.segments]
+        origin = self._placement(chain.tip, self.table.entries["tip"].line, self.table.file)
+        if origin is not None:
+            tip = self.urdf.links[self.ends[1]]
+            out.append(self._here({"name": self._name("link", tip.name), "origin": origin}, tip.node.line))
+        return out
+
+    def _element(self, segment: Segment) -> Entry:
+        line = segment.joint.node.line
+        value: dict[str, Any] = {"name": self._name("link", segment.link.name)}
+        origin = self._placement(segment.origin, line, self.urdf.file)
+        if origin is not None:
+            value["origin"] = origin
+        table = self.joints.get(segment.joint.name)
+        before, after = (_list(table, name) for name in ("before", "after"))
+        value["dof"] = Entry([*before, self._dof(segment), *after], line, self.urdf.file)
+        if segment.body is not None:
+            value["body"] = self._body(segment.body, segment.link.node.line)
+        return self._here(value, line)
+
+    def _dof(self, segment: Segment) -> Entry:
+        joint, table = segment.joint, self.joints.get(segment.joint.name)
+        rotary = joint.type != "prismatic"
+        value: dict[str, Any] = {
+            "name": self._name("joint", joint.name),
+            "type": "rotation" if rotary else "translation",
+            "axis": self.urdf.axis(joint),
+        }
+        limit = self.urdf.limit(joint) if self._flag(table, "limits", self.limits) else None
+        if limit is not None:
+            unit = "_rad" if rotary else ""
+            for name, number in (("lower", limit.lower), ("upper", limit.upper)):
+                if number is not None and not any(name + other in (table or ()) for other in ("", "_rad", "_deg")):
+                    value[name + unit] = wrap(number, limit.line, self.urdf.file)
+            value["speed_max"] = wrap(limit.velocity, limit.line, self.urdf.file)
+        if table is None or "friction" not in table:
+            friction = self._friction(segment)
+            if friction is not None:
+                value["friction"] = friction
+        if table is None or not ("gear" in table or "spring" in table):
+            value["gear"] = {"type": "rigid"}
+        if table is not None:
+            for name in ("gear", "spring", "damping", "friction", *_LIMITS):
+                if name in table:
+                    value[name] = table.entries[name]
+        return self._here(value, joint.node.line)
+
+    def _friction(self, segment: Segment) -> Entry | None:
+        if not self.dynamics:
+            return None
+        line, viscous, coulomb = self.urdf.dynamics(segment.joint)
+        if coulomb != 0.0:
+            name = bare(segment.joint.name)
+            raise self._fail(
+                line,
+                f"{key('joint', segment.joint.name)}.dynamics.friction",
+                f"{coulomb:g}",
+                f"in the overlay: [joint.{name}] friction = {{ viscous = {viscous:g}, coulomb = {coulomb:g}, "
+                "beta = 100.0 } (smoothed by tanh(beta speed)), or [urdf] dynamics = false",
+            )
+        return wrap({"viscous": viscous}, line, self.urdf.file) if viscous != 0.0 else None
+
+    def motors(self, chain: Chain) -> list[Entry]:
+        """A motor for each joint with a gear that no ``[[motor]]`` of the overlay drives."""
+        driven = set(self._driven())
+        out = []
+        count = 0
+        for segment in chain.segments:
+            joint, table = segment.joint, self.joints.get(segment.joint.name)
+            own = table.table("motor") if table is not None else None
+            name = self._named("joint", joint.name)
+            if table is not None and "spring" in table:
+                if own is not None:
+                    raise table.fail("motor", "either a motor or a spring (non-actuated)", "a motor beside a spring")
+                continue
+            count += 1
+            if name in driven:
+                if own is not None:
+                    assert table is not None
+                    raise table.fail(
+                        "motor", "either this or a [[motor]]", f"a motor beside a [[motor]] of {show(name)}"
+                    )
+                continue
+            value: dict[str, Any] = {"name": f"m{count}", "drives": name, "ratio": 1.0}
+            if table is not None and _elastic(table):
+                if own is None or "inertia" not in own:
+                    expected = "motor = { ratio = ..., inertia = ... } beside an elastic gear"
+                    raise (own or table).fail("inertia" if own else "motor", expected)
+            else:
+                value["inertia"] = 0.0
+            if own is not None:
+                if "drives" in own:
+                    raise own.fail("drives", f"no such key: this motor drives {name}")
+                value |= own.entries
+            limit = self.urdf.limit(joint) if self._flag(table, "limits", self.limits) else None
+            ratio = value["ratio"]
+            number = as_number(ratio.value if isinstance(ratio, Entry) else ratio)
+            if limit is not None and number and "torque_max" not in value:
+                value["torque_max"] = wrap(limit.effort / abs(number), limit.line, self.urdf.file)
+            entry = self._here(value, joint.node.line)
+            if own is not None:
+                entry.file, entry.line = own.file, own.line
+            out.append(entry)
+        return out
+
+    def _driven(self) -> Iterator[str]:
+        """Names of joints that the ``[[motor]]`` tables drive; wrong tables are left to the reader."""
+        entry = self.top.entries.get("motor")
+        for motor in entry.value if entry is not None and isinstance(entry.value, list) else ():
+            drives = motor.value.get("drives") if isinstance(motor.value, dict) else None
+            if drives is None:
+                continue
+            for item in drives.value if isinstance(drives.value, list) else [drives]:
+                if isinstance(item.value, str):
+                    yield item.value
+
+    def defaults(self, chain: Chain) -> dict[str, Entry]:
+        """What an overlay may leave out."""
+        file, table = self.urdf.file, self.table
+        out: dict[str, Any] = {}
+        if "name" not in self.top:
+            problem = identifier_problem(self.urdf.name)
+            if problem is not None:
+                raise self.top.fail("name", f"a name for the robot that URDF calls {show(self.urdf.name)}: {problem}")
+            out["name"] = self.urdf.name
+        out["description"] = f"from {show(self.ends[0])} to {show(self.ends[1])} of {Path(file).name}"
+        out["gravity"] = [0.0, 0.0, -9.81]
+        actuated = [s for s in chain.segments if "spring" not in (self.joints.get(s.joint.name) or ())]
+        out["output"] = {"type": "joint", "joints": [self._named("joint", s.joint.name) for s in actuated]}
+        if "home_deg" not in self.top and "home_rad" not in self.top:
+            out["home_rad"] = [self._home(segment) for segment in actuated]
+        return {name: wrap(value, table.line, table.file) for name, value in out.items()}
+
+    def _home(self, segment: Segment) -> float:
+        """Zero, or midway between the limits where zero is outside of them."""
+        table, joint = self.joints.get(segment.joint.name), segment.joint
+        limit = self.urdf.limit(joint) if self._flag(table, "limits", self.limits) else None
+        ends: dict[str, float | None] = {"lower": None, "upper": None}
+        if limit is not None:
+            ends = {"lower": limit.lower, "upper": limit.upper}
+        if table is not None:
+            for name in ends:
+                if name in table:
+                    ends[name] = table.optional(name)
+                elif table.unit_key(name, required=False):
+                    ends[name] = table.angle(name)
+        lower, upper = ends["lower"], ends["upper"]
+        if (lower is None or lower <= 0.0) and (upper is None or upper >= 0.0):
+            return 0.0
+        if lower is not None and upper is not None:
+            return (lower + upper) / 2
+        return lower if lower is not None and lower > 0.0 else upper or 0.0
+
+    # --- entries ------------------------------------------------------------------------------------------------------
+
+    def _fail(self, line: int, where: str, given: str, expected: str) -> ModelError:
+        return ModelError(self.urdf.file, line, where, given, expected)
+
+    def _flag(self, table: Table | None, name: str, default: bool) -> bool:
+        return table.flag(name) if table is not None and name in table else default
+
+    def _named(self, kind: str, name: str) -> str:
+        """The name of a link or joint in the model: its own or a new one, if the model can have it."""
+        table = (self.joints if kind == "joint" else self.links).get(name)
+        if table is not None and "rename" in table:
+            return table.name("rename")
+        problem = identifier_problem(name)
+        if kind == "link" and name == "base":
+            problem = "another name, because base is the ground"
+        if problem is not None:
+            node = (self.urdf.joints if kind == "joint" else self.urdf.links)[name].node
+            expected = f'{problem} (in the overlay: [{kind}.{bare(name)}] rename = "...")'
+            raise self._fail(node.line, f"{key(kind, name)}.name", show(name), expected)
+        return name
+
+    def _name(self, kind: str, name: str) -> Entry:
+        """The same, from where it is written."""
+        table = (self.joints if kind == "joint" else self.links).get(name)
+        if table is not None and "rename" in table:
+            table.name("rename")
+            return table.entries["rename"]
+        node = (self.urdf.joints if kind == "joint" else self.urdf.links)[name].node
+        return Entry(self._named(kind, name), node.line, self.urdf.file)
+
+    def _here(self, value: dict[str, Any], line: int) -> Entry:
+        """A table from the URDF file; parts that are Entries already stay what they are."""
+        file = self.urdf.file
+        made = {name: item if isinstance(item, Entry) else wrap(item, line, file) for name, item in value.items()}
+        return Entry(made, line, file)
+
+    def _placement(self, pose: Pose, line: int, file: str) -> Entry | None:
+        """A placement table; None where nothing is moved."""
+        value: dict[str, Any] = {}
+        position = without_dust(pose.position.tolist())
+        if any(position):
+            value["position"] = position
+        if (pose.rotation != np.eye(3)).any():
+            value["rotation"] = pose.rotation.ravel().tolist()
+        return wrap(value, line, file) if value else None
+
+    def _body(self, body: Inertial, line: int) -> Entry:
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia.tolist()
+        moments = without_dust([xx, yy, zz, xy, yz, xz])
+        value = {"mass": body.mass, "com": without_dust(body.com.tolist()), "inertia": moments}
+        entry = wrap(value, line, self.urdf.file)
+        low, middle, high = np.linalg.eigvalsh(body.inertia).tolist()
+        if body.reduced or low + middle < high:  # checked already, with the tolerance of URDF files
+            entry.value["inertia_reduced"] = wrap(True, line, self.urdf.file)
+        return entry
+
+
+def _list(table: Table | None, name: str) -> list[Entry]:
+    """The tables of further degrees of freedom before or after a joint."""
+    if table is None or name not in table:
+        return []
+    table.tables(name)
+    entries: list[Entry] = table.entries[name].value
+    return entries
+
+
+def _elastic(table: Table) -> bool:
+    """Whether the gear of a joint is elastic; a wrong one is left to the reader."""
+    gear = table.entries.get("gear")
+    kind = gear.value.get("type") if gear is not None and isinstance(gear.value, dict) else None
+    return kind is not None and kind.value == "elastic"

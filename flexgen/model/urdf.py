@@ -1,0 +1,402 @@
+"""URDF files to links and joints: one tree, checked as a whole, and checked numbers on demand.
+
+What the dynamics of an arm need is read and everything else (pictures, collisions, transmissions, extensions) is passed
+over. The tree of the file is checked as a whole; the numbers of a link or joint are checked when somebody asks for
+them, so that a part which nobody uses may be wrong.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from flexgen.errors import ModelError
+from flexgen.model.check import LARGEST, SMALLEST, bare, show
+from flexgen.model.locate import WIDTH
+from flexgen.model.markup import MarkupError, Node, parse
+from flexgen.model.parts import rotation
+
+SIZE_MAX = 2_000_000  # bytes
+TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+INERTIA_TOLERANCE = 1e-6  # of the triangle inequality, relative to the largest moment: files carry six digits or so
+_AXIS_TOLERANCE = 1e-3  # of the length of an axis: directions are written with few digits
+
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_MOMENTS = ("ixx", "iyy", "izz", "ixy", "iyz", "ixz")
+_CHILDREN = {
+    "robot": ("link", "joint"),
+    "link": ("inertial", "visual", "collision"),
+    "joint": (
+        "origin parent child axis limit dynamics mimic calibration safety_controller"  # those of the format
+    ).split(),
+    "inertial": ("origin", "mass", "inertia"),
+}
+
+
+@dataclass(frozen=True)
+class Pose:
+    """``p_parent = position + rotation @ p_child``: what one frame is in another, position in m."""
+
+    rotation: np.ndarray
+    position: np.ndarray
+
+    def __matmul__(self, other: Pose) -> Pose:
+        return Pose(self.rotation @ other.rotation, self.position + self.rotation @ other.position)
+
+
+def nowhere() -> Pose:
+    """The pose of a frame in itself."""
+    return Pose(np.eye(3), np.zeros(3))
+
+
+@dataclass(frozen=True)
+class Inertial:
+    """Mass [kg], centre of mass [m] and inertia tensor about the centre [kg m^2], in the axes of a frame."""
+
+    mass: float
+    com: np.ndarray
+    inertia: np.ndarray
+    reduced: bool = False  # the triangle inequality of the principal moments does not hold, and need not
+
+    def seen_from(self, pose: Pose) -> Inertial:
+        """The same body in the parent of the frame that stands at the pose."""
+        R = pose.rotation
+        return Inertial(self.mass, pose.position + R @ self.com, R @ self.inertia @ R.T, self.reduced)
+
+
+@dataclass(frozen=True)
+class Limit:
+    """Limits of a joint: ``lower``, ``upper`` [rad or m] or None, ``effort`` [N m or N], ``velocity`` [its unit/s]."""
+
+    line: int
+    lower: float | None
+    upper: float | None
+    effort: float
+    velocity: float
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link: its name and where it stands in the file."""
+
+    name: str
+    node: Node
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint between two links, and where it stands in the file."""
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    node: Node
+
+    @property
+    def movable(self) -> bool:
+        """Whether it lets its child move."""
+        return self.type != "fixed"
+
+
+class Urdf:
+    """The links and joints of a URDF file; its methods return checked numbers or raise ModelError.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    file : str
+        What to call it in messages.
+
+    Raises
+    ------
+    ModelError
+        Where the file is no URDF: malformed, too large, not one tree of links, or one with a name twice.
+    """
+
+    def __init__(self, path: Path, file: str) -> None:
+        self.file = file
+        try:
+            with path.open("rb") as stream:
+                raw = stream.read(SIZE_MAX + 1)
+        except OSError as error:
+            self.fail(0, "file", f"one that cannot be read ({error.strerror})", "a URDF file")
+        if len(raw) > SIZE_MAX:
+            self.fail(0, "file", f"more than {SIZE_MAX} bytes", "a URDF file")
+        try:
+            root = parse(raw)
+        except MarkupError as error:
+            self.fail(error.line, "file", error.given, error.expected)
+        if root.tag != "robot":
+            self.fail(root.line, "file", f"the element {show(root.tag)}", "<robot name=...>, that is a URDF file")
+        self._spelled(root, "robot")
+        self.name = self._attribute(root, "robot", "name")
+        self.links: dict[str, Link] = {}
+        self.joints: dict[str, Joint] = {}
+        for node in root.children:
+            if node.tag == "link":
+                name = self._attribute(node, "link", "name")
+                self._once(node, "link", name, self.links)
+                self.links[name] = Link(name, node)
+        for node in root.children:
+            if node.tag == "joint":
+                name = self._attribute(node, "joint", "name")
+                self._once(node, "joint", name, self.joints)
+                self.joints[name] = self._joint(node, name)
+        self._check_tree(root)
+
+    def fail(self, line: int, key: str, given: str, expected: str) -> NoReturn:
+        """Raise the error for a place of this file."""
+        raise ModelError(self.file, line, key, given, expected)
+
+    # --- the tree -----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def holder(self) -> dict[str, Joint]:
+        """The joint that holds a link, by the name of the link."""
+        return {joint.child: joint for joint in self.joints.values()}
+
+    @cached_property
+    def held(self) -> dict[str, list[Joint]]:
+        """The joints that hang on a link, by the name of the link."""
+        out: dict[str, list[Joint]] = {name: [] for name in self.links}
+        for joint in self.joints.values():
+            out[joint.parent].append(joint)
+        return out
+
+    def _once(self, node: Node, kind: str, name: str, known: dict[str, Any]) -> None:
+        if name in known:
+            first = known[name].node.line
+            given = f"{show(name)} again, which stands in line {first} already"
+            self.fail(node.line, key(kind, name), given, f"each {kind} once")
+
+    def _joint(self, node: Node, name: str) -> Joint:
+        here = key("joint", name)
+        self._spelled(node, here)
+        kind = self._attribute(node, here, "type")
+        if kind not in TYPES:
+            self.fail(node.line, f"{here}.type", show(kind), among(kind, TYPES))
+        ends = []
+        for end in ("parent", "child"):
+            inner = self._child(node, here, end)
+            if inner is None:
+                self.fail(node.line, f"{here}.{end}", "nothing", f'<{end} link="..."/>')
+            link = self._attribute(inner, f"{here}.{end}", "link")
+            if link not in self.links:
+                self.fail(inner.line, f"{here}.{end}", f"an unknown link {show(link)}", among(link, self.links))
+            ends.append(link)
+        return Joint(name, kind, ends[0], ends[1], node)
+
+    def _check_tree(self, root: Node) -> None:
+        """One root, one parent for each other link, and a way from the root to every link."""
+        first: dict[str, Joint] = {}
+        for joint in self.joints.values():
+            other = first.setdefault(joint.child, joint)
+            if other is not joint:
+                given = f"{show(joint.child)}, which joint {show(other.name)} holds already"
+                self.fail(joint.node.line, f"{key('joint', joint.name)}.child", given, "one parent for each link")
+        roots = [name for name in self.links if name not in first]
+        if len(roots) > 1:
+            line = self.links[roots[1]].node.line
+            given = f"two links without a parent, {show(roots[0])} and {show(roots[1])}"
+            self.fail(line, "robot", given, "one tree of links")
+        reached = set(roots)
+        todo = list(roots)
+        while todo:
+            for joint in self.held[todo.pop()]:
+                reached.add(joint.child)
+                todo.append(joint.child)
+        for name, link in self.links.items():
+            if name not in reached:
+                self.fail(link.node.line, key("link", name), "a link in a loop of joints", "one tree of links")
+        if not self.links:
+            self.fail(root.line, "robot", "no link", "links and joints")
+
+    # --- checked access -----------------------------------------------------------------------------------------------
+
+    def _spelled(self, node: Node, here: str) -> None:
+        """Refuse children whose tags look like misspelled ones of the format; extensions are passed over."""
+        known = _CHILDREN[node.tag]
+        odd = {child.tag: child for child in reversed(node.children) if child.tag not in known}
+        for child in list(odd.values())[:100]:
+            near = difflib.get_close_matches(child.tag.lower(), known, 1, 0.8)
+            if near:
+                self.fail(child.line, here, f"an unknown element {show(child.tag)}", near[0])
+
+    def _child(self, node: Node, here: str, tag: str) -> Node | None:
+        found = [child for child in node.children if child.tag == tag]
+        if len(found) > 1:
+            self.fail(found[1].line, f"{here}.{tag}", f"<{tag}> again", "it once")
+        return found[0] if found else None
+
+    def _attribute(self, node: Node, here: str, name: str) -> str:
+        value = node.attributes.get(name, "")
+        if not value.strip():
+            given = "nothing" if name not in node.attributes else "an empty text"
+            self.fail(node.line, f"{here}.{name}", given, f'the attribute {name}="..."')
+        if len(value) > WIDTH:
+            self.fail(node.line, f"{here}.{name}", f"a text of {len(value)} characters", f"at most {WIDTH}")
+        return value
+
+    def _numbers(
+        self, node: Node, here: str, name: str, count: int = 1, default: Sequence[float] | None = None
+    ) -> list[float]:
+        if default is not None and name not in node.attributes:
+            return list(default)
+        expected = "a number" if count == 1 else f"{count} numbers"
+        text = self._attribute(node, here, name)
+        words = text.split()
+        if len(words) != count or not all(_NUMBER.fullmatch(word) for word in words):
+            hint = " (the file looks like one that xacro has not expanded)" if "${" in text else ""
+            self.fail(node.line, f"{here}.{name}", show(text), expected + hint)
+        values = [float(word) for word in words]
+        largest = max(map(abs, values))
+        if not largest <= LARGEST:
+            self.fail(node.line, f"{here}.{name}", show(text), f"{expected} of magnitude at most {LARGEST:g}")
+        return without_dust(values)
+
+    def _pose(self, node: Node, here: str) -> Pose:
+        """The <origin> of a joint or an inertial; that of its parent where there is none."""
+        origin = self._child(node, here, "origin")
+        if origin is None:
+            return nowhere()
+        here = f"{here}.origin"
+        rpy = self._numbers(origin, here, "rpy", 3, (0.0, 0.0, 0.0))
+        position = self._numbers(origin, here, "xyz", 3, (0.0, 0.0, 0.0))
+        return Pose(np.array(rotation(tuple(rpy), degrees=False)), np.array(position))
+
+    def origin(self, joint: Joint) -> Pose:
+        """Where a joint stands in its parent link."""
+        return self._pose(joint.node, key("joint", joint.name))
+
+    def axis(self, joint: Joint) -> list[float]:
+        """The unit axis of a joint in its own frame."""
+        here = f"{key('joint', joint.name)}.axis"
+        node = self._child(joint.node, key("joint", joint.name), "axis")
+        if node is None:
+            return [1.0, 0.0, 0.0]  # what the format says
+        values = self._numbers(node, here, "xyz", 3)
+        length = math.hypot(*values)
+        if abs(length - 1.0) > _AXIS_TOLERANCE:
+            self.fail(node.line, f"{here}.xyz", show(node.attributes["xyz"]), "a direction of length 1")
+        return [x / length for x in values]
+
+    def mimics(self, joint: Joint) -> int | None:
+        """The line of <mimic>, or None."""
+        node = self._child(joint.node, key("joint", joint.name), "mimic")
+        return None if node is None else node.line
+
+    def limit(self, joint: Joint) -> Limit | None:
+        """The limits of a movable joint; None for a continuous joint without any."""
+        where = key("joint", joint.name)
+        switch = f"(or in the overlay: [joint.{bare(joint.name)}] limits = false)"
+        node = self._child(joint.node, where, "limit")
+        if node is None:
+            if joint.type == "continuous":
+                return None
+            self.fail(
+                joint.node.line, f"{where}.limit", "nothing", f"<limit> with lower, upper, effort, velocity {switch}"
+            )
+        here = f"{where}.limit"
+        for name in ("effort", "velocity") if joint.type == "continuous" else ("lower", "upper", "effort", "velocity"):
+            if name not in node.attributes:
+                self.fail(node.line, f"{here}.{name}", "nothing", f"a number {switch}")
+        effort, velocity = (self._numbers(node, here, name)[0] for name in ("effort", "velocity"))
+        for name, value in (("effort", effort), ("velocity", velocity)):
+            if value <= 0.0:
+                self.fail(node.line, f"{here}.{name}", show(node.attributes[name]), f"a number > 0 {switch}")
+        if joint.type == "continuous":
+            return Limit(node.line, None, None, effort, velocity)
+        lower, upper = (self._numbers(node, here, name)[0] for name in ("lower", "upper"))
+        if lower >= upper:
+            given = f"lower {lower:g}, upper {upper:g}"
+            self.fail(node.line, here, given, f"a lower limit below the upper one {switch}")
+        return Limit(node.line, lower, upper, effort, velocity)
+
+    def dynamics(self, joint: Joint) -> tuple[int, float, float]:
+        """Line, viscous damping [N m s/rad or N s/m] and Coulomb friction [N m or N] of a joint; zero by default."""
+        where = key("joint", joint.name)
+        node = self._child(joint.node, where, "dynamics")
+        if node is None:
+            return joint.node.line, 0.0, 0.0
+        values = []
+        for name in ("damping", "friction"):
+            (value,) = self._numbers(node, f"{where}.dynamics", name, 1, (0.0,))
+            if value < 0.0:
+                self.fail(node.line, f"{where}.dynamics.{name}", show(node.attributes[name]), "a number >= 0")
+            values.append(value)
+        return node.line, values[0], values[1]
+
+    def inertial(self, link: Link, reduced: bool = False) -> Inertial | None:
+        """Mass, centre and inertia of a link in its frame; None for a massless one.
+
+        ``reduced``: a tensor whose largest principal moment exceeds the sum of the other two passes.
+        """
+        where = key("link", link.name)
+        self._spelled(link.node, where)
+        node = self._child(link.node, where, "inertial")
+        if node is None:
+            return None
+        here = f"{where}.inertial"
+        self._spelled(node, here)
+        parts = {tag: self._child(node, here, tag) for tag in ("mass", "inertia")}
+        for tag, part in parts.items():
+            if part is None:
+                self.fail(node.line, f"{here}.{tag}", "nothing", f"<{tag}> in <inertial>")
+        assert parts["mass"] is not None and parts["inertia"] is not None
+        (mass,) = self._numbers(parts["mass"], f"{here}.mass", "value")
+        if mass < 0.0:
+            self.fail(parts["mass"].line, f"{here}.mass.value", f"{mass:g}", "a number >= 0")
+        moments = [self._numbers(parts["inertia"], f"{here}.inertia", name)[0] for name in _MOMENTS]
+        xx, yy, zz, xy, yz, xz = moments
+        tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        line = parts["inertia"].line
+        if mass == 0.0 and any(moments):
+            self.fail(line, f"{here}.inertia", "an inertia without a mass", "a mass > 0, or no inertia")
+        if any(moments):
+            self._check_inertia(tensor, line, link, reduced)
+        pose = self._pose(node, here)
+        if mass == 0.0:
+            return None
+        return Inertial(mass, pose.position, pose.rotation @ tensor @ pose.rotation.T, reduced)
+
+    def _check_inertia(self, tensor: np.ndarray, line: int, link: Link, reduced: bool) -> None:
+        here = f"{key('link', link.name)}.inertial.inertia"
+        largest = float(np.abs(tensor).max())
+        low, middle, high = np.linalg.eigvalsh(tensor / largest).tolist()
+        given = "principal moments " + ", ".join(f"{x * largest:.6g}" for x in (low, middle, high))
+        table = f"in the overlay: [link.{bare(link.name)}]"
+        if low < -1e-9:
+            self.fail(line, here, given, f"none below 0 (or {table} body = {{ mass = ..., inertia = [...] }})")
+        if not reduced and low + middle < high * (1.0 - INERTIA_TOLERANCE):
+            wanted = f"none larger than the sum of the other two (or {table} inertia_reduced = true)"
+            self.fail(line, here, given, wanted)
+
+
+def key(kind: str, name: str) -> str:
+    """A link or joint in an error message."""
+    return f"{kind}.{bare(name) if len(name) <= 60 else show(name)}"
+
+
+def without_dust(values: Iterable[float]) -> list[float]:
+    """The numbers, with 0 in place of those that are smaller than any that a model can have."""
+    return [x if abs(x) >= SMALLEST else 0.0 for x in values]
+
+
+def among(word: str, names: Iterable[str]) -> str:
+    """Text for a message: what was probably meant, and the first few of what there is."""
+    known = list(names)[:1000]
+    if not known:
+        return "nothing here"
+    near = difflib.get_close_matches(word, known, 1)
+    listed = ", ".join(show(name) for name in known[:8]) + (", ..." if len(known) > 8 else "")
+    return f"{show(near[0])} (there are: {listed})" if near else f"one of {listed}"
