@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import dataclasses
 import re
 import shutil
@@ -27,8 +26,9 @@ from emitted import (
 
 from flexgen.codegen.build import generate
 from flexgen.codegen.emit import emit, symbols
-from flexgen.codegen.mathematics import literal, mathematics
-from flexgen.codegen.spec import FUNCTIONS, checked, library_spec
+from flexgen.codegen.graph import read_graph
+from flexgen.codegen.programs import checked
+from flexgen.codegen.spec import FUNCTIONS, library_spec
 from flexgen.errors import BuildError
 from flexgen.mechanics.equations import derive
 from flexgen.model.reader import model_names, read
@@ -41,8 +41,13 @@ STATES = 200
 
 
 # --- the numbers ------------------------------------------------------------------------------------------------------
+# C and the virtual machine run different algorithms (recursion against Lagrange's equations), so they agree up to
+# rounding: of some hundred operations, and amplified by the condition of the mass matrix in accelerations (1e3 ... 1e5).
+ROUNDING, ROUNDING_OF_A_SOLVE = 1e-12, 1e-10
+
+
 @pytest.mark.parametrize("name", model_names())
-def test_c_agrees_with_the_virtual_machine_bit_for_bit(name):
+def test_c_agrees_with_lagranges_equations(name):
     equations = derive(name)
     library = loaded(name)
     assert tuple(library.functions) == FUNCTIONS
@@ -50,10 +55,38 @@ def test_c_agrees_with_the_virtual_machine_bit_for_bit(name):
     for function in library.functions.values():
         inputs = [states[port.name] for port in function.inputs]
         given = function(*inputs)
-        expected = machine(equations.function(function.name), inputs)
+        expected = _expected(equations, function.name, inputs)
+        solved = any(word in function.name for word in ("forward", "linearize")) and "kinematics" not in function.name
         for port, c, vm in zip(function.outputs, given if isinstance(given, tuple) else [given], expected, strict=True):
-            different = c.reshape(vm.shape).view(np.int64) != vm.view(np.int64)
-            assert not different.any(), f"{function.name}, {port.name}: {different.sum()} entries"
+            c = c.reshape(vm.shape)
+            scale = np.abs(vm).max(axis=(1, 2)) + np.abs(vm).max() * 1e-3
+            error = np.abs(c - vm).max(axis=(1, 2)) / np.where(scale > 0, scale, 1.0)
+            assert error.max() < (ROUNDING_OF_A_SOLVE if solved else ROUNDING), f"{function.name}, {port.name}"
+
+
+def _expected(equations, name, inputs):
+    """What the virtual machine makes of the definition."""
+    if name != "arm_forward_derivatives":
+        return machine(equations.function(name), inputs)
+    q, v, _ = inputs
+    a = machine(equations.function("arm_forward_dynamics"), inputs)[0][:, :, 0]
+    M, R = machine(equations.function("arm_slopes"), [q, v, a])
+    n = M.shape[1]
+    X = -np.linalg.solve(M, R)
+    return [X[:, :, :n], X[:, :, n:], np.linalg.inv(M)]
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_one_point_and_many_have_the_same_bits(name):
+    library = loaded(name)
+    states = random_states(read(name), 37)
+    for function in library.functions.values():
+        inputs = [states[port.name] for port in function.inputs]
+        many = function(*inputs)
+        for k in range(37):
+            one = function(*(x[k] for x in inputs))
+            pairs = zip(one, many, strict=True) if isinstance(one, tuple) else [(one, many)]
+            assert all(np.array_equal(a, b[k]) for a, b in pairs), function.name
 
 
 # --- the text ---------------------------------------------------------------------------------------------------------
@@ -112,7 +145,7 @@ def test_prototypes_break_between_arguments_only():
 def test_constants_are_written_as_people_write_them():
     text = (made("planar5_nmp").directory / "example.c").read_text()
     assert "{0.3, -1.1, 0.0}" in text.replace("(", "").replace(")", "")
-    for path in made("planar5_nmp").directory.glob("*.c"):
+    for path in made("planar5_nmp").directory.glob("*_body.h"):
         for number in re.findall(r"(?<![\w.])\d+\.\d+(?:e[-+]?\d+)?", path.read_text()):
             assert repr(float(number)) == number, (path.name, number)
 
@@ -292,70 +325,9 @@ def test_solvers_inside_are_refused():
     root = ca.rootfinder("r", "newton", {"x": X, "p": Y, "g": X * X - Y[:2]})
     f = checked("f", ca.Function("f", [x], [root(x, ca.DM.ones(3))], ["x"], ["y"]), IN, OUT)
     with pytest.raises(BuildError, match="operation OP_CALL cannot be written in C"):
-        mathematics(f)
+        read_graph(f)
 
 
 def test_an_unknown_operation_is_named():
     with pytest.raises(BuildError, match="function f: operation OP_ERFINV cannot be written in C"):
-        mathematics(ca.Function("f", [X], [ca.erfinv(X)], ["x"], ["y"]))
-
-
-def test_literals_read_back_to_the_same_bits():
-    assert (literal(0.3), literal(-9.81), literal(2.0), literal(1e16)) == ("0.3", "(-9.81)", "2.0", "1e+16")
-    for x in (0.0, -0.0, 1.0, -3.0, 0.1, 1e300, -5e-324, 2.0**53, 1e22):
-        text = literal(x).strip("()")
-        assert float(text).hex() == x.hex() and re.search(r"[.e]", text)
-    assert (literal(np.inf), literal(-np.inf), literal(np.nan)) == ("INFINITY", "(-INFINITY)", "NAN")
-
-
-def _every_operation() -> ca.SX:
-    """One row per operation of CasADi's scalar graphs."""
-    a, b = X[0], X[1]
-    rows = [
-        a + b,
-        a - b,
-        a * b,
-        a / b,
-        -a,
-        a * a,
-        2 * a,
-        1 / a,
-        ca.sqrt(ca.fabs(a)),
-        ca.fabs(a) ** b,
-        ca.fabs(a) ** 2.5,
-    ]
-    rows += [f(a) for f in (ca.sin, ca.cos, ca.tan, ca.atan, ca.sinh, ca.cosh, ca.tanh, ca.asinh, ca.exp, ca.expm1)]
-    rows += [f(a) for f in (ca.erf, ca.floor, ca.ceil, ca.fabs, ca.sign)]
-    rows += [f(ca.sin(a)) for f in (ca.asin, ca.acos, ca.atanh)]
-    rows += [f(1 + ca.fabs(a)) for f in (ca.log, ca.log1p, ca.acosh)]
-    rows += [f(a, b) for f in (ca.fmin, ca.fmax, ca.fmod, ca.remainder, ca.copysign, ca.atan2, ca.hypot)]
-    rows += [a < b, a <= b, a == b, a != b, ca.logic_not(a), ca.logic_and(a < 0, b < 0), ca.logic_or(a < 0, b < 0)]
-    rows += [ca.if_else(a < b, a * 3, b / 7), ca.SX.inf() + 0 * a]
-    return ca.vertcat(*rows)
-
-
-@pytest.mark.parametrize("chunk", [1000, 7])
-def test_every_operation_and_every_cut_gives_the_machines_bits(chunk, tmp_path, monkeypatch):
-    monkeypatch.setattr("flexgen.codegen.mathematics.CHUNK", chunk)
-    monkeypatch.setattr("flexgen.codegen.mathematics.MARGIN", 0)
-    rows = _every_operation()
-    y = ca.densify(ca.vertcat(rows, ca.cumsum(ca.sin(rows[:20]))))
-    function = ca.Function("f", [X], [y], ["x"], ["y"])
-    written = mathematics(function)
-    assert (len(written.call) > 1) == (chunk == 7) == (written.work > 0)
-    calls = "\n".join(written.call)
-    (tmp_path / "f.c").write_text(
-        f"#include <math.h>\n{written.text}\nvoid f(const double *x, double *y, double *work);\n"
-        f"void f(const double *x, double *y, double *work)\n{{\n(void)work;\n{calls}\n}}\n"
-    )
-    run(CC, *STRICT, "-O2", "-fPIC", "-shared", "f.c", "-lm", "-o", "f.so", folder=tmp_path)
-    f = ctypes.CDLL(str(tmp_path / "f.so")).f
-    f.argtypes = [ctypes.c_void_p] * 3
-    points = np.vstack([np.random.default_rng(5).normal(size=(STATES, 2)), [[0.0, 0.0], [1.0, 1.0], [-0.0, 2.0]]])
-    expected = machine(function, [points])[0][:, :, 0]
-    out, work = np.zeros(y.shape[0]), np.zeros(max(1, written.work))
-    for point, vm in zip(points, expected, strict=True):
-        x = np.ascontiguousarray(point)
-        f(x.ctypes.data, out.ctypes.data, work.ctypes.data)
-        assert np.array_equal(np.isnan(out), np.isnan(vm))  # the sign of a NaN means nothing
-        assert np.array_equal(out.view(np.int64)[~np.isnan(vm)], vm.view(np.int64)[~np.isnan(vm)])
+        read_graph(ca.Function("f", [X], [ca.erfinv(X)], ["x"], ["y"]))

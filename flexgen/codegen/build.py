@@ -1,7 +1,8 @@
 """From a model to a directory with its C library: written, compiled and described by ``manifest.json``.
 
 A directory is complete or as it was before: everything is written and compiled aside, then moved into place, the
-manifest last. The manifest holds the digest of all that the library depends on; where it is unchanged nothing is done.
+manifest last. The manifest holds the digest of all that the sources depend on and the identity of the compiler that
+made the library; where both are unchanged nothing is done, where the digest is nothing is derived.
 """
 
 from __future__ import annotations
@@ -10,22 +11,21 @@ import hashlib
 import json
 import os
 import re
-import shlex
 import shutil
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from flexgen import __version__
+from flexgen.codegen.compiler import Compiler, build_libraries, find_compiler
+from flexgen.codegen.packaging import packaging
 from flexgen.codegen.spec import (
     ABI_VERSION,
+    PRECISIONS,
     STATUSES,
     LibrarySpec,
     chosen_functions,
@@ -39,12 +39,8 @@ from flexgen.model.reader import read
 
 MANIFEST = "manifest.json"
 FORMAT = 1
-FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden")
-WORKERS = 2
 
-_COMPILERS = ("cc", "gcc", "clang")
-_ALLOWED_FLAG = re.compile(r"-(O[0-3]|g|pipe|m32|m64|m(arch|tune)=[a-z0-9.-]+|ffp-contract=(off|on|fast))\Z")
-_FILE = re.compile(r"[A-Za-z][A-Za-z0-9_]*(-[0-9a-f]{16})?\.(h|c|so|dylib)\Z")
+_FILE = re.compile(r"(CMakeLists\.txt|[A-Za-z][A-Za-z0-9_]*(-[0-9a-f]{16})?\.(h|c|pc|a|so|dylib))\Z")
 
 
 @dataclass(frozen=True)
@@ -56,15 +52,15 @@ class Generated:
     directory : Path
         Where the library is; `flexgen.load` takes it.
     files : tuple of Path
-        Everything in it: header, sources, manifest, shared library.
+        Everything in it: header, sources, CMake and pkg-config files, manifest, shared and static library.
     functions : tuple of str
         Names of the functions.
     digest : str
-        SHA-256 of everything that the library depends on.
+        SHA-256 of everything that the sources depend on.
     seconds : float
         Time taken [s].
     cached : bool
-        True where nothing had to be compiled.
+        True where nothing had to be compiled or linked.
     written : bool
         False where nothing had changed, so that nothing was written either.
     """
@@ -78,24 +74,19 @@ class Generated:
     written: bool
 
 
-@dataclass(frozen=True)
-class _Compiler:
-    """A C compiler: the words of its command and the first line of what it says of its version."""
-
-    command: tuple[str, ...]
-    version: str
-
-
 def generate(
     model_or_equations: Any,
     directory: str | os.PathLike[str] | None = None,
     *,
     build: bool = True,
     functions: Sequence[str] | None = None,
+    precision: str = "double",
+    native: bool = False,
+    openmp: bool = False,
     progress: Callable[[str], None] | None = None,
     force: bool = False,
 ) -> Generated:
-    """Write the C library of a model: header, sources, example, manifest and a shared library.
+    """Write the C library of a model: header, sources, example, manifest, CMake and pkg-config files, libraries.
 
     Parameters
     ----------
@@ -107,6 +98,13 @@ def generate(
         False: write the sources, compile nothing.
     functions : sequence of str, optional
         The functions wanted; all of them where not given.
+    precision : str
+        ``"double"`` or ``"single"``: the type of every number in the library.
+    native : bool
+        True: compile for this processor; faster, and the results differ by rounding from those of the default flags,
+        which give the same bits with every compiler and on every processor.
+    openmp : bool
+        True: batches use all cores.
     progress : callable, optional
         Called with a line of text before each step.
     force : bool
@@ -127,12 +125,16 @@ def generate(
     tell = progress or (lambda line: None)
     model, equations = _resolve(model_or_equations)
     names = chosen_functions(functions)
+    if precision not in PRECISIONS:
+        raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
     name = library_name(model)
     target = Path("generated", name) if directory is None else _folder(directory)
-    digest = _content_digest(model, names, given_equations=equations is not None)
-    compiler = _find_compiler()
+    digest = _content_digest(model, [names, precision, equations is not None])
+    options = {"native": bool(native), "openmp": bool(openmp)}
+    compiler = find_compiler(**options) if build else None
     old = _read_manifest(target)
-    if not force and old is not None and old.get("digest") == digest and _intact(target, old, build, compiler):
+    known = not force and old is not None and old.get("digest") == digest and _intact(target, old)
+    if known and old is not None and (not build or _built(target, old, options, compiler)):
         return _result(target, old, start, cached=True, written=False)
     if build and compiler is None:
         raise BuildError(
@@ -140,29 +142,41 @@ def generate(
             "install one (such as the package gcc or build-essential), or write the sources only: "
             "build=False in Python, --no-build on the command line"
         )
-    if equations is None:
-        from flexgen.mechanics.equations import derive
-
-        tell(f"deriving {name}")
-        equations = derive(model)
-    tell(f"writing {name}")
-    from flexgen.codegen.emit import emit
-
-    spec = library_spec(equations, names)
-    texts = emit(spec)
-    manifest = _manifest(spec, texts, digest)
-    same = not force and old is not None and old.get("files") == manifest["files"]
-    if same and old is not None and _intact(target, old, build, compiler):
-        manifest["build"] = old.get("build")
+    if known and old is not None:
+        manifest, texts = dict(old), {file: (target / file).read_text(encoding="ascii") for file in old["files"]}
+    else:
+        manifest, texts = _written(model, equations, names, precision, digest, tell)
+    sources = [file for file in texts if file.endswith(".c") and file != "example.c"]
+    texts |= packaging(name, sources, openmp=openmp)
+    manifest["files"] = {file: hashlib.sha256(text.encode("ascii")).hexdigest() for file, text in texts.items()}
+    manifest["build"] = None
+    if not force and old is not None and old["files"] == manifest["files"] and _intact(target, old):
+        manifest["build"] = old["build"] if not build or _built(target, old, options, compiler) else None
     with _Staging(target) as staging:
         for file, text in texts.items():
             (staging / file).write_text(text, encoding="ascii", newline="\n")
-        compiled = build and manifest["build"] is None and compiler is not None
+        compiled = manifest["build"] is None and compiler is not None
         if compiled and compiler is not None:
-            sources = [file for file in texts if file.endswith(".c") and file != "example.c"]
-            manifest["build"] = _compile(staging, spec.name, sources, compiler, tell)
+            headers = [file for file in texts if file.endswith(".h")]
+            manifest["build"] = options | build_libraries(staging, name, sources, headers, compiler, tell, fresh=force)
         _install(staging, target, manifest, old)
     return _result(target, manifest, start, cached=not compiled, written=True)
+
+
+def _written(
+    model: RobotModel, equations: Any, names: Sequence[str], precision: str, digest: str, tell: Callable[[str], None]
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """The manifest and the sources, derived where no equations are given."""
+    if equations is None:
+        from flexgen.mechanics.equations import derive
+
+        tell(f"deriving {library_name(model)}")
+        equations = derive(model)
+    tell(f"writing {library_name(model)}")
+    from flexgen.codegen.emit import emit
+
+    spec = library_spec(equations, names, precision=precision)
+    return _manifest(spec, digest), emit(spec)
 
 
 def _resolve(given: Any) -> tuple[RobotModel, Any]:
@@ -188,8 +202,8 @@ def _folder(given: Any) -> Path:
 # --- digest and manifest ----------------------------------------------------------------------------------------------
 
 
-def _content_digest(model: RobotModel, names: tuple[str, ...], *, given_equations: bool) -> str:
-    """SHA-256 of all that the library depends on, known without deriving it.
+def _content_digest(model: RobotModel, choices: Sequence[Any]) -> str:
+    """SHA-256 of all that the sources depend on, known without deriving them.
 
     Equations that a caller brings may differ from those of `derive`: they never share a digest, and the emitted text
     decides whether there is something to compile.
@@ -199,8 +213,8 @@ def _content_digest(model: RobotModel, names: tuple[str, ...], *, given_equation
     for folder in ("codegen", "mechanics"):
         sources += sorted((root / folder).glob("*.py"))
     code = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
-    parts = [FORMAT, ABI_VERSION, model_digest(model), __version__, _casadi_version(), code, names, FLAGS]
-    return hashlib.sha256(json.dumps([*parts, given_equations]).encode()).hexdigest()
+    parts = [FORMAT, ABI_VERSION, model_digest(model), __version__, _casadi_version(), code, *choices]
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
 
 def _casadi_version() -> str:
@@ -215,7 +229,7 @@ def _sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _manifest(spec: LibrarySpec, texts: dict[str, str], digest: str) -> dict[str, Any]:
+def _manifest(spec: LibrarySpec, digest: str) -> dict[str, Any]:
     """What the Python loader and other tools need to know of the library."""
     return {
         "format": FORMAT,
@@ -225,12 +239,14 @@ def _manifest(spec: LibrarySpec, texts: dict[str, str], digest: str) -> dict[str
         "digest": digest,
         "model_digest": spec.digest,
         "abi_version": ABI_VERSION,
+        "precision": spec.precision,
         "sizes": spec.sizes,
         "coordinates": [
             {"name": name, "unit": unit} for name, unit in zip(spec.coordinates, spec.coordinate_units, strict=True)
         ],
         "motors": list(spec.motors),
         "states": list(spec.states),
+        "parameters": [asdict(parameter) for parameter in spec.parameters],
         "statuses": [asdict(status) for status in STATUSES],
         "functions": [
             {
@@ -242,7 +258,7 @@ def _manifest(spec: LibrarySpec, texts: dict[str, str], digest: str) -> dict[str
             }
             for f in spec.functions
         ],
-        "files": {file: hashlib.sha256(text.encode("ascii")).hexdigest() for file, text in texts.items()},
+        "files": {},
         "build": None,
     }
 
@@ -256,27 +272,39 @@ def _read_manifest(directory: Path) -> dict[str, Any] | None:
     return manifest if isinstance(manifest, dict) and isinstance(manifest.get("files"), dict) else None
 
 
-def _intact(directory: Path, manifest: dict[str, Any], build: bool, compiler: _Compiler | None) -> bool:
-    """True where every file is there as recorded and, where asked for, the library as this compiler makes it."""
-    files = dict(manifest["files"])
-    built = manifest.get("build")
-    if build and built is None:
-        return False
+def _intact(directory: Path, manifest: dict[str, Any]) -> bool:
+    """True where every text is there as recorded."""
+    return _unchanged(directory, manifest["files"])
+
+
+def _built(directory: Path, manifest: dict[str, Any], options: dict[str, bool], compiler: Compiler | None) -> bool:
+    """True where the libraries are there as recorded and as this compiler makes them."""
+    built: Any = manifest.get("build")
     try:
-        if built is not None:
-            if compiler is not None and [built["compiler"], built["flags"]] != [compiler.version, _flags(compiler)]:
-                return False
-            files[built["library"]] = built["sha256"]
-        return all(_FILE.match(file) and _sha256(directory / file) == digest for file, digest in files.items())
-    except (OSError, KeyError, TypeError):
+        made_so = {key: built[key] for key in options} == options
+        if not made_so or (compiler is not None and built["identity"] != compiler.identity):
+            return False
+        return _unchanged(directory, {built["library"]: built["sha256"], built["static"]: built["static_sha256"]})
+    except (KeyError, TypeError):
         return False
+
+
+def _unchanged(directory: Path, files: dict[str, str]) -> bool:
+    try:
+        return all(_FILE.match(file) and _sha256(directory / file) == digest for file, digest in files.items())
+    except OSError:
+        return False
+
+
+def _libraries(manifest: dict[str, Any]) -> list[str]:
+    """Names of the compiled files."""
+    return [manifest["build"]["library"], manifest["build"]["static"]] if manifest["build"] else []
 
 
 def _result(directory: Path, manifest: dict[str, Any], start: float, *, cached: bool, written: bool) -> Generated:
-    files = [*manifest["files"], MANIFEST, *([manifest["build"]["library"]] if manifest["build"] else [])]
     return Generated(
         directory=directory,
-        files=tuple(directory / file for file in files),
+        files=tuple(directory / file for file in (*manifest["files"], MANIFEST, *_libraries(manifest))),
         functions=tuple(f["name"] for f in manifest["functions"]),
         digest=manifest["digest"],
         seconds=time.perf_counter() - start,
@@ -312,82 +340,12 @@ class _Staging:
 def _install(staging: Path, target: Path, manifest: dict[str, Any], old: dict[str, Any] | None) -> None:
     """Move everything into place, the manifest last, then remove what the last generation left over."""
     (staging / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8", newline="\n")
-    library = manifest["build"]["library"] if manifest["build"] else None
-    for file in [*manifest["files"], *([library] if library and (staging / library).exists() else []), MANIFEST]:
+    libraries = _libraries(manifest)
+    for file in [*manifest["files"], *(file for file in libraries if (staging / file).exists()), MANIFEST]:
         os.replace(staging / file, target / file)
-    kept = {*manifest["files"], library}
-    stale = [target / file for file in (old or {}).get("files", ()) if _FILE.match(file) and file not in kept]
-    stale += [path for path in target.glob(f"lib{manifest['name']}-*") if path.name not in kept]
+    kept = {*manifest["files"], *libraries}
+    stale = {target / file for file in (old or {}).get("files", ()) if _FILE.match(file)}
+    stale |= {*target.glob(f"lib{manifest['name']}-*"), target / f"lib{manifest['name']}.a"}
     for path in stale:
-        if _FILE.match(path.name):
+        if _FILE.match(path.name) and path.name not in kept:
             path.unlink(missing_ok=True)
-
-
-# --- compiler ---------------------------------------------------------------------------------------------------------
-
-
-def _find_compiler() -> _Compiler | None:
-    """The compiler of $CC, or else the first of cc, gcc and clang; None where there is none."""
-    given = os.environ.get("CC", "")
-    try:
-        chosen = shlex.split(given)
-    except ValueError as error:
-        raise BuildError(f"$CC: given {given!r}, expected a command ({str(error).lower()})") from None
-    if chosen:
-        for word in chosen:
-            if word.startswith("-") and not _ALLOWED_FLAG.match(word):
-                raise BuildError(f"$CC: given the flag {word!r}, expected optimisation, -m32, -m64 or -march=... only")
-            if not word.startswith("-") and shutil.which(word) is None:
-                raise BuildError(f"$CC: given {word!r}, expected a program that can be found; unset CC or install it")
-    else:
-        found = next((name for name in _COMPILERS if shutil.which(name)), None)
-        if found is None:
-            return None
-        chosen = [found]
-    try:
-        answer = subprocess.run([*chosen, "--version"], capture_output=True, text=True, errors="replace", check=False)
-    except OSError as error:
-        raise BuildError(f"C compiler: given {chosen[0]!r}, which cannot be run ({error.strerror})") from None
-    return _Compiler(tuple(chosen), answer.stdout.strip().partition("\n")[0])
-
-
-def _flags(compiler: _Compiler) -> list[str]:
-    return [*(word for word in compiler.command[1:] if word.startswith("-")), *FLAGS]
-
-
-def _run(command: Sequence[str], folder: Path) -> None:
-    """Run the compiler; BuildError with its first error lines where it fails."""
-    answer = subprocess.run(list(command), cwd=folder, capture_output=True, text=True, errors="replace", check=False)
-    if answer.returncode != 0:
-        lines = [line for line in answer.stderr.splitlines() if line.strip()]
-        errors = [line for line in lines if "error" in line.lower()] or lines
-        told = "\n  ".join(errors[:5]) or f"exit status {answer.returncode}, without a word"
-        raise BuildError(f"the C compiler failed; the directory is as it was before:\n  {told}")
-
-
-def _compile(
-    folder: Path, name: str, sources: Sequence[str], compiler: _Compiler, tell: Callable[[str], None]
-) -> dict[str, Any]:
-    """Compile and link the sources in a folder; the part of the manifest that describes the library."""
-    tell(f"compiling {len(sources)} files")
-    largest_first = sorted(sources, key=lambda file: -(folder / file).stat().st_size)
-    objects = [str(Path(file).with_suffix(".o")) for file in sources]
-    with ThreadPoolExecutor(max_workers=WORKERS) as pool:
-        jobs = [
-            pool.submit(_run, [*compiler.command, *FLAGS, "-c", file, "-o", str(Path(file).with_suffix(".o"))], folder)
-            for file in largest_first
-        ]
-        try:
-            for job in jobs:
-                job.result()
-        except BuildError:
-            pool.shutdown(cancel_futures=True)
-            raise
-    tell("linking")
-    suffix = "dylib" if sys.platform == "darwin" else "so"
-    linked = folder / f"linked.{suffix}"
-    _run([*compiler.command, *FLAGS, "-shared", "-o", linked.name, *objects, "-lm"], folder)
-    digest = _sha256(linked)
-    library = f"lib{name}-{digest[:16]}.{suffix}"
-    linked.rename(folder / library)
-    return {"library": library, "sha256": digest, "compiler": compiler.version, "flags": _flags(compiler)}

@@ -1,60 +1,28 @@
-"""The mathematics of one function as C: the instructions of an SX function, one constant local per operation.
+"""The mathematics of one function as C: one constant local per operation, for one point or for lanes of points.
 
-The operations, their order and their operands are those of CasADi's virtual machine, so that a compiler that does not
-contract or reassociate (``-std=c99 -ffp-contract=off``) gives the same bits. Long functions are split into chunks, as
-compile time and memory grow faster than length; values that outlive a chunk pass through the caller's workspace.
+The text is included twice, see `flexgen.codegen.emit`: with ``T`` a real for one point, and with ``T`` a vector of
+reals, one per point. ``IN``, ``OUT`` and ``P`` reach an entry of an input, an output and the parameters; ``F(name)`` is
+the kernel's function for T. Sines and cosines are computed first, all angles at once. Long functions are split into
+chunks, as compile time and memory grow faster than length; values that outlive a chunk pass through the workspace.
 """
 
 from __future__ import annotations
 
+import heapq
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 
-import casadi as ca
+import numpy as np
 
-from flexgen.errors import BuildError
+from flexgen.codegen.graph import Graph, ordered, read_graph
+from flexgen.codegen.loops import Layout, solve_text
+from flexgen.codegen.program import Expressions, Program, Solve
 
-CHUNK = 1000  # operations per C function; a compiler's time grows faster than a function's length
-MARGIN = 250  # a function that is longer than a chunk by less than this stays in one piece
+CHUNK = 500  # operations per C function: a compiler keeps values in registers, and is quick, where functions are short
+MARGIN = 150  # a function that is longer than a chunk by less than this stays in one piece
 
-# What a name in the emitted function may not be: the locals t0, t1, ... and the workspace.
-LOCAL, WORKSPACE = "t", "w"
-
-# How CasADi's virtual machine computes each operation, in C.
-_OPERATIONS: dict[int, str] = {
-    ca.OP_ASSIGN: "{0}",
-    ca.OP_LIFT: "{0}",
-    ca.OP_ADD: "{0} + {1}",
-    ca.OP_SUB: "{0} - {1}",
-    ca.OP_MUL: "{0} * {1}",
-    ca.OP_DIV: "{0} / {1}",
-    ca.OP_NEG: "-{0}",
-    ca.OP_SQ: "{0} * {0}",
-    ca.OP_TWICE: "2.0 * {0}",
-    ca.OP_INV: "1.0 / {0}",
-    ca.OP_LT: "{0} < {1} ? 1.0 : 0.0",
-    ca.OP_LE: "{0} <= {1} ? 1.0 : 0.0",
-    ca.OP_EQ: "{0} == {1} ? 1.0 : 0.0",
-    ca.OP_NE: "{0} != {1} ? 1.0 : 0.0",
-    ca.OP_NOT: "{0} == 0.0 ? 1.0 : 0.0",
-    ca.OP_AND: "({0} != 0.0 && {1} != 0.0) ? 1.0 : 0.0",
-    ca.OP_OR: "({0} != 0.0 || {1} != 0.0) ? 1.0 : 0.0",
-    ca.OP_IF_ELSE_ZERO: "{0} != 0.0 ? {1} : 0.0",
-    ca.OP_SIGN: "{0} < 0.0 ? -1.0 : {0} > 0.0 ? 1.0 : {0}",
-    ca.OP_POW: "pow({0}, {1})",
-    ca.OP_CONSTPOW: "pow({0}, {1})",
-    **{
-        getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}})"
-        for name in (
-            "sqrt exp log expm1 log1p erf floor ceil fabs sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh"
-        ).split()
-    },
-    **{
-        getattr(ca, f"OP_{name.upper()}"): f"{name}({{0}}, {{1}})"
-        for name in "fmin fmax fmod remainder copysign atan2 hypot".split()
-    },
-}
+_INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 
 
 @dataclass(frozen=True)
@@ -64,203 +32,364 @@ class Mathematics:
     Parameters
     ----------
     text : str
-        Definitions of static functions.
-    call : tuple of str
-        Statements that evaluate the function, given the ports' arrays and, where ``work`` > 0, the array ``work``.
+        Definitions, to be included once per ``T``; ``F(evaluate)`` is the last, takes all inputs, all outputs, the
+        stride of a batch and, where ``work`` > 0, the workspace, and returns zero where everything is finite, else NaN.
     work : int
-        Doubles of workspace.
-    operations : int
-        Arithmetic operations and function calls per evaluation.
+        Entries of workspace, of type T.
+    operations, depth : int
+        Arithmetic operations per evaluation, and the latency of the longest chain of them in cycles, about.
+    stack : int
+        Reals in local variables at most, for one point.
     """
 
     text: str
-    call: tuple[str, ...]
     work: int
     operations: int
+    depth: int
+    stack: int
 
 
-@dataclass(frozen=True)
-class _Value:
-    """A single-assignment value: its C expression and the values and input arrays it uses."""
+@dataclass
+class _Piece:
+    """A C function: its lines, the ports it uses, whether it uses the workspace, how many locals it has."""
 
-    expression: str
-    uses: tuple[int, ...]
-    array: int | None = None  # an input's index where the value is one of its entries
-
-
-@dataclass(frozen=True)
-class _Store:
-    """An entry of an output array: where, and the operand that goes there."""
-
-    output: int
-    entry: int
-    operand: str
-    uses: tuple[int, ...]
+    lines: list[str] = field(default_factory=list)
+    ports: set[str] = field(default_factory=set)
+    workspace: bool = False
+    locals: int = 0
+    known: set[int] = field(default_factory=set)
+    stored: set[int] = field(default_factory=set)
 
 
-def literal(x: float) -> str:
-    """A double as the shortest C expression that reads back to the same bits."""
+def literal(x: float, precision: str = "double") -> str:
+    """A number as the shortest C expression that reads back to the same bits."""
     if math.isnan(x):
         return "NAN"
     if math.isinf(x):
         return "INFINITY" if x > 0 else "(-INFINITY)"
     text = repr(float(x))  # always with a point or an exponent
+    if precision == "single":
+        with np.errstate(over="ignore", under="ignore"):
+            short = np.float32(x)
+        if math.isinf(short):
+            return literal(float(short))
+        text = str(short) if "." in str(short) or "e" in str(short) else f"{short}.0"
+        text += "f"
     return f"({text})" if text.startswith("-") else text
 
 
-def mathematics(function: ca.Function) -> Mathematics:
-    """C text of an SX function with dense arguments; BuildError names an operation that cannot be written."""
-    values, steps = _single_assignment(function)
-    inputs, outputs = function.name_in(), function.name_out()
-    operations = sum(1 for step in steps if isinstance(step, int) and values[step].array is None)
-    length = len(steps)
-    if length <= CHUNK + MARGIN:
-        pieces = [steps]
-    else:
-        count = math.ceil(length / CHUNK)
-        pieces = [steps[length * k // count : length * (k + 1) // count] for k in range(count)]
-    slots, work = _slots(values, pieces)
-    texts, calls = [], []
-    for k, piece in enumerate(pieces):
-        name = "evaluate" if len(pieces) == 1 else f"evaluate_{k + 1}"
-        text, call = _piece(name, piece, values, slots, inputs, outputs)
-        texts.append(text if len(pieces) == 1 else "SEPARATE " + text)
-        calls.append(call)
-    if len(pieces) > 1:
-        texts.insert(0, _SEPARATE)
-    return Mathematics("\n".join(texts), tuple(calls), work, operations)
+def mathematics(
+    program: Program,
+    inputs: Mapping[str, int],
+    outputs: Mapping[str, int],
+    parameters: str | None = None,
+    precision: str = "double",
+) -> Mathematics:
+    """C text of a program; BuildError names an operation that cannot be written.
 
-
-_SEPARATE = """\
-#if defined(__GNUC__)
-#define SEPARATE __attribute__((noinline))
-#else
-#define SEPARATE
-#endif
-"""
-
-
-def _single_assignment(function: ca.Function) -> tuple[list[_Value], list[int | _Store]]:
-    """The function's instructions as values (by number) and the order of values and stores; constants become text."""
-    names = function.name_in()
-    values: list[_Value] = []
-    steps: list[int | _Store] = []
-    register: dict[int, tuple[str, tuple[int, ...]]] = {}  # content of each work register: operand, values it uses
-    for k in range(function.n_instructions()):
-        operation = function.instruction_id(k)
-        if operation == ca.OP_CONST:
-            register[function.instruction_output(k)[0]] = (literal(function.instruction_constant(k)), ())
-            continue
-        source = function.instruction_input(k)
-        target = function.instruction_output(k)
-        if operation == ca.OP_OUTPUT:
-            operand, uses = register[source[0]]
-            steps.append(_Store(target[0], target[1], operand, uses))
-            continue
-        if operation == ca.OP_INPUT:
-            i, entry = source
-            value = _Value(f"{names[i]}[{entry}]", (), i)
-        elif operation in _OPERATIONS:
-            operands = [register[r] for r in source]
-            uses = tuple(dict.fromkeys(u for _, us in operands for u in us))
-            value = _Value(_OPERATIONS[operation].format(*(text for text, _ in operands)), uses)
-        else:
-            raise BuildError(f"function {function.name()}: {_operation_name(operation)} cannot be written in C")
-        register[target[0]] = (f"{LOCAL}{len(values)}", (len(values),))
-        steps.append(len(values))
-        values.append(value)
-    return values, steps
-
-
-def _operation_name(operation: int) -> str:
-    """Name of an operation in CasADi's table, such as ``OP_ERFINV``."""
-    names = [name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == operation]
-    return f"operation {names[0] if names else operation}"
-
-
-def _uses(step: int | _Store, values: list[_Value]) -> tuple[int, ...]:
-    return step.uses if isinstance(step, _Store) else values[step].uses
-
-
-def _slots(values: list[_Value], pieces: list[list[int | _Store]]) -> tuple[dict[int, int], int]:
-    """Place in the workspace of every value that outlives its piece, and the number of places.
-
-    Inputs are read again instead. A place is free for another value from the piece after the last use on.
+    Parameters
+    ----------
+    program : Program
+    inputs, outputs : mapping of str to int
+        Entries of each port, in the order of the arguments.
+    parameters : str, optional
+        The input that holds the parameters: the same for all points of a batch.
+    precision : str
+        ``"double"`` or ``"single"``.
     """
-    born: dict[int, int] = {}
-    last: dict[int, int] = {}
-    for k, piece in enumerate(pieces):
-        for step in piece:
-            if isinstance(step, int):
-                born[step] = k
-            for value in _uses(step, values):
-                last[value] = k
-    slots: dict[int, int] = {}
-    free: list[int] = []
-    ending: dict[int, list[int]] = {}
-    count = 0
-    for k, piece in enumerate(pieces):
-        for step in piece:
-            if not isinstance(step, int) or values[step].array is not None or last.get(step, k) == born[step]:
-                continue
-            if not free:
-                free.append(count)
-                count += 1
-            slots[step] = free.pop()
-            ending.setdefault(last[step], []).append(slots[step])
-        free.extend(reversed(ending.get(k, [])))
-    return slots, count
-
-
-def _piece(
-    name: str,
-    piece: list[int | _Store],
-    values: list[_Value],
-    slots: dict[int, int],
-    inputs: Iterable[str],
-    outputs: Iterable[str],
-) -> tuple[str, str]:
-    """One static function, and the statement that calls it."""
-    inputs, outputs = list(inputs), list(outputs)
-    own = {step for step in piece if isinstance(step, int)}
-    used = {value for step in piece for value in _uses(step, values)}
-    lines: list[str] = []
-    known: set[int] = set()
-    read: set[int] = set()
-    written: set[int] = set()
-    workspace = False
-    for step in piece:
-        for value in _uses(step, values):
-            if value not in own and value not in known:  # from an earlier piece
-                known.add(value)
-                array = values[value].array
-                if array is None:
-                    workspace = True
-                    lines.append(f"const double {LOCAL}{value} = {WORKSPACE}[{slots[value]}];")
-                else:
-                    read.add(array)
-                    lines.append(f"const double {LOCAL}{value} = {values[value].expression};")
-        if isinstance(step, _Store):
-            written.add(step.output)
-            lines.append(f"{outputs[step.output]}[{step.entry}] = {step.operand};")
+    layout = _layout(program, outputs)
+    texts: list[str] = []
+    calls: list[str] = []
+    work, stack, operations, depth = layout.size, 0, 0, 0
+    seen: set[tuple[str, int]] = set()  # entries of inputs that show in a result where they are not finite
+    rights = [step.right for step in program.steps if isinstance(step, Solve)]
+    whole = False  # one function does it all
+    for k, step in enumerate(program.steps):
+        if isinstance(step, Solve):
+            name = f"solve_{k + 1}"
+            texts.append(solve_text(name, step, layout, outputs))
+            calls.append("zero += " + _call(name, [port for port in outputs if port in step.ports], workspace=True))
+            operations += step.operations
+            depth += step.depth
             continue
-        if step not in used and step not in slots:
-            continue  # an input that a later piece reads again
-        array = values[step].array
-        if array is not None:
-            read.add(array)
-        lines.append(f"const double {LOCAL}{step} = {values[step].expression};")
-        if step in slots:
-            workspace = True
-            lines.append(f"{WORKSPACE}[{slots[step]}] = {LOCAL}{step};")
-    parameters = [f"const double *{inputs[i]}" for i in sorted(read)]
-    parameters += [f"double *{outputs[i]}" for i in sorted(written)]
-    arguments = [inputs[i] for i in sorted(read)] + [outputs[i] for i in sorted(written)]
-    if workspace:
-        parameters.append(f"double *{WORKSPACE}")
-        arguments.append("work")
-    body = "".join(f"    {line}\n" for line in lines)
-    return (
-        f"static void {name}({', '.join(parameters) or 'void'})\n{{\n{body}}}\n",
-        f"{name}({', '.join(arguments)});",
-    )
+        graph = read_graph(step.function)
+        writer = _Writer(graph, step, layout, parameters, precision)
+        pieces = writer.pieces()
+        seen |= _seen(graph, step, {*outputs, *rights})
+        whole = len(pieces) == len(program.steps) == 1
+        for i, piece in enumerate(pieces):
+            stack = max(stack, piece.locals)
+            if whole:
+                unread = [(port, e) for port, size in inputs.items() for e in range(size) if (port, e) not in seen]
+                piece.lines += writer.check(piece, unread)
+                texts.append(_function("evaluate", piece, [*inputs], [*outputs]))
+                continue
+            piece.lines += writer.check(piece, ())
+            name = f"evaluate_{k + 1}_{i + 1}"
+            ports = [port for port in (*inputs, *outputs) if port in piece.ports]
+            kinds = [port for port in ports if port in inputs], [port for port in ports if port in outputs]
+            texts.append("SEPARATE " + _function(name, piece, *kinds))
+            calls.append("zero += " + _call(name, ports, piece.workspace))
+        work = max(work, writer.start + writer.spilled)
+        operations += graph.operations()
+        depth += max((graph.depth[r >> 1] for _, _, r in graph.outputs), default=0)
+    if not whole:
+        zero = literal(0.0, precision)
+        unread = [(port, e) for port, size in inputs.items() for e in range(size) if (port, e) not in seen]
+        calls = [f"T zero = F(splat)({zero});", *calls]
+        calls += [f"zero += {zero} * {_access(port, e, parameters)};" for port, e in unread]
+        texts.append(_function("evaluate", _Piece([*calls, "return zero;"], workspace=work > 0), [*inputs], [*outputs]))
+    return Mathematics("\n".join(texts), work, operations, depth, stack)
+
+
+# --- around the expressions -------------------------------------------------------------------------------------------
+
+
+def _layout(program: Program, outputs: Mapping[str, int]) -> Layout:
+    """Places in the workspace of what a step computes for a later one."""
+    solves = [step for step in program.steps if isinstance(step, Solve)]
+    strides = {s.matrix: s.n for s in solves} | {s.right: s.stride for s in solves}
+    sizes: dict[str, int] = {}
+    for step in program.steps:
+        if isinstance(step, Expressions):
+            for i, name in enumerate(step.function.name_out()):
+                if name not in outputs:
+                    rows = step.function.size1_out(i)
+                    sizes[name] = rows * strides[name] if name in strides else step.function.numel_out(i)
+    places: dict[str, int] = {}
+    at = 0
+    for name, size in sizes.items():
+        places[name] = at
+        at += size
+    return Layout(places, strides, at)
+
+
+def _call(name: str, ports: Sequence[str], workspace: bool) -> str:
+    arguments = ", ".join([*ports, *(["w"] if workspace else [])])
+    return f"F({name})({arguments}{' STRIDE(n)' if ports else ''});"
+
+
+def _function(name: str, piece: _Piece, inputs: Sequence[str], outputs: Sequence[str]) -> str:
+    parameters = [f"const real *RESTRICT {port}" for port in inputs]
+    parameters += [f"real *RESTRICT {port}" for port in outputs]
+    if piece.workspace:
+        parameters.append("T *RESTRICT w")
+    stride = " STRIDE(ptrdiff_t n)" if inputs or outputs else ""
+    body = "".join(f"    {line}\n" for line in piece.lines)
+    return f"static T F({name})({', '.join(parameters) or 'void'}{stride})\n{{\n{body}}}\n"
+
+
+def _seen(graph: Graph, step: Expressions, arrays: Collection[str]) -> set[tuple[str, int]]:
+    """Entries of inputs that make an entry of the given arrays NaN or infinite where they are."""
+    function = step.function
+    carried = graph.carried({i for i, name in enumerate(function.name_out()) if name in arrays})
+    names = function.name_in()
+    entries = (graph.operands[node] for node in carried if graph.kind[node] == "input")
+    return {(names[array], entry) for array, entry in entries}
+
+
+def _access(name: str, entry: int, parameters: str | None) -> str:
+    return f"P({name}, {entry})" if name == parameters else f"IN({name}, {entry})"
+
+
+# --- expressions ------------------------------------------------------------------------------------------------------
+
+
+class _Writer:
+    """Writes the expressions of one step."""
+
+    def __init__(self, graph: Graph, step: Expressions, layout: Layout, parameters: str | None, precision: str) -> None:
+        self.graph, self.layout, self.parameters, self.precision = graph, layout, parameters, precision
+        self.inputs, self.outputs = step.function.name_in(), step.function.name_out()
+        self.rows = [step.function.size1_out(i) for i in range(step.function.n_out())]
+        self.needed = graph.alive()
+        self.start, self.spilled = layout.size, 0
+        self.slots: dict[int, int] = {}
+        self.stores: dict[int, list[tuple[int, int, int]]] = {}
+        for array, entry, r in graph.outputs:
+            self.stores.setdefault(r >> 1, []).append((array, entry, r))
+        self.turning: dict[int, list[int]] = {}  # angle: its sine and its cosine, where needed
+        for node, kind in enumerate(graph.kind):
+            if kind in ("sin", "cos") and self.needed[node]:
+                self.turning.setdefault(graph.operands[node][0] >> 1, []).append(node)
+
+    def pieces(self) -> list[_Piece]:
+        """The functions, in the order of their calls."""
+        order = self._order()
+        if len(order) <= CHUNK + MARGIN:
+            parts = [order]
+        else:
+            count = math.ceil(len(order) / CHUNK)
+            parts = [order[len(order) * k // count : len(order) * (k + 1) // count] for k in range(count)]
+        self._place(parts)
+        made = [self._piece(part, last=k == len(parts) - 1) for k, part in enumerate(parts)]
+        return [piece for piece in made if piece.lines] or made[:1]
+
+    def _order(self) -> list[int | tuple[int, ...]]:
+        """Nodes in the order of computation; a tuple of angles where their sines and cosines are computed."""
+        graph = self.graph
+        level = [0] * len(graph.kind)  # how many rounds of sines and cosines a value needs
+        groups: dict[int, list[int]] = {}
+        for node, kind in enumerate(graph.kind):
+            level[node] = max((level[other] for other in graph.arguments(node)), default=0)
+            if kind in ("sin", "cos"):
+                level[node] += 1
+            if node in self.turning:
+                groups.setdefault(level[node], []).append(node)
+        out: list[int | tuple[int, ...]] = []
+        seen: set[int] = set()
+        for key in sorted(groups):
+            out += ordered(graph, groups[key], seen)
+            out.append(tuple(groups[key]))
+            seen.update(node for angle in groups[key] for node in self.turning[angle])
+        return out + ordered(graph, (r >> 1 for _, _, r in graph.outputs), seen)
+
+    def _uses(self, item: int | tuple[int, ...]) -> tuple[int, ...]:
+        return item if isinstance(item, tuple) else (item, *self.graph.arguments(item))
+
+    def _gives(self, item: int | tuple[int, ...]) -> list[int]:
+        if isinstance(item, tuple):
+            return [node for angle in item for node in self.turning[angle]]
+        return [] if self.graph.kind[item] in ("input", "constant") else [item]
+
+    def _place(self, parts: Sequence[Sequence[int | tuple[int, ...]]]) -> None:
+        """Place in the workspace of every value that outlives its piece; free again after the piece of its last use."""
+        born: dict[int, int] = {}
+        last: dict[int, int] = {}
+        for k, part in enumerate(parts):
+            for item in part:
+                for node in self._gives(item):
+                    born[node] = k
+                for node in self._uses(item):
+                    last[node] = k
+        free: list[int] = []
+        ending: dict[int, list[int]] = {}
+        for k, part in enumerate(parts):
+            for item in part:
+                for node in self._gives(item):
+                    if last.get(node, k) > k:
+                        if not free:
+                            free.append(self.spilled)
+                            self.spilled += 1
+                        self.slots[node] = free.pop()
+                        ending.setdefault(last[node], []).append(self.slots[node])
+            free.extend(reversed(ending.get(k, [])))
+
+    def _piece(self, part: Sequence[int | tuple[int, ...]], last: bool) -> _Piece:
+        piece = _Piece()
+        for item in part:
+            if isinstance(item, tuple):
+                self._sincos(piece, item)
+            elif self.graph.kind[item] not in ("input", "constant"):
+                self._compute(piece, item)
+            if isinstance(item, tuple):
+                for node in self._gives(item):
+                    self._store(piece, node)
+            elif self.graph.kind[item] != "constant":
+                self._store(piece, item)
+        if last:
+            for node in self.stores:
+                if self.graph.kind[node] == "constant":
+                    self._store(piece, node)
+        return piece
+
+    def _operand(self, r: int) -> str:
+        number = self.graph.number(r)
+        if number is not None:
+            return literal(number, self.precision)
+        return f"-t{r >> 1}" if r & 1 else f"t{r >> 1}"
+
+    def _argument(self, r: int) -> str:
+        """An operand of type T."""
+        return f"F(splat)({self._operand(r)})" if self.graph.number(r) is not None else self._operand(r)
+
+    def _fetch(self, piece: _Piece, node: int) -> None:
+        """Have a value at hand: an input is read, a value of an earlier piece comes from the workspace."""
+        kind = self.graph.kind[node]
+        if node in piece.known or kind == "constant":
+            return
+        piece.known.add(node)
+        piece.locals += 1
+        if kind == "input":
+            array, entry = self.graph.operands[node]
+            text = self._input(piece, self.inputs[array], entry)
+        else:
+            piece.workspace = True
+            text = f"w[{self.start + self.slots[node]}]"
+        piece.lines.append(f"const T t{node} = {text};")
+
+    def _input(self, piece: _Piece, name: str, entry: int) -> str:
+        if name in self.layout.places:
+            piece.workspace = True
+            return f"w[{self.layout.places[name] + entry}]"
+        piece.ports.add(name)
+        return _access(name, entry, self.parameters)
+
+    def _known(self, piece: _Piece, node: int, text: str) -> None:
+        piece.known.add(node)
+        piece.locals += 1
+        piece.lines.append(f"const T t{node} = {text};")
+        if node in self.slots:
+            piece.workspace = True
+            piece.lines.append(f"w[{self.start + self.slots[node]}] = t{node};")
+
+    def _compute(self, piece: _Piece, node: int) -> None:
+        kind, operands = self.graph.kind[node], self.graph.operands[node]
+        for r in operands:
+            self._fetch(piece, r >> 1)
+        if kind in _INFIX:
+            text = f" {_INFIX[kind]} ".join(self._operand(r) for r in operands)
+        else:
+            text = f"F({kind})({', '.join(self._argument(r) for r in operands)})"
+        self._known(piece, node, text)
+
+    def _sincos(self, piece: _Piece, angles: tuple[int, ...]) -> None:
+        """Sines and cosines of a group of angles."""
+        for angle in angles:
+            self._fetch(piece, angle)
+        n, first = len(angles), angles[0]
+        values = ", ".join(f"t{angle}" for angle in angles)
+        piece.lines += [
+            f"const T angle{first}[ANGLES({n})] = {{{values}}};",
+            f"T sine{first}[ANGLES({n})], cosine{first}[ANGLES({n})];",
+            f"F(sincos)(angle{first}, sine{first}, cosine{first}, {n});",
+        ]
+        piece.locals += 3 * -(-n // 16) * 16
+        for k, angle in enumerate(angles):
+            for node in self.turning[angle]:
+                self._known(piece, node, f"{'sine' if self.graph.kind[node] == 'sin' else 'cosine'}{first}[{k}]")
+
+    def _store(self, piece: _Piece, node: int) -> None:
+        """Write a value wherever it is a result."""
+        for array, entry, r in self.stores.get(node, ()):
+            self._fetch(piece, node)
+            name, rows = self.outputs[array], self.rows[array]
+            if self.graph.kind[node] != "constant":
+                piece.stored.add(node)
+            if name not in self.layout.places:
+                piece.ports.add(name)
+                piece.lines.append(f"OUT({name}, {entry}, {self._argument(r)});")
+                continue
+            piece.workspace = True
+            if name in self.layout.strides:  # by rows
+                entry = (entry % rows) * self.layout.strides[name] + entry // rows
+            piece.lines.append(f"w[{self.layout.places[name] + entry}] = {self._argument(r)};")
+
+    def check(self, piece: _Piece, unread: Sequence[tuple[str, int]]) -> list[str]:
+        """Lines that return the sum of zero times every result, combined in the order in which they become known."""
+        zero = literal(0.0, self.precision)
+        heap: list[tuple[int, int, str]] = [
+            (self.graph.depth[node], node, f"{zero} * t{node}") for node in sorted(piece.stored)
+        ]
+        count = len(self.graph.kind)
+        for name, entry in unread:
+            heap.append((0, count, f"{zero} * {_access(name, entry, self.parameters)}"))
+            count += 1
+        heapq.heapify(heap)
+        lines = []
+        while len(heap) > 1:
+            a, b = heapq.heappop(heap), heapq.heappop(heap)
+            lines.append(f"const T z{count} = {a[2]} + {b[2]};")
+            heapq.heappush(heap, (max(a[0], b[0]) + 4, count, f"z{count}"))
+            count += 1
+        return [*lines, f"return {heap[0][2] if heap else f'F(splat)({zero})'};"]

@@ -52,15 +52,17 @@ def _declaration(text: str) -> str:
 
 def prototype(spec: LibrarySpec, f: FunctionSpec) -> str:
     """The head of the function that evaluates one point."""
-    arguments = [f"const double {p.name}[{count_of(spec, f, p)}]" for p in f.inputs]
-    arguments += [f"double {p.name}[{count_of(spec, f, p)}]" for p in f.outputs]
-    return _declaration(f"int {spec.name}_{f.name}({', '.join([*arguments, 'double *work'])})")
+    real = f"{spec.name}_real"
+    arguments = [f"const {real} {p.name}[{count_of(spec, f, p)}]" for p in f.inputs]
+    arguments += [f"{real} {p.name}[{count_of(spec, f, p)}]" for p in f.outputs]
+    return _declaration(f"int {spec.name}_{f.name}({', '.join([*arguments, f'{real} *work'])})")
 
 
 def batch_prototype(spec: LibrarySpec, f: FunctionSpec) -> str:
     """The head of the function that evaluates many points."""
-    arguments = [f"const double *{p.name}" for p in f.inputs] + [f"double *{p.name}" for p in f.outputs]
-    return _declaration(f"int {spec.name}_{f.name}_batch({', '.join(['int n', *arguments, 'double *work'])})")
+    real = f"{spec.name}_real"
+    arguments = [f"const {real} *{p.name}" for p in f.inputs] + [f"{real} *{p.name}" for p in f.outputs]
+    return _declaration(f"int {spec.name}_{f.name}_batch({', '.join(['int n', *arguments, f'{real} *work'])})")
 
 
 def port_table(f: FunctionSpec) -> str:

@@ -17,9 +17,11 @@ from flexgen.model.elements import RobotModel
 from flexgen.ports import Port, identifier_problem
 
 if TYPE_CHECKING:
-    import casadi
+    from flexgen.codegen.program import Program
+    from flexgen.mechanics.parameters import Parameter
 
-ABI_VERSION = 1
+ABI_VERSION = 2
+PRECISIONS = ("double", "single")
 
 
 @dataclass(frozen=True)
@@ -55,8 +57,8 @@ class FunctionSpec:
         The arrays in the order of the arguments.
     extents : dict of str to tuple of str
         For each port its sizes in symbols (``"n_a"``) or digits, for the header.
-    function : casadi.Function
-        The mathematics: an SX function with the ports as dense arguments.
+    program : Program
+        The mathematics, with the ports as dense arguments.
     """
 
     name: str
@@ -65,7 +67,7 @@ class FunctionSpec:
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
     extents: dict[str, tuple[str, ...]]
-    function: casadi.Function
+    program: Program
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,10 @@ class LibrarySpec:
         For each motor the coordinates it drives and the ratios: its row of ``eta``.
     rotor_inertias : tuple of float
         Of each motor, motor side [kg m^2].
+    precision : str
+        ``"double"`` or ``"single"``: the type of every number in the library.
+    parameters : tuple of Parameter
+        Numbers that are arguments of the functions instead of constants.
     """
 
     name: str
@@ -110,6 +116,8 @@ class LibrarySpec:
     gravity: tuple[float, ...]
     gears: tuple[tuple[tuple[str, float], ...], ...]
     rotor_inertias: tuple[float, ...]
+    precision: str = "double"
+    parameters: tuple[Parameter, ...] = ()
 
     @property
     def interface(self) -> str:
@@ -162,6 +170,28 @@ _TABLE = (
         "tau_a",
     ),
     _Row(
+        "inverse_dynamics_derivatives",
+        "First derivatives of the inverse dynamics.",
+        "d tau_a = dtau_dq d q_a + dtau_dv d v_a + dtau_da d a_a",
+        "q_a v_a a_a",
+        "dtau_dq dtau_dv dtau_da",
+    ),
+    _Row(
+        "arm_forward_dynamics",
+        "Accelerations of the arm under given forces on its coordinates, without rotors, friction and springs: the "
+        "inverse of inverse_dynamics.",
+        "a_a = M(q_a)^-1 (tau_a - c(q_a, v_a) - g(q_a))",
+        "q_a v_a tau_a",
+        "a_a",
+    ),
+    _Row(
+        "arm_forward_derivatives",
+        "First derivatives of the arm's forward dynamics.",
+        "d a_a = da_dq d q_a + da_dv d v_a + da_dtau d tau_a,  da_dtau = M^-1",
+        "q_a v_a tau_a",
+        "da_dq da_dv da_dtau",
+    ),
+    _Row(
         "forward_dynamics",
         "Accelerations of arm and motors under the motors' torques, with springs, dampers and friction. "
         "Entries of q_m and v_m behind rigid gears are ignored; those of a_m are filled in.",
@@ -181,6 +211,19 @@ _TABLE = (
 
 FUNCTIONS = tuple(row.name for row in _TABLE)
 
+# <name>.h must not be found instead of a header of C, lib<name>.a not instead of a library of the system, <name>.c and
+# <name>.h not be another file of the directory or a device of Windows.
+_TAKEN = frozenset(
+    """
+    assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic
+    stdbool stddef stdint stdio stdlib stdnoreturn string tgmath threads time uchar wchar wctype
+    alloca arm_neon dirent dlfcn endian features fcntl immintrin malloc memory omp poll pthread regex resource sched
+    semaphore strings syslog termios unistd x86intrin
+    c m dl rt util gcc gcc_s gomp iomp5 omp5 stdc anl resolv crypt nsl asan tsan ubsan
+    example aux con nul prn com1 com2 com3 com4 lpt1 lpt2 lpt3
+    """.split()
+)
+
 # name: sizes, unit (templates: see _unit), meaning
 _PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "q_a": (("n_a",), "{q}", "arm coordinates in chain order"),
@@ -197,6 +240,12 @@ _PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "p": (("3",), "m", "position of the tool, world axes"),
     "R": (("3", "3"), "1", "rotation matrix, columns: axes of the tool in the world"),
     "J": (("6", "n_a"), "mixed", "rows 0-2 in m/s, rows 3-5 in rad/s, per unit of the column's velocity"),
+    "dtau_dq": (("n_a", "n_a"), "mixed", "unit of the row's force per unit of the column's coordinate"),
+    "dtau_dv": (("n_a", "n_a"), "mixed", "unit of the row's force per unit of the column's velocity"),
+    "dtau_da": (("n_a", "n_a"), "{M}", "mass matrix, symmetric"),
+    "da_dq": (("n_a", "n_a"), "mixed", "unit of the row's acceleration per unit of the column's coordinate"),
+    "da_dv": (("n_a", "n_a"), "mixed", "unit of the row's acceleration per unit of the column's velocity"),
+    "da_dtau": (("n_a", "n_a"), "mixed", "inverse of the mass matrix, symmetric"),
     "A": (("n_x", "n_x"), "mixed", "unit of the row's x/s per unit of the column's x"),
     "B": (("n_x", "n_m"), "mixed", "unit of the row's x/s per N m"),
 }
@@ -220,6 +269,8 @@ def library_name(model: RobotModel) -> str:
     """First part of every symbol of the model's library: its name, with the variant; BuildError if C forbids it."""
     name = f"{model.name}_{model.variant}" if model.variant else model.name
     problem = identifier_problem(name)
+    if problem is None and name.lower() in _TAKEN:
+        problem = "a name that no header, file or library beside it has"
     if problem is not None:
         raise BuildError(f"name of the model, with its variant: given {name!r}, expected {problem}")
     return name
@@ -247,15 +298,17 @@ def chosen_functions(names: Sequence[str] | None) -> tuple[str, ...]:
     return tuple(name for name in FUNCTIONS if name in names)
 
 
-def library_spec(equations: Any, functions: Sequence[str] | None = None) -> LibrarySpec:
+def library_spec(equations: Any, functions: Sequence[str] | None = None, *, precision: str = "double") -> LibrarySpec:
     """What the library of a model offers.
 
     Parameters
     ----------
     equations : Equations
-        Anything with a ``model`` and a ``function(name)`` that gives SX functions.
+        Of the model; with parameters, these become arguments of the functions that depend on them.
     functions : sequence of str, optional
         Names of the functions wanted; all of `FUNCTIONS` where not given.
+    precision : str
+        ``"double"`` or ``"single"``.
 
     Returns
     -------
@@ -266,12 +319,17 @@ def library_spec(equations: Any, functions: Sequence[str] | None = None) -> Libr
     BuildError
         Where a name is not fit for C, or a function is not the one its ports describe.
     """
+    if precision not in PRECISIONS:
+        raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
     model: RobotModel = equations.model
     names = chosen_functions(functions)
     sizes = {"n_a": model.n_a, "n_g": model.n_g, "n_e": model.n_e, "n_m": model.n_m, "n_x": 2 * model.dof}
     for what in ("n_a", "n_m"):
         if sizes[what] == 0:
             raise BuildError(f"model {model.name}: given {what} = 0, expected at least one coordinate and one motor")
+    parameters: tuple[Parameter, ...] = tuple(getattr(equations, "parameters", ()))
+    if parameters:
+        sizes["n_p"] = len(parameters)
     coordinates = tuple(c.name for c in model.coordinates)
     units = tuple(c.unit for c in model.coordinates)
     motors = tuple(m.name for m in model.motors)
@@ -296,11 +354,16 @@ def library_spec(equations: Any, functions: Sequence[str] | None = None) -> Libr
         gravity=tuple(float(x) for x in model.gravity),
         gears=tuple(tuple((j, float(r)) for j, r in zip(m.drives, m.ratio, strict=True)) for m in model.motors),
         rotor_inertias=tuple(float(m.inertia) for m in model.motors),
+        precision=precision,
+        parameters=parameters,
     )
 
 
 def _function_spec(row: _Row, equations: Any, sizes: dict[str, int], units: Sequence[str]) -> FunctionSpec:
     """One row of the table with its mathematics, checked against the ports."""
+    # here, so that a library that is there already needs no CasADi
+    from flexgen.codegen.programs import PARAMETERS, needs_parameters, parameters_port, program_of
+
     ports: dict[str, Port] = {}
     for name in (*row.inputs.split(), *row.outputs.split()):
         extents, template, meaning = _PORTS[name]
@@ -309,38 +372,9 @@ def _function_spec(row: _Row, equations: Any, sizes: dict[str, int], units: Sequ
         ports[name] = Port(name, shape, unit, meaning + remark)
     inputs = tuple(ports[name] for name in row.inputs.split())
     outputs = tuple(ports[name] for name in row.outputs.split())
-    function = checked(row.name, equations.function(row.name), inputs, outputs)
     extents_of = {name: _PORTS[name][0] for name in ports}
-    return FunctionSpec(row.name, row.summary, row.equation, inputs, outputs, extents_of, function)
-
-
-def checked(
-    name: str, function: casadi.Function, inputs: tuple[Port, ...], outputs: tuple[Port, ...]
-) -> casadi.Function:
-    """The function as an SX function whose arguments are the ports; BuildError where it is not one."""
-    if function.has_free():
-        raise BuildError(f"function {name}: given free variables {function.get_free()}, expected none")
-    for kind, ports, names, sparsity in (
-        ("inputs", inputs, function.name_in(), function.sparsity_in),
-        ("outputs", outputs, function.name_out(), function.sparsity_out),
-    ):
-        expected = [port.name for port in ports]
-        if list(names) != expected:
-            raise BuildError(f"function {name}: given {kind} {', '.join(names)}, expected {', '.join(expected)}")
-        for i, port in enumerate(ports):
-            shape = port.shape if len(port.shape) == 2 else (port.shape[0], 1)
-            given = sparsity(i)
-            if given.shape != shape or not given.is_dense():
-                kind_of = "dense" if given.is_dense() else "sparse"
-                raise BuildError(
-                    f"function {name}, {port.name}: given a {kind_of} {given.shape} array, expected dense {shape}"
-                )
-    if function.is_a("SXFunction"):
-        return function
-    try:
-        return function.expand()
-    except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1]
-        raise BuildError(
-            f"function {name}: given one that cannot be written as scalar operations, expected an SX function: {reason}"
-        ) from error
+    program = program_of(row.name, equations, inputs, outputs)
+    if needs_parameters(program):
+        inputs = (*inputs, parameters_port(equations))
+        extents_of[PARAMETERS] = ("n_p",)
+    return FunctionSpec(row.name, row.summary, row.equation, inputs, outputs, extents_of, program)

@@ -9,7 +9,7 @@ Source: S. Moberg, Modeling and Control of Flexible Manipulators, 2010 (extended
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from pathlib import Path
 
@@ -18,6 +18,7 @@ import casadi as ca
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.force_laws import friction_torque, spring_torque
 from flexgen.mechanics.lagrangian import Lagrangian, equations_of, gears, lagrangian
+from flexgen.mechanics.parameters import parametrised
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 
@@ -37,6 +38,10 @@ class Equations:
     bias                 q_a, v_a                              h = c + g
     gravity              q_a                                   g
     inverse_dynamics     q_a, v_a, a_a                         tau_a = M a_a + c + g
+    inverse_dynamics_    q_a, v_a, a_a                         dtau_dq, dtau_dv, dtau_da (n_a, n_a)
+    derivatives
+    arm_forward_dynamics q_a, v_a, tau_a                       a_a = M^-1 (tau_a - c - g)
+    arm_slopes           q_a, v_a, a_a                         M (n_a, n_a), R (n_a, 2 n_a) = d tau_a/d(q_a, v_a)
     arm_forces           q_a, v_a                              frictions and drags on the arm, as they act
     motor_friction       v_m                                   f_m (n_m)
     rotor_torque         q_a, v_a, a_a, v_m, a_m               d/dt of the rotors' axial momentum (n_m)
@@ -47,6 +52,7 @@ class Equations:
     residual             q_a, v_a, a_a, q_m, v_m, a_m, tau_m   r_a (n_a), r_m (n_m)
     state_rate           x (n_x), tau_m                        dx: the state-space right-hand side
     linearize            q_a, v_a, q_m, v_m, tau_m             A (n_x, n_x), B (n_x, n_m)
+    slopes               q_a, v_a, a_a, q_m, v_m, tau_m, a_m   M, R = d residual/d(y, dy, tau_m): A, B from -M^-1 R
     second_order         q_a, v_a, a_a, q_m, v_m, a_m, tau_m   M, D, K, B: variation of the equations in y
     energy               q_a, v_a, q_m, v_m                    kinetic, potential [J]
     power                q_a, v_a, q_m, v_m, tau_m             P_motor, P_dissipated [W]
@@ -56,16 +62,21 @@ class Equations:
 
     ``x = (q_a, q_me, v_a, v_me)`` with ``q_me`` the motors behind elastic gears. Entries of ``q_m``, ``v_m``, ``a_m``
     behind rigid gears are ignored as inputs (they follow their joints) and returned filled in.
+
+    Functions of equations with ``parameters`` (names: see `flexgen.mechanics.parameters`) have these as a last argument
+    where they depend on them. ``model`` keeps the numbers, ``with_symbols`` has the symbols in their place.
     """
 
-    def __init__(self, model: RobotModel) -> None:
-        self.model = model
+    def __init__(self, model: RobotModel, parameters: Sequence[str] = ()) -> None:
+        made = parametrised(model, parameters)
+        self.model, self.parameters, self.symbols = made.given, made.parameters, made.symbols
+        self.with_symbols = made.model
         self._functions: dict[str, ca.Function] = {}
 
     @cached_property
     def lagrangian(self) -> Lagrangian:
         """The energies and forces that all functions follow from."""
-        return lagrangian(self.model)
+        return lagrangian(self.with_symbols)
 
     def function(self, name: str) -> ca.Function:
         """The CasADi function of that name (see the class); ArgumentError for an unknown one."""
@@ -78,6 +89,9 @@ class Equations:
                 "bias": self._bias,
                 "gravity": self._gravity,
                 "inverse_dynamics": self._inverse_dynamics,
+                "inverse_dynamics_derivatives": self._inverse_dynamics_derivatives,
+                "arm_forward_dynamics": self._arm_forward_dynamics,
+                "arm_slopes": self._arm_slopes,
                 "arm_forces": self._arm_forces,
                 "motor_friction": self._motor_friction,
                 "rotor_torque": self._rotor_torque,
@@ -88,6 +102,7 @@ class Equations:
                 "residual": self._residual,
                 "state_rate": self._state_rate,
                 "linearize": self._linearize,
+                "slopes": self._slopes,
                 "second_order": self._second_order,
                 "energy": self._energy,
                 "power": self._power,
@@ -96,21 +111,28 @@ class Equations:
             }
             if name not in builders:
                 raise ArgumentError(f"function: given {name!r}, expected one of {', '.join(builders)}")
-            inputs, names_in, outputs, names_out = builders[name]()
-            outputs = [ca.densify(x) for x in outputs]
-            self._functions[name] = ca.Function(name, inputs, outputs, names_in, names_out)
+            self._functions[name] = self.built(name, *builders[name]())
         return self._functions[name]
+
+    def built(
+        self, name: str, inputs: list[ca.SX], names_in: list[str], outputs: list[ca.SX], names_out: list[str]
+    ) -> ca.Function:
+        """A function with dense results; its last argument is ``parameters`` where they depend on them."""
+        outputs = [ca.densify(x) for x in outputs]
+        if self.parameters and ca.depends_on(ca.veccat(*outputs), self.symbols):
+            inputs, names_in = [*inputs, self.symbols], [*names_in, "parameters"]
+        return ca.Function(name, inputs, outputs, names_in, names_out)
 
     # --- shorthands -------------------------------------------------------------------------------------------------
 
     @cached_property
     def _y(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Minimal coordinates y = (q_a, q_me), their speeds and accelerations."""
-        lag, i_m = self.lagrangian, list(self.model.i_m)
+        lag, i_m = self.lagrangian, self.model.i_m  # (an empty index into a single motor has the wrong shape)
         return (
-            ca.vertcat(lag.chain.q_a, lag.q_m[i_m]),
-            ca.vertcat(lag.chain.v_a, lag.v_m[i_m]),
-            ca.vertcat(lag.a_a, lag.a_m[i_m]),
+            ca.vertcat(lag.chain.q_a, *[lag.q_m[j] for j in i_m]),
+            ca.vertcat(lag.chain.v_a, *[lag.v_m[j] for j in i_m]),
+            ca.vertcat(lag.a_a, *[lag.a_m[j] for j in i_m]),
         )
 
     @cached_property
@@ -179,6 +201,23 @@ class Equations:
     def _inverse_dynamics(self) -> Built:
         lag = self.lagrangian
         return [lag.chain.q_a, lag.chain.v_a, lag.a_a], ["q_a", "v_a", "a_a"], [self._arm], ["tau_a"]
+
+    def _inverse_dynamics_derivatives(self) -> Built:
+        lag = self.lagrangian
+        inputs = [lag.chain.q_a, lag.chain.v_a, lag.a_a]
+        outputs = [ca.jacobian(self._arm, x) for x in inputs]
+        return inputs, ["q_a", "v_a", "a_a"], outputs, ["dtau_dq", "dtau_dv", "dtau_da"]
+
+    def _arm_forward_dynamics(self) -> Built:
+        lag = self.lagrangian
+        tau_a = ca.SX.sym("tau_a", self.model.n_a)
+        M, h = self._mass_matrix()[2][0], self._bias()[2][0]
+        inputs = [lag.chain.q_a, lag.chain.v_a, tau_a]
+        return inputs, ["q_a", "v_a", "tau_a"], [solve_symmetric(M, tau_a - h)], ["a_a"]
+
+    def _arm_slopes(self) -> Built:
+        inputs, names, (by_q, by_v, M), _ = self._inverse_dynamics_derivatives()
+        return inputs, names, [M, ca.horzcat(by_q, by_v)], ["M", "R"]
 
     def _arm_forces(self) -> Built:
         lag = self.lagrangian
@@ -250,12 +289,22 @@ class Equations:
         dx = ca.substitute(ca.vertcat(dy, self._acceleration), ca.vertcat(y, dy), x)
         return [x, lag.tau_m], ["x", "tau_m"], [dx], ["dx"]
 
-    def _linearize(self) -> Built:
-        lag, n = self.lagrangian, self.model.dof
-        y, dy, ddy = self._y
+    @cached_property
+    def _varied(self) -> ca.SX:
+        """Derivatives of the equations' residual in (y, dy, tau_m)."""
+        lag, (y, dy, _) = self.lagrangian, self._y
         r = self._left - lag.forces
-        slopes = ca.horzcat(ca.jacobian(r, y), ca.jacobian(r, dy), ca.jacobian(r, lag.tau_m))
-        slopes = ca.substitute(slopes, ddy, self._acceleration)
+        return ca.horzcat(ca.jacobian(r, y), ca.jacobian(r, dy), ca.jacobian(r, lag.tau_m))
+
+    def _slopes(self) -> Built:
+        lag = self.lagrangian
+        inputs = [lag.chain.q_a, lag.chain.v_a, lag.a_a, lag.q_m, lag.v_m, lag.tau_m, lag.a_m]
+        names = ["q_a", "v_a", "a_a", "q_m", "v_m", "tau_m", "a_m"]
+        return inputs, names, [self._mass, self._varied], ["M", "R"]
+
+    def _linearize(self) -> Built:
+        n = self.model.dof
+        slopes = ca.substitute(self._varied, self._y[2], self._acceleration)
         lower = -solve_symmetric(self._mass, slopes)
         upper = ca.horzcat(ca.SX.zeros(n, n), ca.SX.eye(n))
         A = ca.vertcat(upper, lower[:, : 2 * n])
@@ -324,13 +373,15 @@ def solve_symmetric(A: ca.SX, B: ca.SX) -> ca.SX:
     return ca.horzcat(*columns)
 
 
-def derive(model: str | Path | RobotModel) -> Equations:
+def derive(model: str | Path | RobotModel, parameters: Sequence[str] = ()) -> Equations:
     """Equations of motion of a model.
 
     Parameters
     ----------
     model : str, Path or RobotModel
         A name in models/, a path (either with ``@variant``), or a model that was read before.
+    parameters : sequence of str
+        Numbers of the model that stay symbols; names as in `flexgen.mechanics.parameters`.
 
     Returns
     -------
@@ -341,4 +392,4 @@ def derive(model: str | Path | RobotModel) -> Equations:
     ModelError, ArgumentError
         Where the model cannot be read.
     """
-    return Equations(model if isinstance(model, RobotModel) else read(model))
+    return Equations(model if isinstance(model, RobotModel) else read(model), parameters)

@@ -62,11 +62,16 @@ def spring_energy(spring: Spring, d: ca.SX) -> ca.SX:
 def friction_torque(friction: Friction, w: ca.SX) -> ca.SX:
     """Friction torque [N m or N] at the speed ``w`` [rad/s or m/s]; it enters the motion with a minus sign."""
     torque = friction.viscous * w
-    if friction.coulomb or friction.stribeck:
+    if _there(friction.coulomb) or _there(friction.stribeck):
         level = friction.coulomb
-        if friction.stribeck:
+        if _there(friction.stribeck):
             # 1/cosh written so that neither it nor its derivative overflows at high speed
             fade = ca.exp(-ca.fabs(friction.alpha * w))
             level = level + friction.stribeck * (2 * fade / (1 + fade * fade))
         torque = torque + level * ca.tanh(friction.beta * w)
     return torque + friction.offset
+
+
+def _there(x: float | ca.SX) -> bool:
+    """True of a number that is not zero, and of a symbol in its place."""
+    return isinstance(x, ca.SX) or x != 0.0

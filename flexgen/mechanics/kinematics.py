@@ -78,7 +78,7 @@ def place(frame: Frame, placement: Placement) -> Frame:
 
 def body_energies(frame: Frame, body: Body, gravity: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Kinetic and potential energy [J] of a body in its frame, and half the power of its drag [W]."""
-    com, inertia = ca.SX(ca.DM(body.com)), ca.SX(ca.DM(np.array(body.inertia)))
+    com, inertia = ca.vertcat(*map(ca.SX, body.com)), ca.SX(ca.DM(np.array(body.inertia)))
     v_com = frame.v + ca.cross(frame.w, com)
     turning = ca.dot(frame.w, ca.mtimes(inertia, frame.w)) / 2
     kinetic = body.mass * ca.dot(v_com, v_com) / 2 + turning

@@ -1,0 +1,133 @@
+"""The user's cache of compiled objects: what was compiled before, for whatever directory, is not compiled again.
+
+An entry is named by the hash of all it depends on and begins with a hash of its own bytes, so that one that is torn,
+spoiled or renamed is not believed. The folder is the user's alone (mode 0700, below folders that no stranger can
+write to); where that cannot be had there is no cache. ``FLEXGEN_CACHE`` names another folder; empty: none.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import stat
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from flexgen.errors import BuildError
+
+LIMIT = 256 * 2**20  # bytes; the entries that were used least lately go first
+
+_MARK = 64  # length of the hash that an entry begins with
+
+
+class Objects:
+    """Objects of one compiler.
+
+    Parameters
+    ----------
+    identity : str
+        What the output depends on beside the text.
+    headers : sequence of bytes
+        Text of everything that the sources may include.
+    """
+
+    def __init__(self, identity: str, headers: Sequence[bytes]) -> None:
+        self.folder = cache_folder()
+        self.common = hashlib.sha256(identity.encode())
+        for text in headers:
+            self.common.update(hashlib.sha256(text).digest())
+
+    def fetch(self, source: Path) -> bool:
+        """Put the object of a source beside it; False where it is not known."""
+        if self.folder is None:
+            return False
+        key = self._key(source)
+        try:
+            entry = (self.folder / f"{key}.o").read_bytes()
+        except OSError:
+            return False
+        if entry[:_MARK] != _mark(key, entry[_MARK:]):
+            return False
+        source.with_suffix(".o").write_bytes(entry[_MARK:])
+        with contextlib.suppress(OSError):
+            os.utime(self.folder / f"{key}.o")
+        return True
+
+    def keep(self, source: Path) -> None:
+        """Keep the object beside a source for the next time; a full or vanished disk is not the user's problem."""
+        if self.folder is None:
+            return
+        key, data = self._key(source), source.with_suffix(".o").read_bytes()
+        with contextlib.suppress(OSError):
+            handle, temporary = tempfile.mkstemp(prefix=".new-", dir=self.folder)
+            try:
+                with os.fdopen(handle, "wb") as file:
+                    file.write(_mark(key, data) + data)
+                os.replace(temporary, self.folder / f"{key}.o")
+            except OSError:
+                os.unlink(temporary)
+            _prune(self.folder)
+
+    def _key(self, source: Path) -> str:
+        """Hash of everything that the object depends on; the name too, as objects hold it."""
+        digest = self.common.copy()
+        digest.update(source.name.encode() + b"\0" + source.read_bytes())
+        return digest.hexdigest()
+
+
+def _mark(key: str, data: bytes) -> bytes:
+    return hashlib.sha256(key.encode() + data).hexdigest().encode()
+
+
+def _prune(folder: Path) -> None:
+    """Remove the entries that were used least lately, and what an interrupted process left, beyond the limit."""
+    entries = sorted((path.stat().st_mtime, path.stat().st_size, path) for path in folder.iterdir())
+    total = sum(size for _, size, _ in entries)
+    for _, size, path in entries:
+        if total <= LIMIT:
+            break
+        path.unlink(missing_ok=True)
+        total -= size
+
+
+def cache_folder() -> Path | None:
+    """The folder of the cache, made where it is missing; None where there shall be or can be none.
+
+    Raises
+    ------
+    BuildError
+        Where ``FLEXGEN_CACHE`` names a folder that others can write to.
+    """
+    if not hasattr(os, "getuid"):
+        return None
+    given = os.environ.get("FLEXGEN_CACHE")
+    if given == "":
+        return None
+    try:
+        home = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        folder = Path(given or Path(home, "flexgen")).resolve()
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        problem = _problem(folder)
+    except (OSError, RuntimeError, ValueError) as error:
+        problem = str(error)
+    if problem and given:
+        raise BuildError(
+            f"FLEXGEN_CACHE: given {given!r}, expected a folder that you alone can write to ({problem}); "
+            "choose another, or set it to nothing to do without a cache"
+        )
+    return None if problem else folder
+
+
+def _problem(folder: Path) -> str:
+    """Why strangers could put something into a folder, empty where they cannot."""
+    for path in (folder, *folder.parents):
+        facts = path.stat()
+        if path == folder and (facts.st_uid != os.getuid() or facts.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
+            return f"others can write to {path}"
+        if facts.st_mode & stat.S_IWOTH and not facts.st_mode & stat.S_ISVTX:
+            return f"others can replace what is in {path}"
+    if not os.access(folder, os.W_OK | os.X_OK):
+        return f"{folder} cannot be written"
+    return ""

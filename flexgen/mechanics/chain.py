@@ -1,0 +1,336 @@
+"""The chain of a robot reduced to numbers: joints with one coordinate each, about or along the z axes of their frames.
+
+Frames are laid so that little is left to compute (modified Denavit-Hartenberg): from the frame of a joint to that of
+the next one goes a translation ``place``, a rotation about x by the twist, a rotation about z by the joint's angle (or
+by a constant), and a translation along z by the joint's length.
+
+    R = Rx(twist) Rz(q + turn),   p = place              (rotation)
+    R = Rx(twist) Rz(turn),       p = place + R e_z q    (translation)
+
+What moves along with a joint whatever it does is regrouped to the body before it: torques and mass matrix are those of
+the robot, forces inside the joints are not.
+
+Source: W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, 2002, ch. 3 and 9.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from flexgen.model.elements import Body, Dof, Placement, RobotModel
+
+# Rounding of the changes of frame leaves entries of about 1e-16 where there should be none; what is below this fraction
+# of its neighbours is taken as zero. A chain of tens of joints stays within 1e-12 of the torques of the model.
+DUST = 1e-14
+
+Pose = tuple[np.ndarray, np.ndarray]  # rotation, position: p_parent = position + rotation @ p_child
+
+
+@dataclass(frozen=True)
+class Inertia:
+    """Moments of mass in a frame: of order zero [kg], one ``int r dm`` (3) and two ``int r r' dm`` (3, 3).
+
+    Numbers, or values on a tape where a number of the payload may change at run time.
+    """
+
+    mass: Any
+    first: np.ndarray
+    second: np.ndarray
+
+    def __add__(self, other: Inertia) -> Inertia:
+        return Inertia(self.mass + other.mass, self.first + other.first, self.second + other.second)
+
+    def moved(self, pose: Pose) -> Inertia:
+        """The same matter seen from the frame in which this one has the pose."""
+        rotation, position = pose
+        first, cross = rotation @ self.first, np.outer(position, rotation @ self.first)
+        second = rotation @ self.second @ rotation.T + cross + cross.T + self.mass * np.outer(position, position)
+        return Inertia(self.mass, first + self.mass * position, second)
+
+    def scaled(self, factor: float) -> Inertia:
+        """So many times the matter."""
+        return Inertia(factor * self.mass, factor * self.first, factor * self.second)
+
+
+NOTHING = Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
+AT_REST: Pose = (np.eye(3), np.zeros(3))
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint and what it carries; see the module for its frame.
+
+    Parameters
+    ----------
+    revolute : bool
+        Turns about z; otherwise slides along z.
+    place : numpy.ndarray
+        Origin in the frame before [m], shape (3,).
+    twist : tuple of float
+        Cosine and sine of the rotation about x.
+    turn : float
+        Constant part of the angle about z [rad], less quarter turns.
+    quarters : int
+        Quarter turns about z, 0 to 3.
+    inertia : Inertia
+        Of the body that moves with the joint, in the joint's frame.
+    """
+
+    revolute: bool
+    place: np.ndarray
+    twist: tuple[float, float]
+    turn: float
+    quarters: int
+    inertia: Inertia
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Joints from the base to the tool, gravity [m/s^2] in the frame that carries the first, and the constant ends.
+
+    ``base``: pose of that frame in the world. ``tool``: pose of the tool in the frame of the last joint.
+    """
+
+    joints: tuple[Joint, ...]
+    gravity: np.ndarray
+    base: Pose
+    tool: Pose
+
+
+# --- from the model --------------------------------------------------------------------------------------------------
+
+
+def compose(a: Pose, b: Pose) -> Pose:
+    """The pose reached by ``a`` and then ``b``."""
+    return a[0] @ b[0], a[1] + a[0] @ b[1]
+
+
+def inverse(a: Pose) -> Pose:
+    """The pose that leads back."""
+    return a[0].T, -a[0].T @ a[1]
+
+
+def pose_of(placement: Placement) -> Pose:
+    """A placement as arrays."""
+    return np.array(placement.rotation, dtype=float), np.array(placement.position, dtype=float)
+
+
+def inertia_of(body: Body) -> Inertia:
+    """Moments of a body about the origin of its frame."""
+    tensor, com = np.array(body.inertia, dtype=float), np.array(body.com, dtype=float)
+    second = np.trace(tensor) / 2 * np.eye(3) - tensor + body.mass * np.outer(com, com)
+    return Inertia(body.mass, body.mass * com, second)
+
+
+def _axis_frame(axis: np.ndarray) -> np.ndarray:
+    """A rotation that takes z to an axis."""
+    largest = int(np.argmax(np.abs(axis)))
+    if abs(axis[largest]) == 1.0:
+        across = np.eye(3)[(largest + 1) % 3]
+    else:
+        across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        across = across / np.linalg.norm(across)
+    return np.column_stack([across, np.cross(axis, across), axis])
+
+
+@dataclass
+class _Raw:
+    """A joint before frames are laid: pose of its frame in the one before, the body in its own."""
+
+    revolute: bool
+    pose: Pose
+    inertia: Inertia
+
+
+def _flatten(model: RobotModel) -> tuple[list[_Raw], Pose]:
+    """Joints with everything rigid between them merged, and the pose of the tool in the last frame."""
+    raws: list[_Raw] = []
+    pose = pose_of(model.base)
+
+    def carry(body: Body, carrier: str = "") -> None:
+        if not raws:
+            return
+        raws[-1].inertia = raws[-1].inertia + inertia_of(body).moved(pose)
+        for motor in model.motors if model.motor_coupling == "complete" else ():
+            if motor.carrier == carrier:
+                # a rotor at rest against its carrier turns with it about its axis
+                axis = np.array(motor.axis)
+                rotor = Body(inertia=tuple(map(tuple, (motor.inertia * np.outer(axis, axis)).tolist())))
+                raws[-1].inertia = raws[-1].inertia + inertia_of(rotor).moved(pose)
+
+    def step(dof: Dof) -> None:
+        nonlocal pose
+        axis = np.array(dof.axis, dtype=float)
+        turn = (_axis_frame(axis / np.linalg.norm(axis)), np.zeros(3))
+        raws.append(_Raw(dof.type == "rotation", compose(pose, turn), NOTHING))
+        pose = inverse(turn)
+
+    for element in model.elements:
+        pose = compose(pose, pose_of(element.origin))
+        for dof in element.dofs:
+            step(dof)
+        pose = compose(pose, pose_of(element.link))
+        carry(element.body, element.name)
+    carry(model.payload)
+    return raws, compose(pose, pose_of(model.tool))
+
+
+# --- frames ----------------------------------------------------------------------------------------------------------
+
+
+def _about_z(angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    return snapped(np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
+
+
+def _about_x(cosine: float, sine: float) -> np.ndarray:
+    return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
+
+
+def snapped(x: np.ndarray, scale: float = 1.0, dust: float = DUST) -> np.ndarray:
+    """An array with what is dust beside ``scale`` set to zero, and what is ``scale`` but for dust set to it."""
+    out = np.where(np.abs(x) <= dust * scale, 0.0, x)
+    return np.where(np.abs(np.abs(out) - scale) <= dust * scale, np.sign(out) * scale, out)
+
+
+def _split(rotation: np.ndarray) -> tuple[float, tuple[float, float], float]:
+    """``(g, (cos t, sin t), h)`` with ``rotation = Rz(g) Rx(t) Rz(h)``; g is zero where the z axes are parallel."""
+    rotation = snapped(rotation)
+    sine = float(np.hypot(rotation[0, 2], rotation[1, 2]))
+    if sine <= DUST:
+        cosine = float(np.sign(rotation[2, 2]))
+        return 0.0, (cosine, 0.0), float(np.arctan2(rotation[1, 0] * cosine, rotation[0, 0]))
+    g = float(np.arctan2(rotation[0, 2], -rotation[1, 2]))
+    length = float(np.hypot(sine, rotation[2, 2]))
+    twist = float(snapped(np.array(rotation[2, 2] / length))), float(snapped(np.array(sine / length)))
+    return g, twist, float(np.arctan2(rotation[2, 0], rotation[2, 1]))
+
+
+def _quarter(angle: float) -> tuple[int, float]:
+    """Quarter turns (0 to 3) and the rest of an angle, zero where it is dust."""
+    quarters = round(angle / (np.pi / 2))
+    rest = angle - quarters * (np.pi / 2)
+    return quarters % 4, 0.0 if abs(rest) <= DUST * max(1.0, abs(angle)) else rest
+
+
+def _tidy(inertia: Inertia, *parts: Inertia) -> Inertia:
+    """Inertia without dust, as seen beside the parts it was made of; diagonal entries equal but for dust are equal."""
+    largest = max(float(np.abs(x.second).max()) for x in (inertia, *parts))
+    heavy = max(abs(x.mass) for x in (inertia, *parts))
+    reach = max(*(float(np.abs(x.first).max()) for x in (inertia, *parts)), float(np.sqrt(heavy * largest)))
+    second = np.where(np.abs(inertia.second) <= DUST * largest, 0.0, (inertia.second + inertia.second.T) / 2)
+    for i, k in ((0, 1), (0, 2), (1, 2)):
+        if abs(second[i, i] - second[k, k]) <= DUST * largest:
+            second[k, k] = second[i, i]
+    first = np.where(np.abs(inertia.first) <= DUST * reach, 0.0, inertia.first)
+    return Inertia(0.0 if abs(inertia.mass) <= DUST * heavy else inertia.mass, first, second)
+
+
+def _share(pose: Pose, before_turns: bool) -> tuple[Pose, np.ndarray, tuple[float, float], float]:
+    """``(gauge, place, twist, h)`` with ``pose = gauge T(place) Rx(twist) Rz(h)``.
+
+    The gauge commutes with the joint before: a turn and a shift along z, or any shift where that joint slides.
+    """
+    rotation, position = pose
+    size = max(float(np.abs(position).max()), 1e-9)
+    position = snapped(position, size)
+    g, twist, h = _split(rotation)
+    if not before_turns:
+        return (_about_z(g), position), np.zeros(3), twist, h
+    if twist[1] == 0.0 and position[0] and position[1]:
+        # parallel axes may be turned as one likes: the next one is reached along x
+        g = float(np.arctan2(position[1], position[0]))
+        h = h - g * twist[0]
+    turn = _about_z(g)
+    local = snapped(turn.T @ position, size)
+    along = float(local[2] + (local[1] * twist[0] / twist[1] if twist[1] else 0.0))
+    return (turn, np.array([0.0, 0.0, along])), snapped(local - np.array([0.0, 0.0, along]), size), twist, h
+
+
+def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose) -> Chain:
+    """Lay the frames of all joints, from the last to the first: `Chain` without regrouping.
+
+    Each pose is split in what the joint before cannot tell from its own pose, and what is left.
+    """
+    n = len(raws)
+    gauges: list[Pose] = [AT_REST] * n  # the frame that is used, in the raw one
+    joints: list[Joint] = []
+    for i in range(n - 1, -1, -1):
+        pose = compose(raws[i].pose, gauges[i])
+        if i > 0:
+            gauges[i - 1], place, twist, h = _share(pose, raws[i - 1].revolute)
+        else:
+            base, down, h = _ground(pose, gravity, raws[0].revolute)
+            place, twist = np.zeros(3), (1.0, 0.0)
+        quarters, rest = _quarter(h)
+        if i == n - 1 and rest != 0.0:
+            gauges[i], rest = (_about_z(-rest), np.zeros(3)), 0.0
+        inertia = _tidy(raws[i].inertia.moved(inverse(gauges[i])))
+        joints.insert(0, Joint(raws[i].revolute, place, twist, rest, quarters, inertia))
+    return Chain(tuple(joints), down, base, compose(inverse(gauges[n - 1]), tool))
+
+
+def _ground(pose: Pose, gravity: np.ndarray, turns: bool) -> tuple[Pose, np.ndarray, float]:
+    """The frame under the first joint, gravity in it with at most two components, and the angle that is left."""
+    size = float(np.linalg.norm(gravity)) or 1.0
+    down = snapped(pose[0].T @ gravity, size)
+    if not (turns and down[0] and down[1]):
+        return pose, down, 0.0
+    angle = float(np.arctan2(down[1], down[0]))
+    return compose(pose, (_about_z(angle), np.zeros(3))), np.array([np.hypot(down[0], down[1]), 0.0, down[2]]), -angle
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What stays with the body of a joint of what could go to the body before.
+
+    ``mass``: "none", "all", or "balance": so much that the body before is balanced along the way to this joint.
+    ``first``, ``second``: the moments of order one and two along the axis (all of order two for a joint that slides).
+    """
+
+    mass: str = "none"
+    first: bool = False
+    second: bool = False
+
+
+def regrouped(chain: Chain, kept: Sequence[Kept]) -> Chain:
+    """Move to the body before what a joint does not move against it.
+
+    Of a joint that turns: the mass on its axis (order zero, and one and two along z); of one that slides: the second
+    moments, which feel only rotations. What reaches the base moves nothing.
+    """
+    joints = list(chain.joints)
+    axis = np.array([0.0, 0.0, 1.0])
+    for i in reversed(range(len(joints))):
+        joint, own, keep = joints[i], joints[i].inertia, kept[i]
+        ahead = joints[i - 1].inertia if i > 0 else NOTHING
+        rotation = _about_x(*joint.twist)
+        if joint.revolute:
+            line, spread = (0.0 if keep.first else own.first[2]), (0.0 if keep.second else own.second[2, 2])
+            gone = Inertia(0.0 if keep.mass == "all" else own.mass, line * axis, spread * np.outer(axis, axis))
+            if keep.mass == "balance":
+                gone = replace(gone, mass=_balance(ahead + gone.moved((rotation, joint.place)), gone, joint.place))
+        else:
+            rotation = rotation @ _about_z(joint.turn + joint.quarters * np.pi / 2)
+            gone = NOTHING if keep.second else replace(NOTHING, second=own.second)
+        joints[i] = replace(joint, inertia=_tidy(own + gone.scaled(-1.0), own))
+        if i > 0:
+            moved = gone.moved((rotation, joint.place))
+            joints[i - 1] = replace(joints[i - 1], inertia=_tidy(ahead + moved, ahead, moved))
+    return replace(chain, joints=tuple(joints))
+
+
+def _balance(together: Inertia, gone: Inertia, place: np.ndarray) -> float:
+    """The mass that goes to the body before where this leaves no first moment along the largest entry of the place."""
+    k = int(np.argmax(np.abs(place)))
+    return gone.mass - float(together.first[k] / place[k]) if place[k] else gone.mass
+
+
+def laid(model: RobotModel) -> Chain:
+    """The `Chain` of a model without beams, each body with its own mass: see `regrouped`."""
+    raws, tool = _flatten(model)
+    return _lay(raws, np.array(model.gravity, dtype=float), tool)

@@ -1,0 +1,162 @@
+"""Numbers of a model as symbols: what the user of a generated library may change at run time.
+
+Names of parameters (each expands to the numbers that the model has):
+
+==================== ==============================================================================================
+payload              mass and centre of mass of the payload (``payload.mass``, ``payload.com_x`` ...)
+stiffness            every number of every spring: ``<coordinate>.stiffness``, ``.cubic``, ``.low`` ...
+damping              of every gear and spring: ``<coordinate>.damping``
+friction             of every motor and joint: ``<motor>.viscous``, ``.coulomb`` ..., ``<coordinate>.viscous`` ...
+payload.mass, ...    a single number, or all of one kind of one part: ``q2.stiffness``, ``m1.friction``
+==================== ==============================================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import casadi as ca
+
+from flexgen.errors import ArgumentError
+from flexgen.model.elements import Body, Dof, Friction, Gear, Motor, RobotModel, Spring
+
+_SPRING_UNITS = {
+    "stiffness": "N m/rad", "cubic": "N m/rad^3", "low": "N m/rad", "high": "N m/rad", "break_at": "rad", "gap": "rad",
+    "smoothing": "rad",
+}  # fmt: skip
+_FRICTION_UNITS = {
+    "viscous": "N m s/rad", "coulomb": "N m", "stribeck": "N m", "alpha": "s/rad", "beta": "s/rad", "offset": "N m",
+}  # fmt: skip
+_LINEAR = {"N m/rad": "N/m", "N m/rad^3": "N/m^3", "rad": "m", "N m s/rad": "N s/m", "N m": "N", "s/rad": "s/m"}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of the model that may change at run time: its name, the value of the file, its unit."""
+
+    name: str
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Parametrised:
+    """A model some of whose numbers are symbols.
+
+    ``model``: a `RobotModel` with CasADi scalars in those places, for the rooms that derive equations only. ``given``:
+    the model with its numbers. ``symbols`` (n_p): the scalars. ``parameters``: what they are, in that order.
+    """
+
+    model: RobotModel
+    given: RobotModel
+    symbols: ca.SX
+    parameters: tuple[Parameter, ...]
+
+
+def parametrised(model: RobotModel, names: Sequence[str]) -> Parametrised:
+    """Put symbols in the place of the numbers named; see the table above.
+
+    Raises
+    ------
+    ArgumentError
+        For a name that stands for nothing in the model; it tells those that do.
+    """
+    if isinstance(names, str):
+        raise ArgumentError(f"parameters: given the text {names!r}, expected a sequence of names")
+    every: list[tuple[Parameter, tuple[str, ...]]] = []
+
+    def note(parameter: Parameter, *groups: str) -> Any:
+        every.append((parameter, (parameter.name, *groups)))
+        return parameter.value
+
+    _walk(model, note)
+    known = sorted({group for _, groups in every for group in groups})
+    for name in names:
+        if name not in known:
+            raise ArgumentError(f"parameters: given {name!r}, expected some of {', '.join(known)}")
+    chosen = [parameter for parameter, groups in every if any(name in groups for name in names)]
+    symbols = ca.SX.sym("parameters", len(chosen))
+    at = {parameter.name: symbols[k] for k, parameter in enumerate(chosen)}
+
+    def put(parameter: Parameter, *groups: str) -> Any:
+        return at.get(parameter.name, parameter.value)
+
+    return Parametrised(_walk(model, put) if chosen else model, model, symbols, tuple(chosen))
+
+
+Visit = Callable[..., Any]
+
+
+def _walk(model: RobotModel, visit: Visit) -> RobotModel:
+    """The model with every number that may be a parameter replaced by what the visitor returns."""
+    elements = tuple(
+        replace(element, dofs=tuple(_dof(dof, visit) for dof in element.dofs)) if element.dofs else element
+        for element in model.elements
+    )
+    motors = tuple(_motor(motor, visit) for motor in model.motors)
+    return replace(model, elements=elements, motors=motors, payload=_payload(model.payload, visit))
+
+
+def _payload(payload: Body, visit: Visit) -> Body:
+    mass = visit(Parameter("payload.mass", payload.mass, "kg"), "payload")
+    com = tuple(
+        visit(Parameter(f"payload.com_{axis}", x, "m"), "payload", "payload.com")
+        for axis, x in zip("xyz", payload.com, strict=True)
+    )
+    return replace(payload, mass=mass, com=com)
+
+
+def _dof(dof: Dof, visit: Visit) -> Dof:
+    linear = dof.type == "translation"
+    units = (lambda unit: _LINEAR.get(unit, unit)) if linear else (lambda unit: unit)
+    changes: dict[str, Any] = {"friction": _friction(dof.friction, dof.name, units, visit)}
+    if dof.gear is not None:
+        changes["gear"] = _gear(dof.gear, dof.name, units, visit)
+    if dof.spring is not None:
+        changes["spring"] = _spring(dof.spring, dof.name, units, visit)
+        changes["damping"] = _damping(dof.damping, dof.name, units, visit)
+    return replace(dof, **changes)
+
+
+def _gear(gear: Gear, name: str, units: Callable[[str], str], visit: Visit) -> Gear:
+    if gear.spring is None:
+        return gear
+    spring = _spring(gear.spring, name, units, visit)
+    return replace(gear, spring=spring, damping=_damping(gear.damping, name, units, visit))
+
+
+def _damping(value: float, name: str, units: Callable[[str], str], visit: Visit) -> Any:
+    return visit(Parameter(f"{name}.damping", value, units("N m s/rad")), "damping")
+
+
+def _spring(spring: Spring, name: str, units: Callable[[str], str], visit: Visit) -> Spring:
+    changes = {
+        field.name: visit(
+            Parameter(f"{name}.{field.name}", getattr(spring, field.name), units(_SPRING_UNITS[field.name])),
+            "stiffness",
+        )
+        for field in fields(spring)
+    }
+    return replace(spring, **changes)
+
+
+def _motor(motor: Motor, visit: Visit) -> Motor:
+    return replace(motor, friction=_friction(motor.friction, motor.name, lambda unit: unit, visit))
+
+
+def _friction(friction: Friction, name: str, units: Callable[[str], str], visit: Visit) -> Friction:
+    """Only terms that the file has: a friction that is zero there costs nothing and stays zero."""
+    return replace(
+        friction,
+        **{
+            field.name: visit(
+                Parameter(f"{name}.{field.name}", value, units(_FRICTION_UNITS[field.name])),
+                "friction",
+                f"{name}.friction",
+            )
+            for field in fields(friction)
+            if (value := getattr(friction, field.name)) != 0.0
+        },
+    )

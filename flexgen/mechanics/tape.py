@@ -1,0 +1,293 @@
+"""Scalar arithmetic that folds and shares while it is written down: what a recursion costs is known before it is built.
+
+A value is a Python float, or a `Value`: a signed reference to an operation on a `Tape`. Zeros and ones cost nothing,
+signs move through products and sums, equal operations are found again. A tape counts what its results need, and
+becomes CasADi graphs at the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+# Latency of an operation in a machine that starts any number at once; sines and cosines are looked up before.
+_LATENCY = {"+": 1, "-": 1, "*": 1, "+c": 1, "*c": 1, "neg": 1, "/": 4}
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Arithmetic operations (sines and cosines not counted) and the longest chain of them (a division is 4 long)."""
+
+    operations: int
+    depth: int
+
+
+class Value:
+    """A value on a tape, or its negative; immutable."""
+
+    __slots__ = ("negative", "node", "tape")
+
+    def __init__(self, tape: Tape, node: int, negative: bool = False) -> None:
+        self.tape, self.node, self.negative = tape, node, negative
+
+    def __neg__(self) -> Value:
+        return Value(self.tape, self.node, not self.negative)
+
+    def __add__(self, other: Scalar) -> Scalar:
+        if not isinstance(other, Value):
+            return self.tape.shifted(self, other)
+        if self.negative == other.negative:
+            return self.tape.sum(self.node, other.node, self.negative)
+        return self.tape.difference(self.node, other.node, self.negative)
+
+    def __radd__(self, other: float) -> Scalar:
+        return self.tape.shifted(self, other)
+
+    def __sub__(self, other: Scalar) -> Scalar:
+        return self + (-other)
+
+    def __rsub__(self, other: float) -> Scalar:
+        return (-self) + other
+
+    def __mul__(self, other: Scalar) -> Scalar:
+        if not isinstance(other, Value):
+            return self.tape.scaled(self, other)
+        return self.tape.product(self.node, other.node, self.negative != other.negative)
+
+    def __rmul__(self, other: float) -> Scalar:
+        return self.tape.scaled(self, other)
+
+
+Scalar = Value | float
+
+
+class Tape:
+    """A list of operations without repetition; operands stand before their users."""
+
+    def __init__(self) -> None:
+        self.operations: list[tuple[str, float, float]] = []
+        self.symbols: dict[int, ca.SX] = {}
+        self._known: dict[tuple[str, float, float], int] = {}
+
+    def _node(self, kind: str, a: float, b: float = 0) -> int:
+        key = (kind, a, b)
+        found = self._known.get(key)
+        if found is None:
+            found = self._known[key] = len(self.operations)
+            self.operations.append(key)
+        return found
+
+    # --- what a recursion writes -------------------------------------------------------------------------------------
+
+    def symbol(self, x: ca.SX) -> Value:
+        """A value given from outside."""
+        node = self._node("symbol", len(self.symbols))
+        self.symbols[node] = x
+        return Value(self, node)
+
+    def vector(self, x: ca.SX) -> list[Scalar]:
+        """The entries of a vector of symbols."""
+        return [self.symbol(x[i]) for i in range(x.numel())]
+
+    def sine(self, x: Scalar, cosine: bool = False) -> Scalar:
+        """The sine (or cosine) of a value."""
+        assert isinstance(x, Value)
+        node = self._node("cos" if cosine else "sin", x.node)
+        return Value(self, node, x.negative and not cosine)
+
+    def sum(self, a: int, b: int, negative: bool) -> Scalar:
+        """``a + b``."""
+        alike = self._alike(a, b)
+        if alike is not None:
+            x, c, d = alike
+            return self.scaled(Value(self, x, negative), c + d)
+        return Value(self, self._node("+", min(a, b), max(a, b)), negative)
+
+    def difference(self, a: int, b: int, negative: bool) -> Scalar:
+        """``a - b``, or its negative."""
+        alike = self._alike(a, b)
+        if alike is not None:
+            x, c, d = alike
+            return self.scaled(Value(self, x, negative), c - d)
+        # one order is kept, but not against the sign that is asked for: both are looked up
+        if ("-", b, a) in self._known:
+            return Value(self, self._node("-", b, a), not negative)
+        if negative and ("-", a, b) not in self._known:
+            return Value(self, self._node("-", b, a))
+        return Value(self, self._node("-", a, b), negative)
+
+    def _alike(self, a: int, b: int) -> tuple[int, float, float] | None:
+        """``(x, c, d)`` where ``a = c x`` and ``b = d x`` with numbers c and d."""
+        (kind_a, x, c), (kind_b, y, d) = self.operations[a], self.operations[b]
+        x, c = (int(x), c) if kind_a == "*c" else (a, 1.0)
+        y, d = (int(y), d) if kind_b == "*c" else (b, 1.0)
+        return (int(x), c, d) if x == y else None
+
+    def product(self, a: int, b: int, negative: bool) -> Value:
+        """``a b``."""
+        return Value(self, self._node("*", min(a, b), max(a, b)), negative)
+
+    def shifted(self, a: Value, c: float) -> Scalar:
+        """``a + c`` with a number c."""
+        if c == 0.0:
+            return a
+        return Value(self, self._node("+c", a.node, -c if a.negative else c), a.negative)
+
+    def scaled(self, a: Value, c: float) -> Scalar:
+        """``c a`` with a number c."""
+        if c == 0.0:
+            return 0.0
+        negative, c = a.negative != (c < 0.0), abs(float(c))
+        kind, first, second = self.operations[a.node]
+        if kind == "*c":
+            first, c = int(first), c * second
+        else:
+            first = a.node
+        return Value(self, int(first), negative) if c == 1.0 else Value(self, self._node("*c", first, c), negative)
+
+    def inverse(self, a: Scalar) -> Scalar:
+        """``1 / a``."""
+        if not isinstance(a, Value):
+            return 1.0 / a
+        return Value(self, self._node("/", a.node), a.negative)
+
+    # --- derivatives -------------------------------------------------------------------------------------------------
+
+    def tangents(self, results: Sequence[Scalar], x: Scalar) -> list[Scalar]:
+        """Derivatives of results in one symbol, written on the tape as well."""
+        assert isinstance(x, Value) and not x.negative
+        rate: dict[int, Scalar] = {x.node: 1.0}
+        for node in self.needed(results):
+            kind, a, b = self.operations[node]
+            if kind == "symbol":
+                continue
+            da = rate.get(int(a), 0.0)
+            first = Value(self, int(a))
+            if kind in "+-*":
+                db = rate.get(int(b), 0.0)
+                found = da + db if kind == "+" else da - db
+                if kind == "*":
+                    found = da * Value(self, int(b)) + db * first
+            elif kind in ("+c", "*c"):
+                found = da if kind == "+c" else da * b
+            elif kind == "/":
+                found = -(da * (Value(self, node) * Value(self, node)))
+            else:
+                found = -(da * self.sine(first)) if kind == "cos" else da * self.sine(first, cosine=True)
+            if isinstance(found, Value) or found != 0.0:
+                rate[node] = found
+        out: list[Scalar] = []
+        for result in results:
+            found = rate.get(result.node, 0.0) if isinstance(result, Value) else 0.0
+            out.append(-found if isinstance(result, Value) and result.negative else found)
+        return out
+
+    def gradient(self, result: Scalar, symbols: Sequence[Scalar]) -> list[Scalar]:
+        """Derivatives of one result in symbols, from the result back; written on the tape as well."""
+        if not isinstance(result, Value):
+            return [0.0] * len(symbols)
+        weight: dict[int, Scalar] = {result.node: -1.0 if result.negative else 1.0}
+
+        def add(node: float, x: Scalar) -> None:
+            weight[int(node)] = weight.get(int(node), 0.0) + x
+
+        for node in reversed(self.needed([result])):
+            kind, a, b = self.operations[node]
+            w = weight.get(node, 0.0)
+            if kind == "symbol" or not (isinstance(w, Value) or w):
+                continue
+            first = Value(self, int(a))
+            if kind == "*":
+                add(a, w * Value(self, int(b)))
+                add(b, w * first)
+            elif kind in "+-":
+                add(a, w)
+                add(b, w if kind == "+" else -w)
+            elif kind in ("+c", "*c"):
+                add(a, w if kind == "+c" else w * b)
+            elif kind == "/":
+                add(a, -(w * (Value(self, node) * Value(self, node))))
+            else:
+                add(a, -(w * self.sine(first)) if kind == "cos" else w * self.sine(first, cosine=True))
+        return [weight.get(x.node, 0.0) if isinstance(x, Value) else 0.0 for x in symbols]
+
+    # --- what becomes of it ------------------------------------------------------------------------------------------
+
+    def needed(self, results: Iterable[Scalar]) -> list[int]:
+        """The operations that results need, operands first."""
+        wanted: set[int] = set()
+        stack = [x.node for x in results if isinstance(x, Value)]
+        while stack:
+            node = stack.pop()
+            if node not in wanted:
+                wanted.add(node)
+                stack.extend(self.operands(node))
+        return sorted(wanted)
+
+    def operands(self, node: int) -> tuple[int, ...]:
+        """The operands of an operation that are themselves on the tape."""
+        kind, a, b = self.operations[node]
+        if kind == "symbol":
+            return ()
+        return (int(a), int(b)) if kind in "+-*" else (int(a),)
+
+    def settled(self, results: Sequence[Scalar]) -> list[Scalar]:
+        """The same results with fewer negatives at the end: ``-(a - b)`` becomes ``b - a``, ``-(c a)`` ``(-c) a``."""
+        out: list[Scalar] = []
+        for x in results:
+            if isinstance(x, Value) and x.negative:
+                kind, a, b = self.operations[x.node]
+                if kind in ("-", "*c"):
+                    x = Value(self, self._node(kind, b, a) if kind == "-" else self._node(kind, a, -b))
+            out.append(x)
+        return out
+
+    def cost(self, results: Sequence[Scalar]) -> Cost:
+        """What results cost; a negative that is left at the end is an operation as well."""
+        results = self.settled(results)
+        depth: dict[int, int] = {}
+        count = 0
+        for node in self.needed(results):
+            length = _LATENCY.get(self.operations[node][0], 0)
+            count += length > 0
+            depth[node] = max((depth[x] for x in self.operands(node)), default=0) + length
+        ends = {(x.node, x.negative) for x in results if isinstance(x, Value)}
+        count += sum(negative for _, negative in ends)
+        return Cost(count, max((depth[node] + negative for node, negative in ends), default=0))
+
+    def build(self, results: Sequence[Scalar]) -> list[ca.SX]:
+        """The results as CasADi scalars in the symbols they were made of."""
+        results = self.settled(results)
+        built: dict[int, ca.SX] = {}
+        for node in self.needed(results):
+            kind, a, b = self.operations[node]
+            if kind == "symbol":
+                built[node] = self.symbols[node]
+                continue
+            x = built[int(a)]
+            match kind:
+                case "+":
+                    built[node] = x + built[int(b)]
+                case "-":
+                    built[node] = x - built[int(b)]
+                case "*":
+                    built[node] = x * built[int(b)]
+                case "+c":
+                    built[node] = x + b
+                case "*c":
+                    built[node] = b * x
+                case "/":
+                    built[node] = 1 / x
+                case "sin":
+                    built[node] = ca.sin(x)
+                case _:
+                    built[node] = ca.cos(x)
+        out = []
+        for result in results:
+            if isinstance(result, Value):
+                out.append(-built[result.node] if result.negative else built[result.node])
+            else:
+                out.append(ca.SX(result))
+        return out
