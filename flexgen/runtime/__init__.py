@@ -1,0 +1,13 @@
+"""A generated library as Python functions on numpy arrays: `load`. Needs numpy and the manifest, nothing else.
+
+Many points are fastest as a structure of arrays, and fastest of all with memory for the results::
+
+    q_a = np.empty((n, 3), order="F")  # all first coordinates, then all second ones: read where they are
+    M = np.empty((n, 3, 3), order="F")
+    robot.mass_matrix(q_a, out=M)  # the work of C and a few microseconds
+"""
+
+from flexgen.runtime.calls import Function
+from flexgen.runtime.library import ABI_VERSION, FORMAT, Library, load
+
+__all__ = ["ABI_VERSION", "FORMAT", "Function", "Library", "load"]

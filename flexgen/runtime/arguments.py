@@ -1,0 +1,170 @@
+"""What callers give: put in order, made into arrays, laid out for C, and refused where it does not fit."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.ports import Port
+
+PARAMETERS = "parameters"  # the port that has one vector for all points, and that may be left out
+_SINGLE = np.dtype(np.float32)
+_byte_of: Callable[[Any], ctypes.c_char] = ctypes.c_char.from_buffer
+
+
+def bound(
+    function: str, ports: Sequence[Port], args: tuple[Any, ...], named: dict[str, Any], default: Any
+) -> list[Any]:
+    """Arguments in the order of the ports; parameters that are not given are those of the model."""
+    names = [port.name for port in ports]
+    given = dict(zip(names, args, strict=False))
+    double = [name for name in named if name in given]
+    unknown = [name for name in named if name not in names]
+    given.update(named)
+    if default is not None:
+        given.setdefault(PARAMETERS, default)
+    missing = [name for name in names if name not in given]
+    if len(args) > len(names) or double or unknown or missing:
+        told = f"{len(args)} arguments" + (f" and {', '.join(named)}" if named else "")
+        raise ArgumentError(f"{function}: given {told}, expected {', '.join(names)}")
+    return [given[name] for name in names]
+
+
+def numbers(function: str, port: Port, x: Any) -> np.ndarray:
+    """The argument as an array of real numbers, not copied where it is one; ArgumentError where it holds others."""
+    if type(x) is np.ndarray and x.dtype.kind == "f":
+        return x
+    try:
+        array = np.asarray(x)
+    except (ValueError, TypeError) as error:
+        raise ArgumentError(f"{function}, {port.name}: given {error}, expected real numbers") from error
+    if array.dtype.kind not in "iuf":
+        raise ArgumentError(f"{function}, {port.name}: given entries of type {array.dtype}, expected real numbers")
+    if getattr(x, "mask", None) is not None and np.any(x.mask):
+        raise ArgumentError(f"{function}, {port.name}: given an array with masked entries, expected real numbers")
+    return array
+
+
+def converted(x: np.ndarray, real: np.dtype, order: Any = "K") -> np.ndarray:
+    """The numbers in the library's precision; what is too large for it becomes infinite, which C notices."""
+    if x.dtype == real and x.flags.aligned and (order == "K" or x.flags.f_contiguous):
+        return x
+    with np.errstate(over="ignore"):
+        return x.astype(real, order=order)
+
+
+def count_of_points(function: str, ports: Sequence[Port], arrays: Sequence[np.ndarray], most: int) -> int | None:
+    """How many points the arrays hold; None where all of them hold one; ArgumentError where shapes do not fit."""
+    count: int | None = None
+    for port, x in zip(ports, arrays, strict=True):
+        if x.shape == port.shape:
+            continue
+        if port.name == PARAMETERS:
+            raise ArgumentError(
+                f"{function}, {port.name}: given shape {x.shape}, expected {port.shape}: one vector for all points"
+            )
+        if x.shape[1:] != port.shape or x.ndim != len(port.shape) + 1:
+            many = ", ".join(map(str, ("N", *port.shape)))
+            raise ArgumentError(
+                f"{function}, {port.name}: given shape {x.shape}, expected {port.shape} or ({many}) [{port.unit}]"
+            )
+        if count is not None and x.shape[0] != count:
+            raise ArgumentError(
+                f"{function}, {port.name}: given {x.shape[0]} points, expected {count} as in the inputs before"
+            )
+        count = x.shape[0]
+    if count is not None and count > most:
+        raise ArgumentError(f"{function}: given {count} points, expected at most {most}; call it for parts of them")
+    return count
+
+
+def stored(port: Port, x: np.ndarray, count: int, real: np.dtype) -> np.ndarray:
+    """The array as the batch reads it, a structure of arrays: entry after entry, in each the points side by side.
+
+    That is the order of Fortran for the shape ``(N, n)`` or ``(N, rows, columns)``; an array that has it is not copied.
+    """
+    if x.shape != port.shape:
+        return x if x.dtype is real and x.flags.f_contiguous and x.flags.aligned else converted(x, real, "F")
+    if port.name == PARAMETERS:
+        return np.ascontiguousarray(converted(x, real))
+    held = np.empty((count, *port.shape), real, order="F")
+    held[...] = converted(x, real)
+    return held
+
+
+def results(function: str, ports: Sequence[Port], out: Any, count: int | None, real: np.dtype) -> list[np.ndarray]:
+    """The arrays for the results: new ones, or those given in ``out``, checked.
+
+    Parameters
+    ----------
+    function : str
+        Name for messages.
+    ports : sequence of Port
+        The outputs.
+    out : None, array, or sequence of array
+        As the caller gave it.
+    count : int or None
+        Number of points; None for one point, whose results are copied, so that any memory will do.
+    real : dtype
+        Of the library.
+    """
+    lead = () if count is None else (count,)
+    if out is None:
+        return [np.empty((*lead, *port.shape), real, order="F") for port in ports]
+    given = list(out) if isinstance(out, tuple | list) else [out]
+    if len(given) != len(ports):
+        expected = ", ".join(port.name for port in ports)
+        raise ArgumentError(f"{function}, out: given {len(given)} arrays, expected {len(ports)}: {expected}")
+    for port, x in zip(ports, given, strict=True):
+        shape = (*lead, *port.shape)
+        if not isinstance(x, np.ndarray):
+            raise ArgumentError(f"{function}, out for {port.name}: given {type(x).__name__}, expected a numpy array")
+        told = f"{function}, out for {port.name}: given"
+        if x.shape != shape or x.dtype != real:
+            raise ArgumentError(f"{told} shape {x.shape} of {x.dtype}, expected {shape} of {real}")
+        if not x.flags.writeable:
+            raise ArgumentError(f"{told} an array that is read-only, expected one to write")
+        if count is not None and not (x.flags.f_contiguous and x.flags.aligned):
+            raise ArgumentError(
+                f"{told} an array in another order, expected points side by side: np.empty({shape}, order='F')"
+            )
+    return given
+
+
+def address(x: np.ndarray) -> int:
+    """Where the entries of an array in C's or Fortran's order begin."""
+    try:
+        # Thrice as fast as x.ctypes.data; both orders are C's order for one of the two.
+        return ctypes.addressof(_byte_of(x.T if x.flags.f_contiguous else x))
+    except (TypeError, ValueError):  # read-only, or empty
+        return int(x.ctypes.data)
+
+
+def refuse_overlap(
+    function: str, ports: Sequence[Port], written: Sequence[tuple[int, int]], read: Sequence[tuple[int, int]]
+) -> None:
+    """ArgumentError where a result shares memory, as (address, bytes), with an input or with another result."""
+    for k, (port, (start, size)) in enumerate(zip(ports, written, strict=True)):
+        for other, other_size in (*written[:k], *read):
+            if start < other + other_size and other < start + size:
+                raise ArgumentError(
+                    f"{function}, out for {port.name}: given memory that another argument uses too, expected its own"
+                )
+
+
+def refuse_not_finite(function: str, ports: Sequence[Port], arrays: Sequence[np.ndarray], real: np.dtype) -> None:
+    """ArgumentError that tells the first point with an entry that is not finite, and which; nothing without one."""
+    found: list[tuple[int, str, Any]] = []
+    for port, x in zip(ports, arrays, strict=True):
+        bad = np.argwhere(~np.isfinite(converted(x, real)))
+        if bad.size:
+            at = tuple(int(k) for k in bad[0])
+            found.append((at[0] if x.ndim > len(port.shape) else 0, f"{port.name}[{', '.join(map(str, at))}]", x[at]))
+    if found:
+        _, where, value = min(found, key=lambda entry: entry[0])
+        expected = "finite numbers of single precision" if real == _SINGLE else "finite numbers"
+        raise ArgumentError(f"{function}, {where}: given {value}, expected {expected}")

@@ -1,0 +1,172 @@
+"""Files that are loaded as code: nobody else may have changed them, and what is loaded is what was verified.
+
+What is refused, on systems with POSIX permissions: a folder, manifest or library that everybody may write, or that
+belongs to neither the user nor root; a folder above them that everybody may write without its sticky bit; a manifest
+or library that is a symbolic link or no regular file. A group may write: groups are chosen, and where the umask is 002
+every user is alone in one. Whoever may write as the user can of course load anything.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import os
+import stat
+import struct
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from flexgen.errors import BuildError
+
+AGAIN = "generate it again with flexgen.generate(..., force=True)"
+
+_FLAGS = sum(getattr(os, flag, 0) for flag in ("O_RDONLY", "O_CLOEXEC", "O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
+_POSIX = os.name == "posix"
+_ELF = b"\x7fELF"
+_PT_LOAD = 1
+_ET_DYN = 3
+
+
+def trusted_folder(folder: Path) -> Path:
+    """The folder without symbolic links; BuildError where others could change what it holds."""
+    resolved = folder.resolve()
+    _refuse_others(resolved, resolved.stat())
+    for above in resolved.parents:
+        mode = above.stat().st_mode
+        if _POSIX and mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
+            raise BuildError(
+                f"{above}: given a folder that everybody may write (mode {stat.S_IMODE(mode):o}), expected one in "
+                f"which nobody else can replace {resolved}; take the right away (chmod o-w) or generate somewhere else"
+            )
+    return resolved
+
+
+def trusted_bytes(path: Path) -> bytes:
+    """Content of a regular file that nobody else may write; OSError where it cannot be read, else BuildError."""
+    with _opened(path) as descriptor:
+        return _content(descriptor)
+
+
+def trusted_library(path: Path, sha256: str) -> ctypes.CDLL:
+    """Load a shared library whose content has the given digest.
+
+    The file is opened once: its owner, rights and content are those of the open file, and after loading the path must
+    still lead to that file, unchanged. Its parts must lie within it, as a cut file would kill the process.
+
+    Parameters
+    ----------
+    path : Path
+        Without symbolic links in the folders.
+    sha256 : str
+        Of the file, in hexadecimal.
+
+    Returns
+    -------
+    ctypes.CDLL
+        It stays in memory until the process ends.
+
+    Raises
+    ------
+    BuildError
+        Where the file is not to be trusted, or not the one expected.
+    OSError
+        Where it cannot be read or loaded.
+    """
+    with _opened(path) as descriptor:
+        before = os.fstat(descriptor)
+        content = _content(descriptor)
+        given = hashlib.sha256(content).hexdigest()
+        if given != sha256:
+            raise BuildError(f"{path.name}: given SHA-256 {given[:16]}..., expected {sha256[:16]}...; {AGAIN}")
+        problem = _elf_problem(content) if path.suffix == ".so" else None
+        if problem is not None:
+            raise BuildError(f"{path.name}: given {problem}; {AGAIN}")
+        library = ctypes.CDLL(str(path))
+        if _identity(os.fstat(descriptor)) != _identity(before) or _identity(os.lstat(path)) != _identity(before):
+            raise BuildError(f"{path.name}: given a file that changed while it was loaded, expected one at rest")
+    return library
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[int]:
+    """Descriptor of a file that passed the checks of its owner and rights."""
+    try:
+        descriptor = os.open(path, _FLAGS)
+    except OSError:
+        if path.is_symlink():
+            raise BuildError(
+                f"{path}: given a symbolic link, expected the file itself: what it leads to may change unseen; {AGAIN}"
+            ) from None
+        raise
+    try:
+        found = os.fstat(descriptor)
+        if not stat.S_ISREG(found.st_mode):
+            raise BuildError(f"{path}: given no regular file, expected one; {AGAIN}")
+        _refuse_others(path, found)
+        yield descriptor
+    finally:
+        os.close(descriptor)
+
+
+def _content(descriptor: int) -> bytes:
+    with open(descriptor, "rb", closefd=False) as file:
+        return file.read()
+
+
+def _identity(found: os.stat_result) -> tuple[int, ...]:
+    """What changes where a file is replaced or written."""
+    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+
+
+def _refuse_others(path: Path, found: os.stat_result) -> None:
+    """BuildError where somebody else owns the file or folder, or everybody may write it."""
+    if not _POSIX:
+        return
+    if found.st_mode & stat.S_IWOTH:
+        raise BuildError(
+            f"{path}: given mode {stat.S_IMODE(found.st_mode):o}, which lets everybody write it, expected that only "
+            f"its owner or group may; if you trust its content: chmod o-w {path}"
+        )
+    if found.st_uid not in (0, os.geteuid()):
+        raise BuildError(
+            f"{path}: given the owner {found.st_uid}, expected the user {os.geteuid()} or root; copy what you trust"
+        )
+
+
+def _elf_problem(content: bytes) -> str | None:
+    """Why a file is no shared library in ELF that can be mapped into this process; None where it seems to be one."""
+    wide, order = sys.maxsize > 2**32, "<" if sys.byteorder == "little" else ">"
+    if content[:4] != _ELF or len(content) < (64 if wide else 52):
+        return "no shared library (its ELF header is missing or cut)"
+    if content[4:6] != bytes([2 if wide else 1, 1 if order == "<" else 2]):
+        return f"a library of other addresses or byte order, expected {64 if wide else 32} bits, {sys.byteorder}-endian"
+    kind, machine = struct.unpack_from(f"{order}HH", content, 16)
+    if kind != _ET_DYN:
+        return f"an ELF file of kind {kind}, expected a shared library"
+    if machine != (here := _machine(order, machine)):
+        return f"a library for another processor (ELF machine {machine}), expected {here}"
+    (table,) = struct.unpack_from(f"{order}{'Q' if wide else 'I'}", content, 32 if wide else 28)
+    entry_size, count = struct.unpack_from(f"{order}HH", content, 54 if wide else 42)
+    layout = struct.Struct(f"{order}IIQQQQQQ" if wide else f"{order}IIIIIIII")
+    if entry_size != layout.size or not 0 < count < 0xFFFF or table + count * entry_size > len(content):
+        return "a cut or garbled library (its table of segments)"
+    loads = 0
+    for k in range(count):
+        fields = layout.unpack_from(content, table + k * entry_size)
+        start, size, memory = (fields[2], fields[5], fields[6]) if wide else (fields[1], fields[4], fields[5])
+        if start + size > len(content) or (fields[0] == _PT_LOAD and size > memory):
+            return f"a cut or garbled library (segment {k} ends at byte {start + size} of {len(content)})"
+        loads += fields[0] == _PT_LOAD
+    return None if loads else "a garbled library (nothing in it is to be loaded)"
+
+
+def _machine(order: str, unknown: int) -> int:
+    """ELF machine of the running interpreter, or the given number where it cannot be read."""
+    try:
+        with open("/proc/self/exe", "rb") as file:
+            header = file.read(20)
+    except OSError:
+        return unknown
+    return int(struct.unpack_from(f"{order}H", header, 18)[0]) if header[:4] == _ELF else unknown

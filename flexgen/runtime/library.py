@@ -1,0 +1,337 @@
+"""From a directory to a library whose functions can be called: `load` compares what is there with its manifest."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import json
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from flexgen import errors
+from flexgen.errors import ArgumentError, BuildError, FlexgenError
+from flexgen.ports import Port, identifier_problem
+from flexgen.runtime.arguments import PARAMETERS
+from flexgen.runtime.calls import Entries, Function
+from flexgen.runtime.files import AGAIN, trusted_bytes, trusted_folder, trusted_library
+
+ABI_VERSION = 2
+FORMAT = 1
+
+_LIBRARY_FILE = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib)\Z")
+_REALS: dict[str, np.dtype[Any]] = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}
+_SIZES = ("n_a", "n_g", "n_e", "n_m", "n_x", "n_p")
+_MEANING = {
+    "abi_version": "another version of the interface between Python and C",
+    "digest": "the library of another model",
+    "interface": "functions of other names or shapes",
+    "sizeof_real": "bytes of a number: another precision than the manifest's",
+    "sizeof_int": "bytes of an int in C",
+}
+
+
+class Library:
+    """A loaded library: its functions are attributes, such as ``library.mass_matrix(q_a)``.
+
+    It may be used by several threads, copied (a copy is the same library), pickled (it is loaded again from its
+    directory, and refused where another one is there now) and closed, by hand or as a context manager. Closing makes
+    every later call an error; the code stays in memory until the process ends, so that calls under way in other threads
+    end well.
+
+    Parameters
+    ----------
+    name : str
+        The model's name, with its variant.
+    directory : Path
+        Where it was loaded from.
+    digest : str
+        SHA-256 of the model's data, as the library itself says.
+    precision : str
+        ``"double"`` or ``"single"``.
+    functions : mapping of str to Function
+        By name, in the order of the header.
+    sizes : mapping of str to int
+        ``n_a``, ``n_g``, ``n_e``, ``n_m``, ``n_x``, and ``n_p`` where there are run-time parameters.
+    parameters : ndarray
+        Values of the run-time parameters in the model file, which calls use where they are given no others; read-only.
+    parameter_names : tuple of str
+        What they are, in the same order.
+    coordinates, units, motors, states : tuple of str
+        Names and units of ``q_a``, names of ``q_m``, meaning of the state of ``linearize``.
+    """
+
+    def __init__(
+        self, directory: Path, manifest: dict[str, Any], functions: dict[str, Function], parameters: np.ndarray
+    ) -> None:
+        self.name: str = manifest["name"]
+        self.directory = directory
+        self.digest: str = manifest["model_digest"]
+        self.precision: str = manifest.get("precision", "double")
+        self.functions: Mapping[str, Function] = MappingProxyType(functions)
+        self.sizes: Mapping[str, int] = MappingProxyType(dict(manifest["sizes"]))
+        self.parameters = parameters
+        self.parameter_names: tuple[str, ...] = tuple(p["name"] for p in manifest.get("parameters", ()))
+        self.coordinates: tuple[str, ...] = tuple(c["name"] for c in manifest["coordinates"])
+        self.units: tuple[str, ...] = tuple(c["unit"] for c in manifest["coordinates"])
+        self.motors: tuple[str, ...] = tuple(manifest["motors"])
+        self.states: tuple[str, ...] = tuple(manifest["states"])
+        self._again = (str(directory.resolve()), manifest["build"]["sha256"])
+        self._closed = False
+
+    @property
+    def ports(self) -> dict[str, tuple[tuple[Port, ...], tuple[Port, ...]]]:
+        """Inputs and outputs of every function."""
+        return {name: (f.inputs, f.outputs) for name, f in self.functions.items()}
+
+    @property
+    def closed(self) -> bool:
+        """True after `close`."""
+        return self._closed
+
+    def close(self) -> None:
+        """Refuse every call from now on; closing twice does no harm. Calls under way end as usual."""
+        self._closed = True
+        for function in self.functions.values():
+            function.close(self.name)
+
+    def __enter__(self) -> Library:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def __copy__(self) -> Library:
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Library:
+        return self
+
+    def __reduce__(self) -> Any:
+        if self._closed:
+            raise ArgumentError(f"{self.name}: given a library that was closed, expected an open one; load it again")
+        return library_again, self._again
+
+    def __getattr__(self, name: str) -> Function:
+        functions = self.__dict__.get("functions", {})
+        if name in functions:
+            return functions[name]
+        raise AttributeError(f"given {name!r}, expected one of the library's functions: {', '.join(functions)}")
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *self.functions})
+
+    def __repr__(self) -> str:
+        return f"<Library {self.name}{' (closed)' if self._closed else ''}: {', '.join(self.functions)}>"
+
+
+def load(directory: str | os.PathLike[str]) -> Library:
+    """Load a generated library.
+
+    Nothing of it runs before its file is known to be the one of the manifest, whole, and safe from other users; nothing
+    is called before its ABI version, model digest, interface, sizes and types of numbers are those of the manifest and
+    of this Python. `flexgen.runtime.files` says which owners and rights are refused.
+
+    Parameters
+    ----------
+    directory : str or Path
+        What `flexgen.generate` wrote.
+
+    Returns
+    -------
+    Library
+
+    Raises
+    ------
+    ArgumentError
+        Where the directory is no path.
+    BuildError
+        Where there is no library, not the one that the manifest describes, or one that other users may change.
+    """
+    if not isinstance(directory, str | os.PathLike) or not isinstance(os.fspath(directory), str):
+        raise ArgumentError(f"directory: given {directory!r}, expected the path of what flexgen.generate wrote")
+    if "\0" in os.fspath(directory):
+        raise ArgumentError(f"directory: given {str(directory)!r}, expected the path of a folder")
+    return _loaded(Path(directory), None)
+
+
+def library_again(directory: str, sha256: str) -> Library:
+    """The library that was pickled; BuildError where another one is in its directory now."""
+    return _loaded(Path(directory), sha256)
+
+
+def function_again(directory: str, sha256: str, name: str) -> Function:
+    """The function that was pickled; BuildError where another library is in its directory now."""
+    return library_again(directory, sha256).functions[name]
+
+
+def _loaded(folder: Path, sha256: str | None) -> Library:
+    """Load the library of a folder, where its file has the given digest."""
+    trusted, manifest = _read(folder)
+    try:
+        name, file, recorded = manifest["name"], manifest["build"]["library"], manifest["build"]["sha256"]
+        if identifier_problem(name) is not None:
+            raise BuildError(f"name of the library: given {name!r}, expected {identifier_problem(name)}; {AGAIN}")
+        named = _LIBRARY_FILE.match(file)
+        if named is None or named["name"] != name or named["hash"] != recorded[:16]:
+            raise BuildError(
+                f"{folder}: given the library's file name {file!r}, expected lib{name}-{recorded[:16]}.so; {AGAIN}"
+            )
+        if sha256 not in (None, recorded):
+            raise BuildError(
+                f"{folder}: given a library of SHA-256 {recorded[:16]}..., expected that of {str(sha256)[:16]}..., "
+                "which was pickled; pickle again what is there now"
+            )
+        library = trusted_library(trusted / file, recorded)
+        _verify(library, manifest)
+        failures = {
+            status["code"]: (_exception(status["exception"]), status["text"])
+            for status in manifest["statuses"]
+            if status["code"] != 0
+        }
+        parameters = _parameters(library, manifest)
+        functions = {
+            f["name"]: _function(library, manifest, f, failures, parameters, (str(trusted), recorded, f["name"]))
+            for f in manifest["functions"]
+        }
+        return Library(folder, manifest, functions, parameters)
+    except OSError as error:
+        raise BuildError(f"{folder}: given a library that cannot be loaded ({error}); {AGAIN}") from error
+    except (KeyError, TypeError, AttributeError, ValueError) as error:
+        if isinstance(error, FlexgenError):
+            raise BuildError(f"{folder}: {error}; {AGAIN}") from error
+        raise BuildError(f"{folder / 'manifest.json'}: given an incomplete manifest ({error!r}); {AGAIN}") from error
+
+
+def _read(folder: Path) -> tuple[Path, dict[str, Any]]:
+    """A folder that holds a compiled library, without symbolic links, and its manifest."""
+    path = folder / "manifest.json"
+    try:
+        trusted = trusted_folder(folder)
+        manifest = json.loads(trusted_bytes(trusted / path.name))
+    except OSError as error:
+        raise BuildError(f"{folder}: given no readable manifest.json, expected what flexgen.generate writes") from error
+    except (ValueError, RecursionError) as error:
+        raise BuildError(f"{path}: given text that is not JSON ({error}); {AGAIN}") from error
+    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+        raise BuildError(f"{path}: given another format, expected format {FORMAT}; {AGAIN}")
+    if manifest.get("abi_version") != ABI_VERSION:
+        raise BuildError(
+            f"{path}: given ABI version {manifest.get('abi_version')}, expected {ABI_VERSION}: it was written by "
+            f"another version of flexgen; {AGAIN}"
+        )
+    if not manifest.get("build"):
+        raise BuildError(
+            f"{folder}: given sources only, expected a compiled library; generate it without build=False (--no-build)"
+        )
+    return trusted, manifest
+
+
+def _verify(library: ctypes.CDLL, manifest: dict[str, Any]) -> None:
+    """Compare what the library says of itself with the manifest and this Python; BuildError where they differ."""
+    name, precision = manifest["name"], manifest.get("precision", "double")
+    if precision not in _REALS:
+        raise BuildError(f"precision: given {precision!r}, expected double or single; {AGAIN}")
+    for size in manifest["sizes"]:
+        if size not in _SIZES:
+            raise ValueError(f"given the size {size!r}, expected {', '.join(_SIZES)}")
+    expected: dict[str, Any] = {
+        "abi_version": ABI_VERSION,
+        "sizeof_real": _REALS[precision].itemsize,
+        "sizeof_int": ctypes.sizeof(ctypes.c_int),
+        "digest": manifest["model_digest"],
+        "interface": hashlib.sha256("".join(map(_signature, manifest["functions"])).encode()).hexdigest(),
+        **manifest["sizes"],
+    }
+    for key, value in expected.items():
+        entry = _entry(library, f"{name}_{key}")
+        if key in ("digest", "interface"):
+            entry.restype = ctypes.c_char_p
+            said = entry().decode("ascii", "replace")
+        else:
+            said = int(entry())
+        if said != value:
+            meaning = f" ({_MEANING[key]})" if key in _MEANING else ""
+            raise BuildError(f"{name}_{key}: given {said}, expected {value}{meaning}; {AGAIN}")
+
+
+def _entry(library: ctypes.CDLL, symbol: str) -> Any:
+    """A function of the library that returns an int; BuildError where it is missing.
+
+    Types of arguments are not declared: all calls pass objects of ctypes and small numbers, and looking declarations up
+    would cost time in every one.
+    """
+    try:
+        return library[symbol]
+    except AttributeError:
+        raise BuildError(
+            f"{symbol}: given a library without it, expected the one that the manifest describes; {AGAIN}"
+        ) from None
+
+
+def _signature(described: dict[str, Any]) -> str:
+    """Names and shapes of a function in one line, as the library hashes them: ``mass_matrix(q_a[3])(M[3,3])``."""
+
+    def listed(ports: list[dict[str, Any]]) -> str:
+        return "".join(f"{port['name']}[{','.join(map(str, port['shape']))}]" for port in ports)
+
+    return f"{described['name']}({listed(described['inputs'])})({listed(described['outputs'])})\n"
+
+
+def _exception(name: str) -> type[FlexgenError]:
+    found = getattr(errors, name, None)
+    if not (isinstance(found, type) and issubclass(found, FlexgenError)):
+        raise ValueError(f"given the exception {name!r}, expected a class of flexgen.errors")
+    return found
+
+
+def _parameters(library: ctypes.CDLL, manifest: dict[str, Any]) -> np.ndarray:
+    """The run-time parameters' values in the model file, as the library says; empty where it has none."""
+    values = np.zeros(manifest["sizes"].get("n_p", 0), _REALS[manifest.get("precision", "double")])
+    if values.size:
+        entry = _entry(library, f"{manifest['name']}_parameters")
+        entry.restype = None
+        entry(ctypes.c_void_p(values.ctypes.data))
+    values.flags.writeable = False
+    return values
+
+
+def _function(
+    library: ctypes.CDLL,
+    manifest: dict[str, Any],
+    described: dict[str, Any],
+    failures: Mapping[int, tuple[type[FlexgenError], str]],
+    parameters: np.ndarray,
+    again: tuple[str, str, str],
+) -> Function:
+    """One function of the library with its C entry points."""
+    name = described["name"]
+    if identifier_problem(name) is not None:
+        raise ValueError(f"given the function name {name!r}, expected {identifier_problem(name)}")
+    inputs, outputs = (
+        tuple(Port(p["name"], tuple(p["shape"]), p["unit"], p["doc"]) for p in described[key])
+        for key in ("inputs", "outputs")
+    )
+    for port in inputs:
+        if port.name == PARAMETERS and port.shape != parameters.shape:
+            raise ValueError(f"given {port.shape} as the shape of {name}'s parameters, expected {parameters.shape}")
+    single, batch, work, batch_work = (
+        _entry(library, f"{manifest['name']}_{name}{suffix}") for suffix in ("", "_batch", "_work", "_batch_work")
+    )
+    return Function(
+        name,
+        described["summary"],
+        described["equation"],
+        inputs,
+        outputs,
+        Entries(single, batch, int(work()), batch_work),
+        _REALS[manifest.get("precision", "double")],
+        failures,
+        parameters,
+        (function_again, again),
+    )
