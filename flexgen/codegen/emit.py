@@ -18,7 +18,7 @@ from flexgen.ports import identifier_problem
 
 # Names that the emitted functions use beside their ports.
 _INTERNAL = re.compile(
-    r"(t\d+|z\d+|(angle|co?sine)\d+|[wnkijFTPdx]|work|status|first|count|inverse|pivot|factor|zero|block|blocks|bad|matrix|rows|sum|"
+    r"(t\d+|z\d+|(angle|co?sine)\d+|[wnkijFTPdx]|work|status|first|count|inverse|pivot|factor|zero|group|groups|bad|copied|collide|matrix|rows|sum|"
     r"real|lanes|stride|size|known|thread|evaluate(_\d+)*|solve_\d+|all_finite|spoil|failed|at_[a-zA-Z0-9_]*|space)\Z"
 )
 

@@ -25,10 +25,19 @@ _LIBM = frozenset(
 )
 
 
-def works(f: FunctionSpec, written: Mathematics, precision: str) -> tuple[int, int]:
-    """Reals of workspace for one point, and for a batch: lanes of workspace, and a last block that is padded."""
+def tile(f: FunctionSpec, precision: str) -> int:
+    """Points whose arrays a batch copies at a time, where it has to: some 128 KiB of them, at most 64 points."""
     ports = sum(port.size for port in (*f.inputs, *f.outputs))
-    return max(1, written.work), (written.work + ports) * LANES[precision]
+    points = 64
+    while points > LANES[precision] and points * ports * BYTES[precision] > 2**17:
+        points //= 2
+    return points
+
+
+def works(f: FunctionSpec, written: Mathematics, precision: str) -> tuple[int, int]:
+    """Reals of workspace for one point, and for a batch: lanes of workspace, and copies of some points' arrays."""
+    ports = sum(port.size for port in (*f.inputs, *f.outputs))
+    return max(1, written.work), written.work * LANES[precision] + ports * tile(f, precision)
 
 
 def header(spec: LibrarySpec, written: Mapping[str, Mathematics]) -> str:
@@ -172,8 +181,8 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
         f"  cc {flags} *.c -lm",
         "(-ffp-contract=off: the same bits with every compiler and processor; where GCC compiles for a fused "
         "multiply-add, add -fno-tree-vectorize, as it fuses vectors all the same. -O3 -march=native "
-        "-ffp-contract=fast is faster, and differs by rounding. Never -ffast-math: it hides results that are not finite.) Sine, cosine, exp "
-        "and tanh are the library's own; "
+        "-ffp-contract=fast is faster, and differs by rounding. Never -ffast-math: it hides results that are not "
+        "finite.) Sine, cosine, exp and tanh are the library's own; "
         f"{called}, but that compilers may make loops into calls of memset, memcpy and memmove. With OpenMP (-fopenmp) "
         "the batches use all cores.",
     ]

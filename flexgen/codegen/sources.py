@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from flexgen.codegen.header import LANES, works
+from flexgen.codegen.header import tile
 from flexgen.codegen.mathematics import Mathematics, literal
 from flexgen.codegen.pieces import batch_prototype, count_of, macro, prototype, quoted, size_macro
 from flexgen.codegen.spec import ABI_VERSION, STATUSES, FunctionSpec, LibrarySpec
@@ -107,6 +107,29 @@ static inline void spoil(real *x, int size, ptrdiff_t stride)
     }}
 }}
 
+/* Copy the entries of some points; lanes beyond the last point repeat the first. */
+static inline void gather_points(const real *x, int size, int count, ptrdiff_t stride, real *to, ptrdiff_t to_stride)
+{{
+    for (int i = 0; i < size; ++i) {{
+        int k = 0;
+        for (; k < count; ++k) {{
+            to[i * to_stride + k] = x[i * stride + k];
+        }}
+        for (; k % LANES != 0; ++k) {{
+            to[i * to_stride + k] = x[i * stride];
+        }}
+    }}
+}}
+
+static inline void scatter_points(const real *x, int size, int count, ptrdiff_t stride, real *to, ptrdiff_t to_stride)
+{{
+    for (int i = 0; i < size; ++i) {{
+        for (int k = 0; k < count; ++k) {{
+            to[i * to_stride + k] = x[i * stride + k];
+        }}
+    }}
+}}
+
 #endif
 """
 
@@ -194,7 +217,9 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: Mathematics) -> str:
 
 {batch_prototype(spec, f)}
 {{
-    const int blocks = n < 0 ? 0 : n / LANES + (n % LANES != 0);
+    /* Where columns meet in the same places of the cache, and for the last points, arrays are copied. */
+    const int collide = n > {tile(f, spec.precision)} && (size_t)n * sizeof(real) % 1024 == 0;
+    const int groups = n < 0 ? 0 : n / {tile(f, spec.precision)} + (n % {tile(f, spec.precision)} != 0);
     int bad = 0;
     if (n < 0) {{
         return {macro(spec, "BAD_COUNT")};
@@ -203,7 +228,7 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: Mathematics) -> str:
         return {macro(spec, "NULL_ARGUMENT")};
     }}
 #ifdef _OPENMP
-#pragma omp parallel reduction(+ : bad) if (blocks > 64)
+#pragma omp parallel reduction(+ : bad) if (groups > 8)
 #endif
     {{
 #ifdef _OPENMP
@@ -212,25 +237,26 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: Mathematics) -> str:
         real *const space = work;
 #endif
         lanes zero = splat_v(0);
-        int block;
+        int group;
 #ifdef _OPENMP
 #pragma omp for schedule(static)
 #endif
-        for (block = 0; block < blocks; ++block) {{
-            const int first = block * LANES;
-            const int count = n - first < LANES ? n - first : LANES;
+        for (group = 0; group < groups; ++group) {{
+            const int first = group * {tile(f, spec.precision)};
+            const int count = n - first < {tile(f, spec.precision)} ? n - first : {tile(f, spec.precision)};
+            const int copied = collide || count % LANES != 0;
             ptrdiff_t stride = n;
-{
-        _pointers(stored, f.outputs, spec)
-    }            if (count < LANES) {{ /* the last points: repeat one to fill the lanes */
+{_pointers(stored, f.outputs)}            if (copied) {{
                 real *at = space + {written.work} * LANES;
-                stride = LANES;
-{_gather(f, sizes, spec)}            }}
-            zero += evaluate_v({", ".join("at_" + p.name if p in stored else p.name for p in ports)}{
+                stride = {tile(f, spec.precision)};
+{_gather(spec, f, sizes)}            }}
+            for (int k = 0; k < count; k += LANES) {{
+                zero += evaluate_v({", ".join(f"at_{p.name} + k" if p in stored else p.name for p in ports)}{
         ", (lanes *)space" if written.work else ""
     }, stride);
-            if (count < LANES) {{
-{_scatter(f, sizes)}            }}
+            }}
+            if (copied) {{
+{_scatter(spec, f, sizes)}            }}
         }}
         bad += sum_v(zero) == 0 ? 0 : 1;
     }}
@@ -290,38 +316,28 @@ static SEPARATE int failed({", ".join(parameters)}, int n, ptrdiff_t stride)
 """
 
 
-def _pointers(stored: list[Port], outputs: tuple[Port, ...], spec: LibrarySpec) -> str:
+def _pointers(stored: list[Port], outputs: tuple[Port, ...]) -> str:
     return "".join(
         f"            {'' if p in outputs else 'const '}real *at_{p.name} = {p.name} + first;\n" for p in stored
     )
 
 
-def _gather(f: FunctionSpec, sizes: Mapping[str, str], spec: LibrarySpec) -> str:
-    """Lines that copy the inputs of the last points into a full block, and have the results written to one."""
-    indent = " " * 16
-    text = ""
-    for p in f.inputs:
-        if not _shared(spec, p):
-            text += (
-                f"{indent}for (int i = 0; i < {sizes[p.name]} * LANES; ++i) {{\n"
-                f"{indent}    const int k = i % LANES < count ? i % LANES : 0;\n"
-                f"{indent}    at[i] = {p.name}[i / LANES * (ptrdiff_t)n + first + k];\n"
-                f"{indent}}}\n{indent}at_{p.name} = at;\n{indent}at += {sizes[p.name]} * LANES;\n"
-            )
-    lines = []
-    for p in f.outputs:
-        lines += [f"{indent}at_{p.name} = at;\n", f"{indent}at += {sizes[p.name]} * LANES;\n"]
-    return text + "".join(lines[:-1])
+def _gather(spec: LibrarySpec, f: FunctionSpec, sizes: Mapping[str, str]) -> str:
+    """Lines that copy the inputs of a group of points, and have the results written beside them."""
+    points, indent = tile(f, spec.precision), " " * 16
+    stored = [p for p in f.inputs if not _shared(spec, p)]
+    lines = [f"{indent}gather_points(at_{p.name}, {sizes[p.name]}, count, n, at, {points});\n" for p in stored]
+    places = [f"{indent}at_{p.name} = at;\n{indent}at += {sizes[p.name]} * {points};\n" for p in stored]
+    text = "".join(line + place for line, place in zip(lines, places, strict=True))
+    text += "".join(f"{indent}at_{p.name} = at;\n{indent}at += {sizes[p.name]} * {points};\n" for p in f.outputs)
+    return text[: text.rindex(f"{indent}at +=")]
 
 
-def _scatter(f: FunctionSpec, sizes: Mapping[str, str]) -> str:
-    """Lines that copy the results of the last points where they belong."""
-    indent = " " * 16
+def _scatter(spec: LibrarySpec, f: FunctionSpec, sizes: Mapping[str, str]) -> str:
+    """Lines that copy the results of a group of points where they belong."""
+    points, indent = tile(f, spec.precision), " " * 16
     return "".join(
-        f"{indent}for (int i = 0; i < {sizes[p.name]} * count; ++i) {{\n"
-        f"{indent}    const int k = i % count;\n"
-        f"{indent}    {p.name}[i / count * (ptrdiff_t)n + first + k] = at_{p.name}[i / count * LANES + k];\n"
-        f"{indent}}}\n"
+        f"{indent}scatter_points(at_{p.name}, {sizes[p.name]}, count, {points}, {p.name} + first, n);\n"
         for p in f.outputs
     )
 
@@ -385,6 +401,3 @@ int main(void)
 {"".join(blocks)}    return failed;
 }}
 """
-
-
-__all__ = ["LANES", "body", "example", "facade", "private_header", "source", "works"]
