@@ -33,6 +33,7 @@ examples:
   flexgen models                                    what there is
   flexgen analyze planar5_nmp --pose 0.3,-1.1,0     modes, zeros, phase
   flexgen generate planar5_nmp                      C library in generated/planar5_nmp
+  flexgen generate arm.toml --native --single       the same for this processor, in single precision
   flexgen solve planar5_nmp --report reports/arm    torques along the first move, with pictures
   flexgen run                                       all of it once
 
@@ -147,6 +148,9 @@ def build_parser() -> argparse.ArgumentParser:
     sub = verb("generate")
     sub.add_argument("--directory", metavar="DIR", type=_path, help="where to write; default: generated/MODEL")
     sub.add_argument("--no-build", action="store_true", help="write the sources only, compile nothing")
+    sub.add_argument("--single", action="store_true", help="numbers of single precision (float)")
+    sub.add_argument("--native", action="store_true", help="compile for this processor: faster, other last bits")
+    sub.add_argument("--openmp", action="store_true", help="batches on all cores")
     sub.add_argument("--force", action="store_true", help="build even where nothing has changed")
 
     sub = verb("solve")

@@ -209,7 +209,16 @@ def generate(args: Namespace, tell: Tell) -> Answer:
     from flexgen.codegen.build import generate as generated
 
     robot = read_model(args)
-    made = generated(robot, args.directory, build=not args.no_build, progress=tell, force=args.force)
+    made = generated(
+        robot,
+        args.directory,
+        build=not args.no_build,
+        precision="single" if args.single else "double",
+        native=args.native,
+        openmp=args.openmp,
+        progress=tell,
+        force=args.force,
+    )
     done = f"built in {made.seconds:.1f} s" if not made.cached else "written, nothing compiled"
     lines = [f"{title(robot)}: {done if made.written else 'nothing has changed'} in {made.directory}"]
     lines += ["", "functions: " + ", ".join(made.functions)]
@@ -233,11 +242,12 @@ def generated_dict(robot: RobotModel, made: Generated) -> dict[str, Any]:
 
 
 def _paths(files: tuple[Path, ...]) -> list[str]:
-    sources = [path for path in files if path.suffix == ".c"]
-    rest = [path for path in files if path.suffix != ".c"]
-    return [f"wrote {path}" for path in rest] + [f"wrote {sources[0].parent}/*.c ({len(sources)} files)"] * bool(
-        sources
-    )
+    """What a user looks for by name, and how many files there are beside it."""
+    parts = [
+        path for path in files if path.suffix == ".c" or path.name.endswith(("_body.h", "_kernel.h", "_private.h"))
+    ]
+    shown = [f"wrote {path}" for path in files if path not in parts]
+    return [*shown, f"wrote {parts[0].parent} ({len(parts)} sources)"] if parts else shown
 
 
 # --- solve, simulate --------------------------------------------------------------------------------------------------

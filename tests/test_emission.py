@@ -103,6 +103,8 @@ def test_a_lost_sign_is_seen(lost, monkeypatch):
         ([ca.sin(A), ca.sin(-A), ca.cos(A), ca.cos(-A)], 2),
         ([A * A, A**2, (-A) ** 2], 1),
         ([1 / D, A / D], 2),
+        ([ca.sin(A), ca.cos(A), ca.sin(B), ca.cos(B), ca.sin(A - B)], 7),
+        ([ca.sin(A), ca.sin(A - B)], 3),  # without those of B the sum is shorter
         ([ca.SX(2) * 3, A], 0),
     ],
 )

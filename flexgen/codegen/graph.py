@@ -3,7 +3,8 @@
 What is done, in this order: every value is computed once (also ``b + a`` beside ``a + b``, and ``b - a`` beside
 ``a - b``); signs are moved out of products; constants are folded; divisions by the same value become one reciprocal;
 sums and products of many terms are built so that what is known early is combined first, which shortens the longest
-chain of operations: the time of a single call. None of this changes a result by more than rounding.
+chain of operations: the time of a single call. Sine and cosine of a sum of angles whose own are there follow from
+those. None of this changes a result by more than rounding.
 """
 
 from __future__ import annotations
@@ -247,7 +248,7 @@ def read_graph(function: ca.Function) -> Graph:
         else:
             raise BuildError(f"function {function.name()}: {_operation_name(operation)} cannot be written in C")
         register[target[0]] = out
-    return _balanced(_reciprocals(graph))
+    return _balanced(_reciprocals(_angle_sums(graph)))
 
 
 def _operation_name(operation: int) -> str:
@@ -293,6 +294,39 @@ def _reciprocals(graph: Graph) -> Graph:
         if kind == "div" and divisions[graph.operands[node][1] >> 1] > 1:
             a, b = (to[r >> 1] ^ (r & 1) for r in graph.operands[node])
             to[node] = new.multiply(a, new.divide(new.constant(1.0), b))
+        else:
+            to[node] = _copied(graph, new, node, to)
+    new.outputs = [(array, entry, to[r >> 1] ^ (r & 1)) for array, entry, r in graph.outputs]
+    return new
+
+
+def _angle_sums(graph: Graph) -> Graph:
+    """The graph with sines and cosines of ``a + b`` by products of those of a and b, where these are needed anyway."""
+    needed = graph.alive()
+    turned = {graph.operands[n][0] >> 1 for n, kind in enumerate(graph.kind) if kind in ("sin", "cos") and needed[n]}
+    sums = {a for a in turned if graph.kind[a] in ("add", "sub") and set(graph.arguments(a)) <= turned}
+    if not sums:
+        return graph
+    new = Graph()
+    to: dict[int, Reference] = {}
+
+    def turn(angle: int) -> tuple[Reference, Reference]:
+        """Sine and cosine of an angle of the old graph."""
+        if angle not in sums:
+            return new.call("sin", [to[angle]]), new.call("cos", [to[angle]])
+        a, b = graph.operands[angle]
+        (sine_a, cosine_a), (sine_b, cosine_b) = turn(a >> 1), turn(b >> 1)
+        sine_b ^= 1 if graph.kind[angle] == "sub" else 0
+        return (
+            new.add(new.multiply(sine_a, cosine_b), new.multiply(cosine_a, sine_b)),
+            new.add(new.multiply(cosine_a, cosine_b), new.multiply(sine_a, sine_b) ^ 1),
+        )
+
+    for node, kind in enumerate(graph.kind):
+        if not needed[node]:
+            continue
+        if kind in ("sin", "cos") and graph.operands[node][0] >> 1 in sums:
+            to[node] = turn(graph.operands[node][0] >> 1)[0 if kind == "sin" else 1]
         else:
             to[node] = _copied(graph, new, node, to)
     new.outputs = [(array, entry, to[r >> 1] ^ (r & 1)) for array, entry, r in graph.outputs]

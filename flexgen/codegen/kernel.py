@@ -134,6 +134,15 @@ typedef char ${name}_real_has_${WIDTH}_bits[sizeof(real) == sizeof(bits) ? 1 : -
 #define ${NAME}_INLINE static inline
 #endif
 
+/* Four vectors of angles at a time keep the processor busy. */
+#if defined(__clang__)
+#define ${NAME}_UNROLL _Pragma("clang loop unroll_count(4)")
+#elif defined(__GNUC__)
+#define ${NAME}_UNROLL _Pragma("GCC unroll 4")
+#else
+#define ${NAME}_UNROLL
+#endif
+
 /* A vector has the alignment of one number and may alias numbers: any place in an array can be read as a vector. */
 #if defined(__GNUC__) && !defined(${NAME}_NO_VECTORS) && \\
     (defined(__SSE2__) || defined(__aarch64__) || defined(__VSX__))
@@ -308,6 +317,7 @@ ${NAME}_INLINE void sincos_1(const real *x, real *s, real *c, const int n)
 /* Sines and cosines of n vectors of angles. */
 ${NAME}_INLINE void sincos_v(const lanes *x, lanes *s, lanes *c, const int n)
 {
+${NAME}_UNROLL
     for (int i = 0; i < n; ++i) {
         sine_cosine_v(x[i], s + i, c + i);
     }

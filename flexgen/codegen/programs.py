@@ -33,7 +33,7 @@ def program_of(name: str, equations: Any, inputs: tuple[Port, ...], outputs: tup
     if name == "linearize":
         n, n_m = model.dof, model.n_m
         slopes = expanded("slopes", mathematics_of(equations, "slopes"))
-        blocks = (Block("A", n, 0, 2 * n), Block("B", n, 2 * n, n_m))
+        blocks: tuple[Block, ...] = (Block("A", n, 0, 2 * n), Block("B", n, 2 * n, n_m))
         ones = tuple(("A", i, n + i) for i in range(n))
         solve = Solve("M", "R", n, 2 * n + n_m, False, profile(slopes, "M"), blocks, ones)
         forward = expanded("forward_dynamics", mathematics_of(equations, "forward_dynamics"))

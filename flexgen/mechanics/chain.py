@@ -251,14 +251,19 @@ def _share(pose: Pose, before_turns: bool) -> tuple[Pose, np.ndarray, tuple[floa
     return (turn, np.array([0.0, 0.0, along])), snapped(local - np.array([0.0, 0.0, along]), size), twist, h
 
 
-def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose) -> Chain:
+def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose, to_mass: bool) -> Chain:
     """Lay the frames of all joints, from the last to the first: `Chain` without regrouping.
 
-    Each pose is split in what the joint before cannot tell from its own pose, and what is left.
+    Each pose is split in what the joint before cannot tell from its own pose, and what is left. The last frame may be
+    turned as one likes.
     """
     n = len(raws)
     gauges: list[Pose] = [AT_REST] * n  # the frame that is used, in the raw one
     joints: list[Joint] = []
+    heavy = _tidy(raws[-1].inertia).first
+    to_mass = to_mass and raws[-1].revolute and bool(heavy[0] and heavy[1])
+    if to_mass:
+        gauges[-1] = _about_z(float(np.arctan2(heavy[1], heavy[0]))), np.zeros(3)
     for i in range(n - 1, -1, -1):
         pose = compose(raws[i].pose, gauges[i])
         if i > 0:
@@ -267,7 +272,7 @@ def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose) -> Chain:
             base, down, h = _ground(pose, gravity, raws[0].revolute)
             place, twist = np.zeros(3), (1.0, 0.0)
         quarters, rest = _quarter(h)
-        if i == n - 1 and rest != 0.0:
+        if i == n - 1 and rest != 0.0 and not to_mass:
             gauges[i], rest = (_about_z(-rest), np.zeros(3)), 0.0
         inertia = _tidy(raws[i].inertia.moved(inverse(gauges[i])))
         joints.insert(0, Joint(raws[i].revolute, place, twist, rest, quarters, inertia))
@@ -304,7 +309,7 @@ def regrouped(chain: Chain, kept: Sequence[Kept]) -> Chain:
     moments, which feel only rotations. What reaches the base moves nothing.
     """
     joints = list(chain.joints)
-    axis = np.array([0.0, 0.0, 1.0])
+    axis, total = np.array([0.0, 0.0, 1.0]), sum(joint.inertia.mass for joint in joints)
     for i in reversed(range(len(joints))):
         joint, own, keep = joints[i], joints[i].inertia, kept[i]
         ahead = joints[i - 1].inertia if i > 0 else NOTHING
@@ -313,7 +318,9 @@ def regrouped(chain: Chain, kept: Sequence[Kept]) -> Chain:
             line, spread = (0.0 if keep.first else own.first[2]), (0.0 if keep.second else own.second[2, 2])
             gone = Inertia(0.0 if keep.mass == "all" else own.mass, line * axis, spread * np.outer(axis, axis))
             if keep.mass == "balance":
-                gone = replace(gone, mass=_balance(ahead + gone.moved((rotation, joint.place)), gone, joint.place))
+                stays = _balance(ahead + gone.moved((rotation, joint.place)), joint.place)
+                # (a short way would take a large mass, and large masses that cancel would cost digits)
+                gone = replace(gone, mass=gone.mass - (stays if abs(stays) <= total else 0.0))
         else:
             rotation = rotation @ _about_z(joint.turn + joint.quarters * np.pi / 2)
             gone = NOTHING if keep.second else replace(NOTHING, second=own.second)
@@ -324,13 +331,17 @@ def regrouped(chain: Chain, kept: Sequence[Kept]) -> Chain:
     return replace(chain, joints=tuple(joints))
 
 
-def _balance(together: Inertia, gone: Inertia, place: np.ndarray) -> float:
-    """The mass that goes to the body before where this leaves no first moment along the largest entry of the place."""
+def _balance(together: Inertia, place: np.ndarray) -> float:
+    """The mass at a place that takes away the first moment along the place's largest entry."""
     k = int(np.argmax(np.abs(place)))
-    return gone.mass - float(together.first[k] / place[k]) if place[k] else gone.mass
+    return float(together.first[k] / place[k]) if place[k] else 0.0
 
 
-def laid(model: RobotModel) -> Chain:
-    """The `Chain` of a model without beams, each body with its own mass: see `regrouped`."""
+def laid(model: RobotModel, to_mass: bool = True) -> Chain:
+    """The `Chain` of a model without beams, each body with its own mass: see `regrouped`.
+
+    ``to_mass``: the x axis of the last frame points to its centre of mass, which costs an addition to the angle and
+    saves more wherever forces are computed.
+    """
     raws, tool = _flatten(model)
-    return _lay(raws, np.array(model.gravity, dtype=float), tool)
+    return _lay(raws, np.array(model.gravity, dtype=float), tool, to_mass)

@@ -8,14 +8,14 @@ are several ways, the shortest for the robot is taken.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache, partial
 
 import casadi as ca
 import numpy as np
 
 from flexgen.mechanics import articulated, composite, recursion, tool, variation
-from flexgen.mechanics.chain import Chain, Inertia, compose, inertia_of, inverse, pose_of
+from flexgen.mechanics.chain import Chain, Inertia, compose, inertia_of, inverse, laid, pose_of
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.plans import Plan, plans
 from flexgen.mechanics.tape import Cost, Scalar, Tape
@@ -48,7 +48,10 @@ def fast_function(equations: Equations, name: str) -> ca.Function | None:
     carried = model.motor_coupling == "complete" and name in ("forward_dynamics", "slopes")
     if name not in _BUILDERS or carried or any(element.beam is not None for element in model.elements):
         return None
-    return equations.built(name, *_BUILDERS[name](_Arm(equations)))
+    arm = _arm_of(equations)
+    if name not in arm.functions:
+        arm.functions[name] = equations.built(name, *_BUILDERS[name](arm))
+    return arm.functions[name]
 
 
 def cost_of(function: ca.Function) -> Cost:
@@ -73,6 +76,7 @@ class _Arm:
     """The symbols of the machine, and rows and matrices from the shortest of some routes."""
 
     equations: Equations
+    functions: dict[str, ca.Function] = field(default_factory=dict)
 
     @property
     def model(self) -> RobotModel:
@@ -122,6 +126,33 @@ class _Arm:
         assert found is not None
         return found[1].build(found[2])
 
+    @cached_property
+    def derivatives(self) -> list[ca.SX]:
+        """Derivatives of inverse dynamics in coordinates, speeds and accelerations, (n_a, n_a) each."""
+        inputs = self.symbols("q_a", "v_a", "a_a")
+        n = self.model.n_a
+
+        def by_recursion(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
+            q, v, a = _vectors(tape, *inputs)
+            found = variation.derivatives(tape, chain, q, v, a, columns)
+            return [x for A in found for row in A for x in row]
+
+        def by_differentiation(tape: Tape, chain: Chain, columns: Columns, forward: bool) -> list[Scalar]:
+            q, v, a = _vectors(tape, *inputs)
+            tau = recursion.inverse_dynamics(tape, chain, q, v, a, columns)
+            M = [x for row in _mass(tape, chain, q) for x in row]
+            if not forward:
+                gradients = [tape.gradient(x, [*q, *v]) for x in tau]
+                return [*(x for row in gradients for x in row[:n]), *(x for row in gradients for x in row[n:]), *M]
+            tangents = [tape.tangents(tau, x) for x in (*q, *v)]
+            return [*(x for part in (tangents[:n], tangents[n:]) for row in zip(*part, strict=True) for x in row), *M]
+
+        routes: list[Route] = [by_recursion]
+        if n <= AD_UP_TO:
+            routes += [partial(by_differentiation, forward=True), partial(by_differentiation, forward=False)]
+        flat = self.shortest(routes)
+        return [_square(flat[k * n * n : (k + 1) * n * n], n) for k in range(3)]
+
     @property
     def armature(self) -> np.ndarray:
         """What the rotors behind rigid gears add to the mass matrix, shape (n_a, n_a) [kg m^2, kg]."""
@@ -130,6 +161,12 @@ class _Arm:
         eta = model.eta[rigid]
         out[np.ix_(model.i_g, model.i_g)] = eta.T @ np.diag([model.motors[j].inertia for j in rigid]) @ eta
         return out
+
+
+@lru_cache(maxsize=4)
+def _arm_of(equations: Equations) -> _Arm:
+    """What was made for some equations lately."""
+    return _Arm(equations)
 
 
 def _vectors(tape: Tape, *symbols: ca.SX) -> list[list[Scalar]]:
@@ -224,41 +261,14 @@ def _accelerations(arm: _Arm, force: ca.SX, armature: np.ndarray) -> ca.SX:
     return ca.vertcat(*arm.shortest([by_mass_matrix] if coupled else [by_mass_matrix, by_articulated_bodies]))
 
 
-def _derivatives(arm: _Arm) -> list[ca.SX]:
-    """Derivatives of inverse dynamics in coordinates, speeds and accelerations, (n_a, n_a) each."""
-    inputs = arm.symbols("q_a", "v_a", "a_a")
-    n = arm.model.n_a
-
-    def by_recursion(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
-        q, v, a = _vectors(tape, *inputs)
-        found = variation.derivatives(tape, chain, q, v, a, columns)
-        return [x for A in found for row in A for x in row]
-
-    def by_differentiation(tape: Tape, chain: Chain, columns: Columns, forward: bool) -> list[Scalar]:
-        q, v, a = _vectors(tape, *inputs)
-        tau = recursion.inverse_dynamics(tape, chain, q, v, a, columns)
-        M = [x for row in _mass(tape, chain, q) for x in row]
-        if not forward:
-            gradients = [tape.gradient(x, [*q, *v]) for x in tau]
-            return [*(x for row in gradients for x in row[:n]), *(x for row in gradients for x in row[n:]), *M]
-        tangents = [tape.tangents(tau, x) for x in (*q, *v)]
-        return [*(x for part in (tangents[:n], tangents[n:]) for row in zip(*part, strict=True) for x in row), *M]
-
-    routes: list[Route] = [by_recursion]
-    if n <= AD_UP_TO:
-        routes += [partial(by_differentiation, forward=True), partial(by_differentiation, forward=False)]
-    flat = arm.shortest(routes)
-    return [_square(flat[k * n * n : (k + 1) * n * n], n) for k in range(3)]
-
-
 def _inverse_dynamics_derivatives(arm: _Arm) -> Built:
     names = ["q_a", "v_a", "a_a"]
-    return arm.symbols(*names), names, _derivatives(arm), ["dtau_dq", "dtau_dv", "dtau_da"]
+    return arm.symbols(*names), names, arm.derivatives, ["dtau_dq", "dtau_dv", "dtau_da"]
 
 
 def _arm_slopes(arm: _Arm) -> Built:
     names = ["q_a", "v_a", "a_a"]
-    by_q, by_v, M = _derivatives(arm)
+    by_q, by_v, M = arm.derivatives
     return arm.symbols(*names), names, [M, ca.horzcat(by_q, by_v)], ["M", "R"]
 
 
@@ -279,7 +289,7 @@ def _forward_dynamics(arm: _Arm) -> Built:
 def _slopes(arm: _Arm) -> Built:
     model, forces = arm.model, arm.equations.lagrangian.forces
     n, n_a, i_m = model.dof, model.n_a, model.i_m
-    by_q, by_v, M_a = _derivatives(arm)
+    by_q, by_v, M_a = arm.derivatives
     M, R = ca.SX.zeros(n, n), ca.SX.zeros(n, 2 * n + model.n_m)
     M[:n_a, :n_a] = M_a + ca.SX(ca.DM(arm.armature))
     for k, j in enumerate(i_m):
@@ -296,23 +306,16 @@ def _slopes(arm: _Arm) -> Built:
 
 
 def _forward_kinematics(arm: _Arm) -> Built:
-    inputs = arm.symbols("q_a")
-
-    def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
-        p, R = tool.tool_pose(tape, chain, tape.vector(inputs[0]))
-        return [*p, *(x for row in R for x in row)]
-
-    flat = arm.shortest([route], several=False)
+    inputs, tape = arm.symbols("q_a"), Tape()
+    p, R = tool.tool_pose(tape, laid(arm.model, to_mass=False), tape.vector(inputs[0]))
+    flat = tape.build([*p, *(x for row in R for x in row)])
     return inputs, ["q_a"], [ca.vertcat(*flat[:3]), _square(flat[3:], 3)], ["p", "R"]
 
 
 def _jacobian(arm: _Arm) -> Built:
-    inputs = arm.symbols("q_a")
-
-    def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
-        return [x for row in tool.jacobian(tape, chain, tape.vector(inputs[0])) for x in row]
-
-    return inputs, ["q_a"], [_square(arm.shortest([route], several=False), arm.model.n_a)], ["J"]
+    inputs, tape = arm.symbols("q_a"), Tape()
+    J = tool.jacobian(tape, laid(arm.model, to_mass=False), tape.vector(inputs[0]))
+    return inputs, ["q_a"], [_square(tape.build([x for row in J for x in row]), arm.model.n_a)], ["J"]
 
 
 _BUILDERS: dict[str, Callable[[_Arm], Built]] = {

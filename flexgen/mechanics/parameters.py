@@ -110,7 +110,10 @@ def _payload(payload: Body, visit: Visit) -> Body:
 
 def _dof(dof: Dof, visit: Visit) -> Dof:
     linear = dof.type == "translation"
-    units = (lambda unit: _LINEAR.get(unit, unit)) if linear else (lambda unit: unit)
+
+    def units(unit: str) -> str:
+        return _LINEAR.get(unit, unit) if linear else unit
+
     changes: dict[str, Any] = {"friction": _friction(dof.friction, dof.name, units, visit)}
     if dof.gear is not None:
         changes["gear"] = _gear(dof.gear, dof.name, units, visit)

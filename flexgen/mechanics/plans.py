@@ -44,21 +44,22 @@ def plans(model: RobotModel) -> tuple[Plan, ...]:
     n = len(chain.joints)
     # moments of inertia stay where they would end up on the empty bodies between joints on one point
     points = [i > 0 and _on_a_point(chain, i) for i in range(n)]
-    gathered = tuple(Kept("none", point, point) for point in points)
-    uniform = [(tuple([kept] * n), tuple([column] * n)) for kept in (Kept(), KEPT_ALL) for column in (True, False)]
+    groupings = [[Kept()] * n, [KEPT_ALL] * n, [Kept("none", point, point) for point in points]]
+    starts = [(tuple(kept), tuple([column] * n)) for kept in groupings for column in (True, False)]
 
     def made(kept: tuple[Kept, ...], columns: tuple[bool, ...]) -> Plan:
         return Plan(regrouped(chain, kept), columns)
 
-    best = min(uniform, key=lambda choice: operations(made(*choice)))
+    best = min(starts, key=lambda choice: operations(made(*choice)))
     least = operations(made(*best))
     for i in reversed(range(n if n <= SEARCHED else 0)):
         for other in _others(*best, i):
             count = operations(made(*other))
             if count < least:
                 best, least = other, count
-    choices = [best, *uniform, *((gathered, columns) for columns in {best[1], uniform[0][1], uniform[1][1]})]
-    return tuple(made(*choice) for choice in choices)
+    # the columns that suit inverse dynamics mostly suit the rest
+    choices = [best, *starts, *((kept, best[1]) for kept, _ in starts[::2])]
+    return tuple(made(*choice) for choice in dict.fromkeys(choices))
 
 
 def _on_a_point(chain: Chain, i: int) -> bool:
