@@ -1,6 +1,8 @@
 # make run      the main job on planar5_nmp, with everything it needs set up first
 # make setup    the virtual environment .venv with flexgen and its tools
 # make test     the tests          make lint     format and lint          make types    static types
+# make bench    time the emitted C against Pinocchio and CasADi: benchmarks/peers.md (BENCH=--quick: a first look)
+# make golden   write the sources in generated/elbow anew, which a test compares with today's
 # make clean    remove what was built (not .venv)
 #
 # PYTHON=python3.12 make setup    with another interpreter than python3
@@ -10,7 +12,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: run setup test lint types clean
+.PHONY: run setup test lint types bench golden clean
 
 run: $(STAMP)
 	$(BIN)/python cli.py run planar5_nmp
@@ -35,7 +37,14 @@ lint: $(STAMP)
 types: $(STAMP)
 	$(BIN)/mypy
 
+bench: $(STAMP)
+	$(BIN)/python benchmarks/peers.py $(BENCH)
+
+golden: $(STAMP)
+	$(BIN)/python cli.py generate elbow --no-build --force
+
 clean:
 	rm -rf build dist reports *.egg-info .pytest_cache .mypy_cache .ruff_cache
-	find generated -mindepth 1 ! -name README.md -delete
+	find generated -mindepth 1 -maxdepth 1 ! -name README.md ! -name elbow -exec rm -rf {} +
+	rm -f generated/elbow/*.a generated/elbow/*.so generated/elbow/*.dylib generated/elbow/manifest.json
 	find . -path ./$(VENV) -prune -o -name __pycache__ -type d -exec rm -rf {} +

@@ -6,7 +6,7 @@
  * simple PD law on the motors does the rest. The plant is the library's forward dynamics, integrated by the classical
  * Runge-Kutta method. Printed: how far the tool strays from the reference, with and without feedforward.
  *
- *   python -c "import flexgen; flexgen.generate('planar5_nmp')"
+ *   flexgen generate planar5_nmp
  *   cd generated/planar5_nmp
  *   cc -std=c99 -O2 -ffp-contract=off -I. ../../examples/controller.c planar5_nmp*.c -lm -o controller && ./controller
  */

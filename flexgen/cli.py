@@ -62,6 +62,10 @@ def _numbers(text: str) -> list[float]:
     return values
 
 
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(word.strip() for word in text.split(","))
+
+
 def _positive(text: str) -> float:
     value = _numbers(text)[0] if "," not in text else math.nan
     if not value > 0:
@@ -148,6 +152,13 @@ def build_parser() -> argparse.ArgumentParser:
     sub = verb("generate")
     sub.add_argument("--directory", metavar="DIR", type=_path, help="where to write; default: generated/MODEL")
     sub.add_argument("--no-build", action="store_true", help="write the sources only, compile nothing")
+    sub.add_argument(
+        "--parameters",
+        metavar="NAME,NAME,...",
+        type=_names,
+        default=(),
+        help="numbers that stay arguments of the functions: payload, stiffness, damping, friction, q2.stiffness ...",
+    )
     sub.add_argument("--single", action="store_true", help="numbers of single precision (float)")
     sub.add_argument("--native", action="store_true", help="compile for this processor: faster, other last bits")
     sub.add_argument("--openmp", action="store_true", help="batches on all cores")

@@ -214,6 +214,7 @@ def generate(args: Namespace, tell: Tell) -> Answer:
         args.directory,
         build=not args.no_build,
         precision="single" if args.single else "double",
+        parameters=args.parameters,
         native=args.native,
         openmp=args.openmp,
         progress=tell,

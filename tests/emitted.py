@@ -63,6 +63,7 @@ def random_states(model, n: int) -> dict[str, np.ndarray]:
     x["a_a"] = 5.0 * rng.normal(size=(n, model.n_a))
     x["q_m"] = (x["q_a"][:, i_g] + 1e-3 * rng.normal(size=(n, len(i_g)))) @ model.eta.T
     x["v_m"] = (x["v_a"][:, i_g] + 1e-2 * rng.normal(size=(n, len(i_g)))) @ model.eta.T
+    x["a_m"] = x["a_a"][:, i_g] @ model.eta.T
     x["tau_m"] = 10.0 * rng.normal(size=(n, model.n_m))
     x["tau_a"] = 100.0 * rng.normal(size=(n, model.n_a))
     x["tau_a"] = 10.0 * rng.normal(size=(n, model.n_a))

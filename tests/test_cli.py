@@ -242,6 +242,20 @@ def test_generate(ask, run, tmp_path):
     assert status == 0 and "elbow.h" in text
 
 
+@needs_compiler
+def test_generate_with_options(ask, tmp_path):
+    status, data, _ = ask(
+        "generate", "elbow", "--directory", tmp_path / "c", "--single", "--native", "--parameters", "payload, damping"
+    )
+    manifest = json.loads((tmp_path / "c" / "manifest.json").read_text())
+    assert status == 0 and manifest["precision"] == "single" and "-march=native" in manifest["build"]["flags"]
+    assert {"payload.mass", "q1.damping"} <= {parameter["name"] for parameter in manifest["parameters"]}
+    assert "payload.mass = " in (tmp_path / "c" / "elbow.h").read_text()
+    status, data, _ = ask("generate", "elbow", "--directory", tmp_path / "d", "--parameters", "nothing")
+    assert status == 1 and "parameters: given 'nothing', expected some of" in data["error"]
+    assert not (tmp_path / "d").exists()
+
+
 def test_generate_without_a_compiler(ask, run, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)

@@ -9,9 +9,12 @@ from emission import Small, ports_of, small, spec_of
 from emitted import machine, needs_compiler
 
 from flexgen.codegen import graph as graphs
+from flexgen.codegen import simplify
 from flexgen.codegen.graph import Graph, read_graph
 from flexgen.codegen.mathematics import literal, mathematics
+from flexgen.codegen.order import ordered, scheduled
 from flexgen.codegen.program import Block, Expressions, Program, Solve, profile
+from flexgen.codegen.simplify import simplified
 from flexgen.ports import Port
 
 ROUNDING = 1e-13  # of some twenty roundings in another order, relative to the largest term
@@ -64,7 +67,7 @@ def worst(function: ca.Function, rng: np.random.Generator) -> float:
     x = rng.normal(size=(POINTS, 4))
     expected = machine(function, [x])[0][:, :, 0]
     with np.errstate(all="ignore"):
-        given = value(read_graph(function), x)
+        given = value(simplified(read_graph(function)), x)
     scale = 1.0 + np.abs(expected).max(axis=0)
     return float(np.nanmax(np.abs(given - expected) / scale))
 
@@ -79,8 +82,8 @@ def test_the_graph_means_what_the_function_means(seed):
 @pytest.mark.parametrize("lost", ["add", "multiply", "terms"])
 def test_a_lost_sign_is_seen(lost, monkeypatch):
     if lost == "terms":
-        true = graphs._terms
-        monkeypatch.setattr(graphs, "_terms", lambda *given: [r & ~1 for r in true(*given)])
+        true = simplify._terms
+        monkeypatch.setattr(simplify, "_terms", lambda *given: [r & ~1 for r in true(*given)])
     else:
         true = getattr(Graph, lost)
         monkeypatch.setattr(Graph, lost, lambda self, a, b: true(self, a & ~1, b))
@@ -109,7 +112,7 @@ def test_a_lost_sign_is_seen(lost, monkeypatch):
     ],
 )
 def test_no_operation_is_made_twice(rows, operations):
-    assert read_graph(function_of(*rows)).operations() == operations
+    assert simplified(read_graph(function_of(*rows))).operations() == operations
 
 
 def test_long_sums_are_short_chains():
@@ -117,7 +120,7 @@ def test_long_sums_are_short_chains():
     total = x[0]
     for k in range(1, 64):
         total = total - x[k] if k % 3 else total + x[k]
-    graph = read_graph(ca.Function("f", [x], [total], ["u"], ["y"]))
+    graph = simplified(read_graph(ca.Function("f", [x], [total], ["u"], ["y"])))
     assert graph.operations() == 63 and max(graph.depth) == 6 * graphs.LATENCY["add"]
     values = np.random.default_rng(1).normal(size=(5, 64))
     signs = np.array([1.0] + [-1.0 if k % 3 else 1.0 for k in range(1, 64)])
@@ -126,8 +129,30 @@ def test_long_sums_are_short_chains():
 
 def test_what_is_late_is_added_last():
     slow = ca.exp(A)
-    graph = read_graph(function_of(slow + B + C + D))
+    graph = simplified(read_graph(function_of(slow + B + C + D)))
     assert max(graph.depth) == graphs.LATENCY["exp"] + graphs.LATENCY["add"]
+
+
+@pytest.mark.parametrize("order", [ordered, scheduled])
+def test_every_operand_is_written_before_its_user(order):
+    graph = simplified(read_graph(random_function(np.random.default_rng(7), 200)))
+    roots = [r >> 1 for _, _, r in graph.outputs]
+    seen: set[int] = set()
+    nodes = order(graph, roots, seen)
+    at = {node: k for k, node in enumerate(nodes)}
+    assert len(at) == len(nodes) == sum(graph.alive()) and set(nodes) == seen
+    assert all(at[other] < at[node] for node in nodes for other in graph.arguments(node))
+    assert order(graph, roots, seen) == []
+
+
+def test_the_longest_chain_is_begun_first():
+    chain = A
+    for _ in range(10):
+        chain = ca.sqrt(chain + 1)
+    graph = simplified(read_graph(function_of(B * C, B * D, C * D, chain)))
+    nodes = scheduled(graph, [r >> 1 for _, _, r in graph.outputs], set())
+    kinds = [graph.kind[node] for node in nodes if graph.arguments(node)]
+    assert kinds[0] == "add" and kinds.index("mul") < kinds.index("sqrt")  # while the sum is on its way
 
 
 # --- the C ------------------------------------------------------------------------------------------------------------

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import shutil
+import stat
 import sys
 from pathlib import Path
 
 import pytest
+from clients import manifest_of
 from emitted import (
     CC,
     ROOT,
@@ -21,7 +24,9 @@ from emitted import (
 import flexgen
 from flexgen import errors
 from flexgen.codegen.build import generate
+from flexgen.codegen.compiler import find_compiler
 from flexgen.codegen.emit import emit
+from flexgen.codegen.objects import cache_folder
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.equations import derive
 from flexgen.model.reader import read
@@ -30,14 +35,12 @@ from flexgen.runtime import load
 pytestmark = needs_compiler
 
 
-def test_the_second_time_is_instant():
+def test_the_second_time_nothing_is_done():
     first = made("planar5_nmp")
-    seconds = []
-    for _ in range(3):
-        again = generate("planar5_nmp", first.directory)
-        assert again.cached and again.digest == first.digest and again.files == first.files
-        seconds.append(again.seconds)
-    assert min(seconds) < 0.05
+    times = [path.stat().st_mtime_ns for path in first.files]
+    again = generate("planar5_nmp", first.directory)
+    assert again.cached and not again.written and again.digest == first.digest and again.files == first.files
+    assert [path.stat().st_mtime_ns for path in first.files] == times
 
 
 def test_a_cached_library_needs_no_casadi():
@@ -182,9 +185,138 @@ def test_the_chosen_compiler_is_used(monkeypatch, tmp_path):
     lines: list[str] = []
     out = generate("elbow", tmp_path / "out", functions=["gravity"], progress=lines.append)
     assert lines == ["deriving elbow", "writing elbow", "compiling 2 files", "linking"]
-    assert json.loads((out.directory / "manifest.json").read_text())["build"]["flags"][0] == "-O1"
+    assert manifest_of(out.directory)["build"]["flags"][0] == "-O1"
     monkeypatch.setenv("CC", str(CC))
-    assert not generate("elbow", out.directory, functions=["gravity"]).cached
+    lines.clear()
+    assert not generate("elbow", out.directory, functions=["gravity"], progress=lines.append).cached
+    assert lines[0].startswith("compiling") and lines[-1] == "linking"  # the sources are there: nothing is derived
+    for text in (f"{CC} -g", f"{CC} -O2 -Wl,-rpath,x", f"{CC} -include x.h", f"{CC} @file"):
+        monkeypatch.setenv("CC", text)
+        with pytest.raises(BuildError, match=r"\$CC: given"):
+            generate("elbow", tmp_path / "out")
+
+
+def test_options_of_the_build_are_kept_apart(tmp_path):
+    """Each has its flags in the manifest and is compiled anew; the sources of another precision are others."""
+    seen = set()
+    for options in ({}, {"native": True}, {"openmp": True}, {"precision": "single"}, {"parameters": ["payload"]}):
+        if "openmp" in options and not has_openmp():
+            continue
+        out = generate("elbow", tmp_path, functions=["gravity"], **options)
+        assert not out.cached and generate("elbow", tmp_path, functions=["gravity"], **options).cached
+        manifest = manifest_of(tmp_path)
+        built = manifest["build"]
+        assert manifest["precision"] == options.get("precision", "double")
+        assert ("-march=native" in built["flags"]) == built["native"] == options.get("native", False)
+        assert ("-fopenmp" in built["flags"]) == built["openmp"] == options.get("openmp", False)
+        assert ("-ffp-contract=off" in built["flags"]) != built["native"]
+        assert ("-fopenmp" in (tmp_path / "elbow.pc").read_text()) == built["openmp"]
+        seen.add((out.digest, built["identity"]))
+    assert len(seen) >= 3
+    for wrong in ("payload", [3]):
+        with pytest.raises(ArgumentError, match=r"parameters: given .*, expected a sequence of names"):
+            generate("elbow", tmp_path, parameters=wrong)
+    with pytest.raises(ArgumentError, match="parameters: given beside equations"):
+        generate(derive("elbow"), tmp_path, parameters=["payload"])
+    with pytest.raises(ArgumentError, match="precision: given 'half', expected one of double, single"):
+        generate("elbow", tmp_path, precision="half")
+
+
+def has_openmp() -> bool:
+    try:
+        return find_compiler(openmp=True) is not None
+    except BuildError:
+        return False
+
+
+def test_sources_only_keep_the_library_that_fits_them(tmp_path):
+    first = generate("elbow", tmp_path, functions=["gravity"])
+    assert not generate("elbow", tmp_path, functions=["gravity"], build=False).written
+    assert library_of(tmp_path) in first.files
+    other = generate("elbow", tmp_path, functions=["bias"], build=False)
+    assert other.written and not {".so", ".a", ".dylib"} & {path.suffix for path in tmp_path.iterdir()}
+
+
+# --- the cache of objects ---------------------------------------------------------------------------------------------
+@pytest.fixture
+def objects(tmp_path, monkeypatch):
+    folder = tmp_path / "objects"
+    monkeypatch.setenv("FLEXGEN_CACHE", str(folder))
+    return folder
+
+
+def compiled(folder: Path, **options) -> str:
+    """What generate says of compiling."""
+    lines: list[str] = []
+    generate("elbow", folder, functions=["gravity"], progress=lines.append, **options)
+    return next(line for line in lines if line.startswith("compiling"))
+
+
+def test_objects_are_compiled_once_for_all_directories(tmp_path, objects):
+    assert compiled(tmp_path / "a") == "compiling 2 files"
+    assert compiled(tmp_path / "b") == "compiling 0 files, 2 known"
+    assert [path.read_bytes() for path in sorted((tmp_path / "a").iterdir())] == [
+        path.read_bytes() for path in sorted((tmp_path / "b").iterdir())
+    ]
+    assert compiled(tmp_path / "b", force=True) == "compiling 2 files"
+    assert compiled(tmp_path / "c", native=True) == "compiling 2 files"
+    assert compiled(tmp_path / "d", precision="single") == "compiling 2 files"
+    assert stat.S_IMODE(objects.stat().st_mode) == 0o700
+    assert all(len(path.stem) == 64 and path.suffix == ".o" for path in objects.iterdir())
+
+
+@pytest.mark.parametrize("spoil", ["cut", "changed", "swapped", "empty"])
+def test_spoiled_objects_are_not_believed(spoil, tmp_path, objects):
+    compiled(tmp_path / "a")
+    one, two = sorted(objects.iterdir())
+    first, second = one.read_bytes(), two.read_bytes()
+    one.write_bytes({"cut": first[:-9], "changed": first[:-1] + b"\1", "swapped": second, "empty": b""}[spoil])
+    assert compiled(tmp_path / "b") == "compiling 1 files, 1 known"
+    assert one.read_bytes() == first
+    assert library_of(tmp_path / "b").read_bytes() == library_of(tmp_path / "a").read_bytes()
+
+
+def test_a_cache_that_others_can_write_to_is_refused(tmp_path, objects, monkeypatch):
+    objects.mkdir()
+    for mode in (0o770, 0o707, 0o777, 0o1777):
+        objects.chmod(mode)
+        with pytest.raises(BuildError, match=r"FLEXGEN_CACHE: given .* that you alone can write to \(others can write"):
+            compiled(tmp_path / "a")
+    below = tmp_path / "open"
+    below.mkdir()
+    below.chmod(0o777)
+    monkeypatch.setenv("FLEXGEN_CACHE", str(below / "objects"))
+    with pytest.raises(BuildError, match="others can replace what is in"):
+        compiled(tmp_path / "a")
+    below.chmod(0o700)
+    assert compiled(tmp_path / "a") == "compiling 2 files"
+
+
+def test_without_a_home_there_is_no_cache(tmp_path, monkeypatch):
+    file = tmp_path / "file"
+    file.write_text("")
+    monkeypatch.delenv("FLEXGEN_CACHE")
+    for home in (file, file / "below"):
+        monkeypatch.setenv("XDG_CACHE_HOME", str(home))
+        assert cache_folder() is None
+        assert compiled(tmp_path / "a", force=True) == "compiling 2 files"
+    monkeypatch.setenv("FLEXGEN_CACHE", "")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert cache_folder() is None and not (tmp_path / "cache").exists()
+    monkeypatch.delenv("FLEXGEN_CACHE")
+    assert cache_folder() == (tmp_path / "cache" / "flexgen").resolve()
+
+
+def test_the_cache_does_not_grow_for_ever(tmp_path, objects, monkeypatch):
+    compiled(tmp_path / "a")
+    size = sum(path.stat().st_size for path in objects.iterdir())
+    for path in objects.iterdir():
+        os.utime(path, (1e9, 1e9))
+    old = set(objects.iterdir())
+    monkeypatch.setattr("flexgen.codegen.objects.LIMIT", size)
+    compiled(tmp_path / "b", precision="single")
+    kept = set(objects.iterdir())
+    assert sum(path.stat().st_size for path in kept) <= size and not kept >= old
 
 
 def test_a_new_choice_of_functions_removes_what_was_left(tmp_path):

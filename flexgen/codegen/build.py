@@ -81,6 +81,7 @@ def generate(
     build: bool = True,
     functions: Sequence[str] | None = None,
     precision: str = "double",
+    parameters: Sequence[str] = (),
     native: bool = False,
     openmp: bool = False,
     progress: Callable[[str], None] | None = None,
@@ -100,6 +101,9 @@ def generate(
         The functions wanted; all of them where not given.
     precision : str
         ``"double"`` or ``"single"``: the type of every number in the library.
+    parameters : sequence of str
+        Numbers of the model that shall be arguments of the functions: ``payload``, ``stiffness``, ``q2.damping`` and
+        others, see `flexgen.mechanics.parameters`. Equations that are given bring their own.
     native : bool
         True: compile for this processor; faster, and the results differ by rounding from those of the default flags,
         which give the same bits with every compiler and on every processor.
@@ -127,9 +131,13 @@ def generate(
     names = chosen_functions(functions)
     if precision not in PRECISIONS:
         raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
+    if isinstance(parameters, str) or not all(isinstance(word, str) for word in parameters):
+        raise ArgumentError(f"parameters: given {parameters!r}, expected a sequence of names")
+    if parameters and equations is not None:
+        raise ArgumentError("parameters: given beside equations, expected them in derive(model, parameters)")
     name = library_name(model)
     target = Path("generated", name) if directory is None else _folder(directory)
-    digest = _content_digest(model, [names, precision, equations is not None])
+    digest = _content_digest(model, [names, precision, list(parameters), equations is not None])
     options = {"native": bool(native), "openmp": bool(openmp)}
     compiler = find_compiler(**options) if build else None
     old = _read_manifest(target)
@@ -145,7 +153,7 @@ def generate(
     if known and old is not None:
         manifest, texts = dict(old), {file: (target / file).read_text(encoding="ascii") for file in old["files"]}
     else:
-        manifest, texts = _written(model, equations, names, precision, digest, tell)
+        manifest, texts = _written(model, equations, names, precision, parameters, digest, tell)
     sources = [file for file in texts if file.endswith(".c") and file != "example.c"]
     texts |= packaging(name, sources, openmp=openmp)
     manifest["files"] = {file: hashlib.sha256(text.encode("ascii")).hexdigest() for file, text in texts.items()}
@@ -164,14 +172,20 @@ def generate(
 
 
 def _written(
-    model: RobotModel, equations: Any, names: Sequence[str], precision: str, digest: str, tell: Callable[[str], None]
+    model: RobotModel,
+    equations: Any,
+    names: Sequence[str],
+    precision: str,
+    parameters: Sequence[str],
+    digest: str,
+    tell: Callable[[str], None],
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """The manifest and the sources, derived where no equations are given."""
     if equations is None:
         from flexgen.mechanics.equations import derive
 
         tell(f"deriving {library_name(model)}")
-        equations = derive(model)
+        equations = derive(model, parameters)
     tell(f"writing {library_name(model)}")
     from flexgen.codegen.emit import emit
 

@@ -15,12 +15,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from flexgen.codegen.graph import Graph, ordered, read_graph
+from flexgen.codegen.graph import Graph, read_graph
 from flexgen.codegen.loops import Layout, solve_text
+from flexgen.codegen.order import ordered, written_order
 from flexgen.codegen.program import Expressions, Program, Solve
+from flexgen.codegen.simplify import simplified
 
 CHUNK = 500  # operations per C function: a compiler keeps values in registers, and is quick, where functions are short
-MARGIN = 150  # a function that is longer than a chunk by less than this stays in one piece
+MARGIN = 500  # a function that is longer than a chunk by less than this stays in one piece
 
 _INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 
@@ -112,7 +114,7 @@ def mathematics(
             operations += step.operations
             depth += step.depth
             continue
-        graph = read_graph(step.function)
+        graph = simplified(read_graph(step.function))
         writer = _Writer(graph, step, layout, parameters, precision)
         pieces = writer.pieces()
         seen |= _seen(graph, step, {*outputs, *rights})
@@ -242,7 +244,7 @@ class _Writer:
             out += ordered(graph, groups[key], seen)
             out.append(tuple(groups[key]))
             seen.update(node for angle in groups[key] for node in self.turning[angle])
-        return out + ordered(graph, (r >> 1 for _, _, r in graph.outputs), seen)
+        return out + written_order(graph, (r >> 1 for _, _, r in graph.outputs), seen)
 
     def _uses(self, item: int | tuple[int, ...]) -> tuple[int, ...]:
         return item if isinstance(item, tuple) else (item, *self.graph.arguments(item))

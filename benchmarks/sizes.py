@@ -1,0 +1,298 @@
+"""What the emitted functions cost on a small machine: code, stack and instructions; and what the compiler's flags do.
+
+    python benchmarks/sizes.py [MODEL ...]
+
+prints the tables and, for its own choice of models, writes them to benchmarks/sizes.md. Code and stack are the
+compiler's figures at the reproducible flags, instructions are counted by an emulator (QEMU, one instruction at a time)
+over one call for one point; those three do not depend on the machine at hand. The times of the last table do: compare
+them with each other only. A compiler or an emulator that is missing leaves its columns empty.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from flexgen.codegen.build import generate
+from flexgen.codegen.compiler import REPRODUCIBLE
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT / "tests"))
+
+from clients import stack_of_point  # noqa: E402
+
+MODELS = ("planar5_nmp", "tests/robots/ur5.toml", "manutec_r3_efjm")
+BOARD = ROOT / "tests" / "cortex_m7"
+CALLS = 3  # instructions of one call: those of a program with so many calls, less those of a program with one
+POINTS = 500  # of a batch
+
+
+@dataclass(frozen=True)
+class Target:
+    """A machine: its compiler, its precision, and how a program runs on it one instruction at a time."""
+
+    name: str
+    precision: str
+    compiler: tuple[str, ...]
+    link: tuple[str, ...]
+    emulator: tuple[str, ...]
+
+
+M7 = ("-mcpu=cortex-m7", "-mfpu=fpv5-sp-d16", "-mfloat-abi=hard")
+TARGETS = (
+    Target("x86-64", "double", ("gcc",), ("-static",), ("qemu-x86_64",)),
+    Target("aarch64", "double", ("aarch64-linux-gnu-gcc",), ("-static",), ("qemu-aarch64",)),
+    Target(
+        "Cortex-M7",
+        "single",
+        ("arm-none-eabi-gcc", *M7),
+        ("--specs=rdimon.specs", "-T", str(BOARD / "memory.ld"), str(BOARD / "start.c")),
+        tuple("qemu-system-arm -M mps2-an500 -nographic -semihosting-config enable=on,target=native -kernel".split()),
+    ),
+)
+FLAGS = (
+    ("gcc", "-O1", "-ffp-contract=off"),
+    ("gcc", "-O2", "-ffp-contract=off"),
+    ("gcc", "-O2", "-ffp-contract=off", "-fno-tree-vectorize"),
+    ("gcc", "-O3", "-ffp-contract=off", "-fno-tree-vectorize"),
+    ("gcc", "-O3", "-march=native", "-ffp-contract=fast"),
+    ("clang", "-O2", "-ffp-contract=off"),
+    ("clang", "-O3", "-march=native", "-ffp-contract=fast"),
+)
+TIMED = ("inverse_dynamics", "mass_matrix", "forward_dynamics", "linearize")
+
+
+def run(*command: object, folder: Path) -> str:
+    """Run a program; what it prints."""
+    words = [str(word) for word in command]
+    answer = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
+    if answer.returncode != 0:
+        raise RuntimeError(f"{' '.join(words)}:\n{answer.stderr[:2000]}")
+    return answer.stdout
+
+
+def manifest_of(folder: Path) -> dict[str, Any]:
+    """The description of a library."""
+    return json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+
+
+def entries(port: dict[str, Any]) -> int:
+    """Numbers in an array of one point."""
+    count = 1
+    for extent in port["shape"]:
+        count *= extent
+    return count
+
+
+def table(head: list[str], rows: list[list[str]]) -> str:
+    """Rows as a table in Markdown."""
+    lines = ["| " + " | ".join(row) + " |" for row in (head, ["---"] + ["---:"] * (len(head) - 1), *rows)]
+    return "\n".join(lines) + "\n"
+
+
+INTRODUCTION = """\
+# Size and cost of the emitted functions
+
+Written by `python benchmarks/sizes.py`. Code: all of a function's file, that is the entries for one point and for many
+with the mathematics of both. Stack and instructions: of the entry for one point, its callees included; instructions are
+counted by an emulator over one call. All at the reproducible flags. A dash: no compiler or emulator was there.
+"""
+
+# --- code, stack, instructions ----------------------------------------------------------------------------------------
+
+
+def costs(folder: Path, target: Target) -> dict[str, tuple[str, str, str]]:
+    """Bytes of code, bytes of stack and instructions of every function on a machine."""
+    manifest = manifest_of(folder)
+    out = {}
+    for f in manifest["functions"]:
+        out[f["name"]] = ("-", "-", "-")
+        if shutil.which(target.compiler[0]) is None:
+            continue
+        with tempfile.TemporaryDirectory() as work:
+            symbol = f"{manifest['name']}_{f['name']}"
+            source = folder / f"{symbol}.c"
+            run(*target.compiler, *REPRODUCIBLE, "-fstack-usage", "-c", source, "-o", "f.o", folder=Path(work))
+            sections = run("size", "f.o", folder=Path(work)).splitlines()[1].split()
+            stack = stack_of_point(Path(work) / "f.su", symbol)
+            count = instructions(folder, manifest, f, target, Path(work))
+            out[f["name"]] = (sections[0], str(stack), count)
+    return out
+
+
+def instructions(folder: Path, manifest: dict[str, Any], f: dict[str, Any], target: Target, work: Path) -> str:
+    """Instructions of one call for one point, its inputs moderate."""
+    if shutil.which(target.emulator[0]) is None:
+        return "-"
+    (work / "call.c").write_text(program(manifest, f), encoding="ascii")
+    counts = []
+    for calls in (1, CALLS):
+        words = [*target.compiler, *REPRODUCIBLE, f"-DCALLS={calls}", f"-I{folder}", "call.c", "f.o", *target.link]
+        run(*words, "-lm", "-o", "call", folder=work)
+        emulator = [target.emulator[0], "-singlestep", "-d", "nochain,exec", "-D", "log", *target.emulator[1:]]
+        run(*emulator, work / "call", folder=work)
+        with (work / "log").open(encoding="ascii", errors="replace") as log:
+            counts.append(sum(1 for line in log if line.startswith("Trace ")))
+    return str((counts[1] - counts[0]) // (CALLS - 1))
+
+
+def program(manifest: dict[str, Any], f: dict[str, Any]) -> str:
+    """A program that calls a function CALLS times."""
+    name = manifest["name"]
+    lines = [f'#include "{name}.h"', "#include <stdlib.h>"]
+    for p in (*f["inputs"], *f["outputs"]):
+        values = ", ".join(f"(({name}_real){0.1 + 0.03 * i:.2f})" for i in range(entries(p)))
+        given = f" = {{{values}}}" if p in f["inputs"] else ""
+        lines.append(f"static {name}_real port_{p['name']}[{entries(p)}]{given};")
+    arguments = ", ".join(f"port_{p['name']}" for p in (*f["inputs"], *f["outputs"]))
+    lines += [
+        f"static {name}_real work[{name.upper()}_{f['name'].upper()}_WORK];",
+        "int main(void)",
+        "{",
+        "    volatile int status = 0;",
+        "    for (int k = 0; k < CALLS; ++k) {",
+        f"        status = {name}_{f['name']}({arguments}, work);",
+        "    }",
+        "    _Exit(status);",
+        "}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def small_machines(model: str, base: Path) -> str:
+    """The table of one model."""
+    columns = {}
+    for target in TARGETS:
+        made = generate(model, base / target.precision, precision=target.precision, build=False)
+        columns[target.name] = costs(made.directory, target)
+    head = ["function"]
+    for target in TARGETS:
+        head += [f"{target.name} {target.precision}: code B", "stack B", "instructions"]
+    rows = [[name, *(figure for target in TARGETS for figure in columns[target.name][name])] for name in made.functions]
+    sums = ["all"]
+    for target in TARGETS:
+        figures = [columns[target.name][name] for name in made.functions]
+        sums += [_sum([figure[0] for figure in figures]), "", ""]
+    return table(head, [*rows, sums])
+
+
+def _sum(texts: list[str]) -> str:
+    return "-" if "-" in texts else str(sum(map(int, texts)))
+
+
+# --- flags ------------------------------------------------------------------------------------------------------------
+
+TIMER = """\
+#define _POSIX_C_SOURCE 199309L
+#include "@.h"
+#include <stdio.h>
+#include <stdlib.h>
+#include <time.h>
+
+static double now(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static @_real *filled(int n)
+{
+    @_real *x = malloc((size_t)n * sizeof *x);
+    for (int i = 0; i < n; ++i) {
+        x[i] = (@_real)(rand() / (RAND_MAX + 1.0) - 0.5);
+    }
+    return x;
+}
+
+int main(void)
+{
+"""
+
+
+def timer(manifest: dict[str, Any]) -> str:
+    """A program that prints the nanoseconds per point of the functions in `TIMED`, one by one and in a batch."""
+    name = manifest["name"]
+    text = TIMER.replace("@", name)
+    for f in manifest["functions"]:
+        if f["name"] not in TIMED:
+            continue
+        ports = [*f["inputs"], *f["outputs"]]
+        call = f"{name}_{f['name']}"
+        arguments = ", ".join(f"port_{p['name']}" for p in ports)
+        text += "    {\n        double one = 1.0, many = 1.0, start;\n"
+        text += "".join(f"        {name}_real *port_{p['name']} = filled({entries(p)} * {POINTS});\n" for p in ports)
+        text += f"""\
+        {name}_real *work = filled({call}_batch_work() + {call}_work());
+        for (int r = 0; r < 60; ++r) {{
+            start = now();
+            for (int k = 0; k < 100; ++k) {{
+                {call}({arguments}, work);
+            }}
+            one = now() - start < one ? now() - start : one;
+            start = now();
+            {call}_batch({POINTS}, {arguments}, work);
+            many = now() - start < many ? now() - start : many;
+        }}
+        printf("{f["name"]} %.1f %.1f\\n", 1e9 * one / 100, 1e9 * many / {POINTS});
+    }}
+"""
+    return text + "    return 0;\n}\n"
+
+
+def flags(model: str, base: Path) -> str:
+    """Time to compile, size, and run time relative to that of the reproducible flags."""
+    folder = generate(model, base / "flags", build=False).directory
+    manifest = manifest_of(folder)
+    sources = sorted(path for path in folder.glob("*.c") if path.name != "example.c")
+    measured: dict[tuple[str, ...], tuple[float, int, dict[str, tuple[float, float]]]] = {}
+    for words in FLAGS:
+        if shutil.which(words[0]) is None:
+            continue
+        with tempfile.TemporaryDirectory() as work:
+            before = resource.getrusage(resource.RUSAGE_CHILDREN)
+            run(words[0], "-std=c99", *words[1:], "-fno-math-errno", "-c", *sources, folder=Path(work))
+            after = resource.getrusage(resource.RUSAGE_CHILDREN)
+            spent = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+            objects = sorted(Path(work).glob("*.o"))
+            size = int(run("size", "-t", *objects, folder=Path(work)).splitlines()[-1].split()[0])
+            (Path(work) / "timer.c").write_text(timer(manifest), encoding="ascii")
+            run("cc", "-std=c99", "-O2", f"-I{folder}", "timer.c", *objects, "-lm", "-o", "timer", folder=Path(work))
+            lines = [line.split() for line in run(Path(work) / "timer", folder=Path(work)).splitlines()]
+            measured[words] = (spent, size, {line[0]: (float(line[1]), float(line[2])) for line in lines})
+    chosen = next(words for words in measured if set(words[1:]) <= set(REPRODUCIBLE) and "-fno-tree-vectorize" in words)
+    reference = measured[chosen][2]
+    rows = []
+    for words, (spent, size, times) in measured.items():
+        ratios = [f"{times[f][i] / reference[f][i]:.2f}" for f in TIMED for i in (0, 1)]
+        rows.append([f"`{' '.join(words)}`", f"{spent:.1f}", str(size // 1000), *ratios])
+    head = ["flags", "compile s", "code kB", *(f"{f}{what}" for f in TIMED for what in ("", ", batch"))]
+    return table(head, rows)
+
+
+def main(models: list[str]) -> None:
+    """Print, and write where the models are the usual ones."""
+    parts = [INTRODUCTION]
+    with tempfile.TemporaryDirectory() as base:
+        for model in models or MODELS:
+            parts.append(f"## {Path(model).stem}\n\n{small_machines(model, Path(base) / Path(model).stem)}")
+        last = (models or MODELS)[-1]
+        parts.append(
+            f"## Flags, {Path(last).stem}\n\nRun times relative to those of the flags that `flexgen generate` uses.\n\n"
+            + flags(last, Path(base))
+        )
+    text = "\n".join(parts)
+    print(text)
+    if not models:
+        (ROOT / "benchmarks" / "sizes.md").write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,200 @@
+"""The same bits from every compiler, level and processor; how far the native build strays; what small machines get."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import clients
+import numpy as np
+import pytest
+from emitted import _folder, made, needs_compiler, random_states, run, sources
+
+from flexgen.codegen.build import generate
+from flexgen.model.reader import read
+from flexgen.runtime import load
+
+pytestmark = needs_compiler
+
+M7 = "-mcpu=cortex-m7 -mfpu=fpv5-sp-d16 -mfloat-abi=hard".split()
+MACHINE = Path(__file__).resolve().parent / "cortex_m7"  # start and memory of the emulated board
+LONG = pytest.mark.long
+LIBRARIES = [
+    ("planar5_nmp", "double"),
+    pytest.param("abb_arm", "double", marks=LONG),
+    pytest.param("elbow", "single", marks=LONG),
+    ("four_mass", "single"),
+]
+
+
+def folder_of(name: str, precision: str) -> Path:
+    if precision == "double":
+        return made(name).directory
+    return generate(name, _folder() / f"{name}_single", precision=precision).directory
+
+
+def states(name: str) -> dict[str, np.ndarray]:
+    return random_states(read(name), clients.POINTS)
+
+
+def missing(*tools: str) -> list[str]:
+    return [tool for tool in tools if shutil.which(tool) is None]
+
+
+def differences(folder: Path, a: bytes, b: bytes) -> list[str]:
+    manifest = clients.manifest_of(folder)
+    one, two = clients.results_of(manifest, a), clients.results_of(manifest, b)
+    return [key for key in one if one[key].tobytes() != two[key].tobytes()]
+
+
+# --- bits -------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("name", "precision"), LIBRARIES)
+def test_the_same_bits_everywhere(name, precision, tmp_path):
+    """Every function at random states, one by one and in batches of odd sizes (the program compares the two itself)."""
+    folder = folder_of(name, precision)
+    given = clients.inputs_of(clients.manifest_of(folder), states(name))
+    builds = [[cc, level, "-ffp-contract=off"] for cc in ("gcc", "clang") for level in ("-O0", "-O1", "-O2")]
+    builds.append(["gcc", "-O3", "-march=native", "-ffp-contract=off", "-fno-tree-vectorize"])
+    builds.append(["gcc", "-O2", "-ffp-contract=off", f"-D{name.upper()}_NO_VECTORS"])
+    builds.append(["aarch64-linux-gnu-gcc", "-O2", "-ffp-contract=off", "-static"])
+    reference, compared = b"", 0
+    for k, words in enumerate(builds):
+        emulator = ["qemu-aarch64"] if words[0].startswith("aarch64") else []
+        if missing(words[0], *emulator):
+            continue
+        program = clients.built(folder, tmp_path / str(k), *words)
+        answer = clients.answer([*emulator, str(program)], given, tmp_path)
+        reference = reference or answer
+        compared += 1
+        assert answer == reference, (words, differences(folder, answer, reference))
+    if compared < 2:
+        pytest.skip("one compiler only")
+
+
+def test_contraction_would_be_noticed(tmp_path):
+    """The planted bug: with fused multiply-adds the bits are others, where the processor has them."""
+    if missing("aarch64-linux-gnu-gcc", "qemu-aarch64"):
+        pytest.skip("no aarch64-linux-gnu-gcc or qemu-aarch64")
+    folder = folder_of("planar5_nmp", "double")
+    given = clients.inputs_of(clients.manifest_of(folder), states("planar5_nmp"))
+    answers = []
+    for contract in ("off", "fast"):
+        program = clients.built(
+            folder,
+            tmp_path / contract,
+            "aarch64-linux-gnu-gcc",
+            "-O2",
+            f"-ffp-contract={contract}",
+            "-static",
+            counts=(),
+        )
+        answers.append(clients.answer(["qemu-aarch64", str(program)], given, tmp_path))
+    assert differences(folder, *answers)
+
+
+@pytest.mark.parametrize("name", ["elbow", "four_mass"])
+def test_a_cortex_m7_has_the_same_bits(name, tmp_path):
+    """A bare machine without double precision, emulated: single precision, results through semihosting."""
+    if missing("arm-none-eabi-gcc", "qemu-system-arm", "gcc"):
+        pytest.skip("no arm-none-eabi-gcc, qemu-system-arm or gcc")
+    folder = folder_of(name, "single")
+    given = clients.inputs_of(clients.manifest_of(folder), states(name))
+    board = [*M7, "--specs=rdimon.specs", "-T", str(MACHINE / "memory.ld"), str(MACHINE / "start.c")]
+    program = clients.built(folder, tmp_path, "arm-none-eabi-gcc", *board, "-O2", "-ffp-contract=off", given=given)
+    emulator = "qemu-system-arm -M mps2-an500 -nographic -semihosting-config enable=on,target=native -kernel".split()
+    answer = clients.answer([*emulator, str(program)], b"", tmp_path)
+    here = clients.built(folder, tmp_path / "here", "gcc", "-O2", "-ffp-contract=off")
+    assert answer == clients.answer([str(here)], given, tmp_path)
+
+
+# --- the native build -------------------------------------------------------------------------------------------------
+OPERATIONS = re.compile(r"(\d+) operations")
+STEP = 2.0**-30  # relative change of the inputs that tells how much the results amplify an error
+
+
+@pytest.mark.parametrize("name", ["planar5_nmp", "abb_arm", pytest.param("manutec_r3", marks=LONG)])
+def test_the_native_build_differs_by_rounding(name):
+    """N operations that round otherwise: N eps times the result and what a relative error of the inputs becomes."""
+    reproducible = load(made(name).directory)
+    native = load(generate(name, _folder() / f"{name}_native", native=True).directory)
+    x = states(name)
+    rng = np.random.default_rng(3)
+    moved = {key: value * (1 + STEP * rng.choice([-1.0, 1.0], size=value.shape)) for key, value in x.items()}
+    header = (made(name).directory / f"{name}.h").read_text(encoding="ascii")
+    operations = [int(count) for count in OPERATIONS.findall(header)]
+    for function, count in zip(reproducible.functions.values(), operations, strict=True):
+        inputs = [x[port.name] for port in function.inputs]
+        expected, given = (_flat(library.functions[function.name](*inputs)) for library in (reproducible, native))
+        shifted = _flat(function(*(moved[port.name] for port in function.inputs)))
+        amplified = np.abs(shifted - expected).max(axis=1) / STEP
+        bound = count * np.finfo(float).eps * (np.abs(expected).max(axis=1) + amplified)
+        assert np.all(np.abs(given - expected).max(axis=1) <= bound), function.name
+
+
+def _flat(results) -> np.ndarray:
+    """All results of each point in one row."""
+    arrays = results if isinstance(results, tuple) else (results,)
+    return np.hstack([np.asarray(array).reshape(len(array), -1) for array in arrays])
+
+
+# --- small machines ---------------------------------------------------------------------------------------------------
+TARGETS = {
+    "x86-64": ("gcc", []),
+    "aarch64": ("aarch64-linux-gnu-gcc", []),
+    "Cortex-M7": ("arm-none-eabi-gcc", M7),
+}
+
+
+@pytest.mark.parametrize("name", ["elbow", "four_mass", "manutec_r3"])
+def test_a_machine_without_double_precision_needs_none(name, tmp_path):
+    if missing("arm-none-eabi-gcc", "arm-none-eabi-nm"):
+        pytest.skip("no arm-none-eabi-gcc")
+    files = sources(folder_of(name, "single"))
+    run("arm-none-eabi-gcc", *M7, "-std=c99", "-O2", "-Wdouble-promotion", "-Werror", "-c", *files, folder=tmp_path)
+    needed = run("arm-none-eabi-nm", "-u", *sorted(tmp_path.glob("*.o")), folder=tmp_path)
+    needed = {line.split()[-1] for line in needed.splitlines() if " U " in line}
+    assert {symbol for symbol in needed if not symbol.startswith(f"{name}_")} <= {"memset", "memcpy", "memmove"}
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize(
+    ("name", "precision"), [("planar5_nmp", "double"), ("four_mass", "single"), ("manutec_r3", "single")]
+)
+def test_the_headers_stack_is_enough(name, precision, target, tmp_path):
+    """What the compiler says each function of a point needs, its callees included, is at most what the header says."""
+    compiler, flags = TARGETS[target]
+    if missing(compiler):
+        pytest.skip(f"no {compiler}")
+    if target == "Cortex-M7" and precision == "double":
+        pytest.skip("a Cortex-M7 of single precision")
+    folder = folder_of(name, precision)
+    run(
+        compiler,
+        *flags,
+        "-std=c99",
+        "-O2",
+        "-ffp-contract=off",
+        "-fstack-usage",
+        "-c",
+        *sources(folder),
+        folder=tmp_path,
+    )
+    manual = (folder / f"{name}.h").read_text(encoding="ascii").replace("\n * ", " ")  # lines of a comment
+    pattern = rf"stack of one point at most (\d+) bytes\s+\*/\s+\w+_API\s+int {name}_(\w+)\("
+    said = re.findall(pattern, manual)
+    said = {function: int(size) for size, function in said}
+    functions = clients.manifest_of(folder)["functions"]
+    assert set(said) == {f["name"] for f in functions}
+    used = {
+        f["name"]: clients.stack_of_point(tmp_path / f"{name}_{f['name']}.su", f"{name}_{f['name']}") for f in functions
+    }
+    assert all(used[function] <= said[function] for function in said), (used, said)
+    assert max(used.values()) > 0
+
+
+def test_a_board_has_its_memory():
+    assert {path.name for path in MACHINE.iterdir()} == {"memory.ld", "start.c"}
+    if not missing("arm-none-eabi-gcc"):
+        subprocess.run(["arm-none-eabi-gcc", *M7, "-fsyntax-only", "-Wall", str(MACHINE / "start.c")], check=True)

@@ -1,0 +1,454 @@
+"""The library as a product: packages that find it, strict compilers, examples that run, hostile names."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+import clients
+import numpy as np
+import pytest
+from bad_models import GOOD
+from emitted import CC, ROOT, SMALL, _folder, library_of, made, needs_compiler, random_states, run, sources
+
+from flexgen.codegen.build import Generated, generate
+from flexgen.codegen.compiler import REPRODUCIBLE
+from flexgen.codegen.emit import symbols
+from flexgen.codegen.spec import library_spec
+from flexgen.errors import ArgumentError, BuildError, FlexgenError, ModelError
+from flexgen.mechanics.equations import derive
+from flexgen.model.reader import read
+from flexgen.runtime import load
+
+pytestmark = needs_compiler
+
+STRICT = (
+    "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Werror".split()
+)
+STRICT += ["-Wdouble-promotion", "-Wundef"]
+STRICT_CPP = "-x c++ -std=c++17 -pedantic -Wall -Wextra -Werror".split()
+PARAMETER_ROUNDING = 1e-10  # constants are folded in another order; the mass matrix amplifies that by its condition
+# What a freestanding compiler may call by itself; the functions need nothing else of the C library.
+BY_ITSELF = {"memset", "memcpy", "memmove"}
+
+
+@cache
+def single(name: str) -> Generated:
+    """The library of a model in single precision; nobody changes it."""
+    return generate(name, _folder() / f"{name}_single", precision="single")
+
+
+def tool(name: str) -> str:
+    """A program that a test needs."""
+    found = shutil.which(name)
+    if found is None:
+        pytest.skip(f"no {name}")
+    return found
+
+
+# --- packages ---------------------------------------------------------------------------------------------------------
+CONSUMER = """\
+#include "elbow.h"
+#include <stdio.h>
+
+int main(void)
+{
+    const elbow_real q[ELBOW_NA] = {0};
+    elbow_real g[ELBOW_NA], work[ELBOW_GRAVITY_WORK];
+    const int status = elbow_gravity(q, g, work);
+    printf("%d %s\\n", status, elbow_digest());
+    return status;
+}
+"""
+CONSUMER_CMAKE = """\
+cmake_minimum_required(VERSION 3.14)
+project(consumer LANGUAGES C)
+find_package(elbow 2.0 CONFIG REQUIRED)
+add_executable(consumer consumer.c)
+target_link_libraries(consumer PRIVATE flexgen::elbow)
+"""
+
+
+@pytest.fixture
+def consumer(tmp_path):
+    """A folder with a space in its name and a program that wants the library."""
+    folder = tmp_path / "the consumer"
+    folder.mkdir()
+    (folder / "consumer.c").write_text(CONSUMER)
+    (folder / "CMakeLists.txt").write_text(CONSUMER_CMAKE)
+    return folder
+
+
+def answered(program: Path, **environment: str) -> None:
+    answer = subprocess.run([program], capture_output=True, text=True, check=True, env={**os.environ, **environment})
+    assert answer.stdout.split() == ["0", library_spec(derive("elbow"), ["gravity"]).digest]
+
+
+@pytest.mark.parametrize("shared", ["OFF", "ON"])
+def test_cmake_and_pkg_config_find_what_was_installed(consumer, shared):
+    cmake = tool("cmake")
+    folder, there = made("elbow").directory, consumer / "in stalled"
+    run(cmake, "-S", folder, "-B", "library", f"-DBUILD_SHARED_LIBS={shared}", folder=consumer)
+    run(cmake, "--build", "library", folder=consumer)
+    run(cmake, "--install", "library", "--prefix", there, folder=consumer)
+    flags = (consumer / "library/CMakeFiles/flexgen_elbow.dir/flags.make").read_text()
+    assert all(flag in flags for flag in REPRODUCIBLE)
+    assert sorted(path.name for path in (there / "include").iterdir()) == ["elbow.h"]
+    run(cmake, "-S", ".", "-B", "build", f"-DCMAKE_PREFIX_PATH={there}", folder=consumer)
+    run(cmake, "--build", "build", folder=consumer)
+    answered(consumer / "build" / "consumer")
+    linked(consumer, next(there.rglob("pkgconfig")))
+    answered(consumer / "linked", LD_LIBRARY_PATH=str(next(there.rglob("libelbow.*")).parent))
+
+
+def linked(consumer: Path, where: Path) -> None:
+    """Link the consumer as pkg-config says."""
+    environment = {**os.environ, "PKG_CONFIG_PATH": str(where)}
+    command = [tool("pkg-config"), "--cflags", "--libs", "elbow"]
+    words = subprocess.run(command, capture_output=True, text=True, check=True, env=environment).stdout
+    subprocess.run(f"{CC} consumer.c {words.strip()} -o linked", shell=True, cwd=consumer, check=True)
+
+
+def test_pkg_config_finds_the_library_where_it_was_generated(consumer):
+    folder = shutil.copytree(made("elbow").directory, consumer / "the library")
+    linked(consumer, folder)
+    library_of(folder).unlink()
+    answered(consumer / "linked")  # the static library is in it
+
+
+def test_cmake_takes_the_other_options(tmp_path):
+    cmake = tool("cmake")
+    folder = made("elbow").directory
+    run(cmake, "-S", folder, "-B", "b", "-DELBOW_NATIVE=ON", "-DELBOW_OPENMP=ON", folder=tmp_path)
+    flags = (tmp_path / "b/CMakeFiles/flexgen_elbow.dir/flags.make").read_text()
+    assert "-march=native" in flags and "-fopenmp" in flags and "-ffp-contract=off" not in flags
+    run(cmake, "-S", folder, "-B", "d", "-DCMAKE_BUILD_TYPE=Debug", folder=tmp_path)
+    flags = (tmp_path / "d/CMakeFiles/flexgen_elbow.dir/flags.make").read_text()
+    assert "-O2" not in flags and "-ffp-contract=off" in flags
+
+
+def test_a_plain_compiler_call_is_enough(tmp_path):
+    run(CC, *sorted(made("elbow").directory.glob("*.c")), "-lm", "-o", "example", folder=tmp_path)
+    assert "gravity: success" in run(tmp_path / "example", folder=tmp_path)
+
+
+def test_bytes_depend_on_no_folder(tmp_path, monkeypatch):
+    first = made("elbow")
+    for k in range(2):
+        monkeypatch.setenv("FLEXGEN_CACHE", "")
+        folder = tmp_path / f"elsewhere{k}"
+        folder.mkdir()
+        monkeypatch.chdir(folder)
+        again = generate("elbow", functions=None)
+        assert [path.name for path in again.files] == [path.name for path in first.files]
+        for a, b in zip(again.files, first.files, strict=True):
+            assert a.read_bytes() == b.read_bytes(), a.name
+            assert str(tmp_path).encode() not in a.read_bytes() and str(ROOT).encode() not in a.read_bytes()
+
+
+# --- the library that everybody can look at ---------------------------------------------------------------------------
+GOLDEN = ROOT / "generated" / "elbow"
+GOLDEN_CASADI = "3.8"  # another CasADi may order the operations of the same mathematics otherwise
+
+
+def test_the_sources_in_the_repository_are_those_of_today(tmp_path):
+    """Refreshed by ``make golden``, and looked at before they are committed."""
+    if not version("casadi").startswith(f"{GOLDEN_CASADI}."):
+        pytest.skip(f"written with CasADi {GOLDEN_CASADI}")
+    today = generate("elbow", tmp_path / "elbow", build=False)
+    texts = {path.name: path.read_bytes() for path in today.files if path.name != "manifest.json"}
+    kept = {path.name for path in GOLDEN.iterdir() if path.suffix in (".c", ".h", ".pc", ".txt")}
+    assert kept == set(texts), "make golden"
+    changed = [name for name, text in texts.items() if (GOLDEN / name).read_bytes() != text]
+    assert not changed, "make golden"
+
+
+# --- symbols and warnings ---------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("level", ["-O0", "-O2"])
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("name", SMALL)
+def test_nothing_else_is_exported_and_nothing_else_is_needed(name, compiler, level, tmp_path):
+    nm, compiler = tool("nm"), tool(compiler)
+    run(
+        compiler,
+        "-std=c99",
+        level,
+        "-fvisibility=hidden",
+        "-fPIC",
+        "-c",
+        *sources(made(name).directory),
+        folder=tmp_path,
+    )
+    listed = run(nm, "-g", *sorted(tmp_path.glob("*.o")), folder=tmp_path).splitlines()
+    defined = {line.split()[-1] for line in listed if re.search(r" [A-TV-Z] ", line)}
+    assert defined == set(symbols(library_spec(derive(name))))
+    header = (made(name).directory / f"{name}.h").read_text(encoding="ascii")
+    assert all(f"{symbol}(" in header for symbol in defined)
+    needed = {line.split()[-1] for line in listed if " U " in line} - defined - {"_GLOBAL_OFFSET_TABLE_"}
+    assert needed <= BY_ITSELF
+    assert all(word in header for word in needed)
+
+
+def test_the_static_library_has_the_same_symbols():
+    folder = made("elbow").directory
+    listed = run(tool("nm"), "-g", "--defined-only", folder / "libelbow.a", folder=folder)
+    defined = {line.split()[-1] for line in listed.splitlines() if re.search(r" [A-TV-Z] ", line)}
+    assert defined == set(symbols(library_spec(derive("elbow"))))
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_no_compiler_finds_a_word_to_say(compiler, precision, tmp_path):
+    for name in ("planar5_nmp", "four_mass", "abb_arm"):
+        folder = (made(name) if precision == "double" else single(name)).directory
+        run(tool(compiler), *STRICT, "-fsyntax-only", *sorted(folder.glob("*.c")), folder=tmp_path)
+        if name == "four_mass":  # some warnings need the optimiser
+            run(tool(compiler), *STRICT, "-O2", "-c", *sorted(folder.glob("*.c")), folder=tmp_path)
+
+
+@pytest.mark.parametrize("compiler", ["g++", "clang++"])
+def test_the_sources_are_cpp_too(compiler, tmp_path):
+    for folder in (made("four_mass").directory, single("planar5_nmp").directory):
+        run(tool(compiler), *STRICT_CPP, "-fsyntax-only", *sorted(folder.glob("*.c")), folder=tmp_path)
+
+
+# --- calls of every kind ----------------------------------------------------------------------------------------------
+def given(name: str, folder: Path) -> bytes:
+    return clients.inputs_of(clients.manifest_of(folder), random_states(read(name), clients.POINTS))
+
+
+def has_sanitizer(compiler: str, flag: str, tmp_path: Path) -> None:
+    (tmp_path / "probe.c").write_text("int main(void) { return 0; }\n")
+    answer = subprocess.run([compiler, flag, "probe.c", "-o", "probe"], cwd=tmp_path, capture_output=True, check=False)
+    if answer.returncode != 0:
+        pytest.skip(f"{compiler} has no {flag}")
+
+
+@pytest.mark.parametrize(("name", "precision"), [("planar5_nmp", "double"), ("four_mass", "single")])
+def test_sanitizers_see_nothing(name, precision, tmp_path):
+    """Every function and its batch in odd numbers, exact and ill-aligned buffers, wrong calls, entries not finite."""
+    gcc = tool("gcc")
+    flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    has_sanitizer(gcc, flags[0], tmp_path)
+    folder = (made(name) if precision == "double" else single(name)).directory
+    program = clients.built(folder, tmp_path, gcc, "-O1", "-g", "-ffp-contract=off", *flags)
+    checked = clients.answer([str(program)], given(name, folder), tmp_path)
+    plain = clients.built(folder, tmp_path / "plain", gcc, "-O2", "-ffp-contract=off")
+    assert clients.answer([str(plain)], given(name, folder), tmp_path) == checked
+
+
+def test_parameters_are_shared_by_all_points(tmp_path):
+    """With the values of the model file as arguments: the same calls, and the results of the library without them."""
+    gcc, plain = tool("gcc"), made("four_mass").directory
+    has_sanitizer(gcc, "-fsanitize=address", tmp_path)
+    folder = generate("four_mass", tmp_path / "with", parameters=["stiffness", "payload"], build=False).directory
+    assert any(port["name"] == "parameters" for f in clients.manifest_of(folder)["functions"] for port in f["inputs"])
+    data, results = given("four_mass", folder), []
+    for k, where in enumerate((folder, plain)):
+        program = clients.built(
+            where, tmp_path / str(k), gcc, "-O1", "-ffp-contract=off", "-fsanitize=address,undefined"
+        )
+        answer = clients.answer([str(program)], data, tmp_path)
+        results.append(clients.results_of(clients.manifest_of(where), answer))
+    for key, expected in results[1].items():
+        scale = np.abs(expected).max(axis=1, keepdims=True) + np.abs(expected).max() * 1e-3
+        assert np.all(np.abs(results[0][key] - expected) <= PARAMETER_ROUNDING * scale), key
+
+
+def test_a_buffer_that_is_too_small_would_be_seen(tmp_path):
+    gcc = tool("gcc")
+    has_sanitizer(gcc, "-fsanitize=address", tmp_path)
+    folder = Path(shutil.copytree(made("elbow").directory, tmp_path / "elbow"))
+    header = folder / "elbow.h"
+    text = header.read_text()
+    # counted for vectors of eight, and this compiler uses two: an eighth is too little everywhere
+    short = re.sub(r"(BATCH_WORK) (\d+)", lambda m: f"{m[1]} {int(m[2]) // 8}", text)
+    assert short != text
+    header.write_text(short)
+    program = clients.built(folder, tmp_path, gcc, "-O1", "-fsanitize=address")
+    answer = subprocess.run([program], input=given("elbow", folder), capture_output=True, check=False)
+    assert answer.returncode != 0 and b"heap-buffer-overflow" in answer.stderr
+
+
+def test_threads_do_not_disturb_each_other(tmp_path):
+    gcc, folder = tool("gcc"), made("planar5_nmp").directory
+    has_sanitizer(gcc, "-fsanitize=thread", tmp_path)
+    data = given("planar5_nmp", folder)
+    alone = clients.built(folder, tmp_path / "alone", gcc, "-O1", "-ffp-contract=off")
+    program = clients.built(folder, tmp_path, gcc, "-O1", "-g", "-ffp-contract=off", "-fsanitize=thread", threads=4)
+    assert clients.answer([str(program)], data, tmp_path) == clients.answer([str(alone)], data, tmp_path)
+
+
+def test_openmp_gives_the_same_bits(tmp_path):
+    gcc, folder = tool("gcc"), made("planar5_nmp").directory
+    has_sanitizer(gcc, "-fopenmp", tmp_path)
+    data = given("planar5_nmp", folder)
+    alone = clients.built(folder, tmp_path / "alone", gcc, "-O1", "-ffp-contract=off")
+    many = clients.built(folder, tmp_path, gcc, "-O1", "-ffp-contract=off", "-fopenmp", counts=(0, 1, 17, 1500))
+    assert clients.answer([str(many)], data, tmp_path) == clients.answer([str(alone)], data, tmp_path)
+
+
+# --- examples ---------------------------------------------------------------------------------------------------------
+def test_the_controller_runs_at_one_kilohertz_against_the_library(tmp_path):
+    folder = made("planar5_nmp").directory
+    files = [ROOT / "examples" / "controller.c", *sources(folder)]
+    run(CC, *STRICT, "-O2", f"-I{folder}", *files, "-lm", "-o", "controller", folder=tmp_path)
+    lines = run(tmp_path / "controller", folder=tmp_path).splitlines()
+    assert all(line.endswith(" mm") for line in lines)
+    alone, fed = (float(line.split()[-2]) for line in lines)
+    assert 5.0 < alone < 50.0 and 0.0 < fed < alone / 5.0
+
+
+def test_two_models_live_in_one_cpp_program(tmp_path):
+    cpp = shutil.which("c++") or tool("g++")
+    folders = [made(name).directory for name in ("planar5_nmp", "elbow")]
+    run(CC, "-std=c99", "-O2", "-c", *(path for folder in folders for path in sources(folder)), folder=tmp_path)
+    includes = [f"-I{folder}" for folder in folders]
+    words = [cpp, "-std=c++17", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", *includes]
+    run(*words, ROOT / "examples/two_models.cpp", *sorted(tmp_path.glob("*.o")), "-lm", "-o", "two", folder=tmp_path)
+    lines = run(tmp_path / "two", folder=tmp_path).splitlines()
+    assert [line.split()[0] for line in lines] == ["planar5_nmp"] * 3 + ["elbow"] * 2
+    angles = np.linspace(-np.pi, np.pi, 51)
+    expected = []
+    for folder in folders:
+        library = load(folder)
+        q = np.zeros((51 * 51, library.sizes["n_a"]))
+        q[:, 0], q[:, 1] = np.tile(angles, 51), np.repeat(angles, 51)
+        expected += list(np.abs(library.gravity(q)).max(axis=0))
+    assert np.allclose([float(line.split()[6]) for line in lines], expected, atol=0.006)  # printed with two decimals
+
+
+# --- names ------------------------------------------------------------------------------------------------------------
+HOSTILE = [
+    "",
+    " ",
+    "a b",
+    "9arm",
+    "_arm",
+    "a" * 32,
+    "two__scores",
+    "arm;",
+    "x; int evil",
+    "x(){}",
+    "a,b",
+    "arm\\n",
+    "arm\\nint evil;",
+    "arm\\r",
+    "arm\\t",
+    "arm\\u0000",
+    "arm\\u001b[2J",
+    'arm\\"',
+    "arm'",
+    "*/",
+    "arm*/int evil;/*",
+    "//",
+    "arm\\\\",
+    "arm??/",
+    "??=define",
+    "#include",
+    "$(id)",
+    "`id`",
+    "%s%n",
+    "{name}",
+    "../arm",
+    "../../etc/passwd",
+    "/etc/passwd",
+    "arm/..",
+    ".",
+    "..",
+    "C:arm",
+    "-o",
+    "@file",
+    "ärm",
+    "\u0430rm",  # a Cyrillic letter
+    "\uff41rm",  # a wide letter
+    "arm\u200b",
+    "arm\u202e",
+    "int",
+    "while",
+    "class",
+    "template",
+    "sin",
+    "malloc",
+    "printf",
+    "main",
+    "errno",
+    "NULL",
+]
+PLACES = {
+    "model": 'name = "robot"',
+    "coordinate": 'name = "q2"',
+    "element": 'name = "second"',
+    "motor": 'name = "m1"',
+    "move": 'name = "line"',
+}
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_hostile_names_in_a_model_file_are_refused(place, tmp_path):
+    path = tmp_path / "hostile.toml"
+    assert len(HOSTILE) >= 40
+    for name in HOSTILE:
+        path.write_text(GOOD.replace(PLACES[place], f'name = "{name}"', 1), encoding="utf-8")
+        with pytest.raises(ModelError) as caught:
+            read(path)
+        assert "\n" not in str(caught.value) and "\x1b" not in str(caught.value)
+
+
+def test_hostile_names_of_variants_are_refused(tmp_path):
+    path = tmp_path / "hostile.toml"
+    for name in HOSTILE:
+        path.write_text(GOOD.replace("[variant.stiff]", f'[variant."{name}"]', 1), encoding="utf-8")
+        with pytest.raises(ModelError):
+            read(path)
+    path.write_text(GOOD)
+    for name in HOSTILE[2:]:  # asked for, as in robot@name
+        with pytest.raises(FlexgenError):
+            read(path, name.encode().decode("unicode_escape") if name.isascii() else name)
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["math", "stdio", "string", "Math", "omp", "m", "c", "pthread", "gcc", "example", "con", "aux", "nul"],
+)
+def test_a_model_named_like_what_lies_beside_it_is_refused(name, tmp_path):
+    """Its header or its library would be found instead of the system's, its file would be another's."""
+    path = tmp_path / "model.toml"
+    path.write_text((ROOT / "models" / "elbow.toml").read_text().replace('name = "elbow"', f'name = "{name}"', 1))
+    with pytest.raises((BuildError, ModelError), match="expected a name that"):
+        generate(path, tmp_path / "out", functions=["gravity"], build=False)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_name_with_its_variant_is_not_too_long(tmp_path):
+    path = tmp_path / "model.toml"
+    text = (ROOT / "models" / "elbow.toml").read_text()
+    name, variant = "a" * 20, "b" * 20
+    path.write_text(f'{text.replace("elbow", name, 1)}\n[variant.{variant}]\nset = {{ "motor.m1.inertia" = 0.02 }}\n')
+    with pytest.raises((BuildError, ModelError, ArgumentError), match="at most 30"):
+        generate(read(path, variant), tmp_path / "out", functions=["gravity"], build=False)
+
+
+def test_the_gate_is_the_only_way_to_a_file(tmp_path):
+    """A model made in Python with a path for its name writes nothing anywhere."""
+    import dataclasses
+
+    model = read("elbow")
+    for name in ("../evil", "/evil", "a/b", "..", "a\0b"):
+        with pytest.raises(BuildError, match="name of the model"):
+            generate(dataclasses.replace(model, name=name), tmp_path / "out", functions=["gravity"], build=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_flags_from_outside_do_not_reach_a_shell(tmp_path, monkeypatch):
+    witness = tmp_path / "witness"
+    for text in (f"{CC} -wrapper touch,{witness}", f"{CC};touch {witness}", f"{CC} $(touch {witness})"):
+        monkeypatch.setenv("CC", text)
+        with pytest.raises(BuildError, match=r"\$CC: given"):
+            generate("elbow", tmp_path / "out", functions=["gravity"])
+    assert not witness.exists()
