@@ -4,8 +4,11 @@ Every element becomes a MuJoCo body at ``origin`` with the element's degrees of 
 body's centre and principal axes are placed through ``link``. Massless bodies, point masses and regrouped inertias are
 refused by MuJoCo's compiler, not by its dynamics: the model is compiled with unit masses and inertias, and the true
 ones are written into the compiled model. A rotor is a massless body on a hinge with an axial inertia only; it hangs on
-its carrier (complete coupling) or on the world (simplified). Springs, frictions and gears stay outside: MuJoCo
-answers for the rigid-body part alone. It knows no beams.
+its carrier (complete coupling) or on the world (simplified). It knows no beams.
+
+`MujocoReferee` leaves springs, frictions and gears outside and answers for the rigid-body part alone. `MujocoMachine`
+has them: elastic gears are fixed tendons between rotors and joints, the other springs and the viscous frictions those
+of the joints. Rigid gears are no soft constraints there but the projection ``(q_a, q_m) = P y``.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from flexgen.model.elements import Body, RobotModel
+from flexgen.model.elements import Body, Dof, LinearSpring, Motor, RobotModel
 
 NO_BEAMS = "MuJoCo has no assumed-modes beam"
 
@@ -51,16 +54,20 @@ class MujocoReferee:
               {self._element(0, np.zeros(3), np.eye(3))}
             </body>
           </worldbody>
+          {self._tendons()}
         </mujoco>"""
         self.m = mujoco.MjModel.from_xml_string(xml)
         self.d = mujoco.MjData(self.m)
         for name, (mass, moments) in self._masses.items():
             k = self.m.body(name).id
             self.m.body_mass[k], self.m.body_inertia[k] = mass, moments
-        mujoco.mj_setConst(self.m, self.d)
         names = [c.name for c in model.coordinates] + [f"rotor {m.name}" for m in model.motors if rotors]
         joints = [self.m.joint(name).id for name in names]
         self.at_q, self.at_v = self.m.jnt_qposadr[joints], self.m.jnt_dofadr[joints]
+        # a rotor without inertia would make the matrix singular that MuJoCo factorises: its armature is taken out again
+        for j, motor in enumerate(model.motors if rotors else ()):
+            self.m.dof_armature[self.at_v[model.n_a + j]] = 0.0 if motor.inertia else 1.0
+        mujoco.mj_setConst(self.m, self.d)
         assert self.m.nv == len(names)
 
     # the description -----------------------------------------------------------------------------------------------
@@ -79,7 +86,7 @@ class MujocoReferee:
         frame = np.column_stack([x, np.cross(axis, x), axis])
         name = f"rotor {motor.name}"
         self._masses[name] = (0.0, np.array([0.0, 0.0, motor.inertia]))
-        joint = f'<joint name="{name}" type="hinge" axis="0 0 1"/>' if self._rotors else ""
+        joint = f'<joint name="{name}" type="hinge" axis="0 0 1"{self._rub(motor)}/>' if self._rotors else ""
         return (
             f'<body name="{name}" pos="{text(position)}" quat="{quaternion(frame)}">{joint}'
             '<inertial mass="1" diaginertia="1 1 1" pos="0 0 0"/></body>'
@@ -104,7 +111,8 @@ class MujocoReferee:
         turn = rotation @ np.array(element.origin.rotation)
         types = {"rotation": "hinge", "translation": "slide"}
         joints = "".join(
-            f'<joint name="{dof.name}" type="{types[dof.type]}" axis="{text(dof.axis)}"/>' for dof in element.dofs
+            f'<joint name="{dof.name}" type="{types[dof.type]}" axis="{text(dof.axis)}"{self._rub(dof)}/>'
+            for dof in element.dofs
         )
         link = np.array(element.link.position), np.array(element.link.rotation)
         return (
@@ -112,6 +120,14 @@ class MujocoReferee:
             f"{self._inertial(element.name, element.body, *link)}{self._carried(element.name, *link)}"
             f"{self._element(k + 1, *link)}</body>"
         )
+
+    def _rub(self, moved: Dof | Motor) -> str:
+        """What acts on a joint of MuJoCo alone, as attributes."""
+        return ""
+
+    def _tendons(self) -> str:
+        """What acts between joints."""
+        return ""
 
     # the answers -------------------------------------------------------------------------------------------------
 
@@ -130,7 +146,7 @@ class MujocoReferee:
         self._set(q, np.zeros(len(self.at_v)))
         out = np.zeros((self.m.nv, self.m.nv))
         mujoco.mj_fullM(self.m, self.d, out)
-        return out[np.ix_(self.at_v, self.at_v)]
+        return (out - np.diag(self.m.dof_armature))[np.ix_(self.at_v, self.at_v)]
 
     def bias(self, q, v):
         """Centripetal, gyroscopic and gravity forces."""
@@ -144,3 +160,60 @@ class MujocoReferee:
         out = np.zeros(self.m.nv)
         mujoco.mj_rne(self.m, self.d, 1, out)
         return out[self.at_v]
+
+
+class MujocoMachine(MujocoReferee):
+    """MuJoCo with the rotors and the linear springs, dampers and frictions of a model."""
+
+    def __init__(self, model: RobotModel):
+        super().__init__(model)
+        springs = [c.dof.spring or c.dof.gear.spring for c in model.coordinates if c.dof is not None]
+        if not all(spring is None or isinstance(spring, LinearSpring) for spring in springs):
+            raise ValueError("this referee knows linear springs only")
+        self.P = np.zeros((model.n_a + model.n_m, model.dof))
+        self.P[: model.n_a, : model.n_a] = np.eye(model.n_a)
+        for j in range(model.n_m):
+            if j in model.i_m:
+                self.P[model.n_a + j, model.n_a + model.i_m.index(j)] = 1.0
+            else:
+                self.P[model.n_a + j, list(model.i_g)] = model.eta[j]
+
+    def _rub(self, moved: Dof | Motor) -> str:
+        stiffness, damping = 0.0, moved.friction.viscous
+        if isinstance(moved, Dof) and moved.spring is not None:
+            stiffness, damping = moved.spring.stiffness, damping + moved.damping
+        return f' stiffness="{text(stiffness)}" springref="0" damping="{text(damping)}"'
+
+    def _tendons(self) -> str:
+        model, out = self.model, ""
+        inverse = np.linalg.inv(model.eta)
+        for k, i in enumerate(model.i_g):
+            dof = model.coordinates[i].dof
+            if dof.gear.rigid:
+                continue
+            on_motor = dof.gear.side == "motor"
+            factor = next(m.ratio[0] for m in model.motors if m.drives == (dof.name,)) if on_motor else 1.0
+            ends = {dof.name: -factor}
+            ends |= {f"rotor {m.name}": factor * inverse[k, j] for j, m in enumerate(model.motors) if inverse[k, j]}
+            joints = "".join(f'<joint joint="{name}" coef="{text(coef)}"/>' for name, coef in ends.items())
+            laws = f'stiffness="{text(dof.gear.spring.stiffness)}" damping="{text(dof.gear.damping)}" springlength="0"'
+            out += f'<fixed name="gear {dof.name}" {laws}>{joints}</fixed>'
+        return f"<tendon>{out}</tendon>" if out else ""
+
+    def minimal_mass(self, q_a):
+        """Mass matrix of the arm coordinates and the motors behind elastic gears."""
+        return self.P.T @ self.mass_matrix(self.P @ np.concatenate([q_a, np.zeros(len(self.model.i_m))])) @ self.P
+
+    def forward_dynamics(self, q_a, v_a, q_m, v_m, tau_m):
+        """Accelerations (a_a, a_m) of the full model, all of a_m."""
+        model, n_a, i_m = self.model, self.model.n_a, list(self.model.i_m)
+        x, dx = self.P @ np.concatenate([q_a, q_m[i_m]]), self.P @ np.concatenate([v_a, v_m[i_m]])
+        self.d.qfrc_applied[self.at_v[n_a:]] = tau_m
+        self._set(x, dx)
+        self.d.qfrc_applied[:] = 0.0
+        if len(i_m) == model.n_m:
+            a = self.d.qacc[self.at_v]
+        else:
+            force = self.P.T @ self.d.qfrc_smooth[self.at_v]
+            a = self.P @ np.linalg.solve(self.minimal_mass(q_a), force)
+        return a[:n_a].copy(), a[n_a:].copy()

@@ -597,7 +597,7 @@ def test_commands_of_the_readme_are_understood():
 
 @needs_compiler
 def test_python_and_c_of_the_readme(tmp_path):
-    (python,), (c,) = readme_blocks("python"), readme_blocks("c")
+    python, (c,) = "\n".join(readme_blocks("python")), readme_blocks("c")
     answer = subprocess.run([sys.executable, "-c", python], cwd=tmp_path, capture_output=True, text=True)
     assert answer.returncode == 0 and "solved" in answer.stdout, answer.stderr
     (tmp_path / "reports" / "demo.c").write_text(c)

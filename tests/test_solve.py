@@ -56,6 +56,22 @@ def test_six_axes_with_twelve_elasticities() -> None:
     assert solution.tool_error_max_rad is not None and solution.tool_error_max_rad < 1e-6
 
 
+@pytest.mark.parametrize("method", ["closed-form", "collocation", "full"])
+def test_one_coordinate_is_enough(method: str) -> None:
+    solution = flexgen.solve(ROBOTS / "one.toml", method=method)
+    assert solution.tool_error_max_m is not None and solution.tool_error_max_m < MICRON
+    link, ratio, inertia = 0.1 + 5.0 * 0.4**2, 50.0, 1e-4
+    q, a, tau = (solution.trajectory[name][:, 0] for name in ("q_a", "a_a", "tau_m"))
+    by_hand = ((link + ratio**2 * inertia) * a + 5.0 * 9.81 * 0.4 * np.cos(q)) / ratio
+    tolerance = 1e-3 if method == "full" else 1e-12  # there the torque is a polynomial on every interval of the mesh
+    assert np.abs(tau - by_hand).max() < tolerance * np.abs(by_hand).max()
+
+
+def test_collocation_needs_no_elastic_coordinate() -> None:
+    solution = flexgen.solve("elbow", method="collocation")
+    assert solution.tool_error_max_m is not None and solution.tool_error_max_m < MICRON
+
+
 def test_the_torque_of_a_non_minimum_phase_arm_begins_before_the_path() -> None:
     solution = flexgen.solve("planar5_nmp", verify=False, mesh=1e-3)
     t, tau = solution.trajectory.time, solution.trajectory["tau_m"]

@@ -38,11 +38,11 @@ def signature(equations: Equations) -> np.ndarray:
     a_m = lag.a_m
     arguments = [lag.chain.q_a, lag.chain.v_a, lag.a_a, lag.q_m, lag.v_m, a_m, lag.tau_m]
     r_a, r_m = equations.function("residual")(*arguments)
-    rows = ca.vertcat(r_a, r_m[list(model.i_m)])
-    n, i_m = model.dof, list(model.i_m)
+    n, i_m = model.dof, list(model.i_m)  # (an empty index into a single motor has the wrong shape)
+    rows = ca.vertcat(r_a, *[r_m[j] for j in i_m])
     levels = []
     for arm, motor in (("q_a", "q_m"), ("v_a", "v_m"), ("a_a", "a_m")):
-        unknown = ca.vertcat(arguments[names[arm]], arguments[names[motor]][i_m])
+        unknown = ca.vertcat(arguments[names[arm]], *[arguments[names[motor]][j] for j in i_m])
         levels.append(np.array(ca.DM(ca.jacobian(rows, unknown).sparsity(), 1)) > 0)
     sigma = np.full((n + model.output.size, n + model.n_m), ABSENT)
     for order, pattern in enumerate(levels):

@@ -55,7 +55,8 @@ def linearise(equations: Equations, rest: Equilibrium) -> LinearModel:
     model = equations.model
     zero_a, zero_m = np.zeros(model.n_a), np.zeros(model.n_m)
     arguments = (rest.q_a, zero_a, zero_a, rest.q_m, zero_m, zero_m, rest.tau_m)
-    M, D, K, B = (x[0] for x in evaluate(equations.function("second_order"), *arguments))
+    n = model.dof
+    M, D, K, B = (x[0].reshape(n, -1) for x in evaluate(equations.function("second_order"), *arguments))
     W = np.zeros((model.output.size, model.dof))
     symbol = equations.lagrangian.chain.q_a
     W[:, : model.n_a] = evaluate(ca.Function("W", [symbol], [output_map(equations).rate]), rest.q_a)[0][0]
@@ -64,7 +65,6 @@ def linearise(equations: Equations, rest: Equilibrium) -> LinearModel:
     for k, j in enumerate(model.i_m):
         C_m[j] = 0.0
         C_m[j, model.n_a + k] = 1.0
-    B = B.reshape(model.dof, model.n_m)
     return LinearModel(M, D, K, B, W, C_m)
 
 

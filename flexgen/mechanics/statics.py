@@ -93,7 +93,7 @@ def balance(equations: Equations) -> ca.SX:
     """Non-actuated rows of the equations at rest (n_e), in the symbol ``equations.lagrangian.chain.q_a`` [N m or N]."""
     lag, model = equations.lagrangian, equations.model
     rows = ca.gradient(lag.gravity, lag.chain.q_a) - lag.arm_forces
-    static = rows[list(model.i_e)] - lag.tau_e
+    static = ca.vertcat(ca.SX(0, 1), *[rows[i] for i in model.i_e]) - lag.tau_e
     return ca.substitute(static, lag.chain.v_a, ca.SX.zeros(model.n_a))
 
 

@@ -64,8 +64,8 @@ class Collocated:
         n_e = self.q_e.shape[1]
         return (
             np.append(t, self.nodes[-1]),
-            np.vstack([q.reshape(-1, n_e), self.q_e[-1:]]),
-            np.vstack([v.reshape(-1, n_e), self.v_e[-1:]]),
+            np.vstack([q.reshape(len(t), n_e), self.q_e[-1:]]),
+            np.vstack([v.reshape(len(t), n_e), self.v_e[-1:]]),
             np.vstack([guess, self.q[-1, -1:]]),
         )
 

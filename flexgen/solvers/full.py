@@ -112,7 +112,8 @@ def collocate_full(
 
     ratio, inertia = np.abs(model.eta).max(axis=1), np.array([m.inertia for m in model.motors])
     scale_y = np.r_[np.ones(n_a), ratio[i_m]]
-    arm = np.diag(evaluate(equations.function("mass_matrix"), slow(nodes[:1])[:, :n_a])[0][0])[list(model.i_g)]
+    M = evaluate(equations.function("mass_matrix"), slow(nodes[:1])[:, :n_a])[0].reshape(n_a, n_a)
+    arm = np.diag(M)[list(model.i_g)]
     turned = np.where(
         inertia > 0.0, inertia * ratio, np.abs(np.linalg.inv(model.eta)).T @ arm
     )  # a direct drive: the arm
@@ -208,11 +209,13 @@ def _instant_rows(equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX) -> tupl
     n, n_a, n_m, i_m = model.dof, model.n_a, model.n_m, list(model.i_m)
     q_m, v_m, a_m = (ca.SX.zeros(n_m) for _ in range(3))
     for full, part in ((q_m, y), (v_m, dy), (a_m, ddy)):
-        full[i_m] = part[n_a:n]
+        for k, j in enumerate(i_m):
+            full[j] = part[n_a + k]
     r_a, r_m = equations.function("residual")(y[:n_a], dy[:n_a], ddy[:n_a], q_m, v_m, a_m, dy[n:])
     geared = ca.mtimes(ca.SX(ca.DM(model.eta)), dy[list(model.i_g)])
     elastic = set(i_m)
-    return ca.vertcat(r_a, r_m[i_m]), ca.vertcat(*[v_m[j] if j in elastic else geared[j] for j in range(n_m)])
+    moving = ca.vertcat(r_a, *[r_m[j] for j in i_m])
+    return moving, ca.vertcat(*[v_m[j] if j in elastic else geared[j] for j in range(n_m)])
 
 
 def _samples(

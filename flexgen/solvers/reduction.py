@@ -73,7 +73,7 @@ class Reduction:
 
         W = self._output.rate
         arm = self.equations.function("inverse_dynamics")(q, v, a) - lag.arm_forces
-        row = arm[self.i_e] - lag.tau_e
+        row = ca.vertcat(ca.SX(0, 1), *[arm[i] for i in self.i_e]) - lag.tau_e
         tau = arm[self.i_g]
         graph = {"q": q, "v": v, "a": a, "j": j, "s": s, "W": W, "row0": row, "tau0": tau, "rate1": ca.mtimes(W, v)}
         for k in (1, 2):

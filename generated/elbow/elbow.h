@@ -1,0 +1,332 @@
+/*
+ * elbow: equations of motion of an elastic robot, written by flexgen. Do not edit.
+ *
+ * SI units. Matrices are stored by columns. Arm quantities (q_a, v_a, a_a, tau_a) are on the arm side of the gears and
+ * in chain order, motor quantities (q_m, v_m, a_m, tau_m) on the motor side. Indices from 0:
+ *   q_a: 0 q1 [rad], 1 q2 [rad]
+ *   q_m: 0 m1 [rad], 1 m2 [rad]
+ *   x: 0 q1 [rad], 1 q2 [rad], 2 m1 [rad], 3 m2 [rad], 4 d(q1)/dt [rad/s], 5 d(q2)/dt [rad/s], 6 d(m1)/dt [rad/s], 7
+ *     d(m2)/dt [rad/s]
+ *
+ * Numbers of the model that the functions use and a controller may need: gravity (0.0, 0.0, -9.81) m/s^2 in world
+ * axes; the gear ratios eta, with q_m = eta q_a of the driven coordinates where no gear is twisted; the rotor inertias
+ * J_m, motor side:
+ *   m1: eta 267.42857142857144 (q1); J_m 0.0118 kg m^2
+ *   m2: eta 252.33333333333334 (q2); J_m 0.0118 kg m^2
+ *
+ * Every function takes its inputs, its outputs and a workspace of <NAME>_<FUNCTION>_WORK reals (at least 1), whose
+ * contents mean nothing before and after. No pointer may be null; arrays must not overlap. It returns 0, or a negative
+ * status: where a result or any entry of an input is not finite all its outputs are NaN, where a pointer is null
+ * nothing is written. Angles must stay within the range of the sine in elbow_kernel.h; beyond it the result is not
+ * finite.
+ *
+ * <function>_batch evaluates n points. Memory is a structure of arrays: entry i of point k of an array x is x[i * n +
+ * k]; of a matrix with r rows entry (row, column) is i = row + column * r. All points are evaluated; the outputs of a
+ * point that fails are NaN, and the status of the first such point is returned. The workspace has
+ * <NAME>_<FUNCTION>_BATCH_WORK reals (with OpenMP: that many per thread, see <function>_batch_work). GCC and clang
+ * compute several points at once in vector registers, with the same bits as one by one.
+ *
+ * No function allocates, prints or keeps data: all may be called from several threads, each with its own arrays.
+ * Compile with any C99 compiler:
+ *   cc -std=c99 -O2 -ffp-contract=off *.c -lm
+ * (-ffp-contract=off: the same bits with every compiler and processor; where GCC compiles for a fused multiply-add,
+ * add -fno-tree-vectorize, as it fuses vectors all the same. -O3 -march=native -ffp-contract=fast is faster, and
+ * differs by rounding. Never -ffast-math: it hides results that are not finite.) Sine, cosine, exp and tanh are the
+ * library's own; no other library is called, but that compilers may make loops into calls of memset, memcpy and
+ * memmove. With OpenMP (-fopenmp) the batches use all cores.
+ */
+#ifndef ELBOW_H
+#define ELBOW_H
+
+#if defined(_WIN32) && defined(ELBOW_SHARED)
+#define ELBOW_API __declspec(dllexport)
+#elif defined(__GNUC__)
+#define ELBOW_API __attribute__((visibility("default")))
+#else
+#define ELBOW_API
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef double elbow_real;
+
+#define ELBOW_NA 2 /* arm coordinates */
+#define ELBOW_NG 2 /* arm coordinates that motors drive through gears */
+#define ELBOW_NE 0 /* arm coordinates without a motor: springs only */
+#define ELBOW_NM 2 /* motors */
+#define ELBOW_NX 8 /* states of the linearisation */
+
+/* Workspace in reals: for one point; for many points, per thread. */
+#define ELBOW_FORWARD_KINEMATICS_WORK 1
+#define ELBOW_FORWARD_KINEMATICS_BATCH_WORK 896
+#define ELBOW_JACOBIAN_WORK 1
+#define ELBOW_JACOBIAN_BATCH_WORK 896
+#define ELBOW_MASS_MATRIX_WORK 1
+#define ELBOW_MASS_MATRIX_BATCH_WORK 384
+#define ELBOW_BIAS_WORK 1
+#define ELBOW_BIAS_BATCH_WORK 384
+#define ELBOW_GRAVITY_WORK 1
+#define ELBOW_GRAVITY_BATCH_WORK 256
+#define ELBOW_INVERSE_DYNAMICS_WORK 1
+#define ELBOW_INVERSE_DYNAMICS_BATCH_WORK 512
+#define ELBOW_INVERSE_DYNAMICS_DERIVATIVES_WORK 1
+#define ELBOW_INVERSE_DYNAMICS_DERIVATIVES_BATCH_WORK 1152
+#define ELBOW_ARM_FORWARD_DYNAMICS_WORK 1
+#define ELBOW_ARM_FORWARD_DYNAMICS_BATCH_WORK 512
+#define ELBOW_ARM_FORWARD_DERIVATIVES_WORK 38
+#define ELBOW_ARM_FORWARD_DERIVATIVES_BATCH_WORK 1456
+#define ELBOW_FORWARD_DYNAMICS_WORK 1
+#define ELBOW_FORWARD_DYNAMICS_BATCH_WORK 896
+#define ELBOW_LINEARIZE_WORK 84
+#define ELBOW_LINEARIZE_BATCH_WORK 6432
+
+enum elbow_status {
+    ELBOW_OK = 0 /* success */,
+    ELBOW_NULL_ARGUMENT = -1 /* an argument is a null pointer */,
+    ELBOW_INPUT_NOT_FINITE = -2 /* an input is not finite, and so is the result */,
+    ELBOW_RESULT_NOT_FINITE = -3 /* the result is not finite: a singular or an extreme state */,
+    ELBOW_BAD_COUNT = -4 /* the number of points is negative */
+};
+
+/* What a status means, in words; never a null pointer. */
+ELBOW_API const char *elbow_status_text(int status);
+
+/*
+ * Position and rotation matrix of the tool in the world.
+ *
+ *   p_world = p + R p_tool
+ *
+ *   in  q_a n_a   [rad] arm coordinates in chain order
+ *   out p   3     [m]   position of the tool, world axes
+ *   out R   3 x 3 [1]   rotation matrix, columns: axes of the tool in the world
+ * 11 operations, the longest chain about 72 cycles; stack of one point at most 1536 bytes
+ */
+ELBOW_API
+int elbow_forward_kinematics(const elbow_real q_a[ELBOW_NA], elbow_real p[3], elbow_real R[3 * 3], elbow_real *work);
+ELBOW_API
+int elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_real *p, elbow_real *R, elbow_real *work);
+ELBOW_API int elbow_forward_kinematics_work(void);
+ELBOW_API int elbow_forward_kinematics_batch_work(void); /* times the threads, with OpenMP */
+
+/*
+ * Jacobian of the tool: its linear, then its angular velocity, in world axes.
+ *
+ *   (v_tool, omega_tool) = J(q_a) v_a
+ *
+ *   in  q_a n_a     [rad]   arm coordinates in chain order
+ *   out J   6 x n_a [mixed] rows 0-2 in m/s, rows 3-5 in rad/s, per unit of the column's velocity
+ * 12 operations, the longest chain about 76 cycles; stack of one point at most 1536 bytes
+ */
+ELBOW_API
+int elbow_jacobian(const elbow_real q_a[ELBOW_NA], elbow_real J[6 * ELBOW_NA], elbow_real *work);
+ELBOW_API
+int elbow_jacobian_batch(int n, const elbow_real *q_a, elbow_real *J, elbow_real *work);
+ELBOW_API int elbow_jacobian_work(void);
+ELBOW_API int elbow_jacobian_batch_work(void); /* times the threads, with OpenMP */
+
+/*
+ * Mass matrix of the arm, without rotors.
+ *
+ *   T = v_a' M(q_a) v_a / 2
+ *
+ *   in  q_a n_a       [rad]    arm coordinates in chain order
+ *   out M   n_a x n_a [kg m^2] mass matrix, symmetric
+ * 5 operations, the longest chain about 68 cycles; stack of one point at most 1536 bytes
+ */
+ELBOW_API
+int elbow_mass_matrix(const elbow_real q_a[ELBOW_NA], elbow_real M[ELBOW_NA * ELBOW_NA], elbow_real *work);
+ELBOW_API
+int elbow_mass_matrix_batch(int n, const elbow_real *q_a, elbow_real *M, elbow_real *work);
+ELBOW_API int elbow_mass_matrix_work(void);
+ELBOW_API int elbow_mass_matrix_batch_work(void); /* times the threads, with OpenMP */
+
+/*
+ * Coriolis, centripetal and gravity forces of the arm.
+ *
+ *   h = c(q_a, v_a) + g(q_a)
+ *
+ *   in  q_a n_a [rad]   arm coordinates in chain order
+ *   in  v_a n_a [rad/s] arm velocities
+ *   out h   n_a [N m]   bias forces, arm side
+ * 20 operations, the longest chain about 84 cycles; stack of one point at most 1792 bytes
+ */
+ELBOW_API
+int elbow_bias(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA], elbow_real h[ELBOW_NA],
+    elbow_real *work);
+ELBOW_API
+int elbow_bias_batch(int n, const elbow_real *q_a, const elbow_real *v_a, elbow_real *h, elbow_real *work);
+ELBOW_API int elbow_bias_work(void);
+ELBOW_API int elbow_bias_batch_work(void); /* times the threads, with OpenMP */
+
+/*
+ * Gravity forces of the arm.
+ *
+ *   g = dU(q_a)/dq_a
+ *
+ *   in  q_a n_a [rad] arm coordinates in chain order
+ *   out g   n_a [N m] gravity forces, arm side
+ * 6 operations, the longest chain about 72 cycles; stack of one point at most 1536 bytes
+ */
+ELBOW_API
+int elbow_gravity(const elbow_real q_a[ELBOW_NA], elbow_real g[ELBOW_NA], elbow_real *work);
+ELBOW_API
+int elbow_gravity_batch(int n, const elbow_real *q_a, elbow_real *g, elbow_real *work);
+ELBOW_API int elbow_gravity_work(void);
+ELBOW_API int elbow_gravity_batch_work(void); /* times the threads, with OpenMP */
+
+/*
+ * Forces that the arm needs for a given motion, without friction and springs.
+ *
+ *   tau_a = M(q_a) a_a + c(q_a, v_a) + g(q_a)
+ *
+ *   in  q_a   n_a [rad]     arm coordinates in chain order
+ *   in  v_a   n_a [rad/s]   arm velocities
+ *   in  a_a   n_a [rad/s^2] arm accelerations
+ *   out tau_a n_a [N m]     forces on the arm coordinates, arm side
+ * 35 operations, the longest chain about 88 cycles; stack of one point at most 1792 bytes
+ */
+ELBOW_API
+int elbow_inverse_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    const elbow_real a_a[ELBOW_NA], elbow_real tau_a[ELBOW_NA], elbow_real *work);
+ELBOW_API
+int elbow_inverse_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *a_a,
+    elbow_real *tau_a, elbow_real *work);
+ELBOW_API int elbow_inverse_dynamics_work(void);
+ELBOW_API int elbow_inverse_dynamics_batch_work(void); /* times the threads, with OpenMP */
+
+/*
+ * First derivatives of the inverse dynamics.
+ *
+ *   d tau_a = dtau_dq d q_a + dtau_dv d v_a + dtau_da d a_a
+ *
+ *   in  q_a     n_a       [rad]     arm coordinates in chain order
+ *   in  v_a     n_a       [rad/s]   arm velocities
+ *   in  a_a     n_a       [rad/s^2] arm accelerations
+ *   out dtau_dq n_a x n_a [mixed]   unit of the row's force per unit of the column's coordinate
+ *   out dtau_dv n_a x n_a [mixed]   unit of the row's force per unit of the column's velocity
+ *   out dtau_da n_a x n_a [kg m^2]  mass matrix, symmetric
+ * 40 operations, the longest chain about 84 cycles; stack of one point at most 1792 bytes
+ */
+ELBOW_API
+int elbow_inverse_dynamics_derivatives(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    const elbow_real a_a[ELBOW_NA], elbow_real dtau_dq[ELBOW_NA * ELBOW_NA],
+    elbow_real dtau_dv[ELBOW_NA * ELBOW_NA], elbow_real dtau_da[ELBOW_NA * ELBOW_NA], elbow_real *work);
+ELBOW_API
+int elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv, elbow_real *dtau_da, elbow_real *work);
+ELBOW_API int elbow_inverse_dynamics_derivatives_work(void);
+ELBOW_API int elbow_inverse_dynamics_derivatives_batch_work(void); /* times the threads, with OpenMP */
+
+/*
+ * Accelerations of the arm under given forces on its coordinates, without rotors, friction and springs: the inverse of
+ * inverse_dynamics.
+ *
+ *   a_a = M(q_a)^-1 (tau_a - c(q_a, v_a) - g(q_a))
+ *
+ *   in  q_a   n_a [rad]     arm coordinates in chain order
+ *   in  v_a   n_a [rad/s]   arm velocities
+ *   in  tau_a n_a [N m]     forces on the arm coordinates, arm side
+ *   out a_a   n_a [rad/s^2] arm accelerations
+ * 36 operations, the longest chain about 130 cycles; stack of one point at most 1792 bytes
+ */
+ELBOW_API
+int elbow_arm_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    const elbow_real tau_a[ELBOW_NA], elbow_real a_a[ELBOW_NA], elbow_real *work);
+ELBOW_API
+int elbow_arm_forward_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *tau_a,
+    elbow_real *a_a, elbow_real *work);
+ELBOW_API int elbow_arm_forward_dynamics_work(void);
+ELBOW_API int elbow_arm_forward_dynamics_batch_work(void); /* times the threads, with OpenMP */
+
+/*
+ * First derivatives of the arm's forward dynamics.
+ *
+ *   d a_a = da_dq d q_a + da_dv d v_a + da_dtau d tau_a,  da_dtau = M^-1
+ *
+ *   in  q_a     n_a       [rad]   arm coordinates in chain order
+ *   in  v_a     n_a       [rad/s] arm velocities
+ *   in  tau_a   n_a       [N m]   forces on the arm coordinates, arm side
+ *   out da_dq   n_a x n_a [mixed] unit of the row's acceleration per unit of the column's coordinate
+ *   out da_dv   n_a x n_a [mixed] unit of the row's acceleration per unit of the column's velocity
+ *   out da_dtau n_a x n_a [mixed] inverse of the mass matrix, symmetric
+ * 115 operations, the longest chain about 294 cycles; stack of one point at most 1792 bytes
+ */
+ELBOW_API
+int elbow_arm_forward_derivatives(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    const elbow_real tau_a[ELBOW_NA], elbow_real da_dq[ELBOW_NA * ELBOW_NA], elbow_real da_dv[ELBOW_NA * ELBOW_NA],
+    elbow_real da_dtau[ELBOW_NA * ELBOW_NA], elbow_real *work);
+ELBOW_API
+int elbow_arm_forward_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *tau_a, elbow_real *da_dq, elbow_real *da_dv, elbow_real *da_dtau, elbow_real *work);
+ELBOW_API int elbow_arm_forward_derivatives_work(void);
+ELBOW_API int elbow_arm_forward_derivatives_batch_work(void); /* times the threads, with OpenMP */
+
+/*
+ * Accelerations of arm and motors under the motors' torques, with springs, dampers and friction. Entries of q_m and
+ * v_m behind rigid gears are ignored; those of a_m are filled in.
+ *
+ *   M a_a + c + g = tau_a,  J_m a_m + f(v_m) + eta^-T tau_g = tau_m
+ *
+ *   in  q_a   n_a [rad]     arm coordinates in chain order
+ *   in  v_a   n_a [rad/s]   arm velocities
+ *   in  q_m   n_m [rad]     motor angles, motor side
+ *   in  v_m   n_m [rad/s]   motor speeds, motor side
+ *   in  tau_m n_m [N m]     motor torques, motor side
+ *   out a_a   n_a [rad/s^2] arm accelerations
+ *   out a_m   n_m [rad/s^2] motor accelerations, motor side
+ * 56 operations, the longest chain about 130 cycles; stack of one point at most 2048 bytes
+ */
+ELBOW_API
+int elbow_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    const elbow_real q_m[ELBOW_NM], const elbow_real v_m[ELBOW_NM], const elbow_real tau_m[ELBOW_NM],
+    elbow_real a_a[ELBOW_NA], elbow_real a_m[ELBOW_NM], elbow_real *work);
+ELBOW_API
+int elbow_forward_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *q_m,
+    const elbow_real *v_m, const elbow_real *tau_m, elbow_real *a_a, elbow_real *a_m, elbow_real *work);
+ELBOW_API int elbow_forward_dynamics_work(void);
+ELBOW_API int elbow_forward_dynamics_batch_work(void); /* times the threads, with OpenMP */
+
+/*
+ * Linearisation of the forward dynamics in the state x = (q_a, q_m, v_a, v_m), of the motors only those behind elastic
+ * gears.
+ *
+ *   d(dx/dt) = A dx + B d(tau_m)
+ *
+ *   in  q_a   n_a       [rad]   arm coordinates in chain order
+ *   in  v_a   n_a       [rad/s] arm velocities
+ *   in  q_m   n_m       [rad]   motor angles, motor side
+ *   in  v_m   n_m       [rad/s] motor speeds, motor side
+ *   in  tau_m n_m       [N m]   motor torques, motor side
+ *   out A     n_x x n_x [mixed] unit of the row's x/s per unit of the column's x
+ *   out B     n_x x n_m [mixed] unit of the row's x/s per N m
+ * 182 operations, the longest chain about 374 cycles; stack of one point at most 2048 bytes
+ */
+ELBOW_API
+int elbow_linearize(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA], const elbow_real q_m[ELBOW_NM],
+    const elbow_real v_m[ELBOW_NM], const elbow_real tau_m[ELBOW_NM], elbow_real A[ELBOW_NX * ELBOW_NX],
+    elbow_real B[ELBOW_NX * ELBOW_NM], elbow_real *work);
+ELBOW_API
+int elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *q_m,
+    const elbow_real *v_m, const elbow_real *tau_m, elbow_real *A, elbow_real *B, elbow_real *work);
+ELBOW_API int elbow_linearize_work(void);
+ELBOW_API int elbow_linearize_batch_work(void); /* times the threads, with OpenMP */
+
+/* For who loads the library at run time: check these before the first call. */
+ELBOW_API int elbow_abi_version(void);
+ELBOW_API const char *elbow_digest(void); /* SHA-256 of the model */
+ELBOW_API const char *elbow_interface(void); /* SHA-256 of names and shapes of the functions */
+ELBOW_API int elbow_sizeof_real(void);
+ELBOW_API int elbow_sizeof_int(void);
+ELBOW_API int elbow_n_a(void);
+ELBOW_API int elbow_n_g(void);
+ELBOW_API int elbow_n_e(void);
+ELBOW_API int elbow_n_m(void);
+ELBOW_API int elbow_n_x(void);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,219 @@
+/* elbow: arm_forward_derivatives, the mathematics; included for T a real and for T lanes of reals. Written by flexgen. */
+SEPARATE static T F(evaluate_1_1)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT tau_a, T *RESTRICT w STRIDE(ptrdiff_t n))
+{
+    const T t3 = IN(q_a, 1);
+    const T t9 = IN(q_a, 0);
+    const T angle3[ANGLES(2)] = {t3, t9};
+    T sine3[ANGLES(2)], cosine3[ANGLES(2)];
+    F(sincos)(angle3, sine3, cosine3, 2);
+    const T t4 = sine3[0];
+    const T t7 = cosine3[0];
+    const T t10 = cosine3[1];
+    const T t17 = sine3[1];
+    const T t12 = IN(v_a, 0);
+    const T t13 = 1.15 * t12;
+    const T t11 = 9.81 * t10;
+    const T t18 = 9.81 * t4;
+    const T t25 = IN(v_a, 1);
+    const T t26 = t12 + t25;
+    const T t23 = 0.9854020620164352 * t4;
+    const T t33 = 3613.4097102000005 * t17;
+    const T t0 = IN(tau_a, 0);
+    const T t1 = IN(tau_a, 1);
+    const T t34 = t0 - t1;
+    const T t40 = 115.28870628581926 * t4;
+    const T t47 = 101.7361875 * t4;
+    const T t14 = t12 * t13;
+    const T t19 = t17 * t18;
+    const T t27 = 88.46625 * t26;
+    const T t35 = t33 + t34;
+    const T t41 = t4 * t40;
+    const T t15 = t11 - t14;
+    const T t28 = t26 * t27;
+    const T t43 = t41 - 406.22802171999996;
+    const T t16 = t7 * t15;
+    const T t29 = t7 * t28;
+    const T t20 = t16 - t19;
+    const T t21 = 88.46625 * t20;
+    const T t22 = t1 + t21;
+    const T t24 = t22 * t23;
+    const T t30 = t24 + t29;
+    const T t31 = 1.15 * t30;
+    const T t36 = t31 + t35;
+    const T t44 = t36 / t43;
+    w[0] = -t44;
+    const T t48 = t44 * t47;
+    const T t50 = 89.77680625 * t44;
+    const T t51 = t22 - t48;
+    const T t52 = t50 + t51;
+    const T t53 = 0.011138734398897152 * t52;
+    w[1] = t53;
+    const T z54 = 0.0 * t44 + 0.0 * t53;
+    return z54;
+}
+
+SEPARATE static T F(evaluate_2_1)(const real *RESTRICT q_a, const real *RESTRICT v_a, T *RESTRICT w STRIDE(ptrdiff_t n))
+{
+    const T t0 = IN(q_a, 1);
+    const T t23 = IN(q_a, 0);
+    const T angle0[ANGLES(2)] = {t0, t23};
+    T sine0[ANGLES(2)], cosine0[ANGLES(2)];
+    F(sincos)(angle0, sine0, cosine0, 2);
+    const T t1 = sine0[0];
+    const T t21 = cosine0[0];
+    const T t24 = sine0[1];
+    const T t27 = cosine0[1];
+    const T t36 = IN(v_a, 0);
+    const T t37 = IN(v_a, 1);
+    const T t38 = t36 + t37;
+    const T t52 = 1.15 * t36;
+    const T t25 = 9.81 * t24;
+    const T t28 = 9.81 * t27;
+    const T t42 = w[0];
+    const T t43 = w[1];
+    const T t44 = t42 + t43;
+    const T t49 = 1.15 * t42;
+    const T t60 = 203.472375 * t36;
+    const T t7 = 203.472375 * t1;
+    const T t17 = 101.7361875 * t1;
+    const T t33 = 3613.4097102000005 * t27;
+    const T t39 = 88.46625 * t38;
+    const T t53 = t36 * t52;
+    const T t26 = t21 * t25;
+    const T t29 = t1 * t28;
+    const T t45 = 88.46625 * t44;
+    const T t50 = t25 - t49;
+    const T t63 = 203.472375 * t38;
+    const T t61 = t21 * t60;
+    w[24] = t61;
+    const T t14 = t7 - 496.00482796999995;
+    w[2] = -t14;
+    const T t19 = t17 - 89.77680625;
+    w[4] = -t19;
+    w[3] = -t19;
+    const T t40 = t38 * t39;
+    const T t54 = t28 - t53;
+    const T t30 = t26 + t29;
+    const T t46 = t21 * t45;
+    const T t51 = t21 * t50;
+    const T t64 = t21 * t63;
+    w[9] = -t64;
+    const T t41 = t1 * t40;
+    const T t55 = t1 * t54;
+    const T t31 = 88.46625 * t30;
+    w[22] = t31;
+    const T t65 = t61 - t64;
+    w[8] = t65;
+    const T t47 = t41 - t46;
+    const T t56 = t51 + t55;
+    const T t34 = t31 - t33;
+    w[6] = t34;
+    const T t48 = 1.15 * t47;
+    const T t57 = 88.46625 * t56;
+    w[23] = t57;
+    const T t58 = t48 + t57;
+    w[7] = t58;
+    w[5] = F(splat)(89.77680625);
+    w[25] = F(splat)(0.0);
+    const T z66 = 0.0 * t61 + 0.0 * t64;
+    const T z67 = 0.0 * t14 + 0.0 * t19;
+    const T z68 = 0.0 * t65 + z66;
+    const T z69 = z67 + z68;
+    const T z70 = 0.0 * t31 + z69;
+    const T z71 = 0.0 * t34 + 0.0 * t57;
+    const T z72 = z70 + 0.0 * t58;
+    const T z73 = z71 + z72;
+    return z73;
+}
+
+SEPARATE static T F(solve_3)(real *RESTRICT da_dq, real *RESTRICT da_dv, real *RESTRICT da_dtau, T *RESTRICT w STRIDE(ptrdiff_t n))
+{
+    static const unsigned char first[2] = {0, 0};
+    T *const matrix = w + 2;
+    ROW *const rows = ROWS(w + 6);
+    const int count = ROW_COUNT(6);
+    T inverse[2];
+    ROW sum = ROW_OF(0);
+    int i, j, k;
+    for (i = 0; i < 2; ++i) {
+        for (j = 4; j < 16; ++j) {
+            w[6 + i * 16 + j] = F(splat)(0);
+        }
+        w[6 + i * 17 + 4] = F(splat)(-1);
+    }
+    for (i = 0; i < 2; ++i) {
+        T d = matrix[i * 3];
+        for (j = first[i]; j < i; ++j) {
+            T x = matrix[i * 2 + j];
+            for (k = first[i] > first[j] ? first[i] : first[j]; k < j; ++k) {
+                x -= matrix[i * 2 + k] * matrix[j * 2 + k];
+            }
+            matrix[i * 2 + j] = x;
+        }
+        for (j = first[i]; j < i; ++j) {
+            const T x = matrix[i * 2 + j];
+            matrix[i * 2 + j] = x * inverse[j];
+            d -= x * matrix[i * 2 + j];
+        }
+        inverse[i] = F(splat)(1) / d;
+    }
+    for (i = 0; i < 2; ++i) {
+        ROW *const x = rows + i * ROW_COUNT(16);
+        for (j = first[i]; j < i; ++j) {
+            const T factor = matrix[i * 2 + j];
+            const ROW *const y = rows + j * ROW_COUNT(16);
+            for (k = 0; k < count; ++k) {
+                x[k] -= factor * y[k];
+            }
+        }
+    }
+    for (i = 1; i >= 0; --i) {
+        ROW *const x = rows + i * ROW_COUNT(16);
+        const T pivot = inverse[i];
+        for (k = 0; k < count; ++k) {
+            x[k] *= pivot;
+        }
+        for (j = i + 1; j < 2; ++j) {
+            if (first[j] <= i) {
+                const T factor = matrix[j * 2 + i];
+                const ROW *const y = rows + j * ROW_COUNT(16);
+                for (k = 0; k < count; ++k) {
+                    x[k] -= factor * y[k];
+                }
+            }
+        }
+    }
+    for (j = 0; j < 2; ++j) {
+        for (i = 0; i < 2; ++i) {
+            OUT(da_dq, (j + 0) * 2 + 0 + i, F(splat)(0) - w[6 + i * 16 + j + 0]);
+        }
+    }
+    for (j = 0; j < 2; ++j) {
+        for (i = 0; i < 2; ++i) {
+            OUT(da_dv, (j + 0) * 2 + 0 + i, F(splat)(0) - w[6 + i * 16 + j + 2]);
+        }
+    }
+    for (j = 0; j < 2; ++j) {
+        for (i = 0; i < 2; ++i) {
+            OUT(da_dtau, (j + 0) * 2 + 0 + i, F(splat)(0) - w[6 + i * 16 + j + 4]);
+        }
+    }
+    for (i = 0; i < 2; ++i) {
+        const ROW *const x = rows + i * ROW_COUNT(16);
+        for (k = 0; k < count; ++k) {
+            sum += ZERO * x[k];
+        }
+    }
+    return ROW_SUM(sum);
+}
+
+static T F(evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT tau_a, real *RESTRICT da_dq, real *RESTRICT da_dv, real *RESTRICT da_dtau, T *RESTRICT w STRIDE(ptrdiff_t n))
+{
+    T zero = F(splat)(0.0);
+    zero += F(evaluate_1_1)(q_a, v_a, tau_a, w STRIDE(n));
+    zero += F(evaluate_2_1)(q_a, v_a, w STRIDE(n));
+    zero += F(solve_3)(da_dq, da_dv, da_dtau, w STRIDE(n));
+    zero += 0.0 * IN(tau_a, 0);
+    zero += 0.0 * IN(tau_a, 1);
+    return zero;
+}

@@ -1,0 +1,37 @@
+/* elbow: jacobian, the mathematics; included for T a real and for T lanes of reals. Written by flexgen. */
+static T F(evaluate)(const real *RESTRICT q_a, real *RESTRICT J STRIDE(ptrdiff_t n))
+{
+    const T t1 = IN(q_a, 0);
+    const T t5 = IN(q_a, 1);
+    const T t6 = t1 + t5;
+    const T angle1[ANGLES(2)] = {t1, t6};
+    T sine1[ANGLES(2)], cosine1[ANGLES(2)];
+    F(sincos)(angle1, sine1, cosine1, 2);
+    const T t2 = cosine1[0];
+    const T t11 = sine1[0];
+    const T t7 = sine1[1];
+    const T t13 = cosine1[1];
+    const T t3 = 1.15 * t2;
+    const T t8 = 1.241 * t7;
+    const T t12 = 1.15 * t11;
+    const T t14 = 1.241 * t13;
+    OUT(J, 8, -t14);
+    const T t9 = t3 - t8;
+    OUT(J, 0, t9);
+    const T t15 = t12 + t14;
+    OUT(J, 2, -t15);
+    const T t17 = t3 - t9;
+    OUT(J, 6, -t17);
+    OUT(J, 1, F(splat)(0.0));
+    OUT(J, 3, F(splat)(0.0));
+    OUT(J, 5, F(splat)(0.0));
+    OUT(J, 7, F(splat)(0.0));
+    OUT(J, 9, F(splat)(0.0));
+    OUT(J, 11, F(splat)(0.0));
+    OUT(J, 4, F(splat)(1.0));
+    OUT(J, 10, F(splat)(1.0));
+    const T z18 = 0.0 * t14 + 0.0 * t9;
+    const T z19 = 0.0 * t15 + 0.0 * t17;
+    const T z20 = z18 + z19;
+    return z20;
+}

@@ -1,0 +1,302 @@
+/* elbow: linearize, the mathematics; included for T a real and for T lanes of reals. Written by flexgen. */
+SEPARATE static T F(evaluate_1_1)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT q_m, const real *RESTRICT v_m, const real *RESTRICT tau_m, T *RESTRICT w STRIDE(ptrdiff_t n))
+{
+    const T t4 = IN(q_a, 0);
+    const T t18 = IN(q_a, 1);
+    const T angle4[ANGLES(2)] = {t4, t18};
+    T sine4[ANGLES(2)], cosine4[ANGLES(2)];
+    F(sincos)(angle4, sine4, cosine4, 2);
+    const T t34 = cosine4[0];
+    const T t40 = sine4[0];
+    const T t29 = sine4[1];
+    const T t32 = cosine4[1];
+    const T t10 = IN(v_a, 0);
+    const T t36 = 1.15 * t10;
+    const T t35 = 9.81 * t34;
+    const T t16 = IN(q_m, 1);
+    const T t17 = 0.003963011889035667 * t16;
+    const T t22 = IN(v_m, 1);
+    const T t23 = 0.003963011889035667 * t22;
+    const T t41 = 9.81 * t29;
+    const T t2 = IN(q_m, 0);
+    const T t3 = 0.003739316239316239 * t2;
+    const T t8 = IN(v_m, 0);
+    const T t9 = 0.003739316239316239 * t8;
+    const T t24 = IN(v_a, 1);
+    const T t48 = t10 + t24;
+    const T t46 = 0.9854020620164352 * t29;
+    const T t55 = 3613.4097102000005 * t40;
+    const T t62 = 115.28870628581926 * t29;
+    const T t69 = 101.7361875 * t29;
+    const T t37 = t10 * t36;
+    const T t19 = t17 - t18;
+    const T t25 = t23 - t24;
+    const T t42 = t40 * t41;
+    const T t5 = t3 - t4;
+    const T t11 = t9 - t10;
+    const T t49 = 88.46625 * t48;
+    const T t63 = t29 * t62;
+    const T t38 = t35 - t37;
+    const T t20 = 4099900.0 * t19;
+    const T t26 = 600.0 * t25;
+    const T t6 = 7518900.0 * t5;
+    const T t12 = 1400.0 * t11;
+    const T t50 = t48 * t49;
+    const T t65 = t63 - 406.22802171999996;
+    const T t39 = t32 * t38;
+    const T t27 = t20 + t26;
+    const T t13 = t6 + t12;
+    const T t51 = t32 * t50;
+    const T t43 = t39 - t42;
+    const T t82 = 0.003963011889035667 * t27;
+    const T t56 = t13 - t27;
+    const T t78 = 0.003739316239316239 * t13;
+    const T t44 = 88.46625 * t43;
+    const T t81 = IN(tau_m, 1);
+    const T t83 = t81 - t82;
+    const T t57 = t55 + t56;
+    const T t77 = IN(tau_m, 0);
+    const T t79 = t77 - t78;
+    const T t45 = t27 + t44;
+    const T t84 = 84.74576271186442 * t83;
+    w[3] = t84;
+    const T t80 = 84.74576271186442 * t79;
+    w[2] = t80;
+    const T t47 = t45 * t46;
+    const T t52 = t47 + t51;
+    const T t53 = 1.15 * t52;
+    const T t58 = t53 + t57;
+    const T t66 = t58 / t65;
+    w[0] = -t66;
+    const T t70 = t66 * t69;
+    const T t72 = 89.77680625 * t66;
+    const T t73 = t45 - t70;
+    const T t74 = t72 + t73;
+    const T t75 = 0.011138734398897152 * t74;
+    w[1] = t75;
+    const T z85 = 0.0 * t80 + 0.0 * t84;
+    const T z86 = z85 + 0.0 * t66;
+    const T z87 = z86 + 0.0 * t75;
+    return z87;
+}
+
+SEPARATE static T F(evaluate_2_1)(const real *RESTRICT q_a, const real *RESTRICT v_a, T *RESTRICT w STRIDE(ptrdiff_t n))
+{
+    const T t0 = IN(q_a, 1);
+    const T t24 = IN(q_a, 0);
+    const T angle0[ANGLES(2)] = {t0, t24};
+    T sine0[ANGLES(2)], cosine0[ANGLES(2)];
+    F(sincos)(angle0, sine0, cosine0, 2);
+    const T t1 = sine0[0];
+    const T t22 = cosine0[0];
+    const T t25 = sine0[1];
+    const T t28 = cosine0[1];
+    const T t40 = IN(v_a, 0);
+    const T t41 = IN(v_a, 1);
+    const T t42 = t40 + t41;
+    const T t56 = 1.15 * t40;
+    const T t26 = 9.81 * t25;
+    const T t29 = 9.81 * t28;
+    const T t46 = w[0];
+    const T t47 = w[1];
+    const T t48 = t46 + t47;
+    const T t53 = 1.15 * t46;
+    const T t69 = 203.472375 * t40;
+    const T t34 = 3613.4097102000005 * t28;
+    const T t7 = 203.472375 * t1;
+    const T t17 = 101.7361875 * t1;
+    const T t43 = 88.46625 * t42;
+    const T t57 = t40 * t56;
+    const T t27 = t22 * t26;
+    const T t30 = t1 * t29;
+    const T t49 = 88.46625 * t48;
+    const T t54 = t26 - t53;
+    const T t70 = t22 * t69;
+    w[40] = t70;
+    const T t72 = 203.472375 * t42;
+    const T t36 = t34 - 7518900.0;
+    const T t14 = t7 - 496.00482796999995;
+    w[4] = -t14;
+    const T t19 = t17 - 89.77680625;
+    w[8] = -t19;
+    w[5] = -t19;
+    const T t44 = t42 * t43;
+    const T t58 = t29 - t57;
+    const T t31 = t27 + t30;
+    const T t50 = t22 * t49;
+    const T t55 = t22 * t54;
+    const T t75 = t70 + 1400.0;
+    const T t73 = t22 * t72;
+    w[25] = -t73;
+    const T t45 = t1 * t44;
+    const T t59 = t1 * t58;
+    const T t32 = 88.46625 * t31;
+    w[36] = t32;
+    const T t76 = t73 - t75;
+    w[24] = -t76;
+    const T t51 = t45 - t50;
+    const T t60 = t55 + t59;
+    const T t37 = t32 - t36;
+    w[20] = t37;
+    const T t52 = 1.15 * t51;
+    const T t61 = 88.46625 * t60;
+    const T t62 = t52 + t61;
+    w[21] = t62;
+    const T t64 = t61 + 4099900.0;
+    w[37] = t64;
+    w[12] = F(splat)(0.0);
+    w[16] = F(splat)(0.0);
+    w[13] = F(splat)(0.0);
+    w[17] = F(splat)(0.0);
+    w[6] = F(splat)(0.0);
+    w[10] = F(splat)(0.0);
+    w[18] = F(splat)(0.0);
+    w[7] = F(splat)(0.0);
+    w[11] = F(splat)(0.0);
+    w[15] = F(splat)(0.0);
+    w[68] = F(splat)(0.0);
+    w[53] = F(splat)(0.0);
+    w[38] = F(splat)(0.0);
+    w[70] = F(splat)(0.0);
+    w[23] = F(splat)(0.0);
+    w[55] = F(splat)(0.0);
+    w[72] = F(splat)(0.0);
+    w[57] = F(splat)(0.0);
+    w[42] = F(splat)(0.0);
+    w[74] = F(splat)(0.0);
+    w[27] = F(splat)(0.0);
+    w[59] = F(splat)(0.0);
+    w[28] = F(splat)(0.0);
+    w[44] = F(splat)(0.0);
+    w[76] = F(splat)(0.0);
+    w[29] = F(splat)(0.0);
+    w[45] = F(splat)(0.0);
+    w[61] = F(splat)(0.0);
+    w[9] = F(splat)(89.77680625);
+    w[14] = F(splat)(0.0118);
+    w[19] = F(splat)(0.0118);
+    w[52] = F(splat)((-28115.54487179487));
+    w[22] = F(splat)((-28115.54487179487));
+    w[69] = F(splat)((-16247.952443857332));
+    w[39] = F(splat)((-16247.952443857332));
+    w[54] = F(splat)(105.13291351632697);
+    w[71] = F(splat)(64.39082870749273);
+    w[56] = F(splat)((-5.235042735042735));
+    w[26] = F(splat)((-5.235042735042735));
+    w[41] = F(splat)(600.0);
+    w[73] = F(splat)((-2.3778071334214));
+    w[43] = F(splat)((-2.3778071334214));
+    w[58] = F(splat)(0.0195754803126598);
+    w[75] = F(splat)(0.009423277939582825);
+    w[60] = F(splat)((-1.0));
+    w[77] = F(splat)((-1.0));
+    const T z83 = 0.0 * t70 + 0.0 * t73;
+    const T z84 = 0.0 * t14 + 0.0 * t19;
+    const T z85 = z83 + 0.0 * t76;
+    const T z86 = z84 + 0.0 * t32;
+    const T z87 = z85 + 0.0 * t37;
+    const T z88 = z86 + 0.0 * t62;
+    const T z89 = 0.0 * t64 + z87;
+    const T z90 = z88 + z89;
+    return z90;
+}
+
+SEPARATE static T F(solve_3)(real *RESTRICT A, real *RESTRICT B, T *RESTRICT w STRIDE(ptrdiff_t n))
+{
+    static const unsigned char first[4] = {0, 0, 2, 3};
+    T *const matrix = w + 4;
+    ROW *const rows = ROWS(w + 20);
+    const int count = ROW_COUNT(10);
+    T inverse[4];
+    ROW sum = ROW_OF(0);
+    int i, j, k;
+    for (i = 0; i < 4; ++i) {
+        for (j = 10; j < 16; ++j) {
+            w[20 + i * 16 + j] = F(splat)(0);
+        }
+    }
+    for (i = 0; i < 4; ++i) {
+        T d = matrix[i * 5];
+        for (j = first[i]; j < i; ++j) {
+            T x = matrix[i * 4 + j];
+            for (k = first[i] > first[j] ? first[i] : first[j]; k < j; ++k) {
+                x -= matrix[i * 4 + k] * matrix[j * 4 + k];
+            }
+            matrix[i * 4 + j] = x;
+        }
+        for (j = first[i]; j < i; ++j) {
+            const T x = matrix[i * 4 + j];
+            matrix[i * 4 + j] = x * inverse[j];
+            d -= x * matrix[i * 4 + j];
+        }
+        inverse[i] = F(splat)(1) / d;
+    }
+    for (i = 0; i < 4; ++i) {
+        ROW *const x = rows + i * ROW_COUNT(16);
+        for (j = first[i]; j < i; ++j) {
+            const T factor = matrix[i * 4 + j];
+            const ROW *const y = rows + j * ROW_COUNT(16);
+            for (k = 0; k < count; ++k) {
+                x[k] -= factor * y[k];
+            }
+        }
+    }
+    for (i = 3; i >= 0; --i) {
+        ROW *const x = rows + i * ROW_COUNT(16);
+        const T pivot = inverse[i];
+        for (k = 0; k < count; ++k) {
+            x[k] *= pivot;
+        }
+        for (j = i + 1; j < 4; ++j) {
+            if (first[j] <= i) {
+                const T factor = matrix[j * 4 + i];
+                const ROW *const y = rows + j * ROW_COUNT(16);
+                for (k = 0; k < count; ++k) {
+                    x[k] -= factor * y[k];
+                }
+            }
+        }
+    }
+    for (i = 0; i < 64; ++i) {
+        OUT(A, i, F(splat)(0));
+    }
+    for (j = 0; j < 8; ++j) {
+        for (i = 0; i < 4; ++i) {
+            OUT(A, (j + 0) * 8 + 4 + i, F(splat)(0) - w[20 + i * 16 + j + 0]);
+        }
+    }
+    OUT(A, 32, F(splat)(1));
+    OUT(A, 41, F(splat)(1));
+    OUT(A, 50, F(splat)(1));
+    OUT(A, 59, F(splat)(1));
+    for (i = 0; i < 16; ++i) {
+        OUT(B, i, F(splat)(0));
+    }
+    for (j = 0; j < 2; ++j) {
+        for (i = 0; i < 4; ++i) {
+            OUT(B, (j + 0) * 8 + 4 + i, F(splat)(0) - w[20 + i * 16 + j + 8]);
+        }
+    }
+    for (i = 0; i < 4; ++i) {
+        const ROW *const x = rows + i * ROW_COUNT(16);
+        for (k = 0; k < count; ++k) {
+            sum += ZERO * x[k];
+        }
+    }
+    return ROW_SUM(sum);
+}
+
+static T F(evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT q_m, const real *RESTRICT v_m, const real *RESTRICT tau_m, real *RESTRICT A, real *RESTRICT B, T *RESTRICT w STRIDE(ptrdiff_t n))
+{
+    T zero = F(splat)(0.0);
+    zero += F(evaluate_1_1)(q_a, v_a, q_m, v_m, tau_m, w STRIDE(n));
+    zero += F(evaluate_2_1)(q_a, v_a, w STRIDE(n));
+    zero += F(solve_3)(A, B, w STRIDE(n));
+    zero += 0.0 * IN(q_m, 0);
+    zero += 0.0 * IN(q_m, 1);
+    zero += 0.0 * IN(v_m, 0);
+    zero += 0.0 * IN(v_m, 1);
+    zero += 0.0 * IN(tau_m, 0);
+    zero += 0.0 * IN(tau_m, 1);
+    return zero;
+}
