@@ -3,7 +3,8 @@
 Robots are `RobotModel` objects inside what the model format allows: chains of one to seven actuated axes, each with up
 to three elastic degrees of freedom around it. The special cases in which simplifications go wrong are as likely as the
 general ones: exact quarter turns, zero offsets, concentric and parallel axes, massless bodies, point masses, thin rods,
-poses at multiples of 90 degrees. `text_of` writes such a robot as a model file.
+poses at multiples of 90 degrees; some axes and quarter turns are tilted a little. `text_of` writes such a robot as a
+model file.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ from flexgen.model.elements import (
 POSED = 1e-6  # least eigenvalue of the mass matrix scaled to a unit diagonal: coordinates that can be told apart
 POSES = ("anywhere", "anywhere", "square")
 PLACEMENTS = ("none", "quarter", "shifted", "general")
+TILTED = 0.1  # share of the axes and quarter turns that are off by a small angle
 BODIES = ("full", "full", "centred", "rod", "point", "massless")
 
 
@@ -66,6 +68,14 @@ def quarter_turns(rng: np.random.Generator) -> np.ndarray:
     return out * np.linalg.det(out).round() + 0.0
 
 
+def tilt(rng: np.random.Generator) -> np.ndarray:
+    """Mostly none; a rotation by 1e-15 to 1e-2 about any axis now and then."""
+    direction, digits, share = rng.normal(size=3), rng.uniform(2, 15), rng.uniform()
+    if share > TILTED:
+        return np.eye(3)
+    return Rotation.from_rotvec(10.0**-digits * direction / np.linalg.norm(direction)).as_matrix()
+
+
 def placement(rng: np.random.Generator, kind: str) -> Placement:
     """A pose of a kind: with offsets of 0.05 m to 1.5 m along axes, or general."""
     along = np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 0.0, 1.0]) * spread(rng, 0.05, 1.5) + 0.0
@@ -74,16 +84,17 @@ def placement(rng: np.random.Generator, kind: str) -> Placement:
     if kind == "shifted":
         return Placement(vector(along))
     if kind == "quarter":
-        return Placement(vector(along), matrix(quarter_turns(rng)))
+        return Placement(vector(along), matrix(quarter_turns(rng) @ tilt(rng)))
     offset = rng.normal(size=3)
     offset *= spread(rng, 0.05, 1.5) / np.linalg.norm(offset)
     return Placement(vector(offset), matrix(Rotation.random(rng=rng).as_matrix()))
 
 
 def axis(rng: np.random.Generator, general: bool) -> tuple[float, ...]:
-    """A coordinate axis of either sign, or any direction."""
+    """A coordinate axis of either sign, sometimes tilted a little; or any direction."""
     if not general:
-        return vector(np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0]) + 0.0)
+        direction = tilt(rng) @ np.eye(3)[rng.integers(3)] * rng.choice([-1.0, 1.0]) + 0.0
+        return vector(direction / np.linalg.norm(direction))
     direction = rng.normal(size=3)
     return vector(direction / np.linalg.norm(direction))
 
@@ -334,13 +345,12 @@ def is_linear(model: RobotModel) -> bool:
 
 
 def roll_pitch_yaw(rotation) -> tuple[float, float, float]:
-    """Angles of ``Rz(yaw) Ry(pitch) Rx(roll)``; roll is zero where the pitch is a right angle."""
+    """Angles of ``Rz(yaw) Ry(pitch) Rx(roll)``; the roll is what yaw leaves: near right angles it holds all digits."""
     R = np.array(rotation)
-    level = math.hypot(R[0, 0], R[1, 0])
-    pitch = math.atan2(-R[2, 0], level)
-    if level < 1e-9:
-        return 0.0, pitch, math.atan2(-R[0, 1], R[1, 1])
-    return math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])
+    yaw = math.atan2(R[1, 0], R[0, 0])
+    c, s = math.cos(yaw), math.sin(yaw)
+    pitch = math.atan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
+    return math.atan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1]), pitch, yaw
 
 
 def text_of(model: RobotModel) -> str:

@@ -304,3 +304,38 @@ def test_a_singular_matrix_is_told(tmp_path):
     assert library.point(np.eye(2), np.ones((2, 3)))[0] == 0
     status, (X_of, *_) = library.point(np.ones((2, 2)), np.ones((2, 3)))
     assert status == -3 and np.isnan(X_of).all()
+
+
+@needs_compiler
+@pytest.mark.parametrize("rows", [((0.1, 0.7), (0.3, 2.1)), ((0.7, 0.1), (0.7, 0.1 + 1e-17))])
+def test_a_pivot_of_rounding_is_told(rows, tmp_path):
+    """In exact arithmetic the second pivot is zero; what is left of it is no number to divide by."""
+    program, inputs, outputs = solve_program(2, 3, False, False)
+    q, r = ca.SX.sym("q", 2, 2), ca.SX.sym("r", 2, 3)
+    square = ca.Function("g", [q, r], [ca.densify(ca.mtimes(q, q.T)), r], ["q", "r"], ["M", "R"])
+    library = Small(spec_of(Program((Expressions(square), program.steps[1])), inputs, outputs), tmp_path)
+    right = np.ones((2, 3))
+    assert library.point(np.array(rows), right)[0] == -3
+    assert library.point(np.array([[0.1, 0.7], [0.3, 2.2]]), right)[0] == 0
+    stored = np.stack([np.array(rows).T.ravel(), np.eye(2).ravel()] * 10), np.ones((20, 6))
+    status, (X_of, *_) = library.batch(*stored)
+    assert status == -3 and np.array_equal(np.isnan(X_of).all(axis=1), [True, False] * 10)
+
+
+@needs_compiler
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_quotient_of_rounding_is_told(sign, tmp_path):
+    pivot = sign * (B * B + C * C - 2 * D * B * C)  # positive, or always negative, for |D| < 1
+    function = function_of(A / pivot, A + 1)
+    inputs, outputs = ports_of(function)
+    library = Small(spec_of(Program((Expressions(function, pivots=True),)), inputs, outputs), tmp_path)
+    assert library.point([1.0, 0.3, 0.5, 0.2])[0] == 0
+    for x in ([1.0, 0.3, 0.3, 1.0], [1.0, 0.1, 0.1 * (1 + 3e-16), 1.0], [1.0, 0.3, 0.3, 1.0 + 1e-15]):
+        assert library.point(x)[0] == -3
+
+
+@needs_compiler
+def test_a_result_that_is_never_finite_is_told(tmp_path):
+    library = small(function_of(ca.SX.inf(), A), tmp_path)
+    status, (y,) = library.point([1.0, 2.0, 3.0, 4.0])
+    assert status == -3 and np.isnan(y).all()

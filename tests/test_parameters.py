@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from emitted import needs_compiler, random_states
@@ -10,6 +12,7 @@ from flexgen.codegen.build import generate
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.parameters import parametrised
+from flexgen.model.elements import Dof, Element, Gear, LinearSpring
 from flexgen.model.reader import read
 from flexgen.runtime import load
 
@@ -91,6 +94,70 @@ def test_names_units_and_groups():
     assert listed["m1.viscous"] == (model.motors[0].friction.viscous, "N m s/rad")
     assert listed["q1.cubic"][1] == "N m/rad^3" and made.symbols.numel() == len(listed)
     assert made.given is model or made.given == model  # the model keeps its numbers
+
+
+def test_every_parameter_says_what_it_is():
+    said = {p.name: p.doc for p in parametrised(read("manutec_r3"), ["stiffness", "damping", "friction"]).parameters}
+    said |= {p.name: p.doc for p in parametrised(read("elbow"), ["stiffness", "payload"]).parameters}
+    said |= {p.name: p.doc for p in parametrised(read("abb_arm"), ["stiffness"]).parameters}
+    motor, joint = read("manutec_r3").motors[0].name, read("manutec_r3").coordinates[5].name
+    assert said["q1.damping"] == "damping of q1, motor side"
+    assert said[f"{motor}.coulomb"] == f"friction of motor {motor}, motor side"
+    assert said[f"{joint}.coulomb"] == f"friction of {joint}, arm side"
+    assert said["e1.stiffness"] == "spring of e1" and said["q2.stiffness"] == "spring of q2, arm side"
+    assert said["payload.mass"] == "payload: mass" and "frame that the tool is attached to" in said["payload.com_x"]
+
+
+def test_numbers_stated_on_the_motor_side_have_units_of_the_motor():
+    """A rotor turns, whatever its joint does."""
+    model = read("elbow")
+
+    def units(side: str, kind: str) -> dict[str, str]:
+        dof = model.elements[0].dofs[0]
+        gear = Gear(False, side, LinearSpring(2.0), 0.1)
+        first: Element = replace(model.elements[0], dofs=(replace(dof, type=kind, gear=gear),))
+        made = parametrised(replace(model, elements=(first, *model.elements[1:])), ["stiffness", "damping"])
+        return {p.name: p.unit for p in made.parameters if p.name.startswith(f"{dof.name}.")}
+
+    name = model.elements[0].dofs[0].name
+    turning = {f"{name}.stiffness": "N m/rad", f"{name}.damping": "N m s/rad"}
+    assert units("motor", "translation") == units("motor", "rotation") == units("arm", "rotation") == turning
+    assert units("arm", "translation") == {f"{name}.stiffness": "N/m", f"{name}.damping": "N s/m"}
+
+
+@pytest.mark.parametrize("model", ["abb_arm", "planar5_nmp", "manutec_r3"])
+@pytest.mark.parametrize("name", ["gear_spring", "motor_friction", "gear_torque", "elastic_torque", "arm_forces"])
+def test_force_laws_follow_the_parameters(model, name):
+    """Every law takes the numbers given, as a model with these numbers does."""
+    equations, rng = derive(model, ["stiffness", "damping", "friction"]), np.random.default_rng(3)
+    numbers = np.array([p.value for p in equations.parameters]) * rng.uniform(0.5, 2.0, len(equations.parameters))
+    function = equations.function(name)
+    changed = changed_model(equations.model, dict(zip([p.name for p in equations.parameters], numbers, strict=True)))
+    plain = derive(changed).function(name)
+    inputs = [0.1 * rng.uniform(-1, 1, plain.size_in(k)) for k in range(plain.n_in())]
+    given = [*inputs, numbers] if "parameters" in function.name_in() else inputs
+    for found, expected in zip(function.call(given), plain.call(inputs), strict=True):
+        size = np.abs(expected.full()).max(initial=1e-12)
+        assert np.abs(found.full() - expected.full()).max(initial=0.0) <= ROUNDING * size
+
+
+def changed_model(model, numbers):
+    """The model with other numbers, by the names of parameters."""
+
+    def law(owner: str, x):
+        return x and replace(x, **{k: numbers.get(f"{owner}.{k}", v) for k, v in vars(x).items()})
+
+    def joint(dof: Dof) -> Dof:
+        gear, damping = dof.gear, numbers.get(f"{dof.name}.damping", dof.damping)
+        if gear is not None:
+            own = numbers.get(f"{dof.name}.damping", gear.damping)
+            gear = replace(gear, spring=law(dof.name, gear.spring), damping=own)
+        friction, spring = law(dof.name, dof.friction), law(dof.name, dof.spring)
+        return replace(dof, gear=gear, spring=spring, friction=friction, damping=damping)
+
+    elements = tuple(replace(e, dofs=tuple(joint(dof) for dof in e.dofs)) for e in model.elements)
+    motors = tuple(replace(m, friction=law(m.name, m.friction)) for m in model.motors)
+    return replace(model, elements=elements, motors=motors)
 
 
 @pytest.mark.parametrize("names", [["weight"], ["q9.stiffness"], "payload", [""], ["payload.mass", "m1.friktion"]])

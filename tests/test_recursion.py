@@ -21,11 +21,12 @@ from scipy.spatial.transform import Rotation
 
 from flexgen.errors import ModelError
 from flexgen.mechanics import chain as chain_room
+from flexgen.mechanics import fast as fast_room
 from flexgen.mechanics import recursion, variation
 from flexgen.mechanics.chain import Kept, laid, regrouped
 from flexgen.mechanics.composite import mass_matrix
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.fast import cost_of, fast_function
+from flexgen.mechanics.fast import agrees, cost_of, fast_function, recursive_function
 from flexgen.mechanics.plans import plans
 from flexgen.mechanics.recursion import inverse_dynamics
 from flexgen.mechanics.tape import Tape
@@ -167,7 +168,7 @@ def check(equations: Equations, name: str, given: dict[str, np.ndarray], found: 
     """AssertionError where a fast function is not the Lagrangian's."""
     expected = values(equations.function(name), given)
     if found is None:
-        function = fast_function(equations, name)
+        function = recursive_function(equations, name)
         assert function is not None
         found = values(function, given)
     assert [x.shape for x in found] == [x.shape for x in expected]
@@ -209,7 +210,7 @@ def test_agreement(name):
     rng = np.random.default_rng(5)
     states = [arguments(s, rng) for s in some_states(equations.model)]
     for function in FUNCTIONS:
-        fast = fast_function(equations, function)
+        fast = recursive_function(equations, function)
         if fast is None:
             continue
         slow = equations.function(function)
@@ -232,6 +233,59 @@ def test_who_has_no_fast_path():
     assert fast_function(equations_of("elbow"), "energy") is None
 
 
+@pytest.mark.parametrize("name", [*ALL_MODELS, *ROBOTS, *MADE], ids=lambda name: Path(name).stem)
+def test_every_robot_passes_the_test_before_use(name):
+    """What `recursive_function` has is handed out, unless it is known to be wrong."""
+    equations = equations_of(name)
+    if recursive_function(equations, "gravity") is not None:
+        assert agrees(equations)
+        assert fast_function(equations, "gravity") is recursive_function(equations, "gravity")
+
+
+def test_the_test_before_use_is_done_once(monkeypatch):
+    asked = []
+    monkeypatch.setattr(fast_room, "agrees", lambda equations: bool(asked.append(equations)))
+    equations = derive(six_axes())
+    assert [fast_function(equations, name) for name in FUNCTIONS] == [None] * len(FUNCTIONS)
+    assert asked == [equations]
+
+
+def nothing_resists() -> dict[str, RobotModel]:
+    """Robots whose accelerations are not defined, because a motion has no inertia anywhere."""
+    full = Body(3.0, (0.1, 0.0, 0.0), ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1)))
+    shapes = {
+        "alone": ["rotation", Body()],
+        "last": ["rotation", full, Body()],
+        "on the axis": ["rotation", full, Body(1.0)],
+        "slider": ["translation", Body()],
+    }
+    out = {}
+    for name, (kind, *bodies) in shapes.items():
+        elements, motors = [], []
+        for k, body in enumerate(bodies):
+            dof = Dof(f"q{k}", kind, (0.0, 0.0, 1.0), gear=Gear(rigid=True))
+            elements.append(Element(f"b{k}", (dof,), Placement((0.3, 0.0, 0.0)), body=body))
+            motors.append(Motor(f"m{k}", 1e-4, (f"q{k}",), (100.0,)))
+        out[name] = robot(elements, motors)
+    return out
+
+
+@pytest.mark.parametrize("parameters", [(), ("payload",)])
+@pytest.mark.parametrize("name", nothing_resists())
+def test_where_nothing_resists_the_lagrangian_tells(name, parameters):
+    """No division by the number zero while functions are made; what exists of them is right."""
+    equations = derive(nothing_resists()[name], parameters)
+    given = arguments(some_states(equations.model, 1)[0], np.random.default_rng(4))
+    given["parameters"] = np.array([parameter.value for parameter in equations.parameters])
+    for function in FUNCTIONS:
+        fast = fast_function(equations, function)
+        if function == "arm_forward_dynamics" and not parameters:
+            assert fast is None
+            assert not np.isfinite(values(equations.function(function), given)[0]).all()
+        elif fast is not None and function != "arm_forward_dynamics":
+            check(equations, function, given, values(fast, given))
+
+
 @pytest.mark.parametrize("name", ["manutec_r3", "sliding5"])
 def test_parameters(name):
     """Numbers that change at run time are arguments; others than those of the file give what a model with them has."""
@@ -242,7 +296,7 @@ def test_parameters(name):
     changed = numbers * rng.uniform(0.5, 2.0, len(numbers)) + rng.uniform(0.0, 0.1, len(numbers))
     for function in FUNCTIONS:
         fast = fast_function(equations, function)
-        assert fast is not None
+        assert fast is not None  # it passed the test with the values of the file
         assert ("parameters" in fast.name_in()) == ("parameters" in equations.function(function).name_in())
         for s in some_states(plain, 1):
             for value in (numbers, changed):
@@ -254,7 +308,7 @@ def check_all(case) -> None:
     equations, rng = derive(case.model), np.random.default_rng(6)
     states = [arguments(s, rng) for s in case.states]
     for name in FUNCTIONS:
-        fast = fast_function(equations, name)
+        fast = recursive_function(equations, name)
         for given in states if fast is not None else ():
             check(equations, name, given, values(fast, given))
 
@@ -385,6 +439,62 @@ def test_axes_that_nearly_meet(distance):
             check(equations, name, given)
 
 
+def tilted_axes(tilt: float, seed: int = 6) -> RobotModel:
+    """A chain whose axes stand at that angle to their neighbours, about axes across that have no structure."""
+    rng = np.random.default_rng(seed)
+    kinds = ("rotation", "rotation", "translation", "rotation", "rotation")
+    elements, motors, to_world, along = [], [], np.eye(3), np.array(random_axis(rng))
+    for k, kind in enumerate(kinds):
+        place = random_placement(rng)
+        to_world = to_world @ np.array(place.rotation)
+        across = np.cross(along, random_axis(rng))
+        along = np.cos(tilt) * along + np.sin(tilt) * across / np.linalg.norm(across)
+        axis = to_world.T @ along
+        dof = Dof(f"q{k}", kind, tuple((axis / np.linalg.norm(axis)).tolist()), gear=Gear(rigid=True))
+        elements.append(Element(f"b{k}", (dof,), place, Placement(), random_body(rng)))
+        motors.append(Motor(f"m{k}", 1e-3, (f"q{k}",), (1.0,)))
+    return robot(elements, motors, tool=random_placement(rng))
+
+
+def check_tilted(tilt: float) -> None:
+    equations, rng = derive(tilted_axes(tilt)), np.random.default_rng(2)
+    for s in some_states(equations.model, 1):
+        given = arguments(s, rng)
+        for name in ("inverse_dynamics", "mass_matrix", "arm_forward_dynamics", "forward_kinematics", "jacobian"):
+            check(equations, name, given)
+
+
+@pytest.mark.parametrize("against", [False, True])
+@pytest.mark.parametrize("digits", range(2, 17))
+def test_axes_that_are_nearly_parallel(digits, against):
+    """Where their normal is far away, or not to be told from rounding, no digit is lost."""
+    check_tilted(np.pi - 10.0**-digits if against else 10.0**-digits)
+
+
+@pytest.mark.parametrize("tilt", [1e-7, 1e-11, np.pi - 1e-9])
+def test_frames_far_away_are_seen(planted, tilt):
+    """The planted error: frames at the normal of axes however far that is."""
+    planted.setattr(chain_room, "NEARLY_PARALLEL", 0.0)
+    with pytest.raises(AssertionError):
+        check_tilted(tilt)
+
+
+@pytest.mark.parametrize("tilt", [1e-8, 1e-9, 1e-11, 1e-13, 1e-15])
+def test_axes_that_are_nearly_along_a_coordinate_axis(tilt):
+    """An entry of an axis may be one to the last bit while the others are not zero."""
+    axes = [(0.0, 1.0, 0.0), (-0.5 * tilt, 1.0, tilt), (tilt, 0.3 * tilt, -1.0), (1.0, tilt, 0.0)]
+    plain = dense_chain(4, 5)
+    elements = [
+        replace(element, dofs=(replace(element.dofs[0], axis=axis),), origin=Placement(), link=Placement())
+        for element, axis in zip(plain.elements, axes, strict=True)
+    ]
+    equations, rng = derive(robot(elements, plain.motors)), np.random.default_rng(2)
+    for s in some_states(equations.model, 1):
+        given = arguments(s, rng)
+        for name in ("inverse_dynamics", "mass_matrix", "arm_slopes", "forward_kinematics", "jacobian"):
+            check(equations, name, given)
+
+
 def counts(model: RobotModel) -> list[int]:
     equations = derive(model)
     names = ("inverse_dynamics", "mass_matrix", "arm_forward_dynamics", "gravity")
@@ -464,6 +574,29 @@ def test_planted_errors_are_seen(planted, bug, name):
     bug(planted)
     with pytest.raises(AssertionError):
         check(derive(equations.model), name, given)
+
+
+def frames_far_away(monkeypatch):
+    monkeypatch.setattr(chain_room, "NEARLY_PARALLEL", 0.0)
+
+
+@pytest.mark.parametrize(
+    ("bug", "model"),
+    [
+        (frames_far_away, tilted_axes(1e-11)),
+        (wrong_sign_in_the_regrouping, dense_chain(4, 1)),
+        (regrouped_mass_is_lost, dense_chain(4, 1)),
+        (wrong_sign_of_a_frames_angle, dense_chain(4, 1)),
+    ],
+)
+def test_robots_that_fail_before_use_have_no_fast_path(planted, bug, model):
+    equations = derive(model)
+    assert all(fast_function(equations, name) is not None for name in FUNCTIONS)
+    plans.cache_clear()
+    bug(planted)
+    equations = derive(model)
+    assert recursive_function(equations, "inverse_dynamics") is not None
+    assert all(fast_function(equations, name) is None for name in FUNCTIONS)
 
 
 # --- what it is for --------------------------------------------------------------------------------------------------

@@ -11,14 +11,14 @@ import re
 from flexgen.codegen.header import header
 from flexgen.codegen.kernel import kernel
 from flexgen.codegen.mathematics import Mathematics, mathematics
-from flexgen.codegen.sources import body, example, facade, private_header, source
+from flexgen.codegen.sources import body, example, facade, meanings, private_header, source
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.errors import BuildError
 from flexgen.ports import identifier_problem
 
 # Names that the emitted functions use beside their ports.
 _INTERNAL = re.compile(
-    r"(t\d+|z\d+|(angle|co?sine)\d+|[wnkijFTPdx]|work|status|first|count|inverse|pivot|factor|zero|group|groups|bad|copied|collide|matrix|rows|sum|"
+    r"(t\d+|z\d+|(angle|co?sine)\d+|[wnkijFTPdx]|work|status|first|count|inverse|pivot|factor|zero|group|groups|bad|copied|collide|matrix|rows|sum|whole|"
     r"real|lanes|stride|size|known|thread|evaluate(_\d+)*|solve_\d+|all_finite|spoil|failed|at_[a-zA-Z0-9_]*|space)\Z"
 )
 
@@ -33,8 +33,8 @@ def emit(spec: LibrarySpec) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        Text by file name: ``<name>.h``, ``<name>.c``, the private ``<name>_kernel.h`` and ``<name>_private.h``,
-        ``<name>_<function>.c`` and ``<name>_<function>_body.h``, ``example.c``.
+        Text by file name: ``<name>.h``, ``<name>.c``, ``<name>_<function>.c``, ``example.c``, and the private
+        ``<name>_kernel.h``, ``<name>_private.h``, ``<name>_point.h``, ``<name>_lanes.h``, ``<name>_<function>_body.h``.
 
     Raises
     ------
@@ -46,6 +46,7 @@ def emit(spec: LibrarySpec) -> dict[str, str]:
     files = {f"{spec.name}.h": header(spec, written), f"{spec.name}.c": facade(spec, written)}
     files[f"{spec.name}_kernel.h"] = kernel(spec.name, spec.precision)
     files[f"{spec.name}_private.h"] = private_header(spec)
+    files |= meanings(spec)
     for f in spec.functions:
         files[f"{spec.name}_{f.name}.c"] = source(spec, f, written[f.name])
         files[f"{spec.name}_{f.name}_body.h"] = body(spec, f, written[f.name])
@@ -59,7 +60,8 @@ def emit(spec: LibrarySpec) -> dict[str, str]:
 def _written(spec: LibrarySpec, f: FunctionSpec) -> Mathematics:
     inputs, outputs = ({port.name: port.size for port in ports} for ports in (f.inputs, f.outputs))
     parameters = "parameters" if spec.parameters and "parameters" in inputs else None
-    return mathematics(f.program, inputs, outputs, parameters, spec.precision)
+    values = [parameter.value for parameter in spec.parameters]
+    return mathematics(f.program, inputs, outputs, parameters, spec.precision, values)
 
 
 def symbols(spec: LibrarySpec) -> tuple[str, ...]:

@@ -15,7 +15,18 @@ import casadi as ca
 from flexgen.errors import BuildError
 
 # Cycles of latency, about: what the order of a sum and the longest chain are judged by.
-LATENCY = {"add": 4, "sub": 4, "mul": 4, "div": 14, "sqrt": 16, "exp": 50, "tanh": 60, "sin": 60, "cos": 60}
+LATENCY = {
+    "add": 4,
+    "sub": 4,
+    "mul": 4,
+    "div": 14,
+    "sqrt": 16,
+    "exp": 50,
+    "tanh": 60,
+    "guarded": 2,
+    "sin": 60,
+    "cos": 60,
+}
 OTHER_LATENCY = 20
 
 _UNARY = "sqrt exp log expm1 log1p erf floor ceil fabs sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh sign"
@@ -190,7 +201,7 @@ class Graph:
                 kind = self.kind[node]
                 if kind in ("add", "sub", "mul", "sqrt", "fabs", "sin", "cos"):
                     out.update(self.arguments(node))
-                elif kind == "div":
+                elif kind in ("div", "guarded"):
                     out.add(self.operands[node][0] >> 1)
         return out
 
@@ -251,3 +262,22 @@ def _operation_name(operation: int) -> str:
     """Name of an operation in CasADi's table, such as ``OP_ERFINV``."""
     names = [name for name in dir(ca) if name.startswith("OP_") and getattr(ca, name) == operation]
     return f"operation {names[0] if names else operation}"
+
+
+def copied(graph: Graph, new: Graph, node: int, to: dict[int, Reference]) -> Reference:
+    """A node written again in a new graph, its operands being there already."""
+    kind = graph.kind[node]
+    if kind == "input":
+        return new.input(*graph.operands[node])
+    if kind == "constant":
+        return new.constant(graph.value[node])
+    operands = [to[r >> 1] ^ (r & 1) for r in graph.operands[node]]
+    if kind == "add":
+        return new.add(operands[0], operands[1])
+    if kind == "sub":
+        return new.add(operands[0], operands[1] ^ 1)
+    if kind == "mul":
+        return new.multiply(operands[0], operands[1])
+    if kind == "div":
+        return new.divide(operands[0], operands[1])
+    return new.call(kind, operands)

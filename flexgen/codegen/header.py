@@ -151,7 +151,8 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
         lines.append(f"  x: {states}")
     if spec.parameters:
         lines += ["", "Run-time parameters, with the values of the model file:"]
-        lines += [f"  {k} {p.name} = {p.value!r} [{p.unit}]" for k, p in enumerate(spec.parameters)]
+        for k, p in enumerate(spec.parameters):
+            lines.append(f"  {k} {p.name} = {p.value!r} [{p.unit}]{'; ' if p.doc else ''}{p.doc}")
     flags = "-std=c99 -O2 -ffp-contract=off"
     return [
         *lines,
@@ -167,14 +168,16 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
         "Every function takes its inputs, its outputs and a workspace of <NAME>_<FUNCTION>_WORK reals (at least 1), "
         "whose contents mean nothing before and after. No pointer may be null; arrays must not overlap. It returns 0, "
         "or a negative status: where a result or any entry of an input is not finite all its outputs are NaN, where a "
-        "pointer is null nothing is written. Angles must stay within the range of the sine in "
-        f"{name}_kernel.h; beyond it the result is not finite.",
+        "pointer is null nothing is written. Where a system of equations is singular up to rounding, the result counts "
+        "as not finite. Angles, and their sums over joints with parallel axes, must stay within the range of the sine "
+        f"in {name}_kernel.h; beyond it the result is not finite.",
         "",
         "<function>_batch evaluates n points. Memory is a structure of arrays: entry i of point k of an array x is "
         "x[i * n + k]; of a matrix with r rows entry (row, column) is i = row + column * r. All points are evaluated; "
         "the outputs of a point that fails are NaN, and the status of the first such point is returned. The workspace "
-        "has <NAME>_<FUNCTION>_BATCH_WORK reals (with OpenMP: that many per thread, see <function>_batch_work). "
-        "GCC and clang compute several points at once in vector registers, with the same bits as one by one.",
+        "has <NAME>_<FUNCTION>_BATCH_WORK reals (with OpenMP: that many per thread; ask "
+        "<function>_batch_work, and do not raise the number of threads after that). GCC and clang compute several "
+        "points at once in vector registers, with the same bits as one by one where nothing is contracted (see below).",
         "",
         "No function allocates, prints or keeps data: all may be called from several threads, each with its own "
         "arrays. Compile with any C99 compiler:",

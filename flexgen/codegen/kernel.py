@@ -18,7 +18,7 @@ _OF_TWO = "atan2 pow fmod remainder hypot".split()
 # Everything else that has a text for one number and one for a vector.
 _OWN = (
     "splat load store gather bits from_bits less less_equal equal choose fabs copysign truth holds lt le eq ne and or "
-    "not select if_else_zero sign fmin fmax whole floor ceil sine_cosine sin cos exp_part exp tanh"
+    "not select if_else_zero guarded sign fmin fmax whole floor ceil sine_cosine sin cos exp_part exp tanh"
 ).split()
 
 
@@ -249,6 +249,12 @@ static inline $T or$N(const $T a, const $T b) { return truth$N(holds$N(a) | hold
 static inline $T not$N(const $T a) { return truth$N(~holds$N(a)); }
 static inline $T select$N(const $T c, const $T a, const $T b) { return choose$N(holds$N(c), a, b); }
 static inline $T if_else_zero$N(const $T c, const $T a) { return from_bits$N(holds$N(c) & bits$N(a)); }
+
+/* x, or NaN where d is not above its least. */
+static inline $T guarded$N(const $T x, const $T d, const $T least)
+{
+    return from_bits$N(bits$N(x) | ~less$N(least, d));
+}
 
 /* -1, 0 or 1; a zero and NaN stay as they are. */
 static inline $T sign$N(const $T x)

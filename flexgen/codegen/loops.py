@@ -20,11 +20,12 @@ class Layout:
     size: int
 
 
-def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int]) -> str:
+def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int], rounding: str) -> str:
     """The C function of a `Solve`: factor, substitute, and write the solution to its ports.
 
     L D L' by rows within the profile: ``w_ij = A_ij - sum_k w_ik L_jk``, ``L_ij = w_ij / d_j``, ``d_i = A_ii - sum_k
-    w_ik L_ik``. The rows of R are then combined as the factors demand.
+    w_ik L_ik``. A pivot d_i below ``rounding`` times A_ii is noise: its reciprocal becomes NaN. The rows of R are then
+    combined as the factors demand.
     """
     n, columns, width = step.n, step.columns, step.width
     ports = [port for port in outputs if port in step.ports]
@@ -50,7 +51,8 @@ def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int
         lines.append("}")
     lines += [
         f"for (i = 0; i < {n}; ++i) {{",
-        f"    T d = matrix[i * {n + 1}];",
+        f"    const T whole = matrix[i * {n + 1}];",
+        "    T d = whole;",
         "    for (j = first[i]; j < i; ++j) {",
         f"        T x = matrix[i * {n} + j];",
         "        for (k = first[i] > first[j] ? first[i] : first[j]; k < j; ++k) {",
@@ -63,7 +65,7 @@ def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int
         f"        matrix[i * {n} + j] = x * inverse[j];",
         f"        d -= x * matrix[i * {n} + j];",
         "    }",
-        "    inverse[i] = F(splat)(1) / d;",
+        f"    inverse[i] = F(guarded)(F(splat)(1) / d, d, {rounding} * whole);",
         "}",
         f"for (i = 0; i < {n}; ++i) {{",
         f"    ROW *const x = rows + i * ROW_COUNT({step.stride});",

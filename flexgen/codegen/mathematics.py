@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from flexgen.codegen.graph import Graph, read_graph
+from flexgen.codegen.guards import EPSILON, guarded
 from flexgen.codegen.loops import Layout, solve_text
 from flexgen.codegen.order import ordered, written_order
 from flexgen.codegen.program import Expressions, Program, Solve
@@ -61,6 +62,7 @@ class _Piece:
     locals: int = 0
     known: set[int] = field(default_factory=set)
     stored: set[int] = field(default_factory=set)
+    broken: bool = False  # a result is never finite
 
 
 def literal(x: float, precision: str = "double") -> str:
@@ -86,6 +88,7 @@ def mathematics(
     outputs: Mapping[str, int],
     parameters: str | None = None,
     precision: str = "double",
+    values: Sequence[float] = (),
 ) -> Mathematics:
     """C text of a program; BuildError names an operation that cannot be written.
 
@@ -98,6 +101,8 @@ def mathematics(
         The input that holds the parameters: the same for all points of a batch.
     precision : str
         ``"double"`` or ``"single"``.
+    values : sequence of float
+        Values of the parameters in the model file.
     """
     layout = _layout(program, outputs)
     texts: list[str] = []
@@ -109,12 +114,15 @@ def mathematics(
     for k, step in enumerate(program.steps):
         if isinstance(step, Solve):
             name = f"solve_{k + 1}"
-            texts.append(solve_text(name, step, layout, outputs))
+            texts.append(solve_text(name, step, layout, outputs, literal(step.n * EPSILON[precision], precision)))
             calls.append("zero += " + _call(name, [port for port in outputs if port in step.ports], workspace=True))
             operations += step.operations
             depth += step.depth
             continue
         graph = simplified(read_graph(step.function))
+        if step.pivots:
+            given = {parameters: np.array(values)} if parameters is not None else {}
+            graph = guarded(graph, step.function.name_in(), given, precision)
         writer = _Writer(graph, step, layout, parameters, precision)
         pieces = writer.pieces()
         seen |= _seen(graph, step, {*outputs, *rights})
@@ -130,8 +138,8 @@ def mathematics(
             name = f"evaluate_{k + 1}_{i + 1}"
             ports = [port for port in (*inputs, *outputs) if port in piece.ports]
             kinds = [port for port in ports if port in inputs], [port for port in ports if port in outputs]
-            texts.append("SEPARATE " + _function(name, piece, *kinds))
-            calls.append("zero += " + _call(name, ports, piece.workspace))
+            texts.append("SEPARATE " + _function(name, piece, *kinds, parameters))
+            calls.append("zero += " + _call(name, ports, piece.workspace, parameters))
         work = max(work, writer.start + writer.spilled)
         operations += graph.operations()
         depth += max((graph.depth[r >> 1] for _, _, r in graph.outputs), default=0)
@@ -166,17 +174,20 @@ def _layout(program: Program, outputs: Mapping[str, int]) -> Layout:
     return Layout(places, strides, at)
 
 
-def _call(name: str, ports: Sequence[str], workspace: bool) -> str:
+def _call(name: str, ports: Sequence[str], workspace: bool, parameters: str | None = None) -> str:
     arguments = ", ".join([*ports, *(["w"] if workspace else [])])
-    return f"F({name})({arguments}{' STRIDE(n)' if ports else ''});"
+    return f"F({name})({arguments}{' STRIDE(n)' if set(ports) - {parameters} else ''});"
 
 
-def _function(name: str, piece: _Piece, inputs: Sequence[str], outputs: Sequence[str]) -> str:
+def _function(
+    name: str, piece: _Piece, inputs: Sequence[str], outputs: Sequence[str], shared: str | None = None
+) -> str:
+    """A C function; the array ``shared`` is the same for all points, and needs no stride."""
     parameters = [f"const real *RESTRICT {port}" for port in inputs]
     parameters += [f"real *RESTRICT {port}" for port in outputs]
     if piece.workspace:
         parameters.append("T *RESTRICT w")
-    stride = " STRIDE(ptrdiff_t n)" if inputs or outputs else ""
+    stride = " STRIDE(ptrdiff_t n)" if {*inputs, *outputs} - {shared} else ""
     body = "".join(f"    {line}\n" for line in piece.lines)
     return f"static T F({name})({', '.join(parameters) or 'void'}{stride})\n{{\n{body}}}\n"
 
@@ -368,6 +379,8 @@ class _Writer:
             name, rows = self.outputs[array], self.rows[array]
             if self.graph.kind[node] != "constant":
                 piece.stored.add(node)
+            elif not math.isfinite(self.graph.value[node]):
+                piece.broken = True
             if name not in self.layout.places:
                 piece.ports.add(name)
                 piece.lines.append(f"OUT({name}, {entry}, {self._argument(r)});")
@@ -384,6 +397,9 @@ class _Writer:
             (self.graph.depth[node], node, f"{zero} * t{node}") for node in sorted(piece.stored)
         ]
         count = len(self.graph.kind)
+        if piece.broken:
+            heap.append((0, count, "F(splat)(NAN)"))
+            count += 1
         for name, entry in unread:
             heap.append((0, count, f"{zero} * {_access(name, entry, self.parameters)}"))
             count += 1

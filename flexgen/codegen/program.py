@@ -12,9 +12,16 @@ class Expressions:
     """Results of an SX function with dense arguments.
 
     Arguments and results are the ports of that name, or else intermediate arrays of the program.
+
+    Parameters
+    ----------
+    function : casadi.Function
+    pivots : bool
+        True: its divisions are those of positive definite systems, and are guarded against singular ones.
     """
 
     function: ca.Function
+    pivots: bool = False
 
 
 @dataclass(frozen=True)

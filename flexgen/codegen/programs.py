@@ -37,18 +37,18 @@ def program_of(name: str, equations: Any, inputs: tuple[Port, ...], outputs: tup
         ones = tuple(("A", i, n + i) for i in range(n))
         solve = Solve("M", "R", n, 2 * n + n_m, False, profile(slopes, "M"), blocks, ones)
         forward = expanded("forward_dynamics", mathematics_of(equations, "forward_dynamics"))
-        return Program((Expressions(forward), Expressions(slopes), solve))
+        return Program((Expressions(forward, pivots=True), Expressions(slopes), solve))
     if name == "arm_forward_derivatives":
         n = model.n_a
         slopes = expanded("arm_slopes", mathematics_of(equations, "arm_slopes"))
         blocks = (Block("da_dq", 0, 0, n), Block("da_dv", 0, n, n), Block("da_dtau", 0, 2 * n, n))
         solve = Solve("M", "R", n, 2 * n, True, profile(slopes, "M"), blocks)
         forward = expanded("arm_forward_dynamics", mathematics_of(equations, "arm_forward_dynamics"))
-        return Program((Expressions(forward), Expressions(slopes), solve))
+        return Program((Expressions(forward, pivots=True), Expressions(slopes), solve))
     function = mathematics_of(equations, name)
     if PARAMETERS in function.name_in():
         inputs = (*inputs, parameters_port(equations))
-    return Program((Expressions(checked(name, function, inputs, outputs)),))
+    return Program((Expressions(checked(name, function, inputs, outputs), pivots="forward_dynamics" in name),))
 
 
 def parameters_port(equations: Any) -> Port:

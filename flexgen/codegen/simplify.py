@@ -8,7 +8,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Sequence
 
-from flexgen.codegen.graph import Graph, Reference
+from flexgen.codegen.graph import Graph, Reference, copied
 
 
 def simplified(graph: Graph) -> Graph:
@@ -19,25 +19,6 @@ def simplified(graph: Graph) -> Graph:
     the longest chain of operations: the time of a single call.
     """
     return _balanced(_reciprocals(_angle_sums(graph)))
-
-
-def copied(graph: Graph, new: Graph, node: int, to: dict[int, Reference]) -> Reference:
-    """A node written again in a new graph, its operands being there already."""
-    kind = graph.kind[node]
-    if kind == "input":
-        return new.input(*graph.operands[node])
-    if kind == "constant":
-        return new.constant(graph.value[node])
-    operands = [to[r >> 1] ^ (r & 1) for r in graph.operands[node]]
-    if kind == "add":
-        return new.add(operands[0], operands[1])
-    if kind == "sub":
-        return new.add(operands[0], operands[1] ^ 1)
-    if kind == "mul":
-        return new.multiply(operands[0], operands[1])
-    if kind == "div":
-        return new.divide(operands[0], operands[1])
-    return new.call(kind, operands)
 
 
 def _reciprocals(graph: Graph) -> Graph:

@@ -134,6 +134,35 @@ static inline void scatter_points(const real *x, int size, int count, ptrdiff_t 
 """
 
 
+_MEANINGS = {  # of the words that the mathematics is written in: for one point, and for lanes of points
+    "T": ("real", "lanes"),
+    "F(name)": ("name##_1", "name##_v"),
+    "IN(x, i)": ("((x)[i])", "load_v((x) + (i) * n)"),
+    "OUT(x, i, value)": ("((x)[i] = (value))", "store_v((x) + (i) * n, value)"),
+    "P(x, i)": ("((x)[i])", "splat_v((x)[i])"),
+    "STRIDE(n)": ("", ", n"),
+    "ANGLES(n)": ("PADDED(n)", "(n)"),
+    "ROW": ("lanes", "lanes"),
+    "ROWS(x)": ("((lanes *)(x))", "(x)"),
+    "ROW_COUNT(n)": ("(((n) + LANES - 1) / LANES)", "(n)"),
+    "ROW_OF(x)": ("splat_v(x)", "splat_v(x)"),
+    "ROW_SUM(x)": ("sum_v(x)", "(x)"),
+}
+
+
+def meanings(spec: LibrarySpec) -> dict[str, str]:
+    """Texts of ``<name>_point.h`` and ``<name>_lanes.h``: what the words of the mathematics mean there."""
+    files = {}
+    for k, (kind, what) in enumerate((("point", "one point"), ("lanes", "lanes of points, entries n apart"))):
+        forget = "".join(f"#undef {word.partition('(')[0]}\n" for word in _MEANINGS) if k else ""
+        defined = "".join(f"#define {word} {meaning[k]}".rstrip() + "\n" for word, meaning in _MEANINGS.items())
+        files[f"{spec.name}_{kind}.h"] = (
+            f"/* {spec.name}: the mathematics for {what}; before a <function>_body.h. Written by flexgen. */\n"
+            f"{forget}{defined}"
+        )
+    return files
+
+
 def body(spec: LibrarySpec, f: FunctionSpec, written: Mathematics) -> str:
     """Text of ``<name>_<function>_body.h``: the mathematics, without a guard, as it is included twice."""
     return (
@@ -161,46 +190,10 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: Mathematics) -> str:
 #include <omp.h>
 #endif
 
-/* one point */
-#define T real
-#define F(name) name##_1
-#define IN(x, i) ((x)[i])
-#define OUT(x, i, value) ((x)[i] = (value))
-#define P(x, i) ((x)[i])
-#define STRIDE(n)
-#define ANGLES(n) PADDED(n)
-#define ROW lanes
-#define ROWS(x) ((lanes *)(x))
-#define ROW_COUNT(n) (((n) + LANES - 1) / LANES)
-#define ROW_OF(x) splat_v(x)
-#define ROW_SUM(x) sum_v(x)
+#include "{spec.name}_point.h"
 #include "{name}_body.h"
-#undef T
-#undef F
-#undef IN
-#undef OUT
-#undef P
-#undef STRIDE
-#undef ANGLES
-#undef ROW
-#undef ROWS
-#undef ROW_COUNT
-#undef ROW_OF
-#undef ROW_SUM
 
-/* lanes of points */
-#define T lanes
-#define F(name) name##_v
-#define IN(x, i) load_v((x) + (i) * n)
-#define OUT(x, i, value) store_v((x) + (i) * n, value)
-#define P(x, i) splat_v((x)[i])
-#define STRIDE(n) , n
-#define ANGLES(n) (n)
-#define ROW lanes
-#define ROWS(x) (x)
-#define ROW_COUNT(n) (n)
-#define ROW_OF(x) splat_v(x)
-#define ROW_SUM(x) (x)
+#include "{spec.name}_lanes.h"
 #include "{name}_body.h"
 
 {_failed(spec, f, sizes)}
@@ -228,7 +221,7 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: Mathematics) -> str:
         return {macro(spec, "NULL_ARGUMENT")};
     }}
 #ifdef _OPENMP
-#pragma omp parallel reduction(+ : bad) if (groups > 8)
+#pragma omp parallel reduction(+ : bad) if (groups > 8 && omp_get_level() == 0)
 #endif
     {{
 #ifdef _OPENMP

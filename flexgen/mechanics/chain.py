@@ -26,6 +26,7 @@ from flexgen.model.elements import Body, Dof, Placement, RobotModel
 # Rounding of the changes of frame leaves entries of about 1e-16 where there should be none; what is below this fraction
 # of its neighbours is taken as zero. A chain of tens of joints stays within 1e-12 of the torques of the model.
 DUST = 1e-14
+NEARLY_PARALLEL = 0.1  # sine of the angle between axes below which frames are not moved to where the axes are closest
 
 Pose = tuple[np.ndarray, np.ndarray]  # rotation, position: p_parent = position + rotation @ p_child
 
@@ -130,7 +131,8 @@ def _axis_frame(axis: np.ndarray) -> np.ndarray:
     """A rotation that takes z to an axis."""
     largest = int(np.argmax(np.abs(axis)))
     if abs(axis[largest]) == 1.0:
-        across = np.eye(3)[(largest + 1) % 3]
+        # (but for rounding: what the other entries hold below 1e-8 is a tilt all the same)
+        across = np.eye(3)[(largest + 1) % 3] - axis[(largest + 1) % 3] * axis
     else:
         across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
         across = across / np.linalg.norm(across)
@@ -207,7 +209,9 @@ def _split(rotation: np.ndarray) -> tuple[float, tuple[float, float], float]:
     g = float(np.arctan2(rotation[0, 2], -rotation[1, 2]))
     length = float(np.hypot(sine, rotation[2, 2]))
     twist = float(snapped(np.array(rotation[2, 2] / length))), float(snapped(np.array(sine / length)))
-    return g, twist, float(np.arctan2(rotation[2, 0], rotation[2, 1]))
+    # from what is left, and not from the entries of the size of the sine: they hold few digits where it is small
+    left = _about_z(g).T @ rotation
+    return g, twist, float(np.arctan2(-left[0, 1], left[0, 0]))
 
 
 def _quarter(angle: float) -> tuple[int, float]:
@@ -247,7 +251,9 @@ def _share(pose: Pose, before_turns: bool) -> tuple[Pose, np.ndarray, tuple[floa
         h = h - g * twist[0]
     turn = _about_z(g)
     local = snapped(turn.T @ position, size)
-    along = float(local[2] + (local[1] * twist[0] / twist[1] if twist[1] else 0.0))
+    # axes that are nearly parallel meet far away: there the frames stay where they are
+    meeting = abs(twist[1]) > NEARLY_PARALLEL
+    along = float(local[2] + (local[1] * twist[0] / twist[1] if meeting else 0.0))
     return (turn, np.array([0.0, 0.0, along])), snapped(local - np.array([0.0, 0.0, along]), size), twist, h
 
 

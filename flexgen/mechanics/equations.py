@@ -225,7 +225,7 @@ class Equations:
 
     def _motor_friction(self) -> Built:
         v_m = self.lagrangian.v_m
-        friction = [friction_torque(motor.friction, v_m[j]) for j, motor in enumerate(self.model.motors)]
+        friction = [friction_torque(motor.friction, v_m[j]) for j, motor in enumerate(self.with_symbols.motors)]
         return [v_m], ["v_m"], [ca.vertcat(*friction)], ["f_m"]
 
     def _rotor_torque(self) -> Built:
@@ -238,7 +238,7 @@ class Equations:
     def _gear_spring(self) -> Built:
         twist = ca.SX.sym("twist", self.model.n_g)
         tau: list[ca.SX] = []
-        for k, (gear, ratio) in enumerate(gears(self.model)):
+        for k, (gear, ratio) in enumerate(gears(self.with_symbols)):
             spring = gear.spring
             tau.append(ca.SX(0) if spring is None else ratio * spring_torque(spring, ratio * twist[k]))
         slope = [ca.gradient(torque, twist[k]) for k, torque in enumerate(tau)]

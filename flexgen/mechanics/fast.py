@@ -2,7 +2,7 @@
 
 The Lagrangian defines what is computed and judges it; here the same arguments give the same results with fewer
 operations. The forces of gears, springs, frictions and drags are the graphs of the Lagrangian themselves. Where there
-are several ways, the shortest for the robot is taken.
+are several ways, the shortest for the robot is taken. A robot for which the two differ falls back to the Lagrangian.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from flexgen.mechanics.tape import Cost, Scalar, Tape
 from flexgen.model.elements import Body, RobotModel
 
 AD_UP_TO = 10  # coordinates; the recursion for derivatives is shorter than differentiated code beyond
+TRIALS = 3  # states at which a robot is tested before the recursion is used for it
+AGREEMENT = 1e-9  # of the largest entry: far above rounding, far below errors that matter
 
 Built = tuple[list[ca.SX], list[str], list[ca.SX], list[str]]
 Columns = tuple[bool, ...]
@@ -29,7 +31,29 @@ Route = Callable[[Tape, Chain, Columns], list[Scalar]]
 
 
 def fast_function(equations: Equations, name: str) -> ca.Function | None:
-    """A function of `Equations` by recursion, with the same arguments and dense results.
+    """A function of `Equations` by recursion, with the same arguments and dense results, where the robot passes a test.
+
+    Before a robot's first function is handed out, its inverse dynamics, mass matrix and tool pose are compared with the
+    Lagrangian's at some states: see `agrees`. Where they differ, the recursion is used for nothing of this robot.
+
+    Parameters
+    ----------
+    equations : Equations
+        Of the robot.
+    name : str
+        As for ``Equations.function``.
+
+    Returns
+    -------
+    casadi.Function or None
+        None where `recursive_function` has none, and for robots that do not pass: the Lagrangian's is to be used.
+    """
+    function = recursive_function(equations, name)
+    return function if function is not None and _arm_of(equations).agrees else None
+
+
+def recursive_function(equations: Equations, name: str) -> ca.Function | None:
+    """A function of `Equations` by recursion, whether or not the robot passes the test of `fast_function`.
 
     Parameters
     ----------
@@ -42,7 +66,8 @@ def fast_function(equations: Equations, name: str) -> ca.Function | None:
     -------
     casadi.Function or None
         None where there is no fast path: robots with beams, the whole machine where rotors turn with their carriers,
-        and functions other than those of the table below.
+        functions other than those of the table below, and accelerations of robots whose motion nothing resists (such
+        as a massless last link): a recursion would divide by the number zero.
     """
     model = equations.model
     carried = model.motor_coupling == "complete" and name in ("forward_dynamics", "slopes")
@@ -50,8 +75,43 @@ def fast_function(equations: Equations, name: str) -> ca.Function | None:
         return None
     arm = _arm_of(equations)
     if name not in arm.functions:
-        arm.functions[name] = equations.built(name, *_BUILDERS[name](arm))
+        try:
+            arm.functions[name] = equations.built(name, *_BUILDERS[name](arm))
+        except ZeroDivisionError:
+            arm.functions[name] = None
     return arm.functions[name]
+
+
+def agrees(equations: Equations) -> bool:
+    """Whether the recursion gives a robot's inverse dynamics, mass matrix and tool pose as the Lagrangian does.
+
+    Asked at fixed random states (rotations and translations within 1 rad or 1 m, speeds and accelerations within 1),
+    parameters at the values of the file; no entry may differ by more than `AGREEMENT` of the largest one.
+
+    Parameters
+    ----------
+    equations : Equations
+        Of a robot that has a fast path.
+
+    Returns
+    -------
+    bool
+    """
+    rng, n_a = np.random.default_rng(0), equations.model.n_a
+    values = np.array([parameter.value for parameter in equations.parameters])
+    states = [
+        {name: rng.uniform(-1.0, 1.0, n_a) for name in ("q_a", "v_a", "a_a")} | {"parameters": values}
+        for _ in range(TRIALS)
+    ]
+    for name in ("inverse_dynamics", "mass_matrix", "forward_kinematics"):
+        fast, slow = recursive_function(equations, name), equations.function(name)
+        assert fast is not None
+        for state in states:
+            results = [f.call([state[port] for port in f.name_in()]) for f in (fast, slow)]
+            a, b = (np.concatenate([x.full().ravel() for x in result]) for result in results)
+            if not np.max(np.abs(a - b)) <= AGREEMENT * np.max(np.abs(b)):  # (what is not a number does not agree)
+                return False
+    return True
 
 
 def cost_of(function: ca.Function) -> Cost:
@@ -76,11 +136,16 @@ class _Arm:
     """The symbols of the machine, and rows and matrices from the shortest of some routes."""
 
     equations: Equations
-    functions: dict[str, ca.Function] = field(default_factory=dict)
+    functions: dict[str, ca.Function | None] = field(default_factory=dict)
 
     @property
     def model(self) -> RobotModel:
         return self.equations.model
+
+    @cached_property
+    def agrees(self) -> bool:
+        """Whether the robot passed the test of `fast_function`."""
+        return agrees(self.equations)
 
     def symbols(self, *names: str) -> list[ca.SX]:
         """Vectors by their names, the Lagrangian's own."""

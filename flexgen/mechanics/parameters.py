@@ -9,6 +9,8 @@ damping              of every gear and spring: ``<coordinate>.damping``
 friction             of every motor and joint: ``<motor>.viscous``, ``.coulomb`` ..., ``<coordinate>.viscous`` ...
 payload.mass, ...    a single number, or all of one kind of one part: ``q2.stiffness``, ``m1.friction``
 ==================== ==============================================================================================
+
+Units are those of the side where the number is stated: on the motor side angles, even where the joint is a translation.
 """
 
 from __future__ import annotations
@@ -34,11 +36,12 @@ _LINEAR = {"N m/rad": "N/m", "N m/rad^3": "N/m^3", "rad": "m", "N m s/rad": "N s
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of the model that may change at run time: its name, the value of the file, its unit."""
+    """A number of the model that may change at run time: its name, the value of the file, its unit, what it is."""
 
     name: str
     value: float
     unit: str
+    doc: str = ""
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,17 @@ def parametrised(model: RobotModel, names: Sequence[str]) -> Parametrised:
 
 
 Visit = Callable[..., Any]
+Units = Callable[[str], str]
+
+
+def _angular(unit: str) -> str:
+    """Units of what turns: motors, joints that rotate."""
+    return unit
+
+
+def _linear(unit: str) -> str:
+    """Units of what slides."""
+    return _LINEAR.get(unit, unit)
 
 
 def _walk(model: RobotModel, visit: Visit) -> RobotModel:
@@ -100,62 +114,62 @@ def _walk(model: RobotModel, visit: Visit) -> RobotModel:
 
 
 def _payload(payload: Body, visit: Visit) -> Body:
-    mass = visit(Parameter("payload.mass", payload.mass, "kg"), "payload")
+    mass = visit(Parameter("payload.mass", payload.mass, "kg", "payload: mass"), "payload")
+    doc = (
+        "payload: centre of mass in the frame that the tool is attached to; "
+        "its inertia about the centre stays that of the file"
+    )
     com = tuple(
-        visit(Parameter(f"payload.com_{axis}", x, "m"), "payload", "payload.com")
+        visit(Parameter(f"payload.com_{axis}", x, "m", doc), "payload", "payload.com")
         for axis, x in zip("xyz", payload.com, strict=True)
     )
     return replace(payload, mass=mass, com=com)
 
 
 def _dof(dof: Dof, visit: Visit) -> Dof:
-    linear = dof.type == "translation"
-
-    def units(unit: str) -> str:
-        return _LINEAR.get(unit, unit) if linear else unit
-
-    changes: dict[str, Any] = {"friction": _friction(dof.friction, dof.name, units, visit)}
+    units = _linear if dof.type == "translation" else _angular
+    part = f"{dof.name}, arm side" if dof.gear is not None else dof.name
+    changes: dict[str, Any] = {"friction": _friction(dof.friction, dof.name, part, units, visit)}
     if dof.gear is not None:
         changes["gear"] = _gear(dof.gear, dof.name, units, visit)
     if dof.spring is not None:
-        changes["spring"] = _spring(dof.spring, dof.name, units, visit)
-        changes["damping"] = _damping(dof.damping, dof.name, units, visit)
+        changes["spring"] = _spring(dof.spring, dof.name, part, units, visit)
+        changes["damping"] = _damping(dof.damping, dof.name, part, units, visit)
     return replace(dof, **changes)
 
 
-def _gear(gear: Gear, name: str, units: Callable[[str], str], visit: Visit) -> Gear:
+def _gear(gear: Gear, name: str, units: Units, visit: Visit) -> Gear:
     if gear.spring is None:
         return gear
-    spring = _spring(gear.spring, name, units, visit)
-    return replace(gear, spring=spring, damping=_damping(gear.damping, name, units, visit))
+    part, units = f"{name}, {gear.side} side", _angular if gear.side == "motor" else units
+    spring = _spring(gear.spring, name, part, units, visit)
+    return replace(gear, spring=spring, damping=_damping(gear.damping, name, part, units, visit))
 
 
-def _damping(value: float, name: str, units: Callable[[str], str], visit: Visit) -> Any:
-    return visit(Parameter(f"{name}.damping", value, units("N m s/rad")), "damping")
+def _damping(value: float, name: str, part: str, units: Units, visit: Visit) -> Any:
+    return visit(Parameter(f"{name}.damping", value, units("N m s/rad"), f"damping of {part}"), "damping")
 
 
-def _spring(spring: Spring, name: str, units: Callable[[str], str], visit: Visit) -> Spring:
-    changes = {
-        field.name: visit(
-            Parameter(f"{name}.{field.name}", getattr(spring, field.name), units(_SPRING_UNITS[field.name])),
-            "stiffness",
-        )
-        for field in fields(spring)
-    }
-    return replace(spring, **changes)
+def _spring(spring: Spring, name: str, part: str, units: Units, visit: Visit) -> Spring:
+    def number(kind: str) -> Parameter:
+        return Parameter(f"{name}.{kind}", getattr(spring, kind), units(_SPRING_UNITS[kind]), f"spring of {part}")
+
+    return replace(spring, **{field.name: visit(number(field.name), "stiffness") for field in fields(spring)})
 
 
 def _motor(motor: Motor, visit: Visit) -> Motor:
-    return replace(motor, friction=_friction(motor.friction, motor.name, lambda unit: unit, visit))
+    return replace(
+        motor, friction=_friction(motor.friction, motor.name, f"motor {motor.name}, motor side", _angular, visit)
+    )
 
 
-def _friction(friction: Friction, name: str, units: Callable[[str], str], visit: Visit) -> Friction:
+def _friction(friction: Friction, name: str, part: str, units: Units, visit: Visit) -> Friction:
     """Only terms that the file has: a friction that is zero there costs nothing and stays zero."""
     return replace(
         friction,
         **{
             field.name: visit(
-                Parameter(f"{name}.{field.name}", value, units(_FRICTION_UNITS[field.name])),
+                Parameter(f"{name}.{field.name}", value, units(_FRICTION_UNITS[field.name]), f"friction of {part}"),
                 "friction",
                 f"{name}.friction",
             )

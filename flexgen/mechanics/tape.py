@@ -148,9 +148,9 @@ class Tape:
         return Value(self, int(first), negative) if c == 1.0 else Value(self, self._node("*c", first, c), negative)
 
     def inverse(self, a: Scalar) -> Scalar:
-        """``1 / a``."""
+        """``1 / a``; ZeroDivisionError for the number zero."""
         if not isinstance(a, Value):
-            return 1.0 / a
+            return 1.0 / float(a)  # (a number of numpy would give infinity and a warning)
         return Value(self, self._node("/", a.node), a.negative)
 
     # --- derivatives -------------------------------------------------------------------------------------------------

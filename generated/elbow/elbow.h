@@ -17,14 +17,16 @@
  * Every function takes its inputs, its outputs and a workspace of <NAME>_<FUNCTION>_WORK reals (at least 1), whose
  * contents mean nothing before and after. No pointer may be null; arrays must not overlap. It returns 0, or a negative
  * status: where a result or any entry of an input is not finite all its outputs are NaN, where a pointer is null
- * nothing is written. Angles must stay within the range of the sine in elbow_kernel.h; beyond it the result is not
- * finite.
+ * nothing is written. Where a system of equations is singular up to rounding, the result counts as not finite. Angles,
+ * and their sums over joints with parallel axes, must stay within the range of the sine in elbow_kernel.h; beyond it
+ * the result is not finite.
  *
  * <function>_batch evaluates n points. Memory is a structure of arrays: entry i of point k of an array x is x[i * n +
  * k]; of a matrix with r rows entry (row, column) is i = row + column * r. All points are evaluated; the outputs of a
  * point that fails are NaN, and the status of the first such point is returned. The workspace has
- * <NAME>_<FUNCTION>_BATCH_WORK reals (with OpenMP: that many per thread, see <function>_batch_work). GCC and clang
- * compute several points at once in vector registers, with the same bits as one by one.
+ * <NAME>_<FUNCTION>_BATCH_WORK reals (with OpenMP: that many per thread; ask <function>_batch_work, and do not raise
+ * the number of threads after that). GCC and clang compute several points at once in vector registers, with the same
+ * bits as one by one where nothing is contracted (see below).
  *
  * No function allocates, prints or keeps data: all may be called from several threads, each with its own arrays.
  * Compile with any C99 compiler:
@@ -229,7 +231,7 @@ ELBOW_API int elbow_inverse_dynamics_derivatives_batch_work(void); /* times the 
  *   in  v_a   n_a [rad/s]   arm velocities
  *   in  tau_a n_a [N m]     forces on the arm coordinates, arm side
  *   out a_a   n_a [rad/s^2] arm accelerations
- * 36 operations, the longest chain about 130 cycles; stack of one point at most 1792 bytes
+ * 37 operations, the longest chain about 132 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
 int elbow_arm_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
@@ -251,7 +253,7 @@ ELBOW_API int elbow_arm_forward_dynamics_batch_work(void); /* times the threads,
  *   out da_dq   n_a x n_a [mixed] unit of the row's acceleration per unit of the column's coordinate
  *   out da_dv   n_a x n_a [mixed] unit of the row's acceleration per unit of the column's velocity
  *   out da_dtau n_a x n_a [mixed] inverse of the mass matrix, symmetric
- * 115 operations, the longest chain about 294 cycles; stack of one point at most 1792 bytes
+ * 116 operations, the longest chain about 296 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
 int elbow_arm_forward_derivatives(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
@@ -276,7 +278,7 @@ ELBOW_API int elbow_arm_forward_derivatives_batch_work(void); /* times the threa
  *   in  tau_m n_m [N m]     motor torques, motor side
  *   out a_a   n_a [rad/s^2] arm accelerations
  *   out a_m   n_m [rad/s^2] motor accelerations, motor side
- * 56 operations, the longest chain about 130 cycles; stack of one point at most 2048 bytes
+ * 57 operations, the longest chain about 132 cycles; stack of one point at most 2048 bytes
  */
 ELBOW_API
 int elbow_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
@@ -301,7 +303,7 @@ ELBOW_API int elbow_forward_dynamics_batch_work(void); /* times the threads, wit
  *   in  tau_m n_m       [N m]   motor torques, motor side
  *   out A     n_x x n_x [mixed] unit of the row's x/s per unit of the column's x
  *   out B     n_x x n_m [mixed] unit of the row's x/s per N m
- * 182 operations, the longest chain about 374 cycles; stack of one point at most 2048 bytes
+ * 183 operations, the longest chain about 376 cycles; stack of one point at most 2048 bytes
  */
 ELBOW_API
 int elbow_linearize(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA], const elbow_real q_m[ELBOW_NM],

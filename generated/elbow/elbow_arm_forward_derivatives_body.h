@@ -21,16 +21,16 @@ SEPARATE static T F(evaluate_1_1)(const real *RESTRICT q_a, const real *RESTRICT
     const T t0 = IN(tau_a, 0);
     const T t1 = IN(tau_a, 1);
     const T t34 = t0 - t1;
-    const T t40 = 115.28870628581926 * t4;
+    const T t38 = 115.28870628581926 * t4;
     const T t47 = 101.7361875 * t4;
     const T t14 = t12 * t13;
     const T t19 = t17 * t18;
     const T t27 = 88.46625 * t26;
     const T t35 = t33 + t34;
-    const T t41 = t4 * t40;
+    const T t39 = t4 * t38;
     const T t15 = t11 - t14;
     const T t28 = t26 * t27;
-    const T t43 = t41 - 406.22802171999996;
+    const T t41 = t39 - 406.22802171999996;
     const T t16 = t7 * t15;
     const T t29 = t7 * t28;
     const T t20 = t16 - t19;
@@ -40,7 +40,8 @@ SEPARATE static T F(evaluate_1_1)(const real *RESTRICT q_a, const real *RESTRICT
     const T t30 = t24 + t29;
     const T t31 = 1.15 * t30;
     const T t36 = t31 + t35;
-    const T t44 = t36 / t43;
+    const T t42 = t36 / t41;
+    const T t44 = F(guarded)(t42, -t41, F(splat)(1.1368683772161603e-13));
     w[0] = -t44;
     const T t48 = t44 * t47;
     const T t50 = 89.77680625 * t44;
@@ -142,7 +143,8 @@ SEPARATE static T F(solve_3)(real *RESTRICT da_dq, real *RESTRICT da_dv, real *R
         w[6 + i * 17 + 4] = F(splat)(-1);
     }
     for (i = 0; i < 2; ++i) {
-        T d = matrix[i * 3];
+        const T whole = matrix[i * 3];
+        T d = whole;
         for (j = first[i]; j < i; ++j) {
             T x = matrix[i * 2 + j];
             for (k = first[i] > first[j] ? first[i] : first[j]; k < j; ++k) {
@@ -155,7 +157,7 @@ SEPARATE static T F(solve_3)(real *RESTRICT da_dq, real *RESTRICT da_dv, real *R
             matrix[i * 2 + j] = x * inverse[j];
             d -= x * matrix[i * 2 + j];
         }
-        inverse[i] = F(splat)(1) / d;
+        inverse[i] = F(guarded)(F(splat)(1) / d, d, 4.440892098500626e-16 * whole);
     }
     for (i = 0; i < 2; ++i) {
         ROW *const x = rows + i * ROW_COUNT(16);

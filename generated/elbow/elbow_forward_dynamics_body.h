@@ -26,7 +26,7 @@ static T F(evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const r
     const T t48 = t10 + t24;
     const T t46 = 0.9854020620164352 * t29;
     const T t55 = 3613.4097102000005 * t40;
-    const T t62 = 115.28870628581926 * t29;
+    const T t60 = 115.28870628581926 * t29;
     const T t69 = 101.7361875 * t29;
     const T t37 = t10 * t36;
     const T t19 = t17 - t18;
@@ -35,14 +35,14 @@ static T F(evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const r
     const T t5 = t3 - t4;
     const T t11 = t9 - t10;
     const T t49 = 88.46625 * t48;
-    const T t63 = t29 * t62;
+    const T t61 = t29 * t60;
     const T t38 = t35 - t37;
     const T t20 = 4099900.0 * t19;
     const T t26 = 600.0 * t25;
     const T t6 = 7518900.0 * t5;
     const T t12 = 1400.0 * t11;
     const T t50 = t48 * t49;
-    const T t65 = t63 - 406.22802171999996;
+    const T t63 = t61 - 406.22802171999996;
     const T t39 = t32 * t38;
     const T t27 = t20 + t26;
     const T t13 = t6 + t12;
@@ -66,7 +66,8 @@ static T F(evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const r
     const T t52 = t47 + t51;
     const T t53 = 1.15 * t52;
     const T t58 = t53 + t57;
-    const T t66 = t58 / t65;
+    const T t64 = t58 / t63;
+    const T t66 = F(guarded)(t64, -t63, F(splat)(1.1368683772161603e-13));
     OUT(a_a, 0, -t66);
     const T t70 = t66 * t69;
     const T t72 = 89.77680625 * t66;

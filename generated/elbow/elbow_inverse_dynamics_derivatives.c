@@ -6,46 +6,10 @@
 #include <omp.h>
 #endif
 
-/* one point */
-#define T real
-#define F(name) name##_1
-#define IN(x, i) ((x)[i])
-#define OUT(x, i, value) ((x)[i] = (value))
-#define P(x, i) ((x)[i])
-#define STRIDE(n)
-#define ANGLES(n) PADDED(n)
-#define ROW lanes
-#define ROWS(x) ((lanes *)(x))
-#define ROW_COUNT(n) (((n) + LANES - 1) / LANES)
-#define ROW_OF(x) splat_v(x)
-#define ROW_SUM(x) sum_v(x)
+#include "elbow_point.h"
 #include "elbow_inverse_dynamics_derivatives_body.h"
-#undef T
-#undef F
-#undef IN
-#undef OUT
-#undef P
-#undef STRIDE
-#undef ANGLES
-#undef ROW
-#undef ROWS
-#undef ROW_COUNT
-#undef ROW_OF
-#undef ROW_SUM
 
-/* lanes of points */
-#define T lanes
-#define F(name) name##_v
-#define IN(x, i) load_v((x) + (i) * n)
-#define OUT(x, i, value) store_v((x) + (i) * n, value)
-#define P(x, i) splat_v((x)[i])
-#define STRIDE(n) , n
-#define ANGLES(n) (n)
-#define ROW lanes
-#define ROWS(x) (x)
-#define ROW_COUNT(n) (n)
-#define ROW_OF(x) splat_v(x)
-#define ROW_SUM(x) (x)
+#include "elbow_lanes.h"
 #include "elbow_inverse_dynamics_derivatives_body.h"
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
@@ -94,7 +58,7 @@ int elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q_a, const
         return ELBOW_NULL_ARGUMENT;
     }
 #ifdef _OPENMP
-#pragma omp parallel reduction(+ : bad) if (groups > 8)
+#pragma omp parallel reduction(+ : bad) if (groups > 8 && omp_get_level() == 0)
 #endif
     {
 #ifdef _OPENMP

@@ -113,6 +113,12 @@ static inline real not_1(const real a) { return truth_1(~holds_1(a)); }
 static inline real select_1(const real c, const real a, const real b) { return choose_1(holds_1(c), a, b); }
 static inline real if_else_zero_1(const real c, const real a) { return from_bits_1(holds_1(c) & bits_1(a)); }
 
+/* x, or NaN where d is not above its least. */
+static inline real guarded_1(const real x, const real d, const real least)
+{
+    return from_bits_1(bits_1(x) | ~less_1(least, d));
+}
+
 /* -1, 0 or 1; a zero and NaN stay as they are. */
 static inline real sign_1(const real x)
 {
@@ -319,6 +325,12 @@ static inline lanes not_v(const lanes a) { return truth_v(~holds_v(a)); }
 static inline lanes select_v(const lanes c, const lanes a, const lanes b) { return choose_v(holds_v(c), a, b); }
 static inline lanes if_else_zero_v(const lanes c, const lanes a) { return from_bits_v(holds_v(c) & bits_v(a)); }
 
+/* x, or NaN where d is not above its least. */
+static inline lanes guarded_v(const lanes x, const lanes d, const lanes least)
+{
+    return from_bits_v(bits_v(x) | ~less_v(least, d));
+}
+
 /* -1, 0 or 1; a zero and NaN stay as they are. */
 static inline lanes sign_v(const lanes x)
 {
@@ -504,6 +516,7 @@ ELBOW_OF_TWO(hypot)
 #define not_v not_1
 #define select_v select_1
 #define if_else_zero_v if_else_zero_1
+#define guarded_v guarded_1
 #define sign_v sign_1
 #define fmin_v fmin_1
 #define fmax_v fmax_1
