@@ -94,7 +94,7 @@ def _values(graph: Graph, names: list[str], given: Mapping[str, np.ndarray]) -> 
                 out.append(np.zeros(STATES))
             else:
                 arguments = [-out[r >> 1] if r & 1 else out[r >> 1] for r in operands]
-                function = _CALLS.get(kind) or getattr(np, kind, _unknown)
+                function: Callable[..., np.ndarray] = _CALLS.get(kind) or getattr(np, kind, _unknown)
                 out.append(function(*arguments))
     return out
 
