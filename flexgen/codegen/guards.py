@@ -94,7 +94,8 @@ def _values(graph: Graph, names: list[str], given: Mapping[str, np.ndarray]) -> 
                 out.append(np.zeros(STATES))
             else:
                 arguments = [-out[r >> 1] if r & 1 else out[r >> 1] for r in operands]
-                function: Callable[..., np.ndarray] = _CALLS.get(kind) or getattr(np, kind, _unknown)
+                known = _CALLS.get(kind)
+                function = getattr(np, kind, _unknown) if known is None else known
                 out.append(function(*arguments))
     return out
 
