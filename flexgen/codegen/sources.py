@@ -11,6 +11,9 @@ from flexgen.codegen.spec import ABI_VERSION, STATUSES, FunctionSpec, LibrarySpe
 from flexgen.ports import Port
 
 
+WAYS = 24  # lines that a set of the first cache may hold, about; more results at once push each other out
+
+
 def facade(spec: LibrarySpec, written: Mapping[str, Mathematics]) -> str:
     """Text of ``<name>.c``: what the library says of itself."""
     cases = "".join(f"    case {macro(spec, s.name)}:\n        return {quoted(s.text)};\n" for s in STATUSES)
@@ -210,8 +213,8 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: Mathematics) -> str:
 
 {batch_prototype(spec, f)}
 {{
-    /* Where columns meet in the same places of the cache, and for the last points, arrays are copied. */
-    const int collide = n > {tile(f, spec.precision)} && (size_t)n * sizeof(real) % 1024 == 0;
+    /* Where columns of results meet in the same places of the cache, and for the last points, arrays are copied. */
+    const int collide = {_collide(f, spec)};
     const int groups = n < 0 ? 0 : n / {tile(f, spec.precision)} + (n % {tile(f, spec.precision)} != 0);
     int bad = 0;
     if (n < 0) {{
@@ -307,6 +310,13 @@ static SEPARATE int failed({", ".join(parameters)}, int n, ptrdiff_t stride)
     return first;
 }}
 """
+
+
+def _collide(f: FunctionSpec, spec: LibrarySpec) -> str:
+    """When to copy: a power of two of points, and more columns of results than a set of the first cache has ways."""
+    if sum(port.size for port in f.outputs) <= WAYS:
+        return "0"
+    return f"n > {tile(f, spec.precision)} && (size_t)n * sizeof(real) % 1024 == 0"
 
 
 def _pointers(stored: list[Port], outputs: tuple[Port, ...]) -> str:

@@ -46,8 +46,8 @@ int elbow_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[
 int elbow_forward_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *q_m,
     const elbow_real *v_m, const elbow_real *tau_m, elbow_real *a_a, elbow_real *a_m, elbow_real *work)
 {
-    /* Where columns meet in the same places of the cache, and for the last points, arrays are copied. */
-    const int collide = n > 64 && (size_t)n * sizeof(real) % 1024 == 0;
+    /* Where columns of results meet in the same places of the cache, and for the last points, arrays are copied. */
+    const int collide = 0;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {

@@ -43,8 +43,8 @@ int elbow_forward_kinematics(const elbow_real q_a[ELBOW_NA], elbow_real p[3], el
 
 int elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_real *p, elbow_real *R, elbow_real *work)
 {
-    /* Where columns meet in the same places of the cache, and for the last points, arrays are copied. */
-    const int collide = n > 64 && (size_t)n * sizeof(real) % 1024 == 0;
+    /* Where columns of results meet in the same places of the cache, and for the last points, arrays are copied. */
+    const int collide = 0;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {

@@ -42,8 +42,8 @@ int elbow_gravity(const elbow_real q_a[ELBOW_NA], elbow_real g[ELBOW_NA], elbow_
 
 int elbow_gravity_batch(int n, const elbow_real *q_a, elbow_real *g, elbow_real *work)
 {
-    /* Where columns meet in the same places of the cache, and for the last points, arrays are copied. */
-    const int collide = n > 64 && (size_t)n * sizeof(real) % 1024 == 0;
+    /* Where columns of results meet in the same places of the cache, and for the last points, arrays are copied. */
+    const int collide = 0;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {

@@ -47,8 +47,8 @@ int elbow_inverse_dynamics_derivatives(const elbow_real q_a[ELBOW_NA], const elb
 int elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv, elbow_real *dtau_da, elbow_real *work)
 {
-    /* Where columns meet in the same places of the cache, and for the last points, arrays are copied. */
-    const int collide = n > 64 && (size_t)n * sizeof(real) % 1024 == 0;
+    /* Where columns of results meet in the same places of the cache, and for the last points, arrays are copied. */
+    const int collide = 0;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {

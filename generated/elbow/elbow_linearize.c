@@ -46,7 +46,7 @@ int elbow_linearize(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_N
 int elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *q_m,
     const elbow_real *v_m, const elbow_real *tau_m, elbow_real *A, elbow_real *B, elbow_real *work)
 {
-    /* Where columns meet in the same places of the cache, and for the last points, arrays are copied. */
+    /* Where columns of results meet in the same places of the cache, and for the last points, arrays are copied. */
     const int collide = n > 64 && (size_t)n * sizeof(real) % 1024 == 0;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
