@@ -10,7 +10,6 @@ from flexgen.codegen.pieces import batch_prototype, count_of, macro, prototype, 
 from flexgen.codegen.spec import ABI_VERSION, STATUSES, FunctionSpec, LibrarySpec
 from flexgen.ports import Port
 
-
 WAYS = 24  # lines that a set of the first cache may hold, about; more results at once push each other out
 
 
