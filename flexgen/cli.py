@@ -37,7 +37,7 @@ examples:
   flexgen solve planar5_nmp --report reports/arm    torques along the first move, with pictures
   flexgen run                                       all of it once
 
-MODEL is a name in models/ or the path of a .toml file, either with @variant.
+MODEL is a name in models/ or the path of a .toml file, either with @variant, or FILE.urdf#BASE:TIP.
 Exit status: 0 done, 1 failed, 2 usage."""
 
 
@@ -122,7 +122,7 @@ def build_parser() -> argparse.ArgumentParser:
         sub.add_argument("--json", action="store_true", help="one JSON object on standard output, nothing else there")
         sub.add_argument("-q", "--quiet", action="store_true", help="no progress on standard error")
         if model:
-            text = "name in models/ or path of a .toml file, either with @variant"
+            text = "name in models/ or path of a .toml file, either with @variant, or FILE.urdf#BASE:TIP"
             if name == "run":
                 sub.add_argument("model", metavar="MODEL", nargs="?", default="planar5_nmp", help=text)
             else:
