@@ -68,6 +68,9 @@ class MujocoReferee:
         for j, motor in enumerate(model.motors if rotors else ()):
             self.m.dof_armature[self.at_v[model.n_a + j]] = 0.0 if motor.inertia else 1.0
         mujoco.mj_setConst(self.m, self.d)
+        # the compiler takes frames for the same that are tilted by up to some 1e-7 rad, and drops the tilt
+        self.m.body_sameframe[:] = 0
+        self.m.site_sameframe[:] = 0
         assert self.m.nv == len(names)
 
     # the description -----------------------------------------------------------------------------------------------
