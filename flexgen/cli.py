@@ -23,7 +23,7 @@ from flexgen import __version__, commands, main_job
 from flexgen.errors import FlexgenError
 from flexgen.printing import as_json
 
-METHODS = ("auto", "closed-form", "collocation", "full")
+METHODS = ("auto", "closed-form", "collocation", "full")  # as in flexgen.solvers.methods, which is slow to import
 PACKAGES = ("casadi", "numpy", "scipy", "sympy", "matplotlib")
 
 DONE, FAILED, USAGE, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141

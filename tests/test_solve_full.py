@@ -122,12 +122,12 @@ def test_wrong_limits_are_refused() -> None:
 
 
 def test_a_fallback_that_fails_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    import flexgen.solvers.solve as solving
+    from flexgen.solvers import exact
 
     def broken(*arguments: object, **options: object) -> object:
         raise SolverError("no")
 
-    monkeypatch.setattr(solving, "collocate_full", broken)
+    monkeypatch.setattr(exact, "collocate_full", broken)
     said: list[str] = []
     solution = flexgen.solve("abb_arm", mesh=0.5, progress=said.append)
     assert (solution.method, solution.status) == ("collocation", "inaccurate")

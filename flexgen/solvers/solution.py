@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.evaluate import evaluate
 from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
 from flexgen.simulation import Simulation
+from flexgen.solvers.answer import Answer
 from flexgen.trajectory import Trajectory
 
 
@@ -19,14 +21,15 @@ from flexgen.trajectory import Trajectory
 class Solution:
     """Motor torques along a move, and how far they can be trusted.
 
-    ``status``: ``"solved"``; ``"limited"`` where torque or speed limits keep the tool off the path; ``"inaccurate"``
-    where the verification says so. ``verdict``: the nonlinear program's own words, empty for the closed form.
-    ``trajectory``: channels ``q_a v_a a_a q_m v_m a_m tau_m tau_g y_ref (R_ref)``. ``residual_max_Nm``: largest
-    residual of the full equations of motion half way between the samples [N m, or N for translations];
-    ``residual_relative``: each row relative to the largest torque in it. ``simulation``: the verification, None where
-    it was switched off. ``plan_error_max`` [m or rad]: for a motion that limits keep off its path, the largest
-    difference between the simulated output and the planned one, else None. ``lead_s``: how long before the path the
-    motion begins. ``warnings``: what the user should know.
+    ``status``: ``"solved"``; ``"limited"`` where torque or speed limits keep the tool off the path; ``"baseline"`` for
+    an approximation by design, whose error is measured and not judged; ``"inaccurate"`` where the verification says so.
+    ``verdict``: the solver's own words, empty for the closed form. ``trajectory``: channels ``q_a v_a a_a q_m v_m a_m
+    tau_m tau_g y_ref (R_ref)``. ``residual_max_Nm``: largest residual of the full equations of motion half way between
+    the samples [N m, or N for translations]; ``residual_relative``: each row relative to the largest torque in it.
+    ``simulation``: the verification, None where it was switched off. ``plan_error_max`` [m or rad]: for a motion that
+    limits keep off its path, the largest difference between the simulated output and the planned one, else None.
+    ``lead_s``: how long before the path the motion begins. ``intervals``: of the solver's mesh. ``details``: further
+    figures of the method. ``warnings``: what the user should know.
     """
 
     model: RobotModel
@@ -44,6 +47,8 @@ class Solution:
     simulation: Simulation | None
     warnings: tuple[str, ...] = ()
     plan_error_max: float | None = None
+    intervals: int = 0
+    details: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def tool_error_max_m(self) -> float | None:
@@ -75,6 +80,8 @@ class Solution:
             "residual_relative": self.residual_relative,
             "energy_error": None if simulation is None else simulation.energy_error,
             "iterations": self.iterations,
+            "intervals": self.intervals,
+            "details": dict(self.details),
             "lead_s": self.lead_s,
             "warnings": list(self.warnings),
             "trajectory": None,
@@ -92,20 +99,27 @@ def residual_rows(equations: Equations, trajectory: Trajectory) -> np.ndarray:
     Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque by a quintic spline:
     nothing of the solver is used again. Rows: arm coordinates, then the motors behind elastic gears.
     """
-    robot = equations.model
-    t = trajectory.time
+    arm, motor = ([trajectory[f"{x}_{part}"] for x in "qva"] for part in "am")
+    return _residual_rows(equations, trajectory.time, arm, motor, trajectory["tau_m"])
+
+
+def motion_residual(equations: Equations, answer: Answer) -> np.ndarray:
+    """The same of an answer that is no trajectory yet."""
+    d = answer.drives
+    return _residual_rows(equations, answer.t, [answer.q, answer.v, answer.a], [d.q_m, d.v_m, d.a_m], d.tau_m)
+
+
+def _residual_rows(
+    equations: Equations, t: np.ndarray, arm: list[np.ndarray], motor: list[np.ndarray], tau_m: np.ndarray
+) -> np.ndarray:
     middle = (t[:-1] + t[1:]) / 2
-    arm, motor = (
-        BPoly.from_derivatives(t, np.stack([trajectory[f"{x}_{part}"] for x in "qva"], axis=1)) for part in "am"
-    )
-    tau = make_interp_spline(t, trajectory["tau_m"], k=min(5, len(t) - 1))(middle)
+    q_a, q_m = (BPoly.from_derivatives(t, np.stack(part, axis=1)) for part in (arm, motor))
+    tau = make_interp_spline(t, tau_m, k=min(5, len(t) - 1))(middle)
     r_a, r_m = evaluate(
-        equations.function("residual"),
-        *(arm(middle, k) for k in range(3)),
-        *(motor(middle, k) for k in range(3)),
-        tau,
+        equations.function("residual"), *(q_a(middle, k) for k in range(3)), *(q_m(middle, k) for k in range(3)), tau
     )
-    rows = np.hstack([r_a.reshape(len(middle), -1), r_m.reshape(len(middle), -1)[:, list(robot.i_m)]])
+    n = len(middle)
+    rows = np.hstack([r_a.reshape(n, -1), r_m.reshape(n, -1)[:, list(equations.model.i_m)]])
     return np.abs(rows).max(axis=0)
 
 

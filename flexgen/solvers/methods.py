@@ -1,0 +1,56 @@
+"""The table of methods: their names, what they are, and where they are found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+
+from flexgen.solvers.answer import Answer
+from flexgen.solvers.question import Question
+
+
+@dataclass(frozen=True)
+class Method:
+    """``name`` as a user says it; ``what`` it does; ``module`` and ``function`` of flexgen.solvers that do it.
+
+    ``keeps_limits``: knows bounds. ``refines``: a finer mesh makes it more accurate, so that it is tried.
+    ``any_coupling``: works for rotors that turn with their carriers.
+    """
+
+    name: str
+    what: str
+    module: str
+    function: str = "answer"
+    keeps_limits: bool = False
+    refines: bool = True
+    any_coupling: bool = False
+
+    def __call__(self, ask: Question, h: float) -> Answer:
+        """Answer a question on a mesh of intervals of ``h`` [s]."""
+        found: Callable[[Question, float], Answer] = getattr(
+            import_module(f"flexgen.solvers.{self.module}"), self.function
+        )
+        return found(ask, h)
+
+
+METHODS = {
+    method.name: method
+    for method in (
+        Method(
+            "closed-form", "exact, for models without non-actuated coordinates", "exact", "closed_form", refines=False
+        ),
+        Method("collocation", "optimal control on the reduced problem (IPOPT)", "exact", "collocation"),
+        Method("full", "optimal control on the full model, with limits (IPOPT)", "exact", "full", True, True, True),
+        Method("rigid", "baseline: all springs stiff", "baselines", "rigid", refines=False, any_coupling=True),
+        Method("fjm", "baseline: elastic gears only", "baselines", "fjm", refines=False, any_coupling=True),
+        Method(
+            "quasistatic",
+            "baseline: deflections follow their loads at once",
+            "baselines",
+            "quasistatic",
+            refines=False,
+            any_coupling=True,
+        ),
+    )
+}
