@@ -18,7 +18,8 @@ _OF_TWO = "atan2 pow fmod remainder hypot".split()
 # Everything else that has a text for one number and one for a vector.
 _OWN = (
     "splat load store gather bits from_bits less less_equal equal choose fabs copysign truth holds lt le eq ne and or "
-    "not select if_else_zero guarded sign fmin fmax whole floor ceil sine_cosine sin cos exp_part exp tanh"
+    "not select if_else_zero guarded sign fmin fmax whole floor ceil reduce sine_cosine_part "
+    "sine_cosine sin cos exp_part exp tanh"
 ).split()
 
 
@@ -132,15 +133,6 @@ typedef char ${name}_real_has_${WIDTH}_bits[sizeof(real) == sizeof(bits) ? 1 : -
 #define ${NAME}_INLINE static inline __attribute__((always_inline))
 #else
 #define ${NAME}_INLINE static inline
-#endif
-
-/* Four vectors of angles at a time keep the processor busy. */
-#if defined(__clang__)
-#define ${NAME}_UNROLL _Pragma("clang loop unroll_count(4)")
-#elif defined(__GNUC__)
-#define ${NAME}_UNROLL _Pragma("GCC unroll 4")
-#else
-#define ${NAME}_UNROLL
 #endif
 
 /* A vector has the alignment of one number and may alias numbers: any place in an array can be read as a vector. */
@@ -304,6 +296,8 @@ _LIBM_V = """\
     }"""
 
 _ARRAYS = """\
+#define AT_ONCE 32 /* vectors of angles, whose reductions wait for their polynomials */
+
 /* Sines and cosines of n angles; the arrays have PADDED(n) entries, the angles beyond n are zeros. */
 ${NAME}_INLINE void sincos_1(const real *x, real *s, real *c, const int n)
 {
@@ -320,12 +314,22 @@ ${NAME}_INLINE void sincos_1(const real *x, real *s, real *c, const int n)
     }
 }
 
-/* Sines and cosines of n vectors of angles. */
+/* Sines and cosines of n vectors of angles. All reductions come first, written out, then all polynomials: the processor
+   waits for a chain of operations less, as the chains are shorter and it sees more of them at once. */
 ${NAME}_INLINE void sincos_v(const lanes *x, lanes *s, lanes *c, const int n)
 {
-${NAME}_UNROLL
-    for (int i = 0; i < n; ++i) {
-        sine_cosine_v(x[i], s + i, c + i);
+    for (int first = 0; first < n; first += AT_ONCE) {
+        const int end = n - first < AT_ONCE ? n : first + AT_ONCE;
+        lanes turns[AT_ONCE];
+#if defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 8)
+#pragma GCC unroll 32
+#endif
+        for (int i = first; i < end; ++i) {
+            reduce_v(x[i], turns + (i - first), s + i, c + i);
+        }
+        for (int i = first; i < end; ++i) {
+            sine_cosine_part_v(turns[i - first], s[i], c[i], s + i, c + i);
+        }
     }
 }
 

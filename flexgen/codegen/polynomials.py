@@ -180,32 +180,45 @@ def _sum_of_pairs(name: str, variable: str, coefficients: tuple[str, ...]) -> tu
 
 
 _FUNCTIONS = """\
-/* Sine and cosine of x. |x| = k pi/2 + r + tail with a whole number k and |r| <= pi/4: the products with the first
-   three parts of pi/2 and the differences up to r are exact. Then one polynomial for each; k tells which is which. */
-static inline void sine_cosine$N(const $T x, $T *sine, $T *cosine)
+/* x = k pi/2 + r - tail with a whole number k and |r| <= pi/4: the products with the first three parts of pi/2 and the
+   differences up to r are exact. The lowest bits of *turns hold k; beyond the range *tail is NaN. */
+static inline void reduce$N(const $T x, $T *turns, $T *remainder, $T *tail)
 {
-    const $T a = fabs$N(x);
-    const $T t = a * $PER_QUARTER + $SHIFT; /* rounds to k, which its lowest bits hold */
+    const $T t = x * $PER_QUARTER + $SHIFT; /* rounds to k */
     const $T k = t - $SHIFT;
-    const $T rough = (a - k * $HALF_PI_1) - k * $HALF_PI_2;
+    const $T rough = (x - k * $HALF_PI_1) - k * $HALF_PI_2;
     const $T w = k * $HALF_PI_3;
     const $T r = rough - w;
-    const $T rest = ((rough - r) - w) - k * $HALF_PI_4;
-    const $T tail = from_bits$N(bits$N(rest) | ~less_equal$N(a, splat$N($ANGLE))); /* NaN beyond the range */
+    const $T rest = (w - (rough - r)) + k * $HALF_PI_4;
+    *turns = t;
+    *remainder = r;
+    *tail = from_bits$N(bits$N(rest) | less$N(splat$N($ANGLE), fabs$N(x)));
+}
+
+/* Sine and cosine of what reduce gave: one polynomial for each; k tells which is which. Of -0 the sine is -0. */
+static inline void sine_cosine_part$N(const $T turns, const $T r, const $T tail, $T *sine, $T *cosine)
+{
     const $T z = r * r;
     const $T z2 = z * z;
 $SINE_POWER$SINE$COSINE    const $T p = $SINE_VALUE;
     const $T q = $COSINE_VALUE;
     const $T half = $HALF * z;
     const $T most = $ONE - half;
-    const $T s = r + ((z * r) * p + tail * most);
-    const $T c = most + (z2 * q + ((($ONE - most) - half) - tail * r));
-    const $B n = bits$N(t);
+    const $T s = r - (tail * most - (z * r) * p);
+    const $T c = most + (z2 * q + ((($ONE - most) - half) + tail * r));
+    const $B n = bits$N(turns);
     const $B swap = (bits$N(s) ^ bits$N(c)) & (0 - (n & 1));
-    const $B minus_s = ((n & 2) << $TO_SIGN) ^ (bits$N(x) ^ bits$N(a));
+    const $B minus_s = (n & 2) << $TO_SIGN;
     const $B minus_c = ((n + 1) & 2) << $TO_SIGN;
     *sine = from_bits$N((bits$N(s) ^ swap) ^ minus_s);
     *cosine = from_bits$N((bits$N(c) ^ swap) ^ minus_c);
+}
+
+static inline void sine_cosine$N(const $T x, $T *sine, $T *cosine)
+{
+    $T turns, r, tail;
+    reduce$N(x, &turns, &r, &tail);
+    sine_cosine_part$N(turns, r, tail, sine, cosine);
 }
 
 static inline $T sin$N(const $T x)
