@@ -67,6 +67,8 @@ def random_states(model, n: int) -> dict[str, np.ndarray]:
     x["tau_m"] = 10.0 * rng.normal(size=(n, model.n_m))
     x["tau_a"] = 100.0 * rng.normal(size=(n, model.n_a))
     x["tau_a"] = 10.0 * rng.normal(size=(n, model.n_a))
+    x["target"] = rng.normal(size=(n, model.output.target_size))
+    x["twist"] = 1e-3 * rng.normal(size=(n, model.n_g))
     return x
 
 

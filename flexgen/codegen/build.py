@@ -98,7 +98,8 @@ def generate(
     build : bool
         False: write the sources, compile nothing.
     functions : sequence of str, optional
-        The functions wanted; all of them where not given.
+        The functions wanted; all that the model has where not given. Inverse dynamics along paths and streams come
+        with all of them, in double precision, without parameters.
     precision : str
         ``"double"`` or ``"single"``: the type of every number in the library.
     parameters : sequence of str
@@ -128,7 +129,7 @@ def generate(
     start = time.perf_counter()
     tell = progress or (lambda line: None)
     model, equations = _resolve(model_or_equations)
-    names = chosen_functions(functions)
+    names = chosen_functions(functions, model)
     if precision not in PRECISIONS:
         raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
     if isinstance(parameters, str) or not all(isinstance(word, str) for word in parameters):
@@ -226,6 +227,7 @@ def _content_digest(model: RobotModel, choices: Sequence[Any]) -> str:
     sources = [root / "ports.py", root / "model" / "elements.py"]
     for folder in ("codegen", "mechanics"):
         sources += sorted((root / folder).glob("*.py"))
+    sources += sorted(path for path in (root / "codegen" / "inversion").glob("*") if path.suffix in (".c", ".h"))
     code = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
     parts = [FORMAT, ABI_VERSION, model_digest(model), __version__, _casadi_version(), code, *choices]
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
@@ -272,6 +274,7 @@ def _manifest(spec: LibrarySpec, digest: str) -> dict[str, Any]:
             }
             for f in spec.functions
         ],
+        "cores": [{**asdict(core), "signature": core.signature} for core in spec.cores],
         "files": {},
         "build": None,
     }

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 
+from flexgen.codegen.cores import core_texts
 from flexgen.codegen.header import header
 from flexgen.codegen.kernel import kernel
 from flexgen.codegen.mathematics import Mathematics, mathematics
@@ -34,7 +35,8 @@ def emit(spec: LibrarySpec) -> dict[str, str]:
     -------
     dict of str to str
         Text by file name: ``<name>.h``, ``<name>.c``, ``<name>_<function>.c``, ``example.c``, and the private
-        ``<name>_kernel.h``, ``<name>_private.h``, ``<name>_point.h``, ``<name>_lanes.h``, ``<name>_<function>_body.h``.
+        ``<name>_kernel.h``, ``<name>_private.h``, ``<name>_point.h``, ``<name>_lanes.h``, ``<name>_<function>_body.h``;
+        where the model inverts, ``<name>_invert.c`` and others, see `flexgen.codegen.cores`.
 
     Raises
     ------
@@ -50,6 +52,7 @@ def emit(spec: LibrarySpec) -> dict[str, str]:
     for f in spec.functions:
         files[f"{spec.name}_{f.name}.c"] = source(spec, f, written[f.name])
         files[f"{spec.name}_{f.name}_body.h"] = body(spec, f, written[f.name])
+    files |= core_texts(spec)
     files["example.c"] = example(spec)
     for name, text in files.items():
         if not text.isascii():
@@ -70,7 +73,8 @@ def symbols(spec: LibrarySpec) -> tuple[str, ...]:
     if spec.parameters:
         general.append("parameters")
     functions = (f"{f.name}{suffix}" for f in spec.functions for suffix in ("", "_batch", "_work", "_batch_work"))
-    return tuple(sorted(f"{spec.name}_{name}" for name in (*general, *functions)))
+    cores = (core.name for core in spec.cores)
+    return tuple(sorted(f"{spec.name}_{name}" for name in (*general, *functions, *cores)))
 
 
 def check_names(spec: LibrarySpec) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 
+from flexgen.codegen.cores import core_macros, core_prototypes
 from flexgen.codegen.mathematics import Mathematics
 from flexgen.codegen.pieces import batch_prototype, comment, macro, numbered, port_table, prototype, size_macro
 from flexgen.codegen.spec import STATUSES, FunctionSpec, LibrarySpec
@@ -15,6 +16,8 @@ SIZES = {
     "n_e": "arm coordinates without a motor: springs only",
     "n_m": "motors",
     "n_x": "states of the linearisation",
+    "n_y": "outputs",
+    "n_t": "numbers of a target of the output",
     "n_p": "run-time parameters",
 }
 BYTES = {"double": 8, "single": 4}
@@ -74,6 +77,8 @@ def header(spec: LibrarySpec, written: Mapping[str, Mathematics]) -> str:
 #define {api}
 #endif
 
+{"#include <stdint.h>" if spec.cores else ""}
+
 #ifdef __cplusplus
 extern "C" {{
 #endif
@@ -82,7 +87,7 @@ typedef {"double" if spec.precision == "double" else "float"} {spec.name}_real;
 
 {sizes}
 /* Workspace in reals: for one point; for many points, per thread. */
-{listed_works}
+{listed_works}{core_macros(spec)}
 enum {spec.name}_status {{
 {statuses}
 }};
@@ -91,6 +96,7 @@ enum {spec.name}_status {{
 {api} const char *{spec.name}_status_text(int status);
 {parameters}
 {functions}
+{core_prototypes(spec)}
 /* For who loads the library at run time: check these before the first call. */
 {api} int {spec.name}_abi_version(void);
 {api} const char *{spec.name}_digest(void); /* SHA-256 of the model */

@@ -43,7 +43,7 @@ def count_of(spec: LibrarySpec, f: FunctionSpec, port: Port) -> str:
     return " * ".join(size_macro(spec, extent) for extent in f.extents[port.name])
 
 
-def _declaration(text: str) -> str:
+def declaration(text: str) -> str:
     """A prototype, broken into lines between its arguments where it is long."""
     glued = text.replace(" ", "\0").replace(",\0", ", ")
     lines = textwrap.wrap(glued, 116, subsequent_indent="    ", break_long_words=False, break_on_hyphens=False)
@@ -55,14 +55,14 @@ def prototype(spec: LibrarySpec, f: FunctionSpec) -> str:
     real = f"{spec.name}_real"
     arguments = [f"const {real} {p.name}[{count_of(spec, f, p)}]" for p in f.inputs]
     arguments += [f"{real} {p.name}[{count_of(spec, f, p)}]" for p in f.outputs]
-    return _declaration(f"int {spec.name}_{f.name}({', '.join([*arguments, f'{real} *work'])})")
+    return declaration(f"int {spec.name}_{f.name}({', '.join([*arguments, f'{real} *work'])})")
 
 
 def batch_prototype(spec: LibrarySpec, f: FunctionSpec) -> str:
     """The head of the function that evaluates many points."""
     real = f"{spec.name}_real"
     arguments = [f"const {real} *{p.name}" for p in f.inputs] + [f"{real} *{p.name}" for p in f.outputs]
-    return _declaration(f"int {spec.name}_{f.name}_batch({', '.join(['int n', *arguments, f'{real} *work'])})")
+    return declaration(f"int {spec.name}_{f.name}_batch({', '.join(['int n', *arguments, f'{real} *work'])})")
 
 
 def port_table(f: FunctionSpec) -> str:

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexgen.codegen.core_table import Core, Drives, drives_of, offered_cores
+from flexgen.codegen.table import FUNCTIONS, PORTS, TABLE, Row, offered_functions, port
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.model.elements import RobotModel
 from flexgen.ports import Port, identifier_problem
@@ -31,7 +33,7 @@ class Status:
     name: str
     code: int
     text: str
-    exception: str = ""  # a class of flexgen.errors
+    exception: str = ""  # a class of flexgen.errors; none for success, and for warnings, whose codes are positive
 
 
 STATUSES = (
@@ -40,6 +42,30 @@ STATUSES = (
     Status("INPUT_NOT_FINITE", -2, "an input is not finite, and so is the result", "ArgumentError"),
     Status("RESULT_NOT_FINITE", -3, "the result is not finite: a singular or an extreme state", "SolverError"),
     Status("BAD_COUNT", -4, "the number of points is negative", "ArgumentError"),
+    Status("BAD_ARGUMENT", -5, "a size, a time or a rotation is none that is allowed", "ArgumentError"),
+    Status("WORK_TOO_SMALL", -6, "the workspace is too small", "ArgumentError"),
+    Status("UNREACHABLE", -7, "the path leaves the workspace or passes a singular pose", "SolverError"),
+    Status("NOT_CONVERGED", -8, "no motion was found within the bounds of the solver", "SolverError"),
+    Status("NOT_STARTED", -9, "the stream was not started, or has failed since", "ArgumentError"),
+    Status(
+        "FLAT",
+        -10,
+        "a zero of the zero dynamics is at infinity at an end of the path or on the way; use invert (method lq)",
+        "SolverError",
+    ),
+    Status(
+        "ZEROS_CHANGE",
+        -11,
+        "the number of unstable zeros differs between start and end; use invert (method lq)",
+        "SolverError",
+    ),
+    Status(
+        "ZERO_ON_AXIS",
+        -12,
+        "a zero is on the imaginary axis at an end of the path, neither stable nor unstable; use invert (method lq)",
+        "SolverError",
+    ),
+    Status("INEXACT", 1, "the residual is above the tolerance; the result is the best that was found"),
 )
 
 
@@ -81,7 +107,7 @@ class LibrarySpec:
     functions : tuple of FunctionSpec
         In the order of the header.
     sizes : dict of str to int
-        ``n_a``, ``n_g``, ``n_e``, ``n_m``, ``n_x``.
+        ``n_a``, ``n_g``, ``n_e``, ``n_m``, ``n_x``; ``n_y``, ``n_t`` where the model inverts; ``n_p`` with parameters.
     coordinates, coordinate_units : tuple of str
         Names and units ("rad" or "m") of ``q_a`` in chain order.
     motors : tuple of str
@@ -102,6 +128,10 @@ class LibrarySpec:
         ``"double"`` or ``"single"``: the type of every number in the library.
     parameters : tuple of Parameter
         Numbers that are arguments of the functions instead of constants.
+    cores : tuple of Core
+        Hand-written functions that come with the library.
+    drives : Drives, optional
+        Numbers that these use.
     """
 
     name: str
@@ -118,6 +148,8 @@ class LibrarySpec:
     rotor_inertias: tuple[float, ...]
     precision: str = "double"
     parameters: tuple[Parameter, ...] = ()
+    cores: tuple[Core, ...] = ()
+    drives: Drives | None = None
 
     @property
     def interface(self) -> str:
@@ -130,86 +162,9 @@ class LibrarySpec:
             return "".join(f"{port.name}[{','.join(map(str, port.shape))}]" for port in ports)
 
         lines = [f"{f.name}({listed(f.inputs)})({listed(f.outputs)})\n" for f in self.functions]
+        lines += [f"{core.signature}\n" for core in self.cores]
         return hashlib.sha256("".join(lines).encode()).hexdigest()
 
-
-@dataclass(frozen=True)
-class _Row:
-    """A row of the table: name, summary, equation, names of inputs and outputs in `_PORTS`."""
-
-    name: str
-    summary: str
-    equation: str
-    inputs: str
-    outputs: str
-
-
-_TABLE = (
-    _Row(
-        "forward_kinematics",
-        "Position and rotation matrix of the tool in the world.",
-        "p_world = p + R p_tool",
-        "q_a",
-        "p R",
-    ),
-    _Row(
-        "jacobian",
-        "Jacobian of the tool: its linear, then its angular velocity, in world axes.",
-        "(v_tool, omega_tool) = J(q_a) v_a",
-        "q_a",
-        "J",
-    ),
-    _Row("mass_matrix", "Mass matrix of the arm, without rotors.", "T = v_a' M(q_a) v_a / 2", "q_a", "M"),
-    _Row("bias", "Coriolis, centripetal and gravity forces of the arm.", "h = c(q_a, v_a) + g(q_a)", "q_a v_a", "h"),
-    _Row("gravity", "Gravity forces of the arm.", "g = dU(q_a)/dq_a", "q_a", "g"),
-    _Row(
-        "inverse_dynamics",
-        "Forces that the arm needs for a given motion, without friction and springs.",
-        "tau_a = M(q_a) a_a + c(q_a, v_a) + g(q_a)",
-        "q_a v_a a_a",
-        "tau_a",
-    ),
-    _Row(
-        "inverse_dynamics_derivatives",
-        "First derivatives of the inverse dynamics.",
-        "d tau_a = dtau_dq d q_a + dtau_dv d v_a + dtau_da d a_a",
-        "q_a v_a a_a",
-        "dtau_dq dtau_dv dtau_da",
-    ),
-    _Row(
-        "arm_forward_dynamics",
-        "Accelerations of the arm under given forces on its coordinates, without rotors, friction and springs: the "
-        "inverse of inverse_dynamics.",
-        "a_a = M(q_a)^-1 (tau_a - c(q_a, v_a) - g(q_a))",
-        "q_a v_a tau_a",
-        "a_a",
-    ),
-    _Row(
-        "arm_forward_derivatives",
-        "First derivatives of the arm's forward dynamics.",
-        "d a_a = da_dq d q_a + da_dv d v_a + da_dtau d tau_a,  da_dtau = M^-1",
-        "q_a v_a tau_a",
-        "da_dq da_dv da_dtau",
-    ),
-    _Row(
-        "forward_dynamics",
-        "Accelerations of arm and motors under the motors' torques, with springs, dampers and friction. "
-        "Entries of q_m and v_m behind rigid gears are ignored; those of a_m are filled in.",
-        "M a_a + c + g = tau_a,  J_m a_m + f(v_m) + eta^-T tau_g = tau_m",
-        "q_a v_a q_m v_m tau_m",
-        "a_a a_m",
-    ),
-    _Row(
-        "linearize",
-        "Linearisation of the forward dynamics in the state x = (q_a, q_m, v_a, v_m), "
-        "of the motors only those behind elastic gears.",
-        "d(dx/dt) = A dx + B d(tau_m)",
-        "q_a v_a q_m v_m tau_m",
-        "A B",
-    ),
-)
-
-FUNCTIONS = tuple(row.name for row in _TABLE)
 
 # <name>.h must not be found instead of a header of C, lib<name>.a not instead of a library of the system, <name>.c and
 # <name>.h not be another file of the directory or a device of Windows.
@@ -223,46 +178,6 @@ _TAKEN = frozenset(
     example aux con nul prn com1 com2 com3 com4 lpt1 lpt2 lpt3
     """.split()
 )
-
-# name: sizes, unit (templates: see _unit), meaning
-_PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
-    "q_a": (("n_a",), "{q}", "arm coordinates in chain order"),
-    "v_a": (("n_a",), "{q}/s", "arm velocities"),
-    "a_a": (("n_a",), "{q}/s^2", "arm accelerations"),
-    "q_m": (("n_m",), "rad", "motor angles, motor side"),
-    "v_m": (("n_m",), "rad/s", "motor speeds, motor side"),
-    "a_m": (("n_m",), "rad/s^2", "motor accelerations, motor side"),
-    "tau_m": (("n_m",), "N m", "motor torques, motor side"),
-    "tau_a": (("n_a",), "{tau}", "forces on the arm coordinates, arm side"),
-    "h": (("n_a",), "{tau}", "bias forces, arm side"),
-    "g": (("n_a",), "{tau}", "gravity forces, arm side"),
-    "M": (("n_a", "n_a"), "{M}", "mass matrix, symmetric"),
-    "p": (("3",), "m", "position of the tool, world axes"),
-    "R": (("3", "3"), "1", "rotation matrix, columns: axes of the tool in the world"),
-    "J": (("6", "n_a"), "mixed", "rows 0-2 in m/s, rows 3-5 in rad/s, per unit of the column's velocity"),
-    "dtau_dq": (("n_a", "n_a"), "mixed", "unit of the row's force per unit of the column's coordinate"),
-    "dtau_dv": (("n_a", "n_a"), "mixed", "unit of the row's force per unit of the column's velocity"),
-    "dtau_da": (("n_a", "n_a"), "{M}", "mass matrix, symmetric"),
-    "da_dq": (("n_a", "n_a"), "mixed", "unit of the row's acceleration per unit of the column's coordinate"),
-    "da_dv": (("n_a", "n_a"), "mixed", "unit of the row's acceleration per unit of the column's velocity"),
-    "da_dtau": (("n_a", "n_a"), "mixed", "inverse of the mass matrix, symmetric"),
-    "A": (("n_x", "n_x"), "mixed", "unit of the row's x/s per unit of the column's x"),
-    "B": (("n_x", "n_m"), "mixed", "unit of the row's x/s per N m"),
-}
-
-
-def _unit(template: str, units: Sequence[str]) -> tuple[str, str]:
-    """Unit of a port, and what to add to its meaning where the coordinates' units differ."""
-    kinds = sorted(set(units))
-    rad = {"q": "rad", "tau": "N m", "M": "kg m^2"}
-    metre = {"q": "m", "tau": "N", "M": "kg"}
-    if "{" not in template or kinds == ["rad"]:
-        return template.format(**rad), ""
-    if kinds == ["m"]:
-        return template.format(**metre), ""
-    if template == "{M}":
-        return "mixed", "; kg m^2, kg m or kg"
-    return "mixed", f"; {template.format(**rad)} for rotations, {template.format(**metre)} for translations"
 
 
 def library_name(model: RobotModel) -> str:
@@ -284,15 +199,26 @@ def model_digest(model: RobotModel) -> str:
     return hashlib.sha256(f"{model.text}\n{replace(model, file='', text='')!r}".encode()).hexdigest()
 
 
-def chosen_functions(names: Sequence[str] | None) -> tuple[str, ...]:
-    """The functions asked for (all of them for None), in the order of the table; ArgumentError for an unknown one."""
+def chosen_functions(names: Sequence[str] | None, model: RobotModel) -> tuple[str, ...]:
+    """The functions asked for (all that the model has for None), in the order of the table.
+
+    ArgumentError for one that is unknown, or that the model does not have.
+    """
+    offered = offered_functions(model)
     if names is None:
-        return FUNCTIONS
+        return offered
     if isinstance(names, str):
         raise ArgumentError(f"functions: given the text {names!r}, expected a sequence of names")
     for name in names:
         if name not in FUNCTIONS:
             raise ArgumentError(f"functions: given {name!r}, expected some of {', '.join(FUNCTIONS)}")
+        if name not in offered:
+            reason = f"as many outputs as motors ({model.output.size} and {model.n_m} given), simplified motor coupling"
+            if name == "inversion_slopes":
+                reason += ", and coordinates without motor"
+            raise ArgumentError(
+                f"functions: given {name!r}, which needs {reason}; expected some of {', '.join(offered)}"
+            )
     if not names:
         raise ArgumentError("functions: given none, expected at least one name, or None for all of them")
     return tuple(name for name in FUNCTIONS if name in names)
@@ -322,12 +248,14 @@ def library_spec(equations: Any, functions: Sequence[str] | None = None, *, prec
     if precision not in PRECISIONS:
         raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
     model: RobotModel = equations.model
-    names = chosen_functions(functions)
+    names = chosen_functions(functions, model)
     sizes = {"n_a": model.n_a, "n_g": model.n_g, "n_e": model.n_e, "n_m": model.n_m, "n_x": 2 * model.dof}
     for what in ("n_a", "n_m"):
         if sizes[what] == 0:
             raise BuildError(f"model {model.name}: given {what} = 0, expected at least one coordinate and one motor")
     parameters: tuple[Parameter, ...] = tuple(getattr(equations, "parameters", ()))
+    if model.inverts:
+        sizes |= {"n_y": model.output.size, "n_t": model.output.target_size}
     if parameters:
         sizes["n_p"] = len(parameters)
     coordinates = tuple(c.name for c in model.coordinates)
@@ -340,10 +268,11 @@ def library_spec(equations: Any, functions: Sequence[str] | None = None, *, prec
     q_a = np.zeros(model.n_a)
     q_a[list(model.i_g)] = model.home
     q_m = model.eta @ q_a[list(model.i_g)]
+    cores = offered_cores(model, names, parameters, precision)
     half = [*coordinates, *(motors[j] for j in model.i_m)]
     return LibrarySpec(
         name=library_name(model),
-        functions=tuple(_function_spec(row, equations, sizes, units) for row in _TABLE if row.name in names),
+        functions=tuple(_function_spec(row, equations, sizes) for row in TABLE if row.name in names),
         sizes=sizes,
         coordinates=coordinates,
         coordinate_units=units,
@@ -356,23 +285,21 @@ def library_spec(equations: Any, functions: Sequence[str] | None = None, *, prec
         rotor_inertias=tuple(float(m.inertia) for m in model.motors),
         precision=precision,
         parameters=parameters,
+        cores=cores,
+        drives=drives_of(model) if cores else None,
     )
 
 
-def _function_spec(row: _Row, equations: Any, sizes: dict[str, int], units: Sequence[str]) -> FunctionSpec:
+def _function_spec(row: Row, equations: Any, sizes: dict[str, int]) -> FunctionSpec:
     """One row of the table with its mathematics, checked against the ports."""
     # here, so that a library that is there already needs no CasADi
     from flexgen.codegen.programs import PARAMETERS, needs_parameters, parameters_port, program_of
 
-    ports: dict[str, Port] = {}
-    for name in (*row.inputs.split(), *row.outputs.split()):
-        extents, template, meaning = _PORTS[name]
-        unit, remark = _unit(template, units)
-        shape = tuple(sizes[extent] if extent in sizes else int(extent) for extent in extents)
-        ports[name] = Port(name, shape, unit, meaning + remark)
-    inputs = tuple(ports[name] for name in row.inputs.split())
-    outputs = tuple(ports[name] for name in row.outputs.split())
-    extents_of = {name: _PORTS[name][0] for name in ports}
+    inputs, outputs = (
+        tuple(port(name, equations.model, sizes) for name in names.split()) for names in (row.inputs, row.outputs)
+    )
+    outputs = tuple(p for p in outputs if p.size)  # (rows without motor where every coordinate has one)
+    extents_of = {p.name: PORTS[p.name][0] for p in (*inputs, *outputs)}
     program = program_of(row.name, equations, inputs, outputs)
     if needs_parameters(program):
         inputs = (*inputs, parameters_port(equations))

@@ -10,12 +10,13 @@ Source: S. Moberg, Modeling and Control of Flexible Manipulators, 2010 (extended
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import casadi as ca
 
 from flexgen.errors import ArgumentError
+from flexgen.mechanics import inversion
 from flexgen.mechanics.force_laws import friction_torque, spring_torque
 from flexgen.mechanics.lagrangian import Lagrangian, equations_of, gears, lagrangian
 from flexgen.mechanics.parameters import parametrised
@@ -58,6 +59,10 @@ class Equations:
     power                q_a, v_a, q_m, v_m, tau_m             P_motor, P_dissipated [W]
     output               q_a                                   y (n_y), or p of the tool for a pose
     places               q_a                                   corner points of the chain (3, k), for drawing
+    output_constraint    q_a, v_a, target                      y_err (n_y), W (n_y, n_a), Wdot_v (n_y)
+    inversion_slopes     q_a, v_a, a_a                         dy1_dq, dy2_dq, dy2_dv, row, row_q, row_v, row_a
+    inversion_rows       q_a, v_a, a_a                         tau_g (n_g), row (n_e); see `flexgen.mechanics.inversion`
+    gear_law             twist (n_g, arm side)                 tau_p, dtau_p: as gear_spring
     ==================== ===================================== ==========================================
 
     ``x = (q_a, q_me, v_a, v_me)`` with ``q_me`` the motors behind elastic gears. Entries of ``q_m``, ``v_m``, ``a_m``
@@ -95,7 +100,7 @@ class Equations:
                 "arm_forces": self._arm_forces,
                 "motor_friction": self._motor_friction,
                 "rotor_torque": self._rotor_torque,
-                "gear_spring": self._gear_spring,
+                "gear_spring": self.gear_spring,
                 "gear_torque": self._gear_torque,
                 "elastic_torque": self._elastic_torque,
                 "forward_dynamics": self._forward_dynamics,
@@ -108,6 +113,7 @@ class Equations:
                 "power": self._power,
                 "output": self._output,
                 "places": self._places,
+                **{name: partial(inversion.definition, self, name) for name in inversion.FUNCTIONS},
             }
             if name not in builders:
                 raise ArgumentError(f"function: given {name!r}, expected one of {', '.join(builders)}")
@@ -185,13 +191,14 @@ class Equations:
         return [lag.chain.q_a], ["q_a"], [ca.hessian(lag.kinetic_arm, lag.chain.v_a)[0]], ["M"]
 
     @cached_property
-    def _arm(self) -> ca.SX:
+    def arm_left(self) -> ca.SX:
+        """The arm's side of the equations, ``M a_a + c + g``."""
         lag = self.lagrangian
         return equations_of(lag.kinetic_arm, lag.gravity, lag.chain.q_a, lag.chain.v_a, lag.a_a)
 
     def _bias(self) -> Built:
         lag = self.lagrangian
-        h = ca.substitute(self._arm, lag.a_a, ca.SX.zeros(self.model.n_a))
+        h = ca.substitute(self.arm_left, lag.a_a, ca.SX.zeros(self.model.n_a))
         return [lag.chain.q_a, lag.chain.v_a], ["q_a", "v_a"], [h], ["h"]
 
     def _gravity(self) -> Built:
@@ -200,12 +207,12 @@ class Equations:
 
     def _inverse_dynamics(self) -> Built:
         lag = self.lagrangian
-        return [lag.chain.q_a, lag.chain.v_a, lag.a_a], ["q_a", "v_a", "a_a"], [self._arm], ["tau_a"]
+        return [lag.chain.q_a, lag.chain.v_a, lag.a_a], ["q_a", "v_a", "a_a"], [self.arm_left], ["tau_a"]
 
     def _inverse_dynamics_derivatives(self) -> Built:
         lag = self.lagrangian
         inputs = [lag.chain.q_a, lag.chain.v_a, lag.a_a]
-        outputs = [ca.jacobian(self._arm, x) for x in inputs]
+        outputs = [ca.jacobian(self.arm_left, x) for x in inputs]
         return inputs, ["q_a", "v_a", "a_a"], outputs, ["dtau_dq", "dtau_dv", "dtau_da"]
 
     def _arm_forward_dynamics(self) -> Built:
@@ -235,7 +242,8 @@ class Equations:
         rate = ca.jtimes(lag.momentum_m, moving, rates)
         return inputs, ["q_a", "v_a", "a_a", "v_m", "a_m"], [rate], ["tau_r"]
 
-    def _gear_spring(self) -> Built:
+    def gear_spring(self) -> Built:
+        """Arguments and results of the function of that name."""
         twist = ca.SX.sym("twist", self.model.n_g)
         tau: list[ca.SX] = []
         for k, (gear, ratio) in enumerate(gears(self.with_symbols)):

@@ -14,7 +14,7 @@ from functools import cached_property, lru_cache, partial
 import casadi as ca
 import numpy as np
 
-from flexgen.mechanics import articulated, composite, recursion, tool, variation
+from flexgen.mechanics import articulated, composite, fast_inversion, recursion, tool, variation
 from flexgen.mechanics.chain import Chain, Inertia, compose, inertia_of, inverse, laid, pose_of
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.plans import Plan, plans
@@ -71,6 +71,7 @@ def recursive_function(equations: Equations, name: str) -> ca.Function | None:
     """
     model = equations.model
     carried = model.motor_coupling == "complete" and name in ("forward_dynamics", "slopes")
+    carried = carried or (name in fast_inversion.BUILDERS and not model.inverts)
     if name not in _BUILDERS or carried or any(element.beam is not None for element in model.elements):
         return None
     arm = _arm_of(equations)
@@ -395,4 +396,5 @@ _BUILDERS: dict[str, Callable[[_Arm], Built]] = {
     "slopes": _slopes,
     "forward_kinematics": _forward_kinematics,
     "jacobian": _jacobian,
+    **fast_inversion.BUILDERS,
 }

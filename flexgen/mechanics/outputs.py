@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import casadi as ca
 
-from flexgen.mechanics.equations import Equations
+if TYPE_CHECKING:
+    from flexgen.mechanics.equations import Equations
 
 
 @dataclass(frozen=True)
@@ -32,6 +34,11 @@ def output_map(equations: Equations) -> OutputMap:
         return OutputMap(y - target, target, ca.densify(ca.jacobian(y, q)))
     target = ca.SX.sym("target", 12)
     p, R = equations.function("forward_kinematics")(q)
+    return OutputMap(pose_error(p, R, target), target, ca.densify(equations.function("jacobian")(q)))
+
+
+def pose_error(p: ca.SX, R: ca.SX, target: ca.SX) -> ca.SX:
+    """How far a pose is from a target (12), see `OutputMap`."""
     E = ca.mtimes(R, ca.reshape(target[3:], 3, 3).T)
     turn = ca.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]) / 2
-    return OutputMap(ca.vertcat(p - target[:3], turn), target, ca.densify(equations.function("jacobian")(q)))
+    return ca.vertcat(p - target[:3], turn)

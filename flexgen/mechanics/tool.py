@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from flexgen.mechanics.chain import Chain
 from flexgen.mechanics.composite import Matrix
-from flexgen.mechanics.recursion import Vector3, X, Y, Z, plus, turn_by
+from flexgen.mechanics.recursion import Vector3, X, Y, Z, cross, plus, turn_by
 from flexgen.mechanics.tape import Scalar, Tape
 
 
@@ -124,3 +124,76 @@ def jacobian(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> Matrix:
             last = groups[k - 1]
             to_tool = plus(last.step, _rolled(last.turn, plus(last.place, twisted_back)))
     return [list(row) for row in zip(*columns, strict=True)]
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Jacobian of the tool with its first two time derivatives, and the tool's angular motion, in the world.
+
+    ``columns``: for each joint ``(J, J', J'')``, each the linear, then the angular part (6). ``w``, ``dw``: angular
+    velocity and acceleration (3); ``bias``: linear and angular acceleration (6), all at the accelerations given.
+    """
+
+    columns: list[tuple[Vector3, Vector3, Vector3]]
+    w: Vector3
+    dw: Vector3
+    bias: Vector3
+
+
+def rates(tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a: Sequence[Scalar]) -> Rates:
+    """The `Rates` at speeds v and accelerations a; arguments otherwise as for `tool_pose`.
+
+    An axis z of a body with angular velocity w moves with ``z' = w x z``, ``z'' = w' x z + w x z'``, and so does the
+    way s from one joint to the next; r is the sum of the ways from a joint to the tool:
+
+        J = (z x r, z),    J' = (z' x r + z x r', z'),    J'' = (z'' x r + 2 z' x r' + z x r'', z'')
+    """
+    axes: Matrix = chain.base[0].T.tolist()
+    w: Vector3 = [0.0] * 3
+    dw: Vector3 = [0.0] * 3
+    turned = axes
+    angle: Scalar = 0.0
+    quarters = 0
+    ways: list[tuple[Vector3, Vector3, Vector3]] = []
+    lines: list[tuple[Vector3, Vector3, Vector3]] = []
+    for joint, x, speed, acceleration in zip(chain.joints, q, v, a, strict=True):
+        ways.append(_carried(combined(turned, joint.place.tolist()), w, dw))
+        if joint.twist != (1.0, 0.0) or not lines:
+            cosine, sine = joint.twist
+            axes = [turned[X], combined(turned, [0.0, cosine, sine]), combined(turned, [0.0, -sine, cosine])]
+            angle, quarters = 0.0, 0
+        line = _carried(axes[Z], w, dw)
+        z, z1, z2 = line
+        lines.append(line)
+        angle = angle + (x + joint.turn if joint.revolute else joint.turn)
+        quarters += joint.quarters
+        c, s = turn_by(tape, angle, quarters)
+        turned = [combined(axes, [c, s, 0.0]), combined(axes, [-s, c, 0.0]), axes[Z]]
+        if joint.revolute:
+            dw = [dw[i] + z[i] * acceleration + z1[i] * speed for i in (X, Y, Z)]
+            w = [w[i] + z[i] * speed for i in (X, Y, Z)]
+        else:
+            way, first, second = ways.pop()
+            twice = 2.0 * speed
+            second = [second[i] + z[i] * acceleration + z1[i] * twice + z2[i] * x for i in (X, Y, Z)]
+            first = [first[i] + z[i] * speed + z1[i] * x for i in (X, Y, Z)]
+            ways.append(([way[i] + z[i] * x for i in (X, Y, Z)], first, second))
+    ways.append(_carried(combined(turned, chain.tool[1].tolist()), w, dw))
+    columns: list[tuple[Vector3, Vector3, Vector3]] = []
+    r, r1, r2 = ways[-1]
+    for joint, (z, z1, z2), step in zip(reversed(chain.joints), reversed(lines), reversed(ways[:-1]), strict=True):
+        if joint.revolute:
+            double = [2.0 * x for x in z1]
+            first = plus(cross(z1, r), cross(z, r1))
+            second = plus(plus(cross(z2, r), cross(double, r1)), cross(z, r2))
+            columns.insert(0, ([*cross(z, r), *z], [*first, *z1], [*second, *z2]))
+        else:
+            columns.insert(0, ([*z, 0.0, 0.0, 0.0], [*z1, 0.0, 0.0, 0.0], [*z2, 0.0, 0.0, 0.0]))
+        r, r1, r2 = plus(r, step[0]), plus(r1, step[1]), plus(r2, step[2])
+    return Rates(columns, w, dw, [*r2, *dw])
+
+
+def _carried(s: Vector3, w: Vector3, dw: Vector3) -> tuple[Vector3, Vector3, Vector3]:
+    """A vector that turns with the angular velocity w, and its first two time derivatives."""
+    first = cross(w, s)
+    return s, first, plus(cross(dw, s), cross(w, first))

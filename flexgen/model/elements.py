@@ -12,6 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
+from flexgen.model.moves import Move as Move
+from flexgen.model.moves import Program
+
 Vector = tuple[float, ...]
 Matrix = tuple[tuple[float, ...], ...]
 
@@ -238,26 +241,10 @@ class Output:
             return 6
         return len(self.axes) if self.type == "tool_position" else len(self.weights)
 
-
-@dataclass(frozen=True)
-class Move:
-    """A named reference move, rest to rest.
-
-    ``type`` ``"tool_line"``: straight line of the tool by ``displacement`` [m, world axes] with a rotation by the
-    vector ``rotation`` [rad, axis times angle, world axes] from the tool's pose at ``start``; ``"joint"``: from
-    ``start`` to ``end`` in the actuated coordinates; ``"output_line"``: the outputs move by ``displacement`` [their
-    unit]. ``start`` and ``end`` are actuated coordinates [rad or m]. ``smoothness`` k: the time law has k continuous
-    derivatives, all zero at both ends.
-    """
-
-    name: str
-    type: str
-    start: Vector
-    duration: float
-    smoothness: int
-    displacement: Vector = ()
-    rotation: Vector = ZERO
-    end: Vector = ()
+    @property
+    def target_size(self) -> int:
+        """Numbers that say where it shall be: n_y, or 12 for a pose (position, rotation matrix by columns)."""
+        return 12 if self.type == "tool_pose" else self.size
 
 
 @dataclass(frozen=True)
@@ -291,6 +278,7 @@ class RobotModel:
     variant: str = ""
     variants: tuple[str, ...] = ()
     file: str = ""
+    programs: tuple[Program, ...] = ()
     text: str = field(default="", repr=False)  # canonical text of the data, hashed for caches
 
     @cached_property
@@ -349,6 +337,11 @@ class RobotModel:
         """Degrees of freedom: n_g + n_e + the number of motors behind elastic gears."""
         return self.n_a + len(self.i_m)
 
+    @property
+    def inverts(self) -> bool:
+        """Whether the output determines the motors' motion: as many outputs as motors, in simplified coupling."""
+        return self.output.size == self.n_m and self.motor_coupling == "simplified"
+
     @cached_property
     def eta(self) -> np.ndarray:
         """Gear-ratio matrix, ``q_m = eta q_g`` for rigid gears, shape (n_m, n_g), possibly non-diagonal."""
@@ -361,8 +354,8 @@ class RobotModel:
         return eta
 
     def move(self, name: str | None = None) -> Move:
-        """The move of that name; the first one in the file where no name is given. KeyError where there is none."""
-        for move in self.moves:
+        """The move or program of that name; the first one for None, moves before programs. KeyError for none."""
+        for move in (*self.moves, *self.programs):
             if name is None or move.name == name:
                 return move
         raise KeyError(name)

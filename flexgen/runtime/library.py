@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import json
 import os
 import re
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -20,20 +20,17 @@ from flexgen.ports import Port, identifier_problem
 from flexgen.runtime.arguments import PARAMETERS
 from flexgen.runtime.calls import Entries, Function
 from flexgen.runtime.files import AGAIN, trusted_bytes, trusted_folder, trusted_library
+from flexgen.runtime.identity import ABI_VERSION, REALS, entry_of, verify
+from flexgen.runtime.inversion import Inverter, inverter_of
+from flexgen.runtime.stream import Stream, StreamEntries, streams_of
 
-ABI_VERSION = 2
 FORMAT = 1
 
 _LIBRARY_FILE = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib)\Z")
-_REALS: dict[str, np.dtype[Any]] = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}
-_SIZES = ("n_a", "n_g", "n_e", "n_m", "n_x", "n_p")
-_MEANING = {
-    "abi_version": "another version of the interface between Python and C",
-    "digest": "the library of another model",
-    "interface": "functions of other names or shapes",
-    "sizeof_real": "bytes of a number: another precision than the manifest's",
-    "sizeof_int": "bytes of an int in C",
-}
+_INVERTS = (
+    "one in double precision, with all functions, without run-time parameters, of a model with as many outputs as "
+    "motors and simplified motor coupling"
+)
 
 
 class Library:
@@ -57,7 +54,8 @@ class Library:
     functions : mapping of str to Function
         By name, in the order of the header.
     sizes : mapping of str to int
-        ``n_a``, ``n_g``, ``n_e``, ``n_m``, ``n_x``, and ``n_p`` where there are run-time parameters.
+        ``n_a``, ``n_g``, ``n_e``, ``n_m``, ``n_x``; ``n_y``, ``n_t`` (outputs, and numbers of a target of them) where
+        the model has as many outputs as motors; ``n_p`` where there are run-time parameters.
     parameters : ndarray
         Values of the run-time parameters in the model file, which calls use where they are given no others; read-only.
     parameter_names : tuple of str
@@ -67,7 +65,13 @@ class Library:
     """
 
     def __init__(
-        self, directory: Path, manifest: dict[str, Any], functions: dict[str, Function], parameters: np.ndarray
+        self,
+        directory: Path,
+        manifest: dict[str, Any],
+        functions: dict[str, Function],
+        parameters: np.ndarray,
+        inverters: Mapping[str, Inverter | None] | None = None,
+        streams: StreamEntries | None = None,
     ) -> None:
         self.name: str = manifest["name"]
         self.directory = directory
@@ -82,7 +86,78 @@ class Library:
         self.motors: tuple[str, ...] = tuple(manifest["motors"])
         self.states: tuple[str, ...] = tuple(manifest["states"])
         self._again = (str(directory.resolve()), manifest["build"]["sha256"])
+        self._inverters, self.streams = dict(inverters or {}), streams
         self._closed = False
+
+    @property
+    def invert(self) -> Inverter:
+        """Inverse dynamics along whole paths; ArgumentError where the library has none."""
+        return self._inverter("invert", _INVERTS)
+
+    @property
+    def bvp(self) -> Inverter:
+        """The same as a two-point boundary value problem; ArgumentError where the library has none."""
+        return self._inverter("bvp", f"{_INVERTS}, of a model with coordinates without motor")
+
+    def _inverter(self, name: str, expected: str) -> Inverter:
+        found = self._inverters.get(name)
+        if found is None:
+            raise ArgumentError(f"{self.name}: given a library without {name}, expected {expected}")
+        return found
+
+    def stream(
+        self,
+        place: Any,
+        q_start: Any,
+        *,
+        period: float,
+        intervals: int,
+        parts: int = 1,
+        tolerance: float = 1e-6,
+    ) -> Stream:
+        """Begin inverse dynamics on a moving horizon: at rest, with the output at a place and staying there.
+
+        Parameters
+        ----------
+        place : array (n_t,)
+            Output; for a pose the position [m] and the rotation matrix by columns.
+        q_start : array (n_a,)
+            Guess of the arm's coordinates at rest there.
+        period : float
+            From update to update [s].
+        intervals : int
+            Of the horizon, in updates: some five time constants of the slowest unstable zero are enough.
+        parts : int
+            Samples of the results per update.
+        tolerance : float
+            Of the equations without motor, relative to their torques at rest: above it results are marked inexact.
+
+        Returns
+        -------
+        Stream
+
+        Raises
+        ------
+        ArgumentError
+            Where an argument has another shape or is not allowed, or the library has no streams.
+        SolverError
+            Where the output cannot rest there.
+        """
+        if self._closed or self.streams is None:
+            given = "that was closed" if self._closed else "without streams"
+            raise ArgumentError(
+                f"{self.name}: given a library {given}, expected {'an open one' if self._closed else _INVERTS}"
+            )
+        return Stream(
+            self.sizes,
+            self.streams,
+            place,
+            q_start,
+            period=period,
+            intervals=intervals,
+            parts=parts,
+            tolerance=tolerance,
+        )
 
     @property
     def ports(self) -> dict[str, tuple[tuple[Port, ...], tuple[Port, ...]]]:
@@ -99,6 +174,9 @@ class Library:
         self._closed = True
         for function in self.functions.values():
             function.close(self.name)
+        for inverter in self._inverters.values():
+            if inverter is not None:
+                inverter.close()
 
     def __enter__(self) -> Library:
         return self
@@ -188,18 +266,24 @@ def _loaded(folder: Path, sha256: str | None) -> Library:
                 "which was pickled; pickle again what is there now"
             )
         library = trusted_library(trusted / file, recorded)
-        _verify(library, manifest)
+        verify(library, manifest)
         failures = {
             status["code"]: (_exception(status["exception"]), status["text"])
             for status in manifest["statuses"]
-            if status["code"] != 0
+            if status["code"] < 0
         }
         parameters = _parameters(library, manifest)
         functions = {
             f["name"]: _function(library, manifest, f, failures, parameters, (str(trusted), recorded, f["name"]))
             for f in manifest["functions"]
         }
-        return Library(folder, manifest, functions, parameters)
+        found = partial(entry_of, library)
+        inverters = {
+            kind: inverter_of(manifest, found, failures, (inverter_again, (str(trusted), recorded, kind)), kind)
+            for kind in ("invert", "bvp")
+        }
+        streams = streams_of(manifest, found, failures, (streams_again, (str(trusted), recorded)))
+        return Library(folder, manifest, functions, parameters, inverters, streams)
     except OSError as error:
         raise BuildError(f"{folder}: given a library that cannot be loaded ({error}); {AGAIN}") from error
     except (KeyError, TypeError, AttributeError, ValueError) as error:
@@ -232,57 +316,6 @@ def _read(folder: Path) -> tuple[Path, dict[str, Any]]:
     return trusted, manifest
 
 
-def _verify(library: ctypes.CDLL, manifest: dict[str, Any]) -> None:
-    """Compare what the library says of itself with the manifest and this Python; BuildError where they differ."""
-    name, precision = manifest["name"], manifest.get("precision", "double")
-    if precision not in _REALS:
-        raise BuildError(f"precision: given {precision!r}, expected double or single; {AGAIN}")
-    for size in manifest["sizes"]:
-        if size not in _SIZES:
-            raise ValueError(f"given the size {size!r}, expected {', '.join(_SIZES)}")
-    expected: dict[str, Any] = {
-        "abi_version": ABI_VERSION,
-        "sizeof_real": _REALS[precision].itemsize,
-        "sizeof_int": ctypes.sizeof(ctypes.c_int),
-        "digest": manifest["model_digest"],
-        "interface": hashlib.sha256("".join(map(_signature, manifest["functions"])).encode()).hexdigest(),
-        **manifest["sizes"],
-    }
-    for key, value in expected.items():
-        entry = _entry(library, f"{name}_{key}")
-        if key in ("digest", "interface"):
-            entry.restype = ctypes.c_char_p
-            said = entry().decode("ascii", "replace")
-        else:
-            said = int(entry())
-        if said != value:
-            meaning = f" ({_MEANING[key]})" if key in _MEANING else ""
-            raise BuildError(f"{name}_{key}: given {said}, expected {value}{meaning}; {AGAIN}")
-
-
-def _entry(library: ctypes.CDLL, symbol: str) -> Any:
-    """A function of the library that returns an int; BuildError where it is missing.
-
-    Types of arguments are not declared: all calls pass objects of ctypes and small numbers, and looking declarations up
-    would cost time in every one.
-    """
-    try:
-        return library[symbol]
-    except AttributeError:
-        raise BuildError(
-            f"{symbol}: given a library without it, expected the one that the manifest describes; {AGAIN}"
-        ) from None
-
-
-def _signature(described: dict[str, Any]) -> str:
-    """Names and shapes of a function in one line, as the library hashes them: ``mass_matrix(q_a[3])(M[3,3])``."""
-
-    def listed(ports: list[dict[str, Any]]) -> str:
-        return "".join(f"{port['name']}[{','.join(map(str, port['shape']))}]" for port in ports)
-
-    return f"{described['name']}({listed(described['inputs'])})({listed(described['outputs'])})\n"
-
-
 def _exception(name: str) -> type[FlexgenError]:
     found = getattr(errors, name, None)
     if not (isinstance(found, type) and issubclass(found, FlexgenError)):
@@ -292,13 +325,27 @@ def _exception(name: str) -> type[FlexgenError]:
 
 def _parameters(library: ctypes.CDLL, manifest: dict[str, Any]) -> np.ndarray:
     """The run-time parameters' values in the model file, as the library says; empty where it has none."""
-    values = np.zeros(manifest["sizes"].get("n_p", 0), _REALS[manifest.get("precision", "double")])
+    values = np.zeros(manifest["sizes"].get("n_p", 0), REALS[manifest.get("precision", "double")])
     if values.size:
-        entry = _entry(library, f"{manifest['name']}_parameters")
+        entry = entry_of(library, f"{manifest['name']}_parameters")
         entry.restype = None
         entry(ctypes.c_void_p(values.ctypes.data))
     values.flags.writeable = False
     return values
+
+
+def inverter_again(directory: str, sha256: str, kind: str) -> Inverter:
+    """The inverter that was pickled; BuildError where another library is in its directory now."""
+    library = library_again(directory, sha256)
+    return library.bvp if kind == "bvp" else library.invert
+
+
+def streams_again(directory: str, sha256: str) -> StreamEntries:
+    """What the library of a stream that was pickled offers; BuildError where another one is in its directory now."""
+    streams = library_again(directory, sha256).streams
+    if streams is None:
+        raise BuildError(f"{directory}: given a library without streams, expected {_INVERTS}")
+    return streams
 
 
 def _function(
@@ -321,7 +368,7 @@ def _function(
         if port.name == PARAMETERS and port.shape != parameters.shape:
             raise ValueError(f"given {port.shape} as the shape of {name}'s parameters, expected {parameters.shape}")
     single, batch, work, batch_work = (
-        _entry(library, f"{manifest['name']}_{name}{suffix}") for suffix in ("", "_batch", "_work", "_batch_work")
+        entry_of(library, f"{manifest['name']}_{name}{suffix}") for suffix in ("", "_batch", "_work", "_batch_work")
     )
     return Function(
         name,
@@ -330,7 +377,7 @@ def _function(
         inputs,
         outputs,
         Entries(single, batch, int(work()), batch_work),
-        _REALS[manifest.get("precision", "double")],
+        REALS[manifest.get("precision", "double")],
         failures,
         parameters,
         (function_again, again),

@@ -1,0 +1,579 @@
+/* model: inverse dynamics on a moving horizon. Written by flexgen; see model.h. */
+#include "model.h"
+
+#include "model_rest.h"
+#include "model_samples.h"
+
+/*
+ * The memory of a stream is an array of numbers of the caller: a head, then arrays. Between two updates it holds the
+ * motion that is planned over the horizon; an update shifts it by one interval, takes the next sample of the path at
+ * its end and does one Gauss-Newton step.
+ */
+enum {
+    IS_EMPTY = 0,
+    IS_RUNNING = 1,
+    HAS_FAILED = 2,
+    BACK = 2 * MARGIN, /* fine samples before and after those of an update that its derivatives need */
+    MOST_INTERVALS = 10000,
+    MOST_PARTS = 1000,
+    WARMING = 10,
+    LEVELS = 3,
+    REMEMBERED = 5
+};
+
+enum { STATE, SIZE, INTERVALS, PARTS, PERIOD, TOLERANCE, UPDATES, HEAD };
+
+typedef struct {
+    ptrdiff_t window; /* fine samples: before, of this update, ahead */
+    ptrdiff_t past;   /* intervals that are over and remembered */
+    ptrdiff_t y, a, a_node, q_g, reference, factor, scale, aim, cost, levels, last, tau, twist, late, now, alpha, nodes, lq, space, end;
+} layout;
+
+static layout laid_out(int intervals, int parts)
+{
+    layout l;
+    ptrdiff_t at = room(HEAD);
+    l.window = BACK + (ptrdiff_t)parts + BACK;
+    l.past = (BACK + parts - 1) / parts + 1;
+#define PLACE(name, size) \
+    l.name = at; \
+    at += room(size)
+    PLACE(last, REFERENCE);
+    PLACE(tau, l.window * NG);
+    PLACE(twist, l.window * NG);
+    PLACE(late, l.window * NG);
+    PLACE(now, NG);
+    PLACE(alpha, (ptrdiff_t)parts * NA);
+    PLACE(q_g, ((ptrdiff_t)intervals * STAGES + 1) * NG); /* the last ones: joints at the start of the horizon */
+    PLACE(reference, (ptrdiff_t)intervals * STAGES * REFERENCE);
+    PLACE(nodes, (l.past + intervals + 1) * REFERENCE);
+#if MODEL_NE > 0
+    PLACE(y, (l.past + intervals + 1) * STATES);
+    PLACE(a, (l.past + intervals) * CONTROLS);
+    PLACE(a_node, (l.past + intervals + 1) * NE);
+    PLACE(factor, (ptrdiff_t)intervals * CONTROLS * WIDTH);
+    PLACE(scale, NE);
+    PLACE(levels, LEVELS * REMEMBERED * NE);
+    PLACE(cost, STATES * STATES);
+    PLACE(aim, ((ptrdiff_t)intervals + 1) * STATES);
+    PLACE(lq, (ptrdiff_t)(sizeof(lq_space) / sizeof(real)));
+#else
+    l.y = l.a = l.a_node = l.factor = l.scale = l.aim = l.cost = l.levels = 0;
+    PLACE(lq, (ptrdiff_t)(sizeof(arm_points) / sizeof(real)));
+#endif
+    PLACE(space, space_wanted());
+#undef PLACE
+    l.end = at;
+    return l;
+}
+
+static int sizes_fit(int intervals, int parts)
+{
+    return intervals >= 1 && intervals <= MOST_INTERVALS && parts >= 1 && parts <= MOST_PARTS;
+}
+
+int64_t model_stream_work(int intervals, int parts)
+{
+    return sizes_fit(intervals, parts) ? (int64_t)laid_out(intervals, parts).end : -1;
+}
+
+#if MODEL_NE > 0
+static mesh mesh_of(const layout *l, real *s)
+{
+    mesh m;
+    m.N = (int)s[INTERVALS];
+    m.h = s[PERIOD];
+    m.y = s + l->y + l->past * STATES;
+    m.a = s + l->a + l->past * CONTROLS;
+    m.q_g = s + l->q_g;
+    m.reference = s + l->reference;
+    m.aim = s + l->aim;
+    m.rest = NULL;
+    m.factor = s + l->factor;
+    m.scale = s + l->scale;
+    /*
+     * The node where the horizon begins cannot be changed. What has gone wrong there grows like the unstable zeros, and
+     * must cost something at the end. The cost to go of the horizon before is just that: it is next to nothing where
+     * errors fade, and weighs what has to be mended.
+     */
+    m.end = s + l->cost;
+    m.residual = 0.0;
+    m.step = 0.0;
+    return m;
+}
+#endif
+
+static void copy(const real *from, ptrdiff_t n, real *to)
+{
+    for (ptrdiff_t i = 0; i < n; ++i) {
+        to[i] = from[i];
+    }
+}
+
+int model_stream_start(double *stream, int64_t stream_size, int intervals, int parts, double period, double tolerance,
+    const double *place, const double *q_start)
+{
+    layout l;
+    real q[NA], *space;
+    int status;
+    if (stream == NULL || place == NULL || q_start == NULL) {
+        return MODEL_NULL_ARGUMENT;
+    }
+    if (!sizes_fit(intervals, parts) || !(period > 0.0 && period < 1e6) || !(tolerance > 0.0 && tolerance < 1.0)) {
+        return MODEL_BAD_ARGUMENT;
+    }
+    l = laid_out(intervals, parts);
+    if (stream_size < l.end) {
+        return MODEL_WORK_TOO_SMALL;
+    }
+    stream[STATE] = IS_EMPTY;
+    if (!is_finite(place, NT) || !is_finite(q_start, NA)) {
+        return MODEL_INPUT_NOT_FINITE;
+    }
+#if MODEL_POSE
+    if (!is_rotation(place + 3)) {
+        return MODEL_BAD_ARGUMENT;
+    }
+#endif
+    space = stream + l.space;
+    copy(q_start, NA, q);
+    stream[SIZE] = (real)l.end;
+    stream[INTERVALS] = intervals;
+    stream[PARTS] = parts;
+    stream[PERIOD] = period;
+    stream[TOLERANCE] = tolerance;
+    stream[UPDATES] = 0.0;
+    status = rest_at(place, q, stream + l.scale, space);
+    if (status != MODEL_OK) {
+        return status;
+    }
+    copy(place, NT, stream + l.last);
+    for (int i = NT; i < REFERENCE; ++i) {
+        stream[l.last + i] = 0.0;
+    }
+    for (ptrdiff_t k = 0; k < (ptrdiff_t)intervals * STAGES; ++k) {
+        copy(stream + l.last, REFERENCE, stream + l.reference + k * REFERENCE);
+    }
+    for (ptrdiff_t k = 0; k <= l.past + intervals; ++k) {
+        copy(stream + l.last, REFERENCE, stream + l.nodes + k * REFERENCE);
+    }
+    for (ptrdiff_t k = 0; k <= (ptrdiff_t)intervals * STAGES; ++k) {
+        for (int i = 0; i < NG; ++i) {
+            stream[l.q_g + k * NG + i] = q[i_g[i]];
+        }
+    }
+#if MODEL_NE > 0
+    for (ptrdiff_t k = 0; k <= l.past + intervals; ++k) {
+        for (int i = 0; i < NE; ++i) {
+            stream[l.y + k * STATES + i] = q[i_e[i]];
+            stream[l.y + k * STATES + NE + i] = 0.0;
+        }
+    }
+    for (ptrdiff_t k = 0; k < (l.past + intervals) * CONTROLS; ++k) {
+        stream[l.a + k] = 0.0;
+    }
+    copy(stream + l.y, ((ptrdiff_t)intervals + 1) * STATES, stream + l.aim);
+    for (int k = 0; k < LEVELS * REMEMBERED; ++k) {
+        copy(stream + l.y, NE, stream + l.levels + k * NE);
+    }
+#endif
+#if MODEL_NE > 0
+    {
+        mesh still = mesh_of(&l, stream);
+        status = lq_endless(&still, WARMING, (lq_space *)(void *)(stream + l.lq), space, stream + l.cost);
+        if (status != MODEL_OK) {
+            return status;
+        }
+    }
+#endif
+    { /* gears at rest */
+        static const real zero[NA] = {0.0};
+        real tau[NG], twist[NG], slope[NG];
+#if MODEL_NE > 0
+        real row[NE];
+        status = model_inversion_rows(q, zero, zero, tau, row, space);
+#else
+        status = model_inversion_rows(q, zero, zero, tau, space);
+#endif
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int i = 0; i < NG; ++i) {
+            twist[i] = 0.0;
+        }
+        if (!static_twist(tau, twist, slope, space)) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+        copy(twist, NG, stream + l.now);
+    }
+    stream[STATE] = IS_RUNNING;
+    return MODEL_OK;
+}
+
+#if MODEL_NE > 0
+/* One Newton step of R(q, v, a) = 0 in q, at the end of the horizon; changes q. */
+static int balance(const mesh *m, lq_space *w, const real *reference, const real *v, const real *a, real *q, real *space)
+{
+    real K[NE][NE], b[NE];
+    int status;
+    for (int l = 0; l < POINTS; ++l) {
+        load_reference(&w->arm, l, reference);
+        for (int i = 0; i < NE; ++i) {
+            w->arm.q[i_e[i]][l] = q[i];
+            w->arm.v[i_e[i]][l] = v[i];
+            w->arm.a[i_e[i]][l] = a[i];
+        }
+        for (int i = 0; i < NG; ++i) {
+            w->arm.q[i_g[i]][l] = m->q_g[((ptrdiff_t)m->N * STAGES - 1) * NG + i];
+            w->arm.v[i_g[i]][l] = 0.0;
+            w->arm.a[i_g[i]][l] = 0.0;
+        }
+    }
+    status = follow(&w->arm, space);
+    if (status == MODEL_OK) {
+        status = reduce(&w->arm, space);
+    }
+    if (status != MODEL_OK) {
+        return status;
+    }
+    for (int i = 0; i < NE; ++i) {
+        for (int j = 0; j < NE; ++j) {
+            K[i][j] = w->arm.K[j][i][0];
+        }
+        b[i] = w->arm.row[i][0];
+    }
+    for (int k = 0; k < NE; ++k) { /* stiffness dominates: a pivot that is none leaves the deflection as it was */
+        for (int i = k + 1; i < NE; ++i) {
+            const real f = fabs_1(K[k][k]) > 0.0 ? K[i][k] / K[k][k] : 0.0;
+            for (int j = k; j < NE; ++j) {
+                K[i][j] -= f * K[k][j];
+            }
+            b[i] -= f * b[k];
+        }
+    }
+    for (int k = NE - 1; k >= 0; --k) {
+        for (int j = k + 1; j < NE; ++j) {
+            b[k] -= K[k][j] * b[j];
+        }
+        b[k] = fabs_1(K[k][k]) > 0.0 ? b[k] / K[k][k] : 0.0;
+    }
+    for (int i = 0; i < NE; ++i) {
+        q[i] -= fabs_1(b[i]) < 1.0 ? b[i] : 0.0;
+    }
+    return MODEL_OK;
+}
+
+/*
+ * What the end of the horizon is drawn to: the slow motion, deflections in balance with gravity and the path. First as
+ * if they did not move; then with the speeds and accelerations that this motion has, by differences of its last
+ * values; and so on. Each level gains the ratio of the time constants of zeros and path.
+ */
+static int slow_motion(mesh *m, lq_space *w, real *levels, const real *reference, real *space)
+{
+    real v[NE], a[NE];
+    for (int i = 0; i < NE; ++i) {
+        v[i] = 0.0;
+        a[i] = 0.0;
+    }
+    for (int level = 0; level < LEVELS; ++level) {
+        real *x = levels + (ptrdiff_t)level * REMEMBERED * NE;
+        int status;
+        for (int k = REMEMBERED - 1; k > 0; --k) {
+            copy(x + (k - 1) * NE, NE, x + k * NE);
+        }
+        status = balance(m, w, reference, v, a, x, space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int i = 0; i < NE; ++i) {
+            const real *f = x + i;
+            v[i] = (25.0 * f[0] - 48.0 * f[NE] + 36.0 * f[2 * NE] - 16.0 * f[3 * NE] + 3.0 * f[4 * NE]) / (12.0 * m->h);
+            a[i] = (35.0 * f[0] - 104.0 * f[NE] + 114.0 * f[2 * NE] - 56.0 * f[3 * NE] + 11.0 * f[4 * NE]) /
+                (12.0 * m->h * m->h);
+        }
+    }
+    {
+        real *aim = m->aim + m->N * (ptrdiff_t)STATES;
+        copy(levels + (LEVELS - 1) * REMEMBERED * NE, NE, aim);
+        copy(v, NE, aim + NE);
+    }
+    return MODEL_OK;
+}
+#endif
+
+/* The path at x, 0 <= x <= 1, between two of its samples that stand one after the other. */
+static void between_samples(const real *samples, real period, real x, real *out)
+{
+    real place[2 * NT], rate[2 * NY], rate2[2 * NY];
+    const path two = {2, period, place, rate, rate2};
+    for (int j = 0; j < 2; ++j) {
+        copy(samples + j * REFERENCE, NT, place + j * NT);
+        copy(samples + j * REFERENCE + NT, NY, rate + j * NY);
+        copy(samples + j * REFERENCE + NT + NY, NY, rate2 + j * NY);
+    }
+    reference_at(&two, 0, x, out);
+}
+
+/* Motion, torques, and motors of the interval that begins now. */
+static int put_out(real *s, const layout *l, real *q_a, real *v_a, real *tau_g, real *q_m, real *v_m, real *tau_m,
+    real *worst)
+{
+    const int parts = (int)s[PARTS], intervals = (int)s[INTERVALS];
+    const real fine = s[PERIOD] / parts;
+    real *space = s + l->space;
+    real left[NG][3] = {{0.0}}, right[NG][3] = {{0.0}};
+    arm_points *arm;
+    int quick[NG];
+    real last[NG], linear[NG][4];
+#if MODEL_NE > 0
+    mesh m = mesh_of(l, s);
+    interpolant f;
+    arm = &((lq_space *)(void *)(s + l->lq))->arm;
+    m.y = s + l->y; /* with what is over */
+    m.a = s + l->a;
+    m.N += (int)l->past;
+    prepare(&f);
+    nodal_accelerations(&m, s + l->a_node);
+#else
+    arm = (arm_points *)(void *)(s + l->lq);
+#endif
+    *worst = 0.0;
+    /* All from the plan of today, what is over too: the derivatives must not see where plans differ. */
+    copy(s + l->q_g + (ptrdiff_t)intervals * STAGES * NG, NG, last);
+    for (int at = 0; at < l->window; at += POINTS) {
+        const int used = (int)(l->window - at < POINTS ? l->window - at : (ptrdiff_t)POINTS);
+        int status;
+        for (int point = 0; point < POINTS; ++point) {
+            const int k = at + (point < used ? point : used - 1) - BACK + (int)l->past * parts;
+            const int end = (int)l->past + intervals;
+            const int interval = k / parts < end ? k / parts : end - 1;
+            const real x = k / parts < end ? (real)(k - interval * parts) / parts : 1.0;
+            real reference[REFERENCE];
+            between_samples(s + l->nodes + interval * (ptrdiff_t)REFERENCE, s[PERIOD], x, reference);
+            load_reference(arm, point, reference);
+            for (int i = 0; i < NG; ++i) {
+                arm->q[i_g[i]][point] = last[i];
+                arm->v[i_g[i]][point] = 0.0;
+                arm->a[i_g[i]][point] = 0.0;
+            }
+#if MODEL_NE > 0
+            load_elastic(&m, s + l->a_node, &f, interval, x, arm, point);
+#endif
+        }
+        status = torques(arm, space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int point = 0; point < used; ++point) {
+            const int k = at + point - BACK;
+            for (int i = 0; i < NG; ++i) {
+                s[l->tau + (k + BACK) * (ptrdiff_t)NG + i] = arm->tau_g[i][point];
+                last[i] = arm->q[i_g[i]][point];
+            }
+            if (k < 0 || k >= parts) {
+                continue;
+            }
+            for (int i = 0; i < NA; ++i) {
+                q_a[k * NA + i] = arm->q[i][point];
+                v_a[k * NA + i] = arm->v[i][point];
+                s[l->alpha + k * (ptrdiff_t)NA + i] = arm->a[i][point];
+            }
+            copy(s + l->tau + (k + BACK) * (ptrdiff_t)NG, NG, tau_g + k * NG);
+            if (k == parts - 1) {
+                copy(last, NG, s + l->q_g + (ptrdiff_t)intervals * STAGES * NG);
+            }
+#if MODEL_NE > 0
+            for (int i = 0; i < NE; ++i) {
+                *worst = fmax_1(*worst, fabs_1(arm->row[i][point]) / m.scale[i]);
+            }
+#endif
+        }
+    }
+    for (int i = 0; i < NG; ++i) {
+        quick[i] = 1;
+    }
+    copy(s + l->now, NG, last);
+    for (ptrdiff_t k = 0; k < l->window; ++k) {
+        real slope[NG];
+        if (!static_twist(s + l->tau + k * NG, last, slope, space)) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+        copy(last, NG, s + l->twist + k * NG);
+        if (k == 0) {
+            linear_steps(fine, slope, linear);
+        }
+        for (int i = 0; i < NG; ++i) {
+            quick[i] = quick[i] && follows_at_once(i, slope[i], fine);
+        }
+    }
+    {
+        int slow = 0;
+        real now[NG];
+        for (int i = 0; i < NG; ++i) {
+            slow |= !quick[i];
+        }
+        copy(s + l->now, NG, now);
+        for (ptrdiff_t k = MARGIN; k + MARGIN < l->window; ++k) {
+            const real *tau = s + l->tau + k * NG, *twist = s + l->twist + k * NG;
+            real value[NG], slope[NG];
+            if (slow && k >= BACK && k <= BACK + parts) {
+                for (int i = 0; i < NG; ++i) {
+                    copy(right[i], 3, left[i]);
+                    right[i][0] = tau[i];
+                    right[i][1] = fine * slope_of(tau + i, NG, fine);
+                    right[i][2] = fine * fine * curvature_of(tau + i, NG, fine);
+                }
+                if (k > BACK && !twist_step(fine, linear, left, right, now, space)) {
+                    return MODEL_RESULT_NOT_FINITE;
+                }
+                if (k == BACK + parts) {
+                    copy(now, NG, s + l->now);
+                }
+            }
+            if (model_gear_law(twist, value, slope, space) != MODEL_OK) {
+                return MODEL_RESULT_NOT_FINITE;
+            }
+            for (int i = 0; i < NG; ++i) {
+                const real lag = gear_is_rigid[i] ? 0.0 : gear_damping[i] / slope[i];
+                s[l->late + k * NG + i] = quick[i] ? twist[i] - lag * slope_of(twist + i, NG, fine) : now[i];
+            }
+        }
+    }
+    for (ptrdiff_t k = 0; k < parts; ++k) {
+        const real *tau = s + l->tau + (k + BACK) * NG, *twist = s + l->late + (k + BACK) * NG;
+        real value[NG], slope[NG], theta[NG], omega[NG], alpha[NG];
+        if (model_gear_law(twist, value, slope, space) != MODEL_OK) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+        for (int i = 0; i < NG; ++i) {
+            real once, twice;
+            if (quick[i]) {
+                once = slope_of(twist + i, NG, fine);
+                twice = curvature_of(twist + i, NG, fine);
+            } else {
+                once = (tau[i] - value[i]) / gear_damping[i];
+                twice = (slope_of(tau + i, NG, fine) - slope[i] * once) / gear_damping[i];
+            }
+            theta[i] = q_a[k * NA + i_g[i]] + twist[i];
+            omega[i] = v_a[k * NA + i_g[i]] + once;
+            alpha[i] = s[l->alpha + k * NA + i_g[i]] + twice;
+        }
+        if (!motors_of(theta, omega, alpha, tau, q_m + k * NM, v_m + k * NM, tau_m + k * NM, space)) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+    }
+    return MODEL_OK;
+}
+
+int model_stream_update(double *stream, const double *place, const double *rate, const double *rate2, double *q_a,
+    double *v_a, double *tau_g, double *q_m, double *v_m, double *tau_m, double *report)
+{
+    layout l;
+    real next[REFERENCE], *space;
+    real worst;
+    ptrdiff_t N;
+    int status;
+    if (stream == NULL || place == NULL || rate == NULL || rate2 == NULL || q_a == NULL || v_a == NULL ||
+        tau_g == NULL || q_m == NULL || v_m == NULL || tau_m == NULL || report == NULL) {
+        return MODEL_NULL_ARGUMENT;
+    }
+    if (!(stream[STATE] == IS_RUNNING) || !sizes_fit((int)stream[INTERVALS], (int)stream[PARTS])) {
+        return MODEL_NOT_STARTED;
+    }
+    if (!is_finite(place, NT) || !is_finite(rate, NY) || !is_finite(rate2, NY)) {
+        return MODEL_INPUT_NOT_FINITE;
+    }
+    l = laid_out((int)stream[INTERVALS], (int)stream[PARTS]);
+    N = (ptrdiff_t)stream[INTERVALS];
+    space = stream + l.space;
+#if MODEL_POSE
+    if (!is_rotation(place + 3) || !are_near(stream + l.last + 3, place + 3)) {
+        return MODEL_BAD_ARGUMENT;
+    }
+#endif
+    copy(place, NT, next);
+    copy(rate, NY, next + NT);
+    copy(rate2, NY, next + NT + NY);
+    { /* the new interval: can the arm get there? If not, the sample is refused and nothing has changed. */
+        real both[2][REFERENCE], at[STAGES][REFERENCE];
+#if MODEL_NE > 0
+        arm_points *arm = &((lq_space *)(void *)(stream + l.lq))->arm;
+#else
+        arm_points *arm = (arm_points *)(void *)(stream + l.lq);
+#endif
+        real joints[STAGES][NG];
+        copy(stream + l.last, REFERENCE, both[0]);
+        copy(next, REFERENCE, both[1]);
+        for (int point = 0; point < POINTS; ++point) {
+            const int s = point < STAGES ? point : STAGES - 1;
+            if (point < STAGES) {
+                between_samples(both[0], stream[PERIOD], gauss_c[s], at[s]);
+            }
+            load_reference(arm, point, at[s]);
+            for (int i = 0; i < NG; ++i) {
+                arm->q[i_g[i]][point] = stream[l.q_g + (N * STAGES - 1) * NG + i];
+                arm->v[i_g[i]][point] = 0.0;
+                arm->a[i_g[i]][point] = 0.0;
+            }
+#if MODEL_NE > 0
+            for (int i = 0; i < NE; ++i) {
+                const real *y = stream + l.y + N * STATES;
+                arm->q[i_e[i]][point] = y[i] + gauss_c[s] * stream[PERIOD] * y[NE + i];
+                arm->v[i_e[i]][point] = y[NE + i];
+                arm->a[i_e[i]][point] = 0.0;
+            }
+#endif
+        }
+        status = follow(arm, space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int s = 0; s < STAGES; ++s) {
+            for (int i = 0; i < NG; ++i) {
+                joints[s][i] = arm->q[i_g[i]][s];
+            }
+        }
+        /* shift by one interval; the joints at the start of the horizon stay behind the Gauss points */
+        copy(stream + l.q_g + STAGES * NG, (N - 1) * STAGES * NG, stream + l.q_g);
+        copy(joints[0], STAGES * NG, stream + l.q_g + (N - 1) * STAGES * NG);
+        copy(stream + l.reference + STAGES * REFERENCE, (N - 1) * STAGES * REFERENCE, stream + l.reference);
+        copy(at[0], STAGES * REFERENCE, stream + l.reference + (N - 1) * STAGES * REFERENCE);
+        copy(stream + l.nodes + REFERENCE, (l.past + N) * REFERENCE, stream + l.nodes);
+        copy(next, REFERENCE, stream + l.nodes + (l.past + N) * REFERENCE);
+        copy(next, REFERENCE, stream + l.last);
+    }
+    report[2] = 1.0;
+    report[3] = (real)N;
+#if MODEL_NE > 0
+    {
+        mesh m = mesh_of(&l, stream);
+        lq_space *w = (lq_space *)(void *)(stream + l.lq);
+        copy(stream + l.y + STATES, (l.past + N) * STATES, stream + l.y);
+        copy(stream + l.aim + STATES, N * STATES, stream + l.aim);
+        copy(stream + l.a + CONTROLS, (l.past + N - 1) * CONTROLS, stream + l.a);
+        for (int i = 0; i < CONTROLS; ++i) {
+            m.a[(N - 1) * CONTROLS + i] = 0.0;
+        }
+        next_node(m.y + (N - 1) * STATES, m.a + (N - 1) * CONTROLS, m.h, m.y + N * STATES);
+        status = slow_motion(&m, w, stream + l.levels, next, space);
+        if (status == MODEL_OK) {
+            status = lq_factor(&m, w, space);
+        }
+        if (status != MODEL_OK) {
+            stream[STATE] = HAS_FAILED;
+            return status;
+        }
+        copy(w->P, STATES * STATES, stream + l.cost);
+        lq_step(&m, 1.0);
+    }
+#endif
+    status = put_out(stream, &l, q_a, v_a, tau_g, q_m, v_m, tau_m, &worst);
+    if (status != MODEL_OK) {
+        stream[STATE] = HAS_FAILED;
+        return status;
+    }
+    stream[UPDATES] += 1.0;
+    report[0] = worst;
+    report[1] = worst;
+    return worst <= stream[TOLERANCE] ? MODEL_OK : MODEL_INEXACT;
+}

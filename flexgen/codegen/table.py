@@ -1,0 +1,210 @@
+"""The functions that a library can have: names, equations, and the arrays that go in and come out, with their units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flexgen.model.elements import RobotModel
+from flexgen.ports import Port
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the table: name, summary, equation, names of inputs and outputs in `PORTS`."""
+
+    name: str
+    summary: str
+    equation: str
+    inputs: str
+    outputs: str
+
+
+TABLE = (
+    Row(
+        "forward_kinematics",
+        "Position and rotation matrix of the tool in the world.",
+        "p_world = p + R p_tool",
+        "q_a",
+        "p R",
+    ),
+    Row(
+        "jacobian",
+        "Jacobian of the tool: its linear, then its angular velocity, in world axes.",
+        "(v_tool, omega_tool) = J(q_a) v_a",
+        "q_a",
+        "J",
+    ),
+    Row("mass_matrix", "Mass matrix of the arm, without rotors.", "T = v_a' M(q_a) v_a / 2", "q_a", "M"),
+    Row("bias", "Coriolis, centripetal and gravity forces of the arm.", "h = c(q_a, v_a) + g(q_a)", "q_a v_a", "h"),
+    Row("gravity", "Gravity forces of the arm.", "g = dU(q_a)/dq_a", "q_a", "g"),
+    Row(
+        "inverse_dynamics",
+        "Forces that the arm needs for a given motion, without friction and springs.",
+        "tau_a = M(q_a) a_a + c(q_a, v_a) + g(q_a)",
+        "q_a v_a a_a",
+        "tau_a",
+    ),
+    Row(
+        "inverse_dynamics_derivatives",
+        "First derivatives of the inverse dynamics.",
+        "d tau_a = dtau_dq d q_a + dtau_dv d v_a + dtau_da d a_a",
+        "q_a v_a a_a",
+        "dtau_dq dtau_dv dtau_da",
+    ),
+    Row(
+        "arm_forward_dynamics",
+        "Accelerations of the arm under given forces on its coordinates, without rotors, friction and springs: the "
+        "inverse of inverse_dynamics.",
+        "a_a = M(q_a)^-1 (tau_a - c(q_a, v_a) - g(q_a))",
+        "q_a v_a tau_a",
+        "a_a",
+    ),
+    Row(
+        "arm_forward_derivatives",
+        "First derivatives of the arm's forward dynamics.",
+        "d a_a = da_dq d q_a + da_dv d v_a + da_dtau d tau_a,  da_dtau = M^-1",
+        "q_a v_a tau_a",
+        "da_dq da_dv da_dtau",
+    ),
+    Row(
+        "forward_dynamics",
+        "Accelerations of arm and motors under the motors' torques, with springs, dampers and friction. "
+        "Entries of q_m and v_m behind rigid gears are ignored; those of a_m are filled in.",
+        "M a_a + c + g = tau_a,  J_m a_m + f(v_m) + eta^-T tau_g = tau_m",
+        "q_a v_a q_m v_m tau_m",
+        "a_a a_m",
+    ),
+    Row(
+        "linearize",
+        "Linearisation of the forward dynamics in the state x = (q_a, q_m, v_a, v_m), "
+        "of the motors only those behind elastic gears.",
+        "d(dx/dt) = A dx + B d(tau_m)",
+        "q_a v_a q_m v_m tau_m",
+        "A B",
+    ),
+    Row(
+        "output_constraint",
+        "How far the output is from a target, and the map W from speeds to rates of the output.",
+        "y_err = y(q_a) - target,  dy/dt = W(q_a) v_a,  d2y/dt2 = W a_a + Wdot_v",
+        "q_a v_a target",
+        "y_err W Wdot_v",
+    ),
+    Row(
+        "inversion_slopes",
+        "Derivatives of the output's rates, and of the equations of the coordinates without motor.",
+        "y1 = W v_a,  y2 = W a_a + W' v_a,  row = [M a_a + c + g - f]_e - tau_e, f: the arm's frictions",
+        "q_a v_a a_a",
+        "dy1_dq dy2_dq dy2_dv row row_q row_v row_a",
+    ),
+    Row(
+        "inversion_rows",
+        "Torques of the gears for a given motion, and what is left of the equations of the coordinates without motor.",
+        "tau_g = [M a_a + c + g - f]_g,  row = [M a_a + c + g - f]_e - tau_e, f: the arm's frictions",
+        "q_a v_a a_a",
+        "tau_g row",
+    ),
+    Row(
+        "gear_law",
+        "Torques of the gears' springs at given twists, and their slopes; zero for rigid gears.",
+        "tau_p = spring(twist),  dtau_p = d tau_p/d twist",
+        "twist",
+        "tau_p dtau_p",
+    ),
+    Row(
+        "motor_friction",
+        "Friction torques of the motors.",
+        "f_m = f(v_m)",
+        "v_m",
+        "f_m",
+    ),
+)
+
+FUNCTIONS = tuple(row.name for row in TABLE)
+INVERSION = FUNCTIONS[FUNCTIONS.index("output_constraint") :]  # of models whose output determines the motors' motion
+
+# name: sizes, unit (templates: see _unit), meaning
+PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
+    "q_a": (("n_a",), "{q}", "arm coordinates in chain order"),
+    "v_a": (("n_a",), "{q}/s", "arm velocities"),
+    "a_a": (("n_a",), "{q}/s^2", "arm accelerations"),
+    "q_m": (("n_m",), "rad", "motor angles, motor side"),
+    "v_m": (("n_m",), "rad/s", "motor speeds, motor side"),
+    "a_m": (("n_m",), "rad/s^2", "motor accelerations, motor side"),
+    "tau_m": (("n_m",), "N m", "motor torques, motor side"),
+    "tau_a": (("n_a",), "{tau}", "forces on the arm coordinates, arm side"),
+    "h": (("n_a",), "{tau}", "bias forces, arm side"),
+    "g": (("n_a",), "{tau}", "gravity forces, arm side"),
+    "M": (("n_a", "n_a"), "{M}", "mass matrix, symmetric"),
+    "p": (("3",), "m", "position of the tool, world axes"),
+    "R": (("3", "3"), "1", "rotation matrix, columns: axes of the tool in the world"),
+    "J": (("6", "n_a"), "mixed", "rows 0-2 in m/s, rows 3-5 in rad/s, per unit of the column's velocity"),
+    "dtau_dq": (("n_a", "n_a"), "mixed", "unit of the row's force per unit of the column's coordinate"),
+    "dtau_dv": (("n_a", "n_a"), "mixed", "unit of the row's force per unit of the column's velocity"),
+    "dtau_da": (("n_a", "n_a"), "{M}", "mass matrix, symmetric"),
+    "da_dq": (("n_a", "n_a"), "mixed", "unit of the row's acceleration per unit of the column's coordinate"),
+    "da_dv": (("n_a", "n_a"), "mixed", "unit of the row's acceleration per unit of the column's velocity"),
+    "da_dtau": (("n_a", "n_a"), "mixed", "inverse of the mass matrix, symmetric"),
+    "A": (("n_x", "n_x"), "mixed", "unit of the row's x/s per unit of the column's x"),
+    "B": (("n_x", "n_m"), "mixed", "unit of the row's x/s per N m"),
+    "target": (("n_t",), "{y}", "where the output shall be"),
+    "y_err": (("n_y",), "{y}", "output less target"),
+    "W": (("n_y", "n_a"), "mixed", "unit of the row's rate per unit of the column's velocity"),
+    "Wdot_v": (("n_y",), "{y}/s^2", "second time derivative of the output without accelerations"),
+    "dy1_dq": (("n_y", "n_a"), "mixed", "d(W v_a)/dq_a"),
+    "dy2_dq": (("n_y", "n_a"), "mixed", "d(W a_a + W' v_a)/dq_a"),
+    "dy2_dv": (("n_y", "n_a"), "mixed", "d(W' v_a)/dv_a"),
+    "row": (("n_e",), "{tau}", "forces on the coordinates without motor that nothing holds"),
+    "row_q": (("n_e", "n_a"), "mixed", "d row/dq_a"),
+    "row_v": (("n_e", "n_a"), "mixed", "d row/dv_a"),
+    "row_a": (("n_e", "n_a"), "{M}", "d row/da_a: rows of the mass matrix"),
+    "tau_g": (("n_g",), "{tau}", "torques of the gears on the arm, arm side"),
+    "twist": (("n_g",), "{q}", "motors seen from the arm side, less the coordinates"),
+    "tau_p": (("n_g",), "{tau}", "torques of the gears' springs, arm side"),
+    "dtau_p": (("n_g",), "mixed", "unit of the torque per unit of the coordinate"),
+    "f_m": (("n_m",), "N m", "friction torques, motor side"),
+}
+
+
+def _unit(template: str, units: Sequence[str]) -> tuple[str, str]:
+    """Unit of an array, and what to add to its meaning where the coordinates' units differ."""
+    kinds = sorted(set(units))
+    rad = {"q": "rad", "tau": "N m", "M": "kg m^2"}
+    metre = {"q": "m", "tau": "N", "M": "kg"}
+    if "{" not in template or kinds == ["rad"]:
+        return template.format(**rad), ""
+    if kinds == ["m"]:
+        return template.format(**metre), ""
+    if template == "{M}":
+        return "mixed", "; kg m^2, kg m or kg"
+    return "mixed", f"; {template.format(**rad)} for rotations, {template.format(**metre)} for translations"
+
+
+def _output_unit(template: str, model: RobotModel) -> tuple[str, str]:
+    """The same for an array of numbers of the output."""
+    output = model.output
+    if output.type != "tool_pose":
+        return template.format(y=output.unit if output.type == "combination" else "m"), ""
+    return "mixed", f"; {template.format(y='m')} for the position, then {template.format(y='rad')} for the rotation"
+
+
+def port(name: str, model: RobotModel, sizes: dict[str, int]) -> Port:
+    """An array of a function of the model's library."""
+    extents, template, meaning = PORTS[name]
+    if name == "target" and model.output.type == "tool_pose":
+        unit, remark = "mixed", ": position [m], rotation matrix by columns"
+    elif "{y}" in template:
+        unit, remark = _output_unit(template, model)
+    else:
+        unit, remark = _unit(template, [c.unit for c in model.coordinates])
+    return Port(
+        name, tuple(sizes[extent] if extent in sizes else int(extent) for extent in extents), unit, meaning + remark
+    )
+
+
+def offered_functions(model: RobotModel) -> tuple[str, ...]:
+    """The functions that a model's library can have: those of `INVERSION` only where the model inverts."""
+    left_out = set() if model.inverts else set(INVERSION)
+    if not model.i_e:
+        left_out.add("inversion_slopes")
+    return tuple(name for name in FUNCTIONS if name not in left_out)

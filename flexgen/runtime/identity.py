@@ -1,0 +1,81 @@
+"""Whether a library is the one that its manifest describes: its version, model, functions, sizes and numbers."""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import BuildError
+from flexgen.runtime.files import AGAIN
+
+ABI_VERSION = 2
+REALS: dict[str, np.dtype[Any]] = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}
+
+_SIZES = ("n_a", "n_g", "n_e", "n_m", "n_x", "n_y", "n_t", "n_p")
+_MEANING = {
+    "abi_version": "another version of the interface between Python and C",
+    "digest": "the library of another model",
+    "interface": "functions of other names or shapes",
+    "sizeof_real": "bytes of a number: another precision than the manifest's",
+    "sizeof_int": "bytes of an int in C",
+}
+
+
+def verify(library: ctypes.CDLL, manifest: dict[str, Any]) -> None:
+    """Compare what the library says of itself with the manifest and this Python; BuildError where they differ."""
+    name, precision = manifest["name"], manifest.get("precision", "double")
+    if precision not in REALS:
+        raise BuildError(f"precision: given {precision!r}, expected double or single; {AGAIN}")
+    for size in manifest["sizes"]:
+        if size not in _SIZES:
+            raise ValueError(f"given the size {size!r}, expected {', '.join(_SIZES)}")
+    expected: dict[str, Any] = {
+        "abi_version": ABI_VERSION,
+        "sizeof_real": REALS[precision].itemsize,
+        "sizeof_int": ctypes.sizeof(ctypes.c_int),
+        "digest": manifest["model_digest"],
+        "interface": hashlib.sha256("".join(_signatures(manifest)).encode()).hexdigest(),
+        **manifest["sizes"],
+    }
+    for key, value in expected.items():
+        entry = entry_of(library, f"{name}_{key}")
+        if key in ("digest", "interface"):
+            entry.restype = ctypes.c_char_p
+            said = entry().decode("ascii", "replace")
+        else:
+            said = int(entry())
+        if said != value:
+            meaning = f" ({_MEANING[key]})" if key in _MEANING else ""
+            raise BuildError(f"{name}_{key}: given {said}, expected {value}{meaning}; {AGAIN}")
+
+
+def entry_of(library: ctypes.CDLL, symbol: str) -> Any:
+    """A function of the library that returns an int; BuildError where it is missing.
+
+    Types of arguments are not declared: all calls pass objects of ctypes and small numbers, and looking declarations up
+    would cost time in every one.
+    """
+    try:
+        return library[symbol]
+    except AttributeError:
+        raise BuildError(
+            f"{symbol}: given a library without it, expected the one that the manifest describes; {AGAIN}"
+        ) from None
+
+
+def _signatures(manifest: dict[str, Any]) -> list[str]:
+    """The lines that the library hashes: those of its functions and of its cores."""
+    cores = [f"{core['signature']}\n" for core in manifest.get("cores", ())]
+    return [*map(_signature, manifest["functions"]), *cores]
+
+
+def _signature(described: dict[str, Any]) -> str:
+    """Names and shapes of a function in one line, as the library hashes them: ``mass_matrix(q_a[3])(M[3,3])``."""
+
+    def listed(ports: list[dict[str, Any]]) -> str:
+        return "".join(f"{port['name']}[{','.join(map(str, port['shape']))}]" for port in ports)
+
+    return f"{described['name']}({listed(described['inputs'])})({listed(described['outputs'])})\n"

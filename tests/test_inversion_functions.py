@@ -1,0 +1,279 @@
+"""What inverse dynamics along an output asks of a model: recursion, Lagrangian and differences; and who has it."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexgen.codegen.build import generate
+from flexgen.codegen.emit import emit
+from flexgen.codegen.spec import chosen_functions, library_spec
+from flexgen.codegen.table import FUNCTIONS, INVERSION, offered_functions
+from flexgen.errors import ArgumentError
+from flexgen.mechanics import fast_inversion, inversion
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.fast import fast_function, recursive_function
+from flexgen.model.elements import RobotModel
+from flexgen.model.reader import model_names, read
+
+MADE_OF_TAPES = ("output_constraint", "inversion_slopes", "inversion_rows")
+ROBOTS = ("one", "spatial", "ur5_elastic")
+# Of the largest entry of a result: rounding along chains of tens of frames, in another order.
+EXACT = 1e-12
+# Central differences with a step of 1e-6: 1e-12 of curvature and 1e-16 / 1e-6 of rounding, both of numbers that may be
+# a hundred times larger than the result.
+DIFFERENCES, STEP = 1e-6, 1e-6
+
+
+@cache
+def equations_of(name: str) -> Equations:
+    return derive(read(Path(__file__).parent / "robots" / f"{name}.toml" if name in ROBOTS else name))
+
+
+INVERTING = [*(name for name in model_names() if read(name).inverts), "ur5_elastic"]
+
+
+def state(model: RobotModel, seed: int = 1) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    out = {name: rng.uniform(-1.0, 1.0, model.n_a) for name in ("q_a", "v_a", "a_a")}
+    return {**out, "target": rng.uniform(-1.0, 1.0, model.output.target_size), "twist": rng.normal(size=model.n_g)}
+
+
+def values(function, given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    found = function.call([given[name] for name in function.name_in()])
+    return {name: x.full() for name, x in zip(function.name_out(), found, strict=True)}
+
+
+def disagreement(a: dict[str, np.ndarray], b: dict[str, np.ndarray]) -> float:
+    """Largest difference, of the largest entry of each result; the results of both have the same names and shapes."""
+    assert {name: x.shape for name, x in a.items()} == {name: x.shape for name, x in b.items()}
+    worst = 0.0
+    for name, x in a.items():
+        size = np.abs(b[name]).max(initial=0.0)
+        worst = max(worst, np.abs(x - b[name]).max(initial=0.0) / (size if size > 0.0 else 1.0))
+    return worst
+
+
+# --- three ways -------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", INVERTING)
+def test_the_recursion_is_the_lagrangian(name):
+    equations = equations_of(name)
+    beams = any(element.beam is not None for element in equations.model.elements)
+    for function in MADE_OF_TAPES:
+        fast, slow = recursive_function(equations, function), equations.function(function)
+        assert (fast is None) == beams
+        if fast is None:
+            continue
+        assert fast_function(equations, function) is fast
+        assert fast.name_in() == slow.name_in() and fast.name_out() == slow.name_out()
+        assert all(fast.sparsity_out(i) == slow.sparsity_out(i) for i in range(fast.n_out()))
+        for seed in (1, 2, 3):
+            given = state(equations.model, seed)
+            assert disagreement(values(fast, given), values(slow, given)) <= EXACT, function
+
+
+@pytest.mark.parametrize("name", INVERTING)
+def test_the_lagrangian_is_what_differences_give(name):
+    equations = equations_of(name)
+    given = state(equations.model)
+    n_a, e = equations.model.n_a, list(equations.model.i_e)
+    constraint, rows = (equations.function(f) for f in ("output_constraint", "inversion_rows"))
+
+    def rates(x: dict[str, np.ndarray]) -> np.ndarray:
+        """``W v``, ``W a + W' v`` and the rows without motor, one below the other."""
+        at = values(constraint, x)
+        first, second = at["W"] @ x["v_a"], at["W"] @ x["a_a"] + at["Wdot_v"][:, 0]
+        return np.concatenate([first, second, values(rows, x)["row"][:, 0] if e else []])
+
+    def slope(of: str) -> np.ndarray:
+        columns = []
+        for i in range(n_a):
+            step = STEP * np.eye(n_a)[i]
+            ends = [rates({**given, of: given[of] + sign * step}) for sign in (1.0, -1.0)]
+            columns.append((ends[0] - ends[1]) / (2 * STEP))
+        return np.array(columns).T
+
+    n_y = equations.model.output.size
+    found = values(equations.function("inversion_slopes"), given)
+    by_q, by_v, by_a = (slope(of) for of in ("q_a", "v_a", "a_a"))
+    expected = {"dy1_dq": by_q[:n_y], "dy2_dq": by_q[n_y : 2 * n_y], "dy2_dv": by_v[n_y : 2 * n_y]}
+    assert np.abs(by_v[:n_y] - values(constraint, given)["W"]).max() < DIFFERENCES
+    if e:
+        expected |= {"row_q": by_q[2 * n_y :], "row_v": by_v[2 * n_y :], "row_a": by_a[2 * n_y :]}
+        assert np.array_equal(found["row"], values(rows, given)["row"])
+    for port, x in expected.items():
+        size = max(1.0, np.abs(found[port]).max(), np.abs(rates(given)).max())
+        assert np.abs(found[port] - x).max() < DIFFERENCES * size, port
+
+
+@pytest.mark.parametrize("name", ["planar5_nmp", "manutec_r3_efjm", "four_mass", "beam_arm"])
+def test_the_constraint_is_the_output(name):
+    """At its own output the error is zero, and W is how it grows; ``W' v`` is how ``W v`` changes along v."""
+    equations = equations_of(name)
+    model, given = equations.model, state(equations.model)
+    constraint = equations.function("output_constraint")
+    if model.output.type == "tool_pose":
+        at = values(equations.function("forward_kinematics"), given)
+        target = np.concatenate([at["p"][:, 0], at["R"].T.ravel()])
+    else:
+        target = values(equations.function("output"), given)["y"][:, 0]
+    given["target"] = target
+    here = values(constraint, given)
+    assert np.abs(here["y_err"]).max() < EXACT
+    for i in range(model.n_a):
+        step = STEP * np.eye(model.n_a)[i]
+        ends = [values(constraint, {**given, "q_a": given["q_a"] + sign * step})["y_err"] for sign in (1.0, -1.0)]
+        assert np.abs((ends[0] - ends[1])[:, 0] / (2 * STEP) - here["W"][:, i]).max() < DIFFERENCES
+    ends = [values(constraint, {**given, "q_a": given["q_a"] + sign * STEP * given["v_a"]}) for sign in (1.0, -1.0)]
+    change = (ends[0]["W"] - ends[1]["W"]) @ given["v_a"] / (2 * STEP)
+    assert np.abs(change - here["Wdot_v"][:, 0]).max() < DIFFERENCES
+
+
+@pytest.mark.parametrize("name", ["planar5_soft", "manutec_r3_efjm", "beam_arm", "elbow"])
+def test_the_rows_are_the_equations_of_motion(name):
+    """With the torques of the gears that they ask for, nothing is left of the equations of the arm."""
+    equations = equations_of(name)
+    model, given = equations.model, state(equations.model)
+    rng = np.random.default_rng(2)
+    given |= {port: rng.normal(size=model.n_m) for port in ("q_m", "v_m", "a_m", "tau_m")}
+    rows = values(equations.function("inversion_rows"), given)
+    left = values(equations.function("residual"), given)["r_a"][:, 0]
+    elastic = np.array([j in model.i_m for j in range(model.n_m)])
+    if elastic.all():
+        gears = values(equations.function("gear_torque"), given)["tau_g"][:, 0]
+        assert np.allclose(left[list(model.i_g)], rows["tau_g"][:, 0] - gears, rtol=0, atol=EXACT * np.abs(left).max())
+    if model.n_e:
+        assert np.allclose(left[list(model.i_e)], rows["row"][:, 0], rtol=0, atol=EXACT * np.abs(left).max())
+
+
+def test_the_gear_law_is_that_of_the_springs():
+    equations = equations_of("planar5_nmp")
+    given = state(equations.model)
+    law, spring = (values(equations.function(name), given) for name in ("gear_law", "gear_spring"))
+    assert np.array_equal(law["tau_p"], spring["tau"]) and np.array_equal(law["dtau_p"], spring["slope"])
+    rigid = values(equations_of("ur5_elastic").function("gear_law"), state(equations_of("ur5_elastic").model))
+    assert not rigid["tau_p"].any() and not rigid["dtau_p"].any()
+
+
+# --- planted errors ---------------------------------------------------------------------------------------------------
+def test_a_planted_error_in_the_turning_is_seen(monkeypatch):
+    """Angular velocities are no derivatives of coordinates: without that term the test must fail."""
+    equations = derive(read("manutec_r3"))
+    monkeypatch.setattr(fast_inversion, "cross", lambda a, b: [0.0] * 3)
+    fast = recursive_function(equations, "inversion_slopes")
+    given = state(equations.model)
+    found, expected = values(fast, given), values(equations.function("inversion_slopes"), given)
+    assert disagreement(found, expected) > 1e-2
+    lines = {name: x[:3] for name, x in found.items()}
+    assert disagreement(lines, {name: x[:3] for name, x in expected.items()}) <= EXACT
+
+
+def test_a_planted_error_in_the_springs_is_seen(monkeypatch):
+    """Rows without their springs are not those of the Lagrangian."""
+    equations = derive(read("planar5_nmp"))
+    expected = values(equations.function("inversion_slopes"), given := state(equations.model))
+    kept = inversion.slopes
+
+    def without(equations, of_output, of_left):
+        inputs, names, outputs, ports = kept(equations, of_output, of_left)
+        at = ports.index("row")
+        outputs[at], outputs[at + 1] = of_left[0], of_left[1]
+        return inputs, names, outputs, ports
+
+    monkeypatch.setattr(fast_inversion, "slopes", without)
+    assert disagreement(values(recursive_function(equations, "inversion_slopes"), given), expected) > 1e-3
+
+
+# --- who has them -----------------------------------------------------------------------------------------------------
+def complete(model: RobotModel) -> RobotModel:
+    """The same with rotors that turn with their carriers, but for their axes and carriers."""
+    return dataclasses.replace(model, motor_coupling="complete")
+
+
+def test_who_has_which_functions():
+    plain = FUNCTIONS[: -len(INVERSION)]
+    assert offered_functions(read("planar5_nmp")) == FUNCTIONS
+    assert offered_functions(read("elbow")) == tuple(name for name in FUNCTIONS if name != "inversion_slopes")
+    assert offered_functions(complete(read("planar5_nmp"))) == plain
+    one = read("planar5_nmp")
+    fewer = dataclasses.replace(one, output=dataclasses.replace(one.output, axes="x"))
+    assert not fewer.inverts and offered_functions(fewer) == plain
+    with pytest.raises(ArgumentError, match=r"gear_law.*as many outputs as motors \(1 and 2 given\)"):
+        chosen_functions(["gear_law"], fewer)
+    with pytest.raises(ArgumentError, match="coordinates without motor"):
+        chosen_functions(["inversion_slopes"], read("elbow"))
+    with pytest.raises(ArgumentError, match="as many outputs as motors"):
+        derive(fewer).function("inversion_rows")
+    assert recursive_function(derive(fewer), "inversion_rows") is None
+
+
+def test_sizes_and_units():
+    spec = library_spec(derive("planar5_nmp"))
+    assert (spec.sizes["n_y"], spec.sizes["n_t"]) == (2, 2)
+    ports = {p.name: p for f in spec.functions for p in (*f.inputs, *f.outputs)}
+    assert ports["target"].unit == ports["y_err"].unit == "m" and ports["Wdot_v"].unit == "m/s^2"
+    pose = library_spec(equations_of("manutec_r3"), ["output_constraint", "inversion_rows"])
+    assert (pose.sizes["n_y"], pose.sizes["n_t"]) == (6, 12)
+    ports = {p.name: p for f in pose.functions for p in (*f.inputs, *f.outputs)}
+    assert ports["target"].shape == (12,) and "rotation matrix by columns" in ports["target"].doc
+    assert "row" not in ports  # there is no coordinate without motor
+    text = emit(pose)["manutec_r3.h"]
+    assert "#define MANUTEC_R3_NT 12 /* numbers of a target of the output */" in text
+
+
+@pytest.mark.parametrize("names", [["payload", "stiffness"], ["friction", "damping"]])
+def test_run_time_parameters_are_arguments(names):
+    equations = derive("planar5_nmp", names)
+    spec = library_spec(equations)
+    assert spec.cores == () and spec.drives is None
+    numbers = np.array([parameter.value for parameter in equations.parameters])
+    given = {**state(equations.model), "parameters": 1.3 * numbers, "v_m": np.ones(2)}
+    for name in (*MADE_OF_TAPES, "gear_law", "motor_friction"):
+        slow, fast = equations.function(name), fast_function(equations, name)
+        if fast is not None:
+            assert disagreement(values(fast, given), values(slow, given)) <= EXACT, name
+    takes = {f.name for f in spec.functions if any(p.name == "parameters" for p in f.inputs)}
+    expected = {"payload": {"inversion_slopes", "inversion_rows", "gear_law"}, "friction": {"inversion_slopes"}}
+    assert expected[names[0]] <= takes
+
+
+# --- the hand-written functions ---------------------------------------------------------------------------------------
+def test_hand_written_c_has_the_librarys_name():
+    spec = library_spec(derive("planar5_nmp"))
+    texts = emit(spec)
+    made = {name: text for name, text in texts.items() if name.startswith("planar5_nmp_inver") or "drives" in name}
+    assert {"planar5_nmp_invert.c", "planar5_nmp_inversion.h", "planar5_nmp_drives.h"} <= set(made)
+    for name, text in texts.items():
+        assert "model_" not in text and "MODEL_" not in text, name
+    drives = texts["planar5_nmp_drives.h"]
+    for line in (
+        "static const int i_g[PLANAR5_NMP_NG] = {0, 1};",
+        "static const int i_e[PLANAR5_NMP_NE] = {2};",
+        "static const real gear_damping[PLANAR5_NMP_NG] = {400.0, 250.0}; /* arm side */",
+        "static const real rotor_inertia[PLANAR5_NMP_NM] = {0.004, 0.0025};",
+        "#define PLANAR5_NMP_POSE 0 /* the output is a pose: position, then rotation */",
+    ):
+        assert line in drives.splitlines()
+    assert "planar5_nmp_invert(int n" in texts["planar5_nmp.h"]
+
+
+def test_drives_are_those_of_the_model():
+    drives = library_spec(equations_of("four_mass")).drives
+    model = equations_of("four_mass").model
+    assert np.array_equal(drives.eta, model.eta) and np.allclose(np.array(drives.eta_inverse) @ model.eta, np.eye(1))
+    pose = library_spec(equations_of("ur5_elastic"), INVERSION).drives
+    assert pose.pose and all(pose.gear_is_rigid) and not any(pose.gear_damping)
+
+
+def test_who_has_the_hand_written_functions(tmp_path):
+    equations = derive("planar5_nmp")
+    assert [core.name for core in library_spec(equations).cores][:2] == ["invert_work", "invert"]
+    assert library_spec(equations, INVERSION).cores
+    assert not library_spec(equations, ["gravity"]).cores
+    assert not library_spec(equations, precision="single").cores
+    few = generate(equations, tmp_path / "few", functions=["gravity"], build=False)
+    assert not any("invert" in path.name for path in few.files)

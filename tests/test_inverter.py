@@ -1,0 +1,232 @@
+"""Inverse dynamics of a loaded library along paths, from Python: what it takes, gives and refuses."""
+
+from __future__ import annotations
+
+import copy
+import ctypes
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+
+import numpy as np
+import pytest
+from emitted import loaded, made, needs_compiler
+
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.mechanics.equations import derive
+from flexgen.problems.path import Path
+from flexgen.runtime import load
+
+pytestmark = needs_compiler
+
+MODEL, PERIOD, EVERY = "planar5_nmp", 1e-3, 5
+# Between the mesh points the elastic coordinates are quintics: on a mesh of 5 ms they leave the equations by about 1e-6
+# of the torques at rest.
+BETWEEN = 1e-5
+
+
+@cache
+def samples(name: str = MODEL) -> dict[str, np.ndarray]:
+    """The model's first move, sampled."""
+    path = Path(equations := derive(name), equations.model.move())
+    t = np.arange(round(path.duration / PERIOD) + 1) * PERIOD
+    sample = path.sample(t)
+    return {"place": sample.y[:, :, 0], "rate": sample.rates(1), "rate2": sample.rates(2), "q_start": path.q_start}
+
+
+def given(**changes) -> dict:
+    return {**samples(), "period": PERIOD, "lead": 100, "tail": 100, "every": EVERY, **changes}
+
+
+@pytest.fixture(scope="module")
+def library():
+    return loaded(MODEL)
+
+
+@pytest.fixture(scope="module")
+def answer(library):
+    return library.invert(**given())
+
+
+# --- whole paths ------------------------------------------------------------------------------------------------------
+def test_a_path_is_inverted(library, answer):
+    n = len(samples()["place"])
+    assert (
+        answer.q_a.shape == (n + 200, 3) and answer.tau_m.shape == (n + 200, 2) and answer.tau_g.shape == (n + 200, 2)
+    )
+    assert (answer.lead, answer.tail, answer.period) == (100, 100, PERIOD)
+    assert answer.t[0] == pytest.approx(-0.1) and answer.t[100] == 0.0
+    assert answer.residual < 1e-9 and answer.residual_between < BETWEEN
+    assert answer.iterations >= 1 and answer.intervals == -(-(n + 199) // EVERY)
+    # the output is on the path, and the motion is its own derivative
+    p, _ = library.forward_kinematics(answer.q_a[100:-100])
+    assert np.abs(p[:, :2] - samples()["place"]).max() < 1e-9
+    rate = (answer.q_a[2:] - answer.q_a[:-2]) / (2 * PERIOD)
+    assert np.abs(rate - answer.v_a[1:-1]).max() < 1e-2 * np.abs(answer.v_a).max()
+    assert not answer.v_a[0].any() or np.abs(answer.v_a[0]).max() < 1e-9
+
+
+def test_the_torques_are_those_of_the_arm(library, answer):
+    tau_g, row = library.inversion_rows(answer.q_a, answer.v_a, answer.a_a)
+    assert np.abs(tau_g - answer.tau_g).max() < 1e-9 * np.abs(tau_g).max()
+    assert np.abs(row).max() < BETWEEN * np.abs(tau_g).max()
+
+
+def test_the_same_bits_again_and_from_threads(library, answer):
+    with ThreadPoolExecutor(4) as pool:
+        for other in pool.map(lambda _: library.invert(**given()), range(8)):
+            assert np.array_equal(other.tau_m, answer.tau_m)
+
+
+def test_it_travels(answer):
+    invert = pickle.loads(pickle.dumps(loaded(MODEL).invert))
+    assert np.array_equal(invert(**given()).tau_m, answer.tau_m)
+    assert copy.copy(invert) is invert and copy.deepcopy(invert) is invert
+    assert repr(invert).startswith("invert(place, rate, rate2")
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "words"),
+    [
+        ({"place": np.zeros(4)}, ArgumentError, r"place: given shape \(4,\), expected \(n, 2\)"),
+        ({"place": "here"}, ArgumentError, "place: given"),
+        ({"rate": np.zeros((3, 2))}, ArgumentError, "rate: given shape"),
+        ({"q_start": np.zeros(2)}, ArgumentError, "q_start: given shape"),
+        ({"q_start": np.full(3, np.nan)}, ArgumentError, "an input is not finite"),
+        (
+            {"place": np.full((5, 2), np.inf), "rate": np.zeros((5, 2)), "rate2": np.zeros((5, 2))},
+            ArgumentError,
+            "finite",
+        ),
+        ({"period": 0.0}, ArgumentError, "a size, a time"),
+        ({"period": "1"}, ArgumentError, "period: given '1', expected a number"),
+        ({"tolerance": -1.0}, ArgumentError, "a size, a time"),
+        ({"lead": -1}, ArgumentError, "no negative lead"),
+        ({"lead": 1.5}, ArgumentError, "lead: given 1.5, expected a whole number"),
+        ({"every": 0}, ArgumentError, "every at least 1"),
+        ({"tail": 2**31}, ArgumentError, "tail: given"),
+    ],
+)
+def test_what_is_refused(library, changes, error, words):
+    with pytest.raises(error, match=words):
+        library.invert(**given(**changes))
+
+
+def test_a_path_out_of_reach_is_no_answer(library):
+    with pytest.raises(SolverError, match="leaves the workspace or passes a singular pose"):
+        library.invert(**given(place=10.0 * samples()["place"]))
+
+
+def test_c_refuses_null_and_too_little_memory(library):
+    c = ctypes.CDLL(str(next(path for path in made(MODEL).files if path.suffix in (".so", ".dylib"))))
+    invert = c.planar5_nmp_invert
+    s = samples()
+    n = len(s["place"])
+    outputs = [np.zeros((n, k)) for k in (3, 3, 3, 2, 2, 2, 2)] + [np.zeros(4), np.zeros(10)]
+    arrays = [np.ascontiguousarray(x) for x in (s["place"], s["rate"], s["rate2"], s["q_start"])]
+
+    def status(null: int | None = None) -> int:
+        where = [ctypes.c_void_p(x.ctypes.data) for x in (*arrays, *outputs)]
+        if null is not None:
+            where[null] = ctypes.c_void_p(None)
+        whole = [ctypes.c_int(k) for k in (0, 0, 5)]
+        real = ctypes.c_double
+        return invert(ctypes.c_int(n), real(PERIOD), *where[:4], *whole, real(1e-9), *where[4:], ctypes.c_int64(10))
+
+    assert status() == -6  # WORK_TOO_SMALL
+    assert {status(null) for null in range(13)} == {-1}
+    work = c.planar5_nmp_invert_work
+    work.restype = ctypes.c_int64
+    assert work(1, 0, 0, 5) == -1 and work(n, 0, 0, 5) > 10
+
+
+def test_a_library_without_it_says_so(tmp_path):
+    from flexgen.codegen.build import generate
+
+    few = load(generate(MODEL, tmp_path / "few", functions=["gravity"]).directory)
+    with pytest.raises(ArgumentError, match="without invert, expected one in double precision"):
+        _ = few.invert
+    with pytest.raises(ArgumentError, match="without streams"):
+        few.stream(np.zeros(2), np.zeros(3), period=5e-3, intervals=10)
+
+
+def test_closed_is_closed():
+    mine = load(made(MODEL).directory)
+    invert = mine.invert
+    mine.close()
+    with pytest.raises(ArgumentError, match="closed"):
+        invert(**given())
+    with pytest.raises(ArgumentError, match="closed"):
+        pickle.dumps(invert)
+    with pytest.raises(ArgumentError, match="closed"):
+        mine.stream(np.zeros(2), np.zeros(3), period=5e-3, intervals=10)
+
+
+# --- streams ----------------------------------------------------------------------------------------------------------
+HORIZON = 40
+
+
+def begun(library):
+    s = samples()
+    return library.stream(s["place"][0], s["q_start"], period=EVERY * PERIOD, intervals=HORIZON, parts=EVERY)
+
+
+def updates(stream, first: int, last: int):
+    """Updates number first ... last - 1: samples of the path, then rest at its end."""
+    s = {key: samples()[key][::EVERY] for key in ("place", "rate", "rate2")}
+    out = []
+    for k in range(first, last):
+        at = min(k, len(s["place"]) - 1)
+        moving = float(k < len(s["place"]))
+        out.append(stream.update(s["place"][at], moving * s["rate"][at], moving * s["rate2"][at]))
+    return out
+
+
+def test_a_stream_gives_the_torques_of_the_path(library):
+    """The stream sees 0.2 s ahead, the whole path all of it; both follow it exactly, and so agree."""
+    n = len(samples()["place"][::EVERY])
+    intervals = updates(begun(library), 1, n + HORIZON + 20)
+    assert all(x.exact for x in intervals) and max(x.residual for x in intervals) < 1e-6
+    assert intervals[0].tau_m.shape == (EVERY, 2) and intervals[0].q_a.shape == (EVERY, 3)
+    tau = np.vstack([x.tau_m for x in intervals])
+    whole = library.invert(**given(lead=EVERY * (HORIZON - 1), tail=100))
+    count = len(whole.tau_m) - 50  # (the end of the whole motion is free)
+    assert np.abs(tau[:count] - whole.tau_m[:count]).max() < 1e-3 * np.abs(whole.tau_m).max()
+
+
+def test_a_copied_stream_goes_on_by_itself(library):
+    stream = begun(library)
+    updates(stream, 1, 30)
+    others = [copy.copy(stream), copy.deepcopy(stream), pickle.loads(pickle.dumps(stream))]
+    expected = updates(stream, 30, 40)[-1].tau_m
+    for other in others:
+        assert np.array_equal(updates(other, 30, 40)[-1].tau_m, expected)
+
+
+def test_a_refused_sample_changes_nothing(library):
+    stream, other = begun(library), begun(library)
+    updates(stream, 1, 20)
+    updates(other, 1, 20)
+    s = samples()
+    for place, error in ((np.full(2, np.nan), ArgumentError), (10.0 * s["place"][0], SolverError)):
+        with pytest.raises(error):
+            stream.update(place, np.zeros(2), np.zeros(2))
+    with pytest.raises(ArgumentError, match="rate: given shape"):
+        stream.update(s["place"][0], np.zeros(3), np.zeros(2))
+    assert np.array_equal(updates(stream, 20, 30)[-1].tau_m, updates(other, 20, 30)[-1].tau_m)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"intervals": 0}, "given 0 intervals"),
+        ({"parts": 1001}, "1001 parts"),
+        ({"intervals": 2.5}, "intervals: given 2.5, expected a whole number"),
+        ({"period": -1.0}, "a size, a time"),
+        ({"tolerance": 2.0}, "a size, a time"),
+    ],
+)
+def test_what_a_stream_refuses(library, changes, words):
+    s = samples()
+    with pytest.raises(ArgumentError, match=words):
+        library.stream(s["place"][0], s["q_start"], **{"period": 5e-3, "intervals": 10, **changes})
