@@ -14,17 +14,26 @@ _VERBS = {
     "models": "flexgen.catalogue",
     "describe": "flexgen.catalogue",
     "read": "flexgen.model.reader",
+    "read_moves": "flexgen.model.task_files",
     "derive": "flexgen.mechanics.equations",
     "analyze": "flexgen.analysis.report",
     "solve": "flexgen.solvers.solve",
+    "sweep": "flexgen.sweeps.sweep",
     "simulate": "flexgen.simulation",
     "generate": "flexgen.codegen.build",
     "load": "flexgen.runtime",
 }
 _NOUNS = {
+    "Grid": "flexgen.sweeps.cases",
     "Limits": "flexgen.solvers.full",
-    "Move": "flexgen.model.elements",
+    "Move": "flexgen.model.moves",
+    "MoveC": "flexgen.model.moves",
+    "MoveJ": "flexgen.model.moves",
+    "MoveL": "flexgen.model.moves",
+    "Program": "flexgen.model.moves",
     "Trajectory": "flexgen.trajectory",
+    "combinations": "flexgen.sweeps.cases",
+    "random_moves": "flexgen.sweeps.cases",
 }
 _ERRORS = dict.fromkeys(["FlexgenError", "ModelError", "ArgumentError", "SolverError", "BuildError"], "flexgen.errors")
 _PUBLIC = _VERBS | _NOUNS | _ERRORS

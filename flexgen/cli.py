@@ -22,8 +22,23 @@ from typing import Any, NoReturn
 from flexgen import __version__, commands, main_job
 from flexgen.errors import FlexgenError
 from flexgen.printing import as_json
+from flexgen.sweeps.command import add_arguments as add_sweep_arguments
 
-METHODS = ("auto", "closed-form", "collocation", "full")  # as in flexgen.solvers.methods, which is slow to import
+METHODS = (
+    "auto",
+    "closed-form",
+    "lq",
+    "bvp",
+    "collocation",
+    "full",
+    "discretized",
+    "bdf",
+    "reduced",
+    "kunkel-mehrmann",
+    "rigid",
+    "fjm",
+    "quasistatic",
+)  # as in flexgen.solvers.methods, which is slow to import
 PACKAGES = ("casadi", "numpy", "scipy", "sympy", "matplotlib")
 
 DONE, FAILED, USAGE, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
@@ -166,12 +181,14 @@ def build_parser() -> argparse.ArgumentParser:
 
     sub = verb("solve")
     sub.add_argument("--move", metavar="NAME", help="a move of the model file; default: its first")
-    sub.add_argument("--method", choices=METHODS, default="auto", help="default: auto")
+    sub.add_argument(
+        "--method", choices=METHODS, metavar="NAME", default="auto", help=f"one of {', '.join(METHODS)}; default: auto"
+    )
     sub.add_argument("--out", metavar="FILE", type=_trajectory_file, help="write the trajectory there (.npz or .csv)")
     sub.add_argument("--report", metavar="DIR", type=_path, help="write a self-contained HTML report there")
     sub.add_argument("--no-verify", action="store_true", help="skip the forward simulation")
     sub.add_argument("--preview", metavar="S", type=_not_negative, help="how long before the path the motion may begin")
-    sub.add_argument("--mesh", metavar="S", type=_positive, help="length of the collocation intervals")
+    sub.add_argument("--mesh", metavar="S", type=_positive, help="length of the intervals of the mesh")
     sub.add_argument("--limits", action="store_true", help="respect the model's torque and speed limits (method full)")
     sub.add_argument("--accuracy", metavar="X", type=_positive, help="largest error to accept, m and rad")
 
@@ -179,9 +196,13 @@ def build_parser() -> argparse.ArgumentParser:
     sub.add_argument("trajectory", metavar="TRAJECTORY", type=_path, help="what 'flexgen solve --out' wrote")
     sub.add_argument("--out", metavar="FILE", type=_trajectory_file, help="write the simulated motion there")
 
+    add_sweep_arguments(verb("sweep", model=False))
+
     sub = verb("run")
     sub.add_argument("--move", metavar="NAME", help="a move of the model file; default: its first")
-    sub.add_argument("--method", choices=METHODS, default="auto", help="default: auto")
+    sub.add_argument(
+        "--method", choices=METHODS, metavar="NAME", default="auto", help=f"one of {', '.join(METHODS)}; default: auto"
+    )
     sub.add_argument("--directory", metavar="DIR", type=_path, help="of the C library; default: generated/MODEL")
     sub.add_argument("--report", metavar="DIR", type=_path, help="of the report; default: reports/MODEL")
     return parser

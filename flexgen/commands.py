@@ -288,12 +288,22 @@ def solve(args: Namespace, tell: Tell) -> Answer:
             data["trajectory"] = str(solution.trajectory.save(args.out))
         text += f"\n\nwrote {args.out}"
     if args.report is not None:
+        from flexgen.comparison import compare, error_rows
         from flexgen.report import write_report
 
+        beside = () if args.no_verify else compare(equations, solution, tell)
+        data["comparison"] = error_rows(beside)
         with writing(args.report):
-            data["report"] = str(write_report(equations, solution, args.report))
+            data["report"] = str(write_report(equations, solution, args.report, beside=beside))
         text += ("\n" if args.out else "\n\n") + f"wrote {data['report']}"
     return Answer(data, text, problem, list(solution.warnings))
+
+
+def sweep(args: Namespace, tell: Tell) -> Answer:
+    """Solve all cases of a grid of models, parameters, moves and methods."""
+    from flexgen.sweeps.command import run
+
+    return Answer(*run(args, tell))
 
 
 def inaccuracy(solution: Solution, accuracy: float) -> str:

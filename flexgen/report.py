@@ -11,13 +11,16 @@ from typing import Any
 import numpy as np
 from scipy.integrate import trapezoid
 
-from flexgen import __version__, pictures
+from flexgen import __version__, path_pictures, pictures
 from flexgen.analysis.report import Analysis, analyze
+from flexgen.analysis.zero_path import ZeroPath, zero_path
 from flexgen.analysis.zeros import ON_AXIS
 from flexgen.canvas import measure, title_of
+from flexgen.comparison import error_rows
 from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Friction, Motor, RobotModel
+from flexgen.problems.path import Path as ToolPath
 from flexgen.solvers.full import Limits
 from flexgen.solvers.solution import Solution
 
@@ -96,8 +99,9 @@ def _summary(solution: Solution) -> str:
     rows = [
         ("status", f'<span class="status{bad}">{html.escape(solution.status)}</span>', ""),
         ("method", html.escape(solution.method), ""),
-        ("verdict of IPOPT", html.escape(solution.verdict) or "not used", ""),
+        ("verdict of the solver", html.escape(solution.verdict) or "\N{EN DASH}", ""),
         ("iterations", str(solution.iterations), ""),
+        ("intervals of the mesh", str(solution.intervals or "\N{EN DASH}"), ""),
     ]
     if simulation is None:
         rows.append(("verification", "not done", ""))
@@ -267,6 +271,45 @@ def _pictures(
     return out
 
 
+def _zeros_along(equations: Equations, solution: Solution) -> ZeroPath | None:
+    """Zeros of the poses along the path; None where there are none to show."""
+    if not (equations.model.n_e and equations.model.inverts):
+        return None
+    try:
+        found = zero_path(equations, ToolPath(equations, solution.move))
+    except SolverError:
+        return None
+    return found if np.isfinite(found.zeros).any() else None
+
+
+def _comparison(beside: tuple[Solution, ...]) -> str:
+    """Table of the tool errors of several methods."""
+    rows = error_rows(beside)
+    units = [unit for unit in ("m", "rad") if any(f"largest_{unit}" in row for row in rows)]
+    head = ["method"] + [f"{what}, {unit}" for unit in units for what in ("at the start", "largest")]
+    cells = [
+        [html.escape(row["method"])]
+        + [_number(row.get(f"{what}_{unit}"), 3) for unit in units for what in ("start", "largest")]
+        for row in rows
+    ]
+    told = (
+        "<p>The same move with the torque of simpler models, simulated open loop on the full model from rest: rigid "
+        "(all springs stiff), fjm (elastic gears only), quasistatic (deflections follow their loads at once). The "
+        "error at the start is what the arm sags where a model does not know of it.</p>\n"
+    )
+    return "<h2>Tool error by method</h2>\n" + told + _table(head, cells, range(1, len(head)))
+
+
+def _robustness(rows: list[dict[str, Any]]) -> str:
+    """Table of the tool errors on machines that differ from the model."""
+    names = list(rows[0])
+    cells = [
+        [_number(row[n], 3) if isinstance(row[n], float) else html.escape(str(row[n])) for n in names] for row in rows
+    ]
+    numeric = [k for k, n in enumerate(names) if isinstance(rows[0][n], float)]
+    return "<h2>Robustness</h2>\n" + _table([html.escape(n.replace("_", " ")) for n in names], cells, numeric)
+
+
 def _generated(generated: Any) -> str:
     """The C library, where one was made."""
     if generated is None:
@@ -287,6 +330,8 @@ def write_report(
     generated: Any = None,
     *,
     limits: Limits | None = None,
+    beside: tuple[Solution, ...] = (),
+    robustness: list[dict[str, Any]] | None = None,
 ) -> Path:
     """Write the report of a solution: ``index.html``, which needs no other file, and each picture as svg beside it.
 
@@ -304,6 +349,10 @@ def write_report(
         The C library, to be listed.
     limits : Limits, optional
         Bounds that the solution was made with; default: those of the model file.
+    beside : tuple of Solution
+        The solution among others of the same move, as `flexgen.comparison.compare` finds them, to be shown together.
+    robustness : list of dict, optional
+        Rows of `flexgen.solvers.robustness.robustness`.
 
     Returns
     -------
@@ -315,7 +364,16 @@ def write_report(
     model, move = equations.model, solution.move
     analysis = analysis if analysis is not None else _analysis(equations, solution)
     shown = []
-    for name, figure, caption in _pictures(equations, solution, analysis, limits or Limits()):
+    drawn = _pictures(equations, solution, analysis, limits or Limits())
+    along = _zeros_along(equations, solution)
+    if along is not None:
+        caption = f"Zeros of the poses of rest along the path: {along.verdict}."
+        drawn.append(("zeros_along", path_pictures.zeros_along(equations, along), caption))
+    verified = tuple(s for s in beside if s.simulation is not None)
+    if len(verified) > 1:
+        caption = "Tool error of the full model under the torques of several methods, simulated open loop from rest."
+        drawn.append(("methods", path_pictures.errors_of_methods(equations, verified), caption))
+    for name, figure, caption in drawn:
         pictures.save(figure, directory / f"{name}.svg")
         label = f'<svg role="img" aria-label="{html.escape(caption)}" '
         drawing = re.sub(r"^<svg ", label, pictures.svg(figure, f"{name}-"))
@@ -336,6 +394,8 @@ def write_report(
         _summary(solution),
         "<h2>Pictures</h2>\n",
         *shown,
+        _comparison(verified) if len(verified) > 1 else "",
+        _robustness(robustness) if robustness else "",
         "<h2>Motors</h2>\n",
         _motors(model, solution, limits or Limits()),
         "<h2>Dynamics at the start of the move</h2>\n" + _dynamics(analysis) if analysis is not None else "",

@@ -20,6 +20,8 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.statics import gear_damping, gear_twist
+from flexgen.model.elements import LinearSpring
+from flexgen.solvers.lag import gear_lag
 from flexgen.solvers.tableaus import radau
 
 HURRY = 5e-3  # of a sampling interval: gears whose D / slope is less follow their torque at once
@@ -74,7 +76,13 @@ def twists(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple[np.n
     dp = np.where(elastic, tau_g[:, :, 1] / safe, 0.0)
     ddp = np.where(elastic, (tau_g[:, :, 2] - curvature * dp**2) / safe, 0.0)
     if damped.any():
-        moving = _damped_twists(spring, np.where(damped, D, 1.0), t, tau_g, static[0])
+        linear = damped & np.array([isinstance(gear.spring, LinearSpring) for gear, _ in gears(equations.model)])
+        moving = static.copy()
+        if (damped & ~linear).any():
+            moving = _damped_twists(spring, np.where(damped, D, 1.0), t, tau_g, static[0])
+        if linear.any():
+            exact = gear_lag(t, slope[0, linear], D[linear])
+            moving[:, linear] = exact.twists(tau_g[:, linear].transpose(2, 0, 1), static[0, linear])
         rigidity, _ = _slopes(equations, moving)
         torque = evaluate(spring, moving)[0].reshape(moving.shape)
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -4,7 +4,7 @@ Nothing is reduced: all coordinates y = (q_a, q_me) are collocated, the motor to
 exactly at rest, and the tool follows as well as it can:
 
     min  mean |e(q_a) / e_0|^2 + rho mean |tau_m' T / tau_0|^2 + sigma |y(end) - rest|^2 + sigma |y'(end)|^2
-    s.t. the equations of motion at the Gauss points,  |tau_m| <= tau_max,  |v_m| <= v_max
+    s.t. the equations of motion at the Gauss points,  |tau_m| <= tau_max,  |v_m| <= v_max,  |q_e| <= bend
 
 The torque is continuous: it is collocated as the speed of further coordinates u, ``u' = tau_m``. Five Gauss points an
 interval, one more than the index of the inverse problem: with fewer the torque loses its order. The path is followed to
@@ -16,7 +16,10 @@ Source: J. Betts, Practical Methods for Optimal Control, 2010, ch. 4.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import comb
+from numbers import Real
 
 import casadi as ca
 import numpy as np
@@ -35,7 +38,7 @@ from flexgen.solvers.collocation import ACCELERATION
 from flexgen.solvers.drives import Drives
 from flexgen.solvers.nlp import NlpResult, Progress, solve_nlp
 from flexgen.solvers.reduction import Motion, Reduction
-from flexgen.solvers.tableaus import gauss
+from flexgen.solvers.tableaus import Tableau, gauss
 from flexgen.solvers.transcription import Transcription
 
 STAGES = 5
@@ -46,24 +49,57 @@ SMOOTH_LIMITED = 1e-3  # rho with limits: with less the torque chatters between 
 NOTICED = 1e-2  # of e_0: a tool that is farther from its path is kept off it by the limits
 END = 1e-3  # sigma: enough to pick the motion that does not blow up at the end, too little to bend it before
 TOLERANCE = 1e-9
+NEAR = 0.99  # of a bound: from there on it is thought to act
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds on motor torque [N m] and speed [rad/s], motor side, one entry a motor; None: no bounds of that kind."""
+    """Bounds on motor torque [N m] and speed [rad/s], motor side, one entry a motor; None: no bounds of that kind.
+
+    ``deflection`` [rad or m]: bounds on the non-actuated coordinates, one entry each in chain order. `limits_for` takes
+    one number for all.
+    """
 
     torque: tuple[float, ...] | None = None
     speed: tuple[float, ...] | None = None
+    deflection: tuple[float, ...] | None = None
 
     def arrays(self, n_m: int) -> tuple[np.ndarray, np.ndarray]:
         """Torque and speed bounds (n_m,), infinite where there is none; ArgumentError where they do not fit."""
-        out = []
-        for name, values in (("torque", self.torque), ("speed", self.speed)):
-            array = np.full(n_m, np.inf) if values is None else np.array(values, dtype=float)
-            if array.shape != (n_m,) or not (array > 0).all():
-                raise ArgumentError(f"limits: given {name} {values}, expected {n_m} positive numbers")
-            out.append(array)
-        return out[0], out[1]
+        return _bounds("torque", self.torque, n_m), _bounds("speed", self.speed, n_m)
+
+    def deflections(self, n_e: int) -> np.ndarray:
+        """Bounds of the non-actuated coordinates (n_e,), infinite where there is none."""
+        return _bounds("deflection", self.deflection, n_e)
+
+
+def limits_for(
+    model: RobotModel,
+    *,
+    torque: float | Sequence[float] | None = None,
+    speed: float | Sequence[float] | None = None,
+    deflection: float | Sequence[float] | None = None,
+) -> Limits:
+    """The `Limits` of a model from one number for all motors (or non-actuated coordinates), or from one for each."""
+    sizes = {"torque": model.n_m, "speed": model.n_m, "deflection": model.n_e}
+    out = {}
+    for name, values in (("torque", torque), ("speed", speed), ("deflection", deflection)):
+        if values is not None:
+            each = (values,) * sizes[name] if isinstance(values, Real) else values
+            out[name] = tuple(float(x) for x in _bounds(name, each, sizes[name]))  # type: ignore[arg-type]
+    return Limits(**out)
+
+
+def _bounds(name: str, values: Sequence[float] | None, size: int) -> np.ndarray:
+    if values is None:
+        return np.full(size, np.inf)
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    if array.shape != (size,) or not (array > 0).all():
+        raise ArgumentError(f"limits: given {name} {values}, expected {size} positive numbers")
+    return array
 
 
 def limits_from_model(model: RobotModel) -> Limits:
@@ -98,7 +134,9 @@ def collocate_full(
     """Solve the full problem on the mesh ``nodes`` [s]. SolverError where IPOPT does not converge."""
     model = equations.model
     n, n_a, n_m, n_y, i_m = model.dof, model.n_a, model.n_m, model.output.size, list(model.i_m)
-    torque_max, speed_max = (limits or Limits()).arrays(n_m)
+    limits = limits or Limits()
+    torque_max, speed_max = limits.arrays(n_m)
+    bend_max = limits.deflections(model.n_e)
     mesh = Transcription(nodes, gauss(STAGES), n + n_m, n_y)
     reduction, y_rest, tau_rest, slow = _slow_motion(equations, path, mesh)
     for j, motor in enumerate(model.motors):
@@ -107,6 +145,13 @@ def collocate_full(
             raise SolverError(
                 f"limits: motor {motor.name} needs {needed:.4g} N m to hold the arm at rest at the ends of the path, "
                 f"its limit is {torque_max[j]:.4g} N m"
+            )
+    for i, bound in zip(model.i_e, bend_max, strict=True):
+        needed = max(abs(rest[i]) for rest in y_rest)
+        if needed > bound:
+            raise SolverError(
+                f"limits: coordinate {model.coordinates[i].name} is deflected by {needed:.4g} at rest at the ends of "
+                f"the path, its limit is {bound:.4g}"
             )
     sample = path.sample(mesh.times)
 
@@ -133,21 +178,31 @@ def collocate_full(
     target = ca.SX.sym("target", place.target.shape[0])
     symbols = ca.vertcat(equations.lagrangian.chain.q_a, place.target)
     error = ca.substitute(place.error, symbols, ca.vertcat(y[:n_a], target))
-    residual, speeds = _instant_rows(equations, y, dy, ddy)
+    residual = _instant_rows(equations, y, dy, ddy)
     scale_e = ERROR * min(1.0, reach(equations))
-    bounds = np.r_[speed_max, torque_max]
+    # speeds, torques and deflections are polynomials on each interval: their Bernstein coefficients are bounded, which
+    # bounds them everywhere and not at the Gauss points alone
+    bernstein = ca.SX.sym("bernstein", 2 * STAGES + 1)
+    rates = z[mesh.n : 2 * mesh.n]
+    places = z[: mesh.n] + h * bernstein[2 * STAGES] * rates
+    for j in range(STAGES):
+        acceleration = z[(2 + j) * mesh.n : (3 + j) * mesh.n]
+        rates = rates + h * bernstein[j] * acceleration
+        places = places + h**2 * bernstein[STAGES + j] * acceleration
+    bounds = np.r_[speed_max, torque_max, bend_max]
     bounded = np.flatnonzero(np.isfinite(bounds)).tolist()
-    rows = ca.vertcat(residual, error - scale_e * e, ca.vertcat(speeds, dy[n:])[bounded])
+    limited = ca.vertcat(_speeds(equations, rates), rates[n:], places[list(model.i_e)])
+    rows = ca.vertcat(residual, error - scale_e * e, limited[bounded])
     x = ca.MX.sym("x", mesh.size)
-    values = [*mesh.parameters, reduction.targets(sample).T]
-    g, jacobian, scale = mesh.constraints(x, rows, [z, row, h, target], values, scale_x, guess)
+    values = [*mesh.parameters, reduction.targets(sample).T, np.tile(bernstein_rows(mesh.table), (mesh.N, 1)).T]
+    g, jacobian, scale = mesh.constraints(x, rows, [z, row, h, target, bernstein], values, scale_x, guess)
     upper = np.zeros(rows.shape[0])
     upper[n + n_y :] = bounds[bounded]
     upper_g = np.r_[np.tile(upper * scale, mesh.N * STAGES), np.zeros(2 * mesh.n * mesh.N)]
 
     # all terms of the cost are squares of unknowns: a diagonal holds all of it
     count = mesh.N * STAGES
-    smooth = SMOOTH if np.isinf(bounds).all() else SMOOTH_LIMITED
+    smooth = SMOOTH_LIMITED if bounded else SMOOTH
     accelerations, errors = mesh.own
     weight, aim = np.zeros(mesh.size), np.zeros(mesh.size)
     weight[errors.ravel()] = 1.0 / count
@@ -182,7 +237,7 @@ def collocate_full(
             f"full collocation: IPOPT ended with {result.status!r} after {result.iterations} iterations, largest "
             f"violation {result.violation:.2e}; give the move more time, loosen the limits or change the --mesh"
         )
-    return _samples(equations, mesh, result, scale_x, torque_max, speed_max)
+    return _samples(equations, mesh, result, scale_x, torque_max, speed_max, bend_max)
 
 
 def _slow_motion(
@@ -203,8 +258,8 @@ def _slow_motion(
     return reduction, y_rest, np.array([e.tau_m for e in ends]), CubicSpline(times, np.hstack([arm, motors]))
 
 
-def _instant_rows(equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Equations of motion (n) and motor speeds (n_m) at one instant, from (q_a, q_me, u) and their derivatives."""
+def _instant_rows(equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX) -> ca.SX:
+    """Equations of motion (n) at one instant, from (q_a, q_me, u) and their derivatives."""
     model = equations.model
     n, n_a, n_m, i_m = model.dof, model.n_a, model.n_m, list(model.i_m)
     q_m, v_m, a_m = (ca.SX.zeros(n_m) for _ in range(3))
@@ -212,10 +267,32 @@ def _instant_rows(equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX) -> tupl
         for k, j in enumerate(i_m):
             full[j] = part[n_a + k]
     r_a, r_m = equations.function("residual")(y[:n_a], dy[:n_a], ddy[:n_a], q_m, v_m, a_m, dy[n:])
-    geared = ca.mtimes(ca.SX(ca.DM(model.eta)), dy[list(model.i_g)])
-    elastic = set(i_m)
-    moving = ca.vertcat(r_a, *[r_m[j] for j in i_m])
-    return moving, ca.vertcat(*[v_m[j] if j in elastic else geared[j] for j in range(n_m)])
+    return ca.vertcat(r_a, *[r_m[j] for j in i_m])
+
+
+def _speeds(equations: Equations, rates: ca.SX) -> ca.SX:
+    """Motor speeds (n_m) from the rates of (q_a, q_me, u); linear in them."""
+    model = equations.model
+    geared = ca.mtimes(ca.SX(ca.DM(model.eta)), rates[list(model.i_g)])
+    at = {j: model.n_a + k for k, j in enumerate(model.i_m)}
+    return ca.vertcat(*[rates[at[j]] if j in at else geared[j] for j in range(model.n_m)])
+
+
+def bernstein_rows(table: Tableau) -> np.ndarray:
+    """What makes Bernstein coefficients of speeds and places on an interval from accelerations at its s points.
+
+    Row i (of s; 2 s + 1 columns): for the coefficient i + 1 of the speed, a polynomial of degree s, the shares of the
+    accelerations; the same for the coefficient i + 2 of the place, of degree s + 1; and the share of the first speed
+    in that. A polynomial lies within the range of its coefficients. Those left out are, or nearly are, the last ones of
+    the interval before.
+    """
+    s = len(table.c)
+    out = []
+    for degree, first, weights in ((s, 1, 0), (s + 1, 2, 1)):
+        theta = np.linspace(0.0, 1.0, degree + 1)
+        basis = np.array([[comb(degree, i) * x**i * (1 - x) ** (degree - i) for i in range(degree + 1)] for x in theta])
+        out.append(np.linalg.solve(basis, table.weights(theta)[weights])[first:])
+    return np.hstack([*out, np.arange(2, s + 2)[:, None] / (s + 1)])
 
 
 def _samples(
@@ -225,6 +302,7 @@ def _samples(
     scale_x: np.ndarray,
     torque_max: np.ndarray,
     speed_max: np.ndarray,
+    bend_max: np.ndarray,
 ) -> FullSolution:
     """Motion and torques on a grid ``PARTS`` times finer than the mesh, from the collocation polynomials."""
     model = equations.model
@@ -247,19 +325,28 @@ def _samples(
         full = level[:, i_g] @ model.eta.T
         full[:, i_m] = level[:, n_a:n]
         motor.append(full)
-    # between nodes and Gauss points, where it is bounded, the torque's polynomial may swing over by a trifle
+    # IPOPT keeps bounds to its tolerance
     tau_m = np.clip(sampled[1][:, n:], -torque_max, torque_max)
+    tau_g = np.zeros((len(t), len(i_g), 3))
+    tau_g[:, :, 0] = gear_torques(equations, (arm[0], arm[1], arm[2]), (motor[0], motor[1], motor[2]), tau_m)
+    bends = arm[0][:, list(model.i_e)]
+    pairs = ((tau_m, torque_max), (motor[1], speed_max), (bends, bend_max))
+    at_bound = any((np.abs(value) > NEAR * bound).any() for value, bound in pairs)
+    limited = bool(at_bound and np.abs(w).max() > NOTICED)
+    zero = np.zeros_like(arm[0])
+    motion = Motion(arm[0], arm[1], arm[2], zero, zero, tau_g)
+    return FullSolution(t, motion, Drives(motor[0], motor[1], motor[2], tau_m), limited, result)
+
+
+def gear_torques(
+    equations: Equations, arm: tuple[np.ndarray, ...], motor: tuple[np.ndarray, ...], tau_m: np.ndarray
+) -> np.ndarray:
+    """Gear torques on the arm side (n, n_g) from coordinates, speeds, accelerations of arm and motors, and torques."""
     # through a rigid gear goes what a motor gives and neither its rotor nor its friction takes
     taken = [
         evaluate(equations.function("rotor_torque"), *arm, *motor[1:])[0],
         evaluate(equations.function("motor_friction"), motor[1])[0],
     ]
-    through = (tau_m - sum(x.reshape(tau_m.shape) for x in taken)) @ model.eta
+    through = (tau_m - sum(x.reshape(tau_m.shape) for x in taken)) @ equations.model.eta
     twisted = evaluate(equations.function("gear_torque"), arm[0], arm[1], motor[0], motor[1])[0].reshape(through.shape)
-    tau_g = np.zeros((len(t), len(i_g), 3))
-    tau_g[:, :, 0] = np.where([gear.rigid for gear, _ in gears(model)], through, twisted)
-    at_bound = (np.abs(tau_m) > 0.999 * torque_max).any() or (np.abs(motor[1]) > 0.999 * speed_max).any()
-    limited = bool(at_bound and np.abs(w).max() > NOTICED)
-    zero = np.zeros_like(arm[0])
-    motion = Motion(arm[0], arm[1], arm[2], zero, zero, tau_g)
-    return FullSolution(t, motion, Drives(motor[0], motor[1], motor[2], tau_m), limited, result)
+    return np.where([gear.rigid for gear, _ in gears(equations.model)], through, twisted)

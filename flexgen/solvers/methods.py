@@ -40,6 +40,7 @@ METHODS = {
         Method(
             "closed-form", "exact, for models without non-actuated coordinates", "exact", "closed_form", refines=False
         ),
+        Method("lq", "stable inversion by linear-quadratic steps, in C; keeps limits", "lq", keeps_limits=True),
         Method("collocation", "optimal control on the reduced problem (IPOPT)", "exact", "collocation"),
         Method("full", "optimal control on the full model, with limits (IPOPT)", "exact", "full", True, True, True),
         Method("rigid", "baseline: all springs stiff", "baselines", "rigid", refines=False, any_coupling=True),
@@ -52,5 +53,11 @@ METHODS = {
             refines=False,
             any_coupling=True,
         ),
+        Method(
+            "discretized", "optimisation of the DAE on an even grid, smoothest torque", "discretized", any_coupling=True
+        ),
+        Method("bdf", "BDF with constant steps on the original DAE of high index", "bdf"),
+        Method("reduced", "index reduction by dummy derivatives, SUNDIALS", "reduced", refines=False),
+        Method("kunkel-mehrmann", "regularised DAE, Radau IIA", "kunkel_mehrmann"),
     )
 }

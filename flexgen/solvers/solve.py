@@ -124,7 +124,11 @@ def _automatic(robot: RobotModel, limits: Limits | None) -> str:
     """The method for who does not choose."""
     if limits is not None or robot.motor_coupling != "simplified" or has_kinks(robot):
         return "full"
-    return "closed-form" if robot.n_e == 0 else "collocation"
+    if robot.n_e == 0:
+        return "closed-form"
+    from flexgen.solvers.inverter import has_compiler  # here: who chooses another method needs no code generation
+
+    return "lq" if robot.inverts and has_compiler() else "collocation"
 
 
 def _check_applies(method: Method, robot: RobotModel, limits: Limits | None) -> None:

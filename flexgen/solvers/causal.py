@@ -1,0 +1,131 @@
+"""What the initial-value methods share: where they apply, their instants, and an answer from the states of the DAE.
+
+They march from rest in the direction of time, so that the motion inside, the zero dynamics, has to be stable: an
+unstable one grows like exp(z t) with its zero z from whatever error there is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.mechanics.dae import DaeFunctions
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.evaluate import evaluate
+from flexgen.mechanics.lagrangian import gears
+from flexgen.solvers.answer import Answer
+from flexgen.solvers.drives import Drives
+from flexgen.solvers.question import Question
+from flexgen.solvers.solution import has_kinks
+
+STEPS = 200_000  # of one answer
+
+
+def check_causal(ask: Question, method: str, differentiates: bool = True) -> None:
+    """ArgumentError where an initial-value method does not apply: the text gives the reason and the method to use.
+
+    ``differentiates``: the method differentiates the equations of motion.
+    """
+    model = ask.equations.model
+    if differentiates and has_kinks(model):
+        raise ArgumentError(
+            f"method {method}: a gear of model {model.name} has a spring with a kink, where the torque jumps and the "
+            "equations cannot be differentiated; use bdf or full"
+        )
+    if model.motor_coupling != "simplified":
+        raise ArgumentError(
+            f"method {method}: model {model.name} has motor_coupling {model.motor_coupling!r}, expected 'simplified'; "
+            "use full"
+        )
+    zero = ask.unstable_zero
+    if zero is None:
+        return
+    value = f"{zero.value.real:+.4g}" + (f" +- {abs(zero.value.imag):.4g}i" if zero.value.imag else "")
+    raise ArgumentError(
+        f"method {method}: the zero dynamics of model {model.name} along move {ask.path.move.name} is unstable, with a "
+        f"zero at {value} 1/s at t = {zero.t:.4g} s, and a motion that is integrated from the start blows up; expected "
+        "a method that looks ahead: use lq, bvp or collocation"
+    )
+
+
+def zeros_along(ask: Question) -> np.ndarray:
+    """Zeros of the output [1/s] at the poses of the path where the question has them, all together."""
+    found = [zeros for _, zeros in ask._zeros]
+    return np.concatenate(found) if found else np.zeros(0)
+
+
+def dae_of(ask: Question) -> DaeFunctions:
+    """The DAE that answers a question; where all coordinates are actuated, a move of the joints prescribes these."""
+    joints = ask.equations.model.n_e == 0 and ask.path.sample(np.zeros(1)).q_g is not None
+    return DaeFunctions(ask.equations, joints)
+
+
+def instants(ask: Question, step: float) -> np.ndarray:
+    """Equidistant instants from the start (or a preview before it) until the motion has settled.
+
+    The path's ends are among them; ``step`` [s] is the largest distance.
+    """
+    duration = ask.path.duration
+    on_path = max(1, int(np.ceil(duration / step - 1e-9)))
+    h = duration / on_path
+    before = int(np.ceil((ask.preview or 0.0) / h - 1e-9))
+    after = int(np.ceil(ask.windows[1] / h))
+    if before + on_path + after > STEPS:
+        raise ArgumentError(
+            f"mesh: steps of {h:.3g} s make {before + on_path + after} of them, expected at most {STEPS}; "
+            "take a coarser --mesh or a shorter move"
+        )
+    return h * np.arange(-before, on_path + after + 1)
+
+
+def answer_of(
+    ask: Question,
+    dae: DaeFunctions,
+    t: np.ndarray,
+    x: np.ndarray,
+    dx: np.ndarray,
+    *,
+    iterations: int,
+    verdict: str,
+    details: Mapping[str, Any],
+) -> Answer:
+    """The answer whose states and rates at the instants t are x and dx, (n, n_x)."""
+    if not (np.isfinite(x).all() and np.isfinite(dx).all()):
+        raise SolverError(f"{verdict}: the motion is not finite; take a finer --mesh or a smoother move")
+    model, n = ask.equations.model, dae.n
+    state = dae.unpack(x)
+    i_g, i_m = list(model.i_g), list(model.i_m)
+    a = dx[:, n : n + model.n_a]
+    a_m = a[:, i_g] @ model.eta.T
+    a_m[:, i_m] = dx[:, n + model.n_a : 2 * n]
+    drives = Drives(state["q_m"], state["v_m"], a_m, state["tau_m"])
+    return Answer(
+        t,
+        state["q_a"],
+        state["v_a"],
+        a,
+        gear_torques(ask.equations, state["q_a"], state["v_a"], a, drives),
+        drives,
+        lead=float(max(0.0, -t[0])),
+        verdict=verdict,
+        iterations=iterations,
+        intervals=len(t) - 1,
+        details=dict(details),
+    )
+
+
+def gear_torques(equations: Equations, q: np.ndarray, v: np.ndarray, a: np.ndarray, motors: Drives) -> np.ndarray:
+    """Torques of the gears (n, n_g), arm side.
+
+    Elastic ones: springs and dampers. Through a rigid one goes what its motor gives and neither its rotor nor its
+    friction takes.
+    """
+    twisted = evaluate(equations.function("gear_torque"), q, v, motors.q_m, motors.v_m)[0].reshape(len(q), -1)
+    rotor = evaluate(equations.function("rotor_torque"), q, v, a, motors.v_m, motors.a_m)[0].reshape(len(q), -1)
+    friction = evaluate(equations.function("motor_friction"), motors.v_m)[0].reshape(len(q), -1)
+    through = (motors.tau_m - rotor - friction) @ equations.model.eta
+    rigid = np.array([gear.rigid for gear, _ in gears(equations.model)])
+    return np.where(rigid, through, twisted)

@@ -1,0 +1,99 @@
+"""The C library behind the methods that are solved in C: generated once for a model, kept in the user's cache."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+
+from flexgen.codegen.build import generate
+from flexgen.codegen.compiler import find_compiler
+from flexgen.codegen.objects import cache_folder
+from flexgen.codegen.spec import library_name, model_digest
+from flexgen.codegen.table import INVERSION
+from flexgen.errors import ArgumentError
+from flexgen.mechanics.equations import Equations
+from flexgen.model.elements import RobotModel
+from flexgen.runtime import load
+from flexgen.runtime.library import Library
+
+KEPT = 32  # loaded libraries
+
+
+def has_compiler() -> bool:
+    """Whether this machine can build a library."""
+    return find_compiler() is not None
+
+
+def inverter(
+    equations: Equations, method: str, *, native: bool = False, progress: Callable[[str], None] | None = None
+) -> Library:
+    """The library of a model with what inverts it.
+
+    Parameters
+    ----------
+    equations : Equations
+    method : str
+        Who asks, for the errors.
+    native : bool
+        True: compiled for this processor; some times faster, and the last digits depend on the processor.
+    progress : callable, optional
+        Called with a line of text before something that takes long.
+
+    Raises
+    ------
+    ArgumentError
+        Where the model does not invert in C.
+    BuildError
+        Where there is no compiler, or it fails.
+    """
+    model = equations.model
+    if not model.inverts:
+        raise ArgumentError(
+            f"method {method}: model {model.name} has {model.output.size} outputs, {model.n_m} motors and motor_coupling "
+            f"{model.motor_coupling!r}, expected as many outputs as motors and 'simplified'; use --method full"
+        )
+    return _loaded(_Key(model), native, progress if progress is not None else _silent)
+
+
+def _silent(line: str) -> None:
+    """Say nothing."""
+
+
+class _Key:
+    """A model, equal to another with the same data."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model, self.digest = model, model_digest(model)
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and other.digest == self.digest
+
+
+@lru_cache(maxsize=KEPT)
+def _built(key: _Key, native: bool) -> list[Library]:
+    """Where the library of a model is kept while this process lives."""
+    return []
+
+
+def _loaded(key: _Key, native: bool, progress: Callable[[str], None]) -> Library:
+    place = _built(key, native)
+    if not place:
+        model = key.model
+        functions = [name for name in INVERSION if name != "inversion_slopes" or model.n_e]
+        root = cache_folder()
+        mark = hashlib.sha256(f"{key.digest} {native}".encode()).hexdigest()[:16]
+        if root is None:
+            with tempfile.TemporaryDirectory() as folder:
+                made = generate(model, Path(folder) / "library", functions=functions, native=native, progress=progress)
+                place.append(load(made.directory))
+        else:
+            target = root / "libraries" / f"{library_name(model)}-{mark}"
+            made = generate(model, target, functions=functions, native=native, progress=progress)
+            place.append(load(made.directory))
+    return place[0]

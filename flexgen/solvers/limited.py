@@ -1,0 +1,281 @@
+"""Inverse dynamics within limits: the path is bent as little as torque, speed and deflection bounds ask for.
+
+The inversion stays exact; a quadratic program chooses what is inverted. With coefficients c of a smooth deviation d(t)
+from the path (`flexgen.solvers.bends`), of motion that may begin before the path and end after it,
+
+    min  mean |d|^2 / e^2 + rho mean |d''''|^2    s.t.  |x_k(t_i) + sum_j dx_k/dc_j (t_i) dc_j| <= bound_k,
+
+x: motor torques, motor speeds and deflections. The slopes dx/dc are differences of inversions of bent paths, several
+splines in one where their responses do not meet: they know of springs, dampers, friction and zero dynamics what the model
+knows. The bent path is inverted again, and what the program missed is corrected by the next one, from the new motion.
+
+Source: B. Stellato et al., Mathematical Programming Computation 12, 2020 (OSQP); J. Nocedal, S. Wright, Numerical
+Optimization, 2006, ch. 18 (sequential quadratic programming).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import osqp
+import scipy.sparse as sp
+
+from flexgen.errors import SolverError
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.statics import reach
+from flexgen.runtime.inversion import Inversion
+from flexgen.runtime.library import Library
+from flexgen.solvers.answer import Answer
+from flexgen.solvers.bends import SUPPORT, Bends, bent
+from flexgen.solvers.full import Limits
+from flexgen.solvers.lq import from_library
+from flexgen.solvers.question import DECAY, SETTLE, Question
+from flexgen.solvers.reduction import Reduction
+
+KNOTS = 60  # intervals between knots on the path
+LATE = 0.5  # of the path's duration: how long after it the motion may end
+ROUNDS = 8  # programs, each followed by an inversion
+SLACK = 1e-3  # of a bound: what is left of violations between its corrections
+MARGIN = 2e-4  # of a bound: what the programs keep away from it
+FADING = 5.0  # time constants of the zero dynamics until a response is thought to be over
+PUSH = 1.0  # m/s^2, rad/s^2: of the bends whose responses are measured
+SMOOTH = 1e-6  # rho, relative: what a wave of the shortest length that the knots carry costs beside its size
+CLOSE = 1e-5  # what OSQP may leave of violations and of its gradient
+PROGRAM_STEPS = 20_000
+SEEN = 0.6  # of a bound: rows whose values stay below after the last step are not in the program
+NOTICED = 1e-6  # m and rad: a tool that is farther from its path is kept off it by the limits
+
+
+@dataclass(frozen=True)
+class _Horizon:
+    """The path with room before and after it: sampled, and how it is inverted."""
+
+    library: Library
+    path: tuple[np.ndarray, np.ndarray, np.ndarray]
+    period: float
+    before: int
+    lead: int
+    tail: int
+    every: int
+    q_start: np.ndarray
+    tolerance: float
+    bends: Bends
+
+    def invert(self, c: np.ndarray) -> Inversion:
+        """The inversion of the path that is bent by the coefficients ``c`` (count, n_y)."""
+        place, rate, rate2 = bent(*self.path, tuple(self.bends.along(c, k) for k in range(3)))  # type: ignore[arg-type]
+        return self.library.invert(
+            *(np.ascontiguousarray(x) for x in (place, rate, rate2)),
+            period=self.period,
+            q_start=self.q_start,
+            lead=self.lead,
+            tail=self.tail,
+            every=self.every,
+            tolerance=self.tolerance,
+        )
+
+
+class _Bounds:
+    """What is bounded, as numbers that shall stay between -1 and 1."""
+
+    def __init__(self, equations: Equations, limits: Limits) -> None:
+        model = equations.model
+        self.i_e = list(model.i_e)
+        self.torque, self.speed = limits.arrays(model.n_m)
+        self.bend = limits.deflections(model.n_e)
+        every = np.r_[self.torque, self.speed, self.bend]
+        self.used = np.flatnonzero(np.isfinite(every))
+        self.size = every[self.used]
+
+    def of(self, found: Inversion) -> np.ndarray:
+        """Torques, speeds and deflections relative to their bounds, (n, bounds)."""
+        x = np.hstack([found.tau_m, found.v_m, found.q_a[:, self.i_e]])
+        return x[:, self.used] / self.size
+
+    def refuse_rest(self, ask: Question) -> None:
+        """SolverError where the arm cannot be held at an end of the path."""
+        model, path = ask.equations.model, ask.path
+        reduction = Reduction(ask.equations)
+        for t, guess in ((0.0, path.q_start), (path.duration, None)):
+            if guess is None:
+                ends = np.linspace(0.0, path.duration, 65)
+                guess = reduction.follow(path, ends, reduction.start(path).q_a)[-1]
+            rest = reduction.rest(path, t, guess)
+            for j, motor in enumerate(model.motors):
+                if not abs(rest.tau_m[j]) <= self.torque[j]:
+                    raise SolverError(
+                        f"limits: motor {motor.name} needs {abs(rest.tau_m[j]):.4g} N m to hold the arm at rest at the "
+                        f"ends of the path, its limit is {self.torque[j]:.4g} N m"
+                    )
+            for i, bound in zip(model.i_e, self.bend, strict=True):
+                if not abs(rest.q_a[i]) <= bound:
+                    raise SolverError(
+                        f"limits: coordinate {model.coordinates[i].name} is deflected by {abs(rest.q_a[i]):.4g} at "
+                        f"rest at the ends of the path, its limit is {bound:.4g}"
+                    )
+
+
+def keep(ask: Question, exact: Inversion, library: Library, every: int, tolerance: float) -> Answer:
+    """The answer that keeps the limits: the exact one, where they are wide enough, else that of a bent path.
+
+    Parameters
+    ----------
+    ask : Question
+        With limits.
+    exact : Inversion
+        Of the path itself.
+    library : Library
+        Of the model.
+    every, tolerance : int, float
+        How the paths are inverted, see `flexgen.runtime.inversion.Inverter`.
+
+    Raises
+    ------
+    SolverError
+        Where the limits cannot be kept: at rest, or within the time that the motion has.
+    """
+    assert ask.limits is not None
+    bounds = _Bounds(ask.equations, ask.limits)
+    if not bounds.used.size or np.abs(bounds.of(exact)).max() <= 1.0:
+        return from_library(exact)
+    bounds.refuse_rest(ask)
+    horizon = _horizon(ask, exact, library, every, tolerance)
+    c, found, rounds = _bent_until_kept(ask, horizon, bounds)
+    answer = from_library(found)
+    off = horizon.bends.along(c)
+    n_p = 3 if horizon.path[0].shape[1] > off.shape[1] else off.shape[1]
+    metres = float(np.linalg.norm(off[:, :n_p], axis=1).max())
+    angle = float(np.linalg.norm(off[:, n_p:], axis=1).max())
+    told = f"{metres:.3g} m" + (f" and {angle:.3g} rad" if n_p < off.shape[1] else "")
+    return replace(
+        answer,
+        t=answer.t - horizon.before * horizon.period,
+        lead=(horizon.before + horizon.lead) * horizon.period,
+        status="limited" if max(metres, angle) > NOTICED else "solved",
+        verdict=f"the limits bend the path by up to {told}, found in {rounds} quadratic programs",
+        details={**answer.details, "bend_max_m": metres, "bend_max_rad": angle, "programs": rounds},
+    )
+
+
+def _horizon(ask: Question, exact: Inversion, library: Library, every: int, tolerance: float) -> _Horizon:
+    """The path with room for bends before it and after it."""
+    path, period, duration = ask.path, exact.period, ask.path.duration
+    lead, tail = exact.lead, exact.tail
+    spacing = max(duration / KNOTS, 2 * every * period)
+    before = int(np.ceil((ask.windows[0] + SUPPORT * spacing) / period))
+    after = int(np.ceil((LATE * duration + SUPPORT * spacing) / period))
+    steps = round(duration / period)
+    t = (np.arange(before + steps + after + 1) - before) * period
+    sample = path.sample(t)
+    samples = (Reduction(ask.equations).targets(sample), sample.rates(1), sample.rates(2))
+    count = int((t[-1] - t[0]) / spacing + 1e-9) - SUPPORT + 1
+    bends = Bends(t, t[0], spacing, count)
+    return _Horizon(
+        library, samples, period, before, lead, tail, every, path.q_start, tolerance, bends
+    )
+
+
+def _bent_until_kept(ask: Question, horizon: _Horizon, bounds: _Bounds) -> tuple[np.ndarray, Inversion, int]:
+    """Coefficients of the bends, the inversion of the bent path, and how many programs that took."""
+    bends, n_y = horizon.bends, horizon.path[1].shape[1]
+    c = np.zeros((bends.count, n_y))
+    found = horizon.invert(c)
+    values = bounds.of(found)
+    worst, slopes, fresh = np.inf, None, False
+    for round_ in range(1, ROUNDS + 1):
+        if slopes is None:
+            ask.tell("limits: measuring what bends of the path change")
+            slopes, fresh = _slopes(ask, horizon, bounds, c, values), True
+        step = _program(ask, horizon, c, values, slopes)
+        share = 1.0
+        while True:
+            trial = horizon.invert(c + share * step)
+            at = bounds.of(trial)
+            over = float(np.abs(at).max()) - 1.0
+            if over < worst or share < 0.2:
+                break
+            share /= 2
+        c, found, values = c + share * step, trial, at
+        ask.tell(f"limits: program {round_}: bounds kept but for {max(over, 0.0):.1e} of them")
+        if over <= SLACK and np.abs(step).max() <= 1e-2 * np.abs(c).max() + NOTICED:
+            return c, found, round_
+        if over > 0.2 * worst and not fresh:
+            slopes = None
+        worst, fresh = over, False
+    if worst <= SLACK:
+        return c, found, ROUNDS
+    raise SolverError(
+        f"limits: after {ROUNDS} quadratic programs a bound is still passed by {worst:.2g} of its value; "
+        "give the move more time or loosen the limits, or try method full"
+    )
+
+
+def _slopes(ask: Question, horizon: _Horizon, bounds: _Bounds, c: np.ndarray, values: np.ndarray) -> sp.csc_matrix:
+    """What a unit of each coefficient changes, (n bounds, count n_y), sparse."""
+    bends, n_y = horizon.bends, c.shape[1]
+    n, b = values.shape
+    lead, settle = ask.windows
+    ahead, behind = FADING / DECAY * lead, FADING / SETTLE * settle
+    half = SUPPORT / 2 * bends.spacing
+    apart = min(bends.count, int(np.ceil((2 * half + ahead + behind) / bends.spacing)))
+    times = (np.arange(n) - horizon.lead - horizon.before) * horizon.period
+    push = PUSH * bends.spacing**2
+    rows, columns, entries = [], [], []
+    reaches = [
+        (np.searchsorted(times, m - half - ahead), np.searchsorted(times, m + half + behind, side="right"))
+        for m in bends.middles
+    ]
+    for j in range(n_y):
+        for colour in range(apart):
+            pushed = c.copy()
+            pushed[colour::apart, j] += push
+            change = (bounds.of(horizon.invert(pushed)) - values) / push
+            for i in range(colour, bends.count, apart):
+                begin, end = reaches[i]
+                part = change[begin:end].ravel()
+                rows.append(np.arange(begin * b, end * b))
+                columns.append(np.full(part.size, i * n_y + j))
+                entries.append(part)
+    return sp.csc_matrix(
+        (np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))), shape=(n * b, bends.count * n_y)
+    )
+
+
+def _program(ask: Question, horizon: _Horizon, c: np.ndarray, values: np.ndarray, slopes: sp.csc_matrix) -> np.ndarray:
+    """The step (count, n_y) of the quadratic program; SolverError where it has no solution."""
+    bends, (count, n_y) = horizon.bends, c.shape
+    unit = 1e-3 * min(1.0, reach(ask.equations))
+    values_of, wave = bends.basis[0], (bends.spacing / np.pi) ** 4 * bends.basis[4]
+    gram = (values_of.T @ values_of + SMOOTH * wave.T @ wave) / len(values_of)
+    gram *= count  # a coefficient of one costs about one
+    H = sp.kron(sp.csc_matrix(gram), sp.eye(n_y), format="csc")
+    gradient = H @ (c.ravel() / unit)
+    x, A = values.ravel(), slopes.tocsr() * unit
+    room = 1.0 - MARGIN
+    seen = np.abs(x) > SEEN
+    while True:  # most rows never matter: those that a step would break come in with the next try
+        solver = osqp.OSQP()
+        solver.setup(
+            sp.triu(H, format="csc"),
+            gradient,
+            A[seen].tocsc(),
+            -room - x[seen],
+            room - x[seen],
+            verbose=False,
+            eps_abs=CLOSE,
+            eps_rel=CLOSE,
+            max_iter=PROGRAM_STEPS,
+            polishing=True,
+        )
+        result = solver.solve(raise_error=False)
+        if result.info.status not in ("solved", "solved inaccurate"):
+            raise SolverError(
+                f"limits: no smooth bend of the path keeps them ({result.info.status}); give the move more time or "
+                "loosen the limits"
+            )
+        broken = (np.abs(x + A @ result.x) > room + 10 * CLOSE) & ~seen
+        if not broken.any():
+            break
+        seen |= broken
+    return result.x.reshape(count, n_y) * unit
