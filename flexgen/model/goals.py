@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from flexgen.model.check import Table, closest
-from flexgen.model.elements import ZERO, Coordinate, Move, Output
+from flexgen.model.elements import ZERO, Coordinate, Output
+from flexgen.model.moves import DEGREES, RADIUS, Move, MoveC, MoveL, Where
+
+PROFILE_MAX = 8  # bounds: of speed and seven of its derivatives
 
 _TOOL = ("tool_position", "tool_pose")
 
@@ -63,11 +68,89 @@ def posture(table: Table, stem: str, actuated: Sequence[Coordinate]) -> tuple[fl
     return values
 
 
+def where(table: Table) -> Where:
+    """The place of a table, to be told later."""
+    return Where(table.file, table.line, table.key, tuple((key, e.line) for key, e in table.entries.items()))
+
+
+def profile(table: Table, key: str, scale: float = 1.0) -> tuple[float, ...]:
+    """Bounds on speed, acceleration, jerk, ...; empty where there are none."""
+    if key not in table:
+        return ()
+    what = "bounds on speed, acceleration, jerk, ..., two or more"
+    values = table.vector(key, range(2, PROFILE_MAX + 1), what=what)
+    if not all(value > 0 for value in values):
+        raise table.fail(key, "numbers > 0")
+    return tuple(scale * value for value in values)
+
+
+def _time(table: Table, kind: str) -> tuple[float, int, tuple[float, ...]]:
+    """Duration, smoothness and profile of a move; its own time where samples may bring it along."""
+    bounds = profile(table, "profile")
+    if bounds:
+        if "duration" in table:
+            raise table.fail("duration", "either duration or profile, which makes the duration", "both")
+        return 0.0, table.whole("smoothness", 3, 9) if "smoothness" in table else 0, bounds
+    if kind == "sampled" and "duration" not in table and "smoothness" not in table:
+        return 0.0, 0, ()
+    return table.number("duration", above=0.0), table.whole("smoothness", 3, 9), ()
+
+
+def turn(table: Table, target: Output) -> tuple[float, ...]:
+    """The rotation vector of a move of the tool [rad]."""
+    key = table.unit_key("rotation", required=False)
+    if key and target.type != "tool_pose":
+        raise table.fail(key, 'no rotation, or an output of type "tool_pose"')
+    return table.angles("rotation", (True,) * 3, ZERO)
+
+
+def radius(table: Table) -> float:
+    """At which distance a turn of the tool counts as travel [m]."""
+    return table.number("radius", RADIUS, above=0.0)
+
+
+def _legs(table: Table, target: Output) -> tuple[MoveL, ...]:
+    """Lines and arcs of a polyline."""
+    out: list[MoveL] = []
+    legs = table.tables("legs")
+    for k, leg in enumerate(legs):
+        leg.only("displacement", "via", "rotation_rad", "rotation_deg", "zone", "speed")
+        if k + 1 == len(legs) and "zone" in leg:
+            raise leg.fail("zone", "no zone at the end")
+        if "speed" in leg and "profile" not in table:
+            raise leg.fail("speed", "no speed, or a profile of the move")
+        way = leg.vector("displacement", 3, what="m, world axes, from where the leg begins")
+        speed, zone = leg.optional("speed", above=0.0), leg.number("zone", above=0.0) if k + 1 < len(legs) else 0.0
+        line = MoveL(way, rotation=turn(leg, target), speed=speed, zone=zone, where=where(leg))
+        if "via" in leg:
+            via = leg.vector("via", 3, what="m, world axes, from where the leg begins")
+            line = MoveC(way, rotation=line.rotation, speed=speed, zone=zone, where=line.where, via=via)
+        out.append(line)
+    return tuple(out)
+
+
+def _samples(table: Table) -> str:
+    """The file of a sampled path, relative to the file that names it."""
+    text = table.text("file")
+    path = Path(table.entries["file"].file or table.file).parent / text
+    try:
+        there = path.suffix in (".csv", ".npz") and path.is_file()
+    except (OSError, ValueError):  # a name that no file can have
+        there = False
+    if not there:
+        raise table.fail("file", "the path of a .csv or .npz file, from the folder of this one")
+    return str(path)
+
+
 def moves(root: Table, target: Output, actuated: Sequence[Coordinate]) -> tuple[Move, ...]:
     """The named reference moves; each must fit what the output prescribes."""
-    common = ("name", "type", "start_rad", "start_deg", "duration", "smoothness")
+    common = ("name", "type", "start_rad", "start_deg", "duration", "smoothness", "profile")
+    turning = ("rotation_rad", "rotation_deg", "radius")
     extra = {
-        "tool_line": ("displacement", "rotation_rad", "rotation_deg"),
+        "tool_line": ("displacement", *turning),
+        "tool_circle": ("center", "axis", "angle_rad", "angle_deg", *turning),
+        "tool_polyline": ("legs", "radius"),
+        "sampled": ("file", "degree", "radius"),
         "joint": ("end_rad", "end_deg"),
         "output_line": ("displacement",),
     }
@@ -77,24 +160,44 @@ def moves(root: Table, target: Output, actuated: Sequence[Coordinate]) -> tuple[
         name = table.name(taken=[move.name for move in out])
         kind = table.choice("type", tuple(extra))
         table.only(*common, *extra[kind])
-        if kind == "tool_line" and target.type not in _TOOL:
+        if kind.startswith("tool") and target.type not in _TOOL:
             raise table.fail("type", "joint or output_line, because the output is not the tool's position or pose")
         if kind == "output_line" and target.type in _TOOL:
             raise table.fail("type", "joint or tool_line, because the output is the tool's position or pose")
-        if kind == "tool_line" and table.unit_key("rotation", required=False) and target.type != "tool_pose":
-            raise table.fail(table.unit_key("rotation") or "", 'no rotation, or an output of type "tool_pose"')
-        size = 3 if kind == "tool_line" else target.size
-        what = "m, world axes" if kind == "tool_line" else "one for each output"
-        out.append(
-            Move(
-                name,
-                kind,
-                posture(table, "start", actuated),
-                table.number("duration", above=0.0),
-                table.whole("smoothness", 3, 9),
-                displacement=() if kind == "joint" else table.vector("displacement", size, what=what),
-                rotation=table.angles("rotation", (True,) * 3, ZERO) if kind == "tool_line" else ZERO,
-                end=posture(table, "end", actuated) if kind == "joint" else (),
-            )
-        )
+        started = kind != "sampled" or table.unit_key("start", required=False)
+        start = posture(table, "start", actuated) if started else ()
+        duration, smoothness, bounds = _time(table, kind)
+        move = Move(name, kind, start, duration, smoothness, profile=bounds, where=where(table))
+        if kind.startswith("tool") or kind == "sampled":
+            move = replace(move, radius=radius(table))
+        if kind == "tool_line":
+            way = table.vector("displacement", 3, what="m, world axes")
+            move = replace(move, displacement=way, rotation=turn(table, target))
+        elif kind == "tool_circle":
+            move = _circle(table, move, target)
+        elif kind == "tool_polyline":
+            move = replace(move, legs=_legs(table, target))
+        elif kind == "sampled":
+            degree = int(table.number("degree", 7.0))
+            if "degree" in table and table.entries["degree"].value not in DEGREES:
+                raise table.fail("degree", "one of " + ", ".join(map(str, DEGREES)))
+            move = replace(move, file=_samples(table), degree=degree)
+        elif kind == "joint":
+            move = replace(move, end=posture(table, "end", actuated))
+        else:
+            move = replace(move, displacement=table.vector("displacement", target.size, what="one for each output"))
+        out.append(move)
     return tuple(out)
+
+
+def _circle(table: Table, move: Move, target: Output) -> Move:
+    """An arc about a centre."""
+    center, axis = table.vector("center", 3, what="m, world axes, from the start"), table.axis("axis")
+    off = np.array(center) - np.dot(center, axis) * np.array(axis)
+    if not np.linalg.norm(off) > 1e-9 * (1.0 + float(np.linalg.norm(center))):
+        raise table.fail("center", "a centre that is not on the axis through the start")
+    angle = table.angle("angle")
+    if not angle:
+        key = table.unit_key("angle")
+        raise table.fail(key, "an angle that is not 0")
+    return replace(move, center=center, axis=axis, angle=angle, rotation=turn(table, target))

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.model import goals, locate, parts
+from flexgen.model import goals, locate, parts, programs
 from flexgen.model.check import Table, closest, entry_name, show
 from flexgen.model.elements import Body, Output, Placement, RobotModel
 from flexgen.model.inertia import idle_coordinates
@@ -25,7 +25,8 @@ from flexgen.ports import identifier_problem
 SIZE_MAX = 1_000_000  # bytes
 
 _KEYS = (
-    "name description source gravity motor_coupling home_rad home_deg base element motor tool payload output move"
+    "name description source gravity motor_coupling home_rad home_deg base element motor tool payload output move "
+    "program"
 ).split()
 
 
@@ -70,7 +71,7 @@ def read(
         folder, chosen = Path(), variant or ""
     else:
         path, shown, chosen = _find(model, variant)
-        root, folder, again = _parse(path, shown), path.parent, shown
+        root, folder, again = parse_file(path, shown), path.parent, shown
     urdf = "urdf" in root.value
     if urdf:
         expand(root, folder, shown)
@@ -143,7 +144,8 @@ def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:
     return path, text, chosen
 
 
-def _parse(path: Path, shown: str) -> Entry:
+def parse_file(path: Path, shown: str) -> Entry:
+    """A TOML file as a tree of entries that know their lines."""
     try:
         with path.open("rb") as stream:
             raw = stream.read(SIZE_MAX + 1)
@@ -278,11 +280,13 @@ def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
     target = root.build("output", lambda table: goals.output(table, draft.coordinates))
     if target is None:
         raise root.fail("output", "a table: what a reference prescribes")
+    given = goals.moves(root, target, actuated)
     return replace(
         draft,
         output=target,
         home=goals.posture(root, "home", actuated),
-        moves=goals.moves(root, target, actuated),
+        moves=given,
+        programs=programs.programs(root, target, actuated, [move.name for move in given]),
         text=_canonical(root),
     )
 

@@ -3,16 +3,44 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import comb, factorial
+from typing import Protocol
 
 import numpy as np
 
 from flexgen.errors import ArgumentError
 
 
+class Law(Protocol):
+    """How far along a path at which instant: at rest before 0 and from ``duration`` [s] on.
+
+    ``smoothness``: number of continuous derivatives. ``breaks``: instants at which higher ones may jump.
+    """
+
+    @property
+    def duration(self) -> float:
+        """Of the whole [s]."""
+        ...
+
+    @property
+    def smoothness(self) -> int:
+        """Number of continuous derivatives."""
+        ...
+
+    @property
+    def breaks(self) -> np.ndarray:
+        """Instants at which higher derivatives may jump [s]."""
+        ...
+
+    def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
+        """Values and derivatives (n, order + 1) at the instants ``t`` [s]."""
+        ...
+
+
 @dataclass(frozen=True)
 class TimeLaw:
-    """The shortest polynomial from 0 to 1 whose first ``smoothness`` derivatives vanish at both ends.
+    """The shortest polynomial from 0 to ``length`` whose first ``smoothness`` derivatives vanish at both ends.
 
     ``s(u) = c int_0^u x^k (1 - x)^k dx``, ``c = (2k + 1)!/(k!)^2``, u = t / duration, constant outside [0, duration]: a
     polynomial of degree 2k + 1, k times continuously differentiable in time.
@@ -22,6 +50,7 @@ class TimeLaw:
 
     duration: float
     smoothness: int
+    length: float = 1.0
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.duration) and self.duration > 0):
@@ -29,14 +58,23 @@ class TimeLaw:
         if not 0 <= self.smoothness <= 9:
             raise ArgumentError(f"smoothness: given {self.smoothness}, expected 0 to 9 continuous derivatives")
 
-    def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
-        """``s`` and its time derivatives at the instants ``t`` [s], shape (n, order + 1), unit 1/s^j in column j."""
+    @property
+    def breaks(self) -> np.ndarray:
+        """The two ends."""
+        return np.array([0.0, self.duration])
+
+    @cached_property
+    def _law(self) -> np.polynomial.Polynomial:
         k = self.smoothness
         scale = factorial(2 * k + 1) / factorial(k) ** 2
         coefficients = np.zeros(2 * k + 2)
         for i in range(k + 1):
             coefficients[k + i + 1] = scale * comb(k, i) * (-1) ** i / (k + i + 1)
-        law = np.polynomial.Polynomial(coefficients)
+        return np.polynomial.Polynomial(coefficients)
+
+    def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
+        """``s`` and its time derivatives at the instants ``t`` [s], shape (n, order + 1), 1/s^j in column j."""
+        law = self._law
         u = np.clip(np.asarray(t, dtype=float) / self.duration, 0.0, 1.0)
         late = u > 0.5  # s(1 - u) = 1 - s(u): evaluating near zero keeps the digits
         x = np.where(late, 1.0 - u, u)
@@ -49,4 +87,36 @@ class TimeLaw:
             else:
                 sign = np.where(late, (-1.0) ** (j + 1), 1.0)
                 out[:, j] = np.where(inside, sign * value / self.duration**j, 0.0)
+        return out if self.length == 1.0 else self.length * out
+
+    def area(self, t: np.ndarray) -> np.ndarray:
+        """Integral of the law for ``length`` 1 from 0 to the instants ``t`` in [0, duration] [s]."""
+        inner = self._law.integ()
+        u = np.asarray(t) / self.duration
+        late = u > 0.5
+        value = inner(np.where(late, 1.0 - u, u))
+        return self.duration * np.where(late, u - 0.5 + value, value)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The law of a path that has its own time: distance is time, from 0 to ``duration`` [s].
+
+    ``smoothness``: of the path where it begins and ends, which has to be at rest there.
+    """
+
+    duration: float
+    smoothness: int
+
+    @property
+    def breaks(self) -> np.ndarray:
+        """The two ends."""
+        return np.array([0.0, self.duration])
+
+    def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
+        """Time and its derivatives, zero outside, shape (n, order + 1)."""
+        t = np.asarray(t, dtype=float)
+        out = np.zeros((len(t), order + 1))
+        out[:, 0] = np.clip(t, 0.0, self.duration)
+        out[:, 1] = (t > 0) & (t < self.duration)
         return out

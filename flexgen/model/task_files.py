@@ -1,0 +1,52 @@
+"""Files of moves and programs beside the model file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from flexgen.errors import ArgumentError
+from flexgen.model import goals, programs
+from flexgen.model.check import Table
+from flexgen.model.elements import RobotModel
+from flexgen.model.moves import Move
+from flexgen.model.reader import parse_file
+from flexgen.model.sources import from_here
+
+
+def read_moves(file: str | Path, model: RobotModel) -> tuple[Move, ...]:
+    """Moves and programs from a TOML file with ``[[move]]`` and ``[[program]]`` tables, as in a model file.
+
+    Parameters
+    ----------
+    file : str or Path
+    model : RobotModel
+        The robot that they are for.
+
+    Returns
+    -------
+    tuple of Move
+        First the moves, then the programs.
+
+    Raises
+    ------
+    ModelError
+        The file is wrong, or does not fit the robot.
+    ArgumentError
+        There is no such file.
+    """
+    path = Path(file)
+    try:
+        there = path.is_file()
+    except (OSError, ValueError):
+        there = False
+    if not there:
+        raise ArgumentError(f"moves: given {str(file)!r}, which is no file, expected the path of a .toml file")
+    shown = from_here(path)
+    root = Table(shown, parse_file(path, shown), "")
+    root.only("move", "program")
+    actuated = [model.coordinates[i] for i in model.i_g]
+    moves = goals.moves(root, model.output, actuated)
+    listed = programs.programs(root, model.output, actuated, [move.name for move in moves])
+    if not moves and not listed:
+        raise root.fail("program", "one or more [[move]] or [[program]] tables")
+    return (*moves, *listed)

@@ -1,0 +1,66 @@
+"""What the tests of the initial-value methods share: problems and torques to compare with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+import flexgen
+from flexgen.mechanics.dae import DaeFunctions
+from flexgen.model.reader import read
+from flexgen.problems.path import Path
+from flexgen.solvers.causal import dae_of
+from flexgen.solvers.question import Question
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A question, its DAE and its state of rest."""
+
+    ask: Question
+    dae: DaeFunctions
+    x_rest: np.ndarray
+
+    @property
+    def path(self) -> Path:
+        return self.ask.path
+
+    def torques(self, x: np.ndarray) -> np.ndarray:
+        """Motor torques of states x (n, n_x)."""
+        return x[:, 2 * self.dae.n :]
+
+
+@cache
+def problem(name: str, smoothness: int | None = None, move: str | None = None) -> Problem:
+    """The problem of a model's move, its first by default."""
+    model = read(name)
+    if smoothness is not None:
+        model = read(name, overrides={f"move.{model.move(move).name}.smoothness": smoothness})
+    equations = flexgen.derive(model)
+    ask = Question(equations, Path(equations, model.move(move)))
+    dae = dae_of(ask)
+    return Problem(ask, dae, dae.pack(ask.rest))
+
+
+@cache
+def reference(name: str, smoothness: int | None = None, move: str | None = None) -> object:
+    """Motor torques of the same move by the method that follows the path exactly, as a spline in time."""
+    here = problem(name, smoothness, move)
+    method = "collocation" if here.ask.equations.model.n_e else "closed-form"
+    mesh = None if method == "closed-form" else 2e-3
+    solution = flexgen.solve(here.ask.equations, move, method=method, mesh=mesh, verify=False)
+    return make_interp_spline(solution.trajectory.time, solution.trajectory["tau_m"], k=5)
+
+
+def relative(tau: np.ndarray, expected: np.ndarray) -> float:
+    """Largest difference of two torques (n, n_m), each motor relative to its largest one."""
+    return float((np.abs(tau - expected).max(axis=0) / np.abs(expected).max(axis=0)).max())
+
+
+def observed_order(errors: list[float], factor: float = 2.0) -> float:
+    """The order that errors show, each at a step ``factor`` times smaller than the one before."""
+    steps = np.arange(len(errors)) * np.log(factor)
+    return float(-np.polyfit(steps, np.log(errors), 1)[0])

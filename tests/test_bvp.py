@@ -1,0 +1,259 @@
+"""The two-point boundary value problem of the zero dynamics: its agreement with others, its order, what it refuses."""
+
+from __future__ import annotations
+
+import ctypes
+import pickle
+import shutil
+from dataclasses import replace
+from functools import cache
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+from emitted import CC, loaded, made, needs_compiler, run, sources
+from scipy.interpolate import make_interp_spline
+from test_inverter import given
+from test_product import STRICT, STRICT_CPP, tool
+
+from flexgen.analysis.linear import linearise
+from flexgen.analysis.zeros import inner_zeros
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.statics import at_rest
+from flexgen.model.elements import LinearSpring, Placement, RobotModel
+from flexgen.model.reader import read
+from flexgen.problems.path import Path
+from flexgen.runtime import load
+from flexgen.simulation import simulate
+from flexgen.solvers import bvp, exact, lq
+from flexgen.solvers.answer import Answer
+from flexgen.solvers.question import Question
+from flexgen.solvers.solve import _solution
+
+pytestmark = needs_compiler
+
+PLANAR = ["planar5_mp", "planar5_nmp", "planar5_soft"]
+ROBOTS = FilePath(__file__).parent / "robots"
+# On the mesh the equations hold to rounding: about 1e-16 of their scale, times the condition of the rows.
+ROUNDING = 1e-12
+# lq finds the same motion on the same mesh, but for what its weights of 1e-12 and its tolerance of 1e-6 move.
+SAME_MESH = 1e-6
+# The torque of collocation, of its own mesh and interpolation: the difference is fourth order, some 1e-6 at 5 ms.
+OTHER_MESH = 2e-5
+OTHER_MOTION = 2e-9  # rad, of deflections of some 1e-3
+MICRON = 1e-6
+
+
+def question(model: str | FilePath | RobotModel, **options: float) -> Question:
+    """The model's first move."""
+    equations = derive(model)
+    return Question(equations, Path(equations, equations.model.move()), **options)  # type: ignore[arg-type]
+
+
+def usual(ask: Question) -> float:
+    """The mesh [s] that solve begins with."""
+    return min(ask.path.duration / 100, 5e-3)
+
+
+@cache
+def solved(name: str) -> tuple[Question, Answer]:
+    ask = question(name)
+    return ask, bvp.answer(ask, usual(ask))
+
+
+def last_joint(model: RobotModel, stiffness: float, damping: float) -> RobotModel:
+    """A planar arm with the spring and damper of its passive joint multiplied."""
+    element = model.elements[2]
+    dof = element.dofs[0]
+    assert isinstance(dof.spring, LinearSpring)
+    soft = replace(dof, spring=LinearSpring(dof.spring.stiffness * stiffness), damping=dof.damping * damping)
+    return replace(model, elements=(*model.elements[:2], replace(element, dofs=(soft,))))
+
+
+def flat_arm() -> RobotModel:
+    """The planar arm with its tool where I_eff = j + m xi^2 - m xi l is zero."""
+    model = read("planar5_nmp")
+    body = model.elements[2].body
+    assert body is not None
+    xi = body.com[0]
+    return replace(model, tool=Placement(((body.inertia[2][2] + body.mass * xi**2) / (body.mass * xi), 0.0, 0.0)))
+
+
+def unstable_zeros(equations: Equations, q_a: np.ndarray) -> int:
+    rest = at_rest(equations, q_a)
+    return int(np.sum(inner_zeros(equations, linearise(equations, rest), rest).real > 0))
+
+
+# --- agreement --------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", [*PLANAR, pytest.param("manutec_r3_18", marks=pytest.mark.long)])
+def test_it_agrees_with_the_other_methods(name: str) -> None:
+    ask, answer = solved(name)
+    assert answer.details["residual"] < ROUNDING
+    i_e = list(ask.equations.model.i_e)
+    same = lq.answer(ask, usual(ask))
+    size = np.abs(answer.drives.tau_m).max(axis=0)
+    assert np.array_equal(same.t, answer.t)
+    assert np.abs((same.drives.tau_m - answer.drives.tau_m) / size).max() < SAME_MESH
+    if name not in PLANAR:  # there collocation takes minutes; the simulation judges
+        solution = _solution(ask, "bvp", answer)
+        assert (simulate(ask.equations, solution.trajectory, start=ask.rest).tool_error_max_m or 0.0) < MICRON / 10
+        return
+    other = exact.collocation(ask, usual(ask))
+    inside = (other.t >= answer.t[0]) & (other.t <= answer.t[-1])
+    tau, q = (make_interp_spline(answer.t, x, k=7)(other.t[inside]) for x in (answer.drives.tau_m, answer.q))
+    assert np.abs((tau - other.drives.tau_m[inside]) / size).max() < OTHER_MESH
+    assert np.abs((q - other.q[inside])[:, i_e]).max() < OTHER_MOTION
+
+
+@pytest.mark.parametrize("name", PLANAR)
+def test_the_tool_stays_on_the_path(name: str) -> None:
+    """On a mesh of 10 ms within 0.15 um, of 5 ms within 0.009 um."""
+    for mesh, most in ((1e-2, 0.15 * MICRON), (5e-3, 0.009 * MICRON)):
+        ask = question(name, mesh=mesh)
+        solution = _solution(ask, "bvp", bvp.answer(ask, mesh))
+        assert (simulate(ask.equations, solution.trajectory, start=ask.rest).tool_error_max_m or 0.0) < most
+
+
+@pytest.mark.parametrize("name", PLANAR)
+def test_the_ends_are_bound_by_what_fades_and_grows(name: str) -> None:
+    """As many unstable zeros as another algorithm finds; at the ends the motion is the one that belongs to them."""
+    ask, answer = solved(name)
+    equations, (e,) = ask.equations, ask.equations.model.i_e
+    poses = (answer.q[0], answer.q[-1])
+    found = [answer.details[f"unstable_zeros_{end}"] for end in ("start", "end")]
+    assert found == [unstable_zeros(equations, q) for q in poses]
+    if name == "planar5_mp":  # all fades: the start is exact rest
+        assert np.abs(answer.v[0]).max() < 1e-12 and np.abs(answer.q[0] - ask.rest.q_a).max() < 1e-12
+        return
+    # one real zero of either sign: v_e = z (q_e - rest). With a short window the distance from rest is well above
+    # rounding; what is left is of the second order in it.
+    short = question(name, mesh=1e-3, preview=3e-3)
+    early = bvp.answer(short, 1e-3)
+    rest = at_rest(equations, ask.rest.q_a)
+    zeros = inner_zeros(equations, linearise(equations, rest), rest).real
+    assert early.v[0, e] / (early.q[0, e] - ask.rest.q_a[e]) == pytest.approx(zeros.max(), rel=1e-3)
+
+
+def test_it_has_its_order() -> None:
+    """Order six at the nodes where the zero dynamics is slow against the mesh: halving it gains 64."""
+    model = last_joint(read("planar5_nmp"), 0.03, 0.03)
+    errors = []
+    asked = [question(model, mesh=h, preview=0.2) for h in (2e-2, 1e-2, 5e-3, 1.25e-3)]
+    answers = [bvp.answer(ask, ask.mesh) for ask in asked]  # type: ignore[arg-type]
+    (e,) = asked[0].equations.model.i_e
+    common = np.arange(0, min(len(a.t) for a in answers), 16)  # samples of 1.25 ms: every node of the coarsest mesh
+    for answer in answers[:-1]:
+        errors.append(float(np.abs(answer.q[common, e] - answers[-1].q[common, e]).max()))
+    order = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert order.min() > 5.5, (errors, order)
+
+
+# --- what it refuses --------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(
+    ("model", "words"),
+    [
+        (flat_arm, "at infinity at an end of the path or on the way; use invert .method lq"),
+        (lambda: last_joint(read("planar5_mp"), 1.0, 0.0), "on the imaginary axis.*; use invert .method lq"),
+        (lambda: ROBOTS / "spatial.toml", "number of unstable zeros differs.*; use invert .method lq"),
+    ],
+    ids=["flat", "undamped", "zeros change"],
+)
+def test_what_lq_solves_and_it_does_not(model, words: str) -> None:
+    ask = question(model())
+    with pytest.raises(SolverError, match=words):
+        bvp.answer(ask, usual(ask))
+    assert lq.answer(ask, usual(ask)).details["residual"] < lq.TOLERANCE
+
+
+def test_near_the_flat_point_it_still_works() -> None:
+    """With zeros at some +-10^5 1/s, a tool a few micrometres further out."""
+    model = flat_arm()
+    ask = question(replace(model, tool=Placement(((1 + 1e-5) * model.tool.position[0], 0.0, 0.0))))
+    answer = bvp.answer(ask, usual(ask))
+    assert answer.details["unstable_zeros_start"] == answer.details["unstable_zeros_end"] == 1
+
+
+def test_it_needs_coordinates_without_motor() -> None:
+    with pytest.raises(ArgumentError, match=r"no coordinates without motor.*use closed-form"):
+        bvp.answer(question("elbow"), 5e-3)
+    with pytest.raises(ArgumentError, match="without bvp, expected one in double precision"):
+        _ = loaded("elbow").bvp
+
+
+def test_options_that_it_does_not_know_are_refused() -> None:
+    with pytest.raises(ArgumentError, match="method bvp was given 'weight'"):
+        bvp.answer(replace(question("planar5_mp"), options={"weight": 1}), 5e-3)
+
+
+def test_the_library_offers_it() -> None:
+    library = loaded("planar5_nmp")
+    answer = library.bvp(**given())
+    assert answer.unstable == (1, 1) and answer.iterations >= 1 and answer.residual < ROUNDING
+    again = pickle.loads(pickle.dumps(library.bvp))
+    assert np.array_equal(again(**given()).tau_m, answer.tau_m)
+    assert repr(again).startswith("bvp(place, rate, rate2")
+    with pytest.raises(SolverError, match="bvp: the path leaves the workspace"):
+        library.bvp(**given(place=10.0 * given()["place"]))
+    with pytest.raises(ArgumentError, match="bvp, rate: given shape"):
+        library.bvp(**given(rate=np.zeros((3, 2))))
+    with pytest.raises(ArgumentError, match="an input is not finite"):
+        library.bvp(**given(q_start=np.full(3, np.nan)))
+    closed = load(made("planar5_nmp").directory)
+    kept = closed.bvp
+    closed.close()
+    with pytest.raises(ArgumentError, match="closed"):
+        kept(**given())
+
+
+# --- planted bugs -----------------------------------------------------------------------------------------------------
+PLANTED = {
+    "rows swapped": [("&at, 1, b->first", "&at, 0, b->first"), ("&at, 0, b->last", "&at, 1, b->last")],
+    "rest forgotten": [("b->rest_end[NE + i] = 0.0;", "b->rest_end[NE + i] = 0.0; b->rest_end[i] = 0.0;")],
+    "the clock runs wrong": [("b->m.h = every * period;", "b->m.h = 0.999 * every * period;")],
+}
+
+
+def call(folder: FilePath, name: str) -> tuple[int, np.ndarray]:
+    """Status and motor torques of ``planar5_nmp_bvp`` in a folder's sources."""
+    run(CC, "-std=c99", "-O1", "-fPIC", "-shared", *sources(folder), "-lm", "-o", name, folder=folder)
+    library = ctypes.CDLL(str(folder / name))
+    asked = given()
+    n = len(asked["place"])
+    total = n + asked["lead"] + asked["tail"]
+    outputs = [np.zeros((total, k)) for k in (3, 3, 3, 2, 2, 2, 2)] + [np.zeros(6)]
+    whole = [ctypes.c_int(asked[key]) for key in ("lead", "tail", "every")]
+    library.planar5_nmp_bvp_work.restype = ctypes.c_int64
+    work = np.zeros(library.planar5_nmp_bvp_work(ctypes.c_int(n), *whole))
+    arrays = [np.ascontiguousarray(asked[key]) for key in ("place", "rate", "rate2", "q_start")]
+    where = [ctypes.c_void_p(x.ctypes.data) for x in (*arrays, *outputs, work)]
+    real = ctypes.c_double
+    status = library.planar5_nmp_bvp(
+        ctypes.c_int(n), real(asked["period"]), *where[:4], *whole, real(1e-9), *where[4:], ctypes.c_int64(work.size)
+    )
+    return status, outputs[6]
+
+
+@pytest.mark.parametrize("bug", PLANTED)
+def test_planted_bugs_are_caught(bug: str, tmp_path: FilePath) -> None:
+    folder = FilePath(shutil.copytree(made("planar5_nmp").directory, tmp_path / "planted"))
+    right = loaded("planar5_nmp").invert(**given())
+    size = np.abs(right.tau_m).max()
+    status, tau = call(folder, "right.so")
+    assert status == 0 and np.abs(tau - right.tau_m).max() < SAME_MESH * size
+    file = folder / "planar5_nmp_bvp.c"
+    text = file.read_text()
+    for old, new in PLANTED[bug]:
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    file.write_text(text)
+    status, tau = call(folder, "wrong.so")
+    assert status != 0 or not np.abs(tau - right.tau_m).max() < SAME_MESH * size
+
+
+# --- compilers --------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("compiler", ["gcc", "clang", "g++", "clang++"])
+def test_strict_compilers_have_nothing_to_say(compiler: str, tmp_path: FilePath) -> None:
+    flags = STRICT_CPP if compiler.endswith("++") else [*STRICT, "-O2"]
+    file = made("planar5_nmp").directory / "planar5_nmp_bvp.c"
+    run(tool(compiler), *flags, "-c", file, "-o", "bvp.o", folder=tmp_path)
