@@ -1,0 +1,222 @@
+"""What a sweep consists of: cases, and the grid of models, parameters, moves and methods that they are cut from."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError, FlexgenError
+from flexgen.model.elements import Move, RobotModel
+from flexgen.model.reader import read
+from flexgen.problems.timing import TimeLaw
+
+OPTIONS = ("preview", "mesh", "verify", "accuracy", "options", "batch")  # of flexgen.solve, and one of the sweep
+SPAN = {"rad": np.pi, "m": 0.5}  # either way: where random moves stay when the model has no limits
+MARGIN = 1e-3  # random moves stay that much within limits of speed and acceleration
+
+
+@dataclass(frozen=True)
+class RandomMove:
+    """A joint move drawn at random within the model's limits of position, speed and acceleration.
+
+    It is the same for the same ``number`` and ``seed`` on every machine. ``duration`` [s], ``smoothness``: of a Move.
+    """
+
+    number: int
+    seed: int = 0
+    duration: float = 1.0
+    smoothness: int = 5
+
+    def of(self, model: RobotModel) -> Move:
+        """The move of one model."""
+        draw = np.random.default_rng([self.seed, self.number]).random((2, model.n_g))
+        speed, acceleration = _peaks(self.smoothness)
+        start, end = [], []
+        for (first, second), i in zip(draw.T, model.i_g, strict=True):
+            coordinate = model.coordinates[i]
+            dof, span = coordinate.dof, SPAN[coordinate.unit]
+            assert dof is not None  # it is actuated
+            low = -span if dof.lower is None else dof.lower
+            high = span if dof.upper is None else dof.upper
+            way = high - low
+            if dof.speed_max is not None:
+                way = min(way, (1 - MARGIN) * dof.speed_max * self.duration / speed)
+            if dof.acceleration_max is not None:
+                way = min(way, (1 - MARGIN) * dof.acceleration_max * self.duration**2 / acceleration)
+            start.append(float(low + (high - low) * first))
+            lowest, highest = max(low, start[-1] - way), min(high, start[-1] + way)
+            end.append(float(lowest + (highest - lowest) * second))
+        name = f"random{self.number}"
+        return Move(name, "joint", tuple(start), self.duration, self.smoothness, end=tuple(end))
+
+
+@cache
+def _peaks(smoothness: int) -> tuple[float, float]:
+    """The largest speed and acceleration of the time law over one second."""
+    s = np.abs(TimeLaw(1.0, smoothness)(np.linspace(0.0, 1.0, 2001), 2))
+    return float(s[:, 1].max()), float(s[:, 2].max())
+
+
+def random_moves(count: int, seed: int = 0, duration: float = 1.0, smoothness: int = 5) -> tuple[RandomMove, ...]:
+    """``count`` random joint moves."""
+    return tuple(RandomMove(number, seed, duration, smoothness) for number in range(count))
+
+
+MoveChoice = str | Move | RandomMove | None
+ModelChoice = str | Path | RobotModel
+
+
+@dataclass(frozen=True)
+class Case:
+    """One solve of a sweep: ``number`` in its grid, model, changes of the model, move (None: its first) and method."""
+
+    number: int
+    model: ModelChoice
+    parameters: Mapping[str, Any]
+    move: MoveChoice
+    method: str
+
+    def robot(self) -> RobotModel:
+        """The model with its changes; raises what `flexgen.read` raises."""
+        if not isinstance(self.model, RobotModel):
+            return read(self.model, overrides=self.parameters)
+        if self.parameters:
+            raise ArgumentError(
+                f"sweep: given changes of the model {self.model.name}, which was read before, expected its name or file"
+            )
+        return self.model
+
+
+@dataclass(frozen=True)
+class Grid:
+    """All combinations, in a fixed order: models go slowest, then parameter sets, moves and, fastest, methods.
+
+    Parameters
+    ----------
+    models : sequence of names, paths or RobotModel
+        As `flexgen.solve` takes them, variants included.
+    moves : sequence of str, Move, RandomMove or None
+        None: the first move of the model.
+    methods : sequence of str
+    parameters : sequence of mappings
+        Changes of the model file, dotted paths to values, as in `flexgen.read`; `combinations` makes them of lists.
+    options : mapping
+        The same for all cases: ``preview``, ``mesh``, ``verify``, ``accuracy``, ``options`` of `flexgen.solve`, and
+        ``batch``: compute joint moves in closed form many at once where that is possible and ``verify`` is False.
+
+    Cases are made when they are asked for: ``grid[17]``, ``len(grid)``, ``for case in grid``.
+    """
+
+    models: Sequence[ModelChoice]
+    moves: Sequence[MoveChoice] = (None,)
+    methods: Sequence[str] = ("auto",)
+    parameters: Sequence[Mapping[str, Any]] = ({},)
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        kinds: dict[str, tuple[Any, str]] = {
+            "models": ((str, Path, RobotModel), "names, paths or models"),
+            "moves": ((str, Move, RandomMove, type(None)), "names, moves or None"),
+            "methods": (str, "names"),
+            "parameters": (Mapping, "mappings of dotted paths to values"),
+        }
+        for name, (kind, what) in kinds.items():
+            values = getattr(self, name)
+            if isinstance(values, str | Mapping) or not isinstance(values, Sequence):
+                raise ArgumentError(f"grid, {name}: given {values!r}, expected a sequence of {what}")
+            if not values or not all(isinstance(value, kind) for value in values):
+                raise ArgumentError(f"grid, {name}: given {list(values)[:5]!r}, expected one or more {what}")
+            object.__setattr__(self, name, tuple(values))
+        unknown = sorted(set(self.options) - set(OPTIONS))
+        if unknown:
+            raise ArgumentError(f"grid, options: given {unknown[0]!r}, expected some of {', '.join(OPTIONS)}")
+
+    @property
+    def _sizes(self) -> tuple[int, ...]:
+        return len(self.models), len(self.parameters), len(self.moves), len(self.methods)
+
+    def __len__(self) -> int:
+        return int(np.prod(self._sizes))
+
+    def __getitem__(self, number: int) -> Case:
+        if not 0 <= number < len(self):
+            raise IndexError(f"case {number} of {len(self)}")
+        model, parameters, move, method = (int(k) for k in np.unravel_index(number, self._sizes))
+        return Case(number, self.models[model], self.parameters[parameters], self.moves[move], self.methods[method])
+
+    def __iter__(self) -> Iterator[Case]:
+        return (self[number] for number in range(len(self)))
+
+    def describe(self) -> dict[str, Any]:
+        """The grid as JSON types; models with a digest of what their files say."""
+        return {
+            "models": [{"model": _shown(model), "digest": _content(model)} for model in self.models],
+            "parameters": [_plain(changes) for changes in self.parameters],
+            "moves": [_plain(move) for move in self.moves],
+            "methods": list(self.methods),
+            "options": _plain(self.options),
+        }
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of everything that the results depend on, but for the code."""
+        text = json.dumps(self.describe(), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+
+def combinations(values: Mapping[str, Sequence[Any]]) -> tuple[dict[str, Any], ...]:
+    """All combinations of the listed values as parameter sets, the last key fastest."""
+    for key, listed in values.items():
+        if isinstance(listed, str) or not isinstance(listed, Sequence) or not listed:
+            raise ArgumentError(f"parameters {key}: given {listed!r}, expected a list of values")
+    return tuple(dict(zip(values, chosen, strict=True)) for chosen in product(*values.values()))
+
+
+def model_digest(robot: RobotModel) -> str:
+    """SHA-256 of a model's data: the same wherever its file is."""
+    return hashlib.sha256(f"{robot.text}\n{replace(robot, file='', text='')!r}".encode()).hexdigest()
+
+
+def _shown(model: ModelChoice) -> str:
+    return model.name if isinstance(model, RobotModel) else str(model)
+
+
+def _content(model: ModelChoice) -> str:
+    try:
+        robot = model if isinstance(model, RobotModel) else read(model)
+    except FlexgenError as error:  # its cases will say so
+        return f"unreadable: {error}"
+    return " ".join([model_digest(robot), *(_samples(move) for move in robot.moves if move.file)])
+
+
+def _samples(move: Move) -> str:
+    """SHA-256 of the file that a move goes through."""
+    try:
+        return hashlib.sha256(Path(move.file).read_bytes()).hexdigest()
+    except OSError as error:
+        return f"unreadable: {error.strerror}"
+
+
+def _plain(value: Any) -> Any:
+    """JSON types; data classes with their names."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        parts = {part.name: _plain(getattr(value, part.name)) for part in dataclasses.fields(value) if part.compare}
+        if isinstance(value, Move) and value.file:
+            parts["samples"] = _samples(value)
+        return {type(value).__name__: parts}
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value if value is None or isinstance(value, bool | int | float | str) else repr(value)

@@ -1,0 +1,189 @@
+"""Who does the shards: this process, a pool of processes on this machine, or any executor, on many machines."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import threading
+import time
+from collections.abc import Callable, Generator, Iterable
+from concurrent import futures
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
+from itertools import islice
+from typing import Any
+
+from flexgen.errors import FlexgenError, SolverError
+from flexgen.sweeps.jobs import Rows, Shard, failed
+
+Work = Callable[[Shard], Rows]
+Done = Generator[tuple[Shard, Rows], None, None]
+
+IN_FLIGHT = 32  # shards that an executor of unknown size is given at once
+ATTEMPTS = 2  # of a shard whose worker was lost on another machine
+POLL = 0.05  # s: how often futures of another kind are asked
+
+
+def in_process(shards: Iterable[Shard], work: Work) -> Done:
+    """One shard after the other, here; Ctrl-C is not lost where a solver in C++ takes it for a failure of its own."""
+    with _Interrupts() as interrupts:
+        for shard in shards:
+            rows = work(shard)
+            if interrupts.noted:
+                raise KeyboardInterrupt
+            yield shard, rows
+
+
+def in_pool(shards: Iterable[Shard], workers: int, work: Work) -> Done:
+    """In processes of this machine; a case that kills its process is found, and becomes a row."""
+    todo = iter(shards)
+    while first := list(islice(todo, 2 * workers)):
+        suspects: list[Shard] = []
+        with _Pool(workers) as pool:
+            running = {pool.submit(work, shard): shard for shard in first}
+            while running and not suspects:
+                done, _ = futures.wait(running, return_when=futures.FIRST_COMPLETED)
+                for future in done:
+                    shard = running.pop(future)
+                    try:
+                        rows = future.result()
+                    except BrokenProcessPool:
+                        suspects.append(shard)
+                        continue
+                    yield shard, rows
+                    if not suspects:
+                        running |= {pool.submit(work, more): more for more in islice(todo, 1)}
+            for future, shard in running.items():  # a broken pool ends all that runs in it
+                if future.done() and future.exception() is None:
+                    yield shard, future.result()
+                else:
+                    suspects.append(shard)
+        for shard in suspects:
+            yield shard, _isolated(shard, work)
+
+
+def with_executor(shards: Iterable[Shard], executor: Any, in_flight: int | None, work: Work) -> Done:
+    """By ``executor.submit(work, shard)``, which returns futures with ``done``, ``result`` and ``cancel``."""
+    if hasattr(executor, "get_executor"):  # a Client of dask.distributed
+        executor = executor.get_executor()
+    most = in_flight or 2 * (getattr(executor, "_max_workers", None) or IN_FLIGHT // 2)
+    todo = iter(shards)
+    running: dict[Any, tuple[Shard, int]] = {}
+    try:
+        while True:
+            running |= {executor.submit(work, shard): (shard, 1) for shard in islice(todo, most - len(running))}
+            if not running:
+                return
+            for future in _first(list(running)):
+                shard, attempt = running.pop(future)
+                try:
+                    rows = future.result()
+                except FlexgenError:
+                    raise
+                except Exception as error:  # the worker is gone, or what it sent
+                    if attempt == ATTEMPTS or isinstance(error, futures.BrokenExecutor):
+                        raise SolverError(
+                            f"sweep: shard {shard.number} was lost {attempt} times ({type(error).__name__}: {error}); "
+                            "the finished ones are kept: look after the workers, then resume"
+                        ) from error
+                    running[executor.submit(work, shard)] = (shard, attempt + 1)
+                    continue
+                yield shard, rows
+    finally:
+        for future in running:
+            future.cancel()
+
+
+def _first(running: list[Any]) -> list[Any]:
+    """Futures that are done, at least one."""
+    if all(isinstance(future, futures.Future) for future in running):
+        done = futures.wait(running, return_when=futures.FIRST_COMPLETED).done
+        return [future for future in running if future in done]
+    while True:
+        found = [future for future in running if future.done()]
+        if found:
+            return found
+        time.sleep(POLL)
+
+
+class _Pool:
+    """A process pool of fresh interpreters that ends with what it is used for, at once where that failed."""
+
+    def __init__(self, workers: int) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pool = futures.ProcessPoolExecutor(workers, mp_context=context, initializer=_leave_interrupts)
+
+    def submit(self, work: Work, shard: Shard) -> futures.Future[Rows]:
+        try:
+            return self._pool.submit(work, shard)
+        except BrokenProcessPool as error:
+            broken: futures.Future[Rows] = futures.Future()
+            broken.set_exception(error)
+            return broken
+
+    def __enter__(self) -> _Pool:
+        try:
+            self._pool.submit(_started).result()
+        except BrokenProcessPool:
+            raise SolverError(
+                "sweep: given worker processes that end before they begin, expected a script that they can import: "
+                "put its calls below 'if __name__ == \"__main__\":', or take workers=0"
+            ) from None
+        return self
+
+    def __exit__(self, kind: object, *rest: object) -> None:
+        if kind is None:
+            self._pool.shutdown()
+            return
+        # what is running now is lost anyway: nobody shall wait for it
+        processes = list((getattr(self._pool, "_processes", None) or {}).values())
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            process.terminate()
+
+
+def _leave_interrupts() -> None:
+    """Ctrl-C is for the process that hands out the work."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _started() -> None:
+    """What a new worker does first."""
+
+
+def _isolated(shard: Shard, work: Work) -> Rows:
+    """A shard that may have killed its process, in a process of its own; halved until the case is found."""
+    try:
+        with _Pool(1) as pool:
+            return pool.submit(work, shard).result()
+    except BrokenProcessPool:
+        pass
+    if len(shard.jobs) == 1:
+        job = shard.jobs[0]
+        reason = failed("the process that solved this case died: out of memory, or a fault in a library")
+        return Rows([job.heading | reason], [{"case": job.number}])
+    middle = len(shard.jobs) // 2
+    halves = [_isolated(replace(shard, jobs=jobs), work) for jobs in (shard.jobs[:middle], shard.jobs[middle:])]
+    return Rows(halves[0].results + halves[1].results, halves[0].times + halves[1].times)
+
+
+class _Interrupts:
+    """Notes Ctrl-C and passes it on to whoever waits for it; only in the main thread."""
+
+    def __enter__(self) -> _Interrupts:
+        self.noted = False
+        self._other: Any = None
+        if threading.current_thread() is threading.main_thread():
+            other = signal.getsignal(signal.SIGINT)
+            if callable(other):
+                self._other = other
+                signal.signal(signal.SIGINT, self._note)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._other is not None:
+            signal.signal(signal.SIGINT, self._other)
+
+    def _note(self, number: int, frame: Any) -> None:
+        self.noted = True
+        self._other(number, frame)

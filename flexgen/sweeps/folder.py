@@ -1,0 +1,149 @@
+"""The folder of a sweep: what it is, the shards that are finished, and the tables when all of them are.
+
+``sweep.json`` says which grid and which code; ``shards/000017.json`` is one finished shard, its first line the SHA-256
+of the rest. Every file appears whole or not at all, so that an interruption loses what was running and nothing else.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from flexgen.errors import ArgumentError
+from flexgen.sweeps.cases import Grid
+from flexgen.sweeps.jobs import Rows
+
+FORMAT = 1
+SHARD_SIZE = 16  # cases, at most, where nobody says otherwise
+LOT_SIZE = 512  # the same where cases are computed many at once
+SHARDS = 64  # a small grid has smaller shards, so that all workers have some
+
+Tell = Callable[[str], None]
+
+
+def default_size(grid: Grid) -> int:
+    """Cases in a shard where nobody says how many."""
+    most = LOT_SIZE if grid.options.get("batch") else SHARD_SIZE
+    return max(1, min(most, len(grid) // SHARDS))
+
+
+class Folder:
+    """A sweep's folder, new or continued.
+
+    Parameters
+    ----------
+    path : str or Path
+    grid : Grid
+    code : str
+        The version of the code that computes now.
+    shard_size : int, optional
+        Cases in a shard; default: that of the folder, `default_size` for a new one.
+    resume : bool
+        Continue what is there; otherwise the folder must be empty or missing.
+    tell : callable
+        Told of what has to be computed again.
+
+    Raises
+    ------
+    ArgumentError
+        Where the folder holds anything else: another sweep, results of other code, or no sweep at all.
+    """
+
+    def __init__(
+        self, path: str | Path, grid: Grid, code: str, shard_size: int | None, resume: bool, tell: Tell
+    ) -> None:
+        self.path, self._tell = Path(path), tell
+        self._about = {"format": FORMAT, "grid": grid.digest, "code": code, "cases": len(grid)}
+        head = self.path / "sweep.json"
+        if head.exists():
+            self.shard_size = self._continued(head, shard_size, resume)
+            return
+        if self.path.exists() and not self.path.is_dir():
+            raise ArgumentError(f"sweep: given {str(self.path)!r}, which is a file, expected a folder")
+        if self.path.is_dir() and any(not entry.name.startswith(".") for entry in self.path.iterdir()):
+            raise ArgumentError(
+                f"sweep: given the folder {str(self.path)!r}, which holds something that is no sweep, expected an "
+                "empty or a new one"
+            )
+        self.shard_size = shard_size or default_size(grid)
+        (self.path / "shards").mkdir(parents=True, exist_ok=True)
+        about = self._about | {"shard_size": self.shard_size, "description": grid.describe()}
+        _write(head, json.dumps(about, indent=1) + "\n")
+
+    def _continued(self, head: Path, shard_size: int | None, resume: bool) -> int:
+        """The shard size of what is there; ArgumentError where it cannot be continued."""
+        where = f"sweep: given the folder {str(self.path)!r}"
+        if not resume:
+            raise ArgumentError(
+                f"{where}, which holds a sweep already; continue it with resume=True (--resume), or take another folder"
+            )
+        try:
+            there = json.loads(head.read_text(encoding="utf-8"))
+            size = int(there["shard_size"])
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise ArgumentError(f"{where} with an unreadable sweep.json ({error}); take another folder") from None
+        for key, value in self._about.items():
+            if there.get(key) != value:
+                what = {
+                    "format": "of another version of flexgen",
+                    "grid": "of another grid (or of models that have changed since)",
+                    "code": f"computed by other code, {there.get('code')}, now {value}",
+                    "cases": "of another number of cases",
+                }[key]
+                raise ArgumentError(f"{where} with a sweep {what}; the two must not be mixed: take another folder")
+        if shard_size not in (None, size):
+            raise ArgumentError(f"{where} with shards of {size} cases, expected this shard_size, given {shard_size}")
+        return size
+
+    def keep(self, number: int, rows: Rows) -> None:
+        """Write a finished shard."""
+        content = self._about | {"number": number, "results": rows.results, "times": rows.times}
+        body = json.dumps(content, default=lambda x: x.item())  # numbers of numpy
+        _write(self._file(number), f"{_sum(body)}\n{body}")
+
+    def rows(self, number: int) -> Rows | None:
+        """A finished shard; None where there is none, or a damaged one."""
+        file = self._file(number)
+        try:
+            checksum, _, body = file.read_text(encoding="utf-8").partition("\n")
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError):
+            checksum, body = "", ""
+        if checksum != _sum(body):
+            self._tell(f"{file}: damaged, computed again")
+            return None
+        content = json.loads(body)
+        for key, value in (self._about | {"number": number}).items():
+            if content.get(key) != value:
+                raise ArgumentError(
+                    f"{file}: given a shard of another sweep ({key} {content.get(key)}), expected {key} {value}; "
+                    "remove the file to have it computed again"
+                )
+        return Rows(content["results"], content["times"])
+
+    def _file(self, number: int) -> Path:
+        return self.path / "shards" / f"{number:06d}.json"
+
+
+def _sum(body: str) -> str:
+    return hashlib.sha256(body.encode()).hexdigest()
+
+
+def _write(path: Path, text: str) -> None:
+    """Write a file that is either whole or not there."""
+    part: Any = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with part.open("w", encoding="utf-8", newline="\n") as stream:
+            stream.write(text)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(part, path)
+    finally:
+        with suppress(OSError):
+            part.unlink()

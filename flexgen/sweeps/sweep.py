@@ -1,0 +1,203 @@
+"""Sweep: thousands of solves, in shards, by one process or many, into one table; the same bits for all of them."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError, FlexgenError
+from flexgen.model.elements import RobotModel
+from flexgen.sweeps.cases import Case, Grid, model_digest
+from flexgen.sweeps.crews import Done, Work, in_pool, in_process, with_executor
+from flexgen.sweeps.folder import Folder, default_size
+from flexgen.sweeps.jobs import Job, Rows, Shard
+from flexgen.sweeps.table import RESULTS, TIMES, Table, table_of
+from flexgen.sweeps.version import code_version
+from flexgen.sweeps.work import run_shard
+
+
+@dataclass(frozen=True)
+class Swept:
+    """The results of a sweep, one row a case, and apart from them, as they are never the same twice, the times."""
+
+    results: Table
+    times: Table
+
+    @property
+    def failures(self) -> np.ndarray:
+        """Numbers of the cases without a solution."""
+        return np.asarray(self.results["case"][self.results["status"] == "failed"])
+
+
+def sweep(
+    grid: Grid,
+    out: str | Path | None = None,
+    *,
+    workers: int | None = None,
+    executor: Any = None,
+    shard_size: int | None = None,
+    resume: bool = False,
+    in_flight: int | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Swept:
+    """Solve all cases of a grid.
+
+    Parameters
+    ----------
+    grid : Grid
+    out : str or Path, optional
+        A folder for finished shards, and for the tables ``results.npz`` and ``times.npz`` at the end. Without one
+        nothing is written, and an interruption loses everything.
+    workers : int, optional
+        Processes on this machine; 0 or 1: this one; default: one for each core. They import the calling script, whose
+        calls must stand below ``if __name__ == "__main__":``.
+    executor : optional
+        Does the shards instead: anything with ``submit(function, argument)`` that returns futures, such as the
+        executors of concurrent.futures, or a Client of dask.distributed.
+    shard_size : int, optional
+        Cases in a shard: what a worker is given at a time and an interruption may lose; default: at most 16, or 512
+        where they are computed many at once.
+    resume : bool
+        Continue the sweep in ``out``.
+    in_flight : int, optional
+        Shards that an executor is given at once.
+    progress : callable, optional
+        Called with one line of text after every shard.
+
+    Returns
+    -------
+    Swept
+        A case that fails is a row with the reason. The results are the same to the last bit for any number of workers,
+        shards and interruptions.
+
+    Raises
+    ------
+    ArgumentError
+        Where the folder holds something else, or an argument makes no sense.
+    SolverError
+        Where workers cannot be started, or are lost again and again on other machines.
+    """
+    if not isinstance(grid, Grid):
+        raise ArgumentError(f"grid: given {grid!r}, expected a Grid")
+    for name, value, least in (("workers", workers, 0), ("shard_size", shard_size, 1), ("in_flight", in_flight, 1)):
+        if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < least):
+            raise ArgumentError(f"{name}: given {value!r}, expected a whole number, at least {least}")
+    if executor is not None and workers is not None:
+        raise ArgumentError("workers: given beside an executor, which has its own, expected one of the two")
+    if executor is not None and not hasattr(executor, "submit") and not hasattr(executor, "get_executor"):
+        raise ArgumentError(f"executor: given {executor!r}, expected an object with submit(function, argument)")
+    if resume and out is None:
+        raise ArgumentError("resume: given without a folder, expected out= as well")
+    tell = progress or (lambda line: None)
+    code = code_version()
+    folder = None if out is None else Folder(out, grid, code, shard_size, resume, tell)
+    size = (shard_size or default_size(grid)) if folder is None else folder.shard_size
+    memory: dict[int, Rows] = {}
+    count = -(-len(grid) // size)
+    if folder is None:
+        missing = list(range(count))
+    else:
+        missing = [number for number in range(count) if folder.rows(number) is None]
+    shards = _shards(grid, missing, size, code)
+    report = _Progress(len(grid), sum(len(_numbers(grid, number, size)) for number in missing), tell)
+    with closing(_crew(shards, workers, executor, in_flight, min(len(missing), 1_000_000), run_shard)) as done:
+        for shard, rows in done:
+            if folder is None:
+                memory[shard.number] = rows
+            else:
+                folder.keep(shard.number, rows)
+            report.finished(rows)
+    swept = Swept(
+        table_of(RESULTS, (row for k in range(count) for row in _rows(folder, memory, k).results)),
+        table_of(TIMES, (row for k in range(count) for row in _rows(folder, memory, k).times)),
+    )
+    if folder is not None:
+        swept.results.save(folder.path / "results.npz")
+        swept.times.save(folder.path / "times.npz")
+    return swept
+
+
+def _crew(
+    shards: Iterator[Shard], workers: int | None, executor: Any, in_flight: int | None, count: int, work: Work
+) -> Done:
+    if executor is not None:
+        return with_executor(shards, executor, in_flight, work)
+    if workers is None:
+        workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    workers = min(workers, count)
+    return in_process(shards, work) if workers < 2 else in_pool(shards, workers, work)
+
+
+def _numbers(grid: Grid, shard: int, size: int) -> range:
+    """Numbers of the cases of a shard."""
+    return range(shard * size, min((shard + 1) * size, len(grid)))
+
+
+def _rows(folder: Folder | None, memory: dict[int, Rows], number: int) -> Rows:
+    if folder is None:
+        return memory[number]
+    rows = folder.rows(number)
+    if rows is None:
+        raise ArgumentError(f"{folder.path}: shard {number} vanished while the sweep ran; resume it")
+    return rows
+
+
+def _shards(grid: Grid, numbers: list[int], size: int, code: str) -> Iterator[Shard]:
+    """Shards with what a worker needs, made when they are asked for."""
+    read: dict[tuple[int, int], tuple[str, RobotModel | str]] = {}
+    for number in numbers:
+        jobs, robots = [], {}
+        for k in _numbers(grid, number, size):
+            case = grid[k]
+            label = id(case.model), id(case.parameters)  # the grid holds both
+            if label not in read:
+                read.clear()  # models go slowest: what comes before will not be needed again
+                read[label] = _read(case)
+            key, robot = read[label]
+            robots[key] = robot
+            jobs.append(Job.of(case, key))
+        yield Shard(number, tuple(jobs), robots, dict(grid.options), code)
+
+
+def _read(case: Case) -> tuple[str, RobotModel | str]:
+    """The model of a case with its key, or why it cannot be read."""
+    try:
+        robot = case.robot()
+    except Exception as error:  # a wrong value in one parameter set is no reason to lose the others
+        reason = str(error) if isinstance(error, FlexgenError) else f"{type(error).__name__}: {error}"
+        return f"unreadable: {reason}", reason
+    return model_digest(robot), robot
+
+
+class _Progress:
+    """Says how far a sweep is."""
+
+    def __init__(self, cases: int, missing: int, tell: Callable[[str], None]) -> None:
+        self._cases, self._missing, self._tell = cases, missing, tell
+        self._done, self._failed, self._began = 0, 0, time.perf_counter()
+        if missing < cases:
+            tell(f"{cases - missing} of {cases} cases are there already")
+
+    def finished(self, rows: Rows) -> None:
+        """One more shard."""
+        self._done += len(rows.results)
+        self._failed += sum(row["status"] == "failed" for row in rows.results)
+        rate = self._done / max(time.perf_counter() - self._began, 1e-9)
+        left = (self._missing - self._done) / rate
+        self._tell(
+            f"{self._cases - self._missing + self._done} of {self._cases} cases, {self._failed} failed, "
+            f"{rate:.3g} a second, {_span(left)} to go"
+        )
+
+
+def _span(seconds: float) -> str:
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"
