@@ -39,8 +39,9 @@ class LinearModel:
 
     @property
     def rate(self) -> float:
-        """A typical rate [1/s], to choose the unit of time by."""
-        return float(np.sqrt(max(float(np.linalg.norm(np.linalg.solve(self.M, self.K))), 1e-300)))
+        """A typical rate [1/s], to choose the unit of time by; 1 without any stiffness."""
+        size = float(np.linalg.norm(np.linalg.solve(self.M, self.K)))
+        return float(np.sqrt(size)) if size > 0 else 1.0
 
     def response(self, w: np.ndarray, C: np.ndarray) -> np.ndarray:
         """``C (K + j w D - w^2 M)^-1 B`` at the angular frequencies ``w`` [rad/s], shape (len(w), rows of C, n_m)."""

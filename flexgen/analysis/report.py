@@ -9,8 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.analysis.index import structural_index
+from flexgen.analysis.kunkel_mehrmann import KunkelMehrmann, kunkel_mehrmann_at_rest
 from flexgen.analysis.linear import LinearModel, linearise, modes, poles
+from flexgen.analysis.quasistatic import OutputPath
+from flexgen.analysis.solvability import Solvability, SolvabilityPath, solvability, solvability_path
+from flexgen.analysis.structure import Structure, StructureCheck, check_at_rest, to_dict
+from flexgen.analysis.zero_path import ZeroPath, zero_path
 from flexgen.analysis.zeros import ZeroReport, motor_zeros, zero_report
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations, derive
@@ -24,7 +28,10 @@ class Analysis:
 
     ``rest``: the static equilibrium; ``poles`` [1/s]; ``modes``: (Hz, damping ratio) rising; ``zeros``: report on the
     declared output; ``zeros_motor`` [1/s]: from motor torques to motor angles; ``structural_index`` of the inverse
-    dynamics (None where outputs and motors differ in number).
+    dynamics (None where outputs and motors differ in number); ``structure`` and ``structure_check``: what it follows
+    from, and whether it holds at the pose; ``kunkel_mehrmann``: strangeness index, a, d, v there; ``solvability``:
+    whether and how well the inverse dynamics can be solved there, with warnings. Where a path was given also
+    ``zero_path`` and ``solvability_path``, the latter None for complete motor coupling.
     """
 
     model: RobotModel
@@ -35,6 +42,12 @@ class Analysis:
     zeros: ZeroReport
     zeros_motor: np.ndarray | None
     structural_index: int | None
+    structure: Structure
+    structure_check: StructureCheck
+    kunkel_mehrmann: KunkelMehrmann
+    solvability: Solvability
+    zero_path: ZeroPath | None = None
+    solvability_path: SolvabilityPath | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The same as JSON types, SI units; complex numbers as ``[re, im]``."""
@@ -60,10 +73,20 @@ class Analysis:
             "structural_index": self.structural_index,
             "unstable_time_constant_s": self.zeros.unstable_time_constant_s,
             "preview_s": self.zeros.preview_s,
+            "structure": to_dict(self.structure, self.structure_check),
+            "kunkel_mehrmann": self.kunkel_mehrmann.to_dict(),
+            "solvability": self.solvability.to_dict(),
+            "zeros_along_path": None if self.zero_path is None else self.zero_path.to_dict(),
+            "solvability_along_path": None if self.solvability_path is None else self.solvability_path.to_dict(),
         }
 
 
-def analyze(model: str | Path | RobotModel | Equations, pose: Sequence[float] | None = None) -> Analysis:
+def analyze(
+    model: str | Path | RobotModel | Equations,
+    pose: Sequence[float] | None = None,
+    path: OutputPath | None = None,
+    poses: int = 41,
+) -> Analysis:
     """Analyse a machine at rest at a pose.
 
     Parameters
@@ -72,13 +95,17 @@ def analyze(model: str | Path | RobotModel | Equations, pose: Sequence[float] | 
     pose : sequence of n_a or n_g numbers [rad or m], optional
         Arm coordinates, or only the actuated ones; default: the model's home pose. The actuated coordinates are held
         there, the others settle under gravity.
+    path : OutputPath, optional
+        Such as `flexgen.problems.path.Path`: zeros and solvability are looked at along it, too.
+    poses : int
+        Number of poses on the path.
 
     Raises
     ------
     ArgumentError
-        The pose has the wrong length or is not finite.
+        The pose has the wrong length or is not finite; a path for another number of outputs than of motors.
     SolverError
-        There is no static equilibrium nearby.
+        There is no static equilibrium nearby, or none along the path.
     """
     equations = model if isinstance(model, Equations) else derive(model)
     robot = equations.model
@@ -98,6 +125,8 @@ def analyze(model: str | Path | RobotModel | Equations, pose: Sequence[float] | 
         rest = hold_joints(equations, values)
     linear = linearise(equations, rest)
     roots = poles(linear)
+    simple = robot.motor_coupling == "simplified"
+    structure, check = check_at_rest(equations, rest)
     return Analysis(
         model=robot,
         rest=rest,
@@ -106,5 +135,11 @@ def analyze(model: str | Path | RobotModel | Equations, pose: Sequence[float] | 
         modes=tuple(modes(roots)),
         zeros=zero_report(equations, linear, rest),
         zeros_motor=motor_zeros(linear),
-        structural_index=structural_index(equations).index,
+        structural_index=structure.index,
+        structure=structure,
+        structure_check=check,
+        kunkel_mehrmann=kunkel_mehrmann_at_rest(equations, rest),
+        solvability=solvability(equations, rest, linear),
+        zero_path=None if path is None else zero_path(equations, path, poses),
+        solvability_path=solvability_path(equations, path, poses) if path is not None and simple else None,
     )

@@ -111,24 +111,29 @@ def inner_zeros(equations: Equations, linear: LinearModel, rest: Equilibrium) ->
     damping = gear_damping(equations)
     values = [-slope[damping > 0] / damping[damping > 0]]
     if model.n_e:
-        A, D, K = inner_pencil(equations, linear)
-        n = model.n_e
-        size = float(np.linalg.norm(K))
-        rate = min(
-            float(np.sqrt(size / np.linalg.norm(A))) if A.any() else np.inf,
-            size / float(np.linalg.norm(D)) if D.any() else np.inf,
-        )
-        rate = rate if np.isfinite(rate) and rate > 0 else 1.0
-        # A s^2 + D s + K is the transfer function from a = w'' to A a + D w' + K w, up to a factor
-        A, D, K = A * rate**2 / size, D * rate / size, K / size
-        upper = np.hstack([np.zeros((n, n)), np.eye(n)])
-        chain = np.vstack([upper, np.zeros((n, 2 * n))])
-        rows = np.linalg.norm(np.hstack([K, D, A]), axis=1)[:, None]
-        inner = _invariant_zeros(chain, np.vstack([np.zeros((n, n)), np.eye(n)]), np.hstack([K, D]) / rows, A / rows)
+        inner = pencil_zeros(*inner_pencil(equations, linear))
         if inner is None:
             raise SolverError("zeros: the output leaves a motion of the elastic elements undetermined")
-        values.append(inner * rate)
+        values.append(inner)
     return sort_roots(np.concatenate(values).astype(complex))
+
+
+def pencil_zeros(A: np.ndarray, D: np.ndarray, K: np.ndarray) -> np.ndarray | None:
+    """Finite roots [1/s] of ``det(A s^2 + D s + K)``, A singular or not; None where that is zero for all s."""
+    n = len(A)
+    size = float(np.linalg.norm(K))
+    rate = min(
+        float(np.sqrt(size / np.linalg.norm(A))) if A.any() else np.inf,
+        size / float(np.linalg.norm(D)) if D.any() else np.inf,
+    )
+    rate = rate if np.isfinite(rate) and rate > 0 else 1.0
+    # A s^2 + D s + K is the transfer function from a = w'' to A a + D w' + K w, up to a factor
+    A, D, K = A * rate**2 / size, D * rate / size, K / size
+    upper = np.hstack([np.zeros((n, n)), np.eye(n)])
+    chain = np.vstack([upper, np.zeros((n, 2 * n))])
+    rows = np.linalg.norm(np.hstack([K, D, A]), axis=1)[:, None]
+    inner = _invariant_zeros(chain, np.vstack([np.zeros((n, n)), np.eye(n)]), np.hstack([K, D]) / rows, A / rows)
+    return None if inner is None else inner * rate
 
 
 def is_structured(equations: Equations) -> bool:
