@@ -130,14 +130,14 @@ def describe(
             {
                 "name": move.name,
                 "type": move.type,
-                "duration": move.duration,
+                "duration": move.duration or None,  # else it follows from a profile, a file or steps
                 "smoothness": move.smoothness,
                 "start": list(move.start),
                 "end": list(move.end) or None,
                 "displacement": list(move.displacement) or None,
                 "rotation": list(move.rotation) if any(move.rotation) else None,
             }
-            for move in robot.moves
+            for move in (*robot.moves, *robot.programs)
         ],
         "variants": list(robot.variants),
     }

@@ -162,6 +162,7 @@ def build_parser() -> argparse.ArgumentParser:
 
     sub = verb("analyze")
     sub.add_argument("--pose", metavar="Q,Q,...", type=_numbers, help="arm coordinates in rad or m; default: home pose")
+    sub.add_argument("--move", metavar="NAME", help="look at zeros and solvability along this move, too")
     sub.add_argument("--report", metavar="DIR", type=_path, help="write pole-zero map and frequency response there")
 
     sub = verb("generate")

@@ -184,7 +184,16 @@ def analyze(args: Namespace, tell: Tell) -> Answer:
     from flexgen.analysis.report import analyze as analysed
 
     check_writable(args.report, folder=True)
-    analysis = analysed(derived(args), args.pose)
+    equations, path = derived(args), None
+    if args.move is not None:
+        from flexgen.problems.path import Path as ToolPath
+
+        try:
+            path = ToolPath(equations, equations.model.move(args.move))
+        except KeyError:
+            known = ", ".join(move.name for move in (*equations.model.moves, *equations.model.programs)) or "none"
+            raise ArgumentError(f"move: given {args.move!r}, model {equations.model.name} has: {known}") from None
+    analysis = analysed(equations, args.pose, path)
     data = analysis.to_dict()
     text = title(analysis.model) + " at rest\n\n" + _analysis_text(analysis)
     if args.report is not None:

@@ -36,6 +36,7 @@ def run(args: Namespace, tell: Tell) -> Answer:
 
     from flexgen.analysis.report import analyze as analysed
     from flexgen.codegen.build import generate as generated
+    from flexgen.comparison import compare
     from flexgen.report import write_report
     from flexgen.runtime import load
     from flexgen.solvers.solve import ACCURACY
@@ -51,9 +52,10 @@ def run(args: Namespace, tell: Tell) -> Answer:
     tell("solve: inverse dynamics of the reference move, verified by forward simulation")
     solution = solved(equations, args.move, args.method, progress=tell)
     checked = _compared(library, equations, solution)
+    beside = compare(equations, solution, tell)
     tell("report")
     with writing(directory):
-        report = write_report(equations, solution, directory, generated=made)
+        report = write_report(equations, solution, directory, generated=made, beside=beside)
         trajectory = solution.trajectory.save(directory / f"{solution.move.name}.npz")
     facts, answer = plain(analysis.to_dict()), solution.to_dict()
     answer["trajectory"] = str(trajectory)

@@ -10,12 +10,12 @@ from flexgen.analysis.zero_path import ZeroPath
 from flexgen.analysis.zeros import ON_AXIS
 from flexgen.comparison import tool_errors
 from flexgen.errors import ArgumentError
-from flexgen.mechanics.equations import Equations
+from flexgen.model.elements import RobotModel
 from flexgen.solvers.solution import Solution
 
 
 @cv.styled
-def zeros_along(equations: Equations, path: ZeroPath) -> Figure:
+def zeros_along(model: RobotModel, path: ZeroPath) -> Figure:
     """Real parts of the zeros over time, unstable ones above, stable ones below, each logarithmic."""
     finite = np.isfinite(path.zeros)
     size = np.abs(path.zeros)
@@ -28,7 +28,7 @@ def zeros_along(equations: Equations, path: ZeroPath) -> Figure:
     drawn = [(label, here) for label, here in halves if here.any()]
     if not drawn:
         raise ArgumentError("zeros along the path: given a machine without zeros off the axis, expected some to draw")
-    title = f"{cv.title_of(equations.model)}: zeros along the path"
+    title = f"{cv.title_of(model)}: zeros along the path"
     figure = cv.new_figure(cv.WIDTH, 0.6 + 2.3 * len(drawn), title)
     times = np.broadcast_to(path.t[:, None], path.zeros.shape)
     for ax, (label, here) in zip(figure.subplots(len(drawn), 1, squeeze=False)[:, 0], drawn, strict=True):
@@ -52,13 +52,13 @@ def zeros_along(equations: Equations, path: ZeroPath) -> Figure:
 
 
 @cv.styled
-def errors_of_methods(equations: Equations, solutions: tuple[Solution, ...]) -> Figure:
+def errors_of_methods(model: RobotModel, solutions: tuple[Solution, ...]) -> Figure:
     """Size of the simulated tool error over time, logarithmic, one line a method."""
     found = {solution.method: (solution.trajectory.time, tool_errors(solution)) for solution in solutions}
     units = [u for u in ("m", "rad") if any(u in errors for _, errors in found.values())]
     if not units:
         raise ArgumentError("errors of methods: given solutions that were not verified, expected some with simulation")
-    title = f"{cv.title_of(equations.model)}: tool error by method"
+    title = f"{cv.title_of(model)}: tool error by method"
     figure = cv.new_figure(cv.WIDTH, 0.6 + 2.5 * len(units), title)
     for ax, unit in zip(figure.subplots(len(units), 1, squeeze=False)[:, 0], units, strict=True):
         top = max(float(errors[unit].max()) for _, errors in found.values() if unit in errors)

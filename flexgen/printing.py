@@ -135,7 +135,7 @@ def description_text(data: dict[str, Any]) -> str:
         ),
     ]
     if data["moves"]:
-        rows = [[m["name"], m["type"], float(m["duration"]), m["smoothness"]] for m in data["moves"]]
+        rows = [[m["name"], m["type"], m["duration"], m["smoothness"]] for m in data["moves"]]
         parts.append(table(rows, ("move", "type", "duration s", "smoothness")))
     if data["variants"]:
         parts.append("variants: " + ", ".join(f"{name}@{variant}" for variant in data["variants"]))
@@ -191,9 +191,33 @@ def analysis_text(data: dict[str, Any], coordinates: Sequence[tuple[str, str]], 
             ("slowest unstable time constant", data["unstable_time_constant_s"] or None, "s"),
             ("structural index", data["structural_index"], ""),
             ("preview that exact following needs", data["preview_s"], "s"),
+            *_dae_rows(data),
         ]
     )
-    return "\n\n".join([rest, torques, modes, verdict])
+    warnings = "\n".join(f"note: {line}" for line in (data.get("solvability") or {}).get("warnings", ()))
+    along = data.get("zeros_along_path")
+    told = f"along the path: {along['verdict']}" if along else ""
+    return "\n\n".join(part for part in (rest, torques, modes, verdict, warnings, told) if part)
+
+
+def _dae_rows(data: dict[str, Any]) -> list[Row]:
+    """What is known of the DAE of inverse dynamics, where it was looked at."""
+    structure, ranks, solvable = (data.get(key) or {} for key in ("structure", "kunkel_mehrmann", "solvability"))
+    rows: list[Row] = []
+    if structure.get("blocks"):
+        sizes = ", ".join(str(len(block["equations"])) for block in structure["blocks"])
+        rows.append(("blocks of the DAE, equations", sizes, ""))
+        rows.append(("the structure at this pose", structure["verdict"], ""))
+    if ranks.get("verdict") == "regular":
+        rows.append(("strangeness index; a, d, v", f"{ranks['mu']}; {ranks['a']}, {ranks['d']}, {ranks['v']}", ""))
+        rows.append(("gap of its rank decisions", ranks["gap"], "relative"))
+    elif ranks:
+        rows.append(("strangeness index", ranks.get("verdict"), ""))
+    if solvable.get("singular_values"):
+        rows.append(("solvability, smallest singular value", min(solvable["singular_values"]), "relative"))
+    if solvable.get("controllability") is not None:
+        rows.append(("controllability, smallest singular value", solvable["controllability"], "relative"))
+    return rows
 
 
 def _small(what: str, value: float | None, unit: str) -> Row:
@@ -209,8 +233,9 @@ def solution_rows(data: dict[str, Any]) -> list[Row]:
     strays = "limits keep the tool off the path by" if limited else "tool error in simulation, largest"
     return [
         ("method", data["method"], ""),
-        ("verdict of IPOPT", data["verdict"] or None, ""),
+        ("verdict of the solver", data["verdict"] or None, ""),
         ("iterations", data["iterations"], ""),
+        ("intervals of the mesh", data.get("intervals") or None, ""),
         ("time to solve and verify, wall", data["wall_s"], "s"),
         ("time to solve and verify, processor", data["cpu_s"], "s"),
         ("motion begins before the path", data["lead_s"], "s"),

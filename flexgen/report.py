@@ -368,11 +368,11 @@ def write_report(
     along = _zeros_along(equations, solution)
     if along is not None:
         caption = f"Zeros of the poses of rest along the path: {along.verdict}."
-        drawn.append(("zeros_along", path_pictures.zeros_along(equations, along), caption))
+        drawn.append(("zeros_along", path_pictures.zeros_along(equations.model, along), caption))
     verified = tuple(s for s in beside if s.simulation is not None)
     if len(verified) > 1:
         caption = "Tool error of the full model under the torques of several methods, simulated open loop from rest."
-        drawn.append(("methods", path_pictures.errors_of_methods(equations, verified), caption))
+        drawn.append(("methods", path_pictures.errors_of_methods(model, verified), caption))
     for name, figure, caption in drawn:
         pictures.save(figure, directory / f"{name}.svg")
         label = f'<svg role="img" aria-label="{html.escape(caption)}" '
@@ -411,17 +411,19 @@ def write_report(
 
 
 def write_analysis(analysis: Analysis, directory: str | Path) -> list[Path]:
-    """Write pole-zero map and frequency response into a directory, each as svg and png.
+    """Write pole-zero map, frequency response and, with a path, the zeros along it, each as svg and png.
 
     Returns
     -------
     list of Path
-        The four files.
+        The files.
     """
     drawn = {
         "pole_zero_map": pictures.pole_zero_map(analysis),
         "frequency_response": pictures.frequency_response(analysis),
     }
+    if analysis.zero_path is not None and np.isfinite(analysis.zero_path.zeros).any():
+        drawn["zeros_along"] = path_pictures.zeros_along(analysis.model, analysis.zero_path)
     directory = Path(directory)
     return [
         pictures.save(figure, directory / f"{name}.{end}") for name, figure in drawn.items() for end in ("svg", "png")

@@ -1,8 +1,9 @@
 """Forward simulation of the full model under a given motor torque: the referee of every inversion.
 
 The integrator (explicit Runge-Kutta of order 8 by Dormand and Prince, tight tolerance) shares nothing with the solvers.
-The torque is a quintic spline through the samples or, where it runs into limits, a monotone cubic that stays within
-them. Work and losses are integrated along, so that the energy balance
+The torque is a quintic spline through the samples or, where it runs into limits, the polynomials that it was sampled
+from; if there are none, a monotone cubic that stays within the limits. Work and losses are integrated along, so that
+the energy balance
 
     E(t) - E(0) = int P_motor dt - int P_dissipated dt
 
@@ -17,10 +18,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path as FilePath
+from typing import Any
 
 import numpy as np
 from scipy.integrate import DOP853
-from scipy.interpolate import PchipInterpolator, make_interp_spline
+from scipy.interpolate import PchipInterpolator, PPoly, make_interp_spline
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive
@@ -31,6 +33,8 @@ from flexgen.ports import Port
 from flexgen.trajectory import Trajectory
 
 EVALUATIONS = 5_000_000  # a few minutes: what takes more has gone wrong
+DEGREE, PARTS = 5, 10  # of the polynomials that a limited torque consists of, and samples of each
+ON_GRID = 1e-7  # relative: samples that are as near are on it
 RTOL, ATOL = 1e-11, 1e-12  # a tenth of a nanometre over a metre of reach and a thousand steps
 
 
@@ -147,8 +151,7 @@ def simulate(
     robot = equations.model
     given, warnings = _checked(robot, data)
     t, torque = data.time, given["tau_m"]
-    smooth = data.meta.get("torque") != "limited"  # a spline would swing over where a torque runs into its limit
-    tau = make_interp_spline(t, torque, k=min(5, len(t) - 1)) if smooth else PchipInterpolator(t, torque)
+    tau = torque_curve(t, torque, limited=data.meta.get("torque") == "limited")
     first_a, first_m = (given["q_a"][0], given["q_m"][0]) if start is None else (start.q_a, start.q_m)
     states, count, wall = _integrate(equations, t, tau, first_a, first_m, rtol, progress)
     n_a, i_m = robot.n_a, list(robot.i_m)
@@ -196,6 +199,40 @@ def simulate(
         wall_s=wall,
         warnings=warnings,
     )
+
+
+def torque_curve(t: np.ndarray, torque: np.ndarray, *, limited: bool) -> Callable[[Any], np.ndarray]:
+    """Motor torque (n_m) at an instant, or (k, n_m) at k of them, from samples (n, n_m) at the instants ``t`` (n,) [s].
+
+    A quintic spline; ``limited``: the polynomials that were sampled, or a monotone cubic, for a spline would swing over
+    where a torque runs into its limit.
+    """
+    if not limited:
+        return make_interp_spline(t, torque, k=min(5, len(t) - 1))
+    return _pieces(t, torque) or PchipInterpolator(t, torque)
+
+
+def _pieces(t: np.ndarray, torque: np.ndarray) -> PPoly | None:
+    """The piecewise polynomial that was sampled, if all samples lie on one; else None.
+
+    Optimal control gives torques that are polynomials of degree ``DEGREE`` on each interval of its mesh, sampled
+    ``PARTS`` times an interval; where a bound begins to act they have kinks from one to the next.
+    """
+    n, rest = divmod(len(t) - 1, PARTS)
+    if n == 0 or rest:
+        return None
+    at = PARTS * np.arange(n)[:, None] + np.arange(PARTS + 1)
+    width = np.diff(t[::PARTS])
+    theta = np.linspace(0.0, 1.0, PARTS + 1)
+    if np.abs((t[at] - t[at[:, :1]]) / width[:, None] - theta).max() > ON_GRID:
+        return None
+    powers = theta[:, None] ** np.arange(DEGREE, -1, -1)
+    samples = torque[at]  # (n, PARTS + 1, n_m)
+    coefficients = np.einsum("dp,npm->ndm", np.linalg.pinv(powers), samples)
+    if np.abs(np.einsum("pd,ndm->npm", powers, coefficients) - samples).max() > ON_GRID * np.abs(torque).max():
+        return None
+    scaled = coefficients / width[:, None, None] ** np.arange(DEGREE, -1, -1)[:, None]
+    return PPoly(scaled.transpose(1, 0, 2), t[::PARTS])
 
 
 def _integrate(

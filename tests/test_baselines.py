@@ -1,4 +1,4 @@
-"""What is done without the elastic model: rigid, flexible-joint and quasi-static feedforward, and how they are measured."""
+"""What is done without the elastic model: rigid, flexible-joint and quasi-static feedforward."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _error(solution: Solution) -> float:
     return max(solution.tool_error_max_m or 0.0, solution.tool_error_max_rad or 0.0)
 
 
-@pytest.mark.parametrize("name", ["planar5_mp", "planar5_nmp", "beam_arm", "urdf_arm", "abb_arm"])
+@pytest.mark.parametrize("name", ["planar5_mp", "urdf_arm", "abb_arm"])
 def test_the_more_a_baseline_knows_the_nearer_it_comes(name: str) -> None:
     equations = flexgen.derive(name)
     rigid, fjm, slow = (_error(flexgen.solve(equations, method=method)) for method in BASELINES)
@@ -91,11 +91,7 @@ def test_quasistatic_deflections_balance_their_loads() -> None:
     t = np.linspace(0.0, 0.5, 501)
     motion = quasistatic_motion(reduction, path, t)
     # by hand: the accelerations of the actuated joints that follow the path with the deflection standing still
-    _, W = (
-        evaluate(equations.function("output"), motion.q)[0],
-        evaluate(equations.function("jacobian"), motion.q)[0][:, :2],
-    )
-    dW = evaluate(equations.function("jacobian_dot"), motion.q, motion.v * [1, 1, 0])[0][:, :2]
+    W = evaluate(equations.function("jacobian"), motion.q)[0][:, :2]
     sample = path.sample(t)
     v, a = np.zeros_like(motion.q), np.zeros_like(motion.q)
     v[:, :2] = np.linalg.solve(W[:, :, :2], sample.rates(1)[:, :, None])[:, :, 0]
@@ -147,8 +143,8 @@ def test_joint_moves_need_no_inverse_kinematics() -> None:
     """Also through a pose where the tool cannot be placed freely: the stretched arm."""
     equations = flexgen.derive("planar5_nmp")
     through = Move("through", "joint", (0.3, -0.4), 0.6, 5, end=(0.3, 0.4))
-    motion = stiff_motion(Reduction(equations), Path(equations, through), np.linspace(0.0, 0.6, 100))
-    assert np.isfinite(motion.tau_g).all() and np.abs(motion.q[:, 1]).min() < 0.01
+    motion = stiff_motion(Reduction(equations), Path(equations, through), np.linspace(0.0, 0.6, 101))
+    assert np.isfinite(motion.tau_g).all() and np.abs(motion.q[:, 1]).min() < 1e-12
 
 
 def test_wrong_questions_are_refused() -> None:

@@ -173,7 +173,7 @@ def test_the_answer_agrees_and_is_verified(name: str) -> None:
     assert relative(solution.trajectory["tau_m"][on_path], expected) < scale * EXACT
 
 
-@pytest.mark.long
+@pytest.mark.full
 def test_six_axes() -> None:
     solution = flexgen.solve("manutec_r3", "line", method="kunkel-mehrmann")
     assert solution.status == "solved"

@@ -129,8 +129,9 @@ def test_a_fallback_that_fails_loses_nothing(monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr(exact, "collocate_full", broken)
     said: list[str] = []
-    solution = flexgen.solve("abb_arm", mesh=0.5, progress=said.append)
-    assert (solution.method, solution.status) == ("collocation", "inaccurate")
+    # an accuracy that no method reaches: the first one's answer is kept
+    solution = flexgen.solve("abb_arm", mesh=0.005, accuracy=1e-15, progress=said.append)
+    assert (solution.method, solution.status) in (("lq", "inaccurate"), ("collocation", "inaccurate"))
     assert said[-1] == "the full model did not help: no"
 
 

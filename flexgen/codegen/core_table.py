@@ -163,17 +163,25 @@ CORES: tuple[Core, ...] = (
         "Inverse dynamics along a whole path: motion of arm and motors, and torques, that keep the output there.",
         "The output is at rest at the first sample and before it, and after the last one; the arm starts at rest, and "
         "moves before the output does (lead) and after it (tail) where its zero dynamics ask for it. Without "
-        "coordinates that have no motor nothing is solved. OK means that the residual is within the tolerance; "
-        "results of every other status mean nothing. The matrices are stored sample after sample: entry i of sample k "
+        "coordinates that have no motor nothing is solved. OK means that the residual is within the tolerance, on the "
+        "mesh and at the samples, and that the motion at the samples is even: by differences positions, speeds and "
+        "accelerations agree to 2 %. INEXACT: on the mesh it is, the rest is not, as it is where the mesh is coarse, the path "
+        "rough, or samples are too far apart or too close; the report tells how much. Results of a negative status mean "
+        "nothing. A path that does not begin and end at rest is a BAD_ARGUMENT; UNREACHABLE may also mean that rest was "
+        "not found from q_start. The matrices are stored sample after sample: entry i of sample k "
         "is x[k * n_a + i].",
         (
             *_WHOLE,
             Argument(
-                "report", "out", ("INVERT_REPORT",), "1", "residual on the mesh and at the samples; steps; intervals"
+                "report",
+                "out",
+                ("INVERT_REPORT",),
+                "1",
+                "residual on the mesh and at the samples; steps; intervals; unevenness of the motion",
             ),
             *_space("invert"),
         ),
-        macros=(("INVERT_REPORT", 4, "numbers that invert reports"),),
+        macros=(("INVERT_REPORT", 5, "numbers that invert reports"),),
     ),
     Core(
         "stream_work",
@@ -246,11 +254,11 @@ CORES: tuple[Core, ...] = (
                 "out",
                 ("BVP_REPORT",),
                 "1",
-                "residual on the mesh and at the samples; steps; intervals; unstable zeros at start and end",
+                "residual on the mesh and at the samples; steps; intervals; unstable zeros at start and end; unevenness",
             ),
             *_space("bvp"),
         ),
-        macros=(("BVP_REPORT", 6, "numbers that bvp reports"),),
+        macros=(("BVP_REPORT", 7, "numbers that bvp reports"),),
         elastic=True,
     ),
 )

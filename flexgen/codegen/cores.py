@@ -33,10 +33,17 @@ def core_texts(spec: LibrarySpec) -> dict[str, str]:
     """All files of the library's cores, ``<name>_invert.c`` and others, by name; none where it has no core."""
     if not spec.cores or spec.drives is None:
         return {}
-    sources = {core.file for core in spec.cores}
-    texts = {name: text for name, text in templates().items() if name.endswith(".h") or name in sources}
-    out = {f"{spec.name}_{name}": _named(text, spec) for name, text in texts.items()}
+    names = sorted(_included({core.file for core in spec.cores}))
+    out = {f"{spec.name}_{name}": _named(templates()[name], spec) for name in names}
     return {f"{spec.name}_drives.h": drives_header(spec, spec.drives), **out}
+
+
+def _included(names: set[str]) -> set[str]:
+    """These texts and all that they include, and so on."""
+    texts = templates()
+    more = {name for text in names for name in re.findall(r'#include "model_(\w+\.h)"', texts[text])}
+    both = names | (more & set(texts))
+    return names if both == names else _included(both)
 
 
 def core_macros(spec: LibrarySpec) -> str:

@@ -42,7 +42,12 @@ STATUSES = (
     Status("INPUT_NOT_FINITE", -2, "an input is not finite, and so is the result", "ArgumentError"),
     Status("RESULT_NOT_FINITE", -3, "the result is not finite: a singular or an extreme state", "SolverError"),
     Status("BAD_COUNT", -4, "the number of points is negative", "ArgumentError"),
-    Status("BAD_ARGUMENT", -5, "a size, a time or a rotation is none that is allowed", "ArgumentError"),
+    Status(
+        "BAD_ARGUMENT",
+        -5,
+        "a size, a time or a rotation is none that is allowed, or the path does not begin and end at rest",
+        "ArgumentError",
+    ),
     Status("WORK_TOO_SMALL", -6, "the workspace is too small", "ArgumentError"),
     Status("UNREACHABLE", -7, "the path leaves the workspace or passes a singular pose", "SolverError"),
     Status("NOT_CONVERGED", -8, "no motion was found within the bounds of the solver", "SolverError"),

@@ -17,7 +17,7 @@ from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.arguments import address
 from flexgen.runtime.files import AGAIN
 
-REPORTS = {"invert": 4, "bvp": 6}  # numbers that each of them reports
+REPORTS = {"invert": 5, "bvp": 7}  # numbers that each of them reports
 _RESULTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
@@ -41,6 +41,11 @@ class Inversion:
         Of the equations without motor, relative to their torques at rest: on the mesh, and at the samples.
     iterations, intervals : int
         Steps of the solver; intervals of its mesh.
+    uneven : float
+        How far positions and speeds are from the integrals of speeds and accelerations, by differences at the samples,
+        relative to the largest of these.
+    exact : bool
+        Whether ``residual_between`` is within the tolerance, and ``uneven`` within 2 %.
     unstable : tuple of int
         Of `Library.bvp`: number of unstable zeros of the elastic coordinates at the start and at the end.
     """
@@ -59,6 +64,8 @@ class Inversion:
     residual_between: float
     iterations: int
     intervals: int
+    uneven: float
+    exact: bool
     unstable: tuple[int, ...] = ()
 
     @property
@@ -193,7 +200,7 @@ class Inverter:
             )
         )
         self._pool.append(work)
-        if status:
+        if status < 0:
             exception, text = self._failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))
             told = "" if np.isnan(report[0]) else f" (residual {report[0]:.3g} after {int(report[2])} steps)"
             raise exception(f"{function}: {text}{told}")
@@ -206,7 +213,9 @@ class Inverter:
             residual_between=float(report[1]),
             iterations=int(report[2]),
             intervals=int(report[3]),
-            unstable=tuple(int(x) for x in report[4:]),
+            uneven=float(report[-1]),
+            exact=status == 0,
+            unstable=tuple(int(x) for x in report[4:-1]),
         )
 
     def _workspace(self, size: int) -> np.ndarray:

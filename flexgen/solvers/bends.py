@@ -44,9 +44,12 @@ class Bends:
     @cached_property
     def basis(self) -> list[np.ndarray]:
         """Values and derivatives one to four of the splines, each (n, count)."""
-        knots = self.first + self.spacing * np.arange(self.count + DEGREE + 1)
-        spline = BSpline(knots, np.eye(self.count), DEGREE, extrapolate=False)
-        return [np.nan_to_num(spline(self.t, nu=k)) for k in range(DEGREE)]
+        # splines are whole between the sixth knot and the sixth from the end: zeros before and after make room
+        knots = self.first + self.spacing * np.arange(-DEGREE, self.count + 2 * DEGREE + 1)
+        picked = np.pad(np.eye(self.count), ((DEGREE, DEGREE), (0, 0)))
+        spline = BSpline(knots, picked, DEGREE)
+        inside = (self.t > self.first) & (self.t < self.first + self.spacing * (self.count + DEGREE))
+        return [spline(self.t, nu=k) * inside[:, None] for k in range(DEGREE)]
 
     @property
     def middles(self) -> np.ndarray:

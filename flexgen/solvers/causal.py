@@ -53,7 +53,7 @@ def check_causal(ask: Question, method: str, differentiates: bool = True) -> Non
 
 def zeros_along(ask: Question) -> np.ndarray:
     """Zeros of the output [1/s] at the poses of the path where the question has them, all together."""
-    found = [zeros for _, zeros in ask._zeros]
+    found = [zeros for _, zeros in ask.zeros]
     return np.concatenate(found) if found else np.zeros(0)
 
 

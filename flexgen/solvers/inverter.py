@@ -52,7 +52,7 @@ def inverter(
     model = equations.model
     if not model.inverts:
         raise ArgumentError(
-            f"method {method}: model {model.name} has {model.output.size} outputs, {model.n_m} motors and motor_coupling "
+            f"method {method}: model {model.name} has {model.output.size} outputs, {model.n_m} motors, motor_coupling "
             f"{model.motor_coupling!r}, expected as many outputs as motors and 'simplified'; use --method full"
         )
     return _loaded(_Key(model), native, progress if progress is not None else _silent)

@@ -33,17 +33,25 @@ from flexgen.solvers.lq import from_library
 from flexgen.solvers.question import DECAY, SETTLE, Question
 from flexgen.solvers.reduction import Reduction
 
-KNOTS = 60  # intervals between knots on the path
+KNOTS = 30  # intervals between knots on the path
+PER_KNOT = 2  # intervals of the mesh between knots, at least
 LATE = 0.5  # of the path's duration: how long after it the motion may end
 ROUNDS = 8  # programs, each followed by an inversion
 SLACK = 1e-3  # of a bound: what is left of violations between its corrections
 MARGIN = 2e-4  # of a bound: what the programs keep away from it
 FADING = 5.0  # time constants of the zero dynamics until a response is thought to be over
 PUSH = 1.0  # m/s^2, rad/s^2: of the bends whose responses are measured
-SMOOTH = 1e-6  # rho, relative: what a wave of the shortest length that the knots carry costs beside its size
+SMOOTH = 1e-2  # rho, relative: what a wave of the shortest length that the knots carry costs beside its size
 CLOSE = 1e-5  # what OSQP may leave of violations and of its gradient
+PER_SPLINE = 5  # rows in the program between two knots, and peaks
+SEEN_BROKEN = 2e-4
+PRICE = 1e4  # of passing all bounds by their own size, where 1 mm costs one
 PROGRAM_STEPS = 20_000
 SEEN = 0.6  # of a bound: rows whose values stay below after the last step are not in the program
+SETTLED = 1e-2  # of the bend: programs that change it by less have found it
+POOR = 0.5  # of a violation: where more is left after a step the slopes are measured again, once
+LEAST_SHARE = 0.2  # of a step
+ROUGH = 100.0  # times the tolerance of the exact inversion: bends are rougher than paths, and slopes need few digits
 NOTICED = 1e-6  # m and rad: a tool that is farther from its path is kept off it by the limits
 
 
@@ -162,7 +170,7 @@ def _horizon(ask: Question, exact: Inversion, library: Library, every: int, tole
     """The path with room for bends before it and after it."""
     path, period, duration = ask.path, exact.period, ask.path.duration
     lead, tail = exact.lead, exact.tail
-    spacing = max(duration / KNOTS, 2 * every * period)
+    spacing = max(duration / KNOTS, PER_KNOT * every * period)
     before = int(np.ceil((ask.windows[0] + SUPPORT * spacing) / period))
     after = int(np.ceil((LATE * duration + SUPPORT * spacing) / period))
     steps = round(duration / period)
@@ -172,7 +180,7 @@ def _horizon(ask: Question, exact: Inversion, library: Library, every: int, tole
     count = int((t[-1] - t[0]) / spacing + 1e-9) - SUPPORT + 1
     bends = Bends(t, t[0], spacing, count)
     return _Horizon(
-        library, samples, period, before, lead, tail, every, path.q_start, tolerance, bends
+        library, samples, period, before, lead, tail, every, path.q_start, ROUGH * tolerance, bends
     )
 
 
@@ -182,37 +190,42 @@ def _bent_until_kept(ask: Question, horizon: _Horizon, bounds: _Bounds) -> tuple
     c = np.zeros((bends.count, n_y))
     found = horizon.invert(c)
     values = bounds.of(found)
-    worst, slopes, fresh = np.inf, None, False
+    slopes, fresh = _slopes(ask, horizon, bounds, c, values), True
+    worst = float(np.abs(values).max()) - 1.0
     for round_ in range(1, ROUNDS + 1):
-        if slopes is None:
-            ask.tell("limits: measuring what bends of the path change")
-            slopes, fresh = _slopes(ask, horizon, bounds, c, values), True
         step = _program(ask, horizon, c, values, slopes)
         share = 1.0
         while True:
             trial = horizon.invert(c + share * step)
             at = bounds.of(trial)
             over = float(np.abs(at).max()) - 1.0
-            if over < worst or share < 0.2:
+            if over <= max(worst, SLACK) or share < LEAST_SHARE:
                 break
             share /= 2
         c, found, values = c + share * step, trial, at
         ask.tell(f"limits: program {round_}: bounds kept but for {max(over, 0.0):.1e} of them")
-        if over <= SLACK and np.abs(step).max() <= 1e-2 * np.abs(c).max() + NOTICED:
+        if over <= SLACK and np.abs(step).max() <= SETTLED * np.abs(c).max() + NOTICED:
             return c, found, round_
-        if over > 0.2 * worst and not fresh:
-            slopes = None
-        worst, fresh = over, False
+        if over > POOR * worst and over > SLACK:
+            if fresh:
+                worst = over
+                break
+            slopes, fresh = _slopes(ask, horizon, bounds, c, values), True
+        else:
+            fresh = False
+        worst = over
     if worst <= SLACK:
         return c, found, ROUNDS
+    late = horizon.bends.t[-1] - ask.path.duration
     raise SolverError(
-        f"limits: after {ROUNDS} quadratic programs a bound is still passed by {worst:.2g} of its value; "
-        "give the move more time or loosen the limits, or try method full"
+        f"limits: found no bend of the path, with a motion that ends {late:.3g} s after it, that keeps them: a bound is "
+        f"still passed by {worst:.2g} of its value; give the move more time or loosen the limits"
     )
 
 
 def _slopes(ask: Question, horizon: _Horizon, bounds: _Bounds, c: np.ndarray, values: np.ndarray) -> sp.csc_matrix:
     """What a unit of each coefficient changes, (n bounds, count n_y), sparse."""
+    ask.tell("limits: measuring what bends of the path change")
     bends, n_y = horizon.bends, c.shape[1]
     n, b = values.shape
     lead, settle = ask.windows
@@ -250,32 +263,47 @@ def _program(ask: Question, horizon: _Horizon, c: np.ndarray, values: np.ndarray
     gram = (values_of.T @ values_of + SMOOTH * wave.T @ wave) / len(values_of)
     gram *= count  # a coefficient of one costs about one
     H = sp.kron(sp.csc_matrix(gram), sp.eye(n_y), format="csc")
-    gradient = H @ (c.ravel() / unit)
     x, A = values.ravel(), slopes.tocsr() * unit
+    # one more unknown: by how much all bounds are passed, so dear that it is zero where it can be
+    cost = sp.block_diag([H, sp.csc_matrix([[PRICE]])], format="csc")
+    gradient = np.r_[H @ (c.ravel() / unit), PRICE]
     room = 1.0 - MARGIN
-    seen = np.abs(x) > SEEN
+    grid = np.zeros(values.shape, dtype=bool)
+    grid[:: max(1, int(bends.spacing / horizon.period / PER_SPLINE))] = True
+    seen = (np.abs(x) > SEEN) & (grid | _peaks(values)).ravel()
     while True:  # most rows never matter: those that a step would break come in with the next try
+        near, over = A[seen], sp.csr_matrix(np.ones((int(seen.sum()), 1)))
+        rows = sp.bmat([[near, over], [near, -over], [None, sp.csr_matrix([[1.0]])]], format="csc")
+        free = np.full(int(seen.sum()), np.inf)
         solver = osqp.OSQP()
         solver.setup(
-            sp.triu(H, format="csc"),
+            sp.triu(cost, format="csc"),
             gradient,
-            A[seen].tocsc(),
-            -room - x[seen],
-            room - x[seen],
+            rows,
+            np.r_[-room - x[seen], -free, 0.0],
+            np.r_[free, room - x[seen], np.inf],
             verbose=False,
             eps_abs=CLOSE,
             eps_rel=CLOSE,
             max_iter=PROGRAM_STEPS,
             polishing=True,
+            check_dualgap=False,
         )
         result = solver.solve(raise_error=False)
-        if result.info.status not in ("solved", "solved inaccurate"):
-            raise SolverError(
-                f"limits: no smooth bend of the path keeps them ({result.info.status}); give the move more time or "
-                "loosen the limits"
-            )
-        broken = (np.abs(x + A @ result.x) > room + 10 * CLOSE) & ~seen
+        print('   osqp',result.info.status, result.info.iter,result.info.prim_res,result.info.dual_res, seen.sum(), A[seen].nnz, result.x[-1],result.info.run_time)
+        if not np.isfinite(result.x).all():
+            raise SolverError(f"limits: OSQP ended with {result.info.status!r}; give the move more time")
+        step = result.x[:-1]
+        at = x + A @ step
+        broken = (np.abs(at) > room + max(result.x[-1], 0.0) + SEEN_BROKEN) & _peaks(at.reshape(values.shape)).ravel() & ~seen
         if not broken.any():
             break
         seen |= broken
-    return result.x.reshape(count, n_y) * unit
+    return step.reshape(count, n_y) * unit
+
+
+def _peaks(values: np.ndarray) -> np.ndarray:
+    """Where |values| (n, m) are not less than the ones before and after, column by column."""
+    size = np.abs(values)
+    padded = np.pad(size, ((1, 1), (0, 0)))
+    return (size >= padded[:-2]) & (size >= padded[2:])

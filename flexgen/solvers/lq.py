@@ -62,10 +62,15 @@ def grid(ask: Question, h: float) -> tuple[int, float, int, int, int]:
     if ask.preview is not None:
         before = float(ask.preview)
     steps = int(np.ceil(duration / min(ask.step, h) - 1e-9))
-    if (duration + before + after) / duration * steps > SAMPLES:
-        steps = int(SAMPLES * duration / (duration + before + after))
-        if duration / steps > h:
-            raise ArgumentError(f"mesh: given {h:.3g} s for {duration:.4g} s, which is more than {SAMPLES} samples")
+    whole = (duration + before + after) / duration
+    if whole * steps > SAMPLES:
+        coarser = int(SAMPLES / whole)
+        if coarser < 1 or duration / coarser > h:
+            raise ArgumentError(
+                f"mesh: given {h:.3g} s, which makes {whole * duration / h:.3g} intervals over {whole * duration:.3g} s, "
+                f"expected at most {SAMPLES}; take a coarser --mesh, a shorter --preview or a shorter move"
+            )
+        steps = coarser
     period = duration / steps
     every = max(1, round(h / period))
     return steps + 1, period, every, int(np.ceil(before / period - 1e-9)), int(np.ceil(after / period - 1e-9))

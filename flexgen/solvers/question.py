@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.analysis.index import structural_index
 from flexgen.analysis.linear import linearise
 from flexgen.analysis.zeros import inner_zeros, time_constants
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import Equilibrium, at_rest
 from flexgen.problems.path import Path
+from flexgen.problems.smoothness import smoothness_report
 from flexgen.solvers.full import Limits
 from flexgen.solvers.reduction import Reduction
 
@@ -23,6 +23,7 @@ STEP = 1e-3  # s: the torque is sampled at least as finely, and 400 times along 
 INTERVALS = 20_000  # of a mesh: more do not fit into memory for large machines
 DECAY = 15.0  # time constants before the path: exp(-15) of the pre-actuation is cut off
 SETTLE = 6.0  # time constants after the path, for the picture only
+ROUGH = 3  # places of a rough path that are told one by one
 POSES = 5  # along the path, where its zeros are computed
 
 
@@ -58,7 +59,7 @@ class Question:
         if self.equations.model.n_e == 0:
             return 0.1 * scale, 0.1 * scale
         before, after = 0.0, 0.0
-        for _, zeros in self._zeros:
+        for _, zeros in self.zeros:
             unstable, stable = time_constants(zeros)
             before, after = max(before, unstable), max(after, stable)
         lead, settle = np.clip(DECAY * before, 0.04 * scale, 2.0), np.clip(SETTLE * after, 0.1 * scale, 0.6 * scale)
@@ -69,14 +70,14 @@ class Question:
         """The fastest unstable zero along the path; None where there is none."""
         found = [
             (zero.real, UnstableZero(complex(zero), t))
-            for t, zeros in self._zeros
+            for t, zeros in self.zeros
             for zero in zeros
             if time_constants(np.array([zero]))[0] > 0
         ]
         return max(found, key=lambda pair: pair[0])[1] if found else None
 
     @cached_property
-    def _zeros(self) -> list[tuple[float, np.ndarray]]:
+    def zeros(self) -> list[tuple[float, np.ndarray]]:
         """Zeros [1/s] at some instants [s] of the path.
 
         Rotors that turn with their carriers move the zeros a little; for this estimate they do not turn.
@@ -98,14 +99,17 @@ class Question:
 
     @cached_property
     def too_rough(self) -> tuple[str, ...]:
-        """A warning where the time law is not smooth enough for a continuous torque."""
-        index, move = structural_index(self.equations).index, self.path.move
-        if index is None or move.smoothness >= index - 1:
+        """Warnings where the path is not smooth enough for a continuous torque, and what that costs."""
+        report = smoothness_report(self.equations, self.path, self.step)
+        if report.enough:
             return ()
-        return (
-            f"move {move.name}: smoothness {move.smoothness} makes the torque jump at its ends; "
-            f"a continuous torque needs {index - 1} (structural index less one)",
+        name, lines = self.path.move.name, report.lines()
+        head = (
+            f"move {name}: smoothness {report.smoothness} makes the torque jump; "
+            f"a continuous torque needs {report.needed} (structural index less one)"
         )
+        more = [f"and {len(lines) - ROUGH} more"] if len(lines) > ROUGH else []
+        return (head, *(f"move {name}: {line}" for line in [*lines[:ROUGH], *more]))
 
     @cached_property
     def rest(self) -> Equilibrium:

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BPoly, make_interp_spline
+from scipy.interpolate import BPoly
 
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.evaluate import evaluate
 from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
-from flexgen.simulation import Simulation
+from flexgen.simulation import Simulation, torque_curve
 from flexgen.solvers.answer import Answer
 from flexgen.trajectory import Trajectory
 
@@ -96,11 +96,12 @@ def residual_max(equations: Equations, trajectory: Trajectory) -> float:
 def residual_rows(equations: Equations, trajectory: Trajectory) -> np.ndarray:
     """Largest residual of each equation of motion, (dof,), half way between the samples [N m or N].
 
-    Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque by a quintic spline:
-    nothing of the solver is used again. Rows: arm coordinates, then the motors behind elastic gears.
+    Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque as `simulate`
+    reads it: nothing of the solver is used again. Rows: arm coordinates, then the motors behind elastic gears.
     """
     arm, motor = ([trajectory[f"{x}_{part}"] for x in "qva"] for part in "am")
-    return _residual_rows(equations, trajectory.time, arm, motor, trajectory["tau_m"])
+    limited = trajectory.meta.get("torque") == "limited"
+    return _residual_rows(equations, trajectory.time, arm, motor, trajectory["tau_m"], limited)
 
 
 def motion_residual(equations: Equations, answer: Answer) -> np.ndarray:
@@ -110,11 +111,16 @@ def motion_residual(equations: Equations, answer: Answer) -> np.ndarray:
 
 
 def _residual_rows(
-    equations: Equations, t: np.ndarray, arm: list[np.ndarray], motor: list[np.ndarray], tau_m: np.ndarray
+    equations: Equations,
+    t: np.ndarray,
+    arm: list[np.ndarray],
+    motor: list[np.ndarray],
+    tau_m: np.ndarray,
+    limited: bool = False,
 ) -> np.ndarray:
     middle = (t[:-1] + t[1:]) / 2
     q_a, q_m = (BPoly.from_derivatives(t, np.stack(part, axis=1)) for part in (arm, motor))
-    tau = make_interp_spline(t, tau_m, k=min(5, len(t) - 1))(middle)
+    tau = torque_curve(t, tau_m, limited=limited)(middle)
     r_a, r_m = evaluate(
         equations.function("residual"), *(q_a(middle, k) for k in range(3)), *(q_m(middle, k) for k in range(3)), tau
     )

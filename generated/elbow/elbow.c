@@ -14,6 +14,14 @@ const char *elbow_status_text(int status)
         return "the result is not finite: a singular or an extreme state";
     case ELBOW_BAD_COUNT:
         return "the number of points is negative";
+    case ELBOW_BAD_ARGUMENT:
+        return "a size, a time or a rotation is none that is allowed";
+    case ELBOW_WORK_TOO_SMALL:
+        return "the workspace is too small";
+    case ELBOW_UNREACHABLE:
+        return "the path leaves the workspace or passes a singular pose";
+    case ELBOW_NOT_CONVERGED:
+        return "no motion was found within the bounds of the solver";
     default:
         return "unknown status";
     }
@@ -21,12 +29,12 @@ const char *elbow_status_text(int status)
 
 const char *elbow_digest(void)
 {
-    return "c5d75907b77a2a214e8736d479f326cdd7cf9fd02d1552cff596467532f3198b";
+    return "815207d91c95f0d26a4b07854b0319327b3c510541005ef49683accd5144bcb3";
 }
 
 const char *elbow_interface(void)
 {
-    return "db9b3a5766c06b54db936884fcf54442dd4aaecfd4f768281f121bd8dc9ba633";
+    return "a6193bd0bf906ad54c80050588e4372de22edfc37d31ba9503c56e2027fe467f";
 }
 
 int elbow_abi_version(void)
@@ -67,4 +75,14 @@ int elbow_n_m(void)
 int elbow_n_x(void)
 {
     return ELBOW_NX;
+}
+
+int elbow_n_y(void)
+{
+    return ELBOW_NY;
+}
+
+int elbow_n_t(void)
+{
+    return ELBOW_NT;
 }

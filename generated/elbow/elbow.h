@@ -48,6 +48,8 @@
 #define ELBOW_API
 #endif
 
+#include <stdint.h>
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -59,6 +61,8 @@ typedef double elbow_real;
 #define ELBOW_NE 0 /* arm coordinates without a motor: springs only */
 #define ELBOW_NM 2 /* motors */
 #define ELBOW_NX 8 /* states of the linearisation */
+#define ELBOW_NY 2 /* outputs */
+#define ELBOW_NT 2 /* numbers of a target of the output */
 
 /* Workspace in reals: for one point; for many points, per thread. */
 #define ELBOW_FORWARD_KINEMATICS_WORK 1
@@ -83,13 +87,26 @@ typedef double elbow_real;
 #define ELBOW_FORWARD_DYNAMICS_BATCH_WORK 896
 #define ELBOW_LINEARIZE_WORK 84
 #define ELBOW_LINEARIZE_BATCH_WORK 6432
+#define ELBOW_OUTPUT_CONSTRAINT_WORK 1
+#define ELBOW_OUTPUT_CONSTRAINT_BATCH_WORK 896
+#define ELBOW_INVERSION_ROWS_WORK 1
+#define ELBOW_INVERSION_ROWS_BATCH_WORK 512
+#define ELBOW_GEAR_LAW_WORK 1
+#define ELBOW_GEAR_LAW_BATCH_WORK 384
+#define ELBOW_MOTOR_FRICTION_WORK 1
+#define ELBOW_MOTOR_FRICTION_BATCH_WORK 256
+#define ELBOW_INVERT_REPORT 4 /* numbers that invert reports */
 
 enum elbow_status {
     ELBOW_OK = 0 /* success */,
     ELBOW_NULL_ARGUMENT = -1 /* an argument is a null pointer */,
     ELBOW_INPUT_NOT_FINITE = -2 /* an input is not finite, and so is the result */,
     ELBOW_RESULT_NOT_FINITE = -3 /* the result is not finite: a singular or an extreme state */,
-    ELBOW_BAD_COUNT = -4 /* the number of points is negative */
+    ELBOW_BAD_COUNT = -4 /* the number of points is negative */,
+    ELBOW_BAD_ARGUMENT = -5 /* a size, a time or a rotation is none that is allowed */,
+    ELBOW_WORK_TOO_SMALL = -6 /* the workspace is too small */,
+    ELBOW_UNREACHABLE = -7 /* the path leaves the workspace or passes a singular pose */,
+    ELBOW_NOT_CONVERGED = -8 /* no motion was found within the bounds of the solver */
 };
 
 /* What a status means, in words; never a null pointer. */
@@ -315,6 +332,129 @@ int elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_real *v_a, c
 ELBOW_API int elbow_linearize_work(void);
 ELBOW_API int elbow_linearize_batch_work(void); /* times the threads, with OpenMP */
 
+/*
+ * How far the output is from a target, and the map W from speeds to rates of the output.
+ *
+ *   y_err = y(q_a) - target,  dy/dt = W(q_a) v_a,  d2y/dt2 = W a_a + Wdot_v
+ *
+ *   in  q_a    n_a       [rad]   arm coordinates in chain order
+ *   in  v_a    n_a       [rad/s] arm velocities
+ *   in  target n_t       [m]     where the output shall be
+ *   out y_err  n_y       [m]     output less target
+ *   out W      n_y x n_a [mixed] unit of the row's rate per unit of the column's velocity
+ *   out Wdot_v n_y       [m/s^2] second time derivative of the output without accelerations
+ * 23 operations, the longest chain about 76 cycles; stack of one point at most 1792 bytes
+ */
+ELBOW_API
+int elbow_output_constraint(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    const elbow_real target[ELBOW_NT], elbow_real y_err[ELBOW_NY], elbow_real W[ELBOW_NY * ELBOW_NA],
+    elbow_real Wdot_v[ELBOW_NY], elbow_real *work);
+ELBOW_API
+int elbow_output_constraint_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *target,
+    elbow_real *y_err, elbow_real *W, elbow_real *Wdot_v, elbow_real *work);
+ELBOW_API int elbow_output_constraint_work(void);
+ELBOW_API int elbow_output_constraint_batch_work(void); /* times the threads, with OpenMP */
+
+/*
+ * Torques of the gears for a given motion, and what is left of the equations of the coordinates without motor.
+ *
+ *   tau_g = [M a_a + c + g - f]_g,  row = [M a_a + c + g - f]_e - tau_e, f: the arm's frictions
+ *
+ *   in  q_a   n_a [rad]     arm coordinates in chain order
+ *   in  v_a   n_a [rad/s]   arm velocities
+ *   in  a_a   n_a [rad/s^2] arm accelerations
+ *   out tau_g n_g [N m]     torques of the gears on the arm, arm side
+ * 35 operations, the longest chain about 88 cycles; stack of one point at most 1792 bytes
+ */
+ELBOW_API
+int elbow_inversion_rows(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    const elbow_real a_a[ELBOW_NA], elbow_real tau_g[ELBOW_NG], elbow_real *work);
+ELBOW_API
+int elbow_inversion_rows_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *a_a,
+    elbow_real *tau_g, elbow_real *work);
+ELBOW_API int elbow_inversion_rows_work(void);
+ELBOW_API int elbow_inversion_rows_batch_work(void); /* times the threads, with OpenMP */
+
+/*
+ * Torques of the gears' springs at given twists, and their slopes; zero for rigid gears.
+ *
+ *   tau_p = spring(twist),  dtau_p = d tau_p/d twist
+ *
+ *   in  twist  n_g [rad]   motors seen from the arm side, less the coordinates
+ *   out tau_p  n_g [N m]   torques of the gears' springs, arm side
+ *   out dtau_p n_g [mixed] unit of the torque per unit of the coordinate
+ * 2 operations, the longest chain about 4 cycles; stack of one point at most 1280 bytes
+ */
+ELBOW_API
+int elbow_gear_law(const elbow_real twist[ELBOW_NG], elbow_real tau_p[ELBOW_NG], elbow_real dtau_p[ELBOW_NG],
+    elbow_real *work);
+ELBOW_API
+int elbow_gear_law_batch(int n, const elbow_real *twist, elbow_real *tau_p, elbow_real *dtau_p, elbow_real *work);
+ELBOW_API int elbow_gear_law_work(void);
+ELBOW_API int elbow_gear_law_batch_work(void); /* times the threads, with OpenMP */
+
+/*
+ * Friction torques of the motors.
+ *
+ *   f_m = f(v_m)
+ *
+ *   in  v_m n_m [rad/s] motor speeds, motor side
+ *   out f_m n_m [N m]   friction torques, motor side
+ * 0 operations, the longest chain about 0 cycles; stack of one point at most 1024 bytes
+ */
+ELBOW_API
+int elbow_motor_friction(const elbow_real v_m[ELBOW_NM], elbow_real f_m[ELBOW_NM], elbow_real *work);
+ELBOW_API
+int elbow_motor_friction_batch(int n, const elbow_real *v_m, elbow_real *f_m, elbow_real *work);
+ELBOW_API int elbow_motor_friction_work(void);
+ELBOW_API int elbow_motor_friction_batch_work(void); /* times the threads, with OpenMP */
+
+/*
+ * Numbers that the workspace of invert must hold; -1 where the sizes are not allowed.
+ *
+ *   in n      [1] samples of the path, at least 2
+ *   in lead   [1] samples of rest before the path
+ *   in tail   [1] samples of rest after it
+ *   in every  [1] samples per interval of the mesh
+ */
+ELBOW_API
+int64_t elbow_invert_work(int n, int lead, int tail, int every);
+
+/*
+ * Inverse dynamics along a whole path: motion of arm and motors, and torques, that keep the output there.
+ *
+ * The output is at rest at the first sample and before it, and after the last one; the arm starts at rest, and moves
+ * before the output does (lead) and after it (tail) where its zero dynamics ask for it. Without coordinates that have
+ * no motor nothing is solved. OK means that the residual is within the tolerance; results of every other status mean
+ * nothing. The matrices are stored sample after sample: entry i of sample k is x[k * n_a + i].
+ *
+ *   in  n                                 [1]     samples of the path, at least 2
+ *   in  period                            [s]     from sample to sample
+ *   in  place     n x n_t                 [mixed] output; for a pose position and rotation matrix by columns
+ *   in  rate      n x n_y                 [mixed] its rate; for a pose linear and angular velocity, world axes
+ *   in  rate2     n x n_y                 [mixed] its second derivative
+ *   in  q_start   n_a                     [mixed] guess of the pose of rest at the first sample
+ *   in  lead                              [1]     samples of rest before the path
+ *   in  tail                              [1]     samples of rest after it
+ *   in  every                             [1]     samples per interval of the mesh
+ *   in  tolerance                         [1]     of the equations without motor, relative to their torques at rest
+ *   out q_a       (lead + n + tail) x n_a [mixed] arm coordinates
+ *   out v_a       (lead + n + tail) x n_a [mixed] arm velocities
+ *   out a_a       (lead + n + tail) x n_a [mixed] arm accelerations
+ *   out tau_g     (lead + n + tail) x n_g [mixed] torques of the gears, arm side
+ *   out q_m       (lead + n + tail) x n_m [rad]   motor angles
+ *   out v_m       (lead + n + tail) x n_m [rad/s] motor speeds
+ *   out tau_m     (lead + n + tail) x n_m [N m]   motor torques
+ *   out report    INVERT_REPORT           [1]     residual on the mesh and at the samples; steps; intervals
+ *       work      work_size                       workspace
+ *   in  work_size                         [1]     its length, at least that of invert_work
+ */
+ELBOW_API
+int elbow_invert(int n, elbow_real period, const elbow_real *place, const elbow_real *rate, const elbow_real *rate2,
+    const elbow_real *q_start, int lead, int tail, int every, elbow_real tolerance, elbow_real *q_a,
+    elbow_real *v_a, elbow_real *a_a, elbow_real *tau_g, elbow_real *q_m, elbow_real *v_m, elbow_real *tau_m,
+    elbow_real *report, elbow_real *work, int64_t work_size);
+
 /* For who loads the library at run time: check these before the first call. */
 ELBOW_API int elbow_abi_version(void);
 ELBOW_API const char *elbow_digest(void); /* SHA-256 of the model */
@@ -326,6 +466,8 @@ ELBOW_API int elbow_n_g(void);
 ELBOW_API int elbow_n_e(void);
 ELBOW_API int elbow_n_m(void);
 ELBOW_API int elbow_n_x(void);
+ELBOW_API int elbow_n_y(void);
+ELBOW_API int elbow_n_t(void);
 
 #ifdef __cplusplus
 }

@@ -35,15 +35,6 @@ typedef char elbow_real_has_64_bits[sizeof(real) == sizeof(bits) ? 1 : -1];
 #define ELBOW_INLINE static inline
 #endif
 
-/* Four vectors of angles at a time keep the processor busy. */
-#if defined(__clang__)
-#define ELBOW_UNROLL _Pragma("clang loop unroll_count(4)")
-#elif defined(__GNUC__)
-#define ELBOW_UNROLL _Pragma("GCC unroll 4")
-#else
-#define ELBOW_UNROLL
-#endif
-
 /* A vector has the alignment of one number and may alias numbers: any place in an array can be read as a vector. */
 #if defined(__GNUC__) && !defined(ELBOW_NO_VECTORS) && \
     (defined(__SSE2__) || defined(__aarch64__) || defined(__VSX__))
@@ -149,18 +140,24 @@ static inline real ceil_1(const real x)
     return copysign_1(n + lt_1(n, x), x);
 }
 
-/* Sine and cosine of x. |x| = k pi/2 + r + tail with a whole number k and |r| <= pi/4: the products with the first
-   three parts of pi/2 and the differences up to r are exact. Then one polynomial for each; k tells which is which. */
-static inline void sine_cosine_1(const real x, real *sine, real *cosine)
+/* x = k pi/2 + r - tail with a whole number k and |r| <= pi/4: the products with the first three parts of pi/2 and the
+   differences up to r are exact. The lowest bits of *turns hold k; beyond the range *tail is NaN. */
+static inline void reduce_1(const real x, real *turns, real *remainder, real *tail)
 {
-    const real a = fabs_1(x);
-    const real t = a * 0.6366197723675814 + 6755399441055744.0; /* rounds to k, which its lowest bits hold */
+    const real t = x * 0.6366197723675814 + 6755399441055744.0; /* rounds to k */
     const real k = t - 6755399441055744.0;
-    const real rough = (a - k * 1.5707963267341256) - k * 6.077094383272197e-11;
+    const real rough = (x - k * 1.5707963267341256) - k * 6.077094383272197e-11;
     const real w = k * 6.12323399538461e-17;
     const real r = rough - w;
-    const real rest = ((rough - r) - w) - k * 3.5215598651832e-27;
-    const real tail = from_bits_1(bits_1(rest) | ~less_equal_1(a, splat_1(1000000.0))); /* NaN beyond the range */
+    const real rest = (w - (rough - r)) + k * 3.5215598651832e-27;
+    *turns = t;
+    *remainder = r;
+    *tail = from_bits_1(bits_1(rest) | less_1(splat_1(1000000.0), fabs_1(x)));
+}
+
+/* Sine and cosine of what reduce gave: one polynomial for each; k tells which is which. Of -0 the sine is -0. */
+static inline void sine_cosine_part_1(const real turns, const real r, const real tail, real *sine, real *cosine)
+{
     const real z = r * r;
     const real z2 = z * z;
     const real z4 = z2 * z2;
@@ -174,14 +171,21 @@ static inline void sine_cosine_1(const real x, real *sine, real *cosine)
     const real q = ((v0 + z2 * v1) + z4 * v2);
     const real half = 0.5 * z;
     const real most = 1.0 - half;
-    const real s = r + ((z * r) * p + tail * most);
-    const real c = most + (z2 * q + (((1.0 - most) - half) - tail * r));
-    const bits n = bits_1(t);
+    const real s = r - (tail * most - (z * r) * p);
+    const real c = most + (z2 * q + (((1.0 - most) - half) + tail * r));
+    const bits n = bits_1(turns);
     const bits swap = (bits_1(s) ^ bits_1(c)) & (0 - (n & 1));
-    const bits minus_s = ((n & 2) << 62) ^ (bits_1(x) ^ bits_1(a));
+    const bits minus_s = (n & 2) << 62;
     const bits minus_c = ((n + 1) & 2) << 62;
     *sine = from_bits_1((bits_1(s) ^ swap) ^ minus_s);
     *cosine = from_bits_1((bits_1(c) ^ swap) ^ minus_c);
+}
+
+static inline void sine_cosine_1(const real x, real *sine, real *cosine)
+{
+    real turns, r, tail;
+    reduce_1(x, &turns, &r, &tail);
+    sine_cosine_part_1(turns, r, tail, sine, cosine);
 }
 
 static inline real sin_1(const real x)
@@ -361,18 +365,24 @@ static inline lanes ceil_v(const lanes x)
     return copysign_v(n + lt_v(n, x), x);
 }
 
-/* Sine and cosine of x. |x| = k pi/2 + r + tail with a whole number k and |r| <= pi/4: the products with the first
-   three parts of pi/2 and the differences up to r are exact. Then one polynomial for each; k tells which is which. */
-static inline void sine_cosine_v(const lanes x, lanes *sine, lanes *cosine)
+/* x = k pi/2 + r - tail with a whole number k and |r| <= pi/4: the products with the first three parts of pi/2 and the
+   differences up to r are exact. The lowest bits of *turns hold k; beyond the range *tail is NaN. */
+static inline void reduce_v(const lanes x, lanes *turns, lanes *remainder, lanes *tail)
 {
-    const lanes a = fabs_v(x);
-    const lanes t = a * 0.6366197723675814 + 6755399441055744.0; /* rounds to k, which its lowest bits hold */
+    const lanes t = x * 0.6366197723675814 + 6755399441055744.0; /* rounds to k */
     const lanes k = t - 6755399441055744.0;
-    const lanes rough = (a - k * 1.5707963267341256) - k * 6.077094383272197e-11;
+    const lanes rough = (x - k * 1.5707963267341256) - k * 6.077094383272197e-11;
     const lanes w = k * 6.12323399538461e-17;
     const lanes r = rough - w;
-    const lanes rest = ((rough - r) - w) - k * 3.5215598651832e-27;
-    const lanes tail = from_bits_v(bits_v(rest) | ~less_equal_v(a, splat_v(1000000.0))); /* NaN beyond the range */
+    const lanes rest = (w - (rough - r)) + k * 3.5215598651832e-27;
+    *turns = t;
+    *remainder = r;
+    *tail = from_bits_v(bits_v(rest) | less_v(splat_v(1000000.0), fabs_v(x)));
+}
+
+/* Sine and cosine of what reduce gave: one polynomial for each; k tells which is which. Of -0 the sine is -0. */
+static inline void sine_cosine_part_v(const lanes turns, const lanes r, const lanes tail, lanes *sine, lanes *cosine)
+{
     const lanes z = r * r;
     const lanes z2 = z * z;
     const lanes z4 = z2 * z2;
@@ -386,14 +396,21 @@ static inline void sine_cosine_v(const lanes x, lanes *sine, lanes *cosine)
     const lanes q = ((v0 + z2 * v1) + z4 * v2);
     const lanes half = 0.5 * z;
     const lanes most = 1.0 - half;
-    const lanes s = r + ((z * r) * p + tail * most);
-    const lanes c = most + (z2 * q + (((1.0 - most) - half) - tail * r));
-    const lanes_bits n = bits_v(t);
+    const lanes s = r - (tail * most - (z * r) * p);
+    const lanes c = most + (z2 * q + (((1.0 - most) - half) + tail * r));
+    const lanes_bits n = bits_v(turns);
     const lanes_bits swap = (bits_v(s) ^ bits_v(c)) & (0 - (n & 1));
-    const lanes_bits minus_s = ((n & 2) << 62) ^ (bits_v(x) ^ bits_v(a));
+    const lanes_bits minus_s = (n & 2) << 62;
     const lanes_bits minus_c = ((n + 1) & 2) << 62;
     *sine = from_bits_v((bits_v(s) ^ swap) ^ minus_s);
     *cosine = from_bits_v((bits_v(c) ^ swap) ^ minus_c);
+}
+
+static inline void sine_cosine_v(const lanes x, lanes *sine, lanes *cosine)
+{
+    lanes turns, r, tail;
+    reduce_v(x, &turns, &r, &tail);
+    sine_cosine_part_v(turns, r, tail, sine, cosine);
 }
 
 static inline lanes sin_v(const lanes x)
@@ -523,6 +540,8 @@ ELBOW_OF_TWO(hypot)
 #define whole_v whole_1
 #define floor_v floor_1
 #define ceil_v ceil_1
+#define reduce_v reduce_1
+#define sine_cosine_part_v sine_cosine_part_1
 #define sine_cosine_v sine_cosine_1
 #define sin_v sin_1
 #define cos_v cos_1
@@ -550,6 +569,8 @@ ELBOW_OF_TWO(hypot)
 #define hypot_v hypot_1
 #endif
 
+#define AT_ONCE 32 /* vectors of angles, whose reductions wait for their polynomials */
+
 /* Sines and cosines of n angles; the arrays have PADDED(n) entries, the angles beyond n are zeros. */
 ELBOW_INLINE void sincos_1(const real *x, real *s, real *c, const int n)
 {
@@ -566,12 +587,22 @@ ELBOW_INLINE void sincos_1(const real *x, real *s, real *c, const int n)
     }
 }
 
-/* Sines and cosines of n vectors of angles. */
+/* Sines and cosines of n vectors of angles. All reductions come first, written out, then all polynomials: the processor
+   waits for a chain of operations less, as the chains are shorter and it sees more of them at once. */
 ELBOW_INLINE void sincos_v(const lanes *x, lanes *s, lanes *c, const int n)
 {
-ELBOW_UNROLL
-    for (int i = 0; i < n; ++i) {
-        sine_cosine_v(x[i], s + i, c + i);
+    for (int first = 0; first < n; first += AT_ONCE) {
+        const int end = n - first < AT_ONCE ? n : first + AT_ONCE;
+        lanes turns[AT_ONCE];
+#if defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 8)
+#pragma GCC unroll 32
+#endif
+        for (int i = first; i < end; ++i) {
+            reduce_v(x[i], turns + (i - first), s + i, c + i);
+        }
+        for (int i = first; i < end; ++i) {
+            sine_cosine_part_v(turns[i - first], s[i], c[i], s + i, c + i);
+        }
     }
 }
 

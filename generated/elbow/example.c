@@ -184,5 +184,63 @@ int main(void)
             failed = 1;
         }
     }
+    {
+        const elbow_real q_a[ELBOW_NA] = {0.5235987755982988, (-0.3490658503988659)};
+        const elbow_real v_a[ELBOW_NA] = {0.0, 0.0};
+        const elbow_real target[ELBOW_NT] = {0.0, 0.0};
+        elbow_real y_err[ELBOW_NY];
+        elbow_real W[ELBOW_NY * ELBOW_NA];
+        elbow_real Wdot_v[ELBOW_NY];
+        elbow_real work[ELBOW_OUTPUT_CONSTRAINT_WORK];
+        status = elbow_output_constraint(q_a, v_a, target, y_err, W, Wdot_v, work);
+        printf("output_constraint: %s\n", elbow_status_text(status));
+        if (status == ELBOW_OK) {
+            show("y_err", "m", y_err, ELBOW_NY, 1);
+            show("W", "mixed", W, ELBOW_NY, ELBOW_NA);
+            show("Wdot_v", "m/s^2", Wdot_v, ELBOW_NY, 1);
+        } else {
+            failed = 1;
+        }
+    }
+    {
+        const elbow_real q_a[ELBOW_NA] = {0.5235987755982988, (-0.3490658503988659)};
+        const elbow_real v_a[ELBOW_NA] = {0.0, 0.0};
+        const elbow_real a_a[ELBOW_NA] = {0.0, 0.0};
+        elbow_real tau_g[ELBOW_NG];
+        elbow_real work[ELBOW_INVERSION_ROWS_WORK];
+        status = elbow_inversion_rows(q_a, v_a, a_a, tau_g, work);
+        printf("inversion_rows: %s\n", elbow_status_text(status));
+        if (status == ELBOW_OK) {
+            show("tau_g", "N m", tau_g, ELBOW_NG, 1);
+        } else {
+            failed = 1;
+        }
+    }
+    {
+        const elbow_real twist[ELBOW_NG] = {0.0, 0.0};
+        elbow_real tau_p[ELBOW_NG];
+        elbow_real dtau_p[ELBOW_NG];
+        elbow_real work[ELBOW_GEAR_LAW_WORK];
+        status = elbow_gear_law(twist, tau_p, dtau_p, work);
+        printf("gear_law: %s\n", elbow_status_text(status));
+        if (status == ELBOW_OK) {
+            show("tau_p", "N m", tau_p, ELBOW_NG, 1);
+            show("dtau_p", "mixed", dtau_p, ELBOW_NG, 1);
+        } else {
+            failed = 1;
+        }
+    }
+    {
+        const elbow_real v_m[ELBOW_NM] = {0.0, 0.0};
+        elbow_real f_m[ELBOW_NM];
+        elbow_real work[ELBOW_MOTOR_FRICTION_WORK];
+        status = elbow_motor_friction(v_m, f_m, work);
+        printf("motor_friction: %s\n", elbow_status_text(status));
+        if (status == ELBOW_OK) {
+            show("f_m", "N m", f_m, ELBOW_NM, 1);
+        } else {
+            failed = 1;
+        }
+    }
     return failed;
 }

@@ -47,61 +47,113 @@ static inline int level(real *rows, int height, int columns, int width)
 {
     for (int i = 0; i < height; ++i) {
         real *row = rows + i * width;
-        const real most = largest(row, columns);
-        if (!(most > 0.0 && most < 1e300)) {
+        const real most = largest(row, columns), unit = 1.0 / most;
+        if (!(most > 1e-300 && most < 1e300)) {
             return 0;
         }
         for (int j = 0; j < width; ++j) {
-            row[j] /= most;
+            row[j] *= unit;
         }
     }
     return 1;
 }
 
-/* Eliminate the first `columns` columns of leveled rows; 0 where a pivot is rounding. */
+/* row += the sum of factors[p] rows[p], p < count, from column `begin` on. */
+static inline void add_rows(
+    real *RESTRICT row, const real *RESTRICT rows, const real *factors, int count, int begin, int width)
+{
+    real w[PANEL], any = 0.0;
+    for (int p = 0; p < PANEL; ++p) {
+        w[p] = p < count ? factors[p] : 0.0;
+        any = fmax_1(any, fabs_1(w[p]));
+    }
+    if (!(any > 0.0)) {
+        return;
+    }
+    if (count == PANEL) {
+        for (int j = begin; j < width; j += LANES) {
+            lanes sum = load_v(row + j);
+            for (int p = 0; p < PANEL; ++p) {
+                sum += splat_v(w[p]) * load_v(rows + p * width + j);
+            }
+            store_v(row + j, sum);
+        }
+        return;
+    }
+    for (int j = begin; j < width; j += LANES) {
+        lanes sum = load_v(row + j);
+        for (int p = 0; p < count; ++p) {
+            sum += splat_v(w[p]) * load_v(rows + p * width + j);
+        }
+        store_v(row + j, sum);
+    }
+}
+
+/*
+ * Eliminate the first `columns` columns of leveled rows, eight at a time; 0 where a pivot is rounding. Pivots are left
+ * inverted; what stands left of them means nothing.
+ */
 static inline int eliminate_rows(real *RESTRICT rows, int height, int columns, int width)
 {
-    for (int k = 0; k < columns; ++k) {
-        real *top = rows + k * width;
-        const int begin = k / 8 * 8;
-        int best = k;
-        for (int i = k + 1; i < height; ++i) {
-            if (fabs_1(rows[i * width + k]) > fabs_1(rows[best * width + k])) {
-                best = i;
-            }
-        }
-        if (!(fabs_1(rows[best * width + k]) > least_pivot)) {
-            return 0;
-        }
-        for (int j = begin; j < width && best != k; j += LANES) {
-            const lanes t = load_v(top + j);
-            store_v(top + j, load_v(rows + best * width + j));
-            store_v(rows + best * width + j, t);
-        }
-        top[k] = 1.0 / top[k];
-        for (int i = k + 1; i < height; ++i) {
-            real *row = rows + i * width;
-            const real f = -row[k] * top[k], kept = row[k];
-            if (kept < 0.0 || kept > 0.0) {
-                for (int j = begin; j < width; j += LANES) {
-                    store_v(row + j, load_v(row + j) + splat_v(f) * load_v(top + j));
+    for (int begin = 0; begin < columns; begin += PANEL) {
+        const int end = columns - begin < PANEL ? columns : begin + PANEL;
+        for (int k = begin; k < end; ++k) {
+            real *top = rows + k * width, masked[PANEL], pivot;
+            int best = k;
+            for (int i = k + 1; i < height; ++i) {
+                if (fabs_1(rows[i * width + k]) > fabs_1(rows[best * width + k])) {
+                    best = i;
                 }
             }
+            if (!(fabs_1(rows[best * width + k]) > least_pivot)) {
+                return 0;
+            }
+            for (int j = begin; j < width && best != k; j += LANES) {
+                const lanes t = load_v(top + j);
+                store_v(top + j, load_v(rows + best * width + j));
+                store_v(rows + best * width + j, t);
+            }
+            pivot = 1.0 / top[k];
+            top[k] = pivot;
+            for (int p = 0; p < PANEL; ++p) {
+                masked[p] = begin + p > k ? top[begin + p] : 0.0;
+            }
+            for (int i = k + 1; i < height; ++i) { /* in these columns; the factor stays where it was */
+                real *row = rows + i * width;
+                const real f = -row[k] * pivot;
+                for (int p = 0; p < PANEL; p += LANES) {
+                    store_v(row + begin + p, load_v(row + begin + p) + splat_v(f) * load_v(masked + p));
+                }
+                row[k] = f;
+            }
+        }
+        for (int i = begin + 1; i < height; ++i) { /* in all columns to the right */
+            const int count = (i < end ? i : end) - begin;
+            add_rows(rows + i * width, rows + begin * width, rows + i * width + begin, count, begin + PANEL, width);
         }
     }
     return 1;
 }
 
-/* x[0 ... columns) from eliminated rows with inverted pivots, given x[columns ... all). */
+/* x[0 ... columns) from eliminated rows with inverted pivots, given x[columns ... all); room for `width` in x. */
 static inline void substitute(const real *rows, int columns, int all, int width, real *x)
 {
+    x[all] = 1.0; /* of the right side */
+    for (int j = all + 1; j < width; ++j) {
+        x[j] = 0.0;
+    }
     for (int i = columns - 1; i >= 0; --i) {
         const real *row = rows + i * width;
-        real sum = row[all];
-        for (int j = i + 1; j < all; ++j) {
+        const int whole = (i + PANEL) / PANEL * PANEL;
+        lanes sums = splat_v(0.0);
+        real sum = 0.0;
+        for (int j = i + 1; j < whole; ++j) {
             sum += row[j] * x[j];
         }
-        x[i] = -sum * row[i];
+        for (int j = whole; j < width; j += LANES) {
+            sums += load_v(row + j) * load_v(x + j);
+        }
+        x[i] = -(sum + sum_v(sums)) * row[i];
     }
 }
 
@@ -256,12 +308,13 @@ static inline int factor_blocks(two_point *b, blocks_space *w, real *space)
 static inline void step_back(two_point *b, blocks_space *w)
 {
     mesh *m = &b->m;
-    real x[CONTROLS + 2 * STATES], *y = x + CONTROLS; /* a_k, y_k, y_(k+1) */
-    real last[2 * STATES] = {0.0};
-    substitute(w->node, STATES, 2 * STATES, NODE_WIDTH, last);
+    real x[INTERVAL_WIDTH], y[NODE_WIDTH]; /* a_k, y_k, y_(k+1); y_k, y_(k+1) */
     for (int i = 0; i < STATES; ++i) {
-        y[i] = last[i];
-        m->y[(ptrdiff_t)m->N * STATES + i] += last[i] * (i < NE ? scale_q : scale_v);
+        y[STATES + i] = 0.0;
+    }
+    substitute(w->node, STATES, 2 * STATES, NODE_WIDTH, y);
+    for (int i = 0; i < STATES; ++i) {
+        m->y[(ptrdiff_t)m->N * STATES + i] += y[i] * (i < NE ? scale_q : scale_v);
     }
     for (ptrdiff_t k = m->N - 1; k >= 0; --k) {
         const real *factor = m->factor + k * INTERVAL_FACTOR;
@@ -269,6 +322,9 @@ static inline void step_back(two_point *b, blocks_space *w)
             y[STATES + i] = y[i];
         }
         substitute(factor + CONTROLS * INTERVAL_WIDTH, STATES, 2 * STATES, NODE_WIDTH, y);
+        for (int i = 0; i < 2 * STATES; ++i) {
+            x[CONTROLS + i] = y[i];
+        }
         substitute(factor, CONTROLS, CONTROLS + 2 * STATES, INTERVAL_WIDTH, x);
         for (int i = 0; i < STATES; ++i) {
             m->y[k * STATES + i] += y[i] * (i < NE ? scale_q : scale_v);

@@ -16,15 +16,15 @@
 enum { NEWTON_STEPS = 25 };
 
 typedef struct {
-    ptrdiff_t samples, intervals;
-    ptrdiff_t tau, twist, slope, late, y, a, a_node, q_g, reference, factor, scale, problem, blocks, space, end;
+    int64_t samples, intervals;
+    int64_t tau, twist, slope, late, y, a, a_node, q_g, reference, factor, scale, problem, blocks, space, end;
 } layout;
 
 static layout laid_out(int n, int lead, int tail, int every)
 {
     layout l;
-    ptrdiff_t at = 0;
-    l.samples = (ptrdiff_t)lead + n + tail;
+    int64_t at = 0;
+    l.samples = (int64_t)lead + n + tail;
     l.intervals = (l.samples - 1 + every - 1) / every;
 #define PLACE(name, size) \
     l.name = at; \
@@ -50,7 +50,8 @@ static layout laid_out(int n, int lead, int tail, int every)
 
 int64_t model_bvp_work(int n, int lead, int tail, int every)
 {
-    return sizes_fit(n, lead, tail, every) ? (int64_t)laid_out(n, lead, tail, every).end : -1;
+    const int64_t end = sizes_fit(n, lead, tail, every) ? laid_out(n, lead, tail, every).end : -1;
+    return is_addressable(end) ? end : -1;
 }
 
 /* The rows at both ends, from rest at q; numbers of unstable zeros into the report. */
@@ -139,6 +140,9 @@ int model_bvp(int n, double period, const double *place, const double *rate, con
         return MODEL_BAD_ARGUMENT;
     }
     l = laid_out(n, lead, tail, every);
+    if (!is_addressable(l.end)) {
+        return MODEL_BAD_ARGUMENT;
+    }
     if (work_size < l.end) {
         return MODEL_WORK_TOO_SMALL;
     }
@@ -182,9 +186,16 @@ int model_bvp(int n, double period, const double *place, const double *rate, con
     }
     nodal_accelerations(&b->m, work + l.a_node);
     {
-        const results r = {&p, lead, every, l.samples, q_a, v_a, a_a, tau_g, q_m, v_m, tau_m, work + l.tau,
+        const results r = {&p, lead, every, (ptrdiff_t)l.samples, q_a, v_a, a_a, tau_g, q_m, v_m, tau_m, work + l.tau,
             work + l.twist, work + l.late, work + l.slope, &b->m, work + l.a_node};
         status = arm_at_samples(&r, q, b->m.scale, &w->lq.arm, space, &report[1]);
-        return status == MODEL_OK ? motors_at_samples(&r, space) : status;
+        if (status == MODEL_OK) {
+            status = motors_at_samples(&r, space);
+        }
+        if (status != MODEL_OK) {
+            return status;
+        }
+        report[6] = unevenness(&r);
     }
+    return judged(report[1], report[6], tolerance);
 }

@@ -14,7 +14,18 @@ static inline int sizes_fit(int n, int lead, int tail, int every)
         tail <= MOST_SAMPLES && every <= MOST_SAMPLES;
 }
 
-/* Whether a path and the guess of its start are finite, and its rotations rotations, near to each other. */
+/* Whether so many numbers can be addressed, which on small machines not all sizes can. */
+static inline int is_addressable(int64_t numbers)
+{
+    return numbers <= (int64_t)(PTRDIFF_MAX / (ptrdiff_t)sizeof(real));
+}
+
+static const real still = 1e-6; /* of the fastest rate: what an end that is at rest may move */
+
+/*
+ * Whether a path and the guess of its start are finite, its rotations rotations, near to each other, and its ends at
+ * rest.
+ */
 static inline int check_path(const path *p, const real *q_start)
 {
     for (int k = 0; k < p->n; ++k) {
@@ -25,6 +36,16 @@ static inline int check_path(const path *p, const real *q_start)
     }
     if (!is_finite(q_start, NA)) {
         return MODEL_INPUT_NOT_FINITE;
+    }
+    {
+        real most = 0.0;
+        for (int k = 0; k < p->n; ++k) {
+            most = fmax_1(most, largest(p->rate + k * (ptrdiff_t)NY, NY));
+        }
+        if (!(largest(p->rate, NY) <= still * most) ||
+            !(largest(p->rate + (p->n - 1) * (ptrdiff_t)NY, NY) <= still * most)) {
+            return MODEL_BAD_ARGUMENT;
+        }
     }
 #if MODEL_POSE
     for (int k = 0; k < p->n; ++k) {

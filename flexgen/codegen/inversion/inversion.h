@@ -39,18 +39,26 @@ static const real gauss_A[STAGES][STAGES] = {
 /* Over all points, a vector at a time. */
 #define EACH(l) for (int l = 0; l < POINTS; l += LANES)
 
+/* The largest size; NaN where an entry is not finite, so that no comparison holds. */
 static inline real largest(const real *x, int n)
 {
-    real most = 0.0;
+    real most = 0.0, zero = 0.0;
     for (int i = 0; i < n; ++i) {
         most = fmax_1(most, fabs_1(x[i]));
+        zero += 0.0 * x[i];
     }
-    return most;
+    return most + zero;
 }
 
 static inline int is_finite(const real *x, int n)
 {
     return all_finite(x, n, 1);
+}
+
+/* What a function of the library says of states that were computed here: they are no inputs of the caller. */
+static inline int inner(int status)
+{
+    return status == MODEL_INPUT_NOT_FINITE ? MODEL_RESULT_NOT_FINITE : status;
 }
 
 /* --- the path ----------------------------------------------------------------------------------------------------- */
@@ -232,6 +240,7 @@ typedef struct {
     points place[NT], rate[NY], rate2[NY];
     points error[NY], W[NA][NY], bias[NY];
     points inverse[NY][NG]; /* of the columns of W that belong to q_g */
+    points side;            /* sign of their determinant: on either side of singular poses, 1 or -1 */
     points tau_g[NG];
 #if MODEL_NE > 0
     points row[NE], row_q[NA][NE], row_v[NA][NE], row_a[NA][NE];
@@ -263,7 +272,7 @@ static inline int invert_points(arm_points *p)
 {
     lanes bad = splat_v(0.0);
     EACH(l) {
-        lanes a[NY][2 * NY];
+        lanes a[NY][2 * NY], side = splat_v(1.0);
         for (int i = 0; i < NY; ++i) {
             for (int j = 0; j < NY; ++j) {
                 a[i][j] = load_v(&p->W[i_g[j]][i][l]);
@@ -274,6 +283,7 @@ static inline int invert_points(arm_points *p)
             lanes pivot;
             for (int i = k + 1; i < NY; ++i) {
                 const lanes larger = lt_v(fabs_v(a[k][k]), fabs_v(a[i][k]));
+                side *= splat_v(1.0) - 2.0 * larger;
                 for (int j = k; j < 2 * NY; ++j) {
                     const lanes x = a[k][j], y = a[i][j];
                     a[k][j] = select_v(larger, y, x);
@@ -282,6 +292,7 @@ static inline int invert_points(arm_points *p)
             }
             /* metres and radians: a nanometre for a radian is a singular pose; NaN is no better */
             bad += not_v(lt_v(splat_v(1e-9), fabs_v(a[k][k])));
+            side *= splat_v(1.0) - 2.0 * lt_v(a[k][k], splat_v(0.0));
             pivot = splat_v(1.0) / a[k][k];
             for (int j = k + 1; j < 2 * NY; ++j) {
                 a[k][j] *= pivot;
@@ -301,6 +312,7 @@ static inline int invert_points(arm_points *p)
                 store_v(&p->inverse[j][i][l], a[i][NY + j]);
             }
         }
+        store_v(&p->side[l], side);
     }
     return sum_v(bad) == 0.0;
 }
@@ -328,7 +340,7 @@ static inline void actuated(const arm_points *p, points *y, points *to)
 /* One Newton step of the actuated coordinates towards the place; the largest change. */
 static inline real approach(arm_points *p)
 {
-    lanes most = splat_v(0.0);
+    lanes most = splat_v(0.0), zero = splat_v(0.0);
     for (int i = 0; i < NG; ++i) {
         EACH(l) {
             lanes sum = splat_v(0.0);
@@ -337,24 +349,33 @@ static inline real approach(arm_points *p)
             }
             store_v(&p->q[i_g[i]][l], load_v(&p->q[i_g[i]][l]) - sum);
             most = fmax_v(most, fabs_v(sum));
+            zero += 0.0 * sum; /* a maximum overlooks NaN */
         }
     }
+    most += zero;
     return largest((const real *)&most, LANES);
+}
+
+/* Whether the output is where it shall be, but for rounding. */
+static inline int is_there(const arm_points *p)
+{
+    return largest(&p->error[0][0], NY * POINTS) <= 1e-9 * (1.0 + largest(&p->place[0][0], NT * POINTS));
 }
 
 /* The actuated coordinates that bring the output to its place, with their rates, for given other ones. */
 static inline int follow(arm_points *p, real *space)
 {
     points rest[NY];
-    real most;
+    real most, bound;
     int step = 0;
     constrain(p, space);
     do { /* Newton's method: after a step below a millionth the error is rounding */
         if (!invert_points(p)) {
             return MODEL_UNREACHABLE;
         }
+        bound = 2.0 + 2.0 * largest(&p->error[0][0], NY * POINTS); /* rad and m: beyond it a step leads astray */
         most = approach(p);
-        if (!(most < 2.0) || ++step > KINEMATIC_STEPS) {
+        if (!(most < bound) || ++step > KINEMATIC_STEPS) {
             return MODEL_UNREACHABLE;
         }
         constrain(p, space);
@@ -374,6 +395,9 @@ static inline int follow(arm_points *p, real *space)
     }
     actuated(p, rest, p->v);
     constrain(p, space);
+    if (!is_there(p)) {
+        return MODEL_UNREACHABLE;
+    }
     for (int j = 0; j < NY; ++j) {
         EACH(l) {
             lanes sum = load_v(&p->rate2[j][l]) - load_v(&p->bias[j][l]);
@@ -439,7 +463,7 @@ static inline int reduce(arm_points *p, real *space)
         POINTS, &p->q[0][0], &p->v[0][0], &p->a[0][0], &p->y1_q[0][0][0], &p->y2_q[0][0][0], &p->y2_v[0][0][0],
         &p->row[0][0], &p->row_q[0][0][0], &p->row_v[0][0][0], &p->row_a[0][0][0], space);
     if (status != MODEL_OK) {
-        return status;
+        return inner(status);
     }
     take_elastic(p->W, p->T);
     solve_columns(p, p->T, p->S);

@@ -1,21 +1,22 @@
 /* model: inverse dynamics along a whole path. Written by flexgen; see model.h. */
 #include "model.h"
 
+#include "model_guess.h"
 #include "model_rest.h"
 #include "model_results.h"
 
-enum { ITERATIONS = 25, MOST_SAMPLES = 1000000, STILL = 8, SWEEPS = 3 };
+enum { ITERATIONS = 25, STILL = 8, SWEEPS = 3 };
 
 typedef struct {
-    ptrdiff_t samples, intervals;
-    ptrdiff_t tau, twist, slope, late, y, a, a_node, q_g, reference, factor, scale, cost, still_y, still_a, still_q, still_reference, still_factor, lq, arm, space, end;
+    int64_t samples, intervals;
+    int64_t tau, twist, slope, late, y, a, a_node, q_g, reference, factor, scale, cost, still_y, still_a, still_q, still_reference, still_factor, lq, arm, space, end;
 } layout;
 
 static layout laid_out(int n, int lead, int tail, int every)
 {
     layout l;
-    ptrdiff_t at = 0;
-    l.samples = (ptrdiff_t)lead + n + tail;
+    int64_t at = 0;
+    l.samples = (int64_t)lead + n + tail;
     l.intervals = (l.samples - 1 + every - 1) / every;
 #define PLACE(name, size) \
     l.name = at; \
@@ -49,30 +50,11 @@ static layout laid_out(int n, int lead, int tail, int every)
     return l;
 }
 
-static int sizes_fit(int n, int lead, int tail, int every)
-{
-    return n >= 2 && lead >= 0 && tail >= 0 && every >= 1 && n <= MOST_SAMPLES && lead <= MOST_SAMPLES &&
-        tail <= MOST_SAMPLES && every <= MOST_SAMPLES;
-}
-
 int64_t model_invert_work(int n, int lead, int tail, int every)
 {
-    return sizes_fit(n, lead, tail, every) ? (int64_t)laid_out(n, lead, tail, every).end : -1;
+    const int64_t end = sizes_fit(n, lead, tail, every) ? laid_out(n, lead, tail, every).end : -1;
+    return is_addressable(end) ? end : -1;
 }
-
-#if MODEL_POSE
-/* Rotations that are rotations, and no further apart than a sample may turn. */
-static int places_fit(const path *p)
-{
-    for (int k = 0; k < p->n; ++k) {
-        const real *R = p->place + k * (ptrdiff_t)NT + 3;
-        if (!is_rotation(R) || (k > 0 && !are_near(R - NT, R))) {
-            return 0;
-        }
-    }
-    return 1;
-}
-#endif
 
 #if MODEL_NE > 0
 /* Rest at the last place, and what it costs not to be there, for the end of a mesh. */
@@ -174,26 +156,19 @@ int model_invert(int n, double period, const double *place, const double *rate, 
         return MODEL_BAD_ARGUMENT;
     }
     l = laid_out(n, lead, tail, every);
+    if (!is_addressable(l.end)) {
+        return MODEL_BAD_ARGUMENT;
+    }
     if (work_size < l.end) {
         return MODEL_WORK_TOO_SMALL;
     }
     for (int i = 0; i < MODEL_INVERT_REPORT; ++i) {
         report[i] = (real)NAN;
     }
-    for (int k = 0; k < n; ++k) {
-        if (!is_finite(place + k * (ptrdiff_t)NT, NT) || !is_finite(rate + k * (ptrdiff_t)NY, NY) ||
-            !is_finite(rate2 + k * (ptrdiff_t)NY, NY)) {
-            return MODEL_INPUT_NOT_FINITE;
-        }
+    status = check_path(&p, q_start);
+    if (status != MODEL_OK) {
+        return status;
     }
-    if (!is_finite(q_start, NA)) {
-        return MODEL_INPUT_NOT_FINITE;
-    }
-#if MODEL_POSE
-    if (!places_fit(&p)) {
-        return MODEL_BAD_ARGUMENT;
-    }
-#endif
     arm = (arm_points *)(void *)(work + l.arm);
     space = work + l.space;
     for (int i = 0; i < NA; ++i) {
@@ -202,7 +177,6 @@ int model_invert(int n, double period, const double *place, const double *rate, 
 #if MODEL_NE > 0
     {
         int iterations = 0;
-        real last[NG];
         lq_space *w = (lq_space *)(void *)(work + l.lq);
         m.N = (int)l.intervals;
         m.h = every * period;
@@ -219,43 +193,12 @@ int model_invert(int n, double period, const double *place, const double *rate, 
         if (status != MODEL_OK) {
             return status;
         }
-        for (ptrdiff_t k = 0; k <= m.N; ++k) {
-            for (int i = 0; i < NE; ++i) {
-                m.y[k * STATES + i] = q[i_e[i]];
-                m.y[k * STATES + NE + i] = 0.0;
-            }
+        status = guess_mesh(&m, &p, q, lead, every, arm, space);
+        if (status != MODEL_OK) {
+            return status;
         }
-        for (ptrdiff_t k = 0; k < (ptrdiff_t)m.N * CONTROLS; ++k) {
-            m.a[k] = 0.0;
-        }
-        for (int i = 0; i < NG; ++i) {
-            last[i] = q[i_g[i]];
-        }
-        for (int at = 0; at < m.N * STAGES; at += POINTS) { /* where the joints are, if nothing deflects further */
-            const int used = m.N * STAGES - at < POINTS ? m.N * STAGES - at : POINTS;
-            for (int k = at; k < at + used; ++k) {
-                const real x = (k / STAGES + gauss_c[k % STAGES]) * every - lead;
-                const int whole = (int)(x < 0.0 ? x - 1.0 : x);
-                reference_at(&p, whole, x - whole, m.reference + (ptrdiff_t)k * REFERENCE);
-                for (int i = 0; i < NG; ++i) {
-                    m.q_g[(ptrdiff_t)k * NG + i] = last[i];
-                }
-            }
-            for (int point = 0; point < POINTS; ++point) {
-                load_point(&m, at + (point < used ? point : used - 1), arm, point);
-            }
-            status = follow(arm, space);
-            if (status != MODEL_OK) {
-                return status;
-            }
-            for (int k = 0; k < used; ++k) {
-                for (int i = 0; i < NG; ++i) {
-                    last[i] = arm->q[i_g[i]][k];
-                    m.q_g[(ptrdiff_t)(at + k) * NG + i] = last[i];
-                }
-            }
-        }
-        status = rest_cost(&m, &l, place + (n - 1) * (ptrdiff_t)NT, q, last, w, work);
+        status = rest_cost(&m, &l, place + (n - 1) * (ptrdiff_t)NT, q,
+            m.q_g + ((ptrdiff_t)m.N * STAGES - 1) * NG, w, work);
         if (status != MODEL_OK) {
             return status;
         }
@@ -281,7 +224,7 @@ int model_invert(int n, double period, const double *place, const double *rate, 
 #endif
     /* the motion of the arm at the samples, then the gears */
     {
-        const results r = {&p, lead, every, l.samples, q_a, v_a, a_a, tau_g, q_m, v_m, tau_m, work + l.tau,
+        const results r = {&p, lead, every, (ptrdiff_t)l.samples, q_a, v_a, a_a, tau_g, q_m, v_m, tau_m, work + l.tau,
             work + l.twist, work + l.late, work + l.slope,
 #if MODEL_NE > 0
             &m, work + l.a_node
@@ -294,6 +237,7 @@ int model_invert(int n, double period, const double *place, const double *rate, 
         if (status != MODEL_OK) {
             return status;
         }
+        report[4] = unevenness(&r);
     }
-    return report[0] <= tolerance ? MODEL_OK : MODEL_NOT_CONVERGED;
+    return judged(report[1], report[4], tolerance);
 }

@@ -160,8 +160,8 @@ static inline int evaluate_residual(mesh *m, lq_space *w, real *space)
         }
         status = follow(arm, space);
         if (status == MODEL_OK) {
-            status = model_inversion_rows_batch(
-                POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space);
+            status = inner(model_inversion_rows_batch(
+                POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space));
         }
         if (status != MODEL_OK) {
             return status;

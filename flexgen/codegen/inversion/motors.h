@@ -83,10 +83,17 @@ static inline int safe_twist(const real *torque, real *twist, real *slope, real 
             break;
         }
     }
+    if (!is_finite(at, NG) || model_gear_law(at, value, slope, space) != MODEL_OK) {
+        return 0;
+    }
     for (int i = 0; i < NG; ++i) {
+        const real size = fabs_1(torque[i]) + fabs_1(slope[i] * at[i]);
+        if (!gear_is_rigid[i] && !(fabs_1(value[i] - torque[i]) <= 1e-12 * size)) {
+            return 0; /* no twist carries so much */
+        }
         twist[i] = at[i];
     }
-    return is_finite(at, NG);
+    return 1;
 }
 
 /* Static twist of all gears under the torques, from a guess; 0 where there is none. */
@@ -110,11 +117,14 @@ static inline int static_twist(const real *torque, real *twist, real *slope, rea
             at[i] -= change;
             done = done && (gear_is_linear[i] || fabs_1(change) <= 1e-15 * fabs_1(at[i]));
         }
+        if (!is_finite(at, NG)) {
+            break;
+        }
         if (done) {
             for (int i = 0; i < NG; ++i) {
                 twist[i] = at[i];
             }
-            return is_finite(at, NG);
+            return 1;
         }
     }
     return safe_twist(torque, twist, slope, space);
@@ -186,7 +196,7 @@ static inline int twist_step(
             x[s][i] = p[i];
         }
     }
-    for (int step = 0; step < SPRING_STEPS && nonlinear; ++step) {
+    for (int step = 0; nonlinear; ++step) {
         real most = 0.0;
         for (int s = 0; s < 3; ++s) {
             if (model_gear_law(x[s], value[s], slope[s], space) != MODEL_OK) {
@@ -215,6 +225,12 @@ static inline int twist_step(
             }
         }
         if (!(most > 1e-15)) {
+            break;
+        }
+        if (step == SPRING_STEPS) {
+            if (!(most < 1e-12)) { /* more than rounding */
+                return 0;
+            }
             break;
         }
     }
@@ -260,7 +276,7 @@ static inline int motors_of(
         }
         tau_m[j] = torque;
     }
-    return is_finite(tau_m, NM);
+    return is_finite(q_m, NM) && is_finite(v_m, NM) && is_finite(tau_m, NM);
 }
 
 #endif

@@ -24,7 +24,7 @@ typedef struct {
 static inline int arm_at_samples(
     const results *r, const real *q, const real *scale, arm_points *arm, real *space, real *worst)
 {
-    real last[NG];
+    real last[NG], side = 0.0;
 #if MODEL_NE > 0
     interpolant f;
     prepare(&f);
@@ -66,6 +66,10 @@ static inline int arm_at_samples(
                 r->v_a[(at + k) * NA + i] = arm->v[i][k];
                 r->a_a[(at + k) * NA + i] = arm->a[i][k];
             }
+            if (!(arm->side[k] * side >= 0.0)) {
+                return MODEL_UNREACHABLE; /* it stepped over a singular pose */
+            }
+            side = arm->side[k];
             for (int i = 0; i < NG; ++i) {
                 r->tau_g[(at + k) * NG + i] = arm->tau_g[i][k];
                 r->tau[(at + k + MARGIN) * NG + i] = arm->tau_g[i][k];
@@ -88,6 +92,44 @@ static inline void hold_ends(real *x, ptrdiff_t samples)
         x[k] = x[MARGIN * NG + k % NG];
         x[(samples + MARGIN) * NG + k] = x[(samples + MARGIN - 1) * NG + k % NG];
     }
+}
+
+/*
+ * How far positions and speeds of arm and motors are from being integrals of speeds and accelerations, by differences,
+ * relative to the largest one of these: next to nothing where the samples show the motion; much where they are too far apart for it or
+ * too near for the digits, where the path jumps, and where the arm is thrown back by a singular pose.
+ */
+static inline real unevenness(const results *r)
+{
+    real most[3] = {1e-6, 1e-6, 1e-9}, off[3] = {0.0, 0.0, 0.0}; /* 1e-6 rad/s^2, 1e-9 rad/s: nothing is measured below */
+    for (ptrdiff_t k = 0; k < r->samples; ++k) {
+        const int inside = k >= MARGIN && k + MARGIN < r->samples;
+        for (int i = 0; i < NA; ++i) {
+            const real *q = r->q_a + k * NA + i, *v = r->v_a + k * NA + i, a = r->a_a[k * NA + i];
+            most[0] = fmax_1(most[0], fabs_1(a));
+            most[2] = fmax_1(most[2], fabs_1(v[0]));
+            off[2] = inside ? fmax_1(off[2], fabs_1(slope_of(q, NA, r->p->period) - v[0])) : off[2];
+            off[0] = inside ? fmax_1(off[0], fabs_1(slope_of(v, NA, r->p->period) - a)) : off[0];
+        }
+        for (int j = 0; j < NM; ++j) {
+            const real *v = r->v_m + k * NM + j;
+            real a = 0.0;
+            for (int i = 0; i < NG; ++i) {
+                a += eta[j][i] * r->twist[(k + MARGIN) * NG + i];
+            }
+            most[1] = fmax_1(most[1], fabs_1(a));
+            off[1] = inside ? fmax_1(off[1], fabs_1(slope_of(v, NM, r->p->period) - a)) : off[1];
+        }
+    }
+    return fmax_1(fmax_1(off[0] / most[0], off[1] / most[1]), off[2] / most[2]);
+}
+
+static const real uneven = 2e-2; /* from here on it is no rounding and no corner that a filter would mend */
+
+/* Whether the samples are as good as the solution on the mesh: residual and unevenness there. */
+static inline int judged(real residual, real unevenness_there, real tolerance)
+{
+    return residual <= tolerance && unevenness_there <= uneven ? MODEL_OK : MODEL_INEXACT;
 }
 
 /* Motors at the samples, through the gears. */
@@ -156,6 +198,7 @@ static inline int motors_at_samples(const results *r, real *space)
             theta[i] = r->q_a[k * NA + i_g[i]] + twist[i];
             omega[i] = r->v_a[k * NA + i_g[i]] + once;
             alpha[i] = r->a_a[k * NA + i_g[i]] + twice;
+            r->twist[(k + MARGIN) * NG + i] = alpha[i]; /* for `unevenness`; the static twists have served */
         }
         if (!motors_of(theta, omega, alpha, tau, r->q_m + k * NM, r->v_m + k * NM, r->tau_m + k * NM, space)) {
             return MODEL_RESULT_NOT_FINITE;

@@ -137,10 +137,11 @@ static inline int torques(arm_points *arm, real *space)
         return status;
     }
 #if MODEL_NE > 0
-    return model_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0],
-        &arm->row[0][0], space);
+    return inner(model_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0],
+        &arm->row[0][0], space));
 #else
-    return model_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space);
+    return inner(model_inversion_rows_batch(
+        POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space));
 #endif
 }
 
@@ -160,7 +161,7 @@ static inline ptrdiff_t space_wanted(void)
 }
 
 /* Room in the workspace, in numbers; whole vectors apart. */
-static inline ptrdiff_t room(ptrdiff_t n)
+static inline int64_t room(int64_t n)
 {
     return (n + 7) / 8 * 8;
 }

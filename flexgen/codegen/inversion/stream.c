@@ -11,7 +11,7 @@
  */
 enum {
     IS_EMPTY = 0,
-    IS_RUNNING = 1,
+    IS_RUNNING = 20231, /* no number that memory holds by chance */
     HAS_FAILED = 2,
     BACK = 2 * MARGIN, /* fine samples before and after those of an update that its derivatives need */
     MOST_INTERVALS = 10000,
@@ -21,7 +21,7 @@ enum {
     REMEMBERED = 5
 };
 
-enum { STATE, SIZE, INTERVALS, PARTS, PERIOD, TOLERANCE, UPDATES, HEAD };
+enum { STATE, SIZE, INTERVALS, PARTS, PERIOD, TOLERANCE, UPDATES, SIDE, HEAD };
 
 typedef struct {
     ptrdiff_t window; /* fine samples: before, of this update, ahead */
@@ -143,6 +143,7 @@ int model_stream_start(double *stream, int64_t stream_size, int intervals, int p
     stream[PERIOD] = period;
     stream[TOLERANCE] = tolerance;
     stream[UPDATES] = 0.0;
+    stream[SIDE] = 0.0; /* of singular poses: not known before the first sample */
     status = rest_at(place, q, stream + l.scale, space);
     if (status != MODEL_OK) {
         return status;
@@ -191,9 +192,9 @@ int model_stream_start(double *stream, int64_t stream_size, int intervals, int p
         real tau[NG], twist[NG], slope[NG];
 #if MODEL_NE > 0
         real row[NE];
-        status = model_inversion_rows(q, zero, zero, tau, row, space);
+        status = inner(model_inversion_rows(q, zero, zero, tau, row, space));
 #else
-        status = model_inversion_rows(q, zero, zero, tau, space);
+        status = inner(model_inversion_rows(q, zero, zero, tau, space));
 #endif
         if (status != MODEL_OK) {
             return status;
@@ -314,6 +315,13 @@ static void between_samples(const real *samples, real period, real x, real *out)
     reference_at(&two, 0, x, out);
 }
 
+/* What an update says when it fails after its sample was taken; UNREACHABLE would mean that it was refused. */
+static int over(real *stream, int status)
+{
+    stream[STATE] = HAS_FAILED;
+    return status == MODEL_UNREACHABLE ? MODEL_NOT_CONVERGED : status;
+}
+
 /* Motion, torques, and motors of the interval that begins now. */
 static int put_out(real *s, const layout *l, real *q_a, real *v_a, real *tau_g, real *q_m, real *v_m, real *tau_m,
     real *worst)
@@ -366,6 +374,9 @@ static int put_out(real *s, const layout *l, real *q_a, real *v_a, real *tau_g, 
         }
         for (int point = 0; point < used; ++point) {
             const int k = at + point - BACK;
+            if (!(arm->side[point] * s[SIDE] > 0.0)) {
+                return MODEL_UNREACHABLE; /* deflections brought it to the other side of a singular pose */
+            }
             for (int i = 0; i < NG; ++i) {
                 s[l->tau + (k + BACK) * (ptrdiff_t)NG + i] = arm->tau_g[i][point];
                 last[i] = arm->q[i_g[i]][point];
@@ -477,7 +488,8 @@ int model_stream_update(double *stream, const double *place, const double *rate,
         tau_g == NULL || q_m == NULL || v_m == NULL || tau_m == NULL || report == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
-    if (!(stream[STATE] == IS_RUNNING) || !sizes_fit((int)stream[INTERVALS], (int)stream[PARTS])) {
+    if (!(stream[STATE] == IS_RUNNING && stream[INTERVALS] >= 1.0 && stream[INTERVALS] <= MOST_INTERVALS &&
+            stream[PARTS] >= 1.0 && stream[PARTS] <= MOST_PARTS)) {
         return MODEL_NOT_STARTED;
     }
     if (!is_finite(place, NT) || !is_finite(rate, NY) || !is_finite(rate2, NY)) {
@@ -510,8 +522,10 @@ int model_stream_update(double *stream, const double *place, const double *rate,
                 between_samples(both[0], stream[PERIOD], gauss_c[s], at[s]);
             }
             load_reference(arm, point, at[s]);
-            for (int i = 0; i < NG; ++i) {
-                arm->q[i_g[i]][point] = stream[l.q_g + (N * STAGES - 1) * NG + i];
+            for (int i = 0; i < NG; ++i) { /* straight on: through a singular pose rather than back from it */
+                const real *joint = stream + l.q_g + (N * STAGES - 1) * NG + i;
+                const real share = (1.0 + gauss_c[s] - gauss_c[2]) / (gauss_c[2] - gauss_c[1]);
+                arm->q[i_g[i]][point] = joint[0] + share * (joint[0] - joint[-NG]);
                 arm->v[i_g[i]][point] = 0.0;
                 arm->a[i_g[i]][point] = 0.0;
             }
@@ -529,10 +543,14 @@ int model_stream_update(double *stream, const double *place, const double *rate,
             return status;
         }
         for (int s = 0; s < STAGES; ++s) {
+            if (!(arm->side[s] * (fabs_1(stream[SIDE]) > 0.0 ? stream[SIDE] : arm->side[0]) > 0.0)) {
+                return MODEL_UNREACHABLE; /* on the other side of a singular pose */
+            }
             for (int i = 0; i < NG; ++i) {
                 joints[s][i] = arm->q[i_g[i]][s];
             }
         }
+        stream[SIDE] = arm->side[0];
         /* shift by one interval; the joints at the start of the horizon stay behind the Gauss points */
         copy(stream + l.q_g + STAGES * NG, (N - 1) * STAGES * NG, stream + l.q_g);
         copy(joints[0], STAGES * NG, stream + l.q_g + (N - 1) * STAGES * NG);
@@ -560,8 +578,7 @@ int model_stream_update(double *stream, const double *place, const double *rate,
             status = lq_factor(&m, w, space);
         }
         if (status != MODEL_OK) {
-            stream[STATE] = HAS_FAILED;
-            return status;
+            return over(stream, status);
         }
         copy(w->P, STATES * STATES, stream + l.cost);
         lq_step(&m, 1.0);
@@ -569,8 +586,7 @@ int model_stream_update(double *stream, const double *place, const double *rate,
 #endif
     status = put_out(stream, &l, q_a, v_a, tau_g, q_m, v_m, tau_m, &worst);
     if (status != MODEL_OK) {
-        stream[STATE] = HAS_FAILED;
-        return status;
+        return over(stream, status);
     }
     stream[UPDATES] += 1.0;
     report[0] = worst;

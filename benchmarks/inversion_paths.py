@@ -1,0 +1,166 @@
+"""Whole paths: processor time of one inversion for each second of path, on the coarsest mesh that is exact enough."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+
+import numpy as np
+
+import flexgen
+from flexgen.errors import FlexgenError
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.problems.path import Path
+from flexgen.runtime.inversion import Inversion, Inverter
+from flexgen.solvers import lq
+from flexgen.solvers.inverter import inverter
+from flexgen.solvers.question import Question
+from flexgen.solvers.reduction import Reduction
+from flexgen.solvers.solution import Solution
+
+EXACT = 1e-6  # m and rad: what the tool may stray in simulation
+MESHES = (20e-3, 10e-3, 5e-3, 2.5e-3)  # s, tried in this order
+MOVES = ("line", "joints", "turning_line", "circle")
+ROBOTS = {  # and what is wanted, ms for each second of path
+    "planar5_mp": 0.5,
+    "planar5_nmp": 0.5,
+    "planar5_soft": 0.5,
+    "manutec_r3_18": 10.0,
+    "manutec_r3_24": 20.0,
+    "manutec_r3_30": 40.0,
+}
+QUICK = ("planar5_nmp", "manutec_r3_18")
+METHODS = ("lq", *(("bvp",) if find_spec("flexgen.solvers.bvp") else ()))
+SPAN = 0.3  # s: of processor time that a figure is the least of, at least
+TIMES = 7  # calls, at least
+
+
+@dataclass
+class PathRow:
+    """One robot, move and method: mesh, verdict, and times; ``refused``: why there are none.
+
+    ``native_ms`` and ``default_ms``: for each second of path, by build. ``native_differs``: largest difference of the
+    torque between the builds, relative to the largest torque.
+    """
+
+    robot: str
+    move: str
+    method: str
+    wanted_ms: float
+    duration: float = 0.0
+    mesh_ms: float = 0.0
+    intervals: int = 0
+    iterations: int = 0
+    error_m: float = np.nan
+    error_rad: float | None = None
+    native_ms: float = np.nan
+    default_ms: float = np.nan
+    native_differs: float = np.nan
+    refused: str = ""
+
+
+def moves_of(equations: Equations, quick: bool) -> list[str]:
+    """The moves to look at, of those that a model has."""
+    known = [move.name for move in equations.model.moves]
+    return [move for move in MOVES if move in known][: 1 if quick else None]
+
+
+@cache
+def verified(robot: str, move: str, method: str) -> tuple[float, Solution] | str:
+    """The coarsest of the meshes [s] whose answer is exact in simulation, and that answer; or why there is none."""
+    equations = derive(robot)
+    told = "no mesh was exact enough"
+    for mesh in MESHES:
+        try:
+            found = flexgen.solve(equations, move, method, mesh=mesh)
+        except FlexgenError as error:
+            told = str(error)
+            continue
+        if error_of(found) <= EXACT:
+            return mesh, found
+    return told
+
+
+def error_of(solution: Solution) -> float:
+    """What the tool strays in simulation, in metres or rad, whichever is more."""
+    assert solution.simulation is not None
+    return max(solution.simulation.tool_error_max_m or 0.0, solution.simulation.tool_error_max_rad or 0.0)
+
+
+def arguments(equations: Equations, move: str, mesh: float) -> dict:
+    """What the library is called with for a move on a mesh of intervals of that length [s]."""
+    path = Path(equations, equations.model.move(move))
+    n, period, every, lead, tail = lq.grid(Question(equations, path, mesh=mesh), mesh)
+    place, rate, rate2 = lq.samples(Reduction(equations), path, period, n)
+    given = {"place": place, "rate": rate, "rate2": rate2, "q_start": path.q_start}
+    return {**given, "period": period, "every": every, "lead": lead, "tail": tail}
+
+
+def tolerance_of(method: str) -> float:
+    """The tolerance that ``solve`` gives this method."""
+    if method == "lq":
+        return lq.TOLERANCE
+    from flexgen.solvers import bvp
+
+    return bvp.TOLERANCE
+
+
+def least_ms(call: Callable[[], object]) -> float:
+    """Least processor time of this thread that a call takes [ms]."""
+    best, began, count = np.inf, time.thread_time(), 0
+    while count < TIMES or time.thread_time() - began < SPAN:
+        start = time.thread_time_ns()
+        call()
+        best = min(best, 1e-6 * (time.thread_time_ns() - start))
+        count += 1
+    return float(best)
+
+
+def inverted(robot: str, method: str, given: dict, native: bool) -> tuple[Inversion, Callable[[], object]]:
+    """The answer of the library of one build, and the call that finds it."""
+    library = inverter(derive(robot), method, native=native)
+    invert: Inverter = getattr(library, "invert" if method == "lq" else method)
+    tolerance = tolerance_of(method)
+    return invert(**given, tolerance=tolerance), lambda: invert(**given, tolerance=tolerance)
+
+
+def path_row(robot: str, move: str, method: str, wanted: float) -> PathRow:
+    """Verify, then time both builds."""
+    equations = derive(robot)
+    row = PathRow(robot, move, method, wanted, equations.model.move(move).duration)
+    checked = verified(robot, move, method)
+    if isinstance(checked, str):
+        row.refused = checked
+        return row
+    mesh, solution = checked
+    assert solution.simulation is not None
+    row.mesh_ms, row.error_m = 1e3 * mesh, solution.simulation.tool_error_max_m or 0.0
+    row.error_rad = solution.simulation.tool_error_max_rad
+    given = arguments(equations, move, mesh)
+    default, call = inverted(robot, method, given, False)
+    native, native_call = inverted(robot, method, given, True)
+    assert np.array_equal(default.tau_m, solution.trajectory["tau_m"]), "timed is not what was verified"
+    row.duration = Path(equations, equations.model.move(move)).duration
+    row.intervals, row.iterations = default.intervals, default.iterations
+    row.default_ms, row.native_ms = (least_ms(each) / row.duration for each in (call, native_call))
+    row.native_differs = float(np.abs(native.tau_m - default.tau_m).max() / np.abs(default.tau_m).max())
+    return row
+
+
+def path_rows(robots: list[str], quick: bool, say: Callable[[str], None]) -> list[PathRow]:
+    """All rows, reported as they come."""
+    rows = []
+    for robot in robots:
+        for move in moves_of(derive(robot), quick):
+            for method in METHODS:
+                row = path_row(robot, move, method, ROBOTS[robot])
+                told = row.refused or (
+                    f"{row.native_ms:.2f} ms native, {row.default_ms:.2f} ms default per s of path, "
+                    f"{1e6 * row.error_m:.2g} um, mesh {row.mesh_ms:.3g} ms, {row.iterations} iterations"
+                )
+                say(f"  {robot} {move} {method}: {told}")
+                rows.append(row)
+    return rows

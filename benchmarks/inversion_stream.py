@@ -1,0 +1,145 @@
+"""Streaming: thread time of every update in C while a robot goes back and forth, and what its tool strays."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+
+import numpy as np
+from peers_builds import HERE, Builds
+
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.ports import Port
+from flexgen.problems.path import Path
+from flexgen.runtime.library import Library
+from flexgen.simulation import Simulation, output_labels, simulate
+from flexgen.solvers.inverter import inverter
+from flexgen.solvers.reduction import Reduction
+from flexgen.trajectory import Trajectory
+
+ROBOT, MOVE = "manutec_r3_24", "line"
+PERIOD, INTERVALS, PARTS = 5e-3, 20, 5  # s; 100 ms ahead
+TOLERANCE = 1e-4
+PAUSE = 20  # updates at rest at either end
+UPDATES, FEW = 10_000, 1_000
+WANTED_US, WANTED_M = 1000.0, 5e-6  # 99.9th percentile, tool error
+
+
+@dataclass
+class StreamRow:
+    """One build: percentiles [us], largest residual, statuses, and how far the tool strays in simulation."""
+
+    robot: str
+    move: str
+    build: str
+    updates: int
+    median_us: float
+    p99_us: float
+    p999_us: float
+    largest_us: float
+    residual: float
+    inexact: int
+    error_m: float
+    error_rad: float | None
+    repeats: float  # largest difference of the torque from round to round, relative
+
+
+class There:
+    """A move there and back again with pauses, as samples for a stream."""
+
+    def __init__(self, equations: Equations, move: str) -> None:
+        self.equations = equations
+        self.path = Path(equations, equations.model.move(move))
+        self._reduction = Reduction(equations)
+        self.way = int(np.ceil(self.path.duration / PERIOD - 1e-9))
+        self.round = 2 * (self.way + PAUSE)
+
+    def _folded(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Instants on the path and directions at instants of the motion; it is at rest at its end for one pause."""
+        half, length = (self.way + PAUSE) * PERIOD, self.round * PERIOD
+        t = np.where(t < 0, 0.0, np.mod(t, length))
+        return np.where(t < half, t, self.way * PERIOD - (t - half)), np.where(t < half, 1.0, -1.0)
+
+    def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Place, rate and its rate."""
+        on_path, direction = self._folded(t)
+        sample = self.path.sample(on_path)
+        return self._reduction.targets(sample), direction[:, None] * sample.rates(1), sample.rates(2)
+
+    def simulation(self, t: np.ndarray, tau_m: np.ndarray, q_m: np.ndarray, q_a: np.ndarray) -> Simulation:
+        """What the full model does under a torque, from rest."""
+        model, sample = self.equations.model, self.path.sample(self._folded(t)[0])
+        arm, motors = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
+        labels = {"tau_m": motors, "q_m": motors, "q_a": arm, **output_labels(model)}
+        channels = {"tau_m": tau_m, "q_m": q_m, "q_a": q_a, "y_ref": sample.y[:, :, 0]}
+        if sample.R is not None:
+            channels["R_ref"] = sample.R.reshape(len(t), 9)
+        units = {"tau_m": "N m", "q_m": "rad", "q_a": "rad or m", "y_ref": "m", "R_ref": "-"}
+        ports = {name: Port(name, (x.shape[1],), units[name], name) for name, x in channels.items()}
+        return simulate(self.equations, Trajectory(t, channels, ports, labels, {"model": model.name}))
+
+
+def library_file(library: Library) -> FilePath:
+    """The shared library behind a loaded one."""
+    return next(x for x in library.directory.iterdir() if x.suffix in (".so", ".dylib"))
+
+
+def stream_rows(builds: Builds, quick: bool, say: Callable[[str], None]) -> list[StreamRow]:
+    """Both builds, the same samples; the second one's torque is compared with the first one's, which is simulated."""
+    equations = derive(ROBOT)
+    there = There(equations, MOVE)
+    updates = FEW if quick else UPDATES
+    client = builds.text("inversion_stream.c", (HERE / "inversion_stream.c").read_text())
+    program = builds.folder / "inversion_stream"
+    words = [builds.cc, "-std=c11", "-O2", "-Wall", "-Wextra", str(client), "-ldl", "-o", str(program)]
+    subprocess.run(words, check=True)
+    samples = there.at(PERIOD * np.arange(1, updates + 1))
+    start = there.at(np.zeros(1))[0][0]
+    given = np.concatenate([start, there.path.q_start, np.hstack(samples).ravel()]).tobytes()
+    rows: list[StreamRow] = []
+    for native in (True, False):
+        library = inverter(equations, "lq", native=native)
+        sizes = [library.sizes[key] for key in ("n_t", "n_y", "n_a", "n_g", "n_m")]
+        numbers = [INTERVALS, PARTS, PERIOD, TOLERANCE, updates, *sizes]
+        command = [str(program), str(library_file(library)), ROBOT, *map(str, numbers)]
+        answer = subprocess.run(command, input=given, capture_output=True, check=True)
+        n_a, n_m = library.sizes["n_a"], library.sizes["n_m"]
+        table = np.frombuffer(answer.stdout).reshape(updates, -1)
+        us, status, residual = 1e-3 * table[:, 0], table[:, 1], table[:, 2]
+        assert (status >= 0).all(), f"status {status.min()}"
+        parts = np.split(table[:, 3:], [PARTS * n_m, 2 * PARTS * n_m], axis=1)
+        q_m, tau_m, q_a = (x.reshape(updates * PARTS, -1) for x in parts)
+        assert q_a.shape[1] == n_a
+        t = np.arange(updates * PARTS) * PERIOD / PARTS - (INTERVALS - 1) * PERIOD
+        one = (INTERVALS + there.round) * PARTS  # the first round, and the beginning of the next one
+        if rows:
+            error = rows[0].error_m, rows[0].error_rad
+        else:
+            found = there.simulation(t[:one], tau_m[:one], q_m[:one], q_a[:one])
+            error = found.tool_error_max_m or 0.0, found.tool_error_max_rad
+        round_ = there.round * PARTS
+        rounds = (len(t) - one) // round_
+        first = tau_m[one - round_ : one]
+        later = [tau_m[one + k * round_ : one + (k + 1) * round_] for k in range(rounds)]
+        repeats = max((np.abs(x - first).max() for x in later), default=0.0) / np.abs(first).max()
+        rows.append(
+            StreamRow(
+                ROBOT,
+                MOVE,
+                "native" if native else "default",
+                updates,
+                *(float(np.percentile(us, p)) for p in (50, 99, 99.9, 100)),
+                float(residual.max()),
+                int(np.count_nonzero(status)),
+                *error,
+                float(repeats),
+            )
+        )
+        row = rows[-1]
+        say(
+            f"  {row.build}: median {row.median_us:.0f}, 99 % {row.p99_us:.0f}, 99.9 % {row.p999_us:.0f} us, "
+            f"tool {1e6 * row.error_m:.2g} um, rounds differ by {row.repeats:.1e}"
+        )
+    return rows

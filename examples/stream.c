@@ -1,0 +1,261 @@
+/*
+ * A controller that follows a path of the tool by inverse dynamics on a moving horizon, on the generated library of the
+ * planar arm `planar5_nmp`, whose elastic joint without motor makes the tool non-minimum phase.
+ *
+ * Every 5 ms the controller asks for the sample of the path that the tool shall reach 100 ms later, and the stream of
+ * the library answers with torques and motor angles for the 5 ms that begin now. Every millisecond a PD law on the
+ * motors adds to the torque what keeps them on their angles. The plant is the library's forward dynamics, integrated by
+ * the classical Runge-Kutta method. Printed: how far the tool strays from its path, in four runs. (What is left is the
+ * torque held for a millisecond; a quarter of the cycle leaves a sixteenth of it.)
+ *
+ *   stream      as it should be
+ *   late        the torque comes one update late, a planted mistake
+ *   refused     once the path sends a sample that the arm cannot reach: it is refused, and asked for again
+ *   jump        the path jumps by a centimetre, which no torque can follow: the controller stops the motors
+ *
+ *   flexgen generate planar5_nmp
+ *   cd generated/planar5_nmp
+ *   cc -std=c99 -O2 -ffp-contract=off -I. ../../examples/stream.c planar5_nmp*.c -lm -o stream && ./stream
+ */
+#include "planar5_nmp.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#define NA PLANAR5_NMP_NA
+#define NG PLANAR5_NMP_NG
+#define NM PLANAR5_NMP_NM
+#define NY PLANAR5_NMP_NY
+#define N (2 * NA + 2 * NM) /* state of the plant: q_a, v_a, q_m, v_m */
+
+enum {
+    INTERVALS = 20,     /* of the horizon: 100 ms ahead */
+    CYCLES = 5,         /* of the motor control per update */
+    PARTS = 2 * CYCLES, /* samples per update: at the beginning of a cycle, and in its middle */
+    STEPS = 10,         /* of the plant per cycle */
+    MEMORY = 8192       /* numbers; planar5_nmp_stream_work tells how many the stream needs */
+};
+
+static const double UPDATE = 5e-3, CYCLE = 1e-3;    /* s */
+static const double TOLERANCE = 1e-3;               /* of the equations, relative: above it the stream is INEXACT */
+static const double STOP = 20e-3;                   /* s: time constant of the motors' stop */
+static const double KP[NM] = {30.0, 20.0};          /* N m/rad, motor side */
+static const double KD[NM] = {0.7, 0.5};            /* N m s/rad, motor side */
+static const double GUESS[NA] = {0.3, -1.1, 0.0};   /* rad: near the pose at the start of the path */
+static const double WAY[2] = {-0.20, 0.21};         /* m: of the tool */
+static const double DURATION = 0.5, SETTLE = 0.15;  /* s */
+static const double MISHAP = 0.25;                  /* s: when the path of two runs goes wrong */
+
+typedef enum { RUNNING, STOPPING } controller_state;
+typedef enum { NOTHING, LATE_TORQUE, UNREACHABLE_SAMPLE, JUMP } planted_mistake;
+
+typedef struct {
+    double memory[MEMORY]; /* of the stream */
+    double start[NY];      /* m: where the path begins */
+    controller_state state;
+    double q_a[PARTS * NA], v_a[PARTS * NA], tau_g[PARTS * NG], q_m[PARTS * NM], v_m[PARTS * NM], tau_m[PARTS * NM];
+    double before[PARTS * NM]; /* N m: torques of the update before */
+    double report[PLANAR5_NMP_STREAM_REPORT];
+} controller;
+
+/* The path at time t: a line, by a polynomial from rest to rest with five continuous derivatives. */
+static void line(double t, const double start[NY], double place[NY], double rate[NY], double rate2[NY])
+{
+    const double s = t <= 0.0 ? 0.0 : t < DURATION ? t / DURATION : 1.0, r = 1.0 - s;
+    const double p = pow(s, 6) * (462.0 + s * (-1980.0 + s * (3465.0 + s * (-3080.0 + s * (1386.0 - 252.0 * s)))));
+    const double dp = 2772.0 * pow(s * r, 5) / DURATION;
+    const double ddp = 13860.0 * pow(s * r, 4) * (r - s) / (DURATION * DURATION);
+    for (int i = 0; i < NY; ++i) {
+        place[i] = start[i] + WAY[i] * p;
+        rate[i] = WAY[i] * dp;
+        rate2[i] = WAY[i] * ddp;
+    }
+}
+
+static int refuses(int status)
+{
+    return status == PLANAR5_NMP_INPUT_NOT_FINITE || status == PLANAR5_NMP_BAD_ARGUMENT ||
+        status == PLANAR5_NMP_UNREACHABLE;
+}
+
+/* Begin at rest, with the tool where the path begins. */
+static int start(controller *c)
+{
+    double p[3], R[9], work[PLANAR5_NMP_FORWARD_KINEMATICS_WORK];
+    int status = planar5_nmp_forward_kinematics(GUESS, p, R, work);
+    memset(c, 0, sizeof *c);
+    if (status != PLANAR5_NMP_OK) {
+        return status;
+    }
+    if (planar5_nmp_stream_work(INTERVALS, PARTS) > MEMORY) {
+        return PLANAR5_NMP_WORK_TOO_SMALL;
+    }
+    for (int i = 0; i < NY; ++i) {
+        c->start[i] = p[i];
+    }
+    c->state = RUNNING;
+    return planar5_nmp_stream_start(c->memory, MEMORY, INTERVALS, PARTS, UPDATE, TOLERANCE, c->start, GUESS);
+}
+
+/* References of a stop: motors that slow down from where they are. */
+static void stop(controller *c)
+{
+    const double h = UPDATE / PARTS;
+    double q[NM], v[NM], tau[NM];
+    memcpy(q, c->q_m + (PARTS - 1) * NM, sizeof q);
+    memcpy(v, c->v_m + (PARTS - 1) * NM, sizeof v);
+    memcpy(tau, c->tau_m + (PARTS - 1) * NM, sizeof tau);
+    for (int k = 0; k < PARTS; ++k) {
+        for (int j = 0; j < NM; ++j) {
+            q[j] += h * v[j];
+            v[j] -= h / STOP * v[j];
+            c->q_m[k * NM + j] = q[j];
+            c->v_m[k * NM + j] = v[j];
+            c->tau_m[k * NM + j] = tau[j];
+        }
+    }
+}
+
+/* Every 5 ms: the sample of the path at t in, torques and references of the next 5 ms out. */
+static void update(controller *c, double t, planted_mistake mistake)
+{
+    double place[NY], rate[NY], rate2[NY], tau_m[PARTS * NM], q_m[PARTS * NM], v_m[PARTS * NM];
+    int status = PLANAR5_NMP_OK;
+    memcpy(c->before, c->tau_m, sizeof c->before);
+    if (c->state == STOPPING) {
+        stop(c);
+        return;
+    }
+    line(t, c->start, place, rate, rate2);
+    if (mistake == JUMP && t > MISHAP) {
+        place[0] -= 0.01;
+    }
+    if (mistake == UNREACHABLE_SAMPLE && fabs(t - MISHAP) < 0.5 * UPDATE) {
+        place[0] += 100.0;
+    }
+    for (int attempt = 0; attempt < 2; ++attempt) {
+        status = planar5_nmp_stream_update(
+            c->memory, place, rate, rate2, c->q_a, c->v_a, c->tau_g, q_m, v_m, tau_m, c->report);
+        if (!refuses(status)) {
+            break;
+        }
+        printf("  sample at t = %.3f s refused: %s\n", t, planar5_nmp_status_text(status));
+        line(t, c->start, place, rate, rate2); /* nothing has changed: another sample in its place */
+    }
+    if (status != PLANAR5_NMP_OK) { /* these torques are not for the motors */
+        printf("  sample at t = %.3f s: %s; stopping\n", t, planar5_nmp_status_text(status));
+        c->state = STOPPING;
+        stop(c);
+        return;
+    }
+    memcpy(c->q_m, q_m, sizeof q_m);
+    memcpy(c->v_m, v_m, sizeof v_m);
+    memcpy(c->tau_m, tau_m, sizeof tau_m);
+}
+
+/* Every millisecond: the torque of the middle of the cycle, and what the measured motors lack. */
+static void control(const controller *c, int cycle, planted_mistake mistake, const double q_m[NM],
+    const double v_m[NM], double tau_m[NM])
+{
+    const double *fed = (mistake == LATE_TORQUE ? c->before : c->tau_m) + (2 * cycle + 1) * NM;
+    const double *q_ref = c->q_m + 2 * cycle * NM, *v_ref = c->v_m + 2 * cycle * NM;
+    for (int j = 0; j < NM; ++j) {
+        tau_m[j] = fed[j] + KP[j] * (q_ref[j] - q_m[j]) + KD[j] * (v_ref[j] - v_m[j]);
+    }
+}
+
+/* dx/dt of the plant. */
+static int plant(const double x[N], const double tau_m[NM], double dx[N])
+{
+    const double *q_a = x, *v_a = x + NA, *q_m = x + 2 * NA, *v_m = x + 2 * NA + NM;
+    double work[PLANAR5_NMP_FORWARD_DYNAMICS_WORK];
+    memcpy(dx, v_a, NA * sizeof *dx);
+    memcpy(dx + 2 * NA, v_m, NM * sizeof *dx);
+    return planar5_nmp_forward_dynamics(q_a, v_a, q_m, v_m, tau_m, dx + NA, dx + 2 * NA + NM, work);
+}
+
+/* One Runge-Kutta step of the plant. */
+static int step(double h, const double tau_m[NM], double x[N])
+{
+    static const double WHERE[4] = {0.0, 0.5, 0.5, 1.0}, WEIGHT[4] = {1.0 / 6, 1.0 / 3, 1.0 / 3, 1.0 / 6};
+    double at[N], dx[N] = {0.0}, sum[N] = {0.0};
+    for (int stage = 0; stage < 4; ++stage) {
+        int status;
+        for (int i = 0; i < N; ++i) {
+            at[i] = x[i] + h * WHERE[stage] * dx[i];
+        }
+        status = plant(at, tau_m, dx);
+        if (status != PLANAR5_NMP_OK) {
+            return status;
+        }
+        for (int i = 0; i < N; ++i) {
+            sum[i] += WEIGHT[stage] * dx[i];
+        }
+    }
+    for (int i = 0; i < N; ++i) {
+        x[i] += h * sum[i];
+    }
+    return PLANAR5_NMP_OK;
+}
+
+/* How far the tool of the plant is from the path at time t [m]. */
+static int distance(const double x[N], const double from[NY], double t, double *away)
+{
+    double p[3], R[9], place[NY], rate[NY], rate2[NY], work[PLANAR5_NMP_FORWARD_KINEMATICS_WORK];
+    const int status = planar5_nmp_forward_kinematics(x, p, R, work);
+    line(t, from, place, rate, rate2);
+    *away = sqrt(pow(p[0] - place[0], 2.0) + pow(p[1] - place[1], 2.0));
+    return status;
+}
+
+/* Run the move: the largest distance of the tool from its path [m], and the speed of the joints at the end [rad/s]. */
+static int run(planted_mistake mistake, double *stray, double *speed)
+{
+    static controller c;
+    double x[N] = {0.0}, tau_m[NM], away;
+    int status = start(&c);
+    *stray = 0.0;
+    /* At the first update the path begins 95 ms later; behind its end the samples stay there, and the arm holds. */
+    for (int k = 0; status == PLANAR5_NMP_OK && k * UPDATE < INTERVALS * UPDATE + DURATION + SETTLE; ++k) {
+        const double now = (k + 1 - INTERVALS) * UPDATE;
+        update(&c, now + INTERVALS * UPDATE, mistake);
+        if (k == 0) {
+            memcpy(c.before, c.tau_m, sizeof c.before);
+            memcpy(x, c.q_a, NA * sizeof *x); /* the plant rests, with its elastic joint deflected by gravity */
+            memcpy(x + 2 * NA, c.q_m, NM * sizeof *x);
+        }
+        for (int cycle = 0; cycle < CYCLES && status == PLANAR5_NMP_OK; ++cycle) {
+            control(&c, cycle, mistake, x + 2 * NA, x + 2 * NA + NM, tau_m);
+            for (int i = 0; i < STEPS && status == PLANAR5_NMP_OK; ++i) {
+                status = step(CYCLE / STEPS, tau_m, x);
+            }
+            if (status == PLANAR5_NMP_OK) {
+                status = distance(x, c.start, now + (cycle + 1) * CYCLE, &away);
+            }
+            if (status == PLANAR5_NMP_OK && c.state == RUNNING && away > *stray) {
+                *stray = away;
+            }
+        }
+    }
+    *speed = sqrt(pow(x[NA], 2.0) + pow(x[NA + 1], 2.0));
+    return status;
+}
+
+int main(void)
+{
+    static const char *const names[] = {"stream", "late", "refused", "jump"};
+    static const planted_mistake mistakes[] = {NOTHING, LATE_TORQUE, UNREACHABLE_SAMPLE, JUMP};
+    for (size_t i = 0; i < sizeof mistakes / sizeof *mistakes; ++i) {
+        double stray, speed;
+        int status;
+        printf("%s\n", names[i]);
+        status = run(mistakes[i], &stray, &speed);
+        if (status != PLANAR5_NMP_OK) {
+            fprintf(stderr, "planar5_nmp: %s\n", planar5_nmp_status_text(status));
+            return 1;
+        }
+        printf("  tool strays by at most %10.3f um, joints end with %.1e rad/s\n", 1e6 * stray, speed);
+    }
+    return 0;
+}

@@ -1,0 +1,52 @@
+/* elbow: inversion_rows, the mathematics; included for T a real and for T lanes of reals. Written by flexgen. */
+static T F(evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT a_a, real *RESTRICT tau_g STRIDE(ptrdiff_t n))
+{
+    const T t4 = IN(q_a, 0);
+    const T t14 = IN(q_a, 1);
+    const T angle4[ANGLES(2)] = {t4, t14};
+    T sine4[ANGLES(2)], cosine4[ANGLES(2)];
+    F(sincos)(angle4, sine4, cosine4, 2);
+    const T t5 = sine4[0];
+    const T t17 = cosine4[0];
+    const T t15 = cosine4[1];
+    const T t25 = sine4[1];
+    const T t20 = IN(v_a, 0);
+    const T t21 = 1.15 * t20;
+    const T t38 = IN(v_a, 1);
+    const T t39 = t20 + t38;
+    const T t1 = IN(a_a, 0);
+    const T t9 = IN(a_a, 1);
+    const T t10 = t1 + t9;
+    const T t18 = 9.81 * t17;
+    const T t26 = 1.15 * t1;
+    const T t27 = 9.81 * t5;
+    const T t2 = 402.47802171999996 * t1;
+    const T t8 = 3.75 * t1;
+    const T t6 = 3613.4097102000005 * t5;
+    const T t22 = t20 * t21;
+    const T t40 = 88.46625 * t39;
+    const T t36 = 88.46625 * t10;
+    const T t12 = 2.0 * t10;
+    const T t33 = 87.77680625 * t10;
+    const T t28 = t26 - t27;
+    const T t45 = t2 + t8;
+    const T t23 = t18 - t22;
+    const T t41 = t39 * t40;
+    const T t37 = t25 * t36;
+    const T t34 = t12 + t33;
+    const T t29 = t25 * t28;
+    const T t46 = t6 - t45;
+    const T t24 = t15 * t23;
+    const T t42 = t15 * t41;
+    const T t30 = t24 + t29;
+    const T t43 = t37 + t42;
+    const T t31 = 88.46625 * t30;
+    const T t44 = 1.15 * t43;
+    const T t35 = t31 - t34;
+    OUT(tau_g, 1, -t35);
+    const T t47 = t44 + t46;
+    const T t48 = t35 + t47;
+    OUT(tau_g, 0, -t48);
+    const T z49 = 0.0 * t35 + 0.0 * t48;
+    return z49;
+}

@@ -1,0 +1,417 @@
+/*
+ * elbow: one Gauss-Newton step of the least-squares inversion over a mesh, as a linear-quadratic problem; private.
+ *
+ * Unknown are the accelerations a_e at the Gauss points of each interval, the control of the double integrator
+ * y = (q_e, v_e). The step d minimises
+ *
+ *     sum |(R + R_q dq + R_v dv + R_a da) / s_r|^2 + tiny (|y + dy - y_ref|^2 / s_y^2 + |da|^2 / s_a^2),   dy_0 = 0,
+ *
+ * by a Riccati recursion with blocks of fixed size. It is regular where R_a is singular (flat points) and picks, of
+ * the motions that make R vanish, the one that does not blow up.
+ */
+#ifndef ELBOW_LQ_H
+#define ELBOW_LQ_H
+
+#include "elbow_inversion.h"
+
+#if ELBOW_NE > 0
+
+enum {
+    CONTROLS = STAGES * NE,
+    STATES = 2 * NE,
+    COLUMNS = CONTROLS + STATES + 1, /* the last one: right side */
+    WIDTH = (COLUMNS + 7) / 8 * 8,
+    PANEL = 8,
+    RESIDUALS = (STAGES * NE + PANEL - 1) / PANEL * PANEL,
+    GROUP = 8, /* intervals that are evaluated together */
+    GROUP_POINTS = GROUP * STAGES,
+    POINT = NE * (3 * NE + 1) /* K, D, A by rows, R */
+};
+
+static const real scale_q = 1e-2;  /* rad or m */
+static const real scale_v = 1.0;   /* rad/s or m/s */
+static const real scale_a = 1e3;   /* rad/s^2 or m/s^2 */
+static const real tiny = 1e-12;
+
+/* Mesh and unknowns: arrays of the caller. */
+typedef struct {
+    int N;         /* intervals */
+    real h;        /* their length */
+    real *y;       /* (N + 1) x STATES: at the nodes */
+    real *a;       /* N x STAGES x NE */
+    real *q_g;     /* N x STAGES x NG: at the Gauss points */
+    real *reference; /* N x STAGES x REFERENCE: the path there */
+    real *aim;     /* STATES: what the end is drawn to */
+    real *factor;  /* N x CONTROLS x WIDTH: rows of the elimination, pivots inverted on the diagonal */
+    real *scale;   /* NE: torque of a row */
+    real residual; /* out: largest |R / s_r| */
+    real step;     /* out: largest step of q_e */
+} mesh;
+
+typedef struct {
+    arm_points arm;
+    real point[GROUP_POINTS * POINT];
+    real J[RESIDUALS * WIDTH];
+    real H[(COLUMNS + 1) * WIDTH];
+    real P[STATES * STATES], p[STATES];
+} lq_space;
+
+/* Coordinates and speeds at a Gauss point from the node before and the accelerations of the interval. */
+static inline void stage_state(const real *y, const real *a, real h, int s, real *q, real *v)
+{
+    for (int i = 0; i < NE; ++i) {
+        real once = 0.0, twice = 0.0;
+        for (int j = 0; j < STAGES; ++j) {
+            real A2 = 0.0;
+            for (int k = 0; k < STAGES; ++k) {
+                A2 += gauss_A[s][k] * gauss_A[k][j];
+            }
+            once += gauss_A[s][j] * a[j * NE + i];
+            twice += A2 * a[j * NE + i];
+        }
+        q[i] = y[i] + h * gauss_c[s] * y[NE + i] + h * h * twice;
+        v[i] = y[NE + i] + h * once;
+    }
+}
+
+static inline void next_node(const real *y, const real *a, real h, real *next)
+{
+    for (int i = 0; i < NE; ++i) {
+        real once = 0.0, twice = 0.0;
+        for (int j = 0; j < STAGES; ++j) {
+            once += gauss_b[j] * a[j * NE + i];
+            twice += gauss_b[j] * (1.0 - gauss_c[j]) * a[j * NE + i];
+        }
+        next[i] = y[i] + h * y[NE + i] + h * h * twice;
+        next[NE + i] = y[NE + i] + h * once;
+    }
+}
+
+/* Bring Gauss point number `at` (of all) into place l. */
+static inline void load_point(const mesh *m, int at, arm_points *p, int l)
+{
+    const int k = at / STAGES, s = at % STAGES;
+    const real *reference = m->reference + (ptrdiff_t)at * REFERENCE;
+    const real *a = m->a + (ptrdiff_t)k * CONTROLS;
+    real q[NE], v[NE];
+    stage_state(m->y + (ptrdiff_t)k * STATES, a, m->h, s, q, v);
+    for (int i = 0; i < NE; ++i) {
+        p->q[i_e[i]][l] = q[i];
+        p->v[i_e[i]][l] = v[i];
+        p->a[i_e[i]][l] = a[s * NE + i];
+    }
+    for (int i = 0; i < NG; ++i) {
+        p->q[i_g[i]][l] = m->q_g[(ptrdiff_t)at * NG + i];
+        p->v[i_g[i]][l] = 0.0;
+        p->a[i_g[i]][l] = 0.0;
+    }
+    for (int i = 0; i < NT; ++i) {
+        p->place[i][l] = reference[i];
+    }
+    for (int i = 0; i < NY; ++i) {
+        p->rate[i][l] = reference[NT + i];
+        p->rate2[i][l] = reference[NT + NY + i];
+    }
+}
+
+/* Residuals and slopes at the Gauss points of the intervals first ... first + count - 1. */
+static inline int evaluate_group(mesh *m, int first, int count, lq_space *w, real *space)
+{
+    for (int at = 0; at < count * STAGES; at += POINTS) {
+        const int begin = first * STAGES + at;
+        const int used = count * STAGES - at < POINTS ? count * STAGES - at : POINTS;
+        int status;
+        for (int l = 0; l < POINTS; ++l) {
+            load_point(m, begin + (l < used ? l : used - 1), &w->arm, l);
+        }
+        status = follow(&w->arm, space);
+        if (status == ELBOW_OK) {
+            status = reduce(&w->arm, space);
+        }
+        if (status != ELBOW_OK) {
+            return status;
+        }
+        for (int l = 0; l < used; ++l) {
+            real *to = w->point + (ptrdiff_t)(at + l) * POINT;
+            for (int i = 0; i < NE; ++i) {
+                const real unit = 1.0 / m->scale[i];
+                for (int j = 0; j < NE; ++j) {
+                    to[i * NE + j] = unit * w->arm.K[j][i][l];
+                    to[(NE + i) * NE + j] = unit * w->arm.D[j][i][l];
+                    to[(2 * NE + i) * NE + j] = unit * w->arm.A[j][i][l];
+                }
+                to[3 * NE * NE + i] = unit * w->arm.row[i][l];
+            }
+            for (int i = 0; i < NG; ++i) {
+                m->q_g[(ptrdiff_t)(begin + l) * NG + i] = w->arm.q[i_g[i]][l];
+            }
+        }
+    }
+    return ELBOW_OK;
+}
+
+/* The largest residual alone, at all Gauss points; the joints follow. */
+static inline int evaluate_residual(mesh *m, lq_space *w, real *space)
+{
+    arm_points *arm = &w->arm;
+    m->residual = 0.0;
+    for (int at = 0; at < m->N * STAGES; at += POINTS) {
+        const int used = m->N * STAGES - at < POINTS ? m->N * STAGES - at : POINTS;
+        int status;
+        for (int l = 0; l < POINTS; ++l) {
+            load_point(m, at + (l < used ? l : used - 1), arm, l);
+        }
+        status = follow(arm, space);
+        if (status == ELBOW_OK) {
+            status = elbow_inversion_rows_batch(
+                POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space);
+        }
+        if (status != ELBOW_OK) {
+            return status;
+        }
+        for (int l = 0; l < used; ++l) {
+            for (int i = 0; i < NE; ++i) {
+                m->residual = fmax_1(m->residual, fabs_1(arm->row[i][l]) / m->scale[i]);
+            }
+            for (int i = 0; i < NG; ++i) {
+                m->q_g[(ptrdiff_t)(at + l) * NG + i] = arm->q[i_g[i]][l];
+            }
+        }
+    }
+    return ELBOW_OK;
+}
+
+/* H[i][j] += sum_p factor_p rows[p][i] rows[p][j], i >= first, j >= i, for the rows of one panel. */
+static inline void add_panel(real *RESTRICT H, const real *RESTRICT rows, const real *factors, int first)
+{
+    for (int i = first; i < COLUMNS - 1; ++i) {
+        lanes w[PANEL];
+        for (int p = 0; p < PANEL; ++p) {
+            w[p] = splat_v(factors[p] * rows[p * WIDTH + i]);
+        }
+        for (int j = i / 8 * 8; j < WIDTH; j += LANES) {
+            lanes sum = load_v(H + i * WIDTH + j);
+            for (int p = 0; p < PANEL; ++p) {
+                sum += w[p] * load_v(rows + p * WIDTH + j);
+            }
+            store_v(H + i * WIDTH + j, sum);
+        }
+    }
+}
+
+/* Rows of the linearised residuals of one interval, in scaled unknowns (a, q, v) and right side. */
+static inline void interval_rows(const mesh *m, const real *point, real *J)
+{
+    const real h = m->h;
+    for (int s = 0; s < STAGES; ++s) {
+        const real *K = point + s * POINT, *D = K + NE * NE, *A = D + NE * NE, *R = A + NE * NE;
+        for (int i = 0; i < NE; ++i) {
+            real *row = J + (s * NE + i) * WIDTH;
+            for (int t = 0; t < STAGES; ++t) {
+                const real once = h * gauss_A[s][t] * scale_a, own = s == t ? scale_a : 0.0;
+                real twice = 0.0;
+                for (int k = 0; k < STAGES; ++k) {
+                    twice += gauss_A[s][k] * gauss_A[k][t];
+                }
+                twice *= h * h * scale_a;
+                for (int j = 0; j < NE; ++j) {
+                    row[t * NE + j] = twice * K[i * NE + j] + once * D[i * NE + j] + own * A[i * NE + j];
+                }
+            }
+            for (int j = 0; j < NE; ++j) {
+                row[CONTROLS + j] = scale_q * K[i * NE + j];
+                row[CONTROLS + NE + j] = scale_v * (h * gauss_c[s] * K[i * NE + j] + D[i * NE + j]);
+            }
+            row[CONTROLS + STATES] = R[i];
+        }
+    }
+}
+
+/* Add the cost to go of the next node and the tiny weights. */
+static inline void add_cost_to_go(const mesh *m, const lq_space *w, real *H)
+{
+    const real h = m->h, drift = h * scale_v / scale_q;
+    const real *P = w->P, *p = w->p;
+    real to_q[STAGES], to_v[STAGES];
+    for (int j = 0; j < STAGES; ++j) {
+        to_q[j] = h * h * gauss_b[j] * (1.0 - gauss_c[j]) * scale_a / scale_q;
+        to_v[j] = h * gauss_b[j] * scale_a / scale_v;
+    }
+    for (int i = 0; i < NE; ++i) {
+        const real *Pq = P + i * STATES, *Pv = P + (NE + i) * STATES;
+        for (int s = 0; s < STAGES; ++s) {
+            real *row = H + (s * NE + i) * WIDTH;
+            for (int t = s; t < STAGES; ++t) {
+                for (int j = 0; j < NE; ++j) {
+                    row[t * NE + j] += to_q[s] * (to_q[t] * Pq[j] + to_v[t] * Pq[NE + j]) +
+                        to_v[s] * (to_q[t] * Pv[j] + to_v[t] * Pv[NE + j]);
+                }
+            }
+            for (int j = 0; j < NE; ++j) {
+                const real q = to_q[s] * Pq[j] + to_v[s] * Pv[j];
+                row[CONTROLS + j] += q;
+                row[CONTROLS + NE + j] += drift * q + to_q[s] * Pq[NE + j] + to_v[s] * Pv[NE + j];
+            }
+            row[s * NE + i] += tiny;
+            row[CONTROLS + STATES] += to_q[s] * p[i] + to_v[s] * p[NE + i];
+        }
+        {
+            real *row = H + (CONTROLS + i) * WIDTH + CONTROLS;
+            for (int j = 0; j < NE; ++j) {
+                row[j] += Pq[j];
+                row[NE + j] += drift * Pq[j] + Pq[NE + j];
+            }
+            row[i] += tiny;
+            row[STATES] += p[i];
+            row = H + (CONTROLS + NE + i) * WIDTH + CONTROLS;
+            for (int j = 0; j < NE; ++j) {
+                row[NE + j] += drift * (drift * Pq[j] + Pq[NE + j] + Pv[j]) + Pv[NE + j];
+            }
+            row[NE + i] += tiny;
+            row[STATES] += drift * p[i] + p[NE + i];
+        }
+    }
+}
+
+/* Eliminate the controls: H is left with the cost to go of the node; 0 where it is not positive definite. */
+static inline int eliminate(real *RESTRICT H, real *RESTRICT factor)
+{
+    real rows[PANEL * WIDTH], factors[PANEL];
+    for (int begin = 0; begin < CONTROLS; begin += PANEL) {
+        const int count = CONTROLS - begin < PANEL ? CONTROLS - begin : PANEL;
+        for (int p = 0; p < PANEL; ++p) {
+            real *row = rows + p * WIDTH;
+            const int k = begin + p;
+            real pivot;
+            if (p >= count) {
+                for (int j = 0; j < WIDTH; ++j) {
+                    row[j] = 0.0;
+                }
+                factors[p] = 0.0;
+                continue;
+            }
+            for (int j = k / 8 * 8; j < WIDTH; j += LANES) {
+                lanes sum = load_v(H + k * WIDTH + j);
+                for (int r = 0; r < p; ++r) {
+                    sum += splat_v(factors[r] * rows[r * WIDTH + k]) * load_v(rows + r * WIDTH + j);
+                }
+                store_v(row + j, sum);
+            }
+            pivot = row[k];
+            if (!(pivot > 0.0)) {
+                return 0;
+            }
+            factors[p] = -1.0 / pivot;
+            for (int j = k / 8 * 8; j < WIDTH; j += LANES) {
+                store_v(factor + k * WIDTH + j, load_v(row + j));
+            }
+            factor[k * WIDTH + k] = factors[p];
+        }
+        add_panel(H, rows, factors, begin + count);
+    }
+    return 1;
+}
+
+/* One Gauss-Newton step: the factors of all intervals, backwards. */
+static inline int lq_factor(mesh *m, lq_space *w, real *space)
+{
+    static const real ones[PANEL] = {1, 1, 1, 1, 1, 1, 1, 1};
+    const real *end = m->y + (ptrdiff_t)m->N * STATES;
+    for (int i = 0; i < STATES * STATES; ++i) {
+        w->P[i] = 0.0;
+    }
+    for (int i = 0; i < STATES; ++i) {
+        const real unit = i < NE ? scale_q : scale_v;
+        w->P[i * STATES + i] = tiny;
+        w->p[i] = tiny * (end[i] - m->aim[i]) / unit;
+    }
+    for (int i = 0; i < RESIDUALS * WIDTH; ++i) {
+        w->J[i] = 0.0;
+    }
+    for (int last = m->N; last > 0;) {
+        const int first = last > GROUP ? last - GROUP : 0;
+        const int status = evaluate_group(m, first, last - first, w, space);
+        if (status != ELBOW_OK) {
+            return status;
+        }
+        for (int k = last - 1; k >= first; --k) {
+            interval_rows(m, w->point + (ptrdiff_t)(k - first) * STAGES * POINT, w->J);
+            for (int i = 0; i < COLUMNS * WIDTH; ++i) {
+                w->H[i] = 0.0;
+            }
+            for (int p = 0; p < RESIDUALS; p += PANEL) {
+                add_panel(w->H, w->J + p * WIDTH, ones, 0);
+            }
+            add_cost_to_go(m, w, w->H);
+            if (!eliminate(w->H, m->factor + (ptrdiff_t)k * CONTROLS * WIDTH)) {
+                return ELBOW_NOT_CONVERGED;
+            }
+            for (int i = 0; i < STATES; ++i) {
+                const real *row = w->H + (CONTROLS + i) * WIDTH + CONTROLS;
+                for (int j = i; j < STATES; ++j) {
+                    w->P[i * STATES + j] = row[j];
+                    w->P[j * STATES + i] = row[j];
+                }
+                w->p[i] = row[STATES];
+            }
+        }
+        last = first;
+    }
+    return is_finite(w->p, STATES) ? ELBOW_OK : ELBOW_NOT_CONVERGED;
+}
+
+/* The step itself, forwards, times `share`. */
+static inline void lq_step(mesh *m, real share)
+{
+    real d[STATES], u[CONTROLS];
+    m->step = 0.0;
+    for (int i = 0; i < STATES; ++i) {
+        d[i] = 0.0;
+    }
+    for (int k = 0; k < m->N; ++k) {
+        const real *factor = m->factor + (ptrdiff_t)k * CONTROLS * WIDTH;
+        real *a = m->a + (ptrdiff_t)k * CONTROLS, *y = m->y + (ptrdiff_t)k * STATES;
+        for (int i = CONTROLS - 1; i >= 0; --i) {
+            const real *row = factor + i * WIDTH;
+            real sum = row[CONTROLS + STATES];
+            for (int j = i + 1; j < CONTROLS; ++j) {
+                sum += row[j] * u[j];
+            }
+            for (int j = 0; j < STATES; ++j) {
+                sum += row[CONTROLS + j] * d[j];
+            }
+            u[i] = sum * row[i];
+        }
+        {
+            real dy[STATES], da[CONTROLS], next[STATES];
+            for (int i = 0; i < NE; ++i) {
+                dy[i] = d[i] * scale_q;
+                dy[NE + i] = d[NE + i] * scale_v;
+                m->step = fmax_1(m->step, fabs_1(dy[i]));
+            }
+            for (int i = 0; i < CONTROLS; ++i) {
+                da[i] = u[i] * scale_a;
+            }
+            next_node(dy, da, m->h, next);
+            for (int i = 0; i < STATES; ++i) {
+                y[i] += share * dy[i];
+            }
+            for (int i = 0; i < CONTROLS; ++i) {
+                a[i] += share * da[i];
+            }
+            for (int i = 0; i < NE; ++i) {
+                d[i] = next[i] / scale_q;
+                d[NE + i] = next[NE + i] / scale_v;
+            }
+        }
+    }
+    for (int i = 0; i < NE; ++i) {
+        real *y = m->y + (ptrdiff_t)m->N * STATES;
+        y[i] += share * d[i] * scale_q;
+        y[NE + i] += share * d[NE + i] * scale_v;
+        m->step = fmax_1(m->step, fabs_1(d[i] * scale_q));
+    }
+}
+
+#endif
+#endif
