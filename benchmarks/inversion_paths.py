@@ -15,7 +15,7 @@ from flexgen.errors import FlexgenError
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.problems.path import Path
 from flexgen.runtime.inversion import Inversion, Inverter
-from flexgen.solvers import lq
+from flexgen.solvers import lq, sampling
 from flexgen.solvers.inverter import inverter
 from flexgen.solvers.question import Question
 from flexgen.solvers.reduction import Reduction
@@ -50,6 +50,7 @@ class PathRow:
     move: str
     method: str
     wanted_ms: float
+    dof: int = 0
     duration: float = 0.0
     mesh_ms: float = 0.0
     intervals: int = 0
@@ -93,8 +94,8 @@ def error_of(solution: Solution) -> float:
 def arguments(equations: Equations, move: str, mesh: float) -> dict:
     """What the library is called with for a move on a mesh of intervals of that length [s]."""
     path = Path(equations, equations.model.move(move))
-    n, period, every, lead, tail = lq.grid(Question(equations, path, mesh=mesh), mesh)
-    place, rate, rate2 = lq.samples(Reduction(equations), path, period, n)
+    n, period, every, lead, tail = sampling.grid(Question(equations, path, mesh=mesh), mesh)
+    place, rate, rate2 = sampling.samples(Reduction(equations), path, period, n)
     given = {"place": place, "rate": rate, "rate2": rate2, "q_start": path.q_start}
     return {**given, "period": period, "every": every, "lead": lead, "tail": tail}
 
@@ -130,7 +131,7 @@ def inverted(robot: str, method: str, given: dict, native: bool) -> tuple[Invers
 def path_row(robot: str, move: str, method: str, wanted: float) -> PathRow:
     """Verify, then time both builds."""
     equations = derive(robot)
-    row = PathRow(robot, move, method, wanted, equations.model.move(move).duration)
+    row = PathRow(robot, move, method, wanted, equations.model.dof)
     checked = verified(robot, move, method)
     if isinstance(checked, str):
         row.refused = checked

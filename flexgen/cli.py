@@ -187,6 +187,11 @@ def build_parser() -> argparse.ArgumentParser:
     )
     sub.add_argument("--out", metavar="FILE", type=_trajectory_file, help="write the trajectory there (.npz or .csv)")
     sub.add_argument("--report", metavar="DIR", type=_path, help="write a self-contained HTML report there")
+    sub.add_argument(
+        "--robustness",
+        action="store_true",
+        help="with --report: also on machines with 5 and 20 %% other stiffness and 5 %% other mass (minutes)",
+    )
     sub.add_argument("--no-verify", action="store_true", help="skip the forward simulation")
     sub.add_argument("--preview", metavar="S", type=_not_negative, help="how long before the path the motion may begin")
     sub.add_argument("--mesh", metavar="S", type=_positive, help="length of the intervals of the mesh")

@@ -267,6 +267,8 @@ def solve(args: Namespace, tell: Tell) -> Answer:
     """Find the motor torques that make the output follow a move."""
     check_writable(args.out)
     check_writable(args.report, folder=True)
+    if args.robustness and args.report is None:
+        raise ArgumentError("--robustness: the table is part of the report; give --report DIR, too")
     from flexgen.solvers.solve import ACCURACY
     from flexgen.solvers.solve import solve as solved
 
@@ -302,8 +304,15 @@ def solve(args: Namespace, tell: Tell) -> Answer:
 
         beside = () if args.no_verify else compare(equations, solution, tell)
         data["comparison"] = error_rows(beside)
+        rows = None
+        if args.robustness:
+            from flexgen.solvers.robustness import compare as on_other_machines
+
+            named = {one.method: one for one in (beside or (solution,))}
+            rows = data["robustness"] = on_other_machines(equations, named, progress=tell)
         with writing(args.report):
-            data["report"] = str(write_report(equations, solution, args.report, beside=beside))
+            page = write_report(equations, solution, args.report, beside=beside, robustness=rows)
+            data["report"] = str(page)
         text += ("\n" if args.out else "\n\n") + f"wrote {data['report']}"
     return Answer(data, text, problem, list(solution.warnings))
 

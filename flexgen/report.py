@@ -301,13 +301,28 @@ def _comparison(beside: tuple[Solution, ...]) -> str:
 
 
 def _robustness(rows: list[dict[str, Any]]) -> str:
-    """Table of the tool errors on machines that differ from the model."""
-    names = list(rows[0])
-    cells = [
-        [_number(row[n], 3) if isinstance(row[n], float) else html.escape(str(row[n])) for n in names] for row in rows
-    ]
-    numeric = [k for k, n in enumerate(names) if isinstance(rows[0][n], float)]
-    return "<h2>Robustness</h2>\n" + _table([html.escape(n.replace("_", " ")) for n in names], cells, numeric)
+    """Tables of the largest tool errors on machines that differ from the model: plants down, methods across."""
+    methods, plants = (list(dict.fromkeys(row[key] for row in rows)) for key in ("method", "plant"))
+    told = {
+        "feedback": "torque and motor references with a cascade of speed and position control at the motors",
+        "feedforward": "torque alone, open loop",
+    }
+    out = ["<h2>Robustness</h2>\n<p>Largest tool error on machines that differ from the model.</p>\n"]
+    for control in sorted({row["control"] for row in rows}):
+        for unit in ("m", "rad"):
+            errors = {
+                (row["plant"], row["method"]): row[f"error_max_{unit}"] for row in rows if row["control"] == control
+            }
+            if any(error is None for error in errors.values()):
+                continue
+            cells = [
+                [html.escape(plant), *(" ".join(_measure(errors[plant, method], unit)) for method in methods)]
+                for plant in plants
+            ]
+            what = "distance" if unit == "m" else "angle"
+            out.append(f"<h3>{control.capitalize()}, {what}: {told[control]}</h3>\n")
+            out.append(_table(["machine", *map(html.escape, methods)], cells, range(1, len(methods) + 1)))
+    return "".join(out)
 
 
 def _generated(generated: Any) -> str:
@@ -352,7 +367,7 @@ def write_report(
     beside : tuple of Solution
         The solution among others of the same move, as `flexgen.comparison.compare` finds them, to be shown together.
     robustness : list of dict, optional
-        Rows of `flexgen.solvers.robustness.robustness`.
+        Rows of `flexgen.solvers.robustness.compare`.
 
     Returns
     -------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from emitted import library_of
 
 from flexgen.codegen.build import generate
+from flexgen.codegen.core_table import CORES
 from flexgen.codegen.spec import STATUSES, library_name
 from flexgen.codegen.table import INVERSION
 from flexgen.mechanics.equations import Equations, derive
@@ -25,7 +26,7 @@ SENTINEL = -7.25e77
 OUTPUTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
 ARRAYS = ("place", "rate", "rate2", "q_start")
 SAMPLES, BEFORE, AFTER = 41, 12, 8  # of the paths that are spoiled
-REPORT = 5
+REPORTS = {name: number for core in CORES for name, number, _ in core.macros}
 
 
 def guarded(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -49,6 +50,11 @@ class Target:
     path: dict[str, np.ndarray]
     period: float
     singular: int  # the coordinate that is zero at a singular pose; -1 where none is
+    directory: FilePath
+
+    def with_library(self, file: FilePath) -> Target:
+        """The same, with another shared library."""
+        return replace(self, entry=ctypes.CDLL(str(file)))
 
     def function(self, name: str, returned: Any = ctypes.c_int) -> Callable[..., int]:
         function = getattr(self.entry, f"{library_name(self.equations.model)}_{name}")
@@ -70,7 +76,9 @@ def target(model: Any, folder: FilePath, move: str | None = None, singular: int 
         place = np.hstack([place, sample.R.transpose(0, 2, 1).reshape(SAMPLES, 9)])
     given = {"place": place, "rate": sample.rates(1), "rate2": sample.rates(2), "q_start": path.q_start}
     sizes = {key: library.sizes[key] for key in ("n_a", "n_g", "n_m", "n_y", "n_t")}
-    return Target(equations, library, ctypes.CDLL(str(library_of(made.directory))), sizes, given, t[1], singular)
+    return Target(
+        equations, library, ctypes.CDLL(str(library_of(made.directory))), sizes, given, t[1], singular, made.directory
+    )
 
 
 @dataclass
@@ -127,7 +135,7 @@ def invert(target: Target, call: Call) -> Answer:
     total = n + call.lead + call.tail if size > 0 else 1
     widths = [s["n_a"], s["n_a"], s["n_a"], s["n_g"], s["n_m"], s["n_m"], s["n_m"]]
     numbers = dict(zip(OUTPUTS, (guarded(max(total, 1) * width) for width in widths), strict=True))
-    numbers["report"] = guarded(REPORT)
+    numbers["report"] = guarded(REPORTS["INVERT_REPORT"])
     numbers["work"] = guarded(max(size - call.short, 0) if size > 0 else 8)
     given = {key: np.ascontiguousarray(getattr(call, key)) for key in ARRAYS}
     every = {**given, **{key: x for key, (x, _) in numbers.items()}}
@@ -162,7 +170,7 @@ class Streamed:
         self.out = dict(
             zip(("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m"), (guarded(rows * w) for w in widths), strict=True)
         )
-        self.report = guarded(4)
+        self.report = guarded(REPORTS["STREAM_REPORT"])
 
     def start(self, place: Any, q_start: Any, period: float, tolerance: float = 1e-6) -> int:
         return self.target.function("stream_start")(
@@ -183,6 +191,10 @@ class Streamed:
             pointer(self.report[0]),
         )
 
+    def limits(self, torque: Any, speed: Any) -> int:
+        given = [None if x is None else np.ascontiguousarray(x, dtype=float) for x in (torque, speed)]
+        return self.target.function("stream_limits")(pointer(self.memory), *(pointer(x) for x in given))
+
     @property
     def spilled(self) -> bool:
         return not all(untouched(block) for block in (self.block, self.report[1], *(b for _, b in self.out.values())))
@@ -200,7 +212,7 @@ LOST = {"UNREACHABLE", "NOT_CONVERGED", "RESULT_NOT_FINITE"}  # results that are
 def plain(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
     every = int(rng.choice([1, 2, 3, 7, 50, 1000]))
     return call_of(target, every=every, lead=int(rng.integers(0, 30)), tail=int(rng.integers(0, 30))), (
-        FOUND if every < 5 else FOUND | {"NOT_CONVERGED"}
+        FOUND if every < 3 else FOUND | {"NOT_CONVERGED"}
     )
 
 
@@ -262,7 +274,7 @@ def singular(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
     rate, rate2 = (y[2] - y[0]) / (2 * h), (y[2] - 2 * y[1] + y[0]) / h**2
     place = y[1]
     if R[1] is not None:
-        spin = [(a @ b.transpose(0, 2, 1)) for a, b in ((R[2], R[0]),)][0]
+        spin = R[2] @ R[0].transpose(0, 2, 1)
         omega = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1) / (2 * h)
         rate = np.hstack([rate, omega])
         rate2 = np.hstack([rate2, np.gradient(omega, target.period, axis=0)])

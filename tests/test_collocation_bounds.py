@@ -58,6 +58,14 @@ def test_deflections_are_bounded() -> None:
     assert 1e-6 < (solution.tool_error_max_m or 0) < 1e-2
 
 
+def test_collocation_keeps_bounds_too() -> None:
+    equations = flexgen.derive("planar5_nmp")
+    limits = limits_for(equations.model, torque=22.0)
+    one, other = (flexgen.solve(equations, method=m, limits=limits, verify=False) for m in ("collocation", "full"))
+    assert one.status == other.status == "limited"
+    assert np.array_equal(one.trajectory["tau_m"], other.trajectory["tau_m"])
+
+
 def test_bounds_that_do_not_act_change_nothing() -> None:
     equations = flexgen.derive("planar5_nmp")
     solution = flexgen.solve(equations, limits=limits_for(equations.model, torque=30.0, speed=400.0, deflection=1e-2))

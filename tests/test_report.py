@@ -95,7 +95,8 @@ def test_report_is_complete_and_needs_nothing_else(name, move, written):
     page, text = read_page(path)
     assert path.name == "index.html"
     names = [value for tag, key, value in page.attributes if tag == "figure" and key == "id"]
-    assert set(names) == {*ALWAYS, "errors"}
+    along = {"zeros_along"} if equations.model.n_e else set()
+    assert set(names) == {*ALWAYS, "errors", *along}
     assert page.tags.count("figure") == page.tags.count("figcaption") == len(names)
     for picture in names:
         root = ET.parse(path.parent / f"{picture}.svg").getroot()

@@ -17,8 +17,8 @@ from flexgen.runtime.library import Library
 from flexgen.runtime.stream import Stream
 from flexgen.simulation import Simulation, output_labels, simulate
 from flexgen.solvers.inverter import inverter
-from flexgen.solvers.lq import samples
 from flexgen.solvers.reduction import Reduction
+from flexgen.solvers.sampling import samples
 from flexgen.trajectory import Trajectory
 
 pytestmark = needs_compiler

@@ -165,11 +165,11 @@ CORES: tuple[Core, ...] = (
         "moves before the output does (lead) and after it (tail) where its zero dynamics ask for it. Without "
         "coordinates that have no motor nothing is solved. OK means that the residual is within the tolerance, on the "
         "mesh and at the samples, and that the motion at the samples is even: by differences positions, speeds and "
-        "accelerations agree to 2 %. INEXACT: on the mesh it is, the rest is not, as it is where the mesh is coarse, the path "
-        "rough, or samples are too far apart or too close; the report tells how much. Results of a negative status mean "
-        "nothing. A path that does not begin and end at rest is a BAD_ARGUMENT; UNREACHABLE may also mean that rest was "
-        "not found from q_start. The matrices are stored sample after sample: entry i of sample k "
-        "is x[k * n_a + i].",
+        "accelerations agree to 2 %. INEXACT: on the mesh it is, the rest is not, as where the mesh is coarse, the "
+        "path rough, or samples are too far apart or too close; the report tells how much. Results of a negative "
+        "status mean nothing. A path that does not begin and end at rest is a BAD_ARGUMENT; UNREACHABLE may also mean "
+        "that rest was not found from q_start. The matrices are stored sample after sample: entry i of sample k is "
+        "x[k * n_a + i].",
         (
             *_WHOLE,
             Argument(
@@ -226,9 +226,30 @@ CORES: tuple[Core, ...] = (
             Argument("q_m", "out", ("parts", "n_m"), "rad", "motor angles"),
             Argument("v_m", "out", ("parts", "n_m"), "rad/s", "motor speeds"),
             Argument("tau_m", "out", ("parts", "n_m"), "N m", "motor torques"),
-            Argument("report", "out", ("STREAM_REPORT",), "1", "residual, the same, steps, intervals"),
+            Argument(
+                "report",
+                "out",
+                ("STREAM_REPORT",),
+                "1",
+                "residual, the same, steps, intervals; distance [m] and angle [rad] from the path, where it is bent",
+            ),
         ),
-        macros=(("STREAM_REPORT", 4, "numbers that stream_update reports"),),
+        macros=(("STREAM_REPORT", 6, "numbers that stream_update reports"),),
+    ),
+    Core(
+        "stream_limits",
+        "stream.c",
+        "Let a stream keep bounds of its motors: where they would be passed, the path ahead is bent.",
+        "From the next update on, in bounded time: a small quadratic program an update changes the path within the "
+        "horizon, as little as can be, and the inversion follows the changed path. While it does, and where a bound is "
+        "passed, LIMITED is returned, and the report tells the deviation, which fades when the bounds no longer bind. What cannot be kept is passed "
+        "by as little as can be: the torques are to be compared with the bounds. The horizon must have at least 4 "
+        "intervals. Bounds may be changed at any time; infinity is none.",
+        (
+            Argument("stream", "kept", ("stream_work",), "", "memory of the stream"),
+            Argument("torque_max", "in", ("n_m",), "N m", "of the motors, positive"),
+            Argument("speed_max", "in", ("n_m",), "rad/s", "of the motors, positive"),
+        ),
     ),
     Core(
         "bvp_work",
@@ -254,7 +275,7 @@ CORES: tuple[Core, ...] = (
                 "out",
                 ("BVP_REPORT",),
                 "1",
-                "residual on the mesh and at the samples; steps; intervals; unstable zeros at start and end; unevenness",
+                "residual on the mesh and at the samples; steps; intervals; unstable zeros at the ends; unevenness",
             ),
             *_space("bvp"),
         ),

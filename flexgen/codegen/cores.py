@@ -72,11 +72,22 @@ def _described(spec: LibrarySpec, core: Core) -> str:
     table = "".join(
         comment(" ".join(x.ljust(w) for x, w in zip(row, [*width, 0], strict=True)), " *   ") for row in rows
     )
-    notes = f" *\n{comment(core.notes)}" if core.notes else ""
+    words = core.notes
+    if core.returns == "status":
+        words += f"{' ' * bool(words)}Stack: at most {stack_bytes(spec)} bytes."
+    notes = f" *\n{comment(words)}" if words else ""
     arguments = ", ".join(_declared(spec, a) for a in core.arguments)
     returned = "int" if core.returns == "status" else "int64_t"
     prototype = declaration(f"{returned} {spec.name}_{core.name}({arguments})")
     return f"/*\n{comment(core.summary)}{notes} *\n{table} */\n{spec.name.upper()}_API\n{prototype};\n"
+
+
+def stack_bytes(spec: LibrarySpec) -> int:
+    """Bytes of stack that a core needs at most: small matrices for rest and its zeros, and those of its steps."""
+    n_a, n_e, n_y = (spec.sizes[key] for key in ("n_a", "n_e", "n_y"))
+    at_rest = n_a * (n_a + 4 * n_y + 3 * n_e + 16)
+    zeros = 3 * n_e * (n_e + 1) + 40 * n_e  # of A, D, K at an end; or eight rows of a step
+    return -(-(8 * (at_rest + zeros) + 10_000) // 1024) * 1024
 
 
 def _in_brackets(extent: str) -> str:

@@ -71,6 +71,9 @@ STATUSES = (
         "SolverError",
     ),
     Status("INEXACT", 1, "the residual is above the tolerance; the result is the best that was found"),
+    Status(
+        "LIMITED", 2, "the bounds of the motors keep the output off its path, or are passed; the report says how far"
+    ),
 )
 
 

@@ -15,17 +15,19 @@ from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.files import AGAIN
 from flexgen.runtime.inversion import array_of, number_of, pointer, whole_of
 
-REPORT = 4  # numbers
+REPORT = 6  # numbers
+INEXACT, LIMITED = 1, 2  # statuses
 _RESULTS = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
 @dataclass(frozen=True)
 class StreamEntries:
-    """What C offers for streams: size of the memory, start, update; and what their statuses mean."""
+    """What C offers for streams: size of the memory, start, update, limits; and what their statuses mean."""
 
     work: Callable[..., int]
     start: Callable[..., int]
     update: Callable[..., int]
+    limits: Callable[..., int]
     failures: Mapping[int, tuple[type[FlexgenError], str]]
     again: tuple[Callable[..., Any], tuple[Any, ...]]  # these entries, found once more where a stream is unpickled
 
@@ -46,6 +48,8 @@ class Interval:
         Of the equations without motor, relative to their torques at rest.
     exact : bool
         Whether it is within the tolerance.
+    off_m, off_rad : float
+        How far limits of the motors bend the path in this interval [m, rad], see `Stream.limit`.
     """
 
     q_a: np.ndarray
@@ -56,6 +60,13 @@ class Interval:
     tau_m: np.ndarray
     residual: float
     exact: bool
+    off_m: float = 0.0
+    off_rad: float = 0.0
+
+    @property
+    def limited(self) -> bool:
+        """Whether limits of the motors keep the output off its path."""
+        return self.off_m > 0.0 or self.off_rad > 0.0
 
 
 class Stream:
@@ -172,10 +183,36 @@ class Stream:
             status = int(self._entries.update(*self._arguments))
             self._refuse(status)
             results = [x.copy() for x in self._outputs]
-            residual = float(self._report[0])
+            residual, off = float(self._report[0]), [float(x) for x in self._report[4:]]
         finally:
             self._lock.release()
-        return Interval(**dict(zip(_RESULTS, results, strict=True)), residual=residual, exact=status == 0)
+        named = dict(zip(_RESULTS, results, strict=True))
+        return Interval(**named, residual=residual, exact=status != INEXACT, off_m=off[0], off_rad=off[1])
+
+    def limit(self, *, torque: Any = None, speed: Any = None) -> None:
+        """Let the motors keep bounds from the next update on: where they would be passed, the path ahead is bent.
+
+        Parameters
+        ----------
+        torque, speed : array (n_m,), optional
+            Largest torques [N m] and speeds [rad/s] of the motors; None, or infinity, where there is no bound.
+
+        Raises
+        ------
+        ArgumentError
+            Where a bound is not positive, the horizon has fewer than 4 intervals, or the stream has failed.
+        """
+        n_m = self._sizes["n_m"]
+        both = [
+            array_of("stream", name, np.full(n_m, np.inf) if x is None else x, (n_m,))
+            for name, x in (("torque", torque), ("speed", speed))
+        ]
+        if not self._lock.acquire(blocking=False):
+            raise ArgumentError("stream: given limits while an update is under way, expected one after the other")
+        try:
+            self._refuse(int(self._entries.limits(pointer(self._memory), *(pointer(x) for x in both))))
+        finally:
+            self._lock.release()
 
     def _refuse(self, status: int) -> None:
         """Raise what a negative status means."""
@@ -191,12 +228,12 @@ def streams_of(
     again: tuple[Callable[..., Any], tuple[Any, ...]],
 ) -> StreamEntries | None:
     """What a library offers for streams, whose entry points are found by name; None where the manifest lists none."""
-    names = ("stream_work", "stream_start", "stream_update")
+    names = ("stream_work", "stream_start", "stream_update", "stream_limits")
     if not set(names) <= {core["name"] for core in manifest.get("cores", ())}:
         return None
-    work, start, update = (found(f"{manifest['name']}_{name}") for name in names)
+    work, start, update, limits = (found(f"{manifest['name']}_{name}") for name in names)
     work.restype = ctypes.c_int64
-    return StreamEntries(work, start, update, failures, again)
+    return StreamEntries(work, start, update, limits, failures, again)
 
 
 def stream_again(

@@ -2,10 +2,11 @@
 
     position  p + d_p(t),    orientation  exp(d_r(t)) R,    d = sum_i c_i B_i(t)
 
-with B-splines B_i of degree five, so that four derivatives are continuous: what the torque of a model of index five needs.
+with B-splines B_i of degree five, so that four derivatives are continuous: what the torque of a model of index five
+needs.
 
-Source: C. de Boor, A Practical Guide to Splines, 2001, ch. IX; for the derivatives of a rotation vector: J. Stuelpnagel,
-SIAM Review 6(4), 1964.
+Source: C. de Boor, A Practical Guide to Splines, 2001, ch. IX; for the derivatives of a rotation vector:
+J. Stuelpnagel, SIAM Review 6(4), 1964.
 """
 
 from __future__ import annotations

@@ -25,11 +25,10 @@ from dataclasses import replace
 from flexgen.errors import ArgumentError
 from flexgen.solvers.answer import Answer
 from flexgen.solvers.inverter import inverter
-from flexgen.solvers.lq import LONGEST, from_library, grid, samples
+from flexgen.solvers.lq import LONGEST, TOLERANCE
 from flexgen.solvers.question import Question
 from flexgen.solvers.reduction import Reduction
-
-TOLERANCE = 1e-9  # residual on the mesh, relative to the torques of a hundredth of a radian; rounding is a millionth
+from flexgen.solvers.sampling import from_library, grid, samples
 
 
 def answer(ask: Question, h: float) -> Answer:

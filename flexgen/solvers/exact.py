@@ -48,8 +48,13 @@ def closed_form(ask: Question, h: float) -> Answer:
 
 
 def collocation(ask: Question, h: float) -> Answer:
-    """Optimal control on the reduced problem, solved by IPOPT."""
+    """Optimal control on the reduced problem, solved by IPOPT; under limits, where the tool gives way, on the full one.
+
+    The reduced problem has the path built in.
+    """
     ask.only("collocation")
+    if ask.limits is not None:
+        return full(ask, h)
     reduction, path = Reduction(ask.equations), ask.path
     lead, nodes = ask.nodes(h)
     found = collocate(reduction, path, nodes, stages=STAGES, progress=ask.progress)

@@ -6,8 +6,8 @@ from the path (`flexgen.solvers.bends`), of motion that may begin before the pat
     min  mean |d|^2 / e^2 + rho mean |d''''|^2    s.t.  |x_k(t_i) + sum_j dx_k/dc_j (t_i) dc_j| <= bound_k,
 
 x: motor torques, motor speeds and deflections. The slopes dx/dc are differences of inversions of bent paths, several
-splines in one where their responses do not meet: they know of springs, dampers, friction and zero dynamics what the model
-knows. The bent path is inverted again, and what the program missed is corrected by the next one, from the new motion.
+splines in one where their responses do not meet: they know of springs, dampers, friction and zero dynamics what the
+model knows. The bent path is inverted again, and what the program missed is corrected by the next one, from the new motion.
 
 Source: B. Stellato et al., Mathematical Programming Computation 12, 2020 (OSQP); J. Nocedal, S. Wright, Numerical
 Optimization, 2006, ch. 18 (sequential quadratic programming).
@@ -23,19 +23,21 @@ import scipy.sparse as sp
 
 from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.statics import reach
 from flexgen.runtime.inversion import Inversion
 from flexgen.runtime.library import Library
 from flexgen.solvers.answer import Answer
 from flexgen.solvers.bends import SUPPORT, Bends, bent
 from flexgen.solvers.full import Limits
-from flexgen.solvers.lq import from_library
 from flexgen.solvers.question import DECAY, SETTLE, Question
 from flexgen.solvers.reduction import Reduction
+from flexgen.solvers.sampling import from_library
 
 KNOTS = 30  # intervals between knots on the path
 PER_KNOT = 2  # intervals of the mesh between knots, at least
 LATE = 0.5  # of the path's duration: how long after it the motion may end
+CHORDS = 6  # programs until the friction is that of the speeds they lead to
 ROUNDS = 8  # programs, each followed by an inversion
 SLACK = 1e-3  # of a bound: what is left of violations between its corrections
 MARGIN = 2e-4  # of a bound: what the programs keep away from it
@@ -43,13 +45,13 @@ FADING = 5.0  # time constants of the zero dynamics until a response is thought 
 PUSH = 1.0  # m/s^2, rad/s^2: of the bends whose responses are measured
 SMOOTH = 1e-2  # rho, relative: what a wave of the shortest length that the knots carry costs beside its size
 CLOSE = 1e-5  # what OSQP may leave of violations and of its gradient
-PER_SPLINE = 5  # rows in the program between two knots, and peaks
-SEEN_BROKEN = 2e-4
-PRICE = 1e4  # of passing all bounds by their own size, where 1 mm costs one
-PROGRAM_STEPS = 20_000
-SEEN = 0.6  # of a bound: rows whose values stay below after the last step are not in the program
+PER_SPLINE = 3  # rows in the program between two knots, and peaks
+PRICE = 1e5  # of passing all bounds by their own size, where 1 mm costs one
+PROGRAM_STEPS = 10_000
+SEEN = 0.7  # of a bound: rows whose values stay below after the last step are not in the program
 SETTLED = 1e-2  # of the bend: programs that change it by less have found it
-POOR = 0.5  # of a violation: where more is left after a step the slopes are measured again, once
+POOR = 0.3  # of a violation: where more is left after a step the slopes are measured again
+HOPELESS = 0.9  # where that does not help either
 LEAST_SHARE = 0.2  # of a step
 ROUGH = 100.0  # times the tolerance of the exact inversion: bends are rougher than paths, and slopes need few digits
 NOTICED = 1e-6  # m and rad: a tool that is farther from its path is kept off it by the limits
@@ -85,21 +87,40 @@ class _Horizon:
 
 
 class _Bounds:
-    """What is bounded, as numbers that shall stay between -1 and 1."""
+    """What is bounded: motor torques, motor speeds and deflections, as numbers that shall stay between -1 and 1.
+
+    Friction that changes its sign with the speed is no straight line. So the torques are followed without it, as what
+    bends change nearly in proportion, and it is added where the speeds are known.
+    """
 
     def __init__(self, equations: Equations, limits: Limits) -> None:
         model = equations.model
-        self.i_e = list(model.i_e)
+        self.equations, self.n_m, self.i_e = equations, model.n_m, list(model.i_e)
         self.torque, self.speed = limits.arrays(model.n_m)
         self.bend = limits.deflections(model.n_e)
-        every = np.r_[self.torque, self.speed, self.bend]
-        self.used = np.flatnonzero(np.isfinite(every))
-        self.size = every[self.used]
+        self.size = np.r_[self.torque, self.speed, self.bend]
+        self.any = bool(np.isfinite(self.size).any())
 
-    def of(self, found: Inversion) -> np.ndarray:
+    def friction(self, v: np.ndarray) -> np.ndarray:
+        """Of the motors at speeds (n, n_m) [N m]."""
+        return evaluate(self.equations.function("motor_friction"), np.ascontiguousarray(v))[0].reshape(v.shape)
+
+    def followed(self, found: Inversion) -> np.ndarray:
+        """Torques without friction, speeds, deflections; (n, bounds)."""
+        return np.hstack([found.tau_m - self.friction(found.v_m), found.v_m, found.q_a[:, self.i_e]])
+
+    def values(self, followed: np.ndarray) -> np.ndarray:
         """Torques, speeds and deflections relative to their bounds, (n, bounds)."""
-        x = np.hstack([found.tau_m, found.v_m, found.q_a[:, self.i_e]])
-        return x[:, self.used] / self.size
+        x, n_m = followed.copy(), self.n_m
+        x[:, :n_m] += self.friction(followed[:, n_m : 2 * n_m])
+        return x / self.size
+
+    def chords(self, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """Slopes (n, n_m) of the friction between the speeds of two motions."""
+        v, to = (x[:, self.n_m : 2 * self.n_m] for x in (before, after))
+        least = 1e-4 * (1.0 + np.abs(v).max())
+        apart = np.where(np.abs(to - v) < least, least, to - v)
+        return (self.friction(v + apart) - self.friction(v)) / apart
 
     def refuse_rest(self, ask: Question) -> None:
         """SolverError where the arm cannot be held at an end of the path."""
@@ -145,7 +166,7 @@ def keep(ask: Question, exact: Inversion, library: Library, every: int, toleranc
     """
     assert ask.limits is not None
     bounds = _Bounds(ask.equations, ask.limits)
-    if not bounds.used.size or np.abs(bounds.of(exact)).max() <= 1.0:
+    if not bounds.any or np.abs(bounds.values(bounds.followed(exact))).max() <= 1.0:
         return from_library(exact)
     bounds.refuse_rest(ask)
     horizon = _horizon(ask, exact, library, every, tolerance)
@@ -179,9 +200,7 @@ def _horizon(ask: Question, exact: Inversion, library: Library, every: int, tole
     samples = (Reduction(ask.equations).targets(sample), sample.rates(1), sample.rates(2))
     count = int((t[-1] - t[0]) / spacing + 1e-9) - SUPPORT + 1
     bends = Bends(t, t[0], spacing, count)
-    return _Horizon(
-        library, samples, period, before, lead, tail, every, path.q_start, ROUGH * tolerance, bends
-    )
+    return _Horizon(library, samples, period, before, lead, tail, every, path.q_start, ROUGH * tolerance, bends)
 
 
 def _bent_until_kept(ask: Question, horizon: _Horizon, bounds: _Bounds) -> tuple[np.ndarray, Inversion, int]:
@@ -189,28 +208,29 @@ def _bent_until_kept(ask: Question, horizon: _Horizon, bounds: _Bounds) -> tuple
     bends, n_y = horizon.bends, horizon.path[1].shape[1]
     c = np.zeros((bends.count, n_y))
     found = horizon.invert(c)
-    values = bounds.of(found)
-    slopes, fresh = _slopes(ask, horizon, bounds, c, values), True
-    worst = float(np.abs(values).max()) - 1.0
+    followed = bounds.followed(found)
+    slopes, fresh = _slopes(ask, horizon, bounds, c, followed), True
+    worst = float(np.abs(bounds.values(followed)).max()) - 1.0
     for round_ in range(1, ROUNDS + 1):
-        step = _program(ask, horizon, c, values, slopes)
+        step = _step(ask, horizon, bounds, c, followed, slopes)
         share = 1.0
         while True:
             trial = horizon.invert(c + share * step)
-            at = bounds.of(trial)
-            over = float(np.abs(at).max()) - 1.0
+            at = bounds.followed(trial)
+            over = float(np.abs(bounds.values(at)).max()) - 1.0
             if over <= max(worst, SLACK) or share < LEAST_SHARE:
                 break
             share /= 2
-        c, found, values = c + share * step, trial, at
+        c, found, followed = c + share * step, trial, at
         ask.tell(f"limits: program {round_}: bounds kept but for {max(over, 0.0):.1e} of them")
-        if over <= SLACK and np.abs(step).max() <= SETTLED * np.abs(c).max() + NOTICED:
+        settled = np.abs(step).max() <= SETTLED * np.abs(c).max() + NOTICED
+        if over <= SLACK and (settled or worst <= SLACK):
             return c, found, round_
         if over > POOR * worst and over > SLACK:
-            if fresh:
+            if fresh and over > HOPELESS * worst:
                 worst = over
                 break
-            slopes, fresh = _slopes(ask, horizon, bounds, c, values), True
+            slopes, fresh = _slopes(ask, horizon, bounds, c, followed), True
         else:
             fresh = False
         worst = over
@@ -223,11 +243,11 @@ def _bent_until_kept(ask: Question, horizon: _Horizon, bounds: _Bounds) -> tuple
     )
 
 
-def _slopes(ask: Question, horizon: _Horizon, bounds: _Bounds, c: np.ndarray, values: np.ndarray) -> sp.csc_matrix:
-    """What a unit of each coefficient changes, (n bounds, count n_y), sparse."""
+def _slopes(ask: Question, horizon: _Horizon, bounds: _Bounds, c: np.ndarray, followed: np.ndarray) -> sp.csr_matrix:
+    """What a unit of each coefficient changes in what is followed, (n bounds, count n_y), sparse."""
     ask.tell("limits: measuring what bends of the path change")
     bends, n_y = horizon.bends, c.shape[1]
-    n, b = values.shape
+    n, b = followed.shape
     lead, settle = ask.windows
     ahead, behind = FADING / DECAY * lead, FADING / SETTLE * settle
     half = SUPPORT / 2 * bends.spacing
@@ -243,63 +263,105 @@ def _slopes(ask: Question, horizon: _Horizon, bounds: _Bounds, c: np.ndarray, va
         for colour in range(apart):
             pushed = c.copy()
             pushed[colour::apart, j] += push
-            change = (bounds.of(horizon.invert(pushed)) - values) / push
+            change = (bounds.followed(horizon.invert(pushed)) - followed) / push
             for i in range(colour, bends.count, apart):
                 begin, end = reaches[i]
                 part = change[begin:end].ravel()
                 rows.append(np.arange(begin * b, end * b))
                 columns.append(np.full(part.size, i * n_y + j))
                 entries.append(part)
-    return sp.csc_matrix(
+    return sp.csr_matrix(
         (np.concatenate(entries), (np.concatenate(rows), np.concatenate(columns))), shape=(n * b, bends.count * n_y)
     )
 
 
-def _program(ask: Question, horizon: _Horizon, c: np.ndarray, values: np.ndarray, slopes: sp.csc_matrix) -> np.ndarray:
-    """The step (count, n_y) of the quadratic program; SolverError where it has no solution."""
+def _step(
+    ask: Question, horizon: _Horizon, bounds: _Bounds, c: np.ndarray, followed: np.ndarray, slopes: sp.csr_matrix
+) -> np.ndarray:
+    """The step (count, n_y) that keeps the bounds as far as the slopes tell, with the friction that it leads to."""
+    n_m, b = bounds.n_m, followed.shape[1]
+    rows = np.arange(followed.size).reshape(followed.shape)
+    after, best, least = followed, np.zeros_like(c), np.inf
+    for _ in range(CHORDS):
+        friction = np.zeros(followed.shape)
+        friction[:, :n_m] = bounds.chords(followed, after)
+        speeds = np.zeros(followed.shape, dtype=int)
+        speeds[:, :n_m] = rows[:, n_m : 2 * n_m]
+        A = slopes + sp.diags(friction.ravel()) @ slopes[speeds.ravel()]
+        A = sp.diags(np.tile(1.0 / bounds.size, len(followed))) @ A
+        step = _program(ask, horizon, c, bounds.values(followed), A.tocsr())
+        after = followed + (slopes @ step.ravel()).reshape(-1, b)
+        over = float(np.abs(bounds.values(after)).max()) - 1.0
+        if over < least:
+            best, least = step, over
+        if over <= SLACK / 2:
+            break
+    return best
+
+
+def _program(ask: Question, horizon: _Horizon, c: np.ndarray, values: np.ndarray, slopes: sp.csr_matrix) -> np.ndarray:
+    """The step (count, n_y) of the quadratic program for values with these slopes."""
     bends, (count, n_y) = horizon.bends, c.shape
     unit = 1e-3 * min(1.0, reach(ask.equations))
     values_of, wave = bends.basis[0], (bends.spacing / np.pi) ** 4 * bends.basis[4]
     gram = (values_of.T @ values_of + SMOOTH * wave.T @ wave) / len(values_of)
     gram *= count  # a coefficient of one costs about one
     H = sp.kron(sp.csc_matrix(gram), sp.eye(n_y), format="csc")
-    x, A = values.ravel(), slopes.tocsr() * unit
-    # one more unknown: by how much all bounds are passed, so dear that it is zero where it can be
-    cost = sp.block_diag([H, sp.csc_matrix([[PRICE]])], format="csc")
-    gradient = np.r_[H @ (c.ravel() / unit), PRICE]
-    room = 1.0 - MARGIN
+    x, A = values.ravel(), slopes * unit
+    gradient = H @ (c.ravel() / unit)
     grid = np.zeros(values.shape, dtype=bool)
     grid[:: max(1, int(bends.spacing / horizon.period / PER_SPLINE))] = True
     seen = (np.abs(x) > SEEN) & (grid | _peaks(values)).ravel()
     while True:  # most rows never matter: those that a step would break come in with the next try
-        near, over = A[seen], sp.csr_matrix(np.ones((int(seen.sum()), 1)))
-        rows = sp.bmat([[near, over], [near, -over], [None, sp.csr_matrix([[1.0]])]], format="csc")
-        free = np.full(int(seen.sum()), np.inf)
-        solver = osqp.OSQP()
-        solver.setup(
-            sp.triu(cost, format="csc"),
-            gradient,
-            rows,
-            np.r_[-room - x[seen], -free, 0.0],
-            np.r_[free, room - x[seen], np.inf],
-            verbose=False,
-            eps_abs=CLOSE,
-            eps_rel=CLOSE,
-            max_iter=PROGRAM_STEPS,
-            polishing=True,
-            check_dualgap=False,
-        )
-        result = solver.solve(raise_error=False)
-        print('   osqp',result.info.status, result.info.iter,result.info.prim_res,result.info.dual_res, seen.sum(), A[seen].nnz, result.x[-1],result.info.run_time)
-        if not np.isfinite(result.x).all():
-            raise SolverError(f"limits: OSQP ended with {result.info.status!r}; give the move more time")
-        step = result.x[:-1]
+        step, over = _solved(H, gradient, A[seen], x[seen])
         at = x + A @ step
-        broken = (np.abs(at) > room + max(result.x[-1], 0.0) + SEEN_BROKEN) & _peaks(at.reshape(values.shape)).ravel() & ~seen
+        broken = (np.abs(at) > 1.0 + over) & _peaks(at.reshape(values.shape)).ravel() & ~seen
         if not broken.any():
-            break
+            return step.reshape(count, n_y) * unit
         seen |= broken
-    return step.reshape(count, n_y) * unit
+
+
+def _solved(H: sp.csc_matrix, gradient: np.ndarray, A: sp.csr_matrix, x: np.ndarray) -> tuple[np.ndarray, float]:
+    """Step d of ``min d H d / 2 + gradient d`` with ``|x + A d| <= 1``; or ``1 + s`` with the least s, and that s."""
+    room = 1.0 - MARGIN
+    try:
+        return _osqp(H, gradient, A.tocsc(), -room - x, room - x), 0.0
+    except SolverError:  # no step keeps them all: one more unknown, by how much they are passed, as small as can be
+        extra = sp.csr_matrix(np.ones((len(x), 1)))
+        rows = sp.bmat([[A, extra], [A, -extra], [None, sp.csr_matrix([[1.0]])]], format="csc")
+        free = np.full(len(x), np.inf)
+        found = _osqp(
+            sp.block_diag([H, sp.csc_matrix([[PRICE]])], format="csc"),
+            np.r_[gradient, PRICE],
+            rows,
+            np.r_[-room - x, -free, 0.0],
+            np.r_[free, room - x, np.inf],
+        )
+        return found[:-1], max(float(found[-1]), 0.0)
+
+
+def _osqp(H: sp.csc_matrix, gradient: np.ndarray, A: sp.csc_matrix, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """``min x H x / 2 + gradient x`` with ``low <= A x <= high``; SolverError where OSQP finds none."""
+    solver = osqp.OSQP()
+    solver.setup(
+        sp.triu(H, format="csc"),
+        gradient,
+        A,
+        low,
+        high,
+        verbose=False,
+        eps_abs=CLOSE,
+        eps_rel=CLOSE,
+        max_iter=PROGRAM_STEPS,
+        polishing=True,
+        check_dualgap=False,
+    )
+    result = solver.solve(raise_error=False)
+    if result.info.status not in ("solved", "solved inaccurate") or not np.isfinite(result.x).all():
+        raise SolverError(
+            f"limits: OSQP ended with {result.info.status!r}; give the move more time or loosen the limits"
+        )
+    return result.x
 
 
 def _peaks(values: np.ndarray) -> np.ndarray:

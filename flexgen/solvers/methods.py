@@ -42,7 +42,7 @@ METHODS = {
         ),
         Method("lq", "stable inversion by linear-quadratic steps, in C; keeps limits", "lq", keeps_limits=True),
         Method("bvp", "stable inversion as a two-point boundary value problem, in C", "bvp"),
-        Method("collocation", "optimal control on the reduced problem (IPOPT)", "exact", "collocation"),
+        Method("collocation", "optimal control on the reduced problem (IPOPT)", "exact", "collocation", True),
         Method("full", "optimal control on the full model, with limits (IPOPT)", "exact", "full", True, True, True),
         Method("rigid", "baseline: all springs stiff", "baselines", "rigid", refines=False, any_coupling=True),
         Method("fjm", "baseline: elastic gears only", "baselines", "fjm", refines=False, any_coupling=True),

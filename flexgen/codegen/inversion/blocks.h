@@ -25,7 +25,7 @@ enum {
     INTERVAL_FACTOR = CONTROLS * INTERVAL_WIDTH + STATES * NODE_WIDTH
 };
 
-static const real least_pivot = 1e-14; /* of rows whose largest entry is one */
+static const real least_pivot = 1e-14; /* of rows whose entries sum up to one */
 
 /* The two-point problem: a mesh and what holds at its ends. */
 typedef struct {
@@ -42,17 +42,27 @@ typedef struct {
     real node[NODE_ROWS * NODE_WIDTH];
 } blocks_space;
 
-/* Scale each row so that its largest entry but the right side is one; 0 where there is none. */
+/* Scale each row so that its entries but the right side sum up to one, without signs; 0 where there are none. */
 static inline int level(real *rows, int height, int columns, int width)
 {
     for (int i = 0; i < height; ++i) {
         real *row = rows + i * width;
-        const real most = largest(row, columns), unit = 1.0 / most;
-        if (!(most > 1e-300 && most < 1e300)) {
+        const int whole = columns / PANEL * PANEL;
+        lanes sums = splat_v(0.0);
+        real size = 0.0;
+        for (int j = 0; j < whole; j += LANES) {
+            sums += fabs_v(load_v(row + j));
+        }
+        for (int j = whole; j < columns; ++j) {
+            size += fabs_1(row[j]);
+        }
+        size += sum_v(sums);
+        if (!(size > 1e-300 && size < 1e300)) {
             return 0;
         }
-        for (int j = 0; j < width; ++j) {
-            row[j] *= unit;
+        size = 1.0 / size;
+        for (int j = 0; j < width; j += LANES) {
+            store_v(row + j, splat_v(size) * load_v(row + j));
         }
     }
     return 1;
@@ -191,7 +201,7 @@ static inline int sign_of(real *A)
 }
 
 /* Rows of one interval: residuals at its Gauss points, and the motion to the next node. */
-static inline void fill_interval(mesh *m, int k, const real *point, blocks_space *w)
+static inline void fill_interval(const mesh *m, int k, const real *point, blocks_space *w)
 {
     const real h = m->h, drift = h * scale_v / scale_q;
     const real *y = m->y + (ptrdiff_t)k * STATES;
@@ -205,7 +215,6 @@ static inline void fill_interval(mesh *m, int k, const real *point, blocks_space
             rows[i * INTERVAL_WIDTH + j] = w->lq.J[i * WIDTH + j];
         }
         rows[i * INTERVAL_WIDTH + CONTROLS + 2 * STATES] = w->lq.J[i * WIDTH + CONTROLS + STATES];
-        m->residual = fmax_1(m->residual, fabs_1(w->lq.J[i * WIDTH + CONTROLS + STATES]));
     }
     next_node(y, m->a + (ptrdiff_t)k * CONTROLS, h, next);
     for (int i = 0; i < NE; ++i) {
@@ -221,37 +230,68 @@ static inline void fill_interval(mesh *m, int k, const real *point, blocks_space
         row_v[CONTROLS + STATES + NE + i] = -1.0;
         row_q[CONTROLS + 2 * STATES] = (next[i] - y[STATES + i]) / scale_q;
         row_v[CONTROLS + 2 * STATES] = (next[NE + i] - y[STATES + NE + i]) / scale_v;
-        m->residual = fmax_1(m->residual, fabs_1(row_q[CONTROLS + 2 * STATES]));
-        m->residual = fmax_1(m->residual, fabs_1(row_v[CONTROLS + 2 * STATES]));
     }
 }
 
+/* What a row at an end finds in the scaled distance from rest. */
+static inline real off_end(const real *row, const real *y, const real *rest)
+{
+    real sum = 0.0;
+    for (int j = 0; j < STATES; ++j) {
+        sum += row[j] * (y[j] - rest[j]) / (j < NE ? scale_q : scale_v);
+    }
+    return sum;
+}
+
 /* Rows at an end: none of what they stand for in the scaled distance from rest. */
-static inline void fill_end(mesh *m, real (*rows)[STATES], int count, const real *y, const real *rest, real *to)
+static inline void fill_end(real (*rows)[STATES], int count, const real *y, const real *rest, real *to)
 {
     for (int i = 0; i < count; ++i) {
-        real *row = to + i * NODE_WIDTH, sum = 0.0;
+        real *row = to + i * NODE_WIDTH;
         for (int j = 0; j < NODE_WIDTH; ++j) {
             row[j] = 0.0;
         }
         for (int j = 0; j < STATES; ++j) {
             row[j] = rows[i][j];
-            sum += rows[i][j] * (y[j] - rest[j]) / (j < NE ? scale_q : scale_v);
         }
-        row[2 * STATES] = sum;
-        m->residual = fmax_1(m->residual, fabs_1(sum));
+        row[2 * STATES] = off_end(rows[i], y, rest);
     }
 }
 
-/* Residuals and the factors of all intervals, forwards. */
+/* The largest residual of all equations, in their scales. */
+static inline int all_residuals(two_point *b, blocks_space *w, real *space)
+{
+    mesh *m = &b->m;
+    const int status = evaluate_residual(m, &w->lq, space);
+    const real *end = m->y + (ptrdiff_t)m->N * STATES;
+    if (status != MODEL_OK) {
+        return status;
+    }
+    for (ptrdiff_t k = 0; k < m->N; ++k) {
+        real next[STATES];
+        const real *y = m->y + (k + 1) * STATES;
+        next_node(m->y + k * STATES, m->a + k * CONTROLS, m->h, next);
+        for (int i = 0; i < STATES; ++i) {
+            m->residual = fmax_1(m->residual, fabs_1(next[i] - y[i]) / (i < NE ? scale_q : scale_v));
+        }
+    }
+    for (int i = 0; i < b->from_start; ++i) {
+        m->residual = fmax_1(m->residual, fabs_1(off_end(b->first[i], m->y, b->rest_start)));
+    }
+    for (int i = 0; i < b->from_end; ++i) {
+        m->residual = fmax_1(m->residual, fabs_1(off_end(b->last[i], end, b->rest_end)));
+    }
+    return MODEL_OK;
+}
+
+/* The factors of all intervals, forwards. */
 static inline int factor_blocks(two_point *b, blocks_space *w, real *space)
 {
     mesh *m = &b->m;
     real *node = w->node;
-    int sign = 0, regular = 1;
-    m->residual = 0.0;
+    int sign = 0;
     b->turns = 0;
-    fill_end(m, b->first, b->from_start, m->y, b->rest_start, node);
+    fill_end(b->first, b->from_start, m->y, b->rest_start, node);
     for (int first = 0; first < m->N; first += GROUP) {
         const int count = m->N - first < GROUP ? m->N - first : (int)GROUP;
         const int status = evaluate_group(m, first, count, &w->lq, space);
@@ -267,10 +307,9 @@ static inline int factor_blocks(two_point *b, blocks_space *w, real *space)
                 b->turns |= this_one == 0 || (sign != 0 && this_one != sign);
                 sign = this_one;
             }
-            regular = regular && level(w->interval, INTERVAL_ROWS, CONTROLS + 2 * STATES, INTERVAL_WIDTH) &&
-                eliminate_rows(w->interval, INTERVAL_ROWS, CONTROLS, INTERVAL_WIDTH);
-            if (!regular) {
-                continue; /* the residuals are wanted all the same */
+            if (!level(w->interval, INTERVAL_ROWS, CONTROLS + 2 * STATES, INTERVAL_WIDTH) ||
+                !eliminate_rows(w->interval, INTERVAL_ROWS, CONTROLS, INTERVAL_WIDTH)) {
+                return MODEL_NOT_CONVERGED;
             }
             for (int i = 0; i < CONTROLS * INTERVAL_WIDTH; ++i) {
                 factor[i] = w->interval[i];
@@ -283,8 +322,10 @@ static inline int factor_blocks(two_point *b, blocks_space *w, real *space)
                     own[i * NODE_WIDTH + j] = 0.0;
                 }
             }
-            regular = level(node, b->from_start + STATES, 2 * STATES, NODE_WIDTH) &&
-                eliminate_rows(node, b->from_start + STATES, STATES, NODE_WIDTH);
+            if (!level(node, b->from_start + STATES, 2 * STATES, NODE_WIDTH) ||
+                !eliminate_rows(node, b->from_start + STATES, STATES, NODE_WIDTH)) {
+                return MODEL_NOT_CONVERGED;
+            }
             for (int i = 0; i < STATES * NODE_WIDTH; ++i) {
                 factor[CONTROLS * INTERVAL_WIDTH + i] = node[i];
             }
@@ -299,9 +340,9 @@ static inline int factor_blocks(two_point *b, blocks_space *w, real *space)
             }
         }
     }
-    fill_end(m, b->last, b->from_end, m->y + (ptrdiff_t)m->N * STATES, b->rest_end, node + b->from_start * NODE_WIDTH);
-    regular = regular && level(node, STATES, STATES, NODE_WIDTH) && eliminate_rows(node, STATES, STATES, NODE_WIDTH);
-    return regular ? MODEL_OK : MODEL_NOT_CONVERGED;
+    fill_end(b->last, b->from_end, m->y + (ptrdiff_t)m->N * STATES, b->rest_end, node + b->from_start * NODE_WIDTH);
+    return level(node, STATES, STATES, NODE_WIDTH) && eliminate_rows(node, STATES, STATES, NODE_WIDTH) ?
+        (int)MODEL_OK : (int)MODEL_NOT_CONVERGED;
 }
 
 /* The step itself, backwards. */

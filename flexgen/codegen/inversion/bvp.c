@@ -1,5 +1,5 @@
 /*
- * model: inverse dynamics along a whole path as a two-point problem of the zero dynamics. Written by flexgen; see model.h.
+ * model: inverse dynamics along a whole path as a two-point problem. Written by flexgen; see model.h.
  *
  * At the start the motion may differ from rest by what grows, at the end by what fades; between them the equations hold
  * at the Gauss points, and Newton's method solves all together. Nothing is weighed against anything, so that it is the
@@ -14,6 +14,8 @@
 #include "model_results.h"
 
 enum { NEWTON_STEPS = 25 };
+
+static const real rounding = 1e-6; /* of the tolerance: Newton's method gets there in a step more */
 
 typedef struct {
     int64_t samples, intervals;
@@ -101,23 +103,26 @@ static int solve_two_point(two_point *b, real tolerance, real *report, blocks_sp
     const real *residual = &b->m.residual;
     real before = -1.0;
     int worse = 0;
-    for (int steps = 0;; ++steps) {
-        const int status = factor_blocks(b, w, space);
-        report[0] = *residual;
-        report[2] = steps;
-        if (status != MODEL_OK) {
-            return status;
+    for (int steps = 1;; ++steps) {
+        int status = factor_blocks(b, w, space);
+        if (status == MODEL_OK) {
+            step_back(b, w);
+            status = all_residuals(b, w, space);
+            report[0] = *residual;
+            report[2] = steps;
         }
-        if (*residual <= 1e-2 * tolerance ||
+        if (status != MODEL_OK) {
+            return b->turns && status == MODEL_NOT_CONVERGED ? (int)MODEL_FLAT : status;
+        }
+        if (*residual <= rounding * tolerance ||
             (*residual <= tolerance && before >= 0.0 && *residual > 0.1 * before)) {
             return b->turns ? MODEL_FLAT : MODEL_OK;
         }
         worse = before >= 0.0 && *residual > 0.5 * before ? worse + 1 : 0;
         if (steps == NEWTON_STEPS || worse == 4 || !(*residual < 1e12)) {
-            return *residual <= tolerance && !b->turns ? MODEL_OK : b->turns ? MODEL_FLAT : MODEL_NOT_CONVERGED;
+            return b->turns ? MODEL_FLAT : *residual <= tolerance ? MODEL_OK : MODEL_NOT_CONVERGED;
         }
         before = *residual;
-        step_back(b, w);
     }
 }
 

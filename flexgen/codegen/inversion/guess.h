@@ -20,7 +20,7 @@ static inline int is_addressable(int64_t numbers)
     return numbers <= (int64_t)(PTRDIFF_MAX / (ptrdiff_t)sizeof(real));
 }
 
-static const real still = 1e-6; /* of the fastest rate: what an end that is at rest may move */
+static const real resting = 1e-6; /* of the fastest rate: what an end that is at rest may move */
 
 /*
  * Whether a path and the guess of its start are finite, its rotations rotations, near to each other, and its ends at
@@ -42,8 +42,8 @@ static inline int check_path(const path *p, const real *q_start)
         for (int k = 0; k < p->n; ++k) {
             most = fmax_1(most, largest(p->rate + k * (ptrdiff_t)NY, NY));
         }
-        if (!(largest(p->rate, NY) <= still * most) ||
-            !(largest(p->rate + (p->n - 1) * (ptrdiff_t)NY, NY) <= still * most)) {
+        if (!(largest(p->rate, NY) <= resting * most) ||
+            !(largest(p->rate + (p->n - 1) * (ptrdiff_t)NY, NY) <= resting * most)) {
             return MODEL_BAD_ARGUMENT;
         }
     }
@@ -60,8 +60,10 @@ static inline int check_path(const path *p, const real *q_start)
 
 #if MODEL_NE > 0
 
-/* The path at the Gauss points, `every` samples to an interval, and joints that follow it as if nothing deflected further
- * than at rest at q, where all nodes stand. */
+/*
+ * The path at the Gauss points, `every` samples to an interval, and joints that follow it as if nothing deflected further
+ * than at rest at q, where all nodes stand.
+ */
 static inline int guess_mesh(mesh *m, const path *p, const real *q, int lead, int every, arm_points *arm, real *space)
 {
     real last[NG];

@@ -59,16 +59,13 @@ static inline int solve_square(real (*M)[NA], real *b, real *x)
 }
 
 /* Whether the actuated columns of W can be inverted: if so it is the springs that do not carry the arm. */
-static inline int can_move(const real *W)
+static inline int can_move(const real *W, real (*M)[NA], real *b, real *x)
 {
-    real M[NA][NA] = {{0.0}}, b[NA] = {0.0}, x[NA];
-    for (int i = 0; i < NY; ++i) {
-        for (int j = 0; j < NG; ++j) {
-            M[i][j] = W[i_g[j] * NY + i];
+    for (int i = 0; i < NA; ++i) {
+        b[i] = 0.0;
+        for (int j = 0; j < NA; ++j) {
+            M[i][j] = i < NY && j < NG ? W[i_g[j] * NY + i] : i == j ? 1.0 : 0.0;
         }
-    }
-    for (int i = NY; i < NA; ++i) {
-        M[i][i] = 1.0;
     }
     return solve_square(M, b, x);
 }
@@ -114,7 +111,7 @@ static inline int rest_at(const real *place, real *q, real *scale, real *space)
         (void)scale;
 #endif
         if (!solve_square(M, b, x)) {
-            return can_move(W) ? MODEL_NOT_CONVERGED : MODEL_UNREACHABLE;
+            return can_move(W, M, b, x) ? MODEL_NOT_CONVERGED : MODEL_UNREACHABLE;
         }
         most = largest(x, NA);
         for (int i = 0; i < NA; ++i) {

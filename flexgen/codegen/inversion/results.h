@@ -101,7 +101,7 @@ static inline void hold_ends(real *x, ptrdiff_t samples)
  */
 static inline real unevenness(const results *r)
 {
-    real most[3] = {1e-6, 1e-6, 1e-9}, off[3] = {0.0, 0.0, 0.0}; /* 1e-6 rad/s^2, 1e-9 rad/s: nothing is measured below */
+    real most[4] = {1e-6, 1e-6, 1e-9, 1e-6}, off[4] = {0.0, 0.0, 0.0, 0.0}, worst = 0.0; /* least that is measured */
     for (ptrdiff_t k = 0; k < r->samples; ++k) {
         const int inside = k >= MARGIN && k + MARGIN < r->samples;
         for (int i = 0; i < NA; ++i) {
@@ -118,10 +118,16 @@ static inline real unevenness(const results *r)
                 a += eta[j][i] * r->twist[(k + MARGIN) * NG + i];
             }
             most[1] = fmax_1(most[1], fabs_1(a));
-            off[1] = inside ? fmax_1(off[1], fabs_1(slope_of(v, NM, r->p->period) - a)) : off[1];
+            most[3] = fmax_1(most[3], rotor_inertia[j] * fabs_1(a));
+            a = inside ? fabs_1(slope_of(v, NM, r->p->period) - a) : 0.0;
+            off[1] = fmax_1(off[1], a);
+            off[3] = fmax_1(off[3], rotor_inertia[j] * a);
         }
     }
-    return fmax_1(fmax_1(off[0] / most[0], off[1] / most[1]), off[2] / most[2]);
+    for (int i = 0; i < 4; ++i) { /* accelerations of arm and motors, speeds of the arm, torques of the rotors */
+        worst = fmax_1(worst, off[i] / most[i]);
+    }
+    return worst;
 }
 
 static const real uneven = 2e-2; /* from here on it is no rounding and no corner that a filter would mend */

@@ -1,6 +1,7 @@
 /* model: inverse dynamics on a moving horizon. Written by flexgen; see model.h. */
 #include "model.h"
 
+#include "model_limits.h"
 #include "model_rest.h"
 #include "model_samples.h"
 
@@ -18,7 +19,8 @@ enum {
     MOST_PARTS = 1000,
     WARMING = 10,
     LEVELS = 3,
-    REMEMBERED = 5
+    REMEMBERED = 5,
+    LEAST_AHEAD = 4 /* intervals of a horizon that can be bent */
 };
 
 enum { STATE, SIZE, INTERVALS, PARTS, PERIOD, TOLERANCE, UPDATES, SIDE, HEAD };
@@ -26,6 +28,7 @@ enum { STATE, SIZE, INTERVALS, PARTS, PERIOD, TOLERANCE, UPDATES, SIDE, HEAD };
 typedef struct {
     ptrdiff_t window; /* fine samples: before, of this update, ahead */
     ptrdiff_t past;   /* intervals that are over and remembered */
+    ptrdiff_t limits; /* bounds of the motors, and what they bend */
     ptrdiff_t y, a, a_node, q_g, reference, factor, scale, aim, cost, levels, last, tau, twist, late, now, alpha, nodes, lq, space, end;
 } layout;
 
@@ -38,6 +41,7 @@ static layout laid_out(int intervals, int parts)
 #define PLACE(name, size) \
     l.name = at; \
     at += room(size)
+    PLACE(limits, limits_laid_out(intervals).end);
     PLACE(last, REFERENCE);
     PLACE(tau, l.window * NG);
     PLACE(twist, l.window * NG);
@@ -70,6 +74,13 @@ static layout laid_out(int intervals, int parts)
 static int sizes_fit(int intervals, int parts)
 {
     return intervals >= 1 && intervals <= MOST_INTERVALS && parts >= 1 && parts <= MOST_PARTS;
+}
+
+/* Whether memory holds a stream that was started and has not failed; it may hold anything. */
+static int is_running(const real *stream)
+{
+    return stream[STATE] == IS_RUNNING && stream[INTERVALS] >= 1.0 && stream[INTERVALS] <= MOST_INTERVALS &&
+        stream[PARTS] >= 1.0 && stream[PARTS] <= MOST_PARTS;
 }
 
 int64_t model_stream_work(int intervals, int parts)
@@ -143,6 +154,7 @@ int model_stream_start(double *stream, int64_t stream_size, int intervals, int p
     stream[PERIOD] = period;
     stream[TOLERANCE] = tolerance;
     stream[UPDATES] = 0.0;
+    stream[l.limits] = 0.0;
     stream[SIDE] = 0.0; /* of singular poses: not known before the first sample */
     status = rest_at(place, q, stream + l.scale, space);
     if (status != MODEL_OK) {
@@ -476,20 +488,155 @@ static int put_out(real *s, const layout *l, real *q_a, real *v_a, real *tau_g, 
     return MODEL_OK;
 }
 
+int model_stream_limits(double *stream, const double *torque_max, const double *speed_max)
+{
+    layout l;
+    limits_layout w;
+    ptrdiff_t N;
+    real *b;
+    if (stream == NULL || torque_max == NULL || speed_max == NULL) {
+        return MODEL_NULL_ARGUMENT;
+    }
+    if (!is_running(stream)) {
+        return MODEL_NOT_STARTED;
+    }
+    N = (ptrdiff_t)stream[INTERVALS];
+    for (int i = 0; i < NM; ++i) {
+        if (N < LEAST_AHEAD || !(torque_max[i] > 0.0 && speed_max[i] > 0.0)) {
+            return MODEL_BAD_ARGUMENT;
+        }
+    }
+    l = laid_out((int)N, (int)stream[PARTS]);
+    w = limits_laid_out(N);
+    b = stream + l.limits;
+    for (int i = 0; i < NM; ++i) {
+        b[w.bound + i] = torque_max[i];
+        b[w.bound + NM + i] = speed_max[i];
+    }
+    if (!(b[w.on] > 0.0)) {
+        copy(stream + l.nodes + l.past * REFERENCE, (N + 1) * REFERENCE, b + w.plan);
+        for (ptrdiff_t i = 0; i < (N + 1) * BEND; ++i) {
+            b[w.bend + i] = 0.0;
+        }
+        for (ptrdiff_t i = 0; i < (N + 1) * BOUNDED; ++i) {
+            b[w.dual + i] = 0.0;
+        }
+        b[w.on] = 1.0;
+    }
+    return MODEL_OK;
+}
+
+/* Node k of the horizon, 0 ... N, into a place of `arm`, with guesses of the joints. */
+static void load_node(real *s, const layout *l, ptrdiff_t k, const real *joints, arm_points *arm, int place)
+{
+    load_reference(arm, place, s + l->nodes + (l->past + k) * REFERENCE);
+    for (int i = 0; i < NG; ++i) {
+        arm->q[i_g[i]][place] = joints[i];
+        arm->v[i_g[i]][place] = 0.0;
+        arm->a[i_g[i]][place] = 0.0;
+    }
+#if MODEL_NE > 0
+    for (int i = 0; i < NE; ++i) {
+        const real *y = s + l->y + (l->past + k) * STATES;
+        arm->q[i_e[i]][place] = y[i];
+        arm->v[i_e[i]][place] = y[NE + i];
+        arm->a[i_e[i]][place] = s[l->a_node + (l->past + k) * NE + i];
+    }
+#endif
+}
+
+/* Look whether motors will pass their bounds, and bend the path ahead, from the second node on. */
+static int look_ahead(real *s, const layout *l)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const real h = s[PERIOD], T = h * N / FADES;
+    real *b = s + l->limits, *space = s + l->space, worst = 0.0, joints[NG];
+    const limits_layout w = limits_laid_out(N);
+    ptrdiff_t where = 2;
+    slopes_ahead slopes;
+    int status;
+#if MODEL_NE > 0
+    arm_points *arm = &((lq_space *)(void *)(s + l->lq))->arm;
+#else
+    arm_points *arm = (arm_points *)(void *)(s + l->lq);
+#endif
+    copy(s + l->q_g + N * STAGES * NG, NG, joints);
+    for (ptrdiff_t at = 0; at <= N; at += POINTS) {
+        const ptrdiff_t used = N + 1 - at < POINTS ? N + 1 - at : (ptrdiff_t)POINTS;
+        for (int place = 0; place < POINTS; ++place) {
+            load_node(s, l, at + (place < used ? place : used - 1), joints, arm, place);
+        }
+        status = torques(arm, space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int place = 0; place < used; ++place) {
+            for (int i = 0; i < NG; ++i) {
+                const ptrdiff_t to = (at + place) * NG + i;
+                b[w.q + to] = joints[i] = arm->q[i_g[i]][place];
+                b[w.v + to] = arm->v[i_g[i]][place];
+                b[w.a + to] = arm->a[i_g[i]][place];
+                b[w.tau + to] = arm->tau_g[i][place];
+            }
+        }
+    }
+    if (!motors_ahead(b, &w, N, h, space)) {
+        return MODEL_RESULT_NOT_FINITE;
+    }
+    for (ptrdiff_t k = 2; k <= N; ++k) {
+        const real here = largest(b + w.value + k * BOUNDED, BOUNDED);
+        if (here > worst) {
+            worst = here;
+            where = k;
+        }
+    }
+    if (worst * (1.0 + kept_free) <= 1.0 && largest(b + w.bend, (int)((N + 1) * BEND)) < no_bend) {
+        for (ptrdiff_t i = 2 * BEND; i < (N + 1) * BEND; ++i) {
+            b[w.bend + i] = 0.0;
+        }
+    } else {
+        for (int place = 0; place < POINTS; ++place) {
+            load_node(s, l, where, b + w.q + where * NG, arm, place);
+        }
+        status = torques(arm, space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        if (!slopes_at(arm, b + w.tau + where * NG, b + w.bound, &slopes, space)) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+        if (!change_bends(b, &w, N, T, &slopes)) {
+            return MODEL_OK; /* the bends that are there stay */
+        }
+    }
+    for (ptrdiff_t k = 1; k <= N; ++k) {
+        bend_reference(b + w.plan + k * REFERENCE, b + w.bend + k * BEND, T, s + l->nodes + (l->past + k) * REFERENCE);
+    }
+    for (ptrdiff_t k = 1; k < N; ++k) {
+        for (int g = 0; g < STAGES; ++g) {
+            between_samples(s + l->nodes + (l->past + k) * REFERENCE, h, gauss_c[g],
+                s + l->reference + (k * STAGES + g) * REFERENCE);
+        }
+    }
+    copy(s + l->nodes + (l->past + N) * REFERENCE, REFERENCE, s + l->last);
+    return MODEL_OK;
+}
+
 int model_stream_update(double *stream, const double *place, const double *rate, const double *rate2, double *q_a,
     double *v_a, double *tau_g, double *q_m, double *v_m, double *tau_m, double *report)
 {
     layout l;
-    real next[REFERENCE], *space;
+    limits_layout w;
+    real next[REFERENCE], own[REFERENCE], bend[BEND], *limits, *space;
     real worst;
     ptrdiff_t N;
+    int bent = 0;
     int status;
     if (stream == NULL || place == NULL || rate == NULL || rate2 == NULL || q_a == NULL || v_a == NULL ||
         tau_g == NULL || q_m == NULL || v_m == NULL || tau_m == NULL || report == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
-    if (!(stream[STATE] == IS_RUNNING && stream[INTERVALS] >= 1.0 && stream[INTERVALS] <= MOST_INTERVALS &&
-            stream[PARTS] >= 1.0 && stream[PARTS] <= MOST_PARTS)) {
+    if (!is_running(stream)) {
         return MODEL_NOT_STARTED;
     }
     if (!is_finite(place, NT) || !is_finite(rate, NY) || !is_finite(rate2, NY)) {
@@ -506,6 +653,13 @@ int model_stream_update(double *stream, const double *place, const double *rate,
     copy(place, NT, next);
     copy(rate, NY, next + NT);
     copy(rate2, NY, next + NT + NY);
+    w = limits_laid_out(N);
+    limits = stream + l.limits;
+    if (limits[w.on] > 0.0) { /* what bends the path there, if nothing further happens */
+        copy(next, REFERENCE, own);
+        fade(limits + w.bend + N * BEND, (real)FADES / N, bend);
+        bend_reference(own, bend, stream[PERIOD] * N / FADES, next);
+    }
     { /* the new interval: can the arm get there? If not, the sample is refused and nothing has changed. */
         real both[2][REFERENCE], at[STAGES][REFERENCE];
 #if MODEL_NE > 0
@@ -559,13 +713,20 @@ int model_stream_update(double *stream, const double *place, const double *rate,
         copy(stream + l.nodes + REFERENCE, (l.past + N) * REFERENCE, stream + l.nodes);
         copy(next, REFERENCE, stream + l.nodes + (l.past + N) * REFERENCE);
         copy(next, REFERENCE, stream + l.last);
+        if (limits[w.on] > 0.0) {
+            copy(limits + w.plan + REFERENCE, N * REFERENCE, limits + w.plan);
+            copy(own, REFERENCE, limits + w.plan + N * REFERENCE);
+            copy(limits + w.bend + BEND, N * BEND, limits + w.bend);
+            copy(bend, BEND, limits + w.bend + N * BEND);
+            copy(limits + w.dual + BOUNDED, N * BOUNDED, limits + w.dual);
+        }
     }
     report[2] = 1.0;
     report[3] = (real)N;
 #if MODEL_NE > 0
     {
         mesh m = mesh_of(&l, stream);
-        lq_space *w = (lq_space *)(void *)(stream + l.lq);
+        lq_space *lq = (lq_space *)(void *)(stream + l.lq);
         copy(stream + l.y + STATES, (l.past + N) * STATES, stream + l.y);
         copy(stream + l.aim + STATES, N * STATES, stream + l.aim);
         copy(stream + l.a + CONTROLS, (l.past + N - 1) * CONTROLS, stream + l.a);
@@ -573,14 +734,14 @@ int model_stream_update(double *stream, const double *place, const double *rate,
             m.a[(N - 1) * CONTROLS + i] = 0.0;
         }
         next_node(m.y + (N - 1) * STATES, m.a + (N - 1) * CONTROLS, m.h, m.y + N * STATES);
-        status = slow_motion(&m, w, stream + l.levels, next, space);
+        status = slow_motion(&m, lq, stream + l.levels, next, space);
         if (status == MODEL_OK) {
-            status = lq_factor(&m, w, space);
+            status = lq_factor(&m, lq, space);
         }
         if (status != MODEL_OK) {
             return over(stream, status);
         }
-        copy(w->P, STATES * STATES, stream + l.cost);
+        copy(lq->P, STATES * STATES, stream + l.cost);
         lq_step(&m, 1.0);
     }
 #endif
@@ -591,5 +752,23 @@ int model_stream_update(double *stream, const double *place, const double *rate,
     stream[UPDATES] += 1.0;
     report[0] = worst;
     report[1] = worst;
-    return worst <= stream[TOLERANCE] ? MODEL_OK : MODEL_INEXACT;
+    report[4] = 0.0;
+    report[5] = 0.0;
+    if (limits[w.on] > 0.0) {
+        for (int k = 0; k < 2; ++k) {
+            real size[2];
+            size_of_bend(limits + w.bend + k * BEND, size);
+            report[4] = fmax_1(report[4], size[0]);
+            report[5] = fmax_1(report[5], size[1]);
+        }
+        bent = report[4] > no_bend || report[5] > no_bend;
+        for (ptrdiff_t i = 0; i < (ptrdiff_t)stream[PARTS] * NM; ++i) { /* what could not be kept is no success */
+            bent = bent || fabs_1(tau_m[i]) > limits[w.bound + i % NM] || fabs_1(v_m[i]) > limits[w.bound + NM + i % NM];
+        }
+        status = look_ahead(stream, &l);
+        if (status != MODEL_OK) {
+            return over(stream, status);
+        }
+    }
+    return worst > stream[TOLERANCE] ? MODEL_INEXACT : bent ? MODEL_LIMITED : MODEL_OK;
 }

@@ -1,0 +1,76 @@
+"""What opty is asked: the original equations of a planar arm as text, so that another interpreter can run it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import sympy as sp
+
+from flexgen.mechanics.symbolic import symbolic
+from flexgen.ports import Port
+from flexgen.simulation import output_labels
+from flexgen.solvers.question import Question
+from flexgen.solvers.reduction import Reduction
+from flexgen.trajectory import Trajectory
+
+TRACKING, SMOOTH, ITERATIONS = 1e6, 1e-8, 1000  # weights and bound that served opty best, of those tried
+
+
+def job(ask: Question, nodes: int, tracking: bool) -> dict[str, Any]:
+    """The equations in states, rates and torques, with path, rest and first guess at the nodes.
+
+    The rows are ``q' - v`` and the equations of motion of arm and motors; the output is on its path by algebraic rows,
+    or drawn to it (``tracking``). States and rates are symbols here; those of the rates end in ``_rate``.
+    """
+    s = symbolic(ask.equations.model)
+    q, v = [*s.q_a, *s.q_m], [*s.v_a, *s.v_m]
+    rate = {x: sp.Symbol(f"{x}_rate") for x in (*q, *v)}
+    forces = dict(zip(s.tau, s.torques, strict=True))
+    acceleration = dict(zip((*s.a_a, *s.a_m), (rate[x] for x in v), strict=True))
+    arm = s.M * sp.Matrix(s.a_a) + s.S * sp.Matrix(s.a_m) + s.c + s.g + s.friction + s.drag - sp.Matrix(s.torques)
+    motors = [left - tau for left, tau in zip(s.motor_equations, s.tau_m, strict=True)]
+    reference = [sp.Symbol(f"y_{k}") for k in range(len(s.output))]
+    rows = [
+        *(rate[x] - w for x, w in zip(q, v, strict=True)),
+        *(sp.sympify(row).xreplace(forces).xreplace(acceleration).xreplace(s.parameters) for row in (*arm, *motors)),
+    ]
+    lead, settle = ask.windows
+    t = np.linspace(-lead, ask.path.duration + settle, nodes)
+    place = ask.path.sample(t).y[:, :, 0]
+    reduction = Reduction(ask.equations)
+    slow = reduction.follow(ask.path, t, reduction.start(ask.path).q_a)
+    motor = slow[:, list(ask.equations.model.i_g)] @ ask.equations.model.eta.T
+    states = np.hstack([slow, motor])
+    guess = np.hstack([states, np.gradient(states, t, axis=0), np.zeros((nodes, len(s.tau_m)))])
+    start, end = ask.rest, reduction.rest(ask.path, ask.path.duration, slow[-1])
+    still = np.zeros(len(q))
+    return {
+        "rows": [str(row) for row in rows],
+        "output": [str(row) for row in s.output.xreplace(s.parameters)],
+        "states": [str(x) for x in (*q, *v)],
+        "inputs": [str(x) for x in s.tau_m],
+        "reference": {str(y): list(place[:, k]) for k, y in enumerate(reference)},
+        "rest": [list(np.r_[x.q_a, x.q_m, still]) for x in (start, end)],
+        "guess": [list(column) for column in guess.T],
+        "begin": t[0],
+        "step": t[1] - t[0],
+        "nodes": nodes,
+        "tracking": TRACKING if tracking else 0.0,
+        "smooth": SMOOTH,
+        "iterations": ITERATIONS,
+    }
+
+
+def torque_of(ask: Question, told: dict[str, Any]) -> Trajectory:
+    """opty's torques as a trajectory to simulate."""
+    model = ask.equations.model
+    tau, states = np.array(told["inputs"]).T, np.array(told["states"]).T
+    t = told["begin"] + told["step"] * np.arange(len(tau))
+    arm, motors = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
+    q_a, q_m = states[:, : model.n_a], states[:, model.n_a : model.n_a + model.n_m]
+    channels = {"tau_m": tau, "q_a": q_a, "q_m": q_m, "y_ref": ask.path.sample(t).y[:, :, 0]}
+    units = {"tau_m": "N m", "q_a": "rad or m", "q_m": "rad", "y_ref": "m"}
+    ports = {name: Port(name, (x.shape[1],), units[name], name) for name, x in channels.items()}
+    labels = {"tau_m": motors, "q_a": arm, "q_m": motors, **output_labels(model)}
+    return Trajectory(t, channels, ports, labels, {"model": model.name})

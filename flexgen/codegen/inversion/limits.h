@@ -1,0 +1,356 @@
+/*
+ * model: a path ahead that is bent where motors would pass their bounds; private to the stream.
+ *
+ * The deviation d of each output is the end of a chain of five integrators, so that four derivatives are continuous; its
+ * input is constant in blocks of intervals. Around the motion that is planned, motors feel a change of the deviation as
+ *
+ *     tau_m + B2 d'' + B4 d'''',   v_m + C1 d' + C3 d''',
+ *
+ * by the inertia of arm and rotors and, in the higher derivatives, the twist of the gears. A program finds the change
+ * that keeps the bounds over the horizon, with a deviation as small as can be. The inversion stays exact: the changed
+ * path is what the next update inverts, and what the slopes missed is seen there.
+ */
+#ifndef MODEL_LIMITS_H
+#define MODEL_LIMITS_H
+
+#include "model_program.h"
+#include "model_samples.h"
+
+enum {
+    CHAIN = 5,       /* derivatives 0 to 4, the fifth is the input */
+    BLOCKS = 8,      /* of constant input over the horizon, at most */
+    INPUTS = BLOCKS * NY,
+    BOUNDED = 2 * NM, /* torques and speeds at a node */
+    BEND = CHAIN * NY,
+    PROGRAM_STEPS = 80,
+    FADES = 5 /* time constants of the deviation in a horizon */
+};
+
+static const real kept_free = 1e-3;   /* of a bound: what is kept from it for errors of the slopes */
+static const real worth_a_row = 0.5;  /* of a bound: nodes with less are not in the program */
+static const real no_bend = 1e-7;     /* m, rad: a deviation that is none */
+static const real smooth = 1e-2;      /* weight of the input, and of the derivatives at the end, beside the deviation */
+static const real calm = 1e-2; /* weight of a change of the input, so that plans do not jump from update to update */
+static const real dear = 0.05;         /* of passing a bound by its own size, beside a deviation of one */
+
+/* What the stream keeps for its limits: places in its memory, relative to its beginning. */
+typedef struct {
+    ptrdiff_t on, bound, plan, bend, value, q, v, a, tau, twist, late, response, H, g, A, x, y, z, K, w, vv, b, row, dual, end;
+} limits_layout;
+
+static inline limits_layout limits_laid_out(ptrdiff_t N)
+{
+    limits_layout l;
+    ptrdiff_t at = 0;
+    const ptrdiff_t nodes = N + 1, rows = nodes * BOUNDED;
+#define PLACE(name, size) \
+    l.name = at; \
+    at += room(size)
+    PLACE(on, 1);
+    PLACE(bound, BOUNDED);
+    PLACE(plan, nodes * REFERENCE);
+    PLACE(bend, nodes * BEND);
+    PLACE(value, rows);
+    PLACE(q, nodes * NG);
+    PLACE(v, nodes * NG);
+    PLACE(a, nodes * NG);
+    PLACE(tau, nodes * NG);
+    PLACE(twist, nodes * NG);
+    PLACE(late, nodes * NG);
+    PLACE(response, nodes * CHAIN * BLOCKS);
+    PLACE(H, INPUTS * INPUTS);
+    PLACE(g, INPUTS);
+    PLACE(A, rows * INPUTS);
+    PLACE(x, rows);
+    PLACE(y, rows);
+    PLACE(z, INPUTS);
+    PLACE(K, INPUTS * INPUTS);
+    PLACE(w, rows);
+    PLACE(vv, rows);
+    PLACE(b, INPUTS);
+    PLACE(row, rows);
+    PLACE(dual, rows);
+#undef PLACE
+    l.end = at;
+    return l;
+}
+
+/* One step of the chain, for one output: value and derivatives times T^i, a step of h = tau T. */
+static inline void chain_step(const real *x, ptrdiff_t stride, real u, real tau, real *out, ptrdiff_t to)
+{
+    for (int i = 0; i < CHAIN; ++i) {
+        real term = 1.0, sum = 0.0;
+        for (int j = i; j < CHAIN; ++j) {
+            sum += term * x[j * stride];
+            term *= tau / (j - i + 1);
+        }
+        out[i * to] = sum + term * u;
+    }
+}
+
+/* Where a deviation that nothing drives goes in the next interval: to zero, all five poles at -1/T. */
+static inline void fade(const real *x, real tau, real *out)
+{
+    static const real binomial[CHAIN] = {1.0, 5.0, 10.0, 10.0, 5.0};
+    for (int j = 0; j < NY; ++j) {
+        real u = 0.0;
+        for (int i = 0; i < CHAIN; ++i) {
+            u -= binomial[i] * x[i * NY + j];
+        }
+        chain_step(x + j, NY, u, tau, out + j, NY);
+    }
+}
+
+/* A path with a deviation, at one instant. */
+static inline void bend_reference(const real *plan, const real *x, real T, real *out)
+{
+    const int positions = MODEL_POSE ? 3 : NY;
+    for (int i = 0; i < REFERENCE; ++i) {
+        out[i] = plan[i];
+    }
+    for (int i = 0; i < positions; ++i) {
+        out[i] += x[i];
+        out[NT + i] += x[NY + i] / T;
+        out[NT + NY + i] += x[2 * NY + i] / (T * T);
+    }
+#if MODEL_POSE
+    {
+        real f[3], d[3], e[3], once[3], second[3], extra[3], E[9], spun[3], spun2[3], both[3];
+        static const real I[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
+        for (int i = 0; i < 3; ++i) {
+            f[i] = x[3 + i];
+            d[i] = x[NY + 3 + i] / T;
+            e[i] = x[2 * NY + 3 + i] / (T * T);
+        }
+        turn_matrix(f, plan + 3, out + 3);
+        turn_matrix(f, I, E);
+        turn(f, d, once);
+        turn(f, e, second);
+        turn_rate(f, d, extra);
+        for (int i = 0; i < 3; ++i) {
+            spun[i] = spun2[i] = 0.0;
+            for (int k = 0; k < 3; ++k) {
+                spun[i] += E[3 * k + i] * plan[NT + 3 + k];
+                spun2[i] += E[3 * k + i] * plan[NT + NY + 3 + k];
+            }
+        }
+        cross(once, spun, both);
+        for (int i = 0; i < 3; ++i) {
+            out[NT + 3 + i] = once[i] + spun[i];
+            out[NT + NY + 3 + i] = second[i] + extra[i] + both[i] + spun2[i];
+        }
+    }
+#endif
+}
+
+/* Length and angle of a deviation. */
+static inline void size_of_bend(const real *x, real out[2])
+{
+    const int positions = MODEL_POSE ? 3 : NY;
+    out[0] = out[1] = 0.0;
+    for (int i = 0; i < NY; ++i) {
+        out[i < positions ? 0 : 1] += x[i] * x[i];
+    }
+    out[0] = sqrt_1(out[0]);
+    out[1] = sqrt_1(out[1]);
+}
+
+/* Motor torques and speeds at the nodes, relative to their bounds, from motion and torques of the arm there. */
+static inline int motors_ahead(real *s, const limits_layout *l, ptrdiff_t N, real h, real *space)
+{
+    real p[NG], slope[NG];
+    for (int i = 0; i < NG; ++i) {
+        p[i] = 0.0;
+    }
+    for (ptrdiff_t k = 0; k <= N; ++k) {
+        if (!static_twist(s + l->tau + k * NG, p, slope, space)) {
+            return 0;
+        }
+        for (int i = 0; i < NG; ++i) {
+            s[l->twist + k * NG + i] = p[i];
+        }
+    }
+    for (ptrdiff_t k = 0; k <= N; ++k) { /* the first and the last node take the differences of their neighbours */
+        const ptrdiff_t at = (k < 1 ? 1 : k > N - 1 ? N - 1 : k) * NG;
+        const real *x = s + l->twist + at;
+        for (int i = 0; i < NG; ++i) {
+            const real lag = gear_is_rigid[i] ? 0.0 : gear_damping[i] / slope[i];
+            s[l->late + k * NG + i] = s[l->twist + k * NG + i] - lag * (x[NG + i] - x[i - NG]) / (2.0 * h);
+        }
+    }
+    for (ptrdiff_t k = 0; k <= N; ++k) {
+        const ptrdiff_t at = (k < 1 ? 1 : k > N - 1 ? N - 1 : k) * NG;
+        const real *x = s + l->late + at, *tau = s + l->tau + k * NG;
+        real q[NG], v[NG], a[NG], q_m[NM], v_m[NM], tau_m[NM];
+        real *value = s + l->value + k * BOUNDED;
+        for (int i = 0; i < NG; ++i) {
+            q[i] = s[l->q + k * NG + i] + s[l->late + k * NG + i];
+            v[i] = s[l->v + k * NG + i] + (x[NG + i] - x[i - NG]) / (2.0 * h);
+            a[i] = s[l->a + k * NG + i] + (x[NG + i] - 2.0 * x[i] + x[i - NG]) / (h * h);
+        }
+        if (!motors_of(q, v, a, tau, q_m, v_m, tau_m, space)) {
+            return 0;
+        }
+        for (int i = 0; i < NM; ++i) {
+            value[i] = tau_m[i] / s[l->bound + i];
+            value[NM + i] = v_m[i] / s[l->bound + NM + i];
+        }
+    }
+    return 1;
+}
+
+/* B2, B4, C1, C3 [row][output] at the instant that is loaded in all places of `arm`, whose inverse is that of W there. */
+typedef struct {
+    real B2[NM][NY], B4[NM][NY], C1[NM][NY], C3[NM][NY];
+} slopes_ahead;
+
+static inline int slopes_at(arm_points *arm, const real *torque, const real *bound, slopes_ahead *f, real *space)
+{
+    real M[NG][NG], F[NG][NY], p[NG], slope[NG], base[NG];
+    for (int i = 0; i < NG; ++i) {
+        p[i] = 0.0;
+        base[i] = torque[i];
+    }
+    if (!static_twist(base, p, slope, space)) {
+        return 0;
+    }
+    for (int first = 0; first < NG; first += POINTS) { /* tau_g is linear in the accelerations */
+        int status;
+        for (int l = 0; l < POINTS && first + l < NG; ++l) {
+            arm->a[i_g[first + l]][l] += 1.0;
+        }
+#if MODEL_NE > 0
+        status = model_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0],
+            &arm->row[0][0], space);
+#else
+        status = model_inversion_rows_batch(
+            POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space);
+#endif
+        if (status != MODEL_OK) {
+            return 0;
+        }
+        for (int l = 0; l < POINTS && first + l < NG; ++l) {
+            for (int i = 0; i < NG; ++i) {
+                M[i][first + l] = arm->tau_g[i][l] - base[i];
+            }
+            arm->a[i_g[first + l]][l] -= 1.0;
+        }
+    }
+    for (int i = 0; i < NG; ++i) {
+        for (int j = 0; j < NY; ++j) {
+            F[i][j] = 0.0;
+            for (int k = 0; k < NG; ++k) {
+                F[i][j] += M[i][k] * arm->inverse[j][k][0];
+            }
+        }
+    }
+    for (int m = 0; m < NM; ++m) {
+        const real torques = 1.0 / bound[m], speeds = 1.0 / bound[NM + m];
+        for (int j = 0; j < NY; ++j) {
+            real B2 = 0.0, B4 = 0.0, C1 = 0.0, C3 = 0.0;
+            for (int i = 0; i < NG; ++i) {
+                const real twisted = gear_is_rigid[i] ? 0.0 : F[i][j] / slope[i];
+                B2 += rotor_inertia[m] * eta[m][i] * arm->inverse[j][i][0] + eta_inverse[i][m] * F[i][j];
+                B4 += rotor_inertia[m] * eta[m][i] * twisted;
+                C1 += eta[m][i] * arm->inverse[j][i][0];
+                C3 += eta[m][i] * twisted;
+            }
+            f->B2[m][j] = torques * B2;
+            f->B4[m][j] = torques * B4;
+            f->C1[m][j] = speeds * C1;
+            f->C3[m][j] = speeds * C3;
+        }
+    }
+    return 1;
+}
+
+/* Change the deviations ahead; 0 where the numbers are none, and nothing has changed. */
+static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, real T, const slopes_ahead *f)
+{
+    const int blocks = N - 1 < BLOCKS ? (int)(N - 1) : (int)BLOCKS, n = blocks * NY;
+    const real tau = (real)FADES / N;
+    real *bend = s + l->bend, *response = s + l->response, *H = s + l->H, *g = s + l->g;
+    program p = {n, 0, H, g, s + l->A, s + l->x, s + l->y, s + l->z, s + l->K, s + l->w, s + l->vv, s + l->b, 0.0};
+    for (int b = 0; b < blocks; ++b) { /* of the chain at the nodes to a unit in a block; nothing before node 1 */
+        for (ptrdiff_t k = 0; k <= N; ++k) {
+            real *to = response + (k * CHAIN) * BLOCKS + b;
+            const int in = k > 1 && (k - 2) * blocks / (N - 1) == b;
+            if (k < 2) {
+                for (int i = 0; i < CHAIN; ++i) {
+                    to[i * BLOCKS] = 0.0;
+                }
+            } else {
+                chain_step(to - CHAIN * BLOCKS, BLOCKS, in ? 1.0 : 0.0, tau, to, BLOCKS);
+            }
+        }
+    }
+    for (int i = 0; i < n * n; ++i) {
+        H[i] = 0.0;
+    }
+    for (int i = 0; i < n; ++i) {
+        g[i] = 0.0;
+    }
+    for (ptrdiff_t k = 2; k <= N; ++k) {
+        const real *r = response + k * CHAIN * BLOCKS, *x = bend + k * BEND;
+        for (int c = 0; c < CHAIN; ++c) {
+            const real weight = c == 0 ? 1.0 / N : k == N ? 1.0 : smooth / N;
+            for (int b = 0; b < blocks; ++b) {
+                for (int j = 0; j < NY; ++j) {
+                    g[b * NY + j] += weight * r[c * BLOCKS + b] * x[c * NY + j];
+                    for (int d = 0; d < blocks; ++d) {
+                        H[(b * NY + j) * n + d * NY + j] += weight * r[c * BLOCKS + b] * r[c * BLOCKS + d];
+                    }
+                }
+            }
+        }
+    }
+    for (int i = 0; i < n; ++i) {
+        H[i * n + i] += calm;
+    }
+    for (ptrdiff_t k = 2; k <= N; ++k) {
+        const real *r = response + k * CHAIN * BLOCKS;
+        for (int m = 0; m < BOUNDED; ++m) {
+            const ptrdiff_t row = k * BOUNDED + m;
+            const int motor = m < NM ? m : m - NM;
+            const real *low = m < NM ? f->B2[motor] : f->C1[motor], *high = m < NM ? f->B4[motor] : f->C3[motor];
+            const int order = m < NM ? 2 : 1;
+            real power = m < NM ? 1.0 / (T * T) : 1.0 / T, *A;
+            if (!(fabs_1(s[l->value + row]) > worth_a_row)) {
+                s[l->dual + row] = 0.0;
+                continue;
+            }
+            A = p.A + p.rows * n;
+            s[l->x + p.rows] = s[l->value + row] * (1.0 + kept_free);
+            s[l->y + p.rows] = s[l->dual + row];
+            s[l->row + p.rows] = (real)row;
+            for (int b = 0; b < blocks; ++b) {
+                for (int j = 0; j < NY; ++j) {
+                    A[b * NY + j] = power *
+                        (low[j] * r[order * BLOCKS + b] + high[j] * r[(order + 2) * BLOCKS + b] / (T * T));
+                }
+            }
+            ++p.rows;
+        }
+    }
+    if (!run_program(&p, dear, PROGRAM_STEPS)) {
+        for (ptrdiff_t i = 0; i < (N + 1) * BOUNDED; ++i) {
+            s[l->dual + i] = 0.0;
+        }
+        return 0;
+    }
+    for (int i = 0; i < p.rows; ++i) {
+        s[l->dual + (ptrdiff_t)s[l->row + i]] = p.y[i];
+    }
+    for (ptrdiff_t k = 2; k <= N; ++k) {
+        for (int c = 0; c < CHAIN; ++c) {
+            for (int j = 0; j < NY; ++j) {
+                for (int b = 0; b < blocks; ++b) {
+                    bend[k * BEND + c * NY + j] += response[(k * CHAIN + c) * BLOCKS + b] * p.z[b * NY + j];
+                }
+            }
+        }
+    }
+    return 1;
+}
+
+#endif

@@ -1,0 +1,209 @@
+"""A C program that makes hostile calls of the inversion, read from its input, in heap blocks of the exact size.
+
+Every number of the input is a double. The program writes a line for each call: its status. Run under sanitizers it ends
+with another exit status where anything is read or written that must not be.
+"""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+from hostile import ARRAYS, OUTPUTS, Call, Target
+
+NULLS = (*ARRAYS, *OUTPUTS, "report", "work")
+
+_TEXT = r"""
+#include "@.h"
+#include <stdio.h>
+#include <stdlib.h>
+
+enum { NA = @_NA, NG = @_NG, NM = @_NM, NY = @_NY, NT = @_NT };
+
+/* Room for n numbers in a block that ends behind them; it is aligned to a number and not to two. */
+static double *room(long long n)
+{
+    double *block = malloc(((size_t)n + 1) * sizeof(double));
+    if (block == NULL) {
+        abort();
+    }
+    return block + 1;
+}
+
+static void clear(double *x)
+{
+    free(x - 1);
+}
+
+static double next(void)
+{
+    double x;
+    if (fread(&x, sizeof x, 1, stdin) != 1) {
+        exit(9);
+    }
+    return x;
+}
+
+static double *numbers(long long n)
+{
+    double *x = room(n);
+    for (long long i = 0; i < n; ++i) {
+        x[i] = next();
+    }
+    return x;
+}
+
+typedef int core(int, double, const double *, const double *, const double *, const double *, int, int, int, double,
+    double *, double *, double *, double *, double *, double *, double *, double *, double *, int64_t);
+
+static int whole_path(core *function, int64_t (*wanted)(int, int, int, int), int reported)
+{
+    const int rows = (int)next(), n = (int)next(), lead = (int)next(), tail = (int)next(), every = (int)next();
+    const double period = next(), tolerance = next();
+    const int null = (int)next();
+    const long long lacking = (long long)next();
+    const int64_t most = wanted(n, lead, tail, every);
+    const long long size = most > 0 ? (most > lacking ? most - lacking : 0) : 8;
+    const long long total = most > 0 ? (long long)n + lead + tail : 1;
+    const int widths[7] = {NA, NA, NA, NG, NM, NM, NM};
+    double *x[13], *given[13];
+    int status;
+    x[0] = numbers((long long)rows * NT);
+    x[1] = numbers((long long)rows * NY);
+    x[2] = numbers((long long)rows * NY);
+    x[3] = numbers(NA);
+    for (int i = 0; i < 7; ++i) {
+        x[4 + i] = room(total * widths[i]);
+    }
+    x[11] = room(reported);
+    x[12] = room(size);
+    for (int i = 0; i < 13; ++i) {
+        given[i] = i == null ? NULL : x[i];
+    }
+    status = function(n, period, given[0], given[1], given[2], given[3], lead, tail, every, tolerance, given[4],
+        given[5], given[6], given[7], given[8], given[9], given[10], given[11], given[12], size);
+    for (int i = 0; i < 13; ++i) {
+        clear(x[i]);
+    }
+    return status;
+}
+
+static double *memory, *results[7];
+
+static int begin(void)
+{
+    const int intervals = (int)next(), parts = (int)next();
+    const long long lacking = (long long)next();
+    const double period = next(), tolerance = next();
+    const int64_t most = @_stream_work(intervals, parts);
+    const long long size = most > lacking ? most - lacking : 8;
+    const int widths[6] = {NA, NA, NG, NM, NM, NM};
+    double *place = numbers(NT), *q = numbers(NA);
+    int status;
+    for (int i = 0; i < 7; ++i) {
+        if (memory != NULL) {
+            clear(results[i]);
+        }
+        results[i] = room(i == 6 ? @_STREAM_REPORT : most > 0 ? parts * (long long)widths[i] : 1);
+    }
+    if (memory != NULL) {
+        clear(memory);
+    }
+    memory = room(size);
+    for (long long i = 0; i < size && i < 8; ++i) {
+        memory[i] = 1.0; /* an update before the start */
+    }
+    status = @_stream_update(memory, place, place, place, results[0], results[1], results[2], results[3], results[4],
+        results[5], results[6]);
+    if (status != @_NOT_STARTED) {
+        exit(8);
+    }
+    status = @_stream_start(memory, size, intervals, parts, period, tolerance, place, q);
+    clear(place);
+    clear(q);
+    return status;
+}
+
+static int update(void)
+{
+    double *place = numbers(NT), *rate = numbers(NY), *rate2 = numbers(NY);
+    const int status = @_stream_update(memory, place, rate, rate2, results[0], results[1], results[2], results[3],
+        results[4], results[5], results[6]);
+    clear(place);
+    clear(rate);
+    clear(rate2);
+    return status;
+}
+
+static int bound(void)
+{
+    double *torque = numbers(NM), *speed = numbers(NM);
+    const int status = @_stream_limits(memory, torque, speed);
+    clear(torque);
+    clear(speed);
+    return status;
+}
+
+int main(void)
+{
+    for (;;) {
+        switch ((int)next()) {
+        case 1: printf("%d\n", whole_path(@_invert, @_invert_work, @_INVERT_REPORT)); break;
+#ifdef @_BVP_REPORT
+        case 2: printf("%d\n", whole_path(@_bvp, @_bvp_work, @_BVP_REPORT)); break;
+#endif
+        case 3: printf("%d\n", begin()); break;
+        case 4: printf("%d\n", update()); break;
+        case 5: printf("%d\n", bound()); break;
+        default:
+            for (int i = 0; i < 7 && memory != NULL; ++i) {
+                clear(results[i]);
+            }
+            if (memory != NULL) {
+                clear(memory);
+            }
+            return 0;
+        }
+    }
+}
+"""
+
+
+def text(name: str) -> str:
+    """The program for a library."""
+    out = _TEXT
+    for size in ("NA", "NG", "NM", "NY", "NT", "NOT_STARTED", "STREAM_REPORT", "INVERT_REPORT", "BVP_REPORT"):
+        out = out.replace(f"@_{size}", f"{name.upper()}_{size}")
+    return out.replace("@", name)
+
+
+def whole_path(call: Call, kind: int = 1) -> list[float]:
+    """What the program reads for a call of invert (1) or bvp (2)."""
+    n = len(call.place)
+    null = NULLS.index(call.null) if call.null else -1
+    head = [kind, n, n if call.n is None else call.n, call.lead, call.tail, call.every, call.period, call.tolerance]
+    return [*head, null, call.short, *(x for key in ARRAYS for x in np.ravel(getattr(call, key)))]
+
+
+def begin(one: Target, intervals: int, parts: int, period: float, short: int = 0) -> list[float]:
+    """What it reads for the start of a stream."""
+    return [3, intervals, parts, short, period, 1e-6, *one.path["place"][0], *one.path["q_start"]]
+
+
+def update(given: list[np.ndarray]) -> list[float]:
+    return [4, *(x for part in given for x in part)]
+
+
+def bound(torque: float, speed: float, one: Target) -> list[float]:
+    """The same bounds for all motors."""
+    return [5, *([torque] * one.sizes["n_m"]), *([speed] * one.sizes["n_m"])]
+
+
+def statuses(command: list[str], records: list[list[float]], folder: Path) -> list[int]:
+    """The status of every call; fails with what the sanitizers said."""
+    given = np.array([x for record in [*records, [0]] for x in record]).tobytes()
+    done = subprocess.run(command, input=given, cwd=folder, capture_output=True, check=False)
+    said = done.stderr.decode(errors="replace")
+    assert done.returncode == 0, (done.returncode, len(done.stdout.split()), len(records), said[:3000])
+    return [int(word) for word in done.stdout.split()]

@@ -1,0 +1,141 @@
+"""Hostile calls of the inversion under sanitizers, and the same bits of its answers from every compiler and level."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from emitted import CC, needs_compiler, run, sources
+from hostile import OUTPUTS, SPOILERS, Target, call_of, invert, target
+from hostile_client import begin, bound, statuses, text, update, whole_path
+
+from flexgen.codegen.spec import library_name
+
+pytestmark = needs_compiler
+
+SEED = 4
+ROUNDS = 4  # of every kind of spoiled call
+SANITIZE = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]
+STRICT = ["-std=c99", "-ffp-contract=off", "-fno-math-errno", "-Wall", "-Wextra", "-Werror"]
+LEVELS = ("-O0", "-O1", "-O2")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("hostile")
+    options = {"manutec_r3": {"move": "line", "singular": 4}, "planar5_nmp": {"singular": 1}, "elbow": {"singular": 1}}
+
+    @cache
+    def one(name: str) -> Target:
+        return target(name, folder / name, **options[name])
+
+    return one
+
+
+@cache
+def can_sanitize(folder: Path) -> bool:
+    """Whether the compiler has both sanitizers, and programs with them start."""
+    (folder / "try.c").write_text("int main(void) { return 0; }\n", encoding="ascii")
+    built = subprocess.run([str(CC), *SANITIZE, "try.c", "-o", "try"], cwd=folder, capture_output=True, check=False)
+    return built.returncode == 0 and subprocess.run([folder / "try"], capture_output=True, check=False).returncode == 0
+
+
+def corpus(one: Target) -> tuple[list[list[float]], list[int | None]]:
+    """Calls, and the statuses that the library of every day gives them; None where it was not asked."""
+    rng = np.random.default_rng(SEED)
+    records: list[list[float]] = []
+    expected: list[int | None] = []
+    for _ in range(ROUNDS):
+        for spoil in SPOILERS:
+            call, _ = spoil(one, rng)
+            records.append(whole_path(call))
+            expected.append(invert(one, call).status)
+            if one.equations.model.n_e:
+                records.append(whole_path(call, 2))
+                expected.append(None)
+    for intervals, parts, period, short in ((8, 3, one.period, 0), (1, 1, 1e-3, 0), (5, 7, 1e-9, 0), (3, 2, 1e5, 0)):
+        records.append(begin(one, intervals, parts, period, short))
+        expected.append(0)
+        for k in range(1, 16):
+            if k in (3, 9):
+                records.append(bound(*rng.choice([1e-9, 1.0, 30.0, 1e9, np.inf, np.nan, -1.0], 2), one))
+                expected.append(None)
+            given = [np.array(one.path[key][k]) for key in ("place", "rate", "rate2")]
+            given[rng.integers(3)][0] *= rng.choice([1.0, 1.0, 1.0, np.nan, 1e3, 1e300])
+            records.append(update(given))
+            expected.append(None)
+    for intervals, parts, short in ((8, 3, 1), (0, 1, 0), (-1, -1, 0), (2**31 - 1, 2**31 - 1, 0)):
+        records.append(begin(one, intervals, parts, 1e-3, short))
+        expected.append(-6 if short else -5)
+    return records, expected
+
+
+@pytest.mark.parametrize("name", ["planar5_nmp", "elbow", "manutec_r3"])
+def test_sanitizers_are_silent(made, name, tmp_path):
+    if not can_sanitize(tmp_path):
+        pytest.skip("the compiler has no address and undefined-behaviour sanitizers")
+    one = made(name)
+    symbol = library_name(one.equations.model)
+    (tmp_path / "client.c").write_text(text(symbol), encoding="ascii")
+    parts = [str(CC), *STRICT, *SANITIZE, f"-I{one.directory}", "client.c", *map(str, sources(one.directory))]
+    run(*parts, "-lm", "-o", "client", folder=tmp_path)
+    records, expected = corpus(one)
+    got = statuses([str(tmp_path / "client")], records, tmp_path)
+    assert len(got) == len(expected)
+    assert [g for g, e in zip(got, expected, strict=True) if e is not None] == [e for e in expected if e is not None]
+
+
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_the_same_bits_from_every_compiler_and_level(made, compiler, tmp_path):
+    if shutil.which(compiler) is None:
+        pytest.skip(f"no {compiler}")
+    one = made("planar5_nmp")
+    call = call_of(one, every=2)
+    expected = invert(one, call)
+    assert expected.status == 0
+    scalar = f"-D{library_name(one.equations.model).upper()}_NO_VECTORS"
+    for k, words in enumerate([*([level] for level in LEVELS), ["-O1", scalar]]):
+        file = tmp_path / f"{k}.so"
+        flags = [*STRICT, *words, "-fPIC", "-shared", "-fno-tree-vectorize", f"-I{one.directory}"]
+        run(compiler, *flags, *map(str, sources(one.directory)), "-lm", "-o", file, folder=tmp_path)
+        got = invert(one.with_library(file), call)
+        assert got.status == 0
+        for key in OUTPUTS:
+            assert got.results[key].tobytes() == expected.results[key].tobytes(), (compiler, words, key)
+
+
+def test_the_stack_is_as_small_as_the_header_says(made, tmp_path):
+    """The frames of a core that may stand on each other: no more than four of it, and one of a function it calls."""
+    if shutil.which("gcc") is None:
+        pytest.skip("needs gcc and its -fstack-usage")
+    one = made("planar5_nmp")
+    name = library_name(one.equations.model)
+    header = (one.directory / f"{name}.h").read_text(encoding="ascii")
+    said = [int(word) for word in re.findall(r"Stack: at most (\d+)\s", header.replace(" *", ""))]
+    assert len(set(said)) == 1 and len(said) >= 3
+    run("gcc", *STRICT, "-O2", "-fstack-usage", "-c", f"-I{one.directory}", *sources(one.directory), folder=tmp_path)
+    frames: dict[str, list[int]] = {}
+    for file in tmp_path.glob("*.su"):
+        rows = [line.split("\t") for line in file.read_text(encoding="ascii").splitlines()]
+        assert all(kind != "dynamic" for _, _, kind in rows), rows
+        frames[file.stem] = sorted((int(size) for _, size, _ in rows), reverse=True)
+    cores = {f"{name}_invert", f"{name}_stream", f"{name}_bvp"}
+    below = max(sum(sizes[:3]) for key, sizes in frames.items() if key not in cores)
+    assert cores <= set(frames)
+    assert all(sum(frames[core][:4]) + below <= said[0] for core in cores), (frames, said)
+
+
+def test_threads_do_not_disturb_each_other(made):
+    one = made("planar5_nmp")
+    calls = [call_of(one, every=every, tail=tail) for every, tail in ((1, 3), (2, 9), (3, 20), (5, 1))]
+    expected = [invert(one, call).results for call in calls]
+    with ThreadPoolExecutor(len(calls)) as pool:
+        for _ in range(5):
+            for got, right in zip(pool.map(lambda call: invert(one, call).results, calls), expected, strict=True):
+                assert all(np.array_equal(got[key], right[key]) for key in right)
