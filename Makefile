@@ -1,7 +1,8 @@
 # make run      the main job on planar5_nmp, with everything it needs set up first
 # make setup    the virtual environment .venv with flexgen and its tools
 # make test     the tests          make lint     format and lint          make types    static types
-# make bench    time the emitted C against Pinocchio and CasADi: benchmarks/peers.md (BENCH=--quick: a first look)
+# make bench    time the emitted C and inverse dynamics against others: benchmarks/peers.md, benchmarks/inversion.md
+#               (BENCH=--quick: a first look)
 # make golden   write the sources in generated/elbow anew, which a test compares with today's
 # make clean    remove what was built (not .venv)
 #
@@ -40,6 +41,7 @@ types: $(STAMP)
 
 bench: $(STAMP)
 	$(BIN)/python benchmarks/peers.py $(BENCH)
+	$(BIN)/python benchmarks/inversion.py $(BENCH)
 
 golden: $(STAMP)
 	$(BIN)/python cli.py generate elbow --no-build --force

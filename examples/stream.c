@@ -34,7 +34,7 @@ enum {
     CYCLES = 5,         /* of the motor control per update */
     PARTS = 2 * CYCLES, /* samples per update: at the beginning of a cycle, and in its middle */
     STEPS = 10,         /* of the plant per cycle */
-    MEMORY = 8192       /* numbers; planar5_nmp_stream_work tells how many the stream needs */
+    MEMORY = 32768      /* numbers; planar5_nmp_stream_work tells how many the stream needs */
 };
 
 static const double UPDATE = 5e-3, CYCLE = 1e-3;    /* s */

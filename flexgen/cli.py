@@ -181,7 +181,8 @@ def build_parser() -> argparse.ArgumentParser:
     sub.add_argument("--force", action="store_true", help="build even where nothing has changed")
 
     sub = verb("solve")
-    sub.add_argument("--move", metavar="NAME", help="a move of the model file; default: its first")
+    sub.add_argument("--move", metavar="NAME", help="a move or program of the model file; default: its first")
+    sub.add_argument("--moves", metavar="FILE", type=_path, help="take moves and programs from this TOML file instead")
     sub.add_argument(
         "--method", choices=METHODS, metavar="NAME", default="auto", help=f"one of {', '.join(METHODS)}; default: auto"
     )

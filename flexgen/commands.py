@@ -281,7 +281,7 @@ def solve(args: Namespace, tell: Tell) -> Answer:
         limits = limits_from_model(equations.model)
     solution = solved(
         equations,
-        args.move,
+        args.move if args.moves is None else _move_of_file(args.moves, args.move, equations.model),
         args.method,
         preview=args.preview,
         mesh=args.mesh,
@@ -315,6 +315,17 @@ def solve(args: Namespace, tell: Tell) -> Answer:
             data["report"] = str(page)
         text += ("\n" if args.out else "\n\n") + f"wrote {data['report']}"
     return Answer(data, text, problem, list(solution.warnings))
+
+
+def _move_of_file(file: Path, name: str | None, robot: RobotModel) -> Any:
+    """The move or program of that name in a file of moves; its first one for None."""
+    from flexgen.model.task_files import read_moves
+
+    found = read_moves(file, robot)
+    for move in found:
+        if name is None or move.name == name:
+            return move
+    raise ArgumentError(f"move: given {name!r}, {file} has: {', '.join(move.name for move in found) or 'none'}")
 
 
 def sweep(args: Namespace, tell: Tell) -> Answer:

@@ -191,9 +191,9 @@ class Streamed:
             pointer(self.report[0]),
         )
 
-    def limits(self, torque: Any, speed: Any) -> int:
+    def limits(self, torque: Any, speed: Any, bend: float = 0.1) -> int:
         given = [None if x is None else np.ascontiguousarray(x, dtype=float) for x in (torque, speed)]
-        return self.target.function("stream_limits")(pointer(self.memory), *(pointer(x) for x in given))
+        return self.target.function("stream_limits")(pointer(self.memory), *map(pointer, given), ctypes.c_double(bend))
 
     @property
     def spilled(self) -> bool:

@@ -139,7 +139,7 @@ static int update(void)
 static int bound(void)
 {
     double *torque = numbers(NM), *speed = numbers(NM);
-    const int status = @_stream_limits(memory, torque, speed);
+    const int status = @_stream_limits(memory, torque, speed, next());
     clear(torque);
     clear(speed);
     return status;
@@ -195,9 +195,9 @@ def update(given: list[np.ndarray]) -> list[float]:
     return [4, *(x for part in given for x in part)]
 
 
-def bound(torque: float, speed: float, one: Target) -> list[float]:
+def bound(torque: float, speed: float, bend: float, one: Target) -> list[float]:
     """The same bounds for all motors."""
-    return [5, *([torque] * one.sizes["n_m"]), *([speed] * one.sizes["n_m"])]
+    return [5, *([torque] * one.sizes["n_m"]), *([speed] * one.sizes["n_m"]), bend]
 
 
 def statuses(command: list[str], records: list[list[float]], folder: Path) -> list[int]:

@@ -332,6 +332,8 @@ def test_hostile_limits(made, name):
             assert NAMES[stream.limits(*both)] == "BAD_ARGUMENT" and stream.memory.tobytes() == before
             both[k] = None
             assert NAMES[stream.limits(*both)] == "NULL_ARGUMENT" and stream.memory.tobytes() == before
+    for bad in (np.nan, 0.0, -1.0, np.inf):
+        assert NAMES[stream.limits(endless, endless, bad)] == "BAD_ARGUMENT"
     for size in (1e-300, 1e-9, 1e-3, 1.0, 10.0, 1e3, 1e300, np.inf):
         stream = begun(one)
         assert stream.limits(size * np.ones(n), 10.0 * size * np.ones(n)) == 0

@@ -64,7 +64,8 @@ def corpus(one: Target) -> tuple[list[list[float]], list[int | None]]:
         expected.append(0)
         for k in range(1, 16):
             if k in (3, 9):
-                records.append(bound(*rng.choice([1e-9, 1.0, 30.0, 1e9, np.inf, np.nan, -1.0], 2), one))
+                numbers = rng.choice([1e-9, 1.0, 30.0, 1e9, np.inf, np.nan, -1.0], 2)
+                records.append(bound(*numbers, rng.choice([1e-300, 1e-3, 1.0, 1e7, np.nan]), one))
                 expected.append(None)
             given = [np.array(one.path[key][k]) for key in ("place", "rate", "rate2")]
             given[rng.integers(3)][0] *= rng.choice([1.0, 1.0, 1.0, np.nan, 1e3, 1e300])

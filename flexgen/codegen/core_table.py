@@ -242,13 +242,15 @@ CORES: tuple[Core, ...] = (
         "Let a stream keep bounds of its motors: where they would be passed, the path ahead is bent.",
         "From the next update on, in bounded time: a small quadratic program an update changes the path within the "
         "horizon, as little as can be, and the inversion follows the changed path. While it does, and where a bound is "
-        "passed, LIMITED is returned, and the report tells the deviation, which fades when the bounds no longer bind. What cannot be kept is passed "
-        "by as little as can be: the torques are to be compared with the bounds. The horizon must have at least 4 "
-        "intervals. Bounds may be changed at any time; infinity is none.",
+        "passed, LIMITED is returned, and the report tells the deviation, which fades when the bounds no longer bind. "
+        "What cannot be kept is passed: the torques are to be compared with the bounds. The horizon must have at least "
+        "4 intervals and be long enough to brake in. Bounds may be changed at any time; an infinite torque or speed is "
+        "none.",
         (
             Argument("stream", "kept", ("stream_work",), "", "memory of the stream"),
             Argument("torque_max", "in", ("n_m",), "N m", "of the motors, positive"),
             Argument("speed_max", "in", ("n_m",), "rad/s", "of the motors, positive"),
+            Argument("bend_max", "in", (), "mixed", "of the deviation of each output, m and rad; weighed like them"),
         ),
     ),
     Core(

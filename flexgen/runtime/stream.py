@@ -189,13 +189,15 @@ class Stream:
         named = dict(zip(_RESULTS, results, strict=True))
         return Interval(**named, residual=residual, exact=status != INEXACT, off_m=off[0], off_rad=off[1])
 
-    def limit(self, *, torque: Any = None, speed: Any = None) -> None:
+    def limit(self, *, torque: Any = None, speed: Any = None, bend: float = 0.05) -> None:
         """Let the motors keep bounds from the next update on: where they would be passed, the path ahead is bent.
 
         Parameters
         ----------
         torque, speed : array (n_m,), optional
             Largest torques [N m] and speeds [rad/s] of the motors; None, or infinity, where there is no bound.
+        bend : float
+            Largest deviation of each output [m, rad]: what would need more passes the bounds.
 
         Raises
         ------
@@ -210,7 +212,8 @@ class Stream:
         if not self._lock.acquire(blocking=False):
             raise ArgumentError("stream: given limits while an update is under way, expected one after the other")
         try:
-            self._refuse(int(self._entries.limits(pointer(self._memory), *(pointer(x) for x in both))))
+            most = ctypes.c_double(number_of("stream", "bend", bend))
+            self._refuse(int(self._entries.limits(pointer(self._memory), *(pointer(x) for x in both), most)))
         finally:
             self._lock.release()
 

@@ -20,18 +20,22 @@ enum {
     CHAIN = 5,       /* derivatives 0 to 4, the fifth is the input */
     BLOCKS = 8,      /* of constant input over the horizon, at most */
     INPUTS = BLOCKS * NY,
-    BOUNDED = 2 * NM, /* torques and speeds at a node */
+    MOTORS = 2 * NM,       /* torques and speeds at a node */
+    BOUNDED = MOTORS + NY, /* and deviations */
     BEND = CHAIN * NY,
     PROGRAM_STEPS = 80,
-    FADES = 5 /* time constants of the deviation in a horizon */
+    SOON = 100, /* of a horizon: a quarter that stays as it is */
+    FADES = 4 /* time constants of the deviation in a horizon */
 };
 
 static const real kept_free = 1e-3;   /* of a bound: what is kept from it for errors of the slopes */
 static const real worth_a_row = 0.5;  /* of a bound: nodes with less are not in the program */
+static const real far_off = 1.5;      /* times the largest deviation that is allowed: what none reaches */
+static const real share = 0.3; /* of a change that is made at once */
 static const real no_bend = 1e-7;     /* m, rad: a deviation that is none */
-static const real smooth = 1e-2;      /* weight of the input, and of the derivatives at the end, beside the deviation */
-static const real calm = 1e-2; /* weight of a change of the input, so that plans do not jump from update to update */
-static const real dear = 0.05;         /* of passing a bound by its own size, beside a deviation of one */
+static const real smooth = 1e-1;      /* weight of the input, and of the derivatives at the end, beside the deviation */
+static const real calm = 1e-1; /* weight of a change of the input, so that plans do not jump from update to update */
+static const real dear = 1e-4;         /* of passing a bound by its own size, beside a deviation of one */
 
 /* What the stream keeps for its limits: places in its memory, relative to its beginning. */
 typedef struct {
@@ -45,7 +49,7 @@ static inline limits_layout limits_laid_out(ptrdiff_t N)
     const ptrdiff_t nodes = N + 1, rows = nodes * BOUNDED;
 #define PLACE(name, size) \
     l.name = at; \
-    at += room(size)
+    at += (ptrdiff_t)room(size)
     PLACE(on, 1);
     PLACE(bound, BOUNDED);
     PLACE(plan, nodes * REFERENCE);
@@ -195,6 +199,9 @@ static inline int motors_ahead(real *s, const limits_layout *l, ptrdiff_t N, rea
             value[i] = tau_m[i] / s[l->bound + i];
             value[NM + i] = v_m[i] / s[l->bound + NM + i];
         }
+        for (int i = 0; i < NY; ++i) {
+            value[MOTORS + i] = s[l->bend + k * BEND + i] / s[l->bound + MOTORS + i];
+        }
     }
     return 1;
 }
@@ -264,18 +271,43 @@ static inline int slopes_at(arm_points *arm, const real *torque, const real *bou
     return 1;
 }
 
+/* What the inputs change in bounded number m of a node where the chain answers by r. */
+static inline void fill_row(
+    const real *s, const limits_layout *l, const slopes_ahead *f, int m, const real *r, int blocks, real T, real *A)
+{
+    for (int b = 0; b < blocks; ++b) {
+        for (int j = 0; j < NY; ++j) {
+            real *to = A + b * NY + j;
+            if (m < NM) {
+                *to = (f->B2[m][j] * r[2 * BLOCKS + b] + f->B4[m][j] * r[4 * BLOCKS + b] / (T * T)) / (T * T);
+            } else if (m < MOTORS) {
+                *to = (f->C1[m - NM][j] * r[BLOCKS + b] + f->C3[m - NM][j] * r[3 * BLOCKS + b] / (T * T)) / T;
+            } else {
+                *to = m - MOTORS == j ? r[b] / s[l->bound + m] : 0.0;
+            }
+        }
+    }
+}
+
+/* The last node of the horizon whose deviation stays: what is so near needs its motion now. */
+static inline ptrdiff_t nodes_fixed(ptrdiff_t N)
+{
+    return N / SOON > 1 ? N / SOON : 1;
+}
+
 /* Change the deviations ahead; 0 where the numbers are none, and nothing has changed. */
 static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, real T, const slopes_ahead *f)
 {
-    const int blocks = N - 1 < BLOCKS ? (int)(N - 1) : (int)BLOCKS, n = blocks * NY;
-    const real tau = (real)FADES / N;
+    const ptrdiff_t fixed = nodes_fixed(N), left = N - fixed;
+    const int blocks = left < BLOCKS ? (int)left : (int)BLOCKS, n = blocks * NY;
+    const real tau = (real)FADES / (real)N;
     real *bend = s + l->bend, *response = s + l->response, *H = s + l->H, *g = s + l->g;
     program p = {n, 0, H, g, s + l->A, s + l->x, s + l->y, s + l->z, s + l->K, s + l->w, s + l->vv, s + l->b, 0.0};
-    for (int b = 0; b < blocks; ++b) { /* of the chain at the nodes to a unit in a block; nothing before node 1 */
+    for (int b = 0; b < blocks; ++b) { /* of the chain at the nodes to a unit in a block */
         for (ptrdiff_t k = 0; k <= N; ++k) {
             real *to = response + (k * CHAIN) * BLOCKS + b;
-            const int in = k > 1 && (k - 2) * blocks / (N - 1) == b;
-            if (k < 2) {
+            const int in = k > fixed && (k - 1 - fixed) * blocks / left == b;
+            if (k <= fixed) {
                 for (int i = 0; i < CHAIN; ++i) {
                     to[i * BLOCKS] = 0.0;
                 }
@@ -290,10 +322,10 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
     for (int i = 0; i < n; ++i) {
         g[i] = 0.0;
     }
-    for (ptrdiff_t k = 2; k <= N; ++k) {
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
         const real *r = response + k * CHAIN * BLOCKS, *x = bend + k * BEND;
         for (int c = 0; c < CHAIN; ++c) {
-            const real weight = c == 0 ? 1.0 / N : k == N ? 1.0 : smooth / N;
+            const real weight = c == 0 ? 1.0 / (real)N : k == N ? 1.0 : smooth / (real)N;
             for (int b = 0; b < blocks; ++b) {
                 for (int j = 0; j < NY; ++j) {
                     g[b * NY + j] += weight * r[c * BLOCKS + b] * x[c * NY + j];
@@ -307,14 +339,11 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
     for (int i = 0; i < n; ++i) {
         H[i * n + i] += calm;
     }
-    for (ptrdiff_t k = 2; k <= N; ++k) {
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
         const real *r = response + k * CHAIN * BLOCKS;
         for (int m = 0; m < BOUNDED; ++m) {
             const ptrdiff_t row = k * BOUNDED + m;
-            const int motor = m < NM ? m : m - NM;
-            const real *low = m < NM ? f->B2[motor] : f->C1[motor], *high = m < NM ? f->B4[motor] : f->C3[motor];
-            const int order = m < NM ? 2 : 1;
-            real power = m < NM ? 1.0 / (T * T) : 1.0 / T, *A;
+            real *A;
             if (!(fabs_1(s[l->value + row]) > worth_a_row)) {
                 s[l->dual + row] = 0.0;
                 continue;
@@ -323,12 +352,7 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
             s[l->x + p.rows] = s[l->value + row] * (1.0 + kept_free);
             s[l->y + p.rows] = s[l->dual + row];
             s[l->row + p.rows] = (real)row;
-            for (int b = 0; b < blocks; ++b) {
-                for (int j = 0; j < NY; ++j) {
-                    A[b * NY + j] = power *
-                        (low[j] * r[order * BLOCKS + b] + high[j] * r[(order + 2) * BLOCKS + b] / (T * T));
-                }
-            }
+            fill_row(s, l, f, m, r, blocks, T, A);
             ++p.rows;
         }
     }
@@ -338,10 +362,24 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
         }
         return 0;
     }
+    for (int i = 0; i < n; ++i) {
+        p.z[i] *= share;
+    }
     for (int i = 0; i < p.rows; ++i) {
         s[l->dual + (ptrdiff_t)s[l->row + i]] = p.y[i];
     }
-    for (ptrdiff_t k = 2; k <= N; ++k) {
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) { /* soft bounds may be passed, but a deviation not by much */
+        for (int j = 0; j < NY; ++j) {
+            real to = bend[k * BEND + j];
+            for (int b = 0; b < blocks; ++b) {
+                to += response[k * CHAIN * BLOCKS + b] * p.z[b * NY + j];
+            }
+            if (fabs_1(to) > far_off * s[l->bound + MOTORS + j] && fabs_1(to) > fabs_1(bend[k * BEND + j])) {
+                return 0;
+            }
+        }
+    }
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
         for (int c = 0; c < CHAIN; ++c) {
             for (int j = 0; j < NY; ++j) {
                 for (int b = 0; b < blocks; ++b) {

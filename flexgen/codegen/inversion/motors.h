@@ -13,10 +13,14 @@
 enum { SPRING_STEPS = 60, QUICK_STEPS = 8, MARGIN = 3, WINDOW = 2 * MARGIN + 1 };
 
 /* First and second derivative by seven samples, `stride` apart and `period` seconds; order six. */
+static inline real sixty_differences(const real *x, ptrdiff_t stride)
+{
+    return 45.0 * (x[stride] - x[-stride]) - 9.0 * (x[2 * stride] - x[-2 * stride]) + (x[3 * stride] - x[-3 * stride]);
+}
+
 static inline real slope_of(const real *x, ptrdiff_t stride, real period)
 {
-    return (45.0 * (x[stride] - x[-stride]) - 9.0 * (x[2 * stride] - x[-2 * stride]) +
-            (x[3 * stride] - x[-3 * stride])) / (60.0 * period);
+    return sixty_differences(x, stride) / (60.0 * period);
 }
 
 static inline real curvature_of(const real *x, ptrdiff_t stride, real period)

@@ -101,6 +101,7 @@ static inline void hold_ends(real *x, ptrdiff_t samples)
  */
 static inline real unevenness(const results *r)
 {
+    const real sixty = 60.0 * r->p->period;
     real most[4] = {1e-6, 1e-6, 1e-9, 1e-6}, off[4] = {0.0, 0.0, 0.0, 0.0}, worst = 0.0; /* least that is measured */
     for (ptrdiff_t k = 0; k < r->samples; ++k) {
         const int inside = k >= MARGIN && k + MARGIN < r->samples;
@@ -108,8 +109,8 @@ static inline real unevenness(const results *r)
             const real *q = r->q_a + k * NA + i, *v = r->v_a + k * NA + i, a = r->a_a[k * NA + i];
             most[0] = fmax_1(most[0], fabs_1(a));
             most[2] = fmax_1(most[2], fabs_1(v[0]));
-            off[2] = inside ? fmax_1(off[2], fabs_1(slope_of(q, NA, r->p->period) - v[0])) : off[2];
-            off[0] = inside ? fmax_1(off[0], fabs_1(slope_of(v, NA, r->p->period) - a)) : off[0];
+            off[0] = inside ? fmax_1(off[0], fabs_1(sixty_differences(v, NA) - sixty * a)) : off[0];
+            off[2] = inside ? fmax_1(off[2], fabs_1(sixty_differences(q, NA) - sixty * v[0])) : off[2];
         }
         for (int j = 0; j < NM; ++j) {
             const real *v = r->v_m + k * NM + j;
@@ -119,13 +120,13 @@ static inline real unevenness(const results *r)
             }
             most[1] = fmax_1(most[1], fabs_1(a));
             most[3] = fmax_1(most[3], rotor_inertia[j] * fabs_1(a));
-            a = inside ? fabs_1(slope_of(v, NM, r->p->period) - a) : 0.0;
+            a = inside ? fabs_1(sixty_differences(v, NM) - sixty * a) : 0.0;
             off[1] = fmax_1(off[1], a);
             off[3] = fmax_1(off[3], rotor_inertia[j] * a);
         }
     }
     for (int i = 0; i < 4; ++i) { /* accelerations of arm and motors, speeds of the arm, torques of the rotors */
-        worst = fmax_1(worst, off[i] / most[i]);
+        worst = fmax_1(worst, off[i] / (sixty * most[i]));
     }
     return worst;
 }

@@ -35,12 +35,12 @@ typedef struct {
 static layout laid_out(int intervals, int parts)
 {
     layout l;
-    ptrdiff_t at = room(HEAD);
+    ptrdiff_t at = (ptrdiff_t)room(HEAD);
     l.window = BACK + (ptrdiff_t)parts + BACK;
     l.past = (BACK + parts - 1) / parts + 1;
 #define PLACE(name, size) \
     l.name = at; \
-    at += room(size)
+    at += (ptrdiff_t)room(size)
     PLACE(limits, limits_laid_out(intervals).end);
     PLACE(last, REFERENCE);
     PLACE(tau, l.window * NG);
@@ -488,21 +488,24 @@ static int put_out(real *s, const layout *l, real *q_a, real *v_a, real *tau_g, 
     return MODEL_OK;
 }
 
-int model_stream_limits(double *stream, const double *torque_max, const double *speed_max)
+int model_stream_limits(double *stream, const double *torques_most, const double *speeds_most, double bend_max)
 {
     layout l;
     limits_layout w;
     ptrdiff_t N;
     real *b;
-    if (stream == NULL || torque_max == NULL || speed_max == NULL) {
+    if (stream == NULL || torques_most == NULL || speeds_most == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
     if (!is_running(stream)) {
         return MODEL_NOT_STARTED;
     }
     N = (ptrdiff_t)stream[INTERVALS];
+    if (!(bend_max > 0.0 && bend_max < 1e6)) {
+        return MODEL_BAD_ARGUMENT;
+    }
     for (int i = 0; i < NM; ++i) {
-        if (N < LEAST_AHEAD || !(torque_max[i] > 0.0 && speed_max[i] > 0.0)) {
+        if (N < LEAST_AHEAD || !(torques_most[i] > 0.0 && speeds_most[i] > 0.0)) {
             return MODEL_BAD_ARGUMENT;
         }
     }
@@ -510,8 +513,11 @@ int model_stream_limits(double *stream, const double *torque_max, const double *
     w = limits_laid_out(N);
     b = stream + l.limits;
     for (int i = 0; i < NM; ++i) {
-        b[w.bound + i] = torque_max[i];
-        b[w.bound + NM + i] = speed_max[i];
+        b[w.bound + i] = torques_most[i];
+        b[w.bound + NM + i] = speeds_most[i];
+    }
+    for (int i = 0; i < NY; ++i) {
+        b[w.bound + MOTORS + i] = bend_max;
     }
     if (!(b[w.on] > 0.0)) {
         copy(stream + l.nodes + l.past * REFERENCE, (N + 1) * REFERENCE, b + w.plan);
@@ -549,10 +555,11 @@ static void load_node(real *s, const layout *l, ptrdiff_t k, const real *joints,
 static int look_ahead(real *s, const layout *l)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
-    const real h = s[PERIOD], T = h * N / FADES;
+    const real h = s[PERIOD], T = h * (real)N / FADES;
     real *b = s + l->limits, *space = s + l->space, worst = 0.0, joints[NG];
     const limits_layout w = limits_laid_out(N);
-    ptrdiff_t where = 2;
+    const ptrdiff_t fixed = nodes_fixed(N);
+    ptrdiff_t where = fixed + 1;
     slopes_ahead slopes;
     int status;
 #if MODEL_NE > 0
@@ -583,15 +590,15 @@ static int look_ahead(real *s, const layout *l)
     if (!motors_ahead(b, &w, N, h, space)) {
         return MODEL_RESULT_NOT_FINITE;
     }
-    for (ptrdiff_t k = 2; k <= N; ++k) {
-        const real here = largest(b + w.value + k * BOUNDED, BOUNDED);
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
+        const real here = largest(b + w.value + k * BOUNDED, MOTORS);
         if (here > worst) {
             worst = here;
             where = k;
         }
     }
     if (worst * (1.0 + kept_free) <= 1.0 && largest(b + w.bend, (int)((N + 1) * BEND)) < no_bend) {
-        for (ptrdiff_t i = 2 * BEND; i < (N + 1) * BEND; ++i) {
+        for (ptrdiff_t i = (fixed + 1) * BEND; i < (N + 1) * BEND; ++i) {
             b[w.bend + i] = 0.0;
         }
     } else {
@@ -657,8 +664,8 @@ int model_stream_update(double *stream, const double *place, const double *rate,
     limits = stream + l.limits;
     if (limits[w.on] > 0.0) { /* what bends the path there, if nothing further happens */
         copy(next, REFERENCE, own);
-        fade(limits + w.bend + N * BEND, (real)FADES / N, bend);
-        bend_reference(own, bend, stream[PERIOD] * N / FADES, next);
+        fade(limits + w.bend + N * BEND, (real)FADES / (real)N, bend);
+        bend_reference(own, bend, stream[PERIOD] * (real)N / FADES, next);
     }
     { /* the new interval: can the arm get there? If not, the sample is refused and nothing has changed. */
         real both[2][REFERENCE], at[STAGES][REFERENCE];

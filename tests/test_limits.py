@@ -1,0 +1,126 @@
+"""Limits by bending the path: kept by the true torques, at a small price, or refused in words."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import flexgen
+from flexgen.errors import SolverError
+from flexgen.mechanics.evaluate import evaluate
+from flexgen.solvers import limited
+from flexgen.solvers.bends import Bends, bent
+from flexgen.solvers.full import limits_for
+from flexgen.solvers.inverter import has_compiler
+from flexgen.solvers.solution import Solution
+
+KEPT = 1e-3  # of a bound: what its corrections may leave
+NEAR = 0.1  # relative: the two ways weigh the deviation alike and smooth it differently
+DIFFERENCE = 1e-6  # a central difference of a step of 1e-3 s of a motion of 1 Hz or so, relative
+
+needs_compiler = pytest.mark.skipif(not has_compiler(), reason="no C compiler")
+
+
+def bounded(method: str, **limits: float | tuple[float, ...]) -> Solution:
+    equations = flexgen.derive("planar5_nmp")
+    return flexgen.solve(equations, method=method, limits=limits_for(equations.model, **limits), verify=False)
+
+
+def deviation(solution: Solution) -> float:
+    """Largest distance of the planned output from the path [m]."""
+    place = evaluate(flexgen.derive("planar5_nmp").function("output"), solution.trajectory["q_a"])[0]
+    reference = solution.trajectory["y_ref"]
+    return float(np.linalg.norm(place.reshape(reference.shape) - reference, axis=1).max())
+
+
+@needs_compiler
+@pytest.mark.parametrize(("torque", "price"), [(22.0, 1.02e-3), (20.0, 3.12e-3)])
+def test_torque_limits_cost_what_they_cost_the_full_method(torque: float, price: float) -> None:
+    solution = bounded("lq", torque=torque)
+    assert solution.status == "limited"
+    assert np.abs(solution.trajectory["tau_m"]).max() <= torque * (1 + KEPT)
+    assert abs(deviation(solution) - price) < NEAR * price  # of method full with the same limits
+    assert solution.details["bend_max_m"] == pytest.approx(deviation(solution), rel=1e-3)
+
+
+@needs_compiler
+def test_speed_limits_are_kept() -> None:
+    solution = bounded("lq", speed=(1000.0, 250.0))
+    assert solution.status == "limited" and 1e-5 < deviation(solution) < 1e-3
+    assert np.abs(solution.trajectory["v_m"][:, 1]).max() <= 250.0 * (1 + KEPT)
+
+
+@needs_compiler
+def test_the_bent_path_is_verified() -> None:
+    equations = flexgen.derive("planar5_nmp")
+    solution = flexgen.solve(equations, method="lq", limits=limits_for(equations.model, torque=22.0))
+    assert solution.status == "limited" and not solution.warnings
+    assert solution.plan_error_max is not None and solution.plan_error_max < 1e-6
+    assert solution.tool_error_max_m == pytest.approx(solution.details["bend_max_m"], rel=1e-2)
+
+
+@needs_compiler
+def test_wide_limits_change_nothing() -> None:
+    free = flexgen.solve("planar5_nmp", method="lq", verify=False)
+    wide = bounded("lq", torque=30.0, speed=1000.0, deflection=0.1)
+    assert wide.status == "solved"
+    assert np.array_equal(free.trajectory["tau_m"], wide.trajectory["tau_m"])
+
+
+@needs_compiler
+def test_limits_that_cannot_be_kept_are_told() -> None:
+    with pytest.raises(SolverError, match=r"motor m1 needs 8\.57 N m to hold the arm"):
+        bounded("lq", torque=5.0)
+    with pytest.raises(SolverError, match="found no bend of the path"):
+        bounded("lq", speed=(1000.0, 20.0))
+
+
+@needs_compiler
+def test_limits_that_are_not_corrected_are_passed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A planted bug: slopes that are measured wrong by a fifth. The rounds mend it; without them it shows."""
+    measured = limited._slopes
+
+    def wrong(*arguments: object) -> object:
+        return 1.2 * measured(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(limited, "_slopes", wrong)
+    solution = bounded("lq", torque=22.0)
+    assert np.abs(solution.trajectory["tau_m"]).max() <= 22.0 * (1 + KEPT)
+    monkeypatch.setattr(limited, "ROUNDS", 1)
+    with pytest.raises(SolverError, match="still passed by"):
+        bounded("lq", torque=22.0)
+
+
+def test_bends_are_smooth_and_end() -> None:
+    t = np.linspace(-0.1, 1.1, 1201)
+    bends = Bends(t, 0.0, 0.05, 12)
+    c = np.random.default_rng(3).normal(size=(12, 2))
+    for k in range(4):
+        slope = np.gradient(bends.along(c, k), t, axis=0)[2:-2]
+        exact = bends.along(c, k + 1)[2:-2]
+        # the fourth derivative of a spline of degree five has corners
+        assert np.abs(slope - exact).max() < (1e-2 if k < 3 else 5e-2) * np.abs(exact).max()
+    outside = (t < 0.0) | (t > 0.05 * 17)
+    assert not any(bends.along(c, k)[outside].any() for k in range(5))
+
+
+def test_a_pose_is_bent_with_its_rates() -> None:
+    step = 1e-3
+    t = step * np.arange(-2, 3)
+    turn = np.array([[0.2, -0.1, 0.3], [0.5, 0.4, -0.2], [-0.3, 0.6, 0.1]])
+    f = turn[0] + np.outer(t, turn[1]) + np.outer(t**2, turn[2]) / 2
+    df, ddf = turn[1] + np.outer(t, turn[2]), np.tile(turn[2], (5, 1))
+    w, start = np.array([0.3, -0.7, 0.4]), Rotation.from_rotvec([0.4, 0.2, -0.5])
+    R = (Rotation.from_rotvec(np.outer(t, w)) * start).as_matrix()
+    zero = np.zeros((5, 3))
+    place = np.hstack([zero, R.transpose(0, 2, 1).reshape(5, 9)])
+    rate, rate2 = np.hstack([zero, np.tile(w, (5, 1))]), np.zeros((5, 6))
+    d = tuple(np.hstack([zero, x]) for x in (f, df, ddf))
+    out, turning, rising = bent(place, rate, rate2, d)  # type: ignore[arg-type]
+    found = Rotation.from_matrix(out[:, 3:].reshape(5, 3, 3).transpose(0, 2, 1))
+    expected = Rotation.from_rotvec(f) * Rotation.from_matrix(R)
+    assert (found * expected.inv()).magnitude().max() < 1e-12
+    spin = [(found[k + 1] * found[k - 1].inv()).as_rotvec() / (2 * step) for k in (1, 2, 3)]
+    assert np.abs(spin[1] - turning[2, 3:]).max() < DIFFERENCE
+    assert np.abs((turning[3, 3:] - turning[1, 3:]) / (2 * step) - rising[2, 3:]).max() < DIFFERENCE
