@@ -16,14 +16,14 @@ import casadi as ca
 import numpy as np
 from inversion_bvp import ReducedProblem, Setting
 from inversion_opty_job import job, torque_of
-from inversion_paths import EXACT, MESHES, PathRow, error_of, least_ms
+from inversion_paths import EXACT, MESHES, PathRow, least_ms
 
-import flexgen
 from flexgen.errors import FlexgenError
 from flexgen.mechanics.equations import derive
 from flexgen.problems.path import Path
 from flexgen.simulation import simulate
 from flexgen.solvers.inverter import inverter
+from flexgen.solvers.methods import METHODS
 from flexgen.solvers.question import Question
 from flexgen.solvers.solve import _solution
 
@@ -89,17 +89,18 @@ def collocation_rows(ours: dict[str, PathRow], quick: bool, say: Callable[[str],
             _Timed.spent = 0.0
             began = time.process_time()
             try:
+                ask = Question(equations, Path(equations, equations.model.move(MOVE)), mesh=mesh)
                 with patch("casadi.nlpsol", _timed):
-                    flexgen.solve(equations, MOVE, "collocation", mesh=mesh, verify=False)
+                    answer = METHODS["collocation"](ask, mesh)
                 whole = time.process_time() - began
-                found = flexgen.solve(equations, MOVE, "collocation", mesh=mesh)
-            except FlexgenError as error:
-                say(f"  collocation, {robot}, {1e3 * mesh:g} ms: {error}")
+                found = _solution(ask, "collocation", answer)
+                simulation = simulate(equations, found.trajectory, start=ask.rest)
+            except FlexgenError as failure:
+                say(f"  collocation, {robot}, {1e3 * mesh:g} ms: {failure}")
                 continue
-            if error_of(found) > EXACT:
+            error = simulation.tool_error_max_m or 0.0, simulation.tool_error_max_rad
+            if max(error[0], error[1] or 0.0) > EXACT:
                 continue
-            assert found.simulation is not None
-            error = found.simulation.tool_error_max_m or 0.0, found.simulation.tool_error_max_rad
             what = f"mesh {1e3 * mesh:g} ms, {found.iterations} iterations"
             for contains, spent in (("IPOPT alone", _Timed.spent), ("everything, building the problem too", whole)):
                 rows.append(

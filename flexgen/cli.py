@@ -50,6 +50,7 @@ examples:
   flexgen generate planar5_nmp                      C library in generated/planar5_nmp
   flexgen generate arm.toml --native --single       the same for this processor, in single precision
   flexgen solve planar5_nmp --report reports/arm    torques along the first move, with pictures
+  flexgen sweep examples/sweep.toml --out out/sweep many solves, on all cores
   flexgen run                                       all of it once
 
 MODEL is a name in models/ or the path of a .toml file, either with @variant, or FILE.urdf#BASE:TIP.
@@ -196,7 +197,7 @@ def build_parser() -> argparse.ArgumentParser:
     sub.add_argument("--no-verify", action="store_true", help="skip the forward simulation")
     sub.add_argument("--preview", metavar="S", type=_not_negative, help="how long before the path the motion may begin")
     sub.add_argument("--mesh", metavar="S", type=_positive, help="length of the intervals of the mesh")
-    sub.add_argument("--limits", action="store_true", help="respect the model's torque and speed limits (method full)")
+    sub.add_argument("--limits", action="store_true", help="respect the model's torque and speed limits (methods lq, collocation, full)")
     sub.add_argument("--accuracy", metavar="X", type=_positive, help="largest error to accept, m and rad")
 
     sub = verb("simulate")

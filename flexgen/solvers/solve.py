@@ -55,17 +55,17 @@ def solve(
     move : str or Move, optional
         A move of the model file; default: its first.
     method : str
-        ``"closed-form"`` (no non-actuated coordinates), ``"collocation"`` (optimal control on the reduced problem,
-        exact path), ``"full"`` (optimal control on the full model, with limits and for complete motor coupling), or
-        ``"auto"``: the first that applies, and "full" for gears whose spring has a kink or where the verification
-        rejects the others.
+        A name of `flexgen.solvers.methods.METHODS`, or ``"auto"``: ``"full"`` for limits, complete motor coupling and
+        gears whose spring has a kink; else ``"closed-form"`` without non-actuated coordinates, and ``"lq"`` with them
+        (``"collocation"`` where there is no C compiler). What the verification rejects is tried again by "full".
     preview : float, optional [s]
         How long before the path the motion may begin; default: fifteen time constants of the slowest unstable zero, at
         least 4 % of the move (of half a second, if it is longer) and at most 2 s.
     mesh : float, optional [s]
-        Length of the collocation intervals; default: a hundredth of the move, at most 5 ms.
+        Length of the intervals or steps; default: a hundredth of the move, at most 5 ms (with "lq" and "bvp" 10 ms).
     limits : Limits, optional
-        Bounds on motor torque and speed; only with method "full" (which "auto" then picks).
+        Bounds on motor torque, speed and deflection, for methods that keep them: "lq" bends the path and inverts it
+        exactly, "full" and "collocation" optimise torque and tool error together.
     verify : bool
         Simulate the full model forward and measure the error; meshes that miss ``accuracy`` are refined.
     accuracy : float [rad, and m for each metre of reach, at most m]
@@ -73,7 +73,8 @@ def solve(
     progress : callable, optional
         Called with one line of text now and then.
     options : mapping, optional
-        What only some methods know, by name; see their modules.
+        What only some methods know, by name: ``native`` (lq, bvp), ``order`` and ``richardson`` (bdf), ``order``
+        (discretized), ``rtol`` (reduced), ``rounds`` (quasistatic); see their modules.
 
     Returns
     -------
