@@ -197,7 +197,11 @@ def build_parser() -> argparse.ArgumentParser:
     sub.add_argument("--no-verify", action="store_true", help="skip the forward simulation")
     sub.add_argument("--preview", metavar="S", type=_not_negative, help="how long before the path the motion may begin")
     sub.add_argument("--mesh", metavar="S", type=_positive, help="length of the intervals of the mesh")
-    sub.add_argument("--limits", action="store_true", help="respect the model's torque and speed limits (methods lq, collocation, full)")
+    sub.add_argument(
+        "--limits",
+        action="store_true",
+        help="respect the model's torque and speed limits (methods lq, collocation, full)",
+    )
     sub.add_argument("--accuracy", metavar="X", type=_positive, help="largest error to accept, m and rad")
 
     sub = verb("simulate")

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from flexgen.errors import BuildError
 
-LIMIT = 256 * 2**20  # bytes; the entries that were used least lately go first
+LIMIT = 256 * 2**20  # bytes of objects; the entries that were used least lately go first
 
 _MARK = 64  # length of the hash that an entry begins with
 
@@ -82,10 +82,18 @@ def _mark(key: str, data: bytes) -> bytes:
 
 
 def _prune(folder: Path) -> None:
-    """Remove the entries that were used least lately, and what an interrupted process left, beyond the limit."""
-    entries = sorted((path.stat().st_mtime, path.stat().st_size, path) for path in folder.iterdir())
+    """Remove the entries that were used least lately, and what an interrupted process left, beyond the limit.
+
+    Other processes may do the same at once. Folders are not counted: what is in ``libraries`` has limits of its own.
+    """
+    entries = []
+    for path in folder.iterdir():
+        with contextlib.suppress(FileNotFoundError):
+            facts = path.lstat()
+            if not stat.S_ISDIR(facts.st_mode):
+                entries.append((facts.st_mtime, facts.st_size, path))
     total = sum(size for _, size, _ in entries)
-    for _, size, path in entries:
+    for _, size, path in sorted(entries):
         if total <= LIMIT:
             break
         path.unlink(missing_ok=True)

@@ -8,16 +8,17 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
-from flexgen.codegen.build import generate
+from flexgen.codegen.build import MANIFEST, generate
 from flexgen.codegen.compiler import find_compiler
 from flexgen.codegen.objects import cache_folder
 from flexgen.codegen.spec import library_name, model_digest
 from flexgen.codegen.table import INVERSION
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
 from flexgen.runtime import load
 from flexgen.runtime.library import Library
+from flexgen.solvers.library_cache import mark_used, prune
 
 KEPT = 32  # loaded libraries
 
@@ -94,6 +95,27 @@ def _loaded(key: _Key, native: bool, progress: Callable[[str], None]) -> Library
                 place.append(load(made.directory))
         else:
             target = root / "libraries" / f"{library_name(model)}-{mark}"
-            made = generate(model, target, functions=functions, native=native, progress=progress)
-            place.append(load(made.directory))
+            place.append(_kept(model, target, functions, native, progress))
+    else:
+        mark_used(place[0].directory)
     return place[0]
+
+
+def _kept(
+    model: RobotModel, target: Path, functions: list[str], native: bool, progress: Callable[[str], None]
+) -> Library:
+    """The library in a folder of the cache, made where it is missing."""
+    there = (target / MANIFEST).exists()
+    mark_used(target)
+    try:
+        made = generate(model, target, functions=functions, native=native, progress=progress)
+        library = load(made.directory)
+    except (BuildError, OSError):
+        if not there or (target / MANIFEST).exists():
+            raise
+        # another process removed it in that moment; nobody does so with a new one
+        made = generate(model, target, functions=functions, native=native, progress=progress)
+        library = load(made.directory)
+    if made.written:
+        prune(target.parent)
+    return library

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.analysis.linear import linearise
+from flexgen.analysis.zero_path import zero_path
 from flexgen.analysis.zeros import inner_zeros, time_constants
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
@@ -68,13 +69,16 @@ class Question:
     @cached_property
     def unstable_zero(self) -> UnstableZero | None:
         """The fastest unstable zero along the path; None where there is none."""
+        if self.equations.model.n_e == 0:
+            return None
+        along = zero_path(self.equations, self.path)
         found = [
-            (zero.real, UnstableZero(complex(zero), t))
-            for t, zeros in self.zeros
-            for zero in zeros
+            UnstableZero(complex(zero), float(t))
+            for t, zeros in zip(along.t, along.zeros, strict=True)
+            for zero in zeros[np.isfinite(zeros)]
             if time_constants(np.array([zero]))[0] > 0
         ]
-        return max(found, key=lambda pair: pair[0])[1] if found else None
+        return max(found, key=lambda one: one.value.real) if found else None
 
     @cached_property
     def zeros(self) -> list[tuple[float, np.ndarray]]:

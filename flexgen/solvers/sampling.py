@@ -63,7 +63,12 @@ def from_library(found: Inversion) -> Answer:
         lead=found.lead * found.period,
         iterations=found.iterations,
         intervals=found.intervals,
-        details={"residual": found.residual, "residual_between": found.residual_between},
+        details={
+            "residual": found.residual,
+            "residual_between": found.residual_between,
+            "exact": found.exact,
+            "uneven": found.uneven,
+        },
     )
 
 

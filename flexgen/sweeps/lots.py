@@ -75,13 +75,10 @@ class Lots:
             return {}
         starts = np.array([move.start for _, move in lot])
         ends = np.array([move.end for _, move in lot])
-        try:
-            rows = [
-                {"move": move.name} | row
-                for (_, move), row in zip(lot, figures(robot, mover, starts, ends), strict=True)
-            ]
-        except FlexgenError as error:
-            rows = [failed(str(error))] * len(lot)
+        rows = [
+            {"move": move.name} | row
+            for (_, move), row in zip(lot, figures_or_reasons(robot, mover, starts, ends), strict=True)
+        ]
         took = {
             "wall": (time.perf_counter() - wall) / len(lot),
             "cpu": (time.process_time() - cpu) / len(lot),
@@ -127,6 +124,21 @@ def _library(key: str, equations: Equations) -> InverseDynamics | None:
         except BuildError:
             _LIBRARIES[key] = None
     return _LIBRARIES[key]
+
+
+def figures_or_reasons(robot: RobotModel, mover: JointMoves, starts: np.ndarray, ends: np.ndarray) -> list[Row]:
+    """Rows of moves as `figures` makes them; a move that fails has the reason that it has alone, and no neighbours.
+
+    Halves are tried again until the moves that fail are alone: some of many cost a little more than one more run.
+    """
+    try:
+        return figures(robot, mover, starts, ends)
+    except FlexgenError as error:
+        if len(starts) == 1:
+            return [failed(str(error))]
+    half = len(starts) // 2
+    parts = (slice(half), slice(half, None))
+    return [row for part in parts for row in figures_or_reasons(robot, mover, starts[part], ends[part])]
 
 
 def figures(robot: RobotModel, mover: JointMoves, starts: np.ndarray, ends: np.ndarray) -> list[Row]:

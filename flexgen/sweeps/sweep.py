@@ -19,7 +19,7 @@ from flexgen.sweeps.crews import Done, Work, in_pool, in_process, with_executor
 from flexgen.sweeps.folder import Folder, default_size
 from flexgen.sweeps.jobs import Job, Rows, Shard
 from flexgen.sweeps.table import RESULTS, TIMES, Table, table_of
-from flexgen.sweeps.version import code_version
+from flexgen.sweeps.version import code_version, wants_native
 from flexgen.sweeps.work import run_shard
 
 
@@ -96,7 +96,7 @@ def sweep(
     if resume and out is None:
         raise ArgumentError("resume: given without a folder, expected out= as well")
     tell = progress or (lambda line: None)
-    code = code_version()
+    code = code_version(wants_native(grid.options))
     folder = None if out is None else Folder(out, grid, code, shard_size, resume, tell)
     size = (shard_size or default_size(grid)) if folder is None else folder.shard_size
     memory: dict[int, Rows] = {}

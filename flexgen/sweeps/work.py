@@ -16,7 +16,7 @@ from flexgen.solvers.solution import Solution
 from flexgen.solvers.solve import solve
 from flexgen.sweeps.jobs import Job, Row, Rows, Shard, failed
 from flexgen.sweeps.lots import Lots
-from flexgen.sweeps.version import code_version
+from flexgen.sweeps.version import code_version, wants_native
 
 KEPT = 2  # models whose equations a worker keeps
 
@@ -30,10 +30,11 @@ class WrongCode(FlexgenError):
 
 def run_shard(shard: Shard) -> Rows:
     """Do all cases of a shard, one after the other; nothing but other code or an interruption stops it."""
-    if shard.code != code_version():
+    own = code_version(wants_native(shard.options))
+    if shard.code != own:
         raise WrongCode(
-            f"sweep: given a worker with flexgen {code_version()}, expected {shard.code}; all machines need the same "
-            "flexgen, casadi, numpy and scipy"
+            f"sweep: given a worker with flexgen {own}, expected {shard.code}; all machines need the same flexgen, "
+            "casadi, numpy, osqp, scipy and C compiler (or none)"
         )
     with _ALONE:
         done = Lots(shard, _equations).rows() if shard.options.get("batch") else {}

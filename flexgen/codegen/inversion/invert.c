@@ -9,7 +9,8 @@ enum { ITERATIONS = 25, STILL = 8, SWEEPS = 3 };
 
 typedef struct {
     int64_t samples, intervals;
-    int64_t tau, twist, slope, late, y, a, a_node, q_g, reference, factor, scale, cost, still_y, still_a, still_q, still_reference, still_factor, lq, arm, space, end;
+    int64_t tau, twist, slope, late, y, a, a_node, q_g, reference, factor, scale, cost, lq, arm, space, end;
+    int64_t still_y, still_a, still_q, still_reference, still_factor;
 } layout;
 
 static layout laid_out(int n, int lead, int tail, int every)
@@ -116,7 +117,7 @@ static int solve_mesh(mesh *m, real tolerance, int *iterations, lq_space *w, rea
         if (status != MODEL_OK) {
             return status;
         }
-        lq_step(m, 1.0);
+        lq_step(m);
         status = evaluate_residual(m, w, space);
         if (status != MODEL_OK) {
             return status;

@@ -25,23 +25,21 @@ enum {
     BEND = CHAIN * NY,
     PROGRAM_STEPS = 80,
     SOON = 100, /* of a horizon: a quarter that stays as it is */
-    FADES = 4 /* time constants of the deviation in a horizon */
+    FADES = 5 /* time constants of the deviation in a horizon */
 };
 
 static const real kept_free = 1e-3;   /* of a bound: what is kept from it for errors of the slopes */
 static const real worth_a_row = 0.5;  /* of a bound: nodes with less are not in the program */
 static const real far_off = 1.5;      /* times the largest deviation that is allowed: what none reaches */
-static const real share = 0.3; /* of a change that is made at once */
-static const real distrust = 0.2;     /* of a bound: a motor that misses what was foretold by more is not understood */
-static const real unknown = 1e9;      /* no value was foretold */
+static const real share = 0.5; /* of a change that is made at once */
 static const real no_bend = 1e-7;     /* m, rad: a deviation that is none */
 static const real smooth = 1e-1;      /* weight of the input, and of the derivatives at the end, beside the deviation */
-static const real calm = 1e-1; /* weight of a change of the input, so that plans do not jump from update to update */
+static const real calm = 1; /* weight of a change of the input, so that plans do not jump from update to update */
 static const real dear = 1e-4;         /* of passing a bound by its own size, beside a deviation of one */
 
 /* What the stream keeps for its limits: places in its memory, relative to its beginning. */
 typedef struct {
-    ptrdiff_t on, bound, plan, bend, value, q, v, a, tau, twist, late, response, H, g, A, x, y, z, K, w, vv, b, row, dual, guess, end;
+    ptrdiff_t on, bound, plan, bend, value, q, v, a, tau, twist, late, response, H, g, A, x, y, z, K, w, vv, b, row, dual, end;
 } limits_layout;
 
 static inline limits_layout limits_laid_out(ptrdiff_t N)
@@ -76,7 +74,6 @@ static inline limits_layout limits_laid_out(ptrdiff_t N)
     PLACE(b, INPUTS);
     PLACE(row, rows);
     PLACE(dual, rows);
-    PLACE(guess, rows);
 #undef PLACE
     l.end = at;
     return l;
@@ -298,30 +295,6 @@ static inline ptrdiff_t nodes_fixed(ptrdiff_t N)
     return N / SOON > 1 ? N / SOON : 1;
 }
 
-/* By how much values at the nodes miss what was foretold of them; it is forgotten then. */
-static inline real missed(real *s, const limits_layout *l, ptrdiff_t N)
-{
-    real most = 0.0;
-    for (ptrdiff_t i = 0; i < (N + 1) * BOUNDED; ++i) {
-        if (i >= BOUNDED && s[l->guess + i] < unknown) {
-            most = fmax_1(most, fabs_1(s[l->value + i] - s[l->guess + i]));
-        }
-        s[l->guess + i] = unknown;
-    }
-    return most;
-}
-
-/* Let all deviations fade from here on. */
-static inline void give_up_bends(real *s, const limits_layout *l, ptrdiff_t N)
-{
-    for (ptrdiff_t k = nodes_fixed(N); k < N; ++k) {
-        fade(s + l->bend + k * BEND, (real)FADES / N, s + l->bend + (k + 1) * BEND);
-    }
-    for (ptrdiff_t i = 0; i < (N + 1) * BOUNDED; ++i) {
-        s[l->dual + i] = 0.0;
-    }
-}
-
 /* Change the deviations ahead; 0 where the numbers are none, and nothing has changed. */
 static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, real T, const slopes_ahead *f)
 {
@@ -395,7 +368,6 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
     for (int i = 0; i < p.rows; ++i) {
         const ptrdiff_t row = (ptrdiff_t)s[l->row + i];
         s[l->dual + row] = p.y[i];
-        s[l->guess + row] = s[l->value + row] + share * p.v[i];
     }
     for (ptrdiff_t k = fixed + 1; k <= N; ++k) { /* soft bounds may be passed, but a deviation not by much */
         for (int j = 0; j < NY; ++j) {

@@ -48,7 +48,6 @@ typedef struct {
     real *scale;   /* NE: torque of a row */
     const real *end; /* STATES x STATES: weight of the last node; NULL for the tiny one */
     real residual; /* out: largest |R / s_r| */
-    real step;     /* out: largest step of q_e */
 } mesh;
 
 typedef struct {
@@ -393,11 +392,10 @@ static inline int lq_endless(mesh *still, int sweeps, lq_space *w, real *space, 
     return MODEL_OK;
 }
 
-/* The step itself, forwards, times `share`. */
-static inline void lq_step(mesh *m, real share)
+/* The step itself, forwards. */
+static inline void lq_step(mesh *m)
 {
     real d[STATES], u[CONTROLS];
-    m->step = 0.0;
     for (int i = 0; i < STATES; ++i) {
         d[i] = 0.0;
     }
@@ -420,17 +418,16 @@ static inline void lq_step(mesh *m, real share)
             for (int i = 0; i < NE; ++i) {
                 dy[i] = d[i] * scale_q;
                 dy[NE + i] = d[NE + i] * scale_v;
-                m->step = fmax_1(m->step, fabs_1(dy[i]));
             }
             for (int i = 0; i < CONTROLS; ++i) {
                 da[i] = u[i] * scale_a;
             }
             next_node(dy, da, m->h, next);
             for (int i = 0; i < STATES; ++i) {
-                y[i] += share * dy[i];
+                y[i] += dy[i];
             }
             for (int i = 0; i < CONTROLS; ++i) {
-                a[i] += share * da[i];
+                a[i] += da[i];
             }
             for (int i = 0; i < NE; ++i) {
                 d[i] = next[i] / scale_q;
@@ -440,9 +437,8 @@ static inline void lq_step(mesh *m, real share)
     }
     for (int i = 0; i < NE; ++i) {
         real *y = m->y + (ptrdiff_t)m->N * STATES;
-        y[i] += share * d[i] * scale_q;
-        y[NE + i] += share * d[NE + i] * scale_v;
-        m->step = fmax_1(m->step, fabs_1(d[i] * scale_q));
+        y[i] += d[i] * scale_q;
+        y[NE + i] += d[NE + i] * scale_v;
     }
 }
 

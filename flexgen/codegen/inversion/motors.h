@@ -10,7 +10,9 @@
 
 #include "model_inversion.h"
 
-enum { SPRING_STEPS = 60, QUICK_STEPS = 8, MARGIN = 3, WINDOW = 2 * MARGIN + 1 };
+enum { SPRING_STEPS = 60, QUICK_STEPS = 8, MARGIN = 3 };
+
+static const real uneven = 2e-2; /* of a motion, see results and stream: more is no rounding and no filter's corner */
 
 /* First and second derivative by seven samples, `stride` apart and `period` seconds; order six. */
 static inline real sixty_differences(const real *x, ptrdiff_t stride)
@@ -160,7 +162,8 @@ static const real radau_A[3][3] = {
     {0.37640306270046725, 0.51248582618842161, 1.0 / 9.0}};
 
 /*
- * The step of `twist_step` for gears with a linear spring, p1 = f[0] p0 + sum_s f[1 + s] tau(c_s); slope: of the springs.
+ * The step of `twist_step` for gears with a linear spring, p1 = f[0] p0 + sum_s f[1 + s] tau(c_s); slope: of the
+ * springs.
  */
 static inline void linear_steps(real h, const real *slope, real (*f)[4])
 {
@@ -251,10 +254,30 @@ static inline int twist_step(
     return is_finite(p, NG);
 }
 
-/* Whether a gear's twist lags so little behind its static value that the lag is an expansion. */
-static inline int follows_at_once(int i, real slope, real period)
+/*
+ * Whether a gear's twist lags so little behind its static value that the lag is an expansion; 0 where that cannot be told.
+ * By the least stiffness that the spring has, which is at no twist or at a large one: the answer must not change on the
+ * way, for a twist that is integrated has to be known from the beginning.
+ */
+static inline int which_follow_at_once(real period, int *quick, real *space)
 {
-    return gear_is_rigid[i] || gear_damping[i] <= 5e-3 * period * slope;
+    real at[NG], value[NG], least[NG], far[NG];
+    for (int i = 0; i < NG; ++i) {
+        at[i] = 0.0;
+    }
+    if (model_gear_law(at, value, least, space) != MODEL_OK) {
+        return 0;
+    }
+    for (int i = 0; i < NG; ++i) {
+        at[i] = gear_is_rigid[i] ? 0.0 : 1.0;
+    }
+    if (model_gear_law(at, value, far, space) != MODEL_OK) {
+        return 0;
+    }
+    for (int i = 0; i < NG; ++i) {
+        quick[i] = gear_is_rigid[i] || gear_damping[i] <= 5e-3 * period * fmin_1(least[i], far[i]);
+    }
+    return 1;
 }
 
 /* Motor angle, speed and torque of one instant from the joints and their twists. */

@@ -96,8 +96,9 @@ static inline void hold_ends(real *x, ptrdiff_t samples)
 
 /*
  * How far positions and speeds of arm and motors are from being integrals of speeds and accelerations, by differences,
- * relative to the largest one of these: next to nothing where the samples show the motion; much where they are too far apart for it or
- * too near for the digits, where the path jumps, and where the arm is thrown back by a singular pose.
+ * relative to the largest one of these: next to nothing where the samples show the motion; much where they are too far
+ * apart for it or too near for the digits, where the path jumps, and where the arm is thrown back by a singular pose.
+ * An arm without coordinates that have no motor rests before the samples and after them, and is judged at all of them.
  */
 static inline real unevenness(const results *r)
 {
@@ -106,11 +107,20 @@ static inline real unevenness(const results *r)
     for (ptrdiff_t k = 0; k < r->samples; ++k) {
         const int inside = k >= MARGIN && k + MARGIN < r->samples;
         for (int i = 0; i < NA; ++i) {
-            const real *q = r->q_a + k * NA + i, *v = r->v_a + k * NA + i, a = r->a_a[k * NA + i];
+            real q[2 * MARGIN + 1], v[2 * MARGIN + 1];
+            const real a = r->a_a[k * NA + i];
+            for (int j = 0; j <= 2 * MARGIN; ++j) {
+                const ptrdiff_t at = k + j - MARGIN;
+                const ptrdiff_t held = at < 0 ? 0 : at < r->samples ? at : r->samples - 1;
+                q[j] = r->q_a[held * NA + i];
+                v[j] = held == at ? r->v_a[at * NA + i] : 0.0;
+            }
             most[0] = fmax_1(most[0], fabs_1(a));
-            most[2] = fmax_1(most[2], fabs_1(v[0]));
-            off[0] = inside ? fmax_1(off[0], fabs_1(sixty_differences(v, NA) - sixty * a)) : off[0];
-            off[2] = inside ? fmax_1(off[2], fabs_1(sixty_differences(q, NA) - sixty * v[0])) : off[2];
+            most[2] = fmax_1(most[2], fabs_1(v[MARGIN]));
+            if (inside || MODEL_NE == 0) {
+                off[0] = fmax_1(off[0], fabs_1(sixty_differences(v + MARGIN, 1) - sixty * a));
+                off[2] = fmax_1(off[2], fabs_1(sixty_differences(q + MARGIN, 1) - sixty * v[MARGIN]));
+            }
         }
         for (int j = 0; j < NM; ++j) {
             const real *v = r->v_m + k * NM + j;
@@ -131,8 +141,6 @@ static inline real unevenness(const results *r)
     return worst;
 }
 
-static const real uneven = 2e-2; /* from here on it is no rounding and no corner that a filter would mend */
-
 /* Whether the samples are as good as the solution on the mesh: residual and unevenness there. */
 static inline int judged(real residual, real unevenness_there, real tolerance)
 {
@@ -147,8 +155,10 @@ static inline int motors_at_samples(const results *r, real *space)
     real linear[NG][4];
     int quick[NG], slow = 0;
     hold_ends(r->tau, r->samples);
+    if (!which_follow_at_once(period, quick, space)) {
+        return MODEL_RESULT_NOT_FINITE;
+    }
     for (int i = 0; i < NG; ++i) {
-        quick[i] = 1;
         last[i] = 0.0;
     }
     for (ptrdiff_t k = 0; k < r->samples; ++k) {
@@ -159,7 +169,6 @@ static inline int motors_at_samples(const results *r, real *space)
         for (int i = 0; i < NG; ++i) {
             r->twist[(k + MARGIN) * NG + i] = last[i];
             r->slope[k * NG + i] = slope[i];
-            quick[i] = quick[i] && follows_at_once(i, slope[i], period);
         }
     }
     hold_ends(r->twist, r->samples);

@@ -1,6 +1,7 @@
 /* model: inverse dynamics on a moving horizon. Written by flexgen; see model.h. */
 #include "model.h"
 
+#include "model_limits.h"
 #include "model_rest.h"
 #include "model_samples.h"
 
@@ -18,7 +19,8 @@ enum {
     MOST_PARTS = 1000,
     WARMING = 10,
     LEVELS = 3,
-    REMEMBERED = 5
+    REMEMBERED = 5,
+    LEAST_AHEAD = 4 /* intervals of a horizon that can be bent */
 };
 
 enum { STATE, SIZE, INTERVALS, PARTS, PERIOD, TOLERANCE, UPDATES, SIDE, HEAD };
@@ -26,6 +28,7 @@ enum { STATE, SIZE, INTERVALS, PARTS, PERIOD, TOLERANCE, UPDATES, SIDE, HEAD };
 typedef struct {
     ptrdiff_t window; /* fine samples: before, of this update, ahead */
     ptrdiff_t past;   /* intervals that are over and remembered */
+    ptrdiff_t limits; /* bounds of the motors, and what they bend */
     ptrdiff_t y, a, a_node, q_g, reference, factor, scale, aim, cost, levels, last, tau, twist, late, now, alpha, nodes, lq, space, end;
 } layout;
 
@@ -38,6 +41,7 @@ static layout laid_out(int intervals, int parts)
 #define PLACE(name, size) \
     l.name = at; \
     at += (ptrdiff_t)room(size)
+    PLACE(limits, limits_laid_out(intervals).end);
     PLACE(last, REFERENCE);
     PLACE(tau, l.window * NG);
     PLACE(twist, l.window * NG);
@@ -150,6 +154,7 @@ int model_stream_start(double *stream, int64_t stream_size, int intervals, int p
     stream[PERIOD] = period;
     stream[TOLERANCE] = tolerance;
     stream[UPDATES] = 0.0;
+    stream[l.limits] = 0.0;
     stream[SIDE] = 0.0; /* of singular poses: not known before the first sample */
     status = rest_at(place, q, stream + l.scale, space);
     if (status != MODEL_OK) {
@@ -483,6 +488,147 @@ static int put_out(real *s, const layout *l, real *q_a, real *v_a, real *tau_g, 
     return MODEL_OK;
 }
 
+int model_stream_limits(double *stream, const double *torques_most, const double *speeds_most, double bend_max)
+{
+    layout l;
+    limits_layout w;
+    ptrdiff_t N;
+    real *b;
+    if (stream == NULL || torques_most == NULL || speeds_most == NULL) {
+        return MODEL_NULL_ARGUMENT;
+    }
+    if (!is_running(stream)) {
+        return MODEL_NOT_STARTED;
+    }
+    N = (ptrdiff_t)stream[INTERVALS];
+    if (!(bend_max > 0.0 && bend_max < 1e6)) {
+        return MODEL_BAD_ARGUMENT;
+    }
+    for (int i = 0; i < NM; ++i) {
+        if (N < LEAST_AHEAD || !(torques_most[i] > 0.0 && speeds_most[i] > 0.0)) {
+            return MODEL_BAD_ARGUMENT;
+        }
+    }
+    l = laid_out((int)N, (int)stream[PARTS]);
+    w = limits_laid_out(N);
+    b = stream + l.limits;
+    for (int i = 0; i < NM; ++i) {
+        b[w.bound + i] = torques_most[i];
+        b[w.bound + NM + i] = speeds_most[i];
+    }
+    for (int i = 0; i < NY; ++i) {
+        b[w.bound + MOTORS + i] = bend_max;
+    }
+    if (!(b[w.on] > 0.0)) {
+        copy(stream + l.nodes + l.past * REFERENCE, (N + 1) * REFERENCE, b + w.plan);
+        for (ptrdiff_t i = 0; i < (N + 1) * BEND; ++i) {
+            b[w.bend + i] = 0.0;
+        }
+        for (ptrdiff_t i = 0; i < (N + 1) * BOUNDED; ++i) {
+            b[w.dual + i] = 0.0;
+        }
+        b[w.on] = 1.0;
+    }
+    return MODEL_OK;
+}
+
+/* Node k of the horizon, 0 ... N, into a place of `arm`, with guesses of the joints. */
+static void load_node(real *s, const layout *l, ptrdiff_t k, const real *joints, arm_points *arm, int place)
+{
+    load_reference(arm, place, s + l->nodes + (l->past + k) * REFERENCE);
+    for (int i = 0; i < NG; ++i) {
+        arm->q[i_g[i]][place] = joints[i];
+        arm->v[i_g[i]][place] = 0.0;
+        arm->a[i_g[i]][place] = 0.0;
+    }
+#if MODEL_NE > 0
+    for (int i = 0; i < NE; ++i) {
+        const real *y = s + l->y + (l->past + k) * STATES;
+        arm->q[i_e[i]][place] = y[i];
+        arm->v[i_e[i]][place] = y[NE + i];
+        arm->a[i_e[i]][place] = s[l->a_node + (l->past + k) * NE + i];
+    }
+#endif
+}
+
+/* Look whether motors will pass their bounds, and bend the path ahead, from the second node on. */
+static int look_ahead(real *s, const layout *l)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const real h = s[PERIOD], T = h * (real)N / FADES;
+    real *b = s + l->limits, *space = s + l->space, worst = 0.0, joints[NG];
+    const limits_layout w = limits_laid_out(N);
+    const ptrdiff_t fixed = nodes_fixed(N);
+    ptrdiff_t where = fixed + 1;
+    slopes_ahead slopes;
+    int status;
+#if MODEL_NE > 0
+    arm_points *arm = &((lq_space *)(void *)(s + l->lq))->arm;
+#else
+    arm_points *arm = (arm_points *)(void *)(s + l->lq);
+#endif
+    copy(s + l->q_g + N * STAGES * NG, NG, joints);
+    for (ptrdiff_t at = 0; at <= N; at += POINTS) {
+        const ptrdiff_t used = N + 1 - at < POINTS ? N + 1 - at : (ptrdiff_t)POINTS;
+        for (int place = 0; place < POINTS; ++place) {
+            load_node(s, l, at + (place < used ? place : used - 1), joints, arm, place);
+        }
+        status = torques(arm, space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int place = 0; place < used; ++place) {
+            for (int i = 0; i < NG; ++i) {
+                const ptrdiff_t to = (at + place) * NG + i;
+                b[w.q + to] = joints[i] = arm->q[i_g[i]][place];
+                b[w.v + to] = arm->v[i_g[i]][place];
+                b[w.a + to] = arm->a[i_g[i]][place];
+                b[w.tau + to] = arm->tau_g[i][place];
+            }
+        }
+    }
+    if (!motors_ahead(b, &w, N, h, space)) {
+        return MODEL_RESULT_NOT_FINITE;
+    }
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
+        const real here = largest(b + w.value + k * BOUNDED, MOTORS);
+        if (here > worst) {
+            worst = here;
+            where = k;
+        }
+    }
+    if (worst * (1.0 + kept_free) <= 1.0 && largest(b + w.bend, (int)((N + 1) * BEND)) < no_bend) {
+        for (ptrdiff_t i = (fixed + 1) * BEND; i < (N + 1) * BEND; ++i) {
+            b[w.bend + i] = 0.0;
+        }
+    } else {
+        for (int place = 0; place < POINTS; ++place) {
+            load_node(s, l, where, b + w.q + where * NG, arm, place);
+        }
+        status = torques(arm, space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        if (!slopes_at(arm, b + w.tau + where * NG, b + w.bound, &slopes, space)) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+        if (!change_bends(b, &w, N, T, &slopes)) {
+            return MODEL_OK; /* the bends that are there stay */
+        }
+    }
+    for (ptrdiff_t k = 1; k <= N; ++k) {
+        bend_reference(b + w.plan + k * REFERENCE, b + w.bend + k * BEND, T, s + l->nodes + (l->past + k) * REFERENCE);
+    }
+    for (ptrdiff_t k = 1; k < N; ++k) {
+        for (int g = 0; g < STAGES; ++g) {
+            between_samples(s + l->nodes + (l->past + k) * REFERENCE, h, gauss_c[g],
+                s + l->reference + (k * STAGES + g) * REFERENCE);
+        }
+    }
+    copy(s + l->nodes + (l->past + N) * REFERENCE, REFERENCE, s + l->last);
+    return MODEL_OK;
+}
+
 int model_stream_update(double *stream, const double *place, const double *rate, const double *rate2, double *q_a,
     double *v_a, double *tau_g, double *q_m, double *v_m, double *tau_m, double *report)
 {
@@ -580,10 +726,6 @@ int model_stream_update(double *stream, const double *place, const double *rate,
             copy(limits + w.bend + BEND, N * BEND, limits + w.bend);
             copy(bend, BEND, limits + w.bend + N * BEND);
             copy(limits + w.dual + BOUNDED, N * BOUNDED, limits + w.dual);
-            copy(limits + w.guess + BOUNDED, N * BOUNDED, limits + w.guess);
-            for (int i = 0; i < BOUNDED; ++i) {
-                limits[w.guess + N * BOUNDED + i] = unknown;
-            }
         }
     }
     report[2] = 1.0;

@@ -1,0 +1,143 @@
+"""What a sweep consists of: the order of its cases, the digest of its content, random moves, and grid files."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sweep_grids import ONE, ROBOTS, real_grid
+
+from flexgen.errors import ArgumentError
+from flexgen.model.reader import read
+from flexgen.sweeps.cases import Grid, RandomMove, combinations, random_moves
+from flexgen.sweeps.grid_file import read_grid
+
+EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "sweep.toml"
+
+
+def test_cases_have_one_order() -> None:
+    grid = Grid(["a", "b"], ("x", "y"), ["m", "n"], [{"k": 1}, {"k": 2}])
+    assert len(grid) == 16 == len(list(grid))
+    assert [(c.model, c.parameters["k"], c.move, c.method) for c in (grid[0], grid[1], grid[2], grid[4], grid[8])] == [
+        ("a", 1, "x", "m"),
+        ("a", 1, "x", "n"),
+        ("a", 1, "y", "m"),
+        ("a", 2, "x", "m"),
+        ("b", 1, "x", "m"),
+    ]
+    assert [case.number for case in grid] == list(range(16))
+    with pytest.raises(IndexError):
+        grid[16]
+    assert combinations({"p": [1, 2], "q": [3, 4]}) == (
+        {"p": 1, "q": 3},
+        {"p": 1, "q": 4},
+        {"p": 2, "q": 3},
+        {"p": 2, "q": 4},
+    )
+
+
+def test_the_digest_is_of_the_content(tmp_path) -> None:
+    text = (ROBOTS / "one.toml").read_text(encoding="utf-8")
+    for name in ("first", "second"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "one.toml").write_text(text, encoding="utf-8")
+    grid = real_grid()
+    assert grid.digest == real_grid().digest
+    same = replace(grid, models=(read(ONE),))
+    assert same.describe()["models"][0]["digest"] == grid.describe()["models"][0]["digest"]
+    changed = text.replace("inertia = 1e-4", "inertia = 1.1e-4").replace("inertia = 1.0e-4", "inertia = 1.1e-4")
+    digests = {grid.digest}
+    (tmp_path / "first" / "one.toml").write_text(changed, encoding="utf-8")
+    other = [
+        replace(grid, models=(str(tmp_path / "first" / "one.toml"),)),
+        replace(grid, models=(str(tmp_path / "second" / "one.toml"),)),  # it has the same content, but another name
+        replace(grid, methods=("auto",)),
+        replace(grid, moves=(None, RandomMove(4))),
+        replace(grid, options={}),
+        replace(grid, parameters=grid.parameters[:1]),
+    ]
+    digests |= {one.digest for one in other}
+    assert len(digests) == 7
+    contents = [one.describe()["models"][0]["digest"] for one in other[:2]]
+    assert changed != text and contents[0] != contents[1] == grid.describe()["models"][0]["digest"]
+
+
+def test_random_moves_keep_the_limits() -> None:
+    model = read("manutec_r3")
+    moves = [move.of(model) for move in random_moves(50, seed=2, duration=0.7, smoothness=4)]
+    assert moves == [move.of(model) for move in random_moves(50, seed=2, duration=0.7, smoothness=4)]
+    assert len({move.start for move in moves}) == 50
+    from flexgen.problems.timing import TimeLaw
+
+    s = np.abs(TimeLaw(0.7, 4)(np.linspace(0, 0.7, 501), 2)).max(axis=0)
+    ways = np.abs([np.subtract(move.end, move.start) for move in moves])
+    dofs = [c.dof for c in model.coordinates if c.dof is not None]
+    speeds, accelerations = ([getattr(dof, name) for dof in dofs] for name in ("speed_max", "acceleration_max"))
+    assert (ways * s[1] < speeds).all() and (ways * s[2] < accelerations).all()
+    assert (np.maximum(ways * s[1] / speeds, ways * s[2] / accelerations).max(axis=0) > 0.8).all()  # and use them
+    narrow = read("elbow", overrides={"element.upper.dof.q1.lower_rad": 0.0, "element.upper.dof.q1.upper_rad": 1.0})
+    ends = np.array([move.of(narrow).end[0] for move in random_moves(50)])
+    assert (ends >= 0).all() and (ends <= 1).all() and np.ptp(ends) > 0.5
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"models": []}, "one or more names"),
+        ({"models": "elbow"}, "expected a sequence"),
+        ({"methods": [1]}, "one or more names"),
+        ({"moves": [3]}, "names, moves or None"),
+        ({"parameters": {"a": 1}}, "expected a sequence"),
+        ({"options": {"speed": 1}}, "expected some of preview"),
+    ],
+)
+def test_grids_that_make_no_sense(change, text) -> None:
+    with pytest.raises(ArgumentError, match=text):
+        Grid(**({"models": ["elbow"]} | change))
+
+
+def test_grid_files(tmp_path) -> None:
+    file = tmp_path / "grid.toml"
+    file.write_text(
+        'models = ["elbow"]\nmoves = ["line"]\nmethods = ["auto", "full"]\n[random]\ncount = 2\nseed = 7\n'
+        '[parameters]\n"motor.m1.inertia" = [1e-3, 2e-3]\n[options]\nverify = false\n',
+        encoding="utf-8",
+    )
+    grid = read_grid(file)
+    assert grid.moves == ("line", *random_moves(2, 7)) and len(grid) == 12
+    assert grid[6].parameters == {"motor.m1.inertia": 2e-3} and grid.options == {"verify": False}
+    file.write_text('models = ["a"]\n[parameters]\na.b = [1, 2]\n', encoding="utf-8")
+    assert read_grid(file).parameters == ({"a.b": 1}, {"a.b": 2})
+    file.write_text('models = ["a"]\n[[set]]\n"a.b" = 1\n[[set]]\n"a.b" = 2\nc = 3\n', encoding="utf-8")
+    assert read_grid(file).parameters == ({"a.b": 1}, {"a.b": 2, "c": 3})
+    example = read_grid(EXAMPLE)
+    assert len(example) == 18 and all(case.robot().name == case.model for case in example)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("models = [", "no TOML"),
+        ('models = ["a"]\nspeed = 1', "the key 'speed'"),
+        ("methods = []", "models"),
+        ('models = ["a"]\nrandom = 3', "a table with count"),
+        ('models = ["a"]\n[random]\ncount = 1.5', "a whole number"),
+        ('models = ["a"]\n[random]\ncount = 1\nduration = -1', "a positive number"),
+        ('models = ["a"]\n[random]\ncount = 1\ncolour = 1', "the key 'colour'"),
+        ('models = ["a"]\n[parameters]\n"x" = 3', "a list of values"),
+        ('models = ["a"]\nparameters = 3', "expected a table"),
+        ('models = ["a"]\n[parameters]\nx = [3]\n[[set]]\nx = 1', "one of them"),
+        ('models = ["a"]\nset = 3', "expected a sequence"),
+        ('models = ["a"]\nmoves = 3', "expected a sequence"),
+    ],
+)
+def test_wrong_grid_files_are_told(tmp_path, text, reason) -> None:
+    file = tmp_path / "grid.toml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(ArgumentError, match=reason) as error:
+        read_grid(file)
+    assert str(file) in str(error.value)
+    with pytest.raises(ArgumentError, match="cannot be read"):
+        read_grid(tmp_path)

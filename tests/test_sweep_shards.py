@@ -1,0 +1,188 @@
+"""Sweeps: the same bits for any number of shards and interruptions; one bad case stops nothing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sweep_grids import ONE, QUICK, batch_grid, real_grid, sources_stay
+
+from flexgen.errors import ArgumentError
+from flexgen.model.elements import Move
+from flexgen.model.reader import read
+from flexgen.sweeps import folder as folders
+from flexgen.sweeps import sweep as sweeps
+from flexgen.sweeps.cases import Grid
+from flexgen.sweeps.jobs import Rows, Shard
+from flexgen.sweeps.sweep import sweep
+from flexgen.sweeps.table import Table
+from flexgen.sweeps.version import code_version
+from flexgen.sweeps.work import WrongCode, run_shard
+
+
+def test_real_solves_give_the_same_bits_for_any_workers_and_shards(tmp_path) -> None:
+    grid = real_grid()
+    made = {}
+    for name, workers, shard_size in (("one", 0, 7), ("two", 0, 4), ("seven", 2, 1)):
+        with sources_stay():
+            swept = sweep(grid, tmp_path / name, workers=workers, shard_size=shard_size)
+        made[name] = (tmp_path / name / "results.npz").read_bytes()
+        assert swept.results.digest == Table.load(tmp_path / name / "results.npz").digest
+    assert len(set(made.values())) == 1
+    results = swept.results
+    assert list(results["status"]) == 6 * ["solved"] + ["failed"]
+    assert "motor.m1.speed" in results["error"][6] and np.isnan(results["torque_max"][6])
+    assert len(set(results["torque_max"][:6])) == 6 and (results["iterations"][:6] > 0).all()
+    assert set(results["move"][:6]) == {read(ONE).moves[0].name}
+    assert np.isfinite(swept.times["wall"]).all()
+
+
+def test_planted_bugs_change_the_bits(monkeypatch) -> None:
+    """A wrong order of the cases, and a worker whose answer depends on the shard."""
+    grid = batch_grid(6)
+    right = sweep(grid, workers=0, shard_size=2).results.digest
+    shards = sweeps._shards
+
+    def reversed_shards(*args):
+        for shard in shards(*args):
+            jobs = shard.jobs[::-1]
+            yield replace(shard, jobs=tuple(replace(b, number=a.number) for a, b in zip(shard.jobs, jobs, strict=True)))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(sweeps, "_shards", reversed_shards)
+        assert sweep(grid, workers=0, shard_size=2).results.digest != right
+
+    def careless(shard: Shard) -> Rows:
+        rows = run_shard(shard)
+        for row in rows.results:
+            row["torque_max"] = float(np.nextafter(row["torque_max"], 0.0 if len(shard.jobs) == 2 else 1e9))
+        return rows
+
+    monkeypatch.setattr(sweeps, "run_shard", careless)
+    assert len({sweep(grid, workers=0, shard_size=size).results.digest for size in (2, 3)}) == 2
+
+
+# --- shards on disk ---------------------------------------------------------------------------------------------------
+
+
+class Stop:
+    """Ctrl-C after some shards."""
+
+    def __init__(self, shards: int) -> None:
+        self.shards, self.lines = shards, []
+
+    def __call__(self, line: str) -> None:
+        self.lines.append(line)
+        if len(self.lines) == self.shards:
+            raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_an_interruption_loses_what_was_running_and_nothing_else(tmp_path, workers) -> None:
+    grid, out = batch_grid(7), tmp_path / "out"
+    with sources_stay(), pytest.raises(KeyboardInterrupt):
+        sweep(grid, out, workers=workers, shard_size=2, progress=Stop(2))
+    kept = {file.name: file.read_bytes() for file in (out / "shards").iterdir()}
+    assert len(kept) == 2 and not (out / "results.npz").exists()
+    with pytest.raises(ArgumentError, match="continue it with resume=True"):
+        sweep(grid, out, workers=0)
+    lines: list[str] = []
+    with sources_stay():
+        swept = sweep(grid, out, workers=workers, resume=True, progress=lines.append)
+    assert lines[0].startswith(("4 of 7 cases are there", "3 of 7 cases are there"))
+    assert len(lines) == 3 and "7 of 7 cases, 0 failed" in lines[-1] and "to go" in lines[-1]
+    assert all((out / "shards" / name).read_bytes() == content for name, content in kept.items())
+    assert swept.results.digest == sweep(grid, workers=0).results.digest
+    again = sweep(grid, out, workers=0, resume=True)  # nothing is left to do
+    assert again.results.digest == swept.results.digest and again.times.digest == swept.times.digest
+
+
+def test_damaged_shards_are_computed_again(tmp_path) -> None:
+    grid, out = batch_grid(6), tmp_path / "out"
+    right = sweep(grid, out, workers=0, shard_size=2).results.digest
+    shards = [out / "shards" / f"{k:06d}.json" for k in range(3)]
+    whole = [file.read_bytes() for file in shards]
+    for damage in (
+        lambda text: text[: len(text) // 2],
+        lambda text: b"",
+        lambda text: text.replace(b'"torque_max": ', b'"torque_max": 1', 1),
+        lambda text: b"\xff\xfe" + text,
+    ):
+        shards[1].write_bytes(damage(whole[1]))
+        lines: list[str] = []
+        assert sweep(grid, out, workers=0, resume=True, progress=lines.append).results.digest == right
+        assert "000001.json: damaged" in lines[0] and "4 of 6 cases are there" in lines[1] and len(lines) == 3
+    assert [len(file.read_bytes()) for file in shards[::2]] == [len(text) for text in whole[::2]]
+
+
+def test_what_belongs_to_another_sweep_is_refused(tmp_path, monkeypatch) -> None:
+    grid, out, other = batch_grid(4), tmp_path / "out", tmp_path / "other"
+    sweep(grid, out, workers=0, shard_size=2)
+    sweep(batch_grid(5), other, workers=0, shard_size=2)
+    with pytest.raises(ArgumentError, match="of another grid"):
+        sweep(batch_grid(5), out, workers=0, resume=True)
+    with pytest.raises(ArgumentError, match="with shards of 2 cases"):
+        sweep(grid, out, workers=0, resume=True, shard_size=3)
+    name = "shards/000000.json"
+    (out / name).write_bytes((other / name).read_bytes())
+    with pytest.raises(ArgumentError, match=r"a shard of another sweep .*remove the file"):
+        sweep(grid, out, workers=0, resume=True)
+    (out / name).write_bytes((out / "shards/000001.json").read_bytes())
+    with pytest.raises(ArgumentError, match="number 1"):
+        sweep(grid, out, workers=0, resume=True)
+    (out / name).unlink()
+    monkeypatch.setattr(sweeps, "code_version", lambda native: "0+other")
+    with pytest.raises(ArgumentError, match="computed by other code"):
+        sweep(grid, out, workers=0, resume=True)
+    (out / "sweep.json").write_text("{", encoding="utf-8")
+    with pytest.raises(ArgumentError, match=r"unreadable sweep\.json"):
+        sweep(grid, out, workers=0, resume=True)
+    (out / "sweep.json").unlink()
+    with pytest.raises(ArgumentError, match="something that is no sweep"):
+        sweep(grid, out, workers=0)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ArgumentError, match="which is a file"):
+        sweep(grid, tmp_path / "file", workers=0)
+
+
+def test_a_file_appears_whole_or_not_at_all(tmp_path, monkeypatch) -> None:
+    file = tmp_path / "shard.json"
+
+    def full(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(folders.os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        folders._write(file, "text")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_workers_with_other_code_are_refused(monkeypatch) -> None:
+    monkeypatch.setattr(sweeps, "code_version", lambda native: "0+other")
+    with pytest.raises(WrongCode, match=r"expected 0\+other"):
+        sweep(batch_grid(1), workers=0)
+    assert code_version().partition("+")[2]
+
+
+def test_one_failing_case_stops_nothing(monkeypatch) -> None:
+    unreachable = Move("far", "tool_line", (0.0, 0.5), 1.0, 5, displacement=(9.0, 0.0, 0.0))
+    grid = Grid(["elbow", "nowhere"], (None, unreachable, "no such move"), options=QUICK)
+    lines: list[str] = []
+    table = sweep(grid, workers=0, shard_size=4, progress=lines.append).results
+    assert list(table["status"]) == ["solved"] + 5 * ["failed"]
+    assert all(table["error"][1:]) and "no such move" in table["error"][2] and "nowhere" in table["error"][4]
+    assert "4 of 6 cases, 3 failed" in lines[0] and "6 of 6 cases, 5 failed" in lines[1]
+
+    def broken(*args: object, **named: object) -> None:
+        raise ZeroDivisionError("division by zero")
+
+    import flexgen.sweeps.work as work
+
+    monkeypatch.setattr(work, "solve", broken)
+    assert sweep(Grid(["elbow"]), workers=0).results["error"][0] == "ZeroDivisionError: division by zero"
+
+
+def test_parameters_of_a_model_that_was_read_are_refused_in_the_row() -> None:
+    table = sweep(Grid([read("elbow")], parameters=[{"motor.m1.inertia": 1.0}]), workers=0).results
+    assert "which was read before" in table["error"][0]

@@ -1,0 +1,94 @@
+"""What comes out of a sweep: tables that keep every bit, as files, and what the command line says."""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+
+import numpy as np
+import pytest
+
+from flexgen.errors import ArgumentError
+from flexgen.sweeps.command import add_arguments, run
+from flexgen.sweeps.table import RESULTS, Column, Table, table_of
+
+ROWS = [
+    {"case": 0, "status": "solved", "torque_max": 0.1, "iterations": 3},
+    {"case": 1, "status": "failed", "error": "ä" * 1000, "torque_max": None, "energy": -np.float64(np.nan)},
+]
+
+
+def test_tables_keep_every_bit(tmp_path) -> None:
+    table = table_of(RESULTS, ROWS)
+    assert len(table) == 2 and table["iterations"].tolist() == [3, -1] and np.isnan(table["torque_max"][1])
+    assert len(table["error"][1]) == 400
+    assert table.digest == table_of(RESULTS, [ROWS[0], ROWS[1] | {"energy": np.nan}]).digest
+    assert table_of(RESULTS, [{"error": "\udcff"}])["error"][0] == "\\udcff"
+    files = [table.save(tmp_path / name) for name in ("a.npz", "b.npz")]
+    assert files[0].read_bytes() == files[1].read_bytes()
+    again = Table.load(files[0])
+    assert again.digest == table.digest and again.columns == table.columns
+    units = {column.name: column.unit for column in again.columns}
+    assert units["torque_max"] == "N m" and units["energy"] == "J"
+    assert table_of(RESULTS, ROWS[::-1]).digest != table.digest
+    assert table_of([Column("case", "int", "s", "")], ROWS).digest != table_of(RESULTS[:1], ROWS).digest
+    with pytest.raises(ArgumentError, match=r"ends in \.npz"):
+        table.save(tmp_path / "a.csv")
+    with pytest.raises(ArgumentError, match="does not exist"):
+        Table.load(tmp_path / "c.npz")
+    (tmp_path / "c.npz").write_text("no table")
+    with pytest.raises(ArgumentError, match="no table of flexgen"):
+        Table.load(tmp_path / "c.npz")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.npz", "b.npz", "c.npz"]
+
+
+@pytest.mark.skipif(importlib.util.find_spec("pyarrow") is None, reason="pyarrow is not installed")
+def test_parquet_has_types_and_units(tmp_path) -> None:
+    from pyarrow import parquet
+
+    table = table_of(RESULTS, ROWS)
+    found = parquet.read_table(table.save(tmp_path / "a.parquet"))
+    assert found.column_names == [column.name for column in RESULTS]
+    assert found.schema.field("torque_max").metadata[b"unit"] == b"N m"
+    assert str(found.schema.field("case").type) == "int64" and found["status"].to_pylist() == ["solved", "failed"]
+
+
+def test_parquet_without_pyarrow_is_told(tmp_path, monkeypatch) -> None:
+    import flexgen.sweeps.table as tables
+
+    def missing(name: str) -> None:
+        raise ImportError(f"No module named {name!r}")
+
+    monkeypatch.setattr(tables, "import_module", missing)
+    with pytest.raises(ArgumentError, match=r"install flexgen\[parquet\]"):
+        table_of(RESULTS, ROWS).save(tmp_path / "a.parquet")
+
+
+def arguments(*words: str) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    return parser.parse_args(words)
+
+
+def test_the_command_line(tmp_path) -> None:
+    file, out = tmp_path / "grid.toml", tmp_path / "out"
+    file.write_text(
+        'models = ["elbow", "nowhere"]\nmethods = ["closed-form"]\n[random]\ncount = 3\n'
+        "[options]\nverify = false\nbatch = true\n",
+        encoding="utf-8",
+    )
+    data, text, problem, warnings = run(
+        arguments(str(file), "--out", str(out), "--workers", "0", "--shard-size", "2"), lambda line: None
+    )
+    assert (data["cases"], data["failed"], problem) == (6, 3, "") and len(warnings) == 3
+    assert json.dumps(data) and [group["cases"] for group in data["groups"]] == [3, 3]
+    assert "6 cases, 3 failed" in text and "closed-form" in text and f"wrote {out / 'results.npz'}" in text
+    assert data["digest"] == Table.load(out / "results.npz").digest
+    again = run(arguments(str(file), "--out", str(out), "--workers", "0", "--resume"), lambda line: None)
+    assert again[0]["digest"] == data["digest"]
+    file.write_text('models = ["nowhere"]\n', encoding="utf-8")
+    assert run(arguments(str(file), "--out", str(tmp_path / "bad"), "--workers", "0"), print)[2] == "all cases failed"
+    for wrong in (("--workers", "-1"), ("--workers", "two"), ("--shard-size", "0")):
+        with pytest.raises(SystemExit):
+            arguments("grid.toml", "--out", "x", *wrong)
