@@ -319,6 +319,21 @@ def test_the_cache_does_not_grow_for_ever(tmp_path, objects, monkeypatch):
     assert sum(path.stat().st_size for path in kept) <= size and not kept >= old
 
 
+def test_folders_in_the_cache_of_objects_stay(tmp_path, objects, monkeypatch):
+    """The libraries of the solvers are in there as well; the objects beside them are removed all the same."""
+    compiled(tmp_path / "a")
+    for path in objects.iterdir():
+        os.utime(path, (1e9, 1e9))
+    old = set(objects.iterdir())
+    library = objects / "libraries" / "elbow"
+    library.mkdir(parents=True)
+    (library / "manifest.json").write_text("{}")
+    os.utime(objects / "libraries", (1e8, 1e8))  # before everything else
+    monkeypatch.setattr("flexgen.codegen.objects.LIMIT", 1)
+    compiled(tmp_path / "b", precision="single")
+    assert not any(path.exists() for path in old) and (library / "manifest.json").exists()
+
+
 def test_a_new_choice_of_functions_removes_what_was_left(tmp_path):
     many = generate("elbow", tmp_path, functions=["gravity", "bias"])
     few = generate("elbow", tmp_path, functions=["gravity"])

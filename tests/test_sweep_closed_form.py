@@ -186,6 +186,18 @@ def test_what_goes_many_at_once_and_what_does_not() -> None:
     assert verified["tool_error_max"][0] < 1e-6
 
 
+def test_a_bad_move_has_no_neighbours() -> None:
+    start, end = (0.1, 0.2), (0.4, -0.3)
+    moves = [Move(f"m{k}", "joint", start, 1.0, 5, end=(end[0] + 0.01 * k, end[1])) for k in range(7)]
+    for bad in (2, 6):
+        moves[bad] = Move(f"m{bad}", "joint", start, 1.0, 5, end=(1e160, 0.0))
+    grid = Grid(["elbow"], moves, ["closed-form"], options=BATCH)
+    tables = [sweep(grid, workers=0, shard_size=size).results for size in (7, 3, 1)]
+    assert list(tables[0]["status"]) == ["failed" if k in (2, 6) else "solved" for k in range(7)]
+    assert all(tables[0]["error"][[2, 6]]) and not any(tables[0]["error"][[0, 1, 3, 4, 5]])
+    assert len({table.digest for table in tables}) == 1
+
+
 def test_limits_are_told_in_the_same_words() -> None:
     model = read("manutec_r3", overrides={"motor.m1.torque_max": 0.5, "motor.m2.speed_max": 1.0})
     move = Move("fast", "joint", model.home, 0.5, 5, end=tuple(q + 1.0 for q in model.home))

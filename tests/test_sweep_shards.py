@@ -8,16 +8,18 @@ import numpy as np
 import pytest
 from sweep_grids import ONE, QUICK, batch_grid, real_grid, sources_stay
 
-from flexgen.errors import ArgumentError
+from flexgen.codegen.compiler import Compiler
+from flexgen.errors import ArgumentError, BuildError
 from flexgen.model.elements import Move
 from flexgen.model.reader import read
 from flexgen.sweeps import folder as folders
 from flexgen.sweeps import sweep as sweeps
+from flexgen.sweeps import version as versions
 from flexgen.sweeps.cases import Grid
 from flexgen.sweeps.jobs import Rows, Shard
 from flexgen.sweeps.sweep import sweep
 from flexgen.sweeps.table import Table
-from flexgen.sweeps.version import code_version
+from flexgen.sweeps.version import _installed, code_version, wants_native
 from flexgen.sweeps.work import WrongCode, run_shard
 
 
@@ -163,6 +165,54 @@ def test_workers_with_other_code_are_refused(monkeypatch) -> None:
     with pytest.raises(WrongCode, match=r"expected 0\+other"):
         sweep(batch_grid(1), workers=0)
     assert code_version().partition("+")[2]
+
+
+def test_the_code_is_sources_packages_and_compiler(tmp_path, monkeypatch) -> None:
+    package = tmp_path / "flexgen"
+    (package / "codegen").mkdir(parents=True)
+    for name in ("__init__.py", "codegen/invert.c", "codegen/lq.h", "notes.txt"):
+        (package / name).write_text("1", encoding="utf-8")
+    monkeypatch.setattr(versions.flexgen, "__file__", str(package / "__init__.py"))
+    found = [code_version.__wrapped__()]
+    (package / "notes.txt").write_text("2", encoding="utf-8")
+    assert code_version.__wrapped__() == found[0]  # nothing is computed by it
+    for name in ("__init__.py", "codegen/invert.c", "codegen/lq.h"):
+        (package / name).write_text("2", encoding="utf-8")
+        found.append(code_version.__wrapped__())
+    with monkeypatch.context() as patch:
+        patch.setattr(versions, "_installed", lambda package: "0" if package == "osqp" else _installed(package))
+        found.append(code_version.__wrapped__())
+
+    def unusable(*, native: bool) -> None:
+        raise BuildError("C compiler: given 'nothing'")
+
+    same = Compiler(("cc",), "cc 1.0", (), "identity")
+    for finder in (lambda *, native: None, unusable, lambda *, native: same):
+        monkeypatch.setattr(versions, "find_compiler", finder)
+        found.append(code_version.__wrapped__())
+    monkeypatch.setattr(versions, "find_compiler", lambda *, native: replace(same, identity=f"this one, {native}"))
+    found += [code_version.__wrapped__(), code_version.__wrapped__(True)]
+    assert len(set(found)) == len(found)
+
+
+def test_a_worker_without_a_compiler_is_refused(monkeypatch) -> None:
+    """`auto` would take another method there."""
+    shard = next(sweeps._shards(batch_grid(1), [0], 1, code_version.__wrapped__()))
+    assert run_shard(shard).results[0]["status"] == "solved"
+    monkeypatch.setattr(versions, "find_compiler", lambda *, native: None)
+    code_version.cache_clear()
+    try:
+        if code_version() == shard.code:
+            pytest.skip("no C compiler here either")
+        with pytest.raises(WrongCode, match=r"C compiler \(or none\)"):
+            run_shard(shard)
+    finally:
+        code_version.cache_clear()
+
+
+def test_native_libraries_bind_a_sweep_to_its_processor() -> None:
+    assert wants_native({"options": {"native": True}})
+    assert not any(wants_native(options) for options in ({}, {"options": None}, {"options": {"native": False}}))
 
 
 def test_one_failing_case_stops_nothing(monkeypatch) -> None:

@@ -13,8 +13,8 @@ F_x' along the curve,
 
 so that one series of the Jacobians of F, by automatic differentiation, gives all of it.
 
-This one is numbers, of any order and at many points, for ranks. `flexgen.mechanics.dae` has the same equations as CasADi
-functions of fixed order, which the solvers integrate; the tests find the same ranks by both.
+This one is numbers, of any order and at many points, for ranks. `flexgen.mechanics.dae` has the same equations as
+CasADi functions of fixed order, which the solvers integrate; the tests find the same ranks by both.
 
 Source: P. Kunkel, V. Mehrmann, Differential-Algebraic Equations, EMS 2006, chapter 3 (derivative arrays).
 """

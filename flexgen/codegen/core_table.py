@@ -92,8 +92,6 @@ class Drives:
     gear_damping : tuple of float
         Arm side [N m s/rad, N s/m]; zero for rigid gears.
     gear_is_rigid, gear_is_linear : tuple of bool
-    torque_max, speed_max : tuple of float
-        Of the motors, motor side; infinity where there is none.
     pose : bool
         Whether the output is a pose.
     """
@@ -106,8 +104,6 @@ class Drives:
     gear_damping: tuple[float, ...]
     gear_is_rigid: tuple[bool, ...]
     gear_is_linear: tuple[bool, ...]
-    torque_max: tuple[float, ...]
-    speed_max: tuple[float, ...]
     pose: bool
 
 
@@ -165,7 +161,8 @@ CORES: tuple[Core, ...] = (
         "moves before the output does (lead) and after it (tail) where its zero dynamics ask for it. Without "
         "coordinates that have no motor nothing is solved. OK means that the residual is within the tolerance, on the "
         "mesh and at the samples, and that the motion at the samples is even: by differences positions, speeds and "
-        "accelerations agree to 2 %. INEXACT: on the mesh it is, the rest is not, as where the mesh is coarse, the "
+        "accelerations agree to 2 % of the largest. Without coordinates that have no motor the residual is zero, and "
+        "OK is no more than that. INEXACT: on the mesh it is, the rest is not, as where the mesh is coarse, the "
         "path rough, or samples are too far apart or too close; the report tells how much. Results of a negative "
         "status mean nothing. A path that does not begin and end at rest is a BAD_ARGUMENT; UNREACHABLE may also mean "
         "that rest was not found from q_start. The matrices are stored sample after sample: entry i of sample k is "
@@ -214,7 +211,14 @@ CORES: tuple[Core, ...] = (
         "that begins now.",
         "The output reaches the sample so many intervals later. One step of the solver, in bounded time. A sample that "
         "is refused (INPUT_NOT_FINITE, BAD_ARGUMENT, UNREACHABLE) changes nothing; after any other negative status the "
-        "stream has failed, and NOT_STARTED follows. INEXACT: the results are the best that one step found.",
+        "stream has failed, and NOT_STARTED follows. OK means that in this interval the residual is within the "
+        "tolerance, and motors move evenly: by differences of the samples positions, speeds and accelerations agree to "
+        "2 % of the largest of them within about a horizon. It says nothing of intervals to come. INEXACT: the results "
+        "are the best that one step found, or the path is rough there, or the samples are too far apart or too close, "
+        "or fewer than 6 of them lie in the horizon beyond this interval: (intervals - 1) * parts < 6. "
+        "INEXACT and LIMITED are positive and come with results: failures are `status < 0`. To stop, update with the "
+        "last place and zero rates until the results rest, at least so many times as the horizon has intervals. A "
+        "path that comes late or is refused is no such stop: without an update there are no further torques.",
         (
             Argument("stream", "kept", ("stream_work",), "", "memory of the stream"),
             Argument("place", "in", ("n_t",), "mixed", "output; for a pose position and rotation matrix by columns"),
@@ -231,10 +235,11 @@ CORES: tuple[Core, ...] = (
                 "out",
                 ("STREAM_REPORT",),
                 "1",
-                "residual, the same, steps, intervals; distance [m] and angle [rad] from the path, where it is bent",
+                "residual; unevenness; steps; intervals; distance [m] and angle [rad] from the path, where it is "
+                "bent; 1 where that or a bound that is passed is LIMITED, whatever is returned, else 0",
             ),
         ),
-        macros=(("STREAM_REPORT", 6, "numbers that stream_update reports"),),
+        macros=(("STREAM_REPORT", 7, "numbers that stream_update reports"),),
     ),
     Core(
         "stream_limits",
@@ -242,10 +247,12 @@ CORES: tuple[Core, ...] = (
         "Let a stream keep bounds of its motors: where they would be passed, the path ahead is bent.",
         "From the next update on, in bounded time: a small quadratic program an update changes the path within the "
         "horizon, as little as can be, and the inversion follows the changed path. While it does, and where a bound is "
-        "passed, LIMITED is returned, and the report tells the deviation, which fades when the bounds no longer bind. "
+        "passed, LIMITED is returned, or INEXACT where that holds, too; the report tells both, and the deviation, "
+        "which fades when the bounds no longer bind. "
         "What cannot be kept is passed: the torques are to be compared with the bounds. The horizon must have at least "
-        "4 intervals and be long enough to brake in. Bounds may be changed at any time; an infinite torque or speed is "
-        "none.",
+        "4 intervals, be long enough to brake in, and last some twenty time constants of the slowest zero of the zero "
+        "dynamics: bends are as quick as the horizon is short, and quicker ones than the zeros make the torque worse. "
+        "Bounds may be changed at any time; an infinite torque or speed is none.",
         (
             Argument("stream", "kept", ("stream_work",), "", "memory of the stream"),
             Argument("torque_max", "in", ("n_m",), "N m", "of the motors, positive"),
@@ -304,14 +311,8 @@ def drives_of(model: RobotModel) -> Drives:
         gear_damping=tuple(0.0 if gear.rigid else float(ratio**2 * gear.damping) for gear, ratio in made),
         gear_is_rigid=tuple(gear.rigid for gear, _ in made),
         gear_is_linear=tuple(isinstance(gear.spring, LinearSpring) for gear, _ in made),
-        torque_max=tuple(_limit(motor.torque_max) for motor in model.motors),
-        speed_max=tuple(_limit(motor.speed_max) for motor in model.motors),
         pose=model.output.type == "tool_pose",
     )
-
-
-def _limit(value: float | None) -> float:
-    return float("inf") if value is None else float(value)
 
 
 def offered_cores(

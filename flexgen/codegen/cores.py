@@ -110,11 +110,8 @@ def _named(text: str, spec: LibrarySpec) -> str:
 def drives_header(spec: LibrarySpec, drives: Drives) -> str:
     """Text of ``<name>_drives.h``: numbers of the model as constants."""
 
-    def number(x: float) -> str:
-        return "(real)INFINITY" if x == float("inf") else literal(x, spec.precision)
-
     def listed(values: Sequence[float]) -> str:
-        return f"{{{', '.join(number(x) for x in values)}}}"
+        return f"{{{', '.join(literal(x, spec.precision) for x in values)}}}"
 
     def integers(name: str, size: str, values: Sequence[int]) -> str:
         return f"static const int {name}[{size}] = {{{', '.join(str(int(x)) for x in values)}}};\n"
@@ -130,8 +127,6 @@ def drives_header(spec: LibrarySpec, drives: Drives) -> str:
         body = ",\n".join(f"    {listed(row)}" for row in A)
         text += f"static const real {name}[{rows}][{columns}] = {{\n{body}}};\n"
     text += f"static const real rotor_inertia[{nm}] = {listed(drives.rotor_inertia)};\n"
-    text += f"static const real torque_max[{nm}] = {listed(drives.torque_max)};\n"
-    text += f"static const real speed_max[{nm}] = {listed(drives.speed_max)};\n"
     return f"""\
 /*
  * {spec.name}: gears, motors and the kind of output, for the inversion; private. Written by flexgen; see {spec.name}.h.

@@ -70,7 +70,9 @@ STATUSES = (
         "a zero is on the imaginary axis at an end of the path, neither stable nor unstable; use invert (method lq)",
         "SolverError",
     ),
-    Status("INEXACT", 1, "the residual is above the tolerance; the result is the best that was found"),
+    Status(
+        "INEXACT", 1, "the residual is above the tolerance, or the motion uneven; the result is the best that was found"
+    ),
     Status(
         "LIMITED", 2, "the bounds of the motors keep the output off its path, or are passed; the report says how far"
     ),

@@ -45,7 +45,8 @@ class Inversion:
         How far positions and speeds are from the integrals of speeds and accelerations, by differences at the samples,
         relative to the largest of these.
     exact : bool
-        Whether ``residual_between`` is within the tolerance, and ``uneven`` within 2 %.
+        Whether ``residual_between`` is within the tolerance, and ``uneven`` within 2 %: no more. Where every
+        coordinate has a motor there is no residual: motion and its derivatives agree to 2 % at the samples.
     unstable : tuple of int
         Of `Library.bvp`: number of unstable zeros of the elastic coordinates at the start and at the end.
     """

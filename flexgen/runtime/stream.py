@@ -15,8 +15,8 @@ from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.files import AGAIN
 from flexgen.runtime.inversion import array_of, number_of, pointer, whole_of
 
-REPORT = 6  # numbers
-INEXACT, LIMITED = 1, 2  # statuses
+REPORT = 7  # numbers
+INEXACT = 1  # a status
 _RESULTS = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
@@ -46,10 +46,15 @@ class Interval:
         Motor angles [rad], speeds [rad/s] and torques [N m], motor side.
     residual : float
         Of the equations without motor, relative to their torques at rest.
+    uneven : float
+        How far positions and speeds of joints and motors are from the integrals of speeds and accelerations, by
+        differences at the samples, relative to the largest of these within about a horizon.
     exact : bool
-        Whether it is within the tolerance.
+        Whether ``residual`` is within the tolerance, and ``uneven`` within 2 %.
+    limited : bool
+        Whether limits of the motors keep the output off its path in this interval, or are passed, see `Stream.limit`.
     off_m, off_rad : float
-        How far limits of the motors bend the path in this interval [m, rad], see `Stream.limit`.
+        How far they bend the path [m, rad].
     """
 
     q_a: np.ndarray
@@ -59,14 +64,11 @@ class Interval:
     v_m: np.ndarray
     tau_m: np.ndarray
     residual: float
+    uneven: float
     exact: bool
+    limited: bool = False
     off_m: float = 0.0
     off_rad: float = 0.0
-
-    @property
-    def limited(self) -> bool:
-        """Whether limits of the motors keep the output off its path."""
-        return self.off_m > 0.0 or self.off_rad > 0.0
 
 
 class Stream:
@@ -183,14 +185,25 @@ class Stream:
             status = int(self._entries.update(*self._arguments))
             self._refuse(status)
             results = [x.copy() for x in self._outputs]
-            residual, off = float(self._report[0]), [float(x) for x in self._report[4:]]
+            told = self._report.copy()
         finally:
             self._lock.release()
         named = dict(zip(_RESULTS, results, strict=True))
-        return Interval(**named, residual=residual, exact=status != INEXACT, off_m=off[0], off_rad=off[1])
+        return Interval(
+            **named,
+            residual=float(told[0]),
+            uneven=float(told[1]),
+            exact=status != INEXACT,
+            limited=told[6] > 0.0,  # INEXACT hides LIMITED, this does not
+            off_m=float(told[4]),
+            off_rad=float(told[5]),
+        )
 
     def limit(self, *, torque: Any = None, speed: Any = None, bend: float = 0.05) -> None:
         """Let the motors keep bounds from the next update on: where they would be passed, the path ahead is bent.
+
+        The horizon must be long enough to brake in and last some twenty time constants of the slowest zero of the zero
+        dynamics: bends are as quick as it is short. Compare torques and speeds with the bounds.
 
         Parameters
         ----------

@@ -6,8 +6,9 @@ from the path (`flexgen.solvers.bends`), of motion that may begin before the pat
     min  mean |d|^2 / e^2 + rho mean |d''''|^2    s.t.  |x_k(t_i) + sum_j dx_k/dc_j (t_i) dc_j| <= bound_k,
 
 x: motor torques, motor speeds and deflections. The slopes dx/dc are differences of inversions of bent paths, several
-splines in one where their responses do not meet: they know of springs, dampers, friction and zero dynamics what the
-model knows. The bent path is inverted again, and what the program missed is corrected by the next one, from the new motion.
+splines in one where their responses do not meet: they know of springs, dampers and zero dynamics what the model knows.
+Friction is no straight line: it is added to the other torques at the speeds that the step leads to. The bent path is
+inverted again, and what the program missed is corrected by the next one, from the new motion.
 
 Source: B. Stellato et al., Mathematical Programming Computation 12, 2020 (OSQP); J. Nocedal, S. Wright, Numerical
 Optimization, 2006, ch. 18 (sequential quadratic programming).
@@ -238,8 +239,8 @@ def _bent_until_kept(ask: Question, horizon: _Horizon, bounds: _Bounds) -> tuple
         return c, found, ROUNDS
     late = horizon.bends.t[-1] - ask.path.duration
     raise SolverError(
-        f"limits: found no bend of the path, with a motion that ends {late:.3g} s after it, that keeps them: a bound is "
-        f"still passed by {worst:.2g} of its value; give the move more time or loosen the limits"
+        f"limits: found no bend of the path, with a motion that ends {late:.3g} s after it, that keeps them: a bound "
+        f"is still passed by {worst:.2g} of its value; give the move more time or loosen the limits"
     )
 
 

@@ -246,9 +246,9 @@ class JointMoves:
         return rates, second_rates
 
 
-# The law of `force_laws.friction_torque` once more, in numpy: whole arrays where they lie, joints as well as motors (the
-# library's motor_friction knows the motors alone, points in rows), and with two derivatives, which no function of the
-# model has. A test compares both with CasADi's.
+# The law of `force_laws.friction_torque` once more, in numpy: on whole arrays where they lie, of joints as well as
+# motors (the function motor_friction is of the motors alone), and with two derivatives, which no function of the model
+# has. A test compares both with what CasADi makes of that law.
 def friction(law: Friction, w: np.ndarray) -> np.ndarray:
     """Friction torque [N m or N] at the speed ``w`` [rad/s or m/s]."""
     out = law.viscous * w

@@ -15,13 +15,25 @@ const char *elbow_status_text(int status)
     case ELBOW_BAD_COUNT:
         return "the number of points is negative";
     case ELBOW_BAD_ARGUMENT:
-        return "a size, a time or a rotation is none that is allowed";
+        return "a size, a time or a rotation is none that is allowed, or the path does not begin and end at rest";
     case ELBOW_WORK_TOO_SMALL:
         return "the workspace is too small";
     case ELBOW_UNREACHABLE:
         return "the path leaves the workspace or passes a singular pose";
     case ELBOW_NOT_CONVERGED:
         return "no motion was found within the bounds of the solver";
+    case ELBOW_NOT_STARTED:
+        return "the stream was not started, or has failed since";
+    case ELBOW_FLAT:
+        return "a zero of the zero dynamics is at infinity at an end of the path or on the way; use invert (method lq)";
+    case ELBOW_ZEROS_CHANGE:
+        return "the number of unstable zeros differs between start and end; use invert (method lq)";
+    case ELBOW_ZERO_ON_AXIS:
+        return "a zero is on the imaginary axis at an end of the path, neither stable nor unstable; use invert (method lq)";
+    case ELBOW_INEXACT:
+        return "the residual is above the tolerance, or the motion uneven; the result is the best that was found";
+    case ELBOW_LIMITED:
+        return "the bounds of the motors keep the output off its path, or are passed; the report says how far";
     default:
         return "unknown status";
     }
@@ -34,7 +46,7 @@ const char *elbow_digest(void)
 
 const char *elbow_interface(void)
 {
-    return "a6193bd0bf906ad54c80050588e4372de22edfc37d31ba9503c56e2027fe467f";
+    return "12befca4b6a28ed348c89330ecf3f5c4b0d190faa697b27c4d45123d887b5f67";
 }
 
 int elbow_abi_version(void)

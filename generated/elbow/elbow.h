@@ -95,7 +95,8 @@ typedef double elbow_real;
 #define ELBOW_GEAR_LAW_BATCH_WORK 384
 #define ELBOW_MOTOR_FRICTION_WORK 1
 #define ELBOW_MOTOR_FRICTION_BATCH_WORK 256
-#define ELBOW_INVERT_REPORT 4 /* numbers that invert reports */
+#define ELBOW_INVERT_REPORT 5 /* numbers that invert reports */
+#define ELBOW_STREAM_REPORT 7 /* numbers that stream_update reports */
 
 enum elbow_status {
     ELBOW_OK = 0 /* success */,
@@ -103,10 +104,16 @@ enum elbow_status {
     ELBOW_INPUT_NOT_FINITE = -2 /* an input is not finite, and so is the result */,
     ELBOW_RESULT_NOT_FINITE = -3 /* the result is not finite: a singular or an extreme state */,
     ELBOW_BAD_COUNT = -4 /* the number of points is negative */,
-    ELBOW_BAD_ARGUMENT = -5 /* a size, a time or a rotation is none that is allowed */,
+    ELBOW_BAD_ARGUMENT = -5 /* a size, a time or a rotation is none that is allowed, or the path does not begin and end at rest */,
     ELBOW_WORK_TOO_SMALL = -6 /* the workspace is too small */,
     ELBOW_UNREACHABLE = -7 /* the path leaves the workspace or passes a singular pose */,
-    ELBOW_NOT_CONVERGED = -8 /* no motion was found within the bounds of the solver */
+    ELBOW_NOT_CONVERGED = -8 /* no motion was found within the bounds of the solver */,
+    ELBOW_NOT_STARTED = -9 /* the stream was not started, or has failed since */,
+    ELBOW_FLAT = -10 /* a zero of the zero dynamics is at infinity at an end of the path or on the way; use invert (method lq) */,
+    ELBOW_ZEROS_CHANGE = -11 /* the number of unstable zeros differs between start and end; use invert (method lq) */,
+    ELBOW_ZERO_ON_AXIS = -12 /* a zero is on the imaginary axis at an end of the path, neither stable nor unstable; use invert (method lq) */,
+    ELBOW_INEXACT = 1 /* the residual is above the tolerance, or the motion uneven; the result is the best that was found */,
+    ELBOW_LIMITED = 2 /* the bounds of the motors keep the output off its path, or are passed; the report says how far */
 };
 
 /* What a status means, in words; never a null pointer. */
@@ -425,8 +432,13 @@ int64_t elbow_invert_work(int n, int lead, int tail, int every);
  *
  * The output is at rest at the first sample and before it, and after the last one; the arm starts at rest, and moves
  * before the output does (lead) and after it (tail) where its zero dynamics ask for it. Without coordinates that have
- * no motor nothing is solved. OK means that the residual is within the tolerance; results of every other status mean
- * nothing. The matrices are stored sample after sample: entry i of sample k is x[k * n_a + i].
+ * no motor nothing is solved. OK means that the residual is within the tolerance, on the mesh and at the samples, and
+ * that the motion at the samples is even: by differences positions, speeds and accelerations agree to 2 % of the
+ * largest. Without coordinates that have no motor the residual is zero, and OK is no more than that. INEXACT: on the
+ * mesh it is, the rest is not, as where the mesh is coarse, the path rough, or samples are too far apart or too close;
+ * the report tells how much. Results of a negative status mean nothing. A path that does not begin and end at rest is
+ * a BAD_ARGUMENT; UNREACHABLE may also mean that rest was not found from q_start. The matrices are stored sample after
+ * sample: entry i of sample k is x[k * n_a + i]. Stack: at most 11264 bytes.
  *
  *   in  n                                 [1]     samples of the path, at least 2
  *   in  period                            [s]     from sample to sample
@@ -445,7 +457,8 @@ int64_t elbow_invert_work(int n, int lead, int tail, int every);
  *   out q_m       (lead + n + tail) x n_m [rad]   motor angles
  *   out v_m       (lead + n + tail) x n_m [rad/s] motor speeds
  *   out tau_m     (lead + n + tail) x n_m [N m]   motor torques
- *   out report    INVERT_REPORT           [1]     residual on the mesh and at the samples; steps; intervals
+ *   out report    INVERT_REPORT           [1]     residual on the mesh and at the samples; steps; intervals; unevenness
+ *   of the motion
  *       work      work_size                       workspace
  *   in  work_size                         [1]     its length, at least that of invert_work
  */
@@ -454,6 +467,87 @@ int elbow_invert(int n, elbow_real period, const elbow_real *place, const elbow_
     const elbow_real *q_start, int lead, int tail, int every, elbow_real tolerance, elbow_real *q_a,
     elbow_real *v_a, elbow_real *a_a, elbow_real *tau_g, elbow_real *q_m, elbow_real *v_m, elbow_real *tau_m,
     elbow_real *report, elbow_real *work, int64_t work_size);
+
+/*
+ * Numbers that the memory of a stream must hold; -1 where the sizes are not allowed.
+ *
+ *   in intervals  [1] of the horizon, 1 to 10000
+ *   in parts      [1] samples of the results per interval, 1 to 1000
+ */
+ELBOW_API
+int64_t elbow_stream_work(int intervals, int parts);
+
+/*
+ * Begin a stream, inverse dynamics on a moving horizon: at rest, with the output at a place and staying there.
+ *
+ * The memory holds all that the stream knows; it may be copied and moved between calls; every stream has its own. One
+ * that has failed is started again. Stack: at most 11264 bytes.
+ *
+ *      stream      stream_size         memory of the stream
+ *   in stream_size             [1]     its length, at least that of stream_work
+ *   in intervals               [1]     of the horizon, 1 to 10000
+ *   in parts                   [1]     samples of the results per interval, 1 to 1000
+ *   in period                  [s]     from update to update: an interval
+ *   in tolerance               [1]     of the equations without motor, relative to their torques at rest
+ *   in place       n_t         [mixed] output at rest; for a pose position and rotation by columns
+ *   in q_start     n_a         [mixed] guess of the pose of rest
+ */
+ELBOW_API
+int elbow_stream_start(elbow_real *stream, int64_t stream_size, int intervals, int parts, elbow_real period,
+    elbow_real tolerance, const elbow_real *place, const elbow_real *q_start);
+
+/*
+ * Take the next sample of the path, at the end of the horizon, and give motion and torques of the interval that begins
+ * now.
+ *
+ * The output reaches the sample so many intervals later. One step of the solver, in bounded time. A sample that is
+ * refused (INPUT_NOT_FINITE, BAD_ARGUMENT, UNREACHABLE) changes nothing; after any other negative status the stream
+ * has failed, and NOT_STARTED follows. OK means that in this interval the residual is within the tolerance, and motors
+ * move evenly: by differences of the samples positions, speeds and accelerations agree to 2 % of the largest of them
+ * within about a horizon. It says nothing of intervals to come. INEXACT: the results are the best that one step found,
+ * or the path is rough there, or the samples are too far apart or too close, or fewer than 6 of them lie in the
+ * horizon beyond this interval: (intervals - 1) * parts < 6. INEXACT and LIMITED are positive and come with results:
+ * failures are `status < 0`. To stop, update with the last place and zero rates until the results rest, at least so
+ * many times as the horizon has intervals. A path that comes late or is refused is no such stop: without an update
+ * there are no further torques. Stack: at most 11264 bytes.
+ *
+ *       stream stream_work           memory of the stream
+ *   in  place  n_t           [mixed] output; for a pose position and rotation matrix by columns
+ *   in  rate   n_y           [mixed] its rate; for a pose linear and angular velocity, world axes
+ *   in  rate2  n_y           [mixed] its second derivative
+ *   out q_a    parts x n_a   [mixed] arm coordinates
+ *   out v_a    parts x n_a   [mixed] arm velocities
+ *   out tau_g  parts x n_g   [mixed] torques of the gears, arm side
+ *   out q_m    parts x n_m   [rad]   motor angles
+ *   out v_m    parts x n_m   [rad/s] motor speeds
+ *   out tau_m  parts x n_m   [N m]   motor torques
+ *   out report STREAM_REPORT [1]     residual; unevenness; steps; intervals; distance [m] and angle [rad] from the path,
+ *   where it is bent; 1 where that or a bound that is passed is LIMITED, whatever is returned, else 0
+ */
+ELBOW_API
+int elbow_stream_update(elbow_real *stream, const elbow_real *place, const elbow_real *rate,
+    const elbow_real *rate2, elbow_real *q_a, elbow_real *v_a, elbow_real *tau_g, elbow_real *q_m, elbow_real *v_m,
+    elbow_real *tau_m, elbow_real *report);
+
+/*
+ * Let a stream keep bounds of its motors: where they would be passed, the path ahead is bent.
+ *
+ * From the next update on, in bounded time: a small quadratic program an update changes the path within the horizon,
+ * as little as can be, and the inversion follows the changed path. While it does, and where a bound is passed, LIMITED
+ * is returned, or INEXACT where that holds, too; the report tells both, and the deviation, which fades when the bounds
+ * no longer bind. What cannot be kept is passed: the torques are to be compared with the bounds. The horizon must have
+ * at least 4 intervals, be long enough to brake in, and last some twenty time constants of the slowest zero of the
+ * zero dynamics: bends are as quick as the horizon is short, and quicker ones than the zeros make the torque worse.
+ * Bounds may be changed at any time; an infinite torque or speed is none. Stack: at most 11264 bytes.
+ *
+ *      stream     stream_work         memory of the stream
+ *   in torque_max n_m         [N m]   of the motors, positive
+ *   in speed_max  n_m         [rad/s] of the motors, positive
+ *   in bend_max               [mixed] of the deviation of each output, m and rad; weighed like them
+ */
+ELBOW_API
+int elbow_stream_limits(elbow_real *stream, const elbow_real *torque_max, const elbow_real *speed_max,
+    elbow_real bend_max);
 
 /* For who loads the library at run time: check these before the first call. */
 ELBOW_API int elbow_abi_version(void);

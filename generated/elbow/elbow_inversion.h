@@ -36,21 +36,48 @@ static const real gauss_A[STAGES][STAGES] = {
     {0.30026319498086457, 2.0 / 9.0, -0.022485417203086778},
     {0.26798833376246944, 0.48042111196938331, 5.0 / 36.0}};
 
-/* x + y z for all points. */
+/* Over all points, a vector at a time. */
 #define EACH(l) for (int l = 0; l < POINTS; l += LANES)
 
+/* The largest size; NaN where an entry is not finite, so that no comparison holds. */
 static inline real largest(const real *x, int n)
 {
-    real most = 0.0;
+    real most = 0.0, zero = 0.0;
     for (int i = 0; i < n; ++i) {
         most = fmax_1(most, fabs_1(x[i]));
+        zero += 0.0 * x[i];
     }
-    return most;
+    return most + zero;
+}
+
+/* Square root by Newton's method: the library needs no function of the C library for it. */
+static inline real root(real x)
+{
+    real r = 1.0;
+    if (!(x > 0.0 && x < 1e300)) {
+        return x;
+    }
+    while (r * r > 4.0 * x) {
+        r *= 0.5;
+    }
+    while (r * r < 0.25 * x) {
+        r *= 2.0;
+    }
+    for (int i = 0; i < 7; ++i) {
+        r = 0.5 * (r + x / r);
+    }
+    return r;
 }
 
 static inline int is_finite(const real *x, int n)
 {
     return all_finite(x, n, 1);
+}
+
+/* What a function of the library says of states that were computed here: they are no inputs of the caller. */
+static inline int inner(int status)
+{
+    return status == ELBOW_INPUT_NOT_FINITE ? ELBOW_RESULT_NOT_FINITE : status;
 }
 
 /* --- the path ----------------------------------------------------------------------------------------------------- */
@@ -232,6 +259,7 @@ typedef struct {
     points place[NT], rate[NY], rate2[NY];
     points error[NY], W[NA][NY], bias[NY];
     points inverse[NY][NG]; /* of the columns of W that belong to q_g */
+    points side;            /* sign of their determinant: on either side of singular poses, 1 or -1 */
     points tau_g[NG];
 #if ELBOW_NE > 0
     points row[NE], row_q[NA][NE], row_v[NA][NE], row_a[NA][NE];
@@ -241,70 +269,71 @@ typedef struct {
 #endif
 } arm_points;
 
-enum { KINEMATIC_STEPS = 25 };
-
-/* Inverse by Gauss and Jordan with row pivoting, of one point; 0 where a pivot is rounding. */
-static inline int invert_one(arm_points *p, int l)
+/* Bring the path at one instant into place l. */
+static inline void load_reference(arm_points *arm, int l, const real *reference)
 {
-    real a[NY][2 * NY];
+    for (int i = 0; i < NT; ++i) {
+        arm->place[i][l] = reference[i];
+    }
     for (int i = 0; i < NY; ++i) {
-        real size = 0.0;
-        for (int j = 0; j < NY; ++j) {
-            a[i][j] = p->W[i_g[j]][i][l];
-            a[i][NY + j] = i == j ? 1.0 : 0.0;
-            size = fmax_1(size, fabs_1(a[i][j]));
-        }
-        if (!(size > 0.0)) {
-            return 0;
-        }
+        arm->rate[i][l] = reference[NT + i];
+        arm->rate2[i][l] = reference[NT + NY + i];
     }
-    for (int k = 0; k < NY; ++k) {
-        int best = k;
-        real pivot;
-        for (int i = k + 1; i < NY; ++i) {
-            if (fabs_1(a[i][k]) > fabs_1(a[best][k])) {
-                best = i;
-            }
-        }
-        if (!(fabs_1(a[best][k]) > 1e-9)) { /* metres and radians: a nanometre for a radian is a singular pose */
-            return 0;
-        }
-        if (best != k) {
-            for (int j = 0; j < 2 * NY; ++j) {
-                const real t = a[k][j];
-                a[k][j] = a[best][j];
-                a[best][j] = t;
-            }
-        }
-        pivot = 1.0 / a[k][k];
-        for (int j = 0; j < 2 * NY; ++j) {
-            a[k][j] *= pivot;
-        }
-        for (int i = 0; i < NY; ++i) {
-            const real f = a[i][k];
-            if (i == k) {
-                continue;
-            }
-            for (int j = 0; j < 2 * NY; ++j) {
-                a[i][j] -= f * a[k][j];
-            }
-        }
-    }
-    for (int i = 0; i < NG; ++i) {
-        for (int j = 0; j < NY; ++j) {
-            p->inverse[j][i][l] = a[i][NY + j];
-        }
-    }
-    return 1;
 }
 
+enum { KINEMATIC_STEPS = 25 };
+
+/*
+ * Inverse of the actuated columns of W by Gauss and Jordan, with rows exchanged for the largest pivot in every point
+ * for itself; 0 where a pivot is rounding.
+ */
 static inline int invert_points(arm_points *p)
 {
-    int regular = 1;
-    for (int l = 0; l < POINTS; ++l) {
-        regular &= invert_one(p, l);
+    lanes bad = splat_v(0.0);
+    EACH(l) {
+        lanes a[NY][2 * NY], side = splat_v(1.0);
+        for (int i = 0; i < NY; ++i) {
+            for (int j = 0; j < NY; ++j) {
+                a[i][j] = load_v(&p->W[i_g[j]][i][l]);
+                a[i][NY + j] = splat_v(i == j ? 1.0 : 0.0);
+            }
+        }
+        for (int k = 0; k < NY; ++k) {
+            lanes pivot;
+            for (int i = k + 1; i < NY; ++i) {
+                const lanes larger = lt_v(fabs_v(a[k][k]), fabs_v(a[i][k]));
+                side *= splat_v(1.0) - 2.0 * larger;
+                for (int j = k; j < 2 * NY; ++j) {
+                    const lanes x = a[k][j], y = a[i][j];
+                    a[k][j] = select_v(larger, y, x);
+                    a[i][j] = select_v(larger, x, y);
+                }
+            }
+            /* metres and radians: a nanometre for a radian is a singular pose; NaN is no better */
+            bad += not_v(lt_v(splat_v(1e-9), fabs_v(a[k][k])));
+            side *= splat_v(1.0) - 2.0 * lt_v(a[k][k], splat_v(0.0));
+            pivot = splat_v(1.0) / a[k][k];
+            for (int j = k + 1; j < 2 * NY; ++j) {
+                a[k][j] *= pivot;
+            }
+            for (int i = 0; i < NY; ++i) {
+                const lanes f = a[i][k];
+                if (i == k) {
+                    continue;
+                }
+                for (int j = k + 1; j < 2 * NY; ++j) {
+                    a[i][j] -= f * a[k][j];
+                }
+            }
+        }
+        for (int i = 0; i < NG; ++i) {
+            for (int j = 0; j < NY; ++j) {
+                store_v(&p->inverse[j][i][l], a[i][NY + j]);
+            }
+        }
+        store_v(&p->side[l], side);
     }
-    return regular;
+    return sum_v(bad) == 0.0;
 }
 
 static inline void constrain(arm_points *p, real *space)
@@ -327,39 +356,53 @@ static inline void actuated(const arm_points *p, points *y, points *to)
     }
 }
 
+/* One Newton step of the actuated coordinates towards the place; the largest change. */
+static inline real approach(arm_points *p)
+{
+    lanes most = splat_v(0.0), zero = splat_v(0.0);
+    for (int i = 0; i < NG; ++i) {
+        EACH(l) {
+            lanes sum = splat_v(0.0);
+            for (int j = 0; j < NY; ++j) {
+                sum += load_v(&p->inverse[j][i][l]) * load_v(&p->error[j][l]);
+            }
+            store_v(&p->q[i_g[i]][l], load_v(&p->q[i_g[i]][l]) - sum);
+            most = fmax_v(most, fabs_v(sum));
+            zero += 0.0 * sum; /* a maximum overlooks NaN */
+        }
+    }
+    most += zero;
+    return largest((const real *)&most, LANES);
+}
+
+/* Whether the output is where it shall be, but for rounding. */
+static inline int is_there(const arm_points *p)
+{
+    return largest(&p->error[0][0], NY * POINTS) <= 1e-9 * (1.0 + largest(&p->place[0][0], NT * POINTS));
+}
+
 /* The actuated coordinates that bring the output to its place, with their rates, for given other ones. */
 static inline int follow(arm_points *p, real *space)
 {
     points rest[NY];
-    real last = 1.0;
-    for (int step = 0; last > 1e-10; ++step) {
-        real most = 0.0;
-        constrain(p, space);
+    real most, bound;
+    int step = 0;
+    constrain(p, space);
+    do { /* Newton's method: after a step below a millionth the error is rounding */
         if (!invert_points(p)) {
             return ELBOW_UNREACHABLE;
         }
-        for (int i = 0; i < NG; ++i) {
-            for (int l = 0; l < POINTS; ++l) {
-                real sum = 0.0;
-                for (int j = 0; j < NY; ++j) {
-                    sum += p->inverse[j][i][l] * p->error[j][l];
-                }
-                most = fmax_1(most, fabs_1(sum));
-                p->q[i_g[i]][l] -= sum;
-            }
-        }
-        if (!(most < 2.0) || (step == KINEMATIC_STEPS && !(most < 1e-8))) {
+        bound = 2.0 + 2.0 * largest(&p->error[0][0], NY * POINTS); /* rad and m: beyond it a step leads astray */
+        most = approach(p);
+        if (!(most < bound) || ++step > KINEMATIC_STEPS) {
             return ELBOW_UNREACHABLE;
         }
-        if (step == KINEMATIC_STEPS) {
-            break;
-        }
-        last = most;
-    }
-    constrain(p, space);
+        constrain(p, space);
+    } while (most > 1e-6);
     if (!invert_points(p)) {
         return ELBOW_UNREACHABLE;
     }
+    (void)approach(p);
     for (int j = 0; j < NY; ++j) {
         EACH(l) {
             lanes sum = load_v(&p->rate[j][l]);
@@ -371,6 +414,9 @@ static inline int follow(arm_points *p, real *space)
     }
     actuated(p, rest, p->v);
     constrain(p, space);
+    if (!is_there(p)) {
+        return ELBOW_UNREACHABLE;
+    }
     for (int j = 0; j < NY; ++j) {
         EACH(l) {
             lanes sum = load_v(&p->rate2[j][l]) - load_v(&p->bias[j][l]);
@@ -436,7 +482,7 @@ static inline int reduce(arm_points *p, real *space)
         POINTS, &p->q[0][0], &p->v[0][0], &p->a[0][0], &p->y1_q[0][0][0], &p->y2_q[0][0][0], &p->y2_v[0][0][0],
         &p->row[0][0], &p->row_q[0][0][0], &p->row_v[0][0][0], &p->row_a[0][0][0], space);
     if (status != ELBOW_OK) {
-        return status;
+        return inner(status);
     }
     take_elastic(p->W, p->T);
     solve_columns(p, p->T, p->S);

@@ -6,6 +6,7 @@
  *
  *     sum |(R + R_q dq + R_v dv + R_a da) / s_r|^2 + tiny (|y + dy - y_ref|^2 / s_y^2 + |da|^2 / s_a^2),   dy_0 = 0,
  *
+ * where y_ref is the present y itself or, on a moving horizon, the quasi-static motion,
  * by a Riccati recursion with blocks of fixed size. It is regular where R_a is singular (flat points) and picks, of
  * the motions that make R vanish, the one that does not blow up.
  */
@@ -41,11 +42,12 @@ typedef struct {
     real *a;       /* N x STAGES x NE */
     real *q_g;     /* N x STAGES x NG: at the Gauss points */
     real *reference; /* N x STAGES x REFERENCE: the path there */
-    real *aim;     /* STATES: what the end is drawn to */
+    real *aim;     /* (N + 1) x STATES: what the nodes are drawn to; NULL for where they are */
+    const real *rest; /* STATES: what the last node is drawn to, where aim is NULL; NULL for where it is */
     real *factor;  /* N x CONTROLS x WIDTH: rows of the elimination, pivots inverted on the diagonal */
     real *scale;   /* NE: torque of a row */
+    const real *end; /* STATES x STATES: weight of the last node; NULL for the tiny one */
     real residual; /* out: largest |R / s_r| */
-    real step;     /* out: largest step of q_e */
 } mesh;
 
 typedef struct {
@@ -105,13 +107,7 @@ static inline void load_point(const mesh *m, int at, arm_points *p, int l)
         p->v[i_g[i]][l] = 0.0;
         p->a[i_g[i]][l] = 0.0;
     }
-    for (int i = 0; i < NT; ++i) {
-        p->place[i][l] = reference[i];
-    }
-    for (int i = 0; i < NY; ++i) {
-        p->rate[i][l] = reference[NT + i];
-        p->rate2[i][l] = reference[NT + NY + i];
-    }
+    load_reference(p, l, reference);
 }
 
 /* Residuals and slopes at the Gauss points of the intervals first ... first + count - 1. */
@@ -163,8 +159,8 @@ static inline int evaluate_residual(mesh *m, lq_space *w, real *space)
         }
         status = follow(arm, space);
         if (status == ELBOW_OK) {
-            status = elbow_inversion_rows_batch(
-                POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space);
+            status = inner(elbow_inversion_rows_batch(
+                POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space));
         }
         if (status != ELBOW_OK) {
             return status;
@@ -227,8 +223,14 @@ static inline void interval_rows(const mesh *m, const real *point, real *J)
     }
 }
 
-/* Add the cost to go of the next node and the tiny weights. */
-static inline void add_cost_to_go(const mesh *m, const lq_space *w, real *H)
+/* How far state i of node k is from what it is drawn to, scaled. */
+static inline real drawn(const mesh *m, ptrdiff_t k, int i)
+{
+    return (m->y[k * STATES + i] - m->aim[k * STATES + i]) / (i < NE ? scale_q : scale_v);
+}
+
+/* Add the cost to go of the node after interval k and the tiny weights. */
+static inline void add_cost_to_go(const mesh *m, int k, const lq_space *w, real *H)
 {
     const real h = m->h, drift = h * scale_v / scale_q;
     const real *P = w->P, *p = w->p;
@@ -270,6 +272,9 @@ static inline void add_cost_to_go(const mesh *m, const lq_space *w, real *H)
             row[NE + i] += tiny;
             row[STATES] += drift * p[i] + p[NE + i];
         }
+    }
+    for (int i = 0; i < STATES && m->aim != NULL; ++i) {
+        H[(CONTROLS + i) * WIDTH + CONTROLS + STATES] += tiny * drawn(m, k, i);
     }
 }
 
@@ -317,13 +322,18 @@ static inline int lq_factor(mesh *m, lq_space *w, real *space)
 {
     static const real ones[PANEL] = {1, 1, 1, 1, 1, 1, 1, 1};
     const real *end = m->y + (ptrdiff_t)m->N * STATES;
-    for (int i = 0; i < STATES * STATES; ++i) {
-        w->P[i] = 0.0;
-    }
     for (int i = 0; i < STATES; ++i) {
-        const real unit = i < NE ? scale_q : scale_v;
-        w->P[i * STATES + i] = tiny;
-        w->p[i] = tiny * (end[i] - m->aim[i]) / unit;
+        w->p[i] = 0.0;
+        for (int j = 0; j < STATES; ++j) {
+            w->P[i * STATES + j] = m->end != NULL ? m->end[i * STATES + j] : i == j ? tiny : 0.0;
+        }
+        for (int j = 0; j < STATES; ++j) {
+            if (m->aim != NULL) {
+                w->p[i] += w->P[i * STATES + j] * drawn(m, m->N, j);
+            } else if (m->rest != NULL) {
+                w->p[i] += w->P[i * STATES + j] * (end[j] - m->rest[j]) / (j < NE ? scale_q : scale_v);
+            }
+        }
     }
     for (int i = 0; i < RESIDUALS * WIDTH; ++i) {
         w->J[i] = 0.0;
@@ -342,7 +352,7 @@ static inline int lq_factor(mesh *m, lq_space *w, real *space)
             for (int p = 0; p < RESIDUALS; p += PANEL) {
                 add_panel(w->H, w->J + p * WIDTH, ones, 0);
             }
-            add_cost_to_go(m, w, w->H);
+            add_cost_to_go(m, k, w, w->H);
             if (!eliminate(w->H, m->factor + (ptrdiff_t)k * CONTROLS * WIDTH)) {
                 return ELBOW_NOT_CONVERGED;
             }
@@ -360,11 +370,32 @@ static inline int lq_factor(mesh *m, lq_space *w, real *space)
     return is_finite(w->p, STATES) ? ELBOW_OK : ELBOW_NOT_CONVERGED;
 }
 
-/* The step itself, forwards, times `share`. */
-static inline void lq_step(mesh *m, real share)
+/*
+ * The cost to go of an endless rest, which is next to nothing where errors fade and weighs what grows, by a few sweeps
+ * over a mesh that rests. The end of a horizon is free but for that.
+ */
+static inline int lq_endless(mesh *still, int sweeps, lq_space *w, real *space, real *cost)
+{
+    for (int i = 0; i < STATES * STATES; ++i) {
+        cost[i] = i % (STATES + 1) == 0 ? 1.0 : 0.0;
+    }
+    still->end = cost;
+    for (int k = 0; k < sweeps; ++k) {
+        const int status = lq_factor(still, w, space);
+        if (status != ELBOW_OK) {
+            return status;
+        }
+        for (int i = 0; i < STATES * STATES; ++i) {
+            cost[i] = w->P[i];
+        }
+    }
+    return ELBOW_OK;
+}
+
+/* The step itself, forwards. */
+static inline void lq_step(mesh *m)
 {
     real d[STATES], u[CONTROLS];
-    m->step = 0.0;
     for (int i = 0; i < STATES; ++i) {
         d[i] = 0.0;
     }
@@ -387,17 +418,16 @@ static inline void lq_step(mesh *m, real share)
             for (int i = 0; i < NE; ++i) {
                 dy[i] = d[i] * scale_q;
                 dy[NE + i] = d[NE + i] * scale_v;
-                m->step = fmax_1(m->step, fabs_1(dy[i]));
             }
             for (int i = 0; i < CONTROLS; ++i) {
                 da[i] = u[i] * scale_a;
             }
             next_node(dy, da, m->h, next);
             for (int i = 0; i < STATES; ++i) {
-                y[i] += share * dy[i];
+                y[i] += dy[i];
             }
             for (int i = 0; i < CONTROLS; ++i) {
-                a[i] += share * da[i];
+                a[i] += da[i];
             }
             for (int i = 0; i < NE; ++i) {
                 d[i] = next[i] / scale_q;
@@ -407,9 +437,8 @@ static inline void lq_step(mesh *m, real share)
     }
     for (int i = 0; i < NE; ++i) {
         real *y = m->y + (ptrdiff_t)m->N * STATES;
-        y[i] += share * d[i] * scale_q;
-        y[NE + i] += share * d[NE + i] * scale_v;
-        m->step = fmax_1(m->step, fabs_1(d[i] * scale_q));
+        y[i] += d[i] * scale_q;
+        y[NE + i] += d[NE + i] * scale_v;
     }
 }
 

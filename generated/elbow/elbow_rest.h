@@ -58,6 +58,18 @@ static inline int solve_square(real (*M)[NA], real *b, real *x)
     return is_finite(x, NA);
 }
 
+/* Whether the actuated columns of W can be inverted: if so it is the springs that do not carry the arm. */
+static inline int can_move(const real *W, real (*M)[NA], real *b, real *x)
+{
+    for (int i = 0; i < NA; ++i) {
+        b[i] = 0.0;
+        for (int j = 0; j < NA; ++j) {
+            M[i][j] = i < NY && j < NG ? W[i_g[j] * NY + i] : i == j ? 1.0 : 0.0;
+        }
+    }
+    return solve_square(M, b, x);
+}
+
 /*
  * Newton's method for rest at a place, from a guess q; scale: the torque of each non-actuated row, its stiffness times
  * a hundredth of a radian or metre.
@@ -74,7 +86,7 @@ static inline int rest_at(const real *place, real *q, real *scale, real *space)
         real most;
         int status = elbow_output_constraint(q, zero, place, error, W, bias, space);
         if (status != ELBOW_OK) {
-            return status;
+            return inner(status);
         }
         for (int i = 0; i < NY; ++i) {
             for (int j = 0; j < NA; ++j) {
@@ -86,7 +98,7 @@ static inline int rest_at(const real *place, real *q, real *scale, real *space)
         status = elbow_inversion_slopes(q, zero, zero, y1_q, y2_q, y2_v, row, row_q, row_v, row_a,
             space);
         if (status != ELBOW_OK) {
-            return status;
+            return inner(status);
         }
         for (int i = 0; i < NE; ++i) {
             for (int j = 0; j < NA; ++j) {
@@ -99,7 +111,7 @@ static inline int rest_at(const real *place, real *q, real *scale, real *space)
         (void)scale;
 #endif
         if (!solve_square(M, b, x)) {
-            return ELBOW_UNREACHABLE;
+            return can_move(W, M, b, x) ? ELBOW_NOT_CONVERGED : ELBOW_UNREACHABLE;
         }
         most = largest(x, NA);
         for (int i = 0; i < NA; ++i) {

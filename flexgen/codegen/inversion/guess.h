@@ -61,8 +61,8 @@ static inline int check_path(const path *p, const real *q_start)
 #if MODEL_NE > 0
 
 /*
- * The path at the Gauss points, `every` samples to an interval, and joints that follow it as if nothing deflected further
- * than at rest at q, where all nodes stand.
+ * The path at the Gauss points, `every` samples to an interval, and joints that follow it as if nothing deflected
+ * further than at rest at q, where all nodes stand.
  */
 static inline int guess_mesh(mesh *m, const path *p, const real *q, int lead, int every, arm_points *arm, real *space)
 {

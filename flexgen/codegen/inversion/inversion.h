@@ -50,6 +50,25 @@ static inline real largest(const real *x, int n)
     return most + zero;
 }
 
+/* Square root by Newton's method: the library needs no function of the C library for it. */
+static inline real root(real x)
+{
+    real r = 1.0;
+    if (!(x > 0.0 && x < 1e300)) {
+        return x;
+    }
+    while (r * r > 4.0 * x) {
+        r *= 0.5;
+    }
+    while (r * r < 0.25 * x) {
+        r *= 2.0;
+    }
+    for (int i = 0; i < 7; ++i) {
+        r = 0.5 * (r + x / r);
+    }
+    return r;
+}
+
 static inline int is_finite(const real *x, int n)
 {
     return all_finite(x, n, 1);
@@ -265,8 +284,8 @@ static inline void load_reference(arm_points *arm, int l, const real *reference)
 enum { KINEMATIC_STEPS = 25 };
 
 /*
- * Inverse of the actuated columns of W by Gauss and Jordan, with rows exchanged for the largest pivot in every point for
- * itself; 0 where a pivot is rounding.
+ * Inverse of the actuated columns of W by Gauss and Jordan, with rows exchanged for the largest pivot in every point
+ * for itself; 0 where a pivot is rounding.
  */
 static inline int invert_points(arm_points *p)
 {

@@ -1,8 +1,9 @@
 /*
  * model: a path ahead that is bent where motors would pass their bounds; private to the stream.
  *
- * The deviation d of each output is the end of a chain of five integrators, so that four derivatives are continuous; its
- * input is constant in blocks of intervals. Around the motion that is planned, motors feel a change of the deviation as
+ * The deviation d of each output is the end of a chain of five integrators, so that four derivatives are continuous;
+ * its input is constant in blocks of intervals. Around the motion that is planned, motors feel a change of the
+ * deviation as
  *
  *     tau_m + B2 d'' + B4 d'''',   v_m + C1 d' + C3 d''',
  *
@@ -24,22 +25,23 @@ enum {
     BOUNDED = MOTORS + NY, /* and deviations */
     BEND = CHAIN * NY,
     PROGRAM_STEPS = 80,
-    SOON = 100, /* of a horizon: a quarter that stays as it is */
-    FADES = 5 /* time constants of the deviation in a horizon */
+    FIXED = 1, /* the last node whose deviation stays: the motion to it is under way */
+    FADES = 4 /* time constants of the deviation in a horizon */
 };
 
 static const real kept_free = 1e-3;   /* of a bound: what is kept from it for errors of the slopes */
 static const real worth_a_row = 0.5;  /* of a bound: nodes with less are not in the program */
 static const real far_off = 1.5;      /* times the largest deviation that is allowed: what none reaches */
-static const real share = 0.5; /* of a change that is made at once */
+static const real share = 0.3;         /* of a change that is made at once: what the slopes miss is seen before */
 static const real no_bend = 1e-7;     /* m, rad: a deviation that is none */
-static const real smooth = 1e-1;      /* weight of the input, and of the derivatives at the end, beside the deviation */
-static const real calm = 1; /* weight of a change of the input, so that plans do not jump from update to update */
+static const real smooth = 1e-1;       /* weight of the input and of the derivatives at the end, beside the deviation */
+static const real calm = 1e-1;         /* of a change of the input: plans do not jump from update to update */
 static const real dear = 1e-4;         /* of passing a bound by its own size, beside a deviation of one */
 
 /* What the stream keeps for its limits: places in its memory, relative to its beginning. */
 typedef struct {
-    ptrdiff_t on, bound, plan, bend, value, q, v, a, tau, twist, late, response, H, g, A, x, y, z, K, w, vv, b, row, dual, end;
+    ptrdiff_t on, bound, plan, bend, value, q, v, a, tau, twist, late;
+    ptrdiff_t response, H, g, A, x, y, z, K, w, vv, b, row, dual, end;
 } limits_layout;
 
 static inline limits_layout limits_laid_out(ptrdiff_t N)
@@ -155,8 +157,8 @@ static inline void size_of_bend(const real *x, real out[2])
     for (int i = 0; i < NY; ++i) {
         out[i < positions ? 0 : 1] += x[i] * x[i];
     }
-    out[0] = sqrt_1(out[0]);
-    out[1] = sqrt_1(out[1]);
+    out[0] = root(out[0]);
+    out[1] = root(out[1]);
 }
 
 /* Motor torques and speeds at the nodes, relative to their bounds, from motion and torques of the arm there. */
@@ -206,7 +208,7 @@ static inline int motors_ahead(real *s, const limits_layout *l, ptrdiff_t N, rea
     return 1;
 }
 
-/* B2, B4, C1, C3 [row][output] at the instant that is loaded in all places of `arm`, whose inverse is that of W there. */
+/* B2, B4, C1, C3 [row][output] at the instant that is loaded everywhere in `arm`, whose inverse is that of W there. */
 typedef struct {
     real B2[NM][NY], B4[NM][NY], C1[NM][NY], C3[NM][NY];
 } slopes_ahead;
@@ -289,16 +291,10 @@ static inline void fill_row(
     }
 }
 
-/* The last node of the horizon whose deviation stays: what is so near needs its motion now. */
-static inline ptrdiff_t nodes_fixed(ptrdiff_t N)
-{
-    return N / SOON > 1 ? N / SOON : 1;
-}
-
 /* Change the deviations ahead; 0 where the numbers are none, and nothing has changed. */
 static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, real T, const slopes_ahead *f)
 {
-    const ptrdiff_t fixed = nodes_fixed(N), left = N - fixed;
+    const ptrdiff_t left = N - FIXED;
     const int blocks = left < BLOCKS ? (int)left : (int)BLOCKS, n = blocks * NY;
     const real tau = (real)FADES / (real)N;
     real *bend = s + l->bend, *response = s + l->response, *H = s + l->H, *g = s + l->g;
@@ -306,8 +302,8 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
     for (int b = 0; b < blocks; ++b) { /* of the chain at the nodes to a unit in a block */
         for (ptrdiff_t k = 0; k <= N; ++k) {
             real *to = response + (k * CHAIN) * BLOCKS + b;
-            const int in = k > fixed && (k - 1 - fixed) * blocks / left == b;
-            if (k <= fixed) {
+            const int in = k > FIXED && (k - 1 - FIXED) * blocks / left == b;
+            if (k <= FIXED) {
                 for (int i = 0; i < CHAIN; ++i) {
                     to[i * BLOCKS] = 0.0;
                 }
@@ -322,7 +318,7 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
     for (int i = 0; i < n; ++i) {
         g[i] = 0.0;
     }
-    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
+    for (ptrdiff_t k = FIXED + 1; k <= N; ++k) {
         const real *r = response + k * CHAIN * BLOCKS, *x = bend + k * BEND;
         for (int c = 0; c < CHAIN; ++c) {
             const real weight = c == 0 ? 1.0 / (real)N : k == N ? 1.0 : smooth / (real)N;
@@ -339,7 +335,7 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
     for (int i = 0; i < n; ++i) {
         H[i * n + i] += calm;
     }
-    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
+    for (ptrdiff_t k = FIXED + 1; k <= N; ++k) {
         const real *r = response + k * CHAIN * BLOCKS;
         for (int m = 0; m < BOUNDED; ++m) {
             const ptrdiff_t row = k * BOUNDED + m;
@@ -369,7 +365,7 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
         const ptrdiff_t row = (ptrdiff_t)s[l->row + i];
         s[l->dual + row] = p.y[i];
     }
-    for (ptrdiff_t k = fixed + 1; k <= N; ++k) { /* soft bounds may be passed, but a deviation not by much */
+    for (ptrdiff_t k = FIXED + 1; k <= N; ++k) { /* soft bounds may be passed, but a deviation not by much */
         for (int j = 0; j < NY; ++j) {
             real to = bend[k * BEND + j];
             for (int b = 0; b < blocks; ++b) {
@@ -380,7 +376,7 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
             }
         }
     }
-    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
+    for (ptrdiff_t k = FIXED + 1; k <= N; ++k) {
         for (int c = 0; c < CHAIN; ++c) {
             for (int j = 0; j < NY; ++j) {
                 for (int b = 0; b < blocks; ++b) {

@@ -255,7 +255,7 @@ static inline int twist_step(
 }
 
 /*
- * Whether a gear's twist lags so little behind its static value that the lag is an expansion; 0 where that cannot be told.
+ * Whether a gear's twist lags so little behind its static value that the lag is an expansion; 0 where none can tell.
  * By the least stiffness that the spring has, which is at no twist or at a large one: the answer must not change on the
  * way, for a twist that is integrated has to be known from the beginning.
  */

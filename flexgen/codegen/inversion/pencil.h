@@ -24,25 +24,6 @@ typedef struct {
 
 typedef real square[STATES][STATES];
 
-/* Square root by Newton's method. */
-static inline real root(real x)
-{
-    real r = 1.0;
-    if (!(x > 0.0 && x < 1e300)) {
-        return x;
-    }
-    while (r * r > 4.0 * x) {
-        r *= 0.5;
-    }
-    while (r * r < 0.25 * x) {
-        r *= 2.0;
-    }
-    for (int i = 0; i < 7; ++i) {
-        r = 0.5 * (r + x / r);
-    }
-    return r;
-}
-
 /* X becomes its inverse by Gauss and Jordan with row pivoting, n rows; 0 where a pivot is below `least`. */
 static inline int invert_square(square X, int n, real least)
 {

@@ -45,7 +45,7 @@ static inline int factor_program(real *K, int n)
             if (i > k) {
                 K[i * n + k] = sum * K[k * n + k];
             } else if (sum > 0.0) {
-                K[k * n + k] = 1.0 / sqrt_1(sum);
+                K[k * n + k] = 1.0 / root(sum);
             } else {
                 return 0;
             }
@@ -79,7 +79,7 @@ static inline int run_program(program *p, real price, int steps)
     for (int i = 0; i < rows * n; ++i) {
         size += p->A[i] * p->A[i];
     }
-    unit = size > 0.0 ? 1.0 / sqrt_1(size / n) : 1.0; /* of z: columns of A get the length one, on the mean */
+    unit = size > 0.0 ? 1.0 / root(size / n) : 1.0; /* of z: columns of A get the length one, on the mean */
     for (int i = 0; i < n; ++i) {
         cost += p->H[i * n + i] * unit * unit;
     }

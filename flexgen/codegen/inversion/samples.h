@@ -26,7 +26,7 @@ static inline void bump(real x, int k, real out[3])
     }
 }
 
-/* Coordinates in an interval: the polynomial with value and two derivatives at its nodes and a_e at its Gauss points. */
+/* Coordinates in an interval: the polynomial with value, two derivatives at its nodes and a_e at its Gauss points. */
 typedef struct {
     real inverse[STAGES][STAGES];
 } interpolant;
@@ -49,8 +49,8 @@ static inline void prepare(interpolant *f)
     }
 }
 
-static inline void between(const interpolant *f, const real left[3], const real right[3], const real *a, ptrdiff_t stride,
-    real h, real x, real out[3])
+static inline void between(const interpolant *f, const real left[3], const real right[3], const real *a,
+    ptrdiff_t stride, real h, real x, real out[3])
 {
     real miss[STAGES], own[3];
     for (int i = 0; i < STAGES; ++i) {

@@ -20,16 +20,20 @@ enum {
     WARMING = 10,
     LEVELS = 3,
     REMEMBERED = 5,
-    LEAST_AHEAD = 4 /* intervals of a horizon that can be bent */
+    LEAST_AHEAD = 4, /* intervals of a horizon that can be bent */
+    JOINT = 3 * NG,  /* position, speed and acceleration of the joints with motor */
+    FORGETS = 4,     /* times in a horizon */
+    MEASURES = 4     /* of unevenness: accelerations of joints and motors, speeds, torques of the rotors */
 };
 
-enum { STATE, SIZE, INTERVALS, PARTS, PERIOD, TOLERANCE, UPDATES, SIDE, HEAD };
+enum { STATE, INTERVALS, PARTS, PERIOD, TOLERANCE, SIDE, HEAD };
 
 typedef struct {
     ptrdiff_t window; /* fine samples: before, of this update, ahead */
     ptrdiff_t past;   /* intervals that are over and remembered */
     ptrdiff_t limits; /* bounds of the motors, and what they bend */
-    ptrdiff_t y, a, a_node, q_g, reference, factor, scale, aim, cost, levels, last, tau, twist, late, now, alpha, nodes, lq, space, end;
+    ptrdiff_t last, tau, twist, late, now, joint, most, q_g, reference, nodes, lq, space, end;
+    ptrdiff_t y, a, a_node, factor, scale, aim, cost, levels;
 } layout;
 
 static layout laid_out(int intervals, int parts)
@@ -47,7 +51,8 @@ static layout laid_out(int intervals, int parts)
     PLACE(twist, l.window * NG);
     PLACE(late, l.window * NG);
     PLACE(now, NG);
-    PLACE(alpha, (ptrdiff_t)parts * NA);
+    PLACE(joint, l.window * JOINT);
+    PLACE(most, MEASURES);
     PLACE(q_g, ((ptrdiff_t)intervals * STAGES + 1) * NG); /* the last ones: joints at the start of the horizon */
     PLACE(reference, (ptrdiff_t)intervals * STAGES * REFERENCE);
     PLACE(nodes, (l.past + intervals + 1) * REFERENCE);
@@ -109,7 +114,6 @@ static mesh mesh_of(const layout *l, real *s)
      */
     m.end = s + l->cost;
     m.residual = 0.0;
-    m.step = 0.0;
     return m;
 }
 #endif
@@ -148,13 +152,14 @@ int model_stream_start(double *stream, int64_t stream_size, int intervals, int p
 #endif
     space = stream + l.space;
     copy(q_start, NA, q);
-    stream[SIZE] = (real)l.end;
     stream[INTERVALS] = intervals;
     stream[PARTS] = parts;
     stream[PERIOD] = period;
     stream[TOLERANCE] = tolerance;
-    stream[UPDATES] = 0.0;
     stream[l.limits] = 0.0;
+    for (int i = 0; i < MEASURES; ++i) {
+        stream[l.most + i] = 0.0;
+    }
     stream[SIDE] = 0.0; /* of singular poses: not known before the first sample */
     status = rest_at(place, q, stream + l.scale, space);
     if (status != MODEL_OK) {
@@ -225,7 +230,8 @@ int model_stream_start(double *stream, int64_t stream_size, int intervals, int p
 
 #if MODEL_NE > 0
 /* One Newton step of R(q, v, a) = 0 in q, at the end of the horizon; changes q. */
-static int balance(const mesh *m, lq_space *w, const real *reference, const real *v, const real *a, real *q, real *space)
+static int balance(
+    const mesh *m, lq_space *w, const real *reference, const real *v, const real *a, real *q, real *space)
 {
     real K[NE][NE], b[NE];
     int status;
@@ -386,12 +392,16 @@ static int put_out(real *s, const layout *l, real *q_a, real *v_a, real *tau_g, 
         }
         for (int point = 0; point < used; ++point) {
             const int k = at + point - BACK;
+            real *joint = s + l->joint + (k + BACK) * (ptrdiff_t)JOINT;
             if (!(arm->side[point] * s[SIDE] > 0.0)) {
                 return MODEL_UNREACHABLE; /* deflections brought it to the other side of a singular pose */
             }
             for (int i = 0; i < NG; ++i) {
                 s[l->tau + (k + BACK) * (ptrdiff_t)NG + i] = arm->tau_g[i][point];
                 last[i] = arm->q[i_g[i]][point];
+                joint[i] = arm->q[i_g[i]][point];
+                joint[NG + i] = arm->v[i_g[i]][point];
+                joint[2 * NG + i] = arm->a[i_g[i]][point];
             }
             if (k < 0 || k >= parts) {
                 continue;
@@ -399,7 +409,6 @@ static int put_out(real *s, const layout *l, real *q_a, real *v_a, real *tau_g, 
             for (int i = 0; i < NA; ++i) {
                 q_a[k * NA + i] = arm->q[i][point];
                 v_a[k * NA + i] = arm->v[i][point];
-                s[l->alpha + k * (ptrdiff_t)NA + i] = arm->a[i][point];
             }
             copy(s + l->tau + (k + BACK) * (ptrdiff_t)NG, NG, tau_g + k * NG);
             if (k == parts - 1) {
@@ -412,8 +421,8 @@ static int put_out(real *s, const layout *l, real *q_a, real *v_a, real *tau_g, 
 #endif
         }
     }
-    for (int i = 0; i < NG; ++i) {
-        quick[i] = 1;
+    if (!which_follow_at_once(fine, quick, space)) {
+        return MODEL_RESULT_NOT_FINITE;
     }
     copy(s + l->now, NG, last);
     for (ptrdiff_t k = 0; k < l->window; ++k) {
@@ -424,9 +433,6 @@ static int put_out(real *s, const layout *l, real *q_a, real *v_a, real *tau_g, 
         copy(last, NG, s + l->twist + k * NG);
         if (k == 0) {
             linear_steps(fine, slope, linear);
-        }
-        for (int i = 0; i < NG; ++i) {
-            quick[i] = quick[i] && follows_at_once(i, slope[i], fine);
         }
     }
     {
@@ -464,6 +470,7 @@ static int put_out(real *s, const layout *l, real *q_a, real *v_a, real *tau_g, 
     }
     for (ptrdiff_t k = 0; k < parts; ++k) {
         const real *tau = s + l->tau + (k + BACK) * NG, *twist = s + l->late + (k + BACK) * NG;
+        const real *joint = s + l->joint + (k + BACK) * JOINT;
         real value[NG], slope[NG], theta[NG], omega[NG], alpha[NG];
         if (model_gear_law(twist, value, slope, space) != MODEL_OK) {
             return MODEL_RESULT_NOT_FINITE;
@@ -477,9 +484,9 @@ static int put_out(real *s, const layout *l, real *q_a, real *v_a, real *tau_g, 
                 once = (tau[i] - value[i]) / gear_damping[i];
                 twice = (slope_of(tau + i, NG, fine) - slope[i] * once) / gear_damping[i];
             }
-            theta[i] = q_a[k * NA + i_g[i]] + twist[i];
-            omega[i] = v_a[k * NA + i_g[i]] + once;
-            alpha[i] = s[l->alpha + k * NA + i_g[i]] + twice;
+            theta[i] = joint[i] + twist[i];
+            omega[i] = joint[NG + i] + once;
+            alpha[i] = joint[2 * NG + i] + twice;
         }
         if (!motors_of(theta, omega, alpha, tau, q_m + k * NM, v_m + k * NM, tau_m + k * NM, space)) {
             return MODEL_RESULT_NOT_FINITE;
@@ -487,6 +494,74 @@ static int put_out(real *s, const layout *l, real *q_a, real *v_a, real *tau_g, 
     }
     return MODEL_OK;
 }
+
+/*
+ * How far positions and speeds of joints and motors in this interval are from being integrals of speeds and
+ * accelerations, by differences, like `unevenness` of a whole path. Relative to the largest of these within about a
+ * horizon: what was, which is forgotten by and by, what is, and what the joints will do. Twists as if nothing damped
+ * them: damping makes them smoother. Differences that need more than the horizon holds are wrong, and seen here.
+ */
+static real unevenness_now(real *s, const layout *l)
+{
+    const ptrdiff_t parts = (ptrdiff_t)s[PARTS], N = (ptrdiff_t)s[INTERVALS];
+    const real h = s[PERIOD], fine = h / (real)parts, sixty = 60.0 * fine;
+    real most[MEASURES] = {1e-4, 1e-2, 1e-7, 1e-4}; /* least that is measured: rest is rest but for rounding */
+    real off[MEASURES] = {0.0}, worst = 0.0;
+    for (ptrdiff_t k = 0; k < parts; ++k) {
+        real a_of[NG], miss[NG];
+        for (int i = 0; i < NG; ++i) {
+            const real *q = s + l->joint + (k + BACK) * JOINT + i, *v = q + NG, a = q[2 * NG];
+            const real *twist = s + l->twist + (k + BACK) * NG + i;
+            real speed[2 * MARGIN + 1];
+            for (ptrdiff_t j = -MARGIN; j <= MARGIN; ++j) {
+                speed[j + MARGIN] = v[j * JOINT] + slope_of(twist + j * NG, NG, fine);
+            }
+            a_of[i] = a + curvature_of(twist, NG, fine);
+            miss[i] = sixty_differences(speed + MARGIN, 1) - sixty * a_of[i];
+            most[0] = fmax_1(most[0], fabs_1(a));
+            most[2] = fmax_1(most[2], fabs_1(v[0]));
+            off[0] = fmax_1(off[0], fabs_1(sixty_differences(v, JOINT) - sixty * a));
+            off[2] = fmax_1(off[2], fabs_1(sixty_differences(q, JOINT) - sixty * v[0]));
+        }
+        for (int j = 0; j < NM; ++j) {
+            real a = 0.0, b = 0.0;
+            for (int i = 0; i < NG; ++i) {
+                a += eta[j][i] * a_of[i];
+                b += eta[j][i] * miss[i];
+            }
+            most[1] = fmax_1(most[1], fabs_1(a));
+            most[3] = fmax_1(most[3], rotor_inertia[j] * fabs_1(a));
+            off[1] = fmax_1(off[1], fabs_1(b));
+            off[3] = fmax_1(off[3], rotor_inertia[j] * fabs_1(b));
+        }
+    }
+    for (ptrdiff_t k = 1; k + 1 < N; ++k) {
+        const real *q = s + l->q_g + k * STAGES * NG;
+        real a[NG];
+        for (int i = 0; i < NG; ++i) {
+            const real before = q[i - STAGES * NG], after = q[i + STAGES * NG];
+            a[i] = (after - 2.0 * q[i] + before) / (h * h);
+            most[0] = fmax_1(most[0], fabs_1(a[i]));
+            most[2] = fmax_1(most[2], fabs_1(after - before) / (2.0 * h));
+        }
+        for (int j = 0; j < NM; ++j) {
+            real sum = 0.0;
+            for (int i = 0; i < NG; ++i) {
+                sum += eta[j][i] * a[i];
+            }
+            most[1] = fmax_1(most[1], fabs_1(sum));
+            most[3] = fmax_1(most[3], rotor_inertia[j] * fabs_1(sum));
+        }
+    }
+    for (int i = 0; i < MEASURES; ++i) {
+        most[i] = fmax_1(most[i], s[l->most + i] * (real)N / (real)(N + FORGETS));
+        s[l->most + i] = most[i];
+        worst = fmax_1(worst, off[i] / (sixty * most[i]));
+    }
+    return worst;
+}
+
+static const real broken = 2.5; /* of a bound: limits passed by more are not kept at all, and the stream ends */
 
 int model_stream_limits(double *stream, const double *torques_most, const double *speeds_most, double bend_max)
 {
@@ -558,8 +633,7 @@ static int look_ahead(real *s, const layout *l)
     const real h = s[PERIOD], T = h * (real)N / FADES;
     real *b = s + l->limits, *space = s + l->space, worst = 0.0, joints[NG];
     const limits_layout w = limits_laid_out(N);
-    const ptrdiff_t fixed = nodes_fixed(N);
-    ptrdiff_t where = fixed + 1;
+    ptrdiff_t where = FIXED + 1;
     slopes_ahead slopes;
     int status;
 #if MODEL_NE > 0
@@ -590,7 +664,7 @@ static int look_ahead(real *s, const layout *l)
     if (!motors_ahead(b, &w, N, h, space)) {
         return MODEL_RESULT_NOT_FINITE;
     }
-    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
+    for (ptrdiff_t k = FIXED + 1; k <= N; ++k) {
         const real here = largest(b + w.value + k * BOUNDED, MOTORS);
         if (here > worst) {
             worst = here;
@@ -598,7 +672,7 @@ static int look_ahead(real *s, const layout *l)
         }
     }
     if (worst * (1.0 + kept_free) <= 1.0 && largest(b + w.bend, (int)((N + 1) * BEND)) < no_bend) {
-        for (ptrdiff_t i = (fixed + 1) * BEND; i < (N + 1) * BEND; ++i) {
+        for (ptrdiff_t i = (FIXED + 1) * BEND; i < (N + 1) * BEND; ++i) {
             b[w.bend + i] = 0.0;
         }
     } else {
@@ -685,8 +759,8 @@ int model_stream_update(double *stream, const double *place, const double *rate,
             load_reference(arm, point, at[s]);
             for (int i = 0; i < NG; ++i) { /* straight on: through a singular pose rather than back from it */
                 const real *joint = stream + l.q_g + (N * STAGES - 1) * NG + i;
-                const real share = (1.0 + gauss_c[s] - gauss_c[2]) / (gauss_c[2] - gauss_c[1]);
-                arm->q[i_g[i]][point] = joint[0] + share * (joint[0] - joint[-NG]);
+                const real onward = (1.0 + gauss_c[s] - gauss_c[2]) / (gauss_c[2] - gauss_c[1]);
+                arm->q[i_g[i]][point] = joint[0] + onward * (joint[0] - joint[-NG]);
                 arm->v[i_g[i]][point] = 0.0;
                 arm->a[i_g[i]][point] = 0.0;
             }
@@ -749,16 +823,15 @@ int model_stream_update(double *stream, const double *place, const double *rate,
             return over(stream, status);
         }
         copy(lq->P, STATES * STATES, stream + l.cost);
-        lq_step(&m, 1.0);
+        lq_step(&m);
     }
 #endif
     status = put_out(stream, &l, q_a, v_a, tau_g, q_m, v_m, tau_m, &worst);
     if (status != MODEL_OK) {
         return over(stream, status);
     }
-    stream[UPDATES] += 1.0;
     report[0] = worst;
-    report[1] = worst;
+    report[1] = unevenness_now(stream, &l);
     report[4] = 0.0;
     report[5] = 0.0;
     if (limits[w.on] > 0.0) {
@@ -770,12 +843,18 @@ int model_stream_update(double *stream, const double *place, const double *rate,
         }
         bent = report[4] > no_bend || report[5] > no_bend;
         for (ptrdiff_t i = 0; i < (ptrdiff_t)stream[PARTS] * NM; ++i) { /* what could not be kept is no success */
-            bent = bent || fabs_1(tau_m[i]) > limits[w.bound + i % NM] || fabs_1(v_m[i]) > limits[w.bound + NM + i % NM];
+            bent = bent || fabs_1(tau_m[i]) > limits[w.bound + i % NM] ||
+                fabs_1(v_m[i]) > limits[w.bound + NM + i % NM];
+            if (fabs_1(tau_m[i]) > broken * limits[w.bound + i % NM] ||
+                fabs_1(v_m[i]) > broken * limits[w.bound + NM + i % NM]) { /* bends that chase each other grow */
+                return over(stream, MODEL_NOT_CONVERGED);
+            }
         }
         status = look_ahead(stream, &l);
         if (status != MODEL_OK) {
             return over(stream, status);
         }
     }
-    return worst > stream[TOLERANCE] ? MODEL_INEXACT : bent ? MODEL_LIMITED : MODEL_OK;
+    report[6] = bent;
+    return worst <= stream[TOLERANCE] && report[1] <= uneven ? (bent ? MODEL_LIMITED : MODEL_OK) : MODEL_INEXACT;
 }

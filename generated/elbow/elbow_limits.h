@@ -1,0 +1,391 @@
+/*
+ * elbow: a path ahead that is bent where motors would pass their bounds; private to the stream.
+ *
+ * The deviation d of each output is the end of a chain of five integrators, so that four derivatives are continuous;
+ * its input is constant in blocks of intervals. Around the motion that is planned, motors feel a change of the
+ * deviation as
+ *
+ *     tau_m + B2 d'' + B4 d'''',   v_m + C1 d' + C3 d''',
+ *
+ * by the inertia of arm and rotors and, in the higher derivatives, the twist of the gears. A program finds the change
+ * that keeps the bounds over the horizon, with a deviation as small as can be. The inversion stays exact: the changed
+ * path is what the next update inverts, and what the slopes missed is seen there.
+ */
+#ifndef ELBOW_LIMITS_H
+#define ELBOW_LIMITS_H
+
+#include "elbow_program.h"
+#include "elbow_samples.h"
+
+enum {
+    CHAIN = 5,       /* derivatives 0 to 4, the fifth is the input */
+    BLOCKS = 8,      /* of constant input over the horizon, at most */
+    INPUTS = BLOCKS * NY,
+    MOTORS = 2 * NM,       /* torques and speeds at a node */
+    BOUNDED = MOTORS + NY, /* and deviations */
+    BEND = CHAIN * NY,
+    PROGRAM_STEPS = 80,
+    FIXED = 1, /* the last node whose deviation stays: the motion to it is under way */
+    FADES = 4 /* time constants of the deviation in a horizon */
+};
+
+static const real kept_free = 1e-3;   /* of a bound: what is kept from it for errors of the slopes */
+static const real worth_a_row = 0.5;  /* of a bound: nodes with less are not in the program */
+static const real far_off = 1.5;      /* times the largest deviation that is allowed: what none reaches */
+static const real share = 0.3;         /* of a change that is made at once: what the slopes miss is seen before */
+static const real no_bend = 1e-7;     /* m, rad: a deviation that is none */
+static const real smooth = 1e-1;       /* weight of the input and of the derivatives at the end, beside the deviation */
+static const real calm = 1e-1;         /* of a change of the input: plans do not jump from update to update */
+static const real dear = 1e-4;         /* of passing a bound by its own size, beside a deviation of one */
+
+/* What the stream keeps for its limits: places in its memory, relative to its beginning. */
+typedef struct {
+    ptrdiff_t on, bound, plan, bend, value, q, v, a, tau, twist, late;
+    ptrdiff_t response, H, g, A, x, y, z, K, w, vv, b, row, dual, end;
+} limits_layout;
+
+static inline limits_layout limits_laid_out(ptrdiff_t N)
+{
+    limits_layout l;
+    ptrdiff_t at = 0;
+    const ptrdiff_t nodes = N + 1, rows = nodes * BOUNDED;
+#define PLACE(name, size) \
+    l.name = at; \
+    at += (ptrdiff_t)room(size)
+    PLACE(on, 1);
+    PLACE(bound, BOUNDED);
+    PLACE(plan, nodes * REFERENCE);
+    PLACE(bend, nodes * BEND);
+    PLACE(value, rows);
+    PLACE(q, nodes * NG);
+    PLACE(v, nodes * NG);
+    PLACE(a, nodes * NG);
+    PLACE(tau, nodes * NG);
+    PLACE(twist, nodes * NG);
+    PLACE(late, nodes * NG);
+    PLACE(response, nodes * CHAIN * BLOCKS);
+    PLACE(H, INPUTS * INPUTS);
+    PLACE(g, INPUTS);
+    PLACE(A, rows * INPUTS);
+    PLACE(x, rows);
+    PLACE(y, rows);
+    PLACE(z, INPUTS);
+    PLACE(K, INPUTS * INPUTS);
+    PLACE(w, rows);
+    PLACE(vv, rows);
+    PLACE(b, INPUTS);
+    PLACE(row, rows);
+    PLACE(dual, rows);
+#undef PLACE
+    l.end = at;
+    return l;
+}
+
+/* One step of the chain, for one output: value and derivatives times T^i, a step of h = tau T. */
+static inline void chain_step(const real *x, ptrdiff_t stride, real u, real tau, real *out, ptrdiff_t to)
+{
+    for (int i = 0; i < CHAIN; ++i) {
+        real term = 1.0, sum = 0.0;
+        for (int j = i; j < CHAIN; ++j) {
+            sum += term * x[j * stride];
+            term *= tau / (j - i + 1);
+        }
+        out[i * to] = sum + term * u;
+    }
+}
+
+/* Where a deviation that nothing drives goes in the next interval: to zero, all five poles at -1/T. */
+static inline void fade(const real *x, real tau, real *out)
+{
+    static const real binomial[CHAIN] = {1.0, 5.0, 10.0, 10.0, 5.0};
+    for (int j = 0; j < NY; ++j) {
+        real u = 0.0;
+        for (int i = 0; i < CHAIN; ++i) {
+            u -= binomial[i] * x[i * NY + j];
+        }
+        chain_step(x + j, NY, u, tau, out + j, NY);
+    }
+}
+
+/* A path with a deviation, at one instant. */
+static inline void bend_reference(const real *plan, const real *x, real T, real *out)
+{
+    const int positions = ELBOW_POSE ? 3 : NY;
+    for (int i = 0; i < REFERENCE; ++i) {
+        out[i] = plan[i];
+    }
+    for (int i = 0; i < positions; ++i) {
+        out[i] += x[i];
+        out[NT + i] += x[NY + i] / T;
+        out[NT + NY + i] += x[2 * NY + i] / (T * T);
+    }
+#if ELBOW_POSE
+    {
+        real f[3], d[3], e[3], once[3], second[3], extra[3], E[9], spun[3], spun2[3], both[3];
+        static const real I[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
+        for (int i = 0; i < 3; ++i) {
+            f[i] = x[3 + i];
+            d[i] = x[NY + 3 + i] / T;
+            e[i] = x[2 * NY + 3 + i] / (T * T);
+        }
+        turn_matrix(f, plan + 3, out + 3);
+        turn_matrix(f, I, E);
+        turn(f, d, once);
+        turn(f, e, second);
+        turn_rate(f, d, extra);
+        for (int i = 0; i < 3; ++i) {
+            spun[i] = spun2[i] = 0.0;
+            for (int k = 0; k < 3; ++k) {
+                spun[i] += E[3 * k + i] * plan[NT + 3 + k];
+                spun2[i] += E[3 * k + i] * plan[NT + NY + 3 + k];
+            }
+        }
+        cross(once, spun, both);
+        for (int i = 0; i < 3; ++i) {
+            out[NT + 3 + i] = once[i] + spun[i];
+            out[NT + NY + 3 + i] = second[i] + extra[i] + both[i] + spun2[i];
+        }
+    }
+#endif
+}
+
+/* Length and angle of a deviation. */
+static inline void size_of_bend(const real *x, real out[2])
+{
+    const int positions = ELBOW_POSE ? 3 : NY;
+    out[0] = out[1] = 0.0;
+    for (int i = 0; i < NY; ++i) {
+        out[i < positions ? 0 : 1] += x[i] * x[i];
+    }
+    out[0] = root(out[0]);
+    out[1] = root(out[1]);
+}
+
+/* Motor torques and speeds at the nodes, relative to their bounds, from motion and torques of the arm there. */
+static inline int motors_ahead(real *s, const limits_layout *l, ptrdiff_t N, real h, real *space)
+{
+    real p[NG], slope[NG];
+    for (int i = 0; i < NG; ++i) {
+        p[i] = 0.0;
+    }
+    for (ptrdiff_t k = 0; k <= N; ++k) {
+        if (!static_twist(s + l->tau + k * NG, p, slope, space)) {
+            return 0;
+        }
+        for (int i = 0; i < NG; ++i) {
+            s[l->twist + k * NG + i] = p[i];
+        }
+    }
+    for (ptrdiff_t k = 0; k <= N; ++k) { /* the first and the last node take the differences of their neighbours */
+        const ptrdiff_t at = (k < 1 ? 1 : k > N - 1 ? N - 1 : k) * NG;
+        const real *x = s + l->twist + at;
+        for (int i = 0; i < NG; ++i) {
+            const real lag = gear_is_rigid[i] ? 0.0 : gear_damping[i] / slope[i];
+            s[l->late + k * NG + i] = s[l->twist + k * NG + i] - lag * (x[NG + i] - x[i - NG]) / (2.0 * h);
+        }
+    }
+    for (ptrdiff_t k = 0; k <= N; ++k) {
+        const ptrdiff_t at = (k < 1 ? 1 : k > N - 1 ? N - 1 : k) * NG;
+        const real *x = s + l->late + at, *tau = s + l->tau + k * NG;
+        real q[NG], v[NG], a[NG], q_m[NM], v_m[NM], tau_m[NM];
+        real *value = s + l->value + k * BOUNDED;
+        for (int i = 0; i < NG; ++i) {
+            q[i] = s[l->q + k * NG + i] + s[l->late + k * NG + i];
+            v[i] = s[l->v + k * NG + i] + (x[NG + i] - x[i - NG]) / (2.0 * h);
+            a[i] = s[l->a + k * NG + i] + (x[NG + i] - 2.0 * x[i] + x[i - NG]) / (h * h);
+        }
+        if (!motors_of(q, v, a, tau, q_m, v_m, tau_m, space)) {
+            return 0;
+        }
+        for (int i = 0; i < NM; ++i) {
+            value[i] = tau_m[i] / s[l->bound + i];
+            value[NM + i] = v_m[i] / s[l->bound + NM + i];
+        }
+        for (int i = 0; i < NY; ++i) {
+            value[MOTORS + i] = s[l->bend + k * BEND + i] / s[l->bound + MOTORS + i];
+        }
+    }
+    return 1;
+}
+
+/* B2, B4, C1, C3 [row][output] at the instant that is loaded everywhere in `arm`, whose inverse is that of W there. */
+typedef struct {
+    real B2[NM][NY], B4[NM][NY], C1[NM][NY], C3[NM][NY];
+} slopes_ahead;
+
+static inline int slopes_at(arm_points *arm, const real *torque, const real *bound, slopes_ahead *f, real *space)
+{
+    real M[NG][NG], F[NG][NY], p[NG], slope[NG], base[NG];
+    for (int i = 0; i < NG; ++i) {
+        p[i] = 0.0;
+        base[i] = torque[i];
+    }
+    if (!static_twist(base, p, slope, space)) {
+        return 0;
+    }
+    for (int first = 0; first < NG; first += POINTS) { /* tau_g is linear in the accelerations */
+        int status;
+        for (int l = 0; l < POINTS && first + l < NG; ++l) {
+            arm->a[i_g[first + l]][l] += 1.0;
+        }
+#if ELBOW_NE > 0
+        status = elbow_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0],
+            &arm->row[0][0], space);
+#else
+        status = elbow_inversion_rows_batch(
+            POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space);
+#endif
+        if (status != ELBOW_OK) {
+            return 0;
+        }
+        for (int l = 0; l < POINTS && first + l < NG; ++l) {
+            for (int i = 0; i < NG; ++i) {
+                M[i][first + l] = arm->tau_g[i][l] - base[i];
+            }
+            arm->a[i_g[first + l]][l] -= 1.0;
+        }
+    }
+    for (int i = 0; i < NG; ++i) {
+        for (int j = 0; j < NY; ++j) {
+            F[i][j] = 0.0;
+            for (int k = 0; k < NG; ++k) {
+                F[i][j] += M[i][k] * arm->inverse[j][k][0];
+            }
+        }
+    }
+    for (int m = 0; m < NM; ++m) {
+        const real torques = 1.0 / bound[m], speeds = 1.0 / bound[NM + m];
+        for (int j = 0; j < NY; ++j) {
+            real B2 = 0.0, B4 = 0.0, C1 = 0.0, C3 = 0.0;
+            for (int i = 0; i < NG; ++i) {
+                const real twisted = gear_is_rigid[i] ? 0.0 : F[i][j] / slope[i];
+                B2 += rotor_inertia[m] * eta[m][i] * arm->inverse[j][i][0] + eta_inverse[i][m] * F[i][j];
+                B4 += rotor_inertia[m] * eta[m][i] * twisted;
+                C1 += eta[m][i] * arm->inverse[j][i][0];
+                C3 += eta[m][i] * twisted;
+            }
+            f->B2[m][j] = torques * B2;
+            f->B4[m][j] = torques * B4;
+            f->C1[m][j] = speeds * C1;
+            f->C3[m][j] = speeds * C3;
+        }
+    }
+    return 1;
+}
+
+/* What the inputs change in bounded number m of a node where the chain answers by r. */
+static inline void fill_row(
+    const real *s, const limits_layout *l, const slopes_ahead *f, int m, const real *r, int blocks, real T, real *A)
+{
+    for (int b = 0; b < blocks; ++b) {
+        for (int j = 0; j < NY; ++j) {
+            real *to = A + b * NY + j;
+            if (m < NM) {
+                *to = (f->B2[m][j] * r[2 * BLOCKS + b] + f->B4[m][j] * r[4 * BLOCKS + b] / (T * T)) / (T * T);
+            } else if (m < MOTORS) {
+                *to = (f->C1[m - NM][j] * r[BLOCKS + b] + f->C3[m - NM][j] * r[3 * BLOCKS + b] / (T * T)) / T;
+            } else {
+                *to = m - MOTORS == j ? r[b] / s[l->bound + m] : 0.0;
+            }
+        }
+    }
+}
+
+/* Change the deviations ahead; 0 where the numbers are none, and nothing has changed. */
+static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, real T, const slopes_ahead *f)
+{
+    const ptrdiff_t left = N - FIXED;
+    const int blocks = left < BLOCKS ? (int)left : (int)BLOCKS, n = blocks * NY;
+    const real tau = (real)FADES / (real)N;
+    real *bend = s + l->bend, *response = s + l->response, *H = s + l->H, *g = s + l->g;
+    program p = {n, 0, H, g, s + l->A, s + l->x, s + l->y, s + l->z, s + l->K, s + l->w, s + l->vv, s + l->b, 0.0};
+    for (int b = 0; b < blocks; ++b) { /* of the chain at the nodes to a unit in a block */
+        for (ptrdiff_t k = 0; k <= N; ++k) {
+            real *to = response + (k * CHAIN) * BLOCKS + b;
+            const int in = k > FIXED && (k - 1 - FIXED) * blocks / left == b;
+            if (k <= FIXED) {
+                for (int i = 0; i < CHAIN; ++i) {
+                    to[i * BLOCKS] = 0.0;
+                }
+            } else {
+                chain_step(to - CHAIN * BLOCKS, BLOCKS, in ? 1.0 : 0.0, tau, to, BLOCKS);
+            }
+        }
+    }
+    for (int i = 0; i < n * n; ++i) {
+        H[i] = 0.0;
+    }
+    for (int i = 0; i < n; ++i) {
+        g[i] = 0.0;
+    }
+    for (ptrdiff_t k = FIXED + 1; k <= N; ++k) {
+        const real *r = response + k * CHAIN * BLOCKS, *x = bend + k * BEND;
+        for (int c = 0; c < CHAIN; ++c) {
+            const real weight = c == 0 ? 1.0 / (real)N : k == N ? 1.0 : smooth / (real)N;
+            for (int b = 0; b < blocks; ++b) {
+                for (int j = 0; j < NY; ++j) {
+                    g[b * NY + j] += weight * r[c * BLOCKS + b] * x[c * NY + j];
+                    for (int d = 0; d < blocks; ++d) {
+                        H[(b * NY + j) * n + d * NY + j] += weight * r[c * BLOCKS + b] * r[c * BLOCKS + d];
+                    }
+                }
+            }
+        }
+    }
+    for (int i = 0; i < n; ++i) {
+        H[i * n + i] += calm;
+    }
+    for (ptrdiff_t k = FIXED + 1; k <= N; ++k) {
+        const real *r = response + k * CHAIN * BLOCKS;
+        for (int m = 0; m < BOUNDED; ++m) {
+            const ptrdiff_t row = k * BOUNDED + m;
+            real *A;
+            if (!(fabs_1(s[l->value + row]) > worth_a_row)) {
+                s[l->dual + row] = 0.0;
+                continue;
+            }
+            A = p.A + p.rows * n;
+            s[l->x + p.rows] = s[l->value + row] * (1.0 + kept_free);
+            s[l->y + p.rows] = s[l->dual + row];
+            s[l->row + p.rows] = (real)row;
+            fill_row(s, l, f, m, r, blocks, T, A);
+            ++p.rows;
+        }
+    }
+    if (!run_program(&p, dear, PROGRAM_STEPS)) {
+        for (ptrdiff_t i = 0; i < (N + 1) * BOUNDED; ++i) {
+            s[l->dual + i] = 0.0;
+        }
+        return 0;
+    }
+    for (int i = 0; i < n; ++i) {
+        p.z[i] *= share;
+    }
+    for (int i = 0; i < p.rows; ++i) {
+        const ptrdiff_t row = (ptrdiff_t)s[l->row + i];
+        s[l->dual + row] = p.y[i];
+    }
+    for (ptrdiff_t k = FIXED + 1; k <= N; ++k) { /* soft bounds may be passed, but a deviation not by much */
+        for (int j = 0; j < NY; ++j) {
+            real to = bend[k * BEND + j];
+            for (int b = 0; b < blocks; ++b) {
+                to += response[k * CHAIN * BLOCKS + b] * p.z[b * NY + j];
+            }
+            if (fabs_1(to) > far_off * s[l->bound + MOTORS + j] && fabs_1(to) > fabs_1(bend[k * BEND + j])) {
+                return 0;
+            }
+        }
+    }
+    for (ptrdiff_t k = FIXED + 1; k <= N; ++k) {
+        for (int c = 0; c < CHAIN; ++c) {
+            for (int j = 0; j < NY; ++j) {
+                for (int b = 0; b < blocks; ++b) {
+                    bend[k * BEND + c * NY + j] += response[(k * CHAIN + c) * BLOCKS + b] * p.z[b * NY + j];
+                }
+            }
+        }
+    }
+    return 1;
+}
+
+#endif

@@ -1,0 +1,146 @@
+"""The libraries that the solvers keep in the user's cache: bounded, rebuilt where they are missing, never torn away."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from emitted import needs_compiler
+
+from flexgen.mechanics.equations import derive
+from flexgen.solvers import inverter as inverters
+from flexgen.solvers import library_cache
+from flexgen.solvers.inverter import inverter
+from flexgen.solvers.library_cache import IN_USE, mark_used, prune
+
+
+def kept(folder: Path, ages: list[float], size: int = 10) -> list[Path]:
+    """Libraries that were used so long ago [s]."""
+    out = []
+    for k, age in enumerate(ages):
+        library = folder / f"robot{k}"
+        library.mkdir(parents=True)
+        (library / "library.so").write_bytes(bytes(size))
+        used = time.time() - age
+        os.utime(library, (used, used))
+        out.append(library)
+    return out
+
+
+OLD = [IN_USE + 600.0 - 60.0 * k for k in range(6)]  # the first one was used least lately
+
+
+def test_too_many_libraries_go_least_lately_used_first(tmp_path, monkeypatch) -> None:
+    libraries = kept(tmp_path, OLD)
+    prune(tmp_path)
+    assert all(path.exists() for path in libraries)
+    monkeypatch.setattr(library_cache, "MOST", 3)
+    mark_used(libraries[0])
+    prune(tmp_path)
+    assert sorted(tmp_path.iterdir()) == [libraries[0], *libraries[4:]]
+
+
+def test_too_large_libraries_go(tmp_path, monkeypatch) -> None:
+    libraries = kept(tmp_path, OLD, size=100)
+    monkeypatch.setattr(library_cache, "LIMIT", 250)
+    prune(tmp_path)
+    assert sorted(tmp_path.iterdir()) == libraries[4:]
+
+
+def test_what_is_in_use_stays_and_what_is_no_library_too(tmp_path, monkeypatch) -> None:
+    kept(tmp_path, [1.0, IN_USE - 60.0, IN_USE + 60.0])
+    elsewhere = kept(tmp_path / "elsewhere" / "far", [IN_USE + 999.0])[0]
+    (tmp_path / "file").write_text("")
+    (tmp_path / "link").symlink_to(elsewhere)
+    monkeypatch.setattr(library_cache, "MOST", 0)
+    prune(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["elsewhere", "file", "link", "robot0", "robot1"]
+    assert elsewhere.exists()
+    prune(tmp_path / "missing")
+    mark_used(tmp_path / "missing")
+
+
+def test_one_that_is_marked_while_it_is_taken_away_comes_back(tmp_path, monkeypatch) -> None:
+    library = kept(tmp_path, OLD[:1])[0]
+    rename = Path.rename
+
+    def late(path: Path, target: Path) -> Path:
+        if path == library:
+            mark_used(library)
+        return rename(path, target)
+
+    monkeypatch.setattr(library_cache, "MOST", 0)
+    monkeypatch.setattr(Path, "rename", late)
+    prune(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["robot0"] and (library / "library.so").exists()
+
+
+def test_another_process_that_prunes_does_no_harm(tmp_path, monkeypatch) -> None:
+    libraries = kept(tmp_path, OLD)
+    rename = Path.rename
+
+    def late(path: Path, target: Path) -> Path:
+        shutil.rmtree(path)
+        return rename(path, target)
+
+    monkeypatch.setattr(library_cache, "MOST", 0)
+    monkeypatch.setattr(Path, "rename", late)
+    prune(tmp_path)
+    assert not any(path.exists() for path in libraries)
+
+
+# --- with a solver's library ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def forgotten():
+    """No library is loaded before, nor later from this folder."""
+    inverters._built.cache_clear()
+    yield
+    inverters._built.cache_clear()
+
+
+@needs_compiler
+def test_a_library_is_pruned_rebuilt_and_usable_all_the_while(tmp_path, monkeypatch, forgotten) -> None:
+    monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path / "cache"))
+    folder = tmp_path / "cache" / "libraries"
+    others = kept(folder, OLD[:2])
+    monkeypatch.setattr(library_cache, "MOST", 1)
+    equations = derive("elbow")
+    first = inverter(equations, "lq")
+    assert list(folder.iterdir()) == [first.directory] and not any(path.exists() for path in others)
+    before = first.motor_friction(np.array([0.1, 0.2]))
+
+    os.utime(first.directory, (1e9, 1e9))
+    assert inverter(equations, "lq") is first and first.directory.stat().st_mtime > 1e9  # used: marked
+    os.utime(first.directory, (1e9, 1e9))
+    monkeypatch.setattr(library_cache, "MOST", 0)
+    prune(folder)
+    assert not first.directory.exists()
+    assert (first.motor_friction(np.array([0.1, 0.2])) == before).all()  # what is loaded stays
+
+    inverters._built.cache_clear()
+    again = inverter(equations, "lq")
+    assert again.directory == first.directory and (again.motor_friction(np.array([0.1, 0.2])) == before).all()
+
+
+@needs_compiler
+def test_a_library_that_vanishes_while_it_is_loaded_is_rebuilt(tmp_path, monkeypatch, forgotten) -> None:
+    monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path / "cache"))
+    equations = derive("elbow")
+    first = inverter(equations, "lq")
+    inverters._built.cache_clear()
+    load, calls = inverters.load, []
+
+    def late(directory: Path):
+        calls.append(directory)
+        if len(calls) == 1:
+            shutil.rmtree(directory)
+        return load(directory)
+
+    monkeypatch.setattr(inverters, "load", late)
+    assert inverter(equations, "lq").directory == first.directory and len(calls) == 2

@@ -1,0 +1,152 @@
+"""Limits on a moving horizon: the quadratic program in C against OSQP, and a stream that bends its path."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+from collections.abc import Callable
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+import osqp
+import pytest
+import scipy.sparse as sp
+
+import flexgen
+from flexgen.codegen.compiler import find_compiler
+from flexgen.codegen.cores import templates
+from flexgen.errors import ArgumentError
+from flexgen.problems.path import Path
+from flexgen.runtime.stream import Interval
+from flexgen.solvers.inverter import inverter
+from flexgen.solvers.reduction import Reduction
+from flexgen.solvers.sampling import samples
+
+pytestmark = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
+
+CLOSE = 1e-4  # of z, after as many steps as it takes; OSQP's own tolerance is finer
+STEPS = 4000
+PERIOD, AHEAD = 5e-3, 20  # of the stream
+
+SHIM = """\
+#include <math.h>
+typedef double real;
+static inline real fabs_1(real x) { return fabs(x); }
+static inline real sqrt_1(real x) { return sqrt(x); }
+static inline real fmin_1(real a, real b) { return a < b ? a : b; }
+static inline real fmax_1(real a, real b) { return a > b ? a : b; }
+static inline int is_finite(const real *x, int n)
+{
+    for (int i = 0; i < n; ++i) {
+        if (!isfinite(x[i])) {
+            return 0;
+        }
+    }
+    return 1;
+}
+"""
+CALL = """\
+#include "model_program.h"
+int run(int n, int rows, real *H, real *g, real *A, real *x, real *y, real *z, real *K, real *w, real *v, real *b,
+    real price, int steps)
+{
+    program p = {n, rows, H, g, A, x, y, z, K, w, v, b, 0.0};
+    return run_program(&p, price, steps);
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., np.ndarray]:
+    """The program in C, compiled by itself."""
+    folder: FilePath = tmp_path_factory.mktemp("program")
+    (folder / "model_inversion.h").write_text(SHIM)
+    (folder / "model_program.h").write_text(templates()["program.h"])
+    (folder / "call.c").write_text(CALL)
+    compiler = find_compiler()
+    assert compiler is not None
+    command = [*compiler.command, "-std=c99", "-O2", "-shared", "-fPIC", "call.c", "-lm", "-o", "call.so"]
+    subprocess.run(command, cwd=folder, check=True)
+    run = ctypes.CDLL(str(folder / "call.so")).run
+
+    def solved(H: np.ndarray, g: np.ndarray, A: np.ndarray, x: np.ndarray, price: float) -> np.ndarray:
+        rows, n = A.shape
+        sizes = [(n, n), n, (rows, n), rows, rows, n, (n, n), rows, rows, n]
+        given = [H, g, A, x]
+        memory = [np.array(given[i]) if i < 4 else np.zeros(size) for i, size in enumerate(sizes)]
+        pointers = [ctypes.c_void_p(m.ctypes.data) for m in memory]
+        assert run(n, rows, *pointers, ctypes.c_double(price), STEPS) == 1
+        return memory[5]
+
+    return solved
+
+
+def problem(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A random program that zero does not solve, H with condition 100 or so."""
+    rng = np.random.default_rng(seed)
+    n, rows = int(rng.integers(4, 30)), int(rng.integers(5, 60))
+    B = rng.normal(size=(n, n))
+    A = 0.6 * rng.normal(size=(rows, n)) / np.sqrt(n)
+    return B @ B.T / n + 0.1 * np.eye(n), 3 * rng.normal(size=n), A, rng.uniform(-0.9, 0.9, rows)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_program_in_c_finds_what_osqp_finds(program: Callable[..., np.ndarray], seed: int) -> None:
+    H, g, A, x = problem(seed)
+    solver = osqp.OSQP()
+    solver.setup(
+        sp.csc_matrix(np.triu(H)), g, sp.csc_matrix(A), -1 - x, 1 - x,
+        verbose=False, eps_abs=1e-9, eps_rel=1e-9, max_iter=100_000,
+    )  # fmt: skip
+    expected = solver.solve(raise_error=True).x
+    free = np.linalg.solve(H, -g)
+    assert np.abs(x + A @ free).max() > 1.1  # the bounds matter
+    assert np.abs(program(H, g, A, x, 1e4) - expected).max() < CLOSE * (1 + np.abs(expected).max())
+    # a planted bug: a price that is too low buys violations
+    assert np.abs(program(H, g, A, x, 1e-3) - expected).max() > CLOSE * (1 + np.abs(expected).max())
+
+
+def test_a_program_without_solution_passes_its_bounds_alike(program: Callable[..., np.ndarray]) -> None:
+    # z <= -1 and z >= 1 at once: any z between costs the same in bounds, so that the cost decides
+    z = program(np.eye(1), np.array([-0.25]), np.array([[1.0], [1.0]]), np.array([2.0, -2.0]), 1e3)
+    assert z[0] == pytest.approx(0.25, abs=CLOSE)
+
+
+def streamed(**limits: Any) -> list[Interval]:
+    """A move of the planar arm on a moving horizon."""
+    equations = flexgen.derive("planar5_nmp")
+    path = Path(equations, equations.model.moves[0])
+    count = int(path.duration / PERIOD) + 3 * AHEAD
+    place, rate, rate2 = samples(Reduction(equations), path, PERIOD, count)
+    library = inverter(equations, "lq")
+    stream = library.stream(place[0], path.q_start, period=PERIOD, intervals=AHEAD, parts=5)
+    if limits:
+        stream.limit(**limits)
+    return [stream.update(*x) for x in zip(place, rate, rate2, strict=True)]
+
+
+def test_a_stream_keeps_torque_limits_and_returns_to_its_path() -> None:
+    free, kept = streamed(), streamed(torque=(22.0, 22.0))
+    worst = [max(float(np.abs(x.tau_m).max()) for x in run) for run in (free, kept)]
+    assert worst[0] > 24.0 and worst[1] < 22.0 * 1.01
+    off = np.array([x.off_m for x in kept])
+    assert 5e-4 < off.max() < 1e-2 and off[-1] == 0.0
+    assert any(x.limited for x in kept) and not kept[0].limited and not any(x.limited for x in free)
+
+
+def test_a_stream_keeps_speed_limits() -> None:
+    kept = streamed(speed=(1000.0, 250.0))
+    assert max(float(np.abs(x.v_m[:, 1]).max()) for x in kept) < 250.0 * 1.01
+    assert kept[-1].off_m == 0.0
+
+
+def test_wide_limits_change_nothing_in_a_stream() -> None:
+    free, wide = streamed(), streamed(torque=(100.0, 100.0))
+    assert all(np.array_equal(a.tau_m, b.tau_m) for a, b in zip(free, wide, strict=True))
+
+
+def test_wrong_limits_of_a_stream_are_refused() -> None:
+    for bad in ({"torque": (0.0, 1.0)}, {"speed": (np.nan, 1.0)}, {"torque": (1.0,)}, {"bend": -1.0}):
+        with pytest.raises(ArgumentError):
+            streamed(**bad)
