@@ -235,7 +235,7 @@ CORES: tuple[Core, ...] = (
                 "out",
                 ("STREAM_REPORT",),
                 "1",
-                "residual; unevenness; steps; intervals; distance [m] and angle [rad] from the path, where it is "
+                "residual; unevenness; steps; intervals; distance [m] and angle [rad] off the path, where it is "
                 "bent; 1 where that or a bound that is passed is LIMITED, whatever is returned, else 0",
             ),
         ),

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from flexgen.codegen.cores import core_macros, core_prototypes
 from flexgen.codegen.mathematics import Mathematics
 from flexgen.codegen.pieces import batch_prototype, comment, macro, numbered, port_table, prototype, size_macro
-from flexgen.codegen.spec import STATUSES, FunctionSpec, LibrarySpec
+from flexgen.codegen.spec import STATUSES, FunctionSpec, LibrarySpec, Status
 
 SIZES = {
     "n_a": "arm coordinates",
@@ -54,7 +54,7 @@ def header(spec: LibrarySpec, written: Mapping[str, Mathematics]) -> str:
     for f in spec.functions:
         one, many = works(f, written[f.name], spec.precision)
         listed_works += f"#define {macro(spec, f.name)}_WORK {one}\n#define {macro(spec, f.name)}_BATCH_WORK {many}\n"
-    statuses = ",\n".join(f"    {macro(spec, s.name)} = {s.code} /* {s.text} */" for s in STATUSES)
+    statuses = ",\n".join(_status(spec, status) for status in STATUSES)
     functions = "\n".join(_function(spec, f, written[f.name]) for f in spec.functions)
     size_functions = "".join(f"{api} int {spec.name}_{name}(void);\n" for name in spec.sizes)
     parameters = ""
@@ -110,6 +110,12 @@ enum {spec.name}_status {{
 
 #endif
 """
+
+
+def _status(spec: LibrarySpec, status: Status) -> str:
+    """A line of the enum, its text behind it or, where that is long, above it."""
+    value, text = f"    {macro(spec, status.name)} = {status.code}", f"/* {status.text} */"
+    return f"{value} {text}" if len(value) + len(text) < 115 else f"    {text}\n{value}"
 
 
 def _function(spec: LibrarySpec, f: FunctionSpec, written: Mathematics) -> str:

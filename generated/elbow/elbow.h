@@ -104,16 +104,22 @@ enum elbow_status {
     ELBOW_INPUT_NOT_FINITE = -2 /* an input is not finite, and so is the result */,
     ELBOW_RESULT_NOT_FINITE = -3 /* the result is not finite: a singular or an extreme state */,
     ELBOW_BAD_COUNT = -4 /* the number of points is negative */,
-    ELBOW_BAD_ARGUMENT = -5 /* a size, a time or a rotation is none that is allowed, or the path does not begin and end at rest */,
+    /* a size, a time or a rotation is none that is allowed, or the path does not begin and end at rest */
+    ELBOW_BAD_ARGUMENT = -5,
     ELBOW_WORK_TOO_SMALL = -6 /* the workspace is too small */,
     ELBOW_UNREACHABLE = -7 /* the path leaves the workspace or passes a singular pose */,
     ELBOW_NOT_CONVERGED = -8 /* no motion was found within the bounds of the solver */,
     ELBOW_NOT_STARTED = -9 /* the stream was not started, or has failed since */,
-    ELBOW_FLAT = -10 /* a zero of the zero dynamics is at infinity at an end of the path or on the way; use invert (method lq) */,
-    ELBOW_ZEROS_CHANGE = -11 /* the number of unstable zeros differs between start and end; use invert (method lq) */,
-    ELBOW_ZERO_ON_AXIS = -12 /* a zero is on the imaginary axis at an end of the path, neither stable nor unstable; use invert (method lq) */,
-    ELBOW_INEXACT = 1 /* the residual is above the tolerance, or the motion uneven; the result is the best that was found */,
-    ELBOW_LIMITED = 2 /* the bounds of the motors keep the output off its path, or are passed; the report says how far */
+    /* a zero of the zero dynamics is at infinity at an end of the path or on the way; use invert (method lq) */
+    ELBOW_FLAT = -10,
+    /* the number of unstable zeros differs between start and end; use invert (method lq) */
+    ELBOW_ZEROS_CHANGE = -11,
+    /* a zero is on the imaginary axis at an end of the path, neither stable nor unstable; use invert (method lq) */
+    ELBOW_ZERO_ON_AXIS = -12,
+    /* the residual is above the tolerance, or the motion uneven; the result is the best that was found */
+    ELBOW_INEXACT = 1,
+    /* the bounds of the motors keep the output off its path, or are passed; the report says how far */
+    ELBOW_LIMITED = 2
 };
 
 /* What a status means, in words; never a null pointer. */
@@ -521,7 +527,7 @@ int elbow_stream_start(elbow_real *stream, int64_t stream_size, int intervals, i
  *   out q_m    parts x n_m   [rad]   motor angles
  *   out v_m    parts x n_m   [rad/s] motor speeds
  *   out tau_m  parts x n_m   [N m]   motor torques
- *   out report STREAM_REPORT [1]     residual; unevenness; steps; intervals; distance [m] and angle [rad] from the path,
+ *   out report STREAM_REPORT [1]     residual; unevenness; steps; intervals; distance [m] and angle [rad] off the path,
  *   where it is bent; 1 where that or a bound that is passed is LIMITED, whatever is returned, else 0
  */
 ELBOW_API
