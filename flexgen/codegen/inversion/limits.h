@@ -32,10 +32,11 @@ enum {
 static const real kept_free = 1e-3;   /* of a bound: what is kept from it for errors of the slopes */
 static const real worth_a_row = 0.5;  /* of a bound: nodes with less are not in the program */
 static const real far_off = 1.5;      /* times the largest deviation that is allowed: what none reaches */
-static const real share = 0.3;         /* of a change that is made at once: what the slopes miss is seen before */
+static const real share = 0.2;         /* of a change that is made at once: what the slopes miss is seen before */
 static const real no_bend = 1e-7;     /* m, rad: a deviation that is none */
+static const real faded = 1e-11;      /* m, rad: one that may end at once; its jump is in torques what rounding is */
 static const real smooth = 1e-1;       /* weight of the input and of the derivatives at the end, beside the deviation */
-static const real calm = 1e-1;         /* of a change of the input: plans do not jump from update to update */
+static const real calm = 1e0;          /* of a change of the input: plans do not jump from update to update */
 static const real dear = 1e-4;         /* of passing a bound by its own size, beside a deviation of one */
 
 /* What the stream keeps for its limits: places in its memory, relative to its beginning. */
@@ -213,9 +214,57 @@ typedef struct {
     real B2[NM][NY], B4[NM][NY], C1[NM][NY], C3[NM][NY];
 } slopes_ahead;
 
+#if MODEL_NE > 0
+/* W, the deflections in balance with the accelerations d'' of the output: K w + (M_eg J_g^-1) d'' = 0. */
+static inline int deflections_at(arm_points *arm, real W[NE][NY], real *space)
+{
+    real K[NE][NE];
+    if (reduce(arm, space) != MODEL_OK) {
+        return 0;
+    }
+    for (int i = 0; i < NE; ++i) {
+        for (int j = 0; j < NE; ++j) {
+            K[i][j] = arm->K[j][i][0];
+        }
+        for (int j = 0; j < NY; ++j) {
+            W[i][j] = 0.0;
+            for (int k = 0; k < NG; ++k) {
+                W[i][j] -= arm->row_a[i_g[k]][i][0] * arm->inverse[j][k][0];
+            }
+        }
+    }
+    for (int k = 0; k < NE; ++k) { /* stiffness dominates K: no pivoting */
+        if (!(fabs_1(K[k][k]) > 0.0)) {
+            return 0;
+        }
+        for (int i = k + 1; i < NE; ++i) {
+            const real f = K[i][k] / K[k][k];
+            for (int j = k; j < NE; ++j) {
+                K[i][j] -= f * K[k][j];
+            }
+            for (int j = 0; j < NY; ++j) {
+                W[i][j] -= f * W[k][j];
+            }
+        }
+    }
+    for (int k = NE - 1; k >= 0; --k) {
+        for (int j = 0; j < NY; ++j) {
+            for (int i = k + 1; i < NE; ++i) {
+                W[k][j] -= K[k][i] * W[i][j];
+            }
+            W[k][j] /= K[k][k];
+        }
+    }
+    return 1;
+}
+#endif
+
 static inline int slopes_at(arm_points *arm, const real *torque, const real *bound, slopes_ahead *f, real *space)
 {
-    real M[NG][NG], F[NG][NY], p[NG], slope[NG], base[NG];
+    real M[NG][NG], F[NG][NY], G[NG][NY], U[NG][NY], p[NG], slope[NG], base[NG];
+#if MODEL_NE > 0
+    real W[NE][NY];
+#endif
     for (int i = 0; i < NG; ++i) {
         p[i] = 0.0;
         base[i] = torque[i];
@@ -247,20 +296,40 @@ static inline int slopes_at(arm_points *arm, const real *torque, const real *bou
     }
     for (int i = 0; i < NG; ++i) {
         for (int j = 0; j < NY; ++j) {
-            F[i][j] = 0.0;
+            F[i][j] = G[i][j] = U[i][j] = 0.0;
             for (int k = 0; k < NG; ++k) {
                 F[i][j] += M[i][k] * arm->inverse[j][k][0];
             }
         }
     }
+#if MODEL_NE > 0
+    if (!deflections_at(arm, W, space)) {
+        return 0;
+    }
+    for (int i = 0; i < NG; ++i) {
+        for (int j = 0; j < NY; ++j) {
+            for (int e = 0; e < NE; ++e) {
+                U[i][j] += arm->S[e][i][0] * W[e][j];
+                G[i][j] += arm->row_a[i_g[i]][e][0] * W[e][j];
+            }
+        }
+    }
+    for (int i = 0; i < NG; ++i) {
+        for (int j = 0; j < NY; ++j) {
+            for (int k = 0; k < NG; ++k) {
+                G[i][j] += M[i][k] * U[k][j];
+            }
+        }
+    }
+#endif
     for (int m = 0; m < NM; ++m) {
         const real torques = 1.0 / bound[m], speeds = 1.0 / bound[NM + m];
         for (int j = 0; j < NY; ++j) {
             real B2 = 0.0, B4 = 0.0, C1 = 0.0, C3 = 0.0;
             for (int i = 0; i < NG; ++i) {
-                const real twisted = gear_is_rigid[i] ? 0.0 : F[i][j] / slope[i];
+                const real twisted = U[i][j] + (gear_is_rigid[i] ? 0.0 : F[i][j] / slope[i]);
                 B2 += rotor_inertia[m] * eta[m][i] * arm->inverse[j][i][0] + eta_inverse[i][m] * F[i][j];
-                B4 += rotor_inertia[m] * eta[m][i] * twisted;
+                B4 += rotor_inertia[m] * eta[m][i] * twisted + eta_inverse[i][m] * G[i][j];
                 C1 += eta[m][i] * arm->inverse[j][i][0];
                 C3 += eta[m][i] * twisted;
             }

@@ -19,7 +19,7 @@ enum {
     MOST_PARTS = 1000,
     WARMING = 10,
     LEVELS = 3,
-    REMEMBERED = 5,
+    LAST = 5, /* nodes of the path that tell where it goes on */
     LEAST_AHEAD = 4, /* intervals of a horizon that can be bent */
     JOINT = 3 * NG,  /* position, speed and acceleration of the joints with motor */
     FORGETS = 4,     /* times in a horizon */
@@ -42,6 +42,7 @@ static layout laid_out(int intervals, int parts)
     ptrdiff_t at = (ptrdiff_t)room(HEAD);
     l.window = BACK + (ptrdiff_t)parts + BACK;
     l.past = (BACK + parts - 1) / parts + 1;
+    l.past = l.past < LAST - 1 ? LAST - 1 : l.past;
 #define PLACE(name, size) \
     l.name = at; \
     at += (ptrdiff_t)room(size)
@@ -62,7 +63,7 @@ static layout laid_out(int intervals, int parts)
     PLACE(a_node, (l.past + intervals + 1) * NE);
     PLACE(factor, (ptrdiff_t)intervals * CONTROLS * WIDTH);
     PLACE(scale, NE);
-    PLACE(levels, LEVELS * REMEMBERED * NE);
+    PLACE(levels, LEVELS * LAST * NE);
     PLACE(cost, STATES * STATES);
     PLACE(aim, ((ptrdiff_t)intervals + 1) * STATES);
     PLACE(lq, (ptrdiff_t)(sizeof(lq_space) / sizeof(real)));
@@ -191,7 +192,7 @@ int model_stream_start(double *stream, int64_t stream_size, int intervals, int p
         stream[l.a + k] = 0.0;
     }
     copy(stream + l.y, ((ptrdiff_t)intervals + 1) * STATES, stream + l.aim);
-    for (int k = 0; k < LEVELS * REMEMBERED; ++k) {
+    for (int k = 0; k < LEVELS * LAST; ++k) {
         copy(stream + l.y, NE, stream + l.levels + k * NE);
     }
 #endif
@@ -229,18 +230,18 @@ int model_stream_start(double *stream, int64_t stream_size, int intervals, int p
 }
 
 #if MODEL_NE > 0
-/* One Newton step of R(q, v, a) = 0 in q, at the end of the horizon; changes q. */
-static int balance(
-    const mesh *m, lq_space *w, const real *reference, const real *v, const real *a, real *q, real *space)
+/* One Newton step of R(q, v, a) = 0 in q at the last nodes of the path, newest first; changes q. */
+static int balance(const mesh *m, lq_space *w, const real *newest, real v[LAST][NE], real a[LAST][NE], real *q,
+    real *space)
 {
-    real K[NE][NE], b[NE];
     int status;
     for (int l = 0; l < POINTS; ++l) {
-        load_reference(&w->arm, l, reference);
+        const int node = l < LAST ? l : LAST - 1;
+        load_reference(&w->arm, l, newest - node * (ptrdiff_t)REFERENCE);
         for (int i = 0; i < NE; ++i) {
-            w->arm.q[i_e[i]][l] = q[i];
-            w->arm.v[i_e[i]][l] = v[i];
-            w->arm.a[i_e[i]][l] = a[i];
+            w->arm.q[i_e[i]][l] = q[node * NE + i];
+            w->arm.v[i_e[i]][l] = v[node][i];
+            w->arm.a[i_e[i]][l] = a[node][i];
         }
         for (int i = 0; i < NG; ++i) {
             w->arm.q[i_g[i]][l] = m->q_g[((ptrdiff_t)m->N * STAGES - 1) * NG + i];
@@ -255,29 +256,32 @@ static int balance(
     if (status != MODEL_OK) {
         return status;
     }
-    for (int i = 0; i < NE; ++i) {
-        for (int j = 0; j < NE; ++j) {
-            K[i][j] = w->arm.K[j][i][0];
-        }
-        b[i] = w->arm.row[i][0];
-    }
-    for (int k = 0; k < NE; ++k) { /* stiffness dominates: a pivot that is none leaves the deflection as it was */
-        for (int i = k + 1; i < NE; ++i) {
-            const real f = fabs_1(K[k][k]) > 0.0 ? K[i][k] / K[k][k] : 0.0;
-            for (int j = k; j < NE; ++j) {
-                K[i][j] -= f * K[k][j];
+    for (int node = 0; node < LAST; ++node) {
+        real K[NE][NE], b[NE];
+        for (int i = 0; i < NE; ++i) {
+            for (int j = 0; j < NE; ++j) {
+                K[i][j] = w->arm.K[j][i][node];
             }
-            b[i] -= f * b[k];
+            b[i] = w->arm.row[i][node];
         }
-    }
-    for (int k = NE - 1; k >= 0; --k) {
-        for (int j = k + 1; j < NE; ++j) {
-            b[k] -= K[k][j] * b[j];
+        for (int k = 0; k < NE; ++k) { /* stiffness dominates: a pivot that is none leaves the deflection as it was */
+            for (int i = k + 1; i < NE; ++i) {
+                const real f = fabs_1(K[k][k]) > 0.0 ? K[i][k] / K[k][k] : 0.0;
+                for (int j = k; j < NE; ++j) {
+                    K[i][j] -= f * K[k][j];
+                }
+                b[i] -= f * b[k];
+            }
         }
-        b[k] = fabs_1(K[k][k]) > 0.0 ? b[k] / K[k][k] : 0.0;
-    }
-    for (int i = 0; i < NE; ++i) {
-        q[i] -= fabs_1(b[i]) < 1.0 ? b[i] : 0.0;
+        for (int k = NE - 1; k >= 0; --k) {
+            for (int j = k + 1; j < NE; ++j) {
+                b[k] -= K[k][j] * b[j];
+            }
+            b[k] = fabs_1(K[k][k]) > 0.0 ? b[k] / K[k][k] : 0.0;
+        }
+        for (int i = 0; i < NE; ++i) {
+            q[node * NE + i] -= fabs_1(b[i]) < 1.0 ? b[i] : 0.0;
+        }
     }
     return MODEL_OK;
 }
@@ -285,36 +289,41 @@ static int balance(
 /*
  * What the end of the horizon is drawn to: the slow motion, deflections in balance with gravity and the path. First as
  * if they did not move; then with the speeds and accelerations that this motion has, by differences of its last
- * values; and so on. Each level gains the ratio of the time constants of zeros and path.
+ * values; and so on. Each level gains the ratio of the time constants of zeros and path. All nodes are balanced anew
+ * with the path of today: where limits bend it from update to update, differences to what was there before are wrong.
  */
-static int slow_motion(mesh *m, lq_space *w, real *levels, const real *reference, real *space)
+static int slow_motion(mesh *m, lq_space *w, real *levels, const real *newest, real *space)
 {
-    real v[NE], a[NE];
-    for (int i = 0; i < NE; ++i) {
-        v[i] = 0.0;
-        a[i] = 0.0;
-    }
+    static const real once[LAST][LAST] = {{25.0, -48.0, 36.0, -16.0, 3.0}, {3.0, 10.0, -18.0, 6.0, -1.0},
+        {-1.0, 8.0, 0.0, -8.0, 1.0}, {1.0, -6.0, 18.0, -10.0, -3.0}, {-3.0, 16.0, -36.0, 48.0, -25.0}};
+    static const real twice[LAST][LAST] = {{35.0, -104.0, 114.0, -56.0, 11.0}, {11.0, -20.0, 6.0, 4.0, -1.0},
+        {-1.0, 16.0, -30.0, 16.0, -1.0}, {-1.0, 4.0, 6.0, -20.0, 11.0}, {11.0, -56.0, 114.0, -104.0, 35.0}};
+    real v[LAST][NE] = {{0.0}}, a[LAST][NE] = {{0.0}};
+    real *x = levels;
     for (int level = 0; level < LEVELS; ++level) {
-        real *x = levels + (ptrdiff_t)level * REMEMBERED * NE;
         int status;
-        for (int k = REMEMBERED - 1; k > 0; --k) {
+        x = levels + (ptrdiff_t)level * LAST * NE;
+        for (int k = LAST - 1; k > 0; --k) {
             copy(x + (k - 1) * NE, NE, x + k * NE);
         }
-        status = balance(m, w, reference, v, a, x, space);
+        status = balance(m, w, newest, v, a, x, space);
         if (status != MODEL_OK) {
             return status;
         }
-        for (int i = 0; i < NE; ++i) {
-            const real *f = x + i;
-            v[i] = (25.0 * f[0] - 48.0 * f[NE] + 36.0 * f[2 * NE] - 16.0 * f[3 * NE] + 3.0 * f[4 * NE]) / (12.0 * m->h);
-            a[i] = (35.0 * f[0] - 104.0 * f[NE] + 114.0 * f[2 * NE] - 56.0 * f[3 * NE] + 11.0 * f[4 * NE]) /
-                (12.0 * m->h * m->h);
+        for (int k = 0; k < LAST; ++k) {
+            for (int i = 0; i < NE; ++i) {
+                v[k][i] = a[k][i] = 0.0;
+                for (int j = 0; j < LAST; ++j) {
+                    v[k][i] += once[k][j] * x[j * NE + i] / (12.0 * m->h);
+                    a[k][i] += twice[k][j] * x[j * NE + i] / (12.0 * m->h * m->h);
+                }
+            }
         }
     }
     {
         real *aim = m->aim + m->N * (ptrdiff_t)STATES;
-        copy(levels + (LEVELS - 1) * REMEMBERED * NE, NE, aim);
-        copy(v, NE, aim + NE);
+        copy(x, NE, aim);
+        copy(v[0], NE, aim + NE);
     }
     return MODEL_OK;
 }
@@ -671,7 +680,7 @@ static int look_ahead(real *s, const layout *l)
             where = k;
         }
     }
-    if (worst * (1.0 + kept_free) <= 1.0 && largest(b + w.bend, (int)((N + 1) * BEND)) < no_bend) {
+    if (worst * (1.0 + kept_free) <= 1.0 && largest(b + w.bend, (int)((N + 1) * BEND)) < faded) {
         for (ptrdiff_t i = (FIXED + 1) * BEND; i < (N + 1) * BEND; ++i) {
             b[w.bend + i] = 0.0;
         }
@@ -815,7 +824,7 @@ int model_stream_update(double *stream, const double *place, const double *rate,
             m.a[(N - 1) * CONTROLS + i] = 0.0;
         }
         next_node(m.y + (N - 1) * STATES, m.a + (N - 1) * CONTROLS, m.h, m.y + N * STATES);
-        status = slow_motion(&m, lq, stream + l.levels, next, space);
+        status = slow_motion(&m, lq, stream + l.levels, stream + l.nodes + (l.past + N) * REFERENCE, space);
         if (status == MODEL_OK) {
             status = lq_factor(&m, lq, space);
         }
