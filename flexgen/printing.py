@@ -236,6 +236,7 @@ def solution_rows(data: dict[str, Any]) -> list[Row]:
         ("verdict of the solver", data["verdict"] or None, ""),
         ("iterations", data["iterations"], ""),
         ("intervals of the mesh", data.get("intervals") or None, ""),
+        ("their mean length", data.get("mesh_s"), "s"),
         ("time to solve and verify, wall", data["wall_s"], "s"),
         ("time to solve and verify, processor", data["cpu_s"], "s"),
         ("motion begins before the path", data["lead_s"], "s"),

@@ -102,6 +102,7 @@ def _summary(solution: Solution) -> str:
         ("verdict of the solver", html.escape(solution.verdict) or "\N{EN DASH}", ""),
         ("iterations", str(solution.iterations), ""),
         ("intervals of the mesh", str(solution.intervals or "\N{EN DASH}"), ""),
+        ("their mean length", _number(1e3 * d["mesh_s"]) if d["mesh_s"] else "\N{EN DASH}", "ms"),
     ]
     if simulation is None:
         rows.append(("verification", "not done", ""))

@@ -10,7 +10,7 @@ import flexgen
 from flexgen.errors import SolverError
 from flexgen.mechanics.evaluate import evaluate
 from flexgen.solvers import limited
-from flexgen.solvers.bends import Bends, bent
+from flexgen.solvers.bends import DEGREE, Bends, bent
 from flexgen.solvers.full import limits_for
 from flexgen.solvers.inverter import has_compiler
 from flexgen.solvers.solution import Solution
@@ -99,10 +99,9 @@ def test_bends_are_smooth_and_end() -> None:
     for k in range(4):
         slope = np.gradient(bends.along(c, k), t, axis=0)[2:-2]
         exact = bends.along(c, k + 1)[2:-2]
-        # the fourth derivative of a spline of degree five has corners
-        assert np.abs(slope - exact).max() < (1e-2 if k < 3 else 5e-2) * np.abs(exact).max()
-    outside = (t < 0.0) | (t > 0.05 * 17)
-    assert not any(bends.along(c, k)[outside].any() for k in range(5))
+        assert np.abs(slope - exact).max() < 1e-2 * np.abs(exact).max()
+    outside = (t < 0.0) | (t > 0.05 * (12 + DEGREE))
+    assert not any(bends.along(c, k)[outside].any() for k in range(DEGREE))
 
 
 def test_a_pose_is_bent_with_its_rates() -> None:

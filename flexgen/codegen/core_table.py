@@ -251,8 +251,8 @@ CORES: tuple[Core, ...] = (
         "which fades when the bounds no longer bind. "
         "What cannot be kept is passed: the torques are to be compared with the bounds; where one is passed by more "
         "than 2.5 times, the stream ends with NOT_CONVERGED. The horizon must have at least 4 intervals and be long "
-        "enough to brake in; twice that is better: bends are as quick as the horizon is short, and ones that are quicker "
-        "than the slowest zero of the zero dynamics make the torque worse. "
+        "enough to brake in; twice that is better: bends are as quick as the horizon is short, and ones quicker than "
+        "the slowest zero of the zero dynamics make the torque worse. "
         "Bounds may be changed at any time; an infinite torque or speed is none.",
         (
             Argument("stream", "kept", ("stream_work",), "", "memory of the stream"),

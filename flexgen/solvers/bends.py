@@ -2,8 +2,8 @@
 
     position  p + d_p(t),    orientation  exp(d_r(t)) R,    d = sum_i c_i B_i(t)
 
-with B-splines B_i of degree five, so that four derivatives are continuous: what the torque of a model of index five
-needs.
+with B-splines B_i of degree seven, so that six derivatives are continuous: the torque follows four or five of them, and
+the fastest zeros of six-axis robots turn what jumps in the next one into corners of the torque.
 
 Source: C. de Boor, A Practical Guide to Splines, 2001, ch. IX; for the derivatives of a rotation vector:
 J. Stuelpnagel, SIAM Review 6(4), 1964.
@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import BSpline
 
-DEGREE = 5
+DEGREE = 7
 SUPPORT = DEGREE + 1  # intervals between knots over which one spline is not zero
 
 
@@ -30,11 +30,11 @@ class Bends:
     t : ndarray (n,) [s]
         Instants.
     first : float [s]
-        The first knot: there all deviations and four derivatives are zero.
+        The first knot: there all deviations and six derivatives are zero.
     spacing : float [s]
         From knot to knot.
     count : int
-        Splines; the last one ends ``count + 5`` intervals after the first knot.
+        Splines; the last one ends ``count + 7`` intervals after the first knot.
     """
 
     t: np.ndarray
@@ -44,8 +44,8 @@ class Bends:
 
     @cached_property
     def basis(self) -> list[np.ndarray]:
-        """Values and derivatives one to four of the splines, each (n, count)."""
-        # splines are whole between the sixth knot and the sixth from the end: zeros before and after make room
+        """Values and derivatives one to six of the splines, each (n, count)."""
+        # splines are whole between the eighth knot and the eighth from the end: zeros before and after make room
         knots = self.first + self.spacing * np.arange(-DEGREE, self.count + 2 * DEGREE + 1)
         picked = np.pad(np.eye(self.count), ((DEGREE, DEGREE), (0, 0)))
         spline = BSpline(knots, picked, DEGREE)

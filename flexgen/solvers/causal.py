@@ -91,8 +91,12 @@ def answer_of(
     iterations: int,
     verdict: str,
     details: Mapping[str, Any],
+    intervals: int | None = None,
 ) -> Answer:
-    """The answer whose states and rates at the instants t are x and dx, (n, n_x)."""
+    """The answer whose states and rates at the instants t are x and dx, (n, n_x).
+
+    ``intervals``: of the solver's own mesh, where it is not that of the instants.
+    """
     if not (np.isfinite(x).all() and np.isfinite(dx).all()):
         raise SolverError(f"{verdict}: the motion is not finite; take a finer --mesh or a smoother move")
     model, n = ask.equations.model, dae.n
@@ -112,7 +116,7 @@ def answer_of(
         lead=float(max(0.0, -t[0])),
         verdict=verdict,
         iterations=iterations,
-        intervals=len(t) - 1,
+        intervals=len(t) - 1 if intervals is None else intervals,
         details=dict(details),
     )
 

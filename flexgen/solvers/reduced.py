@@ -39,13 +39,15 @@ POOR = 0.05  # quality of a choice of states below which another one is made
 class Reduced:
     """``Y`` (n, size) at the instants; ``choices`` of states that were used; ``freedom``: how many states.
 
-    ``rtol``: the loosest tolerance that was used.
+    ``rtol``: the loosest tolerance that was used. ``steps``, ``iterations``: of IDAS, and of its Newton method.
     """
 
     Y: np.ndarray
     choices: int
     freedom: int
     rtol: float
+    steps: int = 0
+    iterations: int = 0
 
 
 class _PathSignals(ca.Callback):
@@ -123,10 +125,10 @@ def integrate(dummies: DummyDerivatives, path: Path, t: np.ndarray, x_rest: np.n
     scale = dummies.scales(x_rest)
     Y[0], _ = dummies.consistent(choice, Y[0], U[0], scale)
     signals = _PathSignals(dae, path, dummies.orders)
-    choices, k, loosest = 1, 0, rtol
+    choices, k, loosest, counts = 1, 0, rtol, np.zeros(2, dtype=int)
     while k < len(t) - 1:
-        states, algebraic, used = _states(dummies, choice, signals, scale, Y[k], t[k:], rtol)
-        loosest = max(loosest, used)
+        states, algebraic, used, spent = _states(dummies, choice, signals, scale, Y[k], t[k:], rtol)
+        loosest, counts = max(loosest, used), counts + spent
         reached = k + len(states)
         for i in range(k + 1, reached + 1):
             guess = Y[i - 1].copy()
@@ -142,7 +144,7 @@ def integrate(dummies: DummyDerivatives, path: Path, t: np.ndarray, x_rest: np.n
                 choice, choices, reached = better, choices + 1, i
                 break
         k = reached
-    return Reduced(Y, choices, dummies.freedom, loosest)
+    return Reduced(Y, choices, dummies.freedom, loosest, *counts.tolist())
 
 
 def _states(
@@ -153,13 +155,13 @@ def _states(
     Y: np.ndarray,
     t: np.ndarray,
     rtol: float,
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """States and all else at instants after t[0], where Y holds, and the tolerance that IDAS could keep.
+) -> tuple[np.ndarray, np.ndarray, float, tuple[int, int]]:
+    """States and all else at instants after t[0], where Y holds, the tolerance that IDAS could keep, and its counts.
 
     All instants, or the first of them where IDAS came no further.
     """
     if not choice.states:  # all unknowns follow from the path and its derivatives: there is nothing to integrate
-        return np.zeros((len(t) - 1, 0)), np.zeros((0, 0)), rtol
+        return np.zeros((len(t) - 1, 0)), np.zeros((0, 0)), rtol, (0, 0)
     places = (list(choice.states), list(choice.algebraic))
     # nobody needs all else as exactly as the states, and rounding would not allow it: it is solved for again
     units = (scale[places[0]], scale[places[1]] * LOOSER)
@@ -186,7 +188,9 @@ def _states(
         except RuntimeError as error:  # near the rounding of the equations its Newton iteration cannot converge
             reason = str(error).strip().splitlines()[-1]
             continue
-        return out["xf"].full().T * units[0], out["zf"].full().T * units[1], used
+        spent = run.stats()
+        counts = int(spent["nsteps"]), int(spent["nniters"])
+        return out["xf"].full().T * units[0], out["zf"].full().T * units[1], used, counts
     raise SolverError(f"reduced: IDAS gave up after t = {t[0]:.4g} s, with a tolerance of {used:.0e} too: {reason}")
 
 
@@ -216,7 +220,8 @@ def answer(ask: Question, h: float) -> Answer:
         t,
         x,
         dx,
-        iterations=0,
+        iterations=found.iterations,
+        intervals=found.steps or len(t) - 1,
         verdict="SUNDIALS IDAS",
         details={
             "states": found.freedom,

@@ -51,6 +51,12 @@ class Solution:
     details: Mapping[str, Any] = field(default_factory=dict)
 
     @property
+    def mesh_s(self) -> float | None:
+        """Length of the intervals of the solver's mesh [s], their mean; None for a method without mesh."""
+        time = self.trajectory.time
+        return float(time[-1] - time[0]) / self.intervals if self.intervals else None
+
+    @property
     def tool_error_max_m(self) -> float | None:
         """Largest distance of the simulated output from the path [m]; None where it was not measured."""
         return None if self.simulation is None else self.simulation.tool_error_max_m
@@ -81,6 +87,7 @@ class Solution:
             "energy_error": None if simulation is None else simulation.energy_error,
             "iterations": self.iterations,
             "intervals": self.intervals,
+            "mesh_s": self.mesh_s,
             "details": dict(self.details),
             "lead_s": self.lead_s,
             "warnings": list(self.warnings),

@@ -31,6 +31,7 @@ LONGEST = 5e-3  # s: of the intervals of a mesh, unless the move lasts for minut
 ATTEMPTS = 3  # meshes, each half as coarse as the one before
 ENERGY = 1e-7  # relative: a simulation that misses the energy balance by more proves nothing
 RESIDUAL = 1e-3  # of the largest torque in its row: above it an answer is called wrong, whatever the solver says
+FULL_MOST = 8  # coordinates that the full method takes by itself: with 12 it needs many minutes, if it ends at all
 RIPPLE = 1e-2  # the same for the full method, whose torque may ripple between the Gauss points unfelt by the tool
 
 
@@ -55,9 +56,10 @@ def solve(
     move : str or Move, optional
         A move of the model file; default: its first.
     method : str
-        A name of `flexgen.solvers.methods.METHODS`, or ``"auto"``: ``"full"`` for limits, complete motor coupling and
-        gears whose spring has a kink; else ``"closed-form"`` without non-actuated coordinates, and ``"lq"`` with them
-        (``"collocation"`` where there is no C compiler). What the verification rejects is tried again by "full".
+        A name of `flexgen.solvers.methods.METHODS`, or ``"auto"``: ``"full"`` for complete motor coupling, gears whose
+        spring has a kink, and limits of an arm with up to 8 coordinates (``"lq"`` of a larger elastic one); else
+        ``"closed-form"`` without non-actuated coordinates, and ``"lq"`` with them (``"collocation"`` where there is no
+        C compiler). What the verification rejects is tried again by "full".
     preview : float, optional [s]
         How long before the path the motion may begin; default: fifteen time constants of the slowest unstable zero, at
         least 4 % of the move (of half a second, if it is longer) and at most 2 s.
@@ -123,13 +125,16 @@ def solve(
 
 def _automatic(robot: RobotModel, limits: Limits | None) -> str:
     """The method for who does not choose."""
-    if limits is not None or robot.motor_coupling != "simplified" or has_kinks(robot):
-        return "full"
-    if robot.n_e == 0:
-        return "closed-form"
     from flexgen.solvers.inverter import has_compiler  # here: who chooses another method needs no code generation
 
-    return "lq" if robot.inverts and has_compiler() else "collocation"
+    if robot.motor_coupling != "simplified" or has_kinks(robot):
+        return "full"
+    inverts = robot.n_e > 0 and robot.inverts and has_compiler()
+    if limits is not None:
+        return "lq" if inverts and robot.n_a > FULL_MOST else "full"
+    if robot.n_e == 0:
+        return "closed-form"
+    return "lq" if inverts else "collocation"
 
 
 def _check_applies(method: Method, robot: RobotModel, limits: Limits | None) -> None:

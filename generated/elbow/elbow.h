@@ -543,9 +543,9 @@ int elbow_stream_update(elbow_real *stream, const elbow_real *place, const elbow
  * is returned, or INEXACT where that holds, too; the report tells both, and the deviation, which fades when the bounds
  * no longer bind. What cannot be kept is passed: the torques are to be compared with the bounds; where one is passed
  * by more than 2.5 times, the stream ends with NOT_CONVERGED. The horizon must have at least 4 intervals and be long
- * enough to brake in; twice that is better: bends are as quick as the horizon is short, and ones that are quicker than
- * the slowest zero of the zero dynamics make the torque worse. Bounds may be changed at any time; an infinite torque
- * or speed is none. Stack: at most 11264 bytes.
+ * enough to brake in; twice that is better: bends are as quick as the horizon is short, and ones quicker than the
+ * slowest zero of the zero dynamics make the torque worse. Bounds may be changed at any time; an infinite torque or
+ * speed is none. Stack: at most 11264 bytes.
  *
  *      stream     stream_work         memory of the stream
  *   in torque_max n_m         [N m]   of the motors, positive
