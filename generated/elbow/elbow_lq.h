@@ -23,7 +23,7 @@ enum {
     COLUMNS = CONTROLS + STATES + 1, /* the last one: right side */
     WIDTH = (COLUMNS + 7) / 8 * 8,
     PANEL = 8,
-    RESIDUALS = (STAGES * NE + PANEL - 1) / PANEL * PANEL,
+    RESIDUALS = STAGES * NE,
     GROUP = 8, /* intervals that are evaluated together */
     GROUP_POINTS = GROUP * STAGES,
     POINT = NE * (3 * NE + 1) /* K, D, A by rows, R */
@@ -177,23 +177,69 @@ static inline int evaluate_residual(mesh *m, lq_space *w, real *space)
     return ELBOW_OK;
 }
 
-/* H[i][j] += sum_p factor_p rows[p][i] rows[p][j], i >= first, j >= i, for the rows of one panel. */
-static inline void add_panel(real *RESTRICT H, const real *RESTRICT rows, const real *factors, int first)
+/*
+ * H[i][j] += sum_p weighed[p][i] rows[p][j], p < count, for i >= first and j >= i. Tiles of eight vectors, some rows of
+ * H high and eight numbers wide, stay in registers for all p: by name, as not all compilers unroll loops over arrays.
+ */
+#if LANES == 8
+#define TILE(DO) DO(0, 0, 0) DO(1, 1, 0) DO(2, 2, 0) DO(3, 3, 0) DO(4, 4, 0) DO(5, 5, 0) DO(6, 6, 0) DO(7, 7, 0)
+#define TILE_ROWS(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7)
+#define TILE_VECTORS(DO) DO(0)
+#elif LANES == 4
+#define TILE(DO) DO(0, 0, 0) DO(1, 0, 1) DO(2, 1, 0) DO(3, 1, 1) DO(4, 2, 0) DO(5, 2, 1) DO(6, 3, 0) DO(7, 3, 1)
+#define TILE_ROWS(DO) DO(0) DO(1) DO(2) DO(3)
+#define TILE_VECTORS(DO) DO(0) DO(1)
+#elif LANES == 2
+#define TILE(DO) DO(0, 0, 0) DO(1, 0, 1) DO(2, 0, 2) DO(3, 0, 3) DO(4, 1, 0) DO(5, 1, 1) DO(6, 1, 2) DO(7, 1, 3)
+#define TILE_ROWS(DO) DO(0) DO(1)
+#define TILE_VECTORS(DO) DO(0) DO(1) DO(2) DO(3)
+#else
+#define TILE(DO) DO(0, 0, 0) DO(1, 0, 1) DO(2, 0, 2) DO(3, 0, 3) DO(4, 0, 4) DO(5, 0, 5) DO(6, 0, 6) DO(7, 0, 7)
+#define TILE_ROWS(DO) DO(0)
+#define TILE_VECTORS(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7)
+#endif
+#define TILE_SUM(k, a, b) lanes sum##k = load_v(H + (i + a) * WIDTH + j + b * LANES);
+#define TILE_ROW(b) const lanes x##b = load_v(rows + p * WIDTH + j + b * LANES);
+#define TILE_WEIGHT(a) const lanes w##a = splat_v(weighed[p * WIDTH + i + a]);
+#define TILE_ADD(k, a, b) sum##k += w##a * x##b;
+#define TILE_STORE(k, a, b) store_v(H + (i + a) * WIDTH + j + b * LANES, sum##k);
+
+static inline void add_rows_of(
+    real *RESTRICT H, const real *RESTRICT rows, const real *RESTRICT weighed, int count, int first)
 {
-    for (int i = first; i < COLUMNS - 1; ++i) {
-        lanes w[PANEL];
-        for (int p = 0; p < PANEL; ++p) {
-            w[p] = splat_v(factors[p] * rows[p * WIDTH + i]);
-        }
-        for (int j = i / 8 * 8; j < WIDTH; j += LANES) {
-            lanes sum = load_v(H + i * WIDTH + j);
-            for (int p = 0; p < PANEL; ++p) {
-                sum += w[p] * load_v(rows + p * WIDTH + j);
+    int i = first;
+    while (i < COLUMNS - 1) {
+        if (i % LANES == 0 && i + LANES <= COLUMNS) {
+            for (int j = i / 8 * 8; j < WIDTH; j += 8) {
+                TILE(TILE_SUM)
+                for (int p = 0; p < count; ++p) {
+                    TILE_VECTORS(TILE_ROW)
+                    TILE_ROWS(TILE_WEIGHT)
+                    TILE(TILE_ADD)
+                }
+                TILE(TILE_STORE)
             }
-            store_v(H + i * WIDTH + j, sum);
+            i += LANES;
+        } else {
+            for (int j = i / 8 * 8; j < WIDTH; j += LANES) {
+                lanes sum = load_v(H + i * WIDTH + j);
+                for (int p = 0; p < count; ++p) {
+                    sum += splat_v(weighed[p * WIDTH + i]) * load_v(rows + p * WIDTH + j);
+                }
+                store_v(H + i * WIDTH + j, sum);
+            }
+            ++i;
         }
     }
 }
+#undef TILE
+#undef TILE_ROWS
+#undef TILE_VECTORS
+#undef TILE_SUM
+#undef TILE_ROW
+#undef TILE_WEIGHT
+#undef TILE_ADD
+#undef TILE_STORE
 
 /* Rows of the linearised residuals of one interval, in scaled unknowns (a, q, v) and right side. */
 static inline void interval_rows(const mesh *m, const real *point, real *J)
@@ -281,38 +327,31 @@ static inline void add_cost_to_go(const mesh *m, int k, const lq_space *w, real 
 /* Eliminate the controls: H is left with the cost to go of the node; 0 where it is not positive definite. */
 static inline int eliminate(real *RESTRICT H, real *RESTRICT factor)
 {
-    real rows[PANEL * WIDTH], factors[PANEL];
+    real weighed[PANEL * WIDTH];
     for (int begin = 0; begin < CONTROLS; begin += PANEL) {
         const int count = CONTROLS - begin < PANEL ? CONTROLS - begin : PANEL;
-        for (int p = 0; p < PANEL; ++p) {
+        real *rows = factor + begin * WIDTH;
+        for (int p = 0; p < count; ++p) {
             real *row = rows + p * WIDTH;
             const int k = begin + p;
-            real pivot;
-            if (p >= count) {
-                for (int j = 0; j < WIDTH; ++j) {
-                    row[j] = 0.0;
-                }
-                factors[p] = 0.0;
-                continue;
-            }
+            real weight;
             for (int j = k / 8 * 8; j < WIDTH; j += LANES) {
                 lanes sum = load_v(H + k * WIDTH + j);
                 for (int r = 0; r < p; ++r) {
-                    sum += splat_v(factors[r] * rows[r * WIDTH + k]) * load_v(rows + r * WIDTH + j);
+                    sum += splat_v(weighed[r * WIDTH + k]) * load_v(rows + r * WIDTH + j);
                 }
                 store_v(row + j, sum);
             }
-            pivot = row[k];
-            if (!(pivot > 0.0)) {
+            if (!(row[k] > 0.0)) {
                 return 0;
             }
-            factors[p] = -1.0 / pivot;
+            weight = -1.0 / row[k];
             for (int j = k / 8 * 8; j < WIDTH; j += LANES) {
-                store_v(factor + k * WIDTH + j, load_v(row + j));
+                store_v(weighed + p * WIDTH + j, splat_v(weight) * load_v(row + j));
             }
-            factor[k * WIDTH + k] = factors[p];
+            row[k] = weight;
         }
-        add_panel(H, rows, factors, begin + count);
+        add_rows_of(H, rows, weighed, count, begin + count);
     }
     return 1;
 }
@@ -320,7 +359,6 @@ static inline int eliminate(real *RESTRICT H, real *RESTRICT factor)
 /* One Gauss-Newton step: the factors of all intervals, backwards. */
 static inline int lq_factor(mesh *m, lq_space *w, real *space)
 {
-    static const real ones[PANEL] = {1, 1, 1, 1, 1, 1, 1, 1};
     const real *end = m->y + (ptrdiff_t)m->N * STATES;
     for (int i = 0; i < STATES; ++i) {
         w->p[i] = 0.0;
@@ -349,9 +387,7 @@ static inline int lq_factor(mesh *m, lq_space *w, real *space)
             for (int i = 0; i < COLUMNS * WIDTH; ++i) {
                 w->H[i] = 0.0;
             }
-            for (int p = 0; p < RESIDUALS; p += PANEL) {
-                add_panel(w->H, w->J + p * WIDTH, ones, 0);
-            }
+            add_rows_of(w->H, w->J, w->J, RESIDUALS, 0);
             add_cost_to_go(m, k, w, w->H);
             if (!eliminate(w->H, m->factor + (ptrdiff_t)k * CONTROLS * WIDTH)) {
                 return ELBOW_NOT_CONVERGED;

@@ -432,15 +432,21 @@ static inline int follow(arm_points *p, real *space)
 
 #if MODEL_NE > 0
 
-/* to[j] = sign * inverse * from[j] for all columns. */
+/* to[j] = - inverse * from[j] for all columns. */
 static inline void solve_columns(const arm_points *p, points (*from)[NY], points (*to)[NG])
 {
-    for (int j = 0; j < NE; ++j) {
+    EACH(l) {
+        lanes inverse[NG][NY]; /* together, as it is needed below */
         for (int i = 0; i < NG; ++i) {
-            EACH(l) {
+            for (int k = 0; k < NY; ++k) {
+                inverse[i][k] = load_v(&p->inverse[k][i][l]);
+            }
+        }
+        for (int j = 0; j < NE; ++j) {
+            for (int i = 0; i < NG; ++i) {
                 lanes sum = splat_v(0.0);
                 for (int k = 0; k < NY; ++k) {
-                    sum -= load_v(&p->inverse[k][i][l]) * load_v(&from[j][k][l]);
+                    sum -= inverse[i][k] * load_v(&from[j][k][l]);
                 }
                 store_v(&to[j][i][l], sum);
             }
@@ -451,12 +457,18 @@ static inline void solve_columns(const arm_points *p, points (*from)[NY], points
 /* T += X restricted to the actuated columns, times Y. */
 static inline void add_actuated(points (*X)[NY], points (*Y)[NG], points (*T)[NY])
 {
-    for (int j = 0; j < NE; ++j) {
+    EACH(l) {
+        lanes columns[NY][NG];
         for (int i = 0; i < NY; ++i) {
-            EACH(l) {
+            for (int k = 0; k < NG; ++k) {
+                columns[i][k] = load_v(&X[i_g[k]][i][l]);
+            }
+        }
+        for (int j = 0; j < NE; ++j) {
+            for (int i = 0; i < NY; ++i) {
                 lanes sum = load_v(&T[j][i][l]);
                 for (int k = 0; k < NG; ++k) {
-                    sum += load_v(&X[i_g[k]][i][l]) * load_v(&Y[j][k][l]);
+                    sum += columns[i][k] * load_v(&Y[j][k][l]);
                 }
                 store_v(&T[j][i][l], sum);
             }
@@ -496,17 +508,24 @@ static inline int reduce(arm_points *p, real *space)
     take_elastic(p->y2_v, p->T);
     add_actuated(p->y2_v, p->S, p->T);
     solve_columns(p, p->T, p->Av);
-    for (int j = 0; j < NE; ++j) {
+    EACH(l) {
+        lanes q[NE][NG], v[NE][NG], a[NE][NG]; /* together, as they are needed below */
         for (int i = 0; i < NE; ++i) {
-            EACH(l) {
+            for (int k = 0; k < NG; ++k) {
+                q[i][k] = load_v(&p->row_q[i_g[k]][i][l]);
+                v[i][k] = load_v(&p->row_v[i_g[k]][i][l]);
+                a[i][k] = load_v(&p->row_a[i_g[k]][i][l]);
+            }
+        }
+        for (int j = 0; j < NE; ++j) {
+            for (int i = 0; i < NE; ++i) {
                 lanes K = load_v(&p->row_q[i_e[j]][i][l]), D = load_v(&p->row_v[i_e[j]][i][l]);
                 lanes A = load_v(&p->row_a[i_e[j]][i][l]);
                 for (int k = 0; k < NG; ++k) {
-                    const lanes q = load_v(&p->row_q[i_g[k]][i][l]), v = load_v(&p->row_v[i_g[k]][i][l]);
-                    const lanes a = load_v(&p->row_a[i_g[k]][i][l]), S = load_v(&p->S[j][k][l]);
-                    K += q * S + v * load_v(&p->Vq[j][k][l]) + a * load_v(&p->Aq[j][k][l]);
-                    D += v * S + a * load_v(&p->Av[j][k][l]);
-                    A += a * S;
+                    const lanes S = load_v(&p->S[j][k][l]);
+                    K += q[i][k] * S + v[i][k] * load_v(&p->Vq[j][k][l]) + a[i][k] * load_v(&p->Aq[j][k][l]);
+                    D += v[i][k] * S + a[i][k] * load_v(&p->Av[j][k][l]);
+                    A += a[i][k] * S;
                 }
                 store_v(&p->K[j][i][l], K);
                 store_v(&p->D[j][i][l], D);
