@@ -20,7 +20,7 @@ from flexgen.codegen.spec import library_name
 pytestmark = needs_compiler
 
 SEED = 4
-ROUNDS = 4  # of every kind of spoiled call
+ROUNDS = 12  # of every kind of spoiled call: more than a thousand calls over all robots
 SANITIZE = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]
 STRICT = ["-std=c99", "-ffp-contract=off", "-fno-math-errno", "-Wall", "-Wextra", "-Werror"]
 LEVELS = ("-O0", "-O1", "-O2")
