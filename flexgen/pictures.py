@@ -100,6 +100,8 @@ def _acts_early(trajectory: Trajectory, analysis: Analysis | None) -> bool:
     before = trajectory.time < 0
     if not before.any() or analysis is None or analysis.zeros.phase != "non-minimum phase":
         return False
+    if trajectory.meta.get("torque") == "limited":  # such a motion may begin early to keep its bounds
+        return False
     away, span = cv.hold(trajectory)
     return bool((away[before] > EARLY * np.maximum(span, 1e-12)).any())
 
