@@ -4,7 +4,8 @@
 #ifndef ELBOW_GUESS_H
 #define ELBOW_GUESS_H
 
-#include "elbow_samples.h"
+#include "elbow_mesh.h"
+#include "elbow_path.h"
 
 enum { MOST_SAMPLES = 1000000 };
 

@@ -2,6 +2,7 @@
 #include "elbow.h"
 
 #include "elbow_guess.h"
+#include "elbow_lq.h"
 #include "elbow_rest.h"
 #include "elbow_results.h"
 
@@ -65,9 +66,7 @@ static int rest_cost(mesh *m, const layout *l, const real *place, const real *q_
     real q[NA], scale[NE], reference[REFERENCE] = {0.0};
     mesh still = *m;
     int status;
-    for (int i = 0; i < NA; ++i) {
-        q[i] = q_start[i];
-    }
+    copy(q_start, NA, q);
     for (int i = 0; i < NG; ++i) {
         q[i_g[i]] = joints[i];
     }
@@ -75,9 +74,7 @@ static int rest_cost(mesh *m, const layout *l, const real *place, const real *q_
     if (status != ELBOW_OK) {
         return status;
     }
-    for (int i = 0; i < NT; ++i) {
-        reference[i] = place[i];
-    }
+    copy(place, NT, reference);
     still.N = STILL;
     still.y = work + l->still_y;
     still.a = work + l->still_a;
@@ -97,9 +94,7 @@ static int rest_cost(mesh *m, const layout *l, const real *place, const real *q_
         for (int i = 0; i < NG; ++i) {
             still.q_g[k * NG + i] = q[i_g[i]];
         }
-        for (int i = 0; i < REFERENCE; ++i) {
-            still.reference[k * REFERENCE + i] = reference[i];
-        }
+        copy(reference, REFERENCE, still.reference + k * REFERENCE);
     }
     status = lq_endless(&still, SWEEPS, w, work + l->space, work + l->cost);
     m->end = work + l->cost;
@@ -172,9 +167,7 @@ int elbow_invert(int n, double period, const double *place, const double *rate, 
     }
     arm = (arm_points *)(void *)(work + l.arm);
     space = work + l.space;
-    for (int i = 0; i < NA; ++i) {
-        q[i] = q_start[i];
-    }
+    copy(q_start, NA, q);
 #if ELBOW_NE > 0
     {
         int iterations = 0;

@@ -1,9 +1,8 @@
 /*
- * elbow: a path ahead that is bent where motors would pass their bounds; private to the stream.
+ * elbow: the bends of the path ahead that keep motors within their bounds; private to the stream.
  *
- * The deviation d of each output is the end of a chain of five integrators, so that four derivatives are continuous;
- * its input is constant in blocks of intervals. Around the motion that is planned, motors feel a change of the
- * deviation as
+ * The input of the chain that bends the path is constant in blocks of intervals. Around the motion that is planned,
+ * motors feel a change of the deviation d as
  *
  *     tau_m + B2 d'' + B4 d'''',   v_m + C1 d' + C3 d''',
  *
@@ -14,19 +13,18 @@
 #ifndef ELBOW_LIMITS_H
 #define ELBOW_LIMITS_H
 
+#include "elbow_arm.h"
+#include "elbow_bends.h"
+#include "elbow_motors.h"
 #include "elbow_program.h"
-#include "elbow_samples.h"
 
 enum {
-    CHAIN = 5,       /* derivatives 0 to 4, the fifth is the input */
-    BLOCKS = 8,      /* of constant input over the horizon, at most */
+    BLOCKS = 8, /* of constant input over the horizon, at most */
     INPUTS = BLOCKS * NY,
     MOTORS = 2 * NM,       /* torques and speeds at a node */
     BOUNDED = MOTORS + NY, /* and deviations */
-    BEND = CHAIN * NY,
     PROGRAM_STEPS = 80,
-    FIXED = 1, /* the last node whose deviation stays: the motion to it is under way */
-    FADES = 4 /* time constants of the deviation in a horizon */
+    FIXED = 1 /* the last node whose deviation stays: the motion to it is under way */
 };
 
 static const real kept_free = 1e-3;   /* of a bound: what is kept from it for errors of the slopes */
@@ -82,106 +80,19 @@ static inline limits_layout limits_laid_out(ptrdiff_t N)
     return l;
 }
 
-/* One step of the chain, for one output: value and derivatives times T^i, a step of h = tau T. */
-static inline void chain_step(const real *x, ptrdiff_t stride, real u, real tau, real *out, ptrdiff_t to)
-{
-    for (int i = 0; i < CHAIN; ++i) {
-        real term = 1.0, sum = 0.0;
-        for (int j = i; j < CHAIN; ++j) {
-            sum += term * x[j * stride];
-            term *= tau / (j - i + 1);
-        }
-        out[i * to] = sum + term * u;
-    }
-}
-
-/* Where a deviation that nothing drives goes in the next interval: to zero, all five poles at -1/T. */
-static inline void fade(const real *x, real tau, real *out)
-{
-    static const real binomial[CHAIN] = {1.0, 5.0, 10.0, 10.0, 5.0};
-    for (int j = 0; j < NY; ++j) {
-        real u = 0.0;
-        for (int i = 0; i < CHAIN; ++i) {
-            u -= binomial[i] * x[i * NY + j];
-        }
-        chain_step(x + j, NY, u, tau, out + j, NY);
-    }
-}
-
-/* A path with a deviation, at one instant. */
-static inline void bend_reference(const real *plan, const real *x, real T, real *out)
-{
-    const int positions = ELBOW_POSE ? 3 : NY;
-    for (int i = 0; i < REFERENCE; ++i) {
-        out[i] = plan[i];
-    }
-    for (int i = 0; i < positions; ++i) {
-        out[i] += x[i];
-        out[NT + i] += x[NY + i] / T;
-        out[NT + NY + i] += x[2 * NY + i] / (T * T);
-    }
-#if ELBOW_POSE
-    {
-        real f[3], d[3], e[3], once[3], second[3], extra[3], E[9], spun[3], spun2[3], both[3];
-        static const real I[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
-        for (int i = 0; i < 3; ++i) {
-            f[i] = x[3 + i];
-            d[i] = x[NY + 3 + i] / T;
-            e[i] = x[2 * NY + 3 + i] / (T * T);
-        }
-        turn_matrix(f, plan + 3, out + 3);
-        turn_matrix(f, I, E);
-        turn(f, d, once);
-        turn(f, e, second);
-        turn_rate(f, d, extra);
-        for (int i = 0; i < 3; ++i) {
-            spun[i] = spun2[i] = 0.0;
-            for (int k = 0; k < 3; ++k) {
-                spun[i] += E[3 * k + i] * plan[NT + 3 + k];
-                spun2[i] += E[3 * k + i] * plan[NT + NY + 3 + k];
-            }
-        }
-        cross(once, spun, both);
-        for (int i = 0; i < 3; ++i) {
-            out[NT + 3 + i] = once[i] + spun[i];
-            out[NT + NY + 3 + i] = second[i] + extra[i] + both[i] + spun2[i];
-        }
-    }
-#endif
-}
-
-/* Length and angle of a deviation. */
-static inline void size_of_bend(const real *x, real out[2])
-{
-    const int positions = ELBOW_POSE ? 3 : NY;
-    out[0] = out[1] = 0.0;
-    for (int i = 0; i < NY; ++i) {
-        out[i < positions ? 0 : 1] += x[i] * x[i];
-    }
-    out[0] = root(out[0]);
-    out[1] = root(out[1]);
-}
-
 /* Motor torques and speeds at the nodes, relative to their bounds, from motion and torques of the arm there. */
 static inline int motors_ahead(real *s, const limits_layout *l, ptrdiff_t N, real h, real *space)
 {
-    real p[NG], slope[NG];
-    for (int i = 0; i < NG; ++i) {
-        p[i] = 0.0;
-    }
-    for (ptrdiff_t k = 0; k <= N; ++k) {
-        if (!static_twist(s + l->tau + k * NG, p, slope, space)) {
-            return 0;
-        }
-        for (int i = 0; i < NG; ++i) {
-            s[l->twist + k * NG + i] = p[i];
-        }
+    const real rest[NG] = {0.0};
+    real slope[NG];
+    if (!static_twists(s + l->tau, N + 1, rest, s + l->twist, slope, 0, space)) {
+        return 0;
     }
     for (ptrdiff_t k = 0; k <= N; ++k) { /* the first and the last node take the differences of their neighbours */
         const ptrdiff_t at = (k < 1 ? 1 : k > N - 1 ? N - 1 : k) * NG;
         const real *x = s + l->twist + at;
         for (int i = 0; i < NG; ++i) {
-            const real lag = gear_is_rigid[i] ? 0.0 : gear_damping[i] / slope[i];
+            const real lag = lag_of(i, slope[i]);
             s[l->late + k * NG + i] = s[l->twist + k * NG + i] - lag * (x[NG + i] - x[i - NG]) / (2.0 * h);
         }
     }
@@ -218,7 +129,7 @@ typedef struct {
 /* W, the deflections in balance with the accelerations d'' of the output: K w + (M_eg J_g^-1) d'' = 0. */
 static inline int deflections_at(arm_points *arm, real W[NE][NY], real *space)
 {
-    real K[NE][NE];
+    real K[NE][NE + NY]; /* and right sides */
     if (reduce(arm, space) != ELBOW_OK) {
         return 0;
     }
@@ -227,38 +138,23 @@ static inline int deflections_at(arm_points *arm, real W[NE][NY], real *space)
             K[i][j] = arm->K[j][i][0];
         }
         for (int j = 0; j < NY; ++j) {
-            W[i][j] = 0.0;
+            K[i][NE + j] = 0.0;
             for (int k = 0; k < NG; ++k) {
-                W[i][j] -= arm->row_a[i_g[k]][i][0] * arm->inverse[j][k][0];
+                K[i][NE + j] -= arm->row_a[i_g[k]][i][0] * arm->inverse[j][k][0];
             }
         }
     }
-    for (int k = 0; k < NE; ++k) { /* stiffness dominates K: no pivoting */
-        if (!(fabs_1(K[k][k]) > 0.0)) {
-            return 0;
-        }
-        for (int i = k + 1; i < NE; ++i) {
-            const real f = K[i][k] / K[k][k];
-            for (int j = k; j < NE; ++j) {
-                K[i][j] -= f * K[k][j];
-            }
-            for (int j = 0; j < NY; ++j) {
-                W[i][j] -= f * W[k][j];
-            }
-        }
+    if (!solve_plain(&K[0][0], NE, NE + NY)) { /* stiffness dominates: no pivoting */
+        return 0;
     }
-    for (int k = NE - 1; k >= 0; --k) {
-        for (int j = 0; j < NY; ++j) {
-            for (int i = k + 1; i < NE; ++i) {
-                W[k][j] -= K[k][i] * W[i][j];
-            }
-            W[k][j] /= K[k][k];
-        }
+    for (int i = 0; i < NE; ++i) {
+        copy(K[i] + NE, NY, W[i]);
     }
     return 1;
 }
 #endif
 
+/* The slopes at an instant, relative to the bounds; 0 where numbers are none. */
 static inline int slopes_at(arm_points *arm, const real *torque, const real *bound, slopes_ahead *f, real *space)
 {
     real M[NG][NG], F[NG][NY], G[NG][NY], U[NG][NY], p[NG], slope[NG], base[NG];
@@ -273,18 +169,10 @@ static inline int slopes_at(arm_points *arm, const real *torque, const real *bou
         return 0;
     }
     for (int first = 0; first < NG; first += POINTS) { /* tau_g is linear in the accelerations */
-        int status;
         for (int l = 0; l < POINTS && first + l < NG; ++l) {
             arm->a[i_g[first + l]][l] += 1.0;
         }
-#if ELBOW_NE > 0
-        status = elbow_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0],
-            &arm->row[0][0], space);
-#else
-        status = elbow_inversion_rows_batch(
-            POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space);
-#endif
-        if (status != ELBOW_OK) {
+        if (rows_of(arm, space) != ELBOW_OK) {
             return 0;
         }
         for (int l = 0; l < POINTS && first + l < NG; ++l) {

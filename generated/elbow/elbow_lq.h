@@ -1,27 +1,23 @@
 /*
- * elbow: one Gauss-Newton step of the least-squares inversion over a mesh, as a linear-quadratic problem; private.
+ * elbow: one Gauss-Newton step of the inversion over a mesh, a linear-quadratic problem; private.
  *
  * Unknown are the accelerations a_e at the Gauss points of each interval, the control of the double integrator
  * y = (q_e, v_e). The step d minimises
  *
  *     sum |(R + R_q dq + R_v dv + R_a da) / s_r|^2 + tiny (|y + dy - y_ref|^2 / s_y^2 + |da|^2 / s_a^2),   dy_0 = 0,
  *
- * where y_ref is the present y itself or, on a moving horizon, the quasi-static motion,
- * by a Riccati recursion with blocks of fixed size. It is regular where R_a is singular (flat points) and picks, of
- * the motions that make R vanish, the one that does not blow up.
+ * where y_ref is the present y itself or, on a moving horizon, the quasi-static motion, by a Riccati recursion with
+ * blocks of fixed size. It is regular where R_a is singular (flat points) and picks, of the motions that make R vanish,
+ * the one that does not blow up.
  */
 #ifndef ELBOW_LQ_H
 #define ELBOW_LQ_H
 
-#include "elbow_inversion.h"
+#include "elbow_tiles.h"
 
 #if ELBOW_NE > 0
 
 enum {
-    CONTROLS = STAGES * NE,
-    STATES = 2 * NE,
-    COLUMNS = CONTROLS + STATES + 1, /* the last one: right side */
-    WIDTH = (COLUMNS + 7) / 8 * 8,
     PANEL = 8,
     RESIDUALS = STAGES * NE,
     GROUP = 8, /* intervals that are evaluated together */
@@ -34,22 +30,7 @@ static const real scale_v = 1.0;   /* rad/s or m/s */
 static const real scale_a = 1e3;   /* rad/s^2 or m/s^2 */
 static const real tiny = 1e-12;
 
-/* Mesh and unknowns: arrays of the caller. */
-typedef struct {
-    int N;         /* intervals */
-    real h;        /* their length */
-    real *y;       /* (N + 1) x STATES: at the nodes */
-    real *a;       /* N x STAGES x NE */
-    real *q_g;     /* N x STAGES x NG: at the Gauss points */
-    real *reference; /* N x STAGES x REFERENCE: the path there */
-    real *aim;     /* (N + 1) x STATES: what the nodes are drawn to; NULL for where they are */
-    const real *rest; /* STATES: what the last node is drawn to, where aim is NULL; NULL for where it is */
-    real *factor;  /* N x CONTROLS x WIDTH: rows of the elimination, pivots inverted on the diagonal */
-    real *scale;   /* NE: torque of a row */
-    const real *end; /* STATES x STATES: weight of the last node; NULL for the tiny one */
-    real residual; /* out: largest |R / s_r| */
-} mesh;
-
+/* Memory of a step. */
 typedef struct {
     arm_points arm;
     real point[GROUP_POINTS * POINT];
@@ -57,58 +38,6 @@ typedef struct {
     real H[(COLUMNS + 1) * WIDTH];
     real P[STATES * STATES], p[STATES];
 } lq_space;
-
-/* Coordinates and speeds at a Gauss point from the node before and the accelerations of the interval. */
-static inline void stage_state(const real *y, const real *a, real h, int s, real *q, real *v)
-{
-    for (int i = 0; i < NE; ++i) {
-        real once = 0.0, twice = 0.0;
-        for (int j = 0; j < STAGES; ++j) {
-            real A2 = 0.0;
-            for (int k = 0; k < STAGES; ++k) {
-                A2 += gauss_A[s][k] * gauss_A[k][j];
-            }
-            once += gauss_A[s][j] * a[j * NE + i];
-            twice += A2 * a[j * NE + i];
-        }
-        q[i] = y[i] + h * gauss_c[s] * y[NE + i] + h * h * twice;
-        v[i] = y[NE + i] + h * once;
-    }
-}
-
-static inline void next_node(const real *y, const real *a, real h, real *next)
-{
-    for (int i = 0; i < NE; ++i) {
-        real once = 0.0, twice = 0.0;
-        for (int j = 0; j < STAGES; ++j) {
-            once += gauss_b[j] * a[j * NE + i];
-            twice += gauss_b[j] * (1.0 - gauss_c[j]) * a[j * NE + i];
-        }
-        next[i] = y[i] + h * y[NE + i] + h * h * twice;
-        next[NE + i] = y[NE + i] + h * once;
-    }
-}
-
-/* Bring Gauss point number `at` (of all) into place l. */
-static inline void load_point(const mesh *m, int at, arm_points *p, int l)
-{
-    const int k = at / STAGES, s = at % STAGES;
-    const real *reference = m->reference + (ptrdiff_t)at * REFERENCE;
-    const real *a = m->a + (ptrdiff_t)k * CONTROLS;
-    real q[NE], v[NE];
-    stage_state(m->y + (ptrdiff_t)k * STATES, a, m->h, s, q, v);
-    for (int i = 0; i < NE; ++i) {
-        p->q[i_e[i]][l] = q[i];
-        p->v[i_e[i]][l] = v[i];
-        p->a[i_e[i]][l] = a[s * NE + i];
-    }
-    for (int i = 0; i < NG; ++i) {
-        p->q[i_g[i]][l] = m->q_g[(ptrdiff_t)at * NG + i];
-        p->v[i_g[i]][l] = 0.0;
-        p->a[i_g[i]][l] = 0.0;
-    }
-    load_reference(p, l, reference);
-}
 
 /* Residuals and slopes at the Gauss points of the intervals first ... first + count - 1. */
 static inline int evaluate_group(mesh *m, int first, int count, lq_space *w, real *space)
@@ -159,8 +88,7 @@ static inline int evaluate_residual(mesh *m, lq_space *w, real *space)
         }
         status = follow(arm, space);
         if (status == ELBOW_OK) {
-            status = inner(elbow_inversion_rows_batch(
-                POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space));
+            status = rows_of(arm, space);
         }
         if (status != ELBOW_OK) {
             return status;
@@ -176,70 +104,6 @@ static inline int evaluate_residual(mesh *m, lq_space *w, real *space)
     }
     return ELBOW_OK;
 }
-
-/*
- * H[i][j] += sum_p weighed[p][i] rows[p][j], p < count, for i >= first and j >= i. Tiles of eight vectors, some rows of
- * H high and eight numbers wide, stay in registers for all p: by name, as not all compilers unroll loops over arrays.
- */
-#if LANES == 8
-#define TILE(DO) DO(0, 0, 0) DO(1, 1, 0) DO(2, 2, 0) DO(3, 3, 0) DO(4, 4, 0) DO(5, 5, 0) DO(6, 6, 0) DO(7, 7, 0)
-#define TILE_ROWS(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7)
-#define TILE_VECTORS(DO) DO(0)
-#elif LANES == 4
-#define TILE(DO) DO(0, 0, 0) DO(1, 0, 1) DO(2, 1, 0) DO(3, 1, 1) DO(4, 2, 0) DO(5, 2, 1) DO(6, 3, 0) DO(7, 3, 1)
-#define TILE_ROWS(DO) DO(0) DO(1) DO(2) DO(3)
-#define TILE_VECTORS(DO) DO(0) DO(1)
-#elif LANES == 2
-#define TILE(DO) DO(0, 0, 0) DO(1, 0, 1) DO(2, 0, 2) DO(3, 0, 3) DO(4, 1, 0) DO(5, 1, 1) DO(6, 1, 2) DO(7, 1, 3)
-#define TILE_ROWS(DO) DO(0) DO(1)
-#define TILE_VECTORS(DO) DO(0) DO(1) DO(2) DO(3)
-#else
-#define TILE(DO) DO(0, 0, 0) DO(1, 0, 1) DO(2, 0, 2) DO(3, 0, 3) DO(4, 0, 4) DO(5, 0, 5) DO(6, 0, 6) DO(7, 0, 7)
-#define TILE_ROWS(DO) DO(0)
-#define TILE_VECTORS(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7)
-#endif
-#define TILE_SUM(k, a, b) lanes sum##k = load_v(H + (i + a) * WIDTH + j + b * LANES);
-#define TILE_ROW(b) const lanes x##b = load_v(rows + p * WIDTH + j + b * LANES);
-#define TILE_WEIGHT(a) const lanes w##a = splat_v(weighed[p * WIDTH + i + a]);
-#define TILE_ADD(k, a, b) sum##k += w##a * x##b;
-#define TILE_STORE(k, a, b) store_v(H + (i + a) * WIDTH + j + b * LANES, sum##k);
-
-static inline void add_rows_of(
-    real *RESTRICT H, const real *RESTRICT rows, const real *RESTRICT weighed, int count, int first)
-{
-    int i = first;
-    while (i < COLUMNS - 1) {
-        if (i % LANES == 0 && i + LANES <= COLUMNS) {
-            for (int j = i / 8 * 8; j < WIDTH; j += 8) {
-                TILE(TILE_SUM)
-                for (int p = 0; p < count; ++p) {
-                    TILE_VECTORS(TILE_ROW)
-                    TILE_ROWS(TILE_WEIGHT)
-                    TILE(TILE_ADD)
-                }
-                TILE(TILE_STORE)
-            }
-            i += LANES;
-        } else {
-            for (int j = i / 8 * 8; j < WIDTH; j += LANES) {
-                lanes sum = load_v(H + i * WIDTH + j);
-                for (int p = 0; p < count; ++p) {
-                    sum += splat_v(weighed[p * WIDTH + i]) * load_v(rows + p * WIDTH + j);
-                }
-                store_v(H + i * WIDTH + j, sum);
-            }
-            ++i;
-        }
-    }
-}
-#undef TILE
-#undef TILE_ROWS
-#undef TILE_VECTORS
-#undef TILE_SUM
-#undef TILE_ROW
-#undef TILE_WEIGHT
-#undef TILE_ADD
-#undef TILE_STORE
 
 /* Rows of the linearised residuals of one interval, in scaled unknowns (a, q, v) and right side. */
 static inline void interval_rows(const mesh *m, const real *point, real *J)
@@ -421,9 +285,7 @@ static inline int lq_endless(mesh *still, int sweeps, lq_space *w, real *space, 
         if (status != ELBOW_OK) {
             return status;
         }
-        for (int i = 0; i < STATES * STATES; ++i) {
-            cost[i] = w->P[i];
-        }
+        copy(w->P, STATES * STATES, cost);
     }
     return ELBOW_OK;
 }

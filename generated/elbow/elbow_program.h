@@ -1,5 +1,5 @@
 /*
- * elbow: a small quadratic program with soft bounds, by operator splitting in a fixed number of steps; private.
+ * elbow: a small quadratic program with soft bounds, by a fixed number of splitting steps; private.
  *
  *     min  z' H z / 2 + g' z + price * sum_i dist(x_i + (A z)_i, [-1, 1])
  *

@@ -4,7 +4,7 @@
 #ifndef ELBOW_REST_H
 #define ELBOW_REST_H
 
-#include "elbow_inversion.h"
+#include "elbow_dense.h"
 
 enum { REST_STEPS = 60 };
 
@@ -22,25 +22,12 @@ static inline int solve_square(real (*M)[NA], real *b, real *x)
         b[i] /= size;
     }
     for (int k = 0; k < NA; ++k) {
-        int best = k;
-        for (int i = k + 1; i < NA; ++i) {
-            if (fabs_1(M[i][k]) > fabs_1(M[best][k])) {
-                best = i;
-            }
-        }
+        const int best = pivot_row(&M[0][0], NA, NA, k);
         if (!(fabs_1(M[best][k]) > 1e-12)) {
             return 0;
         }
-        for (int j = 0; j < NA && best != k; ++j) {
-            const real t = M[k][j];
-            M[k][j] = M[best][j];
-            M[best][j] = t;
-        }
-        if (best != k) {
-            const real t = b[k];
-            b[k] = b[best];
-            b[best] = t;
-        }
+        swap_rows(M[k], M[best], NA);
+        swap_rows(b + k, b + best, 1);
         for (int i = k + 1; i < NA; ++i) {
             const real f = M[i][k] / M[k][k];
             for (int j = k + 1; j < NA; ++j) {

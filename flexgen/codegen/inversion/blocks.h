@@ -13,6 +13,7 @@
 #ifndef MODEL_BLOCKS_H
 #define MODEL_BLOCKS_H
 
+#include "model_dense.h"
 #include "model_lq.h"
 
 #if MODEL_NE > 0
@@ -108,13 +109,8 @@ static inline int eliminate_rows(real *RESTRICT rows, int height, int columns, i
     for (int begin = 0; begin < columns; begin += PANEL) {
         const int end = columns - begin < PANEL ? columns : begin + PANEL;
         for (int k = begin; k < end; ++k) {
+            const int best = pivot_row(rows, height, width, k);
             real *top = rows + k * width, masked[PANEL], pivot;
-            int best = k;
-            for (int i = k + 1; i < height; ++i) {
-                if (fabs_1(rows[i * width + k]) > fabs_1(rows[best * width + k])) {
-                    best = i;
-                }
-            }
             if (!(fabs_1(rows[best * width + k]) > least_pivot)) {
                 return 0;
             }
@@ -172,17 +168,8 @@ static inline int sign_of(real *A)
 {
     int sign = 1;
     for (int k = 0; k < NE; ++k) {
-        int best = k;
-        for (int i = k + 1; i < NE; ++i) {
-            if (fabs_1(A[i * NE + k]) > fabs_1(A[best * NE + k])) {
-                best = i;
-            }
-        }
-        for (int j = 0; j < NE && best != k; ++j) {
-            const real t = A[k * NE + j];
-            A[k * NE + j] = A[best * NE + j];
-            A[best * NE + j] = t;
-        }
+        const int best = pivot_row(A, NE, NE, k);
+        swap_rows(A + k * NE, A + best * NE, NE);
         if (best != k) {
             sign = -sign;
         }

@@ -1,5 +1,5 @@
 /*
- * model: inverse dynamics along a whole path as a two-point problem. Written by flexgen; see model.h.
+ * model: inverse dynamics along a path as a two-point problem. Written by flexgen; see model.h.
  *
  * At the start the motion may differ from rest by what grows, at the end by what fades; between them the equations hold
  * at the Gauss points, and Newton's method solves all together. Nothing is weighed against anything, so that it is the
@@ -72,9 +72,7 @@ static int bind_ends(two_point *b, const path *p, const real *q, blocks_space *w
         return status;
     }
     report[4] = unstable;
-    for (int i = 0; i < NA; ++i) {
-        end[i] = q[i];
-    }
+    copy(q, NA, end);
     for (int i = 0; i < NG; ++i) {
         end[i_g[i]] = q_g[i];
     }
@@ -120,7 +118,10 @@ static int solve_two_point(two_point *b, real tolerance, real *report, blocks_sp
         }
         worse = before >= 0.0 && *residual > 0.5 * before ? worse + 1 : 0;
         if (steps == NEWTON_STEPS || worse == 4 || !(*residual < 1e12)) {
-            return b->turns ? MODEL_FLAT : *residual <= tolerance ? MODEL_OK : MODEL_NOT_CONVERGED;
+            if (b->turns) {
+                return MODEL_FLAT;
+            }
+            return *residual <= tolerance ? MODEL_OK : MODEL_NOT_CONVERGED;
         }
         before = *residual;
     }
@@ -161,9 +162,7 @@ int model_bvp(int n, double period, const double *place, const double *rate, con
     b = (two_point *)(void *)(work + l.problem);
     w = (blocks_space *)(void *)(work + l.blocks);
     space = work + l.space;
-    for (int i = 0; i < NA; ++i) {
-        q[i] = q_start[i];
-    }
+    copy(q_start, NA, q);
     b->m.N = (int)l.intervals;
     b->m.h = every * period;
     b->m.y = work + l.y;

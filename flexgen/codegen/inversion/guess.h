@@ -4,7 +4,8 @@
 #ifndef MODEL_GUESS_H
 #define MODEL_GUESS_H
 
-#include "model_samples.h"
+#include "model_mesh.h"
+#include "model_path.h"
 
 enum { MOST_SAMPLES = 1000000 };
 

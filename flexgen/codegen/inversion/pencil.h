@@ -8,6 +8,7 @@
 #ifndef MODEL_PENCIL_H
 #define MODEL_PENCIL_H
 
+#include "model_dense.h"
 #include "model_lq.h"
 
 #if MODEL_NE > 0
@@ -29,22 +30,13 @@ static inline int invert_square(square X, int n, real least)
 {
     int from[STATES];
     for (int k = 0; k < n; ++k) {
-        int best = k;
+        const int best = pivot_row(X[0], n, STATES, k);
         real pivot;
-        for (int i = k + 1; i < n; ++i) {
-            if (fabs_1(X[i][k]) > fabs_1(X[best][k])) {
-                best = i;
-            }
-        }
         from[k] = best;
         if (!(fabs_1(X[best][k]) > least)) {
             return 0;
         }
-        for (int j = 0; j < n && best != k; ++j) {
-            const real t = X[k][j];
-            X[k][j] = X[best][j];
-            X[best][j] = t;
-        }
+        swap_rows(X[k], X[best], n);
         pivot = 1.0 / X[k][k];
         X[k][k] = 1.0;
         for (int j = 0; j < n; ++j) {

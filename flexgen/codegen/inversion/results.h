@@ -1,9 +1,10 @@
 /*
- * model: what a whole path gives: motion and torques of the arm at the samples, and of the motors behind them; private.
+ * model: what a whole path gives: motion and torques of arm and motors at the samples; private.
  */
 #ifndef MODEL_RESULTS_H
 #define MODEL_RESULTS_H
 
+#include "model_motors.h"
 #include "model_samples.h"
 
 /* The samples that are asked for: the caller's arrays, sample after sample, and room of the workspace. */
@@ -43,16 +44,12 @@ static inline int arm_at_samples(
             real reference[REFERENCE];
             reference_at(r->p, (int)(k - r->lead), 0.0, reference);
             load_reference(arm, point, reference);
-            for (int i = 0; i < NG; ++i) {
-                arm->q[i_g[i]][point] = last[i];
-                arm->v[i_g[i]][point] = 0.0;
-                arm->a[i_g[i]][point] = 0.0;
-            }
+            load_joints(arm, point, last);
 #if MODEL_NE > 0
             {
                 const ptrdiff_t interval = k / r->every < r->m->N ? k / r->every : r->m->N - 1;
                 const real x = (real)(k - interval * r->every) / r->every;
-                load_elastic(r->m, r->a_node, &f, interval, x, arm, point);
+                load_between(r->m, r->a_node, &f, interval, x, arm, point);
             }
 #endif
         }
@@ -150,75 +147,38 @@ static inline int judged(real residual, real unevenness_there, real tolerance)
 /* Motors at the samples, through the gears. */
 static inline int motors_at_samples(const results *r, real *space)
 {
-    const real period = r->p->period;
-    real last[NG], now[NG], left[NG][3] = {{0.0}}, right[NG][3] = {{0.0}};
-    real linear[NG][4];
-    int quick[NG], slow = 0;
+    const ptrdiff_t first = MARGIN * NG;
+    const real rest[NG] = {0.0};
+    gears g;
     hold_ends(r->tau, r->samples);
-    if (!which_follow_at_once(period, quick, space)) {
+    if (!static_twists(r->tau + first, r->samples, rest, r->twist + first, r->slope, NG, space)) {
         return MODEL_RESULT_NOT_FINITE;
     }
-    for (int i = 0; i < NG; ++i) {
-        last[i] = 0.0;
-    }
-    for (ptrdiff_t k = 0; k < r->samples; ++k) {
-        real slope[NG];
-        if (!static_twist(r->tau + (k + MARGIN) * NG, last, slope, space)) {
-            return MODEL_RESULT_NOT_FINITE;
-        }
-        for (int i = 0; i < NG; ++i) {
-            r->twist[(k + MARGIN) * NG + i] = last[i];
-            r->slope[k * NG + i] = slope[i];
-        }
-    }
     hold_ends(r->twist, r->samples);
-    linear_steps(period, r->slope, linear);
-    for (int i = 0; i < NG; ++i) {
-        now[i] = r->twist[MARGIN * NG + i];
-        slow |= !quick[i];
+    if (!begin_gears(&g, r->p->period, r->twist + first, space)) {
+        return MODEL_RESULT_NOT_FINITE;
     }
     for (ptrdiff_t k = 0; k < r->samples; ++k) {
-        const real *tau = r->tau + (k + MARGIN) * NG, *twist = r->twist + (k + MARGIN) * NG;
-        for (int i = 0; i < NG && slow; ++i) {
-            for (int j = 0; j < 3; ++j) {
-                left[i][j] = right[i][j];
-            }
-            right[i][0] = tau[i];
-            right[i][1] = period * slope_of(tau + i, NG, period);
-            right[i][2] = period * period * curvature_of(tau + i, NG, period);
-        }
-        if (slow && k > 0 && !twist_step(period, linear, left, right, now, space)) {
+        const ptrdiff_t at = first + k * NG;
+        if (!carry_gears(&g, k == 0, r->tau + at, space)) {
             return MODEL_RESULT_NOT_FINITE;
         }
-        for (int i = 0; i < NG; ++i) {
-            const real lag = gear_is_rigid[i] ? 0.0 : gear_damping[i] / r->slope[k * NG + i];
-            r->late[(k + MARGIN) * NG + i] = quick[i] ? twist[i] - lag * slope_of(twist + i, NG, period) : now[i];
-        }
+        late_twists(&g, r->twist + at, r->slope + k * NG, r->late + at);
     }
     hold_ends(r->late, r->samples);
     for (ptrdiff_t k = 0; k < r->samples; ++k) {
-        const real *tau = r->tau + (k + MARGIN) * NG, *twist = r->late + (k + MARGIN) * NG;
-        real value[NG], slope[NG], theta[NG], omega[NG], alpha[NG];
-        if (model_gear_law(twist, value, slope, space) != MODEL_OK) {
-            return MODEL_RESULT_NOT_FINITE;
-        }
+        const ptrdiff_t at = first + k * NG;
+        real q[NG], v[NG], a[NG];
         for (int i = 0; i < NG; ++i) {
-            real once, twice;
-            if (quick[i]) {
-                once = slope_of(twist + i, NG, period);
-                twice = curvature_of(twist + i, NG, period);
-            } else {
-                once = (tau[i] - value[i]) / gear_damping[i];
-                twice = (slope_of(tau + i, NG, period) - slope[i] * once) / gear_damping[i];
-            }
-            theta[i] = r->q_a[k * NA + i_g[i]] + twist[i];
-            omega[i] = r->v_a[k * NA + i_g[i]] + once;
-            alpha[i] = r->a_a[k * NA + i_g[i]] + twice;
-            r->twist[(k + MARGIN) * NG + i] = alpha[i]; /* for `unevenness`; the static twists have served */
+            q[i] = r->q_a[k * NA + i_g[i]];
+            v[i] = r->v_a[k * NA + i_g[i]];
+            a[i] = r->a_a[k * NA + i_g[i]];
         }
-        if (!motors_of(theta, omega, alpha, tau, r->q_m + k * NM, r->v_m + k * NM, r->tau_m + k * NM, space)) {
+        if (!motors_behind(&g, r->tau + at, r->late + at, q, v, a, r->q_m + k * NM, r->v_m + k * NM, r->tau_m + k * NM,
+                space)) {
             return MODEL_RESULT_NOT_FINITE;
         }
+        copy(a, NG, r->twist + at); /* for `unevenness`; the static twists have served */
     }
     return MODEL_OK;
 }

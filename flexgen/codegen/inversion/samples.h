@@ -4,8 +4,9 @@
 #ifndef MODEL_SAMPLES_H
 #define MODEL_SAMPLES_H
 
-#include "model_lq.h"
-#include "model_motors.h"
+#include "model_dense.h"
+#include "model_mesh.h"
+#include "model_path.h"
 
 #if MODEL_NE > 0
 
@@ -33,22 +34,22 @@ typedef struct {
 
 static inline void prepare(interpolant *f)
 {
-    for (int c = 0; c < STAGES; ++c) {
-        real a[3][4], out[3];
-        for (int i = 0; i < STAGES; ++i) {
-            for (int j = 0; j < STAGES; ++j) {
-                bump(gauss_c[i], j, out);
-                a[i][j] = out[2];
-            }
-            a[i][3] = i == c ? 1.0 : 0.0;
+    real a[STAGES][2 * STAGES];
+    for (int i = 0; i < STAGES; ++i) {
+        for (int j = 0; j < STAGES; ++j) {
+            real out[3];
+            bump(gauss_c[i], j, out);
+            a[i][j] = out[2];
+            a[i][STAGES + j] = i == j ? 1.0 : 0.0;
         }
-        solve_three(a);
-        for (int i = 0; i < STAGES; ++i) {
-            f->inverse[i][c] = a[i][3];
-        }
+    }
+    (void)solve_plain(&a[0][0], STAGES, 2 * STAGES); /* regular */
+    for (int i = 0; i < STAGES; ++i) {
+        copy(a[i] + STAGES, STAGES, f->inverse[i]);
     }
 }
 
+/* Value and two derivatives, times h and h^2, at x of an interval of length h. */
 static inline void between(const interpolant *f, const real left[3], const real right[3], const real *a,
     ptrdiff_t stride, real h, real x, real out[3])
 {
@@ -110,92 +111,25 @@ static inline void nodal_accelerations(const mesh *m, real *a_node)
 }
 
 /* Non-actuated coordinates, speeds and accelerations at x, 0 <= x <= 1, of an interval, into place l. */
-static inline void load_elastic(
+static inline void load_between(
     const mesh *m, const real *a_node, const interpolant *f, ptrdiff_t interval, real x, arm_points *arm, int l)
 {
     const real h = m->h;
     const real *y0 = m->y + interval * STATES, *y1 = y0 + STATES;
     const real *a0 = a_node + interval * NE, *a1 = a0 + NE;
+    real q[NE], v[NE], a[NE];
     for (int i = 0; i < NE; ++i) {
         const real left[3] = {y0[i], h * y0[NE + i], h * h * a0[i]};
         const real right[3] = {y1[i], h * y1[NE + i], h * h * a1[i]};
         real out[3];
         between(f, left, right, m->a + interval * CONTROLS + i, NE, h, x, out);
-        arm->q[i_e[i]][l] = out[0];
-        arm->v[i_e[i]][l] = out[1] / h;
-        arm->a[i_e[i]][l] = out[2] / (h * h);
+        q[i] = out[0];
+        v[i] = out[1] / h;
+        a[i] = out[2] / (h * h);
     }
+    load_elastic(arm, l, q, v, a);
 }
 
-#endif
-
-/* Gear torques and residuals of POINTS instants whose non-actuated motion is known. */
-static inline int torques(arm_points *arm, real *space)
-{
-    const int status = follow(arm, space);
-    if (status != MODEL_OK) {
-        return status;
-    }
-#if MODEL_NE > 0
-    return inner(model_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0],
-        &arm->row[0][0], space));
-#else
-    return inner(model_inversion_rows_batch(
-        POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space));
-#endif
-}
-
-/* Largest of the workspaces that the functions used here want. */
-static inline ptrdiff_t space_wanted(void)
-{
-    ptrdiff_t most = MODEL_OUTPUT_CONSTRAINT_BATCH_WORK;
-#if MODEL_NE > 0
-    most = most < MODEL_INVERSION_SLOPES_BATCH_WORK ? MODEL_INVERSION_SLOPES_BATCH_WORK : most;
-    most = most < MODEL_INVERSION_SLOPES_WORK ? MODEL_INVERSION_SLOPES_WORK : most;
-#endif
-    most = most < MODEL_OUTPUT_CONSTRAINT_WORK ? MODEL_OUTPUT_CONSTRAINT_WORK : most;
-    most = most < MODEL_INVERSION_ROWS_BATCH_WORK ? MODEL_INVERSION_ROWS_BATCH_WORK : most;
-    most = most < MODEL_GEAR_LAW_WORK ? MODEL_GEAR_LAW_WORK : most;
-    most = most < MODEL_MOTOR_FRICTION_WORK ? MODEL_MOTOR_FRICTION_WORK : most;
-    return most + 8;
-}
-
-/* Room in the workspace, in numbers; whole vectors apart. */
-static inline int64_t room(int64_t n)
-{
-    return (n + 7) / 8 * 8;
-}
-
-#if MODEL_POSE
-/* Whether R, by columns, is a rotation. */
-static inline int is_rotation(const real *R)
-{
-    for (int i = 0; i < 3; ++i) {
-        real c[3];
-        for (int j = 0; j < 3; ++j) {
-            const real *a = R + 3 * i, *b = R + 3 * j;
-            const real dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-            if (!(fabs_1(dot - (i == j ? 1.0 : 0.0)) < 1e-6)) {
-                return 0;
-            }
-        }
-        cross(R + 3 * i, R + 3 * ((i + 1) % 3), c);
-        for (int j = 0; j < 3; ++j) {
-            if (!(fabs_1(c[j] - R[3 * ((i + 2) % 3) + j]) < 1e-6)) {
-                return 0;
-            }
-        }
-    }
-    return 1;
-}
-
-/* Whether two orientations are close enough for a quintic between them. */
-static inline int are_near(const real *R0, const real *R1)
-{
-    real f[3];
-    turned(R0, R1, f);
-    return largest(f, 3) < 0.3;
-}
 #endif
 
 #endif

@@ -1,0 +1,193 @@
+/*
+ * model: motion and torques of the interval that begins now, and how even they are; private to the stream.
+ */
+#ifndef MODEL_INTERVAL_H
+#define MODEL_INTERVAL_H
+
+#include "model_horizon.h"
+#include "model_motors.h"
+#include "model_samples.h"
+
+enum { FORGETS = 4 }; /* times in a horizon */
+
+/* What an update gives: arrays of the caller, sample after sample. */
+typedef struct {
+    real *q_a, *v_a, *tau_g, *q_m, *v_m, *tau_m;
+} interval;
+
+/* Motion and gear torques of the arm in the window around the interval; worst: the largest residual in the interval. */
+static inline int arm_in_window(real *s, const layout *l, const interval *out, real *worst)
+{
+    const int parts = (int)s[PARTS], intervals = (int)s[INTERVALS], end = (int)l->past + intervals;
+    real *joints_now = s + l->q_g + (ptrdiff_t)intervals * STAGES * NG, last[NG];
+    arm_points *arm = arm_of(l, s);
+#if MODEL_NE > 0
+    mesh m = mesh_of(l, s);
+    interpolant f;
+    m.y = s + l->y; /* with what is over */
+    m.a = s + l->a;
+    m.N += (int)l->past;
+    prepare(&f);
+    nodal_accelerations(&m, s + l->a_node);
+#endif
+    *worst = 0.0;
+    /* All from the plan of today, what is over too: the derivatives must not see where plans differ. */
+    copy(joints_now, NG, last);
+    for (int at = 0; at < l->window; at += POINTS) {
+        const int used = (int)(l->window - at < POINTS ? l->window - at : (ptrdiff_t)POINTS);
+        int status;
+        for (int point = 0; point < POINTS; ++point) {
+            const int k = at + (point < used ? point : used - 1) - BACK + (int)l->past * parts;
+            const int node = k / parts < end ? k / parts : end - 1;
+            const real x = k / parts < end ? (real)(k - node * parts) / parts : 1.0;
+            real reference[REFERENCE];
+            between_samples(s + l->nodes + node * (ptrdiff_t)REFERENCE, s[PERIOD], x, reference);
+            load_reference(arm, point, reference);
+            load_joints(arm, point, last);
+#if MODEL_NE > 0
+            load_between(&m, s + l->a_node, &f, node, x, arm, point);
+#endif
+        }
+        status = torques(arm, s + l->space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int point = 0; point < used; ++point) {
+            const int k = at + point - BACK;
+            real *tau = s + l->tau + (at + point) * (ptrdiff_t)NG;
+            real *joint = s + l->joint + (at + point) * (ptrdiff_t)JOINT;
+            if (!(arm->side[point] * s[SIDE] > 0.0)) {
+                return MODEL_UNREACHABLE; /* deflections brought it to the other side of a singular pose */
+            }
+            for (int i = 0; i < NG; ++i) {
+                tau[i] = arm->tau_g[i][point];
+                last[i] = arm->q[i_g[i]][point];
+                joint[i] = arm->q[i_g[i]][point];
+                joint[NG + i] = arm->v[i_g[i]][point];
+                joint[2 * NG + i] = arm->a[i_g[i]][point];
+            }
+            if (k < 0 || k >= parts) {
+                continue;
+            }
+            for (int i = 0; i < NA; ++i) {
+                out->q_a[k * NA + i] = arm->q[i][point];
+                out->v_a[k * NA + i] = arm->v[i][point];
+            }
+            copy(tau, NG, out->tau_g + k * NG);
+            if (k == parts - 1) {
+                copy(last, NG, joints_now);
+            }
+#if MODEL_NE > 0
+            for (int i = 0; i < NE; ++i) {
+                *worst = fmax_1(*worst, fabs_1(arm->row[i][point]) / m.scale[i]);
+            }
+#endif
+        }
+    }
+    return MODEL_OK;
+}
+
+/* Motors in the interval, through the gears, whose twists are carried on from update to update. */
+static inline int motors_in_interval(real *s, const layout *l, const interval *out)
+{
+    const ptrdiff_t parts = (ptrdiff_t)s[PARTS];
+    real *space = s + l->space, stiffness[NG];
+    gears g;
+    if (!begin_gears(&g, s[PERIOD] / (real)parts, s + l->now, space) ||
+        !static_twists(s + l->tau, l->window, s + l->now, s + l->twist, stiffness, 0, space)) {
+        return MODEL_RESULT_NOT_FINITE;
+    }
+    for (ptrdiff_t k = MARGIN; k + MARGIN < l->window; ++k) {
+        real value[NG], slope[NG];
+        if (k >= BACK && k <= BACK + parts && !carry_gears(&g, k == BACK, s + l->tau + k * NG, space)) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+        if (g.slow && k == BACK + parts) {
+            copy(g.now, NG, s + l->now);
+        }
+        if (model_gear_law(s + l->twist + k * NG, value, slope, space) != MODEL_OK) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+        late_twists(&g, s + l->twist + k * NG, slope, s + l->late + k * NG);
+    }
+    for (ptrdiff_t k = 0; k < parts; ++k) {
+        const real *tau = s + l->tau + (k + BACK) * NG, *twist = s + l->late + (k + BACK) * NG;
+        const real *joint = s + l->joint + (k + BACK) * JOINT;
+        real q[NG], v[NG], a[NG];
+        copy(joint, NG, q);
+        copy(joint + NG, NG, v);
+        copy(joint + 2 * NG, NG, a);
+        if (!motors_behind(&g, tau, twist, q, v, a, out->q_m + k * NM, out->v_m + k * NM, out->tau_m + k * NM, space)) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+    }
+    return MODEL_OK;
+}
+
+/*
+ * How far positions and speeds of joints and motors in this interval are from being integrals of speeds and
+ * accelerations, by differences, like `unevenness` of a whole path. Relative to the largest of these within about a
+ * horizon: what was, which is forgotten by and by, what is, and what the joints will do. Twists as if nothing damped
+ * them: damping makes them smoother. Differences that need more than the horizon holds are wrong, and seen here.
+ */
+static inline real unevenness_now(real *s, const layout *l)
+{
+    const ptrdiff_t parts = (ptrdiff_t)s[PARTS], N = (ptrdiff_t)s[INTERVALS];
+    const real h = s[PERIOD], fine = h / (real)parts, sixty = 60.0 * fine;
+    real most[MEASURES] = {1e-4, 1e-2, 1e-7, 1e-4}; /* least that is measured: rest is rest but for rounding */
+    real off[MEASURES] = {0.0}, worst = 0.0;
+    for (ptrdiff_t k = 0; k < parts; ++k) {
+        real a_of[NG], miss[NG];
+        for (int i = 0; i < NG; ++i) {
+            const real *q = s + l->joint + (k + BACK) * JOINT + i, *v = q + NG, a = q[2 * NG];
+            const real *twist = s + l->twist + (k + BACK) * NG + i;
+            real speed[2 * MARGIN + 1];
+            for (ptrdiff_t j = -MARGIN; j <= MARGIN; ++j) {
+                speed[j + MARGIN] = v[j * JOINT] + slope_of(twist + j * NG, NG, fine);
+            }
+            a_of[i] = a + curvature_of(twist, NG, fine);
+            miss[i] = sixty_differences(speed + MARGIN, 1) - sixty * a_of[i];
+            most[0] = fmax_1(most[0], fabs_1(a));
+            most[2] = fmax_1(most[2], fabs_1(v[0]));
+            off[0] = fmax_1(off[0], fabs_1(sixty_differences(v, JOINT) - sixty * a));
+            off[2] = fmax_1(off[2], fabs_1(sixty_differences(q, JOINT) - sixty * v[0]));
+        }
+        for (int j = 0; j < NM; ++j) {
+            real a = 0.0, b = 0.0;
+            for (int i = 0; i < NG; ++i) {
+                a += eta[j][i] * a_of[i];
+                b += eta[j][i] * miss[i];
+            }
+            most[1] = fmax_1(most[1], fabs_1(a));
+            most[3] = fmax_1(most[3], rotor_inertia[j] * fabs_1(a));
+            off[1] = fmax_1(off[1], fabs_1(b));
+            off[3] = fmax_1(off[3], rotor_inertia[j] * fabs_1(b));
+        }
+    }
+    for (ptrdiff_t k = 1; k + 1 < N; ++k) {
+        const real *q = s + l->q_g + k * STAGES * NG;
+        real a[NG];
+        for (int i = 0; i < NG; ++i) {
+            const real before = q[i - STAGES * NG], after = q[i + STAGES * NG];
+            a[i] = (after - 2.0 * q[i] + before) / (h * h);
+            most[0] = fmax_1(most[0], fabs_1(a[i]));
+            most[2] = fmax_1(most[2], fabs_1(after - before) / (2.0 * h));
+        }
+        for (int j = 0; j < NM; ++j) {
+            real sum = 0.0;
+            for (int i = 0; i < NG; ++i) {
+                sum += eta[j][i] * a[i];
+            }
+            most[1] = fmax_1(most[1], fabs_1(sum));
+            most[3] = fmax_1(most[3], rotor_inertia[j] * fabs_1(sum));
+        }
+    }
+    for (int i = 0; i < MEASURES; ++i) {
+        most[i] = fmax_1(most[i], s[l->most + i] * (real)N / (real)(N + FORGETS));
+        s[l->most + i] = most[i];
+        worst = fmax_1(worst, off[i] / (sixty * most[i]));
+    }
+    return worst;
+}
+
+#endif
