@@ -299,17 +299,17 @@ def solve(args: Namespace, tell: Tell) -> Answer:
             data["trajectory"] = str(solution.trajectory.save(args.out))
         text += f"\n\nwrote {args.out}"
     if args.report is not None:
-        from flexgen.comparison import compare, error_rows
+        from flexgen.comparison import compare_methods, error_rows
         from flexgen.report import write_report
 
-        beside = () if args.no_verify else compare(equations, solution, tell)
+        beside = () if args.no_verify else compare_methods(equations, solution, tell)
         data["comparison"] = error_rows(beside)
         rows = None
         if args.robustness:
-            from flexgen.solvers.robustness import compare as on_other_machines
+            from flexgen.solvers.robustness import compare_plants
 
             named = {one.method: one for one in (beside or (solution,))}
-            rows = data["robustness"] = on_other_machines(equations, named, progress=tell)
+            rows = data["robustness"] = compare_plants(equations, named, progress=tell)
         with writing(args.report):
             page = write_report(equations, solution, args.report, beside=beside, robustness=rows)
             data["report"] = str(page)

@@ -9,13 +9,14 @@ import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
+from flexgen.simulation import output_units
 from flexgen.solvers.solution import Solution
 from flexgen.solvers.solve import solve
 
 BASELINES = ("rigid", "fjm", "quasistatic")
 
 
-def compare(
+def compare_methods(
     equations: Equations, solution: Solution, progress: Callable[[str], None] | None = None
 ) -> tuple[Solution, ...]:
     """A verified solution and the baselines of its move, each simulated on the full model.
@@ -54,7 +55,7 @@ def error_rows(solutions: tuple[Solution, ...]) -> list[dict[str, Any]]:
     rows = []
     for solution in solutions:
         row: dict[str, Any] = {"method": solution.method, "status": solution.status}
-        for unit, values in tool_errors(solution).items():
+        for unit, values in error_sizes(solution).items():
             on_path = solution.trajectory.time >= 0
             row[f"start_{unit}"] = float(values[on_path][0])
             row[f"largest_{unit}"] = float(values.max())
@@ -62,16 +63,15 @@ def error_rows(solutions: tuple[Solution, ...]) -> list[dict[str, Any]]:
     return rows
 
 
-def tool_errors(solution: Solution) -> dict[str, np.ndarray]:
+def error_sizes(solution: Solution) -> dict[str, np.ndarray]:
     """Sizes of the simulated output's error over time, (n,) each: ``m`` and ``rad`` where the output has them."""
     simulation = solution.simulation
     if simulation is None or "error" not in simulation.trajectory.channels:
         return {}
-    done, output = simulation.trajectory, solution.model.output
-    if output.type == "combination":
-        unit = output.unit if output.unit in ("m", "rad") else "rad"
-        return {unit: np.abs(done["error"]).max(axis=1)}
-    out = {"m": np.linalg.norm(done["error"], axis=1)}
+    done, units = simulation.trajectory, np.array(output_units(solution.model))
+    out = {
+        unit: np.linalg.norm(done["error"][:, units == unit], axis=1) for unit in ("m", "rad") if (units == unit).any()
+    }
     if "turn" in done.channels:
         out["rad"] = np.abs(done["turn"]).max(axis=1)
     return out

@@ -36,7 +36,7 @@ def run(args: Namespace, tell: Tell) -> Answer:
 
     from flexgen.analysis.report import analyze as analysed
     from flexgen.codegen.build import generate as generated
-    from flexgen.comparison import compare
+    from flexgen.comparison import compare_methods
     from flexgen.report import write_report
     from flexgen.runtime import load
     from flexgen.solvers.solve import ACCURACY
@@ -52,7 +52,7 @@ def run(args: Namespace, tell: Tell) -> Answer:
     tell("solve: inverse dynamics of the reference move, verified by forward simulation")
     solution = solved(equations, args.move, args.method, progress=tell)
     checked = _compared(library, equations, solution)
-    beside = compare(equations, solution, tell)
+    beside = compare_methods(equations, solution, tell)
     tell("report")
     with writing(directory):
         report = write_report(equations, solution, directory, generated=made, beside=beside)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from flexgen import canvas as cv
 from flexgen.analysis.zero_path import ZeroPath
 from flexgen.analysis.zeros import ON_AXIS
-from flexgen.comparison import tool_errors
+from flexgen.comparison import error_sizes
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.solvers.solution import Solution
@@ -54,7 +54,7 @@ def zeros_along(model: RobotModel, path: ZeroPath) -> Figure:
 @cv.styled
 def errors_of_methods(model: RobotModel, solutions: tuple[Solution, ...]) -> Figure:
     """Size of the simulated tool error over time, logarithmic, one line a method."""
-    found = {solution.method: (solution.trajectory.time, tool_errors(solution)) for solution in solutions}
+    found = {solution.method: (solution.trajectory.time, error_sizes(solution)) for solution in solutions}
     units = [u for u in ("m", "rad") if any(u in errors for _, errors in found.values())]
     if not units:
         raise ArgumentError("errors of methods: given solutions that were not verified, expected some with simulation")

@@ -366,9 +366,10 @@ def write_report(
     limits : Limits, optional
         Bounds that the solution was made with; default: those of the model file.
     beside : tuple of Solution
-        The solution among others of the same move, as `flexgen.comparison.compare` finds them, to be shown together.
+        The solution among others of the same move, as `flexgen.comparison.compare_methods` finds them, to be shown
+        together.
     robustness : list of dict, optional
-        Rows of `flexgen.solvers.robustness.compare`.
+        Rows of `flexgen.solvers.robustness.compare_plants`.
 
     Returns
     -------

@@ -69,6 +69,17 @@ def output_labels(model: RobotModel) -> dict[str, tuple[str, ...]]:
     return {"y_ref": tuple("xyz"), "R_ref": tuple(f"{r}{c}" for r in "xyz" for c in "xyz")}
 
 
+def output_units(model: RobotModel) -> tuple[str, ...]:
+    """Unit of each row of the output y, without the orientation of a pose: "m" or "rad"."""
+    output = model.output
+    if output.type != "combination":
+        return ("m",) * (3 if output.type == "tool_pose" else output.size)
+    if output.unit != "mixed":
+        return (output.unit,) * output.size
+    # rows of different units are joints: each row has the unit of its coordinate
+    return tuple(model.coordinates[int(np.argmax(np.abs(row)))].unit for row in output.weights)
+
+
 def _checked(model: RobotModel, data: Trajectory) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """The channels that a simulation needs, their columns in the model's order, and warnings."""
     names_a, names_m = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
@@ -292,9 +303,7 @@ def _output_error(
     y = evaluate(equations.function("output"), q_a)[0].reshape(len(q_a), -1)
     error = y - data["y_ref"]
     if output.type == "combination":
-        # rows of different units are joints: each row has the unit of its coordinate
-        units = [equations.model.coordinates[int(np.argmax(np.abs(row)))].unit for row in output.weights]
-        units = units if output.unit == "mixed" else [output.unit] * len(units)
+        units = output_units(equations.model)
         parts = [error[:, [u == unit for u in units]] for unit in ("m", "rad")]
         worst = [float(np.linalg.norm(part, axis=1).max()) if part.shape[1] else None for part in parts]
         return error, worst[0], worst[1]

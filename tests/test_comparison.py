@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path as FilePath
+
+import numpy as np
 import pytest
 
 import flexgen
-from flexgen.comparison import compare, error_rows
+from flexgen.comparison import compare_methods, error_rows, error_sizes
 from flexgen.mechanics.equations import derive
+from flexgen.model.elements import Output
+from flexgen.model.reader import read
+from flexgen.problems.path import Path
 from flexgen.report import write_report
-from flexgen.solvers.robustness import Plant
-from flexgen.solvers.robustness import compare as on_other_machines
+from flexgen.solvers.robustness import Plant, compare_plants, output_errors
+from flexgen.solvers.solve import _plan_error
 
 
 @pytest.fixture(scope="module")
 def beside():
     equations = derive("planar5_nmp")
     said: list[str] = []
-    solutions = compare(equations, flexgen.solve(equations), said.append)
+    solutions = compare_methods(equations, flexgen.solve(equations), said.append)
     assert len(said) == 3
     return equations, solutions
 
@@ -31,16 +38,53 @@ def test_each_model_is_better_than_the_simpler_one(beside) -> None:
 
 def test_a_machine_without_elastic_coordinates_has_one_baseline() -> None:
     equations = derive("elbow")
-    assert [s.method for s in compare(equations, flexgen.solve(equations))] == ["rigid", "closed-form"]
+    assert [s.method for s in compare_methods(equations, flexgen.solve(equations))] == ["rigid", "closed-form"]
 
 
 def test_report_shows_them_together(beside, tmp_path) -> None:
     equations, solutions = beside
     named = {solution.method: solution for solution in solutions}
-    rows = on_other_machines(equations, named, plants=(Plant("stiffness -5 %", stiffness=0.95),))
+    rows = compare_plants(equations, named, plants=(Plant("stiffness -5 %", stiffness=0.95),))
     page = write_report(equations, solutions[-1], tmp_path, beside=solutions, robustness=rows).read_text("utf-8")
     for text in ("Tool error by method", "quasistatic", "Robustness", "stiffness -5 %", 'id="methods"'):
         assert text in page
     # on another machine, too, the better model stays the better one
     errors = {(row["control"], row["method"]): row["error_max_m"] for row in rows}
     assert errors["feedback", "lq"] < errors["feedback", "rigid"]
+
+
+def joints_of_both_units():
+    """An arm with a slide, whose joints are the output."""
+    model = read(FilePath(__file__).parent / "robots" / "spatial.toml")
+    weights = tuple(tuple(float(i == j) for i in range(model.n_a)) for j in model.i_g)
+    return replace(model, output=Output("combination", "", weights, "mixed"))
+
+
+@pytest.mark.parametrize("name", ["joints of both units", "abb_arm", "planar5_nmp", "manutec_r3_18"])
+def test_errors_are_told_by_unit(name: str) -> None:
+    """Those of the simulation, of the comparison and of the plants are the same."""
+    equations = derive(joints_of_both_units() if name.startswith("joints") else name)
+    solution = flexgen.solve(equations, next(m for m in equations.model.moves if m.type == "joint"), "rigid")
+    simulation, sizes = solution.simulation, error_sizes(solution)
+    assert simulation is not None
+    known = {"m": simulation.tool_error_max_m, "rad": simulation.tool_error_max_rad}
+    assert sizes.keys() == {unit for unit, size in known.items() if size is not None}
+    done = simulation.trajectory
+    apart = output_errors(equations, Path(equations, solution.move), done.time, done["q_a"])
+    for unit, size in sizes.items():
+        assert size.max() == known[unit] > 0
+        assert np.abs(np.linalg.norm(apart[unit], axis=1) - size).max() < 1e-4 * size.max()  # sine for angle
+
+
+def test_the_distance_from_a_plan_keeps_metres_and_angles_apart() -> None:
+    equations = derive("manutec_r3")
+    solution = flexgen.solve(equations)
+    simulation = solution.simulation
+    assert simulation is not None
+    assert max(_plan_error(equations, solution, simulation)) < 1e-6
+    last = np.zeros(equations.model.n_a)
+    last[-1] = 2e-3  # rad; the tool is at (0.1, 0.25, 0.1) m, and the last axis is y
+    moved = replace(simulation.trajectory, channels={**simulation.trajectory.channels})
+    moved.channels["q_a"] = simulation.trajectory["q_a"] + last
+    in_m, in_rad = _plan_error(equations, solution, replace(simulation, trajectory=moved))
+    assert in_rad == pytest.approx(2e-3, rel=1e-3) and in_m == pytest.approx(2e-3 * np.hypot(0.1, 0.1), rel=1e-3)

@@ -11,7 +11,7 @@ from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.reader import read
 from flexgen.solvers import robustness
-from flexgen.solvers.robustness import PLANTS, Bandwidth, Plant, compare, hold_motors, perturbed
+from flexgen.solvers.robustness import PLANTS, Bandwidth, Plant, compare_plants, hold_motors, perturbed
 
 SAME = 1e-9
 NOMINAL, SOFT = PLANTS[0], PLANTS[2]
@@ -20,7 +20,7 @@ METHODS = ("rigid", "fjm", "quasistatic", "collocation")
 
 def _table(equations, plants, controls=("feedforward", "feedback"), methods=METHODS):  # type: ignore[no-untyped-def]
     solutions = {method: flexgen.solve(equations, method=method, verify=False) for method in methods}
-    rows = compare(equations, solutions, plants, controls)
+    rows = compare_plants(equations, solutions, plants, controls)
     return {(row["plant"], row["control"], row["method"]): row for row in rows}
 
 
@@ -94,9 +94,9 @@ def test_a_feedback_of_the_wrong_sign_is_seen(monkeypatch: pytest.MonkeyPatch) -
         k_v, k_p, k_i = right(*arguments)
         return -k_v, k_p, k_i
 
-    (good,) = compare(equations, solutions, (NOMINAL,), ("feedback",))
+    (good,) = compare_plants(equations, solutions, (NOMINAL,), ("feedback",))
     monkeypatch.setattr(robustness, "_gains", wrong)
-    (bad,) = compare(equations, solutions, (NOMINAL,), ("feedback",))
+    (bad,) = compare_plants(equations, solutions, (NOMINAL,), ("feedback",))
     assert bad["error_max_m"] > 10 * good["error_max_m"]
 
 
@@ -104,9 +104,11 @@ def test_wrong_questions_are_refused() -> None:
     equations = flexgen.derive("planar5_mp")
     solution = flexgen.solve(equations, method="rigid", verify=False)
     with pytest.raises(ArgumentError, match="controls: given 'magic'"):
-        compare(equations, {"rigid": solution}, controls=("magic",))
+        compare_plants(equations, {"rigid": solution}, controls=("magic",))
     with pytest.raises(ArgumentError, match="expected one and the same"):
-        compare(equations, {"a": solution, "b": flexgen.solve(equations, "joints", method="rigid", verify=False)})
+        compare_plants(
+            equations, {"a": solution, "b": flexgen.solve(equations, "joints", method="rigid", verify=False)}
+        )
     with pytest.raises(ArgumentError, match="given stiffness 0, expected a positive factor"):
         perturbed(equations.model, Plant("none", stiffness=0))
     assert Bandwidth().position == 20.0

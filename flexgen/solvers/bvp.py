@@ -11,7 +11,7 @@ to rounding; for the same reason it needs as many unstable zeros at the start as
 axis or at infinity: it refuses such a path, which ``lq`` solves.
 
 Order: the motion at the nodes is of order six in the interval length where the zero dynamics is slow against it, and of
-order three where it is fast.
+order four where it is fast.
 
 Source: U. M. Ascher, R. M. M. Mattheij, R. D. Russell, Numerical Solution of Boundary Value Problems for Ordinary
 Differential Equations, 1995, ch. 5 (collocation), 6 (dichotomy), 7 (elimination); J. D. Roberts, Int. J. Control 32(4),

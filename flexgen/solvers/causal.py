@@ -13,11 +13,8 @@ import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.dae import DaeFunctions
-from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.evaluate import evaluate
-from flexgen.mechanics.lagrangian import gears
 from flexgen.solvers.answer import Answer
-from flexgen.solvers.drives import Drives
+from flexgen.solvers.drives import Drives, gear_torques
 from flexgen.solvers.question import Question
 from flexgen.solvers.solution import has_kinks
 
@@ -105,31 +102,17 @@ def answer_of(
     a = dx[:, n : n + model.n_a]
     a_m = a[:, i_g] @ model.eta.T
     a_m[:, i_m] = dx[:, n + model.n_a : 2 * n]
-    drives = Drives(state["q_m"], state["v_m"], a_m, state["tau_m"])
+    motors = Drives(state["q_m"], state["v_m"], a_m, state["tau_m"])
     return Answer(
         t,
         state["q_a"],
         state["v_a"],
         a,
-        gear_torques(ask.equations, state["q_a"], state["v_a"], a, drives),
-        drives,
+        gear_torques(ask.equations, state["q_a"], state["v_a"], a, motors),
+        motors,
         lead=float(max(0.0, -t[0])),
         verdict=verdict,
         iterations=iterations,
         intervals=len(t) - 1 if intervals is None else intervals,
         details=dict(details),
     )
-
-
-def gear_torques(equations: Equations, q: np.ndarray, v: np.ndarray, a: np.ndarray, motors: Drives) -> np.ndarray:
-    """Torques of the gears (n, n_g), arm side.
-
-    Elastic ones: springs and dampers. Through a rigid one goes what its motor gives and neither its rotor nor its
-    friction takes.
-    """
-    twisted = evaluate(equations.function("gear_torque"), q, v, motors.q_m, motors.v_m)[0].reshape(len(q), -1)
-    rotor = evaluate(equations.function("rotor_torque"), q, v, a, motors.v_m, motors.a_m)[0].reshape(len(q), -1)
-    friction = evaluate(equations.function("motor_friction"), motors.v_m)[0].reshape(len(q), -1)
-    through = (motors.tau_m - rotor - friction) @ equations.model.eta
-    rigid = np.array([gear.rigid for gear, _ in gears(equations.model)])
-    return np.where(rigid, through, twisted)

@@ -35,8 +35,7 @@ from flexgen.mechanics.outputs import output_map
 from flexgen.solvers.answer import Answer
 from flexgen.solvers.baselines import quasistatic_motion, simply_coupled
 from flexgen.solvers.collocation import ACCELERATION
-from flexgen.solvers.drives import Drives, drives
-from flexgen.solvers.full import gear_torques
+from flexgen.solvers.drives import Drives, drives, gear_torques
 from flexgen.solvers.question import INTERVALS, Question
 
 ORDER = 4
@@ -92,12 +91,12 @@ def answer(ask: Question, h: float) -> Answer:
     lead = lead if ask.preview is None else float(ask.preview)
     spacing = h if ask.mesh is not None else h / SHARE
     found = discretize(ask, spacing, order, lead, settle)
-    tau_g = gear_torques(ask.equations, found.arm, found.motor, found.tau_m)
+    motors = Drives(*found.motor, found.tau_m)
     return Answer(
         found.t,
         *found.arm,
-        tau_g,
-        Drives(*found.motor, found.tau_m),
+        gear_torques(ask.equations, *found.arm, motors),
+        motors,
         lead=-float(found.t[0]),
         iterations=found.iterations,
         intervals=len(found.t) - 1,

@@ -100,6 +100,20 @@ def twists(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple[np.n
     return p, dp, ddp
 
 
+def gear_torques(equations: Equations, q: np.ndarray, v: np.ndarray, a: np.ndarray, motors: Drives) -> np.ndarray:
+    """Torques of the gears (n, n_g), arm side.
+
+    Elastic ones: springs and dampers. Through a rigid one goes what its motor gives and neither its rotor nor its
+    friction takes.
+    """
+    twisted = evaluate(equations.function("gear_torque"), q, v, motors.q_m, motors.v_m)[0].reshape(len(q), -1)
+    rotor = evaluate(equations.function("rotor_torque"), q, v, a, motors.v_m, motors.a_m)[0].reshape(len(q), -1)
+    friction = evaluate(equations.function("motor_friction"), motors.v_m)[0].reshape(len(q), -1)
+    through = (motors.tau_m - rotor - friction) @ equations.model.eta
+    rigid = np.array([gear.rigid for gear, _ in gears(equations.model)])
+    return np.where(rigid, through, twisted)
+
+
 def _slopes(equations: Equations, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Slope of the gear springs and its slope, each (n, n_g)."""
     spring = equations.function("gear_spring")

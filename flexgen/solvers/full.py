@@ -29,13 +29,12 @@ from scipy.interpolate import CubicSpline
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.evaluate import evaluate
-from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.statics import at_rest, reach
 from flexgen.model.elements import RobotModel
 from flexgen.problems.path import Path
 from flexgen.solvers.collocation import ACCELERATION
-from flexgen.solvers.drives import Drives
+from flexgen.solvers.drives import Drives, gear_torques
 from flexgen.solvers.nlp import NlpResult, Progress, solve_nlp
 from flexgen.solvers.reduction import Motion, Reduction
 from flexgen.solvers.tableaus import Tableau, gauss
@@ -327,26 +326,13 @@ def _samples(
         motor.append(full)
     # IPOPT keeps bounds to its tolerance
     tau_m = np.clip(sampled[1][:, n:], -torque_max, torque_max)
+    drives = Drives(motor[0], motor[1], motor[2], tau_m)
     tau_g = np.zeros((len(t), len(i_g), 3))
-    tau_g[:, :, 0] = gear_torques(equations, (arm[0], arm[1], arm[2]), (motor[0], motor[1], motor[2]), tau_m)
+    tau_g[:, :, 0] = gear_torques(equations, arm[0], arm[1], arm[2], drives)
     bends = arm[0][:, list(model.i_e)]
     pairs = ((tau_m, torque_max), (motor[1], speed_max), (bends, bend_max))
     at_bound = any((np.abs(value) > NEAR * bound).any() for value, bound in pairs)
     limited = bool(at_bound and np.abs(w).max() > NOTICED)
     zero = np.zeros_like(arm[0])
     motion = Motion(arm[0], arm[1], arm[2], zero, zero, tau_g)
-    return FullSolution(t, motion, Drives(motor[0], motor[1], motor[2], tau_m), limited, result)
-
-
-def gear_torques(
-    equations: Equations, arm: tuple[np.ndarray, ...], motor: tuple[np.ndarray, ...], tau_m: np.ndarray
-) -> np.ndarray:
-    """Gear torques on the arm side (n, n_g) from coordinates, speeds, accelerations of arm and motors, and torques."""
-    # through a rigid gear goes what a motor gives and neither its rotor nor its friction takes
-    taken = [
-        evaluate(equations.function("rotor_torque"), *arm, *motor[1:])[0],
-        evaluate(equations.function("motor_friction"), motor[1])[0],
-    ]
-    through = (tau_m - sum(x.reshape(tau_m.shape) for x in taken)) @ equations.model.eta
-    twisted = evaluate(equations.function("gear_torque"), arm[0], arm[1], motor[0], motor[1])[0].reshape(through.shape)
-    return np.where([gear.rigid for gear, _ in gears(equations.model)], through, twisted)
+    return FullSolution(t, motion, drives, limited, result)

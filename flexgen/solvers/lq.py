@@ -6,7 +6,8 @@ the sense of least squares, with weights so small that they only decide what the
 satisfy them, the one that does not blow up. It starts exactly at rest, needs no eigenvalues, and passes flat points,
 where the acceleration cannot be found from the rows.
 
-Order: the motion at the nodes is of order six in the interval length where the zero dynamics is slow against it.
+Order: the motion at the nodes is of order six in the interval length where the zero dynamics is slow against it, and of
+order four where it is fast.
 
 Source: cf. D. Chen, B. Paden, Int. J. Control 64(1), 1996 (stable inversion); J. B. Rawlings, D. Q. Mayne, M. Diehl,
 Model Predictive Control, 2017, sec. 8.8 (Riccati recursion of Gauss-Newton steps).

@@ -28,6 +28,7 @@ from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.statics import Equilibrium, at_rest
 from flexgen.model.elements import BacklashSpring, Body, CubicSpring, Element, LinearSpring, RobotModel, Spring
 from flexgen.problems.path import Path
+from flexgen.simulation import output_units
 from flexgen.solvers.solution import Solution
 from flexgen.trajectory import Trajectory
 
@@ -136,7 +137,7 @@ def hold_motors(equations: Equations, q_m: np.ndarray, q_a: np.ndarray) -> Equil
     raise SolverError("rest with held motors: not found; the springs do not carry the arm at the start of the move")
 
 
-def compare(
+def compare_plants(
     equations: Equations,
     solutions: Mapping[str, Solution],
     plants: Sequence[Plant] = PLANTS,
@@ -226,7 +227,7 @@ class _Run:
             return {**dict.fromkeys(names, np.inf), "torque_max_Nm": np.inf}
         out: dict[str, Any] = dict.fromkeys(names)
         end = int(np.searchsorted(t, self.path.duration - 1e-12))
-        for unit, error in tool_errors(self.equations, self.path, t, q_a).items():
+        for unit, error in output_errors(self.equations, self.path, t, q_a).items():
             size = np.linalg.norm(error, axis=1)
             out[f"error_max_{unit}"], out[f"error_start_{unit}"] = float(size.max()), float(size[0])
             out[f"error_moved_{unit}"] = float(np.linalg.norm(error - error[0], axis=1).max())
@@ -282,19 +283,16 @@ class _Run:
         return t, out, largest
 
 
-def tool_errors(equations: Equations, path: Path, t: np.ndarray, q_a: np.ndarray) -> dict[str, np.ndarray]:
+def output_errors(equations: Equations, path: Path, t: np.ndarray, q_a: np.ndarray) -> dict[str, np.ndarray]:
     """Errors of the output against the path at the instants ``t`` (n,): by unit, "m" and "rad", arrays (n, parts).
 
     Of an orientation: sine of the angle times the axis, in world axes.
     """
-    model, sample = equations.model, path.sample(t)
+    sample, units = path.sample(t), np.array(output_units(equations.model))
     error = evaluate(equations.function("output"), q_a)[0].reshape(len(t), -1) - sample.y[:, :, 0]
-    if model.output.type == "combination":
-        rows = [model.coordinates[int(np.argmax(np.abs(row)))].unit for row in model.output.weights]
-        units = np.array(rows if model.output.unit == "mixed" else [model.output.unit] * len(rows))
-        return {unit: error[:, units == unit] for unit in ("m", "rad") if (units == unit).any()}
-    if sample.R is None:
-        return {"m": error}
+    out = {unit: error[:, units == unit] for unit in ("m", "rad") if (units == unit).any()}
+    if equations.model.output.type == "combination" or sample.R is None:
+        return out
     E = evaluate(equations.function("forward_kinematics"), q_a)[1] @ sample.R.transpose(0, 2, 1)
     turn = np.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], axis=1) / 2
-    return {"m": error, "rad": turn}
+    return {**out, "rad": turn}

@@ -26,10 +26,10 @@ class Solution:
     ``verdict``: the solver's own words, empty for the closed form. ``trajectory``: channels ``q_a v_a a_a q_m v_m a_m
     tau_m tau_g y_ref (R_ref)``. ``residual_max_Nm``: largest residual of the full equations of motion half way between
     the samples [N m, or N for translations]; ``residual_relative``: each row relative to the largest torque in it.
-    ``simulation``: the verification, None where it was switched off. ``plan_error_max`` [m or rad]: for a motion that
-    limits keep off its path, the largest difference between the simulated output and the planned one, else None.
-    ``lead_s``: how long before the path the motion begins. ``intervals``: of the solver's mesh. ``details``: further
-    figures of the method. ``warnings``: what the user should know.
+    ``simulation``: the verification, None where it was switched off. ``plan_error_max``: for a motion that limits keep
+    off its path, how far the simulated output is from the planned one, the larger of distance [m] and angle [rad], else
+    None; each is judged by its own scale. ``lead_s``: how long before the path the motion begins. ``intervals``: of the
+    solver's mesh. ``details``: further figures of the method. ``warnings``: what the user should know.
     """
 
     model: RobotModel

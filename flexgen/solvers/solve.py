@@ -18,7 +18,7 @@ from flexgen.mechanics.statics import reach
 from flexgen.model.elements import Move, RobotModel
 from flexgen.ports import Port
 from flexgen.problems.path import Path
-from flexgen.simulation import Simulation, output_labels, simulate, turn_angle
+from flexgen.simulation import Simulation, output_labels, output_units, simulate, turn_angle
 from flexgen.solvers.answer import Answer
 from flexgen.solvers.full import Limits
 from flexgen.solvers.methods import METHODS, Method
@@ -168,12 +168,12 @@ def _refined(ask: Question, method: Method) -> Solution:
             continue
         simulation = simulate(ask.equations, solution.trajectory, start=ask.rest, progress=ask.progress)
         plan = _plan_error(ask.equations, solution, simulation) if solution.status == "limited" else None
-        solution = replace(solution, simulation=simulation, plan_error_max=plan)
+        solution = replace(solution, simulation=simulation, plan_error_max=None if plan is None else max(plan))
         if solution.status == "baseline":
             return solution
         size = min(1.0, reach(ask.equations))
-        worst = max((simulation.tool_error_max_m or 0.0) / size, simulation.tool_error_max_rad or 0.0)
-        worst = worst if plan is None else plan / size
+        in_m, in_rad = plan or (simulation.tool_error_max_m or 0.0, simulation.tool_error_max_rad or 0.0)
+        worst = max(in_m / size, in_rad)
         if worst <= ask.accuracy and simulation.energy_error <= ENERGY:
             return solution
         if best is None or worst < least:  # a finer mesh may be worse, where rounding is what is left
@@ -184,15 +184,16 @@ def _refined(ask: Question, method: Method) -> Solution:
     return best
 
 
-def _plan_error(equations: Equations, solution: Solution, simulation: Simulation) -> float:
-    """How far the simulated output is from the planned one, which limits keep off the reference [m or rad]."""
+def _plan_error(equations: Equations, solution: Solution, simulation: Simulation) -> tuple[float, float]:
+    """How far the simulated output is from the planned one, which limits keep off the reference: [m] and [rad]."""
     both = (solution.trajectory, simulation.trajectory)
-    planned, found = (evaluate(equations.function("output"), t["q_a"])[0] for t in both)
-    worst = float(np.abs(planned - found).max())
+    planned, found = (evaluate(equations.function("output"), t["q_a"])[0].reshape(len(t.time), -1) for t in both)
+    units = np.array(output_units(equations.model))
+    in_m, in_rad = (float(np.linalg.norm((found - planned)[:, units == u], axis=1).max()) for u in ("m", "rad"))
     if equations.model.output.type == "tool_pose":
         R, S = (evaluate(equations.function("forward_kinematics"), t["q_a"])[1] for t in both)
-        worst = max(worst, float(turn_angle(S, R).max()))
-    return worst
+        in_rad = float(turn_angle(S, R).max())
+    return in_m, in_rad
 
 
 def _is_believable(solution: Solution) -> bool:
