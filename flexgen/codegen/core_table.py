@@ -213,9 +213,10 @@ CORES: tuple[Core, ...] = (
         "is refused (INPUT_NOT_FINITE, BAD_ARGUMENT, UNREACHABLE) changes nothing; after any other negative status the "
         "stream has failed, and NOT_STARTED follows. OK means that in this interval the residual is within the "
         "tolerance, and motors move evenly: by differences of the samples positions, speeds and accelerations agree to "
-        "2 % of the largest of them within about a horizon. It says nothing of intervals to come. INEXACT: the results "
-        "are the best that one step found, or the path is rough there, or the samples are too far apart or too close, "
-        "or fewer than 6 of them lie in the horizon beyond this interval: (intervals - 1) * parts < 6. "
+        "2 % of the largest of them within about a horizon, and the torque goes on where the interval before left it, "
+        "to 2e-4 of its largest. It says nothing of intervals to come. INEXACT: the results are the best that one step "
+        "found, or the path is rough there, or the samples are too far apart or too close, or fewer than 7 of them lie "
+        "in the horizon beyond this interval: (intervals - 1) * parts < 7. "
         "INEXACT and LIMITED are positive and come with results: failures are `status < 0`. To stop, update with the "
         "last place and zero rates until the results rest, at least so many times as the horizon has intervals. A "
         "path that comes late or is refused is no such stop: without an update there are no further torques.",
@@ -249,10 +250,11 @@ CORES: tuple[Core, ...] = (
         "horizon, as little as can be, and the inversion follows the changed path. While it does, and where a bound is "
         "passed, LIMITED is returned, or INEXACT where that holds, too; the report tells both, and the deviation, "
         "which fades when the bounds no longer bind. "
-        "What cannot be kept is passed: the torques are to be compared with the bounds; where one is passed by more "
-        "than 2.5 times, the stream ends with NOT_CONVERGED. The horizon must have at least 4 intervals and be long "
-        "enough to brake in; twice that is better: bends are as quick as the horizon is short, and ones quicker than "
-        "the slowest zero of the zero dynamics make the torque worse. "
+        "What cannot be kept is passed: the torques are to be compared with the bounds; where the path is bent and one "
+        "is passed by more than 2.5 times, the stream ends with LIMITS_LOST. The path is bent only where the motion "
+        "that is under way need not know of it yet, so many intervals ahead as the unstable zeros look, until a "
+        "thousandth of a change is felt; SHORT_HORIZON: fewer than 4 intervals, or less than half as many beyond. As "
+        "many are better, and time to brake in; bends are as quick as the horizon is short. "
         "Bounds may be changed at any time; an infinite torque or speed is none.",
         (
             Argument("stream", "kept", ("stream_work",), "", "memory of the stream"),

@@ -71,6 +71,20 @@ STATUSES = (
         "SolverError",
     ),
     Status(
+        "SHORT_HORIZON",
+        -13,
+        "the horizon is too short to keep limits in: take more intervals, 4 at least, and half as many again as the "
+        "unstable zeros of the arm look ahead",
+        "ArgumentError",
+    ),
+    Status(
+        "LIMITS_LOST",
+        -14,
+        "the limits of the motors cannot be kept, one was passed by more than 2.5 times: loosen them or the move, or "
+        "take a longer horizon",
+        "SolverError",
+    ),
+    Status(
         "INEXACT", 1, "the residual is above the tolerance, or the motion uneven; the result is the best that was found"
     ),
     Status(

@@ -48,7 +48,8 @@ class Interval:
         Of the equations without motor, relative to their torques at rest.
     uneven : float
         How far positions and speeds of joints and motors are from the integrals of speeds and accelerations, by
-        differences at the samples, relative to the largest of these within about a horizon.
+        differences at the samples, relative to the largest of these within about a horizon; or a hundred times the step
+        of a motor torque from where the interval before left it, relative to its largest.
     exact : bool
         Whether ``residual`` is within the tolerance, and ``uneven`` within 2 %.
     limited : bool
@@ -202,8 +203,9 @@ class Stream:
     def limit(self, *, torque: Any = None, speed: Any = None, bend: float = 0.05) -> None:
         """Let the motors keep bounds from the next update on: where they would be passed, the path ahead is bent.
 
-        The horizon must be long enough to brake in and last some twenty time constants of the slowest zero of the zero
-        dynamics: bends are as quick as it is short. Compare torques and speeds with the bounds.
+        It is bent only where the motion that is under way need not know of it yet: some intervals ahead, as far as the
+        unstable zeros look. The horizon must have half as many beyond them, better as many, and be long enough to brake
+        in: bends are as quick as it is short. Compare torques and speeds with the bounds.
 
         Parameters
         ----------
@@ -215,7 +217,7 @@ class Stream:
         Raises
         ------
         ArgumentError
-            Where a bound is not positive, the horizon has fewer than 4 intervals, or the stream has failed.
+            Where a bound is not positive, the horizon is too short, or the stream has failed.
         """
         n_m = self._sizes["n_m"]
         both = [

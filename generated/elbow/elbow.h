@@ -116,6 +116,10 @@ enum elbow_status {
     ELBOW_ZEROS_CHANGE = -11,
     /* a zero is on the imaginary axis at an end of the path, neither stable nor unstable; use invert (method lq) */
     ELBOW_ZERO_ON_AXIS = -12,
+    /* the horizon is too short to keep limits in: take more intervals, 4 at least, and half as many again as the unstable zeros of the arm look ahead */
+    ELBOW_SHORT_HORIZON = -13,
+    /* the limits of the motors cannot be kept, one was passed by more than 2.5 times: loosen them or the move, or take a longer horizon */
+    ELBOW_LIMITS_LOST = -14,
     /* the residual is above the tolerance, or the motion uneven; the result is the best that was found */
     ELBOW_INEXACT = 1,
     /* the bounds of the motors keep the output off its path, or are passed; the report says how far */
@@ -510,12 +514,13 @@ int elbow_stream_start(elbow_real *stream, int64_t stream_size, int intervals, i
  * refused (INPUT_NOT_FINITE, BAD_ARGUMENT, UNREACHABLE) changes nothing; after any other negative status the stream
  * has failed, and NOT_STARTED follows. OK means that in this interval the residual is within the tolerance, and motors
  * move evenly: by differences of the samples positions, speeds and accelerations agree to 2 % of the largest of them
- * within about a horizon. It says nothing of intervals to come. INEXACT: the results are the best that one step found,
- * or the path is rough there, or the samples are too far apart or too close, or fewer than 6 of them lie in the
- * horizon beyond this interval: (intervals - 1) * parts < 6. INEXACT and LIMITED are positive and come with results:
- * failures are `status < 0`. To stop, update with the last place and zero rates until the results rest, at least so
- * many times as the horizon has intervals. A path that comes late or is refused is no such stop: without an update
- * there are no further torques. Stack: at most 11264 bytes.
+ * within about a horizon, and the torque goes on where the interval before left it, to 2e-4 of its largest. It says
+ * nothing of intervals to come. INEXACT: the results are the best that one step found, or the path is rough there, or
+ * the samples are too far apart or too close, or fewer than 7 of them lie in the horizon beyond this interval:
+ * (intervals - 1) * parts < 7. INEXACT and LIMITED are positive and come with results: failures are `status < 0`. To
+ * stop, update with the last place and zero rates until the results rest, at least so many times as the horizon has
+ * intervals. A path that comes late or is refused is no such stop: without an update there are no further torques.
+ * Stack: at most 11264 bytes.
  *
  *       stream stream_work           memory of the stream
  *   in  place  n_t           [mixed] output; for a pose position and rotation matrix by columns
@@ -541,11 +546,12 @@ int elbow_stream_update(elbow_real *stream, const elbow_real *place, const elbow
  * From the next update on, in bounded time: a small quadratic program an update changes the path within the horizon,
  * as little as can be, and the inversion follows the changed path. While it does, and where a bound is passed, LIMITED
  * is returned, or INEXACT where that holds, too; the report tells both, and the deviation, which fades when the bounds
- * no longer bind. What cannot be kept is passed: the torques are to be compared with the bounds; where one is passed
- * by more than 2.5 times, the stream ends with NOT_CONVERGED. The horizon must have at least 4 intervals and be long
- * enough to brake in; twice that is better: bends are as quick as the horizon is short, and ones quicker than the
- * slowest zero of the zero dynamics make the torque worse. Bounds may be changed at any time; an infinite torque or
- * speed is none. Stack: at most 11264 bytes.
+ * no longer bind. What cannot be kept is passed: the torques are to be compared with the bounds; where the path is
+ * bent and one is passed by more than 2.5 times, the stream ends with LIMITS_LOST. The path is bent only where the
+ * motion that is under way need not know of it yet, so many intervals ahead as the unstable zeros look, until a
+ * thousandth of a change is felt; SHORT_HORIZON: fewer than 4 intervals, or less than half as many beyond. As many are
+ * better, and time to brake in; bends are as quick as the horizon is short. Bounds may be changed at any time; an
+ * infinite torque or speed is none. Stack: at most 11264 bytes.
  *
  *      stream     stream_work         memory of the stream
  *   in torque_max n_m         [N m]   of the motors, positive

@@ -8,6 +8,7 @@
 
 enum { LEAST_AHEAD = 4 }; /* intervals of a horizon that can be bent */
 
+static const real felt = 1e-3;   /* of a change of the path: what of it motions that are under way may ask for */
 static const real broken = 2.5; /* of a bound: limits passed by more are not kept at all, and the stream ends */
 
 /* Seconds in which a deviation fades. */
@@ -16,12 +17,25 @@ static inline real fading(const real *s)
     return s[PERIOD] * s[INTERVALS] / FADES;
 }
 
-/* From now on bounds are kept: the path is what was planned, without a deviation. */
-static inline void begin_limits(real *s, const layout *l)
+/*
+ * From now on bounds are kept: the path is what was planned, without a deviation. 0 where the horizon is too short for
+ * that: a bend must lie so far ahead that the motion which is under way need not know of it.
+ */
+static inline int begin_limits(real *s, const layout *l)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
     const limits_layout w = limits_laid_out(N);
     real *b = s + l->limits;
+    ptrdiff_t fixed = 1;
+#if ELBOW_NE > 0
+    const mesh m = mesh_of(l, s);
+    const int ahead = lq_foresight(&m, s + l->cost, felt, b + w.x);
+    fixed = ahead > fixed ? ahead : fixed;
+#endif
+    if (N < LEAST_AHEAD || 2 * N < 3 * fixed) {
+        return 0;
+    }
+    b[w.fixed] = (real)fixed;
     copy(s + l->nodes + l->past * REFERENCE, (N + 1) * REFERENCE, b + w.plan);
     for (ptrdiff_t i = 0; i < (N + 1) * BEND; ++i) {
         b[w.bend + i] = 0.0;
@@ -30,6 +44,7 @@ static inline void begin_limits(real *s, const layout *l)
         b[w.dual + i] = 0.0;
     }
     b[w.on] = 1.0;
+    return 1;
 }
 
 /* The deviation at a sample that is new: what bends the path there, if nothing further happens. */
@@ -61,7 +76,7 @@ static inline int is_limited(const real *s, const layout *l, const real *v_m, co
 {
     const limits_layout w = limits_laid_out((ptrdiff_t)s[INTERVALS]);
     const real *b = s + l->limits;
-    int limited;
+    int limited, bent;
     *ends = 0;
     for (int k = 0; k < 2; ++k) {
         real size[2];
@@ -69,14 +84,14 @@ static inline int is_limited(const real *s, const layout *l, const real *v_m, co
         off[0] = fmax_1(off[0], size[0]);
         off[1] = fmax_1(off[1], size[1]);
     }
-    limited = off[0] > no_bend || off[1] > no_bend;
+    limited = bent = off[0] > no_bend || off[1] > no_bend;
     for (ptrdiff_t i = 0; i < (ptrdiff_t)s[PARTS] * NM; ++i) {
         const real torque = b[w.bound + i % NM], speed = b[w.bound + NM + i % NM];
         if (fabs_1(tau_m[i]) > torque || fabs_1(v_m[i]) > speed) { /* what could not be kept is no success */
             limited = 1;
         }
-        if (fabs_1(tau_m[i]) > broken * torque || fabs_1(v_m[i]) > broken * speed) { /* bends that chase each other */
-            *ends = 1;
+        if (fabs_1(tau_m[i]) > broken * torque || fabs_1(v_m[i]) > broken * speed) {
+            *ends = bent; /* bends that chase each other */
         }
     }
     return limited;
@@ -144,26 +159,28 @@ static inline void bend_path(real *s, const layout *l, const limits_layout *w)
     copy(nodes + N * REFERENCE, REFERENCE, s + l->last);
 }
 
-/* Look whether motors will pass their bounds, and bend the path ahead, from the second node on. */
+/* Look whether motors will pass their bounds, and bend the path ahead, beyond the nodes that are fixed. */
 static inline int look_ahead(real *s, const layout *l)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
     const limits_layout w = limits_laid_out(N);
-    real *b = s + l->limits, *space = s + l->space, worst = 0.0;
-    ptrdiff_t where = FIXED + 1;
+    real *b = s + l->limits, *space = s + l->space, worst = 0.0, bent;
+    const ptrdiff_t fixed = (ptrdiff_t)b[w.fixed];
+    ptrdiff_t where = fixed + 1;
     int status = foresee(s, l, &w);
     if (status != ELBOW_OK) {
         return status;
     }
-    for (ptrdiff_t k = FIXED + 1; k <= N; ++k) {
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
         const real here = largest(b + w.value + k * BOUNDED, MOTORS);
         if (here > worst) {
             worst = here;
             where = k;
         }
     }
-    if (worst * (1.0 + kept_free) <= 1.0 && largest(b + w.bend, (int)((N + 1) * BEND)) < faded) {
-        for (ptrdiff_t i = (FIXED + 1) * BEND; i < (N + 1) * BEND; ++i) {
+    bent = largest(b + w.bend, (int)((N + 1) * BEND));
+    if (worst * (1.0 + kept_free) <= 1.0 && bent < faded) {
+        for (ptrdiff_t i = 0; i < (N + 1) * BEND && bent < gone; ++i) {
             b[w.bend + i] = 0.0;
         }
     } else { /* with the slopes where it is worst */

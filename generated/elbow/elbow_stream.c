@@ -100,9 +100,10 @@ int elbow_stream_start(double *stream, int64_t stream_size, int intervals, int p
     stream[TOLERANCE] = tolerance;
     stream[SIDE] = 0.0; /* of singular poses: not known before the first sample */
     stream[l.limits] = 0.0;
-    for (int i = 0; i < MEASURES; ++i) {
+    for (int i = 0; i < MEASURES + NM; ++i) {
         stream[l.most + i] = 0.0;
     }
+    stream[l.expected] = 0.0;
     status = rest_at(place, q, stream + l.scale, space);
     if (status != ELBOW_OK) {
         return status;
@@ -142,20 +143,20 @@ int elbow_stream_limits(
         return ELBOW_BAD_ARGUMENT;
     }
     for (int i = 0; i < NM; ++i) {
-        if (N < LEAST_AHEAD || !(torques_most[i] > 0.0 && speeds_most[i] > 0.0)) {
+        if (!(torques_most[i] > 0.0 && speeds_most[i] > 0.0)) {
             return ELBOW_BAD_ARGUMENT;
         }
     }
     l = laid_out((int)N, (int)stream[PARTS]);
     w = limits_laid_out(N);
+    if (!(stream[l.limits + w.on] > 0.0) && !begin_limits(stream, &l)) {
+        return ELBOW_SHORT_HORIZON;
+    }
     bound = stream + l.limits + w.bound;
     copy(torques_most, NM, bound);
     copy(speeds_most, NM, bound + NM);
     for (int i = 0; i < NY; ++i) {
         bound[MOTORS + i] = bend_max;
-    }
-    if (!(stream[l.limits + w.on] > 0.0)) {
-        begin_limits(stream, &l);
     }
     return ELBOW_OK;
 }
@@ -172,7 +173,7 @@ int elbow_stream_update(double *stream, const double *place, const double *rate,
 {
     const interval out = {q_a, v_a, tau_g, q_m, v_m, tau_m};
     layout l;
-    real own[REFERENCE], next[REFERENCE], bend[BEND], worst;
+    real own[REFERENCE], next[REFERENCE], bend[BEND], worst, step = 0.0;
     arrival arrived;
     int has_limits, limited = 0, status;
     if (stream == NULL || place == NULL || rate == NULL || rate2 == NULL || q_a == NULL || v_a == NULL ||
@@ -216,19 +217,19 @@ int elbow_stream_update(double *stream, const double *place, const double *rate,
         status = arm_in_window(stream, &l, &out, &worst);
     }
     if (status == ELBOW_OK) {
-        status = motors_in_interval(stream, &l, &out);
+        status = motors_in_interval(stream, &l, &out, &step);
     }
     if (status != ELBOW_OK) {
         return over(stream, status);
     }
     report[0] = worst;
-    report[1] = unevenness_now(stream, &l);
+    report[1] = fmax_1(unevenness_now(stream, &l), torn * step);
     report[4] = 0.0;
     report[5] = 0.0;
     if (has_limits) {
         int ends;
         limited = is_limited(stream, &l, v_m, tau_m, report + 4, &ends);
-        status = ends ? ELBOW_NOT_CONVERGED : look_ahead(stream, &l);
+        status = ends ? ELBOW_LIMITS_LOST : look_ahead(stream, &l);
         if (status != ELBOW_OK) {
             return over(stream, status);
         }

@@ -33,10 +33,10 @@ enum { STATE, INTERVALS, PARTS, PERIOD, TOLERANCE, SIDE, HEAD };
 
 /* Where the arrays stand. */
 typedef struct {
-    ptrdiff_t window; /* fine samples: before, of this update, ahead */
+    ptrdiff_t window; /* fine samples: before, of this update and its end, ahead */
     ptrdiff_t past;   /* intervals that are over and remembered */
     ptrdiff_t limits; /* bounds of the motors, and what they bend */
-    ptrdiff_t last, tau, twist, late, now, joint, most, q_g, reference, nodes, lq, space, end;
+    ptrdiff_t last, tau, twist, late, now, joint, most, expected, q_g, reference, nodes, lq, space, end;
     ptrdiff_t y, a, a_node, factor, scale, aim, cost, levels;
 } layout;
 
@@ -44,7 +44,7 @@ static inline layout laid_out(int intervals, int parts)
 {
     layout l;
     ptrdiff_t at = (ptrdiff_t)room(HEAD);
-    l.window = BACK + (ptrdiff_t)parts + BACK;
+    l.window = BACK + (ptrdiff_t)parts + 1 + BACK;
     l.past = (BACK + parts - 1) / parts + 1;
     l.past = l.past < LAST - 1 ? LAST - 1 : l.past;
 #define PLACE(name, size) \
@@ -57,7 +57,8 @@ static inline layout laid_out(int intervals, int parts)
     PLACE(late, l.window * NG);
     PLACE(now, NG);
     PLACE(joint, l.window * JOINT);
-    PLACE(most, MEASURES);
+    PLACE(most, MEASURES + NM);
+    PLACE(expected, 1 + NM); /* whether anything is, and the motor torques at the end of the interval before */
     PLACE(q_g, ((ptrdiff_t)intervals * STAGES + 1) * NG); /* the last ones: joints at the start of the horizon */
     PLACE(reference, (ptrdiff_t)intervals * STAGES * REFERENCE);
     PLACE(nodes, (l.past + intervals + 1) * REFERENCE);

@@ -10,6 +10,8 @@
 
 enum { FORGETS = 4 }; /* times in a horizon */
 
+static const real torn = 100.0; /* times: steps of the torque from plan to plan add up where unevenness averages out */
+
 /* What an update gives: arrays of the caller, sample after sample. */
 typedef struct {
     real *q_a, *v_a, *tau_g, *q_m, *v_m, *tau_m;
@@ -87,8 +89,31 @@ static inline int arm_in_window(real *s, const layout *l, const interval *out, r
     return MODEL_OK;
 }
 
-/* Motors in the interval, through the gears, whose twists are carried on from update to update. */
-static inline int motors_in_interval(real *s, const layout *l, const interval *out)
+/*
+ * The largest step of a motor torque from what the plan before said of this instant, relative to the largest of that
+ * motor within about a horizon, or a hundredth of all motors'. Plans that differ at once are no motion, though each is
+ * even by itself.
+ */
+static inline real step_of_torque(real *s, const layout *l, const real *tau_m)
+{
+    const real N = s[INTERVALS], kept = N / (N + FORGETS);
+    const real *expected = s + l->expected + 1;
+    real *most = s + l->most + MEASURES, all = 1e-12, worst = 0.0;
+    for (int i = 0; i < NM; ++i) {
+        most[i] = fmax_1(fabs_1(tau_m[i]), kept * most[i]);
+        all = fmax_1(all, most[i]);
+    }
+    for (int i = 0; i < NM && s[l->expected] > 0.0; ++i) {
+        worst = fmax_1(worst, fabs_1(tau_m[i] - expected[i]) / fmax_1(most[i], 0.01 * all));
+    }
+    return worst;
+}
+
+/*
+ * Motors in the interval, through the gears, whose twists are carried on from update to update; step: of their torques
+ * at its start.
+ */
+static inline int motors_in_interval(real *s, const layout *l, const interval *out, real *step)
 {
     const ptrdiff_t parts = (ptrdiff_t)s[PARTS];
     real *space = s + l->space, stiffness[NG];
@@ -110,15 +135,26 @@ static inline int motors_in_interval(real *s, const layout *l, const interval *o
         }
         late_twists(&g, s + l->twist + k * NG, slope, s + l->late + k * NG);
     }
-    for (ptrdiff_t k = 0; k < parts; ++k) {
+    for (ptrdiff_t k = 0; k <= parts; ++k) {
         const real *tau = s + l->tau + (k + BACK) * NG, *twist = s + l->late + (k + BACK) * NG;
         const real *joint = s + l->joint + (k + BACK) * JOINT;
-        real q[NG], v[NG], a[NG];
+        real q[NG], v[NG], a[NG], q_m[NM], v_m[NM], tau_m[NM];
         copy(joint, NG, q);
         copy(joint + NG, NG, v);
         copy(joint + 2 * NG, NG, a);
-        if (!motors_behind(&g, tau, twist, q, v, a, out->q_m + k * NM, out->v_m + k * NM, out->tau_m + k * NM, space)) {
+        if (!motors_behind(&g, tau, twist, q, v, a, q_m, v_m, tau_m, space)) {
             return MODEL_RESULT_NOT_FINITE;
+        }
+        if (k == 0) {
+            *step = step_of_torque(s, l, tau_m);
+        }
+        if (k < parts) {
+            copy(q_m, NM, out->q_m + k * NM);
+            copy(v_m, NM, out->v_m + k * NM);
+            copy(tau_m, NM, out->tau_m + k * NM);
+        } else {
+            s[l->expected] = 1.0;
+            copy(tau_m, NM, s + l->expected + 1);
         }
     }
     return MODEL_OK;

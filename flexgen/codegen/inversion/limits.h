@@ -23,8 +23,7 @@ enum {
     INPUTS = BLOCKS * NY,
     MOTORS = 2 * NM,       /* torques and speeds at a node */
     BOUNDED = MOTORS + NY, /* and deviations */
-    PROGRAM_STEPS = 80,
-    FIXED = 1 /* the last node whose deviation stays: the motion to it is under way */
+    PROGRAM_STEPS = 80
 };
 
 static const real kept_free = 1e-3;   /* of a bound: what is kept from it for errors of the slopes */
@@ -32,14 +31,15 @@ static const real worth_a_row = 0.5;  /* of a bound: nodes with less are not in 
 static const real far_off = 1.5;      /* times the largest deviation that is allowed: what none reaches */
 static const real share = 0.2;         /* of a change that is made at once: what the slopes miss is seen before */
 static const real no_bend = 1e-7;     /* m, rad: a deviation that is none */
-static const real faded = 1e-11;      /* m, rad: one that may end at once; its jump is in torques what rounding is */
+static const real faded = 1e-11;      /* m, rad: one that fades by itself */
+static const real gone = 1e-20;       /* m, rad: one that has faded */
 static const real smooth = 1e-1;       /* weight of the input and of the derivatives at the end, beside the deviation */
 static const real calm = 1e0;          /* of a change of the input: plans do not jump from update to update */
-static const real dear = 1e-4;         /* of passing a bound by its own size, beside a deviation of one */
+static const real dear = 1e-2;         /* of passing a bound by its own size, beside a deviation of one */
 
 /* What the stream keeps for its limits: places in its memory, relative to its beginning. */
 typedef struct {
-    ptrdiff_t on, bound, plan, bend, value, q, v, a, tau, twist, late;
+    ptrdiff_t on, fixed, bound, plan, bend, value, q, v, a, tau, twist, late;
     ptrdiff_t response, H, g, A, x, y, z, K, w, vv, b, row, dual, end;
 } limits_layout;
 
@@ -52,6 +52,7 @@ static inline limits_layout limits_laid_out(ptrdiff_t N)
     l.name = at; \
     at += (ptrdiff_t)room(size)
     PLACE(on, 1);
+    PLACE(fixed, 1); /* the last node whose deviation stays: zeros act on what is ahead of them */
     PLACE(bound, BOUNDED);
     PLACE(plan, nodes * REFERENCE);
     PLACE(bend, nodes * BEND);
@@ -251,7 +252,7 @@ static inline void fill_row(
 /* Change the deviations ahead; 0 where the numbers are none, and nothing has changed. */
 static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, real T, const slopes_ahead *f)
 {
-    const ptrdiff_t left = N - FIXED;
+    const ptrdiff_t fixed = (ptrdiff_t)s[l->fixed], left = N - fixed;
     const int blocks = left < BLOCKS ? (int)left : (int)BLOCKS, n = blocks * NY;
     const real tau = (real)FADES / (real)N;
     real *bend = s + l->bend, *response = s + l->response, *H = s + l->H, *g = s + l->g;
@@ -259,8 +260,8 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
     for (int b = 0; b < blocks; ++b) { /* of the chain at the nodes to a unit in a block */
         for (ptrdiff_t k = 0; k <= N; ++k) {
             real *to = response + (k * CHAIN) * BLOCKS + b;
-            const int in = k > FIXED && (k - 1 - FIXED) * blocks / left == b;
-            if (k <= FIXED) {
+            const int in = k > fixed && (k - 1 - fixed) * blocks / left == b;
+            if (k <= fixed) {
                 for (int i = 0; i < CHAIN; ++i) {
                     to[i * BLOCKS] = 0.0;
                 }
@@ -275,7 +276,7 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
     for (int i = 0; i < n; ++i) {
         g[i] = 0.0;
     }
-    for (ptrdiff_t k = FIXED + 1; k <= N; ++k) {
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
         const real *r = response + k * CHAIN * BLOCKS, *x = bend + k * BEND;
         for (int c = 0; c < CHAIN; ++c) {
             const real weight = c == 0 ? 1.0 / (real)N : k == N ? 1.0 : smooth / (real)N;
@@ -292,7 +293,7 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
     for (int i = 0; i < n; ++i) {
         H[i * n + i] += calm;
     }
-    for (ptrdiff_t k = FIXED + 1; k <= N; ++k) {
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
         const real *r = response + k * CHAIN * BLOCKS;
         for (int m = 0; m < BOUNDED; ++m) {
             const ptrdiff_t row = k * BOUNDED + m;
@@ -322,7 +323,7 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
         const ptrdiff_t row = (ptrdiff_t)s[l->row + i];
         s[l->dual + row] = p.y[i];
     }
-    for (ptrdiff_t k = FIXED + 1; k <= N; ++k) { /* soft bounds may be passed, but a deviation not by much */
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) { /* soft bounds may be passed, but a deviation not by much */
         for (int j = 0; j < NY; ++j) {
             real to = bend[k * BEND + j];
             for (int b = 0; b < blocks; ++b) {
@@ -333,7 +334,7 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
             }
         }
     }
-    for (ptrdiff_t k = FIXED + 1; k <= N; ++k) {
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
         for (int c = 0; c < CHAIN; ++c) {
             for (int j = 0; j < NY; ++j) {
                 for (int b = 0; b < blocks; ++b) {

@@ -29,6 +29,8 @@ static const real scale_q = 1e-2;  /* rad or m */
 static const real scale_v = 1.0;   /* rad/s or m/s */
 static const real scale_a = 1e3;   /* rad/s^2 or m/s^2 */
 static const real tiny = 1e-12;
+static const real seed = 1e-4;    /* of the cost of an endless rest: what grows is soon as dear as it is, the rest fades */
+static const real nothing = 1e-9; /* of a cost to go: a thousand times what the tiny weights make of motions that fade */
 
 /* Memory of a step. */
 typedef struct {
@@ -277,7 +279,7 @@ static inline int lq_factor(mesh *m, lq_space *w, real *space)
 static inline int lq_endless(mesh *still, int sweeps, lq_space *w, real *space, real *cost)
 {
     for (int i = 0; i < STATES * STATES; ++i) {
-        cost[i] = i % (STATES + 1) == 0 ? 1.0 : 0.0;
+        cost[i] = i % (STATES + 1) == 0 ? seed : 0.0;
     }
     still->end = cost;
     for (int k = 0; k < sweeps; ++k) {
@@ -290,6 +292,65 @@ static inline int lq_endless(mesh *still, int sweeps, lq_space *w, real *space, 
     return MODEL_OK;
 }
 
+/* The controls u of an interval at a state d, both scaled; forced = 0: what the state alone asks for. */
+static inline void lq_controls(const real *factor, real forced, const real *d, real *u)
+{
+    for (int i = CONTROLS - 1; i >= 0; --i) {
+        const real *row = factor + i * WIDTH;
+        real sum = forced * row[CONTROLS + STATES];
+        for (int j = i + 1; j < CONTROLS; ++j) {
+            sum += row[j] * u[j];
+        }
+        for (int j = 0; j < STATES; ++j) {
+            sum += row[CONTROLS + j] * d[j];
+        }
+        u[i] = sum * row[i];
+    }
+}
+
+/*
+ * Intervals that a change of the path must lie ahead, so that it asks for less than the share `felt` of itself now:
+ * the time in which the growing motions fade, looked at from their end. The cost to go P of a state d sees just them:
+ * root(d' P d) after k intervals, beside what it was. N + 1 where the mesh is too short to say. most: N + 1 numbers.
+ */
+static inline int lq_foresight(const mesh *m, const real *P, real felt, real *most)
+{
+    for (int k = 0; k <= m->N; ++k) {
+        most[k] = 0.0;
+    }
+    for (int i = 0; i < STATES; ++i) {
+        real d[STATES] = {0.0}, u[CONTROLS];
+        d[i] = 1.0;
+        for (int k = 0; k <= m->N; ++k) {
+            real cost = 0.0, dy[STATES], da[CONTROLS], next[STATES];
+            for (int a = 0; a < STATES; ++a) {
+                for (int b = 0; b < STATES; ++b) {
+                    cost += d[a] * P[a * STATES + b] * d[b];
+                }
+                dy[a] = d[a] * (a < NE ? scale_q : scale_v);
+            }
+            most[k] = fmax_1(most[k], cost);
+            if (k == m->N) {
+                break;
+            }
+            lq_controls(m->factor + (ptrdiff_t)k * CONTROLS * WIDTH, 0.0, d, u);
+            for (int a = 0; a < CONTROLS; ++a) {
+                da[a] = u[a] * scale_a;
+            }
+            next_node(dy, da, m->h, next);
+            for (int a = 0; a < STATES; ++a) {
+                d[a] = next[a] / (a < NE ? scale_q : scale_v);
+            }
+        }
+    }
+    for (int k = 0; k <= m->N; ++k) {
+        if (most[k] <= fmax_1(felt * felt * most[0], nothing)) {
+            return k;
+        }
+    }
+    return m->N + 1;
+}
+
 /* The step itself, forwards. */
 static inline void lq_step(mesh *m)
 {
@@ -300,17 +361,7 @@ static inline void lq_step(mesh *m)
     for (int k = 0; k < m->N; ++k) {
         const real *factor = m->factor + (ptrdiff_t)k * CONTROLS * WIDTH;
         real *a = m->a + (ptrdiff_t)k * CONTROLS, *y = m->y + (ptrdiff_t)k * STATES;
-        for (int i = CONTROLS - 1; i >= 0; --i) {
-            const real *row = factor + i * WIDTH;
-            real sum = row[CONTROLS + STATES];
-            for (int j = i + 1; j < CONTROLS; ++j) {
-                sum += row[j] * u[j];
-            }
-            for (int j = 0; j < STATES; ++j) {
-                sum += row[CONTROLS + j] * d[j];
-            }
-            u[i] = sum * row[i];
-        }
+        lq_controls(factor, 1.0, d, u);
         {
             real dy[STATES], da[CONTROLS], next[STATES];
             for (int i = 0; i < NE; ++i) {
