@@ -34,7 +34,7 @@ ROBOTS = {  # and what is wanted, ms for each second of path
 }
 QUICK = ("planar5_nmp", "manutec_r3_18")
 METHODS = ("lq", *(("bvp",) if find_spec("flexgen.solvers.bvp") else ()))
-SPAN = 0.3  # s: of processor time that a figure is the least of, at least
+SPAN = 1.0  # s: of processor time that a figure is the least of, at least; others on the machine come in bursts
 TIMES = 7  # calls, at least
 
 

@@ -161,8 +161,9 @@ relative to the largest one, the torques of the native build are from them.
 ## Streaming
 
 Line there and back, again and again, with pauses: {INTERVALS} intervals of {1e3 * PERIOD:g} ms ahead, {PARTS} samples
-each; processor time of the thread for each update, in C. Wanted: at most {WANTED_US:g} us for 99.9 % of the updates,
-tool error at most {1e6 * WANTED_M:g} um. The tool error is that of the first round in simulation of the full model.
+each; processor time of the thread for each update, in C, the least of three runs of the same updates. Wanted: at most
+{WANTED_US:g} us for 99.9 % of the updates, tool error at most {1e6 * WANTED_M:g} um.
+The tool error is that of the first round in simulation of the full model.
 
 {streams(stream_rows)}
 ## Other ways to the same torques
