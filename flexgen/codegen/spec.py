@@ -73,15 +73,13 @@ STATUSES = (
     Status(
         "SHORT_HORIZON",
         -13,
-        "the horizon is too short to keep limits in: take more intervals, 4 at least, and half as many again as the "
-        "unstable zeros of the arm look ahead",
+        "the horizon is too short to keep limits: take 4 intervals, and half as many again as the zeros look ahead",
         "ArgumentError",
     ),
     Status(
         "LIMITS_LOST",
         -14,
-        "the limits of the motors cannot be kept, one was passed by more than 2.5 times: loosen them or the move, or "
-        "take a longer horizon",
+        "the limits of the motors cannot be kept, one is passed by more than 2.5 times; loosen them or the move",
         "SolverError",
     ),
     Status(

@@ -31,9 +31,9 @@ const char *elbow_status_text(int status)
     case ELBOW_ZERO_ON_AXIS:
         return "a zero is on the imaginary axis at an end of the path, neither stable nor unstable; use invert (method lq)";
     case ELBOW_SHORT_HORIZON:
-        return "the horizon is too short to keep limits in: take more intervals, 4 at least, and half as many again as the unstable zeros of the arm look ahead";
+        return "the horizon is too short to keep limits: take 4 intervals, and half as many again as the zeros look ahead";
     case ELBOW_LIMITS_LOST:
-        return "the limits of the motors cannot be kept, one was passed by more than 2.5 times: loosen them or the move, or take a longer horizon";
+        return "the limits of the motors cannot be kept, one is passed by more than 2.5 times; loosen them or the move";
     case ELBOW_INEXACT:
         return "the residual is above the tolerance, or the motion uneven; the result is the best that was found";
     case ELBOW_LIMITED:

@@ -116,9 +116,9 @@ enum elbow_status {
     ELBOW_ZEROS_CHANGE = -11,
     /* a zero is on the imaginary axis at an end of the path, neither stable nor unstable; use invert (method lq) */
     ELBOW_ZERO_ON_AXIS = -12,
-    /* the horizon is too short to keep limits in: take more intervals, 4 at least, and half as many again as the unstable zeros of the arm look ahead */
+    /* the horizon is too short to keep limits: take 4 intervals, and half as many again as the zeros look ahead */
     ELBOW_SHORT_HORIZON = -13,
-    /* the limits of the motors cannot be kept, one was passed by more than 2.5 times: loosen them or the move, or take a longer horizon */
+    /* the limits of the motors cannot be kept, one is passed by more than 2.5 times; loosen them or the move */
     ELBOW_LIMITS_LOST = -14,
     /* the residual is above the tolerance, or the motion uneven; the result is the best that was found */
     ELBOW_INEXACT = 1,

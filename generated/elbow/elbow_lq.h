@@ -29,8 +29,8 @@ static const real scale_q = 1e-2;  /* rad or m */
 static const real scale_v = 1.0;   /* rad/s or m/s */
 static const real scale_a = 1e3;   /* rad/s^2 or m/s^2 */
 static const real tiny = 1e-12;
-static const real seed = 1e-4;    /* of the cost of an endless rest: what grows is soon as dear as it is, the rest fades */
-static const real nothing = 1e-9; /* of a cost to go: a thousand times what the tiny weights make of motions that fade */
+static const real seed = 1e-4;    /* of the cost of an endless rest: what grows gets its own soon, the rest fades */
+static const real nothing = 1e-9; /* of a cost to go: a thousand times that of the tiny weights */
 
 /* Memory of a step. */
 typedef struct {
