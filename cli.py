@@ -8,7 +8,7 @@ if sys.version_info < (3, 11):  # noqa: UP036
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 
-from flexgen.cli import main
+from flexgen.cli.main import main
 
 if __name__ == "__main__":
     sys.exit(main())

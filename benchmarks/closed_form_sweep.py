@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 
 import flexgen
-from flexgen.problems.timing import TimeLaw
+from flexgen.paths.time_laws import TimeLaw
 from flexgen.sweeps.cases import Grid, random_moves
-from flexgen.sweeps.joint_moves import JointMoves
+from flexgen.sweeps.closed_form_batch import JointMoves
 from flexgen.sweeps.sweep import sweep
 
 MODEL = "manutec_r3"

@@ -18,14 +18,14 @@ from scipy.linalg import schur
 
 from flexgen.analysis.linear import linearise
 from flexgen.analysis.zeros import inner_pencil
+from flexgen.inversion.method_result import MethodResult
+from flexgen.inversion.methods.closed_form import sampled
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import at_rest
-from flexgen.problems.path import Path
+from flexgen.paths.path import Path
 from flexgen.runtime.library import Library
-from flexgen.solvers.answer import Answer
-from flexgen.solvers.exact import sampled
-from flexgen.solvers.question import Question
-from flexgen.solvers.reduction import Reduction
 
 NEWTON = 20  # steps of the inverse kinematics, at most
 NEAR = 1e-12  # m and rad: what they leave
@@ -46,10 +46,10 @@ class ReducedProblem:
     def __init__(self, equations: Equations, move: str, library: Library) -> None:
         self.equations, self.library = equations, library
         self.path = Path(equations, equations.model.move(move))
-        self.ask = Question(equations, self.path)
+        self.problem = InversionProblem(equations, self.path)
         self.reduction = Reduction(equations)
         self.g, self.e = list(equations.model.i_g), list(equations.model.i_e)
-        lead, settle = self.ask.windows
+        lead, settle = self.problem.windows
         self.begin, self.end = -lead, self.path.duration + settle
         t = np.linspace(self.begin, self.end, 401)
         slow = self.reduction.follow(self.path, t, self.reduction.start(self.path).q_a)
@@ -140,15 +140,15 @@ class ReducedProblem:
         more = {"fun_jac": rate_slope, "bc_jac": ends_slope} if setting.jacobian else {}
         return lambda: solve_bvp(rate, ends, mesh, guess, tol=setting.tolerance, max_nodes=20_000, **more)
 
-    def answer(self, found: object) -> Answer | None:
+    def answer(self, found: object) -> MethodResult | None:
         """Motion and torques from the solution's own interpolant; None where there is no solution."""
         if not found.success:  # type: ignore[attr-defined]
             return None
-        t = np.arange(int(np.floor((self.end - self.begin) / self.ask.step)) + 1) * self.ask.step + self.begin
+        t = np.arange(int(np.floor((self.end - self.begin) / self.problem.step)) + 1) * self.problem.step + self.begin
         y = found.sol(t)  # type: ignore[attr-defined]
         q, _, *_ = self.arm(t, y)
         sample = self.path.sample(t)
         motion, _ = self.reduction.motion(
             sample, self.reduction.close(q, self.reduction.targets(sample)), y[len(self.e) :].T
         )
-        return None if motion is None else sampled(self.ask, t, motion, lead=-self.begin)
+        return None if motion is None else sampled(self.problem, t, motion, lead=-self.begin)

@@ -7,23 +7,23 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from flexgen.mechanics.symbolic import symbolic
+from flexgen.closed_form.equations import symbolic
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.reduced_problem import Reduction
 from flexgen.ports import Port
-from flexgen.simulation import output_labels
-from flexgen.solvers.question import Question
-from flexgen.solvers.reduction import Reduction
+from flexgen.simulation.simulate import output_labels
 from flexgen.trajectory import Trajectory
 
 TRACKING, SMOOTH, ITERATIONS = 1e6, 1e-8, 1000  # weights and bound that served opty best, of those tried
 
 
-def job(ask: Question, nodes: int, tracking: bool) -> dict[str, Any]:
+def job(problem: InversionProblem, nodes: int, tracking: bool) -> dict[str, Any]:
     """The equations in states, rates and torques, with path, rest and first guess at the nodes.
 
     The rows are ``q' - v`` and the equations of motion of arm and motors; the output is on its path by algebraic rows,
     or drawn to it (``tracking``). States and rates are symbols here; those of the rates end in ``_rate``.
     """
-    s = symbolic(ask.equations.model)
+    s = symbolic(problem.equations.model)
     q, v = [*s.q_a, *s.q_m], [*s.v_a, *s.v_m]
     rate = {x: sp.Symbol(f"{x}_rate") for x in (*q, *v)}
     forces = dict(zip(s.tau, s.torques, strict=True))
@@ -35,15 +35,15 @@ def job(ask: Question, nodes: int, tracking: bool) -> dict[str, Any]:
         *(rate[x] - w for x, w in zip(q, v, strict=True)),
         *(sp.sympify(row).xreplace(forces).xreplace(acceleration).xreplace(s.parameters) for row in (*arm, *motors)),
     ]
-    lead, settle = ask.windows
-    t = np.linspace(-lead, ask.path.duration + settle, nodes)
-    place = ask.path.sample(t).y[:, :, 0]
-    reduction = Reduction(ask.equations)
-    slow = reduction.follow(ask.path, t, reduction.start(ask.path).q_a)
-    motor = slow[:, list(ask.equations.model.i_g)] @ ask.equations.model.eta.T
+    lead, settle = problem.windows
+    t = np.linspace(-lead, problem.path.duration + settle, nodes)
+    place = problem.path.sample(t).y[:, :, 0]
+    reduction = Reduction(problem.equations)
+    slow = reduction.follow(problem.path, t, reduction.start(problem.path).q_a)
+    motor = slow[:, list(problem.equations.model.i_g)] @ problem.equations.model.eta.T
     states = np.hstack([slow, motor])
     guess = np.hstack([states, np.gradient(states, t, axis=0), np.zeros((nodes, len(s.tau_m)))])
-    start, end = ask.rest, reduction.rest(ask.path, ask.path.duration, slow[-1])
+    start, end = problem.rest, reduction.rest(problem.path, problem.path.duration, slow[-1])
     still = np.zeros(len(q))
     return {
         "rows": [str(row) for row in rows],
@@ -62,14 +62,14 @@ def job(ask: Question, nodes: int, tracking: bool) -> dict[str, Any]:
     }
 
 
-def torque_of(ask: Question, told: dict[str, Any]) -> Trajectory:
+def torque_of(problem: InversionProblem, told: dict[str, Any]) -> Trajectory:
     """opty's torques as a trajectory to simulate."""
-    model = ask.equations.model
+    model = problem.equations.model
     tau, states = np.array(told["inputs"]).T, np.array(told["states"]).T
     t = told["begin"] + told["step"] * np.arange(len(tau))
     arm, motors = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
     q_a, q_m = states[:, : model.n_a], states[:, model.n_a : model.n_a + model.n_m]
-    channels = {"tau_m": tau, "q_a": q_a, "q_m": q_m, "y_ref": ask.path.sample(t).y[:, :, 0]}
+    channels = {"tau_m": tau, "q_a": q_a, "q_m": q_m, "y_ref": problem.path.sample(t).y[:, :, 0]}
     units = {"tau_m": "N m", "q_a": "rad or m", "q_m": "rad", "y_ref": "m"}
     ports = {name: Port(name, (x.shape[1],), units[name], name) for name, x in channels.items()}
     labels = {"tau_m": motors, "q_a": arm, "q_m": motors, **output_labels(model)}

@@ -12,14 +12,15 @@ import numpy as np
 
 import flexgen
 from flexgen.errors import FlexgenError
+from flexgen.inversion import sampling
+from flexgen.inversion.methods import lq
+from flexgen.inversion.model_library import inversion_library
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.solution import Solution
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.problems.path import Path
-from flexgen.runtime.inversion import Inversion, Inverter
-from flexgen.solvers import lq, sampling
-from flexgen.solvers.inverter import inverter
-from flexgen.solvers.question import Question
-from flexgen.solvers.reduction import Reduction
-from flexgen.solvers.solution import Solution
+from flexgen.paths.path import Path
+from flexgen.runtime.path_inversion import Inversion, Inverter
 
 EXACT = 1e-6  # m and rad: what the tool may stray in simulation
 MESHES = (20e-3, 10e-3, 5e-3, 2.5e-3)  # s, tried in this order
@@ -33,7 +34,7 @@ ROBOTS = {  # and what is wanted, ms for each second of path
     "manutec_r3_30": 40.0,
 }
 QUICK = ("planar5_nmp", "manutec_r3_18")
-METHODS = ("lq", *(("bvp",) if find_spec("flexgen.solvers.bvp") else ()))
+METHODS = ("lq", *(("bvp",) if find_spec("flexgen.inversion.methods.bvp") else ()))
 SPAN = 1.0  # s: of processor time that a figure is the least of, at least; others on the machine come in bursts
 TIMES = 7  # calls, at least
 
@@ -94,7 +95,7 @@ def error_of(solution: Solution) -> float:
 def arguments(equations: Equations, move: str, mesh: float) -> dict:
     """What the library is called with for a move on a mesh of intervals of that length [s]."""
     path = Path(equations, equations.model.move(move))
-    n, period, every, lead, tail = sampling.grid(Question(equations, path, mesh=mesh), mesh)
+    n, period, every, lead, tail = sampling.grid(InversionProblem(equations, path, mesh=mesh), mesh)
     place, rate, rate2 = sampling.samples(Reduction(equations), path, period, n)
     given = {"place": place, "rate": rate, "rate2": rate2, "q_start": path.q_start}
     return {**given, "period": period, "every": every, "lead": lead, "tail": tail}
@@ -104,7 +105,7 @@ def tolerance_of(method: str) -> float:
     """The tolerance that ``solve`` gives this method."""
     if method == "lq":
         return lq.TOLERANCE
-    from flexgen.solvers import bvp
+    from flexgen.inversion.methods import bvp
 
     return bvp.TOLERANCE
 
@@ -122,7 +123,7 @@ def least_ms(call: Callable[[], object]) -> float:
 
 def inverted(robot: str, method: str, given: dict, native: bool) -> tuple[Inversion, Callable[[], object]]:
     """The answer of the library of one build, and the call that finds it."""
-    library = inverter(derive(robot), method, native=native)
+    library = inversion_library(derive(robot), method, native=native)
     invert: Inverter = getattr(library, "invert" if method == "lq" else method)
     tolerance = tolerance_of(method)
     return invert(**given, tolerance=tolerance), lambda: invert(**given, tolerance=tolerance)

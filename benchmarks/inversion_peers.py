@@ -19,13 +19,13 @@ from inversion_opty_job import job, torque_of
 from inversion_paths import EXACT, MESHES, PathRow, least_ms
 
 from flexgen.errors import FlexgenError
+from flexgen.inversion.method_table import METHODS
+from flexgen.inversion.model_library import inversion_library
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.solve import _solution
 from flexgen.mechanics.equations import derive
-from flexgen.problems.path import Path
-from flexgen.simulation import simulate
-from flexgen.solvers.inverter import inverter
-from flexgen.solvers.methods import METHODS
-from flexgen.solvers.question import Question
-from flexgen.solvers.solve import _solution
+from flexgen.paths.path import Path
+from flexgen.simulation.simulate import simulate
 
 COLLOCATED = ("planar5_nmp", "manutec_r3_18", "manutec_r3_24", "manutec_r3_30")
 MOVE = "line"
@@ -89,12 +89,12 @@ def collocation_rows(ours: dict[str, PathRow], quick: bool, say: Callable[[str],
             _Timed.spent = 0.0
             began = time.process_time()
             try:
-                ask = Question(equations, Path(equations, equations.model.move(MOVE)), mesh=mesh)
+                problem = InversionProblem(equations, Path(equations, equations.model.move(MOVE)), mesh=mesh)
                 with patch("casadi.nlpsol", _timed):
-                    answer = METHODS["collocation"](ask, mesh)
+                    answer = METHODS["collocation"](problem, mesh)
                 whole = time.process_time() - began
-                found = _solution(ask, "collocation", answer)
-                simulation = simulate(equations, found.trajectory, start=ask.rest)
+                found = _solution(problem, "collocation", answer)
+                simulation = simulate(equations, found.trajectory, start=problem.rest)
             except FlexgenError as failure:
                 say(f"  collocation, {robot}, {1e3 * mesh:g} ms: {failure}")
                 continue
@@ -127,7 +127,7 @@ def scipy_row(ours: dict[str, PathRow], quick: bool, say: Callable[[str], None])
     if PLANAR not in ours:
         return []
     equations = derive(PLANAR)
-    problem = ReducedProblem(equations, MOVE, inverter(equations, "lq", native=True))
+    problem = ReducedProblem(equations, MOVE, inversion_library(equations, "lq", native=True))
     timed = []
     for tolerance, nodes, jacobian in itertools.product(TOLERANCES, NODES[::2] if quick else NODES, (True, False)):
         setting = Setting(tolerance, nodes, jacobian)
@@ -137,8 +137,8 @@ def scipy_row(ours: dict[str, PathRow], quick: bool, say: Callable[[str], None])
             timed.append((least_ms(call), setting, answer))
     row = PeerRow("scipy solve_bvp", PLANAR, "", "solve_bvp alone", ours_ms=ours[PLANAR].native_ms)
     for ms, setting, answer in sorted(timed, key=lambda each: each[0]):
-        solution = _solution(problem.ask, "solve_bvp", answer)
-        simulation = simulate(equations, solution.trajectory, start=problem.ask.rest)
+        solution = _solution(problem.problem, "solve_bvp", answer)
+        simulation = simulate(equations, solution.trajectory, start=problem.problem.rest)
         error = simulation.tool_error_max_m or 0.0
         say(f"  solve_bvp, {setting}: {ms:.2f} ms, {1e6 * error:.2g} um")
         if error <= EXACT:
@@ -168,7 +168,7 @@ def opty_rows(python: str, ours: dict[str, PathRow], quick: bool, say: Callable[
     if PLANAR not in ours:
         return []
     equations = derive(PLANAR)
-    ask = Question(equations, Path(equations, equations.model.move(MOVE)))
+    problem = InversionProblem(equations, Path(equations, equations.model.move(MOVE)))
     rows = []
     for tracking, nodes in ((False, 401), (True, 201))[: 1 if quick else None]:
         what = f"{'tracking' if tracking else 'algebraic rows'}, {nodes} nodes"
@@ -176,17 +176,17 @@ def opty_rows(python: str, ours: dict[str, PathRow], quick: bool, say: Callable[
         rows.append(row)
         with tempfile.TemporaryDirectory() as folder:
             file = FilePath(folder) / "job.json"
-            file.write_text(json.dumps(job(ask, nodes, tracking)))
+            file.write_text(json.dumps(job(problem, nodes, tracking)))
             command = [python, str(FilePath(__file__).with_name("inversion_opty.py")), str(file)]
             told = _told(command)
         if "missing" in told:
             row.missing = f"not measured here: {told['missing']}"
             say(f"  opty: {row.missing}")
             continue
-        row.ms = 1e3 * told["seconds"] / ask.path.duration
+        row.ms = 1e3 * told["seconds"] / problem.path.duration
         row.setting += f", {told['status']} after {told['iterations']} iterations"
-        trajectory = torque_of(ask, told)
-        simulation = simulate(equations, trajectory, start=ask.rest)
+        trajectory = torque_of(problem, told)
+        simulation = simulate(equations, trajectory, start=problem.rest)
         row.error_m = simulation.tool_error_max_m or 0.0
         say(f"  opty, {row.setting}: {row.ms:.0f} ms, {1e6 * row.error_m:.3g} um")
     return rows

@@ -10,13 +10,13 @@ from pathlib import Path as FilePath
 import numpy as np
 from peers_builds import HERE, Builds
 
+from flexgen.inversion.model_library import inversion_library
+from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.equations import Equations, derive
+from flexgen.paths.path import Path
 from flexgen.ports import Port
-from flexgen.problems.path import Path
 from flexgen.runtime.library import Library
-from flexgen.simulation import Simulation, output_labels, simulate
-from flexgen.solvers.inverter import inverter
-from flexgen.solvers.reduction import Reduction
+from flexgen.simulation.simulate import Simulation, output_labels, simulate
 from flexgen.trajectory import Trajectory
 
 ROBOT, MOVE = "manutec_r3_24", "line"
@@ -101,7 +101,7 @@ def stream_rows(builds: Builds, quick: bool, say: Callable[[str], None]) -> list
     given = np.concatenate([start, there.path.q_start, np.hstack(samples).ravel()]).tobytes()
     rows: list[StreamRow] = []
     for native in (True, False):
-        library = inverter(equations, "lq", native=native)
+        library = inversion_library(equations, "lq", native=native)
         sizes = [library.sizes[key] for key in ("n_t", "n_y", "n_a", "n_g", "n_m")]
         numbers = [INTERVALS, PARTS, PERIOD, TOLERANCE, updates, *sizes]
         command = [str(program), str(library_file(library)), ROBOT, *map(str, numbers)]

@@ -25,8 +25,8 @@ from peers_builds import AVX2, HERE, NATIVE, REPRODUCIBLE, Builds, Pinocchio, fi
 from peers_robots import ROBOTS, pinocchio_text
 
 import flexgen
-from flexgen.codegen.program import Expressions
 from flexgen.codegen.spec import ABI_VERSION, FUNCTIONS, FunctionSpec, library_spec
+from flexgen.expressions.routine import Expressions
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
 

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flexgen.codegen.build import generate
-from flexgen.codegen.compiler import REPRODUCIBLE
+from flexgen.build.compiler import REPRODUCIBLE
+from flexgen.build.generate import generate
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests"))

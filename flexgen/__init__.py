@@ -11,21 +11,21 @@ from typing import Any
 __version__ = "0.1.0"
 
 _VERBS = {
-    "models": "flexgen.catalogue",
-    "describe": "flexgen.catalogue",
+    "models": "flexgen.model.catalogue",
+    "describe": "flexgen.model.catalogue",
     "read": "flexgen.model.reader",
     "read_moves": "flexgen.model.task_files",
     "derive": "flexgen.mechanics.equations",
-    "analyze": "flexgen.analysis.report",
-    "solve": "flexgen.solvers.solve",
+    "analyze": "flexgen.analysis.analyze",
+    "solve": "flexgen.inversion.solve",
     "sweep": "flexgen.sweeps.sweep",
-    "simulate": "flexgen.simulation",
-    "generate": "flexgen.codegen.build",
+    "simulate": "flexgen.simulation.simulate",
+    "generate": "flexgen.build.generate",
     "load": "flexgen.runtime",
 }
 _NOUNS = {
     "Grid": "flexgen.sweeps.cases",
-    "Limits": "flexgen.solvers.full",
+    "Limits": "flexgen.inversion.methods.full_model",
     "Move": "flexgen.model.moves",
     "MoveC": "flexgen.model.moves",
     "MoveJ": "flexgen.model.moves",

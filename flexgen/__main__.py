@@ -2,7 +2,7 @@
 
 import sys
 
-from flexgen.cli import main
+from flexgen.cli.main import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -9,24 +9,24 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 import flexgen
-from flexgen.mechanics.dae import DaeFunctions
+from flexgen.dae.system import DaeFunctions
+from flexgen.inversion.methods.initial_value import dae_of
+from flexgen.inversion.problem import InversionProblem
 from flexgen.model.reader import read
-from flexgen.problems.path import Path
-from flexgen.solvers.causal import dae_of
-from flexgen.solvers.question import Question
+from flexgen.paths.path import Path
 
 
 @dataclass(frozen=True)
 class Problem:
     """A question, its DAE and its state of rest."""
 
-    ask: Question
+    problem: InversionProblem
     dae: DaeFunctions
     x_rest: np.ndarray
 
     @property
     def path(self) -> Path:
-        return self.ask.path
+        return self.problem.path
 
     def torques(self, x: np.ndarray) -> np.ndarray:
         """Motor torques of states x (n, n_x)."""
@@ -40,18 +40,18 @@ def problem(name: str, smoothness: int | None = None, move: str | None = None) -
     if smoothness is not None:
         model = read(name, overrides={f"move.{model.move(move).name}.smoothness": smoothness})
     equations = flexgen.derive(model)
-    ask = Question(equations, Path(equations, model.move(move)))
-    dae = dae_of(ask)
-    return Problem(ask, dae, dae.pack(ask.rest))
+    problem = InversionProblem(equations, Path(equations, model.move(move)))
+    dae = dae_of(problem)
+    return Problem(problem, dae, dae.pack(problem.rest))
 
 
 @cache
 def reference(name: str, smoothness: int | None = None, move: str | None = None) -> object:
     """Motor torques of the same move by the method that follows the path exactly, as a spline in time."""
     here = problem(name, smoothness, move)
-    method = "collocation" if here.ask.equations.model.n_e else "closed-form"
+    method = "collocation" if here.problem.equations.model.n_e else "closed-form"
     mesh = None if method == "closed-form" else 2e-3
-    solution = flexgen.solve(here.ask.equations, move, method=method, mesh=mesh, verify=False)
+    solution = flexgen.solve(here.problem.equations, move, method=method, mesh=mesh, verify=False)
     return make_interp_spline(solution.trajectory.time, solution.trajectory["tau_m"], k=5)
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from emitted import CC, run
 
 from flexgen.codegen.emit import emit
-from flexgen.codegen.program import Expressions, Program
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec, library_spec
+from flexgen.expressions.routine import Expressions, Routine
 from flexgen.mechanics.equations import derive
 from flexgen.ports import Port
 
@@ -37,7 +37,7 @@ def ports_of(function: ca.Function) -> tuple[tuple[Port, ...], tuple[Port, ...]]
     return tuple(inputs), tuple(outputs)
 
 
-def spec_of(program: Program, inputs: tuple[Port, ...], outputs: tuple[Port, ...], precision="double") -> LibrarySpec:
+def spec_of(program: Routine, inputs: tuple[Port, ...], outputs: tuple[Port, ...], precision="double") -> LibrarySpec:
     """A library with one function ``f``."""
     extents = {port.name: tuple(map(str, port.shape)) for port in (*inputs, *outputs)}
     f = FunctionSpec("f", "A function.", "y = f(x)", inputs, outputs, extents, program)
@@ -81,5 +81,5 @@ class Small:
 
 def small(function: ca.Function, folder: Path, precision="double", **options) -> Small:
     """The library of an SX function."""
-    program = Program((Expressions(function),))
+    program = Routine((Expressions(function),))
     return Small(spec_of(program, *ports_of(function), precision), folder, **options)

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from flexgen.codegen.build import Generated, generate
+from flexgen.build.generate import Generated, generate
 from flexgen.runtime import Library, load
 
 CC = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from emitted import library_of
 
-from flexgen.codegen.build import generate
-from flexgen.codegen.core_table import CORES
+from flexgen.build.generate import generate
+from flexgen.codegen.clib_table import C_FUNCTIONS
 from flexgen.codegen.spec import STATUSES, library_name
-from flexgen.codegen.table import INVERSION
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.evaluate import evaluate
-from flexgen.problems.path import Path
+from flexgen.mechanics.signatures import INVERSION
+from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.path import Path
 from flexgen.runtime import Library, load
 
 CODES = {status.name: status.code for status in STATUSES}
@@ -26,7 +26,7 @@ SENTINEL = -7.25e77
 OUTPUTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
 ARRAYS = ("place", "rate", "rate2", "q_start")
 SAMPLES, BEFORE, AFTER = 41, 12, 8  # of the paths that are spoiled
-REPORTS = {name: number for core in CORES for name, number, _ in core.macros}
+REPORTS = {name: number for core in C_FUNCTIONS for name, number, _ in core.macros}
 
 
 def guarded(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -100,7 +100,7 @@ class Call:
 
 
 @dataclass
-class Answer:
+class MethodResult:
     """What came back; ``spilled``: whether anything was written beyond an array."""
 
     status: int
@@ -126,7 +126,7 @@ def pointer(x: np.ndarray | None) -> ctypes.c_void_p:
     return ctypes.c_void_p(None if x is None else x.ctypes.data)
 
 
-def invert(target: Target, call: Call) -> Answer:
+def invert(target: Target, call: Call) -> MethodResult:
     """The call of C, with arrays of the exact size."""
     s = target.sizes
     n = len(call.place) if call.n is None else call.n
@@ -151,7 +151,7 @@ def invert(target: Target, call: Call) -> Answer:
     )
     spilled = not all(untouched(block) for _, block in numbers.values())
     results = {key: every[key].reshape(total, -1) for key in OUTPUTS} if status >= 0 else {}
-    return Answer(status, every["report"], spilled, results)
+    return MethodResult(status, every["report"], spilled, results)
 
 
 class Streamed:

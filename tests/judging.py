@@ -21,7 +21,7 @@ try:
 except ModuleNotFoundError:
     PinocchioReferee = None
 try:
-    from flexgen.mechanics.fast import recursive_function as fast_function  # also where it is wrong
+    from flexgen.recursion.functions import recursive_function as fast_function  # also where it is wrong
 except ModuleNotFoundError:
     fast_function = None
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from flexgen.codegen.kernel import kernel
-from flexgen.codegen.polynomials import PRECISIONS
+from flexgen.expressions.elementary_functions import PRECISIONS
 
 NAME = "robot"
 TYPES = {"double": np.float64, "single": np.float32}

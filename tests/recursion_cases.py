@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 
 from flexgen.errors import ModelError
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.fast import recursive_function
 from flexgen.model.elements import Body, Dof, Element, Gear, Motor, Output, Placement, RobotModel
 from flexgen.model.reader import read
+from flexgen.recursion.functions import recursive_function
 
 # Of the largest entry of what is expected (or of a quantity of the same kind that does not vanish): rounding along
 # chains of some tens of frames, in another order. Accelerations are judged by the torques that they take, because a

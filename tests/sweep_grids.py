@@ -10,7 +10,7 @@ import pytest
 
 from flexgen.sweeps.cases import Grid, combinations, random_moves
 from flexgen.sweeps.version import code_version
-from flexgen.sweeps.work import WrongCode
+from flexgen.sweeps.worker import WrongCode
 
 ROBOTS = Path(__file__).parent / "robots"
 ONE = str(ROBOTS / "one.toml")

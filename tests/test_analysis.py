@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.analysis.index import structural_index
 from flexgen.analysis.linear import linearise
 from flexgen.analysis.zeros import inner_zeros, is_structured, transmission_zeros
+from flexgen.dae.signature import structural_index
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.reader import model_names, read
+from flexgen.numerics.evaluate import evaluate
 
 POSE = (0.3, -1.1, 0.0)
 PUBLISHED = 1e-3  # relative; the numbers are printed with four digits

@@ -24,35 +24,34 @@ FLOORS = {
     "": 0,
     "errors": 0,
     "ports": 0,
-    "printing": 0,
     "trajectory": 0,
+    "numerics": 1,
+    "expressions": 1,
+    "clib": 1,
     "model": 1,
-    "catalogue": 2,
+    "runtime": 1,
     "mechanics": 2,
-    "analysis": 3,
+    "recursion": 3,
+    "closed_form": 3,
+    "dae": 3,
+    "simulation": 3,
+    "analysis": 4,
     "codegen": 4,
-    "problems": 4,
-    "runtime": 4,
-    "simulation": 4,
-    "solvers": 5,
-    "canvas": 6,
-    "comparison": 7,
-    "control": 7,
+    "build": 5,
+    "paths": 5,
+    "inversion": 6,
     "identify": 7,
+    "control": 7,
+    "export": 7,
     "sweeps": 7,
-    "linear_pictures": 7,
-    "stick_figure": 7,
-    "path_pictures": 8,
-    "pictures": 8,
-    "report": 9,
-    "commands": 10,
-    "main_job": 11,
-    "cli": 12,
-    "__main__": 13,
+    "plots": 8,
+    "reports": 9,
+    "cli": 10,
+    "__main__": 11,
 }
 
-WITHOUT_CASADI = ["errors", "ports", "trajectory", "model", "catalogue", "runtime", "cli", "__main__"]
-INSTANT = ["cli", "__main__", "commands", "main_job", "printing"]  # behind --help: the standard library only
+WITHOUT_CASADI = ["errors", "ports", "trajectory", "model", "clib", "runtime", "cli", "__main__"]
+INSTANT = ["cli", "__main__"]  # behind --help: the standard library only
 HEAVY = {"casadi", "numpy", "scipy", "sympy", "matplotlib", "mujoco"}
 RUNTIME_NEEDS = {"runtime", "errors", "ports", ""}
 
@@ -218,7 +217,7 @@ def test_packages_of_the_wheel_are_those_of_the_tree():
 
 
 def test_import_of_the_command_line_loads_nothing_heavy():
-    code = "import sys, flexgen.cli; print(*sorted({name.partition('.')[0] for name in sys.modules}))"
+    code = "import sys, flexgen.cli.main; print(*sorted({name.partition('.')[0] for name in sys.modules}))"
     out = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     assert not HEAVY & set(out.split())
     assert "argparse" in out.split()
@@ -244,11 +243,11 @@ def test_verbs_are_public_and_not_hidden_by_modules_of_the_same_name():
     ("module", "line"),
     [
         ("flexgen.model.reader", "from flexgen.mechanics.equations import derive"),
-        ("flexgen.mechanics.equations", "def late():\n    import flexgen.solvers.solve"),
-        ("flexgen.codegen.build", "from flexgen import runtime"),
+        ("flexgen.mechanics.equations", "def late():\n    import flexgen.inversion.solve"),
+        ("flexgen.build.generate", "from flexgen import inversion"),
         ("flexgen.runtime", "from flexgen.codegen import spec"),
-        ("flexgen.analysis.linear", "from flexgen.problems.path import Path"),
-        ("flexgen.problems.path", "if TYPE_CHECKING:\n    from flexgen.solvers.solution import Solution"),
+        ("flexgen.analysis.linear", "from flexgen.paths.path import Path"),
+        ("flexgen.paths.path", "if TYPE_CHECKING:\n    from flexgen.inversion.solution import Solution"),
     ],
 )
 def test_planted_import_upwards_is_seen(module, line):
@@ -270,7 +269,7 @@ def test_planted_circle_is_seen():
         ("flexgen.ports", "import casadi as ca", WITHOUT_CASADI),
         ("flexgen.model", "from casadi import SX", WITHOUT_CASADI),  # a package is imported with its modules
         ("flexgen.errors", "import numpy.linalg", INSTANT),
-        ("flexgen.commands", "try:\n    import scipy.linalg\nexcept ImportError:\n    pass", INSTANT),
+        ("flexgen.cli.verbs", "try:\n    import scipy.linalg\nexcept ImportError:\n    pass", INSTANT),
     ],
 )
 def test_planted_heavy_import_is_seen(module, line, rooms):
@@ -283,5 +282,5 @@ def test_planted_heavy_import_is_seen(module, line, rooms):
 
 def test_planted_late_import_is_allowed_behind_help():
     texts = sources()
-    texts["flexgen.cli"] += "\ndef late():\n    import casadi\n"
-    assert "casadi" not in reached("flexgen.cli", all_imports(texts))
+    texts["flexgen.cli.main"] += "\ndef late():\n    import casadi\n"
+    assert "casadi" not in reached("flexgen.cli.main", all_imports(texts))

@@ -9,15 +9,15 @@ import pytest
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.mechanics.evaluate import evaluate
+from flexgen.inversion.methods import baselines
+from flexgen.inversion.methods.baselines import quasistatic_motion, stiff_motion
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.solution import Solution
 from flexgen.model.elements import Move
 from flexgen.model.reader import read
-from flexgen.problems.path import Path
-from flexgen.simulation import simulate
-from flexgen.solvers import baselines
-from flexgen.solvers.baselines import quasistatic_motion, stiff_motion
-from flexgen.solvers.reduction import Reduction
-from flexgen.solvers.solution import Solution
+from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.path import Path
+from flexgen.simulation.simulate import simulate
 
 RIGHT = 1e-8  # what exact methods reach
 SAME = 1e-12  # relative: the same formula

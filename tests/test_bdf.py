@@ -7,11 +7,11 @@ import pytest
 from causal_cases import observed_order, problem, reference, relative
 
 import flexgen
+from flexgen.dae.system import DaeFunctions
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.mechanics.dae import DaeFunctions
+from flexgen.inversion.methods.bdf import COEFFICIENTS, answer, extrapolated, march, stable_order
+from flexgen.inversion.problem import InversionProblem
 from flexgen.model.reader import read
-from flexgen.solvers.bdf import COEFFICIENTS, answer, extrapolated, march, stable_order
-from flexgen.solvers.question import Question
 
 SMOOTH = 9  # continuous derivatives of a path on which an order can be seen
 NEAR = 0.35  # by how much an observed order may miss the declared one
@@ -96,7 +96,7 @@ def test_six_axes(move: str) -> None:
 
 def test_a_tool_that_passes_a_singular_pose_is_told() -> None:
     here = problem("manutec_r3", None, "joints")
-    dae = DaeFunctions(here.ask.equations)  # the tool instead of the joints
+    dae = DaeFunctions(here.problem.equations)  # the tool instead of the joints
     t = np.linspace(0.0, here.path.duration, 101)
     with pytest.raises(SolverError, match="singular pose"):
         march(dae, here.path, t, here.x_rest, 1)
@@ -135,6 +135,6 @@ def test_without_damping_inside_the_stable_order_is_taken() -> None:
     ],
 )
 def test_wrong_options_are_told(options: dict[str, object], text: str) -> None:
-    ask = problem("planar5_mp").ask
+    given = problem("planar5_mp").problem
     with pytest.raises(ArgumentError, match=text):
-        answer(Question(ask.equations, ask.path, options=options), 5e-3)
+        answer(InversionProblem(given.equations, given.path, options=options), 5e-3)

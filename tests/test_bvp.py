@@ -18,19 +18,19 @@ from test_product import STRICT, STRICT_CPP, tool
 import flexgen
 from flexgen.analysis.linear import linearise
 from flexgen.analysis.zeros import inner_zeros
-from flexgen.codegen.table import INVERSION
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion.methods import bvp, closed_form, lq
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.solve import _solution
 from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.signatures import INVERSION
 from flexgen.mechanics.statics import at_rest
 from flexgen.model.elements import LinearSpring, Placement, RobotModel
 from flexgen.model.reader import read
-from flexgen.problems.path import Path
+from flexgen.paths.path import Path
 from flexgen.runtime import load
-from flexgen.runtime.inversion import REPORTS
-from flexgen.simulation import simulate
-from flexgen.solvers import bvp, exact, lq
-from flexgen.solvers.question import Question
-from flexgen.solvers.solve import _solution
+from flexgen.runtime.path_inversion import REPORTS
+from flexgen.simulation.simulate import simulate
 
 pytestmark = needs_compiler
 
@@ -51,15 +51,15 @@ OTHER_MOTION = 2e-9  # rad, of deflections of some 1e-3
 MICRON = 1e-6
 
 
-def question(model: str | FilePath | RobotModel, **options: float) -> Question:
+def question(model: str | FilePath | RobotModel, **options: float) -> InversionProblem:
     """The model's first move."""
     equations = derive(model)
-    return Question(equations, Path(equations, equations.model.move()), **options)  # type: ignore[arg-type]
+    return InversionProblem(equations, Path(equations, equations.model.move()), **options)  # type: ignore[arg-type]
 
 
-def usual(ask: Question) -> float:
+def usual(problem: InversionProblem) -> float:
     """The mesh [s] that solve begins with."""
-    return min(ask.path.duration / 100, 5e-3)
+    return min(problem.path.duration / 100, 5e-3)
 
 
 def last_joint(model: RobotModel, stiffness: float, damping: float) -> RobotModel:
@@ -88,20 +88,22 @@ def unstable_zeros(equations: Equations, q_a: np.ndarray) -> int:
 # --- agreement --------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("name", [*PLANAR, pytest.param("manutec_r3_18", marks=pytest.mark.long)])
 def test_it_agrees_with_the_other_methods(name: str) -> None:
-    ask = question(name, preview=EARLY)
-    answer = bvp.answer(ask, usual(ask))
+    problem = question(name, preview=EARLY)
+    answer = bvp.answer(problem, usual(problem))
     assert answer.details["residual"] < ROUNDING
-    i_e = list(ask.equations.model.i_e)
-    same = lq.answer(ask, usual(ask))
+    i_e = list(problem.equations.model.i_e)
+    same = lq.answer(problem, usual(problem))
     size = np.abs(answer.drives.tau_m).max(axis=0)
     assert np.array_equal(same.t, answer.t)
     most = SAME_MESH if name in PLANAR else SAME_MESH_SIX_AXES
     assert np.abs((same.drives.tau_m - answer.drives.tau_m) / size).max() < most
     if name not in PLANAR:  # there collocation takes minutes; the simulation judges
-        solution = _solution(ask, "bvp", answer)
-        assert (simulate(ask.equations, solution.trajectory, start=ask.rest).tool_error_max_m or 0.0) < MICRON / 10
+        solution = _solution(problem, "bvp", answer)
+        assert (
+            simulate(problem.equations, solution.trajectory, start=problem.rest).tool_error_max_m or 0.0
+        ) < MICRON / 10
         return
-    other = exact.collocation(ask, usual(ask))
+    other = closed_form.collocation(problem, usual(problem))
     inside = (other.t >= answer.t[0]) & (other.t <= answer.t[-1])
     tau, q = (make_interp_spline(answer.t, x, k=7)(other.t[inside]) for x in (answer.drives.tau_m, answer.q))
     assert np.abs((tau - other.drives.tau_m[inside]) / size).max() < OTHER_MESH
@@ -112,9 +114,9 @@ def test_it_agrees_with_the_other_methods(name: str) -> None:
 def test_the_tool_stays_on_the_path(name: str) -> None:
     """On a mesh of 10 ms within 0.15 um, of 5 ms within 0.009 um."""
     for mesh, most in ((1e-2, 0.15 * MICRON), (5e-3, 0.009 * MICRON)):
-        ask = question(name, mesh=mesh)
-        solution = _solution(ask, "bvp", bvp.answer(ask, mesh))
-        assert (simulate(ask.equations, solution.trajectory, start=ask.rest).tool_error_max_m or 0.0) < most
+        problem = question(name, mesh=mesh)
+        solution = _solution(problem, "bvp", bvp.answer(problem, mesh))
+        assert (simulate(problem.equations, solution.trajectory, start=problem.rest).tool_error_max_m or 0.0) < most
 
 
 def test_it_is_a_method_of_solve() -> None:
@@ -127,22 +129,22 @@ def test_it_is_a_method_of_solve() -> None:
 @pytest.mark.parametrize("name", PLANAR)
 def test_the_ends_are_bound_by_what_fades_and_grows(name: str) -> None:
     """As many unstable zeros as another algorithm finds; at the ends the motion is the one that belongs to them."""
-    ask = question(name)
-    answer = bvp.answer(ask, usual(ask))
-    equations, (e,) = ask.equations, ask.equations.model.i_e
+    problem = question(name)
+    answer = bvp.answer(problem, usual(problem))
+    equations, (e,) = problem.equations, problem.equations.model.i_e
     poses = (answer.q[0], answer.q[-1])
     found = [answer.details[f"unstable_zeros_{end}"] for end in ("start", "end")]
     assert found == [unstable_zeros(equations, q) for q in poses]
     if name == "planar5_mp":  # all fades: the start is exact rest
-        assert np.abs(answer.v[0]).max() < 1e-12 and np.abs(answer.q[0] - ask.rest.q_a).max() < 1e-12
+        assert np.abs(answer.v[0]).max() < 1e-12 and np.abs(answer.q[0] - problem.rest.q_a).max() < 1e-12
         return
     # one real zero of either sign: v_e = z (q_e - rest). With a short window the distance from rest is well above
     # rounding; what is left is of the second order in it.
     short = question(name, mesh=1e-3, preview=3e-3)
     early = bvp.answer(short, 1e-3)
-    rest = at_rest(equations, ask.rest.q_a)
+    rest = at_rest(equations, problem.rest.q_a)
     zeros = inner_zeros(equations, linearise(equations, rest), rest).real
-    assert early.v[0, e] / (early.q[0, e] - ask.rest.q_a[e]) == pytest.approx(zeros.max(), rel=1e-3)
+    assert early.v[0, e] / (early.q[0, e] - problem.rest.q_a[e]) == pytest.approx(zeros.max(), rel=1e-3)
 
 
 # --- what it refuses --------------------------------------------------------------------------------------------------
@@ -156,17 +158,17 @@ def test_the_ends_are_bound_by_what_fades_and_grows(name: str) -> None:
     ids=["flat", "undamped", "zeros change"],
 )
 def test_what_lq_solves_and_it_does_not(model, words: str) -> None:
-    ask = question(model())
+    problem = question(model())
     with pytest.raises(SolverError, match=words):
-        bvp.answer(ask, usual(ask))
-    assert lq.answer(ask, usual(ask)).details["residual"] < lq.TOLERANCE
+        bvp.answer(problem, usual(problem))
+    assert lq.answer(problem, usual(problem)).details["residual"] < lq.TOLERANCE
 
 
 def test_near_the_flat_point_it_still_works() -> None:
     """With zeros at some +-10^5 1/s, a tool a few micrometres further out."""
     model = flat_arm()
-    ask = question(replace(model, tool=Placement(((1 + 1e-5) * model.tool.position[0], 0.0, 0.0))))
-    answer = bvp.answer(ask, usual(ask))
+    problem = question(replace(model, tool=Placement(((1 + 1e-5) * model.tool.position[0], 0.0, 0.0))))
+    answer = bvp.answer(problem, usual(problem))
     assert answer.details["unstable_zeros_start"] == answer.details["unstable_zeros_end"] == 1
 
 

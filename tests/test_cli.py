@@ -16,9 +16,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flexgen import commands
-from flexgen.cli import build_parser, main
-from flexgen.printing import analysis_text, as_json, figures, number, plain, roots, solution_rows, table
+from flexgen.cli import verbs
+from flexgen.cli.main import build_parser, main
+from flexgen.cli.printing import analysis_text, as_json, figures, number, plain, roots, solution_rows, table
 from flexgen.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -319,9 +319,9 @@ def test_limited_is_told_from_inaccurate():
         tool_error_max_rad=None,
         to_dict=lambda: {"plan_error_max": 3e-3},
     )
-    assert "strays 0.003 m or rad from the plan, more than 1e-06" in commands.inaccuracy(strays, 1e-6)
+    assert "strays 0.003 m or rad from the plan, more than 1e-06" in verbs.inaccuracy(strays, 1e-6)
     strays.to_dict = dict
-    assert "strays 0.1 m or rad from the path, more than 1e-06" in commands.inaccuracy(strays, 1e-6)
+    assert "strays 0.1 m or rad from the path, more than 1e-06" in verbs.inaccuracy(strays, 1e-6)
 
 
 @pytest.mark.parametrize(
@@ -454,11 +454,11 @@ def noise(args, tell):
     print("from Python")
     os.write(1, b"from C\n")
     tell("progress")
-    return commands.Answer({"x": float("nan"), "y": [np.float64("inf"), np.arange(2)]}, "done", warnings=["careful"])
+    return verbs.Answer({"x": float("nan"), "y": [np.float64("inf"), np.arange(2)]}, "done", warnings=["careful"])
 
 
 def test_only_the_answer_is_on_standard_output(ask, run, monkeypatch):
-    monkeypatch.setattr(commands, "models", noise)
+    monkeypatch.setattr(verbs, "models", noise)
     _, data, err = ask("models")
     assert data == {"x": None, "y": [None, [0, 1]]}
     for text in ("from Python", "from C", "progress", "flexgen: warning: careful"):
@@ -474,7 +474,7 @@ def test_unexpected_ends(ask, monkeypatch, error, expected):
     def fail(args, tell):
         raise error
 
-    monkeypatch.setattr(commands, "models", fail)
+    monkeypatch.setattr(verbs, "models", fail)
     status, data, err = ask("models")
     assert status == expected and data["error"] and err.startswith("flexgen: ")
 
@@ -494,7 +494,7 @@ def test_computations_that_break_down_blame_the_numbers(ask, monkeypatch, error)
         warnings.warn("overflow encountered", RuntimeWarning, stacklevel=1)
         raise error
 
-    monkeypatch.setattr(commands, "analyze", fail)
+    monkeypatch.setattr(verbs, "analyze", fail)
     status, data, err = ask("analyze", "elbow@rigid")
     assert status == 1 and data["error"].startswith("analyze elbow@rigid: the computation broke down")
     assert "the numbers of the model" in data["error"] and err == f"flexgen: {data['error']}\n"
@@ -510,9 +510,9 @@ def test_interruption_that_a_solver_swallows(ask, monkeypatch):
     def swallow(args, tell):
         with contextlib.suppress(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
-        return commands.Answer({"half": 1}, "half")
+        return verbs.Answer({"half": 1}, "half")
 
-    monkeypatch.setattr(commands, "models", swallow)
+    monkeypatch.setattr(verbs, "models", swallow)
     status, data, _ = ask("models")
     assert status == 130 and data == {"error": "interrupted"}
 

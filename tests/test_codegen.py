@@ -24,14 +24,14 @@ from emitted import (
     sources,
 )
 
-from flexgen.codegen.build import generate
+from flexgen.build.generate import generate
 from flexgen.codegen.emit import emit, symbols
-from flexgen.codegen.graph import read_graph
-from flexgen.codegen.programs import checked
+from flexgen.codegen.routines import checked
 from flexgen.codegen.spec import library_spec
-from flexgen.codegen.table import offered_functions
 from flexgen.errors import BuildError
+from flexgen.expressions.graph import read_graph
 from flexgen.mechanics.equations import derive
+from flexgen.mechanics.signatures import offered_functions
 from flexgen.model.reader import model_names, read
 from flexgen.ports import Port
 from flexgen.runtime import load

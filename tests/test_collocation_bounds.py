@@ -10,13 +10,13 @@ from scipy.interpolate import BPoly
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion.methods import full_model
+from flexgen.inversion.methods.full_model import Limits, bernstein_rows, collocate_full, limits_for
+from flexgen.inversion.problem import InversionProblem
 from flexgen.model.reader import read
-from flexgen.problems.path import Path
-from flexgen.simulation import simulate
-from flexgen.solvers import full
-from flexgen.solvers.full import Limits, bernstein_rows, collocate_full, limits_for
-from flexgen.solvers.question import Question
-from flexgen.solvers.tableaus import Tableau, gauss
+from flexgen.numerics.tableaus import Tableau, gauss
+from flexgen.paths.path import Path
+from flexgen.simulation.simulate import simulate
 
 KEPT = 1e-6  # relative: IPOPT's tolerance on bounds
 BENT = 2e-4  # relative: of deflections, whose second coefficient an interval is bounded by that of the one before
@@ -108,14 +108,14 @@ def test_bounds_at_the_gauss_points_alone_are_passed(monkeypatch: pytest.MonkeyP
 
     equations = flexgen.derive("planar5_nmp")
     limits = limits_for(equations.model, torque=20.0, speed=100.0)
-    ask = Question(equations, Path(equations, equations.model.move(None)), limits=limits)
+    problem = InversionProblem(equations, Path(equations, equations.model.move(None)), limits=limits)
 
     def fastest() -> float:
-        found = collocate_full(equations, ask.path, ask.nodes(0.01)[1], limits)
+        found = collocate_full(equations, problem.path, problem.nodes(0.01)[1], limits)
         return float(np.abs(found.drives.v_m).max())
 
     assert fastest() < 100.0 * (1 + KEPT)
-    monkeypatch.setattr(full, "bernstein_rows", points)
+    monkeypatch.setattr(full_model, "bernstein_rows", points)
     assert fastest() > 100.0 * (1 + 100 * KEPT)
 
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.comparison import compare_methods, error_rows, error_sizes
+from flexgen.inversion.comparison import compare_methods, error_rows, error_sizes
+from flexgen.inversion.robustness import Plant, compare_plants, output_errors
+from flexgen.inversion.solve import _plan_error
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import Output
 from flexgen.model.reader import read
-from flexgen.problems.path import Path
-from flexgen.report import write_report
-from flexgen.solvers.robustness import Plant, compare_plants, output_errors
-from flexgen.solvers.solve import _plan_error
+from flexgen.paths.path import Path
+from flexgen.reports.html import write_report
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from emitted import _folder, made, needs_compiler, random_states, run, sources
 
-from flexgen.codegen.build import generate
+from flexgen.build.generate import generate
 from flexgen.model.reader import read
 from flexgen.runtime import load
 

@@ -10,13 +10,13 @@ from scipy.interpolate import make_interp_spline
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion.methods import discretized
+from flexgen.inversion.methods.discretized import Discretized, discretize
+from flexgen.inversion.problem import InversionProblem
 from flexgen.mechanics.equations import Equations
 from flexgen.model.reader import read
-from flexgen.problems.path import Path
-from flexgen.simulation import simulate
-from flexgen.solvers import discretized
-from flexgen.solvers.discretized import Discretized, discretize
-from flexgen.solvers.question import Question
+from flexgen.paths.path import Path
+from flexgen.simulation.simulate import simulate
 
 MICRON = 1e-6  # what a user is promised
 RIGHT = 2e-8  # what the method reaches on smooth models with its own grid
@@ -24,8 +24,8 @@ AGREE = 1e-5  # of the largest torque: both methods' own error at their own mesh
 BENT = 3e-2  # the same for a spring with bends: ripples of the torque that the tool does not feel are not the same
 
 
-def _question(equations: Equations) -> Question:
-    return Question(equations, Path(equations, equations.model.move(None)))
+def _question(equations: Equations) -> InversionProblem:
+    return InversionProblem(equations, Path(equations, equations.model.move(None)))
 
 
 @pytest.mark.parametrize("name", ["planar5_mp", "planar5_nmp", "planar5_soft", "beam_arm", "planar5_nmp@undamped"])
@@ -81,11 +81,11 @@ def test_collocation_agrees(name: str, tolerance: float) -> None:
 @pytest.mark.parametrize(("order", "steps"), [(2, (5e-3, 2.5e-3)), (4, (5e-3, 2.5e-3)), (6, (10e-3, 5e-3))])
 def test_the_error_falls_with_the_order_of_the_differences(order: int, steps: tuple[float, float]) -> None:
     smooth = read("planar5_mp", overrides={"move.line.smoothness": 9})
-    ask = _question(flexgen.derive(smooth))
+    problem = _question(flexgen.derive(smooth))
     t = np.linspace(0.05, 0.45, 9)
 
     def torque(h: float, order: int) -> np.ndarray:
-        found = discretize(ask, h, order, 0.02, 0.1)
+        found = discretize(problem, h, order, 0.02, 0.1)
         at = np.searchsorted(found.t, t - 1e-9)
         assert np.abs(found.t[at] - t).max() < 1e-9
         return found.tau_m[at]

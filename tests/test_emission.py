@@ -8,13 +8,13 @@ import pytest
 from emission import Small, ports_of, small, spec_of
 from emitted import machine, needs_compiler
 
-from flexgen.codegen import graph as graphs
-from flexgen.codegen import simplify
-from flexgen.codegen.graph import Graph, read_graph
-from flexgen.codegen.mathematics import literal, mathematics
-from flexgen.codegen.order import ordered, scheduled
-from flexgen.codegen.program import Block, Expressions, Program, Solve, profile
-from flexgen.codegen.simplify import simplified
+from flexgen.expressions import graph as graphs
+from flexgen.expressions import simplify
+from flexgen.expressions.function_text import function_text, literal
+from flexgen.expressions.graph import Graph, read_graph
+from flexgen.expressions.routine import Block, Expressions, Routine, Solve, profile
+from flexgen.expressions.schedule import ordered, scheduled
+from flexgen.expressions.simplify import simplified
 from flexgen.ports import Port
 
 ROUNDING = 1e-13  # of some twenty roundings in another order, relative to the largest term
@@ -185,10 +185,10 @@ def every_operation() -> ca.SX:
 @pytest.mark.parametrize("chunk", [1000, 7])
 @pytest.mark.parametrize("flags", [(), ("-O0", "-DSMALL_NO_VECTORS")])
 def test_every_operation_and_every_cut(chunk, flags, tmp_path, monkeypatch):
-    monkeypatch.setattr("flexgen.codegen.mathematics.CHUNK", chunk)
-    monkeypatch.setattr("flexgen.codegen.mathematics.MARGIN", 0)
+    monkeypatch.setattr("flexgen.expressions.function_text.CHUNK", chunk)
+    monkeypatch.setattr("flexgen.expressions.function_text.MARGIN", 0)
     function = function_of(every_operation())
-    written = mathematics(Program((Expressions(function),)), {"u": 4}, {"y": function.numel_out(0)})
+    written = function_text(Routine((Expressions(function),)), {"u": 4}, {"y": function.numel_out(0)})
     assert ("evaluate_1_2" in written.text) == (chunk == 7) == (written.work > 0)
     library = small(function, tmp_path, flags=("-std=c99", "-O2", "-ffp-contract=off", *flags))
     x = np.random.default_rng(5).normal(size=(POINTS, 4))
@@ -230,8 +230,8 @@ def test_literals_read_back_to_the_same_bits():
 @pytest.mark.parametrize("chunk", [1000, 3])
 def test_whatever_is_not_finite_is_noticed(bad, chunk, tmp_path, monkeypatch):
     """An input that no result depends on, one behind a comparison, and a result that overflows."""
-    monkeypatch.setattr("flexgen.codegen.mathematics.CHUNK", chunk)
-    monkeypatch.setattr("flexgen.codegen.mathematics.MARGIN", 0)
+    monkeypatch.setattr("flexgen.expressions.function_text.CHUNK", chunk)
+    monkeypatch.setattr("flexgen.expressions.function_text.MARGIN", 0)
     library = small(function_of(ca.if_else(A < 1, 2, 3 * B), B * B, B - 1), tmp_path)  # C and D are not used
     good = np.array([0.1, 0.2, 0.3, 0.4])
     assert library.point(good)[0] == 0
@@ -250,7 +250,7 @@ def test_whatever_is_not_finite_is_noticed(bad, chunk, tmp_path, monkeypatch):
 
 
 # --- loops ------------------------------------------------------------------------------------------------------------
-def solve_program(n: int, columns: int, unit: bool, banded: bool) -> tuple[Program, tuple[Port, ...], tuple[Port, ...]]:
+def solve_program(n: int, columns: int, unit: bool, banded: bool) -> tuple[Routine, tuple[Port, ...], tuple[Port, ...]]:
     """``X = -A^-1 R`` of a positive definite matrix given by its entries."""
     q, r = ca.SX.sym("q", n, n), ca.SX.sym("r", n, columns)
     mask = np.ones((n, n)) if not banded else (np.abs(np.subtract.outer(np.arange(n), np.arange(n))) <= 1) * 1.0
@@ -263,7 +263,7 @@ def solve_program(n: int, columns: int, unit: bool, banded: bool) -> tuple[Progr
         blocks.append(Block("inverse_of", 0, columns, n))
         outputs.append(Port("inverse_of", (n, n), "1", ""))
     solve = Solve("M", "R", n, columns, unit, profile(f, "M"), tuple(blocks), (("X", 0, 1),))
-    return Program((Expressions(f), solve)), ports_of(f)[0], tuple(outputs)
+    return Routine((Expressions(f), solve)), ports_of(f)[0], tuple(outputs)
 
 
 @needs_compiler
@@ -300,7 +300,7 @@ def test_a_singular_matrix_is_told(tmp_path):
     f = program.steps[0].function
     q, r = ca.SX.sym("q", 2, 2), ca.SX.sym("r", 2, 3)
     singular = ca.Function("g", [q, r], [ca.densify(ca.mtimes(q, q.T)), r], ["q", "r"], f.name_out())
-    library = Small(spec_of(Program((Expressions(singular), program.steps[1])), inputs, outputs), tmp_path)
+    library = Small(spec_of(Routine((Expressions(singular), program.steps[1])), inputs, outputs), tmp_path)
     assert library.point(np.eye(2), np.ones((2, 3)))[0] == 0
     status, (X_of, *_) = library.point(np.ones((2, 2)), np.ones((2, 3)))
     assert status == -3 and np.isnan(X_of).all()
@@ -313,7 +313,7 @@ def test_a_pivot_of_rounding_is_told(rows, tmp_path):
     program, inputs, outputs = solve_program(2, 3, False, False)
     q, r = ca.SX.sym("q", 2, 2), ca.SX.sym("r", 2, 3)
     square = ca.Function("g", [q, r], [ca.densify(ca.mtimes(q, q.T)), r], ["q", "r"], ["M", "R"])
-    library = Small(spec_of(Program((Expressions(square), program.steps[1])), inputs, outputs), tmp_path)
+    library = Small(spec_of(Routine((Expressions(square), program.steps[1])), inputs, outputs), tmp_path)
     right = np.ones((2, 3))
     assert library.point(np.array(rows), right)[0] == -3
     assert library.point(np.array([[0.1, 0.7], [0.3, 2.2]]), right)[0] == 0
@@ -328,7 +328,7 @@ def test_a_quotient_of_rounding_is_told(sign, tmp_path):
     pivot = sign * (B * B + C * C - 2 * D * B * C)  # positive, or always negative, for |D| < 1
     function = function_of(A / pivot, A + 1)
     inputs, outputs = ports_of(function)
-    library = Small(spec_of(Program((Expressions(function, pivots=True),)), inputs, outputs), tmp_path)
+    library = Small(spec_of(Routine((Expressions(function, pivots=True),)), inputs, outputs), tmp_path)
     assert library.point([1.0, 0.3, 0.5, 0.2])[0] == 0
     for x in ([1.0, 0.3, 0.3, 1.0], [1.0, 0.1, 0.1 * (1 + 3e-16), 1.0], [1.0, 0.3, 0.3, 1.0 + 1e-15]):
         assert library.point(x)[0] == -3

@@ -23,10 +23,10 @@ from emitted import (
 
 import flexgen
 from flexgen import errors
-from flexgen.codegen.build import generate
-from flexgen.codegen.compiler import find_compiler
+from flexgen.build.compiler import find_compiler
+from flexgen.build.generate import generate
+from flexgen.build.object_cache import cache_folder
 from flexgen.codegen.emit import emit
-from flexgen.codegen.objects import cache_folder
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.equations import derive
 from flexgen.model.reader import read
@@ -313,7 +313,7 @@ def test_the_cache_does_not_grow_for_ever(tmp_path, objects, monkeypatch):
     for path in objects.iterdir():
         os.utime(path, (1e9, 1e9))
     old = set(objects.iterdir())
-    monkeypatch.setattr("flexgen.codegen.objects.LIMIT", size)
+    monkeypatch.setattr("flexgen.build.object_cache.LIMIT", size)
     compiled(tmp_path / "b", precision="single")
     kept = set(objects.iterdir())
     assert sum(path.stat().st_size for path in kept) <= size and not kept >= old
@@ -329,7 +329,7 @@ def test_folders_in_the_cache_of_objects_stay(tmp_path, objects, monkeypatch):
     library.mkdir(parents=True)
     (library / "manifest.json").write_text("{}")
     os.utime(objects / "libraries", (1e8, 1e8))  # before everything else
-    monkeypatch.setattr("flexgen.codegen.objects.LIMIT", 1)
+    monkeypatch.setattr("flexgen.build.object_cache.LIMIT", 1)
     compiled(tmp_path / "b", precision="single")
     assert not any(path.exists() for path in old) and (library / "manifest.json").exists()
 

@@ -17,8 +17,8 @@ from hostile import (
     NAMES,
     OUTPUTS,
     SPOILERS,
-    Answer,
     Call,
+    MethodResult,
     Streamed,
     Target,
     call_of,
@@ -29,11 +29,11 @@ from hostile import (
 )
 
 from flexgen.errors import ArgumentError, FlexgenError, SolverError
-from flexgen.mechanics.evaluate import evaluate
+from flexgen.inversion.sampling import slope
+from flexgen.inversion.solve import solve
 from flexgen.mechanics.statics import reach
 from flexgen.model.reader import read
-from flexgen.solvers.sampling import slope
-from flexgen.solvers.solve import solve
+from flexgen.numerics.evaluate import evaluate
 
 pytestmark = needs_compiler
 
@@ -100,7 +100,7 @@ def all_places(call: Call, x: np.ndarray) -> np.ndarray:
     return np.concatenate([np.repeat(x[:1], call.lead, axis=0), x, np.repeat(x[-1:], call.tail, axis=0)])
 
 
-def check_results(target: Target, call: Call, answer: Answer) -> None:
+def check_results(target: Target, call: Call, answer: MethodResult) -> None:
     """What was found is true, by CasADi and by differences; it is exact, or the report says that it is not."""
     r, model, status = answer.results, target.equations.model, NAMES[answer.status]
     mesh, between, steps, _, uneven = answer.report

@@ -12,7 +12,7 @@ import pytest
 
 import flexgen
 from flexgen.mechanics.equations import derive
-from flexgen.simulation import simulate
+from flexgen.simulation.simulate import simulate
 from flexgen.trajectory import Trajectory
 
 PLANAR = 1e-7  # m

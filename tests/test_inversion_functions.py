@@ -9,16 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexgen.codegen.build import generate
+from flexgen.build.generate import generate
 from flexgen.codegen.emit import emit
 from flexgen.codegen.spec import chosen_functions, library_spec
-from flexgen.codegen.table import FUNCTIONS, INVERSION, offered_functions
 from flexgen.errors import ArgumentError
-from flexgen.mechanics import fast_inversion, inversion
+from flexgen.mechanics import inversion_functions
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.fast import fast_function, recursive_function
+from flexgen.mechanics.signatures import FUNCTIONS, INVERSION, offered_functions
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import model_names, read
+from flexgen.recursion import inversion_functions as by_recursion
+from flexgen.recursion.functions import fast_function, recursive_function
 
 MADE_OF_TAPES = ("output_constraint", "inversion_slopes", "inversion_rows")
 ROBOTS = ("one", "spatial", "ur5_elastic")
@@ -163,7 +164,7 @@ def test_the_gear_law_is_that_of_the_springs():
 def test_a_planted_error_in_the_turning_is_seen(monkeypatch):
     """Angular velocities are no derivatives of coordinates: without that term the test must fail."""
     equations = derive(read("manutec_r3"))
-    monkeypatch.setattr(fast_inversion, "cross", lambda a, b: [0.0] * 3)
+    monkeypatch.setattr(by_recursion, "cross", lambda a, b: [0.0] * 3)
     fast = recursive_function(equations, "inversion_slopes")
     given = state(equations.model)
     found, expected = values(fast, given), values(equations.function("inversion_slopes"), given)
@@ -176,7 +177,7 @@ def test_a_planted_error_in_the_springs_is_seen(monkeypatch):
     """Rows without their springs are not those of the Lagrangian."""
     equations = derive(read("planar5_nmp"))
     expected = values(equations.function("inversion_slopes"), given := state(equations.model))
-    kept = inversion.slopes
+    kept = inversion_functions.slopes
 
     def without(equations, of_output, of_left):
         inputs, names, outputs, ports = kept(equations, of_output, of_left)
@@ -184,7 +185,7 @@ def test_a_planted_error_in_the_springs_is_seen(monkeypatch):
         outputs[at], outputs[at + 1] = of_left[0], of_left[1]
         return inputs, names, outputs, ports
 
-    monkeypatch.setattr(fast_inversion, "slopes", without)
+    monkeypatch.setattr(by_recursion, "slopes", without)
     assert disagreement(values(recursive_function(equations, "inversion_slopes"), given), expected) > 1e-3
 
 

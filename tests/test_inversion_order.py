@@ -12,10 +12,11 @@ import pytest
 from emitted import needs_compiler
 from test_bvp import last_joint, question
 
-from flexgen.codegen import cores
+from flexgen.codegen import clib_files
+from flexgen.inversion import model_library
+from flexgen.inversion.methods import bvp, lq
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
-from flexgen.solvers import bvp, inverter, lq
 
 pytestmark = needs_compiler
 
@@ -83,14 +84,14 @@ def equidistant(text: str) -> str:
 
 def test_points_of_a_lower_order_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The planted bug: points that converge to the same motion, but more slowly."""
-    texts = cores.templates()
+    texts = clib_files.templates()
     right = texts["inversion.h"]
-    monkeypatch.setattr(cores, "templates", lambda: {**texts, "inversion.h": equidistant(right)})
+    monkeypatch.setattr(clib_files, "templates", lambda: {**texts, "inversion.h": equidistant(right)})
     monkeypatch.setenv("FLEXGEN_CACHE", "")
-    inverter._built.cache_clear()
+    model_library._built.cache_clear()
     try:
         stiffness, damping, least, _ = MODELS["slow"]
         found = order(last_joint(read("planar5_nmp"), stiffness, damping), "lq")
     finally:
-        inverter._built.cache_clear()
+        model_library._built.cache_clear()
     assert 4 - 1 / 3 < found < 5 < least

@@ -14,7 +14,7 @@ from emitted import loaded, made, needs_compiler
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import derive
-from flexgen.problems.path import Path
+from flexgen.paths.path import Path
 from flexgen.runtime import load
 
 pytestmark = needs_compiler
@@ -141,7 +141,7 @@ def test_c_refuses_null_and_too_little_memory(library):
 
 
 def test_a_library_without_it_says_so(tmp_path):
-    from flexgen.codegen.build import generate
+    from flexgen.build.generate import generate
 
     few = load(generate(MODEL, tmp_path / "few", functions=["gravity"]).directory)
     with pytest.raises(ArgumentError, match="without invert, expected one in double precision"):

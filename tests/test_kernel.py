@@ -25,8 +25,8 @@ from kernel_program import (
 from kernel_reference import DIGITS, minimax
 
 from flexgen.codegen.kernel import kernel
-from flexgen.codegen.polynomials import ERRORS, PRECISIONS
 from flexgen.errors import ArgumentError
+from flexgen.expressions.elementary_functions import ERRORS, PRECISIONS
 
 # As the header states them. Every single-precision number was tried once: 0.87 (sine, cosine), 0.95 (exp), 2.61 (tanh).
 SINCOS, EXP, TANH = ERRORS["sincos"], ERRORS["exp"], ERRORS["tanh"]

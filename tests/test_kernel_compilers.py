@@ -29,7 +29,7 @@ from kernel_program import (
     written,
 )
 
-from flexgen.codegen.polynomials import ERRORS
+from flexgen.expressions.elementary_functions import ERRORS
 
 LEVELS = ("-O0", "-O1", "-O2", "-O3")
 

@@ -12,11 +12,11 @@ from causal_cases import observed_order, problem, reference, relative
 from numpy.polynomial import Chebyshev, Polynomial
 
 import flexgen
+from flexgen.dae.strangeness_free import StrangenessFree
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.mechanics.strangeness_free import StrangenessFree
-from flexgen.solvers.kunkel_mehrmann import Regular, answer, integrate, regularised
-from flexgen.solvers.question import Question
-from flexgen.solvers.tableaus import Tableau, radau
+from flexgen.inversion.methods.kunkel_mehrmann import Regular, answer, integrate, regularised
+from flexgen.inversion.problem import InversionProblem
+from flexgen.numerics.tableaus import Tableau, radau
 
 ORDER = 2 * 3 - 1  # of Radau IIA with three stages
 NEAR = 0.7  # by how much an observed order may miss it: the zeros are fast, and the steps are not yet small for them
@@ -182,6 +182,6 @@ def test_six_axes() -> None:
 
 
 def test_options_are_told() -> None:
-    ask = problem("planar5_mp").ask
+    given = problem("planar5_mp").problem
     with pytest.raises(ArgumentError, match="'order', expected none"):
-        answer(Question(ask.equations, ask.path, options={"order": 3}), 5e-3)
+        answer(InversionProblem(given.equations, given.path, options={"order": 3}), 5e-3)

@@ -14,9 +14,8 @@ from planar_family import planar_arm
 from random_robots import Case, cases
 
 import flexgen
-from flexgen.analysis import kunkel_mehrmann as module
-from flexgen.analysis.dae import InverseDae, Scales, consistent, derivative_array
-from flexgen.analysis.kunkel_mehrmann import (
+from flexgen.dae import strangeness_index as module
+from flexgen.dae.strangeness_index import (
     KunkelMehrmann,
     characterise,
     decide_rank,
@@ -24,14 +23,15 @@ from flexgen.analysis.kunkel_mehrmann import (
     kunkel_mehrmann_at_rest,
     rule,
 )
-from flexgen.analysis.series import RULES, SeriesFunction
+from flexgen.dae.taylor_array import InverseDae, Scales, consistent, derivative_array
+from flexgen.dae.taylor_series import RULES, SeriesFunction
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.lagrangian import gears
 from flexgen.model.elements import Output
 from flexgen.model.reader import model_names, read
-from flexgen.problems.path import Path
+from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.path import Path
 
 GAP = 1e4  # every rank of the tables rests on singular values that lie at least so far apart
 SERIES = 1e-13  # relative; recurrences against nested differentiation, both exact but for rounding

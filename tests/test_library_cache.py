@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from emitted import needs_compiler
 
+from flexgen.build import library_cache
+from flexgen.build.library_cache import IN_USE, mark_used, prune
+from flexgen.inversion import model_library as inverters
+from flexgen.inversion.model_library import inversion_library
 from flexgen.mechanics.equations import derive
-from flexgen.solvers import inverter as inverters
-from flexgen.solvers import library_cache
-from flexgen.solvers.inverter import inverter
-from flexgen.solvers.library_cache import IN_USE, mark_used, prune
 
 
 def kept(folder: Path, ages: list[float], size: int = 10) -> list[Path]:
@@ -111,12 +111,12 @@ def test_a_library_is_pruned_rebuilt_and_usable_all_the_while(tmp_path, monkeypa
     others = kept(folder, OLD[:2])
     monkeypatch.setattr(library_cache, "MOST", 1)
     equations = derive("elbow")
-    first = inverter(equations, "lq")
+    first = inversion_library(equations, "lq")
     assert list(folder.iterdir()) == [first.directory] and not any(path.exists() for path in others)
     before = first.motor_friction(np.array([0.1, 0.2]))
 
     os.utime(first.directory, (1e9, 1e9))
-    assert inverter(equations, "lq") is first and first.directory.stat().st_mtime > 1e9  # used: marked
+    assert inversion_library(equations, "lq") is first and first.directory.stat().st_mtime > 1e9  # used: marked
     os.utime(first.directory, (1e9, 1e9))
     monkeypatch.setattr(library_cache, "MOST", 0)
     prune(folder)
@@ -124,7 +124,7 @@ def test_a_library_is_pruned_rebuilt_and_usable_all_the_while(tmp_path, monkeypa
     assert (first.motor_friction(np.array([0.1, 0.2])) == before).all()  # what is loaded stays
 
     inverters._built.cache_clear()
-    again = inverter(equations, "lq")
+    again = inversion_library(equations, "lq")
     assert again.directory == first.directory and (again.motor_friction(np.array([0.1, 0.2])) == before).all()
 
 
@@ -132,7 +132,7 @@ def test_a_library_is_pruned_rebuilt_and_usable_all_the_while(tmp_path, monkeypa
 def test_a_library_that_vanishes_while_it_is_loaded_is_rebuilt(tmp_path, monkeypatch, forgotten) -> None:
     monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path / "cache"))
     equations = derive("elbow")
-    first = inverter(equations, "lq")
+    first = inversion_library(equations, "lq")
     inverters._built.cache_clear()
     load, calls = inverters.load, []
 
@@ -143,4 +143,4 @@ def test_a_library_that_vanishes_while_it_is_loaded_is_rebuilt(tmp_path, monkeyp
         return load(directory)
 
     monkeypatch.setattr(inverters, "load", late)
-    assert inverter(equations, "lq").directory == first.directory and len(calls) == 2
+    assert inversion_library(equations, "lq").directory == first.directory and len(calls) == 2

@@ -8,12 +8,12 @@ from scipy.spatial.transform import Rotation
 
 import flexgen
 from flexgen.errors import SolverError
-from flexgen.mechanics.evaluate import evaluate
-from flexgen.solvers import limited
-from flexgen.solvers.bends import DEGREE, Bends, bent
-from flexgen.solvers.full import limits_for
-from flexgen.solvers.inverter import has_compiler
-from flexgen.solvers.solution import Solution
+from flexgen.inversion import limits
+from flexgen.inversion.methods.full_model import limits_for
+from flexgen.inversion.model_library import has_compiler
+from flexgen.inversion.path_deviation import DEGREE, DeviationBasis, bent
+from flexgen.inversion.solution import Solution
+from flexgen.numerics.evaluate import evaluate
 
 KEPT = 1e-3  # of a bound: what its corrections may leave
 NEAR = 0.1  # relative: the two ways weigh the deviation alike and smooth it differently
@@ -79,22 +79,22 @@ def test_limits_that_cannot_be_kept_are_told() -> None:
 @needs_compiler
 def test_limits_that_are_not_corrected_are_passed(monkeypatch: pytest.MonkeyPatch) -> None:
     """A planted bug: slopes that are measured wrong by a fifth. The rounds mend it; without them it shows."""
-    measured = limited._slopes
+    measured = limits._slopes
 
     def wrong(*arguments: object) -> object:
         return 1.2 * measured(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(limited, "_slopes", wrong)
+    monkeypatch.setattr(limits, "_slopes", wrong)
     solution = bounded("lq", torque=22.0)
     assert np.abs(solution.trajectory["tau_m"]).max() <= 22.0 * (1 + KEPT)
-    monkeypatch.setattr(limited, "ROUNDS", 1)
+    monkeypatch.setattr(limits, "ROUNDS", 1)
     with pytest.raises(SolverError, match="still passed by"):
         bounded("lq", torque=22.0)
 
 
 def test_bends_are_smooth_and_end() -> None:
     t = np.linspace(-0.1, 1.1, 1201)
-    bends = Bends(t, 0.0, 0.05, 12)
+    bends = DeviationBasis(t, 0.0, 0.05, 12)
     c = np.random.default_rng(3).normal(size=(12, 2))
     for k in range(4):
         slope = np.gradient(bends.along(c, k), t, axis=0)[2:-2]

@@ -14,19 +14,19 @@ import pytest
 import scipy.sparse as sp
 
 import flexgen
-from flexgen.codegen import cores
-from flexgen.codegen.compiler import find_compiler
-from flexgen.codegen.cores import templates
+from flexgen.build.compiler import find_compiler
+from flexgen.codegen import clib_files
+from flexgen.codegen.clib_files import templates
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.mechanics.evaluate import evaluate
+from flexgen.inversion import model_library as built
+from flexgen.inversion.model_library import inversion_library
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.sampling import samples
+from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.path import Path
 from flexgen.ports import Port
-from flexgen.problems.path import Path
 from flexgen.runtime.stream import Interval
-from flexgen.simulation import output_labels, simulate
-from flexgen.solvers import inverter as built
-from flexgen.solvers.inverter import inverter
-from flexgen.solvers.reduction import Reduction
-from flexgen.solvers.sampling import samples
+from flexgen.simulation.simulate import output_labels, simulate
 from flexgen.trajectory import Trajectory
 
 pytestmark = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
@@ -132,7 +132,7 @@ def streamed(model: str = "planar5_nmp", move: int = 0, ahead: int = AHEAD, **li
     equations = flexgen.derive(model)
     path = Path(equations, equations.model.moves[move])
     place, rate, rate2 = given(model, move, ahead)
-    library = inverter(equations, "lq")
+    library = inversion_library(equations, "lq")
     stream = library.stream(place[0], path.q_start, period=PERIOD, intervals=ahead, parts=5)
     if limits:
         stream.limit(**limits)
@@ -200,10 +200,10 @@ def test_six_axes_keep_torque_limits_that_bind_in_all_motors(model: str, move: i
 
 def test_bends_that_come_too_soon_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """A planted bug: the path is bent right ahead, where zeros ask the motion that is under way to have known."""
-    texts = cores.templates()
+    texts = clib_files.templates()
     wrong = texts["ahead.h"].replace("static const real felt = 1e-3;", "static const real felt = 1e9;")
     assert wrong != texts["ahead.h"]
-    monkeypatch.setattr(cores, "templates", lambda: {**texts, "ahead.h": wrong})
+    monkeypatch.setattr(clib_files, "templates", lambda: {**texts, "ahead.h": wrong})
     monkeypatch.setenv("FLEXGEN_CACHE", "")
     built._built.cache_clear()
     try:

@@ -14,8 +14,8 @@ from scipy.interpolate import make_interp_spline
 
 import flexgen
 from flexgen.errors import ArgumentError
+from flexgen.inversion.method_table import METHODS
 from flexgen.mechanics.equations import derive
-from flexgen.solvers.methods import METHODS
 
 # of the largest torque of the motor; the first differences of tau_g in the C methods are good to some 1e-5, the torque
 # of the full method ripples between its Gauss points
@@ -84,7 +84,7 @@ def test_a_torque_that_is_late_does_not_agree() -> None:
 
 
 def test_every_method_is_in_the_command_line() -> None:
-    from flexgen.cli import METHODS as NAMES
+    from flexgen.cli.main import METHODS as NAMES
 
     assert sorted(NAMES) == sorted(["auto", *METHODS])
 

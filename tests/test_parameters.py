@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from emitted import needs_compiler, random_states
 
-from flexgen.codegen.build import generate
+from flexgen.build.generate import generate
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.parameters import parametrised

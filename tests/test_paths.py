@@ -7,10 +7,10 @@ import pytest
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.mechanics.evaluate import evaluate
 from flexgen.model.elements import Move
-from flexgen.problems.path import Path, chain_rule
-from flexgen.problems.timing import TimeLaw
+from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.path import Path, chain_rule
+from flexgen.paths.time_laws import TimeLaw
 
 # Central differences of step 1e-4 s on quantities whose third derivative is below 1e6 of their own size.
 DIFFERENCE = 2e-5

@@ -9,7 +9,7 @@ import pytest
 
 import flexgen
 from flexgen.errors import ArgumentError, FlexgenError, ModelError
-from flexgen.problems.path import Path
+from flexgen.paths.path import Path
 
 ARC = """\
 [[move]]

@@ -20,11 +20,11 @@ from exact_paths import (
 )
 
 import flexgen
-import flexgen.problems.chain as chain
+import flexgen.paths.blended_curve as chain
 from flexgen.errors import ArgumentError
 from flexgen.model.moves import Move, MoveC, MoveL
-from flexgen.problems.path import Path
-from flexgen.problems.segments import circle_through
+from flexgen.paths.path import Path
+from flexgen.paths.segments import circle_through
 
 # Sums of up to some ten terms of the size of the largest, each rounded; the fifth derivative loses most.
 EXACT = 1e-11
@@ -82,7 +82,7 @@ def test_circle_derivatives_are_exact(robot, start) -> None:
 
 
 def test_a_wrong_chain_rule_would_be_seen(robot, start, monkeypatch: pytest.MonkeyPatch) -> None:
-    from flexgen.problems import derivatives as rules
+    from flexgen.paths import jets as rules
 
     monkeypatch.setattr(rules, "comb", lambda n, k: 4 if (n, k) == (4, 2) else comb(n, k))
     assert circle_error(robot, start) > 1e3 * EXACT

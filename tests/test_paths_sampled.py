@@ -12,9 +12,9 @@ from test_paths import derivatives_agree
 import flexgen
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.model.moves import Move, MoveL
-from flexgen.problems.derivatives import quaternion
-from flexgen.problems.path import Path
-from flexgen.problems.samples import read_samples
+from flexgen.paths.jets import quaternion
+from flexgen.paths.path import Path
+from flexgen.paths.sample_files import read_samples
 
 DIFFERENCE = 2e-5  # as in test_paths: of finite differences
 START = (0.3, -1.1)
@@ -156,7 +156,7 @@ def test_a_path_that_turns_back_is_refused(arm, tmp_path: FilePath) -> None:
 
 
 def test_an_error_in_the_spline_would_be_seen(arm, tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
-    import flexgen.problems.spline as spline
+    import flexgen.paths.spline as spline
 
     p = Path(arm, arm.model.move("line")).reference.place(START)[0]
     u = np.linspace(0, 1, 20)

@@ -11,9 +11,9 @@ from emitted import needs_compiler
 
 import flexgen
 from flexgen.model.moves import Move, MoveL, Program
-from flexgen.problems.path import Path
-from flexgen.problems.smoothness import SmoothnessReport, smoothness_report
-from flexgen.problems.timing import TimeLaw
+from flexgen.paths.path import Path
+from flexgen.paths.smoothness import SmoothnessReport, smoothness_report
+from flexgen.paths.time_laws import TimeLaw
 
 # Estimates of the linear machine at one pose, beside a simulation that moves on along the path.
 FACTOR = 2.0

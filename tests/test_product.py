@@ -16,8 +16,8 @@ import pytest
 from bad_models import GOOD
 from emitted import CC, ROOT, SMALL, _folder, library_of, made, needs_compiler, random_states, run, sources
 
-from flexgen.codegen.build import Generated, generate
-from flexgen.codegen.compiler import REPRODUCIBLE
+from flexgen.build.compiler import REPRODUCIBLE
+from flexgen.build.generate import Generated, generate
 from flexgen.codegen.emit import symbols
 from flexgen.codegen.spec import library_spec
 from flexgen.errors import ArgumentError, BuildError, FlexgenError, ModelError

@@ -12,8 +12,8 @@ import flexgen
 from flexgen.errors import ArgumentError, ModelError, SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.model.moves import Move, MoveC, MoveJ, MoveL, Program
-from flexgen.problems.path import Path
-from flexgen.problems.posture import Posture
+from flexgen.paths.joint_limits import Posture
+from flexgen.paths.path import Path
 
 HERE = FilePath(__file__).parent
 EXAMPLE = HERE.parent / "examples" / "program.toml"

@@ -13,9 +13,9 @@ from bad_models import GOOD
 
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.model import elements as nouns
-from flexgen.model.locate import parse, unwrap
-from flexgen.model.parts import rotation
+from flexgen.model.component_tables import rotation
 from flexgen.model.reader import model_names, read
+from flexgen.model.toml_lines import parse, unwrap
 
 MODELS = Path(__file__).parents[1] / "models"
 

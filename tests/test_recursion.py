@@ -25,10 +25,10 @@ from recursion_cases import (
 )
 from referee import ALL_MODELS, model_of
 
-from flexgen.mechanics import fast as fast_room
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.fast import agrees, cost_of, fast_function, recursive_function
 from flexgen.model.elements import Body, Dof, Element, Gear, Motor, Placement, RobotModel
+from flexgen.recursion import functions as fast_room
+from flexgen.recursion.functions import agrees, cost_of, fast_function, recursive_function
 
 
 @pytest.mark.parametrize("name", [*ALL_MODELS, *ROBOTS, *MADE], ids=lambda name: Path(name).stem)

@@ -17,11 +17,11 @@ from recursion_cases import (
     tilted_axes,
 )
 
-from flexgen.mechanics import chain as chain_room
-from flexgen.mechanics import recursion, variation
 from flexgen.mechanics.equations import derive
-from flexgen.mechanics.fast import fast_function, recursive_function
-from flexgen.mechanics.plans import plans
+from flexgen.recursion import derivatives, newton_euler
+from flexgen.recursion import dh_chain as chain_room
+from flexgen.recursion.functions import fast_function, recursive_function
+from flexgen.recursion.regrouping import plans
 
 
 @pytest.fixture
@@ -56,16 +56,16 @@ def wrong_sign_of_a_frames_angle(monkeypatch):
 
 
 def missing_coriolis_term(monkeypatch):
-    entry = recursion.Motion.U
+    entry = newton_euler.Motion.U
 
     def wrong(self, i, k):
         return self.dw[2] if (i, k) == (1, 0) else entry(self, i, k)
 
-    monkeypatch.setattr(recursion.Motion, "U", wrong)
+    monkeypatch.setattr(newton_euler.Motion, "U", wrong)
 
 
 def missing_momentum_of_changes(monkeypatch):
-    monkeypatch.setattr(variation, "_carried", lambda beyond, w, s, S: beyond)
+    monkeypatch.setattr(derivatives, "_carried", lambda beyond, w, s, S: beyond)
 
 
 @pytest.mark.parametrize(

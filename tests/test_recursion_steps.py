@@ -23,14 +23,14 @@ from recursion_cases import (
 from referee import matrix, random_axis, random_body, random_placement
 from scipy.spatial.transform import Rotation
 
-from flexgen.mechanics.chain import Kept, laid, regrouped
-from flexgen.mechanics.composite import mass_matrix
 from flexgen.mechanics.equations import derive
-from flexgen.mechanics.fast import cost_of, fast_function
-from flexgen.mechanics.recursion import inverse_dynamics
-from flexgen.mechanics.tape import Tape
-from flexgen.mechanics.tool import tool_pose
 from flexgen.model.elements import Dof, Element, Gear, Motor, Placement, RobotModel
+from flexgen.recursion.composite_body import mass_matrix
+from flexgen.recursion.dh_chain import Kept, laid, regrouped
+from flexgen.recursion.functions import cost_of, fast_function
+from flexgen.recursion.kinematics import tool_pose
+from flexgen.recursion.newton_euler import inverse_dynamics
+from flexgen.recursion.tape import Tape
 
 
 def torques(chain, given, columns=True) -> np.ndarray:

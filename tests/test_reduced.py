@@ -9,12 +9,12 @@ from causal_cases import Problem, problem, reference, relative
 from numpy.polynomial import Chebyshev
 
 import flexgen
+from flexgen.dae.dummy_derivatives import Choice, DummyDerivatives
+from flexgen.dae.system import DaeFunctions
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.mechanics.dae import DaeFunctions
-from flexgen.mechanics.dummy_derivatives import Choice, DummyDerivatives
-from flexgen.solvers import reduced
-from flexgen.solvers.question import Question
-from flexgen.solvers.reduced import POOR, answer, integrate, offsets
+from flexgen.inversion.methods import dummy_derivatives
+from flexgen.inversion.methods.dummy_derivatives import POOR, answer, integrate, offsets
+from flexgen.inversion.problem import InversionProblem
 
 TOLD = 5e-7  # m and rad: what is reached with the default tolerance
 EXACT = 1e-4  # relative: torques against the exact methods
@@ -111,7 +111,7 @@ def test_other_states_are_chosen_on_the_way(monkeypatch: pytest.MonkeyPatch) -> 
             return self.choice([3, 3, 1, 1, 1, 0, 0]) if self.asked == 1 else super().choose(Y, U)
 
     straight = integrate(dummies, here.path, t, here.x_rest)
-    monkeypatch.setattr(reduced, "POOR", 0.97)
+    monkeypatch.setattr(dummy_derivatives, "POOR", 0.97)
     changed = integrate(Planted(here.dae, dummies.c, dummies.d), here.path, t, here.x_rest)
     assert straight.choices == 1 and changed.choices >= 2
     tau = [here.torques(dummies.states_of(found.Y)[0]) for found in (changed, straight)]
@@ -188,6 +188,6 @@ def test_where_the_structure_hides_the_index_another_method_is_named() -> None:
 
 @pytest.mark.parametrize("rtol", [1e-20, 1.0, "tight"])
 def test_wrong_options_are_told(rtol: object) -> None:
-    ask = problem("planar5_mp").ask
+    given = problem("planar5_mp").problem
     with pytest.raises(ArgumentError, match="rtol"):
-        answer(Question(ask.equations, ask.path, options={"rtol": rtol}), 5e-3)
+        answer(InversionProblem(given.equations, given.path, options={"rtol": rtol}), 5e-3)

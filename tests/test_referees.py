@@ -1,8 +1,8 @@
 """Random robots before two outside referees: MuJoCo and Pinocchio.
 
 Whatever flexgen computes of the mechanics is compared on robots that nobody chose, on each of its routes: Lagrange's
-equations (`Equations.function`) and the recursive code of `flexgen.mechanics.fast`. A sample of robots runs always; a
-thousand run under the marker ``full``. Bugs planted in flexgen's robots and answers must be seen by each referee.
+equations (`Equations.function`) and the recursive code of `flexgen.recursion.functions`. A sample of robots always
+runs; a thousand run under the marker ``full``. Bugs planted in flexgen's robots and answers must be seen by each referee.
 """
 
 from __future__ import annotations

@@ -16,10 +16,11 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen import canvas, pictures
 from flexgen.errors import ArgumentError
-from flexgen.report import write_analysis, write_report
-from flexgen.solvers.full import Limits
+from flexgen.inversion.methods.full_model import Limits
+from flexgen.plots import canvas
+from flexgen.plots import solution as figures_of
+from flexgen.reports.html import write_analysis, write_report
 
 CASES = [("planar5_nmp", "line"), ("manutec_r3", "line"), ("four_mass@high", "step"), ("beam_arm", "line")]
 ALWAYS = ["robot", "torques", "speeds", "deflections", "pole_zero_map", "frequency_response"]
@@ -132,8 +133,8 @@ def test_report_without_verification(tmp_path):
     assert "errors" not in [value for tag, key, value in page.attributes if tag == "figure" and key == "id"]
     assert not (tmp_path / "errors.svg").exists()
     with pytest.raises(ArgumentError, match="not verified"):
-        pictures.errors(equations, solution.trajectory, None)
-    assert pictures.overview(equations, solution.trajectory) is not None
+        figures_of.errors(equations, solution.trajectory, None)
+    assert figures_of.overview(equations, solution.trajectory) is not None
 
 
 def test_report_of_a_limited_solution_with_warnings_and_library(tmp_path):
@@ -175,12 +176,12 @@ def test_pictures_are_the_same_every_time_and_leave_no_trace(tmp_path):
     texts = []
     for k in range(2):
         with matplotlib.rc_context(style if k else {}):
-            figure = pictures.torques(equations, solution.trajectory, solution.simulation)
-            texts.append(pictures.save(figure, tmp_path / f"{k}.svg").read_bytes())
+            figure = figures_of.torques(equations, solution.trajectory, solution.simulation)
+            texts.append(figures_of.save(figure, tmp_path / f"{k}.svg").read_bytes())
     assert texts[0] == texts[1]
     assert dict(matplotlib.rcParams) == before
     assert b"<metadata" not in texts[0] and b"dc:date" not in texts[0]
-    code = "import sys, flexgen.report; assert 'matplotlib.pyplot' not in sys.modules"
+    code = "import sys, flexgen.reports.html; assert 'matplotlib.pyplot' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
     code = "import sys, flexgen; assert 'matplotlib' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -188,11 +189,11 @@ def test_pictures_are_the_same_every_time_and_leave_no_trace(tmp_path):
 
 def test_overview_is_small(tmp_path):
     equations, solution = solved("planar5_nmp", "line")
-    figure = pictures.overview(equations, solution.trajectory, solution.simulation)
-    assert pictures.save(figure, tmp_path / "a.svg").stat().st_size < 200_000
-    assert pictures.save(figure, tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
+    figure = figures_of.overview(equations, solution.trajectory, solution.simulation)
+    assert figures_of.save(figure, tmp_path / "a.svg").stat().st_size < 200_000
+    assert figures_of.save(figure, tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
     with pytest.raises(ArgumentError, match=r"\.svg or \.png"):
-        pictures.save(figure, tmp_path / "a.pdf")
+        figures_of.save(figure, tmp_path / "a.pdf")
 
 
 def test_limits_are_drawn_where_they_are_near():
@@ -201,7 +202,7 @@ def test_limits_are_drawn_where_they_are_near():
         dataclasses.replace(m, torque_max=limit) for m, limit in zip(equations.model.motors, (26, 900), strict=True)
     )
     near = flexgen.derive(dataclasses.replace(equations.model, motors=motors))
-    figure = pictures.torques(near, solution.trajectory)
+    figure = figures_of.torques(near, solution.trajectory)
     first, second = (axes for axes in figure.get_axes() if axes.get_ylabel() == "torque, N m")
     assert first.get_ylim()[1] > 26 and first.get_title(loc="right") == "limit ±26 N m"
     assert second.get_ylim()[1] < 50 and second.get_title(loc="right") == "limit ±900 N m"
@@ -213,7 +214,7 @@ def test_early_torque_has_a_panel_only_with_unstable_zeros():
         analysis = flexgen.analyze(equations, solution.move.start)
         return [
             axes.get_title(loc="left")
-            for axes in pictures.torques(equations, solution.trajectory, analysis=analysis).get_axes()
+            for axes in figures_of.torques(equations, solution.trajectory, analysis=analysis).get_axes()
         ]
 
     assert any("before the path" in title for title in titles("beam_arm", "line"))
@@ -229,12 +230,12 @@ def test_end_of_the_path_is_read_from_the_reference():
 def test_rigid_machine_has_no_deflections():
     equations, solution = solved("elbow@rigid", "line", verify=False)
     with pytest.raises(ArgumentError, match="rigid gears"):
-        pictures.deflections(equations, solution.trajectory)
+        figures_of.deflections(equations, solution.trajectory)
 
 
 def test_machines_without_extent_show_their_output():
     equations, solution = solved("four_mass@high", "step")
-    figure = pictures.robot(equations, solution.trajectory, solution.simulation)
+    figure = figures_of.robot(equations, solution.trajectory, solution.simulation)
     (axes,) = figure.get_axes()
     assert axes.get_ylabel() == "output, m"
 
@@ -250,7 +251,7 @@ def test_analysis_is_written(tmp_path):
 @pytest.mark.parametrize("name", ["planar5_mp", "elbow@rigid", "abb_arm", "kr300", "manutec_r3_efjm"])
 def test_every_machine_has_its_pictures_of_dynamics(name):
     analysis = flexgen.analyze(name)
-    for draw in (pictures.pole_zero_map, pictures.frequency_response):
+    for draw in (figures_of.pole_zero_map, figures_of.frequency_response):
         for axes in draw(analysis).get_axes():
             assert np.isfinite([*axes.get_xlim(), *axes.get_ylim()]).all()
             assert axes.lines
@@ -291,18 +292,18 @@ def test_errors_are_drawn_in_a_unit_that_reads_well(size, unit):
     error = done["error"] * size / np.linalg.norm(done["error"], axis=1).max()
     other = dataclasses.replace(done, channels={**done.channels, "error": error})
     simulation = dataclasses.replace(simulation, trajectory=other)
-    (axes,) = pictures.errors(equations, solution.trajectory, simulation).get_axes()
+    (axes,) = figures_of.errors(equations, solution.trajectory, simulation).get_axes()
     assert axes.get_ylabel().endswith(f", {unit}") and unit in axes.get_title(loc="right")
     assert axes.get_title(loc="right").split()[1] in ("3", "0.3")
 
 
 def test_logarithmic_axes_say_so_and_falling_is_explained(tmp_path):
     analysis = flexgen.analyze("planar5_nmp")
-    axes = pictures.pole_zero_map(analysis).get_axes()[0]
+    axes = figures_of.pole_zero_map(analysis).get_axes()[0]
     for part, label in (("real", axes.get_xlabel()), ("imaginary", axes.get_ylabel())):
         assert re.fullmatch(rf"{part} part, 1/s \(logarithmic outside ±\S+\)", label)
-    assert pictures.falls(analysis)
-    assert not pictures.falls(flexgen.analyze("abb_arm"))
+    assert figures_of.falls(analysis)
+    assert not figures_of.falls(flexgen.analyze("abb_arm"))
     text = read_page(write_report(*solved("planar5_nmp", "line"), tmp_path))[1]
     assert "falling under gravity with free motors, not a fault of the controller" in text
     assert "dotted" not in text

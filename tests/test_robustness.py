@@ -7,11 +7,11 @@ import pytest
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.mechanics.evaluate import evaluate
+from flexgen.inversion import robustness
+from flexgen.inversion.robustness import PLANTS, Bandwidth, Plant, compare_plants, hold_motors, perturbed
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.reader import read
-from flexgen.solvers import robustness
-from flexgen.solvers.robustness import PLANTS, Bandwidth, Plant, compare_plants, hold_motors, perturbed
+from flexgen.numerics.evaluate import evaluate
 
 SAME = 1e-9
 NOMINAL, SOFT = PLANTS[0], PLANTS[2]

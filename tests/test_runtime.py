@@ -17,7 +17,7 @@ from emitted import (
 )
 from handmade import VALUES, compiled, install, twist
 
-from flexgen.codegen.build import generate
+from flexgen.build.generate import generate
 from flexgen.codegen.spec import STATUSES
 from flexgen.errors import ArgumentError, BuildError, SolverError
 from flexgen.model.reader import read

@@ -11,7 +11,7 @@ import pytest
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.statics import hold_joints
-from flexgen.simulation import simulate
+from flexgen.simulation.simulate import simulate
 from flexgen.trajectory import Trajectory
 
 

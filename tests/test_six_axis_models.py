@@ -14,11 +14,11 @@ import flexgen
 from flexgen.analysis.linear import LinearModel, linearise
 from flexgen.analysis.zeros import inner_pencil, inner_zeros, zero_report
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.statics import Equilibrium, hold_joints
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
-from flexgen.problems.path import Path as ToolPath
+from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.path import Path as ToolPath
 
 # Zeros of the non-actuated elements, unstable and all, at every pose of every move; slowest and fastest unstable rate.
 ZEROS = {

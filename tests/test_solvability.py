@@ -14,11 +14,11 @@ from flexgen.analysis.linear import LinearModel, linearise
 from flexgen.analysis.solvability import controllability, solvability, solvability_path
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.elements import BacklashSpring
 from flexgen.model.reader import model_names, read
-from flexgen.problems.path import Path
+from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.path import Path
 
 SAME = 1e-9  # relative; two ways to the same matrix
 FLAT = ("abb_arm", "manutec_r3_efjm", "planar5_family")

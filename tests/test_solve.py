@@ -13,13 +13,13 @@ from scipy.interpolate import make_interp_spline
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion.methods.full_model import Limits
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import reach
 from flexgen.model.elements import Move, Output
 from flexgen.model.reader import model_names, read
-from flexgen.problems.path import Path
-from flexgen.simulation import simulate
-from flexgen.solvers.full import Limits
+from flexgen.paths.path import Path
+from flexgen.simulation.simulate import simulate
 
 ROBOTS = Path_(__file__).parent / "robots"
 MICRON = 1e-6  # what a user is promised

@@ -8,10 +8,10 @@ from scipy.interpolate import make_interp_spline
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.mechanics.evaluate import evaluate
+from flexgen.inversion.methods.full_model import Limits, limits_from_model
 from flexgen.model.reader import read
-from flexgen.simulation import simulate
-from flexgen.solvers.full import Limits, limits_from_model
+from flexgen.numerics.evaluate import evaluate
+from flexgen.simulation.simulate import simulate
 
 COMPLETE = {
     "motor_coupling": "complete",
@@ -122,12 +122,12 @@ def test_wrong_limits_are_refused() -> None:
 
 
 def test_a_fallback_that_fails_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    from flexgen.solvers import exact
+    from flexgen.inversion.methods import closed_form
 
     def broken(*arguments: object, **options: object) -> object:
         raise SolverError("no")
 
-    monkeypatch.setattr(exact, "collocate_full", broken)
+    monkeypatch.setattr(closed_form, "collocate_full", broken)
     said: list[str] = []
     # an accuracy that no method reaches: the first one's answer is kept
     solution = flexgen.solve("abb_arm", mesh=0.005, accuracy=1e-15, progress=said.append)

@@ -11,16 +11,16 @@ from scipy.interpolate import make_interp_spline
 
 import flexgen
 from flexgen.errors import SolverError
-from flexgen.mechanics.evaluate import evaluate
+from flexgen.inversion.methods.collocation import collocate
+from flexgen.inversion.motor_side import twists
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.solution import residual_max
 from flexgen.mechanics.statics import gear_twist
 from flexgen.model.reader import read
-from flexgen.problems.path import Path
-from flexgen.simulation import simulate
-from flexgen.solvers.collocation import collocate
-from flexgen.solvers.drives import twists
-from flexgen.solvers.reduction import Reduction
-from flexgen.solvers.solution import residual_max
-from flexgen.solvers.tableaus import gauss, radau
+from flexgen.numerics.evaluate import evaluate
+from flexgen.numerics.tableaus import gauss, radau
+from flexgen.paths.path import Path
+from flexgen.simulation.simulate import simulate
 
 RIGHT = 1e-8  # what the methods reach: a hundredth of it
 
@@ -134,8 +134,8 @@ def test_an_undamped_nonlinear_gear() -> None:
 
 def test_guards_of_the_verdicts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bugs: a simulation that loses energy, and an NLP that calls open constraints a success."""
-    import flexgen.solvers.nlp as nlp
-    import flexgen.solvers.solve as solving
+    import flexgen.inversion.solve as solving
+    import flexgen.numerics.nlp as nlp
 
     def leaking(*arguments: object, **options: object) -> object:
         return dataclasses.replace(simulate(*arguments, **options), energy_error=1e-3)  # type: ignore[arg-type]

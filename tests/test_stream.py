@@ -11,17 +11,17 @@ from emitted import CC, ROOT, made, needs_compiler, run, sources
 from test_product import STRICT, tool
 
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion.model_library import inversion_library
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.sampling import samples
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel, SmoothSpring
 from flexgen.model.reader import read
+from flexgen.paths.path import Path
 from flexgen.ports import Port
-from flexgen.problems.path import Path
 from flexgen.runtime.library import Library
 from flexgen.runtime.stream import Stream
-from flexgen.simulation import Simulation, output_labels, simulate
-from flexgen.solvers.inverter import inverter
-from flexgen.solvers.reduction import Reduction
-from flexgen.solvers.sampling import samples
+from flexgen.simulation.simulate import Simulation, output_labels, simulate
 from flexgen.trajectory import Trajectory
 
 pytestmark = needs_compiler
@@ -47,7 +47,7 @@ class Machine:
     def __init__(self, name: str | RobotModel, move: str | None) -> None:
         self.equations: Equations = derive(name)
         self.path = Path(self.equations, self.equations.model.move(move))
-        self.library: Library = inverter(self.equations, "lq")
+        self.library: Library = inversion_library(self.equations, "lq")
         self._reduction = Reduction(self.equations)
 
     def samples(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

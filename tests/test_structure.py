@@ -11,11 +11,10 @@ import pytest
 from planar_family import planar_arm
 
 import flexgen
-from flexgen.analysis.blocks import block_form
-from flexgen.analysis.dae import InverseDae, consistent
-from flexgen.analysis.index import ABSENT
-from flexgen.analysis.kunkel_mehrmann import kunkel_mehrmann_at_rest, rule
-from flexgen.analysis.structure import (
+from flexgen.dae.block_form import block_form
+from flexgen.dae.signature import ABSENT
+from flexgen.dae.strangeness_index import kunkel_mehrmann_at_rest, rule
+from flexgen.dae.structure import (
     Structure,
     check_at_rest,
     check_structure,
@@ -24,10 +23,11 @@ from flexgen.analysis.structure import (
     system_jacobian,
     to_dict,
 )
+from flexgen.dae.taylor_array import InverseDae, consistent
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.reader import model_names, read
-from flexgen.problems.path import Path
+from flexgen.paths.path import Path
 
 FLAT = ("abb_arm", "manutec_r3_efjm", "planar5_family")  # the inertia A is singular there
 

@@ -12,15 +12,15 @@ from scipy.integrate import trapezoid
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion.gear_lag import gear_lag
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.force_laws import friction_torque
 from flexgen.model.elements import NO_FRICTION, Friction, Move, RobotModel
 from flexgen.model.reader import read
-from flexgen.problems.timing import TimeLaw
-from flexgen.solvers.lag import gear_lag
-from flexgen.sweeps import joint_moves, lots
+from flexgen.paths.time_laws import TimeLaw
+from flexgen.sweeps import batches, closed_form_batch
 from flexgen.sweeps.cases import Grid, random_moves
-from flexgen.sweeps.joint_moves import JointMoves, friction_slopes, unfit
+from flexgen.sweeps.closed_form_batch import JointMoves, friction_slopes, unfit
 from flexgen.sweeps.sweep import sweep
 
 SAME = 1e-9  # relative to the largest torque of the motor: what is promised; rounding and differences leave 1e-12
@@ -91,7 +91,7 @@ def test_gears_of_all_kinds_against_solve(name: str) -> None:
 
 def test_a_wrong_difference_is_seen(monkeypatch) -> None:
     """Planted bug: the second derivative of the gears' torque one thousandth off."""
-    monkeypatch.setattr(joint_moves, "CENTRE", joint_moves.CENTRE * (1 + 1e-3))
+    monkeypatch.setattr(closed_form_batch, "CENTRE", closed_form_batch.CENTRE * (1 + 1e-3))
     equations = derive(VARIANTS["no damping"])
     assert difference(equations, JointMoves(equations, TimeLaw(1.0, 5))) > SAME
 
@@ -113,7 +113,7 @@ def test_figures_are_those_of_the_torques() -> None:
 
 def test_no_neighbour_changes_a_bit() -> None:
     mover = JointMoves(derive(ELBOW), TimeLaw(1.0, 5), step=5e-3)
-    _, starts, ends = moves_of(ELBOW, joint_moves.WIDTH + 5)
+    _, starts, ends = moves_of(ELBOW, closed_form_batch.WIDTH + 5)
     both = mover.torques(starts, ends)
     assert (mover.torques(starts[7:8], ends[7:8])[0] == both[7]).all()
     assert (mover.torques(starts[::-1], ends[::-1])[::-1] == both).all()
@@ -131,7 +131,7 @@ def test_friction_and_its_derivatives_against_casadi() -> None:
     expected = [np.array(x).ravel() for x in at(speeds[None])]
     for found, right in zip(friction_slopes(law, speeds), expected, strict=True):
         assert found == pytest.approx(right, rel=1e-11, abs=1e-11)
-    assert joint_moves.friction(law, speeds) == pytest.approx(expected[0], rel=1e-13)
+    assert closed_form_batch.friction(law, speeds) == pytest.approx(expected[0], rel=1e-13)
 
 
 def test_what_does_not_fit_is_refused() -> None:
@@ -211,13 +211,13 @@ def test_limits_are_told_in_the_same_words() -> None:
 def test_without_a_compiler_casadi_does_it(monkeypatch) -> None:
     grid = Grid(["elbow"], random_moves(2), options=BATCH)
     compiled = sweep(grid, workers=0).results
-    monkeypatch.setattr(lots, "_MOVERS", {})
-    monkeypatch.setattr(lots, "_LIBRARIES", {})
+    monkeypatch.setattr(batches, "_MOVERS", {})
+    monkeypatch.setattr(batches, "_LIBRARIES", {})
 
     def refused(*args: object, **named: object) -> None:
         raise flexgen.BuildError("no compiler")
 
-    monkeypatch.setattr(lots, "generate", refused)
+    monkeypatch.setattr(batches, "generate", refused)
     table = sweep(grid, workers=0).results
     assert (table["verdict"] == "not verified").all()
     assert table["torque_max"] == pytest.approx(compiled["torque_max"], rel=1e-12)

@@ -15,11 +15,11 @@ from sweep_grids import batch_grid, sources_stay
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.sweeps import sweep as sweeps
-from flexgen.sweeps.crews import in_pool, in_process, with_executor
+from flexgen.sweeps.executors import in_pool, in_process, with_executor
 from flexgen.sweeps.jobs import Job, Rows, Shard
 from flexgen.sweeps.sweep import sweep
 from flexgen.sweeps.version import code_version
-from flexgen.sweeps.work import run_shard
+from flexgen.sweeps.worker import run_shard
 
 
 @pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="dask.distributed is not installed")

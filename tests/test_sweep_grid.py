@@ -69,7 +69,7 @@ def test_random_moves_keep_the_limits() -> None:
     moves = [move.of(model) for move in random_moves(50, seed=2, duration=0.7, smoothness=4)]
     assert moves == [move.of(model) for move in random_moves(50, seed=2, duration=0.7, smoothness=4)]
     assert len({move.start for move in moves}) == 50
-    from flexgen.problems.timing import TimeLaw
+    from flexgen.paths.time_laws import TimeLaw
 
     s = np.abs(TimeLaw(0.7, 4)(np.linspace(0, 0.7, 501), 2)).max(axis=0)
     ways = np.abs([np.subtract(move.end, move.start) for move in moves])

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from flexgen.sweeps.workerer import WrongCode, run_shard
 from sweep_grids import ONE, QUICK, batch_grid, real_grid, sources_stay
 
-from flexgen.codegen.compiler import Compiler
+from flexgen.build.compiler import Compiler
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.model.elements import Move
 from flexgen.model.reader import read
@@ -20,7 +21,6 @@ from flexgen.sweeps.jobs import Rows, Shard
 from flexgen.sweeps.sweep import sweep
 from flexgen.sweeps.table import Table
 from flexgen.sweeps.version import _installed, code_version, wants_native
-from flexgen.sweeps.work import WrongCode, run_shard
 
 
 def test_real_solves_give_the_same_bits_for_any_workers_and_shards(tmp_path) -> None:
@@ -227,7 +227,7 @@ def test_one_failing_case_stops_nothing(monkeypatch) -> None:
     def broken(*args: object, **named: object) -> None:
         raise ZeroDivisionError("division by zero")
 
-    import flexgen.sweeps.work as work
+    import flexgen.sweeps.worker as work
 
     monkeypatch.setattr(work, "solve", broken)
     assert sweep(Grid(["elbow"]), workers=0).results["error"][0] == "ZeroDivisionError: division by zero"

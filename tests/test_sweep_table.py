@@ -9,8 +9,8 @@ import json
 import numpy as np
 import pytest
 
+from flexgen.cli.sweep import add_arguments, run
 from flexgen.errors import ArgumentError
-from flexgen.sweeps.command import add_arguments, run
 from flexgen.sweeps.table import RESULTS, Column, Table, table_of
 
 ROWS = [

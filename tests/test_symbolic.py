@@ -15,11 +15,11 @@ import sympy as sp
 from scipy.spatial.transform import Rotation
 
 import flexgen
+from flexgen.closed_form.equations import SymbolicEquations, symbolic
+from flexgen.closed_form.printing import escape_latex
+from flexgen.closed_form.trigonometric import TrigonometricRing, chained
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import derive
-from flexgen.mechanics.print_symbolic import escape_latex
-from flexgen.mechanics.symbolic import SymbolicEquations, symbolic
-from flexgen.mechanics.trigonometric import TrigonometricRing, chained
 from flexgen.model.elements import (
     BacklashSpring,
     Beam,

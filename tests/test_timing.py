@@ -9,11 +9,11 @@ from math import factorial, prod
 import numpy as np
 import pytest
 
-import flexgen.problems.steps as steps
+import flexgen.paths.velocity_profiles as steps
 from flexgen.errors import ArgumentError
-from flexgen.problems.speeds import SpeedLaw, Stretch, speed_law
-from flexgen.problems.steps import PolynomialStep, TrapezoidStep, box_times
-from flexgen.problems.timing import TimeLaw
+from flexgen.paths.speed_planning import SpeedLaw, Stretch, speed_law
+from flexgen.paths.time_laws import TimeLaw
+from flexgen.paths.velocity_profiles import PolynomialStep, TrapezoidStep, box_times
 
 ROUNDING = 1e-12  # relative; a step is a sum over at most 32 pieces, each evaluated in Taylor form
 BESIDE = 1e-9  # of the duration, beside a break

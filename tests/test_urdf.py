@@ -15,7 +15,7 @@ from bad_urdfs import BAD_OVERLAY, BAD_URDF, FINGER, OVERLAY, URDF
 from referee import Answers
 
 import flexgen
-from flexgen.cli import main
+from flexgen.cli.main import main
 from flexgen.codegen.spec import model_digest
 from flexgen.errors import ArgumentError, FlexgenError, ModelError
 from flexgen.mechanics.equations import derive

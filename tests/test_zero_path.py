@@ -11,26 +11,26 @@ import pytest
 from planar_family import PlanarArm, planar_arm
 
 import flexgen
+from flexgen.analysis.arm_linearization import ArmLinearization, arm_variation
 from flexgen.analysis.linear import linearise
-from flexgen.analysis.quasistatic import poses_along
-from flexgen.analysis.variation import ArmVariation, arm_variation
-from flexgen.analysis.zero_path import growing, zero_path, zeros_at
 from flexgen.analysis.zeros import inner_zeros, zero_report
-from flexgen.analysis.zeros_moving import moving_pencil, quasistatic_motion
+from flexgen.analysis.zeros_along_path import growing, zero_path, zeros_at
+from flexgen.analysis.zeros_in_motion import moving_pencil, quasistatic_motion
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.evaluate import evaluate
+from flexgen.mechanics.quasistatic import poses_along
 from flexgen.mechanics.statics import at_rest, hold_joints
 from flexgen.model.elements import Body, Placement
 from flexgen.model.reader import read
-from flexgen.problems.path import Path, PathSample
+from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.path import Path, PathSample
 
 ARMS = 100
 CLOSED = 1e-9  # relative; closed form against eigenvalues of a small pencil
 ROUTES = 1e-5  # relative; eigenvalues of a pencil of up to 40 states, scaled in two ways
 DIFFERENCED = 1e-6  # of the largest entry: central differences of rows of some thousand N m
 CROSSING = 1e-3  # s; of 25 ms between two poses
-Break = Callable[[ArmVariation], ArmVariation]
+Break = Callable[[ArmLinearization], ArmLinearization]
 
 
 def arms(bent: bool, gravity: bool = True) -> list[PlanarArm]:
@@ -65,12 +65,12 @@ def test_no_wrong_verdict_on_a_hundred_planar_arms(bent: bool) -> None:
 
 
 def test_planted_bugs_give_wrong_verdicts() -> None:
-    def other_way(arm: ArmVariation) -> ArmVariation:
+    def other_way(arm: ArmLinearization) -> ArmLinearization:
         W = arm.W.copy()
         W[:, :, 2] *= -1
         return replace(arm, W=W)
 
-    def no_coupling(arm: ArmVariation) -> ArmVariation:
+    def no_coupling(arm: ArmLinearization) -> ArmLinearization:
         M = arm.M.copy()
         M[:, 2, 0] = 0.0
         return replace(arm, M=M)

@@ -11,9 +11,9 @@ import casadi as ca
 import numpy as np
 
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.statics import Equilibrium
+from flexgen.numerics.evaluate import evaluate
 
 
 @dataclass(frozen=True)

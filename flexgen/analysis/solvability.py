@@ -19,16 +19,16 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.analysis.arm_linearization import ArmLinearization, arm_variation
 from flexgen.analysis.linear import LinearModel, poles
-from flexgen.analysis.quasistatic import OutputPath, poses_along
-from flexgen.analysis.structure import output_names
-from flexgen.analysis.variation import ArmVariation, arm_variation
+from flexgen.dae.structure import output_names
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.lagrangian import gears
+from flexgen.mechanics.quasistatic import OutputPath, poses_along
 from flexgen.mechanics.statics import Equilibrium, gear_damping, reach
 from flexgen.model.elements import RobotModel
+from flexgen.numerics.evaluate import evaluate
 
 SINGULAR = 1e-9  # relative: below it a matrix is singular but for rounding
 TOOL = 1e-2  # relative: a tool direction that needs a hundred times the joint motion of others
@@ -217,7 +217,7 @@ def _drive(equations: Equations, slope: np.ndarray) -> tuple[np.ndarray, tuple[i
     return G, tuple(degree)
 
 
-def _scaled(arm: ArmVariation) -> np.ndarray:
+def _scaled(arm: ArmLinearization) -> np.ndarray:
     """``W M^-1 S_g`` (k, n_y, n_g) with rows and columns of length one in the metric of M^-1."""
     half = np.linalg.cholesky(arm.M)
     rows = np.linalg.solve(half, arm.W.transpose(0, 2, 1))
@@ -227,7 +227,7 @@ def _scaled(arm: ArmVariation) -> np.ndarray:
     return rows.transpose(0, 2, 1) @ columns
 
 
-def _tool(equations: Equations, arm: ArmVariation) -> np.ndarray:
+def _tool(equations: Equations, arm: ArmLinearization) -> np.ndarray:
     """W_g (k, n_y, n_g), rows and columns that are lengths in units of the reach."""
     model, length = equations.model, reach(equations)
     rows = np.ones(model.output.size)
@@ -237,7 +237,7 @@ def _tool(equations: Equations, arm: ArmVariation) -> np.ndarray:
     return arm.W_g * rows[:, None] * columns
 
 
-def _tool_warnings(equations: Equations, arm: ArmVariation) -> list[str]:
+def _tool_warnings(equations: Equations, arm: ArmLinearization) -> list[str]:
     """What the singular values of W_g say at the first pose."""
     left, values, _ = np.linalg.svd(_tool(equations, arm)[0])
     if len(values) < arm.model.output.size or values[-1] > TOOL * values[0]:
@@ -248,7 +248,7 @@ def _tool_warnings(equations: Equations, arm: ArmVariation) -> list[str]:
     return [f"tool {kind}: the actuated joints hardly move {names} (ratio of singular values {ratio:.1e})"]
 
 
-def _inertia_warnings(arm: ArmVariation, smallest: float) -> list[str]:
+def _inertia_warnings(arm: ArmLinearization, smallest: float) -> list[str]:
     """What the inertia A of the zero dynamics says at the first pose."""
     model, distal = arm.model, _distal(arm.model)
     if smallest > (DISTAL if distal else INERTIA):
@@ -284,7 +284,7 @@ def _named(vector: np.ndarray, names: tuple[str, ...] | list[str]) -> str:
     return ", ".join(names[k] for k in order[:4])
 
 
-def _at(arm: ArmVariation, k: int) -> ArmVariation:
+def _at(arm: ArmLinearization, k: int) -> ArmLinearization:
     """The variation at one of the poses alone."""
     one = slice(k, k + 1)
-    return ArmVariation(arm.model, arm.M[one], arm.D[one], arm.K[one], arm.W[one], arm.slope[one])
+    return ArmLinearization(arm.model, arm.M[one], arm.D[one], arm.K[one], arm.W[one], arm.slope[one])

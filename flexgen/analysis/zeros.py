@@ -18,8 +18,8 @@ import numpy as np
 from flexgen.analysis.linear import LinearModel, sort_roots
 from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.statics import Equilibrium, gear_damping
+from flexgen.numerics.evaluate import evaluate
 
 PREVIEW = 5.0  # time constants of the slowest unstable zero: what comes earlier is below one percent of the torque
 ON_AXIS = 1e-9  # of its size: a real part that is smaller is rounding

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import re
 
-from flexgen.codegen.cores import core_texts
+from flexgen.codegen.clib_files import core_texts
+from flexgen.codegen.function_files import body, example, facade, meanings, private_header, source
 from flexgen.codegen.header import header
 from flexgen.codegen.kernel import kernel
-from flexgen.codegen.mathematics import Mathematics, mathematics
-from flexgen.codegen.sources import body, example, facade, meanings, private_header, source
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.errors import BuildError
+from flexgen.expressions.function_text import FunctionText, function_text
 from flexgen.ports import identifier_problem
 
 # Names that the emitted functions use beside their ports.
@@ -36,7 +36,7 @@ def emit(spec: LibrarySpec) -> dict[str, str]:
     dict of str to str
         Text by file name: ``<name>.h``, ``<name>.c``, ``<name>_<function>.c``, ``example.c``, and the private
         ``<name>_kernel.h``, ``<name>_private.h``, ``<name>_point.h``, ``<name>_lanes.h``, ``<name>_<function>_body.h``;
-        where the model inverts, ``<name>_invert.c`` and others, see `flexgen.codegen.cores`.
+        where the model inverts, ``<name>_invert.c`` and others, see `flexgen.codegen.clib_files`.
 
     Raises
     ------
@@ -60,11 +60,11 @@ def emit(spec: LibrarySpec) -> dict[str, str]:
     return files
 
 
-def _written(spec: LibrarySpec, f: FunctionSpec) -> Mathematics:
+def _written(spec: LibrarySpec, f: FunctionSpec) -> FunctionText:
     inputs, outputs = ({port.name: port.size for port in ports} for ports in (f.inputs, f.outputs))
     parameters = "parameters" if spec.parameters and "parameters" in inputs else None
     values = [parameter.value for parameter in spec.parameters]
-    return mathematics(f.program, inputs, outputs, parameters, spec.precision, values)
+    return function_text(f.program, inputs, outputs, parameters, spec.precision, values)
 
 
 def symbols(spec: LibrarySpec) -> tuple[str, ...]:

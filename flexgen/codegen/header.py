@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 
-from flexgen.codegen.cores import core_macros, core_prototypes
-from flexgen.codegen.mathematics import Mathematics
-from flexgen.codegen.pieces import batch_prototype, comment, macro, numbered, port_table, prototype, size_macro
+from flexgen.codegen.c_text import batch_prototype, comment, macro, numbered, port_table, prototype, size_macro
+from flexgen.codegen.clib_files import core_macros, core_prototypes
 from flexgen.codegen.spec import STATUSES, FunctionSpec, LibrarySpec, Status
+from flexgen.expressions.function_text import FunctionText
 
 SIZES = {
     "n_a": "arm coordinates",
@@ -37,13 +37,13 @@ def tile(f: FunctionSpec, precision: str) -> int:
     return points
 
 
-def works(f: FunctionSpec, written: Mathematics, precision: str) -> tuple[int, int]:
+def works(f: FunctionSpec, written: FunctionText, precision: str) -> tuple[int, int]:
     """Reals of workspace for one point, and for a batch: lanes of workspace, and copies of some points' arrays."""
     ports = sum(port.size for port in (*f.inputs, *f.outputs))
     return max(1, written.work), written.work * LANES[precision] + ports * tile(f, precision)
 
 
-def header(spec: LibrarySpec, written: Mapping[str, Mathematics]) -> str:
+def header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Text of ``<name>.h``."""
     guard, api = macro(spec, "H"), macro(spec, "API")
     listed = "".join(comment(line) for line in _manual(spec, _called(spec, written.values())))
@@ -118,7 +118,7 @@ def _status(spec: LibrarySpec, status: Status) -> str:
     return f"{value} {text}" if len(value) + len(text) < 115 else f"    {text}\n{value}"
 
 
-def _function(spec: LibrarySpec, f: FunctionSpec, written: Mathematics) -> str:
+def _function(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
     """The part of the header that describes and declares one function."""
     api = macro(spec, "API")
     cost = (
@@ -133,12 +133,12 @@ def _function(spec: LibrarySpec, f: FunctionSpec, written: Mathematics) -> str:
     )
 
 
-def stack_bytes(written: Mathematics, precision: str) -> int:
+def stack_bytes(written: FunctionText, precision: str) -> int:
     """Bytes of stack that a call for one point needs at most: its locals, and room for calls and registers."""
     return -(-(written.stack * BYTES[precision] + 1024) // 256) * 256
 
 
-def _called(spec: LibrarySpec, written: Iterable[Mathematics]) -> str:
+def _called(spec: LibrarySpec, written: Iterable[FunctionText]) -> str:
     """What the library calls of others."""
     used = sorted(_LIBM & {name for one in written for name in re.findall(r"F\((\w+)\)", one.text)})
     names = ", ".join(f"{name}f" if spec.precision == "single" else name for name in used)

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from string import Template
 
-from flexgen.codegen.polynomials import ERRORS, PRECISIONS, functions, number
 from flexgen.errors import ArgumentError
+from flexgen.expressions.elementary_functions import ERRORS, PRECISIONS, functions, number
 
 # Functions of <math.h> that are applied to one number at a time.
 _OF_ONE = "sqrt log expm1 log1p erf tan asin acos atan sinh cosh asinh acosh atanh".split()

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexgen.codegen.core_table import Core, Drives, drives_of, offered_cores
-from flexgen.codegen.table import FUNCTIONS, PORTS, TABLE, Row, offered_functions, port
+from flexgen.codegen.clib_table import CFunction, Drives, drives_of, offered_cores
 from flexgen.errors import ArgumentError, BuildError
+from flexgen.mechanics.signatures import FUNCTIONS, PORTS, TABLE, Row, offered_functions, port
 from flexgen.model.elements import RobotModel
 from flexgen.ports import Port, identifier_problem
 
 if TYPE_CHECKING:
-    from flexgen.codegen.program import Program
+    from flexgen.expressions.routine import Routine
     from flexgen.mechanics.parameters import Parameter
 
 ABI_VERSION = 2
@@ -105,7 +105,7 @@ class FunctionSpec:
         The arrays in the order of the arguments.
     extents : dict of str to tuple of str
         For each port its sizes in symbols (``"n_a"``) or digits, for the header.
-    program : Program
+    program : Routine
         The mathematics, with the ports as dense arguments.
     """
 
@@ -115,7 +115,7 @@ class FunctionSpec:
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
     extents: dict[str, tuple[str, ...]]
-    program: Program
+    program: Routine
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ class LibrarySpec:
     rotor_inertias: tuple[float, ...]
     precision: str = "double"
     parameters: tuple[Parameter, ...] = ()
-    cores: tuple[Core, ...] = ()
+    cores: tuple[CFunction, ...] = ()
     drives: Drives | None = None
 
     @property
@@ -315,7 +315,7 @@ def library_spec(equations: Any, functions: Sequence[str] | None = None, *, prec
 def _function_spec(row: Row, equations: Any, sizes: dict[str, int]) -> FunctionSpec:
     """One row of the table with its mathematics, checked against the ports."""
     # here, so that a library that is there already needs no CasADi
-    from flexgen.codegen.programs import PARAMETERS, needs_parameters, parameters_port, program_of
+    from flexgen.codegen.routines import PARAMETERS, needs_parameters, parameters_port, program_of
 
     inputs, outputs = (
         tuple(port(name, equations.model, sizes) for name in names.split()) for names in (row.inputs, row.outputs)

@@ -16,7 +16,7 @@ from pathlib import Path
 import casadi as ca
 
 from flexgen.errors import ArgumentError
-from flexgen.mechanics import inversion
+from flexgen.mechanics import inversion_functions
 from flexgen.mechanics.force_laws import friction_torque, spring_torque
 from flexgen.mechanics.lagrangian import Lagrangian, equations_of, gears, lagrangian
 from flexgen.mechanics.parameters import parametrised
@@ -61,7 +61,7 @@ class Equations:
     places               q_a                                   corner points of the chain (3, k), for drawing
     output_constraint    q_a, v_a, target                      y_err (n_y), W (n_y, n_a), Wdot_v (n_y)
     inversion_slopes     q_a, v_a, a_a                         dy1_dq, dy2_dq, dy2_dv, row, row_q, row_v, row_a
-    inversion_rows       q_a, v_a, a_a                         tau_g (n_g), row (n_e); see `flexgen.mechanics.inversion`
+    inversion_rows       q_a, v_a, a_a                         tau_g (n_g), row (n_e)
     gear_law             twist (n_g, arm side)                 tau_p, dtau_p: as gear_spring
     ==================== ===================================== ==========================================
 
@@ -113,7 +113,7 @@ class Equations:
                 "power": self._power,
                 "output": self._output,
                 "places": self._places,
-                **{name: partial(inversion.definition, self, name) for name in inversion.FUNCTIONS},
+                **{name: partial(inversion_functions.definition, self, name) for name in inversion_functions.FUNCTIONS},
             }
             if name not in builders:
                 raise ArgumentError(f"function: given {name!r}, expected one of {', '.join(builders)}")

@@ -13,8 +13,8 @@ import numpy as np
 
 from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.evaluate import evaluate
 from flexgen.mechanics.lagrangian import gears
+from flexgen.numerics.evaluate import evaluate
 
 NEWTON_STEPS = 50
 

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ModelError
-from flexgen.model import parts
-from flexgen.model.chain import MOVING, Chain, Segment, follow
-from flexgen.model.check import Table, as_number, bare, show
-from flexgen.model.locate import Entry, wrap
-from flexgen.model.sources import located
+from flexgen.model import component_tables
+from flexgen.model.checked_table import Table, as_number, bare, show
+from flexgen.model.toml_lines import Entry, wrap
 from flexgen.model.urdf import Inertial, Link, Pose, Urdf, among, key, without_dust
+from flexgen.model.urdf_chain import MOVING, Chain, Segment, follow
+from flexgen.model.urdf_source import located
 from flexgen.ports import identifier_problem
 
 _URDF = ("file", "base", "tip", "lock", "drop", "limits", "dynamics")
@@ -165,7 +165,7 @@ class _Overlay:
         inner = table.table("body")
         assert inner is not None
         inner.only("mass", "com", "inertia", "inertia_reduced")
-        body = parts.body(inner)
+        body = component_tables.body(inner)
         if body.mass == 0.0:
             return None
         reduced = reduced or inner.flag("inertia_reduced")

@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.model import goals, locate, parts, programs
-from flexgen.model.check import Table, closest, entry_name, show
+from flexgen.model import component_tables, program_tables, task_tables, toml_lines
+from flexgen.model.checked_table import Table, closest, entry_name, show
 from flexgen.model.elements import Body, Output, Placement, RobotModel
 from flexgen.model.inertia import idle_coordinates
-from flexgen.model.locate import Entry
 from flexgen.model.overlay import expand
-from flexgen.model.sources import from_here, plain_urdf
+from flexgen.model.toml_lines import Entry
+from flexgen.model.urdf_source import from_here, plain_urdf
 from flexgen.ports import identifier_problem
 
 SIZE_MAX = 1_000_000  # bytes
@@ -78,14 +78,14 @@ def read(
     variants = _variants(root, shown)
     if chosen and chosen not in variants:
         raise ArgumentError(f"variant of {shown}: given {chosen!r}, expected {closest(chosen, variants)}")
-    unchanged = locate.copy(root)
+    unchanged = toml_lines.copy(root)
     if chosen:
         variants[chosen].apply(root)
     for key, value in (overrides or {}).items():
         _override(root, shown, key, value)
     robot = _robot(Table(shown, root, ""), chosen, tuple(variants))
     for other in variants.values():  # a trial of the paths of those that were not chosen
-        other.apply(locate.copy(unchanged))
+        other.apply(toml_lines.copy(unchanged))
     if urdf:
         _check_inertia(root, robot)
     return replace(robot, file=again)
@@ -155,11 +155,11 @@ def parse_file(path: Path, shown: str) -> Entry:
         raise ModelError(shown, 0, "file", f"more than {SIZE_MAX} bytes", "a model file")
     raw = raw.removeprefix(codecs.BOM_UTF8)
     try:
-        return locate.parse(raw.decode("utf-8"), shown)
+        return toml_lines.parse(raw.decode("utf-8"), shown)
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
         raise ModelError(shown, line, "file", f"the byte 0x{raw[error.start]:02x}", "text in UTF-8") from None
-    except locate.TextError as error:
+    except toml_lines.TextError as error:
         raise ModelError(shown, error.line, "file", error.given, error.expected) from None
 
 
@@ -222,7 +222,7 @@ class _Variant:
             return
         for dotted, value in self.sets.entries.items():
             try:
-                _set(root, dotted, locate.copy(value))
+                _set(root, dotted, toml_lines.copy(value))
             except _NoSuchPath as error:
                 raise self.sets.fail(dotted, str(error), show(dotted)) from None
 
@@ -246,9 +246,9 @@ def _override(root: Entry, shown: str, key: Any, value: Any) -> None:
         raise ArgumentError(f"overrides: given the key {key!r}, expected a dotted path")
     plain = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
     try:
-        locate.check_depth(plain)
-        _set(root, key, locate.wrap(plain, 0, shown))
-    except locate.TextError as error:
+        toml_lines.check_depth(plain)
+        _set(root, key, toml_lines.wrap(plain, 0, shown))
+    except toml_lines.TextError as error:
         raise ArgumentError(f"overrides {key}: given {error.given}, expected {error.expected}") from None
     except _NoSuchPath as error:
         raise ModelError(shown, 0, key or '""', "a path that leads nowhere", str(error)) from None
@@ -257,17 +257,17 @@ def _override(root: Entry, shown: str, key: Any, value: Any) -> None:
 def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
     root.only(*_KEYS)
     coupling = root.choice("motor_coupling", ("simplified", "complete"), "simplified")
-    chain, where = parts.elements(root)
+    chain, where = component_tables.elements(root)
     draft = RobotModel(
         name=root.name(),
         description=root.text("description", ""),
         source=root.text("source", ""),
         gravity=root.vector("gravity", 3, what="m/s^2, world axes"),
-        base=root.build("base", parts.placement, Placement()),
+        base=root.build("base", component_tables.placement, Placement()),
         elements=chain,
-        motors=parts.motors(root, chain, where, coupling),
-        tool=root.build("tool", parts.placement, Placement()),
-        payload=root.build("payload", parts.body, Body()),
+        motors=component_tables.motors(root, chain, where, coupling),
+        tool=root.build("tool", component_tables.placement, Placement()),
+        payload=root.build("payload", component_tables.body, Body()),
         output=Output("tool_pose"),
         home=(),
         moves=(),
@@ -277,16 +277,16 @@ def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
         file=root.file,
     )
     actuated = [draft.coordinates[i] for i in draft.i_g]
-    target = root.build("output", lambda table: goals.output(table, draft.coordinates))
+    target = root.build("output", lambda table: task_tables.output(table, draft.coordinates))
     if target is None:
         raise root.fail("output", "a table: what a reference prescribes")
-    given = goals.moves(root, target, actuated)
+    given = task_tables.moves(root, target, actuated)
     return replace(
         draft,
         output=target,
-        home=goals.posture(root, "home", actuated),
+        home=task_tables.posture(root, "home", actuated),
         moves=given,
-        programs=programs.programs(root, target, actuated, [move.name for move in given]),
+        programs=program_tables.programs(root, target, actuated, [move.name for move in given]),
         text=_canonical(root),
     )
 
@@ -318,5 +318,7 @@ def _canonical(root: Table) -> str:
             return [plain(item) for item in value]
         return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
-    data = {key: locate.unwrap(entry) for key, entry in root.entries.items() if key not in ("description", "source")}
+    data = {
+        key: toml_lines.unwrap(entry) for key, entry in root.entries.items() if key not in ("description", "source")
+    }
     return json.dumps(plain(data), sort_keys=True, ensure_ascii=True)

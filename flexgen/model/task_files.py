@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 from flexgen.errors import ArgumentError
-from flexgen.model import goals, programs
-from flexgen.model.check import Table
+from flexgen.model import program_tables, task_tables
+from flexgen.model.checked_table import Table
 from flexgen.model.elements import RobotModel
 from flexgen.model.moves import Move
 from flexgen.model.reader import parse_file
-from flexgen.model.sources import from_here
+from flexgen.model.urdf_source import from_here
 
 
 def read_moves(file: str | Path, model: RobotModel) -> tuple[Move, ...]:
@@ -45,8 +45,8 @@ def read_moves(file: str | Path, model: RobotModel) -> tuple[Move, ...]:
     root = Table(shown, parse_file(path, shown), "")
     root.only("move", "program")
     actuated = [model.coordinates[i] for i in model.i_g]
-    moves = goals.moves(root, model.output, actuated)
-    listed = programs.programs(root, model.output, actuated, [move.name for move in moves])
+    moves = task_tables.moves(root, model.output, actuated)
+    listed = program_tables.programs(root, model.output, actuated, [move.name for move in moves])
     if not moves and not listed:
         raise root.fail("program", "one or more [[move]] or [[program]] tables")
     return (*moves, *listed)

@@ -21,7 +21,7 @@ from flexgen.runtime.arguments import PARAMETERS
 from flexgen.runtime.calls import Entries, Function
 from flexgen.runtime.files import AGAIN, trusted_bytes, trusted_folder, trusted_library
 from flexgen.runtime.identity import ABI_VERSION, REALS, entry_of, verify
-from flexgen.runtime.inversion import Inverter, inverter_of
+from flexgen.runtime.path_inversion import Inverter, inverter_of
 from flexgen.runtime.stream import Stream, StreamEntries, streams_of
 
 FORMAT = 1

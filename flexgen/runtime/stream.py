@@ -13,7 +13,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.files import AGAIN
-from flexgen.runtime.inversion import array_of, number_of, pointer, whole_of
+from flexgen.runtime.path_inversion import array_of, number_of, pointer, whole_of
 
 REPORT = 7  # numbers
 INEXACT = 1  # a status

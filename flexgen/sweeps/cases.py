@@ -17,7 +17,7 @@ import numpy as np
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.reader import read
-from flexgen.problems.timing import TimeLaw
+from flexgen.paths.time_laws import TimeLaw
 
 OPTIONS = ("preview", "mesh", "verify", "accuracy", "options", "batch")  # of flexgen.solve, and one of the sweep
 SPAN = {"rad": np.pi, "m": 0.5}  # either way: where random moves stay when the model has no limits

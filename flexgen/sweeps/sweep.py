@@ -15,12 +15,12 @@ import numpy as np
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.model.elements import RobotModel
 from flexgen.sweeps.cases import Case, Grid, model_digest
-from flexgen.sweeps.crews import Done, Work, in_pool, in_process, with_executor
+from flexgen.sweeps.executors import Done, Work, in_pool, in_process, with_executor
 from flexgen.sweeps.folder import Folder, default_size
 from flexgen.sweeps.jobs import Job, Rows, Shard
 from flexgen.sweeps.table import RESULTS, TIMES, Table, table_of
 from flexgen.sweeps.version import code_version, wants_native
-from flexgen.sweeps.work import run_shard
+from flexgen.sweeps.worker import run_shard
 
 
 @dataclass(frozen=True)

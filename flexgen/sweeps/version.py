@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import flexgen
-from flexgen.codegen.compiler import find_compiler
+from flexgen.build.compiler import find_compiler
 from flexgen.errors import BuildError
 
 NUMERICAL = ("casadi", "numpy", "osqp", "scipy")  # their versions decide the last bits

@@ -1,0 +1,145 @@
+"""Everything that is worth knowing about a machine at a pose, in one noun."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.analysis.linear import LinearModel, linearise, modes, poles
+from flexgen.analysis.solvability import Solvability, SolvabilityPath, solvability, solvability_path
+from flexgen.analysis.zeros import ZeroReport, motor_zeros, zero_report
+from flexgen.analysis.zeros_along_path import ZeroPath, zero_path
+from flexgen.dae.strangeness_index import KunkelMehrmann, kunkel_mehrmann_at_rest
+from flexgen.dae.structure import Structure, StructureCheck, check_at_rest, to_dict
+from flexgen.errors import ArgumentError
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.quasistatic import OutputPath
+from flexgen.mechanics.statics import Equilibrium, hold_joints
+from flexgen.model.elements import RobotModel
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """A machine at rest at a pose.
+
+    ``rest``: the static equilibrium; ``poles`` [1/s]; ``modes``: (Hz, damping ratio) rising; ``zeros``: report on the
+    declared output; ``zeros_motor`` [1/s]: from motor torques to motor angles; ``structural_index`` of the inverse
+    dynamics (None where outputs and motors differ in number); ``structure`` and ``structure_check``: what it follows
+    from, and whether it holds at the pose; ``kunkel_mehrmann``: strangeness index, a, d, v there; ``solvability``:
+    whether and how well the inverse dynamics can be solved there, with warnings. Where a path was given also
+    ``zero_path`` and ``solvability_path``, the latter None for complete motor coupling.
+    """
+
+    model: RobotModel
+    rest: Equilibrium
+    linear: LinearModel
+    poles: np.ndarray
+    modes: tuple[tuple[float, float], ...]
+    zeros: ZeroReport
+    zeros_motor: np.ndarray | None
+    structural_index: int | None
+    structure: Structure
+    structure_check: StructureCheck
+    kunkel_mehrmann: KunkelMehrmann
+    solvability: Solvability
+    zero_path: ZeroPath | None = None
+    solvability_path: SolvabilityPath | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same as JSON types, SI units; complex numbers as ``[re, im]``."""
+
+        def pairs(values: np.ndarray | None) -> list[list[float]] | None:
+            return None if values is None else [[float(z.real), float(z.imag)] for z in values]
+
+        model = self.model
+        return {
+            "model": model.name,
+            "n_m": model.n_m,
+            "n_g": model.n_g,
+            "n_e": model.n_e,
+            "dof": model.dof,
+            "pose": self.rest.q_a.tolist(),
+            "motor_torque_Nm": self.rest.tau_m.tolist(),
+            "modes_hz": [f for f, _ in self.modes],
+            "modes_damping": [d for _, d in self.modes],
+            "poles": pairs(self.poles),
+            "zeros": pairs(self.zeros.zeros),
+            "zeros_motor": pairs(self.zeros_motor),
+            "phase": self.zeros.phase,
+            "structural_index": self.structural_index,
+            "unstable_time_constant_s": self.zeros.unstable_time_constant_s,
+            "preview_s": self.zeros.preview_s,
+            "structure": to_dict(self.structure, self.structure_check),
+            "kunkel_mehrmann": self.kunkel_mehrmann.to_dict(),
+            "solvability": self.solvability.to_dict(),
+            "zeros_along_path": None if self.zero_path is None else self.zero_path.to_dict(),
+            "solvability_along_path": None if self.solvability_path is None else self.solvability_path.to_dict(),
+        }
+
+
+def analyze(
+    model: str | Path | RobotModel | Equations,
+    pose: Sequence[float] | None = None,
+    path: OutputPath | None = None,
+    poses: int = 41,
+) -> Analysis:
+    """Analyse a machine at rest at a pose.
+
+    Parameters
+    ----------
+    model : name, path, RobotModel or Equations
+    pose : sequence of n_a or n_g numbers [rad or m], optional
+        Arm coordinates, or only the actuated ones; default: the model's home pose. The actuated coordinates are held
+        there, the others settle under gravity.
+    path : OutputPath, optional
+        Such as `flexgen.paths.path.Path`: zeros and solvability are looked at along it, too.
+    poses : int
+        Number of poses on the path.
+
+    Raises
+    ------
+    ArgumentError
+        The pose has the wrong length or is not finite; a path for another number of outputs than of motors.
+    SolverError
+        There is no static equilibrium nearby, or none along the path.
+    """
+    equations = model if isinstance(model, Equations) else derive(model)
+    robot = equations.model
+    try:
+        values = np.array(robot.home if pose is None else pose, dtype=float)
+    except (TypeError, ValueError):
+        raise ArgumentError(f"pose: given {pose!r}, expected a sequence of numbers") from None
+    if values.ndim != 1 or len(values) not in (robot.n_a, robot.n_g) or not np.isfinite(values).all():
+        names = ", ".join(c.name for c in robot.coordinates)
+        raise ArgumentError(
+            f"pose: given {values.tolist()}, expected {robot.n_a} finite numbers ({names}) "
+            f"or the {robot.n_g} actuated ones"
+        )
+    if len(values) == robot.n_a and robot.n_a != robot.n_g:
+        rest = hold_joints(equations, values[list(robot.i_g)], values[list(robot.i_e)])
+    else:
+        rest = hold_joints(equations, values)
+    linear = linearise(equations, rest)
+    roots = poles(linear)
+    simple = robot.motor_coupling == "simplified"
+    structure, check = check_at_rest(equations, rest)
+    return Analysis(
+        model=robot,
+        rest=rest,
+        linear=linear,
+        poles=roots,
+        modes=tuple(modes(roots)),
+        zeros=zero_report(equations, linear, rest),
+        zeros_motor=motor_zeros(linear),
+        structural_index=structure.index,
+        structure=structure,
+        structure_check=check,
+        kunkel_mehrmann=kunkel_mehrmann_at_rest(equations, rest),
+        solvability=solvability(equations, rest, linear),
+        zero_path=None if path is None else zero_path(equations, path, poses),
+        solvability_path=solvability_path(equations, path, poses) if path is not None and simple else None,
+    )

@@ -1,0 +1,89 @@
+"""The arm's equations varied about poses of rest: inertia, damping, stiffness and output rates, at many poses at once.
+
+    M a + D v + K q = tau_a,    y' = W v,    q_g = S_g q_e where the output stands still
+
+Gears are left out, but for the slope of their springs; rotors behind rigid gears are part of M.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from flexgen.errors import SolverError
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.outputs import output_map
+from flexgen.mechanics.statics import gear_twist
+from flexgen.model.elements import RobotModel
+from flexgen.numerics.evaluate import evaluate
+
+
+@dataclass(frozen=True)
+class ArmLinearization:
+    """Variation of the arm at k poses of rest.
+
+    ``M D K`` (k, n_a, n_a); ``W`` (k, n_y, n_a): output rates; ``slope`` (k, n_g): of the gear springs on the arm side
+    at the twist that holds the pose, zero for rigid gears [SI units].
+    """
+
+    model: RobotModel
+    M: np.ndarray
+    D: np.ndarray
+    K: np.ndarray
+    W: np.ndarray
+    slope: np.ndarray
+
+    @property
+    def W_g(self) -> np.ndarray:
+        """Output rates of the actuated coordinates (k, n_y, n_g)."""
+        return self.W[:, :, list(self.model.i_g)]
+
+    def inner(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """``A, D, K`` (k, n_e, n_e): the non-actuated rows while the output stands still, in the coordinates q_e.
+
+        SolverError where the output does not determine the actuated coordinates.
+        """
+        i_g, i_e = list(self.model.i_g), list(self.model.i_e)
+        S = np.zeros((len(self.M), self.model.n_a, self.model.n_e))
+        S[:, i_e, np.arange(len(i_e))] = 1.0
+        try:
+            S[:, i_g] = -np.linalg.solve(self.W_g, self.W[:, :, i_e])
+        except np.linalg.LinAlgError:
+            raise SolverError("the output does not determine the actuated coordinates: a singular pose") from None
+        A, D, K = (X[:, i_e] @ S for X in (self.M, self.D, self.K))
+        return A, D, K
+
+    def relative_inertia(self) -> np.ndarray:
+        """A (k, n_e, n_e) over the non-actuated coordinates' own inertia, ``L^-1 A L^-T`` with ``M_ee = L L'``."""
+        i_e = list(self.model.i_e)
+        L = np.linalg.cholesky(self.M[:, i_e][:, :, i_e])
+        half = np.linalg.solve(L, self.inner()[0])
+        return np.linalg.solve(L, half.transpose(0, 2, 1)).transpose(0, 2, 1)
+
+
+def arm_variation(equations: Equations, q: np.ndarray) -> ArmLinearization:
+    """The `ArmLinearization` at the poses ``q`` (k, n_a), whose non-actuated rows are in balance."""
+    model, lag = equations.model, equations.lagrangian
+    symbol, v = lag.chain.q_a, lag.chain.v_a
+    static = ca.gradient(lag.gravity, symbol) - lag.arm_forces
+    rows = ca.SX(static)
+    for k, i in enumerate(model.i_e):
+        rows[i] = rows[i] - lag.tau_e[k]
+    still = ca.SX.zeros(model.n_a)
+    slopes = [ca.substitute(ca.densify(ca.jacobian(rows, x)), v, still) for x in (v, symbol)]
+    load = ca.substitute(static, v, still)
+    M = equations.function("mass_matrix")(symbol)
+    function = ca.Function("variation", [symbol], [ca.densify(M), *slopes, output_map(equations).rate, load])
+    n = len(q)
+    M, D, K, W, load = (x.reshape(n, -1, model.n_a) for x in evaluate(function, q))
+    M = M.copy()
+    geared = [j for j in range(model.n_m) if j not in model.i_m]
+    if geared:
+        inertia = np.array([model.motors[j].inertia for j in geared])
+        i_g = np.array(model.i_g)
+        M[:, i_g[:, None], i_g] += model.eta[geared].T @ (inertia[:, None] * model.eta[geared])
+    twist = gear_twist(equations, load[:, 0][:, list(model.i_g)])
+    slope = evaluate(equations.function("gear_spring"), twist)[1].reshape(n, -1)
+    return ArmLinearization(model, M, D, K, W, slope)

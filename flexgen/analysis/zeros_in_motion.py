@@ -1,0 +1,65 @@
+"""Zero dynamics of a machine that moves: the non-actuated rows varied about a motion, output held to its path.
+
+With ``W v = Z'`` and ``W a + W' v = Z''`` varied, a deflection ``e(t)`` of the non-actuated coordinates brings
+
+    q: S e,    v: S e' + V e,    a: S e'' + C1 e' + C0 e
+
+with it, and the rows become ``A e'' + D e' + K e = 0``, whose coefficients are frozen at each instant. At rest they are
+those of `flexgen.analysis.arm_linearization`; speed adds Coriolis and centrifugal terms to D and K. A does not depend
+on it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.quasistatic import OutputPath, poses_along
+from flexgen.numerics.evaluate import evaluate
+
+NEARBY = 1e-3  # of a path's duration: the distance of the poses from which speeds and accelerations are taken
+
+
+def moving_pencil(
+    equations: Equations, q: np.ndarray, v: np.ndarray, a: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """``A, D, K`` (k, n_e, n_e) at k points of a motion ``q v a`` (k, n_a).
+
+    Raises
+    ------
+    ArgumentError
+        The model has another number of outputs than of motors, or complete motor coupling.
+    LinAlgError
+        The output does not determine the actuated coordinates.
+    """
+    model = equations.model
+    k, n_a, n_e = len(q), model.n_a, model.n_e
+    i_g, i_e = list(model.i_g), list(model.i_e)
+    slopes = equations.function("inversion_slopes")
+    found = dict(zip(slopes.name_out(), evaluate(slopes, q, v, a), strict=True))
+    y1_q, y2_q, y2_v = (found[name].reshape(k, -1, n_a) for name in ("dy1_dq", "dy2_dq", "dy2_dv"))
+    row_q, row_v, row_a = (found[name].reshape(k, n_e, n_a) for name in ("row_q", "row_v", "row_a"))
+    target = np.zeros(equations.function("output_constraint").numel_in("target"))
+    W = evaluate(equations.function("output_constraint"), q, v, target)[1].reshape(k, -1, n_a)
+
+    def followed(forced: np.ndarray) -> np.ndarray:
+        """What the actuated coordinates do against ``forced`` (k, n_y, n_e), with the others at rest."""
+        out = np.zeros((k, n_a, n_e))
+        out[:, i_g] = -np.linalg.solve(W[:, :, i_g], forced)
+        return out
+
+    S = followed(W[:, :, i_e])
+    S[:, i_e, np.arange(n_e)] = 1.0
+    V = followed(y1_q @ S)
+    C1, C0 = followed(y2_v @ S), followed(y2_q @ S + y2_v @ V)
+    return row_a @ S, row_a @ C1 + row_v @ S, row_a @ C0 + row_v @ V + row_q @ S
+
+
+def quasistatic_motion(
+    equations: Equations, path: OutputPath, t: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Coordinates, speeds and accelerations (k, n_a) of the motion through poses of rest at rising ``t`` (k,) [s]."""
+    h = NEARBY * path.duration
+    around = np.repeat(t, 3) + np.tile([-h, 0.0, h], len(t))
+    before, now, after = poses_along(equations, path, around).reshape(len(t), 3, -1).transpose(1, 0, 2)
+    return now, (after - before) / (2 * h), (after - 2 * now + before) / h**2

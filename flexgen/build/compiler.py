@@ -1,0 +1,226 @@
+"""The C compiler: found, asked what it brings along, and run on the sources of a library.
+
+No shell is involved, and of the flags in ``$CC`` only those that change speed or the kind of machine are accepted.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from flexgen.build.object_cache import Objects
+from flexgen.errors import BuildError
+
+# The same bits with every compiler and processor: products and sums are not contracted, and GCC's vectoriser is off, as
+# it contracts all the same where the processor has fused instructions. That loses nothing: the sources have their own
+# vectors, and what GCC makes of the rest is slower in the sum (benchmarks/sizes.md). A sqrt without errno is one
+# instruction and needs no library.
+REPRODUCIBLE = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-tree-vectorize", "-fno-math-errno")
+NATIVE = ("-std=c99", "-O3", "-march=native", "-ffp-contract=fast", "-fno-math-errno")
+SHARED = ("-fPIC", "-fvisibility=hidden")
+OPENMP = "-fopenmp"
+
+_COMPILERS = ("cc", "gcc", "clang")
+_ARCHIVERS = ("ar", "gcc-ar", "llvm-ar")
+_ALLOWED_FLAG = re.compile(r"-(O[0-3]|pipe|m32|m64|m(arch|tune)=[a-z0-9.-]+|ffp-contract=(off|on|fast))\Z")
+# What the sources see of the world outside: the compiler's own macros, that is its version and its target, and these.
+_OUTSIDE = (
+    "#include <float.h>\n#include <math.h>\n#include <stddef.h>\n#include <stdint.h>\n"
+    "#ifdef _OPENMP\n#include <omp.h>\n#endif\n"
+)
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A C compiler with its flags.
+
+    Parameters
+    ----------
+    command : tuple of str
+        The words to run it with.
+    version : str
+        First line of what it says of itself.
+    flags : tuple of str
+        All flags, those of ``$CC`` first.
+    identity : str
+        SHA-256 of what its output depends on beside the sources: version, flags, target (with ``-march=native`` the
+        processor), and the system's headers.
+    """
+
+    command: tuple[str, ...]
+    version: str
+    flags: tuple[str, ...]
+    identity: str
+
+
+def find_compiler(*, native: bool = False, openmp: bool = False) -> Compiler | None:
+    """The compiler of $CC, or else the first of cc, gcc and clang; None where there is none.
+
+    Parameters
+    ----------
+    native : bool
+        True: the flags for this processor, else those for the same bits everywhere.
+    openmp : bool
+        True: batches on all cores.
+
+    Raises
+    ------
+    BuildError
+        Where $CC cannot be used, or the compiler does not know a flag.
+    """
+    chosen = _chosen()
+    if chosen is None:
+        return None
+    program = tuple(word for word in chosen if not word.startswith("-"))
+    flags = [*(word for word in chosen if word.startswith("-")), *(NATIVE if native else REPRODUCIBLE), *SHARED]
+    flags += [OPENMP] * openmp
+    try:
+        version = _asked([*chosen, "--version"], "").stdout.strip().partition("\n")[0]
+        world = _asked([*program, *flags, "-E", "-dD", "-x", "c", "-"], _OUTSIDE)
+    except OSError as error:
+        raise BuildError(f"C compiler: given {chosen[0]!r}, which cannot be run ({error.strerror})") from None
+    if world.returncode != 0:
+        told = _errors(world)
+        hint = "; it has no OpenMP: leave openmp (--openmp) out, or install it (libomp)" if openmp else ""
+        raise BuildError(
+            f"C compiler: given {shlex.join(chosen)!r} with {shlex.join(flags)}, which fails:\n  {told}{hint}"
+        )
+    identity = hashlib.sha256("\0".join((version, *flags, world.stdout)).encode()).hexdigest()
+    return Compiler(program, version, tuple(flags), identity)
+
+
+def _chosen() -> list[str] | None:
+    """The words of $CC, or of the first compiler found."""
+    given = os.environ.get("CC", "")
+    try:
+        chosen = shlex.split(given)
+    except ValueError as error:
+        raise BuildError(f"$CC: given {given!r}, expected a command ({str(error).lower()})") from None
+    if not chosen:
+        found = next((name for name in _COMPILERS if shutil.which(name)), None)
+        return None if found is None else [found]
+    for word in chosen:
+        if word.startswith("-") and not _ALLOWED_FLAG.match(word):
+            raise BuildError(f"$CC: given the flag {word!r}, expected optimisation, -m32, -m64 or -march=... only")
+        if not word.startswith("-") and shutil.which(word) is None:
+            raise BuildError(f"$CC: given {word!r}, expected a program that can be found; unset CC or install it")
+    return chosen
+
+
+def _asked(command: Sequence[str], text: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run a program on a text; where it does not matter, in the root, so that no answer depends on the folder."""
+    return subprocess.run(
+        list(command),
+        cwd=folder or Path(os.sep),
+        input=text,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
+        env={**os.environ, "LC_ALL": "C", "ZERO_AR_DATE": "1"},
+    )
+
+
+def _errors(answer: subprocess.CompletedProcess[str]) -> str:
+    """The first lines of what a program complained of."""
+    lines = [line for line in answer.stderr.splitlines() if line.strip()]
+    errors = [line for line in lines if "error" in line.lower()] or lines
+    return "\n  ".join(errors[:5]) or f"exit status {answer.returncode}, without a word"
+
+
+def _run(what: str, command: Sequence[str], folder: Path) -> None:
+    answer = _asked(command, "", folder)
+    if answer.returncode != 0:
+        raise BuildError(f"the {what} failed; the directory is as it was before:\n  {_errors(answer)}")
+
+
+def build_libraries(
+    folder: Path,
+    name: str,
+    sources: Sequence[str],
+    headers: Sequence[str],
+    compiler: Compiler,
+    tell: Callable[[str], None],
+    *,
+    fresh: bool = False,
+) -> dict[str, Any]:
+    """Compile the sources in a folder, link the shared library and put the static one together.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the sources are and the libraries go to.
+    name : str
+        Of the library.
+    sources, headers : sequence of str
+        Names of the files.
+    compiler : Compiler
+    tell : callable
+        Called with a line of text before each step.
+    fresh : bool
+        True: compile what the cache of objects knows, too.
+
+    Returns
+    -------
+    dict
+        The part of the manifest that describes the build.
+    """
+    archiver = next((found for found in _ARCHIVERS if shutil.which(found)), None)
+    if archiver is None:
+        raise BuildError(f"ar: given none, expected one of {', '.join(_ARCHIVERS)} on the PATH; install binutils")
+    stored = Objects(compiler.identity, [(folder / file).read_bytes() for file in sorted(headers)])
+    missing = [file for file in sources if fresh or not stored.fetch(folder / file)]
+    tell(f"compiling {len(missing)} files" + (f", {len(sources) - len(missing)} known" * (len(missing) < len(sources))))
+    workers = max(2, os.cpu_count() or 1)
+    with ThreadPoolExecutor(max_workers=workers) as pool:
+        jobs = {}
+        for file in sorted(missing, key=lambda file: -_effort(folder, file)):  # the longest first
+            words = [*compiler.command, *compiler.flags, "-c", file, "-o", _object(file)]
+            jobs[file] = pool.submit(_run, "C compiler", words, folder)
+        try:
+            for file, job in jobs.items():
+                job.result()
+                stored.keep(folder / file)
+        except BuildError:
+            pool.shutdown(cancel_futures=True)
+            raise
+    tell("linking")
+    objects = [_object(file) for file in sources]
+    suffix = "dylib" if sys.platform == "darwin" else "so"
+    linked, static = f"linked.{suffix}", f"lib{name}.a"
+    _run("linker", [*compiler.command, *compiler.flags, "-shared", "-o", linked, *objects, "-lm"], folder)
+    _run("archiver", [archiver, "rcs" if sys.platform == "darwin" else "rcsD", static, *objects], folder)
+    digest = hashlib.sha256((folder / linked).read_bytes()).hexdigest()
+    library = f"lib{name}-{digest[:16]}.{suffix}"
+    (folder / linked).rename(folder / library)
+    for file in objects:
+        (folder / file).unlink()
+    return {
+        "library": library,
+        "sha256": digest,
+        "static": static,
+        "static_sha256": hashlib.sha256((folder / static).read_bytes()).hexdigest(),
+        "compiler": compiler.version,
+        "flags": list(compiler.flags),
+        "identity": compiler.identity,
+    }
+
+
+def _object(source: str) -> str:
+    return str(Path(source).with_suffix(".o"))
+
+
+def _effort(folder: Path, source: str) -> int:
+    """Bytes of a source and of the mathematics that it includes."""
+    body = folder / f"{Path(source).stem}_body.h"
+    return (folder / source).stat().st_size + (body.stat().st_size if body.exists() else 0)

@@ -1,0 +1,359 @@
+"""From a model to a directory with its C library: written, compiled and described by ``manifest.json``.
+
+A directory is complete or as it was before: everything is written and compiled aside, then moved into place, the
+manifest last. The manifest holds the digest of all that the sources depend on and the identity of the compiler that
+made the library; where both are unchanged nothing is done, where the digest is nothing is derived.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from flexgen import __version__
+from flexgen.build.compiler import Compiler, build_libraries, find_compiler
+from flexgen.build.packaging import packaging
+from flexgen.codegen.spec import ABI_VERSION, PRECISIONS, STATUSES, LibrarySpec, chosen_functions, library_name, library_spec, model_digest
+from flexgen.errors import ArgumentError, BuildError
+from flexgen.model.elements import RobotModel
+from flexgen.model.reader import read
+
+MANIFEST = "manifest.json"
+FORMAT = 1
+
+_FILE = re.compile(r"(CMakeLists\.txt|[A-Za-z][A-Za-z0-9_]*(-[0-9a-f]{16})?\.(h|c|pc|a|so|dylib))\Z")
+
+
+@dataclass(frozen=True)
+class Generated:
+    """What `generate` left behind.
+
+    Parameters
+    ----------
+    directory : Path
+        Where the library is; `flexgen.load` takes it.
+    files : tuple of Path
+        Everything in it: header, sources, CMake and pkg-config files, manifest, shared and static library.
+    functions : tuple of str
+        Names of the functions.
+    digest : str
+        SHA-256 of everything that the sources depend on.
+    seconds : float
+        Time taken [s].
+    cached : bool
+        True where nothing had to be compiled or linked.
+    written : bool
+        False where nothing had changed, so that nothing was written either.
+    """
+
+    directory: Path
+    files: tuple[Path, ...]
+    functions: tuple[str, ...]
+    digest: str
+    seconds: float
+    cached: bool
+    written: bool
+
+
+def generate(
+    model_or_equations: Any,
+    directory: str | os.PathLike[str] | None = None,
+    *,
+    build: bool = True,
+    functions: Sequence[str] | None = None,
+    precision: str = "double",
+    parameters: Sequence[str] = (),
+    native: bool = False,
+    openmp: bool = False,
+    progress: Callable[[str], None] | None = None,
+    force: bool = False,
+) -> Generated:
+    """Write the C library of a model: header, sources, example, manifest, CMake and pkg-config files, libraries.
+
+    Parameters
+    ----------
+    model_or_equations : str, Path, RobotModel or Equations
+        A name in models/, a path (either with ``@variant``), a model, or equations that were derived before.
+    directory : str or Path, optional
+        Where to write; ``generated/<name>`` (``<name>_<variant>``) below the current directory where not given.
+    build : bool
+        False: write the sources, compile nothing.
+    functions : sequence of str, optional
+        The functions wanted; all that the model has where not given. Inverse dynamics along paths and streams come
+        with all of them, in double precision, without parameters.
+    precision : str
+        ``"double"`` or ``"single"``: the type of every number in the library.
+    parameters : sequence of str
+        Numbers of the model that shall be arguments of the functions: ``payload``, ``stiffness``, ``q2.damping`` and
+        others, see `flexgen.mechanics.parameters`. Equations that are given bring their own.
+    native : bool
+        True: compile for this processor; faster, and the results differ by rounding from those of the default flags,
+        which give the same bits with every compiler and on every processor.
+    openmp : bool
+        True: batches use all cores.
+    progress : callable, optional
+        Called with a line of text before each step.
+    force : bool
+        True: derive, write and compile even where nothing has changed.
+
+    Returns
+    -------
+    Generated
+
+    Raises
+    ------
+    BuildError
+        Where something cannot be written in C, or the compiler is missing or fails; the directory stays as it was.
+    ModelError, ArgumentError
+        Where the model cannot be read or a function is unknown.
+    """
+    start = time.perf_counter()
+    tell = progress or (lambda line: None)
+    model, equations = _resolve(model_or_equations)
+    names = chosen_functions(functions, model)
+    if precision not in PRECISIONS:
+        raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
+    if isinstance(parameters, str) or not all(isinstance(word, str) for word in parameters):
+        raise ArgumentError(f"parameters: given {parameters!r}, expected a sequence of names")
+    if parameters and equations is not None:
+        raise ArgumentError("parameters: given beside equations, expected them in derive(model, parameters)")
+    name = library_name(model)
+    target = Path("generated", name) if directory is None else _folder(directory)
+    digest = _content_digest(model, [names, precision, list(parameters), equations is not None])
+    options = {"native": bool(native), "openmp": bool(openmp)}
+    compiler = find_compiler(**options) if build else None
+    old = _read_manifest(target)
+    known = not force and old is not None and old.get("digest") == digest and _intact(target, old)
+    if known and old is not None and (not build or _built(target, old, options, compiler)):
+        return _result(target, old, start, cached=True, written=False)
+    if build and compiler is None:
+        raise BuildError(
+            "C compiler: given none, expected cc, gcc or clang on the PATH or $CC; "
+            "install one (such as the package gcc or build-essential), or write the sources only: "
+            "build=False in Python, --no-build on the command line"
+        )
+    if known and old is not None:
+        manifest, texts = dict(old), {file: (target / file).read_text(encoding="ascii") for file in old["files"]}
+    else:
+        manifest, texts = _written(model, equations, names, precision, parameters, digest, tell)
+    sources = [file for file in texts if file.endswith(".c") and file != "example.c"]
+    texts |= packaging(name, sources, openmp=openmp)
+    manifest["files"] = {file: hashlib.sha256(text.encode("ascii")).hexdigest() for file, text in texts.items()}
+    manifest["build"] = None
+    if not force and old is not None and old["files"] == manifest["files"] and _intact(target, old):
+        manifest["build"] = old["build"] if not build or _built(target, old, options, compiler) else None
+    with _Staging(target) as staging:
+        for file, text in texts.items():
+            (staging / file).write_text(text, encoding="ascii", newline="\n")
+        compiled = manifest["build"] is None and compiler is not None
+        if compiled and compiler is not None:
+            headers = [file for file in texts if file.endswith(".h")]
+            manifest["build"] = options | build_libraries(staging, name, sources, headers, compiler, tell, fresh=force)
+        _install(staging, target, manifest, old)
+    return _result(target, manifest, start, cached=not compiled, written=True)
+
+
+def _written(
+    model: RobotModel,
+    equations: Any,
+    names: Sequence[str],
+    precision: str,
+    parameters: Sequence[str],
+    digest: str,
+    tell: Callable[[str], None],
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """The manifest and the sources, derived where no equations are given."""
+    if equations is None:
+        from flexgen.mechanics.equations import derive
+
+        tell(f"deriving {library_name(model)}")
+        equations = derive(model, parameters)
+    tell(f"writing {library_name(model)}")
+    from flexgen.codegen.emit import emit
+
+    spec = library_spec(equations, names, precision=precision)
+    return _manifest(spec, digest), emit(spec)
+
+
+def _resolve(given: Any) -> tuple[RobotModel, Any]:
+    """The model, and the equations where they were given."""
+    if isinstance(given, RobotModel):
+        return given, None
+    if isinstance(given, str | os.PathLike):
+        return read(given if isinstance(given, str) else Path(given)), None
+    if isinstance(getattr(given, "model", None), RobotModel) and callable(getattr(given, "function", None)):
+        return given.model, given
+    raise ArgumentError(
+        f"model_or_equations: given {type(given).__name__}, expected a model's name or path, a RobotModel or Equations"
+    )
+
+
+def _folder(given: Any) -> Path:
+    """The directory to write to."""
+    if not isinstance(given, str | os.PathLike) or not isinstance(os.fspath(given), str) or "\0" in os.fspath(given):
+        raise ArgumentError(f"directory: given {given!r}, expected the path of a folder")
+    return Path(given)
+
+
+# --- digest and manifest ----------------------------------------------------------------------------------------------
+
+
+def _content_digest(model: RobotModel, choices: Sequence[Any]) -> str:
+    """SHA-256 of all that the sources depend on, known without deriving them.
+
+    Equations that a caller brings may differ from those of `derive`: they never share a digest, and the emitted text
+    decides whether there is something to compile.
+    """
+    root = Path(__file__).resolve().parent.parent
+    sources = [root / "ports.py", root / "model" / "elements.py"]
+    for folder in ("build", "codegen", "expressions", "mechanics", "numerics", "recursion"):
+        sources += sorted((root / folder).glob("*.py"))
+    sources += sorted(path for path in (root / "clib").glob("*") if path.suffix in (".c", ".h"))
+    code = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
+    parts = [FORMAT, ABI_VERSION, model_digest(model), __version__, _casadi_version(), code, *choices]
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+
+
+def _casadi_version() -> str:
+    """Version of CasADi, found without importing it."""
+    try:
+        return version("casadi")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _manifest(spec: LibrarySpec, digest: str) -> dict[str, Any]:
+    """What the Python loader and other tools need to know of the library."""
+    return {
+        "format": FORMAT,
+        "generator": f"flexgen {__version__}",
+        "casadi": _casadi_version(),
+        "name": spec.name,
+        "digest": digest,
+        "model_digest": spec.digest,
+        "abi_version": ABI_VERSION,
+        "precision": spec.precision,
+        "sizes": spec.sizes,
+        "coordinates": [
+            {"name": name, "unit": unit} for name, unit in zip(spec.coordinates, spec.coordinate_units, strict=True)
+        ],
+        "motors": list(spec.motors),
+        "states": list(spec.states),
+        "parameters": [asdict(parameter) for parameter in spec.parameters],
+        "statuses": [asdict(status) for status in STATUSES],
+        "functions": [
+            {
+                "name": f.name,
+                "summary": f.summary,
+                "equation": f.equation,
+                "inputs": [{**asdict(p), "shape": list(p.shape)} for p in f.inputs],
+                "outputs": [{**asdict(p), "shape": list(p.shape)} for p in f.outputs],
+            }
+            for f in spec.functions
+        ],
+        "cores": [{**asdict(core), "signature": core.signature} for core in spec.cores],
+        "files": {},
+        "build": None,
+    }
+
+
+def _read_manifest(directory: Path) -> dict[str, Any] | None:
+    """The manifest of a directory, or None where there is none that can be read."""
+    try:
+        manifest = json.loads((directory / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return manifest if isinstance(manifest, dict) and isinstance(manifest.get("files"), dict) else None
+
+
+def _intact(directory: Path, manifest: dict[str, Any]) -> bool:
+    """True where every text is there as recorded."""
+    return _unchanged(directory, manifest["files"])
+
+
+def _built(directory: Path, manifest: dict[str, Any], options: dict[str, bool], compiler: Compiler | None) -> bool:
+    """True where the libraries are there as recorded and as this compiler makes them."""
+    built: Any = manifest.get("build")
+    try:
+        made_so = {key: built[key] for key in options} == options
+        if not made_so or (compiler is not None and built["identity"] != compiler.identity):
+            return False
+        return _unchanged(directory, {built["library"]: built["sha256"], built["static"]: built["static_sha256"]})
+    except (KeyError, TypeError):
+        return False
+
+
+def _unchanged(directory: Path, files: dict[str, str]) -> bool:
+    try:
+        return all(_FILE.match(file) and _sha256(directory / file) == digest for file, digest in files.items())
+    except OSError:
+        return False
+
+
+def _libraries(manifest: dict[str, Any]) -> list[str]:
+    """Names of the compiled files."""
+    return [manifest["build"]["library"], manifest["build"]["static"]] if manifest["build"] else []
+
+
+def _result(directory: Path, manifest: dict[str, Any], start: float, *, cached: bool, written: bool) -> Generated:
+    return Generated(
+        directory=directory,
+        files=tuple(directory / file for file in (*manifest["files"], MANIFEST, *_libraries(manifest))),
+        functions=tuple(f["name"] for f in manifest["functions"]),
+        digest=manifest["digest"],
+        seconds=time.perf_counter() - start,
+        cached=cached,
+        written=written,
+    )
+
+
+# --- moving into place ------------------------------------------------------------------------------------------------
+
+
+class _Staging:
+    """A temporary folder inside the directory to be written; with it goes a directory that it had to create."""
+
+    def __init__(self, target: Path) -> None:
+        self.target = target
+        self.created = not target.exists()
+
+    def __enter__(self) -> Path:
+        try:
+            self.target.mkdir(parents=True, exist_ok=True)
+            self.folder = Path(tempfile.mkdtemp(prefix=".staging-", dir=self.target))
+        except OSError as error:
+            raise BuildError(f"directory: given {self.target}, expected one that can be written ({error})") from error
+        return self.folder
+
+    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
+        shutil.rmtree(self.folder, ignore_errors=True)
+        if kind is not None and self.created and not any(self.target.iterdir()):
+            self.target.rmdir()
+
+
+def _install(staging: Path, target: Path, manifest: dict[str, Any], old: dict[str, Any] | None) -> None:
+    """Move everything into place, the manifest last, then remove what the last generation left over."""
+    (staging / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8", newline="\n")
+    libraries = _libraries(manifest)
+    for file in [*manifest["files"], *(file for file in libraries if (staging / file).exists()), MANIFEST]:
+        os.replace(staging / file, target / file)
+    kept = {*manifest["files"], *libraries}
+    stale = {target / file for file in (old or {}).get("files", ()) if _FILE.match(file)}
+    stale |= {*target.glob(f"lib{manifest['name']}-*"), target / f"lib{manifest['name']}.a"}
+    for path in stale:
+        if _FILE.match(path.name) and path.name not in kept:
+            path.unlink(missing_ok=True)

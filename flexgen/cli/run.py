@@ -1,0 +1,109 @@
+"""The main job: from a model file to C that is loaded, and to motor torques that are verified, in one go."""
+
+from __future__ import annotations
+
+import time
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flexgen.cli.printing import figures, one_line, plain, solution_rows
+from flexgen.cli.verbs import (
+    Answer,
+    Tell,
+    check_writable,
+    derived,
+    generated_dict,
+    inaccuracy,
+    read_model,
+    title,
+    writing,
+)
+
+if TYPE_CHECKING:
+    from flexgen.inversion.solution import Solution
+    from flexgen.mechanics.equations import Equations
+
+
+def run(args: Namespace, tell: Tell) -> Answer:
+    """Do everything once: describe, analyse, generate and load the C, solve, verify, write the report."""
+    began = time.perf_counter()
+    robot = read_model(args)
+    name = robot.name + (f"_{robot.variant}" if robot.variant else "")
+    directory = args.report or Path("reports", name)
+    check_writable(directory, folder=True)
+    check_writable(args.directory, folder=True)
+
+    from flexgen.analysis.analyze import analyze as analysed
+    from flexgen.build.generate import generate as generated
+    from flexgen.inversion.comparison import compare_methods
+    from flexgen.inversion.solve import ACCURACY
+    from flexgen.inversion.solve import solve as solved
+    from flexgen.reports.html import write_report
+    from flexgen.runtime import load
+
+    tell(f"describe: {title(robot)}, {one_line(robot.description)}")
+    equations = derived(args)
+    tell("analyze: modes, poles and zeros at the home pose")
+    analysis = analysed(equations)
+    tell("generate: C library")
+    made = generated(robot, args.directory, progress=tell)
+    library = load(made.directory)
+    tell("solve: inverse dynamics of the reference move, verified by forward simulation")
+    solution = solved(equations, args.move, args.method, progress=tell)
+    checked = _compared(library, equations, solution)
+    beside = compare_methods(equations, solution, tell)
+    tell("report")
+    with writing(directory):
+        report = write_report(equations, solution, directory, generated=made, beside=beside)
+        trajectory = solution.trajectory.save(directory / f"{solution.move.name}.npz")
+    facts, answer = plain(analysis.to_dict()), solution.to_dict()
+    answer["trajectory"] = str(trajectory)
+    slowest = facts["unstable_time_constant_s"]
+    rows: list[tuple[str, Any, str]] = [
+        ("model", title(robot), ""),
+        ("motors, degrees of freedom", f"{robot.n_m}, {robot.dof}", ""),
+        ("lowest mode", facts["modes_hz"][0] if facts["modes_hz"] else None, "Hz"),
+        ("phase of the output", facts["phase"], ""),
+        ("slowest unstable zero", 1 / slowest if slowest else None, "1/s"),
+        ("structural index", facts["structural_index"], ""),
+        ("C functions generated", len(made.functions), ""),
+        ("C library built in", None if made.cached else made.seconds, "s"),
+        ("C inverse dynamics, one call from Python", checked["call_us"], "us"),
+        ("C against the equations, largest difference", checked["difference_Nm"], "N m"),
+        ("move", solution.move.name, ""),
+        ("status", solution.status, ""),
+        *solution_rows(plain(answer)),
+        ("everything together", time.perf_counter() - began, "s"),
+    ]
+    text = figures(rows) + f"\n\nwrote {report}\nwrote {trajectory}\n"
+    text += f"{'wrote' if made.written else 'unchanged'} {made.directory}"
+    data = {
+        "model": robot.name,
+        "variant": robot.variant,
+        "analyze": facts,
+        "generate": generated_dict(robot, made),
+        "load": checked,
+        "solve": answer,
+        "report": str(report),
+        "seconds": time.perf_counter() - began,
+    }
+    return Answer(data, text, inaccuracy(solution, ACCURACY), list(solution.warnings))
+
+
+def _compared(library: Any, equations: Equations, solution: Solution) -> dict[str, float]:
+    """The loaded C against the equations it was made from, at the samples of the solution; time of one call."""
+    import numpy as np
+
+    from flexgen.numerics.evaluate import evaluate
+
+    trajectory = solution.trajectory
+    arguments = [trajectory[channel] for channel in ("q_a", "v_a", "a_a")]
+    ours = library.inverse_dynamics(*arguments)
+    theirs = evaluate(equations.function("inverse_dynamics"), *arguments)[0].reshape(ours.shape)
+    first = [np.ascontiguousarray(x[0]) for x in arguments]
+    calls, began = 2000, time.perf_counter()
+    for _ in range(calls):
+        library.inverse_dynamics(*first)
+    spent = time.perf_counter() - began
+    return {"difference_Nm": float(np.abs(ours - theirs).max()), "call_us": 1e6 * spent / calls}

@@ -1,0 +1,100 @@
+"""The verb ``sweep`` of the command line: its arguments, and what it prints."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from flexgen.sweeps.sweep import Swept
+
+SHOWN = 5  # failures that are told one by one
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """The arguments of the verb."""
+    parser.add_argument("grid", metavar="GRID", type=Path, help="a TOML file: models, moves, methods, parameters")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="folder for shards and tables")
+    parser.add_argument(
+        "--workers", metavar="N", type=_whole(0), help="processes; 0 or 1: none but this; default: one for each core"
+    )
+    parser.add_argument(
+        "--shard-size", metavar="N", type=_whole(1), help="cases that are done in one go; default: 1 to 16"
+    )
+    parser.add_argument("--resume", action="store_true", help="continue the sweep in DIR")
+    parser.add_argument("--parquet", action="store_true", help="write results.parquet too (needs flexgen[parquet])")
+
+
+def _whole(least: int) -> Callable[[str], int]:
+    def parse(text: str) -> int:
+        if not text.isascii() or not text.isdigit() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"given {text!r}, expected a whole number, at least {least}")
+        return int(text)
+
+    return parse
+
+
+def run(args: argparse.Namespace, tell: Callable[[str], None]) -> tuple[dict[str, Any], str, str, list[str]]:
+    """Do the sweep: JSON types, the same as text, why the job failed (or nothing), and warnings."""
+    from flexgen.errors import ArgumentError
+    from flexgen.sweeps.grid_file import read_grid
+    from flexgen.sweeps.sweep import sweep
+
+    if args.parquet and find_spec("pyarrow") is None:  # now, and not after hours
+        raise ArgumentError("--parquet: needs the package pyarrow; install flexgen[parquet]")
+    swept = sweep(
+        read_grid(args.grid),
+        args.out,
+        workers=args.workers,
+        shard_size=args.shard_size,
+        resume=args.resume,
+        progress=tell,
+    )
+    files = [args.out / "results.npz", args.out / "times.npz"]
+    if args.parquet:
+        files.append(swept.results.save(args.out / "results.parquet"))
+    failures = [int(number) for number in swept.failures]
+    data: dict[str, Any] = {
+        "cases": len(swept.results),
+        "failed": len(failures),
+        "digest": swept.results.digest,
+        "groups": _groups(swept),
+        "files": [str(file) for file in files],
+    }
+    warnings = [f"case {k}: {swept.results['error'][k]}" for k in failures[:SHOWN]]
+    if len(failures) > SHOWN:
+        warnings.append(f"{len(failures) - SHOWN} more cases failed, see the column error of {files[0]}")
+    problem = "all cases failed" if len(failures) == len(swept.results) else ""
+    return data, _text(data), problem, warnings
+
+
+def _groups(swept: Swept) -> list[dict[str, Any]]:
+    """How the cases of each model and method ended."""
+    import numpy as np
+
+    results, out = swept.results, []
+    names = np.stack([results["model"], results["method"], results["status"]], axis=1)
+    for model, method, status in np.unique(names, axis=0):
+        rows = (names == (model, method, status)).all(axis=1)
+        figures = {
+            name: float(np.max(results[name][rows], where=np.isfinite(results[name][rows]), initial=-np.inf))
+            for name in ("tool_error_max", "torque_max")
+        }
+        figures["cpu"] = float(np.nansum(swept.times["cpu"][rows]))
+        out.append(
+            {"model": str(model), "method": str(method), "status": str(status), "cases": int(rows.sum())} | figures
+        )
+    return out
+
+
+def _text(data: dict[str, Any]) -> str:
+    from flexgen.cli.printing import table
+
+    head = ("model", "method", "status", "cases", "tool error m", "torque N m", "processor s")
+    keys = ("model", "method", "status", "cases", "tool_error_max", "torque_max", "cpu")
+    rows = [[group[key] for key in keys] for group in data["groups"]]
+    files = "\n".join(f"wrote {file}" for file in data["files"])
+    return f"{data['cases']} cases, {data['failed']} failed\n\n{table(rows, head)}\n\n{files}"

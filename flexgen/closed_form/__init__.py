@@ -1,0 +1,1 @@
+"""Closed-form equations for people to read."""

@@ -1,0 +1,236 @@
+"""Inverse dynamics as one differential-algebraic equation (DAE) F(x, x', u(t)) = 0, and its derivative array.
+
+    x = (y, v, tau_m),  y = (q_a, q_me):      y' - v                                 = 0
+                                              equations of motion at (y, v, v', tau_m) = 0
+                                              Gamma(q_a) - Z                         = 0
+
+``q_me``: the motors behind elastic gears; ``u`` = Z: the target of the output, the only thing that depends on time. The
+derivative array ``F_mu = (F, dF/dt, ..., d^mu F/dt^mu)`` has x and its derivatives, and u and its derivatives, as
+arguments. With ``E = dF/dx'`` and ``A = dF/dx`` its slopes are
+
+    d F^(i) / d x^(j) = C(i, j) A^(i-j) + C(i, j-1) E^(i-j+1)              C: binomial coefficients
+
+so that only E and A have to be differentiated in time.
+
+Source: P. Kunkel, V. Mehrmann, Differential-Algebraic Equations, 2006, ch. 3 and 4.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from math import comb
+from typing import Protocol
+
+import casadi as ca
+import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.outputs import output_map
+from flexgen.mechanics.statics import Equilibrium
+from flexgen.model.elements import Output
+from flexgen.numerics.evaluate import evaluate
+
+
+class Reference(Protocol):
+    """What is read from a sample of a path, see `flexgen.paths.path.PathSample`."""
+
+    @property
+    def y(self) -> np.ndarray:
+        """(n, n_y, k): rows of the output that are positions, and their derivatives."""
+
+    @property
+    def R(self) -> np.ndarray | None:
+        """(n, 3, 3): orientation; None where the output has none."""
+
+    @property
+    def w(self) -> np.ndarray | None:
+        """(n, 3, k - 1): angular velocity and its derivatives."""
+
+    @property
+    def q_g(self) -> np.ndarray | None:
+        """(n, n_g, k): actuated coordinates and their derivatives, for a move of the joints."""
+
+
+class DaeFunctions:
+    """The DAE of the inverse dynamics of a model; all functions are built when they are first asked for.
+
+    ``n`` degrees of freedom, ``n_x = 2 n + n_m`` unknowns and rows, ``n_u`` numbers of a target: n_y, or 12 for a pose
+    (position, rotation matrix by columns). With ``joints`` the output is the actuated coordinates themselves, for moves
+    of the joints: it has no singular poses.
+    """
+
+    def __init__(self, equations: Equations, joints: bool = False) -> None:
+        if joints:
+            model = equations.model
+            picked = tuple(tuple(1.0 if i == k else 0.0 for i in range(model.n_a)) for k in model.i_g)
+            equations = Equations(replace(model, output=Output("combination", "", picked, "mixed")))
+        model = equations.model
+        if model.output.size != model.n_m:
+            raise ArgumentError(
+                f"model {model.name}: {model.output.size} outputs and {model.n_m} motors; "
+                "inverse dynamics needs as many outputs as motors"
+            )
+        self.equations, self.model, self.joints = equations, model, joints
+        self.n, self.n_x = model.dof, 2 * model.dof + model.n_m
+        self._arrays: dict[int, ca.Function] = {}
+
+    @cached_property
+    def _output(self) -> tuple[ca.Function, int]:
+        q = self.equations.lagrangian.chain.q_a
+        place = output_map(self.equations)
+        return ca.Function("error", [q, place.target], [place.error]), int(place.target.shape[0])
+
+    @property
+    def n_u(self) -> int:
+        """Numbers of a target."""
+        return self._output[1]
+
+    def motion_rows(self, y: ca.SX, v: ca.SX, a: ca.SX, tau_m: ca.SX) -> ca.SX:
+        """Equations of motion (n): arm rows, then the motors behind elastic gears."""
+        model = self.model
+        full = [ca.SX.zeros(model.n_m) for _ in range(3)]
+        for whole, part in zip(full, (y, v, a), strict=True):
+            for k, j in enumerate(model.i_m):
+                whole[j] = part[model.n_a + k]
+        n_a = model.n_a
+        r_a, r_m = self.equations.function("residual")(y[:n_a], v[:n_a], a[:n_a], *full, tau_m)
+        return ca.vertcat(r_a, *[r_m[j] for j in model.i_m])
+
+    def output_rows(self, y: ca.SX, u: ca.SX) -> ca.SX:
+        """The output's error (n_y), zero where it is at the target u."""
+        return self._output[0](y[: self.model.n_a], u)
+
+    @cached_property
+    def _graph(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        n = self.n
+        x, dx, u = ca.SX.sym("x", self.n_x), ca.SX.sym("dx", self.n_x), ca.SX.sym("u", self.n_u)
+        y, v, tau = x[:n], x[n : 2 * n], x[2 * n :]
+        rows = ca.vertcat(dx[:n] - v, self.motion_rows(y, v, dx[n : 2 * n], tau), self.output_rows(y, u))
+        return x, dx, u, rows
+
+    @cached_property
+    def rows(self) -> ca.Function:
+        """(x, dx, u) -> F (n_x), A = dF/dx, E = dF/dx' (n_x, n_x)."""
+        x, dx, u, rows = self._graph
+        slopes = [ca.densify(ca.jacobian(rows, z)) for z in (x, dx)]
+        return ca.Function("rows", [x, dx, u], [ca.densify(rows), *slopes], ["x", "dx", "u"], ["F", "A", "E"])
+
+    def array(self, mu: int) -> ca.Function:
+        """The derivative array (X, U) -> F_mu, N, M.
+
+        ``X`` (n_x, mu + 2): x and its derivatives by columns; ``U`` (n_u, mu + 1); ``F_mu`` ((mu + 1) n_x); ``N`` =
+        dF_mu/dx ((mu + 1) n_x, n_x); ``M`` = dF_mu/d(x', ..., x^(mu+1)) ((mu + 1) n_x, (mu + 1) n_x).
+        """
+        if mu not in self._arrays:
+            x, dx, u, rows = self._graph
+            X = [x, dx, *(ca.SX.sym(f"x{k}", self.n_x) for k in range(2, mu + 2))]
+            U = [u, *(ca.SX.sym(f"u{k}", self.n_u) for k in range(1, mu + 1))]
+
+            def rate(g: ca.SX, k: int) -> ca.SX:  # g depends on X[:k+2], U[:k+1]
+                moving, rates = ca.vertcat(*X[: k + 2], *U[: k + 1]), ca.vertcat(*X[1 : k + 3], *U[1 : k + 2])
+                return ca.reshape(ca.jtimes(ca.vec(g), moving, rates), g.shape)
+
+            F, A, E = [rows], [ca.jacobian(rows, x)], [ca.jacobian(rows, dx)]
+            for k in range(mu):
+                F.append(rate(F[-1], k))
+                A.append(rate(A[-1], k))
+                E.append(rate(E[-1], k))
+            blocks = [
+                [
+                    (comb(i, j) * A[i - j] if j <= i else 0) + (comb(i, j - 1) * E[i - j + 1] if j else 0)
+                    if j <= i + 1
+                    else ca.SX(self.n_x, self.n_x)
+                    for j in range(mu + 2)
+                ]
+                for i in range(mu + 1)
+            ]
+            N = ca.vertcat(*[row[0] for row in blocks])
+            M = ca.vertcat(*[ca.horzcat(*row[1:]) for row in blocks])
+            self._arrays[mu] = ca.Function(
+                f"array{mu}",
+                [ca.horzcat(*X), ca.horzcat(*U)],
+                [ca.densify(z) for z in (ca.vertcat(*F), N, M)],
+                ["X", "U"],
+                ["F", "N", "M"],
+            )
+        return self._arrays[mu]
+
+    def array_rows(self, mu: int) -> ca.Function:
+        """The derivative array alone: (X, U) -> F_mu."""
+        X, U = ca.SX.sym("X", self.n_x, mu + 2), ca.SX.sym("U", self.n_u, mu + 1)
+        return ca.Function(f"array_rows{mu}", [X, U], [self.array(mu)(X, U)[0]], ["X", "U"], ["F"])
+
+    def place(self, x: np.ndarray) -> np.ndarray:
+        """The target (n_u,) that the output of a state x (n_x,) is at."""
+        q = x[: self.model.n_a]
+        if self.model.output.type != "tool_pose":
+            return evaluate(self.equations.function("output"), q)[0][0]
+        p, R = evaluate(self.equations.function("forward_kinematics"), q)
+        return np.concatenate([p[0], R[0].T.ravel()])
+
+    def pack(self, rest: Equilibrium) -> np.ndarray:
+        """x (n_x) at a state of rest."""
+        i_m = list(self.model.i_m)
+        return np.concatenate([rest.q_a, rest.q_m[i_m], np.zeros(self.n), rest.tau_m])
+
+    def unpack(self, x: np.ndarray) -> dict[str, np.ndarray]:
+        """Channels ``q_a v_a q_m v_m tau_m`` of states x (k, n_x), motors behind rigid gears filled in."""
+        model, n = self.model, self.n
+        n_a, i_g, i_m = model.n_a, list(model.i_g), list(model.i_m)
+        out = {"q_a": x[:, :n_a], "v_a": x[:, n : n + n_a], "tau_m": x[:, 2 * n :]}
+        for arm, motor, first in (("q_a", "q_m", n_a), ("v_a", "v_m", n + n_a)):
+            out[motor] = out[arm][:, i_g] @ model.eta.T
+            out[motor][:, i_m] = x[:, first : first + len(i_m)]
+        return out
+
+    def scales(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+        """Sizes of y (n) and of the motor torques (n_m), and a typical rate [1/s], near the state of rest x.
+
+        Motors count by their gear ratio; torques by what gravity asks for and what an acceleration of the arm costs.
+        """
+        model = self.model
+        size = np.r_[np.ones(model.n_a), np.abs(model.eta).max(axis=1)[list(model.i_m)]]
+        state = self.unpack(x[None])
+        M, _, K, B = evaluate(
+            self.equations.function("second_order"),
+            *(state[name][0] if name else np.zeros(k) for name, k in self._moving()),
+        )
+        shape = (self.n, self.n)
+        M, K, B = (z[0].reshape(shape[0], -1) * size[:, None] for z in (M, K, B))
+        inertia, stiffness = np.linalg.norm(M * size), np.linalg.norm(K * size)
+        rate = float(np.sqrt(stiffness / inertia)) if stiffness > 0 else 1.0
+        rate = max(rate, 1.0)
+        gain = np.maximum(np.linalg.norm(B, axis=0), 1e-300)
+        load = np.abs(B).T @ np.abs(np.diag(M) * size) / gain**2
+        return size, np.maximum(np.abs(x[2 * self.n :]), np.maximum(load, 1e-6)), rate
+
+    def _moving(self) -> list[tuple[str, int]]:
+        n_a, n_m = self.model.n_a, self.model.n_m
+        return [("q_a", n_a), ("v_a", n_a), ("", n_a), ("q_m", n_m), ("v_m", n_m), ("", n_m), ("tau_m", n_m)]
+
+    def targets(self, sample: Reference, orders: int) -> np.ndarray:
+        """Targets and their derivatives up to ``orders``, (n, n_u, orders + 1), from a sample of a path.
+
+        ``R' = hat(w) R``, and so on by Leibniz' rule. ArgumentError where the path does not have as many derivatives.
+        """
+        y = sample.q_g if self.joints else sample.y
+        if y is None or y.shape[2] <= orders:
+            known = "none of the joints" if y is None else f"up to order {y.shape[2] - 1}"
+            raise ArgumentError(f"path: its derivatives are known {known}, this method needs {orders} for this model")
+        if self.joints or sample.R is None or sample.w is None:
+            return np.ascontiguousarray(y[:, :, : orders + 1])
+        turned = [sample.R]
+        for k in range(orders):
+            hats = [_hat(sample.w[:, :, i]) for i in range(k + 1)]
+            turned.append(sum((comb(k, i) * hats[i] @ turned[k - i] for i in range(k + 1)), np.zeros_like(sample.R)))
+        columns = [R.transpose(0, 2, 1).reshape(-1, 9) for R in turned]
+        return np.stack([np.hstack([y[:, :, k], columns[k]]) for k in range(orders + 1)], axis=-1)
+
+
+def _hat(w: np.ndarray) -> np.ndarray:
+    """Matrices of the cross products, (n, 3, 3) from (n, 3)."""
+    out = np.zeros((len(w), 3, 3))
+    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -w[:, 2], w[:, 1], -w[:, 0]
+    return out - out.transpose(0, 2, 1)

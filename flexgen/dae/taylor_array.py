@@ -1,0 +1,342 @@
+"""Inverse dynamics as a differential-algebraic system of first order, and its derivative array.
+
+    F(t, x, x') = 0,    x = (q_a, v_a, q_me, v_me, tau_m)
+
+    q_a' - v_a = 0,   r_a(q_a, v_a, v_a', q_me, v_me, v_me', tau_m) = 0
+    q_me' - v_me = 0, r_m(...) = 0,     Gamma(q_a) - Z(t) = 0
+
+``q_me``: motors behind elastic gears. The derivative array of order mu stacks F and its time derivatives up to the
+mu-th. With Taylor coefficients ``x = sum x_[j] t^j`` in place of derivatives its Jacobian consists of those of F_x and
+F_x' along the curve,
+
+    dF_[i] / dx_[j] = (F_x)_[i-j] + j (F_x')_[i-j+1]
+
+so that one series of the Jacobians of F, by automatic differentiation, gives all of it.
+
+This one is numbers, of any order and at many points, for ranks. `flexgen.dae.system` has the same equations as
+CasADi functions of fixed order, which the solvers integrate; the tests find the same ranks by both.
+
+Source: P. Kunkel, V. Mehrmann, Differential-Algebraic Equations, EMS 2006, chapter 3 (derivative arrays).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import lstsq
+from scipy.sparse import block_array, csc_array, eye_array
+from scipy.sparse.linalg import splu
+
+from flexgen.dae.taylor_series import SeriesFunction
+from flexgen.errors import SolverError
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.outputs import output_map
+from flexgen.mechanics.quasistatic import OutputPath, rest_along, targets
+from flexgen.mechanics.statics import Equilibrium
+from flexgen.numerics.evaluate import evaluate
+
+STEPS = 15  # of Gauss-Newton towards a consistent point
+SWEEPS = 10  # of the scaling of rows and columns to entries near one
+LEFT = 1e-9  # of a solution's size: residual above which a factorisation is not trusted
+NEARBY = 1e-3  # of a path's duration: the distance of the poses from which its motion is guessed
+SHORTEST = 1 / 64  # part of a step that is tried
+SLOWEST = 1 / 8  # of the path's speed: the shortest step towards it
+CONSISTENT = 1e-10  # scaled residual of the array at which a point counts as consistent; rounding leaves about 1e-13
+RANK = 1e-11  # of the largest singular value: directions of the array that are not used for a step
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Units in which the numbers of the system are near one.
+
+    ``time`` [s]; ``x`` (n,): of the unknowns; ``rows`` (m,): factors of the equations.
+    """
+
+    time: float
+    x: np.ndarray
+    rows: np.ndarray
+
+
+class InverseDae:
+    """The system F(t, x, x') = 0 of a model; ``m`` equations for ``n`` unknowns, by name and place."""
+
+    def __init__(self, equations: Equations) -> None:
+        model = equations.model
+        self.equations, self.model = equations, model
+        n_a, n_me = model.n_a, len(model.i_m)
+        self.n = 2 * model.dof + model.n_m
+        self.m = 2 * model.dof + model.output.size
+        # places of y = (q_a, q_me), of its rate and of the torques in x; of their rows in F
+        arm, motor = np.arange(n_a), 2 * n_a + np.arange(n_me)
+        self.y, self.rate = np.concatenate([arm, motor]), np.concatenate([arm + n_a, motor + n_me])
+        self.torque = 2 * model.dof + np.arange(model.n_m)
+        self.kinematic, self.dynamic, self.output = self.y, self.rate, np.arange(2 * model.dof, self.m)
+        names = [c.name for c in model.coordinates]
+        motors = [model.motors[j].name for j in model.i_m]
+        self.unknowns = (
+            *names,
+            *(f"{name}'" for name in names),
+            *motors,
+            *(f"{name}'" for name in motors),
+            *(f"torque {motor.name}" for motor in model.motors),
+        )
+
+    @cached_property
+    def _slopes(self) -> SeriesFunction:
+        return SeriesFunction(self.equations.function("second_order"))
+
+    @cached_property
+    def _residual(self) -> SeriesFunction:
+        return SeriesFunction(self.equations.function("residual"))
+
+    @cached_property
+    def _rate(self) -> SeriesFunction:
+        q = self.equations.lagrangian.chain.q_a
+        return SeriesFunction(ca.Function("W", [q], [output_map(self.equations).rate]))
+
+    @cached_property
+    def _place(self) -> ca.Function:
+        out = output_map(self.equations)
+        return ca.Function("place", [self.equations.lagrangian.chain.q_a, out.target], [out.error])
+
+    def at_rest(self, rest: Equilibrium) -> np.ndarray:
+        """The unknowns (n,) of a machine at rest."""
+        x = np.zeros(self.n)
+        x[self.y] = np.concatenate([rest.q_a, rest.q_m[list(self.model.i_m)]])
+        x[self.torque] = rest.tau_m
+        return x
+
+    def _arguments(self, x: np.ndarray) -> list[np.ndarray]:
+        """Series (q_a, v_a, a_a, q_m, v_m, a_m, tau_m) from those of x (k, K + 2, n), one order less."""
+        model, order = self.model, x.shape[1] - 1
+        rise = x[:, 1:] * np.arange(1, order + 1)[:, None]
+        parts = []
+        for series in (x[:, :-1, self.y], x[:, :-1, self.rate], rise[..., self.rate]):
+            motors = np.zeros((*series.shape[:2], model.n_m))
+            motors[..., list(model.i_m)] = series[..., model.n_a :]
+            parts.append((series[..., : model.n_a], motors))
+        (q, q_m), (v, v_m), (a, a_m) = parts
+        return [q, v, a, q_m, v_m, a_m, x[:, :-1, self.torque]]
+
+    def jacobians(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Series of F_x and F_x' (k, K + 1, m, n) along ``x`` (k, K + 2, n).
+
+        The output's rows are those of its rates, which agree with the derivatives of its error on the path.
+        """
+        M, D, K, B, W = self._variation(x)
+        shape = (*M.shape[:2], self.m, self.n)
+        F_x, F_dx = np.zeros(shape), np.zeros(shape)
+        dynamic = self.dynamic[:, None]
+        F_dx[:, 0, self.kinematic, self.y] = 1.0
+        F_x[:, 0, self.kinematic, self.rate] = -1.0
+        F_dx[:, :, dynamic, self.rate] = M
+        F_x[:, :, dynamic, self.y], F_x[:, :, dynamic, self.rate], F_x[:, :, dynamic, self.torque] = K, D, -B
+        F_x[:, :, self.output[:, None], np.arange(self.model.n_a)] = W
+        return F_x, F_dx
+
+    def _variation(self, x: np.ndarray) -> list[np.ndarray]:
+        """Series of M, D, K, B of the equations of motion and of the output rates W along ``x`` (k, K + 2, n)."""
+        arguments = self._arguments(x)
+        if x[:, 1:].any():
+            found = [*self._slopes(*arguments), *self._rate(arguments[0])]
+        else:  # nothing moves: the series end with their first coefficient
+            still = [argument[:, 0] for argument in arguments]
+            found = []
+            slopes = self.equations.function("second_order")
+            for value in [*evaluate(slopes, *still), *evaluate(self._rate.function, still[0])]:
+                found.append(np.zeros((len(x), x.shape[1] - 1, *value.shape[1:])))
+                found[-1][:, 0] = value
+        dof, n_a = self.model.dof, self.model.n_a
+        sizes = [(dof, dof), (dof, dof), (dof, dof), (dof, self.model.n_m), (self.model.output.size, n_a)]
+        return [X.reshape(*X.shape[:2], *size) for X, size in zip(found, sizes, strict=True)]
+
+    def residual(self, x: np.ndarray, reference: OutputPath, times: np.ndarray, speed: float = 1.0) -> np.ndarray:
+        """Series of F (k, K + 1, m) along ``x`` (k, K + 2, n), whose zeroth coefficients hold at ``times`` (k,) [s].
+
+        Derivatives of the reference that it does not know are zero. ``speed``: at which the path is passed.
+        """
+        q, v, a, q_m, v_m, a_m, tau = self._arguments(x)
+        r_a, r_m = self._residual(q, v, a, q_m, v_m, a_m, tau)
+        k, order = q.shape[:2]
+        i_m = list(self.model.i_m)
+        F = np.zeros((k, order, self.m))
+        rise = x[:, 1:] * np.arange(1, order + 1)[:, None]
+        F[..., self.kinematic] = rise[..., self.y] - x[:, :-1, self.rate]
+        F[..., self.dynamic] = np.concatenate([r_a.reshape(k, order, -1), r_m.reshape(k, order, -1)[..., i_m]], axis=2)
+        W = self._rate(q)[0].reshape(k, order, -1, self.model.n_a)
+        sample = reference.sample(times)
+        for point, target in enumerate(targets(sample)):
+            F[point, 0, self.output] = np.array(self._place(q[point, 0], target))[:, 0]
+        factorial = 1.0
+        for i in range(1, order):
+            factorial *= i
+            moved = sum(W[:, j] @ (rise[:, i - 1 - j, : self.model.n_a, None]) for j in range(i))
+            asked = speed**i * sample.rates(i) if i < sample.y.shape[2] else 0.0
+            F[:, i][:, self.output] = moved[..., 0] / i - asked / factorial
+        return F
+
+    def scales(self, x: np.ndarray) -> Scales:
+        """Units from the inertias, springs and output rates at the point ``x`` (n,)."""
+        still = np.zeros((1, 2, self.n))
+        still[0, 0] = x
+        F_x, F_dx = (J[0, 0] for J in self.jacobians(still))
+        dynamic = self.dynamic[:, None]
+        unit = 1 / np.sqrt(np.diag(F_dx[dynamic, self.rate]))
+        # Gershgorin's circles would do as well: the unit of time only has to be of the springs' order
+        stiff = np.abs(np.linalg.eigvals(F_x[dynamic, self.y] * unit * unit[:, None]))
+        stiff = stiff[stiff > 1e-9 * max(stiff.max(initial=0.0), 1e-300)]
+        time = float(np.exp(-np.log(stiff).mean() / 2)) if len(stiff) else 1.0
+        columns = np.ones(self.n)
+        columns[self.y], columns[self.rate] = unit, unit / time
+        effect = np.abs(F_x[dynamic, self.torque] * unit[:, None]).max(axis=0) * time**2
+        columns[self.torque] = 1 / np.where(effect > 0, effect, 1.0)
+        return balanced(F_x, F_dx, time, columns)
+
+
+def balanced(F_x: np.ndarray, F_dx: np.ndarray, time: float, columns: np.ndarray) -> Scales:
+    """Scales that bring the entries of F_x and F_x' (m, n) near one, from a unit of time and units of the unknowns."""
+    whole = np.maximum(np.abs(F_x), np.abs(F_dx) / time)
+    rows = np.ones(len(whole))
+    for _ in range(SWEEPS):
+        size = (whole * columns).max(axis=1)
+        rows = 1 / np.where(size > 0, size, 1.0)
+        size = np.sqrt((whole * rows[:, None]).max(axis=0) * columns)
+        columns = columns / np.where(size > 0, size, 1.0)
+    return Scales(time, columns, rows)
+
+
+def derivative_array(F_x: np.ndarray, F_dx: np.ndarray, mu: int, scales: Scales) -> np.ndarray:
+    """Scaled Jacobian ((mu + 1) m, (mu + 2) n) of the array of order mu in the Taylor coefficients x_[0] ... x_[mu+1].
+
+    ``F_x``, ``F_dx`` (K + 1, m, n): series along the curve, K >= mu.
+    """
+    m, n = F_x.shape[1:]
+    factors = scales.rows[:, None] * scales.x
+    powers = scales.time ** np.arange(mu + 1)
+    A, E = (
+        F_x[: mu + 1] * factors * powers[:, None, None],
+        F_dx[: mu + 1] * factors * powers[:, None, None] / scales.time,
+    )
+    out = np.zeros(((mu + 1) * m, (mu + 2) * n))
+    for i in range(mu + 1):
+        for j in range(i + 2):
+            block = j * E[i - j + 1] if j else np.zeros((m, n))
+            out[i * m : (i + 1) * m, j * n : (j + 1) * n] = block + A[i - j] if j <= i else block
+    return out
+
+
+def consistent(
+    dae: InverseDae, reference: OutputPath, times: np.ndarray, order: int
+) -> tuple[np.ndarray, list[Scales]]:
+    """Points of the derivative array of an order that satisfy it, near the quasi-static motion.
+
+    Gauss-Newton steps of least norm in scaled unknowns, from that motion; where they do not converge, from the solution
+    of the same path at a lower speed.
+
+    Parameters
+    ----------
+    dae : InverseDae
+    reference : OutputPath
+    times : array (k,) [s]
+        Rising instants on the path.
+    order : int
+        Of the derivative array.
+
+    Returns
+    -------
+    x : array (k, order + 2, n)
+        Taylor coefficients of the unknowns.
+    scales : list of k Scales
+
+    Raises
+    ------
+    SolverError
+        There is no pose of rest on the way, or the steps do not converge.
+    """
+    guess = _quasistatic_motion(dae, reference, times, order)
+    scales = [dae.scales(point) for point in guess[:, 0]]
+    powers = np.arange(order + 2)[:, None]
+    out = np.zeros_like(guess)
+    for k in range(len(times)):
+        speed, step = 0.0, 1.0
+        while speed < 1.0:
+            faster = min(1.0, speed + step)
+            start = out[k] * (faster / speed) ** powers if speed else guess[k] * faster**powers
+            found = _gauss_newton(dae, reference, times[k], faster, start, scales[k])
+            if found is not None:
+                out[k], speed = found, faster
+                continue
+            step /= 2
+            if step < SLOWEST:
+                raise SolverError(
+                    f"derivative array of order {order} at t = {times[k]:.4g} s: no consistent point found beyond "
+                    f"{speed:.2g} of the path's speed; try other instants or a slower move"
+                )
+    return out, scales
+
+
+def _quasistatic_motion(dae: InverseDae, reference: OutputPath, times: np.ndarray, order: int) -> np.ndarray:
+    """Series (k, order + 2, n) of the motion through poses of rest, by differences: two derivatives of coordinates."""
+    h = NEARBY * reference.duration
+    around = np.repeat(times, 3) + np.tile([-h, 0.0, h], len(times))
+    rests = rest_along(dae.equations, reference, around)
+    before, now, after = np.array([dae.at_rest(rest) for rest in rests]).reshape(-1, 3, dae.n).transpose(1, 0, 2)
+    out = np.zeros((len(times), order + 2, dae.n))
+    out[:, 0] = now
+    speed, half = ((after - before) / (2 * h))[:, dae.y], ((after - 2 * now + before) / (2 * h**2))[:, dae.y]
+    out[:, 1][:, dae.y], out[:, 0][:, dae.rate] = speed, speed
+    if order:
+        out[:, 2][:, dae.y] = half
+    out[:, 1][:, dae.rate] = 2 * half
+    return out
+
+
+def _gauss_newton(
+    dae: InverseDae, reference: OutputPath, t: float, speed: float, start: np.ndarray, scales: Scales
+) -> np.ndarray | None:
+    """A consistent point (order + 2, n) at one instant of the path at a part of its speed; None without convergence."""
+    order = len(start) - 2
+    unit = scales.x / scales.time ** np.arange(order + 2)[:, None]
+    weight = scales.rows * scales.time ** np.arange(order + 1)[:, None]
+
+    def defect(x: np.ndarray) -> tuple[np.ndarray, float]:
+        F = dae.residual(x[None], reference, np.array([t]), speed)[0] * weight
+        return F.ravel(), float(np.abs(F).max() / (1 + np.abs(x / unit).max()))
+
+    x = start
+    F, error = defect(x)
+    for _ in range(STEPS):
+        F_x, F_dx = dae.jacobians(x[None])
+        array = derivative_array(F_x[0], F_dx[0], order, scales)
+        step = unit * _shortest(array, -F).reshape(order + 2, dae.n)
+        length = 1.0
+        while True:
+            trial = x + length * step
+            F_trial, smaller = defect(trial)
+            if smaller < error or error < CONSISTENT or length < SHORTEST:
+                break
+            length /= 2
+        if not smaller < error:
+            break
+        converged = error < CONSISTENT and smaller > error / 4
+        x, F, error = trial, F_trial, smaller
+        if converged:
+            break
+    return x if error < CONSISTENT else None
+
+
+def _shortest(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The solution of ``A x = b`` of least norm; in the sense of least squares where the rows depend on each other."""
+    n = A.shape[1]
+    sparse = csc_array(A)
+    whole = csc_array(block_array([[eye_array(n), sparse.T], [sparse, None]]))
+    try:
+        x = np.asarray(splu(whole).solve(np.concatenate([np.zeros(n), b])))[:n]
+    except RuntimeError:  # singular
+        x = np.full(n, np.nan)
+    if np.isfinite(x).all() and np.abs(A @ x - b).max() <= LEFT * (1 + np.abs(x).max()):
+        return x
+    return np.asarray(lstsq(A, b, cond=RANK, lapack_driver="gelsy")[0])

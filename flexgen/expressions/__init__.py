@@ -1,0 +1,1 @@
+"""From a CasADi function to scalar C statements."""

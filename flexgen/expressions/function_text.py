@@ -1,0 +1,413 @@
+"""The mathematics of one function as C: one constant local per operation, for one point or for lanes of points.
+
+The text is included twice, see `flexgen.codegen.emit`: with ``T`` a real for one point, and with ``T`` a vector of
+reals, one per point. ``IN``, ``OUT`` and ``P`` reach an entry of an input, an output and the parameters; ``F(name)`` is
+the kernel's function for T. Sines and cosines are computed first, all angles at once. Long functions are split into
+chunks, as compile time and memory grow faster than length; values that outlive a chunk pass through the workspace.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from flexgen.expressions.graph import Graph, read_graph
+from flexgen.expressions.pivot_guards import EPSILON, guarded
+from flexgen.expressions.routine import Expressions, Routine, Solve
+from flexgen.expressions.schedule import ordered, written_order
+from flexgen.expressions.simplify import simplified
+from flexgen.expressions.solve_loops import Layout, solve_text
+
+CHUNK = 500  # operations per C function: a compiler keeps values in registers, and is quick, where functions are short
+MARGIN = 500  # a function that is longer than a chunk by less than this stays in one piece
+
+_INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
+
+
+@dataclass(frozen=True)
+class FunctionText:
+    """The text of the static C functions and what the caller needs to know of them.
+
+    Parameters
+    ----------
+    text : str
+        Definitions, to be included once per ``T``; ``F(evaluate)`` is the last, takes all inputs, all outputs, the
+        stride of a batch and, where ``work`` > 0, the workspace, and returns zero where everything is finite, else NaN.
+    work : int
+        Entries of workspace, of type T.
+    operations, depth : int
+        Arithmetic operations per evaluation, and the latency of the longest chain of them in cycles, about.
+    stack : int
+        Reals in local variables at most, for one point.
+    """
+
+    text: str
+    work: int
+    operations: int
+    depth: int
+    stack: int
+
+
+@dataclass
+class _Piece:
+    """A C function: its lines, the ports it uses, whether it uses the workspace, how many locals it has."""
+
+    lines: list[str] = field(default_factory=list)
+    ports: set[str] = field(default_factory=set)
+    workspace: bool = False
+    locals: int = 0
+    known: set[int] = field(default_factory=set)
+    stored: set[int] = field(default_factory=set)
+    broken: bool = False  # a result is never finite
+
+
+def literal(x: float, precision: str = "double") -> str:
+    """A number as the shortest C expression that reads back to the same bits."""
+    if math.isnan(x):
+        return "NAN"
+    if math.isinf(x):
+        return "INFINITY" if x > 0 else "(-INFINITY)"
+    text = repr(float(x))  # always with a point or an exponent
+    if precision == "single":
+        with np.errstate(over="ignore", under="ignore"):
+            short = np.float32(x)
+        if math.isinf(short):
+            return literal(float(short))
+        text = str(short) if "." in str(short) or "e" in str(short) else f"{short}.0"
+        text += "f"
+    return f"({text})" if text.startswith("-") else text
+
+
+def function_text(
+    program: Routine,
+    inputs: Mapping[str, int],
+    outputs: Mapping[str, int],
+    parameters: str | None = None,
+    precision: str = "double",
+    values: Sequence[float] = (),
+) -> FunctionText:
+    """C text of a program; BuildError names an operation that cannot be written.
+
+    Parameters
+    ----------
+    program : Routine
+    inputs, outputs : mapping of str to int
+        Entries of each port, in the order of the arguments.
+    parameters : str, optional
+        The input that holds the parameters: the same for all points of a batch.
+    precision : str
+        ``"double"`` or ``"single"``.
+    values : sequence of float
+        Values of the parameters in the model file.
+    """
+    layout = _layout(program, outputs)
+    texts: list[str] = []
+    calls: list[str] = []
+    work, stack, operations, depth = layout.size, 0, 0, 0
+    seen: set[tuple[str, int]] = set()  # entries of inputs that show in a result where they are not finite
+    rights = [step.right for step in program.steps if isinstance(step, Solve)]
+    whole = False  # one function does it all
+    for k, step in enumerate(program.steps):
+        if isinstance(step, Solve):
+            name = f"solve_{k + 1}"
+            texts.append(solve_text(name, step, layout, outputs, literal(step.n * EPSILON[precision], precision)))
+            calls.append("zero += " + _call(name, [port for port in outputs if port in step.ports], workspace=True))
+            operations += step.operations
+            depth += step.depth
+            continue
+        graph = simplified(read_graph(step.function))
+        if step.pivots:
+            given = {parameters: np.array(values)} if parameters is not None else {}
+            graph = guarded(graph, step.function.name_in(), given, precision)
+        writer = _Writer(graph, step, layout, parameters, precision)
+        pieces = writer.pieces()
+        seen |= _seen(graph, step, {*outputs, *rights})
+        whole = len(pieces) == len(program.steps) == 1
+        for i, piece in enumerate(pieces):
+            stack = max(stack, piece.locals)
+            if whole:
+                unread = [(port, e) for port, size in inputs.items() for e in range(size) if (port, e) not in seen]
+                piece.lines += writer.check(piece, unread)
+                texts.append(_function("evaluate", piece, [*inputs], [*outputs]))
+                continue
+            piece.lines += writer.check(piece, ())
+            name = f"evaluate_{k + 1}_{i + 1}"
+            ports = [port for port in (*inputs, *outputs) if port in piece.ports]
+            kinds = [port for port in ports if port in inputs], [port for port in ports if port in outputs]
+            texts.append("SEPARATE " + _function(name, piece, *kinds, parameters))
+            calls.append("zero += " + _call(name, ports, piece.workspace, parameters))
+        work = max(work, writer.start + writer.spilled)
+        operations += graph.operations()
+        depth += max((graph.depth[r >> 1] for _, _, r in graph.outputs), default=0)
+    if not whole:
+        zero = literal(0.0, precision)
+        unread = [(port, e) for port, size in inputs.items() for e in range(size) if (port, e) not in seen]
+        calls = [f"T zero = F(splat)({zero});", *calls]
+        calls += [f"zero += {zero} * {_access(port, e, parameters)};" for port, e in unread]
+        texts.append(_function("evaluate", _Piece([*calls, "return zero;"], workspace=work > 0), [*inputs], [*outputs]))
+    return FunctionText("\n".join(texts), work, operations, depth, stack)
+
+
+# --- around the expressions -------------------------------------------------------------------------------------------
+
+
+def _layout(program: Routine, outputs: Mapping[str, int]) -> Layout:
+    """Places in the workspace of what a step computes for a later one."""
+    solves = [step for step in program.steps if isinstance(step, Solve)]
+    strides = {s.matrix: s.n for s in solves} | {s.right: s.stride for s in solves}
+    sizes: dict[str, int] = {}
+    for step in program.steps:
+        if isinstance(step, Expressions):
+            for i, name in enumerate(step.function.name_out()):
+                if name not in outputs:
+                    rows = step.function.size1_out(i)
+                    sizes[name] = rows * strides[name] if name in strides else step.function.numel_out(i)
+    places: dict[str, int] = {}
+    at = 0
+    for name, size in sizes.items():
+        places[name] = at
+        at += size
+    return Layout(places, strides, at)
+
+
+def _call(name: str, ports: Sequence[str], workspace: bool, parameters: str | None = None) -> str:
+    arguments = ", ".join([*ports, *(["w"] if workspace else [])])
+    return f"F({name})({arguments}{' STRIDE(n)' if set(ports) - {parameters} else ''});"
+
+
+def _function(
+    name: str, piece: _Piece, inputs: Sequence[str], outputs: Sequence[str], shared: str | None = None
+) -> str:
+    """A C function; the array ``shared`` is the same for all points, and needs no stride."""
+    parameters = [f"const real *RESTRICT {port}" for port in inputs]
+    parameters += [f"real *RESTRICT {port}" for port in outputs]
+    if piece.workspace:
+        parameters.append("T *RESTRICT w")
+    stride = " STRIDE(ptrdiff_t n)" if {*inputs, *outputs} - {shared} else ""
+    body = "".join(f"    {line}\n" for line in piece.lines)
+    return f"static T F({name})({', '.join(parameters) or 'void'}{stride})\n{{\n{body}}}\n"
+
+
+def _seen(graph: Graph, step: Expressions, arrays: Collection[str]) -> set[tuple[str, int]]:
+    """Entries of inputs that make an entry of the given arrays NaN or infinite where they are."""
+    function = step.function
+    carried = graph.carried({i for i, name in enumerate(function.name_out()) if name in arrays})
+    names = function.name_in()
+    entries = (graph.operands[node] for node in carried if graph.kind[node] == "input")
+    return {(names[array], entry) for array, entry in entries}
+
+
+def _access(name: str, entry: int, parameters: str | None) -> str:
+    return f"P({name}, {entry})" if name == parameters else f"IN({name}, {entry})"
+
+
+# --- expressions ------------------------------------------------------------------------------------------------------
+
+
+class _Writer:
+    """Writes the expressions of one step."""
+
+    def __init__(self, graph: Graph, step: Expressions, layout: Layout, parameters: str | None, precision: str) -> None:
+        self.graph, self.layout, self.parameters, self.precision = graph, layout, parameters, precision
+        self.inputs, self.outputs = step.function.name_in(), step.function.name_out()
+        self.rows = [step.function.size1_out(i) for i in range(step.function.n_out())]
+        self.needed = graph.alive()
+        self.start, self.spilled = layout.size, 0
+        self.slots: dict[int, int] = {}
+        self.stores: dict[int, list[tuple[int, int, int]]] = {}
+        for array, entry, r in graph.outputs:
+            self.stores.setdefault(r >> 1, []).append((array, entry, r))
+        self.turning: dict[int, list[int]] = {}  # angle: its sine and its cosine, where needed
+        for node, kind in enumerate(graph.kind):
+            if kind in ("sin", "cos") and self.needed[node]:
+                self.turning.setdefault(graph.operands[node][0] >> 1, []).append(node)
+
+    def pieces(self) -> list[_Piece]:
+        """The functions, in the order of their calls."""
+        order = self._order()
+        if len(order) <= CHUNK + MARGIN:
+            parts = [order]
+        else:
+            count = math.ceil(len(order) / CHUNK)
+            parts = [order[len(order) * k // count : len(order) * (k + 1) // count] for k in range(count)]
+        self._place(parts)
+        made = [self._piece(part, last=k == len(parts) - 1) for k, part in enumerate(parts)]
+        return [piece for piece in made if piece.lines] or made[:1]
+
+    def _order(self) -> list[int | tuple[int, ...]]:
+        """Nodes in the order of computation; a tuple of angles where their sines and cosines are computed."""
+        graph = self.graph
+        level = [0] * len(graph.kind)  # how many rounds of sines and cosines a value needs
+        groups: dict[int, list[int]] = {}
+        for node, kind in enumerate(graph.kind):
+            level[node] = max((level[other] for other in graph.arguments(node)), default=0)
+            if kind in ("sin", "cos"):
+                level[node] += 1
+            if node in self.turning:
+                groups.setdefault(level[node], []).append(node)
+        out: list[int | tuple[int, ...]] = []
+        seen: set[int] = set()
+        for key in sorted(groups):
+            out += ordered(graph, groups[key], seen)
+            out.append(tuple(groups[key]))
+            seen.update(node for angle in groups[key] for node in self.turning[angle])
+        return out + written_order(graph, (r >> 1 for _, _, r in graph.outputs), seen)
+
+    def _uses(self, item: int | tuple[int, ...]) -> tuple[int, ...]:
+        return item if isinstance(item, tuple) else (item, *self.graph.arguments(item))
+
+    def _gives(self, item: int | tuple[int, ...]) -> list[int]:
+        if isinstance(item, tuple):
+            return [node for angle in item for node in self.turning[angle]]
+        return [] if self.graph.kind[item] in ("input", "constant") else [item]
+
+    def _place(self, parts: Sequence[Sequence[int | tuple[int, ...]]]) -> None:
+        """Place in the workspace of every value that outlives its piece; free again after the piece of its last use."""
+        born: dict[int, int] = {}
+        last: dict[int, int] = {}
+        for k, part in enumerate(parts):
+            for item in part:
+                for node in self._gives(item):
+                    born[node] = k
+                for node in self._uses(item):
+                    last[node] = k
+        free: list[int] = []
+        ending: dict[int, list[int]] = {}
+        for k, part in enumerate(parts):
+            for item in part:
+                for node in self._gives(item):
+                    if last.get(node, k) > k:
+                        if not free:
+                            free.append(self.spilled)
+                            self.spilled += 1
+                        self.slots[node] = free.pop()
+                        ending.setdefault(last[node], []).append(self.slots[node])
+            free.extend(reversed(ending.get(k, [])))
+
+    def _piece(self, part: Sequence[int | tuple[int, ...]], last: bool) -> _Piece:
+        piece = _Piece()
+        for item in part:
+            if isinstance(item, tuple):
+                self._sincos(piece, item)
+            elif self.graph.kind[item] not in ("input", "constant"):
+                self._compute(piece, item)
+            if isinstance(item, tuple):
+                for node in self._gives(item):
+                    self._store(piece, node)
+            elif self.graph.kind[item] != "constant":
+                self._store(piece, item)
+        if last:
+            for node in self.stores:
+                if self.graph.kind[node] == "constant":
+                    self._store(piece, node)
+        return piece
+
+    def _operand(self, r: int) -> str:
+        number = self.graph.number(r)
+        if number is not None:
+            return literal(number, self.precision)
+        return f"-t{r >> 1}" if r & 1 else f"t{r >> 1}"
+
+    def _argument(self, r: int) -> str:
+        """An operand of type T."""
+        return f"F(splat)({self._operand(r)})" if self.graph.number(r) is not None else self._operand(r)
+
+    def _fetch(self, piece: _Piece, node: int) -> None:
+        """Have a value at hand: an input is read, a value of an earlier piece comes from the workspace."""
+        kind = self.graph.kind[node]
+        if node in piece.known or kind == "constant":
+            return
+        piece.known.add(node)
+        piece.locals += 1
+        if kind == "input":
+            array, entry = self.graph.operands[node]
+            text = self._input(piece, self.inputs[array], entry)
+        else:
+            piece.workspace = True
+            text = f"w[{self.start + self.slots[node]}]"
+        piece.lines.append(f"const T t{node} = {text};")
+
+    def _input(self, piece: _Piece, name: str, entry: int) -> str:
+        if name in self.layout.places:
+            piece.workspace = True
+            return f"w[{self.layout.places[name] + entry}]"
+        piece.ports.add(name)
+        return _access(name, entry, self.parameters)
+
+    def _known(self, piece: _Piece, node: int, text: str) -> None:
+        piece.known.add(node)
+        piece.locals += 1
+        piece.lines.append(f"const T t{node} = {text};")
+        if node in self.slots:
+            piece.workspace = True
+            piece.lines.append(f"w[{self.start + self.slots[node]}] = t{node};")
+
+    def _compute(self, piece: _Piece, node: int) -> None:
+        kind, operands = self.graph.kind[node], self.graph.operands[node]
+        for r in operands:
+            self._fetch(piece, r >> 1)
+        if kind in _INFIX:
+            text = f" {_INFIX[kind]} ".join(self._operand(r) for r in operands)
+        else:
+            text = f"F({kind})({', '.join(self._argument(r) for r in operands)})"
+        self._known(piece, node, text)
+
+    def _sincos(self, piece: _Piece, angles: tuple[int, ...]) -> None:
+        """Sines and cosines of a group of angles."""
+        for angle in angles:
+            self._fetch(piece, angle)
+        n, first = len(angles), angles[0]
+        values = ", ".join(f"t{angle}" for angle in angles)
+        piece.lines += [
+            f"const T angle{first}[ANGLES({n})] = {{{values}}};",
+            f"T sine{first}[ANGLES({n})], cosine{first}[ANGLES({n})];",
+            f"F(sincos)(angle{first}, sine{first}, cosine{first}, {n});",
+        ]
+        piece.locals += 3 * -(-n // 16) * 16
+        for k, angle in enumerate(angles):
+            for node in self.turning[angle]:
+                self._known(piece, node, f"{'sine' if self.graph.kind[node] == 'sin' else 'cosine'}{first}[{k}]")
+
+    def _store(self, piece: _Piece, node: int) -> None:
+        """Write a value wherever it is a result."""
+        for array, entry, r in self.stores.get(node, ()):
+            self._fetch(piece, node)
+            name, rows = self.outputs[array], self.rows[array]
+            if self.graph.kind[node] != "constant":
+                piece.stored.add(node)
+            elif not math.isfinite(self.graph.value[node]):
+                piece.broken = True
+            if name not in self.layout.places:
+                piece.ports.add(name)
+                piece.lines.append(f"OUT({name}, {entry}, {self._argument(r)});")
+                continue
+            piece.workspace = True
+            if name in self.layout.strides:  # by rows
+                entry = (entry % rows) * self.layout.strides[name] + entry // rows
+            piece.lines.append(f"w[{self.layout.places[name] + entry}] = {self._argument(r)};")
+
+    def check(self, piece: _Piece, unread: Sequence[tuple[str, int]]) -> list[str]:
+        """Lines that return the sum of zero times every result, combined in the order in which they become known."""
+        zero = literal(0.0, self.precision)
+        heap: list[tuple[int, int, str]] = [
+            (self.graph.depth[node], node, f"{zero} * t{node}") for node in sorted(piece.stored)
+        ]
+        count = len(self.graph.kind)
+        if piece.broken:
+            heap.append((0, count, "F(splat)(NAN)"))
+            count += 1
+        for name, entry in unread:
+            heap.append((0, count, f"{zero} * {_access(name, entry, self.parameters)}"))
+            count += 1
+        heapq.heapify(heap)
+        lines = []
+        while len(heap) > 1:
+            a, b = heapq.heappop(heap), heapq.heappop(heap)
+            lines.append(f"const T z{count} = {a[2]} + {b[2]};")
+            heapq.heappush(heap, (max(a[0], b[0]) + 4, count, f"z{count}"))
+            count += 1
+        return [*lines, f"return {heap[0][2] if heap else f'F(splat)({zero})'};"]

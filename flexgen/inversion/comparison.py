@@ -1,0 +1,77 @@
+"""Side by side: what the same move costs in tool error when the torque comes from a simpler model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion.solution import Solution
+from flexgen.inversion.solve import solve
+from flexgen.mechanics.equations import Equations
+from flexgen.simulation.simulate import output_units
+
+BASELINES = ("rigid", "fjm", "quasistatic")
+
+
+def compare_methods(
+    equations: Equations, solution: Solution, progress: Callable[[str], None] | None = None
+) -> tuple[Solution, ...]:
+    """A verified solution and the baselines of its move, each simulated on the full model.
+
+    Parameters
+    ----------
+    equations : Equations
+        Of the solution's model.
+    solution : Solution
+    progress : callable, optional
+        Called with one line of text before each of them.
+
+    Returns
+    -------
+    tuple of Solution
+        The baselines, the simplest first, then the solution. Without non-actuated coordinates only the rigid one is
+        something else than the closed form. A baseline that has no answer is left out, and the text says why.
+    """
+    wanted = BASELINES if equations.model.n_e else BASELINES[:1]
+    out = []
+    for name in wanted:
+        if name == solution.method:
+            continue
+        if progress is not None:
+            progress(f"the same move by method {name}, for comparison")
+        try:
+            out.append(solve(equations, solution.move, name))
+        except (ArgumentError, SolverError) as error:
+            if progress is not None:
+                progress(f"method {name} has no answer: {error}")
+    return (*out, solution)
+
+
+def error_rows(solutions: tuple[Solution, ...]) -> list[dict[str, Any]]:
+    """Tool errors as JSON types: ``method``, at the start of the path and the largest on and after it, m and rad."""
+    rows = []
+    for solution in solutions:
+        row: dict[str, Any] = {"method": solution.method, "status": solution.status}
+        for unit, values in error_sizes(solution).items():
+            on_path = solution.trajectory.time >= 0
+            row[f"start_{unit}"] = float(values[on_path][0])
+            row[f"largest_{unit}"] = float(values.max())
+        rows.append(row)
+    return rows
+
+
+def error_sizes(solution: Solution) -> dict[str, np.ndarray]:
+    """Sizes of the simulated output's error over time, (n,) each: ``m`` and ``rad`` where the output has them."""
+    simulation = solution.simulation
+    if simulation is None or "error" not in simulation.trajectory.channels:
+        return {}
+    done, units = simulation.trajectory, np.array(output_units(solution.model))
+    out = {
+        unit: np.linalg.norm(done["error"][:, units == unit], axis=1) for unit in ("m", "rad") if (units == unit).any()
+    }
+    if "turn" in done.channels:
+        out["rad"] = np.abs(done["turn"]).max(axis=1)
+    return out

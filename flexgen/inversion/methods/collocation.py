@@ -1,0 +1,143 @@
+"""Inverse dynamics as collocation optimal control on the reduced problem, solved by IPOPT.
+
+Unknown are the non-actuated coordinates (q_e, v_e) at the nodes of a mesh and the arm's (q, v, a) at the Gauss points
+of each interval. Everything that physics and the path demand is a hard constraint; what is left free is the initial
+state of the zero dynamics, and the cost asks that the motion comes from rest and goes to rest:
+
+    min  |y(0) - rest|^2 + |y(T) - rest|^2      s.t.   Gamma(q) = Z,  W v = Z',  W a + W' v = Z'',
+                                                       [M a + c + g]_e = tau_e   at the Gauss points
+
+With an unstable zero dynamics the second term picks the one motion that does not blow up, and the first one says how
+long before the path it has to begin. Reducing first keeps the order: the reference enters by its exact derivatives
+instead of being differentiated by the discretisation.
+
+Source: L. Biegler, Nonlinear Programming, 2010, ch. 10 (collocation); A. Waechter, L. Biegler, Math. Prog. 106, 2006.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+from scipy.interpolate import CubicSpline
+
+from flexgen.errors import SolverError
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.numerics.nlp import NlpResult, Progress, solve_nlp
+from flexgen.numerics.tableaus import Tableau, gauss
+from flexgen.numerics.transcription import Transcription
+from flexgen.paths.path import Path
+
+DEFLECTION = 1e-2  # rad or m: the size of a deflection that matters, scales the unknowns
+RATE = 1.0  # rad/s or m/s
+ACCELERATION = 100.0  # rad/s^2 or m/s^2
+
+
+@dataclass(frozen=True)
+class Collocated:
+    """Solution on the mesh.
+
+    ``nodes`` (N + 1,) [s]; ``q_e``, ``v_e`` (N + 1, n_e); ``a_e`` (N, s, n_e) and ``q`` (N, s, n_a) at the Gauss
+    points; ``nlp``: IPOPT's verdict.
+    """
+
+    nodes: np.ndarray
+    q_e: np.ndarray
+    v_e: np.ndarray
+    a_e: np.ndarray
+    q: np.ndarray
+    nlp: NlpResult
+
+    def dense(self, table: Tableau, parts: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Times, q_e, v_e and guessed q_a on a grid ``parts`` times finer, from the collocation polynomials."""
+        h = np.diff(self.nodes)[:, None, None]
+        theta = np.arange(parts) / parts
+        once, twice = table.weights(theta)
+        q_k, v_k = self.q_e[:-1, None, :], self.v_e[:-1, None, :]
+        q = q_k + h * theta[None, :, None] * v_k + h**2 * np.einsum("ps,nse->npe", twice, self.a_e)
+        v = v_k + h * np.einsum("ps,nse->npe", once, self.a_e)
+        t = (self.nodes[:-1, None] + np.diff(self.nodes)[:, None] * theta).ravel()
+        near = np.minimum((theta * self.q.shape[1]).astype(int), self.q.shape[1] - 1)
+        guess = self.q[:, near, :].reshape(len(t), -1)
+        n_e = self.q_e.shape[1]
+        return (
+            np.append(t, self.nodes[-1]),
+            np.vstack([q.reshape(len(t), n_e), self.q_e[-1:]]),
+            np.vstack([v.reshape(len(t), n_e), self.v_e[-1:]]),
+            np.vstack([guess, self.q[-1, -1:]]),
+        )
+
+
+def collocate(
+    reduction: Reduction,
+    path: Path,
+    nodes: np.ndarray,
+    *,
+    stages: int = 3,
+    progress: Progress | None = None,
+    max_iterations: int = 100,
+) -> Collocated:
+    """Solve the reduced inverse dynamics on the mesh ``nodes`` [s], which starts before the path and ends after it.
+
+    SolverError where IPOPT does not converge; its verdict is in the text.
+    """
+    n_e, i_e, i_g = len(reduction.i_e), reduction.i_e, reduction.i_g
+    n_a, n_g = reduction.model.n_a, reduction.model.n_g
+    mesh = Transcription(nodes, gauss(stages), n_e, 3 * n_g)
+    sample = path.sample(mesh.times)
+    guess, rest = _guess(reduction, path, mesh)
+
+    z, row, h, deflection, w = mesh.instant()
+    X = ca.SX.zeros(3 * n_a)
+    for level, part in enumerate(deflection):
+        X[[level * n_a + i for i in i_e]] = part
+        X[[level * n_a + i for i in i_g]] = w[level * n_g : (level + 1) * n_g]
+    target, y1, y2 = (ca.SX.sym(f"target{i}", reduction.stage.size_in(i)[0]) for i in (1, 2, 3))
+    rows = reduction.stage(X, target, y1, y2)
+    values = [*mesh.parameters, reduction.targets(sample).T, sample.rates(1).T, sample.rates(2).T]
+
+    scale_state = np.r_[np.full(n_e, DEFLECTION), np.full(n_e, RATE)]
+    scale_w = np.repeat([1.0, 1.0, ACCELERATION], n_g)
+    scale_inner = np.r_[np.full(stages * n_e, ACCELERATION), np.tile(scale_w, stages)]
+    scale_x = np.r_[np.tile(scale_state, mesh.N + 1), np.tile(scale_inner, mesh.N)]
+    x = ca.MX.sym("x", mesh.size)
+    g, jacobian, _ = mesh.constraints(x, rows, [z, row, h, target, y1, y2], values, scale_x, guess)
+
+    # the cost is quadratic and the constraints leave few freedoms: its own Hessian is all the curvature that is needed
+    ends = np.r_[0 : 2 * n_e, mesh.n_nodes - 2 * n_e : mesh.n_nodes]
+    weight, aim = np.zeros(mesh.size), np.zeros(mesh.size)
+    weight[ends], aim[ends] = 1.0, np.concatenate(rest)
+    cost = ca.dot(ca.DM(weight), (x - ca.DM(aim / scale_x)) ** 2) / 2
+    result = solve_nlp(
+        x,
+        cost,
+        g,
+        jacobian,
+        ca.MX(ca.DM(sp.diags(weight).tocsc())),
+        guess / scale_x,
+        progress=progress,
+        max_iterations=max_iterations,
+    )
+    if not result.success:
+        raise SolverError(
+            f"collocation: IPOPT ended with {result.status!r} after {result.iterations} iterations, "
+            f"largest violation {result.violation:.2e}; try a longer --preview, a finer --mesh or --method full"
+        )
+    q_e, v_e, a_e, found = mesh.unpack(result.x * scale_x)
+    q = np.zeros((mesh.N, stages, n_a))
+    q[:, :, i_g] = found[:, :, :n_g]
+    return Collocated(nodes, q_e, v_e, a_e, q, result)
+
+
+def _guess(reduction: Reduction, path: Path, mesh: Transcription) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Quasi-static motion as a first guess, and the states of rest before and after the path."""
+    i_e, i_g, nodes, times = reduction.i_e, reduction.i_g, mesh.nodes, mesh.times
+    both = np.unique(np.concatenate([nodes, times]))
+    slow = CubicSpline(both, reduction.follow(path, both, reduction.start(path).q_a))
+    states = np.hstack([slow(nodes)[:, i_e], slow(nodes, 1)[:, i_e]])
+    w = np.hstack([slow(times, k)[:, i_g] for k in range(3)])
+    still = np.zeros(len(i_e))
+    rest = np.r_[slow(nodes[0])[i_e], still], np.r_[slow(nodes[-1])[i_e], still]
+    return mesh.pack(states, slow(times, 2)[:, i_e], w), rest

@@ -1,0 +1,118 @@
+"""What the initial-value methods share: where they apply, their instants, and an answer from the states of the DAE.
+
+They march from rest in the direction of time, so that the motion inside, the zero dynamics, has to be stable: an
+unstable one grows like exp(z t) with its zero z from whatever error there is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from flexgen.dae.system import DaeFunctions
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion.method_result import MethodResult
+from flexgen.inversion.motor_side import MotorMotion, gear_torques
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.solution import has_kinks
+
+STEPS = 200_000  # of one answer
+
+
+def check_causal(problem: InversionProblem, method: str, differentiates: bool = True) -> None:
+    """ArgumentError where an initial-value method does not apply: the text gives the reason and the method to use.
+
+    ``differentiates``: the method differentiates the equations of motion.
+    """
+    model = problem.equations.model
+    if differentiates and has_kinks(model):
+        raise ArgumentError(
+            f"method {method}: a gear of model {model.name} has a spring with a kink, where the torque jumps and the "
+            "equations cannot be differentiated; use bdf or full"
+        )
+    if model.motor_coupling != "simplified":
+        raise ArgumentError(
+            f"method {method}: model {model.name} has motor_coupling {model.motor_coupling!r}, expected 'simplified'; "
+            "use full"
+        )
+    zero = problem.unstable_zero
+    if zero is None:
+        return
+    value = f"{zero.value.real:+.4g}" + (f" +- {abs(zero.value.imag):.4g}i" if zero.value.imag else "")
+    raise ArgumentError(
+        f"method {method}: the zero dynamics of model {model.name} along move {problem.path.move.name} is unstable, with "
+        f"a zero at {value} 1/s at t = {zero.t:.4g} s, and a motion that is integrated from the start blows up; expected "
+        "a method that looks ahead: use lq, bvp or collocation"
+    )
+
+
+def zeros_along(problem: InversionProblem) -> np.ndarray:
+    """Zeros of the output [1/s] at the poses of the path where the question has them, all together."""
+    found = [zeros for _, zeros in problem.zeros]
+    return np.concatenate(found) if found else np.zeros(0)
+
+
+def dae_of(problem: InversionProblem) -> DaeFunctions:
+    """The DAE that answers a question; where all coordinates are actuated, a move of the joints prescribes these."""
+    joints = problem.equations.model.n_e == 0 and problem.path.sample(np.zeros(1)).q_g is not None
+    return DaeFunctions(problem.equations, joints)
+
+
+def instants(problem: InversionProblem, step: float) -> np.ndarray:
+    """Equidistant instants from the start (or a preview before it) until the motion has settled.
+
+    The path's ends are among them; ``step`` [s] is the largest distance.
+    """
+    duration = problem.path.duration
+    on_path = max(1, int(np.ceil(duration / step - 1e-9)))
+    h = duration / on_path
+    before = int(np.ceil((problem.preview or 0.0) / h - 1e-9))
+    after = int(np.ceil(problem.windows[1] / h))
+    if before + on_path + after > STEPS:
+        raise ArgumentError(
+            f"mesh: steps of {h:.3g} s make {before + on_path + after} of them, expected at most {STEPS}; "
+            "take a coarser --mesh or a shorter move"
+        )
+    return h * np.arange(-before, on_path + after + 1)
+
+
+def answer_of(
+    problem: InversionProblem,
+    dae: DaeFunctions,
+    t: np.ndarray,
+    x: np.ndarray,
+    dx: np.ndarray,
+    *,
+    iterations: int,
+    verdict: str,
+    details: Mapping[str, Any],
+    intervals: int | None = None,
+) -> MethodResult:
+    """The answer whose states and rates at the instants t are x and dx, (n, n_x).
+
+    ``intervals``: of the solver's own mesh, where it is not that of the instants.
+    """
+    if not (np.isfinite(x).all() and np.isfinite(dx).all()):
+        raise SolverError(f"{verdict}: the motion is not finite; take a finer --mesh or a smoother move")
+    model, n = problem.equations.model, dae.n
+    state = dae.unpack(x)
+    i_g, i_m = list(model.i_g), list(model.i_m)
+    a = dx[:, n : n + model.n_a]
+    a_m = a[:, i_g] @ model.eta.T
+    a_m[:, i_m] = dx[:, n + model.n_a : 2 * n]
+    motors = MotorMotion(state["q_m"], state["v_m"], a_m, state["tau_m"])
+    return MethodResult(
+        t,
+        state["q_a"],
+        state["v_a"],
+        a,
+        gear_torques(problem.equations, state["q_a"], state["v_a"], a, motors),
+        motors,
+        lead=float(max(0.0, -t[0])),
+        verdict=verdict,
+        iterations=iterations,
+        intervals=len(t) - 1 if intervals is None else intervals,
+        details=dict(details),
+    )

@@ -1,0 +1,51 @@
+"""Stable inversion by linear-quadratic Gauss-Newton steps, in C: the method for who does not choose.
+
+Unknown are the accelerations of the non-actuated coordinates at three Gauss points of each interval, the control of the
+double integrator y = (q_e, v_e). The non-actuated rows R(q_e, v_e, a_e, t) of the reduced problem are made to vanish in
+the sense of least squares, with weights so small that they only decide what the rows leave open: of all motions that
+satisfy them, the one that does not blow up. It starts exactly at rest, needs no eigenvalues, and passes flat points,
+where the acceleration cannot be found from the rows.
+
+Order: the motion at the nodes is of order six in the interval length where the zero dynamics is slow against it, and of
+order four where it is fast.
+
+Source: cf. D. Chen, B. Paden, Int. J. Control 64(1), 1996 (stable inversion); J. B. Rawlings, D. Q. Mayne, M. Diehl,
+Model Predictive Control, 2017, sec. 8.8 (Riccati recursion of Gauss-Newton steps).
+"""
+
+from __future__ import annotations
+
+from flexgen.inversion.limits import enforce_limits
+from flexgen.inversion.method_result import MethodResult
+from flexgen.inversion.model_library import inversion_library
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.sampling import from_library, grid, samples
+
+TOLERANCE = 1e-6  # residual on the mesh, relative to the torques of a hundredth of a radian
+LONGEST = 1e-2  # s: of an interval
+
+
+def answer(problem: InversionProblem, h: float) -> MethodResult:
+    """Invert along the whole path. Options: ``native`` (bool): compile for this processor."""
+    problem.only("lq", "native")
+    library = inversion_library(
+        problem.equations, "lq", native=bool(problem.options.get("native", False)), progress=problem.progress
+    )
+    path = problem.path
+    n, period, every, lead, tail = grid(problem, min(2 * h, LONGEST) if problem.mesh is None else h)
+    place, rate, rate2 = samples(Reduction(problem.equations), path, period, n)
+    found = library.invert(
+        place,
+        rate,
+        rate2,
+        period=period,
+        q_start=path.q_start,
+        lead=lead,
+        tail=tail,
+        every=every,
+        tolerance=TOLERANCE,
+    )
+    if problem.limits is not None:
+        return enforce_limits(problem, found, library, every, TOLERANCE)
+    return from_library(found)

@@ -1,0 +1,164 @@
+"""From gear torques to motors: the stable stage behind the reduced inverse dynamics.
+
+A gear twisted by p carries ``D p' + spring(p) = tau_g``; the motor follows from ``eta^-1 q_m = q_g + p``:
+
+    tau_m = J_m eta (a_g + p'') + f(v_m) + eta^-T tau_g
+
+Without damping p is algebraic and p'' needs tau_g'' (the fourth derivative of the path); with damping p obeys a stable
+first-order equation, which starts at rest, and p'' needs tau_g' only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from flexgen.inversion.gear_lag import gear_lag
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.lagrangian import gears
+from flexgen.mechanics.statics import gear_damping, gear_twist
+from flexgen.model.elements import LinearSpring
+from flexgen.numerics.evaluate import evaluate
+from flexgen.numerics.tableaus import radau
+
+HURRY = 5e-3  # of a sampling interval: gears whose D / slope is less follow their torque at once
+
+
+@dataclass(frozen=True)
+class MotorMotion:
+    """Motors at n instants: ``q_m v_m a_m tau_m`` (n, n_m), motor side."""
+
+    q_m: np.ndarray
+    v_m: np.ndarray
+    a_m: np.ndarray
+    tau_m: np.ndarray
+
+
+def drives(
+    equations: Equations, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, tau_g: np.ndarray
+) -> MotorMotion:
+    """Motor motion and torque.
+
+    Parameters
+    ----------
+    equations : Equations
+    t : array (n,) [s]
+        Instants; the first one at rest.
+    q, v, a : arrays (n, n_a)
+        Motion of the arm.
+    tau_g : array (n, n_g, 3)
+        Gear torque on the arm side and its first two time derivatives [N m, N m/s, N m/s^2].
+    """
+    model = equations.model
+    i_g = list(model.i_g)
+    p, dp, ddp = twists(equations, t, tau_g)
+    theta = [q[:, i_g] + p, v[:, i_g] + dp, a[:, i_g] + ddp]
+    q_m, v_m, a_m = (x @ model.eta.T for x in theta)
+    friction = evaluate(equations.function("motor_friction"), v_m)[0].reshape(v_m.shape)
+    inertia = np.array([motor.inertia for motor in model.motors])
+    tau_m = inertia * a_m + friction + np.linalg.solve(model.eta.T, tau_g[:, :, 0].T).T
+    return MotorMotion(q_m, v_m, a_m, tau_m)
+
+
+def twists(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gear twists p, p', p'' on the arm side, each (n, n_g); zero for rigid gears."""
+    spring = equations.function("gear_spring")
+    D = gear_damping(equations)
+    elastic = np.array([not gear.rigid for gear, _ in gears(equations.model)])
+    damped = elastic & (D > 0)
+    static = gear_twist(equations, tau_g[:, :, 0])
+    slope, curvature = _slopes(equations, static)
+    p = static.copy()
+    safe = np.where(elastic, slope, 1.0)
+    dp = np.where(elastic, tau_g[:, :, 1] / safe, 0.0)
+    ddp = np.where(elastic, (tau_g[:, :, 2] - curvature * dp**2) / safe, 0.0)
+    if damped.any():
+        linear = damped & np.array([isinstance(gear.spring, LinearSpring) for gear, _ in gears(equations.model)])
+        moving = static.copy()
+        if (damped & ~linear).any():
+            moving = _damped_twists(spring, np.where(damped, D, 1.0), t, tau_g, static[0])
+        if linear.any():
+            exact = gear_lag(t, slope[0, linear], D[linear])
+            moving[:, linear] = exact.twists(tau_g[:, linear].transpose(2, 0, 1), static[0, linear])
+        rigidity, _ = _slopes(equations, moving)
+        torque = evaluate(spring, moving)[0].reshape(moving.shape)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rate = (tau_g[:, :, 0] - torque) / D
+            second = (tau_g[:, :, 1] - rigidity * rate) / D
+        # where D is tiny, p' and p'' are differences of large numbers divided by it; there p hurries after its static
+        # value p_s, and the expansion p = p_s - (D / slope) p_s' + ... is exact to the square of D / slope
+        lag = -D / safe * dp
+        nearly = damped & ((D / safe).max(axis=0) < HURRY * np.median(np.diff(t)))
+        late = make_interp_spline(t, lag, k=min(5, len(t) - 1))
+        slow = damped & ~nearly
+        p = np.where(slow, moving, p + np.where(nearly, lag, 0.0))
+        dp = np.where(slow, rate, dp + np.where(nearly, late(t, 1), 0.0))
+        ddp = np.where(slow, second, ddp + np.where(nearly, late(t, 2), 0.0))
+    return p, dp, ddp
+
+
+def gear_torques(equations: Equations, q: np.ndarray, v: np.ndarray, a: np.ndarray, motors: MotorMotion) -> np.ndarray:
+    """Torques of the gears (n, n_g), arm side.
+
+    Elastic ones: springs and dampers. Through a rigid one goes what its motor gives and neither its rotor nor its
+    friction takes.
+    """
+    twisted = evaluate(equations.function("gear_torque"), q, v, motors.q_m, motors.v_m)[0].reshape(len(q), -1)
+    rotor = evaluate(equations.function("rotor_torque"), q, v, a, motors.v_m, motors.a_m)[0].reshape(len(q), -1)
+    friction = evaluate(equations.function("motor_friction"), motors.v_m)[0].reshape(len(q), -1)
+    through = (motors.tau_m - rotor - friction) @ equations.model.eta
+    rigid = np.array([gear.rigid for gear, _ in gears(equations.model)])
+    return np.where(rigid, through, twisted)
+
+
+def _slopes(equations: Equations, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Slope of the gear springs and its slope, each (n, n_g)."""
+    spring = equations.function("gear_spring")
+    x = ca.SX.sym("twist", equations.model.n_g)
+    second = ca.Function("second", [x], [ca.jtimes(spring(x)[1], x, ca.SX.ones(x.shape))])
+    slope = evaluate(spring, twist)[1].reshape(twist.shape)
+    return slope, evaluate(second, twist)[0].reshape(twist.shape)
+
+
+def _damped_twists(
+    spring: ca.Function, D: np.ndarray, t: np.ndarray, tau_g: np.ndarray, start: np.ndarray
+) -> np.ndarray:
+    """Integrate ``D p' + spring(p) = tau_g(t)`` from ``start`` (n_g) by Radau IIA; quintic Hermite torque between."""
+    table = radau(3)
+    n, n_g = tau_g.shape[:2]
+    out = np.empty((n, n_g))
+    out[0] = p = start
+    for k in range(n - 1):
+        h = t[k + 1] - t[k]
+        torque = _hermite(table.c, h, tau_g[k], tau_g[k + 1])  # (s, n_g)
+        stages = np.tile(p, (3, 1))
+        for _ in range(30):
+            value, slope = (x.reshape(3, n_g) for x in evaluate(spring, stages))
+            defect = stages - p - h * table.A @ ((torque - value) / D)
+            matrix = np.eye(3)[None] + h * table.A[None] * (slope / D).T[:, None, :]
+            step = np.linalg.solve(matrix, defect.T[:, :, None])[:, :, 0].T
+            stages = stages - step
+            if np.abs(step).max() <= 1e-15 * (1e-3 + np.abs(stages).max()):
+                break
+        out[k + 1] = p = stages[-1]
+    return out
+
+
+def _hermite(c: np.ndarray, h: float, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Quintic Hermite interpolation (s, m) at ``c`` (s,) in [0, 1]; value and two derivatives (m, 3) at both ends."""
+    x = c[:, None]
+    y = 1 - x
+
+    def half(u: np.ndarray, values: np.ndarray, sign: float) -> np.ndarray:
+        # the part of one end: its weight functions vanish to third order at the other end
+        w = (1 - u) ** 3
+        return w * (
+            values[:, 0] * (1 + 3 * u + 6 * u**2)
+            + sign * h * values[:, 1] * (u + 3 * u**2)
+            + h**2 * values[:, 2] * u**2 / 2
+        )
+
+    return half(x, left, 1.0) + half(y, right, -1.0)

@@ -1,0 +1,163 @@
+"""What `solve` was asked, checked: machine, path, mesh, windows before and after the path, limits, accuracy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from flexgen.analysis.linear import linearise
+from flexgen.analysis.zeros import inner_zeros, time_constants
+from flexgen.analysis.zeros_along_path import zero_path
+from flexgen.errors import ArgumentError
+from flexgen.inversion.methods.full_model import Limits
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.statics import Equilibrium, at_rest
+from flexgen.paths.path import Path
+from flexgen.paths.smoothness import smoothness_report
+
+STEP = 1e-3  # s: the torque is sampled at least as finely, and 400 times along a short move
+INTERVALS = 20_000  # of a mesh: more do not fit into memory for large machines
+DECAY = 15.0  # time constants before the path: exp(-15) of the pre-actuation is cut off
+SETTLE = 6.0  # time constants after the path, for the picture only
+ROUGH = 3  # places of a rough path that are told one by one
+POSES = 5  # along the path, where its zeros are computed
+
+
+@dataclass(frozen=True)
+class UnstableZero:
+    """The zero [1/s] with the largest real part that was found along a path, and when [s]."""
+
+    value: complex
+    t: float
+
+
+@dataclass(frozen=True)
+class InversionProblem:
+    """What `solve` was asked, checked.
+
+    ``options``: what only some methods know, by name; a method refuses what it does not know.
+    """
+
+    equations: Equations
+    path: Path
+    preview: float | None = None
+    mesh: float | None = None
+    limits: Limits | None = None
+    verify: bool = True
+    accuracy: float = 1e-5
+    progress: Callable[[str], None] | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def windows(self) -> tuple[float, float]:
+        """How long before the path to begin and after it to end [s]."""
+        scale = min(self.path.duration, 0.5)
+        if self.equations.model.n_e == 0:
+            return 0.1 * scale, 0.1 * scale
+        before, after = 0.0, 0.0
+        for _, zeros in self.zeros:
+            unstable, stable = time_constants(zeros)
+            before, after = max(before, unstable), max(after, stable)
+        lead, settle = np.clip(DECAY * before, 0.04 * scale, 2.0), np.clip(SETTLE * after, 0.1 * scale, 0.6 * scale)
+        return float(lead), float(settle)
+
+    @cached_property
+    def unstable_zero(self) -> UnstableZero | None:
+        """The fastest unstable zero along the path; None where there is none."""
+        if self.equations.model.n_e == 0:
+            return None
+        along = zero_path(self.equations, self.path)
+        found = [
+            UnstableZero(complex(zero), float(t))
+            for t, zeros in zip(along.t, along.zeros, strict=True)
+            for zero in zeros[np.isfinite(zeros)]
+            if time_constants(np.array([zero]))[0] > 0
+        ]
+        return max(found, key=lambda one: one.value.real) if found else None
+
+    @cached_property
+    def zeros(self) -> list[tuple[float, np.ndarray]]:
+        """Zeros [1/s] at some instants [s] of the path.
+
+        Rotors that turn with their carriers move the zeros a little; for this estimate they do not turn.
+        """
+        equations, path = self.equations, self.path
+        if equations.model.n_e == 0:
+            return []
+        if equations.model.motor_coupling != "simplified":
+            equations = Equations(replace(equations.model, motor_coupling="simplified"))
+        reduction = Reduction(equations)
+        stride = 16
+        times = np.linspace(0.0, path.duration, (POSES - 1) * stride + 1)
+        poses = reduction.follow(path, times, reduction.start(path).q_a)
+        out = []
+        for t, q in zip(times[::stride], poses[::stride], strict=True):
+            rest = at_rest(equations, q)
+            out.append((float(t), inner_zeros(equations, linearise(equations, rest), rest)))
+        return out
+
+    @cached_property
+    def too_rough(self) -> tuple[str, ...]:
+        """Warnings where the path is not smooth enough for a continuous torque, and what that costs."""
+        report = smoothness_report(self.equations, self.path, self.step)
+        if report.enough:
+            return ()
+        name, lines = self.path.move.name, report.lines()
+        head = (
+            f"move {name}: smoothness {report.smoothness} makes the torque jump; "
+            f"a continuous torque needs {report.needed} (structural index less one)"
+        )
+        more = [f"and {len(lines) - ROUGH} more"] if len(lines) > ROUGH else []
+        return (head, *(f"move {name}: {line}" for line in [*lines[:ROUGH], *more]))
+
+    @cached_property
+    def rest(self) -> Equilibrium:
+        """Where the machine rests before it begins, by statics alone."""
+        equations, model = self.equations, self.equations.model
+        if self.path.move.type == "joint" and model.n_e == 0:
+            return at_rest(equations, self.path.q_start)
+        simple = Equations(replace(model, motor_coupling="simplified"))
+        return at_rest(equations, Reduction(simple).start(self.path).q_a)
+
+    @property
+    def step(self) -> float:
+        """The sampling interval of the torque [s]."""
+        return min(STEP, self.path.duration / 400)
+
+    def nodes(self, h: float) -> tuple[float, np.ndarray]:
+        """How long before the path a mesh begins [s], and its nodes for intervals of ``h`` [s] on the path."""
+        lead, settle = self.windows
+        early = max(2 * lead / DECAY, h / 5)  # two time constants of what grows there
+        if self.preview is not None:
+            lead = float(self.preview)
+        return lead, _mesh(lead, early, self.path.duration, settle, h)
+
+    def only(self, method: str, *known: str) -> None:
+        """ArgumentError where an option was given that the method does not know."""
+        for name in self.options:
+            if name not in known:
+                expected = f"one of {', '.join(known)}" if known else "none"
+                raise ArgumentError(f"options: method {method} was given {name!r}, expected {expected}")
+
+    def tell(self, text: str) -> None:
+        """Say something to whoever waits."""
+        if self.progress is not None:
+            self.progress(text)
+
+
+def _mesh(lead: float, early: float, duration: float, settle: float, h: float) -> np.ndarray:
+    """Nodes, the ends of the path among them: intervals of h on it, 2 h after it, 2 h or ``early`` before it."""
+    spans = [(-lead, 0.0, min(2 * h, early)), (0.0, duration, h), (duration, duration + settle, 2 * h)]
+    counts = [max(1, int(np.ceil((b - a) / d - 1e-9))) if b > a else 0 for a, b, d in spans]
+    if sum(counts) > INTERVALS:
+        raise ArgumentError(
+            f"mesh: given {h:.3g} s, which makes {sum(counts)} intervals over {lead + duration + settle:.3g} s, "
+            f"expected at most {INTERVALS}; take a coarser --mesh, a shorter --preview or a shorter move"
+        )
+    parts = [np.linspace(a, b, n + 1) for (a, b, _), n in zip(spans, counts, strict=True) if n]
+    return np.unique(np.concatenate(parts))

@@ -1,0 +1,255 @@
+"""Reduction of the inverse dynamics to its hard core: n_e second-order equations along a prescribed output.
+
+With the output prescribed, ``Gamma(q_a) = Z(t)`` and its derivatives give the actuated coordinates from the others, and
+the non-actuated rows ``[M a + c + g]_e - tau_e = 0`` are all that remains. From coordinates and speeds on that manifold
+all higher derivatives follow from linear systems with one matrix,
+
+    [ W   ]  a = [ Z''   - W' v          ]        [ W   ]  a' = [ Z'''  - ... ]        W: output rates = W(q_a) v_a
+    [ M_e ]      [ -(c + g - tau_e)_e    ]        [ M_e ]       [ ...         ]
+
+and gears, motors and friction afterwards, as a stable stage of their own (`flexgen.inversion.motor_side`).
+
+Source: cf. S. Devasia, D. Chen, B. Paden, IEEE TAC 41(7), 1996 (zero dynamics along a reference).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.outputs import OutputMap, output_map
+from flexgen.mechanics.statics import Equilibrium, balance, hold_output
+from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.path import Path, PathSample
+
+SINGULAR = 1e-9  # relative size of the smallest singular value below which rows no longer determine accelerations
+DOUBTFUL = 1e-5  # and below which they may amplify errors, so that another way has to be compared
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Arm motion at n instants: ``q v a j s`` (n, n_a), derivatives 0 to 4; ``tau_g`` (n, n_g, 3): 0 to 2."""
+
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    j: np.ndarray
+    s: np.ndarray
+    tau_g: np.ndarray
+
+
+class Reduction:
+    """The reduced problem of a model whose outputs are as many as its motors."""
+
+    def __init__(self, equations: Equations) -> None:
+        model = equations.model
+        if model.output.size != model.n_m:
+            raise ArgumentError(
+                f"model {model.name}: {model.output.size} outputs and {model.n_m} motors; "
+                "inverse dynamics needs as many outputs as motors"
+            )
+        if model.motor_coupling != "simplified":
+            raise ArgumentError(
+                f"model {model.name}: motor_coupling {model.motor_coupling!r} does not reduce, expected 'simplified'; "
+                "use --method full"
+            )
+        self.equations, self.model = equations, model
+        self.n_y = model.output.size
+        self.i_g, self.i_e = list(model.i_g), list(model.i_e)
+
+    @cached_property
+    def _graph(self) -> dict[str, ca.SX]:
+        lag = self.equations.lagrangian
+        q, v, a = lag.chain.q_a, lag.chain.v_a, lag.a_a
+        j, s = ca.SX.sym("j_a", self.model.n_a), ca.SX.sym("s_a", self.model.n_a)
+
+        def rate(x: ca.SX) -> ca.SX:
+            return ca.jtimes(x, ca.vertcat(q, v, a, j), ca.vertcat(v, a, j, s))
+
+        W = self._output.rate
+        arm = self.equations.function("inverse_dynamics")(q, v, a) - lag.arm_forces
+        row = ca.vertcat(ca.SX(0, 1), *[arm[i] for i in self.i_e]) - lag.tau_e
+        tau = arm[self.i_g]
+        graph = {"q": q, "v": v, "a": a, "j": j, "s": s, "W": W, "row0": row, "tau0": tau, "rate1": ca.mtimes(W, v)}
+        for k in (1, 2):
+            graph[f"row{k}"] = rate(graph[f"row{k - 1}"])
+            graph[f"tau{k}"] = rate(graph[f"tau{k - 1}"])
+        for k in (2, 3, 4):
+            graph[f"rate{k}"] = rate(graph[f"rate{k - 1}"])
+        graph["G"] = ca.vertcat(W, ca.densify(ca.jacobian(row, a))) if self.i_e else W
+        return graph
+
+    @cached_property
+    def place_error(self) -> tuple[ca.SX, ca.SX]:
+        """Residual (n_y) of the output's place in the symbol q_a and the target symbol (n_y, or 3 + 9 for a pose)."""
+        return self._output.error, self._output.target
+
+    @cached_property
+    def _output(self) -> OutputMap:
+        return output_map(self.equations)
+
+    def targets(self, sample: PathSample) -> np.ndarray:
+        """Target values, (n, n_y) or (n, 12), for the symbol of `place_error`."""
+        if sample.R is None:
+            return sample.y[:, :, 0]
+        return np.hstack([sample.y[:, :, 0], sample.R.transpose(0, 2, 1).reshape(-1, 9)])
+
+    @cached_property
+    def stage(self) -> ca.Function:
+        """Everything that holds at one instant.
+
+        (X = (q, v, a), target, Z', Z'') -> residual (3 n_y + n_e): place, rate, its rate, non-actuated rows.
+        """
+        g = self._graph
+        error, target = self.place_error
+        y1, y2 = ca.SX.sym("y1", self.n_y), ca.SX.sym("y2", self.n_y)
+        rows = ca.vertcat(error, g["rate1"] - y1, g["rate2"] - y2, g["row0"])
+        X = ca.vertcat(g["q"], g["v"], g["a"])
+        return ca.Function("stage", [X, target, y1, y2], [rows])
+
+    def start(self, path: Path) -> Equilibrium:
+        """Rest at the start of the path: tool, springs and gravity in balance together.
+
+        SolverError where the output does not determine the actuated coordinates there.
+        """
+        slope = evaluate(self._place, path.q_start, self.targets(path.sample(np.zeros(1)))[0])[1][0]
+        sizes = np.linalg.svd(slope.reshape(self.n_y, -1), compute_uv=False)
+        if sizes[-1] < SINGULAR * max(sizes[0], 1e-300):
+            raise SolverError(
+                "the output does not determine the actuated coordinates at the start of the path: a singular pose, "
+                "or an output that a motor cannot move; choose another start or output"
+            )
+        return self.rest(path, 0.0, path.q_start)
+
+    def rest(self, path: Path, t: float, guess: np.ndarray) -> Equilibrium:
+        """Rest with the output where the path has it at the instant ``t`` [s]."""
+        error, target = self.place_error
+        value = ca.DM(self.targets(path.sample(np.array([t])))[0])
+        return hold_output(self.equations, ca.substitute(error, target, value), guess)
+
+    @cached_property
+    def _place(self) -> ca.Function:
+        error, target = self.place_error
+        q = self._graph["q"]
+        return ca.Function("place", [q, target], [error, ca.densify(ca.jacobian(error, q[self.i_g]))])
+
+    def close(self, q: np.ndarray, targets: np.ndarray) -> np.ndarray:
+        """Inverse kinematics: change the actuated coordinates of ``q`` (n, n_a) to reach ``targets``."""
+        q = q.copy()
+        for _ in range(25):
+            error, slope = evaluate(self._place, q, targets)
+            error, slope = error.reshape(len(q), -1), slope.reshape(len(q), self.n_y, -1)
+            try:
+                step = np.linalg.solve(slope, error[:, :, None])[:, :, 0]
+            except np.linalg.LinAlgError:
+                raise SolverError("inverse kinematics: the path passes a singular pose") from None
+            q[:, self.i_g] -= step
+            if np.abs(step).max() < 1e-14 * (1 + np.abs(q).max()):
+                break
+        if not np.abs(error).max() < 1e-9 * (1 + np.abs(targets).max()):
+            worst = int(np.argmax(np.abs(error).max(axis=1)))
+            raise SolverError(
+                f"inverse kinematics: no solution at sample {worst} of {len(q)}, error {np.abs(error).max():.2e}; "
+                "the path leaves the workspace or passes a singular pose"
+            )
+        return q
+
+    def follow(self, path: Path, times: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """Quasi-static motion (n, n_a): rest at each of the instants, one after the other from ``start`` (n_a)."""
+        error, target = self.place_error
+        symbol = self._graph["q"]
+        rows = ca.vertcat(error, balance(self.equations)) if self.i_e else error
+        newton = ca.Function("follow", [symbol, target], [rows, ca.densify(ca.jacobian(rows, symbol))])
+        targets = self.targets(path.sample(times))
+        out = np.zeros((len(times), self.model.n_a))
+        q = start
+        for k, value in enumerate(targets):
+            for _ in range(30):
+                residual, slope = (np.array(x) for x in newton(q, value))
+                try:
+                    step = np.linalg.solve(slope, -residual[:, 0])
+                except np.linalg.LinAlgError:
+                    raise SolverError(f"path: singular pose at t = {times[k]:.4g} s") from None
+                q = q + step
+                if np.abs(step).max() < 1e-12 * (1 + np.abs(value).max() + np.abs(q).max()):
+                    break
+            else:
+                raise SolverError(
+                    f"path: no pose of rest at t = {times[k]:.4g} s; "
+                    "the path leaves the workspace or passes a singular pose"
+                )
+            out[k] = q
+        return out
+
+    @cached_property
+    def _levels(self) -> ca.Function:
+        g = self._graph
+        names = ["rate1", "rate2", "rate3", "rate4", "row0", "row1", "row2", "tau0", "tau1", "tau2", "G", "W"]
+        outputs = [ca.densify(g[name]) for name in names]
+        return ca.Function("levels", [g["q"], g["v"], g["a"], g["j"], g["s"]], outputs, list("qvajs"), names)
+
+    def motion(self, sample: PathSample, q: np.ndarray, v_e: np.ndarray) -> tuple[Motion | None, bool]:
+        """All derivatives of the motion on the manifold, from coordinates ``q`` (n, n_a) and speeds ``v_e`` (n, n_e).
+
+        The equations hold exactly at each instant by construction. None where their matrix is singular: there the rows
+        are no equations for the accelerations (a flat direction), see `motion_through`. The second result tells whether
+        the matrix comes close to that, or passes it between two instants, as when a zero passes through infinity.
+        """
+        n, n_a = len(q), self.model.n_a
+        zero = np.zeros((n, n_a))
+        at = self._at([q, zero, zero, zero, zero])
+        G = at["G"].reshape(n, n_a, n_a)
+        rows = G / np.abs(G).max(axis=2)[:, :, None]
+        singular = np.linalg.svd(rows, compute_uv=False)
+        ratio = float((singular[:, -1] / singular[:, 0]).min())
+        if ratio < SINGULAR:
+            return None, True
+        doubtful = ratio < DOUBTFUL or len(np.unique(np.linalg.slogdet(rows)[0])) > 1
+        v = np.linalg.solve(self._picking(at["W"]), np.hstack([sample.rates(1), v_e])[:, :, None])[:, :, 0]
+        chain = [q, v, zero, zero, zero]
+        scale = np.abs(G).max(axis=2)
+        for k in (2, 3, 4):
+            at = self._at(chain)
+            tool = sample.rates(k) - at[f"rate{k}"].reshape(n, self.n_y)
+            rhs = np.hstack([tool, -at[f"row{k - 2}"].reshape(n, len(self.i_e))])
+            chain[k] = np.linalg.solve(rows, (rhs / scale)[:, :, None])[:, :, 0]
+        return self._motion(chain), doubtful
+
+    def motion_through(self, sample: PathSample, q: np.ndarray, deflection: list[np.ndarray]) -> Motion:
+        """The same from the non-actuated coordinates' derivatives 1 to 4, each (n, n_e), as given."""
+        n = len(q)
+        zero = np.zeros_like(q)
+        chain = [q, zero, zero, zero, zero]
+        at = self._at(chain)
+        picking = self._picking(at["W"])
+        for k in (1, 2, 3, 4):
+            tool = sample.rates(k) - (0.0 if k == 1 else self._at(chain)[f"rate{k}"].reshape(n, self.n_y))
+            chain[k] = np.linalg.solve(picking, np.hstack([tool, deflection[k - 1]])[:, :, None])[:, :, 0]
+        return self._motion(chain)
+
+    def _at(self, chain: list[np.ndarray]) -> dict[str, np.ndarray]:
+        return dict(zip(self._levels.name_out(), evaluate(self._levels, *chain), strict=True))
+
+    def _picking(self, W: np.ndarray) -> np.ndarray:
+        """The matrix (n, n_a, n_a) whose upper rows are W and whose lower rows pick the non-actuated coordinates."""
+        n_a = self.model.n_a
+        W = W.reshape(-1, self.n_y, n_a)
+        out = np.zeros((len(W), n_a, n_a))
+        out[:, : self.n_y] = W
+        out[:, self.n_y + np.arange(len(self.i_e)), self.i_e] = 1.0
+        return out
+
+    def _motion(self, chain: list[np.ndarray]) -> Motion:
+        at = self._at(chain)
+        tau_g = np.stack([at[f"tau{k}"].reshape(len(chain[0]), -1) for k in range(3)], axis=-1)
+        q, v, a, j, s = chain
+        return Motion(q, v, a, j, s, tau_g)
+
+    def joint_motion(self, q_g: np.ndarray) -> Motion:
+        """Motion and gear torques from actuated coordinates with derivatives (n, n_g, 6); flexible-joint models."""
+        return self._motion([np.ascontiguousarray(q_g[:, :, k]) for k in range(5)])

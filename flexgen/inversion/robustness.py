@@ -1,0 +1,298 @@
+"""What torques are worth on a robot that is not quite the model: methods side by side on perturbed plants.
+
+Each solution is simulated on plants whose springs or masses differ from the model's, in two ways:
+
+feedforward    the torque alone. The motors are free: what the torque lacks to carry the arm lets it drift away.
+feedback       the torque and, as in a robot's drives, a cascade on the motor angles that keeps them at the reference
+               of the same solution,  tau = tau_ff + k_v (e_v + k_i int e_v dt),  e_v = v_ref + k_p (q_ref - q_m) - v_m
+
+The machine begins where such a drive holds it: motors at the first reference, the arm sagging on its springs, and with
+feedback the integrator carrying what the feedforward does not. So rigid and fjm begin beside the path by the static
+sag; errors are given both against the path and against where the tool was at the start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.integrate import DOP853
+from scipy.interpolate import make_interp_spline
+
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion.solution import Solution
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.statics import Equilibrium, at_rest
+from flexgen.model.elements import BacklashSpring, Body, CubicSpring, Element, LinearSpring, RobotModel, Spring
+from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.path import Path
+from flexgen.simulation.simulate import output_units
+from flexgen.trajectory import Trajectory
+
+RTOL, ATOL = 1e-8, 1e-10  # a tenth of a micrometre, where errors of millimetres are measured
+SAMPLE = 2e-3  # s: at least as often the error is looked at
+NEWTON_STEPS = 60
+CONTROLS = ("feedforward", "feedback")
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A robot that differs from the model: all springs ``stiffness`` times as stiff, all masses ``mass`` times."""
+
+    name: str
+    stiffness: float = 1.0
+    mass: float = 1.0
+
+
+PLANTS = (
+    Plant("nominal"),
+    Plant("stiffness +5 %", stiffness=1.05),
+    Plant("stiffness -5 %", stiffness=0.95),
+    Plant("stiffness +20 %", stiffness=1.2),
+    Plant("stiffness -20 %", stiffness=0.8),
+    Plant("mass +5 %", mass=1.05),
+    Plant("mass -5 %", mass=0.95),
+)
+
+
+@dataclass(frozen=True)
+class Bandwidth:
+    """Of the drives: ``speed`` k_v / J [rad/s] (here 20 Hz), ``position`` k_p [1/s], ``integral`` k_i [1/s].
+
+    J: inertia that a motor sees with stiff gears at the start of the move, by the nominal model. Common values for
+    industrial robots with elastic gears: a few ten Hz for the speed loop, 10 to 30 1/s for the position loop.
+    """
+
+    speed: float = 2 * np.pi * 20
+    position: float = 20.0
+    integral: float = 10.0
+
+
+def perturbed(model: RobotModel, plant: Plant) -> RobotModel:
+    """The model with other stiffnesses (gears, joints, beams) and other masses (bodies with inertias, payload, beams).
+
+    Dampings, frictions, rotors and geometry stay.
+    """
+    for name in ("stiffness", "mass"):
+        value = getattr(plant, name)
+        if not (np.isfinite(value) and value > 0):
+            raise ArgumentError(f"plant {plant.name}: given {name} {value}, expected a positive factor")
+    elements = tuple(_element(element, plant) for element in model.elements)
+    return replace(model, elements=elements, payload=_body(model.payload, plant.mass))
+
+
+def _element(element: Element, plant: Plant) -> Element:
+    dofs = []
+    for dof in element.dofs:
+        gear, spring = dof.gear, dof.spring
+        if gear is not None and gear.spring is not None:
+            gear = replace(gear, spring=_spring(gear.spring, plant.stiffness))
+        dofs.append(replace(dof, gear=gear, spring=None if spring is None else _spring(spring, plant.stiffness)))
+    beam = element.beam
+    if beam is not None:
+        bendings = tuple(replace(b, stiffness=b.stiffness * plant.stiffness) for b in beam.bendings)
+        beam = replace(beam, bendings=bendings, mass_per_length=beam.mass_per_length * plant.mass)
+    return replace(element, dofs=tuple(dofs), body=_body(element.body, plant.mass), beam=beam)
+
+
+def _spring(spring: Spring, factor: float) -> Spring:
+    """A spring with all its torques multiplied; breaks and gaps stay."""
+    if isinstance(spring, LinearSpring | BacklashSpring):
+        return replace(spring, stiffness=spring.stiffness * factor)
+    if isinstance(spring, CubicSpring):
+        return replace(spring, stiffness=spring.stiffness * factor, cubic=spring.cubic * factor)
+    return replace(spring, low=spring.low * factor, high=spring.high * factor)
+
+
+def _body(body: Body, factor: float) -> Body:
+    inertia = tuple(tuple(x * factor for x in row) for row in body.inertia)
+    return replace(body, mass=body.mass * factor, inertia=inertia)
+
+
+def hold_motors(equations: Equations, q_m: np.ndarray, q_a: np.ndarray) -> Equilibrium:
+    """Rest with the motors at ``q_m`` (n_m): the arm sags on all its springs; the search starts at ``q_a`` (n_a)."""
+    model, symbol = equations.model, equations.lagrangian.chain.q_a
+    theta = np.linalg.solve(model.eta, q_m)
+    still, none = ca.DM.zeros(model.n_a), ca.DM.zeros(model.n_m)
+    r_a, _ = equations.function("residual")(symbol, still, still, ca.DM(q_m), none, none, none)
+    rows = ca.vertcat(r_a)
+    for k, i in enumerate(model.i_g):
+        dof = model.coordinates[i].dof
+        if dof is not None and dof.gear is not None and dof.gear.rigid:
+            rows[i] = symbol[i] - theta[k]
+    newton = ca.Function("hold", [symbol], [rows, ca.densify(ca.jacobian(rows, symbol))])
+    q = np.array(q_a, dtype=float)
+    for _ in range(NEWTON_STEPS):
+        residual, slope = (np.array(x) for x in newton(q))
+        try:
+            step = np.linalg.solve(slope, -residual[:, 0])
+        except np.linalg.LinAlgError:
+            break
+        q = q + step
+        if np.abs(step).max() <= 1e-13 * (1 + np.abs(q).max()):
+            return replace(at_rest(equations, q), q_m=np.array(q_m, dtype=float))
+    raise SolverError("rest with held motors: not found; the springs do not carry the arm at the start of the move")
+
+
+def compare_plants(
+    equations: Equations,
+    solutions: Mapping[str, Solution],
+    plants: Sequence[Plant] = PLANTS,
+    controls: Sequence[str] = CONTROLS,
+    bandwidth: Bandwidth | None = None,
+    *,
+    progress: Callable[[str], None] | None = None,
+) -> list[dict[str, Any]]:
+    """Errors of the tool for each plant, control and solution.
+
+    Parameters
+    ----------
+    equations : Equations
+        Of the nominal model.
+    solutions : mapping
+        Solutions of one and the same move by name, say ``{"rigid": solve(..., "rigid"), ...}``.
+    plants, controls, bandwidth
+        What to simulate; controls: of ``CONTROLS``.
+    progress : callable, optional
+        Called with one line of text for each simulation.
+
+    Returns
+    -------
+    list of dicts, SI units
+        ``plant``, ``stiffness``, ``mass`` (factors), ``control``, ``method``; largest errors of the tool against the
+        path, ``error_max_m`` and ``error_max_rad``, at the start, ``error_start_*``, against where it was at the start,
+        ``error_moved_*``, and at the end of the path, ``error_end_*`` (None where the output has no such part);
+        ``torque_max_Nm``, motor side. A simulation that breaks down has infinite errors.
+    """
+    for control in controls:
+        if control not in CONTROLS:
+            raise ArgumentError(f"controls: given {control!r}, expected {' or '.join(CONTROLS)}")
+    moves = {solution.move.name for solution in solutions.values()}
+    if len(moves) != 1:
+        raise ArgumentError(f"solutions: given moves {', '.join(sorted(moves)) or 'none'}, expected one and the same")
+    path = Path(equations, next(iter(solutions.values())).move)
+    until = max(solution.trajectory.time[-1] for solution in solutions.values())
+    gains = _gains(equations, path, bandwidth or Bandwidth())
+    out = []
+    for plant in plants:
+        same = plant.stiffness == 1.0 and plant.mass == 1.0
+        machine = equations if same else Equations(perturbed(equations.model, plant))
+        for control in controls:
+            for method, solution in solutions.items():
+                if progress is not None:
+                    progress(f"robustness: {plant.name}, {control}, {method}")
+                run = _Run(machine, path, solution.trajectory, until, gains if control == "feedback" else None)
+                row = {"plant": plant.name, "stiffness": plant.stiffness, "mass": plant.mass}
+                out.append({**row, "control": control, "method": method, **run.figures()})
+    return out
+
+
+def _gains(equations: Equations, path: Path, bandwidth: Bandwidth) -> tuple[np.ndarray, float, float]:
+    """k_v (n_m) [N m s/rad], k_p and k_i [1/s]."""
+    model = equations.model
+    M = evaluate(equations.function("mass_matrix"), path.q_start)[0].reshape(model.n_a, model.n_a)
+    inverse = np.linalg.inv(model.eta)
+    i_g = list(model.i_g)
+    seen = np.diag(inverse.T @ M[np.ix_(i_g, i_g)] @ inverse) + np.array([motor.inertia for motor in model.motors])
+    return bandwidth.speed * seen, bandwidth.position, bandwidth.integral
+
+
+class _Run:
+    """One simulation: a plant under the torque, and perhaps the feedback, of one trajectory."""
+
+    def __init__(
+        self,
+        equations: Equations,
+        path: Path,
+        trajectory: Trajectory,
+        until: float,
+        gains: tuple[np.ndarray, float, float] | None,
+    ) -> None:
+        self.equations, self.path, self.gains = equations, path, gains
+        t, k = trajectory.time, min(5, len(trajectory.time) - 1)
+        self.first, self.last, self.until = float(t[0]), float(t[-1]), float(until)
+        self.torque, self.angle = (make_interp_spline(t, trajectory[name], k=k) for name in ("tau_m", "q_m"))
+        self.speed = self.angle.derivative()
+        self.q_start, self.q_m_start = trajectory["q_a"][0], trajectory["q_m"][0]
+
+    def figures(self) -> dict[str, Any]:
+        """The figures of one row."""
+        names = [f"error_{what}_{unit}" for what in ("max", "start", "moved", "end") for unit in ("m", "rad")]
+        try:
+            t, q_a, torque_max = self._integrate()
+        except SolverError:
+            return {**dict.fromkeys(names, np.inf), "torque_max_Nm": np.inf}
+        out: dict[str, Any] = dict.fromkeys(names)
+        end = int(np.searchsorted(t, self.path.duration - 1e-12))
+        for unit, error in output_errors(self.equations, self.path, t, q_a).items():
+            size = np.linalg.norm(error, axis=1)
+            out[f"error_max_{unit}"], out[f"error_start_{unit}"] = float(size.max()), float(size[0])
+            out[f"error_moved_{unit}"] = float(np.linalg.norm(error - error[0], axis=1).max())
+            out[f"error_end_{unit}"] = float(size[min(end, len(size) - 1)])
+        return {**out, "torque_max_Nm": torque_max}
+
+    def _integrate(self) -> tuple[np.ndarray, np.ndarray, float]:
+        """Instants, arm coordinates and the largest motor torque."""
+        model = self.equations.model
+        n, n_a, n_m, i_m, i_g = model.dof, model.n_a, model.n_m, list(model.i_m), list(model.i_g)
+        rest = hold_motors(self.equations, self.q_m_start, self.q_start)
+        state_rate = self.equations.function("state_rate")
+        largest = 0.0
+
+        def motors(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            q_m, v_m = model.eta @ x[i_g], model.eta @ x[n : n + n_a][i_g]
+            q_m[i_m], v_m[i_m] = x[n_a:n], x[n + n_a : 2 * n]
+            return q_m, v_m
+
+        def torque(t: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            """Torque and the rate of the integrator."""
+            inside = min(max(t, self.first), self.last)
+            tau = self.torque(inside)
+            if self.gains is None:
+                return tau, np.zeros(n_m)
+            k_v, k_p, k_i = self.gains
+            q_m, v_m = motors(x)
+            v_ref = self.speed(inside) if t == inside else 0.0
+            lag = v_ref + k_p * (self.angle(inside) - q_m) - v_m
+            return tau + k_v * lag + x[2 * n :], k_v * k_i * lag
+
+        def rate(t: float, x: np.ndarray) -> np.ndarray:
+            nonlocal largest
+            tau, integrator = torque(t, x)
+            largest = max(largest, float(np.abs(tau).max()))
+            return np.concatenate([np.array(state_rate(x[: 2 * n], tau)).ravel(), integrator])
+
+        held = np.zeros(n_m) if self.gains is None else rest.tau_m - self.torque(self.first)
+        start = np.concatenate([rest.q_a, rest.q_m[i_m], np.zeros(n), held])
+        t = np.linspace(self.first, self.until, int(np.ceil((self.until - self.first) / SAMPLE)) + 1)
+        atol = np.concatenate([np.full(2 * n, ATOL), np.full(n_m, 1e-6)])
+        solver = DOP853(rate, t[0], start, t[-1], rtol=RTOL, atol=atol)
+        out, k = np.empty((len(t), n_a)), 1
+        out[0] = start[:n_a]
+        while k < len(t):
+            solver.step()
+            if solver.status == "failed" or not np.isfinite(solver.y).all() or solver.nfev > 1_000_000:
+                raise SolverError(f"simulation: broke down at t = {solver.t:.6g} s")
+            dense = solver.dense_output()
+            while k < len(t) and t[k] <= solver.t:
+                out[k] = dense(t[k])[:n_a]
+                k += 1
+        return t, out, largest
+
+
+def output_errors(equations: Equations, path: Path, t: np.ndarray, q_a: np.ndarray) -> dict[str, np.ndarray]:
+    """Errors of the output against the path at the instants ``t`` (n,): by unit, "m" and "rad", arrays (n, parts).
+
+    Of an orientation: sine of the angle times the axis, in world axes.
+    """
+    sample, units = path.sample(t), np.array(output_units(equations.model))
+    error = evaluate(equations.function("output"), q_a)[0].reshape(len(t), -1) - sample.y[:, :, 0]
+    out = {unit: error[:, units == unit] for unit in ("m", "rad") if (units == unit).any()}
+    if equations.model.output.type == "combination" or sample.R is None:
+        return out
+    E = evaluate(equations.function("forward_kinematics"), q_a)[1] @ sample.R.transpose(0, 2, 1)
+    turn = np.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], axis=1) / 2
+    return {**out, "rad": turn}

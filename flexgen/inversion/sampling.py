@@ -1,0 +1,82 @@
+"""Between a question and the C that answers it: samples of the path, the mesh, and an answer from what comes back."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion.method_result import MethodResult
+from flexgen.inversion.motor_side import MotorMotion
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.model.elements import LinearSpring
+from flexgen.paths.path import Path
+from flexgen.runtime.path_inversion import Inversion
+
+SAMPLES = 900_000
+
+
+def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int]:
+    """Samples on the path, their period [s], samples an interval of about ``h`` [s], samples before and after."""
+    duration = problem.path.duration
+    before, after = problem.windows
+    if problem.preview is not None:
+        before = float(problem.preview)
+    gears = [c.dof.gear for c in problem.equations.model.coordinates if c.dof is not None and c.dof.gear is not None]
+    linear = all(gear.rigid or isinstance(gear.spring, LinearSpring) for gear in gears)
+    step = problem.step if linear else problem.step / 2  # where a gear's stiffness changes, its twist is less smooth
+    steps = int(np.ceil(duration / min(step, h) - 1e-9))
+    whole = (duration + before + after) / duration
+    if whole * steps > SAMPLES:
+        coarser = int(SAMPLES / whole)
+        if coarser < 1 or duration / coarser > h:
+            raise ArgumentError(
+                f"mesh: given {h:.3g} s, which makes {whole * duration / h:.3g} intervals over "
+                f"{whole * duration:.3g} s, expected at most {SAMPLES}; take a coarser --mesh, a shorter --preview "
+                "or a shorter move"
+            )
+        steps = coarser
+    period = duration / steps
+    every = max(1, round(h / period))
+    return steps + 1, period, every, int(np.ceil(before / period - 1e-9)), int(np.ceil(after / period - 1e-9))
+
+
+def samples(reduction: Reduction, path: Path, period: float, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Place (n, n_t), rate and its rate (n, n_y) of the output at n samples of a path."""
+    sample = path.sample(np.arange(n) * period)
+    return tuple(np.ascontiguousarray(x) for x in (reduction.targets(sample), sample.rates(1), sample.rates(2)))  # type: ignore[return-value]
+
+
+def from_library(found: Inversion) -> MethodResult:
+    """The answer of an inversion in C; the motors' accelerations by differences, for pictures and residuals."""
+    t = found.t
+    step = t[1] - t[0]
+    if not np.isfinite(found.tau_m).all():
+        raise SolverError("the library returned torques that are not finite")
+    return MethodResult(
+        t,
+        found.q_a,
+        found.v_a,
+        found.a_a,
+        found.tau_g,
+        MotorMotion(found.q_m, found.v_m, slope(found.v_m, step), found.tau_m),
+        lead=found.lead * found.period,
+        iterations=found.iterations,
+        intervals=found.intervals,
+        details={
+            "residual": found.residual,
+            "residual_between": found.residual_between,
+            "exact": found.exact,
+            "uneven": found.uneven,
+        },
+    )
+
+
+def slope(x: np.ndarray, step: float) -> np.ndarray:
+    """Time derivative of samples (n, m) by central differences of order six; constant before and after."""
+    padded = np.concatenate([np.repeat(x[:1], 3, axis=0), x, np.repeat(x[-1:], 3, axis=0)])
+
+    def apart(k: int) -> np.ndarray:
+        return padded[3 + k : len(padded) - 3 + k] - padded[3 - k : len(padded) - 3 - k]
+
+    return (45 * apart(1) - 9 * apart(2) + apart(3)) / (60 * step)

@@ -1,0 +1,187 @@
+"""Solution: motor torques along a move, with the figures that tell how far they can be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import BPoly
+
+from flexgen.inversion.method_result import MethodResult
+from flexgen.mechanics.equations import Equations
+from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
+from flexgen.numerics.evaluate import evaluate
+from flexgen.simulation.simulate import Simulation, torque_curve
+from flexgen.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Motor torques along a move, and how far they can be trusted.
+
+    ``status``: ``"solved"``; ``"limited"`` where torque or speed limits keep the tool off the path; ``"baseline"`` for
+    an approximation by design, whose error is measured and not judged; ``"inaccurate"`` where the verification says so.
+    ``verdict``: the solver's own words, empty for the closed form. ``trajectory``: channels ``q_a v_a a_a q_m v_m a_m
+    tau_m tau_g y_ref (R_ref)``. ``residual_max_Nm``: largest residual of the full equations of motion half way between
+    the samples [N m, or N for translations]; ``residual_relative``: each row relative to the largest torque in it.
+    ``simulation``: the verification, None where it was switched off. ``plan_error_max``: for a motion that limits keep
+    off its path, how far the simulated output is from the planned one, the larger of distance [m] and angle [rad], else
+    None; each is judged by its own scale. ``lead_s``: how long before the path the motion begins. ``intervals``: of the
+    solver's mesh. ``details``: further figures of the method. ``warnings``: what the user should know.
+    """
+
+    model: RobotModel
+    move: Move
+    method: str
+    status: str
+    verdict: str
+    trajectory: Trajectory
+    residual_max_Nm: float
+    residual_relative: float
+    iterations: int
+    wall_s: float
+    cpu_s: float
+    lead_s: float
+    simulation: Simulation | None
+    warnings: tuple[str, ...] = ()
+    plan_error_max: float | None = None
+    intervals: int = 0
+    details: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def mesh_s(self) -> float | None:
+        """Length of the intervals of the solver's mesh [s], their mean; None for a method without mesh."""
+        time = self.trajectory.time
+        return float(time[-1] - time[0]) / self.intervals if self.intervals else None
+
+    @property
+    def tool_error_max_m(self) -> float | None:
+        """Largest distance of the simulated output from the path [m]; None where it was not measured."""
+        return None if self.simulation is None else self.simulation.tool_error_max_m
+
+    @property
+    def tool_error_max_rad(self) -> float | None:
+        """Largest angle between the simulated output and the path [rad]; None where it was not measured."""
+        return None if self.simulation is None else self.simulation.tool_error_max_rad
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures as JSON types, SI units."""
+        simulation = self.simulation
+        return {
+            "model": self.model.name,
+            "status": self.status,
+            "verdict": self.verdict,
+            "method": self.method,
+            "move": self.move.name,
+            "wall_s": self.wall_s,
+            "cpu_s": self.cpu_s,
+            "tool_error_max_m": self.tool_error_max_m,
+            "tool_error_max_rad": self.tool_error_max_rad,
+            "plan_error_max": self.plan_error_max,
+            "torque_max_Nm": float(np.abs(self.trajectory["tau_m"]).max()),
+            "speed_max_rad_s": float(np.abs(self.trajectory["v_m"]).max()),
+            "residual_max_Nm": self.residual_max_Nm,
+            "residual_relative": self.residual_relative,
+            "energy_error": None if simulation is None else simulation.energy_error,
+            "iterations": self.iterations,
+            "intervals": self.intervals,
+            "mesh_s": self.mesh_s,
+            "details": dict(self.details),
+            "lead_s": self.lead_s,
+            "warnings": list(self.warnings),
+            "trajectory": None,
+        }
+
+
+def residual_max(equations: Equations, trajectory: Trajectory) -> float:
+    """Largest residual of the full equations of motion half way between the samples [N m or N], see `residual_rows`."""
+    return float(residual_rows(equations, trajectory).max())
+
+
+def residual_rows(equations: Equations, trajectory: Trajectory) -> np.ndarray:
+    """Largest residual of each equation of motion, (dof,), half way between the samples [N m or N].
+
+    Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque as `simulate`
+    reads it: nothing of the solver is used again. Rows: arm coordinates, then the motors behind elastic gears.
+    """
+    arm, motor = ([trajectory[f"{x}_{part}"] for x in "qva"] for part in "am")
+    limited = trajectory.meta.get("torque") == "limited"
+    return _residual_rows(equations, trajectory.time, arm, motor, trajectory["tau_m"], limited)
+
+
+def motion_residual(equations: Equations, answer: MethodResult) -> np.ndarray:
+    """The same of an answer that is no trajectory yet."""
+    d = answer.drives
+    return _residual_rows(equations, answer.t, [answer.q, answer.v, answer.a], [d.q_m, d.v_m, d.a_m], d.tau_m)
+
+
+def _residual_rows(
+    equations: Equations,
+    t: np.ndarray,
+    arm: list[np.ndarray],
+    motor: list[np.ndarray],
+    tau_m: np.ndarray,
+    limited: bool = False,
+) -> np.ndarray:
+    middle = (t[:-1] + t[1:]) / 2
+    q_a, q_m = (BPoly.from_derivatives(t, np.stack(part, axis=1)) for part in (arm, motor))
+    tau = torque_curve(t, tau_m, limited=limited)(middle)
+    r_a, r_m = evaluate(
+        equations.function("residual"), *(q_a(middle, k) for k in range(3)), *(q_m(middle, k) for k in range(3)), tau
+    )
+    n = len(middle)
+    rows = np.hstack([r_a.reshape(n, -1), r_m.reshape(n, -1)[:, list(equations.model.i_m)]])
+    return np.abs(rows).max(axis=0)
+
+
+def relative_residual(equations: Equations, trajectory: Trajectory) -> float:
+    """The largest of `residual_rows`, each relative to the largest torque in its own row."""
+    robot = equations.model
+    scale = np.zeros(robot.n_a)
+    scale[list(robot.i_g)] = np.abs(trajectory["tau_g"]).max(axis=0)
+    if robot.n_e:
+        elastic = evaluate(equations.function("elastic_torque"), trajectory["q_a"], trajectory["v_a"])[0]
+        scale[list(robot.i_e)] = np.abs(elastic.reshape(-1, robot.n_e)).max(axis=0)
+    motors = np.abs(trajectory["tau_m"]).max(axis=0)[list(robot.i_m)]
+    # a row that carries next to nothing is measured by the others of its kind
+    scales = [np.maximum(x, 1e-3 * x.max(initial=1e-9)) for x in (scale, motors)]
+    return float((residual_rows(equations, trajectory) / np.concatenate(scales)).max())
+
+
+def exceeded(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]:
+    """Limits of the model file that the trajectory exceeds.
+
+    A solver that keeps limits keeps them at its Gauss points: a thousandth more between them is none.
+    """
+    slack = 1e-3 if trajectory.meta.get("torque") == "limited" else 1e-9
+    out = []
+    for j, motor in enumerate(robot.motors):
+        for channel, limit, unit in (("tau_m", motor.torque_max, "N m"), ("v_m", motor.speed_max, "rad/s")):
+            largest = float(np.abs(trajectory[channel][:, j]).max())
+            if limit is not None and largest > limit * (1 + slack):
+                what = "torque" if channel == "tau_m" else "speed"
+                out.append(f"motor {motor.name}: {what} {largest:.4g} {unit} exceeds its limit {limit:.4g} {unit}")
+    for i, coordinate in enumerate(robot.coordinates):
+        dof = coordinate.dof
+        if dof is None:
+            continue
+        q, v, a = (trajectory[x][:, i] for x in ("q_a", "v_a", "a_a"))
+        u = coordinate.unit
+        if dof.lower is not None and q.min() < dof.lower - 1e-9:
+            out.append(f"coordinate {dof.name}: {q.min():.4g} {u} is below its limit {dof.lower:.4g} {u}")
+        if dof.upper is not None and q.max() > dof.upper + 1e-9:
+            out.append(f"coordinate {dof.name}: {q.max():.4g} {u} is above its limit {dof.upper:.4g} {u}")
+        for values, limit, unit in ((v, dof.speed_max, f"{u}/s"), (a, dof.acceleration_max, f"{u}/s^2")):
+            if limit is not None and np.abs(values).max() > limit * (1 + 1e-9):
+                out.append(
+                    f"coordinate {dof.name}: {np.abs(values).max():.4g} {unit} exceeds its limit {limit:.4g} {unit}"
+                )
+    return tuple(out)
+
+
+def has_kinks(robot: RobotModel) -> bool:
+    """Whether a gear's spring has a kink, where the torque that follows a path exactly would have to jump."""
+    springs = [c.dof.gear.spring for c in robot.coordinates if c.dof is not None and c.dof.gear is not None]
+    return any(isinstance(spring, PiecewiseSpring) for spring in springs)

@@ -1,0 +1,287 @@
+"""Solve: from a model and a move to motor torques, verified by simulating the full model forward."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from numbers import Real
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion.method_result import MethodResult
+from flexgen.inversion.method_table import METHODS, Method
+from flexgen.inversion.methods.full_model import Limits
+from flexgen.inversion.problem import INTERVALS, InversionProblem
+from flexgen.inversion.solution import Solution, exceeded, has_kinks, relative_residual, residual_max
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.statics import reach
+from flexgen.model.elements import Move, RobotModel
+from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.path import Path
+from flexgen.ports import Port
+from flexgen.simulation.simulate import Simulation, output_labels, output_units, simulate, turn_angle
+from flexgen.trajectory import Trajectory
+
+ACCURACY = 1e-5  # m and rad: a verified error above this is refined, then called inaccurate
+LONGEST = 5e-3  # s: of the intervals of a mesh, unless the move lasts for minutes
+ATTEMPTS = 3  # meshes, each half as coarse as the one before
+ENERGY = 1e-7  # relative: a simulation that misses the energy balance by more proves nothing
+RESIDUAL = 1e-3  # of the largest torque in its row: above it an answer is called wrong, whatever the solver says
+FULL_MOST = 8  # coordinates that the full method takes by itself: with 12 it needs many minutes, if it ends at all
+RIPPLE = 1e-2  # the same for the full method, whose torque may ripple between the Gauss points unfelt by the tool
+
+
+def solve(
+    model: str | FilePath | RobotModel | Equations,
+    move: str | Move | None = None,
+    method: str = "auto",
+    *,
+    preview: float | None = None,
+    mesh: float | None = None,
+    limits: Limits | None = None,
+    verify: bool = True,
+    accuracy: float = ACCURACY,
+    progress: Callable[[str], None] | None = None,
+    options: Mapping[str, Any] | None = None,
+) -> Solution:
+    """Find the motor torques that make the output follow a move.
+
+    Parameters
+    ----------
+    model : name, path, RobotModel or Equations
+    move : str or Move, optional
+        A move of the model file; default: its first.
+    method : str
+        A name of `flexgen.inversion.method_table.METHODS`, or ``"auto"``: ``"full"`` for complete motor coupling, gears
+        whose spring has a kink, and limits of an arm with up to 8 coordinates (``"lq"`` of a larger elastic one); else
+        ``"closed-form"`` without non-actuated coordinates, and ``"lq"`` with them (``"collocation"`` where there is no
+        C compiler). What the verification rejects is tried again by "full".
+    preview : float, optional [s]
+        How long before the path the motion may begin; default: fifteen time constants of the slowest unstable zero, at
+        least 4 % of the move (of half a second, if it is longer) and at most 2 s.
+    mesh : float, optional [s]
+        Length of the intervals or steps; default: a hundredth of the move, at most 5 ms (with "lq" and "bvp" 10 ms).
+    limits : Limits, optional
+        Bounds on motor torque, speed and deflection, for methods that keep them: "lq" bends the path and inverts it
+        exactly, "full" and "collocation" optimise torque and tool error together.
+    verify : bool
+        Simulate the full model forward and measure the error; meshes that miss ``accuracy`` are refined.
+    accuracy : float [rad, and m for each metre of reach, at most m]
+        What the verified error of a solved move may be.
+    progress : callable, optional
+        Called with one line of text now and then.
+    options : mapping, optional
+        What only some methods know, by name: ``native`` (lq, bvp), ``order`` and ``richardson`` (bdf), ``order``
+        (discretized), ``rtol`` (reduced), ``rounds`` (quasistatic); see their modules.
+
+    Returns
+    -------
+    Solution
+
+    Raises
+    ------
+    ArgumentError
+        Unknown move or method, or one that does not apply.
+    SolverError
+        No solution: the text says what happened and what to try.
+    """
+    wall, cpu = time.perf_counter(), time.process_time()
+    equations = model if isinstance(model, Equations) else derive(model)
+    robot = equations.model
+    chosen = move if isinstance(move, Move) else _find(robot, move)
+    if method != "auto" and method not in METHODS:
+        raise ArgumentError(f"method: given {method!r}, expected one of auto, {', '.join(METHODS)}")
+    for name, value in (("preview", preview), ("mesh", mesh), ("accuracy", accuracy)):
+        if value is None or (name == "preview" and value == 0):
+            continue
+        if not isinstance(value, Real) or isinstance(value, bool) or not (np.isfinite(value) and value > 0):
+            what = {"preview": "zero or a positive time in s", "mesh": "a positive time in s"}.get(
+                name, "a positive length"
+            )
+            raise ArgumentError(f"{name}: given {value!r}, expected {what}")
+    if limits is not None and not isinstance(limits, Limits):
+        raise ArgumentError(f"limits: given {limits!r}, expected flexgen.Limits(torque=..., speed=...)")
+    if not isinstance(chosen, Move):
+        raise ArgumentError(f"move: given {chosen!r}, expected the name of a move or a flexgen.Move")
+    choose = method == "auto"
+    chosen_method = METHODS[_automatic(robot, limits) if choose else method]
+    _check_applies(chosen_method, robot, limits)
+    path = Path(equations, chosen)
+    problem = InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, progress, dict(options or {}))
+    solution = _refined(problem, chosen_method)
+    if choose and solution.status == "inaccurate" and chosen_method.name != "full":
+        problem.tell(f"method {chosen_method.name} missed the path: trying the full model")
+        try:
+            other = _refined(problem, METHODS["full"])
+            solution = other if other.status != "inaccurate" else solution
+        except SolverError as error:  # what was found before is worth more than nothing
+            problem.tell(f"the full model did not help: {error}")
+    return replace(solution, wall_s=time.perf_counter() - wall, cpu_s=time.process_time() - cpu)
+
+
+def _automatic(robot: RobotModel, limits: Limits | None) -> str:
+    """The method for who does not choose."""
+    from flexgen.inversion.model_library import (
+        has_compiler,  # here: who chooses another method needs no code generation
+    )
+
+    if robot.motor_coupling != "simplified" or has_kinks(robot):
+        return "full"
+    inverts = robot.n_e > 0 and robot.inverts and has_compiler()
+    if limits is not None:
+        return "lq" if inverts and robot.n_a > FULL_MOST else "full"
+    if robot.n_e == 0:
+        return "closed-form"
+    return "lq" if inverts else "collocation"
+
+
+def _check_applies(method: Method, robot: RobotModel, limits: Limits | None) -> None:
+    if limits is not None and not method.keeps_limits:
+        able = ", ".join(m.name for m in METHODS.values() if m.keeps_limits)
+        raise ArgumentError(
+            f"limits: method {method.name!r} follows the path exactly and cannot respect them, expected one of {able}"
+        )
+    if robot.motor_coupling != "simplified" and not method.any_coupling:
+        able = ", ".join(m.name for m in METHODS.values() if m.any_coupling)
+        raise ArgumentError(
+            f"method {method.name}: model {robot.name} has motor_coupling {robot.motor_coupling!r}, expected "
+            f"'simplified', or one of the methods {able}"
+        )
+
+
+def _refined(problem: InversionProblem, method: Method) -> Solution:
+    """One method, on finer meshes until its answer is verified."""
+    duration = problem.path.duration
+    h = max(min(duration / 100, LONGEST), duration / (INTERVALS / 4)) if problem.mesh is None else float(problem.mesh)
+    attempts = 1 if (problem.mesh is not None or not method.refines) else ATTEMPTS
+    best, least = None, np.inf
+    for attempt in range(attempts):
+        last = attempt + 1 == attempts
+        solution = _solution(problem, method.name, method(problem, h / 2**attempt))
+        if not problem.verify:
+            if last or _is_believable(solution):
+                _judge(solution)
+                return solution
+            problem.tell(f"residual {solution.residual_relative:.1e} of the torque: halving the mesh")
+            continue
+        simulation = simulate(problem.equations, solution.trajectory, start=problem.rest, progress=problem.progress)
+        plan = _plan_error(problem.equations, solution, simulation) if solution.status == "limited" else None
+        solution = replace(solution, simulation=simulation, plan_error_max=None if plan is None else max(plan))
+        if solution.status == "baseline":
+            return solution
+        size = min(1.0, reach(problem.equations))
+        in_m, in_rad = plan or (simulation.tool_error_max_m or 0.0, simulation.tool_error_max_rad or 0.0)
+        worst = max(in_m / size, in_rad)
+        if worst <= problem.accuracy and simulation.energy_error <= ENERGY:
+            return solution
+        if best is None or worst < least:  # a finer mesh may be worse, where rounding is what is left
+            best, least = replace(solution, status="inaccurate"), worst
+        if not last:
+            problem.tell(f"verified error {worst:.2e} is above {problem.accuracy:.0e}: halving the mesh")
+    assert best is not None  # there is one attempt at least
+    return best
+
+
+def _plan_error(equations: Equations, solution: Solution, simulation: Simulation) -> tuple[float, float]:
+    """How far the simulated output is from the planned one, which limits keep off the reference: [m] and [rad]."""
+    both = (solution.trajectory, simulation.trajectory)
+    planned, found = (evaluate(equations.function("output"), t["q_a"])[0].reshape(len(t.time), -1) for t in both)
+    units = np.array(output_units(equations.model))
+    in_m, in_rad = (float(np.linalg.norm((found - planned)[:, units == u], axis=1).max()) for u in ("m", "rad"))
+    if equations.model.output.type == "tool_pose":
+        R, S = (evaluate(equations.function("forward_kinematics"), t["q_a"])[1] for t in both)
+        in_rad = float(turn_angle(S, R).max())
+    return in_m, in_rad
+
+
+def _is_believable(solution: Solution) -> bool:
+    """Whether the residual between the samples is what it may be."""
+    return solution.status == "baseline" or solution.residual_relative <= (
+        RIPPLE if solution.method == "full" else RESIDUAL
+    )
+
+
+def _judge(solution: Solution) -> None:
+    """Without a verification the residual alone decides; SolverError where it is too large to be believed."""
+    if not _is_believable(solution):
+        raise SolverError(
+            f"method {solution.method}: the answer does not satisfy the equations of motion between its samples: "
+            f"residual {solution.residual_max_Nm:.3g} N m, in one row {solution.residual_relative:.1e} of the torque "
+            "there; verify it, or try a finer --mesh or a smoother move"
+        )
+
+
+def _find(robot: RobotModel, name: str | None) -> Move:
+    try:
+        return robot.move(name)
+    except KeyError:
+        names = ", ".join(m.name for m in (*robot.moves, *robot.programs)) or "none"
+        raise ArgumentError(f"move: given {name!r}, model {robot.name} has: {names}") from None
+
+
+def _trajectory(problem: InversionProblem, answer: MethodResult) -> Trajectory:
+    path, robot, t, d = problem.path, problem.equations.model, answer.t, answer.drives
+    sample = path.sample(t)
+    names_a = tuple(c.name for c in robot.coordinates)
+    names_m = tuple(m.name for m in robot.motors)
+    names_g = tuple(names_a[i] for i in robot.i_g)
+    output = robot.output
+    unit = output.unit if output.type == "combination" else "m"
+    reference = output_labels(robot)
+    rows: list[tuple[str, np.ndarray, str, str, tuple[str, ...]]] = [
+        ("q_a", answer.q, "rad or m", "arm coordinates", names_a),
+        ("v_a", answer.v, "rad/s or m/s", "their speeds", names_a),
+        ("a_a", answer.a, "rad/s^2 or m/s^2", "their accelerations", names_a),
+        ("q_m", d.q_m, "rad", "motor angles, motor side", names_m),
+        ("v_m", d.v_m, "rad/s", "motor speeds, motor side", names_m),
+        ("a_m", d.a_m, "rad/s^2", "motor accelerations, motor side", names_m),
+        ("tau_m", d.tau_m, "N m", "motor torques, motor side", names_m),
+        ("tau_g", answer.tau_g, "N m", "gear torques, arm side", names_g),
+        ("y_ref", sample.y[:, :, 0], unit, "reference output", reference["y_ref"]),
+    ]
+    if sample.R is not None:
+        matrix, doc = sample.R.reshape(len(t), 9), "reference orientation, rows of the matrix"
+        rows.append(("R_ref", matrix, "-", doc, reference["R_ref"]))
+    return Trajectory(
+        t,
+        {name: values for name, values, *_ in rows},
+        {name: Port(name, (values.shape[1],), unit, doc) for name, values, unit, doc, _ in rows},
+        {name: labels for name, *_, labels in rows},
+        {
+            "model": robot.name,
+            "variant": robot.variant,
+            "move": path.move.name,
+            "kind": "solution",
+            "torque": "smooth" if problem.limits is None else "limited",
+        },
+    )
+
+
+def _solution(problem: InversionProblem, method: str, answer: MethodResult) -> Solution:
+    equations, path = problem.equations, problem.path
+    trajectory = _trajectory(problem, answer)
+    residual = residual_max(equations, trajectory)
+    if not np.isfinite(residual):
+        raise SolverError(f"method {method}: the answer is not finite; try another --mesh or a smoother move")
+    return Solution(
+        model=equations.model,
+        move=path.move,
+        method=method,
+        status=answer.status,
+        verdict=answer.verdict,
+        trajectory=trajectory,
+        residual_max_Nm=residual,
+        residual_relative=relative_residual(equations, trajectory),
+        iterations=answer.iterations,
+        wall_s=0.0,
+        cpu_s=0.0,
+        lead_s=answer.lead,
+        simulation=None,
+        warnings=(*exceeded(equations.model, trajectory), *problem.too_rough),
+        intervals=answer.intervals,
+        details=dict(answer.details),
+    )

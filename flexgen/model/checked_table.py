@@ -1,0 +1,293 @@
+"""Checked access to the tables of a model file: every value is asked for with its type and range."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import unicodedata
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+from flexgen.errors import ModelError
+from flexgen.model.toml_lines import Entry, unwrap
+from flexgen.ports import identifier_problem
+
+UNITS = ("_rad", "_deg")
+SMALLEST, LARGEST = 1e-18, 1e12  # of a number in SI units: powers of both can be computed with
+MAGNITUDE = "of magnitude 1e-18 to 1e12 (or 0)"
+
+
+def as_number(value: Any) -> float | None:
+    """The value as a finite float, or None where it is none (a truth value is no number)."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _reasonable(numbers: Sequence[float]) -> bool:
+    """Whether a computation can be expected to bear the numbers: none is huge, nor the largest of them tiny.
+
+    Rounding dust beside a larger entry of a vector is harmless.
+    """
+    largest = max(map(abs, numbers), default=0.0)
+    return largest == 0.0 or SMALLEST <= largest <= LARGEST
+
+
+def show(value: Any, limit: int = 80) -> str:
+    """A value as it would stand in the file, shortened where it is long."""
+    text = _show(value)
+    return text if len(text) <= limit else text[: limit - 3] + "..."
+
+
+def _show(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return '"' + value.encode("unicode_escape").decode("ascii").replace('"', '\\"') + '"'
+    if isinstance(value, list):
+        return "[" + ", ".join(_show(item) for item in value) + "]"
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{bare(key)} = {_show(item)}" for key, item in value.items()) + "}"
+    try:
+        return str(value)
+    except ValueError:  # an integer of thousands of digits
+        return "a huge number"
+
+
+def bare(key: str) -> str:
+    """A key or a name as it would stand in a dotted path: quoted where it is not plain."""
+    return key if re.fullmatch(r"[A-Za-z0-9_\[\]-]+", key) else _show(key)
+
+
+def closest(word: str, known: Iterable[str]) -> str:
+    """Text for a message: what was probably meant and what there is."""
+    names = sorted(known)
+    if not names:
+        return "nothing here"
+    near = difflib.get_close_matches(word, names, 1)
+    listed = ", ".join(map(bare, names))
+    return f"{bare(near[0])} (there are: {listed})" if near else f"one of {listed}"
+
+
+class Table:
+    """A table of a model file under its key path; its methods return checked values or raise ModelError.
+
+    Parameters
+    ----------
+    file : str
+        The file as the user named it, for entries that do not say which they are from.
+    entry : Entry
+        The table.
+    key : str
+        Dotted path of the table; empty for the whole file.
+    """
+
+    def __init__(self, file: str, entry: Entry, key: str) -> None:
+        self.file, self.key, self.line = entry.file or file, key, entry.line
+        if not isinstance(entry.value, dict):
+            raise ModelError(self.file, entry.line, key, show(unwrap(entry)), "a table")
+        self.entries: dict[str, Entry] = entry.value
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.entries
+
+    def path(self, key: str | None) -> str:
+        """Dotted path of a key of this table; of the table itself for None."""
+        if key is None:
+            return self.key
+        return f"{self.key}.{bare(key)}" if self.key else bare(key)
+
+    def fail(self, key: str | None, expected: str, given: str | None = None) -> ModelError:
+        """The error to raise for a key of this table (None: the table); by default with the value that stands there."""
+        entry = None if key is None else self.entries.get(key)
+        if given is None:
+            given = "nothing" if entry is None else show(unwrap(entry))
+        file, line = (self.file, self.line) if entry is None else (entry.file or self.file, entry.line)
+        return ModelError(file, line, self.path(key), given, expected)
+
+    def only(self, *known: str) -> None:
+        """Refuse keys that are not among the known ones."""
+        for key in self.entries:
+            if key in known:
+                continue
+            if key + "_rad" in known:
+                raise self.fail(key, f"{key}_rad or {key}_deg", "a key without a unit")
+            raise self.fail(key, closest(key, known), "an unknown key")
+
+    def _get(self, key: str, expected: str) -> Any:
+        if key not in self.entries:
+            raise self.fail(key, expected)
+        return self.entries[key].value
+
+    def number(
+        self, key: str, default: float | None = None, *, above: float | None = None, least: float | None = None
+    ) -> float:
+        """A finite number, ``> above`` or ``>= least``; required where there is no default."""
+        if default is not None and key not in self.entries:
+            return default
+        expected = "a number"
+        if above is not None:
+            expected += f" > {above:g}"
+        if least is not None:
+            expected += f" >= {least:g}"
+        number = as_number(self._get(key, expected))
+        if number is None or (above is not None and number <= above) or (least is not None and number < least):
+            raise self.fail(key, expected)
+        if not _reasonable([number]):
+            raise self.fail(key, f"a number {MAGNITUDE}")
+        return number
+
+    def optional(self, key: str, *, above: float | None = None) -> float | None:
+        """A finite number, or None where the key is missing."""
+        return self.number(key, above=above) if key in self.entries else None
+
+    def whole(self, key: str, low: int, high: int) -> int:
+        """A whole number within low..high."""
+        expected = f"a whole number from {low} to {high}"
+        value = self._get(key, expected)
+        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+            raise self.fail(key, expected)
+        return value
+
+    def vector(
+        self, key: str, lengths: int | Sequence[int], default: Sequence[float] | None = None, what: str = ""
+    ) -> tuple[float, ...]:
+        """A list of finite numbers of one of the lengths."""
+        if default is not None and key not in self.entries:
+            return tuple(default)
+        lengths = (lengths,) if isinstance(lengths, int) else lengths
+        expected = f"a list of {' or '.join(map(str, lengths))} number{'s' if tuple(lengths) != (1,) else ''}"
+        expected += f" ({what})" if what else ""
+        value = self._get(key, expected)
+        if not isinstance(value, list) or len(value) not in lengths:
+            raise self.fail(key, expected)
+        out = []
+        for item in value:
+            number = as_number(item.value)
+            if number is None:
+                given = show(unwrap(self.entries[key]))
+                raise ModelError(item.file or self.file, item.line, self.path(key), given, expected)
+            out.append(number)
+        if not _reasonable(out):
+            raise self.fail(key, f"numbers {MAGNITUDE}")
+        return tuple(out)
+
+    def axis(self, key: str) -> tuple[float, ...]:
+        """A direction, normalised."""
+        vector = self.vector(key, 3, what="a direction")
+        largest = max(abs(x) for x in vector)
+        if largest == 0.0:
+            raise self.fail(key, "a direction that is not zero")
+        scaled = [x / largest for x in vector]
+        length = math.hypot(*scaled)
+        return tuple(x / length for x in scaled)
+
+    def unit_key(self, stem: str, required: bool = True) -> str | None:
+        """Which of ``stem_rad`` and ``stem_deg`` is given; both are refused."""
+        given = [stem + unit for unit in UNITS if stem + unit in self.entries]
+        if len(given) == 2:
+            raise self.fail(given[1], "one of the two", f"both {given[0]} and {given[1]}")
+        if not given and required:
+            raise self.fail(stem + "_rad", f"{stem}_rad or {stem}_deg")
+        return given[0] if given else None
+
+    def angles(
+        self, stem: str, rotary: Sequence[bool], default: Sequence[float] | None = None, what: str = ""
+    ) -> tuple[float, ...]:
+        """A list under ``stem_rad`` or ``stem_deg``, in rad; entries that are not rotary pass unchanged."""
+        key = self.unit_key(stem, required=default is None)
+        if key is None:
+            return tuple(default or ())
+        values = self.vector(key, len(rotary), what=what)
+        if key.endswith("_rad"):
+            return values
+        return tuple(math.radians(x) if turns else x for x, turns in zip(values, rotary, strict=True))
+
+    def angle(self, stem: str) -> float | None:
+        """A number under ``stem_rad`` or ``stem_deg``, in rad; None where there is neither."""
+        key = self.unit_key(stem, required=False)
+        if key is None:
+            return None
+        return math.radians(self.number(key)) if key.endswith("_deg") else self.number(key)
+
+    def text(self, key: str, default: str | None = None) -> str:
+        """A string without control characters, which a terminal would obey; line ends and tabs may be."""
+        if default is not None and key not in self.entries:
+            return default
+        value = self._get(key, "a string")
+        if not isinstance(value, str):
+            raise self.fail(key, "a string")
+        for c in value:
+            if unicodedata.category(c) in ("Cc", "Cs") and c not in "\n\t":
+                raise self.fail(key, "text without control characters", f"the control character {show(c)}")
+        return value
+
+    def flag(self, key: str) -> bool:
+        """A truth value, false where the key is missing."""
+        value = self.entries[key].value if key in self.entries else False
+        if not isinstance(value, bool):
+            raise self.fail(key, "true or false")
+        return value
+
+    def choice(self, key: str, known: Sequence[str], default: str | None = None) -> str:
+        """One of the known words."""
+        if default is not None and key not in self.entries:
+            return default
+        value = self._get(key, "one of " + ", ".join(known))
+        if not isinstance(value, str) or value not in known:
+            raise self.fail(key, closest(value if isinstance(value, str) else "", known))
+        return value
+
+    def name(self, key: str = "name", taken: Iterable[str] = ()) -> str:
+        """An identifier that is not among the taken ones."""
+        name = self.text(key)
+        problem = identifier_problem(name)
+        if problem is not None:
+            raise self.fail(key, problem)
+        if name in taken:
+            raise self.fail(key, "a name that is not taken yet")
+        return name
+
+    def words(self, key: str) -> list[str]:
+        """A list of strings, not empty and without repetition; a single string counts as a list of one."""
+        expected = "a name or a list of different names"
+        value = self._get(key, expected)
+        words = [item.value for item in value] if isinstance(value, list) else [value]
+        if not words or not all(isinstance(word, str) for word in words) or len(set(words)) < len(words):
+            raise self.fail(key, expected)
+        return words
+
+    def table(self, key: str) -> Table | None:
+        """A table, or None where the key is missing."""
+        return Table(self.file, self.entries[key], self.path(key)) if key in self.entries else None
+
+    def tables(self, key: str, required: bool = True) -> list[Table]:
+        """A list of tables, called by their names where they have good ones, else by their index."""
+        if key not in self.entries and not required:
+            return []
+        value = self._get(key, "a list of tables, not empty")
+        if not isinstance(value, list) or not (value or not required):
+            raise self.fail(key, "a list of tables, not empty")
+        out = []
+        for index, entry in enumerate(value):
+            name = entry_name(entry)
+            path = f"{self.path(key)}[{index}]" if name is None else f"{self.path(key)}.{name}"
+            out.append(Table(self.file, entry, path))
+        return out
+
+    def build(self, key: str, make: Callable[[Table], Any], default: Any = None) -> Any:
+        """What ``make`` makes of the table under the key; the default where the key is missing."""
+        table = self.table(key)
+        return default if table is None else make(table)
+
+
+def entry_name(entry: Entry) -> str | None:
+    """The name of a list entry, where it has one that can stand in a dotted path."""
+    name = entry.value.get("name") if isinstance(entry.value, dict) else None
+    good = name is not None and isinstance(name.value, str) and identifier_problem(name.value) is None
+    return name.value if good and name is not None else None

@@ -1,0 +1,117 @@
+"""Where a URDF file is: a path, ``package://NAME/PATH``, and the short form ``FILE#BASE:TIP`` of a robot in it."""
+
+from __future__ import annotations
+
+import os
+import sys
+import sysconfig
+from collections.abc import Iterator
+from pathlib import Path
+
+from flexgen.errors import ArgumentError
+from flexgen.model.checked_table import Table, show
+from flexgen.model.toml_lines import Entry, wrap
+from flexgen.model.urdf import Urdf
+
+PACKAGE = "package://"
+PLACES = "ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and the share folders of this Python"
+
+
+def from_here(path: Path) -> str:
+    """The path as it opens from the current directory: relative where it is below, else absolute."""
+    try:
+        absolute, here = Path(os.path.abspath(path)), Path.cwd()
+    except OSError:  # the current directory is gone
+        return str(path)
+    return str(absolute.relative_to(here) if absolute.is_relative_to(here) else absolute)
+
+
+def located(table: Table, folder: Path) -> tuple[Path, str]:
+    """The URDF file under the key ``file`` of an overlay in a folder, and what to call it."""
+    text = table.text("file")
+    path = _found(text, folder)
+    if path is None:
+        expected = f"a file of a package found in {PLACES}" if text.startswith(PACKAGE) else "the path of a URDF file"
+        raise table.fail("file", expected, f"{show(text)}, which is no file")
+    return path, from_here(path)
+
+
+def _found(text: str, folder: Path) -> Path | None:
+    """The regular file that a text means, or None."""
+    try:
+        path = _in_package(text) if text.startswith(PACKAGE) else folder / text
+        return path if path is not None and path.is_file() else None
+    except (OSError, ValueError):  # a name that no file can have
+        return None
+
+
+def _in_package(text: str) -> Path | None:
+    """The file that ``package://NAME/PATH`` means: the first one that exists."""
+    name, _, rest = text.removeprefix(PACKAGE).partition("/")
+    if not name or not rest or ".." in (name, *rest.split("/")):
+        return None
+    for folder in _shares(name):
+        if (folder / name / rest).is_file():
+            return folder / name / rest
+    return None
+
+
+def _shares(name: str) -> Iterator[Path]:
+    """Folders in which a package of that name may lie: those of ROS 1, ROS 2, and of installed Python packages."""
+    for place in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
+        yield Path(place)
+        if Path(place).name == name:
+            yield Path(place).parent
+    for place in filter(None, os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)):
+        yield Path(place) / "share"
+    yield Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix" / "share"
+    yield Path(sys.prefix) / "share"
+
+
+def plain_urdf(model: object, base: str | None, tip: str | None) -> tuple[Entry, str, str] | None:
+    """A URDF file without an overlay: the overlay that it needs, what to call it, and how to read it again.
+
+    None where the model is something else.
+
+    Raises
+    ------
+    ArgumentError
+        The file or its ends are missing.
+    """
+    if not isinstance(model, (str, Path)):
+        return None
+    text = str(model)
+    file, mark, ends = text.rpartition("#")
+    if not mark or not _is_urdf(file):
+        file, ends = text, ""
+    if not _is_urdf(file):
+        if base is not None or tip is not None:
+            raise ArgumentError(f"base and tip: given with the model {text!r}, expected a .urdf file with them")
+        return None
+    if ends:
+        if base is not None or tip is not None:
+            raise ArgumentError(f"base and tip: given beside {text!r}, expected each once")
+        base, _, tip = ends.partition(":")
+    for what, name in (("base", base), ("tip", tip)):
+        if not isinstance(name, (str, type(None))):
+            raise ArgumentError(f"{what}: given {name!r}, expected the name of a link")
+    path = _found(file, Path())
+    if path is None:
+        where = f" below {PLACES}" if file.startswith(PACKAGE) else ""
+        raise ArgumentError(f"model: given {file!r}, which is no file{where}, expected the path of a .urdf file")
+    if not base or not tip:
+        urdf = Urdf(path, from_here(path))
+        inner = {joint.parent for joint in urdf.joints.values()}
+        first = ", ".join(show(name) for name in urdf.links if name not in urdf.holder)
+        last = ", ".join([show(name) for name in urdf.links if name not in inner][:12])
+        raise ArgumentError(
+            f"model: given {text!r}, a URDF file without the two ends of the robot in it, expected {file}#BASE:TIP (or "
+            f"base and tip in Python) with the names of two links, such as {first} and one of {last}; or an overlay, a "
+            '.toml file with [urdf], file = "...", base = "...", tip = "..."'
+        )
+    root = wrap({"urdf": {"file": file, "base": base, "tip": tip}}, 0, file)
+    return root, file, f"{file}#{base}:{tip}"
+
+
+def _is_urdf(text: str) -> bool:
+    return text.endswith(".urdf") or text.startswith(PACKAGE)

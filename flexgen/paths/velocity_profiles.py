@@ -1,0 +1,203 @@
+"""Changes of speed: smooth steps from 0 to 1 with their integral, as short as bounds on their derivatives allow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from itertools import combinations
+from math import prod
+from typing import Protocol
+
+import numpy as np
+
+from flexgen.paths.time_laws import TimeLaw
+
+SAME = 1e-13  # of the duration: knots that are closer are one
+
+
+class SpeedStep(Protocol):
+    """A step from 0 to 1 within ``duration``, odd about its middle; ``smoothness`` continuous derivatives."""
+
+    @property
+    def duration(self) -> float:
+        """Of the whole [s]."""
+        ...
+
+    @property
+    def smoothness(self) -> int:
+        """Number of continuous derivatives."""
+        ...
+
+    @property
+    def breaks(self) -> np.ndarray:
+        """Instants at which higher derivatives may jump [s]."""
+        ...
+
+    def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
+        """Values and derivatives (n, order + 1) at the instants ``t`` [s]."""
+        ...
+
+
+@dataclass(frozen=True)
+class PolynomialStep:
+    """The polynomial of `TimeLaw` as a step."""
+
+    duration: float
+    smoothness: int
+
+    @cached_property
+    def _law(self) -> TimeLaw:
+        return TimeLaw(self.duration, self.smoothness)
+
+    @property
+    def breaks(self) -> np.ndarray:
+        """The two ends."""
+        return np.array([0.0, self.duration])
+
+    def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
+        """Integral of the step, the step and its derivatives at ``t`` in [0, duration], shape (n, order + 1)."""
+        t = np.clip(t, 0.0, self.duration)
+        return np.column_stack([self._law.area(t), self._law(t, order - 1)])
+
+
+@dataclass(frozen=True)
+class TrapezoidStep:
+    """A step whose p-th derivative is piecewise constant: boxes of the lengths ``times`` (p) [s] convolved.
+
+    ``h(t) = 1/prod(T) sum_S (-1)^|S| (t - sum_S T)_+^p / p!`` over all subsets S of the boxes; p = 1 is a ramp, p = 2
+    an S of three segments, p = 3 one of seven. It is p - 1 times continuously differentiable.
+
+    Source: L. Biagiotti, C. Melchiorri, Automatica 48(8), 2012 (trajectories as chains of moving averages).
+    """
+
+    times: tuple[float, ...]
+
+    @property
+    def duration(self) -> float:
+        """Sum of the lengths of the boxes [s]."""
+        return sum(self.times)
+
+    @property
+    def smoothness(self) -> int:
+        """Number of continuous derivatives."""
+        return len(self.times) - 1
+
+    @cached_property
+    def _pieces(self) -> tuple[np.ndarray, np.ndarray]:
+        """Knots of the first half, and the derivatives -1 (the integral) to p at each, (m, p + 2)."""
+        p, end = len(self.times), self.duration
+        corners = sorted(
+            (sum(chosen), (-1.0) ** size) for size in range(p + 1) for chosen in combinations(self.times, size)
+        )
+        knots: list[float] = []
+        jumps: list[float] = []
+        for place, jump in corners:
+            if place > end / 2 * (1 + SAME):
+                break
+            if knots and place - knots[-1] <= SAME * end:
+                jumps[-1] += jump
+            else:
+                knots.append(place)
+                jumps.append(jump)
+        values = np.zeros((len(knots), p + 2))
+        for i in range(len(knots)):
+            if i:
+                values[i] = _taylor(values[i - 1][None], np.array([knots[i] - knots[i - 1]]), p + 2)[0]
+            values[i, p + 1] += jumps[i] / prod(self.times)
+        return np.array(knots), values
+
+    @property
+    def breaks(self) -> np.ndarray:
+        """All instants at which the p-th derivative jumps."""
+        knots = self._pieces[0]
+        return np.unique(np.concatenate([knots, self.duration - knots[::-1]]))
+
+    def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
+        """Integral of the step, the step and its derivatives at ``t`` in [0, duration], shape (n, order + 1)."""
+        knots, values = self._pieces
+        end = self.duration
+        t = np.clip(t, 0.0, end)
+        late = t > end / 2
+        x = np.where(late, end - t, t)
+        at = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 1)
+        out = _taylor(values[at], x - knots[at], order + 1)
+        mirror = (-1.0) ** np.arange(order + 1)  # of the derivatives of h(end - t) = 1 - h(t)
+        turned = out * mirror
+        turned[:, 0] += t - end / 2
+        turned[:, 1] += 1.0
+        return np.where(late[:, None], turned, out)
+
+
+def _taylor(values: np.ndarray, dt: np.ndarray, size: int) -> np.ndarray:
+    """Derivatives 0 to size - 1 of polynomials, ``dt`` (n) after an instant at which they are ``values`` (n, k)."""
+    k = values.shape[1]
+    out = np.zeros((len(values), size))
+    for j in range(min(k, size)):
+        for i in range(k - 1, j - 1, -1):
+            out[:, j] = values[:, i] + out[:, j] * dt / (i - j + 1)
+    return out
+
+
+def box_times(size: float, bounds: tuple[float, ...]) -> tuple[float, ...]:
+    """Lengths of the boxes of a step of the given size whose k-th derivative stays below ``bounds[k - 1]``, all > 0.
+
+    The highest derivative has its bound as amplitude; from there down each box is as long as the bounds below it
+    allow, if all boxes below are as short as they can be: as long as those above together, so that no peaks add up.
+
+    Source: cf. P. Lambrechts, M. Boerlage, M. Steinbuch, Control Engineering Practice 13(2), 2005.
+    """
+    p = len(bounds)
+    limits = [size, *bounds]
+    amplitude, above = bounds[-1], 0.0
+    times: list[float] = []
+    for k in range(p, 0, -1):
+        longest = min(_box(limits[k - 1 - j] / (amplitude * 2.0 ** (j * (j - 1) / 2)), above, j) for j in range(k))
+        longest = max(longest, above)
+        times.append(longest)
+        amplitude *= longest
+        above += longest
+    return tuple(reversed(times))
+
+
+def _box(value: float, above: float, j: int) -> float:
+    """The root of ``x (above + x)^j = value``, by Newton's method from the right, where the function is convex."""
+    if j == 0:
+        return value
+    x = value ** (1.0 / (j + 1))
+    for _ in range(60):
+        f = x * (above + x) ** j - value
+        step = f / ((above + x) ** j + j * x * (above + x) ** (j - 1))
+        x -= step
+        if step <= 1e-16 * x:
+            break
+    return x
+
+
+@lru_cache(maxsize=64)
+def _peak(smoothness: int, order: int) -> float:
+    """Largest derivative of an order of the polynomial step of duration 1."""
+    law = TimeLaw(1.0, smoothness)
+    t = np.clip(np.linspace(0, 1, 20001), 1e-9, 1 - 1e-9)  # at the very ends it is at rest already
+    return float(np.abs(law(t, order)[:, order]).max()) * (1 + 1e-7)
+
+
+def speed_step(size: float, bounds: tuple[float, ...], smoothness: int) -> SpeedStep:
+    """The shortest step by which a speed changes by ``size`` [m/s].
+
+    Parameters
+    ----------
+    size : float, > 0
+    bounds : of acceleration, jerk, snap, ... [m/s^2, m/s^3, ...]
+    smoothness : int
+        0: trapezoids, else the polynomial with so many continuous derivatives of the position.
+    """
+    if smoothness == 0:
+        return TrapezoidStep(box_times(size, bounds))
+    k = smoothness - 1
+    times = [(size * _peak(k, j) / bound) ** (1 / j) for j, bound in enumerate(bounds, 1) if j <= 2 * k + 1]
+    return PolynomialStep(max(times), k)
+
+
+def step_duration(size: float, bounds: tuple[float, ...], smoothness: int) -> float:
+    """Duration [s] of the `speed_step`; 0 for none."""
+    return speed_step(size, bounds, smoothness).duration if size > 0 else 0.0

@@ -1,0 +1,400 @@
+"""Pictures of a robot, its solution and its dynamics, as matplotlib figures for files, reports and notebooks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flexgen.analysis.analyze import Analysis
+from flexgen.errors import ArgumentError
+from flexgen.mechanics.equations import Equations
+from flexgen.numerics.evaluate import evaluate
+from flexgen.plots import canvas as cv
+from flexgen.plots.canvas import save, svg
+from flexgen.plots.linear import falls, frequency_response, pole_zero_map, verdict
+from flexgen.plots.stick_figure import draw_view, handles, scene, spans
+from flexgen.simulation.simulate import Simulation
+from flexgen.trajectory import Trajectory
+
+__all__ = [
+    "deflections",
+    "errors",
+    "falls",
+    "frequency_response",
+    "overview",
+    "pole_zero_map",
+    "robot",
+    "save",
+    "speeds",
+    "svg",
+    "torques",
+    "verdict",
+]
+
+EARLY = 1e-7  # of the torque's range: motion before the path that is worth a picture
+
+
+# --- over time --------------------------------------------------------------------------------------------------------
+
+
+def _title(equations: Equations, trajectory: Trajectory, text: str) -> str:
+    move = trajectory.meta.get("move")
+    return f"{cv.title_of(equations.model)}{f', move {move}' if move else ''} — {text}"
+
+
+def _window(equations: Equations, trajectory: Trajectory, end: float | None) -> tuple[float, float, float]:
+    """Begin of the picture, end of the path and end of the picture [s]."""
+    stop = cv.path_end(equations, trajectory) if end is None else end
+    return cv.begin(trajectory, stop), stop, float(trajectory.time[-1])
+
+
+def _limits(ax: Any, values: np.ndarray, bound: float | None, least: float, unit: str) -> None:
+    """Limits of an axis of one motor; its bound as dashed lines where it is near, in words where it is far."""
+    low, high = float(min(values.min(), 0.0)), float(max(values.max(), 0.0))
+    size = max(-low, high)
+    bound = bound if bound is not None and np.isfinite(bound) else None
+    near = bound is not None and bound <= 2.5 * size
+    if near and bound is not None:
+        for sign in (-1, 1):
+            if sign * (high if sign > 0 else low) > 0.4 * bound:
+                ax.axhline(sign * bound, color=cv.RED, lw=1.1, ls=(0, (4, 3)), zorder=2)
+                low, high = min(low, sign * bound), max(high, sign * bound)
+    if bound is not None:
+        text = f"limit ±{bound:.4g} {unit}"
+        ax.set_title(text, loc="right", fontsize=8, color=cv.RED if near else cv.GREY)
+    margin = max(0.09 * (high - low), least)
+    ax.set_ylim(low - margin, high + margin)
+
+
+def _per_motor(
+    figure: Any, equations: Equations, trajectory: Trajectory, channel: str, bounds: Sequence[float | None],
+    window: tuple[float, float, float], label: str,
+) -> None:  # fmt: skip
+    """A panel a motor: one column up to three motors, two beyond."""
+    model, t, values = equations.model, trajectory.time, trajectory[channel]
+    columns = 1 if model.n_m <= 3 else 2
+    rows = -(-model.n_m // columns)
+    axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    least = 1e-4 * max(float(np.ptp(values, axis=0).max()), 1e-9)
+    unit = trajectory.ports[channel].unit
+    for j, ax in enumerate(axes.T.ravel()):
+        if j >= model.n_m:
+            ax.set_visible(False)
+            continue
+        ax.axhline(0.0, color=cv.GREY, lw=0.6, zorder=1)
+        shown = (t >= window[0]) & (t <= window[2])
+        ax.plot(t[shown], values[shown, j], color=cv.BLUE, zorder=4)
+        _limits(ax, values[:, j], bounds[j], least, unit)
+        bottom = j % rows == rows - 1 or j == model.n_m - 1
+        cv.time_axis(ax, *window, label=bottom)
+        ax.tick_params(labelbottom=bottom)
+        ax.set_title(model.motors[j].name, fontweight="bold")
+        ax.set_ylabel(f"{label}, {unit}")
+
+
+def _acts_early(trajectory: Trajectory, analysis: Analysis | None) -> bool:
+    """Whether the torque leaves its value at rest before the path, as it has to with unstable zeros."""
+    before = trajectory.time < 0
+    if not before.any() or analysis is None or analysis.zeros.phase != "non-minimum phase":
+        return False
+    if trajectory.meta.get("torque") == "limited":  # such a motion may begin early to keep its bounds
+        return False
+    away, span = cv.hold(trajectory)
+    return bool((away[before] > EARLY * np.maximum(span, 1e-12)).any())
+
+
+def _early(ax: Any, equations: Equations, trajectory: Trajectory, T: float) -> None:
+    """How the torque leaves its value at rest, on a logarithmic scale: ``exp(t / T)`` is a straight line there."""
+    away, span = cv.hold(trajectory)
+    t = trajectory.time
+    floor = 1e-3 * EARLY * float(span.max())
+    above = (away > floor).any(axis=1)
+    first = float(min(t[int(np.argmax(above))], 0.0))
+    first = max(first, -12 * T)
+    last = min(0.6 * -first, float(t[-1]))
+    shown = (t >= first) & (t <= last)
+    for j, motor in enumerate(equations.model.motors):
+        y = np.where(away[shown, j] > floor, away[shown, j], np.nan)
+        ax.semilogy(1e3 * t[shown], y, color=cv.COLOURS[j % 7], ls=cv.DASHES[j // 7 % 3], label=motor.name)
+    top = float(away[shown].max())
+    begun = float(away[t <= 0][-1].max())
+    grid = np.linspace(first, 0.0, 50)
+    line = 4 * begun * np.exp(grid / T)
+    slope = f"exp(t / {1e3 * T:.3g} ms)"
+    ax.plot(1e3 * grid[line > floor], line[line > floor], color=cv.INK, lw=1, ls=(0, (2, 2)), label=slope)
+    cv.time_axis(ax, 1e3 * first, 1e3 * max(last, 1e-3) + 1, 1e3 * last)
+    ax.set_ylim(max(floor, 1e-5 * begun), 3 * top)
+    cv.log_axis(ax.yaxis)
+    ax.set(xlabel="time, ms", ylabel="change of torque, N m", title="Torque before the path begins at t = 0")
+    ax.legend(loc="upper left", ncols=2 if equations.model.n_m > 3 else 1)
+
+
+@cv.styled
+def torques(
+    equations: Equations,
+    trajectory: Trajectory,
+    simulation: Simulation | None = None,
+    *,
+    end: float | None = None,
+    analysis: Analysis | None = None,
+    limits: Sequence[float] | None = None,
+) -> Figure:
+    """Motor torques over time, one panel a motor [N m, motor side].
+
+    Parameters
+    ----------
+    equations : Equations
+    trajectory : Trajectory
+        As `flexgen.solve` returns it.
+    simulation : Simulation, optional
+        Not needed; the torque is the one that was simulated.
+    end : float, optional [s]
+        End of the path; default: read from the reference.
+    analysis : Analysis, optional
+        Where it tells of unstable zeros, the torque before the path has a panel of its own, with the slope of the
+        slowest one.
+    limits : sequence of n_m floats, optional [N m]
+        Limits to draw; default: those of the model file.
+    """
+    model, window = equations.model, _window(equations, trajectory, end)
+    early = _acts_early(trajectory, analysis)
+    rows = model.n_m if model.n_m <= 3 else -(-model.n_m // 2)
+    height, extra = 0.7 + 1.55 * rows, 2.7 if early else 0.0
+    figure = cv.new_figure(cv.WIDTH, height + extra, _title(equations, trajectory, "motor torques, motor side"))
+    parts: Any = figure.subfigures(2, 1, height_ratios=[height, extra]) if early else [figure]
+    bounds: Sequence[float | None] = [m.torque_max for m in model.motors] if limits is None else list(limits)
+    _per_motor(parts[0], equations, trajectory, "tau_m", bounds, window, "torque")
+    if early and analysis is not None:
+        _early(parts[1].subplots(), equations, trajectory, analysis.zeros.unstable_time_constant_s)
+    return figure
+
+
+@cv.styled
+def speeds(
+    equations: Equations,
+    trajectory: Trajectory,
+    simulation: Simulation | None = None,
+    *,
+    end: float | None = None,
+    limits: Sequence[float] | None = None,
+) -> Figure:
+    """Motor speeds over time, one panel a motor [rad/s, motor side]; limits dashed, by default the model file's."""
+    model = equations.model
+    rows = model.n_m if model.n_m <= 3 else -(-model.n_m // 2)
+    figure = cv.new_figure(cv.WIDTH, 0.7 + 1.55 * rows, _title(equations, trajectory, "motor speeds, motor side"))
+    bounds: Sequence[float | None] = [m.speed_max for m in model.motors] if limits is None else list(limits)
+    _per_motor(figure, equations, trajectory, "v_m", bounds, _window(equations, trajectory, end), "speed")
+    return figure
+
+
+def elastic_groups(equations: Equations, trajectory: Trajectory) -> list[tuple[str, str, np.ndarray, list[str]]]:
+    """What bends: title, unit, values (n, k) and names of the coordinates without motors and of the gears' twists."""
+    model = equations.model
+    q = trajectory["q_a"]
+    groups = []
+    for unit, title in (("rad", "elastic joints without a motor"), ("m", "elastic translations and bending of beams")):
+        chosen = [i for i in model.i_e if model.coordinates[i].unit == unit]
+        groups.append((title, unit, q[:, chosen], [model.coordinates[i].name for i in chosen]))
+    twist = np.linalg.solve(model.eta, trajectory["q_m"].T).T - q[:, list(model.i_g)]
+    for unit in ("rad", "m"):
+        chosen = []
+        for k, i in enumerate(model.i_g):
+            dof = model.coordinates[i].dof
+            if model.coordinates[i].unit == unit and dof is not None and dof.gear is not None and not dof.gear.rigid:
+                chosen.append(k)
+        names = [model.coordinates[model.i_g[k]].name for k in chosen]
+        groups.append(("twist of the elastic gears, arm side", unit, twist[:, chosen], names))
+    return [group for group in groups if group[3]]
+
+
+@cv.styled
+def deflections(
+    equations: Equations, trajectory: Trajectory, simulation: Simulation | None = None, *, end: float | None = None
+) -> Figure:
+    """Non-actuated coordinates and gear twists over time [mrad or mm]; the sag at rest is part of them.
+
+    Raises
+    ------
+    ArgumentError
+        The model has nothing elastic.
+    """
+    groups, window, t = elastic_groups(equations, trajectory), _window(equations, trajectory, end), trajectory.time
+    if not groups:
+        raise ArgumentError(f"deflections: model {equations.model.name} has rigid gears and no elastic coordinate")
+    figure = cv.new_figure(cv.WIDTH, 0.6 + 2.4 * len(groups), _title(equations, trajectory, "elastic deflections"))
+    shown = (t >= window[0]) & (t <= window[2])
+    for ax, (title, unit, values, names) in zip(
+        figure.subplots(len(groups), 1, squeeze=False)[:, 0], groups, strict=True
+    ):
+        factor, shown_unit = cv.prefixed(float(np.abs(values).max()), unit)
+        for k, name in enumerate(names):
+            ax.plot(t[shown], factor * values[shown, k], color=cv.COLOURS[k % 7], ls=cv.DASHES[k // 7 % 3], label=name)
+        ax.axhline(0.0, color=cv.GREY, lw=0.6, zorder=1)
+        cv.time_axis(ax, *window)
+        ax.set(ylabel=f"{'angle' if unit == 'rad' else 'deflection'}, {shown_unit}", title=title)
+        ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 if len(names) <= 8 else 2)
+    return figure
+
+
+def _error_axis(ax: Any, t: np.ndarray, values: np.ndarray, unit: str, names: list[str], label: str) -> None:
+    """Sizes on a logarithmic scale, the largest in words."""
+    top = float(np.abs(values).max())
+    factor, shown = cv.prefixed(top, unit)
+    size = factor * np.abs(values)
+    floor = factor * max(1e-4 * top, 1e-15)
+    for k, name in enumerate(names):
+        ax.semilogy(t, np.maximum(size[:, k], 0.1 * floor), color=cv.COLOURS[k % 7], lw=1.2, label=name)
+    ax.set_ylim(floor, max(4 * factor * top, 10 * floor))
+    cv.log_axis(ax.yaxis)
+    ax.set_ylabel(f"{label}, {shown}")
+    ax.set_title(f"largest {' '.join(cv.measure(top, unit))}", loc="right", fontsize=8.5)
+    if len(names) > 1:
+        ax.legend(loc="lower right", ncols=len(names))
+
+
+def _error_parts(equations: Equations, simulation: Simulation | None) -> list[tuple[np.ndarray, str, list[str], str]]:
+    """Panels of the error: values (n, k), unit, names, label."""
+    if simulation is None or "error" not in simulation.trajectory.channels:
+        raise ArgumentError("errors: given a solution that was not verified, expected one with a simulation")
+    done, output = simulation.trajectory, equations.model.output
+    if output.type == "combination":
+        names = list(done.labels["error"])
+        return [(done["error"], output.unit if output.unit != "mixed" else "rad or m", names, "size of the error")]
+    parts = [(np.linalg.norm(done["error"], axis=1)[:, None], "m", ["distance"], "distance from the path")]
+    if "turn" in done.channels:
+        parts.append((done["turn"], "rad", ["angle"], "angle to the reference"))
+    return parts
+
+
+@cv.styled
+def errors(
+    equations: Equations, trajectory: Trajectory, simulation: Simulation | None, *, end: float | None = None
+) -> Figure:
+    """Error of the simulated output over time, logarithmic.
+
+    Raises
+    ------
+    ArgumentError
+        There is no simulation, or it had no reference.
+    """
+    parts, window = _error_parts(equations, simulation), _window(equations, trajectory, end)
+    figure = cv.new_figure(
+        cv.WIDTH, 0.6 + 2.3 * len(parts), _title(equations, trajectory, "error of the simulated machine")
+    )
+    for ax, (values, unit, names, label) in zip(
+        figure.subplots(len(parts), 1, squeeze=False)[:, 0], parts, strict=True
+    ):
+        _error_axis(ax, trajectory.time, values, unit, names, label)
+        cv.time_axis(ax, *window)
+    return figure
+
+
+# --- the robot --------------------------------------------------------------------------------------------------------
+
+
+def _outputs(
+    figure: Any, equations: Equations, trajectory: Trajectory, simulation: Simulation | None, end: float
+) -> None:
+    """The output over time, for machines without extent."""
+    model, t = equations.model, trajectory.time
+    driven = trajectory if simulation is None else simulation.trajectory
+    y = evaluate(equations.function("output"), driven["q_a"])[0].reshape(len(t), -1)
+    unit = model.output.unit if model.output.type == "combination" else "m"
+    window, name = _window(equations, trajectory, end), "output" if simulation is None else "output, simulated"
+    axes = figure.subplots(y.shape[1], 1, squeeze=False)[:, 0]
+    for k, ax in enumerate(axes):
+        ax.plot(t, y[:, k], color=cv.GREEN, lw=3.2, alpha=0.55, label=name)
+        if "y_ref" in trajectory.channels:
+            ax.plot(t, trajectory["y_ref"][:, k], color=cv.RED, lw=1.1, ls=(0, (4, 2.5)), label="reference")
+        cv.time_axis(ax, *window)
+        ax.set_ylabel(f"output{'' if len(axes) == 1 else f' {k + 1}'}, {unit if unit != 'mixed' else 'rad or m'}")
+    axes[0].legend(loc="upper left", bbox_to_anchor=(0.1, 0.97))
+
+
+@cv.styled
+def robot(
+    equations: Equations, trajectory: Trajectory, simulation: Simulation | None = None, *, end: float | None = None
+) -> Figure:
+    """The robot at several instants of its path, with its joints, the tool's path and the reference.
+
+    Planar robots in their plane, spatial ones in three views of one scale; machines whose chain has no extent (a row of
+    masses) are shown by their output over time.
+
+    Parameters
+    ----------
+    equations : Equations
+    trajectory : Trajectory
+        As `flexgen.solve` returns it.
+    simulation : Simulation, optional
+        Gives the tool's path; without one it is the planned motion's.
+    end : float, optional [s]
+        End of the path; default: read from the reference.
+    """
+    model = equations.model
+    stop = cv.path_end(equations, trajectory) if end is None else end
+    drawn = scene(equations, trajectory, simulation, stop)
+    if not drawn.views:
+        figure = cv.new_figure(cv.WIDTH, 3.4, _title(equations, trajectory, "output"))
+        _outputs(figure, equations, trajectory, simulation, stop)
+        return figure
+    title = _title(equations, trajectory, f"{len(drawn.times)} instants, {drawn.times[0]:g} to {drawn.times[-1]:g} s")
+    size = np.ptp(spans(drawn), axis=1)
+    right, up = drawn.views[0]
+    spatial = len(drawn.views) > 1
+    deep = next(k for k in range(3) if k not in (right, up)) if spatial else right
+    wide, high = (size[right] + size[deep], size[up] + size[deep]) if spatial else (size[right], size[up])
+    scale = min((7.0 if spatial else 5.4) / wide, (6.6 if spatial else 5.2) / high)  # inches a metre
+    gap = 0.75
+    width, height = scale * wide + 1.0 + (gap if spatial else 2.7), scale * high + 1.05 + (gap if spatial else 0.0)
+    height = max(height, 3.2)
+    figure = cv.new_figure(max(width, cv.WIDTH) if spatial else width, height, title, layout=False)
+    width = figure.get_figwidth()
+    corners = [(0.75, height - 0.5 - scale * size[up])]  # of the views, lower left, inches
+    if spatial:
+        corners += [(0.75 + scale * size[right] + gap, corners[0][1]), (0.75, 0.55)]
+    for view, (x, y), label in zip(drawn.views, corners, ("front", "side", "top"), strict=False):
+        box = (x / width, y / height, scale * size[view[0]] / width, scale * size[view[1]] / height)
+        draw_view(figure.add_axes(box), model, drawn, view, label if spatial else "")
+    if spatial:
+        at, where = (corners[1][0] / width, (0.55 + scale * size[deep] / 2) / height), "center left"
+    else:
+        at, where = ((0.9 + scale * wide) / width, 0.5), "center left"
+    figure.legend(handles=handles(model, drawn), loc=where, bbox_to_anchor=at)
+    return figure
+
+
+@cv.styled
+def overview(
+    equations: Equations, trajectory: Trajectory, simulation: Simulation | None = None, *, end: float | None = None
+) -> Figure:
+    """One picture of a solution: the robot on the left; torques of all motors and the verified error on the right."""
+    model, window = equations.model, _window(equations, trajectory, end)
+    drawn = scene(equations, trajectory, simulation, window[1])
+    verified = simulation is not None and "error" in simulation.trajectory.channels
+    figure = cv.new_figure(
+        11.0, 4.6, _title(equations, trajectory, "inverse dynamics, verified" if verified else "inverse dynamics")
+    )
+    halves: Any = figure.subfigures(1, 2, width_ratios=[1.0, 1.15])
+    left, right = halves
+    if drawn.views:
+        size = np.ptp(spans(drawn), axis=1)
+        draw_view(left.subplots(), model, drawn, max(drawn.views, key=lambda view: size[view[0]] * size[view[1]]))
+        left.legend(handles=handles(model, drawn), loc="outside lower center", ncols=2)
+    else:
+        _outputs(left, equations, trajectory, simulation, window[1])
+    axes = right.subplots(2 if verified else 1, 1, squeeze=False)[:, 0]
+    t, tau = trajectory.time, trajectory["tau_m"]
+    for j, motor in enumerate(model.motors):
+        axes[0].plot(t, tau[:, j], color=cv.COLOURS[j % 7], ls=cv.DASHES[j // 7 % 3], label=motor.name)
+    axes[0].set(ylabel="torque, N m", title="motor torques, motor side")
+    axes[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    if verified:
+        values, unit, names, label = _error_parts(equations, simulation)[0]
+        _error_axis(axes[1], t, values, unit, names, label)
+        axes[1].set_title("error of the simulated machine")
+    for ax in axes:
+        cv.time_axis(ax, *window, label=ax is axes[-1])
+    return figure

@@ -1,0 +1,1 @@
+"""The functions of the equations by recursions specialised to one robot."""

@@ -1,0 +1,239 @@
+"""Forward dynamics over a `Chain`, written on a `Tape`: articulated bodies, or a mass matrix that is factored.
+
+Three joints on one point with nothing between them (a joint and two elastic directions of its bearing) are taken
+together: nothing is left that feels a rotation, so that what feels accelerations turns back after all three.
+
+Source: R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 7-8.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flexgen.recursion.composite_body import Matrix, dot, summed, turned_back
+from flexgen.recursion.dh_chain import Chain, Inertia
+from flexgen.recursion.newton_euler import Turn, Vector3, Wrench, X, Y, Z, cross, plus
+from flexgen.recursion.tape import Scalar, Tape, Value
+
+
+def solved(tape: Tape, M: Matrix, right: Sequence[Scalar]) -> list[Scalar]:
+    """``x`` with ``M x = right``: L' D L from the last row on, where the entries of a chain are ready first."""
+    n = len(M)
+    A = [list(row[: i + 1]) for i, row in enumerate(M)]
+    L: Matrix = [[0.0] * n for _ in range(n)]
+    x = list(right)
+    inverses: list[Scalar] = [0.0] * n
+    for k in reversed(range(n)):
+        inverses[k] = tape.inverse(A[k][k])
+        for i in reversed(range(k)):
+            L[k][i] = A[k][i] * inverses[k]
+            x[i] = x[i] - L[k][i] * x[k]
+            for j in range(i + 1):
+                A[i][j] = A[i][j] - L[k][i] * A[k][j]
+    for k in range(n):
+        x[k] = x[k] * inverses[k]
+        for i in range(k):
+            x[k] = x[k] - L[k][i] * x[i]
+    return x
+
+
+@dataclass(frozen=True)
+class Articulated:
+    """What a frame resists with when the joints beyond give way: ``n = J dw + H a``, ``f = H' dw + M a``; (3, 3)."""
+
+    J: Matrix
+    H: Matrix
+    M: Matrix
+
+    def __add__(self, body: Inertia) -> Articulated:
+        m, (x, y, z), S = body.mass, body.first.tolist(), body.second.tolist()
+        tensor = [[-x for x in row] for row in S]
+        for i in (X, Y, Z):
+            tensor[i][i] = S[i - 1][i - 1] + S[i - 2][i - 2]
+        own = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+        return Articulated(
+            summed(self.J, tensor), summed(self.H, own), summed(self.M, [[m, 0.0, 0.0], [0.0, m, 0.0], [0.0, 0.0, m]])
+        )
+
+    def turned(self, turn: Turn) -> Articulated:
+        """The same in the frame before a joint, where the linear axes did not turn with the joint."""
+        J = turned_back(turn, self.J)
+        return Articulated(J, _transposed([turn.back(column) for column in _transposed(self.H)]), self.M)
+
+    def linear_turned(self, turn: Turn) -> Articulated:
+        """The same with the axes of accelerations and forces turned back as well."""
+        return Articulated(self.J, [turn.back(row) for row in self.H], turned_back(turn, self.M))
+
+    def shifted(self, p: Sequence[Scalar]) -> Articulated:
+        """The same, seen from where its origin is at p."""
+        if not any(isinstance(x, Value) or x for x in p):
+            return self
+        pM = _across(p, self.M)
+        H = summed(self.H, pM)
+        # J + p^ H' + (p^ H')' + p^ M p^' , H' transposed; the middle of old and new H halves the last term
+        B, C = _across(p, _transposed(H)), _across(p, _transposed(self.H))
+        inertia: Matrix = [[0.0] * 3 for _ in range(3)]
+        for i in (X, Y, Z):
+            for j in range(i + 1):
+                inertia[i][j] = inertia[j][i] = self.J[i][j] + (B[i][j] + C[j][i])
+        return Articulated(inertia, H, self.M)
+
+
+def _zero() -> Matrix:
+    return [[0.0] * 3 for _ in range(3)]
+
+
+def _transposed(A: Matrix) -> Matrix:
+    return [list(column) for column in zip(*A, strict=True)]
+
+
+def _across(p: Sequence[Scalar], A: Matrix) -> Matrix:
+    """``p^ A``."""
+    return _transposed([cross(p, column) for column in _transposed(A)])
+
+
+@dataclass(frozen=True)
+class _Yield:
+    """How a joint gives way: the wrench per unit of its acceleration, the inverse of what resists, the torque left.
+
+    ``armature``: the part of what resists that acts on the joint alone. ``revolute``: turns, or slides.
+    """
+
+    revolute: bool
+    about: Vector3
+    linear: Vector3
+    ease: Scalar
+    rest: Scalar
+    armature: float
+
+    def passed_on(self, force: Vector3, moment: Vector3, tau: Scalar) -> Wrench:
+        """The wrench on the frame when the joint gives way: along the axis what drives it, less its own inertia."""
+        push = self.rest * self.ease
+        force, moment = plus(force, [x * push for x in self.linear]), plus(moment, [x * push for x in self.about])
+        (moment if self.revolute else force)[Z] = tau - self.armature * push
+        return force, moment
+
+    def left_of(self, body: Articulated) -> Articulated:
+        """What is left of the body's resistance when the joint gives way; along the axis, of its own inertia only."""
+        about, linear = [x * self.ease for x in self.about], [x * self.ease for x in self.linear]
+        J, H, M = ([row[:] for row in A] for A in (body.J, body.H, body.M))
+        for k in (X, Y, Z):
+            for j in (X, Y, Z):
+                H[k][j] = H[k][j] - about[k] * self.linear[j]
+                if j <= k:
+                    J[k][j] = J[j][k] = J[k][j] - about[k] * self.about[j]
+                    M[k][j] = M[j][k] = M[k][j] - linear[k] * self.linear[j]
+        for k in (X, Y, Z):
+            if self.revolute:
+                J[k][Z] = J[Z][k] = about[k] * self.armature
+                H[Z][k] = linear[k] * self.armature
+            else:
+                M[k][Z] = M[Z][k] = linear[k] * self.armature
+                H[k][Z] = about[k] * self.armature
+        return Articulated(J, H, M)
+
+
+def forward_dynamics(
+    tape: Tape,
+    chain: Chain,
+    q: Sequence[Scalar],
+    loads: Sequence[Wrench],
+    turns: Sequence[Turn],
+    tau: Sequence[Scalar],
+    armature: Sequence[float],
+) -> list[Scalar]:
+    """Accelerations under generalised forces, from the wrenches that the bodies need at zero accelerations.
+
+    Parameters
+    ----------
+    tape : Tape
+        To write on.
+    chain : Chain
+        The robot.
+    q : sequence of Scalar
+        Coordinates [rad, m].
+    loads : sequence of Wrench
+        What each body needs while no joint accelerates, see `recursion.loads`.
+    turns : sequence of Turn
+        Rotations of the joints.
+    tau : sequence of Scalar
+        Generalised forces [N m, N].
+    armature : sequence of float
+        Inertia that resists the acceleration of each joint alone [kg m^2, kg].
+
+    Returns
+    -------
+    list of Scalar
+        [rad/s^2, m/s^2].
+    """
+    n = len(chain.joints)
+    joined = _joined(chain, armature)
+    body = Articulated(_zero(), _zero(), _zero())
+    force: Vector3 = [0.0] * 3
+    moment: Vector3 = [0.0] * 3
+    yields: list[_Yield] = []
+    run: list[
+        Turn
+    ] = []  # the joints of a run that were passed: accelerations and forces are still in the last one's axes
+    for i in reversed(range(n)):
+        joint, turn = chain.joints[i], turns[i]
+        body = body + joint.inertia
+        force, moment = plus(loads[i][0], force), plus(loads[i][1], moment)
+        about, linear = (body.J[Z], body.H[Z]) if joint.revolute else ([row[Z] for row in body.H], body.M[Z])
+        resists, held = (about[Z], moment[Z]) if joint.revolute else (linear[Z], force[Z])
+        ease = tape.inverse(resists + armature[i])
+        yields.insert(0, _Yield(joint.revolute, about, linear, ease, tau[i] - held, armature[i]))
+        if i == 0:
+            break
+        force, moment = yields[0].passed_on(force, moment, tau[i])
+        body = yields[0].left_of(body)
+        if len(run) == 2:
+            # whatever turns the point, three joints follow
+            body = Articulated(_zero(), _zero(), body.M)
+        if not joint.revolute:
+            body = body.shifted([0.0, 0.0, q[i]])
+            moment = plus(moment, cross([0.0, 0.0, q[i]], force))
+        moment = turn.back(moment)
+        if joined[i]:
+            body = body.turned(turn)
+            run.append(turn)
+        else:
+            for passed in run:
+                body, force = body.linear_turned(passed), passed.back(force)
+            run = []
+            body, force = Articulated(*(turned_back(turn, A) for A in (body.J, body.H, body.M))), turn.back(force)
+            body, moment = body.shifted(joint.place.tolist()), plus(moment, cross(joint.place.tolist(), force))
+    dv: list[Scalar] = []
+    dw: Vector3 = [0.0] * 3
+    a: Vector3 = [0.0] * 3
+    for i, (joint, turn, gives) in enumerate(zip(chain.joints, turns, yields, strict=True)):
+        if not joined[i]:
+            a = turn.into(plus(a, cross(dw, joint.place.tolist())))
+            for k in range(i + 1, n):
+                if not joined[k]:
+                    break
+                a = turns[k].into(a)
+        dw = turn.into(dw)
+        if not joint.revolute:
+            a = plus(a, cross(dw, [0.0, 0.0, q[i]]))
+        dv.append((gives.rest - (dot(gives.about, dw) + dot(gives.linear, a))) * gives.ease)
+        if joint.revolute:
+            dw = [dw[X], dw[Y], dw[Z] + dv[i]]
+        else:
+            a = [a[X], a[Y], a[Z] + dv[i]]
+    return dv
+
+
+def _joined(chain: Chain, armature: Sequence[float]) -> list[bool]:
+    """For each joint whether it belongs to the one before: three on one point that move nothing but what follows."""
+    n = len(chain.joints)
+    out = [False] * n
+    for i in reversed(range(2, n)):
+        three = chain.joints[i - 2 : i + 1]
+        bodies = [joint.inertia for joint in three[:2]]
+        empty = not any(own.mass or own.first.any() or own.second.any() for own in bodies)
+        point = all(joint.revolute for joint in three) and not any(joint.place.any() for joint in three[1:])
+        if empty and point and not any(armature[i - 2 : i + 1]) and not (i + 1 < n and out[i + 1]):
+            out[i] = out[i - 1] = True
+    return out

@@ -1,0 +1,203 @@
+"""Mass matrix and potential energy over a `Chain`, written on a `Tape`: composite bodies.
+
+Composite bodies carry moments of mass m, s, S (order zero, one, two); a joint that turns moves all that hangs on it by
+``f = e_z x s``, ``n = (-S_xz, -S_yz, S_xx + S_yy)`` per unit of its acceleration.
+
+Source: R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 6.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from flexgen.recursion.dh_chain import Chain, Inertia
+from flexgen.recursion.newton_euler import Turn, Vector3, Wrench, X, Y, Z, cross, plus, turn_by, turn_of, untwisted
+from flexgen.recursion.tape import Scalar, Tape, Value
+
+Matrix = list[list[Scalar]]
+
+
+@dataclass(frozen=True)
+class Composite:
+    """Moments of mass of all that hangs on a joint: order zero, one (3) and two (3, 3; symmetric)."""
+
+    mass: Scalar
+    first: Vector3
+    second: Matrix
+
+    def __add__(self, other: Inertia) -> Composite:
+        first = plus(self.first, other.first.tolist())
+        second = [plus(row, own) for row, own in zip(self.second, other.second.tolist(), strict=True)]
+        return Composite(self.mass + other.mass, first, second)
+
+    def shifted(self, p: Sequence[Scalar]) -> Composite:
+        """The same body seen from where its origin is at p."""
+        m, h, S = self.mass, self.first, self.second
+        carried = [m * x for x in p]
+        first = plus(h, carried)
+        second: Matrix = [[0.0] * 3 for _ in range(3)]
+        for i in (X, Y, Z):
+            second[i][i] = S[i][i] + p[i] * (h[i] + first[i])
+            for j in range(i):
+                second[i][j] = second[j][i] = S[i][j] + p[i] * h[j] + p[j] * first[i]
+        return Composite(m, first, second)
+
+
+EMPTY = Composite(0.0, [0.0] * 3, [[0.0] * 3 for _ in range(3)])
+
+
+def turned(A: Matrix, i: int, j: int, c: Scalar, s: Scalar) -> Matrix:
+    """A matrix turned in the plane of two axes by the angle with cosine c and sine s: ``R A R'``."""
+    k = 3 - i - j
+    out = [row[:] for row in A]
+    if not isinstance(c, Value) and c * s == 0.0:
+        # a multiple of a quarter turn
+        if c == 0.0:
+            out[i][i], out[j][j], out[i][j], out[j][i] = A[j][j], A[i][i], -A[j][i], -A[i][j]
+    else:
+        # the trace, and the difference of the two entries off the diagonal, do not turn
+        e = s * (A[i][i] - A[j][j]) + c * (A[i][j] + A[j][i])
+        out[i][i], out[j][j] = A[i][i] - s * e, A[j][j] + s * e
+        out[i][j], out[j][i] = c * e - A[j][i], c * e - A[i][j]
+    out[i][k], out[j][k] = c * A[i][k] - s * A[j][k], s * A[i][k] + c * A[j][k]
+    out[k][i], out[k][j] = c * A[k][i] - s * A[k][j], s * A[k][i] + c * A[k][j]
+    return out
+
+
+def summed(A: Matrix, B: Matrix) -> Matrix:
+    """``A + B``."""
+    return [plus(a, b) for a, b in zip(A, B, strict=True)]
+
+
+def dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Scalar:
+    """``a . b``."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def turned_back(turn: Turn, A: Matrix) -> Matrix:
+    """A matrix of the frame of a joint in the axes of the frame before."""
+    return turned(turned(A, X, Y, turn.cosine, turn.sine), Y, Z, *turn.twist)
+
+
+def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = True) -> Matrix:
+    """Mass matrix of the bodies, [kg m^2, kg m, kg]; full and symmetric.
+
+    Parameters
+    ----------
+    tape : Tape
+        To write on.
+    chain : Chain
+        The robot.
+    q : sequence of Scalar
+        Coordinates [rad, m].
+    together : bool
+        Neighbours with parallel axes share axes that turn with none of them, so that forces pass without turning.
+
+    Returns
+    -------
+    list of list of Scalar
+        Shape (n, n).
+    """
+    n = len(chain.joints)
+    steps = _steps(tape, chain, q, together)
+    M: Matrix = [[0.0] * n for _ in range(n)]
+    body = EMPTY
+    for j in reversed(range(n)):
+        own = chain.joints[j].inertia
+        # the moment about the axis does not feel the turning
+        about = (body + own).second
+        body = steps[j].with_own(body, own)
+        h, S = body.first, body.second
+        if chain.joints[j].revolute:
+            M[j][j] = about[X][X] + about[Y][Y]
+            force, moment = [-h[Y], h[X], 0.0], [-S[X][Z], -S[Y][Z], M[j][j]]
+        else:
+            M[j][j] = body.mass
+            force, moment = [0.0, 0.0, body.mass], [h[Y], -h[X], 0.0]
+        for i in reversed(range(j)):
+            force, moment = steps[i].arrived(*steps[i + 1].left(force, moment))
+            M[i][j] = M[j][i] = moment[Z] if chain.joints[i].revolute else force[Z]
+        body = steps[j].body_left(body)
+    return M
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A joint seen from axes that do not turn with it, nor with the neighbours before it whose axes are parallel.
+
+    ``turn``: from those axes to the joint's own. ``way``: from the joint before, in the shared axes, or in that one's
+    own axes where nothing is shared; there the twist follows. ``slide``: along z. ``last``: nobody behind shares them.
+    """
+
+    turn: tuple[Scalar, Scalar]
+    way: Vector3
+    slide: Scalar
+    twist: tuple[float, float] | None
+    last: bool
+
+    def with_own(self, beyond: Composite, own: Inertia) -> Composite:
+        """What hangs on the joint, in the shared axes; what lies beyond comes in its own where it is the last."""
+        if self.last:
+            whole = beyond + own
+            return Composite(whole.mass, self._back(whole.first), turned(whole.second, X, Y, *self.turn))
+        second = turned(own.second.tolist(), X, Y, *self.turn)
+        first = plus(beyond.first, self._back(own.first.tolist()))
+        return Composite(beyond.mass + own.mass, first, summed(beyond.second, second))
+
+    def body_left(self, body: Composite) -> Composite:
+        """A body in the axes of the joint before: shared ones, or its own."""
+        if self.twist is None:
+            return body.shifted(plus(self.way, [0.0, 0.0, self.slide]))
+        body = body.shifted([0.0, 0.0, self.slide])
+        first = untwisted(self.twist, body.first)
+        return Composite(body.mass, first, turned(body.second, Y, Z, *self.twist)).shifted(self.way)
+
+    def left(self, force: Vector3, moment: Vector3) -> Wrench:
+        """A wrench in the axes of the joint before, about its origin."""
+        if self.twist is None:
+            return force, plus(moment, cross(plus(self.way, [0.0, 0.0, self.slide]), force))
+        moment = plus(moment, cross([0.0, 0.0, self.slide], force))
+        force = untwisted(self.twist, force)
+        return force, plus(untwisted(self.twist, moment), cross(self.way, force))
+
+    def arrived(self, force: Vector3, moment: Vector3) -> Wrench:
+        """A wrench that came from behind, in the shared axes."""
+        return (self._back(force), self._back(moment)) if self.last else (force, moment)
+
+    def _back(self, v: Vector3) -> Vector3:
+        c, s = self.turn
+        return [c * v[X] - s * v[Y], s * v[X] + c * v[Y], v[Z]]
+
+
+def _steps(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool) -> list[_Step]:
+    """The joints of a chain in axes that neighbours with parallel axes share, or each in axes of its own."""
+    shared = [together and i > 0 and joint.twist == (1.0, 0.0) for i, joint in enumerate(chain.joints)]
+    out: list[_Step] = []
+    angle: Scalar = 0.0
+    quarters = 0
+    for i, (joint, x) in enumerate(zip(chain.joints, q, strict=True)):
+        way = joint.place.tolist()
+        if shared[i]:
+            c, s = out[-1].turn
+            way = [c * way[X] - s * way[Y], s * way[X] + c * way[Y], way[Z]]
+        else:
+            angle, quarters = 0.0, 0
+        angle = angle + (x + joint.turn if joint.revolute else joint.turn)
+        quarters += joint.quarters
+        last = i + 1 == len(shared) or not shared[i + 1]
+        turn = turn_by(tape, angle, quarters)
+        out.append(_Step(turn, way, 0.0 if joint.revolute else x, None if shared[i] else joint.twist, last))
+    return out
+
+
+def height(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> Scalar:
+    """Potential energy of the bodies but for a constant [J]; arguments as for `mass_matrix`."""
+    mass: Scalar = 0.0
+    first: Vector3 = [0.0] * 3
+    for joint, x in zip(reversed(chain.joints), reversed(q), strict=True):
+        mass, first = mass + joint.inertia.mass, plus(first, joint.inertia.first.tolist())
+        if not joint.revolute:
+            first = [first[X], first[Y], first[Z] + mass * x]
+        first = plus(turn_of(tape, joint, x).back(first), [mass * y for y in joint.place.tolist()])
+    return -dot(chain.gravity.tolist(), first)

@@ -1,0 +1,121 @@
+"""The functions of `flexgen.mechanics.inversion_functions` by recursion.
+
+The order of derivatives in time and in coordinates may be changed: the derivative of the tool's velocity in a
+coordinate is the time derivative of that column of the Jacobian, and so on. Angular velocities are no derivatives of
+coordinates, which adds a term:
+
+    d(W v)/dq = W' - (0, w x z),    d(W a + W' v)/dq = W'' - (0, w' x z + w x z'),    d(W' v)/dv = 2 W' - (0, w x z)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import casadi as ca
+
+from flexgen.mechanics.inversion_functions import Built, constraint, definition, rows, slopes
+from flexgen.mechanics.outputs import pose_error
+from flexgen.recursion import derivatives, kinematics, newton_euler
+from flexgen.recursion.dh_chain import Chain, laid
+from flexgen.recursion.newton_euler import Vector3, cross
+from flexgen.recursion.tape import Scalar, Tape
+
+if TYPE_CHECKING:
+    from flexgen.recursion.functions import Columns, _Arm
+
+
+def _output_constraint(arm: _Arm) -> Built:
+    equations, output = arm.equations, arm.model.output
+    if output.type == "combination":
+        return definition(equations, "output_constraint")
+    q_a, v_a = arm.symbols("q_a", "v_a")
+    tape, chain = Tape(), laid(arm.model, to_mass=False)
+    q, v = tape.vector(q_a), tape.vector(v_a)
+    still: list[Scalar] = [0.0] * arm.model.n_a
+    p, R = kinematics.tool_pose(tape, chain, q)
+    moving = kinematics.rates(tape, chain, q, v, still)
+    kept = _kept(arm)
+    chosen = [
+        [kinematics.jacobian(tape, chain, q)[i] for i in kept],
+        [[J[i] for J, _, _ in moving.columns] for i in kept],
+    ]
+    bias = [moving.bias[i] for i in kept]
+    W = min(chosen, key=lambda A: tape.cost([*bias, *(x for row in A for x in row)]).operations)
+    n_y, n_a = len(kept), arm.model.n_a
+    flat = tape.build([*p, *(x for row in R for x in row), *bias, *(x for row in W for x in row)])
+    place, turn, flat = ca.vertcat(*flat[:3]), _matrix(flat[3:12], 3, 3), flat[12:]
+    target = ca.SX.sym("target", output.target_size)
+    error = pose_error(place, turn, target) if output.type == "tool_pose" else place[kept] - target
+    return constraint(equations, target, error, _matrix(flat[n_y:], n_y, n_a), ca.vertcat(*flat[:n_y]))
+
+
+def _kept(arm: _Arm) -> list[int]:
+    """Rows of the tool's twist that are rates of the output."""
+    output = arm.model.output
+    return list(range(6)) if output.type == "tool_pose" else ["xyz".index(axis) for axis in output.axes]
+
+
+def _matrix(rows: Sequence[ca.SX], n: int, m: int) -> ca.SX:
+    """A matrix from its entries, row after row."""
+    return ca.reshape(ca.vertcat(*rows), m, n).T
+
+
+def _inversion_rows(arm: _Arm) -> Built:
+    inputs = arm.symbols("q_a", "v_a", "a_a")
+
+    def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
+        q, v, a = (tape.vector(x) for x in inputs)
+        return newton_euler.inverse_dynamics(tape, chain, q, v, a, columns)
+
+    return rows(arm.equations, ca.vertcat(*arm.shortest([route], several=False)))
+
+
+def _inversion_slopes(arm: _Arm) -> Built:
+    return slopes(arm.equations, _output_slopes(arm), _row_slopes(arm))
+
+
+def _output_slopes(arm: _Arm) -> list[ca.SX]:
+    """Derivatives of ``W v`` in q, and of ``W a + W' v`` in q and v, (n_y, n_a) each."""
+    if arm.model.output.type == "combination":
+        return [ca.SX.zeros(arm.model.output.size, arm.model.n_a) for _ in range(3)]
+    tape = Tape()
+    q, v, a = (tape.vector(x) for x in arm.symbols("q_a", "v_a", "a_a"))
+    moving = kinematics.rates(tape, laid(arm.model, to_mass=False), q, v, a)
+    still: Vector3 = [0.0] * 3
+    found: list[list[list[Scalar]]] = [[], [], []]  # columns
+    for J, first, second in moving.columns:
+        turned = [*still, *cross(moving.w, J[3:])]
+        again = [*still, *(x + y for x, y in zip(cross(moving.dw, J[3:]), cross(moving.w, first[3:]), strict=True))]
+        found[0].append([x - y for x, y in zip(first, turned, strict=True)])
+        found[1].append([x - y for x, y in zip(second, again, strict=True)])
+        found[2].append([2.0 * x - y for x, y in zip(first, turned, strict=True)])
+    kept, n = _kept(arm), arm.model.n_a
+    flat = tape.build([column[i] for columns in found for i in kept for column in columns])
+    size = len(kept) * n
+    return [_matrix(flat[k * size : (k + 1) * size], len(kept), n) for k in range(3)]
+
+
+def _row_slopes(arm: _Arm) -> list[ca.SX]:
+    """The rows without motor of ``M a + c + g`` (n_e), and their derivatives in q, v and a (n_e, n_a)."""
+    inputs, e, n = arm.symbols("q_a", "v_a", "a_a"), arm.model.i_e, arm.model.n_a
+    if not e:
+        return []
+
+    def by_recursion(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
+        q, v, a = (tape.vector(x) for x in inputs)
+        tau = newton_euler.inverse_dynamics(tape, chain, q, v, a, columns)
+        found = derivatives.derivatives(tape, chain, q, v, a, columns)
+        return [*(tau[i] for i in e), *(x for A in found for i in e for x in A[i])]
+
+    flat = arm.shortest([by_recursion])
+    size = len(e) * n
+    parts = [flat[len(e) + k * size : len(e) + (k + 1) * size] for k in range(3)]
+    return [ca.vertcat(*flat[: len(e)]), *(_matrix(part, len(e), n) for part in parts)]
+
+
+BUILDERS: dict[str, Callable[[_Arm], Built]] = {
+    "output_constraint": _output_constraint,
+    "inversion_slopes": _inversion_slopes,
+    "inversion_rows": _inversion_rows,
+}

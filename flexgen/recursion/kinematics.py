@@ -1,0 +1,199 @@
+"""Pose and Jacobian of the tool over a `Chain`, written on a `Tape`.
+
+Joints whose axes are parallel are taken together: the sum of their angles turns a frame once, and the way from one to
+the next is added up in the plane across their axes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from flexgen.recursion.composite_body import Matrix
+from flexgen.recursion.dh_chain import Chain
+from flexgen.recursion.newton_euler import Vector3, X, Y, Z, cross, plus, turn_by
+from flexgen.recursion.tape import Scalar, Tape
+
+
+@dataclass
+class _Group:
+    """Neighbours with parallel axes: a frame before them that turns with none, and the axes of that frame in the world.
+
+    ``members``: joints by number, with the place of each in the group's frame. ``turn`` (cosine, sine): by all of them.
+    ``step``: from the group's origin to the last of them, in the group's frame; ``place``: from there to what comes
+    next, in the axes that have turned.
+    """
+
+    origin: Vector3
+    axes: Matrix  # columns
+    members: list[tuple[int, Vector3]] = field(default_factory=list)
+    turn: tuple[Scalar, Scalar] = (1.0, 0.0)
+    step: Vector3 = field(default_factory=lambda: [0.0] * 3)
+    place: Vector3 = field(default_factory=lambda: [0.0] * 3)
+
+    @property
+    def turned(self) -> Matrix:
+        """The axes after all of its members."""
+        c, s = self.turn
+        return [combined(self.axes, [c, s, 0.0]), combined(self.axes, [-s, c, 0.0]), self.axes[Z]]
+
+    @property
+    def end(self) -> Vector3:
+        """Where it ends, in the world."""
+        return plus(plus(self.origin, combined(self.axes, self.step)), combined(self.turned, self.place))
+
+
+def combined(axes: Matrix, v: Sequence[Scalar]) -> Vector3:
+    """``sum_k v_k axes_k``."""
+    return [axes[0][i] * v[0] + axes[1][i] * v[1] + axes[2][i] * v[2] for i in (X, Y, Z)]
+
+
+def _rolled(turn: tuple[Scalar, Scalar], v: Sequence[Scalar]) -> Vector3:
+    """``Rz v``."""
+    c, s = turn
+    return [c * v[X] - s * v[Y], s * v[X] + c * v[Y], v[Z]]
+
+
+def _groups(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> list[_Group]:
+    """All groups of a chain, the last with the tool as its end."""
+    rotation, position = chain.base
+    group = _Group(position.tolist(), rotation.T.tolist())
+    groups = [group]
+    angle: Scalar = 0.0
+    quarters = 0
+    for i, (joint, x) in enumerate(zip(chain.joints, q, strict=True)):
+        if joint.twist != (1.0, 0.0):
+            group.place = joint.place.tolist()
+            axes, (cosine, sine) = group.turned, joint.twist
+            axes = [axes[X], combined(axes, [0.0, cosine, sine]), combined(axes, [0.0, -sine, cosine])]
+            group = _Group(group.end, axes)
+            groups.append(group)
+            angle, quarters = 0.0, 0
+        else:
+            group.step = plus(group.step, _rolled(group.turn, joint.place.tolist()))
+        if joint.revolute:
+            angle = angle + (x + joint.turn)
+        else:
+            angle = angle + joint.turn
+            group.step = plus(group.step, [0.0, 0.0, x])
+        quarters += joint.quarters
+        group.members.append((i, group.step))
+        group.turn = turn_by(tape, angle, quarters)
+    group.place = chain.tool[1].tolist()
+    return groups
+
+
+def tool_pose(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> tuple[Vector3, Matrix]:
+    """Position of the tool [m] and its rotation (by rows), in the world.
+
+    Parameters
+    ----------
+    tape : Tape
+        To write on.
+    chain : Chain
+        The robot.
+    q : sequence of Scalar
+        Coordinates [rad, m].
+
+    Returns
+    -------
+    tuple
+        Shapes (3,) and (3, 3).
+    """
+    last = _groups(tape, chain, q)[-1]
+    columns = [combined(last.turned, column) for column in chain.tool[0].T.tolist()]
+    return last.end, [list(row) for row in zip(*columns, strict=True)]
+
+
+def jacobian(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> Matrix:
+    """Jacobian of the tool: linear, then angular velocity in the world, by rows; arguments as for `tool_pose`."""
+    groups = _groups(tape, chain, q)
+    columns: list[list[Scalar]] = []
+    to_tool = plus(groups[-1].step, _rolled(groups[-1].turn, groups[-1].place))
+    for k, group in reversed(list(enumerate(groups))):
+        for i, at in reversed(group.members):
+            if chain.joints[i].revolute:
+                r = [to_tool[X] - at[X], to_tool[Y] - at[Y]]
+                columns.insert(0, [*combined(group.axes, [-r[1], r[0], 0.0]), *group.axes[Z]])
+            else:
+                columns.insert(0, [*group.axes[Z], 0.0, 0.0, 0.0])
+        if k > 0:
+            cosine, sine = chain.joints[group.members[0][0]].twist
+            x, y, z = to_tool
+            twisted_back = [x, cosine * y - sine * z, sine * y + cosine * z]
+            last = groups[k - 1]
+            to_tool = plus(last.step, _rolled(last.turn, plus(last.place, twisted_back)))
+    return [list(row) for row in zip(*columns, strict=True)]
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Jacobian of the tool with its first two time derivatives, and the tool's angular motion, in the world.
+
+    ``columns``: for each joint ``(J, J', J'')``, each the linear, then the angular part (6). ``w``, ``dw``: angular
+    velocity and acceleration (3); ``bias``: linear and angular acceleration (6), all at the accelerations given.
+    """
+
+    columns: list[tuple[Vector3, Vector3, Vector3]]
+    w: Vector3
+    dw: Vector3
+    bias: Vector3
+
+
+def rates(tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a: Sequence[Scalar]) -> Rates:
+    """The `Rates` at speeds v and accelerations a; arguments otherwise as for `tool_pose`.
+
+    An axis z of a body with angular velocity w moves with ``z' = w x z``, ``z'' = w' x z + w x z'``, and so does the
+    way s from one joint to the next; r is the sum of the ways from a joint to the tool:
+
+        J = (z x r, z),    J' = (z' x r + z x r', z'),    J'' = (z'' x r + 2 z' x r' + z x r'', z'')
+    """
+    axes: Matrix = chain.base[0].T.tolist()
+    w: Vector3 = [0.0] * 3
+    dw: Vector3 = [0.0] * 3
+    turned = axes
+    angle: Scalar = 0.0
+    quarters = 0
+    ways: list[tuple[Vector3, Vector3, Vector3]] = []
+    lines: list[tuple[Vector3, Vector3, Vector3]] = []
+    for joint, x, speed, acceleration in zip(chain.joints, q, v, a, strict=True):
+        ways.append(_carried(combined(turned, joint.place.tolist()), w, dw))
+        if joint.twist != (1.0, 0.0) or not lines:
+            cosine, sine = joint.twist
+            axes = [turned[X], combined(turned, [0.0, cosine, sine]), combined(turned, [0.0, -sine, cosine])]
+            angle, quarters = 0.0, 0
+        line = _carried(axes[Z], w, dw)
+        z, z1, z2 = line
+        lines.append(line)
+        angle = angle + (x + joint.turn if joint.revolute else joint.turn)
+        quarters += joint.quarters
+        c, s = turn_by(tape, angle, quarters)
+        turned = [combined(axes, [c, s, 0.0]), combined(axes, [-s, c, 0.0]), axes[Z]]
+        if joint.revolute:
+            dw = [dw[i] + z[i] * acceleration + z1[i] * speed for i in (X, Y, Z)]
+            w = [w[i] + z[i] * speed for i in (X, Y, Z)]
+        else:
+            way, first, second = ways.pop()
+            twice = 2.0 * speed
+            second = [second[i] + z[i] * acceleration + z1[i] * twice + z2[i] * x for i in (X, Y, Z)]
+            first = [first[i] + z[i] * speed + z1[i] * x for i in (X, Y, Z)]
+            ways.append(([way[i] + z[i] * x for i in (X, Y, Z)], first, second))
+    ways.append(_carried(combined(turned, chain.tool[1].tolist()), w, dw))
+    columns: list[tuple[Vector3, Vector3, Vector3]] = []
+    r, r1, r2 = ways[-1]
+    for joint, (z, z1, z2), step in zip(reversed(chain.joints), reversed(lines), reversed(ways[:-1]), strict=True):
+        if joint.revolute:
+            double = [2.0 * x for x in z1]
+            first = plus(cross(z1, r), cross(z, r1))
+            second = plus(plus(cross(z2, r), cross(double, r1)), cross(z, r2))
+            columns.insert(0, ([*cross(z, r), *z], [*first, *z1], [*second, *z2]))
+        else:
+            columns.insert(0, ([*z, 0.0, 0.0, 0.0], [*z1, 0.0, 0.0, 0.0], [*z2, 0.0, 0.0, 0.0]))
+        r, r1, r2 = plus(r, step[0]), plus(r1, step[1]), plus(r2, step[2])
+    return Rates(columns, w, dw, [*r2, *dw])
+
+
+def _carried(s: Vector3, w: Vector3, dw: Vector3) -> tuple[Vector3, Vector3, Vector3]:
+    """A vector that turns with the angular velocity w, and its first two time derivatives."""
+    first = cross(w, s)
+    return s, first, plus(cross(dw, s), cross(w, first))

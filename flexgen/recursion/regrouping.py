@@ -1,0 +1,82 @@
+"""How the recursions go over one robot's chain: what is regrouped and what is carried along, chosen by counting.
+
+What is least work depends on the robot: masses that go to the body before save operations at one joint and cost some at
+another. Each joint is looked at once, from the last to the first, and what makes inverse dynamics shorter is kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import casadi as ca
+
+from flexgen.model.elements import RobotModel
+from flexgen.recursion.dh_chain import Chain, Kept, laid, regrouped
+from flexgen.recursion.newton_euler import inverse_dynamics
+from flexgen.recursion.tape import Tape
+
+SEARCHED = 40  # coordinates; longer chains take too long to search
+KEPT_ALL = Kept("all", True, True)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A regrouped chain, and for each joint whether ``U e_z`` is carried instead of the angular acceleration."""
+
+    chain: Chain
+    columns: tuple[bool, ...]
+
+
+def operations(plan: Plan) -> int:
+    """Operations of inverse dynamics."""
+    tape = Tape()
+    n = len(plan.chain.joints)
+    q, v, a = (tape.vector(ca.SX.sym(name, n)) for name in "qva")
+    return tape.cost(inverse_dynamics(tape, plan.chain, q, v, a, plan.columns)).operations
+
+
+@lru_cache(maxsize=16)
+def plans(model: RobotModel) -> tuple[Plan, ...]:
+    """Plans worth comparing for a model without beams, the one with the shortest inverse dynamics first."""
+    chain = laid(model)
+    n = len(chain.joints)
+    # moments of inertia stay where they would end up on the empty bodies between joints on one point
+    points = [i > 0 and _on_a_point(chain, i) for i in range(n)]
+    groupings = [[Kept()] * n, [KEPT_ALL] * n, [Kept("none", point, point) for point in points]]
+    starts = [(tuple(kept), tuple([column] * n)) for kept in groupings for column in (True, False)]
+
+    def made(kept: tuple[Kept, ...], columns: tuple[bool, ...]) -> Plan:
+        return Plan(regrouped(chain, kept), columns)
+
+    best = min(starts, key=lambda choice: operations(made(*choice)))
+    least = operations(made(*best))
+    for i in reversed(range(n if n <= SEARCHED else 0)):
+        for other in _others(*best, i):
+            count = operations(made(*other))
+            if count < least:
+                best, least = other, count
+    # the columns that suit inverse dynamics mostly suit the rest
+    choices = [best, *starts, *((kept, best[1]) for kept, _ in starts[::2])]
+    return tuple(made(*choice) for choice in dict.fromkeys(choices))
+
+
+def _on_a_point(chain: Chain, i: int) -> bool:
+    """Whether joint i turns about the same point as the one before it, which moves no body of its own."""
+    here, own = chain.joints[i], chain.joints[i - 1].inertia
+    return here.revolute and not here.place.any() and not (own.mass or own.first.any() or own.second.any())
+
+
+def _others(
+    kept: tuple[Kept, ...], columns: tuple[bool, ...], i: int
+) -> Iterator[tuple[tuple[Kept, ...], tuple[bool, ...]]]:
+    """Choices that differ at joint i in one respect."""
+    here = kept[i]
+    yield kept, (*columns[:i], not columns[i], *columns[i + 1 :])
+    for changed in (
+        *(replace(here, mass=mass) for mass in ("none", "all", "balance") if mass != here.mass),
+        replace(here, first=not here.first),
+        replace(here, second=not here.second),
+    ):
+        yield (*kept[:i], changed, *kept[i + 1 :]), columns

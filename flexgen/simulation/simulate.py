@@ -1,0 +1,326 @@
+"""Forward simulation of the full model under a given motor torque: the referee of every inversion.
+
+The integrator (explicit Runge-Kutta of order 8 by Dormand and Prince, tight tolerance) shares nothing with the solvers.
+The torque is a quintic spline through the samples or, where it runs into limits, the polynomials that it was sampled
+from; if there are none, a monotone cubic that stays within the limits. Work and losses are integrated along, so that
+the energy balance
+
+    E(t) - E(0) = int P_motor dt - int P_dissipated dt
+
+tells whether the integration can be trusted.
+
+Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec. II.5 (DOP853).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+from scipy.integrate import DOP853
+from scipy.interpolate import PchipInterpolator, PPoly, make_interp_spline
+
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.statics import Equilibrium
+from flexgen.model.elements import RobotModel
+from flexgen.numerics.evaluate import evaluate
+from flexgen.ports import Port
+from flexgen.trajectory import Trajectory
+
+EVALUATIONS = 5_000_000  # a few minutes: what takes more has gone wrong
+DEGREE, PARTS = 5, 10  # of the polynomials that a limited torque consists of, and samples of each
+ON_GRID = 1e-7  # relative: samples that are as near are on it
+RTOL, ATOL = 1e-11, 1e-12  # a tenth of a nanometre over a metre of reach and a thousand steps
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """What the machine does under the torque.
+
+    ``trajectory``: channels ``q_a v_a q_m v_m tau_m`` and, where the reference was given, ``error`` of the output.
+    ``tool_error_max_m`` [m], ``tool_error_max_rad`` [rad]: None where the output has no such part or no reference.
+    ``energy_error``: largest violation of the energy balance, relative to the energy that was turned over.
+    ``torque_max_Nm``, ``speed_max_rad_s``: largest motor torque and speed of any motor, motor side.
+    """
+
+    trajectory: Trajectory
+    tool_error_max_m: float | None
+    tool_error_max_rad: float | None
+    energy_error: float
+    torque_max_Nm: float
+    speed_max_rad_s: float
+    evaluations: int
+    wall_s: float
+    warnings: tuple[str, ...] = ()
+
+
+def output_labels(model: RobotModel) -> dict[str, tuple[str, ...]]:
+    """Labels of the columns of the reference: ``y_ref`` and, for a pose, ``R_ref`` (rows of the matrix)."""
+    output = model.output
+    if output.type == "combination":
+        return {"y_ref": tuple(f"y{k + 1}" for k in range(output.size))}
+    if output.type == "tool_position":
+        return {"y_ref": tuple(output.axes)}
+    return {"y_ref": tuple("xyz"), "R_ref": tuple(f"{r}{c}" for r in "xyz" for c in "xyz")}
+
+
+def output_units(model: RobotModel) -> tuple[str, ...]:
+    """Unit of each row of the output y, without the orientation of a pose: "m" or "rad"."""
+    output = model.output
+    if output.type != "combination":
+        return ("m",) * (3 if output.type == "tool_pose" else output.size)
+    if output.unit != "mixed":
+        return (output.unit,) * output.size
+    # rows of different units are joints: each row has the unit of its coordinate
+    return tuple(model.coordinates[int(np.argmax(np.abs(row)))].unit for row in output.weights)
+
+
+def _checked(model: RobotModel, data: Trajectory) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """The channels that a simulation needs, their columns in the model's order, and warnings."""
+    names_a, names_m = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
+    wanted = {"tau_m": (names_m, "N m"), "q_a": (names_a, "rad or m"), "q_m": (names_m, "rad")}
+    found = {}
+    for name, (labels, unit) in wanted.items():
+        if name not in data.channels:
+            raise ArgumentError(
+                f"trajectory: channel {name} is missing; write one with 'flexgen solve {model.name} --out FILE'"
+            )
+        if sorted(data.labels[name]) != sorted(labels):
+            raise ArgumentError(
+                f"trajectory channel {name}: given columns {', '.join(data.labels[name])}, expected "
+                f"{', '.join(labels)} for model {model.name}; was it written for another model?"
+            )
+        if data.ports[name].unit != unit:
+            raise ArgumentError(f"trajectory channel {name}: given in {data.ports[name].unit}, expected in {unit}")
+        if not np.isfinite(data[name]).all():
+            raise ArgumentError(f"trajectory channel {name}: given NaN or infinity, expected finite numbers")
+        found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
+    for name, labels in output_labels(model).items():
+        if name not in data.channels:
+            continue
+        if sorted(data.labels[name]) != sorted(labels) or not np.isfinite(data[name]).all():
+            raise ArgumentError(
+                f"trajectory channel {name}: given columns {', '.join(data.labels[name])}, expected "
+                f"{', '.join(labels)} of finite numbers"
+            )
+        found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
+    warnings = []
+    if "v_a" in data.channels and np.abs(data["v_a"][0]).max() > 1e-6:
+        warnings.append("the trajectory does not begin at rest; the simulation does")
+    for key, own in (("model", model.name), ("variant", model.variant)):
+        other = data.meta.get(key, own)
+        if other != own:
+            warnings.append(f"the trajectory was written for {key} {other or 'none'!r}, this is {own or 'none'!r}")
+    return found, tuple(warnings)
+
+
+def simulate(
+    model: str | FilePath | RobotModel | Equations,
+    trajectory: Trajectory | str | FilePath,
+    *,
+    start: Equilibrium | None = None,
+    rtol: float = RTOL,
+    progress: Callable[[str], None] | None = None,
+) -> Simulation:
+    """Simulate the full model from rest under the torque of a trajectory.
+
+    Parameters
+    ----------
+    model : name, path, RobotModel or Equations
+    trajectory : Trajectory or path
+        Channels ``tau_m`` (n, n_m) [N m, motor side], and ``q_a``, ``q_m``, whose first samples are where the machine
+        rests; with ``y_ref`` (and ``R_ref``) the output's error is measured.
+    start : Equilibrium, optional
+        Where the machine rests at first, if not where the trajectory's first sample is.
+    rtol : float
+        Relative tolerance of the integrator.
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    ArgumentError
+        The trajectory does not belong to the model.
+    SolverError
+        The integration broke down; the text says when.
+    """
+    equations = model if isinstance(model, Equations) else derive(model)
+    if not isinstance(trajectory, Trajectory | str | FilePath):
+        raise ArgumentError(
+            f"trajectory: given {type(trajectory).__name__}, expected a Trajectory or the path of a file"
+        )
+    if not 1e-14 < rtol < 1e-2:
+        raise ArgumentError(f"rtol: given {rtol}, expected a relative tolerance between 1e-14 and 1e-2")
+    data = trajectory if isinstance(trajectory, Trajectory) else Trajectory.load(trajectory)
+    robot = equations.model
+    given, warnings = _checked(robot, data)
+    t, torque = data.time, given["tau_m"]
+    tau = torque_curve(t, torque, limited=data.meta.get("torque") == "limited")
+    first_a, first_m = (given["q_a"][0], given["q_m"][0]) if start is None else (start.q_a, start.q_m)
+    states, count, wall = _integrate(equations, t, tau, first_a, first_m, rtol, progress)
+    n_a, i_m = robot.n_a, list(robot.i_m)
+    n = robot.dof
+    q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
+    q_m, v_m = q_a[:, list(robot.i_g)] @ robot.eta.T, v_a[:, list(robot.i_g)] @ robot.eta.T
+    q_m[:, i_m], v_m[:, i_m] = states[:, n_a:n], states[:, n + n_a : 2 * n]
+
+    energies = [x.reshape(len(t)) for x in evaluate(equations.function("energy"), q_a, v_a, q_m, v_m)]
+    total = energies[0] + energies[1]
+    imbalance = total - total[0] - states[:, 2 * n] + states[:, 2 * n + 1]
+    # what rounding leaves of energies that do not change is no imbalance
+    turned = max(np.ptp(energies[0]), np.ptp(energies[1]), np.ptp(states[:, 2 * n]), 1e-6 * np.abs(total).max(), 1e-9)
+
+    channels = {"q_a": q_a, "v_a": v_a, "q_m": q_m, "v_m": v_m, "tau_m": torque}
+    names_a, names_m = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)
+    labels = {"q_a": names_a, "v_a": names_a, "q_m": names_m, "v_m": names_m, "tau_m": names_m}
+    ports = {
+        "q_a": Port("q_a", (n_a,), "rad or m", "arm coordinates, simulated"),
+        "v_a": Port("v_a", (n_a,), "rad/s or m/s", "their speeds"),
+        "q_m": Port("q_m", (robot.n_m,), "rad", "motor angles, motor side"),
+        "v_m": Port("v_m", (robot.n_m,), "rad/s", "motor speeds, motor side"),
+        "tau_m": Port("tau_m", (robot.n_m,), "N m", "motor torques, motor side"),
+    }
+    in_m, in_rad = None, None
+    if "y_ref" in given:
+        error, in_m, in_rad = _output_error(equations, given, q_a)
+        channels["error"] = error
+        unit = robot.output.unit if robot.output.type == "combination" else "m"
+        ports["error"] = Port("error", (error.shape[1],), unit, "output minus reference")
+        labels["error"] = output_labels(robot)["y_ref"]
+        if in_rad is not None and robot.output.type == "tool_pose":
+            channels["turn"] = _turn_error(equations, given, q_a)[:, None]
+            ports["turn"] = Port("turn", (1,), "rad", "angle between tool and reference")
+            labels["turn"] = ("angle",)
+    meta = {"model": robot.name, "variant": robot.variant, "kind": "simulation"}
+    return Simulation(
+        trajectory=Trajectory(t, channels, ports, labels, meta),
+        tool_error_max_m=in_m,
+        tool_error_max_rad=in_rad,
+        energy_error=float(np.abs(imbalance).max() / turned),
+        torque_max_Nm=float(np.abs(torque).max()),
+        speed_max_rad_s=float(np.abs(v_m).max()),
+        evaluations=count,
+        wall_s=wall,
+        warnings=warnings,
+    )
+
+
+def torque_curve(t: np.ndarray, torque: np.ndarray, *, limited: bool) -> Callable[[Any], np.ndarray]:
+    """Motor torque (n_m) at an instant, or (k, n_m) at k of them, from samples (n, n_m) at the instants ``t`` (n,) [s].
+
+    A quintic spline; ``limited``: the polynomials that were sampled, or a monotone cubic, for a spline would swing over
+    where a torque runs into its limit.
+    """
+    if not limited:
+        return make_interp_spline(t, torque, k=min(5, len(t) - 1))
+    return _pieces(t, torque) or PchipInterpolator(t, torque)
+
+
+def _pieces(t: np.ndarray, torque: np.ndarray) -> PPoly | None:
+    """The piecewise polynomial that was sampled, if all samples lie on one; else None.
+
+    Optimal control gives torques that are polynomials of degree ``DEGREE`` on each interval of its mesh, sampled
+    ``PARTS`` times an interval; where a bound begins to act they have kinks from one to the next.
+    """
+    n, rest = divmod(len(t) - 1, PARTS)
+    if n == 0 or rest:
+        return None
+    at = PARTS * np.arange(n)[:, None] + np.arange(PARTS + 1)
+    width = np.diff(t[::PARTS])
+    theta = np.linspace(0.0, 1.0, PARTS + 1)
+    if np.abs((t[at] - t[at[:, :1]]) / width[:, None] - theta).max() > ON_GRID:
+        return None
+    powers = theta[:, None] ** np.arange(DEGREE, -1, -1)
+    samples = torque[at]  # (n, PARTS + 1, n_m)
+    coefficients = np.einsum("dp,npm->ndm", np.linalg.pinv(powers), samples)
+    if np.abs(np.einsum("pd,ndm->npm", powers, coefficients) - samples).max() > ON_GRID * np.abs(torque).max():
+        return None
+    scaled = coefficients / width[:, None, None] ** np.arange(DEGREE, -1, -1)[:, None]
+    return PPoly(scaled.transpose(1, 0, 2), t[::PARTS])
+
+
+def _integrate(
+    equations: Equations,
+    t: np.ndarray,
+    tau: Callable[[float], np.ndarray],
+    q_a: np.ndarray,
+    q_m: np.ndarray,
+    rtol: float,
+    progress: Callable[[str], None] | None,
+) -> tuple[np.ndarray, int, float]:
+    """States (q_a, q_me, v_a, v_me, work, loss) at the instants t, evaluations of the right-hand side, wall time."""
+    robot = equations.model
+    n_a, n, i_m = robot.n_a, robot.dof, list(robot.i_m)
+    state_rate, power = equations.function("state_rate"), equations.function("power")
+    motors, speeds = np.zeros(robot.n_m), np.zeros(robot.n_m)
+
+    def rate(instant: float, x: np.ndarray) -> np.ndarray:
+        motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a : 2 * n]
+        torque = tau(instant)
+        given, lost = power(x[:n_a], x[n : n + n_a], motors, speeds, torque)
+        moving = np.array(state_rate(x[: 2 * n], torque)).ravel()
+        return np.concatenate([moving, [float(given), float(lost)]])
+
+    start = np.concatenate([q_a, q_m[i_m], np.zeros(n + 2)])
+    began = time.perf_counter()
+    # work and loss are observers: they must not drive the step size below what the motion needs
+    atol = np.concatenate([np.full(2 * n, ATOL), np.full(2, 1e-9)])
+    solver = DOP853(rate, t[0], start, t[-1], rtol=rtol, atol=atol)
+    out = np.empty((len(t), len(start)))
+    out[0] = start
+    k, spoken = 1, began
+    while k < len(t):
+        message = solver.step()
+        if solver.status == "failed" or not np.isfinite(solver.y).all():
+            raise SolverError(f"simulation: broke down at t = {solver.t:.6g} s ({message or 'not finite'})")
+        dense = solver.dense_output()
+        while k < len(t) and t[k] <= solver.t:
+            out[k] = dense(t[k])
+            k += 1
+        if solver.nfev > EVALUATIONS:
+            raise SolverError(
+                f"simulation: gave up at t = {solver.t:.6g} of {t[-1]:.6g} s after {solver.nfev} evaluations; "
+                "is the trajectory in SI units, and the machine no stiffer than it should be?"
+            )
+        if progress is not None and time.perf_counter() - spoken > 1.0:
+            spoken = time.perf_counter()
+            progress(f"simulation: t = {solver.t:7.3f} of {t[-1]:.3f} s, {solver.nfev} evaluations")
+    return out, int(solver.nfev), time.perf_counter() - began
+
+
+def _output_error(
+    equations: Equations, data: dict[str, np.ndarray], q_a: np.ndarray
+) -> tuple[np.ndarray, float | None, float | None]:
+    """Output minus reference (n, n_y), largest distance [m] and angle [rad]."""
+    output = equations.model.output
+    y = evaluate(equations.function("output"), q_a)[0].reshape(len(q_a), -1)
+    error = y - data["y_ref"]
+    if output.type == "combination":
+        units = output_units(equations.model)
+        parts = [error[:, [u == unit for u in units]] for unit in ("m", "rad")]
+        worst = [float(np.linalg.norm(part, axis=1).max()) if part.shape[1] else None for part in parts]
+        return error, worst[0], worst[1]
+    largest = float(np.linalg.norm(error, axis=1).max())
+    if output.type == "tool_pose" and "R_ref" in data:
+        return error, largest, float(_turn_error(equations, data, q_a).max())
+    return error, largest, None
+
+
+def _turn_error(equations: Equations, data: dict[str, np.ndarray], q_a: np.ndarray) -> np.ndarray:
+    """Angle between the tool and its reference orientation, (n,) [rad], accurate for small angles."""
+    R = evaluate(equations.function("forward_kinematics"), q_a)[1]
+    return turn_angle(R, data["R_ref"].reshape(-1, 3, 3))
+
+
+def turn_angle(R: np.ndarray, R_ref: np.ndarray) -> np.ndarray:
+    """Angle between two orientations, each (n, 3, 3): (n,) [rad], accurate for small angles too."""
+    E = R @ R_ref.transpose(0, 2, 1)
+    axial = np.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], axis=1)
+    return np.arctan2(np.linalg.norm(axial, axis=1) / 2, (np.trace(E, axis1=1, axis2=2) - 1) / 2)

@@ -1,0 +1,196 @@
+"""Cases of a shard that are joint moves in closed form, computed many at once by the emitted C."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexgen.build.generate import generate
+from flexgen.dae.signature import structural_index
+from flexgen.errors import BuildError, FlexgenError
+from flexgen.inversion.solution import exceeded
+from flexgen.mechanics.equations import Equations
+from flexgen.model.elements import Move, RobotModel
+from flexgen.paths.time_laws import TimeLaw
+from flexgen.ports import Port
+from flexgen.runtime import load
+from flexgen.sweeps.closed_form_batch import InverseDynamics, JointMoves, Peaks, unfit
+from flexgen.sweeps.jobs import Job, Row, Shard, failed
+from flexgen.trajectory import Trajectory
+
+Derived = Callable[[str, RobotModel], Equations]
+
+_LIBRARIES: dict[str, InverseDynamics | None] = {}
+_MOVERS: dict[tuple[str, float, int], JointMoves] = {}
+KEPT = 4  # models, and laws of time, whose buffers a worker keeps
+
+
+@dataclass(frozen=True)
+class Lots:
+    """The cases of a shard that can be computed many at once; the others are left to `flexgen.solve`.
+
+    Which case goes which way depends on the case alone, and so do its bits.
+    """
+
+    shard: Shard
+    derived: Derived
+
+    def rows(self) -> dict[int, tuple[Row, Row]]:
+        """Rows of results and of times by the cases' numbers."""
+        lots: dict[tuple[str, float, int], list[tuple[Job, Move]]] = {}
+        for job in self.shard.jobs:
+            robot = self.shard.robots[job.key]
+            if isinstance(robot, RobotModel) and job.method in ("auto", "closed-form") and self._unverified():
+                move = _plain_move(job, robot)
+                if move is not None:
+                    lots.setdefault((job.key, move.duration, move.smoothness), []).append((job, move))
+        out: dict[int, tuple[Row, Row]] = {}
+        for (key, duration, smoothness), lot in lots.items():
+            robot = self.shard.robots[key]
+            assert isinstance(robot, RobotModel)  # seen above
+            out |= self._lot(key, robot, TimeLaw(duration, smoothness), lot)
+        return out
+
+    def _unverified(self) -> bool:
+        """What is computed here is not simulated, and it has no solver to be told anything."""
+        options = dict(self.shard.options)
+        options.pop("batch")
+        return options.pop("verify", True) is False and not any(value for value in options.values())
+
+    def _lot(
+        self, key: str, robot: RobotModel, law: TimeLaw, lot: list[tuple[Job, Move]]
+    ) -> dict[int, tuple[Row, Row]]:
+        if unfit(robot):
+            return {}
+        wall, cpu = time.perf_counter(), time.process_time()
+        try:
+            mover = self._mover(key, robot, law)
+        except FlexgenError:  # it has its reasons, and so will solve
+            return {}
+        if mover is None:
+            return {}
+        starts = np.array([move.start for _, move in lot])
+        ends = np.array([move.end for _, move in lot])
+        rows = [
+            {"move": move.name} | row
+            for (_, move), row in zip(lot, figures_or_reasons(robot, mover, starts, ends), strict=True)
+        ]
+        took = {
+            "wall": (time.perf_counter() - wall) / len(lot),
+            "cpu": (time.process_time() - cpu) / len(lot),
+        }
+        return {job.number: (row, took) for (job, _), row in zip(lot, rows, strict=True)}
+
+    def _mover(self, key: str, robot: RobotModel, law: TimeLaw) -> JointMoves | None:
+        """What computes the moves; None for a law so rough that the torque would jump: `flexgen.solve` judges that."""
+        at = (key, law.duration, law.smoothness)
+        if at not in _MOVERS:
+            equations = self.derived(key, robot)
+            index = structural_index(equations).index
+            if index is not None and law.smoothness < index - 1:
+                return None
+            while len(_MOVERS) >= KEPT:
+                _MOVERS.pop(next(iter(_MOVERS)))
+            _MOVERS[at] = JointMoves(equations, law, _library(key, equations))
+        return _MOVERS[at]
+
+
+def _plain_move(job: Job, robot: RobotModel) -> Move | None:
+    """The job's move where it is one of joints with a polynomial law, else None."""
+    try:
+        chosen = job.move_of(robot)
+        move = chosen if isinstance(chosen, Move) else robot.move(chosen)
+    except (FlexgenError, KeyError):
+        return None
+    if move.type != "joint" or not move.duration > 0 or len(move.start) != robot.n_g or len(move.end) != robot.n_g:
+        return None
+    plain = Move(move.name, "joint", move.start, move.duration, move.smoothness, end=move.end)
+    return plain if move == plain and np.isfinite([*move.start, *move.end]).all() else None
+
+
+def _library(key: str, equations: Equations) -> InverseDynamics | None:
+    """The emitted inverse dynamics of a model; None where there is no compiler, and CasADi has to do."""
+    if key not in _LIBRARIES:
+        while len(_LIBRARIES) >= KEPT:
+            _LIBRARIES.pop(next(iter(_LIBRARIES)))
+        try:
+            with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+                made = generate(equations, f"{folder}/library", functions=["inverse_dynamics"])
+                _LIBRARIES[key] = load(made.directory).inverse_dynamics
+        except BuildError:
+            _LIBRARIES[key] = None
+    return _LIBRARIES[key]
+
+
+def figures_or_reasons(robot: RobotModel, mover: JointMoves, starts: np.ndarray, ends: np.ndarray) -> list[Row]:
+    """Rows of moves as `figures` makes them; a move that fails has the reason that it has alone, and no neighbours.
+
+    Halves are tried again until the moves that fail are alone: some of many cost a little more than one more run.
+    """
+    try:
+        return figures(robot, mover, starts, ends)
+    except FlexgenError as error:
+        if len(starts) == 1:
+            return [failed(str(error))]
+    half = len(starts) // 2
+    parts = (slice(half), slice(half, None))
+    return [row for part in parts for row in figures_or_reasons(robot, mover, starts[part], ends[part])]
+
+
+def figures(robot: RobotModel, mover: JointMoves, starts: np.ndarray, ends: np.ndarray) -> list[Row]:
+    """Rows of the table of moves from ``starts`` to ``ends`` (N, n_g)."""
+    peaks = mover.peaks(starts, ends)
+    torque, rms, speed = (x.max(axis=1) for x in (peaks.torque_max, peaks.torque_rms, peaks.speed_max))
+    energy = peaks.energy.sum(axis=1)
+    doubtful = _beyond(robot, peaks, starts, ends)
+    return [
+        {
+            "method_used": "closed-form",
+            "status": "solved",
+            "verdict": "not verified",
+            "torque_max": float(torque[k]),
+            "torque_rms": float(rms[k]),
+            "speed_max": float(speed[k]),
+            "energy": float(energy[k]),
+            "iterations": 0,
+            "samples": mover.n,
+            "lead": 0.0,
+            "warnings": "\n".join(_warnings(robot, peaks, starts, ends, k)) if doubtful[k] else "",
+        }
+        for k in range(len(starts))
+    ]
+
+
+def _beyond(robot: RobotModel, peaks: Peaks, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Whether a limit may be exceeded, (N,)."""
+    dofs = [robot.coordinates[i].dof for i in robot.i_g]
+    low, high = np.minimum(starts, ends), np.maximum(starts, ends)
+    out = np.zeros(len(starts), dtype=bool)
+    for values, limits in (
+        (peaks.torque_max, [motor.torque_max for motor in robot.motors]),
+        (peaks.speed_max, [motor.speed_max for motor in robot.motors]),
+        (peaks.speed, [None if dof is None else dof.speed_max for dof in dofs]),
+        (peaks.acceleration, [None if dof is None else dof.acceleration_max for dof in dofs]),
+        (high, [None if dof is None else dof.upper for dof in dofs]),
+        (-low, [None if dof is None or dof.lower is None else -dof.lower for dof in dofs]),
+    ):
+        out |= (values > np.array([np.inf if limit is None else limit for limit in limits])).any(axis=1)
+    return out
+
+
+def _warnings(robot: RobotModel, peaks: Peaks, starts: np.ndarray, ends: np.ndarray, k: int) -> tuple[str, ...]:
+    """What exceeds the limits of the model file, in the words of a solution: two samples have all the extremes."""
+    channels = {
+        "tau_m": np.tile(peaks.torque_max[k], (2, 1)),
+        "v_m": np.tile(peaks.speed_max[k], (2, 1)),
+        "q_a": np.stack([starts[k], ends[k]]),
+        "v_a": np.tile(peaks.speed[k], (2, 1)),
+        "a_a": np.tile(peaks.acceleration[k], (2, 1)),
+    }
+    ports = {name: Port(name, (x.shape[1],), "mixed", "extremes") for name, x in channels.items()}
+    labels = {name: tuple(map(str, range(x.shape[1]))) for name, x in channels.items()}
+    return exceeded(robot, Trajectory(np.array([0.0, 1.0]), channels, ports, labels))

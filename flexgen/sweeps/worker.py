@@ -1,0 +1,99 @@
+"""What a worker does: a shard of cases in, rows out; a case that fails becomes a row that says why."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import OrderedDict
+
+import numpy as np
+from scipy.integrate import trapezoid
+
+from flexgen.errors import FlexgenError
+from flexgen.inversion.solution import Solution
+from flexgen.inversion.solve import solve
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.model.elements import RobotModel
+from flexgen.sweeps.batches import Lots
+from flexgen.sweeps.jobs import Job, Row, Rows, Shard, failed
+from flexgen.sweeps.version import code_version, wants_native
+
+KEPT = 2  # models whose equations a worker keeps
+
+_ALONE = threading.Lock()  # CasADi's graphs must not be built by two threads at once
+_EQUATIONS: OrderedDict[str, Equations] = OrderedDict()
+
+
+class WrongCode(FlexgenError):
+    """A worker runs other code than the sweep."""
+
+
+def run_shard(shard: Shard) -> Rows:
+    """Do all cases of a shard, one after the other; nothing but other code or an interruption stops it."""
+    own = code_version(wants_native(shard.options))
+    if shard.code != own:
+        raise WrongCode(
+            f"sweep: given a worker with flexgen {own}, expected {shard.code}; all machines need the same flexgen, "
+            "casadi, numpy, osqp, scipy and C compiler (or none)"
+        )
+    with _ALONE:
+        done = Lots(shard, _equations).rows() if shard.options.get("batch") else {}
+        results, times = [], []
+        for job in shard.jobs:
+            row, took = done[job.number] if job.number in done else _one(job, shard)
+            results.append(job.heading | row)
+            times.append({"case": job.number} | took)
+    return Rows(results, times)
+
+
+def _one(job: Job, shard: Shard) -> tuple[Row, Row]:
+    """One case by `flexgen.solve`: its row, and what it took."""
+    wall, cpu = time.perf_counter(), time.process_time()
+    robot = shard.robots[job.key]
+    options = {name: value for name, value in shard.options.items() if name != "batch"}
+    try:
+        if isinstance(robot, str):
+            row = failed(robot)
+        else:
+            row = _row(solve(_equations(job.key, robot), job.move_of(robot), job.method, **options))
+    except FlexgenError as error:
+        row = failed(str(error))
+    except Exception as error:  # whatever breaks in one case is no reason to lose the others
+        row = failed(f"{type(error).__name__}: {error}")
+    return row, {"wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu}
+
+
+def _row(solution: Solution) -> Row:
+    """The figures of a solution."""
+    simulation, trajectory = solution.simulation, solution.trajectory
+    t, tau, speed = trajectory.time, trajectory["tau_m"], trajectory["v_m"]
+    return {
+        "move": solution.move.name,
+        "method_used": solution.method,
+        "status": solution.status,
+        "verdict": solution.verdict,
+        "tool_error_max": solution.tool_error_max_m,
+        "turn_error_max": solution.tool_error_max_rad,
+        "plan_error_max": solution.plan_error_max,
+        "torque_max": float(np.abs(tau).max()),
+        "torque_rms": float(np.sqrt(trapezoid(tau**2, t, axis=0).max() / (t[-1] - t[0]))),
+        "speed_max": float(np.abs(speed).max()),
+        "energy": float(trapezoid((tau * speed).sum(axis=1), t)),
+        "residual_max": solution.residual_max_Nm,
+        "residual_relative": solution.residual_relative,
+        "energy_error": None if simulation is None else simulation.energy_error,
+        "iterations": solution.iterations,
+        "samples": len(t),
+        "lead": solution.lead_s,
+        "warnings": "\n".join(solution.warnings),
+    }
+
+
+def _equations(key: str, robot: RobotModel) -> Equations:
+    """The equations of a model; those used last are kept."""
+    if key not in _EQUATIONS:
+        while len(_EQUATIONS) >= KEPT:
+            _EQUATIONS.popitem(last=False)
+        _EQUATIONS[key] = derive(robot)
+    _EQUATIONS.move_to_end(key)
+    return _EQUATIONS[key]
