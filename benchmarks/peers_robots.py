@@ -10,7 +10,7 @@ import numpy as np
 import flexgen
 from flexgen.model.elements import Body, Dof, Element, Gear, Motor, Output, Placement, RobotModel
 
-FOLDER = Path(__file__).resolve().parent.parent / "tests" / "robots"
+FOLDER = Path(__file__).resolve().parent.parent / "tests" / "support" / "robots"
 
 Pose = tuple[np.ndarray, np.ndarray]
 

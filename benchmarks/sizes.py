@@ -24,12 +24,12 @@ from flexgen.build.compiler import REPRODUCIBLE
 from flexgen.build.generate import generate
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests" / "support"))
 
 from clients import stack_of_point  # noqa: E402
 
-MODELS = ("planar5_nmp", "tests/robots/ur5.toml", "manutec_r3_efjm")
-BOARD = ROOT / "tests" / "cortex_m7"
+MODELS = ("planar5_nmp", "tests/support/robots/ur5.toml", "manutec_r3_efjm")
+BOARD = ROOT / "tests" / "support" / "cortex_m7"
 CALLS = 3  # instructions of one call: those of a program with so many calls, less those of a program with one
 POINTS = 500  # of a batch
 

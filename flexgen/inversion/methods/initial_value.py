@@ -42,9 +42,9 @@ def check_causal(problem: InversionProblem, method: str, differentiates: bool = 
         return
     value = f"{zero.value.real:+.4g}" + (f" +- {abs(zero.value.imag):.4g}i" if zero.value.imag else "")
     raise ArgumentError(
-        f"method {method}: the zero dynamics of model {model.name} along move {problem.path.move.name} is unstable, with "
-        f"a zero at {value} 1/s at t = {zero.t:.4g} s, and a motion that is integrated from the start blows up; expected "
-        "a method that looks ahead: use lq, bvp or collocation"
+        f"method {method}: the zero dynamics of model {model.name} along move {problem.path.move.name} is unstable, "
+        f"with a zero at {value} 1/s at t = {zero.t:.4g} s, and a motion that is integrated from the start blows up; "
+        "expected a method that looks ahead: use lq, bvp or collocation"
     )
 
 

@@ -2,7 +2,8 @@
 
 Whatever flexgen computes of the mechanics is compared on robots that nobody chose, on each of its routes: Lagrange's
 equations (`Equations.function`) and the recursive code of `flexgen.recursion.functions`. A sample of robots always
-runs; a thousand run under the marker ``full``. Bugs planted in flexgen's robots and answers must be seen by each referee.
+runs; a thousand run under the marker ``full``. Bugs planted in flexgen's robots and answers must be seen by each
+referee.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ from flexgen.model.elements import (
 )
 from flexgen.model.reader import read
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1] / "support"
 ROBOTS = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix", "share", "example-robot-data", "robots")
 SAMPLE, FULL = 5, 250  # robots of each kind
 needs_pinocchio = pytest.mark.skipif(PinocchioReferee is None, reason="the Python package pin is not installed")

@@ -32,7 +32,7 @@ DIFFERENCES, STEP = 1e-6, 1e-6
 
 @cache
 def equations_of(name: str) -> Equations:
-    return derive(read(Path(__file__).parent / "robots" / f"{name}.toml" if name in ROBOTS else name))
+    return derive(read(Path(__file__).parents[1] / "support" / "robots" / f"{name}.toml" if name in ROBOTS else name))
 
 
 INVERTING = [*(name for name in model_names() if read(name).inverts), "ur5_elastic"]

@@ -45,7 +45,7 @@ def change(folder: Path, **changes) -> None:
 def python(program: str, *args: object) -> subprocess.CompletedProcess[str]:
     """Run a program in a process of its own, which may die."""
     command = [sys.executable, "-W", "error", "-c", program, *map(str, args)]
-    paths = os.pathsep.join([str(Path(__file__).parents[1]), str(Path(__file__).parent)])
+    paths = os.pathsep.join([str(Path(__file__).parents[2]), str(Path(__file__).parent)])
     environment = {**os.environ, "PYTHONPATH": paths}
     return subprocess.run(command, capture_output=True, text=True, check=False, timeout=60, env=environment)
 

@@ -55,7 +55,7 @@ def test_report_shows_them_together(beside, tmp_path) -> None:
 
 def joints_of_both_units():
     """An arm with a slide, whose joints are the output."""
-    model = read(FilePath(__file__).parent / "robots" / "spatial.toml")
+    model = read(FilePath(__file__).parents[1] / "support" / "robots" / "spatial.toml")
     weights = tuple(tuple(float(i == j) for i in range(model.n_a)) for j in model.i_g)
     return replace(model, output=Output("combination", "", weights, "mixed"))
 

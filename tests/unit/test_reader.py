@@ -17,7 +17,7 @@ from flexgen.model.component_tables import rotation
 from flexgen.model.reader import model_names, read
 from flexgen.model.toml_lines import parse, unwrap
 
-MODELS = Path(__file__).parents[1] / "models"
+MODELS = Path(__file__).parents[2] / "models"
 
 # name: motors, actuated, non-actuated, degrees of freedom, variants
 COUNTS = {

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from flexgen.sweeps.workerer import WrongCode, run_shard
 from sweep_grids import ONE, QUICK, batch_grid, real_grid, sources_stay
 
 from flexgen.build.compiler import Compiler
@@ -21,6 +20,7 @@ from flexgen.sweeps.jobs import Rows, Shard
 from flexgen.sweeps.sweep import sweep
 from flexgen.sweeps.table import Table
 from flexgen.sweeps.version import _installed, code_version, wants_native
+from flexgen.sweeps.worker import WrongCode, run_shard
 
 
 def test_real_solves_give_the_same_bits_for_any_workers_and_shards(tmp_path) -> None:

@@ -15,8 +15,8 @@ from flexgen.model.moves import Move, MoveC, MoveJ, MoveL, Program
 from flexgen.paths.joint_limits import Posture
 from flexgen.paths.path import Path
 
-HERE = FilePath(__file__).parent
-EXAMPLE = HERE.parent / "examples" / "program.toml"
+HERE = FilePath(__file__).parents[1] / "support"
+EXAMPLE = HERE.parents[1] / "examples" / "program.toml"
 PROFILE, JOINTS = (0.5, 5.0, 100.0, 4000.0), (2.0, 10.0, 200.0, 8000.0)
 WITHIN = 1e-6  # relative, by which a bound may be exceeded before a leg is slowed
 
@@ -208,7 +208,7 @@ def test_a_resolved_program_gives_the_same_path(arm, seam) -> None:
 
 
 def test_programs_of_a_model_file_are_found(tmp_path: FilePath) -> None:
-    text = (HERE.parent / "models" / "planar5_nmp.toml").read_text()
+    text = (HERE.parents[1] / "models" / "planar5_nmp.toml").read_text()
     body = EXAMPLE.read_text()
     file = tmp_path / "arm.toml"
     head, variants = text.split("[variant.", 1)

@@ -35,7 +35,7 @@ from flexgen.simulation.simulate import simulate
 pytestmark = needs_compiler
 
 PLANAR = ["planar5_mp", "planar5_nmp", "planar5_soft"]
-ROBOTS = FilePath(__file__).parent / "robots"
+ROBOTS = FilePath(__file__).parents[1] / "support" / "robots"
 # On the mesh the equations hold to rounding: about 1e-16 of their scale, times the condition of the rows.
 ROUNDING = 1e-12
 # lq finds the same motion on the same mesh, but for what its weights of 1e-12 and its tolerance of 1e-6 move: in six

@@ -21,7 +21,7 @@ from flexgen.model.reader import model_names, read
 from flexgen.paths.path import Path
 from flexgen.simulation.simulate import simulate
 
-ROBOTS = Path_(__file__).parent / "robots"
+ROBOTS = Path_(__file__).parents[1] / "support" / "robots"
 MICRON = 1e-6  # what a user is promised
 RIGHT = 1e-8  # what the methods reach: a hundredth of it
 BALANCE = 1e-9  # relative; the integrator's tolerance is 1e-11 a step

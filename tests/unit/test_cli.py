@@ -21,7 +21,7 @@ from flexgen.cli.main import build_parser, main
 from flexgen.cli.printing import analysis_text, as_json, figures, number, plain, roots, solution_rows, table
 from flexgen.trajectory import Trajectory
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 needs_compiler = pytest.mark.skipif(
     not any(shutil.which(name) for name in ("cc", "gcc", "clang")), reason="needs a C compiler"

@@ -14,7 +14,7 @@ from flexgen.model.reader import read
 from flexgen.sweeps.cases import Grid, RandomMove, combinations, random_moves
 from flexgen.sweeps.grid_file import read_grid
 
-EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "sweep.toml"
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "sweep.toml"
 
 
 def test_cases_have_one_order() -> None:

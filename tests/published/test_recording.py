@@ -11,7 +11,7 @@ import pytest
 
 from flexgen.model.reader import read
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 DATA = Path(os.environ.get("FLEXGEN_DATA", ROOT.parent / "shared" / "data"))
 RECORDING = DATA / "kr300" / "kr300_run_A.npz"
 

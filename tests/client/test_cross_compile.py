@@ -19,7 +19,7 @@ from flexgen.runtime import load
 pytestmark = needs_compiler
 
 M7 = "-mcpu=cortex-m7 -mfpu=fpv5-sp-d16 -mfloat-abi=hard".split()
-MACHINE = Path(__file__).resolve().parent / "cortex_m7"  # start and memory of the emulated board
+MACHINE = Path(__file__).resolve().parents[1] / "support" / "cortex_m7"  # start and memory of the emulated board
 LONG = pytest.mark.long
 LIBRARIES = [
     ("planar5_nmp", "double"),

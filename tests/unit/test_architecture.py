@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 
 # A room (module or package below flexgen) imports from its own room and from rooms on lower floors; rooms on the ground
 # floor may use each other.

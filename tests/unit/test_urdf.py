@@ -23,7 +23,7 @@ from flexgen.model import elements as nouns
 from flexgen.model.inertia import idle_coordinates, mass_matrix
 from flexgen.model.reader import read
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).parents[1] / "support"
 TWO_LINK = HERE / "urdf" / "two_link.urdf"
 ROBOTS = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix", "share", "example-robot-data", "robots")
 
@@ -210,7 +210,7 @@ def test_plain_robots_agree_with_pinocchio(file, base, tip):
 def test_own_examples_agree_with_pinocchio(arm):
     compare(read(f"{TWO_LINK}#ground:tip"), TWO_LINK, "tip", {})
     fingers = {"left_finger_joint": 0.02, "right_finger_joint": 0.02}
-    compare(read("urdf_arm"), HERE.parent / "models" / "urdf_arm.urdf", "tool_point", fingers)
+    compare(read("urdf_arm"), HERE.parents[1] / "models" / "urdf_arm.urdf", "tool_point", fingers)
     arm.write_text(arm.read_text().replace('rename = "q2"\n', "").replace(".q2.", ".lift."))
     compare(read(arm), arm.with_name("arm.urdf"), "tip", {"finger": 0.05})
 
