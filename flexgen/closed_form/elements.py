@@ -12,6 +12,7 @@ import numpy as np
 import sympy as sp
 
 from flexgen.closed_form.printing import Entry, Name
+from flexgen.errors import ArgumentError
 from flexgen.model.elements import (
     BacklashSpring,
     Body,
@@ -211,7 +212,12 @@ def spring_law(symbols: Symbols, spring: Spring, d: sp.Expr, owner: str, units: 
 
 
 def friction_law(symbols: Symbols, friction: Friction, w: sp.Symbol, owner: str, units: tuple[str, str]) -> sp.Expr:
-    """Friction torque at the speed ``w``; ``units`` of torque and twist."""
+    """Friction torque at the speed ``w``; ``units`` of torque and coordinate."""
+    if type(friction) is not Friction:
+        raise ArgumentError(
+            f"friction of {owner}: given the law {type(friction).__name__}, which has no closed form here; "
+            "expected the law 'smooth'"
+        )
     torque, twist = units
 
     def parameter(head: str, value: float, unit: str, meaning: str) -> sp.Expr:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import casadi as ca
 
 from flexgen.model.elements import (
@@ -60,7 +62,14 @@ def spring_energy(spring: Spring, d: ca.SX) -> ca.SX:
 
 
 def friction_torque(friction: Friction, w: ca.SX) -> ca.SX:
-    """Friction torque [N m or N] at the speed ``w`` [rad/s or m/s]; it enters the motion with a minus sign."""
+    """Friction torque [N m or N] at the speed ``w`` [rad/s or m/s]; it enters the motion with a minus sign.
+
+    The formula is that of the class of ``friction`` in `FRICTION_TORQUES`.
+    """
+    return FRICTION_TORQUES[type(friction)](friction, w)
+
+
+def _smooth_friction(friction: Friction, w: ca.SX) -> ca.SX:
     torque = friction.viscous * w
     if _there(friction.coulomb) or _there(friction.stribeck):
         level = friction.coulomb
@@ -70,6 +79,10 @@ def friction_torque(friction: Friction, w: ca.SX) -> ca.SX:
             level = level + friction.stribeck * (2 * fade / (1 + fade * fade))
         torque = torque + level * ca.tanh(friction.beta * w)
     return torque + friction.offset
+
+
+# Class of a friction law in `flexgen.model.elements` -> its torque.
+FRICTION_TORQUES: dict[type[Friction], Callable[..., ca.SX]] = {Friction: _smooth_friction}
 
 
 def _there(x: float | ca.SX) -> bool:

@@ -28,9 +28,6 @@ _SPRING_UNITS = {
     "stiffness": "N m/rad", "cubic": "N m/rad^3", "low": "N m/rad", "high": "N m/rad", "break_at": "rad", "gap": "rad",
     "smoothing": "rad",
 }  # fmt: skip
-_FRICTION_UNITS = {
-    "viscous": "N m s/rad", "coulomb": "N m", "stribeck": "N m", "alpha": "s/rad", "beta": "s/rad", "offset": "N m",
-}  # fmt: skip
 _LINEAR = {"N m/rad": "N/m", "N m/rad^3": "N/m^3", "rad": "m", "N m s/rad": "N s/m", "N m": "N", "s/rad": "s/m"}
 
 
@@ -169,7 +166,7 @@ def _friction(friction: Friction, name: str, part: str, units: Units, visit: Vis
         friction,
         **{
             field.name: visit(
-                Parameter(f"{name}.{field.name}", value, units(_FRICTION_UNITS[field.name]), f"friction of {part}"),
+                Parameter(f"{name}.{field.name}", value, units(field.metadata["unit"]), f"friction of {part}"),
                 "friction",
                 f"{name}.friction",
             )

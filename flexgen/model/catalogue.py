@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from flexgen.errors import FlexgenError, ModelError
-from flexgen.model.elements import Coordinate, Dof, Friction, Gear, Motor, RobotModel, Spring
+from flexgen.model.elements import FRICTION_LAWS, Coordinate, Dof, Friction, Gear, Motor, RobotModel, Spring
 from flexgen.model.reader import model_names, read
 
 
@@ -148,9 +148,10 @@ def _spring(spring: Spring) -> dict[str, Any]:
     return {"type": kind, **dataclasses.asdict(spring)}
 
 
-def _friction(friction: Friction) -> dict[str, float] | None:
+def _friction(friction: Friction) -> dict[str, Any] | None:
     given = {key: value for key, value in dataclasses.asdict(friction).items() if value != 0.0}
-    return given or None
+    kind = next(name for name, law in FRICTION_LAWS.items() if type(friction) is law)
+    return ({"type": kind} if type(friction) is not Friction else {}) | given if given else None
 
 
 def _gear(gear: Gear) -> dict[str, Any]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 
 from flexgen.model.checked_table import LARGEST, Table, closest
 from flexgen.model.elements import (
+    FRICTION_LAWS,
     IDENTITY,
     NO_FRICTION,
     ZERO,
@@ -42,7 +44,6 @@ _SPRINGS: dict[str, tuple[type, tuple[str, ...]]] = {
     "backlash": (BacklashSpring, ("stiffness", "gap", "smoothing")),
 }
 _MAY_BE_ZERO = ("cubic", "gap")
-_FRICTION = ("viscous", "coulomb", "stribeck", "alpha", "beta", "offset")
 _BODY = ("mass", "com", "inertia", "inertia_reduced", "rotational_drag")
 _PLACEMENT = ("position", "rpy_rad", "rpy_deg", "rotation")
 _ROTATION_TOLERANCE = 1e-9  # of a rotation matrix: its columns are orthogonal and of length 1
@@ -137,14 +138,17 @@ def spring(table: Table, least: float | None = None) -> Spring:
 
 
 def friction(table: Table) -> Friction:
-    """Viscous, Coulomb and Stribeck friction and an offset."""
-    table.only(*_FRICTION)
-    values = {key: table.number(key, 0.0, least=None if key == "offset" else 0.0) for key in _FRICTION}
-    if (values["coulomb"] or values["stribeck"]) and not values["beta"]:
-        raise table.fail("beta", "a number > 0 beside coulomb or stribeck")
-    if values["stribeck"] and not values["alpha"]:
-        raise table.fail("alpha", "a number > 0 beside stribeck")
-    return Friction(**values)
+    """A friction law; its keys are the fields of its class in `FRICTION_LAWS`."""
+    law = FRICTION_LAWS[table.choice("type", tuple(FRICTION_LAWS)) if "type" in table else next(iter(FRICTION_LAWS))]
+    keys = dataclasses.fields(law)
+    table.only("type", *(key.name for key in keys))
+    values = {key.name: table.number(key.name, 0.0, least=None if key.metadata["signed"] else 0.0) for key in keys}
+    for key in keys:
+        for needed in key.metadata["needs"].split():
+            if values[key.name] and not values[needed]:
+                users = [other.name for other in keys if needed in other.metadata["needs"].split()]
+                raise table.fail(needed, f"a number > 0 beside {' or '.join(users)}")
+    return law(**values)
 
 
 def gear(table: Table) -> Gear:

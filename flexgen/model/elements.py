@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -81,23 +82,36 @@ class BacklashSpring:
 Spring = LinearSpring | CubicSpring | SmoothSpring | PiecewiseSpring | BacklashSpring
 
 
+def friction_key(unit: str, *, signed: bool = False, needs: str = "") -> Any:
+    """A number of a friction law, which is also a key of the model file, 0 by default.
+
+    ``unit`` is that of a rotation. A number that is not ``signed`` must be >= 0. ``needs`` names another number that
+    must be > 0 where this one is not 0.
+    """
+    return field(default=0.0, metadata={"unit": unit, "signed": signed, "needs": needs})
+
+
 @dataclass(frozen=True)
 class Friction:
-    """Friction torque against a speed w.
+    """The default friction law, ``type = "smooth"``: torque against the speed w.
 
-    ``f(w) = viscous w + (coulomb + stribeck / cosh(alpha w)) tanh(beta w) + offset``; alpha and beta in s/rad (or s/m).
-    The offset makes it asymmetric.
+    ``f(w) = viscous w + (coulomb + stribeck / cosh(alpha w)) tanh(beta w) + offset``. The offset makes it asymmetric.
+    The base of all friction laws.
     """
 
-    viscous: float = 0.0
-    coulomb: float = 0.0
-    stribeck: float = 0.0
-    alpha: float = 0.0
-    beta: float = 0.0
-    offset: float = 0.0
+    viscous: float = friction_key("N m s/rad")
+    coulomb: float = friction_key("N m", needs="beta")
+    stribeck: float = friction_key("N m", needs="beta alpha")
+    alpha: float = friction_key("s/rad")
+    beta: float = friction_key("s/rad")
+    offset: float = friction_key("N m", signed=True)
 
 
 NO_FRICTION = Friction()
+
+# Value of the key ``type`` in the model file -> law. A new law is a subclass of Friction with its own numbers, one
+# entry here, and its torque in `flexgen.mechanics.force_laws`; the first entry is the default.
+FRICTION_LAWS: dict[str, type[Friction]] = {"smooth": Friction}
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,9 @@ def unfit(model: RobotModel) -> str:
     for gear, _ in gears(model):
         if not gear.rigid and not isinstance(gear.spring, LinearSpring):
             return f"model {model.name} has a gear with a {type(gear.spring).__name__}"
+    for friction in (*(c.dof.friction for c in model.coordinates if c.dof), *(m.friction for m in model.motors)):
+        if type(friction) is not Friction:
+            return f"model {model.name} has a friction law {type(friction).__name__}"
     if any(element.body.rotational_drag for element in model.elements) or model.payload.rotational_drag:
         return f"model {model.name} has a body with rotational_drag"
     return ""
