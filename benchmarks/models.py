@@ -57,7 +57,7 @@ def row(name: str) -> list[str]:
         solution.method,
         str(solution.iterations),
         *("-" if error is None else f"{1e6 * error:.2g}" for error in errors),
-        solution.status,
+        solution.status.value,
     ]
 
 

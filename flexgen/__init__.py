@@ -31,6 +31,8 @@ _NOUNS = {
     "MoveJ": "flexgen.model.moves",
     "MoveL": "flexgen.model.moves",
     "Program": "flexgen.model.moves",
+    "Solution": "flexgen.inversion.solution",
+    "Status": "flexgen.inversion.status",
     "Trajectory": "flexgen.trajectory",
     "combinations": "flexgen.sweeps.cases",
     "random_moves": "flexgen.sweeps.cases",

@@ -10,6 +10,8 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from flexgen.inversion.status import Status
+
 
 def number(value: Any, digits: int = 4) -> str:
     """A figure for people; a dash where there is none."""
@@ -229,7 +231,7 @@ def _small(what: str, value: float | None, unit: str) -> Row:
 
 def solution_rows(data: dict[str, Any]) -> list[Row]:
     """What, value and unit of a solution's figures."""
-    limited = data["status"] == "limited"
+    limited = data["status"] == Status.LIMITS_ACTIVE
     strays = "limits keep the tool off the path by" if limited else "tool error in simulation, largest"
     return [
         ("method", data["method"], ""),

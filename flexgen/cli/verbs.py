@@ -24,6 +24,7 @@ from flexgen.cli.printing import (
     table,
 )
 from flexgen.errors import ArgumentError
+from flexgen.inversion.status import Status
 
 if TYPE_CHECKING:
     from flexgen.analysis.analyze import Analysis
@@ -339,19 +340,20 @@ def inaccuracy(solution: Solution, accuracy: float) -> str:
     """Why the solution is not good enough; empty where it is."""
     from flexgen.inversion.solve import ENERGY
 
-    if solution.status != "inaccurate":
+    if solution.status != Status.TOLERANCE_NOT_MET:
         return ""
     simulation = solution.simulation
     if simulation is not None and simulation.energy_error > ENERGY:
         return (
-            f"inaccurate: the simulation misses the energy balance by {simulation.energy_error:.1e}, so that it proves "
-            "nothing; is the model stiffer than it should be?"
+            f"{solution.status}: the energy balance of the simulation has an error of {simulation.energy_error:.1e}, "
+            "so it verifies nothing; check whether the model is too stiff"
         )
     planned = solution.to_dict().get("plan_error_max")  # limits keep the plan itself off the path
     worst = max(solution.tool_error_max_m or 0.0, solution.tool_error_max_rad or 0.0) if planned is None else planned
     aim = "path" if planned is None else "plan"
     return (
-        f"inaccurate: the simulated output strays {worst:.3g} m or rad from the {aim}, more than {accuracy:.3g}; "
+        f"{solution.status}: the simulated output deviates from the {aim} by {worst:.3g} m or rad, more than "
+        f"{accuracy:.3g}; "
         + ("loosen the limits, give the move more time or " if solution.method == "full" else "try --method full or ")
         + "try a finer --mesh"
     )

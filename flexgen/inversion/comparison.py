@@ -54,7 +54,7 @@ def error_rows(solutions: tuple[Solution, ...]) -> list[dict[str, Any]]:
     """Tool errors as JSON types: ``method``, at the start of the path and the largest on and after it, m and rad."""
     rows = []
     for solution in solutions:
-        row: dict[str, Any] = {"method": solution.method, "status": solution.status}
+        row: dict[str, Any] = {"method": solution.method, "status": solution.status.value}
         for unit, values in error_sizes(solution).items():
             on_path = solution.trajectory.time >= 0
             row[f"start_{unit}"] = float(values[on_path][0])

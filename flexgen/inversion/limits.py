@@ -29,6 +29,7 @@ from flexgen.inversion.path_deviation import SUPPORT, DeviationBasis, bent
 from flexgen.inversion.problem import DECAY, SETTLE, InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library
+from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import reach
 from flexgen.numerics.evaluate import evaluate
@@ -184,7 +185,7 @@ def enforce_limits(
         answer,
         t=answer.t - horizon.before * horizon.period,
         lead=(horizon.before + horizon.lead) * horizon.period,
-        status="limited" if max(metres, angle) > NOTICED else "solved",
+        status=Status.LIMITS_ACTIVE if max(metres, angle) > NOTICED else Status.SOLVED,
         verdict=f"the limits bend the path by up to {told}, found in {rounds} quadratic programs",
         details={**answer.details, "bend_max_m": metres, "bend_max_rad": angle, "programs": rounds},
     )

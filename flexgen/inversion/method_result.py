@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.inversion.motor_side import MotorMotion
+from flexgen.inversion.status import Status
 
 
 @dataclass(frozen=True)
@@ -16,9 +17,8 @@ class MethodResult:
     """What a method found at n instants.
 
     ``t`` (n,) [s], 0 at the start of the path; ``q v a`` (n, n_a): motion of the arm; ``tau_g`` (n, n_g): gear torques,
-    arm side; ``drives``: motors. ``status``: ``"solved"``, ``"limited"`` where limits keep the tool off the path, or
-    ``"baseline"``: an approximation by design, whose error is measured and not judged. ``lead`` [s]: how long before
-    the path the motion begins. ``verdict``: the solver's own words. ``iterations``, ``intervals``: of its mesh.
+    arm side; ``drives``: motors. ``status``: ``SOLVED``, ``LIMITS_ACTIVE`` or ``BASELINE``. ``lead`` [s]: how long
+    before the path the motion begins. ``verdict``: message of the solver. ``iterations``, ``intervals``: of its mesh.
     ``details``: further figures, JSON types.
     """
 
@@ -29,7 +29,7 @@ class MethodResult:
     tau_g: np.ndarray
     drives: MotorMotion
     lead: float = 0.0
-    status: str = "solved"
+    status: Status = Status.SOLVED
     verdict: str = ""
     iterations: int = 0
     intervals: int = 0

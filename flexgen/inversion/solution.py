@@ -10,6 +10,7 @@ import numpy as np
 from scipy.interpolate import BPoly
 
 from flexgen.inversion.method_result import MethodResult
+from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
 from flexgen.numerics.evaluate import evaluate
@@ -19,23 +20,47 @@ from flexgen.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Solution:
-    """Motor torques along a move, and how far they can be trusted.
+    """Motor torques along a move, with the figures of their verification.
 
-    ``status``: ``"solved"``; ``"limited"`` where torque or speed limits keep the tool off the path; ``"baseline"`` for
-    an approximation by design, whose error is measured and not judged; ``"inaccurate"`` where the verification says so.
-    ``verdict``: the solver's own words, empty for the closed form. ``trajectory``: channels ``q_a v_a a_a q_m v_m a_m
-    tau_m tau_g y_ref (R_ref)``. ``residual_max_Nm``: largest residual of the full equations of motion half way between
-    the samples [N m, or N for translations]; ``residual_relative``: each row relative to the largest torque in it.
-    ``simulation``: the verification, None where it was switched off. ``plan_error_max``: for a motion that limits keep
-    off its path, how far the simulated output is from the planned one, the larger of distance [m] and angle [rad], else
-    None; each is judged by its own scale. ``lead_s``: how long before the path the motion begins. ``intervals``: of the
-    solver's mesh. ``details``: further figures of the method. ``warnings``: what the user should know.
+    Attributes
+    ----------
+    model, move
+        The robot, and the move with the duration and smoothness that its path has.
+    method : str
+        Name of the method that found it.
+    status : Status
+        How far the solution can be relied on.
+    verdict : str
+        Message of the solver; empty for the closed form.
+    trajectory : Trajectory
+        Channels ``q_a v_a a_a q_m v_m a_m tau_m tau_g y_ref (R_ref)``.
+    residual_max_Nm : float [N m, or N for translations]
+        Largest residual of the full equations of motion half way between the samples.
+    residual_relative : float
+        The same, each row relative to the largest torque in it.
+    iterations : int
+        Of the solver.
+    wall_s, cpu_s : float [s]
+        Time to solve and verify.
+    lead_s : float [s]
+        How long before the path the motion begins.
+    simulation : Simulation or None
+        The verification; None where it was switched off.
+    warnings : tuple of str
+        Exceeded limits of the model file, and places where the path is not smooth enough.
+    plan_error_max : float or None [m or rad]
+        Where limits keep the motion off its path: how far the simulated output is from the planned one, the larger of
+        distance and angle.
+    intervals : int
+        Of the solver's mesh; 0 for a method without mesh.
+    details : mapping
+        Further figures of the method, JSON types.
     """
 
     model: RobotModel
     move: Move
     method: str
-    status: str
+    status: Status
     verdict: str
     trajectory: Trajectory
     residual_max_Nm: float
@@ -71,7 +96,7 @@ class Solution:
         simulation = self.simulation
         return {
             "model": self.model.name,
-            "status": self.status,
+            "status": self.status.value,
             "verdict": self.verdict,
             "method": self.method,
             "move": self.move.name,

@@ -17,6 +17,7 @@ from flexgen.inversion.method_table import METHODS, Method
 from flexgen.inversion.methods.full_model import Limits
 from flexgen.inversion.problem import INTERVALS, InversionProblem
 from flexgen.inversion.solution import Solution, exceeded, has_kinks, relative_residual, residual_max
+from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.statics import reach
 from flexgen.model.elements import Move, RobotModel
@@ -26,7 +27,7 @@ from flexgen.ports import Port
 from flexgen.simulation.simulate import Simulation, output_labels, output_units, simulate, turn_angle
 from flexgen.trajectory import Trajectory
 
-ACCURACY = 1e-5  # m and rad: a verified error above this is refined, then called inaccurate
+ACCURACY = 1e-5  # m and rad: a verified error above this is refined, then reported as TOLERANCE_NOT_MET
 LONGEST = 5e-3  # s: of the intervals of a mesh, unless the move lasts for minutes
 ATTEMPTS = 3  # meshes, each half as coarse as the one before
 ENERGY = 1e-7  # relative: a simulation that misses the energy balance by more proves nothing
@@ -113,11 +114,11 @@ def solve(
     path = Path(equations, chosen)
     problem = InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, progress, dict(options or {}))
     solution = _refined(problem, chosen_method)
-    if choose and solution.status == "inaccurate" and chosen_method.name != "full":
+    if choose and solution.status == Status.TOLERANCE_NOT_MET and chosen_method.name != "full":
         problem.tell(f"method {chosen_method.name} missed the path: trying the full model")
         try:
             other = _refined(problem, METHODS["full"])
-            solution = other if other.status != "inaccurate" else solution
+            solution = other if other.status != Status.TOLERANCE_NOT_MET else solution
         except SolverError as error:  # what was found before is worth more than nothing
             problem.tell(f"the full model did not help: {error}")
     return replace(solution, wall_s=time.perf_counter() - wall, cpu_s=time.process_time() - cpu)
@@ -169,9 +170,9 @@ def _refined(problem: InversionProblem, method: Method) -> Solution:
             problem.tell(f"residual {solution.residual_relative:.1e} of the torque: halving the mesh")
             continue
         simulation = simulate(problem.equations, solution.trajectory, start=problem.rest, progress=problem.progress)
-        plan = _plan_error(problem.equations, solution, simulation) if solution.status == "limited" else None
+        plan = _plan_error(problem.equations, solution, simulation) if solution.status == Status.LIMITS_ACTIVE else None
         solution = replace(solution, simulation=simulation, plan_error_max=None if plan is None else max(plan))
-        if solution.status == "baseline":
+        if solution.status == Status.BASELINE:
             return solution
         size = min(1.0, reach(problem.equations))
         in_m, in_rad = plan or (simulation.tool_error_max_m or 0.0, simulation.tool_error_max_rad or 0.0)
@@ -179,7 +180,7 @@ def _refined(problem: InversionProblem, method: Method) -> Solution:
         if worst <= problem.accuracy and simulation.energy_error <= ENERGY:
             return solution
         if best is None or worst < least:  # a finer mesh may be worse, where rounding is what is left
-            best, least = replace(solution, status="inaccurate"), worst
+            best, least = replace(solution, status=Status.TOLERANCE_NOT_MET), worst
         if not last:
             problem.tell(f"verified error {worst:.2e} is above {problem.accuracy:.0e}: halving the mesh")
     assert best is not None  # there is one attempt at least
@@ -200,7 +201,7 @@ def _plan_error(equations: Equations, solution: Solution, simulation: Simulation
 
 def _is_believable(solution: Solution) -> bool:
     """Whether the residual between the samples is what it may be."""
-    return solution.status == "baseline" or solution.residual_relative <= (
+    return solution.status == Status.BASELINE or solution.residual_relative <= (
         RIPPLE if solution.method == "full" else RESIDUAL
     )
 

@@ -25,6 +25,7 @@ from flexgen.model.elements import Friction, Motor, RobotModel
 from flexgen.paths.path import Path as ToolPath
 from flexgen.inversion.methods.full_model import Limits
 from flexgen.inversion.solution import Solution
+from flexgen.inversion.status import Status
 
 _CSS = """
 body { font: 16px/1.5 "Helvetica Neue", Arial, "DejaVu Sans", sans-serif; color: #222; background: #fff;
@@ -94,7 +95,7 @@ def _table(head: Iterable[str], rows: Iterable[Iterable[str]], numeric: Iterable
 def _summary(solution: Solution) -> str:
     d = solution.to_dict()
     model, simulation = solution.model, solution.simulation
-    bad = "" if solution.status == "solved" else " bad"
+    bad = "" if solution.status == Status.SOLVED else " bad"
     combined = model.output.type == "combination"
     what, limited, plan = "output" if combined else "tool", _is_limited(solution), d.get("plan_error_max")
     t = solution.trajectory.time
@@ -138,7 +139,7 @@ def _summary(solution: Solution) -> str:
 
 def _is_limited(solution: Solution) -> bool:
     """Whether limits keep the machine off the path, by the plan."""
-    return solution.status == "limited" or solution.to_dict().get("plan_error_max") is not None
+    return solution.status == Status.LIMITS_ACTIVE or solution.to_dict().get("plan_error_max") is not None
 
 
 def _friction(f: Friction) -> str:

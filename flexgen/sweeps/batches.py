@@ -13,6 +13,7 @@ from flexgen.build.generate import generate
 from flexgen.dae.signature import structural_index
 from flexgen.errors import BuildError, FlexgenError
 from flexgen.inversion.solution import exceeded
+from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Move, RobotModel
 from flexgen.paths.time_laws import TimeLaw
@@ -150,7 +151,7 @@ def figures(robot: RobotModel, mover: JointMoves, starts: np.ndarray, ends: np.n
     return [
         {
             "method_used": "closed-form",
-            "status": "solved",
+            "status": Status.SOLVED.value,
             "verdict": "not verified",
             "torque_max": float(torque[k]),
             "torque_rms": float(rms[k]),

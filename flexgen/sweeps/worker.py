@@ -70,7 +70,7 @@ def _row(solution: Solution) -> Row:
     return {
         "move": solution.move.name,
         "method_used": solution.method,
-        "status": solution.status,
+        "status": solution.status.value,
         "verdict": solution.verdict,
         "tool_error_max": solution.tool_error_max_m,
         "turn_error_max": solution.tool_error_max_rad,

@@ -13,6 +13,7 @@ from flexgen.inversion.methods import baselines
 from flexgen.inversion.methods.baselines import quasistatic_motion, stiff_motion
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.solution import Solution
+from flexgen.inversion.status import Status
 from flexgen.model.elements import Move
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
@@ -25,7 +26,7 @@ BASELINES = ("rigid", "fjm", "quasistatic")
 
 
 def _error(solution: Solution) -> float:
-    assert solution.status == "baseline"
+    assert solution.status == Status.BASELINE
     return max(solution.tool_error_max_m or 0.0, solution.tool_error_max_rad or 0.0)
 
 

@@ -22,6 +22,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.methods import bvp, closed_form, lq
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solve import _solution
+from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.signatures import INVERSION
 from flexgen.mechanics.statics import at_rest
@@ -121,7 +122,7 @@ def test_the_tool_stays_on_the_path(name: str) -> None:
 
 def test_it_is_a_method_of_solve() -> None:
     solution = flexgen.solve("planar5_nmp", method="bvp")
-    assert solution.method == "bvp" and solution.status == "solved"
+    assert solution.method == "bvp" and solution.status == Status.SOLVED
     assert solution.tool_error_max_m is not None and solution.tool_error_max_m < MICRON / 10
     assert solution.details["unstable_zeros_start"] == 1
 

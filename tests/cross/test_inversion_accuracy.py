@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import flexgen
+from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import derive
 from flexgen.simulation.simulate import simulate
 from flexgen.trajectory import Trajectory
@@ -27,7 +28,7 @@ def test_planar_arms(name: str) -> None:
     equations = derive(name)
     for move in equations.model.moves:
         solution = flexgen.solve(equations, move)
-        assert (solution.method, solution.status) == ("lq", "solved")
+        assert (solution.method, solution.status) == ("lq", Status.SOLVED)
         assert (solution.tool_error_max_m or 0.0) <= PLANAR
 
 
@@ -36,7 +37,7 @@ def six_axes(name: str) -> None:
     assert {"tool_line", "joint", "tool_circle"} <= {move.type for move in equations.model.moves}
     for move in equations.model.moves:
         solution = flexgen.solve(equations, move)
-        assert (solution.method, solution.status) == ("lq", "solved"), move.name
+        assert (solution.method, solution.status) == ("lq", Status.SOLVED), move.name
         assert (solution.tool_error_max_m or 0.0) <= SIX_AXES, move.name
         assert (solution.tool_error_max_rad or 0.0) <= SIX_AXES, move.name
 

@@ -15,6 +15,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.methods import dummy_derivatives
 from flexgen.inversion.methods.dummy_derivatives import POOR, answer, integrate, offsets
 from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.status import Status
 
 TOLD = 5e-7  # m and rad: what is reached with the default tolerance
 EXACT = 1e-4  # relative: torques against the exact methods
@@ -138,7 +139,7 @@ def test_consistent_values_are_found_again() -> None:
 @pytest.mark.parametrize("name", ["planar5_mp", "planar5_mp@undamped", "four_mass@high", "elbow", "elbow@rigid"])
 def test_the_answer_agrees_and_is_verified(name: str) -> None:
     solution = flexgen.solve(name, method="reduced")
-    assert solution.status == "solved" and (solution.tool_error_max_m or 0.0) < TOLD
+    assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 0.0) < TOLD
     t = solution.trajectory.time
     on_path = (t >= 0) & (t <= problem(name).path.duration)
     assert relative(solution.trajectory["tau_m"][on_path], reference(name)(t[on_path])) < EXACT  # type: ignore[operator]
@@ -148,7 +149,7 @@ def test_the_answer_agrees_and_is_verified(name: str) -> None:
 @pytest.mark.parametrize("move", ["line", "joints"])
 def test_six_axes(move: str) -> None:
     solution = flexgen.solve("manutec_r3", move, method="reduced")
-    assert solution.status == "solved"
+    assert solution.status == Status.SOLVED
     assert (solution.tool_error_max_m or 1) < TOLD and (solution.tool_error_max_rad or 1) < TOLD
 
 

@@ -14,6 +14,7 @@ from scipy.interpolate import make_interp_spline
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.methods.full_model import Limits
+from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import reach
 from flexgen.model.elements import Move, Output
@@ -35,7 +36,7 @@ def test_collocation_is_verified_to_a_micron(name: str) -> None:
     assert simulation is not None and simulation.tool_error_max_m is not None
     assert simulation.tool_error_max_m < RIGHT < MICRON
     assert simulation.energy_error < BALANCE
-    assert solution.status == "solved" and solution.verdict == "Solve_Succeeded"
+    assert solution.status == Status.SOLVED and solution.verdict == "Solve_Succeeded"
     # the machine stands still before it begins, at rest to the last digit
     assert np.abs(solution.trajectory["v_a"][0]).max() < 1e-9
 
@@ -51,7 +52,7 @@ def test_closed_form_on_six_axes(move: str) -> None:
 @pytest.mark.long
 def test_six_axes_with_twelve_elasticities() -> None:
     solution = flexgen.solve("manutec_r3_efjm", method="collocation")
-    assert solution.status == "solved"
+    assert solution.status == Status.SOLVED
     assert solution.tool_error_max_m is not None and solution.tool_error_max_m < MICRON
     assert solution.tool_error_max_rad is not None and solution.tool_error_max_rad < 1e-6
 
@@ -112,19 +113,19 @@ def test_a_sign_error_in_the_coriolis_term_is_seen() -> None:
     with pytest.raises(SolverError, match="does not satisfy the equations of motion"):
         flexgen.solve(bugged, method="collocation", verify=False)
     seen = flexgen.solve(bugged, method="collocation", mesh=0.005)
-    assert seen.status == "inaccurate" and (seen.tool_error_max_m or 0) > 100 * MICRON
+    assert seen.status == Status.TOLERANCE_NOT_MET and (seen.tool_error_max_m or 0) > 100 * MICRON
 
 
 def test_a_zero_may_pass_through_infinity_along_the_path() -> None:
     """There the rows that give the accelerations are singular between two samples; the motion itself is smooth."""
     for method in ("lq", "collocation"):
         solution = flexgen.solve(ROBOTS / "spatial.toml", method=method)
-        assert solution.status == "solved" and (solution.tool_error_max_m or 1) < RIGHT
+        assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < RIGHT
 
 
 def test_a_move_of_no_length_is_solved() -> None:
     solution = flexgen.solve(read("planar5_nmp", overrides={"move.line.displacement": [0.0, 0.0, 0.0]}))
-    assert solution.status == "solved" and (solution.tool_error_max_m or 1) < 1e-12
+    assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < 1e-12
 
 
 def test_an_output_that_no_motor_moves_is_told() -> None:
@@ -142,7 +143,7 @@ def test_too_rough_a_move_is_warned_of() -> None:
 
 
 def test_coarse_meshes_are_refused_or_seen() -> None:
-    assert flexgen.solve("abb_arm", method="collocation", mesh=0.5).status == "inaccurate"
+    assert flexgen.solve("abb_arm", method="collocation", mesh=0.5).status == Status.TOLERANCE_NOT_MET
     for name, mesh in (("beam_arm", 0.1), ("planar5_nmp", 0.08)):
         with pytest.raises(SolverError, match="does not satisfy the equations of motion"):
             flexgen.solve(name, method="collocation", mesh=mesh, verify=False)
@@ -187,7 +188,7 @@ LARGE = ("manutec_r3_efjm", "manutec_r3_18", "manutec_r3_24", "manutec_r3_30", "
 )
 def test_every_shipped_move_is_solved(name: str, move: str) -> None:
     solution = flexgen.solve(name, move)
-    assert solution.status == "solved"
+    assert solution.status == Status.SOLVED
     assert (solution.tool_error_max_m or 0) < 2 * MICRON and (solution.tool_error_max_rad or 0) < MICRON
     assert not solution.warnings, solution.warnings
 
@@ -195,7 +196,7 @@ def test_every_shipped_move_is_solved(name: str, move: str) -> None:
 @pytest.mark.long
 def test_the_other_move_with_twelve_elasticities() -> None:
     solution = flexgen.solve("manutec_r3_efjm", "joints", "collocation")
-    assert solution.status == "solved" and (solution.tool_error_max_m or 1) < MICRON / 10
+    assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < MICRON / 10
 
 
 @pytest.mark.long
@@ -256,7 +257,7 @@ def test_small_arms_are_judged_by_their_size() -> None:
 @pytest.mark.parametrize(("name", "method"), [("planar5_nmp", "lq"), ("elbow", "closed-form")])
 def test_coupled_motors(name: str, method: str) -> None:
     solution = flexgen.solve(read(name, overrides=COUPLED))
-    assert solution.method == method and solution.status == "solved"
+    assert solution.method == method and solution.status == Status.SOLVED
     assert (solution.tool_error_max_m or 1) < RIGHT
     # both motors carry the first joint now: the torques are others than without the coupling
     alone = flexgen.solve(name, verify=False)

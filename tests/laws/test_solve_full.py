@@ -9,6 +9,7 @@ from scipy.interpolate import make_interp_spline
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.methods.full_model import Limits, limits_from_model
+from flexgen.inversion.status import Status
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.simulate import simulate
@@ -40,7 +41,7 @@ def test_torque_limits_are_kept_and_their_price_is_told() -> None:
     free = flexgen.solve(equations, verify=False)
     bound = tuple(0.9 * np.abs(free.trajectory["tau_m"]).max(axis=0))
     solution = flexgen.solve(equations, limits=Limits(torque=bound))
-    assert solution.method == "full" and solution.status == "limited"
+    assert solution.method == "full" and solution.status == Status.LIMITS_ACTIVE
     assert (np.abs(solution.trajectory["tau_m"]).max(axis=0) <= np.array(bound) * (1 + 1e-12)).all()
     assert solution.tool_error_max_m is not None and 1e-4 < solution.tool_error_max_m < 1e-2
     # the plan itself is verified as closely as an exact path would be
@@ -50,14 +51,14 @@ def test_torque_limits_are_kept_and_their_price_is_told() -> None:
 def test_speed_limits_are_kept() -> None:
     equations = flexgen.derive("planar5_nmp")
     solution = flexgen.solve(equations, limits=Limits(speed=(1000.0, 250.0)))
-    assert solution.status == "limited"
+    assert solution.status == Status.LIMITS_ACTIVE
     # bounded at the Gauss points; between them it may be passed by a trifle
     assert np.abs(solution.trajectory["v_m"][:, 1]).max() < 250.0 * 1.001
 
 
 def test_limits_that_do_not_bind_change_nothing() -> None:
     solution = flexgen.solve("planar5_nmp", limits=Limits(torque=(30.0, 10.0)))
-    assert solution.status == "solved" and (solution.tool_error_max_m or 1) < 2 * MICRON
+    assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < 2 * MICRON
 
 
 def test_limits_of_the_model_file() -> None:
@@ -90,10 +91,10 @@ def test_gear_torque_channel_is_that_of_the_gears() -> None:
 
 def test_a_gear_with_a_kink_is_solved_by_the_full_method() -> None:
     solution = flexgen.solve("four_mass@piecewise")
-    assert (solution.method, solution.status) == ("full", "solved")
+    assert (solution.method, solution.status) == ("full", Status.SOLVED)
     assert (solution.tool_error_max_m or 1) < 2 * MICRON
     exact = flexgen.solve("four_mass@piecewise", method="collocation", mesh=0.005)
-    assert exact.status == "inaccurate"  # its torque would have to jump
+    assert exact.status == Status.TOLERANCE_NOT_MET  # its torque would have to jump
 
 
 @pytest.mark.long
@@ -101,7 +102,7 @@ def test_backlash_is_solved_by_the_full_method_when_the_closed_form_fails() -> N
     said: list[str] = []
     solution = flexgen.solve("kr300@backlash", progress=said.append)
     assert any("trying the full model" in line for line in said)
-    assert (solution.method, solution.status) == ("full", "solved")
+    assert (solution.method, solution.status) == ("full", Status.SOLVED)
     assert (solution.tool_error_max_m or 1) < 2 * MICRON and (solution.tool_error_max_rad or 1) < 2 * MICRON
 
 
@@ -109,7 +110,7 @@ def test_complete_motor_coupling() -> None:
     """Rotors that turn with their carriers: solved by the full method; leaving the coupling out shows in the tool."""
     complete = flexgen.derive(read("planar5_nmp", overrides=COMPLETE))
     solution = flexgen.solve(complete)
-    assert solution.method == "full" and solution.status == "solved"
+    assert solution.method == "full" and solution.status == Status.SOLVED
     assert (solution.tool_error_max_m or 1) < 2 * MICRON
     simple = read("planar5_nmp", overrides={"motor.m2.inertia": 0.01})
     careless = flexgen.solve(simple, verify=False)
@@ -131,7 +132,10 @@ def test_a_fallback_that_fails_loses_nothing(monkeypatch: pytest.MonkeyPatch) ->
     said: list[str] = []
     # an accuracy that no method reaches: the first one's answer is kept
     solution = flexgen.solve("abb_arm", mesh=0.005, accuracy=1e-15, progress=said.append)
-    assert (solution.method, solution.status) in (("lq", "inaccurate"), ("collocation", "inaccurate"))
+    assert (solution.method, solution.status) in (
+        ("lq", Status.TOLERANCE_NOT_MET),
+        ("collocation", Status.TOLERANCE_NOT_MET),
+    )
     assert said[-1] == "the full model did not help: no"
 
 

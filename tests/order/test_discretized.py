@@ -13,6 +13,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.methods import discretized
 from flexgen.inversion.methods.discretized import Discretized, discretize
 from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.model.reader import read
 from flexgen.paths.path import Path
@@ -31,7 +32,7 @@ def _question(equations: Equations) -> InversionProblem:
 @pytest.mark.parametrize("name", ["planar5_mp", "planar5_nmp", "planar5_soft", "beam_arm", "planar5_nmp@undamped"])
 def test_the_tool_follows_its_path(name: str) -> None:
     solution = flexgen.solve(name, method="discretized")
-    assert solution.status == "solved" and solution.simulation is not None
+    assert solution.status == Status.SOLVED and solution.simulation is not None
     assert (solution.tool_error_max_m or 1) < RIGHT
     # it begins exactly at rest
     assert np.abs(solution.trajectory["v_a"][0]).max() < 1e-7
@@ -40,7 +41,7 @@ def test_the_tool_follows_its_path(name: str) -> None:
 @pytest.mark.parametrize("name", ["four_mass", "four_mass@piecewise"])
 def test_springs_with_a_bend(name: str) -> None:
     solution = flexgen.solve(name, method="discretized")
-    assert solution.status == "solved" and (solution.tool_error_max_m or 1) < MICRON
+    assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < MICRON
 
 
 def test_poses_and_rigid_gears_and_complete_coupling() -> None:
@@ -56,7 +57,7 @@ def test_poses_and_rigid_gears_and_complete_coupling() -> None:
         "motor.m2.inertia": 0.01,
     }
     coupled = flexgen.solve(read("planar5_nmp", overrides=changes), method="discretized")
-    assert coupled.status == "solved" and (coupled.tool_error_max_m or 1) < RIGHT
+    assert coupled.status == Status.SOLVED and (coupled.tool_error_max_m or 1) < RIGHT
 
 
 @pytest.mark.parametrize(
@@ -118,14 +119,14 @@ def test_a_wrong_difference_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second = discretized._DIFFERENCES[4]
     monkeypatch.setitem(discretized._DIFFERENCES, 4, (first, tuple(1.001 * x for x in second)))
     wrong = flexgen.solve("planar5_nmp", method="discretized", mesh=2e-3)
-    assert wrong.status == "inaccurate" and (wrong.tool_error_max_m or 0) > 10 * MICRON
+    assert wrong.status == Status.TOLERANCE_NOT_MET and (wrong.tool_error_max_m or 0) > 10 * MICRON
 
 
 def test_without_the_cost_of_the_torque_there_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: a start that is as good as any other, so that motions of the machine itself are let in."""
     monkeypatch.setattr(discretized, "START", 0.0)
     wrong = flexgen.solve("four_mass", method="discretized", mesh=2e-3)
-    assert wrong.status == "inaccurate"
+    assert wrong.status == Status.TOLERANCE_NOT_MET
 
 
 @pytest.mark.parametrize(

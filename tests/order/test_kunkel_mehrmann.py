@@ -16,6 +16,7 @@ from flexgen.dae.strangeness_free import StrangenessFree
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.methods.kunkel_mehrmann import Regular, answer, integrate, regularised
 from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.status import Status
 from flexgen.numerics.tableaus import Tableau, radau
 
 ORDER = 2 * 3 - 1  # of Radau IIA with three stages
@@ -165,7 +166,7 @@ def test_a_wrong_coefficient_is_seen() -> None:
 def test_the_answer_agrees_and_is_verified(name: str) -> None:
     solution = flexgen.solve(name, method="kunkel-mehrmann")
     scale = 10 * 10 if name == "abb_arm" else 1  # it turns by 10 rad, and is light: rounding is what is seen
-    assert solution.status == "solved"
+    assert solution.status == Status.SOLVED
     assert (solution.tool_error_max_m or 0.0) < TOLD and (solution.tool_error_max_rad or 0.0) < scale * TOLD
     t = solution.trajectory.time
     on_path = (t >= 0) & (t <= problem(name).path.duration)
@@ -176,7 +177,7 @@ def test_the_answer_agrees_and_is_verified(name: str) -> None:
 @pytest.mark.full
 def test_six_axes() -> None:
     solution = flexgen.solve("manutec_r3", "line", method="kunkel-mehrmann")
-    assert solution.status == "solved"
+    assert solution.status == Status.SOLVED
     assert (solution.details["a"], solution.details["d"]) == (21, 3)
     assert (solution.tool_error_max_m or 1) < TOLD and (solution.tool_error_max_rad or 1) < TOLD
 

@@ -13,6 +13,7 @@ import scipy.linalg
 import flexgen
 from flexgen.analysis.linear import LinearModel, linearise
 from flexgen.analysis.zeros import inner_pencil, inner_zeros, zero_report
+from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import Equilibrium, hold_joints
 from flexgen.model.elements import RobotModel
@@ -139,7 +140,7 @@ def test_another_direction_behind_joint_5_is_flat(name: str, change: dict[str, o
 @pytest.mark.long
 def test_eighteen_degrees_of_freedom_by_collocation() -> None:
     solution = flexgen.solve("manutec_r3_18", "line", method="collocation")
-    assert solution.status == "solved" and (solution.tool_error_max_m or 1) < 1e-7
+    assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < 1e-7
 
 
 # --- the planar family ------------------------------------------------------------------------------------------------

@@ -19,6 +19,7 @@ import pytest
 from flexgen.cli import verbs
 from flexgen.cli.main import build_parser, main
 from flexgen.cli.printing import analysis_text, as_json, figures, number, plain, roots, solution_rows, table
+from flexgen.inversion.status import Status
 from flexgen.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -294,34 +295,35 @@ def test_solve_for_people(run):
     assert run("solve", "elbow", "--no-verify", "--quiet")[2] == ""
 
 
-def test_inaccurate_is_a_failure_with_its_figures(ask):
+def test_a_missed_tolerance_is_a_failure_with_its_figures(ask):
     status, data, err = ask("solve", "planar5_nmp", "--mesh", "0.005", "--accuracy", "1e-30")
-    assert status == 1 and data["status"] == "inaccurate"
-    assert data["error"].startswith("inaccurate") and data["tool_error_max_m"] > 0 and "flexgen: inaccurate" in err
+    assert status == 1 and data["status"] == "tolerance not met"
+    assert data["error"].startswith("tolerance not met: ") and data["tool_error_max_m"] > 0
+    assert "flexgen: tolerance not met: " in err
 
 
-def test_limited_is_told_from_inaccurate():
+def test_active_limits_are_not_a_missed_tolerance():
     facts = dict.fromkeys(
         "method verdict iterations wall_s cpu_s lead_s torque_max_Nm speed_max_rad_s residual_max_Nm residual_relative "
         "tool_error_max_rad energy_error".split()
     )
     rows = solution_rows(facts | {"status": "solved", "tool_error_max_m": 3.9e-10})
     assert ("tool error in simulation, largest", 3.9e-4, "um") in [(a, b and round(b, 9), c) for a, b, c in rows]
-    limited = facts | {"status": "limited", "tool_error_max_m": 0.0125, "plan_error_max": 2e-9}
+    limited = facts | {"status": Status.LIMITS_ACTIVE, "tool_error_max_m": 0.0125, "plan_error_max": 2e-9}
     told = figures(solution_rows(limited))
     assert "limits keep the tool off the path by  12.5   mm" in told
     assert "simulation against the plan, largest  2e-09  m or rad" in told
     strays = SimpleNamespace(
-        status="inaccurate",
+        status=Status.TOLERANCE_NOT_MET,
         method="collocation",
         simulation=None,
         tool_error_max_m=0.1,
         tool_error_max_rad=None,
         to_dict=lambda: {"plan_error_max": 3e-3},
     )
-    assert "strays 0.003 m or rad from the plan, more than 1e-06" in verbs.inaccuracy(strays, 1e-6)
+    assert "deviates from the plan by 0.003 m or rad, more than 1e-06" in verbs.inaccuracy(strays, 1e-6)
     strays.to_dict = dict
-    assert "strays 0.1 m or rad from the path, more than 1e-06" in verbs.inaccuracy(strays, 1e-6)
+    assert "deviates from the path by 0.1 m or rad, more than 1e-06" in verbs.inaccuracy(strays, 1e-6)
 
 
 @pytest.mark.parametrize(

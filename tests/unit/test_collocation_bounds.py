@@ -13,6 +13,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.methods import full_model
 from flexgen.inversion.methods.full_model import Limits, bernstein_rows, collocate_full, limits_for
 from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.status import Status
 from flexgen.model.reader import read
 from flexgen.numerics.tableaus import Tableau, gauss
 from flexgen.paths.path import Path
@@ -27,7 +28,7 @@ def test_torque_and_speed_together_are_planned_exactly() -> None:
     """Both bounds act here; read through samples by anything but the polynomials, the torque misses by 0.1 mm."""
     equations = flexgen.derive("planar5_nmp")
     solution = flexgen.solve(equations, limits=limits_for(equations.model, torque=20.0, speed=100.0))
-    assert solution.status == "limited"
+    assert solution.status == Status.LIMITS_ACTIVE
     assert solution.plan_error_max is not None and solution.plan_error_max < PLAN
     trajectory = solution.trajectory
     assert np.abs(trajectory["tau_m"]).max() <= 20.0
@@ -51,7 +52,7 @@ def test_deflections_are_bounded() -> None:
     rest = float(np.abs(free["q_a"][0, 2]))
     bound = rest + 0.5 * (largest - rest)
     solution = flexgen.solve(equations, limits=Limits(deflection=(bound,)))
-    assert solution.status == "limited"
+    assert solution.status == Status.LIMITS_ACTIVE
     assert np.abs(solution.trajectory["q_a"][:, 2]).max() < bound * (1 + BENT)
     assert solution.plan_error_max is not None and solution.plan_error_max < PLAN
     # the tool leaves its path for that, and no more than it has to
@@ -62,14 +63,14 @@ def test_collocation_keeps_bounds_too() -> None:
     equations = flexgen.derive("planar5_nmp")
     limits = limits_for(equations.model, torque=22.0)
     one, other = (flexgen.solve(equations, method=m, limits=limits, verify=False) for m in ("collocation", "full"))
-    assert one.status == other.status == "limited"
+    assert one.status == other.status == Status.LIMITS_ACTIVE
     assert np.array_equal(one.trajectory["tau_m"], other.trajectory["tau_m"])
 
 
 def test_bounds_that_do_not_act_change_nothing() -> None:
     equations = flexgen.derive("planar5_nmp")
     solution = flexgen.solve(equations, limits=limits_for(equations.model, torque=30.0, speed=400.0, deflection=1e-2))
-    assert solution.status == "solved" and (solution.tool_error_max_m or 1) < 2e-6
+    assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < 2e-6
 
 
 def test_bounds_behind_rigid_gears() -> None:
@@ -77,7 +78,7 @@ def test_bounds_behind_rigid_gears() -> None:
     free = flexgen.solve(equations, verify=False).trajectory
     speed = 0.9 * float(np.abs(free["v_m"]).max())
     solution = flexgen.solve(equations, limits=limits_for(equations.model, speed=speed))
-    assert solution.status == "limited"
+    assert solution.status == Status.LIMITS_ACTIVE
     assert np.abs(solution.trajectory["v_m"]).max() < speed * (1 + 1e-5)
 
 

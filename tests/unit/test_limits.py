@@ -13,6 +13,7 @@ from flexgen.inversion.methods.full_model import limits_for
 from flexgen.inversion.model_library import has_compiler
 from flexgen.inversion.path_deviation import DEGREE, DeviationBasis, bent
 from flexgen.inversion.solution import Solution
+from flexgen.inversion.status import Status
 from flexgen.numerics.evaluate import evaluate
 
 KEPT = 1e-3  # of a bound: what its corrections may leave
@@ -38,7 +39,7 @@ def deviation(solution: Solution) -> float:
 @pytest.mark.parametrize(("torque", "price"), [(22.0, 1.02e-3), (20.0, 3.12e-3)])
 def test_torque_limits_cost_what_they_cost_the_full_method(torque: float, price: float) -> None:
     solution = bounded("lq", torque=torque)
-    assert solution.status == "limited"
+    assert solution.status == Status.LIMITS_ACTIVE
     assert np.abs(solution.trajectory["tau_m"]).max() <= torque * (1 + KEPT)
     assert abs(deviation(solution) - price) < NEAR * price  # of method full with the same limits
     assert solution.details["bend_max_m"] == pytest.approx(deviation(solution), rel=1e-3)
@@ -47,7 +48,7 @@ def test_torque_limits_cost_what_they_cost_the_full_method(torque: float, price:
 @needs_compiler
 def test_speed_limits_are_kept() -> None:
     solution = bounded("lq", speed=(1000.0, 250.0))
-    assert solution.status == "limited" and 1e-5 < deviation(solution) < 1e-3
+    assert solution.status == Status.LIMITS_ACTIVE and 1e-5 < deviation(solution) < 1e-3
     assert np.abs(solution.trajectory["v_m"][:, 1]).max() <= 250.0 * (1 + KEPT)
 
 
@@ -55,7 +56,7 @@ def test_speed_limits_are_kept() -> None:
 def test_the_bent_path_is_verified() -> None:
     equations = flexgen.derive("planar5_nmp")
     solution = flexgen.solve(equations, method="lq", limits=limits_for(equations.model, torque=22.0))
-    assert solution.status == "limited" and not solution.warnings
+    assert solution.status == Status.LIMITS_ACTIVE and not solution.warnings
     assert solution.plan_error_max is not None and solution.plan_error_max < 1e-6
     assert solution.tool_error_max_m == pytest.approx(solution.details["bend_max_m"], rel=1e-2)
 
@@ -64,7 +65,7 @@ def test_the_bent_path_is_verified() -> None:
 def test_wide_limits_change_nothing() -> None:
     free = flexgen.solve("planar5_nmp", method="lq", verify=False)
     wide = bounded("lq", torque=30.0, speed=1000.0, deflection=0.1)
-    assert wide.status == "solved"
+    assert wide.status == Status.SOLVED
     assert np.array_equal(free.trajectory["tau_m"], wide.trajectory["tau_m"])
 
 

@@ -10,6 +10,7 @@ import pytest
 
 import flexgen
 from flexgen.errors import ArgumentError, ModelError, SolverError
+from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.model.moves import Move, MoveC, MoveJ, MoveL, Program
 from flexgen.paths.joint_limits import Posture
@@ -231,7 +232,7 @@ def test_a_program_is_solved_like_a_move() -> None:
         smoothness=5,
     )
     solution = flexgen.solve(elbow, program)
-    assert solution.status == "solved" and solution.move.name == "there_and_back"
+    assert solution.status == Status.SOLVED and solution.move.name == "there_and_back"
 
 
 GOOD = Program(

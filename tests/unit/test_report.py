@@ -18,6 +18,7 @@ import pytest
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.inversion.methods.full_model import Limits
+from flexgen.inversion.status import Status
 from flexgen.plots import canvas
 from flexgen.plots import solution as figures_of
 from flexgen.reports.html import write_analysis, write_report
@@ -139,15 +140,15 @@ def test_report_without_verification(tmp_path):
 
 def test_report_of_a_limited_solution_with_warnings_and_library(tmp_path):
     equations, solution = solved("planar5_nmp", "line")
-    measured = dataclasses.replace(solution, status="limited", plan_error_max=1.7e-6)
+    measured = dataclasses.replace(solution, status=Status.LIMITS_ACTIVE, plan_error_max=1.7e-6)
     text = " ".join(read_page(write_report(equations, measured, tmp_path / "measured"))[1].split())
     assert "simulation against the plan 1.7 µm" in text and "is part of the plan" in text
-    limited = dataclasses.replace(solution, status="limited", warnings=("motor m1: <b>torque</b> & more",))
+    limited = dataclasses.replace(solution, status=Status.LIMITS_ACTIVE, warnings=("motor m1: <b>torque</b> & more",))
     library = SimpleNamespace(functions=("mass_matrix",), files=("a/planar5_nmp.c",), digest="0123456789abcdef0123")
     page, text = read_page(
         write_report(equations, limited, tmp_path, generated=library, limits=Limits(torque=(26.0, np.inf)))
     )
-    assert "limited" in text and "Limits keep the machine off the path" in text
+    assert "limits active" in text and "Limits keep the machine off the path" in text
     assert "limits keep the tool off the path by" in text and "largest error of the tool" not in text
     assert "simulation against the plan" not in text  # which was not measured
     assert "motor m1: <b>torque</b> & more" in text and "b" not in page.tags

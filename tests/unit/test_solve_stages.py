@@ -15,6 +15,7 @@ from flexgen.inversion.methods.collocation import collocate
 from flexgen.inversion.motor_side import twists
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.solution import residual_max
+from flexgen.inversion.status import Status
 from flexgen.mechanics.statics import gear_twist
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
@@ -141,7 +142,7 @@ def test_guards_of_the_verdicts(monkeypatch: pytest.MonkeyPatch) -> None:
         return dataclasses.replace(simulate(*arguments, **options), energy_error=1e-3)  # type: ignore[arg-type]
 
     monkeypatch.setattr(solving, "simulate", leaking)
-    assert flexgen.solve("planar5_mp", method="collocation", mesh=0.005).status == "inaccurate"
+    assert flexgen.solve("planar5_mp", method="collocation", mesh=0.005).status == Status.TOLERANCE_NOT_MET
     monkeypatch.setattr(solving, "simulate", simulate)
     monkeypatch.setattr(nlp, "_violation", lambda *bounds: 1.0)
     with pytest.raises(SolverError, match="Solve_Succeeded"):

@@ -30,6 +30,7 @@ from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.motor_side import MotorMotion, drives
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Motion, Reduction
+from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path, PathSample
@@ -182,4 +183,4 @@ def _instants(problem: InversionProblem) -> np.ndarray:
 def _answer(t: np.ndarray, motion: Motion, motors: MotorMotion) -> MethodResult:
     if not np.isfinite(motors.tau_m).all():
         raise SolverError("the torque is not finite: a gear whose spring carries nothing, or a path that is not smooth")
-    return MethodResult(t, motion.q, motion.v, motion.a, motion.tau_g[:, :, 0], motors, status="baseline")
+    return MethodResult(t, motion.q, motion.v, motion.a, motion.tau_g[:, :, 0], motors, status=Status.BASELINE)

@@ -16,6 +16,7 @@ from flexgen.inversion.motor_side import drives
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Motion, Reduction
 from flexgen.inversion.solution import motion_residual
+from flexgen.inversion.status import Status
 from flexgen.numerics.tableaus import gauss
 from flexgen.paths.path import PathSample
 
@@ -98,7 +99,7 @@ def full(problem: InversionProblem, h: float) -> MethodResult:
         m.tau_g[:, :, 0],
         found.drives,
         lead,
-        status="limited" if found.limited else "solved",
+        status=Status.LIMITS_ACTIVE if found.limited else Status.SOLVED,
         verdict=found.nlp.status,
         iterations=found.nlp.iterations,
         intervals=len(nodes) - 1,
@@ -118,7 +119,17 @@ def sampled(
     """The answer of a motion of the arm whose derivatives are known: the drives follow."""
     motors = drives(problem.equations, t, motion.q, motion.v, motion.a, motion.tau_g)
     return MethodResult(
-        t, motion.q, motion.v, motion.a, motion.tau_g[:, :, 0], motors, lead, "solved", verdict, iterations, intervals
+        t,
+        motion.q,
+        motion.v,
+        motion.a,
+        motion.tau_g[:, :, 0],
+        motors,
+        lead,
+        Status.SOLVED,
+        verdict,
+        iterations,
+        intervals,
     )
 
 

@@ -1,0 +1,50 @@
+"""Status: how far a solution of inverse dynamics can be relied on."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class Status(StrEnum):
+    """Status of a solution.
+
+    A member is a string: ``str(status)`` and JSON give its value.
+
+    Attributes
+    ----------
+    sentence : str
+        What the status means.
+    advice : str
+        What to do next.
+    """
+
+    sentence: str
+    advice: str
+
+    def __new__(cls, value: str, sentence: str, advice: str) -> Status:
+        """A member with its texts."""
+        member = str.__new__(cls, value)
+        member._value_ = value
+        member.sentence, member.advice = sentence, advice
+        return member
+
+    SOLVED = (
+        "solved",
+        "The equations of motion hold, and the verification, where it is on, found no error above the tolerance.",
+        "Use the trajectory; read the warnings first if there are any.",
+    )
+    LIMITS_ACTIVE = (
+        "limits active",
+        "The limits keep the tool off the path; the motion satisfies the equations of motion.",
+        "Compare the tool error with what the task allows; to reduce it, give the move more time or loosen the limits.",
+    )
+    BASELINE = (
+        "baseline",
+        "The torques come from a simplified model; the tool error is measured, not bounded.",
+        "Use the solution for comparison only; for exact tracking use another method.",
+    )
+    TOLERANCE_NOT_MET = (
+        "tolerance not met",
+        "The verification found an error above the tolerance.",
+        "Do not use the torques; try --method full, a finer --mesh, a longer --preview or a smoother move.",
+    )

@@ -1,0 +1,41 @@
+"""The status of a solution: its values, its texts, and what files and JSON store of it."""
+
+from __future__ import annotations
+
+import json
+import pickle
+
+import pytest
+
+import flexgen
+from flexgen.inversion.status import Status
+
+
+def test_values():
+    assert [status.value for status in Status] == ["solved", "limits active", "baseline", "tolerance not met"]
+    assert flexgen.Status is Status
+
+
+@pytest.mark.parametrize("status", Status)
+def test_a_status_has_a_sentence_and_an_advice(status):
+    for text in (status.sentence, status.advice):
+        assert text.endswith(".") and len(text.split()) > 4
+    assert len({other.sentence for other in Status}) == len({other.advice for other in Status}) == len(Status)
+
+
+@pytest.mark.parametrize("status", Status)
+def test_a_status_is_stored_as_its_value(status):
+    assert str(status) == f"{status}" == status.value and json.loads(json.dumps({"status": status})) == {
+        "status": status.value
+    }
+    assert Status(status.value) is status and pickle.loads(pickle.dumps(status)) is status
+
+
+def test_an_unknown_status_is_refused():
+    with pytest.raises(ValueError, match="inaccurate"):
+        Status("inaccurate")
+
+
+def test_figures_of_a_solution_store_the_value():
+    solution = flexgen.solve("elbow", verify=False)
+    assert solution.status is Status.SOLVED and type(solution.to_dict()["status"]) is str
