@@ -22,7 +22,7 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.statics import reach
 from flexgen.model.elements import Move, RobotModel
 from flexgen.numerics.evaluate import evaluate
-from flexgen.paths.path import Path
+from flexgen.paths.path import Path, named_move
 from flexgen.ports import Port
 from flexgen.simulation.simulate import Simulation, output_labels, output_units, simulate, turn_angle
 from flexgen.trajectory import Trajectory
@@ -93,7 +93,7 @@ def solve(
     wall, cpu = time.perf_counter(), time.process_time()
     equations = model if isinstance(model, Equations) else derive(model)
     robot = equations.model
-    chosen = move if isinstance(move, Move) else _find(robot, move)
+    chosen = named_move(robot, move)
     if method != "auto" and method not in METHODS:
         raise ArgumentError(f"method: given {method!r}, expected one of auto, {', '.join(METHODS)}")
     for name, value in (("preview", preview), ("mesh", mesh), ("accuracy", accuracy)):
@@ -106,8 +106,6 @@ def solve(
             raise ArgumentError(f"{name}: given {value!r}, expected {what}")
     if limits is not None and not isinstance(limits, Limits):
         raise ArgumentError(f"limits: given {limits!r}, expected flexgen.Limits(torque=..., speed=...)")
-    if not isinstance(chosen, Move):
-        raise ArgumentError(f"move: given {chosen!r}, expected the name of a move or a flexgen.Move")
     choose = method == "auto"
     chosen_method = METHODS[_automatic(robot, limits) if choose else method]
     _check_applies(chosen_method, robot, limits)
@@ -214,14 +212,6 @@ def _judge(solution: Solution) -> None:
             f"residual {solution.residual_max_Nm:.3g} N m, in one row {solution.residual_relative:.1e} of the torque "
             "there; verify it, or try a finer --mesh or a smoother move"
         )
-
-
-def _find(robot: RobotModel, name: str | None) -> Move:
-    try:
-        return robot.move(name)
-    except KeyError:
-        names = ", ".join(m.name for m in (*robot.moves, *robot.programs)) or "none"
-        raise ArgumentError(f"move: given {name!r}, model {robot.name} has: {names}") from None
 
 
 def _trajectory(problem: InversionProblem, answer: MethodResult) -> Trajectory:

@@ -1,19 +1,25 @@
-"""Paths: what the output shall do, with its time derivatives up to the fifth, in position and orientation."""
+"""Paths: the reference of the output over time, with its derivatives up to the fifth, in position and orientation."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path as FilePath
 
 import numpy as np
 
-from flexgen.mechanics.equations import Equations
+from flexgen.errors import ArgumentError
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.model.elements import RobotModel
 from flexgen.model.moves import Move
 from flexgen.paths.jets import ORDER, chain_rule
+from flexgen.paths.joint_limits import Posture
 from flexgen.paths.move_planner import PlannedMove
 from flexgen.paths.reference import PathSample, Reference
 from flexgen.paths.timed_segments import TimedSegment
 
-__all__ = ["ORDER", "Path", "PathSample", "chain_rule"]
+__all__ = ["ORDER", "Path", "PathSample", "chain_rule", "named_move", "plan"]
+
+CHECKED = 101  # instants at which `plan` solves the inverse kinematics
 
 
 class Path:
@@ -86,3 +92,46 @@ class Path:
         assert y is not None
         every = all(leg.space == "joint" for leg in self.legs)
         return PathSample(y, joined("R"), joined("w"), joined("q_g") if every else None)
+
+
+def plan(model: str | FilePath | RobotModel | Equations, move: str | Move | None = None) -> Path:
+    """Plan a move: a path in time, checked by the inverse kinematics of the undeflected arm.
+
+    Parameters
+    ----------
+    model : name, path, RobotModel or Equations
+    move : str or Move, optional
+        A move or program of the model file; default: its first.
+
+    Returns
+    -------
+    Path
+        `Path.sample` gives the output and its derivatives at any instants.
+
+    Raises
+    ------
+    ArgumentError, ModelError
+        The move is unknown or does not fit the model.
+    SolverError
+        The path leaves the workspace or passes a singular pose; the text says where.
+    """
+    equations = model if isinstance(model, Equations) else derive(model)
+    path = Path(equations, named_move(equations.model, move))
+    sample = path.sample(np.linspace(0.0, path.duration, CHECKED))
+    robot = equations.model
+    if sample.q_g is None and robot.output.size == robot.n_g:
+        Posture(equations).follow(sample, path.q_start[list(robot.i_g)])
+    return path
+
+
+def named_move(robot: RobotModel, move: str | Move | None) -> Move:
+    """The move or program with this name (None: the first one); a `Move` is returned as it is."""
+    if isinstance(move, Move):
+        return move
+    if move is not None and not isinstance(move, str):
+        raise ArgumentError(f"move: given {move!r}, expected the name of a move or a flexgen.Move")
+    try:
+        return robot.move(move)
+    except KeyError:
+        names = ", ".join(m.name for m in (*robot.moves, *robot.programs)) or "none"
+        raise ArgumentError(f"move: given {move!r}, expected one of model {robot.name}: {names}") from None

@@ -1,0 +1,72 @@
+"""The public interface: nouns and verbs of `flexgen`, resolved on first use, and the verb `plan`."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import flexgen
+from flexgen.errors import ArgumentError, SolverError
+
+NOUNS = "Path Move MoveJ MoveL MoveC Program Limits Solution Status Trajectory Grid".split()
+VERBS = "models describe read derive analyze plan solve simulate generate load sweep".split()
+
+
+@pytest.mark.parametrize("name", NOUNS)
+def test_nouns_are_classes(name):
+    assert name in flexgen.__all__ and name in dir(flexgen)
+    noun = getattr(flexgen, name)
+    assert inspect.isclass(noun) and noun.__name__ == name and noun.__doc__
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_verbs_are_functions(name):
+    assert name in flexgen.__all__ and name in dir(flexgen)
+    verb = getattr(flexgen, name)
+    assert inspect.isfunction(verb) and verb.__name__ == name and verb.__doc__
+
+
+def test_an_unknown_name_is_no_attribute():
+    with pytest.raises(AttributeError, match="no attribute 'invert'"):
+        _ = flexgen.invert
+
+
+@pytest.mark.parametrize("name", ["elbow", "planar5_nmp", "beam_arm", "manutec_r3", "four_mass"])
+def test_a_plan_is_a_path_that_starts_and_ends_at_rest(name):
+    path = flexgen.plan(name)
+    assert isinstance(path, flexgen.Path) and path.move.name == flexgen.read(name).move().name
+    sample = path.sample(np.linspace(0.0, path.duration, 11))
+    size = np.abs(sample.y).max(axis=(0, 1))
+    assert np.isfinite(sample.y).all() and size[1] > 0
+    assert (np.abs(sample.y[[0, -1], :, 1]) <= 1e-9 * size[1]).all()
+
+
+def test_a_plan_takes_names_moves_and_equations():
+    equations = flexgen.derive("planar5_nmp")
+    first = equations.model.move()
+    for path in (
+        flexgen.plan(equations),
+        flexgen.plan(equations.model, first.name),
+        flexgen.plan("planar5_nmp", first),
+    ):
+        assert path.move == first and path.duration == first.duration
+
+
+def test_a_plan_is_the_path_that_solve_follows():
+    path, solution = flexgen.plan("elbow"), flexgen.solve("elbow", verify=False)
+    t = solution.trajectory.time
+    assert np.array_equal(path.sample(t).y[:, :, 0], solution.trajectory["y_ref"]) and path.move == solution.move
+
+
+def test_a_plan_refuses_what_does_not_exist_or_cannot_be_reached():
+    with pytest.raises(ArgumentError, match="given 'nosuch', expected one of model planar5_nmp: line"):
+        flexgen.plan("planar5_nmp", "nosuch")
+    with pytest.raises(ArgumentError, match=r"given 3, expected the name of a move or a flexgen\.Move"):
+        flexgen.plan("planar5_nmp", 3)
+    model = flexgen.read("planar5_nmp")
+    far = replace(model.move(), displacement=tuple(100.0 * x for x in model.move().displacement))
+    with pytest.raises(SolverError, match=r"workspace|singular pose"):
+        flexgen.plan(model, far)
