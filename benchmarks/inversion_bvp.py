@@ -18,8 +18,7 @@ from scipy.linalg import schur
 
 from flexgen.analysis.linear import linearise
 from flexgen.analysis.zeros import inner_pencil
-from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.methods.closed_form import sampled
+from flexgen.inversion.method_result import MethodResult, with_motors
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.equations import Equations
@@ -151,4 +150,4 @@ class ReducedProblem:
         motion, _ = self.reduction.motion(
             sample, self.reduction.close(q, self.reduction.targets(sample)), y[len(self.e) :].T
         )
-        return None if motion is None else sampled(self.problem, t, motion, lead=-self.begin)
+        return None if motion is None else with_motors(self.equations, t, motion, preactuation=-self.begin)

@@ -19,7 +19,7 @@ from inversion_opty_job import job, torque_of
 from inversion_paths import EXACT, MESHES, PathRow, least_ms
 
 from flexgen.errors import FlexgenError
-from flexgen.inversion.method_table import METHODS
+from flexgen.inversion.methods import collocation
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solve import _solution
@@ -91,7 +91,7 @@ def collocation_rows(ours: dict[str, PathRow], quick: bool, say: Callable[[str],
             try:
                 problem = InversionProblem(equations, Path(equations, equations.model.move(MOVE)), mesh=mesh)
                 with patch("casadi.nlpsol", _timed):
-                    answer = METHODS["collocation"](problem, mesh)
+                    answer = collocation.solve(problem, mesh)
                 whole = time.process_time() - began
                 found = _solution(problem, "collocation", answer)
                 simulation = simulate(equations, found.trajectory, start=problem.rest)

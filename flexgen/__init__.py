@@ -26,7 +26,7 @@ _VERBS = {
 }
 _NOUNS = {
     "Grid": "flexgen.sweeps.cases",
-    "Limits": "flexgen.inversion.methods.full_model",
+    "Limits": "flexgen.inversion.bounds",
     "Move": "flexgen.model.moves",
     "MoveC": "flexgen.model.moves",
     "MoveJ": "flexgen.model.moves",

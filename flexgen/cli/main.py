@@ -25,22 +25,8 @@ from flexgen.cli import verbs as verb_module
 from flexgen.cli.printing import as_json
 from flexgen.cli.sweep import add_arguments as add_sweep_arguments
 from flexgen.errors import FlexgenError
+from flexgen.inversion.method_table import NAMES as METHOD_NAMES
 
-METHODS = (
-    "auto",
-    "closed-form",
-    "lq",
-    "bvp",
-    "collocation",
-    "full",
-    "discretized",
-    "bdf",
-    "reduced",
-    "kunkel-mehrmann",
-    "rigid",
-    "fjm",
-    "quasistatic",
-)  # as in flexgen.inversion.method_table, which is slow to import
 PACKAGES = ("casadi", "numpy", "scipy", "sympy", "matplotlib")
 
 DONE, FAILED, USAGE, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
@@ -187,7 +173,11 @@ def build_parser() -> argparse.ArgumentParser:
     sub.add_argument("--move", metavar="NAME", help="a move or program of the model file; default: its first")
     sub.add_argument("--moves", metavar="FILE", type=_path, help="take moves and programs from this TOML file instead")
     sub.add_argument(
-        "--method", choices=METHODS, metavar="NAME", default="auto", help=f"one of {', '.join(METHODS)}; default: auto"
+        "--method",
+        choices=METHOD_NAMES,
+        metavar="NAME",
+        default="auto",
+        help=f"one of {', '.join(METHOD_NAMES)}; default: auto",
     )
     sub.add_argument("--out", metavar="FILE", type=_trajectory_file, help="write the trajectory there (.npz or .csv)")
     sub.add_argument("--report", metavar="DIR", type=_path, help="write a self-contained HTML report there")
@@ -215,7 +205,11 @@ def build_parser() -> argparse.ArgumentParser:
     sub = verb("run")
     sub.add_argument("--move", metavar="NAME", help="a move of the model file; default: its first")
     sub.add_argument(
-        "--method", choices=METHODS, metavar="NAME", default="auto", help=f"one of {', '.join(METHODS)}; default: auto"
+        "--method",
+        choices=METHOD_NAMES,
+        metavar="NAME",
+        default="auto",
+        help=f"one of {', '.join(METHOD_NAMES)}; default: auto",
     )
     sub.add_argument("--directory", metavar="DIR", type=_path, help="of the C library; default: generated/MODEL")
     sub.add_argument("--report", metavar="DIR", type=_path, help="of the report; default: reports/MODEL")

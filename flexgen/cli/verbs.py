@@ -277,7 +277,7 @@ def solve(args: Namespace, tell: Tell) -> Answer:
     accuracy = ACCURACY if args.accuracy is None else args.accuracy
     limits = None
     if args.limits:
-        from flexgen.inversion.methods.full_model import limits_from_model
+        from flexgen.inversion.bounds import limits_from_model
 
         limits = limits_from_model(equations.model)
     solution = solved(

@@ -38,15 +38,15 @@ class Lag:
             out += w[i] * values
         return out
 
-    def twists(self, tau: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Twists at all samples.
+    def deflections(self, tau: np.ndarray, start: np.ndarray) -> np.ndarray:
+        """Deflections at all samples.
 
         Parameters
         ----------
         tau : array (3, n, m, ...) [N m, N m/s, N m/s^2]
             Torques and their first two time derivatives; further axes are gears of the same kind.
         start : array (m, ...) [rad]
-            Twists at the first sample.
+            Deflections at the first sample.
 
         Returns
         -------

@@ -23,8 +23,8 @@ import osqp
 import scipy.sparse as sp
 
 from flexgen.errors import SolverError
+from flexgen.inversion.bounds import Limits
 from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.methods.full_model import Limits
 from flexgen.inversion.path_deviation import SUPPORT, DeviationBasis, bent
 from flexgen.inversion.problem import DECAY, SETTLE, InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
@@ -184,7 +184,7 @@ def enforce_limits(
     return replace(
         answer,
         t=answer.t - horizon.before * horizon.period,
-        lead=(horizon.before + horizon.lead) * horizon.period,
+        preactuation=(horizon.before + horizon.lead) * horizon.period,
         status=Status.LIMITS_ACTIVE if max(metres, angle) > NOTICED else Status.SOLVED,
         verdict=f"the limits bend the path by up to {told}, found in {rounds} quadratic programs",
         details={**answer.details, "bend_max_m": metres, "bend_max_rad": angle, "programs": rounds},

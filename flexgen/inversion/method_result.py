@@ -1,4 +1,4 @@
-"""MethodResult: what a method of inverse dynamics found, before anybody has verified it."""
+"""MethodResult: what a method of inverse dynamics found, before the verification."""
 
 from __future__ import annotations
 
@@ -8,18 +8,35 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.inversion.motor_side import MotorMotion
+from flexgen.inversion.motor_side import MotorMotion, motor_motion
+from flexgen.inversion.reduced_problem import Motion
 from flexgen.inversion.status import Status
+from flexgen.mechanics.equations import Equations
 
 
 @dataclass(frozen=True)
 class MethodResult:
-    """What a method found at n instants.
+    """Motion and torques that a method found at n instants, before the verification.
 
-    ``t`` (n,) [s], 0 at the start of the path; ``q v a`` (n, n_a): motion of the arm; ``tau_g`` (n, n_g): gear torques,
-    arm side; ``drives``: motors. ``status``: ``SOLVED``, ``LIMITS_ACTIVE`` or ``BASELINE``. ``lead`` [s]: how long
-    before the path the motion begins. ``verdict``: message of the solver. ``iterations``, ``intervals``: of its mesh.
-    ``details``: further figures, JSON types.
+    Attributes
+    ----------
+    t : array (n,) [s]
+        0 at the start of the path.
+    q, v, a : arrays (n, n_a)
+        Motion of the arm.
+    tau_g : array (n, n_g) [N m]
+        Gear torques, arm side.
+    motors : MotorMotion
+    preactuation : float [s]
+        How long before the path the motion begins.
+    status : Status
+        SOLVED, LIMITS_ACTIVE or BASELINE.
+    verdict : str
+        Message of the solver.
+    iterations, intervals : int
+        Of the solver and of its mesh.
+    details : mapping
+        Further figures, JSON types.
     """
 
     t: np.ndarray
@@ -27,10 +44,45 @@ class MethodResult:
     v: np.ndarray
     a: np.ndarray
     tau_g: np.ndarray
-    drives: MotorMotion
-    lead: float = 0.0
+    motors: MotorMotion
+    preactuation: float = 0.0
     status: Status = Status.SOLVED
     verdict: str = ""
     iterations: int = 0
     intervals: int = 0
     details: Mapping[str, Any] = field(default_factory=dict)
+
+
+def with_motors(
+    equations: Equations,
+    t: np.ndarray,
+    motion: Motion,
+    *,
+    preactuation: float = 0.0,
+    verdict: str = "",
+    iterations: int = 0,
+    intervals: int = 0,
+) -> MethodResult:
+    """The result of a motion of the arm; the motors follow from its gear torques.
+
+    Parameters
+    ----------
+    equations : Equations
+    t : array (n,) [s]
+    motion : Motion
+    preactuation, verdict, iterations, intervals
+        As in `MethodResult`.
+    """
+    return MethodResult(
+        t,
+        motion.q,
+        motion.v,
+        motion.a,
+        motion.tau_g[:, :, 0],
+        motor_motion(equations, t, motion.q, motion.v, motion.a, motion.tau_g),
+        preactuation,
+        Status.SOLVED,
+        verdict,
+        iterations,
+        intervals,
+    )

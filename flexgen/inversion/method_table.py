@@ -1,70 +1,73 @@
-"""The table of methods: their names, what they are, and where they are found."""
+"""The methods of inverse dynamics: names, summaries and modules; strings only, quick to import."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 
-from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.problem import InversionProblem
+AUTO = "auto"  # the method that `flexgen.solve` chooses by itself
 
 
 @dataclass(frozen=True)
 class Method:
-    """``name`` as a user says it; ``what`` it does; ``module`` and ``function`` of flexgen.solvers that do it.
+    """A method of inverse dynamics.
 
-    ``keeps_limits``: knows bounds. ``refines``: a finer mesh makes it more accurate, so that it is tried.
-    ``any_coupling``: works for rotors that turn with their carriers.
+    Attributes
+    ----------
+    name, summary : str
+        For users.
+    module, function : str
+        Where it is, in `flexgen.inversion.methods`; the function takes an `InversionProblem` and the length of the
+        intervals of its mesh [s], and returns a `MethodResult`.
+    keeps_limits : bool
+        Keeps bounds on torque and speed.
+    refines : bool
+        More accurate on a finer mesh.
+    any_coupling : bool
+        Solves models whose rotors turn with their carriers.
     """
 
     name: str
-    what: str
+    summary: str
     module: str
-    function: str = "answer"
+    function: str = "solve"
     keeps_limits: bool = False
     refines: bool = True
     any_coupling: bool = False
-
-    def __call__(self, problem: InversionProblem, h: float) -> MethodResult:
-        """Solve the problem on a mesh of intervals of ``h`` [s]."""
-        found: Callable[[InversionProblem, float], MethodResult] = getattr(
-            import_module(f"flexgen.inversion.methods.{self.module}"), self.function
-        )
-        return found(problem, h)
 
 
 METHODS = {
     method.name: method
     for method in (
-        Method(
-            "closed-form",
-            "exact, for models without non-actuated coordinates",
-            "closed_form",
-            "closed_form",
-            refines=False,
-        ),
+        Method("closed-form", "algebraic, for models without non-actuated coordinates", "closed_form", refines=False),
         Method("lq", "stable inversion by linear-quadratic steps, in C; keeps limits", "lq", keeps_limits=True),
         Method("bvp", "stable inversion as a two-point boundary value problem, in C", "bvp"),
-        Method("collocation", "optimal control on the reduced problem (IPOPT)", "closed_form", "collocation", True),
+        Method("collocation", "optimal control on the reduced problem (IPOPT)", "collocation", keeps_limits=True),
         Method(
-            "full", "optimal control on the full model, with limits (IPOPT)", "closed_form", "full", True, True, True
+            "full",
+            "optimal control on the full model, with limits (IPOPT)",
+            "full_model",
+            keeps_limits=True,
+            any_coupling=True,
         ),
+        Method(
+            "discretized",
+            "optimization of the DAE on a uniform grid, smoothest torque",
+            "discretized",
+            any_coupling=True,
+        ),
+        Method("bdf", "BDF with constant steps on the original DAE of high index", "bdf"),
+        Method("reduced", "index reduction by dummy derivatives, SUNDIALS", "dummy_derivatives", refines=False),
+        Method("kunkel-mehrmann", "regularized DAE, Radau IIA", "kunkel_mehrmann"),
         Method("rigid", "baseline: all springs stiff", "baselines", "rigid", refines=False, any_coupling=True),
         Method("fjm", "baseline: elastic gears only", "baselines", "fjm", refines=False, any_coupling=True),
         Method(
             "quasistatic",
-            "baseline: deflections follow their loads at once",
+            "baseline: deflections in equilibrium with their loads",
             "baselines",
             "quasistatic",
             refines=False,
             any_coupling=True,
         ),
-        Method(
-            "discretized", "optimisation of the DAE on an even grid, smoothest torque", "discretized", any_coupling=True
-        ),
-        Method("bdf", "BDF with constant steps on the original DAE of high index", "bdf"),
-        Method("reduced", "index reduction by dummy derivatives, SUNDIALS", "dummy_derivatives", refines=False),
-        Method("kunkel-mehrmann", "regularised DAE, Radau IIA", "kunkel_mehrmann"),
     )
 }
+NAMES = (AUTO, *METHODS)

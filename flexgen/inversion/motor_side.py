@@ -37,7 +37,7 @@ class MotorMotion:
     tau_m: np.ndarray
 
 
-def drives(
+def motor_motion(
     equations: Equations, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, tau_g: np.ndarray
 ) -> MotorMotion:
     """Motor motion and torque.
@@ -54,7 +54,7 @@ def drives(
     """
     model = equations.model
     i_g = list(model.i_g)
-    p, dp, ddp = twists(equations, t, tau_g)
+    p, dp, ddp = deflections(equations, t, tau_g)
     theta = [q[:, i_g] + p, v[:, i_g] + dp, a[:, i_g] + ddp]
     q_m, v_m, a_m = (x @ model.eta.T for x in theta)
     friction = evaluate(equations.function("motor_friction"), v_m)[0].reshape(v_m.shape)
@@ -63,8 +63,8 @@ def drives(
     return MotorMotion(q_m, v_m, a_m, tau_m)
 
 
-def twists(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gear twists p, p', p'' on the arm side, each (n, n_g); zero for rigid gears."""
+def deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Gear deflections p, p', p'' on the arm side, each (n, n_g); zero for rigid gears."""
     spring = equations.function("gear_spring")
     D = gear_damping(equations)
     elastic = np.array([not gear.rigid for gear, _ in gears(equations.model)])
@@ -79,10 +79,10 @@ def twists(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple[np.n
         linear = damped & np.array([isinstance(gear.spring, LinearSpring) for gear, _ in gears(equations.model)])
         moving = static.copy()
         if (damped & ~linear).any():
-            moving = _damped_twists(spring, np.where(damped, D, 1.0), t, tau_g, static[0])
+            moving = _damped_deflections(spring, np.where(damped, D, 1.0), t, tau_g, static[0])
         if linear.any():
-            exact = gear_lag(t, slope[0, linear], D[linear])
-            moving[:, linear] = exact.twists(tau_g[:, linear].transpose(2, 0, 1), static[0, linear])
+            lag_steps = gear_lag(t, slope[0, linear], D[linear])
+            moving[:, linear] = lag_steps.deflections(tau_g[:, linear].transpose(2, 0, 1), static[0, linear])
         rigidity, _ = _slopes(equations, moving)
         torque = evaluate(spring, moving)[0].reshape(moving.shape)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -123,7 +123,7 @@ def _slopes(equations: Equations, twist: np.ndarray) -> tuple[np.ndarray, np.nda
     return slope, evaluate(second, twist)[0].reshape(twist.shape)
 
 
-def _damped_twists(
+def _damped_deflections(
     spring: ca.Function, D: np.ndarray, t: np.ndarray, tau_g: np.ndarray, start: np.ndarray
 ) -> np.ndarray:
     """Integrate ``D p' + spring(p) = tau_g(t)`` from ``start`` (n_g) by Radau IIA; quintic Hermite torque between."""

@@ -13,7 +13,7 @@ from flexgen.analysis.linear import linearise
 from flexgen.analysis.zeros import inner_zeros, time_constants
 from flexgen.analysis.zeros_along_path import zero_path
 from flexgen.errors import ArgumentError
-from flexgen.inversion.methods.full_model import Limits
+from flexgen.inversion.bounds import Limits
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import Equilibrium, at_rest
@@ -26,6 +26,7 @@ DECAY = 15.0  # time constants before the path: exp(-15) of the pre-actuation is
 SETTLE = 6.0  # time constants after the path, for the picture only
 ROUGH = 3  # places of a rough path that are told one by one
 POSES = 5  # along the path, where its zeros are computed
+ACCELERATION = 100.0  # rad/s^2 or m/s^2: scale of accelerations
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ def from_library(found: Inversion) -> MethodResult:
         found.a_a,
         found.tau_g,
         MotorMotion(found.q_m, found.v_m, slope(found.v_m, step), found.tau_m),
-        lead=found.lead * found.period,
+        preactuation=found.lead * found.period,
         iterations=found.iterations,
         intervals=found.intervals,
         details={

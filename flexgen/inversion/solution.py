@@ -138,7 +138,7 @@ def residual_rows(equations: Equations, trajectory: Trajectory) -> np.ndarray:
 
 def motion_residual(equations: Equations, answer: MethodResult) -> np.ndarray:
     """The same of an answer that is no trajectory yet."""
-    d = answer.drives
+    d = answer.motors
     return _residual_rows(equations, answer.t, [answer.q, answer.v, answer.a], [d.q_m, d.v_m, d.a_m], d.tau_m)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from importlib import import_module
 from numbers import Real
 from pathlib import Path as FilePath
 from typing import Any
@@ -12,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion.bounds import Limits
 from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.method_table import METHODS, Method
-from flexgen.inversion.methods.full_model import Limits
+from flexgen.inversion.method_table import AUTO, METHODS, NAMES, Method
 from flexgen.inversion.problem import INTERVALS, InversionProblem
 from flexgen.inversion.solution import Solution, exceeded, has_kinks, relative_residual, residual_max
 from flexgen.inversion.status import Status
@@ -39,7 +40,7 @@ RIPPLE = 1e-2  # the same for the full method, whose torque may ripple between t
 def solve(
     model: str | FilePath | RobotModel | Equations,
     move: str | Move | None = None,
-    method: str = "auto",
+    method: str = AUTO,
     *,
     preview: float | None = None,
     mesh: float | None = None,
@@ -94,8 +95,8 @@ def solve(
     equations = model if isinstance(model, Equations) else derive(model)
     robot = equations.model
     chosen = named_move(robot, move)
-    if method != "auto" and method not in METHODS:
-        raise ArgumentError(f"method: given {method!r}, expected one of auto, {', '.join(METHODS)}")
+    if method not in NAMES:
+        raise ArgumentError(f"method: given {method!r}, expected one of {', '.join(NAMES)}")
     for name, value in (("preview", preview), ("mesh", mesh), ("accuracy", accuracy)):
         if value is None or (name == "preview" and value == 0):
             continue
@@ -106,7 +107,7 @@ def solve(
             raise ArgumentError(f"{name}: given {value!r}, expected {what}")
     if limits is not None and not isinstance(limits, Limits):
         raise ArgumentError(f"limits: given {limits!r}, expected flexgen.Limits(torque=..., speed=...)")
-    choose = method == "auto"
+    choose = method == AUTO
     chosen_method = METHODS[_automatic(robot, limits) if choose else method]
     _check_applies(chosen_method, robot, limits)
     path = Path(equations, chosen)
@@ -152,6 +153,13 @@ def _check_applies(method: Method, robot: RobotModel, limits: Limits | None) -> 
         )
 
 
+def run_method(method: Method, problem: InversionProblem, h: float) -> MethodResult:
+    """What a method finds on intervals of ``h`` [s]."""
+    module = import_module(f"flexgen.inversion.methods.{method.module}")
+    solver: Callable[[InversionProblem, float], MethodResult] = getattr(module, method.function)
+    return solver(problem, h)
+
+
 def _refined(problem: InversionProblem, method: Method) -> Solution:
     """One method, on finer meshes until its answer is verified."""
     duration = problem.path.duration
@@ -160,7 +168,7 @@ def _refined(problem: InversionProblem, method: Method) -> Solution:
     best, least = None, np.inf
     for attempt in range(attempts):
         last = attempt + 1 == attempts
-        solution = _solution(problem, method.name, method(problem, h / 2**attempt))
+        solution = _solution(problem, method.name, run_method(method, problem, h / 2**attempt))
         if not problem.verify:
             if last or _is_believable(solution):
                 _judge(solution)
@@ -215,7 +223,7 @@ def _judge(solution: Solution) -> None:
 
 
 def _trajectory(problem: InversionProblem, answer: MethodResult) -> Trajectory:
-    path, robot, t, d = problem.path, problem.equations.model, answer.t, answer.drives
+    path, robot, t, d = problem.path, problem.equations.model, answer.t, answer.motors
     sample = path.sample(t)
     names_a = tuple(c.name for c in robot.coordinates)
     names_m = tuple(m.name for m in robot.motors)
@@ -270,7 +278,7 @@ def _solution(problem: InversionProblem, method: str, answer: MethodResult) -> S
         iterations=answer.iterations,
         wall_s=0.0,
         cpu_s=0.0,
-        lead_s=answer.lead,
+        lead_s=answer.preactuation,
         simulation=None,
         warnings=(*exceeded(equations.model, trajectory), *problem.too_rough),
         intervals=answer.intervals,

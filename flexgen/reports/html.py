@@ -23,7 +23,7 @@ from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Friction, Motor, RobotModel
 from flexgen.paths.path import Path as ToolPath
-from flexgen.inversion.methods.full_model import Limits
+from flexgen.inversion.bounds import Limits
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 

@@ -243,7 +243,7 @@ class JointMoves:
         if self._lag is not None:
             slow = self._slow
             given = np.stack([x[slow].transpose(1, 0, 2) for x in (tau, first, second)])
-            twists = self._lag.twists(given, given[0, 0] / K[slow][:, 0]).transpose(1, 0, 2)
+            twists = self._lag.deflections(given, given[0, 0] / K[slow][:, 0]).transpose(1, 0, 2)
             rates[slow] = (tau[slow] - K[slow] * twists) / D[slow]
             second_rates[slow] = (first[slow] - K[slow] * rates[slow]) / D[slow]
         return rates, second_rates

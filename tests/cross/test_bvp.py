@@ -19,7 +19,7 @@ import flexgen
 from flexgen.analysis.linear import linearise
 from flexgen.analysis.zeros import inner_zeros
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.methods import bvp, closed_form, lq
+from flexgen.inversion.methods import bvp, collocation, lq
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solve import _solution
 from flexgen.inversion.status import Status
@@ -90,24 +90,24 @@ def unstable_zeros(equations: Equations, q_a: np.ndarray) -> int:
 @pytest.mark.parametrize("name", [*PLANAR, pytest.param("manutec_r3_18", marks=pytest.mark.long)])
 def test_it_agrees_with_the_other_methods(name: str) -> None:
     problem = question(name, preview=EARLY)
-    answer = bvp.answer(problem, usual(problem))
+    answer = bvp.solve(problem, usual(problem))
     assert answer.details["residual"] < ROUNDING
     i_e = list(problem.equations.model.i_e)
-    same = lq.answer(problem, usual(problem))
-    size = np.abs(answer.drives.tau_m).max(axis=0)
+    same = lq.solve(problem, usual(problem))
+    size = np.abs(answer.motors.tau_m).max(axis=0)
     assert np.array_equal(same.t, answer.t)
     most = SAME_MESH if name in PLANAR else SAME_MESH_SIX_AXES
-    assert np.abs((same.drives.tau_m - answer.drives.tau_m) / size).max() < most
+    assert np.abs((same.motors.tau_m - answer.motors.tau_m) / size).max() < most
     if name not in PLANAR:  # there collocation takes minutes; the simulation judges
         solution = _solution(problem, "bvp", answer)
         assert (
             simulate(problem.equations, solution.trajectory, start=problem.rest).tool_error_max_m or 0.0
         ) < MICRON / 10
         return
-    other = closed_form.collocation(problem, usual(problem))
+    other = collocation.solve(problem, usual(problem))
     inside = (other.t >= answer.t[0]) & (other.t <= answer.t[-1])
-    tau, q = (make_interp_spline(answer.t, x, k=7)(other.t[inside]) for x in (answer.drives.tau_m, answer.q))
-    assert np.abs((tau - other.drives.tau_m[inside]) / size).max() < OTHER_MESH
+    tau, q = (make_interp_spline(answer.t, x, k=7)(other.t[inside]) for x in (answer.motors.tau_m, answer.q))
+    assert np.abs((tau - other.motors.tau_m[inside]) / size).max() < OTHER_MESH
     assert np.abs((q - other.q[inside])[:, i_e]).max() < OTHER_MOTION
 
 
@@ -116,7 +116,7 @@ def test_the_tool_stays_on_the_path(name: str) -> None:
     """On a mesh of 10 ms within 0.15 um, of 5 ms within 0.009 um."""
     for mesh, most in ((1e-2, 0.15 * MICRON), (5e-3, 0.009 * MICRON)):
         problem = question(name, mesh=mesh)
-        solution = _solution(problem, "bvp", bvp.answer(problem, mesh))
+        solution = _solution(problem, "bvp", bvp.solve(problem, mesh))
         assert (simulate(problem.equations, solution.trajectory, start=problem.rest).tool_error_max_m or 0.0) < most
 
 
@@ -131,7 +131,7 @@ def test_it_is_a_method_of_solve() -> None:
 def test_the_ends_are_bound_by_what_fades_and_grows(name: str) -> None:
     """As many unstable zeros as another algorithm finds; at the ends the motion is the one that belongs to them."""
     problem = question(name)
-    answer = bvp.answer(problem, usual(problem))
+    answer = bvp.solve(problem, usual(problem))
     equations, (e,) = problem.equations, problem.equations.model.i_e
     poses = (answer.q[0], answer.q[-1])
     found = [answer.details[f"unstable_zeros_{end}"] for end in ("start", "end")]
@@ -142,7 +142,7 @@ def test_the_ends_are_bound_by_what_fades_and_grows(name: str) -> None:
     # one real zero of either sign: v_e = z (q_e - rest). With a short window the distance from rest is well above
     # rounding; what is left is of the second order in it.
     short = question(name, mesh=1e-3, preview=3e-3)
-    early = bvp.answer(short, 1e-3)
+    early = bvp.solve(short, 1e-3)
     rest = at_rest(equations, problem.rest.q_a)
     zeros = inner_zeros(equations, linearise(equations, rest), rest).real
     assert early.v[0, e] / (early.q[0, e] - problem.rest.q_a[e]) == pytest.approx(zeros.max(), rel=1e-3)
@@ -161,28 +161,28 @@ def test_the_ends_are_bound_by_what_fades_and_grows(name: str) -> None:
 def test_what_lq_solves_and_it_does_not(model, words: str) -> None:
     problem = question(model())
     with pytest.raises(SolverError, match=words):
-        bvp.answer(problem, usual(problem))
-    assert lq.answer(problem, usual(problem)).details["residual"] < lq.TOLERANCE
+        bvp.solve(problem, usual(problem))
+    assert lq.solve(problem, usual(problem)).details["residual"] < lq.TOLERANCE
 
 
 def test_near_the_flat_point_it_still_works() -> None:
     """With zeros at some +-10^5 1/s, a tool a few micrometres further out."""
     model = flat_arm()
     problem = question(replace(model, tool=Placement(((1 + 1e-5) * model.tool.position[0], 0.0, 0.0))))
-    answer = bvp.answer(problem, usual(problem))
+    answer = bvp.solve(problem, usual(problem))
     assert answer.details["unstable_zeros_start"] == answer.details["unstable_zeros_end"] == 1
 
 
 def test_it_needs_coordinates_without_motor() -> None:
     with pytest.raises(ArgumentError, match=r"no coordinates without motor.*use closed-form"):
-        bvp.answer(question("elbow"), 5e-3)
+        bvp.solve(question("elbow"), 5e-3)
     with pytest.raises(ArgumentError, match="without bvp, expected one in double precision"):
         _ = loaded("elbow").bvp
 
 
 def test_options_that_it_does_not_know_are_refused() -> None:
     with pytest.raises(ArgumentError, match="method bvp was given 'weight'"):
-        bvp.answer(replace(question("planar5_mp"), options={"weight": 1}), 5e-3)
+        bvp.solve(replace(question("planar5_mp"), options={"weight": 1}), 5e-3)
 
 
 def test_the_library_offers_it() -> None:

@@ -6,6 +6,7 @@ They share the equations and the path, but neither the discretisation nor the li
 from __future__ import annotations
 
 from dataclasses import replace
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from scipy.interpolate import make_interp_spline
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.inversion.method_table import METHODS
+from flexgen.inversion.method_table import AUTO, METHODS
 from flexgen.mechanics.equations import derive
 
 # of the largest torque of the motor; the first differences of tau_g in the C methods are good to some 1e-5, the torque
@@ -83,10 +84,14 @@ def test_a_torque_that_is_late_does_not_agree() -> None:
     assert difference(solution.trajectory, late, solution.move.duration) > 100 * AGREE["collocation"]
 
 
-def test_every_method_is_in_the_command_line() -> None:
-    from flexgen.cli.main import METHODS as NAMES
+def test_every_method_is_in_the_command_line_and_has_its_function() -> None:
+    from flexgen.cli.main import build_parser
 
-    assert sorted(NAMES) == sorted(["auto", *METHODS])
+    for name in (AUTO, *METHODS):
+        assert build_parser().parse_args(["solve", "elbow", "--method", name]).method == name
+    for method in METHODS.values():
+        module = import_module(f"flexgen.inversion.methods.{method.module}")
+        assert callable(getattr(module, method.function))
 
 
 def test_weights_and_mesh_are_the_solvers_own() -> None:

@@ -13,7 +13,7 @@ from flexgen.dae.dummy_derivatives import Choice, DummyDerivatives
 from flexgen.dae.system import DaeFunctions
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.methods import dummy_derivatives
-from flexgen.inversion.methods.dummy_derivatives import POOR, answer, integrate, offsets
+from flexgen.inversion.methods.dummy_derivatives import POOR, integrate, offsets, solve
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.status import Status
 
@@ -191,4 +191,4 @@ def test_where_the_structure_hides_the_index_another_method_is_named() -> None:
 def test_wrong_options_are_told(rtol: object) -> None:
     given = problem("planar5_mp").problem
     with pytest.raises(ArgumentError, match="rtol"):
-        answer(InversionProblem(given.equations, given.path, options={"rtol": rtol}), 5e-3)
+        solve(InversionProblem(given.equations, given.path, options={"rtol": rtol}), 5e-3)

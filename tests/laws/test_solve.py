@@ -13,7 +13,7 @@ from scipy.interpolate import make_interp_spline
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.methods.full_model import Limits
+from flexgen.inversion.bounds import Limits
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import reach

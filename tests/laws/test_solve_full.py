@@ -8,7 +8,7 @@ from scipy.interpolate import make_interp_spline
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.methods.full_model import Limits, limits_from_model
+from flexgen.inversion.bounds import Limits, limits_from_model
 from flexgen.inversion.status import Status
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
@@ -123,12 +123,12 @@ def test_wrong_limits_are_refused() -> None:
 
 
 def test_a_fallback_that_fails_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    from flexgen.inversion.methods import closed_form
+    from flexgen.inversion.methods import full_model
 
     def broken(*arguments: object, **options: object) -> object:
         raise SolverError("no")
 
-    monkeypatch.setattr(closed_form, "collocate_full", broken)
+    monkeypatch.setattr(full_model, "collocate_full", broken)
     said: list[str] = []
     # an accuracy that no method reaches: the first one's answer is kept
     solution = flexgen.solve("abb_arm", mesh=0.005, accuracy=1e-15, progress=said.append)

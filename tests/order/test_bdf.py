@@ -9,7 +9,7 @@ from causal_cases import observed_order, problem, reference, relative
 import flexgen
 from flexgen.dae.system import DaeFunctions
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.methods.bdf import COEFFICIENTS, answer, extrapolated, march, stable_order
+from flexgen.inversion.methods.bdf import COEFFICIENTS, extrapolated, march, solve, stable_order
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.status import Status
 from flexgen.model.reader import read
@@ -138,4 +138,4 @@ def test_without_damping_inside_the_stable_order_is_taken() -> None:
 def test_wrong_options_are_told(options: dict[str, object], text: str) -> None:
     given = problem("planar5_mp").problem
     with pytest.raises(ArgumentError, match=text):
-        answer(InversionProblem(given.equations, given.path, options=options), 5e-3)
+        solve(InversionProblem(given.equations, given.path, options=options), 5e-3)

@@ -20,7 +20,7 @@ from flexgen.model.reader import read
 
 pytestmark = needs_compiler
 
-METHODS = {"lq": lq.answer, "bvp": bvp.answer}
+METHODS = {"lq": lq.solve, "bvp": bvp.solve}
 FINEST = 1e-3  # s
 # Factors of stiffness and damping of the passive joint, and the bounds of the order. Gauss points, s = 3: order 2 s
 # where the zeros z are slow against the intervals, |z| h < 3; order s + 1, as of algebraic equations, where they are
@@ -37,7 +37,7 @@ def order(model: str | RobotModel, method: str, meshes: tuple[float, ...] = (2e-
     """Mean order of q_e over meshes [s], at the nodes that all of them have."""
     asked = [question(model, mesh=h, preview=0.2) for h in meshes]
     answers = [METHODS[method](ask, h) for ask, h in zip(asked, meshes, strict=True)]
-    answers.append(bvp.answer(question(model, mesh=FINEST, preview=0.2), FINEST))
+    answers.append(bvp.solve(question(model, mesh=FINEST, preview=0.2), FINEST))
     i_e = list(asked[0].equations.model.i_e)
     motions = []
     for found in answers:

@@ -14,7 +14,7 @@ from numpy.polynomial import Chebyshev, Polynomial
 import flexgen
 from flexgen.dae.strangeness_free import StrangenessFree
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.methods.kunkel_mehrmann import Regular, answer, integrate, regularised
+from flexgen.inversion.methods.kunkel_mehrmann import Regular, integrate, regularised, solve
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.status import Status
 from flexgen.numerics.tableaus import Tableau, radau
@@ -185,4 +185,4 @@ def test_six_axes() -> None:
 def test_options_are_told() -> None:
     given = problem("planar5_mp").problem
     with pytest.raises(ArgumentError, match="'order', expected none"):
-        answer(InversionProblem(given.equations, given.path, options={"order": 3}), 5e-3)
+        solve(InversionProblem(given.equations, given.path, options={"order": 3}), 5e-3)

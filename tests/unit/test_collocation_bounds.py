@@ -10,8 +10,9 @@ from scipy.interpolate import BPoly
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion.bounds import Limits, limits_for
 from flexgen.inversion.methods import full_model
-from flexgen.inversion.methods.full_model import Limits, bernstein_rows, collocate_full, limits_for
+from flexgen.inversion.methods.full_model import bernstein_rows, collocate_full
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.status import Status
 from flexgen.model.reader import read
@@ -113,7 +114,7 @@ def test_bounds_at_the_gauss_points_alone_are_passed(monkeypatch: pytest.MonkeyP
 
     def fastest() -> float:
         found = collocate_full(equations, problem.path, problem.nodes(0.01)[1], limits)
-        return float(np.abs(found.drives.v_m).max())
+        return float(np.abs(found.motors.v_m).max())
 
     assert fastest() < 100.0 * (1 + KEPT)
     monkeypatch.setattr(full_model, "bernstein_rows", points)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import flexgen
 from flexgen.errors import SolverError
 from flexgen.inversion import limits
-from flexgen.inversion.methods.full_model import limits_for
+from flexgen.inversion.bounds import limits_for
 from flexgen.inversion.model_library import has_compiler
 from flexgen.inversion.path_deviation import DEGREE, DeviationBasis, bent
 from flexgen.inversion.solution import Solution

@@ -17,7 +17,7 @@ import pytest
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.inversion.methods.full_model import Limits
+from flexgen.inversion.bounds import Limits
 from flexgen.inversion.status import Status
 from flexgen.plots import canvas
 from flexgen.plots import solution as figures_of

@@ -12,7 +12,7 @@ from scipy.interpolate import make_interp_spline
 import flexgen
 from flexgen.errors import SolverError
 from flexgen.inversion.methods.collocation import collocate
-from flexgen.inversion.motor_side import twists
+from flexgen.inversion.motor_side import deflections
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.solution import residual_max
 from flexgen.inversion.status import Status
@@ -73,7 +73,7 @@ def test_drives_with_a_nonlinear_damped_gear_against_an_integrator() -> None:
     w = 2 * np.pi * 5
     amplitude = 3e4
     tau = amplitude * np.stack([np.sin(w * t) ** 2, w * np.sin(2 * w * t), 2 * w**2 * np.cos(2 * w * t)], axis=-1)
-    p, dp, ddp = twists(equations, t, tau[:, None, :])
+    p, dp, ddp = deflections(equations, t, tau[:, None, :])
     spring = equations.function("gear_spring")
     damping = 0.08 * 220**2
     exact = solve_ivp(

@@ -232,7 +232,7 @@ STIFFNESS = 20.0
 def lag_error(t: np.ndarray, damping: float, w: float, start: float) -> float:
     """Largest one of the twist under the torque sin(w t), against the solution by hand; relative to 1/K."""
     tau = np.stack([np.sin(w * t), w * np.cos(w * t), -(w**2) * np.sin(w * t)])[:, :, None]
-    found = gear_lag(t, np.array([STIFFNESS]), np.array([damping])).twists(tau, np.array([start]))[:, 0]
+    found = gear_lag(t, np.array([STIFFNESS]), np.array([damping])).deflections(tau, np.array([start]))[:, 0]
     decay = STIFFNESS / damping
     steady = (decay * np.sin(w * t) - w * np.cos(w * t)) / (damping * (decay**2 + w**2))
     exact = steady + (start - steady[0]) * np.exp(-decay * t)
@@ -252,7 +252,7 @@ def test_the_lag_is_of_sixth_order_and_exact_at_rest() -> None:
     for damping in (1e-3, 1.0, 1e3):
         constant = np.zeros((3, 101, 1))
         constant[0] = 7.0
-        rest = gear_lag(np.linspace(0.0, 1.0, 101), np.array([STIFFNESS]), np.array([damping])).twists(
+        rest = gear_lag(np.linspace(0.0, 1.0, 101), np.array([STIFFNESS]), np.array([damping])).deflections(
             constant, np.array([0.35])
         )
         assert np.abs(rest - 0.35).max() < 1e-15

@@ -27,7 +27,7 @@ from scipy.interpolate import make_interp_spline
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.motor_side import MotorMotion, drives
+from flexgen.inversion.motor_side import MotorMotion, motor_motion
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Motion, Reduction
 from flexgen.inversion.status import Status
@@ -48,7 +48,7 @@ def rigid(problem: InversionProblem, h: float) -> MethodResult:
     reduction = simply_coupled(problem.equations)
     t = _instants(problem)
     motion = stiff_motion(reduction, problem.path, t)
-    return _answer(t, motion, stiff_drives(reduction.equations, motion))
+    return _answer(t, motion, stiff_motors(reduction.equations, motion))
 
 
 def fjm(problem: InversionProblem, h: float) -> MethodResult:
@@ -57,7 +57,7 @@ def fjm(problem: InversionProblem, h: float) -> MethodResult:
     reduction = simply_coupled(problem.equations)
     t = _instants(problem)
     motion = stiff_motion(reduction, problem.path, t)
-    motors = drives(reduction.equations, t, motion.q, motion.v, motion.a, motion.tau_g)
+    motors = motor_motion(reduction.equations, t, motion.q, motion.v, motion.a, motion.tau_g)
     return _answer(t, motion, motors)
 
 
@@ -73,7 +73,7 @@ def quasistatic(problem: InversionProblem, h: float) -> MethodResult:
     reduction = simply_coupled(problem.equations)
     t = _instants(problem)
     motion = quasistatic_motion(reduction, problem.path, t, rounds)
-    motors = drives(reduction.equations, t, motion.q, motion.v, motion.a, motion.tau_g)
+    motors = motor_motion(reduction.equations, t, motion.q, motion.v, motion.a, motion.tau_g)
     return _answer(t, motion, motors)
 
 
@@ -90,7 +90,7 @@ def stiff_motion(reduction: Reduction, path: Path, t: np.ndarray) -> Motion:
     return reduction.motion_through(sample, reduction.close(guess, reduction.targets(sample)), [still] * 4)
 
 
-def stiff_drives(equations: Equations, motion: Motion) -> MotorMotion:
+def stiff_motors(equations: Equations, motion: Motion) -> MotorMotion:
     """Motors behind stiff gears."""
     model = equations.model
     q_m, v_m, a_m = (x[:, list(model.i_g)] @ model.eta.T for x in (motion.q, motion.v, motion.a))

@@ -24,7 +24,7 @@ import numpy as np
 from flexgen.dae.system import DaeFunctions
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.methods.initial_value import answer_of, check_causal, dae_of, instants, zeros_along
+from flexgen.inversion.methods.initial_value import check_causal, dae_of, instants, result_of_states, zeros_along
 from flexgen.inversion.problem import InversionProblem
 from flexgen.paths.path import Path
 
@@ -137,7 +137,7 @@ def stable_order(zeros: np.ndarray, h: float) -> int:
     return 3
 
 
-def answer(problem: InversionProblem, h: float) -> MethodResult:
+def solve(problem: InversionProblem, h: float) -> MethodResult:
     """Answer a question by BDF.
 
     Options: ``order`` 1 to 4 (default: 3, or 2 where 3 is not stable), ``richardson`` (default False). The step is a
@@ -156,7 +156,7 @@ def answer(problem: InversionProblem, h: float) -> MethodResult:
         order = stable_order(zeros_along(problem), float(t[1] - t[0]))
     run = extrapolated if richardson else march
     found = run(dae, problem.path, t, dae.pack(problem.rest), order)
-    return answer_of(
+    return result_of_states(
         problem,
         dae,
         t,

@@ -31,7 +31,7 @@ from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library, grid, samples
 
 
-def answer(problem: InversionProblem, h: float) -> MethodResult:
+def solve(problem: InversionProblem, h: float) -> MethodResult:
     """Invert along the whole path. Options: ``native`` (bool): compile for this processor."""
     problem.only("bvp", "native")
     model = problem.equations.model

@@ -1,15 +1,14 @@
 """Inverse dynamics as collocation optimal control on the reduced problem, solved by IPOPT.
 
 Unknown are the non-actuated coordinates (q_e, v_e) at the nodes of a mesh and the arm's (q, v, a) at the Gauss points
-of each interval. Everything that physics and the path demand is a hard constraint; what is left free is the initial
-state of the zero dynamics, and the cost asks that the motion comes from rest and goes to rest:
+of each interval. The equations of motion and the path are constraints. The initial state of the zero dynamics is free,
+and the cost is the distance from equilibrium at both ends:
 
-    min  |y(0) - rest|^2 + |y(T) - rest|^2      s.t.   Gamma(q) = Z,  W v = Z',  W a + W' v = Z'',
+    min  |y(0) - y_eq|^2 + |y(T) - y_eq|^2      s.t.   Gamma(q) = Z,  W v = Z',  W a + W' v = Z'',
                                                        [M a + c + g]_e = tau_e   at the Gauss points
 
-With an unstable zero dynamics the second term picks the one motion that does not blow up, and the first one says how
-long before the path it has to begin. Reducing first keeps the order: the reference enters by its exact derivatives
-instead of being differentiated by the discretisation.
+With an unstable zero dynamics the second term selects the bounded motion, and the first term determines the
+pre-actuation. The reference enters by its exact derivatives, which keeps the order of the Gauss points.
 
 Source: L. Biegler, Nonlinear Programming, 2010, ch. 10 (collocation); A. Waechter, L. Biegler, Math. Prog. 106, 2006.
 """
@@ -21,18 +20,23 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, make_interp_spline
 
 from flexgen.errors import SolverError
-from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.method_result import MethodResult, with_motors
+from flexgen.inversion.methods import full_model
+from flexgen.inversion.problem import ACCELERATION, InversionProblem
+from flexgen.inversion.reduced_problem import Motion, Reduction
+from flexgen.inversion.solution import motion_residual
 from flexgen.numerics.nlp import NlpResult, Progress, solve_nlp
 from flexgen.numerics.tableaus import Tableau, gauss
 from flexgen.numerics.transcription import Transcription
-from flexgen.paths.path import Path
+from flexgen.paths.path import Path, PathSample
 
+STAGES = 3
 DEFLECTION = 1e-2  # rad or m: the size of a deflection that matters, scales the unknowns
 RATE = 1.0  # rad/s or m/s
-ACCELERATION = 100.0  # rad/s^2 or m/s^2
+BEFORE = 8  # samples at rest before the mesh, for the derivatives of a spline at its start
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,7 @@ class Collocated:
     """Solution on the mesh.
 
     ``nodes`` (N + 1,) [s]; ``q_e``, ``v_e`` (N + 1, n_e); ``a_e`` (N, s, n_e) and ``q`` (N, s, n_a) at the Gauss
-    points; ``nlp``: IPOPT's verdict.
+    points; ``nlp``: result of IPOPT.
     """
 
     nodes: np.ndarray
@@ -50,10 +54,10 @@ class Collocated:
     q: np.ndarray
     nlp: NlpResult
 
-    def dense(self, table: Tableau, parts: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Times, q_e, v_e and guessed q_a on a grid ``parts`` times finer, from the collocation polynomials."""
+    def dense(self, table: Tableau, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Times, q_e, v_e and approximate q_a on a grid ``count`` times finer, from the collocation polynomials."""
         h = np.diff(self.nodes)[:, None, None]
-        theta = np.arange(parts) / parts
+        theta = np.arange(count) / count
         once, twice = table.weights(theta)
         q_k, v_k = self.q_e[:-1, None, :], self.v_e[:-1, None, :]
         q = q_k + h * theta[None, :, None] * v_k + h**2 * np.einsum("ps,nse->npe", twice, self.a_e)
@@ -70,6 +74,54 @@ class Collocated:
         )
 
 
+def solve(problem: InversionProblem, h: float) -> MethodResult:
+    """Solve the reduced problem on intervals of ``h`` [s]; with limits the full model, see `full_model`. No options."""
+    problem.only("collocation")
+    if problem.limits is not None:
+        return full_model.solve(problem, h)
+    reduction, path = Reduction(problem.equations), problem.path
+    preactuation, nodes = problem.nodes(h)
+    found = collocate(reduction, path, nodes, stages=STAGES, progress=problem.progress)
+    count = max(1, int(np.ceil(np.diff(nodes).max() / problem.step - 1e-9)))
+    t, q_e, v_e, guess = found.dense(gauss(STAGES), count)
+    sample = path.sample(t)
+    guess[:, list(problem.equations.model.i_e)] = q_e
+    q = reduction.close(guess, reduction.targets(sample))
+    motion, doubtful = reduction.motion(sample, q, v_e)
+    candidates = [motion] if motion is not None else []
+    if doubtful:
+        candidates.append(_smoothed(reduction, sample, t, q, nodes, found.q_e))
+    results = [
+        with_motors(
+            problem.equations,
+            t,
+            candidate,
+            preactuation=preactuation,
+            verdict=found.nlp.status,
+            iterations=found.nlp.iterations,
+            intervals=len(nodes) - 1,
+        )
+        for candidate in candidates
+    ]
+    if len(results) == 1:
+        return results[0]
+    return min(results, key=lambda result: float(motion_residual(problem.equations, result).max()))
+
+
+def _smoothed(
+    reduction: Reduction, sample: PathSample, t: np.ndarray, q: np.ndarray, nodes: np.ndarray, q_e: np.ndarray
+) -> Motion:
+    """The motion whose non-actuated coordinates and derivatives are those of a spline through the solution."""
+    # at rest before: without samples from then the derivatives of a spline are poor at its start
+    before = nodes[0] - (nodes[1] - nodes[0]) * np.arange(BEFORE, 0, -1)
+    smooth = make_interp_spline(np.r_[before, nodes], np.vstack([np.tile(q_e[0], (len(before), 1)), q_e]), k=7)
+    q = q.copy()
+    q[:, reduction.i_e] = smooth(t)
+    return reduction.motion_through(
+        sample, reduction.close(q, reduction.targets(sample)), [smooth(t, k) for k in (1, 2, 3, 4)]
+    )
+
+
 def collocate(
     reduction: Reduction,
     path: Path,
@@ -79,15 +131,31 @@ def collocate(
     progress: Progress | None = None,
     max_iterations: int = 100,
 ) -> Collocated:
-    """Solve the reduced inverse dynamics on the mesh ``nodes`` [s], which starts before the path and ends after it.
+    """Solve the reduced problem on a mesh.
 
-    SolverError where IPOPT does not converge; its verdict is in the text.
+    Parameters
+    ----------
+    reduction : Reduction
+    path : Path
+    nodes : array (N + 1,) [s]
+        From before the path to after it.
+    stages : int
+        Gauss points of an interval.
+    progress : callable, optional
+        Called with one line of text now and then.
+    max_iterations : int
+        Of IPOPT.
+
+    Raises
+    ------
+    SolverError
+        IPOPT does not converge; its status is in the text.
     """
     n_e, i_e, i_g = len(reduction.i_e), reduction.i_e, reduction.i_g
     n_a, n_g = reduction.model.n_a, reduction.model.n_g
     mesh = Transcription(nodes, gauss(stages), n_e, 3 * n_g)
     sample = path.sample(mesh.times)
-    guess, rest = _guess(reduction, path, mesh)
+    guess, ends = _guess(reduction, path, mesh)
 
     z, row, h, deflection, w = mesh.instant()
     X = ca.SX.zeros(3 * n_a)
@@ -105,10 +173,10 @@ def collocate(
     x = ca.MX.sym("x", mesh.size)
     g, jacobian, _ = mesh.constraints(x, rows, [z, row, h, target, y1, y2], values, scale_x, guess)
 
-    # the cost is quadratic and the constraints leave few freedoms: its own Hessian is all the curvature that is needed
-    ends = np.r_[0 : 2 * n_e, mesh.n_nodes - 2 * n_e : mesh.n_nodes]
+    # the cost is quadratic and the constraints leave few freedoms: the Hessian of the cost is curvature enough
+    first_and_last = np.r_[0 : 2 * n_e, mesh.n_nodes - 2 * n_e : mesh.n_nodes]
     weight, aim = np.zeros(mesh.size), np.zeros(mesh.size)
-    weight[ends], aim[ends] = 1.0, np.concatenate(rest)
+    weight[first_and_last], aim[first_and_last] = 1.0, np.concatenate(ends)
     cost = ca.dot(ca.DM(weight), (x - ca.DM(aim / scale_x)) ** 2) / 2
     result = solve_nlp(
         x,
@@ -122,7 +190,7 @@ def collocate(
     )
     if not result.success:
         raise SolverError(
-            f"collocation: IPOPT ended with {result.status!r} after {result.iterations} iterations, "
+            f"method collocation: IPOPT ended with {result.status!r} after {result.iterations} iterations, "
             f"largest violation {result.violation:.2e}; try a longer --preview, a finer --mesh or --method full"
         )
     q_e, v_e, a_e, found = mesh.unpack(result.x * scale_x)
@@ -132,12 +200,12 @@ def collocate(
 
 
 def _guess(reduction: Reduction, path: Path, mesh: Transcription) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Quasi-static motion as a first guess, and the states of rest before and after the path."""
+    """Quasi-static motion as a first guess, and the equilibria before and after the path."""
     i_e, i_g, nodes, times = reduction.i_e, reduction.i_g, mesh.nodes, mesh.times
     both = np.unique(np.concatenate([nodes, times]))
     slow = CubicSpline(both, reduction.follow(path, both, reduction.start(path).q_a))
     states = np.hstack([slow(nodes)[:, i_e], slow(nodes, 1)[:, i_e]])
     w = np.hstack([slow(times, k)[:, i_g] for k in range(3)])
     still = np.zeros(len(i_e))
-    rest = np.r_[slow(nodes[0])[i_e], still], np.r_[slow(nodes[-1])[i_e], still]
-    return mesh.pack(states, slow(times, 2)[:, i_e], w), rest
+    ends = np.r_[slow(nodes[0])[i_e], still], np.r_[slow(nodes[-1])[i_e], still]
+    return mesh.pack(states, slow(times, 2)[:, i_e], w), ends

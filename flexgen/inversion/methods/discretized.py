@@ -32,9 +32,8 @@ from scipy.sparse.linalg import splu
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.methods.baselines import quasistatic_motion, simply_coupled
-from flexgen.inversion.methods.collocation import ACCELERATION
-from flexgen.inversion.motor_side import MotorMotion, drives, gear_torques
-from flexgen.inversion.problem import INTERVALS, InversionProblem
+from flexgen.inversion.motor_side import MotorMotion, gear_torques, motor_motion
+from flexgen.inversion.problem import ACCELERATION, INTERVALS, InversionProblem
 from flexgen.mechanics.outputs import output_map
 from flexgen.numerics.evaluate import evaluate
 
@@ -78,7 +77,7 @@ class Discretized:
     path_error: float
 
 
-def answer(problem: InversionProblem, h: float) -> MethodResult:
+def solve(problem: InversionProblem, h: float) -> MethodResult:
     """The method "discretized".
 
     Without a mesh of the user's own there are ``SHARE`` nodes an interval. Option ``order``: of the differences.
@@ -97,7 +96,7 @@ def answer(problem: InversionProblem, h: float) -> MethodResult:
         *found.arm,
         gear_torques(problem.equations, *found.arm, motors),
         motors,
-        lead=-float(found.t[0]),
+        preactuation=-float(found.t[0]),
         iterations=found.iterations,
         intervals=len(found.t) - 1,
         details={"order": order, "spacing_s": float(found.t[1] - found.t[0]), "path_error": found.path_error},
@@ -169,7 +168,7 @@ class _Problem:
         """Coordinates (K, n) and torques (N, n_m) to start from: the quasi-static motion."""
         reduction = simply_coupled(self.equations)
         motion = quasistatic_motion(reduction, self.path, self.t)
-        motors = drives(reduction.equations, self.t, motion.q, motion.v, motion.a, motion.tau_g)
+        motors = motor_motion(reduction.equations, self.t, motion.q, motion.v, motion.a, motion.tau_g)
         y = np.hstack([motion.q, motors.q_m[:, self.i_m]])
         rest, ends = self.problem.rest, 2 * self.m
         self.aim = np.zeros_like(y)

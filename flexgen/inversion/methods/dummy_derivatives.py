@@ -23,7 +23,7 @@ from flexgen.dae.signature import structural_index
 from flexgen.dae.system import DaeFunctions
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.methods.initial_value import answer_of, check_causal, dae_of, instants
+from flexgen.inversion.methods.initial_value import check_causal, dae_of, instants, result_of_states
 from flexgen.inversion.problem import InversionProblem
 from flexgen.paths.path import Path
 
@@ -194,7 +194,7 @@ def _states(
     raise SolverError(f"reduced: IDAS gave up after t = {t[0]:.4g} s, with a tolerance of {used:.0e} too: {reason}")
 
 
-def answer(problem: InversionProblem, h: float) -> MethodResult:
+def solve(problem: InversionProblem, h: float) -> MethodResult:
     """Answer a question by index reduction and IDAS, sampled every millisecond or finer.
 
     Options: ``rtol``, the relative tolerance (default 1e-11). ``h`` has no meaning: IDAS chooses its steps.
@@ -214,7 +214,7 @@ def answer(problem: InversionProblem, h: float) -> MethodResult:
     t = instants(problem, min(h, problem.step))
     found = integrate(dummies, problem.path, t, x_rest, rtol)
     x, dx = dummies.states_of(found.Y)
-    return answer_of(
+    return result_of_states(
         problem,
         dae,
         t,

@@ -1,14 +1,14 @@
 """Inverse dynamics as optimal control of the full model, with bounds on motor torque and speed.
 
-Nothing is reduced: all coordinates y = (q_a, q_me) are collocated, the motor torques are unknowns, the machine starts
-exactly at rest, and the tool follows as well as it can:
+Nothing is reduced. All coordinates y = (q_a, q_me) are collocated, the motor torques are unknowns, the robot starts in
+equilibrium, and the tool tracks the path in the sense of least squares:
 
-    min  mean |e(q_a) / e_0|^2 + rho mean |tau_m' T / tau_0|^2 + sigma |y(end) - rest|^2 + sigma |y'(end)|^2
-    s.t. the equations of motion at the Gauss points,  |tau_m| <= tau_max,  |v_m| <= v_max,  |q_e| <= bend
+    min  mean |e(q_a) / e_0|^2 + rho mean |tau_m' T / tau_0|^2 + sigma |y(end) - y_eq|^2 + sigma |y'(end)|^2
+    s.t. the equations of motion at the Gauss points,  |tau_m| <= tau_max,  |v_m| <= v_max,  |q_e| <= deflection_max
 
 The torque is continuous: it is collocated as the speed of further coordinates u, ``u' = tau_m``. Five Gauss points an
-interval, one more than the index of the inverse problem: with fewer the torque loses its order. The path is followed to
-a small fraction of ``e_0``, not exactly; where limits bite, by as much as they allow.
+interval, one more than the index of the inverse problem: with fewer the torque loses its order. The tracking error is a
+small fraction of ``e_0``, and larger where limits are active.
 
 Source: J. Betts, Practical Methods for Optimal Control, 2010, ch. 4.
 """
@@ -16,20 +16,21 @@ Source: J. Betts, Practical Methods for Optimal Control, 2010, ch. 4.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import comb
-from numbers import Real
 
 import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 from scipy.interpolate import CubicSpline
 
-from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.methods.collocation import ACCELERATION
+from flexgen.errors import SolverError
+from flexgen.inversion.bounds import Limits
+from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.motor_side import MotorMotion, gear_torques
+from flexgen.inversion.problem import ACCELERATION, InversionProblem
 from flexgen.inversion.reduced_problem import Motion, Reduction
+from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.statics import at_rest, reach
@@ -41,84 +42,46 @@ from flexgen.numerics.transcription import Transcription
 from flexgen.paths.path import Path
 
 STAGES = 5
-PARTS = 10  # samples an interval
+SAMPLES = 10  # of an interval
 ERROR = 1e-4  # e_0: the tool error that costs one, rad, and m for each metre of reach, at most m
-SMOOTH = 1e-9  # rho: small, for the torque shall follow the path and only what the path leaves open shall be smooth
+SMOOTH = 1e-9  # rho: small, to smooth only what the path does not determine
 SMOOTH_LIMITED = 1e-3  # rho with limits: with less the torque chatters between them for a gain too small to measure
-NOTICED = 1e-2  # of e_0: a tool that is farther from its path is kept off it by the limits
-END = 1e-3  # sigma: enough to pick the motion that does not blow up at the end, too little to bend it before
+NOTICED = 1e-2  # of e_0: tracking error above which an active bound is reported as LIMITS_ACTIVE
+END = 1e-3  # sigma: selects the bounded motion at the end without changing the motion before
 TOLERANCE = 1e-9
-NEAR = 0.99  # of a bound: from there on it is thought to act
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Bounds on motor torque [N m] and speed [rad/s], motor side, one entry a motor; None: no bounds of that kind.
-
-    ``deflection`` [rad or m]: bounds on the non-actuated coordinates, one entry each in chain order. `limits_for` takes
-    one number for all.
-    """
-
-    torque: tuple[float, ...] | None = None
-    speed: tuple[float, ...] | None = None
-    deflection: tuple[float, ...] | None = None
-
-    def arrays(self, n_m: int) -> tuple[np.ndarray, np.ndarray]:
-        """Torque and speed bounds (n_m,), infinite where there is none; ArgumentError where they do not fit."""
-        return _bounds("torque", self.torque, n_m), _bounds("speed", self.speed, n_m)
-
-    def deflections(self, n_e: int) -> np.ndarray:
-        """Bounds of the non-actuated coordinates (n_e,), infinite where there is none."""
-        return _bounds("deflection", self.deflection, n_e)
-
-
-def limits_for(
-    model: RobotModel,
-    *,
-    torque: float | Sequence[float] | None = None,
-    speed: float | Sequence[float] | None = None,
-    deflection: float | Sequence[float] | None = None,
-) -> Limits:
-    """The `Limits` of a model from one number for all motors (or non-actuated coordinates), or from one for each."""
-    sizes = {"torque": model.n_m, "speed": model.n_m, "deflection": model.n_e}
-    out = {}
-    for name, values in (("torque", torque), ("speed", speed), ("deflection", deflection)):
-        if values is not None:
-            each = (values,) * sizes[name] if isinstance(values, Real) else values
-            out[name] = tuple(float(x) for x in _bounds(name, each, sizes[name]))  # type: ignore[arg-type]
-    return Limits(**out)
-
-
-def _bounds(name: str, values: Sequence[float] | None, size: int) -> np.ndarray:
-    if values is None:
-        return np.full(size, np.inf)
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError):
-        array = np.array(np.nan)
-    if array.shape != (size,) or not (array > 0).all():
-        raise ArgumentError(f"limits: given {name} {values}, expected {size} positive numbers")
-    return array
-
-
-def limits_from_model(model: RobotModel) -> Limits:
-    """The limits stated in the model file; ArgumentError where it states none."""
-    torque = tuple(np.inf if m.torque_max is None else m.torque_max for m in model.motors)
-    speed = tuple(np.inf if m.speed_max is None else m.speed_max for m in model.motors)
-    if np.isinf([*torque, *speed]).all():
-        raise ArgumentError(f"limits: model {model.name} states none; add torque_max or speed_max to its motors")
-    return Limits(torque, speed)
+NEAR = 0.99  # of a bound: above it the bound is active
 
 
 @dataclass(frozen=True)
 class FullSolution:
-    """Samples of motion and torque; ``limited``: a bound keeps the tool off the path."""
+    """Samples of motion and torque; ``limits_active``: a bound keeps the tool off the path."""
 
     t: np.ndarray
     motion: Motion
-    drives: MotorMotion
-    limited: bool
+    motors: MotorMotion
+    limits_active: bool
     nlp: NlpResult
+
+
+def solve(problem: InversionProblem, h: float) -> MethodResult:
+    """Solve by optimal control of the full model on intervals of 2 ``h`` [s]. No options."""
+    problem.only("full")
+    preactuation, nodes = problem.nodes(2 * h)
+    found = collocate_full(problem.equations, problem.path, nodes, problem.limits, progress=problem.progress)
+    motion = found.motion
+    return MethodResult(
+        found.t,
+        motion.q,
+        motion.v,
+        motion.a,
+        motion.tau_g[:, :, 0],
+        found.motors,
+        preactuation,
+        status=Status.LIMITS_ACTIVE if found.limits_active else Status.SOLVED,
+        verdict=found.nlp.status,
+        iterations=found.nlp.iterations,
+        intervals=len(nodes) - 1,
+    )
 
 
 def collocate_full(
@@ -130,102 +93,47 @@ def collocate_full(
     progress: Progress | None = None,
     max_iterations: int = 300,
 ) -> FullSolution:
-    """Solve the full problem on the mesh ``nodes`` [s]. SolverError where IPOPT does not converge."""
+    """Solve the optimal control problem on a mesh.
+
+    Parameters
+    ----------
+    equations : Equations
+    path : Path
+    nodes : array (N + 1,) [s]
+    limits : Limits, optional
+    progress : callable, optional
+        Called with one line of text now and then.
+    max_iterations : int
+        Of IPOPT.
+
+    Raises
+    ------
+    SolverError
+        IPOPT does not converge, or the arm cannot be held at an end of the path within the limits.
+    """
     model = equations.model
-    n, n_a, n_m, n_y, i_m = model.dof, model.n_a, model.n_m, model.output.size, list(model.i_m)
-    limits = limits or Limits()
-    torque_max, speed_max = limits.arrays(n_m)
-    bend_max = limits.deflections(model.n_e)
-    mesh = Transcription(nodes, gauss(STAGES), n + n_m, n_y)
-    reduction, y_rest, tau_rest, slow = _slow_motion(equations, path, mesh)
-    for j, motor in enumerate(model.motors):
-        needed = float(np.abs(tau_rest[:, j]).max())
-        if needed > torque_max[j]:
-            raise SolverError(
-                f"limits: motor {motor.name} needs {needed:.4g} N m to hold the arm at rest at the ends of the path, "
-                f"its limit is {torque_max[j]:.4g} N m"
-            )
-    for i, bound in zip(model.i_e, bend_max, strict=True):
-        needed = max(abs(rest[i]) for rest in y_rest)
-        if needed > bound:
-            raise SolverError(
-                f"limits: coordinate {model.coordinates[i].name} is deflected by {needed:.4g} at rest at the ends of "
-                f"the path, its limit is {bound:.4g}"
-            )
-    sample = path.sample(mesh.times)
-
-    ratio, inertia = np.abs(model.eta).max(axis=1), np.array([m.inertia for m in model.motors])
-    scale_y = np.r_[np.ones(n_a), ratio[i_m]]
-    M = evaluate(equations.function("mass_matrix"), slow(nodes[:1])[:, :n_a])[0].reshape(n_a, n_a)
-    arm = np.diag(M)[list(model.i_g)]
-    turned = np.where(
-        inertia > 0.0, inertia * ratio, np.abs(np.linalg.inv(model.eta)).T @ arm
-    )  # a direct drive: the arm
-    tau_0 = np.maximum(np.abs(tau_rest).max(axis=0), 0.1 * turned * ACCELERATION)
-    scale_state = np.r_[scale_y, tau_0, scale_y, tau_0]  # u in N m s
-    scale_rate = np.r_[scale_y, tau_0] * ACCELERATION
-    scale_x = np.r_[
-        np.tile(scale_state, mesh.N + 1), np.tile(np.r_[np.tile(scale_rate, STAGES), np.ones(STAGES * n_y)], mesh.N)
-    ]
-    torque = np.linspace(tau_rest[0], tau_rest[1], mesh.N + 1).clip(-torque_max, torque_max)
-    states = np.hstack([slow(nodes), np.zeros((mesh.N + 1, n_m)), slow(nodes, 1), torque])
-    still = np.zeros((len(mesh.times), n_m))
-    guess = mesh.pack(states, np.hstack([slow(mesh.times, 2), still]), np.zeros((len(mesh.times), n_y)))
-
-    z, row, h, (y, dy, ddy), e = mesh.instant()
-    place = output_map(equations)
-    target = ca.SX.sym("target", place.target.shape[0])
-    symbols = ca.vertcat(equations.lagrangian.chain.q_a, place.target)
-    error = ca.substitute(place.error, symbols, ca.vertcat(y[:n_a], target))
-    residual = _instant_rows(equations, y, dy, ddy)
-    scale_e = ERROR * min(1.0, reach(equations))
-    # speeds, torques and deflections are polynomials on each interval: their Bernstein coefficients are bounded, which
-    # bounds them everywhere and not at the Gauss points alone
-    bernstein = ca.SX.sym("bernstein", 2 * STAGES + 1)
-    rates = z[mesh.n : 2 * mesh.n]
-    places = z[: mesh.n] + h * bernstein[2 * STAGES] * rates
-    for j in range(STAGES):
-        acceleration = z[(2 + j) * mesh.n : (3 + j) * mesh.n]
-        rates = rates + h * bernstein[j] * acceleration
-        places = places + h**2 * bernstein[STAGES + j] * acceleration
-    bounds = np.r_[speed_max, torque_max, bend_max]
-    bounded = np.flatnonzero(np.isfinite(bounds)).tolist()
-    limited = ca.vertcat(_speeds(equations, rates), rates[n:], places[list(model.i_e)])
-    rows = ca.vertcat(residual, error - scale_e * e, limited[bounded])
+    bounds = _Bounds.of(model, limits or Limits())
+    mesh = Transcription(nodes, gauss(STAGES), model.dof + model.n_m, model.output.size)
+    slow = _slow_motion(equations, path, mesh)
+    _check_equilibrium(model, slow, bounds)
+    scales = _Scales.of(equations, mesh, slow)
+    guess = _guess(model, mesh, slow, bounds)
+    rows, symbols, target, bernstein, upper = _instant(equations, mesh, bounds)
     x = ca.MX.sym("x", mesh.size)
-    values = [*mesh.parameters, reduction.targets(sample).T, np.tile(bernstein_rows(mesh.table), (mesh.N, 1)).T]
-    g, jacobian, scale = mesh.constraints(x, rows, [z, row, h, target, bernstein], values, scale_x, guess)
-    upper = np.zeros(rows.shape[0])
-    upper[n + n_y :] = bounds[bounded]
+    targets = slow.reduction.targets(path.sample(mesh.times)).T
+    values = [*mesh.parameters, targets, np.tile(bernstein_rows(mesh.table), (mesh.N, 1)).T]
+    g, jacobian, scale = mesh.constraints(x, rows, [*symbols, target, bernstein], values, scales.x, guess)
     upper_g = np.r_[np.tile(upper * scale, mesh.N * STAGES), np.zeros(2 * mesh.n * mesh.N)]
-
-    # all terms of the cost are squares of unknowns: a diagonal holds all of it
-    count = mesh.N * STAGES
-    smooth = SMOOTH_LIMITED if bounded else SMOOTH
-    accelerations, errors = mesh.own
-    weight, aim = np.zeros(mesh.size), np.zeros(mesh.size)
-    weight[errors.ravel()] = 1.0 / count
-    weight[accelerations[:, n:].ravel()] = smooth / count * (ACCELERATION * path.duration) ** 2
-    last = np.arange(mesh.n_nodes - 2 * mesh.n, mesh.n_nodes)
-    goal = np.r_[y_rest[1], np.zeros(n_m), np.zeros(n), tau_rest[1]]
-    kept = np.r_[np.ones(n), np.zeros(n_m), np.ones(n), np.zeros(n_m)]
-    weight[last], aim[last] = END * kept, goal
-    cost = ca.dot(ca.DM(weight), (x - ca.DM(aim / scale_x)) ** 2) / 2
-    H = ca.DM(sp.diags(weight).tocsc())
-
-    lower_x, upper_x = np.full(mesh.size, -np.inf), np.full(mesh.size, np.inf)
-    nodes_tau = np.arange(mesh.N + 1)[:, None] * 2 * mesh.n + 2 * mesh.n - n_m + np.arange(n_m)
-    lower_x[nodes_tau], upper_x[nodes_tau] = -torque_max / tau_0, torque_max / tau_0
-    first = np.r_[y_rest[0], np.zeros(n_m), np.zeros(n), tau_rest[0]] / scale_state
-    lower_x[: 2 * mesh.n] = upper_x[: 2 * mesh.n] = first
+    weight, aim = _cost(model, mesh, slow, path.duration, bounds)
+    cost = ca.dot(ca.DM(weight), (x - ca.DM(aim / scales.x)) ** 2) / 2
     result = solve_nlp(
         x,
         cost,
         g,
         jacobian,
-        ca.MX(H),
-        guess / scale_x,
-        bounds_x=(lower_x, upper_x),
+        ca.MX(ca.DM(sp.diags(weight).tocsc())),
+        guess / scales.x,
+        bounds_x=_bounds_of_unknowns(model, mesh, slow, scales, bounds),
         bounds_g=(-upper_g, upper_g),
         progress=progress,
         max_iterations=max_iterations,
@@ -233,18 +141,156 @@ def collocate_full(
     )
     if not result.success:
         raise SolverError(
-            f"full collocation: IPOPT ended with {result.status!r} after {result.iterations} iterations, largest "
-            f"violation {result.violation:.2e}; give the move more time, loosen the limits or change the --mesh"
+            f"method full: IPOPT ended with {result.status!r} after {result.iterations} iterations, largest "
+            f"violation {result.violation:.2e}; give the move more time, loosen the limits or change --mesh"
         )
-    return _samples(equations, mesh, result, scale_x, torque_max, speed_max, bend_max)
+    return _samples(equations, mesh, result, scales.x, bounds)
 
 
-def _slow_motion(
-    equations: Equations, path: Path, mesh: Transcription
-) -> tuple[Reduction, list[np.ndarray], np.ndarray, CubicSpline]:
-    """Where to start: quasi-static motion of y as a spline, rest (y, torque) at both ends."""
+@dataclass(frozen=True)
+class _Bounds:
+    """Bounds of motor torque (n_m), motor speed (n_m) and deflection (n_e); infinite where there is none."""
+
+    torque: np.ndarray
+    speed: np.ndarray
+    deflection: np.ndarray
+
+    @staticmethod
+    def of(model: RobotModel, limits: Limits) -> _Bounds:
+        return _Bounds(*limits.arrays(model.n_m), limits.deflections(model.n_e))
+
+    @property
+    def finite(self) -> list[int]:
+        """Numbers of the finite ones: speeds, torques, deflections."""
+        return np.flatnonzero(np.isfinite(np.r_[self.speed, self.torque, self.deflection])).tolist()
+
+
+@dataclass(frozen=True)
+class _SlowMotion:
+    """The quasi-static motion ``y`` (spline over time), and the equilibria ``ends`` and ``torques`` (2, n_m) of it."""
+
+    reduction: Reduction
+    ends: list[np.ndarray]
+    torques: np.ndarray
+    y: CubicSpline
+
+
+@dataclass(frozen=True)
+class _Scales:
+    """Sizes of the unknowns: of a state, of the torques (n_m) and of all unknowns."""
+
+    state: np.ndarray
+    torque: np.ndarray
+    x: np.ndarray
+
+    @staticmethod
+    def of(equations: Equations, mesh: Transcription, slow: _SlowMotion) -> _Scales:
+        model = equations.model
+        n_a, i_m = model.n_a, list(model.i_m)
+        ratio, inertia = np.abs(model.eta).max(axis=1), np.array([m.inertia for m in model.motors])
+        scale_y = np.r_[np.ones(n_a), ratio[i_m]]
+        M = evaluate(equations.function("mass_matrix"), slow.y(mesh.nodes[:1])[:, :n_a])[0].reshape(n_a, n_a)
+        arm = np.diag(M)[list(model.i_g)]
+        # a direct drive accelerates the arm, not its rotor
+        turned = np.where(inertia > 0.0, inertia * ratio, np.abs(np.linalg.inv(model.eta)).T @ arm)
+        tau_0 = np.maximum(np.abs(slow.torques).max(axis=0), 0.1 * turned * ACCELERATION)
+        state = np.r_[scale_y, tau_0, scale_y, tau_0]  # u in N m s
+        rate = np.r_[scale_y, tau_0] * ACCELERATION
+        inner = np.r_[np.tile(rate, STAGES), np.ones(STAGES * model.output.size)]
+        return _Scales(state, tau_0, np.r_[np.tile(state, mesh.N + 1), np.tile(inner, mesh.N)])
+
+
+def _check_equilibrium(model: RobotModel, slow: _SlowMotion, bounds: _Bounds) -> None:
+    """SolverError where the arm cannot be held at an end of the path within the limits."""
+    for j, motor in enumerate(model.motors):
+        needed = float(np.abs(slow.torques[:, j]).max())
+        if needed > bounds.torque[j]:
+            raise SolverError(
+                f"limits: motor {motor.name} needs {needed:.4g} N m to hold the arm at rest at the ends of the path, "
+                f"its limit is {bounds.torque[j]:.4g} N m; raise the limit or choose another path"
+            )
+    for i, bound in zip(model.i_e, bounds.deflection, strict=True):
+        needed = max(abs(end[i]) for end in slow.ends)
+        if needed > bound:
+            raise SolverError(
+                f"limits: coordinate {model.coordinates[i].name} is deflected by {needed:.4g} at rest at the ends of "
+                f"the path, its limit is {bound:.4g}; raise the limit or choose another path"
+            )
+
+
+def _guess(model: RobotModel, mesh: Transcription, slow: _SlowMotion, bounds: _Bounds) -> np.ndarray:
+    """The quasi-static motion as unknowns of the mesh."""
+    n_m, n_y = model.n_m, model.output.size
+    torque = np.linspace(slow.torques[0], slow.torques[1], mesh.N + 1).clip(-bounds.torque, bounds.torque)
+    states = np.hstack([slow.y(mesh.nodes), np.zeros((mesh.N + 1, n_m)), slow.y(mesh.nodes, 1), torque])
+    still = np.zeros((len(mesh.times), n_m))
+    return mesh.pack(states, np.hstack([slow.y(mesh.times, 2), still]), np.zeros((len(mesh.times), n_y)))
+
+
+def _instant(
+    equations: Equations, mesh: Transcription, bounds: _Bounds
+) -> tuple[ca.SX, list[ca.SX], ca.SX, ca.SX, np.ndarray]:
+    """Rows of one instant, the symbols they depend on (unknowns, target, Bernstein weights), and their bounds."""
     model = equations.model
-    simple = dataclasses.replace(model, motor_coupling="simplified")  # rest is the same, and it can be reduced
+    n, n_a, n_y = model.dof, model.n_a, model.output.size
+    z, row, h, (y, dy, ddy), e = mesh.instant()
+    output = output_map(equations)
+    target = ca.SX.sym("target", output.target.shape[0])
+    symbols = ca.vertcat(equations.lagrangian.chain.q_a, output.target)
+    error = ca.substitute(output.error, symbols, ca.vertcat(y[:n_a], target))
+    residual = _instant_rows(equations, y, dy, ddy)
+    scale_e = ERROR * min(1.0, reach(equations))
+    # speeds, torques and deflections are polynomials on each interval: their Bernstein coefficients are bounded, which
+    # bounds them everywhere and not at the Gauss points alone
+    bernstein = ca.SX.sym("bernstein", 2 * STAGES + 1)
+    rates = z[mesh.n : 2 * mesh.n]
+    positions = z[: mesh.n] + h * bernstein[2 * STAGES] * rates
+    for j in range(STAGES):
+        acceleration = z[(2 + j) * mesh.n : (3 + j) * mesh.n]
+        rates = rates + h * bernstein[j] * acceleration
+        positions = positions + h**2 * bernstein[STAGES + j] * acceleration
+    limited = ca.vertcat(_speeds(equations, rates), rates[n:], positions[list(model.i_e)])
+    rows = ca.vertcat(residual, error - scale_e * e, limited[bounds.finite])
+    upper = np.zeros(rows.shape[0])
+    upper[n + n_y :] = np.r_[bounds.speed, bounds.torque, bounds.deflection][bounds.finite]
+    return rows, [z, row, h], target, bernstein, upper
+
+
+def _cost(
+    model: RobotModel, mesh: Transcription, slow: _SlowMotion, duration: float, bounds: _Bounds
+) -> tuple[np.ndarray, np.ndarray]:
+    """Weights and targets of the unknowns: all terms of the cost are squares of unknowns."""
+    n, n_m = model.dof, model.n_m
+    count = mesh.N * STAGES
+    smooth = SMOOTH_LIMITED if bounds.finite else SMOOTH
+    accelerations, errors = mesh.own
+    weight, aim = np.zeros(mesh.size), np.zeros(mesh.size)
+    weight[errors.ravel()] = 1.0 / count
+    weight[accelerations[:, n:].ravel()] = smooth / count * (ACCELERATION * duration) ** 2
+    last = np.arange(mesh.n_nodes - 2 * mesh.n, mesh.n_nodes)
+    kept = np.r_[np.ones(n), np.zeros(n_m), np.ones(n), np.zeros(n_m)]
+    weight[last] = END * kept
+    aim[last] = np.r_[slow.ends[1], np.zeros(n_m), np.zeros(n), slow.torques[1]]
+    return weight, aim
+
+
+def _bounds_of_unknowns(
+    model: RobotModel, mesh: Transcription, slow: _SlowMotion, scales: _Scales, bounds: _Bounds
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper bounds of the unknowns: torques at the nodes, and equilibrium at the first one."""
+    n, n_m = model.dof, model.n_m
+    lower, upper = np.full(mesh.size, -np.inf), np.full(mesh.size, np.inf)
+    torques = np.arange(mesh.N + 1)[:, None] * 2 * mesh.n + 2 * mesh.n - n_m + np.arange(n_m)
+    lower[torques], upper[torques] = -bounds.torque / scales.torque, bounds.torque / scales.torque
+    first = np.r_[slow.ends[0], np.zeros(n_m), np.zeros(n), slow.torques[0]] / scales.state
+    lower[: 2 * mesh.n] = upper[: 2 * mesh.n] = first
+    return lower, upper
+
+
+def _slow_motion(equations: Equations, path: Path, mesh: Transcription) -> _SlowMotion:
+    """The quasi-static motion along the path."""
+    model = equations.model
+    simple = dataclasses.replace(model, motor_coupling="simplified")  # has the same equilibria, and can be reduced
     reduction = Reduction(Equations(simple) if model.motor_coupling == "complete" else equations)
     times = np.unique(np.concatenate([mesh.nodes, mesh.times]))
     arm = reduction.follow(path, times, reduction.start(path).q_a)
@@ -253,8 +299,10 @@ def _slow_motion(
     geared = (arm[:, list(model.i_g)] @ model.eta.T)[:, i_m]
     share = np.linspace(0, 1, len(times))[:, None]
     motors = geared + (1 - share) * (ends[0].q_m[i_m] - geared[0]) + share * (ends[1].q_m[i_m] - geared[-1])
-    y_rest = [np.r_[e.q_a, e.q_m[i_m]] for e in ends]
-    return reduction, y_rest, np.array([e.tau_m for e in ends]), CubicSpline(times, np.hstack([arm, motors]))
+    states = [np.r_[e.q_a, e.q_m[i_m]] for e in ends]
+    return _SlowMotion(
+        reduction, states, np.array([e.tau_m for e in ends]), CubicSpline(times, np.hstack([arm, motors]))
+    )
 
 
 def _instant_rows(equations: Equations, y: ca.SX, dy: ca.SX, ddy: ca.SX) -> ca.SX:
@@ -278,12 +326,12 @@ def _speeds(equations: Equations, rates: ca.SX) -> ca.SX:
 
 
 def bernstein_rows(table: Tableau) -> np.ndarray:
-    """What makes Bernstein coefficients of speeds and places on an interval from accelerations at its s points.
+    """Weights of the Bernstein coefficients of speed and position on an interval, from accelerations at its s points.
 
-    Row i (of s; 2 s + 1 columns): for the coefficient i + 1 of the speed, a polynomial of degree s, the shares of the
-    accelerations; the same for the coefficient i + 2 of the place, of degree s + 1; and the share of the first speed
-    in that. A polynomial lies within the range of its coefficients. Those left out are, or nearly are, the last ones of
-    the interval before.
+    Row i (of s; 2 s + 1 columns): for coefficient i + 1 of the speed, a polynomial of degree s, the weights of the
+    accelerations; the same for coefficient i + 2 of the position, of degree s + 1; and the weight of the first speed in
+    it. A polynomial lies within the range of its coefficients. The coefficients left out are, up to the order of the
+    method, the last ones of the interval before.
     """
     s = len(table.c)
     out = []
@@ -299,15 +347,13 @@ def _samples(
     mesh: Transcription,
     result: NlpResult,
     scale_x: np.ndarray,
-    torque_max: np.ndarray,
-    speed_max: np.ndarray,
-    bend_max: np.ndarray,
+    bounds: _Bounds,
 ) -> FullSolution:
-    """Motion and torques on a grid ``PARTS`` times finer than the mesh, from the collocation polynomials."""
+    """Motion and torques on a grid ``SAMPLES`` times finer than the mesh, from the collocation polynomials."""
     model = equations.model
     n, n_a, i_m, i_g = model.dof, model.n_a, list(model.i_m), list(model.i_g)
     y, dy, ddy, w = mesh.unpack(result.x * scale_x)
-    theta = np.arange(PARTS) / PARTS
+    theta = np.arange(SAMPLES) / SAMPLES
     once, twice = mesh.table.weights(theta)
     h = mesh.h[:, None, None]
     levels = [
@@ -325,14 +371,14 @@ def _samples(
         full[:, i_m] = level[:, n_a:n]
         motor.append(full)
     # IPOPT keeps bounds to its tolerance
-    tau_m = np.clip(sampled[1][:, n:], -torque_max, torque_max)
-    drives = MotorMotion(motor[0], motor[1], motor[2], tau_m)
+    tau_m = np.clip(sampled[1][:, n:], -bounds.torque, bounds.torque)
+    motors = MotorMotion(motor[0], motor[1], motor[2], tau_m)
     tau_g = np.zeros((len(t), len(i_g), 3))
-    tau_g[:, :, 0] = gear_torques(equations, arm[0], arm[1], arm[2], drives)
-    bends = arm[0][:, list(model.i_e)]
-    pairs = ((tau_m, torque_max), (motor[1], speed_max), (bends, bend_max))
+    tau_g[:, :, 0] = gear_torques(equations, arm[0], arm[1], arm[2], motors)
+    deflections = arm[0][:, list(model.i_e)]
+    pairs = ((tau_m, bounds.torque), (motor[1], bounds.speed), (deflections, bounds.deflection))
     at_bound = any((np.abs(value) > NEAR * bound).any() for value, bound in pairs)
-    limited = bool(at_bound and np.abs(w).max() > NOTICED)
+    limits_active = bool(at_bound and np.abs(w).max() > NOTICED)
     zero = np.zeros_like(arm[0])
     motion = Motion(arm[0], arm[1], arm[2], zero, zero, tau_g)
-    return FullSolution(t, motion, drives, limited, result)
+    return FullSolution(t, motion, motors, limits_active, result)

@@ -78,7 +78,7 @@ def instants(problem: InversionProblem, step: float) -> np.ndarray:
     return h * np.arange(-before, on_path + after + 1)
 
 
-def answer_of(
+def result_of_states(
     problem: InversionProblem,
     dae: DaeFunctions,
     t: np.ndarray,
@@ -110,7 +110,7 @@ def answer_of(
         a,
         gear_torques(problem.equations, state["q_a"], state["v_a"], a, motors),
         motors,
-        lead=float(max(0.0, -t[0])),
+        preactuation=float(max(0.0, -t[0])),
         verdict=verdict,
         iterations=iterations,
         intervals=len(t) - 1 if intervals is None else intervals,

@@ -27,7 +27,7 @@ from flexgen.dae.strangeness_free import Split, StrangenessFree
 from flexgen.dae.system import DaeFunctions
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.methods.initial_value import answer_of, check_causal, dae_of, instants
+from flexgen.inversion.methods.initial_value import check_causal, dae_of, instants, result_of_states
 from flexgen.inversion.problem import InversionProblem
 from flexgen.numerics.tableaus import Tableau, radau
 from flexgen.paths.path import Path
@@ -178,7 +178,7 @@ def regularised(dae: DaeFunctions, x_rest: np.ndarray, highest: int = HIGHEST) -
     raise SolverError(f"kunkel-mehrmann: {failed}; choose another start, or lq")
 
 
-def answer(problem: InversionProblem, h: float) -> MethodResult:
+def solve(problem: InversionProblem, h: float) -> MethodResult:
     """Solve the problem by the regularised DAE, in steps of a fifth of ``h``, at most a millisecond. No options."""
     problem.only("kunkel-mehrmann")
     check_causal(problem, "kunkel-mehrmann")
@@ -187,7 +187,7 @@ def answer(problem: InversionProblem, h: float) -> MethodResult:
     system = regularised(dae, x_rest)
     t = instants(problem, min(h / 5, problem.step))
     found = integrate(system, problem.path, t, x_rest)
-    return answer_of(
+    return result_of_states(
         problem,
         dae,
         t,

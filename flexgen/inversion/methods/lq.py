@@ -26,7 +26,7 @@ TOLERANCE = 1e-6  # residual on the mesh, relative to the torques of a hundredth
 LONGEST = 1e-2  # s: of an interval
 
 
-def answer(problem: InversionProblem, h: float) -> MethodResult:
+def solve(problem: InversionProblem, h: float) -> MethodResult:
     """Invert along the whole path. Options: ``native`` (bool): compile for this processor."""
     problem.only("lq", "native")
     library = inversion_library(

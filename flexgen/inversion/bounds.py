@@ -1,0 +1,93 @@
+"""Limits: bounds on motor torque, motor speed and deflection that a solution has to keep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from numbers import Real
+
+import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.model.elements import RobotModel
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Bounds on motor torque, motor speed and deflection; None: no bounds of that kind.
+
+    `limits_for` makes them from one number for all motors, `limits_from_model` reads them from the model file.
+
+    Attributes
+    ----------
+    torque, speed : tuple of float [N m], [rad/s]
+        One entry for each motor, motor side.
+    deflection : tuple of float [rad or m]
+        One entry for each non-actuated coordinate, in chain order.
+    """
+
+    torque: tuple[float, ...] | None = None
+    speed: tuple[float, ...] | None = None
+    deflection: tuple[float, ...] | None = None
+
+    def arrays(self, n_m: int) -> tuple[np.ndarray, np.ndarray]:
+        """Torque and speed bounds (n_m,), infinite where there is none; ArgumentError where the sizes differ."""
+        return _bounds("torque", self.torque, n_m), _bounds("speed", self.speed, n_m)
+
+    def deflections(self, n_e: int) -> np.ndarray:
+        """Bounds of the non-actuated coordinates (n_e,), infinite where there is none."""
+        return _bounds("deflection", self.deflection, n_e)
+
+
+def limits_for(
+    model: RobotModel,
+    *,
+    torque: float | Sequence[float] | None = None,
+    speed: float | Sequence[float] | None = None,
+    deflection: float | Sequence[float] | None = None,
+) -> Limits:
+    """The `Limits` of a model from one number for all motors (or non-actuated coordinates), or from one for each.
+
+    Parameters
+    ----------
+    model : RobotModel
+    torque, speed : float or sequence of float [N m], [rad/s]
+        Motor side.
+    deflection : float or sequence of float [rad or m]
+
+    Raises
+    ------
+    ArgumentError
+        A bound is not positive, or their number does not fit the model.
+    """
+    sizes = {"torque": model.n_m, "speed": model.n_m, "deflection": model.n_e}
+    out = {}
+    for name, values in (("torque", torque), ("speed", speed), ("deflection", deflection)):
+        if values is not None:
+            each = (values,) * sizes[name] if isinstance(values, Real) else values
+            out[name] = tuple(float(x) for x in _bounds(name, each, sizes[name]))  # type: ignore[arg-type]
+    return Limits(**out)
+
+
+def limits_from_model(model: RobotModel) -> Limits:
+    """The limits stated in the model file; ArgumentError where it states none."""
+    torque = tuple(np.inf if m.torque_max is None else m.torque_max for m in model.motors)
+    speed = tuple(np.inf if m.speed_max is None else m.speed_max for m in model.motors)
+    if np.isinf([*torque, *speed]).all():
+        raise ArgumentError(
+            f"limits: model {model.name} states none, expected torque_max or speed_max of a motor; add them to the "
+            "model file"
+        )
+    return Limits(torque, speed)
+
+
+def _bounds(name: str, values: Sequence[float] | None, size: int) -> np.ndarray:
+    if values is None:
+        return np.full(size, np.inf)
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        array = np.array(np.nan)
+    if array.shape != (size,) or not (array > 0).all():
+        raise ArgumentError(f"limits: given {name} {values}, expected {size} positive numbers")
+    return array
