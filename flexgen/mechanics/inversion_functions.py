@@ -1,80 +1,74 @@
-"""What inverse dynamics along a prescribed output asks of a model: a constraint, and the rows without motor.
+"""Functions for inverse dynamics along a prescribed output, as builders: output constraint and rows without motor.
 
     W(q_a) v_a = Z',      W a_a + W' v_a = Z'',      row = [M a_a + c + g - arm forces]_e - tau_e = 0
 
-and their first derivatives. The coordinates follow from the output (`flexgen.inversion.reduced_problem`), gears and
-motors afterwards: ``tau_g = [M a_a + c + g - arm forces]_g``, the twist of the gears from `gear_law`.
+and their first derivatives. The coordinates follow from the output (`flexgen.inversion.reduced_problem`), then gears
+and motors: ``tau_g = [M a_a + c + g - arm forces]_g``, the deflection of the gears from `gear_law`.
 
-Defined by the Lagrangian, see `definition`; by recursion in `flexgen.recursion.inversion_functions`.
+Here from the Lagrangian; by recursion in `flexgen.recursion.inversion_functions`.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import casadi as ca
 
 from flexgen.errors import ArgumentError
+from flexgen.mechanics.dynamics import gear_spring
 from flexgen.mechanics.outputs import output_map
+from flexgen.mechanics.system import Builder, Built, System
 
-if TYPE_CHECKING:
-    from flexgen.mechanics.equations import Equations
-
-Built = tuple[list[ca.SX], list[str], list[ca.SX], list[str]]
-
-FUNCTIONS = ("output_constraint", "inversion_slopes", "inversion_rows", "gear_law")
 EXPECTED = "as many outputs as motors, and simplified motor coupling"
 
 
-def definition(equations: Equations, name: str) -> Built:
-    """Arguments and results of a function of `FUNCTIONS`, from the Lagrangian.
+def _check(system: System, name: str) -> None:
+    """ArgumentError where the model does not have the function."""
+    if not system.model.inverts:
+        raise ArgumentError(f"model {system.model.name}: {name} needs {EXPECTED}")
 
-    Parameters
-    ----------
-    equations : Equations
-        Of the model.
-    name : str
-        One of `FUNCTIONS`.
 
-    Returns
-    -------
-    tuple
-        Inputs, their names, outputs, their names.
+def output_constraint(system: System) -> Built:
+    """Error of the output, the map W from velocities to rates of the output, and ``W' v_a``."""
+    _check(system, "output_constraint")
+    chain, output = system.lagrangian.chain, output_map(system)
+    bias = ca.jtimes(ca.mtimes(output.rate, chain.v_a), chain.q_a, chain.v_a)
+    return constraint_ports(system, output.target, output.error, output.rate, bias)
 
-    Raises
-    ------
-    ArgumentError
-        Where the model does not have them.
-    """
-    if not equations.model.inverts:
-        raise ArgumentError(f"model {equations.model.name}: {name} needs {EXPECTED}")
-    lag, left = equations.lagrangian, equations.arm_left
+
+def inversion_rows(system: System) -> Built:
+    """Torques of the gears, and residuals of the rows without motor."""
+    _check(system, "inversion_rows")
+    return row_ports(system, system.arm_left)
+
+
+def inversion_slopes(system: System) -> Built:
+    """First derivatives of the output's rates and of the rows without motor."""
+    _check(system, "inversion_slopes")
+    lag, left = system.lagrangian, system.arm_left
     q, v, a = lag.chain.q_a, lag.chain.v_a, lag.a_a
-    if name == "gear_law":
-        inputs, names, outputs, _ = equations.gear_spring()
-        return inputs, names, outputs, ["tau_p", "dtau_p"]
-    if name == "inversion_rows":
-        return rows(equations, left)
-    output = output_map(equations)
-    rate = ca.mtimes(output.rate, v)
-    if name == "output_constraint":
-        return constraint(equations, output.target, output.error, output.rate, ca.jtimes(rate, q, v))
+    rate = ca.mtimes(output_map(system).rate, v)
     second = ca.jtimes(rate, ca.vertcat(q, v), ca.vertcat(v, a))
     of_output = [ca.jacobian(rate, q), ca.jacobian(second, q), ca.jacobian(second, v)]
-    e = list(equations.model.i_e)
-    chosen = [left[e], *(ca.jacobian(left[e], x) for x in (q, v, a))] if e else []
-    return slopes(equations, of_output, chosen)
+    e = list(system.model.i_e)
+    of_left = [left[e], *(ca.jacobian(left[e], x) for x in (q, v, a))] if e else []
+    return derivative_ports(system, of_output, of_left)
 
 
-def constraint(equations: Equations, target: ca.SX, error: ca.SX, rate: ca.SX, bias: ca.SX) -> Built:
-    """`output_constraint`: how far the output is from its target, the map from speeds to its rate, and ``W' v_a``."""
-    chain = equations.lagrangian.chain
+def gear_law(system: System) -> Built:
+    """Torques of the gears' springs, and their derivatives in the deflection."""
+    _check(system, "gear_law")
+    inputs, names, outputs, _ = gear_spring(system)
+    return inputs, names, outputs, ["tau_p", "dtau_p"]
+
+
+def constraint_ports(system: System, target: ca.SX, error: ca.SX, rate: ca.SX, bias: ca.SX) -> Built:
+    """`output_constraint` from the output's error (n_y), its map W (n_y, n_a) and ``W' v_a`` (n_y)."""
+    chain = system.lagrangian.chain
     return [chain.q_a, chain.v_a, target], ["q_a", "v_a", "target"], [error, rate, bias], ["y_err", "W", "Wdot_v"]
 
 
-def rows(equations: Equations, left: ca.SX) -> Built:
+def row_ports(system: System, left: ca.SX) -> Built:
     """`inversion_rows` from ``M a_a + c + g`` (n_a)."""
-    lag, model = equations.lagrangian, equations.model
+    lag, model = system.lagrangian, system.model
     force = left - lag.arm_forces
     inputs, names = [lag.chain.q_a, lag.chain.v_a, lag.a_a], ["q_a", "v_a", "a_a"]
     tau_g = force[list(model.i_g)]
@@ -83,12 +77,12 @@ def rows(equations: Equations, left: ca.SX) -> Built:
     return inputs, names, [tau_g, force[list(model.i_e)] - lag.tau_e], ["tau_g", "row"]
 
 
-def slopes(equations: Equations, of_output: list[ca.SX], of_left: list[ca.SX]) -> Built:
+def derivative_ports(system: System, of_output: list[ca.SX], of_left: list[ca.SX]) -> Built:
     """`inversion_slopes` from the derivatives of the output's rates, and of the rows e of ``M a_a + c + g``.
 
-    ``of_left``: the rows (n_e) and their derivatives in coordinates, speeds and accelerations (n_e, n_a).
+    ``of_left``: the rows (n_e) and their derivatives in coordinates, velocities and accelerations (n_e, n_a).
     """
-    lag, e = equations.lagrangian, list(equations.model.i_e)
+    lag, e = system.lagrangian, list(system.model.i_e)
     q, v, a = lag.chain.q_a, lag.chain.v_a, lag.a_a
     names = ["dy1_dq", "dy2_dq", "dy2_dv"]
     if e:
@@ -97,3 +91,11 @@ def slopes(equations: Equations, of_output: list[ca.SX], of_left: list[ca.SX]) -
         of_output = [*of_output, row - force, by_q - ca.jacobian(force, q), by_v - ca.jacobian(force, v), by_a]
         names += ["row", "row_q", "row_v", "row_a"]
     return [q, v, a], ["q_a", "v_a", "a_a"], of_output, names
+
+
+BUILDERS: dict[str, Builder] = {
+    "output_constraint": output_constraint,
+    "inversion_slopes": inversion_slopes,
+    "inversion_rows": inversion_rows,
+    "gear_law": gear_law,
+}

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import casadi as ca
 
-if TYPE_CHECKING:
-    from flexgen.mechanics.equations import Equations
+from flexgen.mechanics import dynamics
+from flexgen.mechanics.system import System
 
 
 @dataclass(frozen=True)
 class OutputMap:
-    """Graphs in the symbol ``equations.lagrangian.chain.q_a``.
+    """Graphs in the symbol ``system.lagrangian.chain.q_a``.
 
     ``error`` (n_y): zero where the output is at ``target`` (n_y; for a pose 3 + 9: position, rotation matrix by
     columns); orientation: the axial vector of ``(R R_d' - R_d R')/2``, sine of the angle times the axis, world axes.
@@ -25,16 +24,16 @@ class OutputMap:
     rate: ca.SX
 
 
-def output_map(equations: Equations) -> OutputMap:
+def output_map(system: System) -> OutputMap:
     """The `OutputMap` of a model's declared output."""
-    model, q = equations.model, equations.lagrangian.chain.q_a
+    model, q = system.model, system.lagrangian.chain.q_a
     if model.output.type != "tool_pose":
         target = ca.SX.sym("target", model.output.size)
-        y = equations.function("output")(q)
+        y = ca.densify(dynamics.output(system)[2][0])
         return OutputMap(y - target, target, ca.densify(ca.jacobian(y, q)))
     target = ca.SX.sym("target", 12)
-    p, R = equations.function("forward_kinematics")(q)
-    return OutputMap(pose_error(p, R, target), target, ca.densify(equations.function("jacobian")(q)))
+    p, R = (ca.densify(x) for x in dynamics.forward_kinematics(system)[2])
+    return OutputMap(pose_error(p, R, target), target, ca.densify(dynamics.jacobian(system)[2][0]))
 
 
 def pose_error(p: ca.SX, R: ca.SX, target: ca.SX) -> ca.SX:

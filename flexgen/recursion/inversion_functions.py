@@ -9,26 +9,25 @@ coordinates, which adds a term:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import casadi as ca
 
-from flexgen.mechanics.inversion_functions import Built, constraint, definition, rows, slopes
+from flexgen.mechanics import inversion_functions as definition
+from flexgen.mechanics.inversion_functions import constraint_ports, derivative_ports, row_ports
 from flexgen.mechanics.outputs import pose_error
+from flexgen.mechanics.system import Built
 from flexgen.recursion import derivatives, kinematics, newton_euler
+from flexgen.recursion.arm import Arm, Columns, matrix_of
 from flexgen.recursion.dh_chain import Chain, laid
 from flexgen.recursion.newton_euler import Vector3, cross
 from flexgen.recursion.tape import Scalar, Tape
 
-if TYPE_CHECKING:
-    from flexgen.recursion.functions import Columns, _Arm
 
-
-def _output_constraint(arm: _Arm) -> Built:
+def _output_constraint(arm: Arm) -> Built:
     equations, output = arm.equations, arm.model.output
     if output.type == "combination":
-        return definition(equations, "output_constraint")
+        return definition.output_constraint(equations)
     q_a, v_a = arm.symbols("q_a", "v_a")
     tape, chain = Tape(), laid(arm.model, to_mass=False)
     q, v = tape.vector(q_a), tape.vector(v_a)
@@ -44,38 +43,33 @@ def _output_constraint(arm: _Arm) -> Built:
     W = min(chosen, key=lambda A: tape.cost([*bias, *(x for row in A for x in row)]).operations)
     n_y, n_a = len(kept), arm.model.n_a
     flat = tape.build([*p, *(x for row in R for x in row), *bias, *(x for row in W for x in row)])
-    place, turn, flat = ca.vertcat(*flat[:3]), _matrix(flat[3:12], 3, 3), flat[12:]
+    place, turn, flat = ca.vertcat(*flat[:3]), matrix_of(flat[3:12], 3), flat[12:]
     target = ca.SX.sym("target", output.target_size)
     error = pose_error(place, turn, target) if output.type == "tool_pose" else place[kept] - target
-    return constraint(equations, target, error, _matrix(flat[n_y:], n_y, n_a), ca.vertcat(*flat[:n_y]))
+    return constraint_ports(equations, target, error, matrix_of(flat[n_y:], n_a), ca.vertcat(*flat[:n_y]))
 
 
-def _kept(arm: _Arm) -> list[int]:
+def _kept(arm: Arm) -> list[int]:
     """Rows of the tool's twist that are rates of the output."""
     output = arm.model.output
     return list(range(6)) if output.type == "tool_pose" else ["xyz".index(axis) for axis in output.axes]
 
 
-def _matrix(rows: Sequence[ca.SX], n: int, m: int) -> ca.SX:
-    """A matrix from its entries, row after row."""
-    return ca.reshape(ca.vertcat(*rows), m, n).T
-
-
-def _inversion_rows(arm: _Arm) -> Built:
+def _inversion_rows(arm: Arm) -> Built:
     inputs = arm.symbols("q_a", "v_a", "a_a")
 
     def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
         q, v, a = (tape.vector(x) for x in inputs)
         return newton_euler.inverse_dynamics(tape, chain, q, v, a, columns)
 
-    return rows(arm.equations, ca.vertcat(*arm.shortest([route], several=False)))
+    return row_ports(arm.equations, ca.vertcat(*arm.shortest([route], several=False)))
 
 
-def _inversion_slopes(arm: _Arm) -> Built:
-    return slopes(arm.equations, _output_slopes(arm), _row_slopes(arm))
+def _inversion_slopes(arm: Arm) -> Built:
+    return derivative_ports(arm.equations, _output_slopes(arm), _row_slopes(arm))
 
 
-def _output_slopes(arm: _Arm) -> list[ca.SX]:
+def _output_slopes(arm: Arm) -> list[ca.SX]:
     """Derivatives of ``W v`` in q, and of ``W a + W' v`` in q and v, (n_y, n_a) each."""
     if arm.model.output.type == "combination":
         return [ca.SX.zeros(arm.model.output.size, arm.model.n_a) for _ in range(3)]
@@ -93,10 +87,10 @@ def _output_slopes(arm: _Arm) -> list[ca.SX]:
     kept, n = _kept(arm), arm.model.n_a
     flat = tape.build([column[i] for columns in found for i in kept for column in columns])
     size = len(kept) * n
-    return [_matrix(flat[k * size : (k + 1) * size], len(kept), n) for k in range(3)]
+    return [matrix_of(flat[k * size : (k + 1) * size], n) for k in range(3)]
 
 
-def _row_slopes(arm: _Arm) -> list[ca.SX]:
+def _row_slopes(arm: Arm) -> list[ca.SX]:
     """The rows without motor of ``M a + c + g`` (n_e), and their derivatives in q, v and a (n_e, n_a)."""
     inputs, e, n = arm.symbols("q_a", "v_a", "a_a"), arm.model.i_e, arm.model.n_a
     if not e:
@@ -111,10 +105,10 @@ def _row_slopes(arm: _Arm) -> list[ca.SX]:
     flat = arm.shortest([by_recursion])
     size = len(e) * n
     parts = [flat[len(e) + k * size : len(e) + (k + 1) * size] for k in range(3)]
-    return [ca.vertcat(*flat[: len(e)]), *(_matrix(part, len(e), n) for part in parts)]
+    return [ca.vertcat(*flat[: len(e)]), *(matrix_of(part, n) for part in parts)]
 
 
-BUILDERS: dict[str, Callable[[_Arm], Built]] = {
+BUILDERS: dict[str, Callable[[Arm], Built]] = {
     "output_constraint": _output_constraint,
     "inversion_slopes": _inversion_slopes,
     "inversion_rows": _inversion_rows,

@@ -177,7 +177,7 @@ def test_a_planted_error_in_the_springs_is_seen(monkeypatch):
     """Rows without their springs are not those of the Lagrangian."""
     equations = derive(read("planar5_nmp"))
     expected = values(equations.function("inversion_slopes"), given := state(equations.model))
-    kept = inversion_functions.slopes
+    kept = inversion_functions.derivative_ports
 
     def without(equations, of_output, of_left):
         inputs, names, outputs, ports = kept(equations, of_output, of_left)
@@ -185,7 +185,7 @@ def test_a_planted_error_in_the_springs_is_seen(monkeypatch):
         outputs[at], outputs[at + 1] = of_left[0], of_left[1]
         return inputs, names, outputs, ports
 
-    monkeypatch.setattr(by_recursion, "slopes", without)
+    monkeypatch.setattr(by_recursion, "derivative_ports", without)
     assert disagreement(values(recursive_function(equations, "inversion_slopes"), given), expected) > 1e-3
 
 

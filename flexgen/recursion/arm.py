@@ -1,0 +1,142 @@
+"""The arm that recursions work on: its symbols, its chain of bodies, and the choice of the shortest recursion.
+
+A route is one way to compute a result on a tape. `Arm.shortest` runs several routes over several plans (places of the
+link frames, see `flexgen.recursion.regrouping`) and keeps the one with the fewest operations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache, partial
+
+import casadi as ca
+import numpy as np
+
+from flexgen.mechanics.dynamics import symbols_of
+from flexgen.mechanics.equations import Equations
+from flexgen.model.elements import Body, RobotModel
+from flexgen.recursion import composite_body, derivatives, newton_euler
+from flexgen.recursion.dh_chain import Chain, Inertia, compose, inertia_of, inverse, pose_of
+from flexgen.recursion.regrouping import Plan, plans
+from flexgen.recursion.tape import Scalar, Tape
+
+AD_UP_TO = 10  # coordinates; the recursion for derivatives is shorter than differentiated code beyond
+
+Columns = tuple[bool, ...]
+Route = Callable[[Tape, Chain, Columns], list[Scalar]]
+
+
+@dataclass(frozen=True)
+class Arm:
+    """The symbols of a robot's equations, and results from the shortest of several recursions.
+
+    ``functions``: those that were made, by name; None where the recursion has none.
+    """
+
+    equations: Equations
+    functions: dict[str, ca.Function | None] = field(default_factory=dict)
+
+    @property
+    def model(self) -> RobotModel:
+        """The robot, with its numbers."""
+        return self.equations.model
+
+    def symbols(self, *names: str) -> list[ca.SX]:
+        """Vectors by their names, the Lagrangian's own."""
+        return symbols_of(self.equations, list(names))
+
+    def chain(self, tape: Tape, plan: Plan) -> Chain:
+        """The chain of a plan, with the symbols of the payload where its numbers may change at run time."""
+        if not self.loaded:
+            return plan.chain
+        body = self.equations.with_symbols.payload
+        rotation, position = compose(plan.chain.tool, inverse(pose_of(self.model.tool)))
+        mass, *com = (tape.symbol(x) if isinstance(x, ca.SX) else float(x) for x in (body.mass, *body.com))
+        com = [
+            p + row[0] * com[0] + row[1] * com[1] + row[2] * com[2]
+            for p, row in zip(position.tolist(), rotation.tolist(), strict=True)
+        ]
+        first = [mass * x for x in com]
+        own = inertia_of(Body(inertia=body.inertia)).moved((rotation, np.zeros(3))).second.tolist()
+        second = [[x + y * z for x, z in zip(row, com, strict=True)] for row, y in zip(own, first, strict=True)]
+        load = Inertia(mass, np.array(first, dtype=object), np.array(second, dtype=object))
+        last = plan.chain.joints[-1]
+        return replace(plan.chain, joints=(*plan.chain.joints[:-1], replace(last, inertia=last.inertia + load)))
+
+    @property
+    def loaded(self) -> bool:
+        """Whether numbers of the payload may change at run time."""
+        return any(parameter.name.startswith("payload.") for parameter in self.equations.parameters)
+
+    def shortest(self, routes: Iterable[Route], several: bool = True) -> list[ca.SX]:
+        """The results of the route with the fewest operations (over the best plan only, or over several)."""
+        found: tuple[int, Tape, list[Scalar]] | None = None
+        known = plans(replace(self.model, payload=Body()) if self.loaded else self.model)
+        for plan in known if several else known[:1]:
+            for route in routes:
+                tape = Tape()
+                results = route(tape, self.chain(tape, plan), plan.columns)
+                count = tape.cost(results).operations
+                if found is None or count < found[0]:
+                    found = count, tape, results
+        assert found is not None
+        return found[1].build(found[2])
+
+    @cached_property
+    def derivatives(self) -> list[ca.SX]:
+        """Derivatives of inverse dynamics in coordinates, speeds and accelerations, (n_a, n_a) each."""
+        inputs = self.symbols("q_a", "v_a", "a_a")
+        n = self.model.n_a
+
+        def by_recursion(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
+            q, v, a = vectors(tape, *inputs)
+            found = derivatives.derivatives(tape, chain, q, v, a, columns)
+            return [x for A in found for row in A for x in row]
+
+        def by_differentiation(tape: Tape, chain: Chain, columns: Columns, forward: bool) -> list[Scalar]:
+            q, v, a = vectors(tape, *inputs)
+            tau = newton_euler.inverse_dynamics(tape, chain, q, v, a, columns)
+            M = [x for row in shortest_mass_matrix(tape, chain, q) for x in row]
+            if not forward:
+                gradients = [tape.gradient(x, [*q, *v]) for x in tau]
+                return [*(x for row in gradients for x in row[:n]), *(x for row in gradients for x in row[n:]), *M]
+            tangents = [tape.tangents(tau, x) for x in (*q, *v)]
+            return [*(x for part in (tangents[:n], tangents[n:]) for row in zip(*part, strict=True) for x in row), *M]
+
+        routes: list[Route] = [by_recursion]
+        if n <= AD_UP_TO:
+            routes += [partial(by_differentiation, forward=True), partial(by_differentiation, forward=False)]
+        flat = self.shortest(routes)
+        return [matrix_of(flat[k * n * n : (k + 1) * n * n], n) for k in range(3)]
+
+    @property
+    def armature(self) -> np.ndarray:
+        """What the rotors behind rigid gears add to the mass matrix, shape (n_a, n_a) [kg m^2, kg]."""
+        model, out = self.model, np.zeros((self.model.n_a, self.model.n_a))
+        rigid = [j for j in range(model.n_m) if j not in model.i_m]
+        eta = model.eta[rigid]
+        out[np.ix_(model.i_g, model.i_g)] = eta.T @ np.diag([model.motors[j].inertia for j in rigid]) @ eta
+        return out
+
+
+@lru_cache(maxsize=4)
+def arm_of(equations: Equations) -> Arm:
+    """The `Arm` of some equations; the last few are kept."""
+    return Arm(equations)
+
+
+def vectors(tape: Tape, *symbols: ca.SX) -> list[list[Scalar]]:
+    """The entries of some symbols on a tape."""
+    return [tape.vector(x) for x in symbols]
+
+
+def matrix_of(entries: Sequence[ca.SX], columns: int) -> ca.SX:
+    """A matrix from its entries, row after row."""
+    return ca.reshape(ca.vertcat(*entries), columns, len(entries) // columns).T if entries else ca.SX(0, columns)
+
+
+def shortest_mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> composite_body.Matrix:
+    """The mass matrix, with axes shared by parallel joints or without: what is shorter."""
+    found = [composite_body.mass_matrix(tape, chain, q, together) for together in (True, False)]
+    return min(found, key=lambda M: tape.cost([x for row in M for x in row]).operations)
