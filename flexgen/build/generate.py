@@ -23,7 +23,16 @@ from typing import Any
 from flexgen import __version__
 from flexgen.build.compiler import Compiler, build_libraries, find_compiler
 from flexgen.build.packaging import packaging
-from flexgen.codegen.spec import ABI_VERSION, PRECISIONS, STATUSES, LibrarySpec, chosen_functions, library_name, library_spec, model_digest
+from flexgen.codegen.spec import (
+    ABI_VERSION,
+    PRECISIONS,
+    STATUSES,
+    LibrarySpec,
+    chosen_functions,
+    library_name,
+    library_spec,
+    model_digest,
+)
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read

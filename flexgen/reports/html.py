@@ -12,20 +12,21 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from flexgen import __version__
-from flexgen.plots import along_path
-from flexgen.plots import solution as figures_of
 from flexgen.analysis.analyze import Analysis, analyze
-from flexgen.analysis.zeros_along_path import ZeroPath, zero_path
 from flexgen.analysis.zeros import ON_AXIS
-from flexgen.plots.canvas import measure, title_of
-from flexgen.inversion.comparison import error_rows
+from flexgen.analysis.zeros_along_path import ZeroPath, zero_path
 from flexgen.errors import SolverError
+from flexgen.inversion.bounds import Limits
+from flexgen.inversion.comparison import error_rows
+from flexgen.inversion.methods.full_model import Limits
+from flexgen.inversion.solution import Solution
+from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Friction, Motor, RobotModel
 from flexgen.paths.path import Path as ToolPath
-from flexgen.inversion.bounds import Limits
-from flexgen.inversion.solution import Solution
-from flexgen.inversion.status import Status
+from flexgen.plots import along_path
+from flexgen.plots import solution as figures_of
+from flexgen.plots.canvas import measure, title_of
 
 _CSS = """
 body { font: 16px/1.5 "Helvetica Neue", Arial, "DejaVu Sans", sans-serif; color: #222; background: #fff;
@@ -369,8 +370,8 @@ def write_report(
     limits : Limits, optional
         Bounds that the solution was made with; default: those of the model file.
     beside : tuple of Solution
-        The solution among others of the same move, as `flexgen.inversion.comparison.compare_methods` finds them, to be shown
-        together.
+        The solution among others of the same move, as `flexgen.inversion.comparison.compare_methods` finds them, to be
+        shown together.
     robustness : list of dict, optional
         Rows of `flexgen.inversion.robustness.compare_plants`.
 

@@ -1,0 +1,1 @@
+"""From the text of a library to compiled files, and their caches."""

@@ -1,0 +1,1 @@
+"""Reports: a solution as one HTML page."""
