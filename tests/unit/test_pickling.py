@@ -1,0 +1,93 @@
+"""Public objects are pickled and come back with the same contents: equations, analyses, models, paths and solutions."""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+import flexgen
+from flexgen.analysis.analyze import analyze
+from flexgen.mechanics.equations import BUILDERS, Equations, derive
+from flexgen.mechanics.statics import hold_joints
+from flexgen.model.reader import read
+from flexgen.paths.path import Path
+
+
+def copied(x: Any) -> Any:
+    return pickle.loads(pickle.dumps(x))
+
+
+def same(a: Any, b: Any) -> bool:
+    """Equal contents, to the bit, of nested dataclasses, mappings, sequences and arrays."""
+    if type(a) is not type(b):
+        return False
+    if isinstance(a, np.ndarray):
+        return a.dtype == b.dtype and np.array_equal(a, b, equal_nan=a.dtype.kind in "fc")
+    if dataclasses.is_dataclass(a):
+        return all(same(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a))
+    if isinstance(a, dict):
+        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
+    if isinstance(a, tuple | list):
+        return len(a) == len(b) and all(same(x, y) for x, y in zip(a, b, strict=True))
+    return bool(a == b) or (a != a and b != b)
+
+
+def results(equations: Equations, name: str) -> list[np.ndarray]:
+    """Results of a function at a fixed random state, parameters at 1.1 times the values of the file."""
+    function, rng = equations.function(name), np.random.default_rng(0)
+    numbers = 1.1 * np.array([parameter.value for parameter in equations.parameters])
+    given = {port: rng.normal(size=function.numel_in(port)) for port in function.name_in()} | {"parameters": numbers}
+    return [np.array(x) for x in function.call([given[port] for port in function.name_in()])]
+
+
+@pytest.mark.parametrize(
+    ("model", "parameters"), [("elbow", ()), ("planar5_nmp", ("payload", "stiffness")), ("beam_arm", ())]
+)
+def test_equations(model: str, parameters: tuple[str, ...]) -> None:
+    equations = derive(model, parameters)
+    equations.function("bias")  # one that was built before
+    back = copied(equations)
+    assert back.model == equations.model and back.parameters == equations.parameters
+    for name in BUILDERS:
+        assert same(results(equations, name), results(back, name)), name
+
+
+def test_planted_loss_of_the_parameters_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    equations = derive("planar5_nmp", ("stiffness",))
+    monkeypatch.setattr(Equations, "__reduce__", lambda self: (Equations, (self.model, ())))
+    assert not same(results(equations, "gear_law"), results(copied(equations), "gear_law"))
+
+
+@pytest.mark.parametrize("model", ["elbow", "planar5_nmp"])
+def test_analysis_along_a_path(model: str) -> None:
+    equations = derive(model)
+    path = Path(equations, equations.model.move())
+    found = analyze(equations, path=path, poses=5)
+    back = copied(found)
+    assert found.zero_path is not None and found.solvability_path is not None
+    assert same(found, back) and found.to_dict() == back.to_dict()
+    assert same(
+        path.sample(np.linspace(0.0, path.duration, 7)), copied(path).sample(np.linspace(0.0, path.duration, 7))
+    )
+
+
+def test_model_and_equilibrium() -> None:
+    model = read("manutec_r3")
+    assert copied(model) == model
+    rest = hold_joints(derive(model), np.array(model.home))
+    assert same(rest, copied(rest))
+
+
+def test_solution() -> None:
+    solution = flexgen.solve("elbow", method="closed-form")
+    assert same(solution, copied(solution))
+
+
+def test_planted_differences_are_seen() -> None:
+    rest = hold_joints(derive("elbow"), np.array(read("elbow").home))
+    other = dataclasses.replace(rest, tau_m=np.nextafter(rest.tau_m, np.inf))
+    assert not same(rest, other) and not same([rest], [rest, rest]) and not same({"a": 1.0}, {"b": 1.0})
