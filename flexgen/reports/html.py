@@ -18,7 +18,6 @@ from flexgen.analysis.zeros_along_path import ZeroPath, zero_path
 from flexgen.errors import SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.comparison import error_rows
-from flexgen.inversion.methods.full_model import Limits
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
