@@ -97,13 +97,13 @@ class ReducedProblem:
         S = np.zeros((n, q.shape[1], n_e))
         S[:, self.e] = np.eye(n_e)
         S[:, self.g] = -np.linalg.solve(W_g, W_e)
-        *_, row, _, _, row_a = self.library.inversion_slopes(q, v, a)
+        *_, row, _, _, row_a = self.library.inversion_jacobians(q, v, a)
         A = row_a @ S
         found = -np.linalg.solve(A, row.reshape(n, n_e, 1))[:, :, 0]
         if not derivatives:
             return found, None
         a += (S @ found[:, :, None])[:, :, 0]
-        dy1, dy2, dy2_v, _, row_q, row_v, row_a = self.library.inversion_slopes(q, v, a)
+        dy1, dy2, dy2_v, _, row_q, row_v, row_a = self.library.inversion_jacobians(q, v, a)
         by_q, by_v = row_q @ S, row_v @ S
         V, B, C = (np.zeros_like(S) for _ in range(3))
         V[:, self.g] = -np.linalg.solve(W_g, dy1 @ S)

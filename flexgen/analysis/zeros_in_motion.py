@@ -35,7 +35,7 @@ def moving_pencil(
     model = equations.model
     k, n_a, n_e = len(q), model.n_a, model.n_e
     i_g, i_e = list(model.i_g), list(model.i_e)
-    slopes = equations.function("inversion_slopes")
+    slopes = equations.function("inversion_jacobians")
     found = dict(zip(slopes.name_out(), evaluate(slopes, q, v, a), strict=True))
     y1_q, y2_q, y2_v = (found[name].reshape(k, -1, n_a) for name in ("dy1_dq", "dy2_dq", "dy2_dv"))
     row_q, row_v, row_a = (found[name].reshape(k, n_e, n_a) for name in ("row_q", "row_v", "row_a"))

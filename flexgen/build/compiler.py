@@ -185,7 +185,7 @@ def build_libraries(
     with ThreadPoolExecutor(max_workers=workers) as pool:
         jobs = {}
         for file in sorted(missing, key=lambda file: -_effort(folder, file)):  # the longest first
-            words = [*compiler.command, *compiler.flags, "-c", file, "-o", _object(file)]
+            words = [*compiler.command, *compiler.flags, "-I.", "-c", file, "-o", _object(file)]
             jobs[file] = pool.submit(_run, "C compiler", words, folder)
         try:
             for file, job in jobs.items():
@@ -222,5 +222,5 @@ def _object(source: str) -> str:
 
 def _effort(folder: Path, source: str) -> int:
     """Bytes of a source and of the mathematics that it includes."""
-    body = folder / f"{Path(source).stem}_body.h"
+    body = (folder / source).with_name(f"{Path(source).stem}_body.h")
     return (folder / source).stat().st_size + (body.stat().st_size if body.exists() else 0)

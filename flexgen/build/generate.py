@@ -7,6 +7,7 @@ made the library; where both are unchanged nothing is done, where the digest is 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
@@ -14,7 +15,7 @@ import re
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -23,6 +24,7 @@ from typing import Any
 from flexgen import __version__
 from flexgen.build.compiler import Compiler, build_libraries, find_compiler
 from flexgen.build.packaging import packaging
+from flexgen.codegen.clib_table import STRUCTS, signature_of
 from flexgen.codegen.spec import (
     ABI_VERSION,
     PRECISIONS,
@@ -38,9 +40,10 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 
 MANIFEST = "manifest.json"
-FORMAT = 1
+SOURCES = "src"  # folder of the private files
+FORMAT = 2
 
-_FILE = re.compile(r"(CMakeLists\.txt|[A-Za-z][A-Za-z0-9_]*(-[0-9a-f]{16})?\.(h|c|pc|a|so|dylib))\Z")
+_FILE = re.compile(r"(CMakeLists\.txt|(src/)?[A-Za-z][A-Za-z0-9_]*(-[0-9a-f]{16})?\.(h|c|pc|a|so|dylib))\Z")
 
 
 @dataclass(frozen=True)
@@ -156,13 +159,15 @@ def generate(
     else:
         manifest, texts = _written(model, equations, names, precision, parameters, digest, tell)
     sources = [file for file in texts if file.endswith(".c") and file != "example.c"]
-    texts |= packaging(name, sources, openmp=openmp)
+    public = [file for file in texts if file.endswith(".h") and "/" not in file]
+    texts |= packaging(name, sources, public, openmp=openmp)
     manifest["files"] = {file: hashlib.sha256(text.encode("ascii")).hexdigest() for file, text in texts.items()}
     manifest["build"] = None
     if not force and old is not None and old["files"] == manifest["files"] and _intact(target, old):
         manifest["build"] = old["build"] if not build or _built(target, old, options, compiler) else None
     with _Staging(target) as staging:
         for file, text in texts.items():
+            (staging / file).parent.mkdir(exist_ok=True)
             (staging / file).write_text(text, encoding="ascii", newline="\n")
         compiled = manifest["build"] is None and compiler is not None
         if compiled and compiler is not None:
@@ -188,10 +193,11 @@ def _written(
         tell(f"deriving {library_name(model)}")
         equations = derive(model, parameters)
     tell(f"writing {library_name(model)}")
-    from flexgen.codegen.emit import emit
+    from flexgen.codegen.emit import emit, function_texts
 
     spec = library_spec(equations, names, precision=precision)
-    return _manifest(spec, digest), emit(spec)
+    written = function_texts(spec)
+    return _manifest(spec, digest, {f: text.work > 0 for f, text in written.items()}), emit(spec, written)
 
 
 def _resolve(given: Any) -> tuple[RobotModel, Any]:
@@ -245,7 +251,7 @@ def _sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _manifest(spec: LibrarySpec, digest: str) -> dict[str, Any]:
+def _manifest(spec: LibrarySpec, digest: str, needs_work: Mapping[str, bool]) -> dict[str, Any]:
     """What the Python loader and other tools need to know of the library."""
     return {
         "format": FORMAT,
@@ -267,6 +273,7 @@ def _manifest(spec: LibrarySpec, digest: str) -> dict[str, Any]:
         "functions": [
             {
                 "name": f.name,
+                "work": needs_work[f.name],
                 "summary": f.summary,
                 "equation": f.equation,
                 "inputs": [{**asdict(p), "shape": list(p.shape)} for p in f.inputs],
@@ -274,7 +281,11 @@ def _manifest(spec: LibrarySpec, digest: str) -> dict[str, Any]:
             }
             for f in spec.functions
         ],
-        "cores": [{**asdict(core), "signature": core.signature} for core in spec.cores],
+        "structs": [
+            {"name": struct.name, "signature": signature_of(struct), "fields": [asdict(f) for f in struct.fields]}
+            for struct in (STRUCTS if spec.c_functions else ())
+        ],
+        "c_functions": [{**asdict(f), "signature": f.signature} for f in spec.c_functions],
         "files": {},
         "build": None,
     }
@@ -359,10 +370,14 @@ def _install(staging: Path, target: Path, manifest: dict[str, Any], old: dict[st
     (staging / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8", newline="\n")
     libraries = _libraries(manifest)
     for file in [*manifest["files"], *(file for file in libraries if (staging / file).exists()), MANIFEST]:
+        (target / file).parent.mkdir(exist_ok=True)
         os.replace(staging / file, target / file)
     kept = {*manifest["files"], *libraries}
     stale = {target / file for file in (old or {}).get("files", ()) if _FILE.match(file)}
     stale |= {*target.glob(f"lib{manifest['name']}-*"), target / f"lib{manifest['name']}.a"}
     for path in stale:
-        if _FILE.match(path.name) and path.name not in kept:
+        name = path.relative_to(target).as_posix()
+        if _FILE.match(name) and name not in kept:
             path.unlink(missing_ok=True)
+    with contextlib.suppress(OSError):
+        (target / SOURCES).rmdir()  # removed where no file is left in it

@@ -12,7 +12,7 @@ from flexgen.build.compiler import NATIVE, OPENMP, REPRODUCIBLE
 from flexgen.codegen.spec import ABI_VERSION
 
 
-def packaging(name: str, sources: Sequence[str], *, openmp: bool = False) -> dict[str, str]:
+def packaging(name: str, sources: Sequence[str], headers: Sequence[str], *, openmp: bool = False) -> dict[str, str]:
     """Text of ``CMakeLists.txt`` and ``<name>.pc``.
 
     Parameters
@@ -21,6 +21,8 @@ def packaging(name: str, sources: Sequence[str], *, openmp: bool = False) -> dic
         Of the library.
     sources : sequence of str
         Names of its C files, without the example.
+    headers : sequence of str
+        Names of its public headers.
     openmp : bool
         Whether the library beside them is built with OpenMP, as its users then have to link it.
 
@@ -37,6 +39,7 @@ def packaging(name: str, sources: Sequence[str], *, openmp: bool = False) -> dic
         "name": name,
         "NAME": name.upper(),
         "version": f"{ABI_VERSION}.0",
+        "headers": " ".join(headers),
         "sources": "\n".join(f"  {file}" for file in sources),
         "reproducible": options(REPRODUCIBLE, False),
         "level": next(flag for flag in REPRODUCIBLE if flag.startswith("-O")),
@@ -48,7 +51,7 @@ def packaging(name: str, sources: Sequence[str], *, openmp: bool = False) -> dic
 
 # "$$" is a dollar sign of the text.
 _PC = """\
-# $name, used where it lies: PKG_CONFIG_PATH=<this folder> pkg-config --cflags --libs $name
+# $name, used in this folder: PKG_CONFIG_PATH=<this folder> pkg-config --cflags --libs $name
 prefix=$${pcfiledir}
 
 Name: $name
@@ -68,9 +71,9 @@ _CMAKE = """\
 cmake_minimum_required(VERSION 3.14)
 project(flexgen_$name VERSION $version LANGUAGES C)
 
-option(BUILD_SHARED_LIBS "A shared library, not a static one" OFF)
-option(${NAME}_NATIVE "For this processor: faster, and other bits than elsewhere" OFF)
-option(${NAME}_OPENMP "Batches on all cores" OFF)
+option(BUILD_SHARED_LIBS "Build a shared library" OFF)
+option(${NAME}_NATIVE "Compile for this processor: faster, results differ by rounding" OFF)
+option(${NAME}_OPENMP "Batches use all cores (OpenMP)" OFF)
 
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
@@ -142,7 +145,7 @@ install(TARGETS flexgen_$name EXPORT $name-targets
   LIBRARY DESTINATION "$${CMAKE_INSTALL_LIBDIR}"
   RUNTIME DESTINATION "$${CMAKE_INSTALL_BINDIR}"
 )
-install(FILES $name.h DESTINATION "$${CMAKE_INSTALL_INCLUDEDIR}")
+install(FILES $headers DESTINATION "$${CMAKE_INSTALL_INCLUDEDIR}")
 install(EXPORT $name-targets NAMESPACE flexgen:: DESTINATION "$${config_dir}")
 install(FILES
   "$${CMAKE_CURRENT_BINARY_DIR}/$name-config.cmake"

@@ -6,7 +6,7 @@
 #ifndef MODEL_DENSE_H
 #define MODEL_DENSE_H
 
-#include "model_inversion.h"
+#include "model_inversion_common.h"
 
 /*
  * Gauss elimination with pivots on the diagonal, n rows: of the matrix in columns 0 ... n - 1, of right sides in the

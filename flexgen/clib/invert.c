@@ -1,114 +1,103 @@
-/* model: inverse dynamics along a whole path. Written by flexgen; see model.h. */
-#include "model.h"
+/* model: inverse dynamics along a whole path. Written by flexgen; see model_inversion.h. */
+#include "model_inversion.h"
 
-#include "model_guess.h"
-#include "model_lq.h"
-#include "model_rest.h"
-#include "model_results.h"
+#include "model_equilibrium.h"
+#include "model_lq_step.h"
+#include "model_whole_path.h"
 
-enum { ITERATIONS = 25, STILL = 8, SWEEPS = 3 };
+enum { HOLD = 8, SWEEPS = 3 }; /* intervals of the hold after the path; sweeps over it */
 
-typedef struct {
-    int64_t samples, intervals;
-    int64_t tau, twist, slope, late, y, a, a_node, q_g, reference, factor, scale, cost, lq, arm, space, end;
-    int64_t still_y, still_a, still_q, still_reference, still_factor;
-} layout;
-
-static layout laid_out(int n, int lead, int tail, int every)
-{
-    layout l;
-    int64_t at = 0;
-    l.samples = (int64_t)lead + n + tail;
-    l.intervals = (l.samples - 1 + every - 1) / every;
-#define PLACE(name, size) \
-    l.name = at; \
-    at += room(size)
-    PLACE(tau, (l.samples + 2 * MARGIN) * NG);
-    PLACE(twist, (l.samples + 2 * MARGIN) * NG);
-    PLACE(slope, l.samples * NG);
-    PLACE(late, (l.samples + 2 * MARGIN) * NG);
 #if MODEL_NE > 0
-    PLACE(y, (l.intervals + 1) * STATES);
-    PLACE(a, l.intervals * CONTROLS);
-    PLACE(a_node, (l.intervals + 1) * NE);
-    PLACE(q_g, l.intervals * STAGES * NG);
-    PLACE(reference, l.intervals * STAGES * REFERENCE);
-    PLACE(factor, l.intervals * CONTROLS * WIDTH);
-    PLACE(scale, NE);
-    PLACE(cost, STATES * STATES);
-    PLACE(still_y, (STILL + 1) * STATES);
-    PLACE(still_a, STILL * CONTROLS);
-    PLACE(still_q, STILL * STAGES * NG);
-    PLACE(still_reference, STILL * STAGES * REFERENCE);
-    PLACE(still_factor, STILL * CONTROLS * WIDTH);
-    PLACE(lq, (ptrdiff_t)(sizeof(lq_space) / sizeof(real)));
-#else
-    l.y = l.a = l.a_node = l.q_g = l.reference = l.factor = l.scale = l.lq = 0;
-#endif
-    PLACE(arm, (ptrdiff_t)(sizeof(arm_points) / sizeof(real)));
-    PLACE(space, space_wanted());
-#undef PLACE
-    l.end = at;
-    return l;
-}
+/* Where the arrays of this solver are, after those of both. */
+typedef struct {
+    int64_t cost, y, a, q_g, reference, factor, lq, end;
+} lq_layout;
 
-int64_t model_invert_work(int n, int lead, int tail, int every)
+static lq_layout lay_out_lq(const whole_layout *l)
 {
-    const int64_t end = sizes_fit(n, lead, tail, every) ? laid_out(n, lead, tail, every).end : -1;
+    lq_layout own;
+    int64_t at = l->end;
+    TAKE(at, own.cost, STATES * STATES);
+    TAKE(at, own.y, (HOLD + 1) * STATES);
+    TAKE(at, own.a, HOLD * CONTROLS);
+    TAKE(at, own.q_g, HOLD * STAGES * NG);
+    TAKE(at, own.reference, HOLD * STAGES * REFERENCE);
+    TAKE(at, own.factor, HOLD * CONTROLS * WIDTH);
+    TAKE(at, own.lq, (int64_t)(sizeof(lq_space) / sizeof(real)));
+    own.end = at;
+    return own;
+}
+#endif
+
+int64_t model_invert_work(int n, const model_inversion_options *options)
+{
+    whole_layout l;
+    int64_t end;
+    if (options == NULL || !sizes_fit(n, options)) {
+        return -1;
+    }
+#if MODEL_NE > 0
+    l = lay_out(n, options, CONTROLS * WIDTH);
+    end = lay_out_lq(&l).end;
+#else
+    l = lay_out(n, options, 0);
+    end = l.end + room((int64_t)(sizeof(problem_points) / sizeof(real)));
+#endif
     return is_addressable(end) ? end : -1;
 }
 
 #if MODEL_NE > 0
-/* Rest at the last place, and what it costs not to be there, for the end of a mesh. */
-static int rest_cost(mesh *m, const layout *l, const real *place, const real *q_start, const real *joints, lq_space *w,
-    real *work)
+/* Equilibrium at the end of the path, and the cost of a state that differs from it, for the end of the mesh. */
+static int terminal_cost(
+    mesh *m, const whole_layout *l, const lq_layout *own, const real *target, const real *q_start, real *work)
 {
+    const real *joints = m->q_g + ((ptrdiff_t)m->N * STAGES - 1) * NG;
     real q[NA], scale[NE], reference[REFERENCE] = {0.0};
-    mesh still = *m;
+    mesh hold = *m;
     int status;
     copy(q_start, NA, q);
     for (int i = 0; i < NG; ++i) {
         q[i_g[i]] = joints[i];
     }
-    status = rest_at(place, q, scale, work + l->space);
+    status = equilibrium_at(target, q, scale, work + l->space);
     if (status != MODEL_OK) {
         return status;
     }
-    copy(place, NT, reference);
-    still.N = STILL;
-    still.y = work + l->still_y;
-    still.a = work + l->still_a;
-    still.q_g = work + l->still_q;
-    still.reference = work + l->still_reference;
-    still.factor = work + l->still_factor;
-    for (int k = 0; k <= STILL; ++k) {
+    copy(target, NT, reference);
+    hold.N = HOLD;
+    hold.y = work + own->y;
+    hold.a = work + own->a;
+    hold.q_g = work + own->q_g;
+    hold.reference = work + own->reference;
+    hold.factor = work + own->factor;
+    for (int k = 0; k <= HOLD; ++k) {
         for (int i = 0; i < NE; ++i) {
-            still.y[k * STATES + i] = q[i_e[i]];
-            still.y[k * STATES + NE + i] = 0.0;
+            hold.y[k * STATES + i] = q[i_e[i]];
+            hold.y[k * STATES + NE + i] = 0.0;
         }
     }
-    for (int k = 0; k < STILL * CONTROLS; ++k) {
-        still.a[k] = 0.0;
+    for (int k = 0; k < HOLD * CONTROLS; ++k) {
+        hold.a[k] = 0.0;
     }
-    for (int k = 0; k < STILL * STAGES; ++k) {
+    for (int k = 0; k < HOLD * STAGES; ++k) {
         for (int i = 0; i < NG; ++i) {
-            still.q_g[k * NG + i] = q[i_g[i]];
+            hold.q_g[k * NG + i] = q[i_g[i]];
         }
-        copy(reference, REFERENCE, still.reference + k * REFERENCE);
+        copy(reference, REFERENCE, hold.reference + k * REFERENCE);
     }
-    status = lq_endless(&still, SWEEPS, w, work + l->space, work + l->cost);
-    m->end = work + l->cost;
-    m->rest = still.y;
+    status = lq_endless(&hold, SWEEPS, (lq_space *)(void *)(work + own->lq), work + l->space, work + own->cost);
+    m->end = work + own->cost;
+    m->equilibrium = hold.y;
     return status;
 }
 
-/* The mesh's motion by Gauss-Newton steps; from rest. */
-static int solve_mesh(mesh *m, real tolerance, int *iterations, lq_space *w, real *space)
+/* The motion on the mesh by Gauss-Newton steps. */
+static int solve_mesh(mesh *m, real tolerance, model_inversion_info *info, lq_space *w, real *space)
 {
-    real before = -1.0;
-    int worse = 0;
-    for (*iterations = 1;; ++*iterations) {
-        int status = lq_factor(m, w, space);
+    newton progress = {-1.0, 0, 0};
+    for (;;) {
+        int state, status = lq_factor(m, w, space);
+        info->iterations = progress.steps + 1;
         if (status != MODEL_OK) {
             return status;
         }
@@ -117,121 +106,60 @@ static int solve_mesh(mesh *m, real tolerance, int *iterations, lq_space *w, rea
         if (status != MODEL_OK) {
             return status;
         }
-        if (m->residual <= 1e-2 * tolerance ||
-            (m->residual <= tolerance && before >= 0.0 && m->residual > 0.1 * before)) {
-            return MODEL_OK;
+        state = newton_state(&progress, m->residual, tolerance, 1e-2);
+        if (state != NEWTON_CONTINUES) {
+            return state == NEWTON_CONVERGED ? MODEL_OK : MODEL_NOT_CONVERGED;
         }
-        worse = before >= 0.0 && m->residual > 0.5 * before ? worse + 1 : 0;
-        if (*iterations == ITERATIONS || worse == 4 || !(m->residual < 1e12)) {
-            return m->residual <= tolerance ? MODEL_OK : MODEL_NOT_CONVERGED;
-        }
-        before = m->residual;
     }
 }
 
 #endif
 
-int model_invert(int n, double period, const double *place, const double *rate, const double *rate2,
-    const double *q_start, int lead, int tail, int every, double tolerance, double *q_a, double *v_a, double *a_a,
-    double *tau_g, double *q_m, double *v_m, double *tau_m, double *report, double *work, int64_t work_size)
+model_status model_invert(const model_path *path, const double q_start[MODEL_NA],
+    const model_inversion_options *options, model_motion *motion, model_inversion_info *info, double *work,
+    int64_t work_size)
 {
-    const path p = {n, period, place, rate, rate2};
-    layout l;
-    arm_points *arm;
-    real *space, q[NA];
-    int status;
-#if MODEL_NE > 0
-    mesh m;
-#endif
-    if (place == NULL || rate == NULL || rate2 == NULL || q_start == NULL || q_a == NULL || v_a == NULL ||
-        a_a == NULL || tau_g == NULL || q_m == NULL || v_m == NULL || tau_m == NULL || report == NULL ||
-        work == NULL) {
-        return MODEL_NULL_ARGUMENT;
-    }
-    if (!sizes_fit(n, lead, tail, every) || !(period > 0.0 && period < 1e6) || !(tolerance > 0.0 && tolerance < 1.0)) {
-        return MODEL_BAD_ARGUMENT;
-    }
-    l = laid_out(n, lead, tail, every);
-    if (!is_addressable(l.end)) {
-        return MODEL_BAD_ARGUMENT;
-    }
-    if (work_size < l.end) {
-        return MODEL_WORK_TOO_SMALL;
-    }
-    for (int i = 0; i < MODEL_INVERT_REPORT; ++i) {
-        report[i] = (real)NAN;
-    }
-    status = check_path(&p, q_start);
+    const int64_t wanted = path == NULL ? -1 : model_invert_work(path->n, options);
+    whole_layout l;
+    real q[NA];
+    int status = check_arguments(path, q_start, options, motion, info, work, work_size, wanted);
     if (status != MODEL_OK) {
-        return status;
+        return (model_status)status;
     }
-    arm = (arm_points *)(void *)(work + l.arm);
-    space = work + l.space;
     copy(q_start, NA, q);
 #if MODEL_NE > 0
     {
-        int iterations = 0;
-        lq_space *w = (lq_space *)(void *)(work + l.lq);
-        m.N = (int)l.intervals;
-        m.h = every * period;
-        m.y = work + l.y;
-        m.a = work + l.a;
-        m.q_g = work + l.q_g;
-        m.reference = work + l.reference;
-        m.factor = work + l.factor;
-        m.scale = work + l.scale;
-        m.aim = NULL;
-        m.end = NULL;
-        m.rest = NULL;
-        status = rest_at(place, q, m.scale, space);
-        if (status != MODEL_OK) {
-            return status;
+        lq_layout own;
+        lq_space *w;
+        mesh m;
+        l = lay_out(path->n, options, CONTROLS * WIDTH);
+        own = lay_out_lq(&l);
+        w = (lq_space *)(void *)(work + own.lq);
+        m = mesh_in(&l, path, options, work);
+        status = equilibrium_at(path->y, q, m.scale, work + l.space);
+        if (status == MODEL_OK) {
+            status = guess_mesh(&m, path, q, options->n_pre, options->samples_per_interval, &w->arm, work + l.space);
         }
-        status = guess_mesh(&m, &p, q, lead, every, arm, space);
-        if (status != MODEL_OK) {
-            return status;
+        if (status == MODEL_OK) {
+            status = terminal_cost(&m, &l, &own, path->y + (path->n - 1) * (ptrdiff_t)NT, q, work);
         }
-        status = rest_cost(&m, &l, place + (n - 1) * (ptrdiff_t)NT, q,
-            m.q_g + ((ptrdiff_t)m.N * STAGES - 1) * NG, w, work);
-        if (status != MODEL_OK) {
-            return status;
+        if (status == MODEL_OK) {
+            status = solve_mesh(&m, options->tolerance, info, w, work + l.space);
+            info->residual = m.residual;
+            info->intervals = m.N;
         }
-        status = solve_mesh(&m, tolerance, &iterations, w, space);
-        report[0] = m.residual;
-        report[2] = iterations;
-        report[3] = m.N;
         if (status != MODEL_OK) {
-            return status;
+            return (model_status)status;
         }
-        nodal_accelerations(&m, work + l.a_node);
+        return finish(path, options, &l, q, &m, &w->arm, motion, info, work);
     }
 #else
-    {
-        status = rest_at(place, q, NULL, space);
-        if (status != MODEL_OK) {
-            return status;
-        }
-        report[0] = 0.0;
-        report[2] = 0.0;
-        report[3] = 0.0;
+    l = lay_out(path->n, options, 0);
+    status = equilibrium_at(path->y, q, NULL, work + l.space);
+    if (status != MODEL_OK) {
+        return (model_status)status;
     }
+    info->residual = 0.0;
+    return finish(path, options, &l, q, (problem_points *)(void *)(work + l.end), motion, info, work);
 #endif
-    /* the motion of the arm at the samples, then the gears */
-    {
-        const results r = {&p, lead, every, (ptrdiff_t)l.samples, q_a, v_a, a_a, tau_g, q_m, v_m, tau_m, work + l.tau,
-            work + l.twist, work + l.late, work + l.slope,
-#if MODEL_NE > 0
-            &m, work + l.a_node
-#endif
-        };
-        status = arm_at_samples(&r, q, work + l.scale, arm, space, &report[1]);
-        if (status == MODEL_OK) {
-            status = motors_at_samples(&r, space);
-        }
-        if (status != MODEL_OK) {
-            return status;
-        }
-        report[4] = unevenness(&r);
-    }
-    return judged(report[1], report[4], tolerance);
 }

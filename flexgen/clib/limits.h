@@ -13,33 +13,33 @@
 #ifndef MODEL_LIMITS_H
 #define MODEL_LIMITS_H
 
-#include "model_arm.h"
-#include "model_bends.h"
+#include "model_reduced_problem.h"
+#include "model_path_deviation.h"
 #include "model_motors.h"
-#include "model_program.h"
+#include "model_qp.h"
 
 enum {
     BLOCKS = 8, /* of constant input over the horizon, at most */
     INPUTS = BLOCKS * NY,
     MOTORS = 2 * NM,       /* torques and speeds at a node */
     BOUNDED = MOTORS + NY, /* and deviations */
-    PROGRAM_STEPS = 80
+    QP_STEPS = 80
 };
 
-static const real kept_free = 1e-3;   /* of a bound: what is kept from it for errors of the slopes */
-static const real worth_a_row = 0.5;  /* of a bound: nodes with less are not in the program */
-static const real far_off = 1.5;      /* times the largest deviation that is allowed: what none reaches */
-static const real share = 0.2;         /* of a change that is made at once: what the slopes miss is seen before */
-static const real no_bend = 1e-7;     /* m, rad: a deviation that is none */
-static const real faded = 1e-11;      /* m, rad: one that fades by itself */
-static const real gone = 1e-20;       /* m, rad: one that has faded */
-static const real smooth = 1e-1;       /* weight of the input and of the derivatives at the end, beside the deviation */
-static const real calm = 1e0;          /* of a change of the input: plans do not jump from update to update */
-static const real dear = 1e-2;         /* of passing a bound by its own size, beside a deviation of one */
+static const real kept_free = 1e-3;     /* of a bound: what is kept from it for errors of the slopes */
+static const real is_significant = 0.5; /* of a bound: nodes with less are not in the program */
+static const real far_off = 1.5;        /* times the largest deviation that is allowed: what none reaches */
+static const real share = 0.2;          /* of a change that is made at once: what the slopes miss is seen before */
+static const real no_deviation = 1e-7;  /* m, rad: a deviation that is none */
+static const real decayed = 1e-11;      /* m, rad: one that fades by itself */
+static const real gone = 1e-20;         /* m, rad: one that has faded */
+static const real smooth = 1e-1; /* weight of the input and of the derivatives at the end, beside the deviation */
+static const real calm = 1e0;    /* of a change of the input: plans do not jump from update to update */
+static const real dear = 1e-2;   /* of passing a bound by its own size, beside a deviation of one */
 
 /* What the stream keeps for its limits: places in its memory, relative to its beginning. */
 typedef struct {
-    ptrdiff_t on, fixed, bound, plan, bend, value, q, v, a, tau, twist, late;
+    ptrdiff_t on, fixed, bound, plan, deviation, value, q, v, a, tau, deflection, lagged;
     ptrdiff_t response, H, g, A, x, y, z, K, w, vv, b, row, dual, end;
 } limits_layout;
 
@@ -55,14 +55,14 @@ static inline limits_layout limits_laid_out(ptrdiff_t N)
     PLACE(fixed, 1); /* the last node whose deviation stays: zeros act on what is ahead of them */
     PLACE(bound, BOUNDED);
     PLACE(plan, nodes * REFERENCE);
-    PLACE(bend, nodes * BEND);
+    PLACE(deviation, nodes * DEVIATION);
     PLACE(value, rows);
     PLACE(q, nodes * NG);
     PLACE(v, nodes * NG);
     PLACE(a, nodes * NG);
     PLACE(tau, nodes * NG);
-    PLACE(twist, nodes * NG);
-    PLACE(late, nodes * NG);
+    PLACE(deflection, nodes * NG);
+    PLACE(lagged, nodes * NG);
     PLACE(response, nodes * CHAIN * BLOCKS);
     PLACE(H, INPUTS * INPUTS);
     PLACE(g, INPUTS);
@@ -84,26 +84,26 @@ static inline limits_layout limits_laid_out(ptrdiff_t N)
 /* Motor torques and speeds at the nodes, relative to their bounds, from motion and torques of the arm there. */
 static inline int motors_ahead(real *s, const limits_layout *l, ptrdiff_t N, real h, real *space)
 {
-    const real rest[NG] = {0.0};
-    real slope[NG];
-    if (!static_twists(s + l->tau, N + 1, rest, s + l->twist, slope, 0, space)) {
+    const real equilibrium[NG] = {0.0};
+    real stiffness[NG];
+    if (!static_deflections(s + l->tau, N + 1, equilibrium, s + l->deflection, stiffness, 0, space)) {
         return 0;
     }
     for (ptrdiff_t k = 0; k <= N; ++k) { /* the first and the last node take the differences of their neighbours */
         const ptrdiff_t at = (k < 1 ? 1 : k > N - 1 ? N - 1 : k) * NG;
-        const real *x = s + l->twist + at;
+        const real *x = s + l->deflection + at;
         for (int i = 0; i < NG; ++i) {
-            const real lag = lag_of(i, slope[i]);
-            s[l->late + k * NG + i] = s[l->twist + k * NG + i] - lag * (x[NG + i] - x[i - NG]) / (2.0 * h);
+            const real lag = lag_of(i, stiffness[i]);
+            s[l->lagged + k * NG + i] = s[l->deflection + k * NG + i] - lag * (x[NG + i] - x[i - NG]) / (2.0 * h);
         }
     }
     for (ptrdiff_t k = 0; k <= N; ++k) {
         const ptrdiff_t at = (k < 1 ? 1 : k > N - 1 ? N - 1 : k) * NG;
-        const real *x = s + l->late + at, *tau = s + l->tau + k * NG;
+        const real *x = s + l->lagged + at, *tau = s + l->tau + k * NG;
         real q[NG], v[NG], a[NG], q_m[NM], v_m[NM], tau_m[NM];
         real *value = s + l->value + k * BOUNDED;
         for (int i = 0; i < NG; ++i) {
-            q[i] = s[l->q + k * NG + i] + s[l->late + k * NG + i];
+            q[i] = s[l->q + k * NG + i] + s[l->lagged + k * NG + i];
             v[i] = s[l->v + k * NG + i] + (x[NG + i] - x[i - NG]) / (2.0 * h);
             a[i] = s[l->a + k * NG + i] + (x[NG + i] - 2.0 * x[i] + x[i - NG]) / (h * h);
         }
@@ -115,7 +115,7 @@ static inline int motors_ahead(real *s, const limits_layout *l, ptrdiff_t N, rea
             value[NM + i] = v_m[i] / s[l->bound + NM + i];
         }
         for (int i = 0; i < NY; ++i) {
-            value[MOTORS + i] = s[l->bend + k * BEND + i] / s[l->bound + MOTORS + i];
+            value[MOTORS + i] = s[l->deviation + k * DEVIATION + i] / s[l->bound + MOTORS + i];
         }
     }
     return 1;
@@ -124,11 +124,11 @@ static inline int motors_ahead(real *s, const limits_layout *l, ptrdiff_t N, rea
 /* B2, B4, C1, C3 [row][output] at the instant that is loaded everywhere in `arm`, whose inverse is that of W there. */
 typedef struct {
     real B2[NM][NY], B4[NM][NY], C1[NM][NY], C3[NM][NY];
-} slopes_ahead;
+} jacobian_ahead;
 
 #if MODEL_NE > 0
 /* W, the deflections in balance with the accelerations d'' of the output: K w + (M_eg J_g^-1) d'' = 0. */
-static inline int deflections_at(arm_points *arm, real W[NE][NY], real *space)
+static inline int deflections_at(problem_points *arm, real W[NE][NY], real *space)
 {
     real K[NE][NE + NY]; /* and right sides */
     if (reduce(arm, space) != MODEL_OK) {
@@ -156,9 +156,10 @@ static inline int deflections_at(arm_points *arm, real W[NE][NY], real *space)
 #endif
 
 /* The slopes at an instant, relative to the bounds; 0 where numbers are none. */
-static inline int slopes_at(arm_points *arm, const real *torque, const real *bound, slopes_ahead *f, real *space)
+static inline int jacobian_at(
+    problem_points *arm, const real *torque, const real *bound, jacobian_ahead *f, real *space)
 {
-    real M[NG][NG], F[NG][NY], G[NG][NY], U[NG][NY], p[NG], slope[NG], base[NG];
+    real M[NG][NG], F[NG][NY], G[NG][NY], U[NG][NY], p[NG], stiffness[NG], base[NG];
 #if MODEL_NE > 0
     real W[NE][NY];
 #endif
@@ -166,7 +167,7 @@ static inline int slopes_at(arm_points *arm, const real *torque, const real *bou
         p[i] = 0.0;
         base[i] = torque[i];
     }
-    if (!static_twist(base, p, slope, space)) {
+    if (!static_deflection(base, p, stiffness, space)) {
         return 0;
     }
     for (int first = 0; first < NG; first += POINTS) { /* tau_g is linear in the accelerations */
@@ -216,11 +217,11 @@ static inline int slopes_at(arm_points *arm, const real *torque, const real *bou
         for (int j = 0; j < NY; ++j) {
             real B2 = 0.0, B4 = 0.0, C1 = 0.0, C3 = 0.0;
             for (int i = 0; i < NG; ++i) {
-                const real twisted = U[i][j] + (gear_is_rigid[i] ? 0.0 : F[i][j] / slope[i]);
+                const real deflected = U[i][j] + (gear_is_rigid[i] ? 0.0 : F[i][j] / stiffness[i]);
                 B2 += rotor_inertia[m] * eta[m][i] * arm->inverse[j][i][0] + eta_inverse[i][m] * F[i][j];
-                B4 += rotor_inertia[m] * eta[m][i] * twisted + eta_inverse[i][m] * G[i][j];
+                B4 += rotor_inertia[m] * eta[m][i] * deflected + eta_inverse[i][m] * G[i][j];
                 C1 += eta[m][i] * arm->inverse[j][i][0];
-                C3 += eta[m][i] * twisted;
+                C3 += eta[m][i] * deflected;
             }
             f->B2[m][j] = torques * B2;
             f->B4[m][j] = torques * B4;
@@ -233,7 +234,7 @@ static inline int slopes_at(arm_points *arm, const real *torque, const real *bou
 
 /* What the inputs change in bounded number m of a node where the chain answers by r. */
 static inline void fill_row(
-    const real *s, const limits_layout *l, const slopes_ahead *f, int m, const real *r, int blocks, real T, real *A)
+    const real *s, const limits_layout *l, const jacobian_ahead *f, int m, const real *r, int blocks, real T, real *A)
 {
     for (int b = 0; b < blocks; ++b) {
         for (int j = 0; j < NY; ++j) {
@@ -250,13 +251,13 @@ static inline void fill_row(
 }
 
 /* Change the deviations ahead; 0 where the numbers are none, and nothing has changed. */
-static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, real T, const slopes_ahead *f)
+static inline int change_deviation(real *s, const limits_layout *l, ptrdiff_t N, real T, const jacobian_ahead *f)
 {
     const ptrdiff_t fixed = (ptrdiff_t)s[l->fixed], left = N - fixed;
     const int blocks = left < BLOCKS ? (int)left : (int)BLOCKS, n = blocks * NY;
-    const real tau = (real)FADES / (real)N;
-    real *bend = s + l->bend, *response = s + l->response, *H = s + l->H, *g = s + l->g;
-    program p = {n, 0, H, g, s + l->A, s + l->x, s + l->y, s + l->z, s + l->K, s + l->w, s + l->vv, s + l->b, 0.0};
+    const real tau = (real)DECAYS / (real)N;
+    real *deviation = s + l->deviation, *response = s + l->response, *H = s + l->H, *g = s + l->g;
+    qp p = {n, 0, H, g, s + l->A, s + l->x, s + l->y, s + l->z, s + l->K, s + l->w, s + l->vv, s + l->b, 0.0};
     for (int b = 0; b < blocks; ++b) { /* of the chain at the nodes to a unit in a block */
         for (ptrdiff_t k = 0; k <= N; ++k) {
             real *to = response + (k * CHAIN) * BLOCKS + b;
@@ -277,7 +278,7 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
         g[i] = 0.0;
     }
     for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
-        const real *r = response + k * CHAIN * BLOCKS, *x = bend + k * BEND;
+        const real *r = response + k * CHAIN * BLOCKS, *x = deviation + k * DEVIATION;
         for (int c = 0; c < CHAIN; ++c) {
             const real weight = c == 0 ? 1.0 / (real)N : k == N ? 1.0 : smooth / (real)N;
             for (int b = 0; b < blocks; ++b) {
@@ -298,7 +299,7 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
         for (int m = 0; m < BOUNDED; ++m) {
             const ptrdiff_t row = k * BOUNDED + m;
             real *A;
-            if (!(fabs_1(s[l->value + row]) > worth_a_row)) {
+            if (!(fabs_1(s[l->value + row]) > is_significant)) {
                 s[l->dual + row] = 0.0;
                 continue;
             }
@@ -310,7 +311,7 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
             ++p.rows;
         }
     }
-    if (!run_program(&p, dear, PROGRAM_STEPS)) {
+    if (!run_qp(&p, dear, QP_STEPS)) {
         for (ptrdiff_t i = 0; i < (N + 1) * BOUNDED; ++i) {
             s[l->dual + i] = 0.0;
         }
@@ -325,11 +326,11 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
     }
     for (ptrdiff_t k = fixed + 1; k <= N; ++k) { /* soft bounds may be passed, but a deviation not by much */
         for (int j = 0; j < NY; ++j) {
-            real to = bend[k * BEND + j];
+            real to = deviation[k * DEVIATION + j];
             for (int b = 0; b < blocks; ++b) {
                 to += response[k * CHAIN * BLOCKS + b] * p.z[b * NY + j];
             }
-            if (fabs_1(to) > far_off * s[l->bound + MOTORS + j] && fabs_1(to) > fabs_1(bend[k * BEND + j])) {
+            if (fabs_1(to) > far_off * s[l->bound + MOTORS + j] && fabs_1(to) > fabs_1(deviation[k * DEVIATION + j])) {
                 return 0;
             }
         }
@@ -338,7 +339,7 @@ static inline int change_bends(real *s, const limits_layout *l, ptrdiff_t N, rea
         for (int c = 0; c < CHAIN; ++c) {
             for (int j = 0; j < NY; ++j) {
                 for (int b = 0; b < blocks; ++b) {
-                    bend[k * BEND + c * NY + j] += response[(k * CHAIN + c) * BLOCKS + b] * p.z[b * NY + j];
+                    deviation[k * DEVIATION + c * NY + j] += response[(k * CHAIN + c) * BLOCKS + b] * p.z[b * NY + j];
                 }
             }
         }

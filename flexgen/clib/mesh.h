@@ -4,7 +4,7 @@
 #ifndef MODEL_MESH_H
 #define MODEL_MESH_H
 
-#include "model_arm.h"
+#include "model_reduced_problem.h"
 
 #if MODEL_NE > 0
 
@@ -15,18 +15,18 @@ enum {
 
 /* Mesh and unknowns: arrays of the caller. */
 typedef struct {
-    int N;         /* intervals */
-    real h;        /* their length */
-    real *y;       /* (N + 1) x STATES: at the nodes */
-    real *a;       /* N x STAGES x NE */
-    real *q_g;     /* N x STAGES x NG: at the Gauss points */
-    real *reference; /* N x STAGES x REFERENCE: the path there */
-    real *aim;     /* (N + 1) x STATES: what the nodes are drawn to; NULL for where they are */
-    const real *rest; /* STATES: what the last node is drawn to, where aim is NULL; NULL for where it is */
-    real *factor;  /* N x CONTROLS x WIDTH: rows of the elimination, pivots inverted on the diagonal */
-    real *scale;   /* NE: torque of a row */
-    const real *end; /* STATES x STATES: weight of the last node; NULL for the tiny one */
-    real residual; /* out: largest |R / s_r| */
+    int N;                   /* intervals */
+    real h;                  /* their length */
+    real *y;                 /* (N + 1) x STATES: at the nodes */
+    real *a;                 /* N x STAGES x NE */
+    real *q_g;               /* N x STAGES x NG: at the Gauss points */
+    real *reference;         /* N x STAGES x REFERENCE: the path there */
+    real *aim;               /* (N + 1) x STATES: what the nodes are drawn to; NULL for where they are */
+    const real *equilibrium; /* STATES: what the last node is drawn to, where aim is NULL; NULL for where it is */
+    real *factor;            /* N x CONTROLS x WIDTH: rows of the elimination, pivots inverted on the diagonal */
+    real *scale;             /* NE: torque of a row */
+    const real *end;         /* STATES x STATES: weight of the last node; NULL for the tiny one */
+    real residual;           /* out: largest |R / s_r| */
 } mesh;
 
 /* Coordinates and speeds at a Gauss point from the node before and the accelerations of the interval. */
@@ -62,7 +62,7 @@ static inline void next_node(const real *y, const real *a, real h, real *next)
 }
 
 /* Bring Gauss point number `at` (of all) into place l. */
-static inline void load_point(const mesh *m, int at, arm_points *p, int l)
+static inline void load_point(const mesh *m, int at, problem_points *p, int l)
 {
     const int k = at / STAGES, s = at % STAGES;
     const real *a = m->a + (ptrdiff_t)k * CONTROLS;

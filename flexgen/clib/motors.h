@@ -8,7 +8,7 @@
 #ifndef MODEL_MOTORS_H
 #define MODEL_MOTORS_H
 
-#include "model_gears.h"
+#include "model_gear_deflection.h"
 
 /* Motor angle, speed and torque of one instant from the joints and their twists. */
 static inline int motors_of(
@@ -23,7 +23,7 @@ static inline int motors_of(
             v_m[j] += eta[j][i] * v[i];
         }
     }
-    if (model_motor_friction(v_m, friction, space) != MODEL_OK) {
+    if (evaluate_motor_friction(v_m, friction, space) != MODEL_OK) {
         return 0;
     }
     for (int j = 0; j < NM; ++j) {
@@ -40,24 +40,24 @@ static inline int motors_of(
  * The same from the motion of the joints, to which that of the twists is added, at a sample between its neighbours:
  * `tau` the gear torques there, `twist` the twists.
  */
-static inline int motors_behind(const gears *g, const real *tau, const real *twist, real *q, real *v, real *a,
+static inline int motors_behind(const gears *g, const real *tau, const real *deflection, real *q, real *v, real *a,
     real *q_m, real *v_m, real *tau_m, real *space)
 {
     const real period = g->period;
-    real value[NG], slope[NG];
-    if (model_gear_law(twist, value, slope, space) != MODEL_OK) {
+    real value[NG], stiffness[NG];
+    if (evaluate_gear_law(deflection, value, stiffness, space) != MODEL_OK) {
         return 0;
     }
     for (int i = 0; i < NG; ++i) {
         real once, twice;
         if (g->quick[i]) {
-            once = slope_of(twist + i, NG, period);
-            twice = curvature_of(twist + i, NG, period);
+            once = derivative_of(deflection + i, NG, period);
+            twice = second_derivative_of(deflection + i, NG, period);
         } else {
             once = (tau[i] - value[i]) / gear_damping[i];
-            twice = (slope_of(tau + i, NG, period) - slope[i] * once) / gear_damping[i];
+            twice = (derivative_of(tau + i, NG, period) - stiffness[i] * once) / gear_damping[i];
         }
-        q[i] += twist[i];
+        q[i] += deflection[i];
         v[i] += once;
         a[i] += twice;
     }

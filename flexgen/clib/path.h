@@ -1,19 +1,12 @@
 /*
- * model: the path that the output follows: samples, what is between them, and small rotations; private.
+ * model: the path that the output follows: samples, interpolation between them, and small rotations; private.
  */
 #ifndef MODEL_PATH_H
 #define MODEL_PATH_H
 
-#include "model_inversion.h"
+#include "model_inversion_common.h"
 
-/* A path: samples a period apart; constant before the first and after the last. */
-typedef struct {
-    int n;
-    real period;
-    const real *place; /* n x NT */
-    const real *rate;  /* n x NY */
-    const real *rate2; /* n x NY */
-} path;
+typedef model_path path; /* samples a period apart; constant before the first and after the last */
 
 static inline void cross(const real *a, const real *b, real *c)
 {
@@ -122,16 +115,16 @@ static inline void reference_at(const path *p, int k, real x, real *out)
     int at = k;
     if (k < 0 || k >= p->n - 1) {
         at = k < 0 ? 0 : p->n - 1;
-        copy(p->place + at * (ptrdiff_t)NT, NT, out);
+        copy(p->y + at * (ptrdiff_t)NT, NT, out);
         for (int i = NT; i < REFERENCE; ++i) {
             out[i] = 0.0;
         }
         return;
     }
     {
-        const real *y0 = p->place + at * (ptrdiff_t)NT, *y1 = y0 + NT;
-        const real *v0 = p->rate + at * (ptrdiff_t)NY, *v1 = v0 + NY;
-        const real *a0 = p->rate2 + at * (ptrdiff_t)NY, *a1 = a0 + NY;
+        const real *y0 = p->y + at * (ptrdiff_t)NT, *y1 = y0 + NT;
+        const real *v0 = p->dy + at * (ptrdiff_t)NY, *v1 = v0 + NY;
+        const real *a0 = p->ddy + at * (ptrdiff_t)NY, *a1 = a0 + NY;
         const int positions = MODEL_POSE ? 3 : NY;
         for (int i = 0; i < positions; ++i) {
             const real left[3] = {y0[i], T * v0[i], T * T * a0[i]};
@@ -176,12 +169,12 @@ static inline void reference_at(const path *p, int k, real x, real *out)
 /* The path at x, 0 <= x <= 1, between two of its samples that stand one after the other, REFERENCE numbers each. */
 static inline void between_samples(const real *samples, real period, real x, real *out)
 {
-    real place[2 * NT], rate[2 * NY], rate2[2 * NY];
-    const path two = {2, period, place, rate, rate2};
+    real y[2 * NT], dy[2 * NY], ddy[2 * NY];
+    const path two = {2, period, y, dy, ddy};
     for (int j = 0; j < 2; ++j) {
-        copy(samples + j * REFERENCE, NT, place + j * NT);
-        copy(samples + j * REFERENCE + NT, NY, rate + j * NY);
-        copy(samples + j * REFERENCE + NT + NY, NY, rate2 + j * NY);
+        copy(samples + j * REFERENCE, NT, y + j * NT);
+        copy(samples + j * REFERENCE + NT, NY, dy + j * NY);
+        copy(samples + j * REFERENCE + NT + NY, NY, ddy + j * NY);
     }
     reference_at(&two, 0, x, out);
 }

@@ -1,31 +1,33 @@
-/* model: inverse dynamics on a moving horizon. Written by flexgen; see model.h. */
-#include "model.h"
+/* model: inverse dynamics on a moving horizon. Written by flexgen; see model_inversion.h. */
+#include "model_inversion.h"
 
-#include "model_advance.h"
-#include "model_interval.h"
-#include "model_rest.h"
+#include "model_stream_shift.h"
+#include "model_stream_output.h"
+#include "model_equilibrium.h"
 
 enum { WARMING = 10 }; /* sweeps after which the cost of an endless rest has settled */
 
-int64_t model_stream_work(int intervals, int parts)
+int64_t model_stream_work(const model_stream_options *options)
 {
-    return sizes_fit(intervals, parts) ? (int64_t)laid_out(intervals, parts).end : -1;
+    return options != NULL && sizes_fit(options) ?
+               (int64_t)laid_out(options->intervals, options->samples_per_interval).end :
+               -1;
 }
 
 /* The whole horizon, and what is over, rests at q with the output at a place. */
-static void stand_still(real *s, const layout *l, const real *place, const real *q)
+static void set_equilibrium(real *s, const layout *l, const real *target, const real *q)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
-    real *rest = s + l->last;
-    copy(place, NT, rest);
+    real *equilibrium = s + l->last;
+    copy(target, NT, equilibrium);
     for (int i = NT; i < REFERENCE; ++i) {
-        rest[i] = 0.0;
+        equilibrium[i] = 0.0;
     }
     for (ptrdiff_t k = 0; k < N * STAGES; ++k) {
-        copy(rest, REFERENCE, s + l->reference + k * REFERENCE);
+        copy(equilibrium, REFERENCE, s + l->reference + k * REFERENCE);
     }
     for (ptrdiff_t k = 0; k <= l->past + N; ++k) {
-        copy(rest, REFERENCE, s + l->nodes + k * REFERENCE);
+        copy(equilibrium, REFERENCE, s + l->nodes + k * REFERENCE);
     }
     for (ptrdiff_t k = 0; k <= N * STAGES; ++k) {
         for (int i = 0; i < NG; ++i) {
@@ -50,165 +52,182 @@ static void stand_still(real *s, const layout *l, const real *place, const real 
 }
 
 /* Twists of the gears at rest at q. */
-static int twist_at_rest(const real *q, real *twist, real *space)
+static int deflection_at_equilibrium(const real *q, real *deflection, real *space)
 {
     static const real zero[NA] = {0.0};
-    real tau[NG], slope[NG];
+    real tau[NG], stiffness[NG];
     int status;
 #if MODEL_NE > 0
     real row[NE];
-    status = inner(model_inversion_rows(q, zero, zero, tau, row, space));
+    status = inner(evaluate_inversion_rows(q, zero, zero, tau, row, space));
 #else
-    status = inner(model_inversion_rows(q, zero, zero, tau, space));
+    status = inner(evaluate_inversion_rows(q, zero, zero, tau, space));
 #endif
     if (status != MODEL_OK) {
         return status;
     }
-    return static_twists(tau, 1, zero, twist, slope, 0, space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
+    return static_deflections(tau, 1, zero, deflection, stiffness, 0, space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
 }
 
-int model_stream_start(double *stream, int64_t stream_size, int intervals, int parts, double period,
-    double tolerance, const double *place, const double *q_start)
+model_status model_stream_start(double *stream, int64_t stream_size, const model_stream_options *options,
+    const double y[MODEL_NT], const double q_start[MODEL_NA])
 {
     layout l;
     real q[NA], *space;
     int status;
-    if (stream == NULL || place == NULL || q_start == NULL) {
+    if (stream == NULL || options == NULL || y == NULL || q_start == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
-    if (!sizes_fit(intervals, parts) || !(period > 0.0 && period < 1e6) || !(tolerance > 0.0 && tolerance < 1.0)) {
+    if (!sizes_fit(options) || !(options->period > 0.0 && options->period < 1e6) ||
+        !(options->tolerance > 0.0 && options->tolerance < 1.0)) {
         return MODEL_BAD_ARGUMENT;
     }
-    l = laid_out(intervals, parts);
+    l = laid_out(options->intervals, options->samples_per_interval);
     if (stream_size < l.end) {
         return MODEL_WORK_TOO_SMALL;
     }
     stream[STATE] = IS_EMPTY;
-    if (!is_finite(place, NT) || !is_finite(q_start, NA)) {
+    if (!is_finite(y, NT) || !is_finite(q_start, NA)) {
         return MODEL_INPUT_NOT_FINITE;
     }
 #if MODEL_POSE
-    if (!is_rotation(place + 3)) {
+    if (!is_rotation(y + 3)) {
         return MODEL_BAD_ARGUMENT;
     }
 #endif
     space = stream + l.space;
     copy(q_start, NA, q);
-    stream[INTERVALS] = intervals;
-    stream[PARTS] = parts;
-    stream[PERIOD] = period;
-    stream[TOLERANCE] = tolerance;
+    stream[INTERVALS] = options->intervals;
+    stream[SAMPLES_PER_INTERVAL] = options->samples_per_interval;
+    stream[PERIOD] = options->period;
+    stream[TOLERANCE] = options->tolerance;
     stream[SIDE] = 0.0; /* of singular poses: not known before the first sample */
     stream[l.limits] = 0.0;
     for (int i = 0; i < MEASURES + NM; ++i) {
         stream[l.most + i] = 0.0;
     }
     stream[l.expected] = 0.0;
-    status = rest_at(place, q, stream + l.scale, space);
+    status = equilibrium_at(y, q, stream + l.scale, space);
     if (status != MODEL_OK) {
-        return status;
+        return (model_status)status;
     }
-    stand_still(stream, &l, place, q);
+    set_equilibrium(stream, &l, y, q);
 #if MODEL_NE > 0
     {
-        mesh still = mesh_of(&l, stream);
-        status = lq_endless(&still, WARMING, (lq_space *)(void *)(stream + l.lq), space, stream + l.cost);
+        mesh hold = mesh_of(&l, stream);
+        status = lq_endless(&hold, WARMING, (lq_space *)(void *)(stream + l.lq), space, stream + l.cost);
         if (status != MODEL_OK) {
-            return status;
+            return (model_status)status;
         }
     }
 #endif
-    status = twist_at_rest(q, stream + l.now, space);
+    status = deflection_at_equilibrium(q, stream + l.now, space);
     if (status == MODEL_OK) {
         stream[STATE] = IS_RUNNING;
     }
-    return status;
+    return (model_status)status;
 }
 
-int model_stream_limits(
-    double *stream, const double *torques_most, const double *speeds_most, double bend_max)
+model_status model_stream_limits(
+    double *stream, const double torque_max[MODEL_NM], const double speed_max[MODEL_NM], double deviation_max)
 {
     layout l;
     limits_layout w;
     ptrdiff_t N;
     real *bound;
-    if (stream == NULL || torques_most == NULL || speeds_most == NULL) {
+    if (stream == NULL || torque_max == NULL || speed_max == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
     if (!is_running(stream)) {
         return MODEL_NOT_STARTED;
     }
     N = (ptrdiff_t)stream[INTERVALS];
-    if (!(bend_max > 0.0 && bend_max < 1e6)) {
+    if (!(deviation_max > 0.0 && deviation_max < 1e6)) {
         return MODEL_BAD_ARGUMENT;
     }
     for (int i = 0; i < NM; ++i) {
-        if (!(torques_most[i] > 0.0 && speeds_most[i] > 0.0)) {
+        if (!(torque_max[i] > 0.0 && speed_max[i] > 0.0)) {
             return MODEL_BAD_ARGUMENT;
         }
     }
-    l = laid_out((int)N, (int)stream[PARTS]);
+    l = laid_out((int)N, (int)stream[SAMPLES_PER_INTERVAL]);
     w = limits_laid_out(N);
     if (!(stream[l.limits + w.on] > 0.0) && !begin_limits(stream, &l)) {
-        return MODEL_SHORT_HORIZON;
+        return MODEL_HORIZON_TOO_SHORT;
     }
     bound = stream + l.limits + w.bound;
-    copy(torques_most, NM, bound);
-    copy(speeds_most, NM, bound + NM);
+    copy(torque_max, NM, bound);
+    copy(speed_max, NM, bound + NM);
     for (int i = 0; i < NY; ++i) {
-        bound[MOTORS + i] = bend_max;
+        bound[MOTORS + i] = deviation_max;
     }
     return MODEL_OK;
 }
 
 /* What an update says when it fails after its sample was taken; UNREACHABLE would mean that it was refused. */
-static int over(real *stream, int status)
+static model_status failed(real *stream, int status)
 {
     stream[STATE] = HAS_FAILED;
-    return status == MODEL_UNREACHABLE ? MODEL_NOT_CONVERGED : status;
+    return status == MODEL_UNREACHABLE ? MODEL_NOT_CONVERGED : (model_status)status;
 }
 
-int model_stream_update(double *stream, const double *place, const double *rate, const double *rate2,
-    double *q_a, double *v_a, double *tau_g, double *q_m, double *v_m, double *tau_m, double *report)
+/* An array of the caller, or room for it in the memory of the stream, from `*at` on. */
+static real *output_of(real *given, ptrdiff_t size, real **at)
 {
-    const interval out = {q_a, v_a, tau_g, q_m, v_m, tau_m};
+    real *own = *at;
+    *at += size;
+    return given != NULL ? given : own;
+}
+
+model_status model_stream_update(double *stream, const double y[MODEL_NT], const double dy[MODEL_NY],
+    const double ddy[MODEL_NY], model_motion *motion, model_stream_info *info)
+{
+    interval out;
     layout l;
-    real own[REFERENCE], next[REFERENCE], bend[BEND], worst, step = 0.0;
+    real own[REFERENCE], next[REFERENCE], deviation[DEVIATION], off[2] = {0.0, 0.0}, worst, step = 0.0, *at;
     arrival arrived;
+    ptrdiff_t n;
     int has_limits, limited = 0, status;
-    if (stream == NULL || place == NULL || rate == NULL || rate2 == NULL || q_a == NULL || v_a == NULL ||
-        tau_g == NULL || q_m == NULL || v_m == NULL || tau_m == NULL || report == NULL) {
+    if (stream == NULL || y == NULL || dy == NULL || ddy == NULL || motion == NULL || info == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
     if (!is_running(stream)) {
         return MODEL_NOT_STARTED;
     }
-    if (!is_finite(place, NT) || !is_finite(rate, NY) || !is_finite(rate2, NY)) {
+    if (!is_finite(y, NT) || !is_finite(dy, NY) || !is_finite(ddy, NY)) {
         return MODEL_INPUT_NOT_FINITE;
     }
-    l = laid_out((int)stream[INTERVALS], (int)stream[PARTS]);
+    n = (ptrdiff_t)stream[SAMPLES_PER_INTERVAL];
+    l = laid_out((int)stream[INTERVALS], (int)n);
 #if MODEL_POSE
-    if (!is_rotation(place + 3) || !are_near(stream + l.last + 3, place + 3)) {
+    if (!is_rotation(y + 3) || !are_near(stream + l.last + 3, y + 3)) {
         return MODEL_BAD_ARGUMENT;
     }
 #endif
-    copy(place, NT, own);
-    copy(rate, NY, own + NT);
-    copy(rate2, NY, own + NT + NY);
+    copy(y, NT, own);
+    copy(dy, NY, own + NT);
+    copy(ddy, NY, own + NT + NY);
     copy(own, REFERENCE, next);
     has_limits = stream[l.limits] > 0.0;
     if (has_limits) {
-        bend_next(stream, &l, own, bend, next);
+        deviate_next(stream, &l, own, deviation, next);
     }
     status = arrive(stream, &l, next, &arrived);
     if (status != MODEL_OK) {
-        return status; /* the sample is refused, and nothing has changed */
+        return (model_status)status; /* the sample is refused, and nothing has changed */
     }
-    report[2] = 1.0;
-    report[3] = stream[INTERVALS];
+    at = stream + l.output;
+    out.q_a = output_of(motion->q_a, n * NA, &at);
+    out.v_a = output_of(motion->v_a, n * NA, &at);
+    out.tau_g = output_of(motion->tau_g, n * NG, &at);
+    out.q_m = output_of(motion->q_m, n * NM, &at);
+    out.v_m = output_of(motion->v_m, n * NM, &at);
+    out.tau_m = output_of(motion->tau_m, n * NM, &at);
+    info->iterations = 1;
+    info->intervals = (int)stream[INTERVALS];
     shift_path(stream, &l, next, &arrived);
     if (has_limits) {
-        shift_limits(stream, &l, own, bend);
+        shift_limits(stream, &l, own, deviation);
     }
 #if MODEL_NE > 0
     status = step_motion(stream, &l);
@@ -220,23 +239,24 @@ int model_stream_update(double *stream, const double *place, const double *rate,
         status = motors_in_interval(stream, &l, &out, &step);
     }
     if (status != MODEL_OK) {
-        return over(stream, status);
+        return failed(stream, status);
     }
-    report[0] = worst;
-    report[1] = fmax_1(unevenness_now(stream, &l), torn * step);
-    report[4] = 0.0;
-    report[5] = 0.0;
+    info->residual = worst;
+    info->kinematic_mismatch = kinematic_mismatch_now(stream, &l);
+    info->torque_step = step;
     if (has_limits) {
         int ends;
-        limited = is_limited(stream, &l, v_m, tau_m, report + 4, &ends);
-        status = ends ? MODEL_LIMITS_LOST : look_ahead(stream, &l);
+        limited = is_limited(stream, &l, out.v_m, out.tau_m, off, &ends);
+        status = ends ? MODEL_LIMITS_INFEASIBLE : apply_limits(stream, &l);
         if (status != MODEL_OK) {
-            return over(stream, status);
+            return failed(stream, status);
         }
     }
-    report[6] = limited;
-    if (!(worst <= stream[TOLERANCE] && report[1] <= uneven)) {
-        return MODEL_INEXACT;
+    info->deviation_m = off[0];
+    info->deviation_rad = off[1];
+    info->limits_active = limited;
+    if (!(worst <= stream[TOLERANCE] && info->kinematic_mismatch <= mismatch_max && step <= torque_step_max)) {
+        return MODEL_TOLERANCE_NOT_MET;
     }
-    return limited ? MODEL_LIMITED : MODEL_OK;
+    return limited ? MODEL_LIMITS_ACTIVE : MODEL_OK;
 }

@@ -50,19 +50,22 @@ def declaration(text: str) -> str:
     return "\n".join(lines).replace("\0", " ")
 
 
-def prototype(spec: LibrarySpec, f: FunctionSpec) -> str:
-    """The head of the function that evaluates one point."""
+def prototype(spec: LibrarySpec, f: FunctionSpec, work: int) -> str:
+    """The head of the function that evaluates one point; the last argument is a workspace where it needs any."""
     real = f"{spec.name}_real"
     arguments = [f"const {real} {p.name}[{count_of(spec, f, p)}]" for p in f.inputs]
     arguments += [f"{real} {p.name}[{count_of(spec, f, p)}]" for p in f.outputs]
-    return declaration(f"int {spec.name}_{f.name}({', '.join([*arguments, f'{real} *work'])})")
+    arguments += [f"{real} *work"] * (work > 0)
+    return declaration(f"{spec.name}_status {spec.name}_{f.name}({', '.join(arguments)})")
 
 
 def batch_prototype(spec: LibrarySpec, f: FunctionSpec) -> str:
     """The head of the function that evaluates many points."""
     real = f"{spec.name}_real"
     arguments = [f"const {real} *{p.name}" for p in f.inputs] + [f"{real} *{p.name}" for p in f.outputs]
-    return declaration(f"int {spec.name}_{f.name}_batch({', '.join(['int n', *arguments, f'{real} *work'])})")
+    return declaration(
+        f"{spec.name}_status {spec.name}_{f.name}_batch({', '.join(['int n', *arguments, f'{real} *work'])})"
+    )
 
 
 def port_table(f: FunctionSpec) -> str:

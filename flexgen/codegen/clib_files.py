@@ -1,27 +1,31 @@
-"""The hand-written C of the library: whole paths and streams inverted by the emitted functions.
+"""The fixed C of the library: files of ``flexgen/clib/`` with the library's name put in, and its inversion header.
 
-The texts lie in ``flexgen/clib/``, real C in which ``model_`` and ``MODEL_`` stand for the library's name.
+In these files ``model_`` and ``MODEL_`` stand for the library's name; `render` is the only place that replaces them.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 
-from flexgen.codegen.c_text import comment, declaration
-from flexgen.codegen.clib_table import Argument, CFunction, Drives
-from flexgen.codegen.spec import LibrarySpec
+from flexgen.codegen.c_text import comment, declaration, macro, size_macro
+from flexgen.codegen.clib_table import INTERVALS_MAX, SAMPLES_MAX, STRUCTS, CFunction, Field, MotorConstants, Struct
+from flexgen.codegen.header import works
+from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.errors import BuildError
-from flexgen.expressions.function_text import literal
+from flexgen.expressions.function_text import FunctionText, literal
+from flexgen.mechanics.signatures import INVERSION
 
 FOLDER = "flexgen.clib"
+KERNEL = ("kernel.h", "kernel_functions.h", "private.h", "point.h", "lanes.h")  # of every library
+_WRITTEN = {"inversion.h", "motor_constants.h"}  # included by the fixed files, written for each library
 
 
 @cache
-def templates() -> dict[str, str]:
-    """The hand-written texts by file name."""
+def fixed_files() -> dict[str, str]:
+    """The texts of ``flexgen/clib/`` by file name."""
     folder = files(FOLDER)
     if not folder.is_dir():
         raise BuildError(f"{folder}: given no such folder, expected the C files of flexgen; install flexgen again")
@@ -29,61 +33,130 @@ def templates() -> dict[str, str]:
     return {path.name: path.read_text(encoding="ascii") for path in sorted(found, key=lambda path: path.name)}
 
 
-def core_texts(spec: LibrarySpec) -> dict[str, str]:
-    """All files of the library's cores, ``<name>_invert.c`` and others, by name; none where it has no core."""
-    if not spec.cores or spec.drives is None:
+def render(text: str, name: str) -> str:
+    """A fixed text with the library's name instead of ``model``."""
+    text = re.sub(r"\bmodel(?=[_:.])", name, text)
+    return re.sub(r"\bMODEL_", f"{name.upper()}_", text)
+
+
+def kernel_files(name: str, precision: str) -> dict[str, str]:
+    """The private headers that every library has: numbers, vectors of numbers and their functions.
+
+    Parameters
+    ----------
+    name : str
+        Name of the library, which its header is called.
+    precision : str
+        ``"double"`` or ``"single"``.
+
+    Returns
+    -------
+    dict of str to str
+        Text by file name; no operation or literal of another precision.
+    """
+    chosen = {file: file for file in KERNEL} | {f"precision_{precision}.h": "precision.h"}
+    if f"precision_{precision}.h" not in fixed_files():
+        raise BuildError(f"precision: given {precision!r}, expected double or single")
+    return {f"{name}_{new}": render(fixed_files()[file], name) for file, new in sorted(chosen.items())}
+
+
+def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> dict[str, str]:
+    """The private files of the inversion, by name; none where the library has no inversion."""
+    if not spec.c_functions or spec.motor_constants is None:
         return {}
-    names = sorted(_included({core.file for core in spec.cores}))
-    out = {f"{spec.name}_{name}": _named(templates()[name], spec) for name in names}
-    return {f"{spec.name}_drives.h": drives_header(spec, spec.drives), **out}
+    names = sorted(_included({function.file for function in spec.c_functions}))
+    out = {f"{spec.name}_{name}": render(fixed_files()[name], spec.name) for name in names}
+    return {f"{spec.name}_motor_constants.h": constants_header(spec, spec.motor_constants, written), **out}
 
 
 def _included(names: set[str]) -> set[str]:
-    """These texts and all that they include, and so on."""
-    texts = templates()
+    """These files and all that they include, without those of `KERNEL`."""
+    texts = fixed_files()
     more = {name for text in names for name in re.findall(r'#include "model_(\w+\.h)"', texts[text])}
-    both = names | (more & set(texts))
+    both = names | ((more & set(texts)) - set(KERNEL))
     return names if both == names else _included(both)
 
 
-def core_macros(spec: LibrarySpec) -> str:
-    """Definitions of the cores' own sizes, for the header."""
-    lines = [macro for core in spec.cores for macro in core.macros]
-    return "".join(f"#define {spec.name.upper()}_{name} {value} /* {doc} */\n" for name, value, doc in lines)
+def inversion_header(spec: LibrarySpec) -> str:
+    """Text of ``<name>_inversion.h``."""
+    name, guard = spec.name, macro(spec, "INVERSION_H")
+    structs = "\n".join(_struct(spec, struct) for struct in STRUCTS)
+    functions = "\n".join(_described(spec, function) for function in spec.c_functions)
+    return f"""\
+/*
+{comment(f"{name}: inverse dynamics along a path, written by flexgen. Do not edit.")} *
+{
+        comment(
+            "invert takes a whole path. A stream takes one sample of the path per update and gives the torques of now. "
+            "Both give the motor torques for exact tracking of the output, also where the zero dynamics is unstable."
+        )
+    } */
+#ifndef {guard}
+#define {guard}
+
+#include <stdint.h>
+
+#include "{name}.h"
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+#define {macro(spec, "STREAM_INTERVALS_MAX")} {INTERVALS_MAX} /* intervals of a horizon, at most */
+#define {macro(spec, "STREAM_SAMPLES_MAX")} {SAMPLES_MAX} /* samples per interval, at most */
+
+{structs}
+{functions}
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
 
 
-def core_prototypes(spec: LibrarySpec) -> str:
-    """The part of the header that describes and declares the cores."""
-    return "\n".join(_described(spec, core) for core in spec.cores)
+def _struct(spec: LibrarySpec, struct: Struct) -> str:
+    """A struct of the public header, each member with shape, unit and meaning."""
+    lines = []
+    for field in struct.fields:
+        shape = f"{' x '.join(map(_in_brackets, field.extents))} " if field.extents else ""
+        unit = f"[{field.unit}] " if field.unit not in ("", "1") else ""
+        text, member = f"{shape}{unit}{field.doc}", f"    {_declared(spec, field)};"
+        if len(member) + len(text) < 110:
+            lines.append(f"{member} /* {text} */\n")
+        else:
+            wrapped = comment(text, "     * ")
+            lines.append(f"    /*{wrapped[6:].rstrip()} */\n{member}\n")
+    return f"/* {struct.doc} */\ntypedef struct {{\n{''.join(lines)}}} {spec.name}_{struct.name};\n"
 
 
-def _described(spec: LibrarySpec, core: CFunction) -> str:
+def _described(spec: LibrarySpec, function: CFunction) -> str:
+    """The description and the declaration of a function."""
     rows = [
         (
-            a.kind if a.kind != "kept" else "",
             a.name,
             " x ".join(map(_in_brackets, a.extents)),
             f"[{a.unit}]" if a.unit else "",
-            a.doc,
+            a.doc or f"see {spec.name}_{a.kind.removeprefix('const ').removesuffix(' *')}",
         )
-        for a in core.arguments
+        for a in function.arguments
     ]
-    width = [max(len(row[i]) for row in rows) for i in range(4)]
+    width = [max(len(row[i]) for row in rows) for i in range(3)]
     table = "".join(
         comment(" ".join(x.ljust(w) for x, w in zip(row, [*width, 0], strict=True)), " *   ") for row in rows
     )
-    words = core.notes
-    if core.returns == "status":
+    words = function.notes
+    if function.returns == "status":
         words += f"{' ' * bool(words)}Stack: at most {stack_bytes(spec)} bytes."
     notes = f" *\n{comment(words)}" if words else ""
-    arguments = ", ".join(_declared(spec, a) for a in core.arguments)
-    returned = "int" if core.returns == "status" else "int64_t"
-    prototype = declaration(f"{returned} {spec.name}_{core.name}({arguments})")
-    return f"/*\n{comment(core.summary)}{notes} *\n{table} */\n{spec.name.upper()}_API\n{prototype};\n"
+    arguments = ", ".join(_declared(spec, a, sized=True) for a in function.arguments)
+    returned = f"{spec.name}_status" if function.returns == "status" else "int64_t"
+    prototype = declaration(f"{returned} {spec.name}_{function.name}({arguments})")
+    return f"/*\n{comment(function.summary)}{notes} *\n{table} */\n{macro(spec, 'API')}\n{prototype};\n"
 
 
 def stack_bytes(spec: LibrarySpec) -> int:
-    """Bytes of stack that a core needs at most: small matrices for rest and its zeros, and those of its steps."""
+    """Bytes of stack that a hand-written function needs at most."""
     n_a, n_e, n_y = (spec.sizes[key] for key in ("n_a", "n_e", "n_y"))
     at_rest = n_a * (n_a + 4 * n_y + 3 * n_e + 16)
     zeros = 3 * n_e * (n_e + 1) + 40 * n_e  # of A, D, K at an end; or eight rows of a step
@@ -94,21 +167,18 @@ def _in_brackets(extent: str) -> str:
     return f"({extent})" if " " in extent else extent
 
 
-def _declared(spec: LibrarySpec, argument: Argument) -> str:
-    number = f"{spec.name}_real" if argument.number == "real" else argument.number
-    if not argument.extents:
-        return f"{number} {argument.name}"
-    return f"{'const ' if argument.kind == 'in' else ''}{number} *{argument.name}"
+def _declared(spec: LibrarySpec, field: Field, sized: bool = False) -> str:
+    """A member or an argument in C; ``sized``: with the size of an array where it is a constant."""
+    const, kind = "const " * field.kind.startswith("const "), field.kind.removeprefix("const ")
+    kind = const + (kind if kind in ("int", "int64_t") else f"{spec.name}_{kind}")
+    fixed = sized and len(field.extents) == 1 and field.extents[0] in spec.sizes
+    if fixed:
+        return f"{kind.removesuffix(' *')} {field.name}[{size_macro(spec, field.extents[0])}]"
+    return f"{kind}{field.name}" if kind.endswith("*") else f"{kind} {field.name}"
 
 
-def _named(text: str, spec: LibrarySpec) -> str:
-    """A hand-written text with the library's name in the place of ``model``."""
-    text = re.sub(r"\bmodel(?=[_:.])", spec.name, text)
-    return re.sub(r"\bMODEL_", f"{spec.name.upper()}_", text)
-
-
-def drives_header(spec: LibrarySpec, drives: Drives) -> str:
-    """Text of ``<name>_drives.h``: numbers of the model as constants."""
+def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapping[str, FunctionText]) -> str:
+    """Text of ``<name>_motor_constants.h``: numbers of the model as constants."""
 
     def listed(values: Sequence[float]) -> str:
         return f"{{{', '.join(literal(x, spec.precision) for x in values)}}}"
@@ -118,27 +188,42 @@ def drives_header(spec: LibrarySpec, drives: Drives) -> str:
 
     prefix = spec.name.upper()
     ng, nm = f"{prefix}_NG", f"{prefix}_NM"
-    text = integers("i_g", ng, drives.i_g)
-    text += integers("i_e", f"{prefix}_NE", drives.i_e) if drives.i_e else integers("i_e", "1", [0])  # none is read
-    text += integers("gear_is_rigid", ng, [int(x) for x in drives.gear_is_rigid])
-    text += integers("gear_is_linear", ng, [int(x) for x in drives.gear_is_linear])
-    text += f"static const real gear_damping[{ng}] = {listed(drives.gear_damping)}; /* arm side */\n"
-    for name, A, rows, columns in (("eta", drives.eta, nm, ng), ("eta_inverse", drives.eta_inverse, ng, nm)):
+    text = integers("i_g", ng, constants.i_g)
+    text += integers("i_e", f"{prefix}_NE", constants.i_e) if constants.i_e else integers("i_e", "1", [0])  # not read
+    text += integers("gear_is_rigid", ng, [int(x) for x in constants.gear_is_rigid])
+    text += integers("gear_is_linear", ng, [int(x) for x in constants.gear_is_linear])
+    text += f"static const real gear_damping[{ng}] = {listed(constants.gear_damping)}; /* arm side */\n"
+    for name, A, rows, columns in (("eta", constants.eta, nm, ng), ("eta_inverse", constants.eta_inverse, ng, nm)):
         body = ",\n".join(f"    {listed(row)}" for row in A)
         text += f"static const real {name}[{rows}][{columns}] = {{\n{body}}};\n"
-    text += f"static const real rotor_inertia[{nm}] = {listed(drives.rotor_inertia)};\n"
+    text += f"static const real rotor_inertia[{nm}] = {listed(constants.rotor_inertia)};\n"
+    used = [f for f in spec.functions if f.name in INVERSION]
+    space = max(max(works(f, written[f.name], spec.precision)) for f in used)
+    calls = "".join(_call(spec, f, written[f.name].work) for f in used)
     return f"""\
 /*
  * {spec.name}: gears, motors and the kind of output, for the inversion; private. Written by flexgen; see {spec.name}.h.
  */
-#ifndef {prefix}_DRIVES_H
-#define {prefix}_DRIVES_H
+#ifndef {prefix}_MOTOR_CONSTANTS_H
+#define {prefix}_MOTOR_CONSTANTS_H
+
+#include "{spec.name}_batch.h"
 
 #include "{spec.name}_private.h"
 
-#define {prefix}_POSE {int(drives.pose)} /* the output is a pose: position, then rotation */
+#define {prefix}_POSE {int(constants.pose)} /* the output is a pose: position, then rotation */
 
-/* Coordinates with and without motor; q_m = eta q_g where no gear is twisted. */
+/* Indices of the coordinates with and without motor; q_m = eta q_g where no gear is deflected. */
 {text}
+/* The functions that the inversion uses, with a workspace that some of them do not need. */
+#define {prefix}_INVERSION_SPACE {space} /* reals */
+{calls}
 #endif
 """
+
+
+def _call(spec: LibrarySpec, f: FunctionSpec, work: int) -> str:
+    """A macro that calls a function with a workspace, whether it needs one or not."""
+    ports = ", ".join(p.name for p in (*f.inputs, *f.outputs))
+    call = f"{spec.name}_{f.name}({ports}{', work' if work else ''})"
+    return f"#define evaluate_{f.name}({ports}, work) {call if work else f'((void)(work), {call})'}\n"

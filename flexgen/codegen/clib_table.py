@@ -1,8 +1,7 @@
-"""The hand-written functions of the library, as nouns: what they take and give, and the numbers that they use.
+"""The hand-written functions of the library: their structs, arguments and descriptions, and the constants they use.
 
-They come with every library of a model that inverts and has all functions of `INVERSION`, in double precision, and not
-where numbers of the model are run-time parameters. The texts lie in ``flexgen/clib/``.
-
+They come with every library of a model that can be inverted and has all functions of `INVERSION`, in double precision,
+and without run-time parameters. Their C is in ``flexgen/clib/``, see `flexgen.codegen.clib_files`.
 """
 
 from __future__ import annotations
@@ -15,22 +14,23 @@ import numpy as np
 from flexgen.mechanics.signatures import INVERSION, offered_functions
 from flexgen.model.elements import LinearSpring, RobotModel
 
+INTERVALS_MAX, SAMPLES_MAX = 10_000, 1_000  # of a stream: intervals of its horizon, samples per interval
+
 
 @dataclass(frozen=True)
-class Argument:
-    """An argument of a core.
+class Field:
+    """A member of a struct, or an argument.
 
     Parameters
     ----------
     name : str
     kind : str
-        ``"in"``, ``"out"``, or ``"kept"`` (read and written).
+        Type in C: ``"real"``, ``"int"``, ``"int64_t"``, ``"const real *"``, ``"real *"``, or a pointer to a struct of
+        the table, such as ``"const path *"``.
     extents : tuple of str
-        Sizes: of the library (``"n_a"``), sums of other arguments (``"lead + n + tail"``), macros of the core; none for
-        a scalar. Stored row after row: the last one runs fastest.
+        Sizes of the array that a pointer to reals points to: of the library (``"n_a"``), of other fields (``"n"``), or
+        sums of these. Arrays are stored sample after sample: the last index runs fastest.
     unit, doc : str
-    number : str
-        ``"real"``, ``"int"`` or ``"int64_t"``.
     """
 
     name: str
@@ -38,7 +38,15 @@ class Argument:
     extents: tuple[str, ...]
     unit: str
     doc: str
-    number: str = "real"
+
+
+@dataclass(frozen=True)
+class Struct:
+    """A struct of the public header, in C ``<library>_<name>``."""
+
+    name: str
+    doc: str
+    fields: tuple[Field, ...]
 
 
 @dataclass(frozen=True)
@@ -50,42 +58,43 @@ class CFunction:
     name : str
         In C ``<library>_<name>``.
     file : str
-        The text in ``flexgen/clib/`` that defines it.
+        The file of ``flexgen/clib/`` that defines it.
     summary, notes : str
         For the header: one sentence; paragraphs.
-    arguments : tuple of Argument
+    arguments : tuple of Field
     returns : str
         ``"status"``, or ``"size"``: a number of reals.
-    macros : tuple of (str, int, str)
-        Sizes of its own, ``<NAME>_<macro>``, with what they are.
     elastic : bool
-        Only where there are coordinates without motor.
+        True: only for models with unactuated coordinates.
     """
 
     name: str
     file: str
     summary: str
     notes: str
-    arguments: tuple[Argument, ...]
+    arguments: tuple[Field, ...]
     returns: str = "status"
-    macros: tuple[tuple[str, int, str], ...] = ()
     elastic: bool = False
 
     @property
     def signature(self) -> str:
-        """Names, kinds and sizes in one line, for the digest of the interface."""
-        listed = ",".join(f"{a.kind} {a.number} {a.name}[{','.join(a.extents)}]" for a in self.arguments)
-        return f"{self.name}({listed}){self.returns}"
+        """Names and types in one line, for the digest of the interface."""
+        return f"{self.name}({','.join(f'{a.kind} {a.name}' for a in self.arguments)}){self.returns}"
+
+
+def signature_of(struct: Struct) -> str:
+    """Names and types of the members in one line, for the digest of the interface."""
+    return f"struct {struct.name}{{{','.join(f'{f.kind} {f.name}' for f in struct.fields)}}}"
 
 
 @dataclass(frozen=True)
-class Drives:
-    """Numbers of the model that the cores use: gears, motors and what the output's rows are.
+class MotorConstants:
+    """Numbers of the model that the hand-written C uses: gears, motors and the kind of output.
 
     Parameters
     ----------
     i_g, i_e : tuple of int
-        Places in q_a of the coordinates with and without motor.
+        Indices in q_a of the actuated and of the unactuated coordinates.
     eta, eta_inverse : tuple of tuple of float
         ``q_m = eta q_g``, rows.
     rotor_inertia : tuple of float
@@ -108,205 +117,241 @@ class Drives:
     pose: bool
 
 
-_MESH = (
-    Argument("n", "in", (), "1", "samples of the path, at least 2", "int"),
-    Argument("lead", "in", (), "1", "samples of rest before the path", "int"),
-    Argument("tail", "in", (), "1", "samples of rest after it", "int"),
-    Argument("every", "in", (), "1", "samples per interval of the mesh", "int"),
+_OUTPUT = "output; for a pose the position, then the rotation matrix by columns"
+_RATE = "its first time derivative; for a pose linear and angular velocity, world axes"
+_SECOND = "its second time derivative; for a pose linear and angular acceleration"
+_TOLERANCE = "largest residual of the unactuated rows, relative to their torques at equilibrium"
+_N = "n_pre + n + n_post"
+
+STRUCTS: tuple[Struct, ...] = (
+    Struct(
+        "path",
+        "Samples of the output, one period apart. The output is at rest at the first and at the last sample.",
+        (
+            Field("n", "int", (), "1", "number of samples, at least 2"),
+            Field("period", "real", (), "s", "time between two samples"),
+            Field("y", "const real *", ("n", "n_t"), "mixed", _OUTPUT),
+            Field("dy", "const real *", ("n", "n_y"), "mixed", _RATE),
+            Field("ddy", "const real *", ("n", "n_y"), "mixed", _SECOND),
+        ),
+    ),
+    Struct(
+        "inversion_options",
+        "Options of invert and bvp.",
+        (
+            Field("n_pre", "int", (), "1", "samples before the path, for the motion that unstable zeros require"),
+            Field("n_post", "int", (), "1", "samples after the path, in which stable zeros decay"),
+            Field("samples_per_interval", "int", (), "1", "samples per interval of the mesh"),
+            Field("tolerance", "real", (), "1", _TOLERANCE),
+        ),
+    ),
+    Struct(
+        "motion",
+        "Arrays of the caller for the results, N samples each. A null member is not written.",
+        (
+            Field("q_a", "real *", ("N", "n_a"), "mixed", "arm coordinates"),
+            Field("v_a", "real *", ("N", "n_a"), "mixed", "arm velocities"),
+            Field("a_a", "real *", ("N", "n_a"), "mixed", "arm accelerations; not written by a stream"),
+            Field("tau_g", "real *", ("N", "n_g"), "mixed", "gear torques, arm side"),
+            Field("q_m", "real *", ("N", "n_m"), "rad", "motor angles"),
+            Field("v_m", "real *", ("N", "n_m"), "rad/s", "motor speeds"),
+            Field("tau_m", "real *", ("N", "n_m"), "N m", "motor torques"),
+        ),
+    ),
+    Struct(
+        "inversion_info",
+        "What invert and bvp report.",
+        (
+            Field(
+                "residual", "real", (), "1", "residual of the unactuated rows on the mesh, relative as the tolerance"
+            ),
+            Field("residual_at_samples", "real", (), "1", "the same at the samples of the results"),
+            Field(
+                "kinematic_mismatch",
+                "real",
+                (),
+                "1",
+                "largest difference between velocities and accelerations and the numerical derivatives of positions "
+                "and velocities at the samples, relative to their largest value",
+            ),
+            Field("iterations", "int", (), "1", "Newton iterations"),
+            Field("intervals", "int", (), "1", "intervals of the mesh"),
+            Field("unstable_zeros_start", "int", (), "1", "bvp: unstable zeros at the start of the path; else 0"),
+            Field("unstable_zeros_end", "int", (), "1", "bvp: unstable zeros at its end; else 0"),
+        ),
+    ),
+    Struct(
+        "stream_options",
+        "Options of a stream.",
+        (
+            Field("intervals", "int", (), "1", f"intervals of the horizon, 1 to {INTERVALS_MAX}"),
+            Field("samples_per_interval", "int", (), "1", f"samples of the results per update, 1 to {SAMPLES_MAX}"),
+            Field("period", "real", (), "s", "time between two updates: the length of an interval"),
+            Field("tolerance", "real", (), "1", _TOLERANCE),
+        ),
+    ),
+    Struct(
+        "stream_info",
+        "What stream_update reports.",
+        (
+            Field("residual", "real", (), "1", "residual of the unactuated rows, relative as the tolerance"),
+            Field("kinematic_mismatch", "real", (), "1", "as in inversion_info, limit 0.02"),
+            Field(
+                "torque_step",
+                "real",
+                (),
+                "1",
+                "largest step of a motor torque from the interval before, relative to its largest value; limit 2e-4",
+            ),
+            Field("deviation_m", "real", (), "m", "distance of the modified path from the given one"),
+            Field("deviation_rad", "real", (), "rad", "angle between both"),
+            Field("iterations", "int", (), "1", "iterations of the solver: 1"),
+            Field("intervals", "int", (), "1", "intervals of the horizon"),
+            Field("limits_active", "int", (), "1", "1 where limits modify the path or are exceeded, else 0"),
+        ),
+    ),
 )
-_HORIZON = (
-    Argument("intervals", "in", (), "1", "of the horizon, 1 to 10000", "int"),
-    Argument("parts", "in", (), "1", "samples of the results per interval, 1 to 1000", "int"),
-)
-_ALL = "lead + n + tail"
+
 _WHOLE = (
-    _MESH[0],
-    Argument("period", "in", (), "s", "from sample to sample"),
-    Argument("place", "in", ("n", "n_t"), "mixed", "output; for a pose position and rotation matrix by columns"),
-    Argument("rate", "in", ("n", "n_y"), "mixed", "its rate; for a pose linear and angular velocity, world axes"),
-    Argument("rate2", "in", ("n", "n_y"), "mixed", "its second derivative"),
-    Argument("q_start", "in", ("n_a",), "mixed", "guess of the pose of rest at the first sample"),
-    *_MESH[1:],
-    Argument("tolerance", "in", (), "1", "of the equations without motor, relative to their torques at rest"),
-    Argument("q_a", "out", (_ALL, "n_a"), "mixed", "arm coordinates"),
-    Argument("v_a", "out", (_ALL, "n_a"), "mixed", "arm velocities"),
-    Argument("a_a", "out", (_ALL, "n_a"), "mixed", "arm accelerations"),
-    Argument("tau_g", "out", (_ALL, "n_g"), "mixed", "torques of the gears, arm side"),
-    Argument("q_m", "out", (_ALL, "n_m"), "rad", "motor angles"),
-    Argument("v_m", "out", (_ALL, "n_m"), "rad/s", "motor speeds"),
-    Argument("tau_m", "out", (_ALL, "n_m"), "N m", "motor torques"),
+    Field("path", "const path *", (), "", "samples of the output"),
+    Field("q_start", "const real *", ("n_a",), "mixed", "initial guess of the equilibrium at the first sample"),
+    Field("options", "const inversion_options *", (), "", ""),
+    Field("motion", "motion *", (), "", f"results; N = {_N}"),
+    Field("info", "inversion_info *", (), "", "what the solver reports"),
+    Field("work", "real *", ("work_size",), "", "workspace"),
+)
+_WORK_OF = (
+    Field("n", "int", (), "1", "samples of the path"),
+    Field("options", "const inversion_options *", (), "", ""),
 )
 
 
-def _space(core: str) -> tuple[Argument, Argument]:
-    return (
-        Argument("work", "kept", ("work_size",), "", "workspace"),
-        Argument("work_size", "in", (), "1", f"its length, at least that of {core}_work", "int64_t"),
-    )
+def _size(of: str) -> Field:
+    return Field("work_size", "int64_t", (), "1", f"its length, at least {of}_work")
 
 
 C_FUNCTIONS: tuple[CFunction, ...] = (
     CFunction(
         "invert_work",
         "invert.c",
-        "Numbers that the workspace of invert must hold; -1 where the sizes are not allowed.",
+        "Length of the workspace of invert, in reals; -1 where an option is out of range.",
         "",
-        _MESH,
+        _WORK_OF,
         returns="size",
     ),
     CFunction(
         "invert",
         "invert.c",
-        "Inverse dynamics along a whole path: motion of arm and motors, and torques, that keep the output there.",
-        "The output is at rest at the first sample and before it, and after the last one; the arm starts at rest, and "
-        "moves before the output does (lead) and after it (tail) where its zero dynamics ask for it. Without "
-        "coordinates that have no motor nothing is solved. OK means that the residual is within the tolerance, on the "
-        "mesh and at the samples, and that the motion at the samples is even: by differences positions, speeds and "
-        "accelerations agree to 2 % of the largest. Without coordinates that have no motor the residual is zero, and "
-        "OK is no more than that. INEXACT: on the mesh it is, the rest is not, as where the mesh is coarse, the "
-        "path rough, or samples are too far apart or too close; the report tells how much. Results of a negative "
-        "status mean nothing. A path that does not begin and end at rest is a BAD_ARGUMENT; UNREACHABLE may also mean "
-        "that rest was not found from q_start. The matrices are stored sample after sample: entry i of sample k is "
-        "x[k * n_a + i].",
-        (
-            *_WHOLE,
-            Argument(
-                "report",
-                "out",
-                ("INVERT_REPORT",),
-                "1",
-                "residual on the mesh and at the samples; steps; intervals; unevenness of the motion",
-            ),
-            *_space("invert"),
-        ),
-        macros=(("INVERT_REPORT", 5, "numbers that invert reports"),),
-    ),
-    CFunction(
-        "stream_work",
-        "stream.c",
-        "Numbers that the memory of a stream must hold; -1 where the sizes are not allowed.",
-        "",
-        _HORIZON,
-        returns="size",
-    ),
-    CFunction(
-        "stream_start",
-        "stream.c",
-        "Begin a stream, inverse dynamics on a moving horizon: at rest, with the output at a place and staying there.",
-        "The memory holds all that the stream knows; it may be copied and moved between calls; every stream has its "
-        "own. One that has failed is started again.",
-        (
-            Argument("stream", "kept", ("stream_size",), "", "memory of the stream"),
-            Argument("stream_size", "in", (), "1", "its length, at least that of stream_work", "int64_t"),
-            *_HORIZON,
-            Argument("period", "in", (), "s", "from update to update: an interval"),
-            Argument("tolerance", "in", (), "1", "of the equations without motor, relative to their torques at rest"),
-            Argument("place", "in", ("n_t",), "mixed", "output at rest; for a pose position and rotation by columns"),
-            Argument("q_start", "in", ("n_a",), "mixed", "guess of the pose of rest"),
-        ),
-    ),
-    CFunction(
-        "stream_update",
-        "stream.c",
-        "Take the next sample of the path, at the end of the horizon, and give motion and torques of the interval "
-        "that begins now.",
-        "The output reaches the sample so many intervals later. One step of the solver, in bounded time. A sample that "
-        "is refused (INPUT_NOT_FINITE, BAD_ARGUMENT, UNREACHABLE) changes nothing; after any other negative status the "
-        "stream has failed, and NOT_STARTED follows. OK means that in this interval the residual is within the "
-        "tolerance, and motors move evenly: by differences of the samples positions, speeds and accelerations agree to "
-        "2 % of the largest of them within about a horizon, and the torque goes on where the interval before left it, "
-        "to 2e-4 of its largest. It says nothing of intervals to come. INEXACT: the results are the best that one step "
-        "found, or the path is rough there, or the samples are too far apart or too close, or fewer than 7 of them lie "
-        "in the horizon beyond this interval: (intervals - 1) * parts < 7. "
-        "INEXACT and LIMITED are positive and come with results: failures are `status < 0`. To stop, update with the "
-        "last place and zero rates until the results rest, at least so many times as the horizon has intervals. A "
-        "path that comes late or is refused is no such stop: without an update there are no further torques.",
-        (
-            Argument("stream", "kept", ("stream_work",), "", "memory of the stream"),
-            Argument("place", "in", ("n_t",), "mixed", "output; for a pose position and rotation matrix by columns"),
-            Argument("rate", "in", ("n_y",), "mixed", "its rate; for a pose linear and angular velocity, world axes"),
-            Argument("rate2", "in", ("n_y",), "mixed", "its second derivative"),
-            Argument("q_a", "out", ("parts", "n_a"), "mixed", "arm coordinates"),
-            Argument("v_a", "out", ("parts", "n_a"), "mixed", "arm velocities"),
-            Argument("tau_g", "out", ("parts", "n_g"), "mixed", "torques of the gears, arm side"),
-            Argument("q_m", "out", ("parts", "n_m"), "rad", "motor angles"),
-            Argument("v_m", "out", ("parts", "n_m"), "rad/s", "motor speeds"),
-            Argument("tau_m", "out", ("parts", "n_m"), "N m", "motor torques"),
-            Argument(
-                "report",
-                "out",
-                ("STREAM_REPORT",),
-                "1",
-                "residual; unevenness; steps; intervals; distance [m] and angle [rad] off the path, where it is "
-                "bent; 1 where that or a bound that is passed is LIMITED, whatever is returned, else 0",
-            ),
-        ),
-        macros=(("STREAM_REPORT", 7, "numbers that stream_update reports"),),
-    ),
-    CFunction(
-        "stream_limits",
-        "stream.c",
-        "Let a stream keep bounds of its motors: where they would be passed, the path ahead is bent.",
-        "From the next update on, in bounded time: a small quadratic program an update changes the path within the "
-        "horizon, as little as can be, and the inversion follows the changed path. While it does, and where a bound is "
-        "passed, LIMITED is returned, or INEXACT where that holds, too; the report tells both, and the deviation, "
-        "which fades when the bounds no longer bind. "
-        "What cannot be kept is passed: the torques are to be compared with the bounds; where the path is bent and one "
-        "is passed by more than 2.5 times, the stream ends with LIMITS_LOST. The path is bent only where the motion "
-        "that is under way need not know of it yet, so many intervals ahead as the unstable zeros look, until a "
-        "thousandth of a change is felt; SHORT_HORIZON: fewer than 4 intervals, or less than half as many beyond. As "
-        "many are better, and time to brake in; bends are as quick as the horizon is short. "
-        "Bounds may be changed at any time; an infinite torque or speed is none.",
-        (
-            Argument("stream", "kept", ("stream_work",), "", "memory of the stream"),
-            Argument("torque_max", "in", ("n_m",), "N m", "of the motors, positive"),
-            Argument("speed_max", "in", ("n_m",), "rad/s", "of the motors, positive"),
-            Argument("bend_max", "in", (), "mixed", "of the deviation of each output, m and rad; weighed like them"),
-        ),
+        "Inverse dynamics along a whole path: motion of arm and motors, and motor torques, for exact tracking of the "
+        "output.",
+        "The output is at rest before the path and after it. The arm starts at equilibrium. Its unactuated coordinates "
+        "move before the path where zeros are unstable (n_pre), and after it until the stable zeros have decayed "
+        "(n_post). OK: the residual is within the tolerance on the mesh and at the samples, and the kinematic "
+        "mismatch is below 0.02. TOLERANCE_NOT_MET: the iteration converged on the mesh, but the result between its "
+        "nodes is not accurate: use a finer mesh, a smoother path, or another sampling period. Do not use the "
+        "results where the status is negative. BAD_ARGUMENT also means that the path does not begin and end at rest. "
+        "UNREACHABLE also means that no equilibrium was found from q_start. Without unactuated coordinates nothing "
+        "is solved and the residual is zero. Arrays are stored sample after sample: entry i of sample k is x[k * n_a "
+        "+ i].",
+        (*_WHOLE, _size("invert")),
     ),
     CFunction(
         "bvp_work",
         "bvp.c",
-        "Numbers that the workspace of bvp must hold; -1 where the sizes are not allowed.",
+        "Length of the workspace of bvp, in reals; -1 where an option is out of range.",
         "",
-        _MESH,
+        _WORK_OF,
         returns="size",
         elastic=True,
     ),
     CFunction(
         "bvp",
         "bvp.c",
-        "Inverse dynamics along a whole path like invert, as a two-point boundary value problem: an independent check.",
-        "Nothing is weighed, so that the equations hold to rounding on the mesh. At the start the arm differs from "
-        "rest by what its zero dynamics let grow, at the end by what they let fade. That needs as many unstable zeros "
-        "at the start as at the end (or ZEROS_CHANGE), none on the imaginary axis there (ZERO_ON_AXIS), and none at "
-        "infinity at the ends or between them (FLAT); invert needs none of this.",
-        (
-            *_WHOLE,
-            Argument(
-                "report",
-                "out",
-                ("BVP_REPORT",),
-                "1",
-                "residual on the mesh and at the samples; steps; intervals; unstable zeros at the ends; unevenness",
-            ),
-            *_space("bvp"),
-        ),
-        macros=(("BVP_REPORT", 7, "numbers that bvp reports"),),
+        "Inverse dynamics along a whole path as a two-point boundary value problem: an independent check of invert.",
+        "Nothing is weighted, so the equations hold to rounding on the mesh. At the start the state may differ from "
+        "equilibrium in the unstable directions of the zero dynamics, at the end in the stable ones. This requires the "
+        "same number of unstable zeros at both ends (else ZEROS_CHANGE), no zero on the imaginary axis there "
+        "(ZERO_ON_AXIS), and no zero that goes through infinity on the path (ZERO_AT_INFINITY). invert has none of "
+        "these requirements.",
+        (*_WHOLE, _size("bvp")),
         elastic=True,
+    ),
+    CFunction(
+        "stream_work",
+        "stream.c",
+        "Length of the memory of a stream, in reals; -1 where an option is out of range.",
+        "",
+        (Field("options", "const stream_options *", (), "", ""),),
+        returns="size",
+    ),
+    CFunction(
+        "stream_start",
+        "stream.c",
+        "Start a stream: inverse dynamics on a moving horizon, at rest at a given output.",
+        "The memory holds the whole state of the stream. It may be copied and moved between calls. Each stream needs "
+        "its own. A stream that has failed can be started again.",
+        (
+            Field("stream", "real *", ("stream_size",), "", "memory of the stream"),
+            Field("stream_size", "int64_t", (), "1", "its length, at least stream_work"),
+            Field("options", "const stream_options *", (), "", ""),
+            Field("y", "const real *", ("n_t",), "mixed", _OUTPUT),
+            Field("q_start", "const real *", ("n_a",), "mixed", "initial guess of the equilibrium"),
+        ),
+    ),
+    CFunction(
+        "stream_update",
+        "stream.c",
+        "Take the path sample at the end of the horizon; give motion and torques of the interval that starts now.",
+        "The output reaches the sample after as many updates as the horizon has intervals. An update is one "
+        "iteration of the solver, with a bounded number of operations. A sample that is refused (INPUT_NOT_FINITE, "
+        "BAD_ARGUMENT, UNREACHABLE) changes nothing. After any other negative status the stream has failed, and "
+        "later updates return NOT_STARTED. OK: in this interval the residual is within the tolerance, the kinematic "
+        "mismatch is below 0.02, and the motor torque continues that of the interval before within 2e-4 of its "
+        "largest value. TOLERANCE_NOT_MET: one of these three is too large; the info shows which. Reasons are a path "
+        "that is not smooth, a horizon that is too short for the unstable zeros, a sampling period that is too long "
+        "or too short, or fewer than 7 samples in the rest of the horizon: (intervals - 1) * samples_per_interval < "
+        "7. TOLERANCE_NOT_MET and LIMITS_ACTIVE are positive and come with results. To stop, repeat the last "
+        "position with zero derivatives until the results are at rest, at least for a whole horizon.",
+        (
+            Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
+            Field("y", "const real *", ("n_t",), "mixed", _OUTPUT),
+            Field("dy", "const real *", ("n_y",), "mixed", _RATE),
+            Field("ddy", "const real *", ("n_y",), "mixed", _SECOND),
+            Field("motion", "motion *", (), "", "results; N = samples_per_interval"),
+            Field("info", "stream_info *", (), "", "what the solver reports"),
+        ),
+    ),
+    CFunction(
+        "stream_limits",
+        "stream.c",
+        "Set limits of the motors: the stream modifies the path ahead where a limit would be exceeded.",
+        "The limits hold from the next update on, with a bounded number of operations per update: a small quadratic "
+        "program changes the path within the horizon as little as possible, and the inversion follows the modified "
+        "path. While the path is modified, or a limit is exceeded, update returns LIMITS_ACTIVE and reports the "
+        "deviation, which decays when no limit is active. A limit that cannot be kept is exceeded: compare the "
+        "torques with the limits. Where it is exceeded by a factor above 2.5 while the path is modified, the stream "
+        "stops with LIMITS_INFEASIBLE. The path is modified only beyond the preview that the unstable zeros need; "
+        "HORIZON_TOO_SHORT: fewer than 4 intervals, or less than half of this preview beyond it. Limits may be changed "
+        "at any time. An infinite torque or speed is no limit.",
+        (
+            Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
+            Field("torque_max", "const real *", ("n_m",), "N m", "largest motor torques, positive"),
+            Field("speed_max", "const real *", ("n_m",), "rad/s", "largest motor speeds, positive"),
+            Field("deviation_max", "real", (), "mixed", "largest deviation of each output, m or rad"),
+        ),
     ),
 )
 
 
-def drives_of(model: RobotModel) -> Drives:
-    """The `Drives` of a model that inverts."""
+def motor_constants(model: RobotModel) -> MotorConstants:
+    """The `MotorConstants` of a model that can be inverted."""
     from flexgen.mechanics.lagrangian import gears  # here, as it needs CasADi
 
     def rows(A: np.ndarray) -> tuple[tuple[float, ...], ...]:
         return tuple(tuple(float(x) for x in row) for row in A)
 
     made = gears(model)
-    return Drives(
+    return MotorConstants(
         i_g=model.i_g,
         i_e=model.i_e,
         eta=rows(model.eta),
@@ -319,11 +364,11 @@ def drives_of(model: RobotModel) -> Drives:
     )
 
 
-def offered_cores(
+def offered_c_functions(
     model: RobotModel, functions: Sequence[str], parameters: Sequence[object], precision: str
 ) -> tuple[CFunction, ...]:
-    """The cores of a library with these functions and run-time parameters, in this precision."""
+    """The hand-written functions of a library with these functions and run-time parameters, in this precision."""
     needed = set(offered_functions(model)) & set(INVERSION)
     if parameters or precision != "double" or not model.inverts or not needed <= set(functions):
         return ()
-    return tuple(core for core in C_FUNCTIONS if model.n_e or not core.elastic)
+    return tuple(function for function in C_FUNCTIONS if model.n_e or not function.elastic)

@@ -7,36 +7,45 @@ gate; text from a model file is never written.
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 
-from flexgen.codegen.clib_files import core_texts
-from flexgen.codegen.function_files import body, example, facade, meanings, private_header, source
-from flexgen.codegen.header import header
-from flexgen.codegen.kernel import kernel
+from flexgen.codegen.clib_files import inversion_files, inversion_header, kernel_files
+from flexgen.codegen.example import example
+from flexgen.codegen.function_files import body, facade, source
+from flexgen.codegen.header import batch_header, header
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.errors import BuildError
 from flexgen.expressions.function_text import FunctionText, function_text
 from flexgen.ports import identifier_problem
 
+SOURCES = "src"  # folder of the private files
+
 # Names that the emitted functions use beside their ports.
 _INTERNAL = re.compile(
     r"(t\d+|z\d+|(angle|co?sine)\d+|[wnkijFTPdx]|work|status|first|count|inverse|pivot|factor|zero|group|groups|bad|copied|collide|matrix|rows|sum|whole|"
-    r"real|lanes|stride|size|known|thread|evaluate(_\d+)*|solve_\d+|all_finite|spoil|failed|at_[a-zA-Z0-9_]*|space)\Z"
+    r"real|lanes|stride|size|known|thread|evaluate(_\d+)*|solve_\d+|all_finite|set_nan|failed|at_[a-zA-Z0-9_]*|space)\Z"
 )
 
 
-def emit(spec: LibrarySpec) -> dict[str, str]:
+def function_texts(spec: LibrarySpec) -> dict[str, FunctionText]:
+    """The mathematics of every function as C, by name; BuildError where an operation cannot be written."""
+    return {f.name: _written(spec, f) for f in spec.functions}
+
+
+def emit(spec: LibrarySpec, written: Mapping[str, FunctionText] | None = None) -> dict[str, str]:
     """Write the library down.
 
     Parameters
     ----------
     spec : LibrarySpec
+    written : mapping of str to FunctionText, optional
+        What `function_texts` gives, where it is known.
 
     Returns
     -------
     dict of str to str
-        Text by file name: ``<name>.h``, ``<name>.c``, ``<name>_<function>.c``, ``example.c``, and the private
-        ``<name>_kernel.h``, ``<name>_private.h``, ``<name>_point.h``, ``<name>_lanes.h``, ``<name>_<function>_body.h``;
-        where the model inverts, ``<name>_invert.c`` and others, see `flexgen.codegen.clib_files`.
+        Text by file name: the public ``<name>.h``, ``<name>_batch.h`` and, where the library inverts,
+        ``<name>_inversion.h``; ``example.c``; everything else in ``src/``.
 
     Raises
     ------
@@ -44,16 +53,17 @@ def emit(spec: LibrarySpec) -> dict[str, str]:
         Where a name is not fit for C or an operation cannot be written.
     """
     check_names(spec)
-    written = {f.name: _written(spec, f) for f in spec.functions}
-    files = {f"{spec.name}.h": header(spec, written), f"{spec.name}.c": facade(spec, written)}
-    files[f"{spec.name}_kernel.h"] = kernel(spec.name, spec.precision)
-    files[f"{spec.name}_private.h"] = private_header(spec)
-    files |= meanings(spec)
+    written = function_texts(spec) if written is None else written
+    files = {f"{spec.name}.h": header(spec, written), f"{spec.name}_batch.h": batch_header(spec, written)}
+    if spec.c_functions:
+        files[f"{spec.name}_inversion.h"] = inversion_header(spec)
+    private = {f"{spec.name}.c": facade(spec)} | kernel_files(spec.name, spec.precision)
     for f in spec.functions:
-        files[f"{spec.name}_{f.name}.c"] = source(spec, f, written[f.name])
-        files[f"{spec.name}_{f.name}_body.h"] = body(spec, f, written[f.name])
-    files |= core_texts(spec)
-    files["example.c"] = example(spec)
+        private[f"{spec.name}_{f.name}.c"] = source(spec, f, written[f.name])
+        private[f"{spec.name}_{f.name}_body.h"] = body(spec, f, written[f.name])
+    private |= inversion_files(spec, written)
+    files |= {f"{SOURCES}/{name}": text for name, text in private.items()}
+    files["example.c"] = example(spec, written)
     for name, text in files.items():
         if not text.isascii():
             raise BuildError(f"{name}: given text beyond ASCII, expected ASCII only")
@@ -69,12 +79,13 @@ def _written(spec: LibrarySpec, f: FunctionSpec) -> FunctionText:
 
 def symbols(spec: LibrarySpec) -> tuple[str, ...]:
     """Everything that the library exports, sorted."""
-    general = ["status_text", "abi_version", "digest", "interface", "sizeof_real", "sizeof_int", *spec.sizes]
+    general = ["status_text", "abi_version", "digest", "interface", "sizeof_real", "sizeof_int", "work"]
+    general += ["batch_work", *spec.sizes]
     if spec.parameters:
         general.append("parameters")
-    functions = (f"{f.name}{suffix}" for f in spec.functions for suffix in ("", "_batch", "_work", "_batch_work"))
-    cores = (core.name for core in spec.cores)
-    return tuple(sorted(f"{spec.name}_{name}" for name in (*general, *functions, *cores)))
+    functions = (f"{f.name}{suffix}" for f in spec.functions for suffix in ("", "_batch"))
+    fixed = (function.name for function in spec.c_functions)
+    return tuple(sorted(f"{spec.name}_{name}" for name in (*general, *functions, *fixed)))
 
 
 def check_names(spec: LibrarySpec) -> None:

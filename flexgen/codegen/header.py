@@ -1,4 +1,4 @@
-"""The public header of the library: the manual of its functions, sizes, units and statuses."""
+"""The public headers of the library: the manual of its functions, sizes, units, statuses and constants."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ import re
 from collections.abc import Iterable, Mapping
 
 from flexgen.codegen.c_text import batch_prototype, comment, macro, numbered, port_table, prototype, size_macro
-from flexgen.codegen.clib_files import core_macros, core_prototypes
 from flexgen.codegen.spec import STATUSES, FunctionSpec, LibrarySpec, Status
-from flexgen.expressions.function_text import FunctionText
+from flexgen.expressions.function_text import FunctionText, literal
 
 SIZES = {
     "n_a": "arm coordinates",
-    "n_g": "arm coordinates that motors drive through gears",
-    "n_e": "arm coordinates without a motor: springs only",
+    "n_g": "actuated arm coordinates, driven through gears",
+    "n_e": "unactuated arm coordinates, with springs only",
     "n_m": "motors",
-    "n_x": "states of the linearisation",
+    "n_x": "states of the linearization",
     "n_y": "outputs",
-    "n_t": "numbers of a target of the output",
+    "n_t": "numbers of an output sample",
     "n_p": "run-time parameters",
 }
 BYTES = {"double": 8, "single": 4}
@@ -43,6 +42,12 @@ def works(f: FunctionSpec, written: FunctionText, precision: str) -> tuple[int, 
     return max(1, written.work), written.work * LANES[precision] + ports * tile(f, precision)
 
 
+def work_of(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> tuple[int, int]:
+    """The largest workspace of all functions, in reals: for one point, and for a batch per thread."""
+    sizes = [works(f, written[f.name], spec.precision) for f in spec.functions]
+    return max(one for one, _ in sizes), max(many for _, many in sizes)
+
+
 def header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Text of ``<name>.h``."""
     guard, api = macro(spec, "H"), macro(spec, "API")
@@ -50,10 +55,6 @@ def header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     sizes = "".join(
         f"#define {size_macro(spec, name)} {size} /* {SIZES.get(name, name)} */\n" for name, size in spec.sizes.items()
     )
-    listed_works = ""
-    for f in spec.functions:
-        one, many = works(f, written[f.name], spec.precision)
-        listed_works += f"#define {macro(spec, f.name)}_WORK {one}\n#define {macro(spec, f.name)}_BATCH_WORK {many}\n"
     statuses = ",\n".join(_status(spec, status) for status in STATUSES)
     functions = "\n".join(_function(spec, f, written[f.name]) for f in spec.functions)
     size_functions = "".join(f"{api} int {spec.name}_{name}(void);\n" for name in spec.sizes)
@@ -77,32 +78,31 @@ def header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
 #define {api}
 #endif
 
-{"#include <stdint.h>" if spec.cores else ""}
-
 #ifdef __cplusplus
 extern "C" {{
 #endif
 
 typedef {"double" if spec.precision == "double" else "float"} {spec.name}_real;
 
-{sizes}
-/* Workspace in reals: for one point; for many points, per thread. */
-{listed_works}{core_macros(spec)}
-enum {spec.name}_status {{
+{sizes}#define {macro(spec, "WORK")} {work_of(spec, written)[0]} /* reals of workspace, where a function needs one */
+
+/* Status of a call: 0 success, negative an error, positive a result with a warning. */
+typedef enum {{
 {statuses}
-}};
+}} {spec.name}_status;
 
 /* What a status means, in words; never a null pointer. */
 {api} const char *{spec.name}_status_text(int status);
 {parameters}
+{_constants(spec)}
 {functions}
-{core_prototypes(spec)}
-/* For who loads the library at run time: check these before the first call. */
+/* For programs that load the library at run time: check these before the first call. */
 {api} int {spec.name}_abi_version(void);
 {api} const char *{spec.name}_digest(void); /* SHA-256 of the model */
 {api} const char *{spec.name}_interface(void); /* SHA-256 of names and shapes of the functions */
 {api} int {spec.name}_sizeof_real(void);
 {api} int {spec.name}_sizeof_int(void);
+{api} int {spec.name}_work(void); /* {macro(spec, "WORK")} */
 {size_functions}
 #ifdef __cplusplus
 }}
@@ -110,6 +110,72 @@ enum {spec.name}_status {{
 
 #endif
 """
+
+
+def batch_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
+    """Text of ``<name>_batch.h``."""
+    guard, api, name = macro(spec, "BATCH_H"), macro(spec, "API"), spec.name
+    functions = "\n".join(f"/* {f.summary} */\n{api}\n{batch_prototype(spec, f)};\n" for f in spec.functions)
+    manual = "".join(
+        comment(line)
+        for line in (
+            f"{name}: the functions of {name}.h for many points, written by flexgen. Do not edit.",
+            "",
+            "<function>_batch evaluates n points. Arrays are structures of arrays: entry i of point k of an array x is "
+            "x[i * n + k]; entry (row, column) of a matrix with r rows is i = row + column * r. All points are "
+            "evaluated. The outputs of a point that fails are NaN, and the status of the first such point is returned.",
+            "",
+            f"The workspace has {macro(spec, 'BATCH_WORK')} reals. With OpenMP each thread needs that many: allocate "
+            f"{name}_batch_work() reals, and do not raise the number of threads after that. GCC and clang compute "
+            "several points at once in vector registers, with the same bits as one by one where nothing is contracted.",
+        )
+    )
+    return f"""\
+/*
+{manual} */
+#ifndef {guard}
+#define {guard}
+
+#include "{name}.h"
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+#define {macro(spec, "BATCH_WORK")} {work_of(spec, written)[1]} /* workspace in reals, per thread */
+
+/* Workspace for the largest number of threads of the moment. */
+{api} int {name}_batch_work(void);
+
+{functions}
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+
+
+def _constants(spec: LibrarySpec) -> str:
+    """Numbers of the model that a controller needs, as constants of the header."""
+    real = f"static const {spec.name}_real {spec.name}"
+
+    def listed(values: Iterable[float]) -> str:
+        return f"{{{', '.join(literal(float(x), spec.precision) for x in values)}}}"
+
+    c = spec.constants
+    rows = ", ".join(listed(row) for row in c.gear_ratio)
+    nm, ng, na = (size_macro(spec, size) for size in ("n_m", "n_g", "n_a"))
+    lines = [
+        "/* Constants of the model. */",
+        f"{real}_gear_ratio[{nm}][{ng}] = {{{rows}}}; /* eta: q_m = eta q_g where no gear is deflected */",
+        f"{real}_rotor_inertia[{nm}] = {listed(c.rotor_inertia)}; /* [kg m^2] motor side */",
+        f"{real}_gear_stiffness[{ng}] = {listed(c.gear_stiffness)}; "
+        "/* [N m/rad, N/m] arm side, at zero deflection; 0: rigid gear */",
+        f"{real}_home_q_a[{na}] = {listed(spec.home['q_a'])}; /* home pose */",
+        f"{real}_home_q_m[{nm}] = {listed(spec.home['q_m'])};",
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _status(spec: LibrarySpec, status: Status) -> str:
@@ -127,9 +193,7 @@ def _function(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
     )
     return (
         f"/*\n{comment(f.summary)} *\n{comment(f.equation, ' *   ')} *\n{port_table(f)}{comment(cost)} */\n"
-        f"{api}\n{prototype(spec, f)};\n{api}\n{batch_prototype(spec, f)};\n"
-        f"{api} int {spec.name}_{f.name}_work(void);\n"
-        f"{api} int {spec.name}_{f.name}_batch_work(void); /* times the threads, with OpenMP */\n"
+        f"{api}\n{prototype(spec, f, written.work)};\n"
     )
 
 
@@ -169,35 +233,30 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
     return [
         *lines,
         "",
-        "Numbers of the model that the functions use and a controller may need: gravity "
-        f"({', '.join(map(repr, spec.gravity))}) m/s^2 in world axes; the gear ratios eta, with q_m = eta q_a of the "
-        "driven coordinates where no gear is twisted; the rotor inertias J_m, motor side:",
+        f"Gravity is ({', '.join(map(repr, spec.gravity))}) m/s^2 in world axes. Gear ratios eta and rotor inertias "
+        "J_m, motor side:",
         *(
             f"  {motor}: eta {', '.join(f'{ratio!r} ({name})' for name, ratio in gears)}; J_m {inertia!r} kg m^2"
             for motor, gears, inertia in zip(spec.motors, spec.gears, spec.rotor_inertias, strict=True)
         ),
         "",
-        "Every function takes its inputs, its outputs and a workspace of <NAME>_<FUNCTION>_WORK reals (at least 1), "
-        "whose contents mean nothing before and after. No pointer may be null; arrays must not overlap. It returns 0, "
-        "or a negative status: where a result or any entry of an input is not finite all its outputs are NaN, where a "
-        "pointer is null nothing is written. Where a system of equations is singular up to rounding, the result counts "
-        "as not finite. Angles, and their sums over joints with parallel axes, must stay within the range of the sine "
-        f"in {name}_kernel.h; beyond it the result is not finite.",
+        f"Every function takes its inputs, its outputs and, where it needs one, a workspace of {macro(spec, 'WORK')} "
+        "reals, whose contents have no meaning before and after. No pointer may be null, and arrays must not "
+        "overlap. It returns a status: 0, or a negative number. Where an input or a result is not finite, or a "
+        "system of equations is singular to rounding, all outputs are NaN. Where a pointer is null, nothing is "
+        "written. Angles, and sums of angles of parallel joints, must stay within the range of the sine: "
+        f"{'1e6' if spec.precision == 'double' else '1e4'} rad.",
         "",
-        "<function>_batch evaluates n points. Memory is a structure of arrays: entry i of point k of an array x is "
-        "x[i * n + k]; of a matrix with r rows entry (row, column) is i = row + column * r. All points are evaluated; "
-        "the outputs of a point that fails are NaN, and the status of the first such point is returned. The workspace "
-        "has <NAME>_<FUNCTION>_BATCH_WORK reals (with OpenMP: that many per thread; ask "
-        "<function>_batch_work, and do not raise the number of threads after that). GCC and clang compute several "
-        "points at once in vector registers, with the same bits as one by one where nothing is contracted (see below).",
+        f"{name}_batch.h has the same functions for many points"
+        + (f", {name}_inversion.h inverse dynamics along whole paths and streams." if spec.c_functions else "."),
         "",
         "No function allocates, prints or keeps data: all may be called from several threads, each with its own "
         "arrays. Compile with any C99 compiler:",
-        f"  cc {flags} *.c -lm",
-        "(-ffp-contract=off: the same bits with every compiler and processor; where GCC compiles for a fused "
-        "multiply-add, add -fno-tree-vectorize, as it fuses vectors all the same. -O3 -march=native "
-        "-ffp-contract=fast is faster, and differs by rounding. Never -ffast-math: it hides results that are not "
-        "finite.) Sine, cosine, exp and tanh are the library's own; "
-        f"{called}, but that compilers may make loops into calls of memset, memcpy and memmove. With OpenMP (-fopenmp) "
-        "the batches use all cores.",
+        f"  cc {flags} -I. -c $(find src -name '*.c')",
+        "(-ffp-contract=off: the same bits with every compiler and processor. Where GCC compiles for a fused "
+        "multiply-add, add -fno-tree-vectorize, because it fuses in vectors nevertheless. -O3 -march=native "
+        "-ffp-contract=fast is faster and differs by rounding. Never use -ffast-math: it hides results that are not "
+        "finite.) Sine, cosine, exp and tanh are part of the library; "
+        f"{called}; compilers may replace loops by calls of memset, memcpy and memmove. With OpenMP (-fopenmp) the "
+        "batches use all cores.",
     ]

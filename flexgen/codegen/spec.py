@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexgen.codegen.clib_table import CFunction, Drives, drives_of, offered_cores
+from flexgen.codegen.clib_table import (
+    STRUCTS,
+    CFunction,
+    MotorConstants,
+    motor_constants,
+    offered_c_functions,
+    signature_of,
+)
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.signatures import FUNCTIONS, PORTS, TABLE, Row, offered_functions, port
 from flexgen.model.elements import RobotModel
@@ -22,7 +29,7 @@ if TYPE_CHECKING:
     from flexgen.expressions.routine import Routine
     from flexgen.mechanics.parameters import Parameter
 
-ABI_VERSION = 2
+ABI_VERSION = 3
 PRECISIONS = ("double", "single")
 
 
@@ -39,23 +46,28 @@ class Status:
 STATUSES = (
     Status("OK", 0, "success"),
     Status("NULL_ARGUMENT", -1, "an argument is a null pointer", "ArgumentError"),
-    Status("INPUT_NOT_FINITE", -2, "an input is not finite, and so is the result", "ArgumentError"),
-    Status("RESULT_NOT_FINITE", -3, "the result is not finite: a singular or an extreme state", "SolverError"),
+    Status("INPUT_NOT_FINITE", -2, "an input is not finite; the outputs are NaN", "ArgumentError"),
+    Status(
+        "RESULT_NOT_FINITE",
+        -3,
+        "a result is not finite: the system of equations is singular, or a number overflows",
+        "SolverError",
+    ),
     Status("BAD_COUNT", -4, "the number of points is negative", "ArgumentError"),
     Status(
         "BAD_ARGUMENT",
         -5,
-        "a size, a time or a rotation is none that is allowed, or the path does not begin and end at rest",
+        "a size, a time or a rotation matrix is out of range, or the path does not begin and end at zero velocity",
         "ArgumentError",
     ),
     Status("WORK_TOO_SMALL", -6, "the workspace is too small", "ArgumentError"),
-    Status("UNREACHABLE", -7, "the path leaves the workspace or passes a singular pose", "SolverError"),
-    Status("NOT_CONVERGED", -8, "no motion was found within the bounds of the solver", "SolverError"),
-    Status("NOT_STARTED", -9, "the stream was not started, or has failed since", "ArgumentError"),
+    Status("UNREACHABLE", -7, "the path leaves the workspace of the robot or passes a singular pose", "SolverError"),
+    Status("NOT_CONVERGED", -8, "the iteration did not converge", "SolverError"),
+    Status("NOT_STARTED", -9, "the stream was not started, or has failed", "ArgumentError"),
     Status(
-        "FLAT",
+        "ZERO_AT_INFINITY",
         -10,
-        "a zero of the zero dynamics is at infinity at an end of the path or on the way; use invert (method lq)",
+        "a zero of the zero dynamics goes through infinity on the path; use invert (method lq)",
         "SolverError",
     ),
     Status(
@@ -67,26 +79,30 @@ STATUSES = (
     Status(
         "ZERO_ON_AXIS",
         -12,
-        "a zero is on the imaginary axis at an end of the path, neither stable nor unstable; use invert (method lq)",
+        "a zero is on the imaginary axis at an end of the path; use invert (method lq)",
         "SolverError",
     ),
     Status(
-        "SHORT_HORIZON",
+        "HORIZON_TOO_SHORT",
         -13,
-        "the horizon is too short to keep limits: take 4 intervals, and half as many again as the zeros look ahead",
+        "the horizon is too short to keep limits: use at least 4 intervals, and 1.5 times the preview of the zeros",
         "ArgumentError",
     ),
     Status(
-        "LIMITS_LOST",
+        "LIMITS_INFEASIBLE",
         -14,
-        "the limits of the motors cannot be kept, one is passed by more than 2.5 times; loosen them or the move",
+        "the limits cannot be kept: one is exceeded by a factor above 2.5; increase the limits or slow down the path",
         "SolverError",
     ),
     Status(
-        "INEXACT", 1, "the residual is above the tolerance, or the motion uneven; the result is the best that was found"
+        "TOLERANCE_NOT_MET",
+        1,
+        "the residual, the kinematic mismatch or the torque step is above its tolerance; the info says which",
     ),
     Status(
-        "LIMITED", 2, "the bounds of the motors keep the output off its path, or are passed; the report says how far"
+        "LIMITS_ACTIVE",
+        2,
+        "the limits move the output away from its path, or are exceeded; the info says how far",
     ),
 )
 
@@ -116,6 +132,25 @@ class FunctionSpec:
     outputs: tuple[Port, ...]
     extents: dict[str, tuple[str, ...]]
     program: Routine
+
+
+@dataclass(frozen=True)
+class Constants:
+    """Numbers of the model for the public header.
+
+    Parameters
+    ----------
+    gear_ratio : tuple of tuple of float
+        ``eta``, ``q_m = eta q_g``: a row per motor.
+    rotor_inertia : tuple of float
+        Motor side [kg m^2].
+    gear_stiffness : tuple of float
+        Arm side, at zero deflection [N m/rad, N/m]; 0 for rigid gears.
+    """
+
+    gear_ratio: tuple[tuple[float, ...], ...] = ()
+    rotor_inertia: tuple[float, ...] = ()
+    gear_stiffness: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -150,10 +185,12 @@ class LibrarySpec:
         ``"double"`` or ``"single"``: the type of every number in the library.
     parameters : tuple of Parameter
         Numbers that are arguments of the functions instead of constants.
-    cores : tuple of Core
+    c_functions : tuple of CFunction
         Hand-written functions that come with the library.
-    drives : Drives, optional
+    motor_constants : MotorConstants, optional
         Numbers that these use.
+    constants : Constants
+        Numbers of the public header.
     """
 
     name: str
@@ -170,8 +207,9 @@ class LibrarySpec:
     rotor_inertias: tuple[float, ...]
     precision: str = "double"
     parameters: tuple[Parameter, ...] = ()
-    cores: tuple[CFunction, ...] = ()
-    drives: Drives | None = None
+    c_functions: tuple[CFunction, ...] = ()
+    motor_constants: MotorConstants | None = None
+    constants: Constants = Constants()
 
     @property
     def interface(self) -> str:
@@ -184,7 +222,9 @@ class LibrarySpec:
             return "".join(f"{port.name}[{','.join(map(str, port.shape))}]" for port in ports)
 
         lines = [f"{f.name}({listed(f.inputs)})({listed(f.outputs)})\n" for f in self.functions]
-        lines += [f"{core.signature}\n" for core in self.cores]
+        if self.c_functions:
+            lines += [f"{signature_of(struct)}\n" for struct in STRUCTS]
+        lines += [f"{function.signature}\n" for function in self.c_functions]
         return hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
@@ -236,7 +276,7 @@ def chosen_functions(names: Sequence[str] | None, model: RobotModel) -> tuple[st
             raise ArgumentError(f"functions: given {name!r}, expected some of {', '.join(FUNCTIONS)}")
         if name not in offered:
             reason = f"as many outputs as motors ({model.output.size} and {model.n_m} given), simplified motor coupling"
-            if name == "inversion_slopes":
+            if name == "inversion_jacobians":
                 reason += ", and coordinates without motor"
             raise ArgumentError(
                 f"functions: given {name!r}, which needs {reason}; expected some of {', '.join(offered)}"
@@ -290,7 +330,7 @@ def library_spec(equations: Any, functions: Sequence[str] | None = None, *, prec
     q_a = np.zeros(model.n_a)
     q_a[list(model.i_g)] = model.home
     q_m = model.eta @ q_a[list(model.i_g)]
-    cores = offered_cores(model, names, parameters, precision)
+    c_functions = offered_c_functions(model, names, parameters, precision)
     half = [*coordinates, *(motors[j] for j in model.i_m)]
     return LibrarySpec(
         name=library_name(model),
@@ -307,8 +347,23 @@ def library_spec(equations: Any, functions: Sequence[str] | None = None, *, prec
         rotor_inertias=tuple(float(m.inertia) for m in model.motors),
         precision=precision,
         parameters=parameters,
-        cores=cores,
-        drives=drives_of(model) if cores else None,
+        c_functions=c_functions,
+        motor_constants=motor_constants(model) if c_functions else None,
+        constants=_constants(model),
+    )
+
+
+def _constants(model: RobotModel) -> Constants:
+    from flexgen.mechanics.force_laws import stiffness_at_zero  # here, as they need CasADi
+    from flexgen.mechanics.lagrangian import gears
+
+    return Constants(
+        gear_ratio=tuple(tuple(float(x) for x in row) for row in model.eta),
+        rotor_inertia=tuple(float(motor.inertia) for motor in model.motors),
+        gear_stiffness=tuple(
+            0.0 if gear.spring is None else float(ratio**2 * stiffness_at_zero(gear.spring))
+            for gear, ratio in gears(model)
+        ),
     )
 
 

@@ -81,9 +81,9 @@ class _Horizon:
             *(np.ascontiguousarray(x) for x in (place, rate, rate2)),
             period=self.period,
             q_start=self.q_start,
-            lead=self.lead,
-            tail=self.tail,
-            every=self.every,
+            n_pre=self.lead,
+            n_post=self.tail,
+            samples_per_interval=self.every,
             tolerance=self.tolerance,
         )
 
@@ -194,7 +194,7 @@ def enforce_limits(
 def _horizon(problem: InversionProblem, exact: Inversion, library: Library, every: int, tolerance: float) -> _Horizon:
     """The path with room for bends before it and after it."""
     path, period, duration = problem.path, exact.period, problem.path.duration
-    lead, tail = exact.lead, exact.tail
+    lead, tail = exact.n_pre, exact.n_post
     spacing = max(duration / KNOTS, PER_KNOT * every * period)
     before = int(np.ceil((problem.windows[0] + SUPPORT * spacing) / period))
     after = int(np.ceil((LATE * duration + SUPPORT * spacing) / period))

@@ -86,7 +86,7 @@ def _loaded(key: _Key, native: bool, progress: Callable[[str], None]) -> Library
     place = _built(key, native)
     if not place:
         model = key.model
-        functions = [name for name in INVERSION if name != "inversion_slopes" or model.n_e]
+        functions = [name for name in INVERSION if name != "inversion_jacobians" or model.n_e]
         root = cache_folder()
         mark = hashlib.sha256(f"{key.digest} {native}".encode()).hexdigest()[:16]
         if root is None:

@@ -60,14 +60,14 @@ def from_library(found: Inversion) -> MethodResult:
         found.a_a,
         found.tau_g,
         MotorMotion(found.q_m, found.v_m, slope(found.v_m, step), found.tau_m),
-        preactuation=found.lead * found.period,
+        preactuation=found.n_pre * found.period,
         iterations=found.iterations,
         intervals=found.intervals,
         details={
             "residual": found.residual,
-            "residual_between": found.residual_between,
-            "exact": found.exact,
-            "uneven": found.uneven,
+            "residual_at_samples": found.residual_at_samples,
+            "converged": found.converged,
+            "kinematic_mismatch": found.kinematic_mismatch,
         },
     )
 

@@ -50,7 +50,7 @@ class Equations(System):
     output               q_a                                   y (n_y), or p of the tool for a pose
     places               q_a                                   corner points of the chain (3, k), for drawing
     output_constraint    q_a, v_a, target                      y_err (n_y), W (n_y, n_a), Wdot_v (n_y)
-    inversion_slopes     q_a, v_a, a_a                         dy1_dq, dy2_dq, dy2_dv, row, row_q, row_v, row_a
+    inversion_jacobians     q_a, v_a, a_a                         dy1_dq, dy2_dq, dy2_dv, row, row_q, row_v, row_a
     inversion_rows       q_a, v_a, a_a                         tau_g (n_g), row (n_e)
     gear_law             twist (n_g, arm side)                 tau_p, dtau_p: as gear_spring
     ==================== ===================================== ==========================================

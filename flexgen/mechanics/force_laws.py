@@ -36,6 +36,12 @@ def spring_torque(spring: Spring, d: ca.SX) -> ca.SX:
     return spring.stiffness * (d - clipped)
 
 
+def stiffness_at_zero(spring: Spring) -> float:
+    """Derivative of `spring_torque` at zero deflection [N m/rad or N/m]."""
+    d = ca.SX.sym("d")
+    return float(ca.Function("stiffness", [d], [ca.gradient(spring_torque(spring, d), d)])(0.0))
+
+
 def spring_energy(spring: Spring, d: ca.SX) -> ca.SX:
     """Energy [J] stored at the twist ``d``: the integral of `spring_torque` from 0, in closed form."""
     if isinstance(spring, LinearSpring):

@@ -40,9 +40,9 @@ def inversion_rows(system: System) -> Built:
     return row_ports(system, system.arm_left)
 
 
-def inversion_slopes(system: System) -> Built:
+def inversion_jacobians(system: System) -> Built:
     """First derivatives of the output's rates and of the rows without motor."""
-    _check(system, "inversion_slopes")
+    _check(system, "inversion_jacobians")
     lag, left = system.lagrangian, system.arm_left
     q, v, a = lag.chain.q_a, lag.chain.v_a, lag.a_a
     rate = ca.mtimes(output_map(system).rate, v)
@@ -78,7 +78,7 @@ def row_ports(system: System, left: ca.SX) -> Built:
 
 
 def derivative_ports(system: System, of_output: list[ca.SX], of_left: list[ca.SX]) -> Built:
-    """`inversion_slopes` from the derivatives of the output's rates, and of the rows e of ``M a_a + c + g``.
+    """`inversion_jacobians` from the derivatives of the output's rates, and of the rows e of ``M a_a + c + g``.
 
     ``of_left``: the rows (n_e) and their derivatives in coordinates, velocities and accelerations (n_e, n_a).
     """
@@ -95,7 +95,7 @@ def derivative_ports(system: System, of_output: list[ca.SX], of_left: list[ca.SX
 
 BUILDERS: dict[str, Builder] = {
     "output_constraint": output_constraint,
-    "inversion_slopes": inversion_slopes,
+    "inversion_jacobians": inversion_jacobians,
     "inversion_rows": inversion_rows,
     "gear_law": gear_law,
 }

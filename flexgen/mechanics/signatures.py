@@ -91,7 +91,7 @@ TABLE = (
         "y_err W Wdot_v",
     ),
     Row(
-        "inversion_slopes",
+        "inversion_jacobians",
         "Derivatives of the output's rates, and of the equations of the coordinates without motor.",
         "y1 = W v_a,  y2 = W a_a + W' v_a,  row = [M a_a + c + g - f]_e - tau_e, f: the arm's frictions",
         "q_a v_a a_a",
@@ -206,5 +206,5 @@ def offered_functions(model: RobotModel) -> tuple[str, ...]:
     """The functions that a model's library can have: those of `INVERSION` only where the model inverts."""
     left_out = set() if model.inverts else set(INVERSION)
     if not model.i_e:
-        left_out.add("inversion_slopes")
+        left_out.add("inversion_jacobians")
     return tuple(name for name in FUNCTIONS if name not in left_out)

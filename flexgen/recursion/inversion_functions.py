@@ -65,7 +65,7 @@ def _inversion_rows(arm: Arm) -> Built:
     return row_ports(arm.equations, ca.vertcat(*arm.shortest([route], several=False)))
 
 
-def _inversion_slopes(arm: Arm) -> Built:
+def _inversion_jacobians(arm: Arm) -> Built:
     return derivative_ports(arm.equations, _output_slopes(arm), _row_slopes(arm))
 
 
@@ -110,6 +110,6 @@ def _row_slopes(arm: Arm) -> list[ca.SX]:
 
 BUILDERS: dict[str, Callable[[Arm], Built]] = {
     "output_constraint": _output_constraint,
-    "inversion_slopes": _inversion_slopes,
+    "inversion_jacobians": _inversion_jacobians,
     "inversion_rows": _inversion_rows,
 }

@@ -41,7 +41,7 @@ class Entries:
 
     single: Callable[..., int]
     batch: Callable[..., int]
-    work: int
+    work: int  # 0: the function for one point takes no workspace
     batch_work: Callable[[], int]  # it may depend on the number of threads of the moment
 
 
@@ -51,10 +51,11 @@ class _Buffers:
     def __init__(self, inputs: tuple[Port, ...], outputs: tuple[Port, ...], work: int, real: np.dtype) -> None:
         self.inputs = [np.zeros(port.shape, real, order="F") for port in inputs]
         self.outputs = [np.zeros(port.shape, real, order="F") for port in outputs]
-        self.work = np.zeros(work, real)
+        self.work = np.zeros(max(work, 1), real)
         self.batch_work, self.batch_where = self.work, address(self.work)
         # Objects of ctypes, not numbers: nothing is left to convert, and no declaration of types has to be looked up.
-        self.arguments = tuple(ctypes.c_void_p(address(x)) for x in (*self.inputs, *self.outputs, self.work))
+        passed = (*self.inputs, *self.outputs, *([self.work] if work else []))
+        self.arguments = tuple(ctypes.c_void_p(address(x)) for x in passed)
 
 
 class _Closed:

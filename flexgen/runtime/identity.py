@@ -11,7 +11,7 @@ import numpy as np
 from flexgen.errors import BuildError
 from flexgen.runtime.files import AGAIN
 
-ABI_VERSION = 2
+ABI_VERSION = 3
 REALS: dict[str, np.dtype[Any]] = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}
 
 _SIZES = ("n_a", "n_g", "n_e", "n_m", "n_x", "n_y", "n_t", "n_p")
@@ -67,9 +67,9 @@ def entry_of(library: ctypes.CDLL, symbol: str) -> Any:
 
 
 def _signatures(manifest: dict[str, Any]) -> list[str]:
-    """The lines that the library hashes: those of its functions and of its cores."""
-    cores = [f"{core['signature']}\n" for core in manifest.get("cores", ())]
-    return [*map(_signature, manifest["functions"]), *cores]
+    """The lines that the library hashes: those of its functions, its structs and its fixed functions."""
+    fixed = [f"{row['signature']}\n" for key in ("structs", "c_functions") for row in manifest.get(key, ())]
+    return [*map(_signature, manifest["functions"]), *fixed]
 
 
 def _signature(described: dict[str, Any]) -> str:

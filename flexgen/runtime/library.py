@@ -24,7 +24,7 @@ from flexgen.runtime.identity import ABI_VERSION, REALS, entry_of, verify
 from flexgen.runtime.path_inversion import Inverter, inverter_of
 from flexgen.runtime.stream import Stream, StreamEntries, streams_of
 
-FORMAT = 1
+FORMAT = 2
 
 _LIBRARY_FILE = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib)\Z")
 _INVERTS = (
@@ -107,30 +107,31 @@ class Library:
 
     def stream(
         self,
-        place: Any,
+        y: Any,
         q_start: Any,
         *,
         period: float,
         intervals: int,
-        parts: int = 1,
+        samples_per_interval: int = 1,
         tolerance: float = 1e-6,
     ) -> Stream:
-        """Begin inverse dynamics on a moving horizon: at rest, with the output at a place and staying there.
+        """Start inverse dynamics on a moving horizon, at rest at a given output.
 
         Parameters
         ----------
-        place : array (n_t,)
-            Output; for a pose the position [m] and the rotation matrix by columns.
+        y : array (n_t,)
+            Output; for a pose the position [m], then the rotation matrix by columns.
         q_start : array (n_a,)
-            Guess of the arm's coordinates at rest there.
+            Initial guess of the arm's equilibrium there [rad, m].
         period : float
-            From update to update [s].
+            Time between two updates [s].
         intervals : int
-            Of the horizon, in updates: some five time constants of the slowest unstable zero are enough.
-        parts : int
+            Intervals of the horizon, one per update.
+        samples_per_interval : int
             Samples of the results per update.
         tolerance : float
-            Of the equations without motor, relative to their torques at rest: above it results are marked inexact.
+            Largest residual of the unactuated rows, relative to their torques at equilibrium; above it an interval is
+            not ``converged``.
 
         Returns
         -------
@@ -139,9 +140,9 @@ class Library:
         Raises
         ------
         ArgumentError
-            Where an argument has another shape or is not allowed, or the library has no streams.
+            Where an argument has another shape or is out of range, or the library has no streams.
         SolverError
-            Where the output cannot rest there.
+            Where there is no equilibrium with this output.
         """
         if self._closed or self.streams is None:
             given = "that was closed" if self._closed else "without streams"
@@ -151,11 +152,11 @@ class Library:
         return Stream(
             self.sizes,
             self.streams,
-            place,
+            y,
             q_start,
             period=period,
             intervals=intervals,
-            parts=parts,
+            samples_per_interval=samples_per_interval,
             tolerance=tolerance,
         )
 
@@ -302,13 +303,15 @@ def _read(folder: Path) -> tuple[Path, dict[str, Any]]:
         raise BuildError(f"{folder}: given no readable manifest.json, expected what flexgen.generate writes") from error
     except (ValueError, RecursionError) as error:
         raise BuildError(f"{path}: given text that is not JSON ({error}); {AGAIN}") from error
-    if not isinstance(manifest, dict) or manifest.get("format") != FORMAT:
+    if not isinstance(manifest, dict):
         raise BuildError(f"{path}: given another format, expected format {FORMAT}; {AGAIN}")
     if manifest.get("abi_version") != ABI_VERSION:
         raise BuildError(
-            f"{path}: given ABI version {manifest.get('abi_version')}, expected {ABI_VERSION}: it was written by "
-            f"another version of flexgen; {AGAIN}"
+            f"{path}: given ABI version {manifest.get('abi_version')}, expected {ABI_VERSION}: the library was written "
+            f"by another version of flexgen ({manifest.get('generator')}), whose C interface differs; {AGAIN}"
         )
+    if manifest.get("format") != FORMAT:
+        raise BuildError(f"{path}: given another format, expected format {FORMAT}; {AGAIN}")
     if not manifest.get("build"):
         raise BuildError(
             f"{folder}: given sources only, expected a compiled library; generate it without build=False (--no-build)"
@@ -367,16 +370,16 @@ def _function(
     for port in inputs:
         if port.name == PARAMETERS and port.shape != parameters.shape:
             raise ValueError(f"given {port.shape} as the shape of {name}'s parameters, expected {parameters.shape}")
-    single, batch, work, batch_work = (
-        entry_of(library, f"{manifest['name']}_{name}{suffix}") for suffix in ("", "_batch", "_work", "_batch_work")
-    )
+    prefix = manifest["name"]
+    single, batch = (entry_of(library, f"{prefix}_{name}{suffix}") for suffix in ("", "_batch"))
+    work, batch_work = (entry_of(library, f"{prefix}_{suffix}") for suffix in ("work", "batch_work"))
     return Function(
         name,
         described["summary"],
         described["equation"],
         inputs,
         outputs,
-        Entries(single, batch, int(work()), batch_work),
+        Entries(single, batch, int(work()) if described["work"] else 0, batch_work),
         REALS[manifest.get("precision", "double")],
         failures,
         parameters,

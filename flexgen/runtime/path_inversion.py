@@ -1,7 +1,7 @@
-"""Inverse dynamics of a loaded library along a whole path: `Inverter`, which `Library.invert` and `Library.bvp` are.
+"""Inverse dynamics of a loaded library along a whole path: `Inverter`, the type of `Library.invert` and `Library.bvp`.
 
-The path is given by samples of the output and of its first two derivatives; the answer has as many samples more as the
-arm moves before the path and after it.
+The path is given by samples of the output and of its first two derivatives. The result has additional samples before
+the path and after it, because unactuated coordinates move there too.
 """
 
 from __future__ import annotations
@@ -16,39 +16,39 @@ import numpy as np
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.arguments import address
 from flexgen.runtime.files import AGAIN
+from flexgen.runtime.structs import filled, structs_of
 
-REPORTS = {"invert": 5, "bvp": 7}  # numbers that each of them reports
 _RESULTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
 @dataclass(frozen=True)
 class Inversion:
-    """Motion and torques that keep the output on its path, at N = lead + n + tail samples.
+    """Motion and torques for exact tracking of the path, at N = n_pre + n + n_post samples.
 
     Parameters
     ----------
     q_a, v_a, a_a : ndarray (N, n_a)
         Motion of the arm [rad, m; per s; per s^2].
     tau_g : ndarray (N, n_g)
-        Torques of the gears, arm side [N m, N].
+        Gear torques, arm side [N m, N].
     q_m, v_m, tau_m : ndarray (N, n_m)
         Motor angles [rad], speeds [rad/s] and torques [N m], motor side.
-    lead, tail : int
+    n_pre, n_post : int
         Samples before the path and after it.
     period : float
-        From sample to sample [s].
-    residual, residual_between : float
-        Of the equations without motor, relative to their torques at rest: on the mesh, and at the samples.
+        Time between two samples [s].
+    residual, residual_at_samples : float
+        Residual of the unactuated rows, relative to their torques at equilibrium: on the mesh, and at the samples.
+    kinematic_mismatch : float
+        Largest difference between velocities and accelerations and the numerical derivatives of positions and
+        velocities at the samples, relative to their largest value.
     iterations, intervals : int
-        Steps of the solver; intervals of its mesh.
-    uneven : float
-        How far positions and speeds are from the integrals of speeds and accelerations, by differences at the samples,
-        relative to the largest of these.
-    exact : bool
-        Whether ``residual_between`` is within the tolerance, and ``uneven`` within 2 %: no more. Where every
-        coordinate has a motor there is no residual: motion and its derivatives agree to 2 % at the samples.
-    unstable : tuple of int
-        Of `Library.bvp`: number of unstable zeros of the elastic coordinates at the start and at the end.
+        Newton iterations; intervals of the mesh.
+    unstable_zeros_start, unstable_zeros_end : int
+        Of `Library.bvp`: number of unstable zeros at the start and at the end; of `Library.invert` 0.
+    converged : bool
+        Whether ``residual_at_samples`` is within the tolerance and ``kinematic_mismatch`` below 0.02. Without
+        unactuated coordinates the residual is zero, and only the kinematic mismatch is checked.
     """
 
     q_a: np.ndarray
@@ -58,40 +58,43 @@ class Inversion:
     q_m: np.ndarray
     v_m: np.ndarray
     tau_m: np.ndarray
-    lead: int
-    tail: int
+    n_pre: int
+    n_post: int
     period: float
     residual: float
-    residual_between: float
+    residual_at_samples: float
+    kinematic_mismatch: float
     iterations: int
     intervals: int
-    uneven: float
-    exact: bool
-    unstable: tuple[int, ...] = ()
+    unstable_zeros_start: int
+    unstable_zeros_end: int
+    converged: bool
 
     @property
     def t(self) -> np.ndarray:
-        """Instants of the samples [s], zero at the first one of the path."""
-        return (np.arange(len(self.q_a)) - self.lead) * self.period
+        """Time of the samples [s], zero at the first sample of the path."""
+        return (np.arange(len(self.q_a)) - self.n_pre) * self.period
 
 
 class Inverter:
-    """``library.invert(place, rate, rate2, period=..., q_start=...)``, or ``bvp``: inverse dynamics along a whole path.
+    """``library.invert(y, dy, ddy, period=..., q_start=...)``, or ``bvp``: inverse dynamics along a whole path.
 
-    It may be called from several threads; every call under way has its own workspace, which is kept for later calls.
+    It may be called from several threads. Every call uses its own workspace, which is kept for later calls.
     """
 
     def __init__(
         self,
         name: str,
         sizes: Mapping[str, int],
+        structs: Mapping[str, type[ctypes.Structure]],
         entry: Callable[..., int],
         work: Callable[..., int],
         failures: Mapping[int, tuple[type[FlexgenError], str]],
         again: tuple[Callable[..., Any], tuple[Any, ...]],
         function: str = "invert",
     ) -> None:
-        self._name, self._sizes, self._entry, self._work, self._failures = name, sizes, entry, work, failures
+        self._name, self._sizes, self._structs = name, sizes, structs
+        self._entry, self._work, self._failures = entry, work, failures
         self._function = function
         self._pool: list[np.ndarray] = []
         self._again, self._closed = again, False
@@ -107,7 +110,8 @@ class Inverter:
         return self._again
 
     def __repr__(self) -> str:
-        return f"{self._function}(place, rate, rate2, *, period, q_start, lead=0, tail=0, every=1, tolerance=1e-9)"
+        options = "n_pre=0, n_post=0, samples_per_interval=1, tolerance=1e-9"
+        return f"{self._function}(y, dy, ddy, *, period, q_start, {options})"
 
     def close(self) -> None:
         """Refuse every call from now on; calls under way end as usual."""
@@ -119,36 +123,36 @@ class Inverter:
 
     def __call__(
         self,
-        place: Any,
-        rate: Any,
-        rate2: Any,
+        y: Any,
+        dy: Any,
+        ddy: Any,
         *,
         period: float,
         q_start: Any,
-        lead: int = 0,
-        tail: int = 0,
-        every: int = 1,
+        n_pre: int = 0,
+        n_post: int = 0,
+        samples_per_interval: int = 1,
         tolerance: float = 1e-9,
     ) -> Inversion:
-        """Motion and torques that keep the output on a path.
+        """Motion and torques for exact tracking of a path.
 
         Parameters
         ----------
-        place : array (n, n_t)
-            Output at the samples; for a pose the position [m] and the rotation matrix by columns.
-        rate, rate2 : array (n, n_y)
-            Its first and second derivative; for a pose linear and angular velocity [m/s, rad/s], world axes, and
+        y : array (n, n_t)
+            Output at the samples; for a pose the position [m], then the rotation matrix by columns.
+        dy, ddy : array (n, n_y)
+            Its first and second time derivative; for a pose linear and angular velocity [m/s, rad/s] in world axes, and
             their derivatives. Zero at the first and the last sample: the path begins and ends at rest.
         period : float
-            From sample to sample [s].
+            Time between two samples [s].
         q_start : array (n_a,)
-            Guess of the arm's coordinates at rest at the first sample.
-        lead, tail : int
-            Samples that the arm may move before the path and after it.
-        every : int
+            Initial guess of the arm's equilibrium at the first sample [rad, m].
+        n_pre, n_post : int
+            Samples before the path and after it.
+        samples_per_interval : int
             Samples per interval of the solver's mesh.
         tolerance : float
-            Of the equations without motor, relative to their torques at rest.
+            Largest residual of the unactuated rows, relative to their torques at equilibrium.
 
         Returns
         -------
@@ -157,66 +161,64 @@ class Inverter:
         Raises
         ------
         ArgumentError
-            Where an argument has another shape or is not allowed.
+            Where an argument has another shape or is out of range.
         SolverError
-            Where the path leaves the workspace or passes a singular pose, or no motion was found.
+            Where the path leaves the workspace or passes a singular pose, or the iteration did not converge.
         """
         self._refuse_closed()
-        function = self._function
+        function, structs = self._function, self._structs
         n_y, n_t, n_a = (self._sizes[key] for key in ("n_y", "n_t", "n_a"))
-        n = len(place) if np.ndim(place) == 2 else -1
+        n = len(y) if np.ndim(y) == 2 else -1
         given = {
-            "place": array_of(function, "place", place, (n, n_t)),
-            "rate": array_of(function, "rate", rate, (n, n_y)),
-            "rate2": array_of(function, "rate2", rate2, (n, n_y)),
-            "q_start": array_of(function, "q_start", q_start, (n_a,)),
+            "y": array_of(function, "y", y, (n, n_t)),
+            "dy": array_of(function, "dy", dy, (n, n_y)),
+            "ddy": array_of(function, "ddy", ddy, (n, n_y)),
         }
-        counts = [
-            whole_of(function, key, value)
-            for key, value in (("n", n), ("lead", lead), ("tail", tail), ("every", every))
-        ]
-        numbers = [number_of(function, key, value) for key, value in (("period", period), ("tolerance", tolerance))]
-        size = int(self._work(*(ctypes.c_int(x) for x in counts)))
+        q = array_of(function, "q_start", q_start, (n_a,))
+        counts = {"n_pre": n_pre, "n_post": n_post, "samples_per_interval": samples_per_interval}
+        counts = {key: whole_of(function, key, value) for key, value in counts.items()}
+        period = number_of(function, "period", period)
+        options = filled(structs["inversion_options"], **counts, tolerance=number_of(function, "tolerance", tolerance))
+        size = int(self._work(ctypes.c_int(n), ctypes.byref(options)))
         if size < 0:
+            listed = ", ".join(f"{key} {value}" for key, value in counts.items())
             raise ArgumentError(
-                f"{function}: given {n} samples, lead {lead}, tail {tail}, every {every}; expected at least 2 samples, "
-                "no negative lead or tail, every at least 1, none above a million"
+                f"{function}: given {n} samples, {listed}; expected at least 2 samples, n_pre and n_post at least 0, "
+                "samples_per_interval at least 1, all at most a million"
             )
-        total = n + counts[1] + counts[2]
+        total = n + counts["n_pre"] + counts["n_post"]
         widths = [n_a, n_a, n_a, self._sizes["n_g"], *([self._sizes["n_m"]] * 3)]
-        out = [np.empty((total, width)) for width in widths]
-        report = np.full(REPORTS[function], np.nan)
+        out: dict[str, Any] = {key: np.empty((total, width)) for key, width in zip(_RESULTS, widths, strict=True)}
+        path, motion = filled(structs["path"], n=n, period=period, **given), filled(structs["motion"], **out)
+        info = structs["inversion_info"](residual=np.nan)
         work = self._workspace(size)
-        pointers = [pointer(x) for x in given.values()]
-        whole = [ctypes.c_int(x) for x in counts]
         status = int(
             self._entry(
-                whole[0],
-                ctypes.c_double(numbers[0]),
-                *pointers,
-                *whole[1:],
-                ctypes.c_double(numbers[1]),
-                *(pointer(x) for x in (*out, report, work)),
+                ctypes.byref(path),
+                pointer(q),
+                ctypes.byref(options),
+                ctypes.byref(motion),
+                ctypes.byref(info),
+                pointer(work),
                 ctypes.c_int64(work.size),
             )
         )
         self._pool.append(work)
+        reported: dict[str, Any] = {key: getattr(info, key) for key, *_ in structs["inversion_info"]._fields_}
         if status < 0:
             exception, text = self._failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))
-            told = "" if np.isnan(report[0]) else f" (residual {report[0]:.3g} after {int(report[2])} steps)"
-            raise exception(f"{function}: {text}{told}")
+            residual = reported["residual"]
+            reached = (
+                "" if np.isnan(residual) else f" (residual {residual:.3g} after {reported['iterations']} iterations)"
+            )
+            raise exception(f"{function}: {text}{reached}")
         return Inversion(
-            **dict(zip(_RESULTS, out, strict=True)),
-            lead=counts[1],
-            tail=counts[2],
-            period=numbers[0],
-            residual=float(report[0]),
-            residual_between=float(report[1]),
-            iterations=int(report[2]),
-            intervals=int(report[3]),
-            uneven=float(report[-1]),
-            exact=status == 0,
-            unstable=tuple(int(x) for x in report[4:-1]),
+            **out,
+            n_pre=counts["n_pre"],
+            n_post=counts["n_post"],
+            period=period,
+            converged=status == 0,
+            **reported,
         )
 
     def _workspace(self, size: int) -> np.ndarray:
@@ -237,11 +239,12 @@ def inverter_of(
 ) -> Inverter | None:
     """The `Inverter` of a library whose entry points are found by name; None where the manifest lists none."""
     name = manifest["name"]
-    if not {function, f"{function}_work"} <= {core["name"] for core in manifest.get("cores", ())}:
+    if not {function, f"{function}_work"} <= {row["name"] for row in manifest.get("c_functions", ())}:
         return None
     work = found(f"{name}_{function}_work")
     work.restype = ctypes.c_int64
-    return Inverter(name, manifest["sizes"], found(f"{name}_{function}"), work, failures, again, function)
+    entry = found(f"{name}_{function}")
+    return Inverter(name, manifest["sizes"], structs_of(manifest), entry, work, failures, again, function)
 
 
 def array_of(function: str, name: str, x: Any, shape: tuple[int, ...]) -> np.ndarray:

@@ -14,16 +14,17 @@ import numpy as np
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.files import AGAIN
 from flexgen.runtime.path_inversion import array_of, number_of, pointer, whole_of
+from flexgen.runtime.structs import filled, structs_of
 
-REPORT = 7  # numbers
-INEXACT = 1  # a status
+_TOLERANCE_NOT_MET = 1  # a status
 _RESULTS = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
 @dataclass(frozen=True)
 class StreamEntries:
-    """What C offers for streams: size of the memory, start, update, limits; and what their statuses mean."""
+    """The C functions of streams: size of the memory, start, update, limits; their structs and statuses."""
 
+    structs: Mapping[str, type[ctypes.Structure]]
     work: Callable[..., int]
     start: Callable[..., int]
     update: Callable[..., int]
@@ -34,28 +35,29 @@ class StreamEntries:
 
 @dataclass(frozen=True)
 class Interval:
-    """Motion and torques of the interval that begins now, at ``parts`` samples: its start and those after it.
+    """Motion and torques of the interval that starts now, at ``samples_per_interval`` samples from its start on.
 
     Parameters
     ----------
-    q_a, v_a : ndarray (parts, n_a)
+    q_a, v_a : ndarray (samples_per_interval, n_a)
         Motion of the arm [rad, m; per s].
-    tau_g : ndarray (parts, n_g)
-        Torques of the gears, arm side [N m, N].
-    q_m, v_m, tau_m : ndarray (parts, n_m)
+    tau_g : ndarray (samples_per_interval, n_g)
+        Gear torques, arm side [N m, N].
+    q_m, v_m, tau_m : ndarray (samples_per_interval, n_m)
         Motor angles [rad], speeds [rad/s] and torques [N m], motor side.
     residual : float
-        Of the equations without motor, relative to their torques at rest.
-    uneven : float
-        How far positions and speeds of joints and motors are from the integrals of speeds and accelerations, by
-        differences at the samples, relative to the largest of these within about a horizon; or a hundred times the step
-        of a motor torque from where the interval before left it, relative to its largest.
-    exact : bool
-        Whether ``residual`` is within the tolerance, and ``uneven`` within 2 %.
-    limited : bool
-        Whether limits of the motors keep the output off its path in this interval, or are passed, see `Stream.limit`.
-    off_m, off_rad : float
-        How far they bend the path [m, rad].
+        Residual of the unactuated rows, relative to their torques at equilibrium.
+    kinematic_mismatch : float
+        Largest difference between velocities and accelerations and the numerical derivatives of positions and
+        velocities at the samples, relative to their largest value within about a horizon; its limit is 0.02.
+    torque_step : float
+        Largest step of a motor torque from the interval before, relative to its largest value; its limit is 2e-4.
+    converged : bool
+        Whether ``residual``, ``kinematic_mismatch`` and ``torque_step`` are within their limits.
+    limits_active : bool
+        Whether limits of the motors modify the path in this interval, or are exceeded, see `Stream.limit`.
+    deviation_m, deviation_rad : float
+        Deviation of the modified path from the given one [m, rad].
     """
 
     q_a: np.ndarray
@@ -65,62 +67,65 @@ class Interval:
     v_m: np.ndarray
     tau_m: np.ndarray
     residual: float
-    uneven: float
-    exact: bool
-    limited: bool = False
-    off_m: float = 0.0
-    off_rad: float = 0.0
+    kinematic_mismatch: float
+    torque_step: float
+    converged: bool
+    limits_active: bool = False
+    deviation_m: float = 0.0
+    deviation_rad: float = 0.0
 
 
 class Stream:
-    """Inverse dynamics on a moving horizon: every update takes a sample of the path and gives torques for now.
+    """Inverse dynamics on a moving horizon: every update takes a sample of the path and gives the torques of now.
 
-    The sample is reached ``intervals`` updates later: by so much the path has to be known ahead. A sample that is
-    refused changes nothing. A copy is another stream with the same past; pickled, it goes on where it was. Two threads
-    must not update one stream at the same time.
+    The output reaches the sample ``intervals`` updates later: the path must be known that far ahead. A sample that is
+    refused changes nothing. A copy is a second stream with the same past; a pickled stream continues where it was. Two
+    threads must not update one stream at the same time.
 
     Made by ``Library.stream``.
 
     Parameters
     ----------
-    intervals, parts : int
+    intervals, samples_per_interval : int
         Intervals of the horizon; samples of the results in each.
     period : float
-        From update to update [s].
+        Time between two updates [s].
     """
 
     def __init__(
         self,
         sizes: Mapping[str, int],
         entries: StreamEntries,
-        place: Any,
+        y: Any,
         q_start: Any,
         *,
         period: float,
         intervals: int,
-        parts: int,
+        samples_per_interval: int,
         tolerance: float,
     ) -> None:
-        self.intervals, self.parts = whole_of("stream", "intervals", intervals), whole_of("stream", "parts", parts)
+        self.intervals = whole_of("stream", "intervals", intervals)
+        self.samples_per_interval = whole_of("stream", "samples_per_interval", samples_per_interval)
         self.period = number_of("stream", "period", period)
         self._sizes, self._entries = dict(sizes), entries
-        counts = ctypes.c_int(self.intervals), ctypes.c_int(self.parts)
-        size = int(entries.work(*counts))
+        options = filled(
+            entries.structs["stream_options"],
+            intervals=self.intervals,
+            samples_per_interval=self.samples_per_interval,
+            period=self.period,
+            tolerance=number_of("stream", "tolerance", tolerance),
+        )
+        size = int(entries.work(ctypes.byref(options)))
         if size < 0:
             raise ArgumentError(
-                f"stream: given {self.intervals} intervals and {self.parts} parts, expected 1 to 10000 and 1 to 1000"
+                f"stream: given {self.intervals} intervals and {self.samples_per_interval} samples per interval, "
+                "expected 1 to 10000 and 1 to 1000"
             )
-        at = array_of("stream", "place", place, (self._sizes["n_t"],))
+        at = array_of("stream", "y", y, (self._sizes["n_t"],))
         q = array_of("stream", "q_start", q_start, (self._sizes["n_a"],))
         self._memory = np.zeros(size)
         status = entries.start(
-            pointer(self._memory),
-            ctypes.c_int64(size),
-            *counts,
-            ctypes.c_double(self.period),
-            ctypes.c_double(number_of("stream", "tolerance", tolerance)),
-            pointer(at),
-            pointer(q),
+            pointer(self._memory), ctypes.c_int64(size), ctypes.byref(options), pointer(at), pointer(q)
         )
         self._refuse(int(status))
         self._bind()
@@ -129,18 +134,22 @@ class Stream:
         """Memory of the arguments of an update, and their addresses."""
         n_a, n_g, n_m = (self._sizes[key] for key in ("n_a", "n_g", "n_m"))
         self._inputs = [np.zeros(self._sizes[key]) for key in ("n_t", "n_y", "n_y")]
-        self._outputs = [np.zeros((self.parts, n)) for n in (n_a, n_a, n_g, n_m, n_m, n_m)]
-        self._report = np.zeros(REPORT)
-        bound = (self._memory, *self._inputs, *self._outputs, self._report)
-        self._arguments = tuple(pointer(x) for x in bound)
+        self._outputs = [np.zeros((self.samples_per_interval, n)) for n in (n_a, n_a, n_g, n_m, n_m, n_m)]
+        structs = self._entries.structs
+        self._motion = filled(structs["motion"], **dict(zip(_RESULTS, self._outputs, strict=True)))
+        self._info = structs["stream_info"]()
+        bound = tuple(pointer(x) for x in (self._memory, *self._inputs))
+        self._arguments = (*bound, ctypes.byref(self._motion), ctypes.byref(self._info))
         self._lock = threading.Lock()
 
     def __repr__(self) -> str:
-        return f"<Stream of {self.intervals} intervals of {self.period:g} s, {self.parts} samples each>"
+        each = f"{self.samples_per_interval} samples in each"
+        return f"<Stream of {self.intervals} intervals of {self.period:g} s, {each}>"
 
     def __copy__(self) -> Stream:
         other = object.__new__(type(self))
-        other.intervals, other.parts, other.period = self.intervals, self.parts, self.period
+        other.intervals, other.period = self.intervals, self.period
+        other.samples_per_interval = self.samples_per_interval
         other._sizes, other._entries, other._memory = self._sizes, self._entries, self._memory.copy()
         other._bind()
         return other
@@ -150,17 +159,26 @@ class Stream:
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         made, which = self._entries.again
-        return stream_again, (made, which, self._sizes, self.intervals, self.parts, self.period, self._memory)
+        return stream_again, (
+            made,
+            which,
+            self._sizes,
+            self.intervals,
+            self.samples_per_interval,
+            self.period,
+            self._memory,
+        )
 
-    def update(self, place: Any, rate: Any, rate2: Any) -> Interval:
-        """Take the next sample of the path, give the interval that begins now.
+    def update(self, y: Any, dy: Any, ddy: Any) -> Interval:
+        """Take the next sample of the path, give the interval that starts now.
 
         Parameters
         ----------
-        place : array (n_t,)
-            Output at the end of the horizon; for a pose the position [m] and the rotation matrix by columns.
-        rate, rate2 : array (n_y,)
-            Its first and second derivative; for a pose linear and angular velocity, world axes, and their derivatives.
+        y : array (n_t,)
+            Output at the end of the horizon; for a pose the position [m], then the rotation matrix by columns.
+        dy, ddy : array (n_y,)
+            Its first and second time derivative; for a pose linear and angular velocity in world axes, and their
+            derivatives.
 
         Returns
         -------
@@ -169,55 +187,54 @@ class Stream:
         Raises
         ------
         ArgumentError
-            Where the sample is not finite, no rotation, or too far from the one before: refused, nothing has changed;
-            or where the stream has failed.
+            Where the sample is not finite, not a rotation matrix, or too far from the one before: it is refused,
+            nothing has changed; or where the stream has failed.
         SolverError
-            Where the sample cannot be reached (nothing has changed), or the solver failed: then the stream is over.
+            Where the sample cannot be reached (nothing has changed), or the solver failed: then the stream has failed.
         """
-        for name, memory, x in zip(("place", "rate", "rate2"), self._inputs, (place, rate, rate2), strict=True):
+        for name, memory, x in zip(("y", "dy", "ddy"), self._inputs, (y, dy, ddy), strict=True):
             if type(x) is np.ndarray and x.shape == memory.shape and x.dtype == memory.dtype:
                 continue
             array_of("stream", name, x, memory.shape)
         if not self._lock.acquire(blocking=False):
-            raise ArgumentError("stream: given an update while another is under way, expected one after the other")
+            raise ArgumentError("stream: given an update while another one runs, expected one after the other")
         try:
-            for memory, x in zip(self._inputs, (place, rate, rate2), strict=True):
+            for memory, x in zip(self._inputs, (y, dy, ddy), strict=True):
                 memory[...] = x
             status = int(self._entries.update(*self._arguments))
             self._refuse(status)
-            results = [x.copy() for x in self._outputs]
-            told = self._report.copy()
+            info = self._info
+            results: dict[str, Any] = dict(zip(_RESULTS, (x.copy() for x in self._outputs), strict=True))
+            return Interval(
+                **results,
+                residual=info.residual,
+                kinematic_mismatch=info.kinematic_mismatch,
+                torque_step=info.torque_step,
+                converged=status != _TOLERANCE_NOT_MET,
+                limits_active=bool(info.limits_active),
+                deviation_m=info.deviation_m,
+                deviation_rad=info.deviation_rad,
+            )
         finally:
             self._lock.release()
-        named = dict(zip(_RESULTS, results, strict=True))
-        return Interval(
-            **named,
-            residual=float(told[0]),
-            uneven=float(told[1]),
-            exact=status != INEXACT,
-            limited=told[6] > 0.0,  # INEXACT hides LIMITED, this does not
-            off_m=float(told[4]),
-            off_rad=float(told[5]),
-        )
 
-    def limit(self, *, torque: Any = None, speed: Any = None, bend: float = 0.05) -> None:
-        """Let the motors keep bounds from the next update on: where they would be passed, the path ahead is bent.
+    def limit(self, *, torque: Any = None, speed: Any = None, deviation: float = 0.05) -> None:
+        """Set limits of the motors: from the next update on the path ahead is modified where one would be exceeded.
 
-        It is bent only where the motion that is under way need not know of it yet: some intervals ahead, as far as the
-        unstable zeros look. The horizon must have half as many beyond them, better as many, and be long enough to brake
-        in: bends are as quick as it is short. Compare torques and speeds with the bounds.
+        The path is modified only beyond the preview that the unstable zeros need. The horizon must contain half as much
+        again, better twice as much, and enough time to brake. Compare torques and speeds with the limits.
 
         Parameters
         ----------
         torque, speed : array (n_m,), optional
-            Largest torques [N m] and speeds [rad/s] of the motors; None, or infinity, where there is no bound.
-        bend : float
-            Largest deviation of each output [m, rad]: what would need more passes the bounds.
+            Largest torques [N m] and speeds [rad/s] of the motors; None, or infinity, where there is no limit.
+        deviation : float
+            Largest deviation of each output [m, rad]. Limits that would need more are exceeded.
 
         Raises
         ------
         ArgumentError
-            Where a bound is not positive, the horizon is too short, or the stream has failed.
+            Where a limit is not positive, the horizon is too short, or the stream has failed.
         """
         n_m = self._sizes["n_m"]
         both = [
@@ -225,9 +242,9 @@ class Stream:
             for name, x in (("torque", torque), ("speed", speed))
         ]
         if not self._lock.acquire(blocking=False):
-            raise ArgumentError("stream: given limits while an update is under way, expected one after the other")
+            raise ArgumentError("stream: given limits while an update runs, expected one after the other")
         try:
-            most = ctypes.c_double(number_of("stream", "bend", bend))
+            most = ctypes.c_double(number_of("stream", "deviation", deviation))
             self._refuse(int(self._entries.limits(pointer(self._memory), *(pointer(x) for x in both), most)))
         finally:
             self._lock.release()
@@ -247,11 +264,11 @@ def streams_of(
 ) -> StreamEntries | None:
     """What a library offers for streams, whose entry points are found by name; None where the manifest lists none."""
     names = ("stream_work", "stream_start", "stream_update", "stream_limits")
-    if not set(names) <= {core["name"] for core in manifest.get("cores", ())}:
+    if not set(names) <= {row["name"] for row in manifest.get("c_functions", ())}:
         return None
     work, start, update, limits = (found(f"{manifest['name']}_{name}") for name in names)
     work.restype = ctypes.c_int64
-    return StreamEntries(work, start, update, limits, failures, again)
+    return StreamEntries(structs_of(manifest), work, start, update, limits, failures, again)
 
 
 def stream_again(
@@ -259,13 +276,13 @@ def stream_again(
     which: tuple[Any, ...],
     sizes: dict[str, int],
     intervals: int,
-    parts: int,
+    samples_per_interval: int,
     period: float,
     memory: np.ndarray,
 ) -> Stream:
     """The stream that was pickled."""
     stream = object.__new__(Stream)
-    stream.intervals, stream.parts, stream.period = intervals, parts, period
+    stream.intervals, stream.samples_per_interval, stream.period = intervals, samples_per_interval, period
     stream._sizes, stream._entries, stream._memory = sizes, made(*which), memory.copy()
     stream._bind()
     return stream

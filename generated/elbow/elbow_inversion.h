@@ -1,99 +1,193 @@
 /*
- * elbow: what all parts of the inversion share: sizes, Gauss points of an interval, memory; private.
+ * elbow: inverse dynamics along a path, written by flexgen. Do not edit.
+ *
+ * invert takes a whole path. A stream takes one sample of the path per update and gives the torques of now. Both give
+ * the motor torques for exact tracking of the output, also where the zero dynamics is unstable.
  */
 #ifndef ELBOW_INVERSION_H
 #define ELBOW_INVERSION_H
 
-#include "elbow_private.h"
+#include <stdint.h>
 
-#include "elbow_drives.h"
+#include "elbow.h"
 
-enum {
-    NA = ELBOW_NA,
-    NG = ELBOW_NG,
-    NE = ELBOW_NE,
-    NM = ELBOW_NM,
-    NY = ELBOW_NY,
-    NT = ELBOW_NT,
-    POINTS = 8,
-    STAGES = 3,
-    REFERENCE = NT + 2 * NY /* numbers of the path at one instant: place, rate, its rate */
-};
-
-static const real gauss_c[STAGES] = {0.11270166537925831, 0.5, 0.8872983346207417};
-static const real gauss_b[STAGES] = {5.0 / 18.0, 4.0 / 9.0, 5.0 / 18.0};
-static const real gauss_A[STAGES][STAGES] = {
-    {5.0 / 36.0, -0.035976667524938878, 0.0097894440152484326},
-    {0.30026319498086457, 2.0 / 9.0, -0.022485417203086778},
-    {0.26798833376246944, 0.48042111196938331, 5.0 / 36.0}};
-
-/* The largest size; NaN where an entry is not finite, so that no comparison holds. */
-static inline real largest(const real *x, int n)
-{
-    real most = 0.0, zero = 0.0;
-    for (int i = 0; i < n; ++i) {
-        most = fmax_1(most, fabs_1(x[i]));
-        zero += 0.0 * x[i];
-    }
-    return most + zero;
-}
-
-/* Square root by Newton's method: the library needs no function of the C library for it. */
-static inline real root(real x)
-{
-    real r = 1.0;
-    if (!(x > 0.0 && x < 1e300)) {
-        return x;
-    }
-    while (r * r > 4.0 * x) {
-        r *= 0.5;
-    }
-    while (r * r < 0.25 * x) {
-        r *= 2.0;
-    }
-    for (int i = 0; i < 7; ++i) {
-        r = 0.5 * (r + x / r);
-    }
-    return r;
-}
-
-static inline int is_finite(const real *x, int n)
-{
-    return all_finite(x, n, 1);
-}
-
-/* What a function of the library says of states that were computed here: they are no inputs of the caller. */
-static inline int inner(int status)
-{
-    return status == ELBOW_INPUT_NOT_FINITE ? ELBOW_RESULT_NOT_FINITE : status;
-}
-
-static inline void copy(const real *from, ptrdiff_t n, real *to)
-{
-    for (ptrdiff_t i = 0; i < n; ++i) {
-        to[i] = from[i];
-    }
-}
-
-/* Largest of the workspaces that the functions used here want. */
-static inline ptrdiff_t space_wanted(void)
-{
-    ptrdiff_t most = ELBOW_OUTPUT_CONSTRAINT_BATCH_WORK;
-#if ELBOW_NE > 0
-    most = most < ELBOW_INVERSION_SLOPES_BATCH_WORK ? ELBOW_INVERSION_SLOPES_BATCH_WORK : most;
-    most = most < ELBOW_INVERSION_SLOPES_WORK ? ELBOW_INVERSION_SLOPES_WORK : most;
+#ifdef __cplusplus
+extern "C" {
 #endif
-    most = most < ELBOW_OUTPUT_CONSTRAINT_WORK ? ELBOW_OUTPUT_CONSTRAINT_WORK : most;
-    most = most < ELBOW_INVERSION_ROWS_BATCH_WORK ? ELBOW_INVERSION_ROWS_BATCH_WORK : most;
-    most = most < ELBOW_GEAR_LAW_WORK ? ELBOW_GEAR_LAW_WORK : most;
-    most = most < ELBOW_MOTOR_FRICTION_WORK ? ELBOW_MOTOR_FRICTION_WORK : most;
-    return most + 8;
-}
 
-/* Room in the workspace, in numbers; whole vectors apart. */
-static inline int64_t room(int64_t n)
-{
-    return (n + 7) / 8 * 8;
+#define ELBOW_STREAM_INTERVALS_MAX 10000 /* intervals of a horizon, at most */
+#define ELBOW_STREAM_SAMPLES_MAX 1000 /* samples per interval, at most */
+
+/* Samples of the output, one period apart. The output is at rest at the first and at the last sample. */
+typedef struct {
+    int n; /* number of samples, at least 2 */
+    elbow_real period; /* [s] time between two samples */
+    const elbow_real *y; /* n x n_t [mixed] output; for a pose the position, then the rotation matrix by columns */
+    /* n x n_y [mixed] its first time derivative; for a pose linear and angular velocity, world axes */
+    const elbow_real *dy;
+    /* n x n_y [mixed] its second time derivative; for a pose linear and angular acceleration */
+    const elbow_real *ddy;
+} elbow_path;
+
+/* Options of invert and bvp. */
+typedef struct {
+    int n_pre; /* samples before the path, for the motion that unstable zeros require */
+    int n_post; /* samples after the path, in which stable zeros decay */
+    int samples_per_interval; /* samples per interval of the mesh */
+    elbow_real tolerance; /* largest residual of the unactuated rows, relative to their torques at equilibrium */
+} elbow_inversion_options;
+
+/* Arrays of the caller for the results, N samples each. A null member is not written. */
+typedef struct {
+    elbow_real *q_a; /* N x n_a [mixed] arm coordinates */
+    elbow_real *v_a; /* N x n_a [mixed] arm velocities */
+    elbow_real *a_a; /* N x n_a [mixed] arm accelerations; not written by a stream */
+    elbow_real *tau_g; /* N x n_g [mixed] gear torques, arm side */
+    elbow_real *q_m; /* N x n_m [rad] motor angles */
+    elbow_real *v_m; /* N x n_m [rad/s] motor speeds */
+    elbow_real *tau_m; /* N x n_m [N m] motor torques */
+} elbow_motion;
+
+/* What invert and bvp report. */
+typedef struct {
+    elbow_real residual; /* residual of the unactuated rows on the mesh, relative as the tolerance */
+    elbow_real residual_at_samples; /* the same at the samples of the results */
+    /* largest difference between velocities and accelerations and the numerical derivatives of positions and velocities at
+     * the samples, relative to their largest value */
+    elbow_real kinematic_mismatch;
+    int iterations; /* Newton iterations */
+    int intervals; /* intervals of the mesh */
+    int unstable_zeros_start; /* bvp: unstable zeros at the start of the path; else 0 */
+    int unstable_zeros_end; /* bvp: unstable zeros at its end; else 0 */
+} elbow_inversion_info;
+
+/* Options of a stream. */
+typedef struct {
+    int intervals; /* intervals of the horizon, 1 to 10000 */
+    int samples_per_interval; /* samples of the results per update, 1 to 1000 */
+    elbow_real period; /* [s] time between two updates: the length of an interval */
+    elbow_real tolerance; /* largest residual of the unactuated rows, relative to their torques at equilibrium */
+} elbow_stream_options;
+
+/* What stream_update reports. */
+typedef struct {
+    elbow_real residual; /* residual of the unactuated rows, relative as the tolerance */
+    elbow_real kinematic_mismatch; /* as in inversion_info, limit 0.02 */
+    /* largest step of a motor torque from the interval before, relative to its largest value; limit 2e-4 */
+    elbow_real torque_step;
+    elbow_real deviation_m; /* [m] distance of the modified path from the given one */
+    elbow_real deviation_rad; /* [rad] angle between both */
+    int iterations; /* iterations of the solver: 1 */
+    int intervals; /* intervals of the horizon */
+    int limits_active; /* 1 where limits modify the path or are exceeded, else 0 */
+} elbow_stream_info;
+
+/*
+ * Length of the workspace of invert, in reals; -1 where an option is out of range.
+ *
+ *   n        [1] samples of the path
+ *   options      see elbow_inversion_options
+ */
+ELBOW_API
+int64_t elbow_invert_work(int n, const elbow_inversion_options *options);
+
+/*
+ * Inverse dynamics along a whole path: motion of arm and motors, and motor torques, for exact tracking of the output.
+ *
+ * The output is at rest before the path and after it. The arm starts at equilibrium. Its unactuated coordinates move
+ * before the path where zeros are unstable (n_pre), and after it until the stable zeros have decayed (n_post). OK: the
+ * residual is within the tolerance on the mesh and at the samples, and the kinematic mismatch is below 0.02.
+ * TOLERANCE_NOT_MET: the iteration converged on the mesh, but the result between its nodes is not accurate: use a
+ * finer mesh, a smoother path, or another sampling period. Do not use the results where the status is negative.
+ * BAD_ARGUMENT also means that the path does not begin and end at rest. UNREACHABLE also means that no equilibrium was
+ * found from q_start. Without unactuated coordinates nothing is solved and the residual is zero. Arrays are stored
+ * sample after sample: entry i of sample k is x[k * n_a + i]. Stack: at most 11264 bytes.
+ *
+ *   path                        samples of the output
+ *   q_start   n_a       [mixed] initial guess of the equilibrium at the first sample
+ *   options                     see elbow_inversion_options
+ *   motion                      results; N = n_pre + n + n_post
+ *   info                        what the solver reports
+ *   work      work_size         workspace
+ *   work_size           [1]     its length, at least invert_work
+ */
+ELBOW_API
+elbow_status elbow_invert(const elbow_path *path, const elbow_real q_start[ELBOW_NA],
+    const elbow_inversion_options *options, elbow_motion *motion, elbow_inversion_info *info, elbow_real *work,
+    int64_t work_size);
+
+/*
+ * Length of the memory of a stream, in reals; -1 where an option is out of range.
+ *
+ *   options   see elbow_stream_options
+ */
+ELBOW_API
+int64_t elbow_stream_work(const elbow_stream_options *options);
+
+/*
+ * Start a stream: inverse dynamics on a moving horizon, at rest at a given output.
+ *
+ * The memory holds the whole state of the stream. It may be copied and moved between calls. Each stream needs its own.
+ * A stream that has failed can be started again. Stack: at most 11264 bytes.
+ *
+ *   stream      stream_size         memory of the stream
+ *   stream_size             [1]     its length, at least stream_work
+ *   options                         see elbow_stream_options
+ *   y           n_t         [mixed] output; for a pose the position, then the rotation matrix by columns
+ *   q_start     n_a         [mixed] initial guess of the equilibrium
+ */
+ELBOW_API
+elbow_status elbow_stream_start(elbow_real *stream, int64_t stream_size, const elbow_stream_options *options,
+    const elbow_real y[ELBOW_NT], const elbow_real q_start[ELBOW_NA]);
+
+/*
+ * Take the path sample at the end of the horizon; give motion and torques of the interval that starts now.
+ *
+ * The output reaches the sample after as many updates as the horizon has intervals. An update is one iteration of the
+ * solver, with a bounded number of operations. A sample that is refused (INPUT_NOT_FINITE, BAD_ARGUMENT, UNREACHABLE)
+ * changes nothing. After any other negative status the stream has failed, and later updates return NOT_STARTED. OK: in
+ * this interval the residual is within the tolerance, the kinematic mismatch is below 0.02, and the motor torque
+ * continues that of the interval before within 2e-4 of its largest value. TOLERANCE_NOT_MET: one of these three is too
+ * large; the info shows which. Reasons are a path that is not smooth, a horizon that is too short for the unstable
+ * zeros, a sampling period that is too long or too short, or fewer than 7 samples in the rest of the horizon:
+ * (intervals - 1) * samples_per_interval < 7. TOLERANCE_NOT_MET and LIMITS_ACTIVE are positive and come with results.
+ * To stop, repeat the last position with zero derivatives until the results are at rest, at least for a whole horizon.
+ * Stack: at most 11264 bytes.
+ *
+ *   stream stream_work         memory of the stream
+ *   y      n_t         [mixed] output; for a pose the position, then the rotation matrix by columns
+ *   dy     n_y         [mixed] its first time derivative; for a pose linear and angular velocity, world axes
+ *   ddy    n_y         [mixed] its second time derivative; for a pose linear and angular acceleration
+ *   motion                     results; N = samples_per_interval
+ *   info                       what the solver reports
+ */
+ELBOW_API
+elbow_status elbow_stream_update(elbow_real *stream, const elbow_real y[ELBOW_NT], const elbow_real dy[ELBOW_NY],
+    const elbow_real ddy[ELBOW_NY], elbow_motion *motion, elbow_stream_info *info);
+
+/*
+ * Set limits of the motors: the stream modifies the path ahead where a limit would be exceeded.
+ *
+ * The limits hold from the next update on, with a bounded number of operations per update: a small quadratic program
+ * changes the path within the horizon as little as possible, and the inversion follows the modified path. While the
+ * path is modified, or a limit is exceeded, update returns LIMITS_ACTIVE and reports the deviation, which decays when
+ * no limit is active. A limit that cannot be kept is exceeded: compare the torques with the limits. Where it is
+ * exceeded by a factor above 2.5 while the path is modified, the stream stops with LIMITS_INFEASIBLE. The path is
+ * modified only beyond the preview that the unstable zeros need; HORIZON_TOO_SHORT: fewer than 4 intervals, or less
+ * than half of this preview beyond it. Limits may be changed at any time. An infinite torque or speed is no limit.
+ * Stack: at most 11264 bytes.
+ *
+ *   stream        stream_work         memory of the stream
+ *   torque_max    n_m         [N m]   largest motor torques, positive
+ *   speed_max     n_m         [rad/s] largest motor speeds, positive
+ *   deviation_max             [mixed] largest deviation of each output, m or rad
+ */
+ELBOW_API
+elbow_status elbow_stream_limits(elbow_real *stream, const elbow_real torque_max[ELBOW_NM],
+    const elbow_real speed_max[ELBOW_NM], elbow_real deviation_max);
+
+#ifdef __cplusplus
 }
+#endif
 
 #endif

@@ -1,11 +1,13 @@
 /*
- * elbow: every function once, at rest in the home pose. Written by flexgen; see elbow.h.
+ * elbow: every function once, at rest in the home pose; then a path on which the output stays where it is, inverted as a whole and by a stream.
+ * Written by flexgen; see elbow.h.
  *
- *   cc -std=c99 -O2 -ffp-contract=off *.c -lm -o example && ./example
+ *   cc -std=c99 -O2 -ffp-contract=off -I. example.c $(find src -name '*.c') -lm -o example && ./example
  */
-#include "elbow.h"
+#include "elbow_inversion.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 
 static void show(const char *name, const char *unit, const elbow_real *x, int rows, int columns)
 {
@@ -18,15 +20,78 @@ static void show(const char *name, const char *unit, const elbow_real *x, int ro
     }
 }
 
+enum { SAMPLES = 21, UPDATES = 10 };
+
+/* The output at the home pose: how far it is from zero. */
+static elbow_status home_output(elbow_real y[ELBOW_NT])
+{
+    const elbow_real zero_velocity[ELBOW_NA] = {0}, zero[ELBOW_NT] = {0};
+    elbow_real W[ELBOW_NY * ELBOW_NA], Wdot_v[ELBOW_NY];
+    return elbow_output_constraint(elbow_home_q_a, zero_velocity, zero, y, W, Wdot_v);
+}
+
+/* The motor torques for a whole path: here the output stays where it is. */
+static int invert_path(void)
+{
+    elbow_real y[SAMPLES * ELBOW_NT], zero[SAMPLES * ELBOW_NY] = {0}, tau_m[SAMPLES * ELBOW_NM];
+    const elbow_path path = {SAMPLES, 0.001, y, zero, zero};
+    const elbow_inversion_options options = {0, 0, 5, 1e-6};
+    elbow_motion motion = {NULL, NULL, NULL, NULL, NULL, NULL, tau_m};
+    elbow_inversion_info info;
+    elbow_status status = home_output(y);
+    const int64_t size = elbow_invert_work(SAMPLES, &options);
+    elbow_real *work = (elbow_real *)malloc((size_t)size * sizeof(elbow_real));
+    if (work == NULL || status != ELBOW_OK) {
+        free(work);
+        return 1;
+    }
+    for (int i = ELBOW_NT; i < SAMPLES * ELBOW_NT; ++i) {
+        y[i] = y[i - ELBOW_NT];
+    }
+    status = elbow_invert(&path, elbow_home_q_a, &options, &motion, &info, work, size);
+    printf("invert: %s\n", elbow_status_text(status));
+    if (status == ELBOW_OK) {
+        show("tau_m", "N m", tau_m, ELBOW_NM, 1);
+    }
+    free(work);
+    return status < 0;
+}
+
+/* The same torques from a stream: memory is allocated once, an update allocates nothing. */
+static int run_stream(void)
+{
+    elbow_real y[ELBOW_NT], zero[ELBOW_NY] = {0}, tau_m[ELBOW_NM];
+    const elbow_stream_options options = {10, 1, 0.005, 1e-6};
+    elbow_motion motion = {NULL, NULL, NULL, NULL, NULL, NULL, tau_m};
+    elbow_stream_info info;
+    elbow_status status = home_output(y);
+    const int64_t size = elbow_stream_work(&options);
+    elbow_real *stream = (elbow_real *)malloc((size_t)size * sizeof(elbow_real));
+    if (stream == NULL || status != ELBOW_OK) {
+        free(stream);
+        return 1;
+    }
+    status = elbow_stream_start(stream, size, &options, y, elbow_home_q_a);
+    for (int k = 0; k < UPDATES && status >= 0; ++k) {
+        status = elbow_stream_update(stream, y, zero, zero, &motion, &info);
+    }
+    printf("stream: %s\n", elbow_status_text(status));
+    if (status >= 0) {
+        show("tau_m", "N m", tau_m, ELBOW_NM, 1);
+    }
+    free(stream);
+    return status < 0;
+}
+
 int main(void)
 {
-    int status, failed = 0;
+    elbow_status status;
+    int failed = 0;
     {
         const elbow_real q_a[ELBOW_NA] = {0.5235987755982988, (-0.3490658503988659)};
         elbow_real p[3];
         elbow_real R[3 * 3];
-        elbow_real work[ELBOW_FORWARD_KINEMATICS_WORK];
-        status = elbow_forward_kinematics(q_a, p, R, work);
+        status = elbow_forward_kinematics(q_a, p, R);
         printf("forward_kinematics: %s\n", elbow_status_text(status));
         if (status == ELBOW_OK) {
             show("p", "m", p, 3, 1);
@@ -38,8 +103,7 @@ int main(void)
     {
         const elbow_real q_a[ELBOW_NA] = {0.5235987755982988, (-0.3490658503988659)};
         elbow_real J[6 * ELBOW_NA];
-        elbow_real work[ELBOW_JACOBIAN_WORK];
-        status = elbow_jacobian(q_a, J, work);
+        status = elbow_jacobian(q_a, J);
         printf("jacobian: %s\n", elbow_status_text(status));
         if (status == ELBOW_OK) {
             show("J", "mixed", J, 6, ELBOW_NA);
@@ -50,8 +114,7 @@ int main(void)
     {
         const elbow_real q_a[ELBOW_NA] = {0.5235987755982988, (-0.3490658503988659)};
         elbow_real M[ELBOW_NA * ELBOW_NA];
-        elbow_real work[ELBOW_MASS_MATRIX_WORK];
-        status = elbow_mass_matrix(q_a, M, work);
+        status = elbow_mass_matrix(q_a, M);
         printf("mass_matrix: %s\n", elbow_status_text(status));
         if (status == ELBOW_OK) {
             show("M", "kg m^2", M, ELBOW_NA, ELBOW_NA);
@@ -63,8 +126,7 @@ int main(void)
         const elbow_real q_a[ELBOW_NA] = {0.5235987755982988, (-0.3490658503988659)};
         const elbow_real v_a[ELBOW_NA] = {0.0, 0.0};
         elbow_real h[ELBOW_NA];
-        elbow_real work[ELBOW_BIAS_WORK];
-        status = elbow_bias(q_a, v_a, h, work);
+        status = elbow_bias(q_a, v_a, h);
         printf("bias: %s\n", elbow_status_text(status));
         if (status == ELBOW_OK) {
             show("h", "N m", h, ELBOW_NA, 1);
@@ -75,8 +137,7 @@ int main(void)
     {
         const elbow_real q_a[ELBOW_NA] = {0.5235987755982988, (-0.3490658503988659)};
         elbow_real g[ELBOW_NA];
-        elbow_real work[ELBOW_GRAVITY_WORK];
-        status = elbow_gravity(q_a, g, work);
+        status = elbow_gravity(q_a, g);
         printf("gravity: %s\n", elbow_status_text(status));
         if (status == ELBOW_OK) {
             show("g", "N m", g, ELBOW_NA, 1);
@@ -89,8 +150,7 @@ int main(void)
         const elbow_real v_a[ELBOW_NA] = {0.0, 0.0};
         const elbow_real a_a[ELBOW_NA] = {0.0, 0.0};
         elbow_real tau_a[ELBOW_NA];
-        elbow_real work[ELBOW_INVERSE_DYNAMICS_WORK];
-        status = elbow_inverse_dynamics(q_a, v_a, a_a, tau_a, work);
+        status = elbow_inverse_dynamics(q_a, v_a, a_a, tau_a);
         printf("inverse_dynamics: %s\n", elbow_status_text(status));
         if (status == ELBOW_OK) {
             show("tau_a", "N m", tau_a, ELBOW_NA, 1);
@@ -105,8 +165,7 @@ int main(void)
         elbow_real dtau_dq[ELBOW_NA * ELBOW_NA];
         elbow_real dtau_dv[ELBOW_NA * ELBOW_NA];
         elbow_real dtau_da[ELBOW_NA * ELBOW_NA];
-        elbow_real work[ELBOW_INVERSE_DYNAMICS_DERIVATIVES_WORK];
-        status = elbow_inverse_dynamics_derivatives(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, work);
+        status = elbow_inverse_dynamics_derivatives(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da);
         printf("inverse_dynamics_derivatives: %s\n", elbow_status_text(status));
         if (status == ELBOW_OK) {
             show("dtau_dq", "mixed", dtau_dq, ELBOW_NA, ELBOW_NA);
@@ -121,8 +180,7 @@ int main(void)
         const elbow_real v_a[ELBOW_NA] = {0.0, 0.0};
         const elbow_real tau_a[ELBOW_NA] = {0.0, 0.0};
         elbow_real a_a[ELBOW_NA];
-        elbow_real work[ELBOW_ARM_FORWARD_DYNAMICS_WORK];
-        status = elbow_arm_forward_dynamics(q_a, v_a, tau_a, a_a, work);
+        status = elbow_arm_forward_dynamics(q_a, v_a, tau_a, a_a);
         printf("arm_forward_dynamics: %s\n", elbow_status_text(status));
         if (status == ELBOW_OK) {
             show("a_a", "rad/s^2", a_a, ELBOW_NA, 1);
@@ -137,7 +195,7 @@ int main(void)
         elbow_real da_dq[ELBOW_NA * ELBOW_NA];
         elbow_real da_dv[ELBOW_NA * ELBOW_NA];
         elbow_real da_dtau[ELBOW_NA * ELBOW_NA];
-        elbow_real work[ELBOW_ARM_FORWARD_DERIVATIVES_WORK];
+        elbow_real work[ELBOW_WORK];
         status = elbow_arm_forward_derivatives(q_a, v_a, tau_a, da_dq, da_dv, da_dtau, work);
         printf("arm_forward_derivatives: %s\n", elbow_status_text(status));
         if (status == ELBOW_OK) {
@@ -156,8 +214,7 @@ int main(void)
         const elbow_real tau_m[ELBOW_NM] = {0.0, 0.0};
         elbow_real a_a[ELBOW_NA];
         elbow_real a_m[ELBOW_NM];
-        elbow_real work[ELBOW_FORWARD_DYNAMICS_WORK];
-        status = elbow_forward_dynamics(q_a, v_a, q_m, v_m, tau_m, a_a, a_m, work);
+        status = elbow_forward_dynamics(q_a, v_a, q_m, v_m, tau_m, a_a, a_m);
         printf("forward_dynamics: %s\n", elbow_status_text(status));
         if (status == ELBOW_OK) {
             show("a_a", "rad/s^2", a_a, ELBOW_NA, 1);
@@ -174,7 +231,7 @@ int main(void)
         const elbow_real tau_m[ELBOW_NM] = {0.0, 0.0};
         elbow_real A[ELBOW_NX * ELBOW_NX];
         elbow_real B[ELBOW_NX * ELBOW_NM];
-        elbow_real work[ELBOW_LINEARIZE_WORK];
+        elbow_real work[ELBOW_WORK];
         status = elbow_linearize(q_a, v_a, q_m, v_m, tau_m, A, B, work);
         printf("linearize: %s\n", elbow_status_text(status));
         if (status == ELBOW_OK) {
@@ -191,8 +248,7 @@ int main(void)
         elbow_real y_err[ELBOW_NY];
         elbow_real W[ELBOW_NY * ELBOW_NA];
         elbow_real Wdot_v[ELBOW_NY];
-        elbow_real work[ELBOW_OUTPUT_CONSTRAINT_WORK];
-        status = elbow_output_constraint(q_a, v_a, target, y_err, W, Wdot_v, work);
+        status = elbow_output_constraint(q_a, v_a, target, y_err, W, Wdot_v);
         printf("output_constraint: %s\n", elbow_status_text(status));
         if (status == ELBOW_OK) {
             show("y_err", "m", y_err, ELBOW_NY, 1);
@@ -207,8 +263,7 @@ int main(void)
         const elbow_real v_a[ELBOW_NA] = {0.0, 0.0};
         const elbow_real a_a[ELBOW_NA] = {0.0, 0.0};
         elbow_real tau_g[ELBOW_NG];
-        elbow_real work[ELBOW_INVERSION_ROWS_WORK];
-        status = elbow_inversion_rows(q_a, v_a, a_a, tau_g, work);
+        status = elbow_inversion_rows(q_a, v_a, a_a, tau_g);
         printf("inversion_rows: %s\n", elbow_status_text(status));
         if (status == ELBOW_OK) {
             show("tau_g", "N m", tau_g, ELBOW_NG, 1);
@@ -220,8 +275,7 @@ int main(void)
         const elbow_real twist[ELBOW_NG] = {0.0, 0.0};
         elbow_real tau_p[ELBOW_NG];
         elbow_real dtau_p[ELBOW_NG];
-        elbow_real work[ELBOW_GEAR_LAW_WORK];
-        status = elbow_gear_law(twist, tau_p, dtau_p, work);
+        status = elbow_gear_law(twist, tau_p, dtau_p);
         printf("gear_law: %s\n", elbow_status_text(status));
         if (status == ELBOW_OK) {
             show("tau_p", "N m", tau_p, ELBOW_NG, 1);
@@ -233,8 +287,7 @@ int main(void)
     {
         const elbow_real v_m[ELBOW_NM] = {0.0, 0.0};
         elbow_real f_m[ELBOW_NM];
-        elbow_real work[ELBOW_MOTOR_FRICTION_WORK];
-        status = elbow_motor_friction(v_m, f_m, work);
+        status = elbow_motor_friction(v_m, f_m);
         printf("motor_friction: %s\n", elbow_status_text(status));
         if (status == ELBOW_OK) {
             show("f_m", "N m", f_m, ELBOW_NM, 1);
@@ -242,5 +295,7 @@ int main(void)
             failed = 1;
         }
     }
+    failed |= invert_path();
+    failed |= run_stream();
     return failed;
 }

@@ -21,7 +21,7 @@ from flexgen.model.reader import model_names, read
 from flexgen.recursion import inversion_functions as by_recursion
 from flexgen.recursion.functions import fast_function, recursive_function
 
-MADE_OF_TAPES = ("output_constraint", "inversion_slopes", "inversion_rows")
+MADE_OF_TAPES = ("output_constraint", "inversion_jacobians", "inversion_rows")
 ROBOTS = ("one", "spatial", "ur5_elastic")
 # Of the largest entry of a result: rounding along chains of tens of frames, in another order.
 EXACT = 1e-12
@@ -99,7 +99,7 @@ def test_the_lagrangian_is_what_differences_give(name):
         return np.array(columns).T
 
     n_y = equations.model.output.size
-    found = values(equations.function("inversion_slopes"), given)
+    found = values(equations.function("inversion_jacobians"), given)
     by_q, by_v, by_a = (slope(of) for of in ("q_a", "v_a", "a_a"))
     expected = {"dy1_dq": by_q[:n_y], "dy2_dq": by_q[n_y : 2 * n_y], "dy2_dv": by_v[n_y : 2 * n_y]}
     assert np.abs(by_v[:n_y] - values(constraint, given)["W"]).max() < DIFFERENCES
@@ -165,9 +165,9 @@ def test_a_planted_error_in_the_turning_is_seen(monkeypatch):
     """Angular velocities are no derivatives of coordinates: without that term the test must fail."""
     equations = derive(read("manutec_r3"))
     monkeypatch.setattr(by_recursion, "cross", lambda a, b: [0.0] * 3)
-    fast = recursive_function(equations, "inversion_slopes")
+    fast = recursive_function(equations, "inversion_jacobians")
     given = state(equations.model)
-    found, expected = values(fast, given), values(equations.function("inversion_slopes"), given)
+    found, expected = values(fast, given), values(equations.function("inversion_jacobians"), given)
     assert disagreement(found, expected) > 1e-2
     lines = {name: x[:3] for name, x in found.items()}
     assert disagreement(lines, {name: x[:3] for name, x in expected.items()}) <= EXACT
@@ -176,7 +176,7 @@ def test_a_planted_error_in_the_turning_is_seen(monkeypatch):
 def test_a_planted_error_in_the_springs_is_seen(monkeypatch):
     """Rows without their springs are not those of the Lagrangian."""
     equations = derive(read("planar5_nmp"))
-    expected = values(equations.function("inversion_slopes"), given := state(equations.model))
+    expected = values(equations.function("inversion_jacobians"), given := state(equations.model))
     kept = inversion_functions.derivative_ports
 
     def without(equations, of_output, of_left):
@@ -186,7 +186,7 @@ def test_a_planted_error_in_the_springs_is_seen(monkeypatch):
         return inputs, names, outputs, ports
 
     monkeypatch.setattr(by_recursion, "derivative_ports", without)
-    assert disagreement(values(recursive_function(equations, "inversion_slopes"), given), expected) > 1e-3
+    assert disagreement(values(recursive_function(equations, "inversion_jacobians"), given), expected) > 1e-3
 
 
 # --- who has them -----------------------------------------------------------------------------------------------------
@@ -198,7 +198,7 @@ def complete(model: RobotModel) -> RobotModel:
 def test_who_has_which_functions():
     plain = FUNCTIONS[: -len(INVERSION)]
     assert offered_functions(read("planar5_nmp")) == FUNCTIONS
-    assert offered_functions(read("elbow")) == tuple(name for name in FUNCTIONS if name != "inversion_slopes")
+    assert offered_functions(read("elbow")) == tuple(name for name in FUNCTIONS if name != "inversion_jacobians")
     assert offered_functions(complete(read("planar5_nmp"))) == plain
     one = read("planar5_nmp")
     fewer = dataclasses.replace(one, output=dataclasses.replace(one.output, axes="x"))
@@ -206,7 +206,7 @@ def test_who_has_which_functions():
     with pytest.raises(ArgumentError, match=r"gear_law.*as many outputs as motors \(1 and 2 given\)"):
         chosen_functions(["gear_law"], fewer)
     with pytest.raises(ArgumentError, match="coordinates without motor"):
-        chosen_functions(["inversion_slopes"], read("elbow"))
+        chosen_functions(["inversion_jacobians"], read("elbow"))
     with pytest.raises(ArgumentError, match="as many outputs as motors"):
         derive(fewer).function("inversion_rows")
     assert recursive_function(derive(fewer), "inversion_rows") is None
@@ -238,7 +238,7 @@ def test_run_time_parameters_are_arguments(names):
         if fast is not None:
             assert disagreement(values(fast, given), values(slow, given)) <= EXACT, name
     takes = {f.name for f in spec.functions if any(p.name == "parameters" for p in f.inputs)}
-    expected = {"payload": {"inversion_slopes", "inversion_rows", "gear_law"}, "friction": {"inversion_slopes"}}
+    expected = {"payload": {"inversion_jacobians", "inversion_rows", "gear_law"}, "friction": {"inversion_jacobians"}}
     assert expected[names[0]] <= takes
 
 

@@ -65,7 +65,7 @@ class Target:
 def target(model: Any, folder: FilePath, move: str | None = None, singular: int = -1) -> Target:
     """The target of a model; its library holds no more than the inversion."""
     equations = derive(model)
-    names = [name for name in INVERSION if name != "inversion_slopes" or equations.model.n_e]
+    names = [name for name in INVERSION if name != "inversion_jacobians" or equations.model.n_e]
     made = generate(model, folder, functions=names)
     library = load(made.directory)
     path = Path(equations, equations.model.move(move))

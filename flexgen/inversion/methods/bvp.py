@@ -48,12 +48,12 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         *samples(Reduction(problem.equations), problem.path, period, n),
         period=period,
         q_start=problem.path.q_start,
-        lead=lead,
-        tail=tail,
-        every=every,
+        n_pre=lead,
+        n_post=tail,
+        samples_per_interval=every,
         tolerance=TOLERANCE,
     )
     solved = from_library(found)
-    start, end = found.unstable
+    start, end = found.unstable_zeros_start, found.unstable_zeros_end
     details = {**solved.details, "unstable_zeros_start": start, "unstable_zeros_end": end}
     return replace(solved, details=details, verdict=f"{start} unstable zeros bound at the end of the motion")

@@ -41,9 +41,9 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         rate2,
         period=period,
         q_start=path.q_start,
-        lead=lead,
-        tail=tail,
-        every=every,
+        n_pre=lead,
+        n_post=tail,
+        samples_per_interval=every,
         tolerance=TOLERANCE,
     )
     if problem.limits is not None:

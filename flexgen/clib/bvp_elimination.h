@@ -1,0 +1,369 @@
+/*
+ * model: one Newton step of the two-point problem over a mesh, by elimination with row pivoting; private.
+ *
+ * Unknown are, in scaled steps, the accelerations a of each interval and the states y of all nodes. The equations are
+ * the residuals at the Gauss points and the motion to the next node, interval after interval, and rows at both ends:
+ *
+ *     first . y_0 = ...,    J_a a_k + J_y y_k = ...,    C_a a_k + C_y y_k - y_(k+1) = ...,    last . y_N = ...
+ *
+ * In an interval a is eliminated first, with pivots among all its rows, as the residuals alone may be singular in a;
+ * then y_k, with pivots among what is left and the rows that come from before, as many as there are at the start. Such
+ * pivots keep the step stable where the rows at the start bind what fades and those at the end what grows.
+ */
+#ifndef MODEL_BVP_ELIMINATION_H
+#define MODEL_BVP_ELIMINATION_H
+
+#include "model_dense.h"
+#include "model_lq_step.h"
+
+#if MODEL_NE > 0
+
+enum {
+    INTERVAL_ROWS = CONTROLS + STATES,
+    INTERVAL_WIDTH = (CONTROLS + 2 * STATES + 1 + 7) / 8 * 8, /* a_k, y_k, y_(k+1), right side */
+    NODE_ROWS = 2 * STATES,
+    NODE_WIDTH = (2 * STATES + 1 + 7) / 8 * 8, /* y_k, y_(k+1), right side */
+    INTERVAL_FACTOR = CONTROLS * INTERVAL_WIDTH + STATES * NODE_WIDTH
+};
+
+static const real least_pivot = 1e-14; /* of rows whose entries sum up to one */
+
+/* The two-point problem: a mesh and what holds at its ends. */
+typedef struct {
+    mesh m;
+    int from_start, from_end;                         /* rows there; STATES together */
+    real first[STATES][STATES], last[STATES][STATES]; /* rows, of scaled states */
+    real equilibrium_start[STATES], equilibrium_end[STATES];
+    int turns; /* out: whether the determinant of A changes its sign on the mesh */
+} two_point;
+
+typedef struct {
+    lq_space lq;
+    real interval[INTERVAL_ROWS * INTERVAL_WIDTH];
+    real node[NODE_ROWS * NODE_WIDTH];
+} blocks_space;
+
+/* Scale each row so that its entries but the right side sum up to one, without signs; 0 where there are none. */
+static inline int level(real *rows, int height, int columns, int width)
+{
+    for (int i = 0; i < height; ++i) {
+        real *row = rows + i * width;
+        const int whole = columns / PANEL * PANEL;
+        lanes sums = splat_v(0.0);
+        real size = 0.0;
+        for (int j = 0; j < whole; j += LANES) {
+            sums += fabs_v(load_v(row + j));
+        }
+        for (int j = whole; j < columns; ++j) {
+            size += fabs_1(row[j]);
+        }
+        size += sum_v(sums);
+        if (!(size > 1e-300 && size < 1e300)) {
+            return 0;
+        }
+        size = 1.0 / size;
+        for (int j = 0; j < width; j += LANES) {
+            store_v(row + j, splat_v(size) * load_v(row + j));
+        }
+    }
+    return 1;
+}
+
+/* row += the sum of factors[p] rows[p], p < count, from column `begin` on. */
+static inline void add_rows(
+    real *RESTRICT row, const real *RESTRICT rows, const real *factors, int count, int begin, int width)
+{
+    real w[PANEL], any = 0.0;
+    for (int p = 0; p < PANEL; ++p) {
+        w[p] = p < count ? factors[p] : 0.0;
+        any = fmax_1(any, fabs_1(w[p]));
+    }
+    if (!(any > 0.0)) {
+        return;
+    }
+    if (count == PANEL) {
+        for (int j = begin; j < width; j += LANES) {
+            lanes sum = load_v(row + j);
+            for (int p = 0; p < PANEL; ++p) {
+                sum += splat_v(w[p]) * load_v(rows + p * width + j);
+            }
+            store_v(row + j, sum);
+        }
+        return;
+    }
+    for (int j = begin; j < width; j += LANES) {
+        lanes sum = load_v(row + j);
+        for (int p = 0; p < count; ++p) {
+            sum += splat_v(w[p]) * load_v(rows + p * width + j);
+        }
+        store_v(row + j, sum);
+    }
+}
+
+/*
+ * Eliminate the first `columns` columns of leveled rows, eight at a time; 0 where a pivot is rounding. Pivots are left
+ * inverted; what stands left of them means nothing.
+ */
+static inline int eliminate_rows(real *RESTRICT rows, int height, int columns, int width)
+{
+    for (int begin = 0; begin < columns; begin += PANEL) {
+        const int end = columns - begin < PANEL ? columns : begin + PANEL;
+        for (int k = begin; k < end; ++k) {
+            const int best = pivot_row(rows, height, width, k);
+            real *top = rows + k * width, masked[PANEL], pivot;
+            if (!(fabs_1(rows[best * width + k]) > least_pivot)) {
+                return 0;
+            }
+            for (int j = begin; j < width && best != k; j += LANES) {
+                const lanes t = load_v(top + j);
+                store_v(top + j, load_v(rows + best * width + j));
+                store_v(rows + best * width + j, t);
+            }
+            pivot = 1.0 / top[k];
+            top[k] = pivot;
+            for (int p = 0; p < PANEL; ++p) {
+                masked[p] = begin + p > k ? top[begin + p] : 0.0;
+            }
+            for (int i = k + 1; i < height; ++i) { /* in these columns; the factor stays where it was */
+                real *row = rows + i * width;
+                const real f = -row[k] * pivot;
+                for (int p = 0; p < PANEL; p += LANES) {
+                    store_v(row + begin + p, load_v(row + begin + p) + splat_v(f) * load_v(masked + p));
+                }
+                row[k] = f;
+            }
+        }
+        for (int i = begin + 1; i < height; ++i) { /* in all columns to the right */
+            const int count = (i < end ? i : end) - begin;
+            add_rows(rows + i * width, rows + begin * width, rows + i * width + begin, count, begin + PANEL, width);
+        }
+    }
+    return 1;
+}
+
+/* x[0 ... columns) from eliminated rows with inverted pivots, given x[columns ... all); room for `width` in x. */
+static inline void substitute(const real *rows, int columns, int all, int width, real *x)
+{
+    x[all] = 1.0; /* of the right side */
+    for (int j = all + 1; j < width; ++j) {
+        x[j] = 0.0;
+    }
+    for (int i = columns - 1; i >= 0; --i) {
+        const real *row = rows + i * width;
+        const int whole = (i + PANEL) / PANEL * PANEL;
+        lanes sums = splat_v(0.0);
+        real sum = 0.0;
+        for (int j = i + 1; j < whole; ++j) {
+            sum += row[j] * x[j];
+        }
+        for (int j = whole; j < width; j += LANES) {
+            sums += load_v(row + j) * load_v(x + j);
+        }
+        x[i] = -(sum + sum_v(sums)) * row[i];
+    }
+}
+
+/* Sign of the determinant of A, given by rows, n x n; it is spoiled. */
+static inline int sign_of(real *A)
+{
+    int sign = 1;
+    for (int k = 0; k < NE; ++k) {
+        const int best = pivot_row(A, NE, NE, k);
+        swap_rows(A + k * NE, A + best * NE, NE);
+        if (best != k) {
+            sign = -sign;
+        }
+        if (!(A[k * NE + k] < 0.0 || A[k * NE + k] > 0.0)) {
+            return 0;
+        }
+        sign = A[k * NE + k] < 0.0 ? -sign : sign;
+        for (int i = k + 1; i < NE; ++i) {
+            const real f = A[i * NE + k] / A[k * NE + k];
+            for (int j = k; j < NE; ++j) {
+                A[i * NE + j] -= f * A[k * NE + j];
+            }
+        }
+    }
+    return sign;
+}
+
+/* Rows of one interval: residuals at its Gauss points, and the motion to the next node. */
+static inline void fill_interval(const mesh *m, int k, const real *point, blocks_space *w)
+{
+    const real h = m->h, drift = h * scale_v / scale_q;
+    const real *y = m->y + (ptrdiff_t)k * STATES;
+    real next[STATES], *rows = w->interval;
+    interval_rows(m, point, w->lq.J);
+    for (int i = 0; i < INTERVAL_ROWS * INTERVAL_WIDTH; ++i) {
+        rows[i] = 0.0;
+    }
+    for (int i = 0; i < CONTROLS; ++i) {
+        for (int j = 0; j < CONTROLS + STATES; ++j) {
+            rows[i * INTERVAL_WIDTH + j] = w->lq.J[i * WIDTH + j];
+        }
+        rows[i * INTERVAL_WIDTH + CONTROLS + 2 * STATES] = w->lq.J[i * WIDTH + CONTROLS + STATES];
+    }
+    next_node(y, m->a + (ptrdiff_t)k * CONTROLS, h, next);
+    for (int i = 0; i < NE; ++i) {
+        real *row_q = rows + (CONTROLS + i) * INTERVAL_WIDTH, *row_v = rows + (CONTROLS + NE + i) * INTERVAL_WIDTH;
+        for (int s = 0; s < STAGES; ++s) {
+            row_q[s * NE + i] = h * h * gauss_b[s] * (1.0 - gauss_c[s]) * scale_a / scale_q;
+            row_v[s * NE + i] = h * gauss_b[s] * scale_a / scale_v;
+        }
+        row_q[CONTROLS + i] = 1.0;
+        row_q[CONTROLS + NE + i] = drift;
+        row_v[CONTROLS + NE + i] = 1.0;
+        row_q[CONTROLS + STATES + i] = -1.0;
+        row_v[CONTROLS + STATES + NE + i] = -1.0;
+        row_q[CONTROLS + 2 * STATES] = (next[i] - y[STATES + i]) / scale_q;
+        row_v[CONTROLS + 2 * STATES] = (next[NE + i] - y[STATES + NE + i]) / scale_v;
+    }
+}
+
+/* What a row at an end finds in the scaled distance from rest. */
+static inline real off_end(const real *row, const real *y, const real *equilibrium)
+{
+    real sum = 0.0;
+    for (int j = 0; j < STATES; ++j) {
+        sum += row[j] * (y[j] - equilibrium[j]) / (j < NE ? scale_q : scale_v);
+    }
+    return sum;
+}
+
+/* Rows at an end: none of what they stand for in the scaled distance from rest. */
+static inline void fill_end(real (*rows)[STATES], int count, const real *y, const real *equilibrium, real *to)
+{
+    for (int i = 0; i < count; ++i) {
+        real *row = to + i * NODE_WIDTH;
+        for (int j = 0; j < NODE_WIDTH; ++j) {
+            row[j] = 0.0;
+        }
+        for (int j = 0; j < STATES; ++j) {
+            row[j] = rows[i][j];
+        }
+        row[2 * STATES] = off_end(rows[i], y, equilibrium);
+    }
+}
+
+/* The largest residual of all equations, in their scales. */
+static inline int all_residuals(two_point *b, blocks_space *w, real *space)
+{
+    mesh *m = &b->m;
+    const int status = evaluate_residual(m, &w->lq, space);
+    const real *end = m->y + (ptrdiff_t)m->N * STATES;
+    if (status != MODEL_OK) {
+        return status;
+    }
+    for (ptrdiff_t k = 0; k < m->N; ++k) {
+        real next[STATES];
+        const real *y = m->y + (k + 1) * STATES;
+        next_node(m->y + k * STATES, m->a + k * CONTROLS, m->h, next);
+        for (int i = 0; i < STATES; ++i) {
+            m->residual = fmax_1(m->residual, fabs_1(next[i] - y[i]) / (i < NE ? scale_q : scale_v));
+        }
+    }
+    for (int i = 0; i < b->from_start; ++i) {
+        m->residual = fmax_1(m->residual, fabs_1(off_end(b->first[i], m->y, b->equilibrium_start)));
+    }
+    for (int i = 0; i < b->from_end; ++i) {
+        m->residual = fmax_1(m->residual, fabs_1(off_end(b->last[i], end, b->equilibrium_end)));
+    }
+    return MODEL_OK;
+}
+
+/* The factors of all intervals, forwards. */
+static inline int factor_blocks(two_point *b, blocks_space *w, real *space)
+{
+    mesh *m = &b->m;
+    real *node = w->node;
+    int sign = 0;
+    b->turns = 0;
+    fill_end(b->first, b->from_start, m->y, b->equilibrium_start, node);
+    for (int first = 0; first < m->N; first += GROUP) {
+        const int count = m->N - first < GROUP ? m->N - first : (int)GROUP;
+        const int status = evaluate_group(m, first, count, &w->lq, space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int k = first; k < first + count; ++k) {
+            real *point = w->lq.point + (ptrdiff_t)(k - first) * STAGES * POINT;
+            real *factor = m->factor + (ptrdiff_t)k * INTERVAL_FACTOR, *own = node + b->from_start * NODE_WIDTH;
+            fill_interval(m, k, point, w);
+            for (int s = 0; s < STAGES; ++s) {
+                const int this_one = sign_of(point + s * POINT + 2 * NE * NE);
+                b->turns |= this_one == 0 || (sign != 0 && this_one != sign);
+                sign = this_one;
+            }
+            if (!level(w->interval, INTERVAL_ROWS, CONTROLS + 2 * STATES, INTERVAL_WIDTH) ||
+                !eliminate_rows(w->interval, INTERVAL_ROWS, CONTROLS, INTERVAL_WIDTH)) {
+                return MODEL_NOT_CONVERGED;
+            }
+            for (int i = 0; i < CONTROLS * INTERVAL_WIDTH; ++i) {
+                factor[i] = w->interval[i];
+            }
+            for (int i = 0; i < STATES; ++i) {
+                for (int j = 0; j <= 2 * STATES; ++j) {
+                    own[i * NODE_WIDTH + j] = w->interval[(CONTROLS + i) * INTERVAL_WIDTH + CONTROLS + j];
+                }
+                for (int j = 2 * STATES + 1; j < NODE_WIDTH; ++j) {
+                    own[i * NODE_WIDTH + j] = 0.0;
+                }
+            }
+            if (!level(node, b->from_start + STATES, 2 * STATES, NODE_WIDTH) ||
+                !eliminate_rows(node, b->from_start + STATES, STATES, NODE_WIDTH)) {
+                return MODEL_NOT_CONVERGED;
+            }
+            for (int i = 0; i < STATES * NODE_WIDTH; ++i) {
+                factor[CONTROLS * INTERVAL_WIDTH + i] = node[i];
+            }
+            for (int i = 0; i < b->from_start; ++i) { /* what is left binds the next node */
+                const real *row = node + (STATES + i) * NODE_WIDTH;
+                real *to = node + i * NODE_WIDTH;
+                for (int j = 0; j < STATES; ++j) {
+                    to[j] = row[STATES + j];
+                    to[STATES + j] = 0.0;
+                }
+                to[2 * STATES] = row[2 * STATES];
+            }
+        }
+    }
+    fill_end(
+        b->last, b->from_end, m->y + (ptrdiff_t)m->N * STATES, b->equilibrium_end, node + b->from_start * NODE_WIDTH);
+    return level(node, STATES, STATES, NODE_WIDTH) && eliminate_rows(node, STATES, STATES, NODE_WIDTH) ?
+               (int)MODEL_OK :
+               (int)MODEL_NOT_CONVERGED;
+}
+
+/* The step itself, backwards. */
+static inline void step_back(two_point *b, blocks_space *w)
+{
+    mesh *m = &b->m;
+    real x[INTERVAL_WIDTH], y[NODE_WIDTH]; /* a_k, y_k, y_(k+1); y_k, y_(k+1) */
+    for (int i = 0; i < STATES; ++i) {
+        y[STATES + i] = 0.0;
+    }
+    substitute(w->node, STATES, 2 * STATES, NODE_WIDTH, y);
+    for (int i = 0; i < STATES; ++i) {
+        m->y[(ptrdiff_t)m->N * STATES + i] += y[i] * (i < NE ? scale_q : scale_v);
+    }
+    for (ptrdiff_t k = m->N - 1; k >= 0; --k) {
+        const real *factor = m->factor + k * INTERVAL_FACTOR;
+        for (int i = 0; i < STATES; ++i) {
+            y[STATES + i] = y[i];
+        }
+        substitute(factor + CONTROLS * INTERVAL_WIDTH, STATES, 2 * STATES, NODE_WIDTH, y);
+        for (int i = 0; i < 2 * STATES; ++i) {
+            x[CONTROLS + i] = y[i];
+        }
+        substitute(factor, CONTROLS, CONTROLS + 2 * STATES, INTERVAL_WIDTH, x);
+        for (int i = 0; i < STATES; ++i) {
+            m->y[k * STATES + i] += y[i] * (i < NE ? scale_q : scale_v);
+        }
+        for (int i = 0; i < CONTROLS; ++i) {
+            m->a[k * CONTROLS + i] += x[i] * scale_a;
+        }
+    }
+}
+
+#endif
+#endif

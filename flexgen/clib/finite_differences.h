@@ -1,0 +1,32 @@
+/*
+ * model: derivatives of a sampled motion by differences; private.
+ */
+#ifndef MODEL_FINITE_DIFFERENCES_H
+#define MODEL_FINITE_DIFFERENCES_H
+
+#include "model_inversion_common.h"
+
+enum { MARGIN = 3 }; /* samples on either side that a derivative needs */
+
+static const real mismatch_max =
+    2e-2; /* of a motion, see results and interval: more is no rounding and no filter's corner */
+
+/* First and second derivative by seven samples, `stride` apart and `period` seconds; order six. */
+static inline real sixty_differences(const real *x, ptrdiff_t stride)
+{
+    return 45.0 * (x[stride] - x[-stride]) - 9.0 * (x[2 * stride] - x[-2 * stride]) + (x[3 * stride] - x[-3 * stride]);
+}
+
+static inline real derivative_of(const real *x, ptrdiff_t stride, real period)
+{
+    return sixty_differences(x, stride) / (60.0 * period);
+}
+
+static inline real second_derivative_of(const real *x, ptrdiff_t stride, real period)
+{
+    return (270.0 * (x[stride] + x[-stride]) - 27.0 * (x[2 * stride] + x[-2 * stride]) +
+               2.0 * (x[3 * stride] + x[-3 * stride]) - 490.0 * x[0]) /
+           (180.0 * period * period);
+}
+
+#endif

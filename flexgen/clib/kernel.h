@@ -1,0 +1,394 @@
+/*
+ * model: numbers, vectors of numbers and their functions; private. Written by flexgen; see model.h.
+ *
+ * A name that ends in _1 works on one number (real), a name that ends in _v on LANES numbers at once (lanes). Sine,
+ * cosine, exp and tanh are polynomials without branches, tables or calls: the same bits for a number and a vector, on
+ * every processor and at every optimization level, unless the compiler contracts products and sums
+ * (-ffp-contract=off prevents this).
+ *
+ *   sin, cos    error <= 1 unit in the last place for |x| <= ANGLE_MAX; NaN beyond
+ *   exp         error <= 1 unit; infinity on overflow, zero on underflow, subnormal results are less accurate
+ *   tanh        error <= 3 units
+ */
+#ifndef MODEL_KERNEL_H
+#define MODEL_KERNEL_H
+
+#include <float.h>
+#include <math.h>
+#include <stdint.h>
+
+#include "model.h"
+#include "model_precision.h"
+
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(_M_FP_FAST) || \
+    (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0)
+#error "compile without -ffast-math: it removes the rounding that sine, cosine and exp need"
+#endif
+#if FLT_EVAL_METHOD != 0
+#error "compile for arithmetic that rounds every operation to its type, such as -msse2 -mfpmath=sse"
+#endif
+
+typedef model_real real;
+typedef char model_real_has_the_width_of_bits[sizeof(real) == sizeof(bits) ? 1 : -1];
+
+#if defined(__GNUC__)
+#define MODEL_INLINE static inline __attribute__((always_inline))
+#else
+#define MODEL_INLINE static inline
+#endif
+
+/* A vector has the alignment of one number and may alias numbers: any place in an array can be read as a vector. */
+#if defined(__GNUC__) && !defined(MODEL_NO_VECTORS) && (defined(__SSE2__) || defined(__aarch64__) || defined(__VSX__))
+#if defined(__AVX512F__)
+#define MODEL_VECTOR 64
+#elif defined(__AVX__)
+#define MODEL_VECTOR 32
+#else
+#define MODEL_VECTOR 16
+#endif
+#define LANES (MODEL_VECTOR / BYTES)
+typedef real lanes __attribute__((vector_size(MODEL_VECTOR), aligned(BYTES), may_alias));
+typedef bits lanes_bits __attribute__((vector_size(MODEL_VECTOR), aligned(BYTES), may_alias));
+#else
+#define LANES 1
+typedef real lanes;
+#endif
+
+#define PADDED(n) (((n) + (LANES - 1)) / LANES * LANES) /* n rounded up to whole vectors */
+
+/* One number. A mask is all ones where a comparison holds, all zeros elsewhere. */
+static inline real splat_1(const real x)
+{
+    return x;
+}
+
+static inline real load_1(const real *p)
+{
+    return *p;
+}
+static inline real gather_1(const real *p)
+{
+    return *p;
+}
+static inline void store_1(real *p, const real x)
+{
+    *p = x;
+}
+
+static inline bits bits_1(const real x)
+{
+    union {
+        real number;
+        bits pattern;
+    } both;
+    both.number = x;
+    return both.pattern;
+}
+
+static inline real from_bits_1(const bits x)
+{
+    union {
+        real number;
+        bits pattern;
+    } both;
+    both.pattern = x;
+    return both.number;
+}
+
+static inline bits less_1(const real a, const real b)
+{
+    return 0 - (bits)(a < b);
+}
+static inline bits less_equal_1(const real a, const real b)
+{
+    return 0 - (bits)(a <= b);
+}
+static inline bits equal_1(const real a, const real b)
+{
+    return 0 - (bits)(a == b);
+}
+
+#define T real
+#define B bits
+#define F(name) name##_1
+#include "model_kernel_functions.h"
+#undef T
+#undef B
+#undef F
+
+/* The other functions call <math.h>. */
+static inline real sqrt_1(const real x)
+{
+    return LIBM(sqrt)(x);
+}
+static inline real log_1(const real x)
+{
+    return LIBM(log)(x);
+}
+static inline real expm1_1(const real x)
+{
+    return LIBM(expm1)(x);
+}
+static inline real log1p_1(const real x)
+{
+    return LIBM(log1p)(x);
+}
+static inline real erf_1(const real x)
+{
+    return LIBM(erf)(x);
+}
+static inline real tan_1(const real x)
+{
+    return LIBM(tan)(x);
+}
+static inline real asin_1(const real x)
+{
+    return LIBM(asin)(x);
+}
+static inline real acos_1(const real x)
+{
+    return LIBM(acos)(x);
+}
+static inline real atan_1(const real x)
+{
+    return LIBM(atan)(x);
+}
+static inline real sinh_1(const real x)
+{
+    return LIBM(sinh)(x);
+}
+static inline real cosh_1(const real x)
+{
+    return LIBM(cosh)(x);
+}
+static inline real asinh_1(const real x)
+{
+    return LIBM(asinh)(x);
+}
+static inline real acosh_1(const real x)
+{
+    return LIBM(acosh)(x);
+}
+static inline real atanh_1(const real x)
+{
+    return LIBM(atanh)(x);
+}
+static inline real atan2_1(const real x, const real y)
+{
+    return LIBM(atan2)(x, y);
+}
+static inline real pow_1(const real x, const real y)
+{
+    return LIBM(pow)(x, y);
+}
+static inline real fmod_1(const real x, const real y)
+{
+    return LIBM(fmod)(x, y);
+}
+static inline real remainder_1(const real x, const real y)
+{
+    return LIBM(remainder)(x, y);
+}
+static inline real hypot_1(const real x, const real y)
+{
+    return LIBM(hypot)(x, y);
+}
+
+#if LANES > 1
+/* A vector. */
+static inline lanes splat_v(const real x)
+{
+    const lanes zero = {0};
+    return x - zero;
+}
+
+static inline lanes load_v(const real *p)
+{
+    return *(const lanes *)p;
+}
+static inline void store_v(real *p, const lanes x)
+{
+    *(lanes *)p = x;
+}
+
+/* The same as load_v for numbers that were written one by one just before: they need not pass through memory. */
+MODEL_INLINE lanes gather_v(const real *p)
+{
+#if LANES == 2
+    const lanes x = {p[0], p[1]};
+#elif LANES == 4
+    const lanes x = {p[0], p[1], p[2], p[3]};
+#elif LANES == 8
+    const lanes x = {p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7]};
+#else
+    const lanes x = {
+        p[0], p[1], p[2], p[3], p[4], p[5], p[6], p[7], p[8], p[9], p[10], p[11], p[12], p[13], p[14], p[15]};
+#endif
+    return x;
+}
+
+static inline lanes_bits bits_v(const lanes x)
+{
+    return (lanes_bits)x;
+}
+static inline lanes from_bits_v(const lanes_bits x)
+{
+    return (lanes)x;
+}
+static inline lanes_bits less_v(const lanes a, const lanes b)
+{
+    return (lanes_bits)(a < b);
+}
+static inline lanes_bits less_equal_v(const lanes a, const lanes b)
+{
+    return (lanes_bits)(a <= b);
+}
+static inline lanes_bits equal_v(const lanes a, const lanes b)
+{
+    return (lanes_bits)(a == b);
+}
+
+#define T lanes
+#define B lanes_bits
+#define F(name) name##_v
+#include "model_kernel_functions.h"
+#undef T
+#undef B
+#undef F
+
+#define MODEL_OF_ONE(f) \
+    static inline lanes f##_v(const lanes x) \
+    { \
+        lanes y = x; \
+        for (int i = 0; i < LANES; ++i) { \
+            y[i] = f##_1(x[i]); \
+        } \
+        return y; \
+    }
+#define MODEL_OF_TWO(f) \
+    static inline lanes f##_v(const lanes a, const lanes b) \
+    { \
+        lanes y = a; \
+        for (int i = 0; i < LANES; ++i) { \
+            y[i] = f##_1(a[i], b[i]); \
+        } \
+        return y; \
+    }
+MODEL_OF_ONE(sqrt)
+MODEL_OF_ONE(log)
+MODEL_OF_ONE(expm1)
+MODEL_OF_ONE(log1p)
+MODEL_OF_ONE(erf)
+MODEL_OF_ONE(tan)
+MODEL_OF_ONE(asin)
+MODEL_OF_ONE(acos)
+MODEL_OF_ONE(atan)
+MODEL_OF_ONE(sinh)
+MODEL_OF_ONE(cosh)
+MODEL_OF_ONE(asinh)
+MODEL_OF_ONE(acosh)
+MODEL_OF_ONE(atanh)
+MODEL_OF_TWO(atan2)
+MODEL_OF_TWO(pow)
+MODEL_OF_TWO(fmod)
+MODEL_OF_TWO(remainder)
+MODEL_OF_TWO(hypot)
+
+#else /* a vector is one number */
+#define splat_v splat_1
+#define load_v load_1
+#define store_v store_1
+#define gather_v gather_1
+#define bits_v bits_1
+#define from_bits_v from_bits_1
+#define less_v less_1
+#define less_equal_v less_equal_1
+#define equal_v equal_1
+#define choose_v choose_1
+#define fabs_v fabs_1
+#define copysign_v copysign_1
+#define truth_v truth_1
+#define holds_v holds_1
+#define lt_v lt_1
+#define le_v le_1
+#define eq_v eq_1
+#define ne_v ne_1
+#define and_v and_1
+#define or_v or_1
+#define not_v not_1
+#define select_v select_1
+#define if_else_zero_v if_else_zero_1
+#define guarded_v guarded_1
+#define sign_v sign_1
+#define fmin_v fmin_1
+#define fmax_v fmax_1
+#define whole_v whole_1
+#define floor_v floor_1
+#define ceil_v ceil_1
+#define reduce_v reduce_1
+#define sine_cosine_part_v sine_cosine_part_1
+#define sine_cosine_v sine_cosine_1
+#define sin_v sin_1
+#define cos_v cos_1
+#define exp_part_v exp_part_1
+#define exp_v exp_1
+#define tanh_v tanh_1
+#define sqrt_v sqrt_1
+#define log_v log_1
+#define expm1_v expm1_1
+#define log1p_v log1p_1
+#define erf_v erf_1
+#define tan_v tan_1
+#define asin_v asin_1
+#define acos_v acos_1
+#define atan_v atan_1
+#define sinh_v sinh_1
+#define cosh_v cosh_1
+#define asinh_v asinh_1
+#define acosh_v acosh_1
+#define atanh_v atanh_1
+#define atan2_v atan2_1
+#define pow_v pow_1
+#define fmod_v fmod_1
+#define remainder_v remainder_1
+#define hypot_v hypot_1
+#endif
+
+#define AT_ONCE 32 /* vectors of angles, whose reductions wait for their polynomials */
+
+/* Sines and cosines of n angles; the arrays have PADDED(n) entries, the angles beyond n are zeros. */
+MODEL_INLINE void sincos_1(const real *x, real *s, real *c, const int n)
+{
+    const int few = n <= 8 || n <= LANES;
+#if defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 8)
+#pragma GCC unroll 4
+#endif
+    for (int i = 0; i < n; i += LANES) {
+        const lanes angles = few ? gather_v(x + i) : load_v(x + i);
+        lanes sine, cosine;
+        sine_cosine_v(angles, &sine, &cosine);
+        store_v(s + i, sine);
+        store_v(c + i, cosine);
+    }
+}
+
+/* Sines and cosines of n vectors of angles. All reductions come first, written out, then all polynomials: the processor
+   waits for a chain of operations less, as the chains are shorter and it sees more of them at once. */
+MODEL_INLINE void sincos_v(const lanes *x, lanes *s, lanes *c, const int n)
+{
+    for (int first = 0; first < n; first += AT_ONCE) {
+        const int end = n - first < AT_ONCE ? n : first + AT_ONCE;
+        lanes turns[AT_ONCE];
+#if defined(__clang__) || (defined(__GNUC__) && __GNUC__ >= 8)
+#pragma GCC unroll 32
+#endif
+        for (int i = first; i < end; ++i) {
+            reduce_v(x[i], turns + (i - first), s + i, c + i);
+        }
+        for (int i = first; i < end; ++i) {
+            sine_cosine_part_v(turns[i - first], s[i], c[i], s + i, c + i);
+        }
+    }
+}
+
+#endif

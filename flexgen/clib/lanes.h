@@ -1,0 +1,25 @@
+/* model: macros of a function body for lanes of points, whose entries are n apart; include before <function>_body.h. */
+#undef T
+#undef F
+#undef IN
+#undef OUT
+#undef P
+#undef STRIDE
+#undef ANGLES
+#undef ROW
+#undef ROWS
+#undef ROW_COUNT
+#undef ROW_OF
+#undef ROW_SUM
+#define T lanes
+#define F(name) name##_v
+#define IN(x, i) load_v((x) + (i) * n)
+#define OUT(x, i, value) store_v((x) + (i) * n, value)
+#define P(x, i) splat_v((x)[i])
+#define STRIDE(n) , n
+#define ANGLES(n) (n)
+#define ROW lanes
+#define ROWS(x) (x)
+#define ROW_COUNT(n) (n)
+#define ROW_OF(x) splat_v(x)
+#define ROW_SUM(x) (x)

@@ -1,0 +1,395 @@
+/*
+ * model: one Gauss-Newton step of the inversion over a mesh, a linear-quadratic problem; private.
+ *
+ * Unknown are the accelerations a_e at the Gauss points of each interval, the control of the double integrator
+ * y = (q_e, v_e). The step d minimises
+ *
+ *     sum |(R + R_q dq + R_v dv + R_a da) / s_r|^2 + tiny (|y + dy - y_ref|^2 / s_y^2 + |da|^2 / s_a^2),   dy_0 = 0,
+ *
+ * where y_ref is the present y itself or, on a moving horizon, the quasi-static motion, by a Riccati recursion with
+ * blocks of fixed size. It is regular where R_a is singular (flat points) and picks, of the motions that make R vanish,
+ * the one that does not blow up.
+ */
+#ifndef MODEL_LQ_STEP_H
+#define MODEL_LQ_STEP_H
+
+#include "model_outer_products.h"
+
+#if MODEL_NE > 0
+
+enum {
+    PANEL = 8,
+    RESIDUALS = STAGES * NE,
+    GROUP = 8, /* intervals that are evaluated together */
+    GROUP_POINTS = GROUP * STAGES,
+    POINT = NE * (3 * NE + 1) /* K, D, A by rows, R */
+};
+
+static const real scale_q = 1e-2; /* rad or m */
+static const real scale_v = 1.0;  /* rad/s or m/s */
+static const real scale_a = 1e3;  /* rad/s^2 or m/s^2 */
+static const real tiny = 1e-12;
+static const real seed = 1e-4;    /* of the cost of an endless rest: what grows gets its own soon, the rest fades */
+static const real nothing = 1e-9; /* of a cost to go: a thousand times that of the tiny weights */
+
+/* Memory of a step. */
+typedef struct {
+    problem_points arm;
+    real point[GROUP_POINTS * POINT];
+    real J[RESIDUALS * WIDTH];
+    real H[(COLUMNS + 1) * WIDTH];
+    real P[STATES * STATES], p[STATES];
+} lq_space;
+
+/* Residuals and slopes at the Gauss points of the intervals first ... first + count - 1. */
+static inline int evaluate_group(mesh *m, int first, int count, lq_space *w, real *space)
+{
+    for (int at = 0; at < count * STAGES; at += POINTS) {
+        const int begin = first * STAGES + at;
+        const int used = count * STAGES - at < POINTS ? count * STAGES - at : POINTS;
+        int status;
+        for (int l = 0; l < POINTS; ++l) {
+            load_point(m, begin + (l < used ? l : used - 1), &w->arm, l);
+        }
+        status = follow(&w->arm, space);
+        if (status == MODEL_OK) {
+            status = reduce(&w->arm, space);
+        }
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int l = 0; l < used; ++l) {
+            real *to = w->point + (ptrdiff_t)(at + l) * POINT;
+            for (int i = 0; i < NE; ++i) {
+                const real unit = 1.0 / m->scale[i];
+                for (int j = 0; j < NE; ++j) {
+                    to[i * NE + j] = unit * w->arm.K[j][i][l];
+                    to[(NE + i) * NE + j] = unit * w->arm.D[j][i][l];
+                    to[(2 * NE + i) * NE + j] = unit * w->arm.A[j][i][l];
+                }
+                to[3 * NE * NE + i] = unit * w->arm.row[i][l];
+            }
+            for (int i = 0; i < NG; ++i) {
+                m->q_g[(ptrdiff_t)(begin + l) * NG + i] = w->arm.q[i_g[i]][l];
+            }
+        }
+    }
+    return MODEL_OK;
+}
+
+/* The largest residual alone, at all Gauss points; the joints follow. */
+static inline int evaluate_residual(mesh *m, lq_space *w, real *space)
+{
+    problem_points *arm = &w->arm;
+    m->residual = 0.0;
+    for (int at = 0; at < m->N * STAGES; at += POINTS) {
+        const int used = m->N * STAGES - at < POINTS ? m->N * STAGES - at : POINTS;
+        int status;
+        for (int l = 0; l < POINTS; ++l) {
+            load_point(m, at + (l < used ? l : used - 1), arm, l);
+        }
+        status = follow(arm, space);
+        if (status == MODEL_OK) {
+            status = rows_of(arm, space);
+        }
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int l = 0; l < used; ++l) {
+            for (int i = 0; i < NE; ++i) {
+                m->residual = fmax_1(m->residual, fabs_1(arm->row[i][l]) / m->scale[i]);
+            }
+            for (int i = 0; i < NG; ++i) {
+                m->q_g[(ptrdiff_t)(at + l) * NG + i] = arm->q[i_g[i]][l];
+            }
+        }
+    }
+    return MODEL_OK;
+}
+
+/* Rows of the linearised residuals of one interval, in scaled unknowns (a, q, v) and right side. */
+static inline void interval_rows(const mesh *m, const real *point, real *J)
+{
+    const real h = m->h;
+    for (int s = 0; s < STAGES; ++s) {
+        const real *K = point + s * POINT, *D = K + NE * NE, *A = D + NE * NE, *R = A + NE * NE;
+        for (int i = 0; i < NE; ++i) {
+            real *row = J + (s * NE + i) * WIDTH;
+            for (int t = 0; t < STAGES; ++t) {
+                const real once = h * gauss_A[s][t] * scale_a, own = s == t ? scale_a : 0.0;
+                real twice = 0.0;
+                for (int k = 0; k < STAGES; ++k) {
+                    twice += gauss_A[s][k] * gauss_A[k][t];
+                }
+                twice *= h * h * scale_a;
+                for (int j = 0; j < NE; ++j) {
+                    row[t * NE + j] = twice * K[i * NE + j] + once * D[i * NE + j] + own * A[i * NE + j];
+                }
+            }
+            for (int j = 0; j < NE; ++j) {
+                row[CONTROLS + j] = scale_q * K[i * NE + j];
+                row[CONTROLS + NE + j] = scale_v * (h * gauss_c[s] * K[i * NE + j] + D[i * NE + j]);
+            }
+            row[CONTROLS + STATES] = R[i];
+        }
+    }
+}
+
+/* How far state i of node k is from what it is drawn to, scaled. */
+static inline real pulled(const mesh *m, ptrdiff_t k, int i)
+{
+    return (m->y[k * STATES + i] - m->aim[k * STATES + i]) / (i < NE ? scale_q : scale_v);
+}
+
+/* Add the cost to go of the node after interval k and the tiny weights. */
+static inline void add_cost_to_go(const mesh *m, int k, const lq_space *w, real *H)
+{
+    const real h = m->h, drift = h * scale_v / scale_q;
+    const real *P = w->P, *p = w->p;
+    real to_q[STAGES], to_v[STAGES];
+    for (int j = 0; j < STAGES; ++j) {
+        to_q[j] = h * h * gauss_b[j] * (1.0 - gauss_c[j]) * scale_a / scale_q;
+        to_v[j] = h * gauss_b[j] * scale_a / scale_v;
+    }
+    for (int i = 0; i < NE; ++i) {
+        const real *Pq = P + i * STATES, *Pv = P + (NE + i) * STATES;
+        for (int s = 0; s < STAGES; ++s) {
+            real *row = H + (s * NE + i) * WIDTH;
+            for (int t = s; t < STAGES; ++t) {
+                for (int j = 0; j < NE; ++j) {
+                    row[t * NE + j] += to_q[s] * (to_q[t] * Pq[j] + to_v[t] * Pq[NE + j]) +
+                                       to_v[s] * (to_q[t] * Pv[j] + to_v[t] * Pv[NE + j]);
+                }
+            }
+            for (int j = 0; j < NE; ++j) {
+                const real q = to_q[s] * Pq[j] + to_v[s] * Pv[j];
+                row[CONTROLS + j] += q;
+                row[CONTROLS + NE + j] += drift * q + to_q[s] * Pq[NE + j] + to_v[s] * Pv[NE + j];
+            }
+            row[s * NE + i] += tiny;
+            row[CONTROLS + STATES] += to_q[s] * p[i] + to_v[s] * p[NE + i];
+        }
+        {
+            real *row = H + (CONTROLS + i) * WIDTH + CONTROLS;
+            for (int j = 0; j < NE; ++j) {
+                row[j] += Pq[j];
+                row[NE + j] += drift * Pq[j] + Pq[NE + j];
+            }
+            row[i] += tiny;
+            row[STATES] += p[i];
+            row = H + (CONTROLS + NE + i) * WIDTH + CONTROLS;
+            for (int j = 0; j < NE; ++j) {
+                row[NE + j] += drift * (drift * Pq[j] + Pq[NE + j] + Pv[j]) + Pv[NE + j];
+            }
+            row[NE + i] += tiny;
+            row[STATES] += drift * p[i] + p[NE + i];
+        }
+    }
+    for (int i = 0; i < STATES && m->aim != NULL; ++i) {
+        H[(CONTROLS + i) * WIDTH + CONTROLS + STATES] += tiny * pulled(m, k, i);
+    }
+}
+
+/* Eliminate the controls: H is left with the cost to go of the node; 0 where it is not positive definite. */
+static inline int eliminate(real *RESTRICT H, real *RESTRICT factor)
+{
+    real weighed[PANEL * WIDTH];
+    for (int begin = 0; begin < CONTROLS; begin += PANEL) {
+        const int count = CONTROLS - begin < PANEL ? CONTROLS - begin : PANEL;
+        real *rows = factor + begin * WIDTH;
+        for (int p = 0; p < count; ++p) {
+            real *row = rows + p * WIDTH;
+            const int k = begin + p;
+            real weight;
+            for (int j = k / 8 * 8; j < WIDTH; j += LANES) {
+                lanes sum = load_v(H + k * WIDTH + j);
+                for (int r = 0; r < p; ++r) {
+                    sum += splat_v(weighed[r * WIDTH + k]) * load_v(rows + r * WIDTH + j);
+                }
+                store_v(row + j, sum);
+            }
+            if (!(row[k] > 0.0)) {
+                return 0;
+            }
+            weight = -1.0 / row[k];
+            for (int j = k / 8 * 8; j < WIDTH; j += LANES) {
+                store_v(weighed + p * WIDTH + j, splat_v(weight) * load_v(row + j));
+            }
+            row[k] = weight;
+        }
+        add_rows_of(H, rows, weighed, count, begin + count);
+    }
+    return 1;
+}
+
+/* One Gauss-Newton step: the factors of all intervals, backwards. */
+static inline int lq_factor(mesh *m, lq_space *w, real *space)
+{
+    const real *end = m->y + (ptrdiff_t)m->N * STATES;
+    for (int i = 0; i < STATES; ++i) {
+        w->p[i] = 0.0;
+        for (int j = 0; j < STATES; ++j) {
+            w->P[i * STATES + j] = m->end != NULL ? m->end[i * STATES + j] : i == j ? tiny : 0.0;
+        }
+        for (int j = 0; j < STATES; ++j) {
+            if (m->aim != NULL) {
+                w->p[i] += w->P[i * STATES + j] * pulled(m, m->N, j);
+            } else if (m->equilibrium != NULL) {
+                w->p[i] += w->P[i * STATES + j] * (end[j] - m->equilibrium[j]) / (j < NE ? scale_q : scale_v);
+            }
+        }
+    }
+    for (int i = 0; i < RESIDUALS * WIDTH; ++i) {
+        w->J[i] = 0.0;
+    }
+    for (int last = m->N; last > 0;) {
+        const int first = last > GROUP ? last - GROUP : 0;
+        const int status = evaluate_group(m, first, last - first, w, space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int k = last - 1; k >= first; --k) {
+            interval_rows(m, w->point + (ptrdiff_t)(k - first) * STAGES * POINT, w->J);
+            for (int i = 0; i < COLUMNS * WIDTH; ++i) {
+                w->H[i] = 0.0;
+            }
+            add_rows_of(w->H, w->J, w->J, RESIDUALS, 0);
+            add_cost_to_go(m, k, w, w->H);
+            if (!eliminate(w->H, m->factor + (ptrdiff_t)k * CONTROLS * WIDTH)) {
+                return MODEL_NOT_CONVERGED;
+            }
+            for (int i = 0; i < STATES; ++i) {
+                const real *row = w->H + (CONTROLS + i) * WIDTH + CONTROLS;
+                for (int j = i; j < STATES; ++j) {
+                    w->P[i * STATES + j] = row[j];
+                    w->P[j * STATES + i] = row[j];
+                }
+                w->p[i] = row[STATES];
+            }
+        }
+        last = first;
+    }
+    return is_finite(w->p, STATES) ? MODEL_OK : MODEL_NOT_CONVERGED;
+}
+
+/*
+ * The cost to go of an endless rest, which is next to nothing where errors fade and weighs what grows, by a few sweeps
+ * over a mesh that rests. The end of a horizon is free but for that.
+ */
+static inline int lq_endless(mesh *hold, int sweeps, lq_space *w, real *space, real *cost)
+{
+    for (int i = 0; i < STATES * STATES; ++i) {
+        cost[i] = i % (STATES + 1) == 0 ? seed : 0.0;
+    }
+    hold->end = cost;
+    for (int k = 0; k < sweeps; ++k) {
+        const int status = lq_factor(hold, w, space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        copy(w->P, STATES * STATES, cost);
+    }
+    return MODEL_OK;
+}
+
+/* The controls u of an interval at a state d, both scaled; forced = 0: what the state alone asks for. */
+static inline void lq_controls(const real *factor, real forced, const real *d, real *u)
+{
+    for (int i = CONTROLS - 1; i >= 0; --i) {
+        const real *row = factor + i * WIDTH;
+        real sum = forced * row[CONTROLS + STATES];
+        for (int j = i + 1; j < CONTROLS; ++j) {
+            sum += row[j] * u[j];
+        }
+        for (int j = 0; j < STATES; ++j) {
+            sum += row[CONTROLS + j] * d[j];
+        }
+        u[i] = sum * row[i];
+    }
+}
+
+/*
+ * Intervals that a change of the path must lie ahead, so that it asks for less than the share `felt` of itself now:
+ * the time in which the growing motions fade, looked at from their end. The cost to go P of a state d sees just them:
+ * root(d' P d) after k intervals, beside what it was. N + 1 where the mesh is too short to say. most: N + 1 numbers.
+ */
+static inline int lq_foresight(const mesh *m, const real *P, real felt, real *most)
+{
+    for (int k = 0; k <= m->N; ++k) {
+        most[k] = 0.0;
+    }
+    for (int i = 0; i < STATES; ++i) {
+        real d[STATES] = {0.0}, u[CONTROLS];
+        d[i] = 1.0;
+        for (int k = 0; k <= m->N; ++k) {
+            real cost = 0.0, dy[STATES], da[CONTROLS], next[STATES];
+            for (int a = 0; a < STATES; ++a) {
+                for (int b = 0; b < STATES; ++b) {
+                    cost += d[a] * P[a * STATES + b] * d[b];
+                }
+                dy[a] = d[a] * (a < NE ? scale_q : scale_v);
+            }
+            most[k] = fmax_1(most[k], cost);
+            if (k == m->N) {
+                break;
+            }
+            lq_controls(m->factor + (ptrdiff_t)k * CONTROLS * WIDTH, 0.0, d, u);
+            for (int a = 0; a < CONTROLS; ++a) {
+                da[a] = u[a] * scale_a;
+            }
+            next_node(dy, da, m->h, next);
+            for (int a = 0; a < STATES; ++a) {
+                d[a] = next[a] / (a < NE ? scale_q : scale_v);
+            }
+        }
+    }
+    for (int k = 0; k <= m->N; ++k) {
+        if (most[k] <= fmax_1(felt * felt * most[0], nothing)) {
+            return k;
+        }
+    }
+    return m->N + 1;
+}
+
+/* The step itself, forwards. */
+static inline void lq_step(mesh *m)
+{
+    real d[STATES], u[CONTROLS];
+    for (int i = 0; i < STATES; ++i) {
+        d[i] = 0.0;
+    }
+    for (int k = 0; k < m->N; ++k) {
+        const real *factor = m->factor + (ptrdiff_t)k * CONTROLS * WIDTH;
+        real *a = m->a + (ptrdiff_t)k * CONTROLS, *y = m->y + (ptrdiff_t)k * STATES;
+        lq_controls(factor, 1.0, d, u);
+        {
+            real dy[STATES], da[CONTROLS], next[STATES];
+            for (int i = 0; i < NE; ++i) {
+                dy[i] = d[i] * scale_q;
+                dy[NE + i] = d[NE + i] * scale_v;
+            }
+            for (int i = 0; i < CONTROLS; ++i) {
+                da[i] = u[i] * scale_a;
+            }
+            next_node(dy, da, m->h, next);
+            for (int i = 0; i < STATES; ++i) {
+                y[i] += dy[i];
+            }
+            for (int i = 0; i < CONTROLS; ++i) {
+                a[i] += da[i];
+            }
+            for (int i = 0; i < NE; ++i) {
+                d[i] = next[i] / scale_q;
+                d[NE + i] = next[NE + i] / scale_v;
+            }
+        }
+    }
+    for (int i = 0; i < NE; ++i) {
+        real *y = m->y + (ptrdiff_t)m->N * STATES;
+        y[i] += d[i] * scale_q;
+        y[NE + i] += d[NE + i] * scale_v;
+    }
+}
+
+#endif
+#endif

@@ -1,0 +1,106 @@
+/*
+ * model: how a stream goes on by one interval, to the next sample of the path; private to the stream.
+ */
+#ifndef MODEL_STREAM_SHIFT_H
+#define MODEL_STREAM_SHIFT_H
+
+#include "model_limit_lookahead.h"
+#include "model_quasistatic_end.h"
+
+/* The interval that is new: path and joints at its Gauss points, and on which side of singular poses it is. */
+typedef struct {
+    real reference[STAGES][REFERENCE], joints[STAGES][NG], side;
+} arrival;
+
+/* Whether the arm can get from the last sample to the next one; if not, nothing has changed. */
+static inline int arrive(real *s, const layout *l, const real *next, arrival *to)
+{
+    const real *joint = s + l->q_g + ((ptrdiff_t)s[INTERVALS] * STAGES - 1) * NG;
+    real both[2][REFERENCE];
+    problem_points *arm = arm_of(l, s);
+    int status;
+    copy(s + l->last, REFERENCE, both[0]);
+    copy(next, REFERENCE, both[1]);
+    for (int point = 0; point < POINTS; ++point) {
+        const int stage = point < STAGES ? point : STAGES - 1;
+        const real onward = (1.0 + gauss_c[stage] - gauss_c[2]) / (gauss_c[2] - gauss_c[1]);
+        real guess[NG];
+        if (point < STAGES) {
+            between_samples(both[0], s[PERIOD], gauss_c[stage], to->reference[stage]);
+        }
+        for (int i = 0; i < NG; ++i) { /* straight on: through a singular pose rather than back from it */
+            guess[i] = joint[i] + onward * (joint[i] - joint[i - NG]);
+        }
+        load_reference(arm, point, to->reference[stage]);
+        load_joints(arm, point, guess);
+#if MODEL_NE > 0
+        {
+            static const real zero[NE] = {0.0};
+            const real *y = s + l->y + (ptrdiff_t)s[INTERVALS] * STATES;
+            real q[NE];
+            for (int i = 0; i < NE; ++i) {
+                q[i] = y[i] + gauss_c[stage] * s[PERIOD] * y[NE + i];
+            }
+            load_elastic(arm, point, q, y + NE, zero);
+        }
+#endif
+    }
+    status = follow(arm, s + l->space);
+    if (status != MODEL_OK) {
+        return status;
+    }
+    to->side = arm->side[0];
+    for (int stage = 0; stage < STAGES; ++stage) {
+        if (!(arm->side[stage] * (fabs_1(s[SIDE]) > 0.0 ? s[SIDE] : to->side) > 0.0)) {
+            return MODEL_UNREACHABLE; /* on the other side of a singular pose */
+        }
+        for (int i = 0; i < NG; ++i) {
+            to->joints[stage][i] = arm->q[i_g[i]][stage];
+        }
+    }
+    return MODEL_OK;
+}
+
+/* The path on by one interval, and the joints; those at the start of the horizon stay behind the Gauss points. */
+static inline void shift_path(real *s, const layout *l, const real *next, const arrival *arrived)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS], stages = (N - 1) * STAGES;
+    real *q_g = s + l->q_g, *reference = s + l->reference, *nodes = s + l->nodes;
+    s[SIDE] = arrived->side;
+    copy(q_g + STAGES * NG, stages * NG, q_g);
+    copy(arrived->joints[0], STAGES * NG, q_g + stages * NG);
+    copy(reference + STAGES * REFERENCE, stages * REFERENCE, reference);
+    copy(arrived->reference[0], STAGES * REFERENCE, reference + stages * REFERENCE);
+    copy(nodes + REFERENCE, (l->past + N) * REFERENCE, nodes);
+    copy(next, REFERENCE, nodes + (l->past + N) * REFERENCE);
+    copy(next, REFERENCE, s + l->last);
+}
+
+#if MODEL_NE > 0
+/* The motion on by one interval, and one step of the solver. */
+static inline int step_motion(real *s, const layout *l)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    mesh m = mesh_of(l, s);
+    lq_space *lq = (lq_space *)(void *)(s + l->lq);
+    int status;
+    copy(s + l->y + STATES, (l->past + N) * STATES, s + l->y);
+    copy(s + l->aim + STATES, N * STATES, s + l->aim);
+    copy(s + l->a + CONTROLS, (l->past + N - 1) * CONTROLS, s + l->a);
+    for (int i = 0; i < CONTROLS; ++i) {
+        m.a[(N - 1) * CONTROLS + i] = 0.0;
+    }
+    next_node(m.y + (N - 1) * STATES, m.a + (N - 1) * CONTROLS, m.h, m.y + N * STATES);
+    status = quasistatic_motion(&m, lq, s + l->levels, s + l->nodes + (l->past + N) * REFERENCE, s + l->space);
+    if (status == MODEL_OK) {
+        status = lq_factor(&m, lq, s + l->space);
+    }
+    if (status == MODEL_OK) {
+        copy(lq->P, STATES * STATES, s + l->cost);
+        lq_step(&m);
+    }
+    return status;
+}
+#endif
+
+#endif

@@ -1,0 +1,441 @@
+/*
+ * model: the parts that invert and bvp share: arguments, workspace, first guess, Newton's stop, results; private.
+ */
+#ifndef MODEL_WHOLE_PATH_H
+#define MODEL_WHOLE_PATH_H
+
+#include "model_inversion.h"
+
+#include "model_interpolation.h"
+#include "model_motors.h"
+
+enum { MAX_SAMPLES = 1000000 };
+
+static inline int sizes_fit(int n, const model_inversion_options *o)
+{
+    return n >= 2 && o->n_pre >= 0 && o->n_post >= 0 && o->samples_per_interval >= 1 && n <= MAX_SAMPLES &&
+           o->n_pre <= MAX_SAMPLES && o->n_post <= MAX_SAMPLES && o->samples_per_interval <= MAX_SAMPLES;
+}
+
+/* Whether so many numbers can be addressed, which on small machines not all sizes can. */
+static inline int is_addressable(int64_t numbers)
+{
+    return numbers <= (int64_t)(PTRDIFF_MAX / (ptrdiff_t)sizeof(real));
+}
+
+static const real resting = 1e-6; /* of the fastest rate: what an end that is at rest may move */
+
+/*
+ * Whether a path and the guess of its start are finite, its rotations rotations, near to each other, and its ends at
+ * rest.
+ */
+static inline int check_path(const path *p, const real *q_start)
+{
+    for (int k = 0; k < p->n; ++k) {
+        if (!is_finite(p->y + k * (ptrdiff_t)NT, NT) || !is_finite(p->dy + k * (ptrdiff_t)NY, NY) ||
+            !is_finite(p->ddy + k * (ptrdiff_t)NY, NY)) {
+            return MODEL_INPUT_NOT_FINITE;
+        }
+    }
+    if (!is_finite(q_start, NA)) {
+        return MODEL_INPUT_NOT_FINITE;
+    }
+    {
+        real most = 0.0;
+        for (int k = 0; k < p->n; ++k) {
+            most = fmax_1(most, largest(p->dy + k * (ptrdiff_t)NY, NY));
+        }
+        if (!(largest(p->dy, NY) <= resting * most) ||
+            !(largest(p->dy + (p->n - 1) * (ptrdiff_t)NY, NY) <= resting * most)) {
+            return MODEL_BAD_ARGUMENT;
+        }
+    }
+#if MODEL_POSE
+    for (int k = 0; k < p->n; ++k) {
+        const real *R = p->y + k * (ptrdiff_t)NT + 3;
+        if (!is_rotation(R) || (k > 0 && !are_near(R - NT, R))) {
+            return MODEL_BAD_ARGUMENT;
+        }
+    }
+#endif
+    return MODEL_OK;
+}
+
+#if MODEL_NE > 0
+
+/*
+ * The path at the Gauss points, `every` samples to an interval, and joints that follow it as if nothing deflected
+ * further than at rest at q, where all nodes stand.
+ */
+static inline int guess_mesh(
+    mesh *m, const path *p, const real *q, int n_pre, int samples_per_interval, problem_points *arm, real *space)
+{
+    real last[NG];
+    for (ptrdiff_t k = 0; k <= m->N; ++k) {
+        for (int i = 0; i < NE; ++i) {
+            m->y[k * STATES + i] = q[i_e[i]];
+            m->y[k * STATES + NE + i] = 0.0;
+        }
+    }
+    for (ptrdiff_t k = 0; k < (ptrdiff_t)m->N * CONTROLS; ++k) {
+        m->a[k] = 0.0;
+    }
+    for (int i = 0; i < NG; ++i) {
+        last[i] = q[i_g[i]];
+    }
+    for (int at = 0; at < m->N * STAGES; at += POINTS) {
+        const int used = m->N * STAGES - at < POINTS ? m->N * STAGES - at : (int)POINTS;
+        int status;
+        for (int k = at; k < at + used; ++k) {
+            const real x = (k / STAGES + gauss_c[k % STAGES]) * samples_per_interval - n_pre;
+            const int whole = (int)(x < 0.0 ? x - 1.0 : x);
+            reference_at(p, whole, x - whole, m->reference + (ptrdiff_t)k * REFERENCE);
+            for (int i = 0; i < NG; ++i) {
+                m->q_g[(ptrdiff_t)k * NG + i] = last[i];
+            }
+        }
+        for (int point = 0; point < POINTS; ++point) {
+            load_point(m, at + (point < used ? point : used - 1), arm, point);
+        }
+        status = follow(arm, space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int k = 0; k < used; ++k) {
+            for (int i = 0; i < NG; ++i) {
+                last[i] = arm->q[i_g[i]][k];
+                m->q_g[(ptrdiff_t)(at + k) * NG + i] = last[i];
+            }
+        }
+    }
+    return MODEL_OK;
+}
+
+#endif
+
+/* Where the arrays of both solvers are in the workspace, in reals from its start. */
+typedef struct {
+    int64_t samples, intervals;
+    int64_t tau, deflection, stiffness, lagged, q_a, v_a, a_a, v_m, y, a, a_node, q_g, reference, factor, scale, space;
+    int64_t end; /* where the arrays of one solver begin */
+} whole_layout;
+
+#define TAKE(at, name, size) \
+    (name) = (at); \
+    (at) += room(size)
+
+static inline whole_layout lay_out(int n, const model_inversion_options *o, int64_t interval_factor)
+{
+    whole_layout l = {0};
+    int64_t at = 0;
+    l.samples = (int64_t)o->n_pre + n + o->n_post;
+    l.intervals = (l.samples - 1 + o->samples_per_interval - 1) / o->samples_per_interval;
+    TAKE(at, l.tau, (l.samples + 2 * MARGIN) * NG);
+    TAKE(at, l.deflection, (l.samples + 2 * MARGIN) * NG);
+    TAKE(at, l.stiffness, l.samples * NG);
+    TAKE(at, l.lagged, (l.samples + 2 * MARGIN) * NG);
+    TAKE(at, l.q_a, l.samples * NA);
+    TAKE(at, l.v_a, l.samples * NA);
+    TAKE(at, l.a_a, l.samples * NA);
+    TAKE(at, l.v_m, l.samples * NM);
+#if MODEL_NE > 0
+    TAKE(at, l.y, (l.intervals + 1) * STATES);
+    TAKE(at, l.a, l.intervals * CONTROLS);
+    TAKE(at, l.a_node, (l.intervals + 1) * NE);
+    TAKE(at, l.q_g, l.intervals * STAGES * NG);
+    TAKE(at, l.reference, l.intervals * STAGES * REFERENCE);
+    TAKE(at, l.factor, l.intervals * interval_factor);
+    TAKE(at, l.scale, NE);
+#else
+    (void)interval_factor;
+#endif
+    TAKE(at, l.space, space_wanted());
+    l.end = at;
+    return l;
+}
+
+/* Check the arguments of a solver that needs `wanted` reals of workspace; set the results in `info` to NaN. */
+static inline model_status check_arguments(const path *p, const real *q_start, const model_inversion_options *o,
+    const model_motion *motion, model_inversion_info *info, const real *work, int64_t work_size, int64_t wanted)
+{
+    if (p == NULL || q_start == NULL || o == NULL || motion == NULL || info == NULL || work == NULL || p->y == NULL ||
+        p->dy == NULL || p->ddy == NULL) {
+        return MODEL_NULL_ARGUMENT;
+    }
+    if (wanted < 0 || !(p->period > 0.0 && p->period < 1e6) || !(o->tolerance > 0.0 && o->tolerance < 1.0)) {
+        return MODEL_BAD_ARGUMENT;
+    }
+    if (work_size < wanted) {
+        return MODEL_WORK_TOO_SMALL;
+    }
+    info->residual = info->residual_at_samples = info->kinematic_mismatch = (real)NAN;
+    info->iterations = info->intervals = 0;
+    info->unstable_zeros_start = info->unstable_zeros_end = 0;
+    return check_path(p, q_start);
+}
+
+#if MODEL_NE > 0
+
+/* The mesh in the workspace. */
+static inline mesh mesh_in(const whole_layout *l, const path *p, const model_inversion_options *o, real *work)
+{
+    mesh m;
+    m.N = (int)l->intervals;
+    m.h = o->samples_per_interval * p->period;
+    m.y = work + l->y;
+    m.a = work + l->a;
+    m.q_g = work + l->q_g;
+    m.reference = work + l->reference;
+    m.aim = NULL;
+    m.equilibrium = NULL;
+    m.factor = work + l->factor;
+    m.scale = work + l->scale;
+    m.end = NULL;
+    m.residual = (real)NAN;
+    return m;
+}
+
+enum { NEWTON_CONTINUES, NEWTON_CONVERGED, NEWTON_FAILED, NEWTON_STEPS = 25 };
+
+/* Progress of a Newton iteration. */
+typedef struct {
+    real before; /* residual of the iteration before; negative where there is none */
+    int steps, worse;
+} newton;
+
+/*
+ * Whether to stop after an iteration that leaves `residual`: converged below the share `target` of the tolerance, or
+ * where an iteration gains less than a factor of ten below the tolerance; failed after NEWTON_STEPS, or after four
+ * iterations in a row that gain less than a factor of two.
+ */
+static inline int newton_state(newton *s, real residual, real tolerance, real target)
+{
+    ++s->steps;
+    if (residual <= target * tolerance || (residual <= tolerance && s->before >= 0.0 && residual > 0.1 * s->before)) {
+        return NEWTON_CONVERGED;
+    }
+    s->worse = s->before >= 0.0 && residual > 0.5 * s->before ? s->worse + 1 : 0;
+    if (s->steps == NEWTON_STEPS || s->worse == 4 || !(residual < 1e12)) {
+        return residual <= tolerance ? NEWTON_CONVERGED : NEWTON_FAILED;
+    }
+    s->before = residual;
+    return NEWTON_CONTINUES;
+}
+
+#endif
+
+/* The samples that are asked for: the caller's arrays, sample after sample, and room of the workspace. */
+typedef struct {
+    const path *p;
+    const model_inversion_options *o;
+    ptrdiff_t samples; /* lead, path and tail */
+    real *q_a, *v_a, *a_a, *tau_g, *q_m, *v_m, *tau_m;
+    real *tau, *deflection, *lagged; /* (samples + 2 MARGIN) x NG: torques, static and real twists of the gears */
+    real *stiffness;                 /* samples x NG: stiffness of the gears */
+#if MODEL_NE > 0
+    const mesh *m;
+    const real *a_node; /* accelerations at its nodes */
+#endif
+} results;
+
+/* Motion and gear torques of the arm, from rest at q; worst: the largest residual, relative to `scale`. */
+static inline int arm_at_samples(
+    const results *r, const real *q, const real *scale, problem_points *arm, real *space, real *worst)
+{
+    real last[NG], side = 0.0;
+#if MODEL_NE > 0
+    interpolant f;
+    prepare(&f);
+#else
+    (void)scale;
+#endif
+    *worst = 0.0;
+    for (int i = 0; i < NG; ++i) {
+        last[i] = q[i_g[i]];
+    }
+    for (ptrdiff_t at = 0; at < r->samples; at += POINTS) {
+        const int used = r->samples - at < POINTS ? (int)(r->samples - at) : (int)POINTS;
+        int status;
+        for (int point = 0; point < POINTS; ++point) {
+            const ptrdiff_t k = at + (point < used ? point : used - 1);
+            real reference[REFERENCE];
+            reference_at(r->p, (int)(k - r->o->n_pre), 0.0, reference);
+            load_reference(arm, point, reference);
+            load_joints(arm, point, last);
+#if MODEL_NE > 0
+            {
+                const ptrdiff_t interval = k / r->o->samples_per_interval < r->m->N ? k / r->o->samples_per_interval :
+                                                                                      r->m->N - 1;
+                const real x = (real)(k - interval * r->o->samples_per_interval) / r->o->samples_per_interval;
+                load_between(r->m, r->a_node, &f, interval, x, arm, point);
+            }
+#endif
+        }
+        status = torques(arm, space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int k = 0; k < used; ++k) {
+            for (int i = 0; i < NA; ++i) {
+                r->q_a[(at + k) * NA + i] = arm->q[i][k];
+                r->v_a[(at + k) * NA + i] = arm->v[i][k];
+                r->a_a[(at + k) * NA + i] = arm->a[i][k];
+            }
+            if (!(arm->side[k] * side >= 0.0)) {
+                return MODEL_UNREACHABLE; /* it stepped over a singular pose */
+            }
+            side = arm->side[k];
+            for (int i = 0; i < NG; ++i) {
+                if (r->tau_g != NULL) {
+                    r->tau_g[(at + k) * NG + i] = arm->tau_g[i][k];
+                }
+                r->tau[(at + k + MARGIN) * NG + i] = arm->tau_g[i][k];
+                last[i] = arm->q[i_g[i]][k];
+            }
+#if MODEL_NE > 0
+            for (int i = 0; i < NE; ++i) {
+                *worst = fmax_1(*worst, fabs_1(arm->row[i][k]) / scale[i]);
+            }
+#endif
+        }
+    }
+    return MODEL_OK;
+}
+
+/* Before the first sample its value, after the last one that one. */
+static inline void hold_ends(real *x, ptrdiff_t samples)
+{
+    for (ptrdiff_t k = 0; k < MARGIN * NG; ++k) {
+        x[k] = x[MARGIN * NG + k % NG];
+        x[(samples + MARGIN) * NG + k] = x[(samples + MARGIN - 1) * NG + k % NG];
+    }
+}
+
+/*
+ * How far positions and speeds of arm and motors are from being integrals of speeds and accelerations, by differences,
+ * relative to the largest one of these: next to nothing where the samples show the motion; much where they are too far
+ * apart for it or too near for the digits, where the path jumps, and where the arm is thrown back by a singular pose.
+ * An arm without coordinates that have no motor rests before the samples and after them, and is judged at all of them.
+ */
+static inline real kinematic_mismatch(const results *r)
+{
+    const real sixty = 60.0 * r->p->period;
+    real most[4] = {1e-6, 1e-6, 1e-9, 1e-6}, off[4] = {0.0, 0.0, 0.0, 0.0}, worst = 0.0; /* least that is measured */
+    for (ptrdiff_t k = 0; k < r->samples; ++k) {
+        const int inside = k >= MARGIN && k + MARGIN < r->samples;
+        for (int i = 0; i < NA; ++i) {
+            real q[2 * MARGIN + 1], v[2 * MARGIN + 1];
+            const real a = r->a_a[k * NA + i];
+            for (int j = 0; j <= 2 * MARGIN; ++j) {
+                const ptrdiff_t at = k + j - MARGIN;
+                const ptrdiff_t held = at < 0 ? 0 : at < r->samples ? at : r->samples - 1;
+                q[j] = r->q_a[held * NA + i];
+                v[j] = held == at ? r->v_a[at * NA + i] : 0.0;
+            }
+            most[0] = fmax_1(most[0], fabs_1(a));
+            most[2] = fmax_1(most[2], fabs_1(v[MARGIN]));
+            if (inside || MODEL_NE == 0) {
+                off[0] = fmax_1(off[0], fabs_1(sixty_differences(v + MARGIN, 1) - sixty * a));
+                off[2] = fmax_1(off[2], fabs_1(sixty_differences(q + MARGIN, 1) - sixty * v[MARGIN]));
+            }
+        }
+        for (int j = 0; j < NM; ++j) {
+            const real *v = r->v_m + k * NM + j;
+            real a = 0.0;
+            for (int i = 0; i < NG; ++i) {
+                a += eta[j][i] * r->deflection[(k + MARGIN) * NG + i];
+            }
+            most[1] = fmax_1(most[1], fabs_1(a));
+            most[3] = fmax_1(most[3], rotor_inertia[j] * fabs_1(a));
+            a = inside ? fabs_1(sixty_differences(v, NM) - sixty * a) : 0.0;
+            off[1] = fmax_1(off[1], a);
+            off[3] = fmax_1(off[3], rotor_inertia[j] * a);
+        }
+    }
+    for (int i = 0; i < 4; ++i) { /* accelerations of arm and motors, speeds of the arm, torques of the rotors */
+        worst = fmax_1(worst, off[i] / (sixty * most[i]));
+    }
+    return worst;
+}
+
+/* Motors at the samples, through the gears. */
+static inline int motors_at_samples(const results *r, real *space)
+{
+    const ptrdiff_t first = MARGIN * NG;
+    const real equilibrium[NG] = {0.0};
+    gears g;
+    hold_ends(r->tau, r->samples);
+    if (!static_deflections(r->tau + first, r->samples, equilibrium, r->deflection + first, r->stiffness, NG, space)) {
+        return MODEL_RESULT_NOT_FINITE;
+    }
+    hold_ends(r->deflection, r->samples);
+    if (!begin_gears(&g, r->p->period, r->deflection + first, space)) {
+        return MODEL_RESULT_NOT_FINITE;
+    }
+    for (ptrdiff_t k = 0; k < r->samples; ++k) {
+        const ptrdiff_t at = first + k * NG;
+        if (!carry_gears(&g, k == 0, r->tau + at, space)) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+        lagged_deflections(&g, r->deflection + at, r->stiffness + k * NG, r->lagged + at);
+    }
+    hold_ends(r->lagged, r->samples);
+    for (ptrdiff_t k = 0; k < r->samples; ++k) {
+        const ptrdiff_t at = first + k * NG;
+        real q[NG], v[NG], a[NG], q_m[NM], tau_m[NM];
+        for (int i = 0; i < NG; ++i) {
+            q[i] = r->q_a[k * NA + i_g[i]];
+            v[i] = r->v_a[k * NA + i_g[i]];
+            a[i] = r->a_a[k * NA + i_g[i]];
+        }
+        if (!motors_behind(&g, r->tau + at, r->lagged + at, q, v, a, r->q_m != NULL ? r->q_m + k * NM : q_m,
+                r->v_m + k * NM, r->tau_m != NULL ? r->tau_m + k * NM : tau_m, space)) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+        copy(a, NG, r->deflection + at); /* for `unevenness`; the static twists have served */
+    }
+    return MODEL_OK;
+}
+
+/* Motion at the samples from that of the mesh (or from the path alone), checked: the last part of both solvers. */
+static inline model_status finish(const path *p, const model_inversion_options *o, const whole_layout *l, const real *q,
+#if MODEL_NE > 0
+    const mesh *m,
+#endif
+    problem_points *arm, model_motion *motion, model_inversion_info *info, real *work)
+{
+    results r;
+    int status;
+    r.p = p;
+    r.o = o;
+    r.samples = (ptrdiff_t)l->samples;
+    r.q_a = motion->q_a != NULL ? motion->q_a : work + l->q_a;
+    r.v_a = motion->v_a != NULL ? motion->v_a : work + l->v_a;
+    r.a_a = motion->a_a != NULL ? motion->a_a : work + l->a_a;
+    r.v_m = motion->v_m != NULL ? motion->v_m : work + l->v_m;
+    r.tau_g = motion->tau_g;
+    r.q_m = motion->q_m;
+    r.tau_m = motion->tau_m;
+    r.tau = work + l->tau;
+    r.deflection = work + l->deflection;
+    r.lagged = work + l->lagged;
+    r.stiffness = work + l->stiffness;
+#if MODEL_NE > 0
+    r.m = m;
+    r.a_node = work + l->a_node;
+    nodal_accelerations(m, work + l->a_node);
+#endif
+    status = arm_at_samples(&r, q, work + l->scale, arm, work + l->space, &info->residual_at_samples);
+    if (status == MODEL_OK) {
+        status = motors_at_samples(&r, work + l->space);
+    }
+    if (status != MODEL_OK) {
+        return (model_status)status;
+    }
+    info->kinematic_mismatch = kinematic_mismatch(&r);
+    return info->residual_at_samples <= o->tolerance && info->kinematic_mismatch <= mismatch_max ?
+               MODEL_OK :
+               MODEL_TOLERANCE_NOT_MET;
+}
+
+#endif

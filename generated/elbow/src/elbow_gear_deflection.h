@@ -1,0 +1,309 @@
+/*
+ * elbow: how gears twist under the torques that they carry; private.
+ *
+ * A gear twisted by p carries D p' + spring(p) = tau_g. Where damping is weak the twist lags behind its static value by
+ * little, which is expanded; elsewhere the equation is integrated from sample to sample.
+ */
+#ifndef ELBOW_GEAR_DEFLECTION_H
+#define ELBOW_GEAR_DEFLECTION_H
+
+#include "elbow_dense.h"
+#include "elbow_finite_differences.h"
+#include "elbow_path.h"
+
+enum { SPRING_STEPS = 60, QUICK_STEPS = 8 };
+
+/* `static_twist` by Newton's method kept inside a bracket, from anywhere. */
+static inline int bounded_deflection(const real *torque, real *deflection, real *stiffness, real *space)
+{
+    real low[NG], high[NG], value[NG], at[NG];
+    int short_of = 1;
+    for (int i = 0; i < NG; ++i) {
+        at[i] = 0.0;
+    }
+    if (evaluate_gear_law(at, value, stiffness, space) != ELBOW_OK) {
+        return 0;
+    }
+    for (int i = 0; i < NG; ++i) {
+        high[i] = gear_is_rigid[i] ? 0.0 : 1e-9 + fabs_1(torque[i]) / fmax_1(stiffness[i], 1e-6);
+    }
+    for (int step = 0; step < 200 && short_of; ++step) {
+        short_of = 0;
+        if (evaluate_gear_law(high, value, stiffness, space) != ELBOW_OK) {
+            return 0;
+        }
+        for (int i = 0; i < NG; ++i) {
+            if (!gear_is_rigid[i] && fabs_1(value[i]) < fabs_1(torque[i])) {
+                high[i] *= 2.0;
+                short_of = 1;
+            }
+        }
+    }
+    for (int i = 0; i < NG; ++i) {
+        low[i] = -high[i];
+        at[i] = gear_is_rigid[i] ? 0.0 : fmin_1(fmax_1(deflection[i], low[i]), high[i]);
+    }
+    for (int step = 0; step < SPRING_STEPS; ++step) {
+        real most = 0.0;
+        if (evaluate_gear_law(at, value, stiffness, space) != ELBOW_OK) {
+            return 0;
+        }
+        for (int i = 0; i < NG; ++i) {
+            const real error = value[i] - torque[i];
+            real next;
+            if (gear_is_rigid[i]) {
+                continue;
+            }
+            if (error <= 0.0) {
+                low[i] = at[i];
+            }
+            if (error >= 0.0) {
+                high[i] = at[i];
+            }
+            next = stiffness[i] > 0.0 ? at[i] - error / stiffness[i] : 0.5 * (low[i] + high[i]);
+            if (!(next >= low[i] && next <= high[i])) {
+                next = 0.5 * (low[i] + high[i]);
+            }
+            most = fmax_1(most, fabs_1(next - at[i]) - 4e-16 * fabs_1(at[i]));
+            at[i] = next;
+        }
+        if (!(most > 0.0)) {
+            break;
+        }
+    }
+    if (!is_finite(at, NG) || evaluate_gear_law(at, value, stiffness, space) != ELBOW_OK) {
+        return 0;
+    }
+    for (int i = 0; i < NG; ++i) {
+        const real size = fabs_1(torque[i]) + fabs_1(stiffness[i] * at[i]);
+        if (!gear_is_rigid[i] && !(fabs_1(value[i] - torque[i]) <= 1e-12 * size)) {
+            return 0; /* no twist carries so much */
+        }
+        deflection[i] = at[i];
+    }
+    return 1;
+}
+
+/* Static twist of all gears under the torques, from a guess; 0 where there is none. */
+static inline int static_deflection(const real *torque, real *deflection, real *stiffness, real *space)
+{
+    real value[NG], at[NG];
+    for (int i = 0; i < NG; ++i) {
+        at[i] = gear_is_rigid[i] ? 0.0 : deflection[i];
+    }
+    for (int step = 0; step < QUICK_STEPS; ++step) {
+        int done = 1;
+        if (evaluate_gear_law(at, value, stiffness, space) != ELBOW_OK) {
+            return 0;
+        }
+        for (int i = 0; i < NG; ++i) {
+            real change;
+            if (gear_is_rigid[i]) {
+                continue;
+            }
+            change = (value[i] - torque[i]) / stiffness[i];
+            at[i] -= change;
+            done = done && (gear_is_linear[i] || fabs_1(change) <= 1e-15 * fabs_1(at[i]));
+        }
+        if (!is_finite(at, NG)) {
+            break;
+        }
+        if (done) {
+            copy(at, NG, deflection);
+            return 1;
+        }
+    }
+    return bounded_deflection(torque, deflection, stiffness, space);
+}
+
+/* Static twists at n samples, each from the one before, the first from a guess; slopes `next` apart, 0 for the last. */
+static inline int static_deflections(
+    const real *tau, ptrdiff_t n, const real *guess, real *deflection, real *stiffness, ptrdiff_t next, real *space)
+{
+    real last[NG];
+    copy(guess, NG, last);
+    for (ptrdiff_t k = 0; k < n; ++k) {
+        if (!static_deflection(tau + k * NG, last, stiffness + k * next, space)) {
+            return 0;
+        }
+        copy(last, NG, deflection + k * NG);
+    }
+    return 1;
+}
+
+static const real radau_c[3] = {0.15505102572168219, 0.64494897427831781, 1.0};
+static const real radau_A[3][3] = {{0.19681547722366044, -0.06553542585019839, 0.02377097434822015},
+    {0.39442431473908727, 0.29207341166522846, -0.04154875212599793},
+    {0.37640306270046725, 0.51248582618842161, 1.0 / 9.0}};
+
+/*
+ * The step of `twist_step` for gears with a linear spring, p1 = f[0] p0 + sum_s f[1 + s] tau(c_s); slope: of the
+ * springs.
+ */
+static inline void linear_steps(real h, const real *stiffness, real (*f)[4])
+{
+    for (int i = 0; i < NG; ++i) {
+        real a[3][7]; /* and four right sides */
+        int solved;
+        for (int column = 0; column < 4; ++column) {
+            f[i][column] = 0.0;
+        }
+        if (!gear_is_linear[i] || !(gear_damping[i] > 0.0)) {
+            continue;
+        }
+        for (int s = 0; s < 3; ++s) {
+            a[s][3] = 1.0;
+            for (int t = 0; t < 3; ++t) {
+                a[s][t] = h * radau_A[s][t] * stiffness[i] / gear_damping[i] + (s == t ? 1.0 : 0.0);
+                a[s][4 + t] = h * radau_A[s][t] / gear_damping[i];
+            }
+        }
+        solved = solve_plain(&a[0][0], 3, 7);
+        for (int column = 0; column < 4; ++column) {
+            f[i][column] = solved ? a[2][3 + column] : (real)NAN;
+        }
+    }
+}
+
+/* One step of D p' + spring(p) = tau by Radau IIA with three stages; the torque is a quintic between the samples. */
+static inline int deflection_step(real h, real (*linear)[4], real left[NG][3], real right[NG][3], real *p, real *space)
+{
+    real torque[3][NG], x[3][NG], value[3][NG], stiffness[3][NG];
+    int nonlinear = 0;
+    for (int i = 0; i < NG; ++i) {
+        nonlinear |= !gear_is_rigid[i] && !gear_is_linear[i] && gear_damping[i] > 0.0;
+    }
+    for (int i = 0; i < NG; ++i) {
+        for (int s = 0; s < 3; ++s) {
+            real out[3];
+            quintic(radau_c[s], left[i], right[i], out);
+            torque[s][i] = out[0];
+            x[s][i] = p[i];
+        }
+    }
+    for (int step = 0; nonlinear; ++step) {
+        real most = 0.0;
+        for (int s = 0; s < 3; ++s) {
+            if (evaluate_gear_law(x[s], value[s], stiffness[s], space) != ELBOW_OK) {
+                return 0;
+            }
+        }
+        for (int i = 0; i < NG; ++i) {
+            real a[3][4], size = 1e-3;
+            if (gear_is_rigid[i] || gear_is_linear[i] || !(gear_damping[i] > 0.0)) {
+                continue;
+            }
+            for (int s = 0; s < 3; ++s) {
+                real sum = x[s][i] - p[i];
+                for (int t = 0; t < 3; ++t) {
+                    const real rate = h * radau_A[s][t] / gear_damping[i];
+                    sum -= rate * (torque[t][i] - value[t][i]);
+                    a[s][t] = rate * stiffness[t][i] + (s == t ? 1.0 : 0.0);
+                }
+                a[s][3] = sum;
+                size += fabs_1(x[s][i]);
+            }
+            if (!solve_plain(&a[0][0], 3, 4)) {
+                return 0;
+            }
+            for (int s = 0; s < 3; ++s) {
+                x[s][i] -= a[s][3];
+                most = fmax_1(most, fabs_1(a[s][3]) / size);
+            }
+        }
+        if (!(most > 1e-15)) {
+            break;
+        }
+        if (step == SPRING_STEPS) {
+            if (!(most < 1e-12)) { /* more than rounding */
+                return 0;
+            }
+            break;
+        }
+    }
+    for (int i = 0; i < NG; ++i) {
+        if (gear_is_linear[i] && gear_damping[i] > 0.0) { /* the same formula, solved before */
+            p[i] = linear[i][0] * p[i];
+            for (int s = 0; s < 3; ++s) {
+                p[i] += linear[i][1 + s] * torque[s][i];
+            }
+        } else {
+            p[i] = x[2][i];
+        }
+    }
+    return is_finite(p, NG);
+}
+
+/* All gears on their way from sample to sample. */
+typedef struct {
+    real period;   /* of the samples */
+    int quick[NG]; /* whether a twist lags so little that the lag is an expansion */
+    int slow;      /* whether any does not */
+    real linear[NG][4];
+    real left[NG][3], right[NG][3]; /* torque at the sample before and at this one, with derivatives times the period */
+    real now[NG];                   /* twists that are integrated, at this sample */
+} gears;
+
+/*
+ * Before the first sample, with the twists there; 0 where numbers are none. Which gears are quick is told by the least
+ * stiffness that the spring has, which is at no twist or at a large one: the answer must not change on the way, for a
+ * twist that is integrated has to be known from the beginning.
+ */
+static inline int begin_gears(gears *g, real period, const real *deflection, real *space)
+{
+    real at[NG], value[NG], least[NG], far[NG];
+    for (int i = 0; i < NG; ++i) {
+        at[i] = 0.0;
+    }
+    if (evaluate_gear_law(at, value, least, space) != ELBOW_OK) {
+        return 0;
+    }
+    for (int i = 0; i < NG; ++i) {
+        at[i] = gear_is_rigid[i] ? 0.0 : 1.0;
+    }
+    if (evaluate_gear_law(at, value, far, space) != ELBOW_OK) {
+        return 0;
+    }
+    g->period = period;
+    g->slow = 0;
+    for (int i = 0; i < NG; ++i) {
+        g->quick[i] = gear_is_rigid[i] || gear_damping[i] <= 5e-3 * period * fmin_1(least[i], far[i]);
+        g->slow |= !g->quick[i];
+        for (int j = 0; j < 3; ++j) {
+            g->left[i][j] = g->right[i][j] = 0.0;
+        }
+    }
+    linear_steps(period, least, g->linear);
+    copy(deflection, NG, g->now);
+    return 1;
+}
+
+/* On to the next sample, or to the first one, whose torque is `tau`, between its neighbours. */
+static inline int carry_gears(gears *g, int first, const real *tau, real *space)
+{
+    const real period = g->period;
+    for (int i = 0; i < NG && g->slow; ++i) {
+        copy(g->right[i], 3, g->left[i]);
+        g->right[i][0] = tau[i];
+        g->right[i][1] = period * derivative_of(tau + i, NG, period);
+        g->right[i][2] = period * period * second_derivative_of(tau + i, NG, period);
+    }
+    return first || !g->slow || deflection_step(period, g->linear, g->left, g->right, g->now, space);
+}
+
+/* Seconds by which a twist lags behind its static value; slope: of its spring. */
+static inline real lag_of(int gear, real stiffness)
+{
+    return gear_is_rigid[gear] ? 0.0 : gear_damping[gear] / stiffness;
+}
+
+/* Twists at this sample from static ones there, between their neighbours. */
+static inline void lagged_deflections(const gears *g, const real *deflection, const real *stiffness, real *lagged)
+{
+    for (int i = 0; i < NG; ++i) {
+        const real lag = lag_of(i, stiffness[i]);
+        lagged[i] = g->quick[i] ? deflection[i] - lag * derivative_of(deflection + i, NG, g->period) : g->now[i];
+    }
+}
+
+#endif

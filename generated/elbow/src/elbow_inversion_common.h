@@ -1,0 +1,88 @@
+/*
+ * elbow: what all parts of the inversion share: sizes, Gauss points of an interval, memory; private.
+ */
+#ifndef ELBOW_INVERSION_COMMON_H
+#define ELBOW_INVERSION_COMMON_H
+
+#include "elbow_private.h"
+
+#include "elbow_motor_constants.h"
+
+enum {
+    NA = ELBOW_NA,
+    NG = ELBOW_NG,
+    NE = ELBOW_NE,
+    NM = ELBOW_NM,
+    NY = ELBOW_NY,
+    NT = ELBOW_NT,
+    POINTS = 8,
+    STAGES = 3,
+    REFERENCE = NT + 2 * NY /* numbers of the path at one instant: place, rate, its rate */
+};
+
+static const real gauss_c[STAGES] = {0.11270166537925831, 0.5, 0.8872983346207417};
+static const real gauss_b[STAGES] = {5.0 / 18.0, 4.0 / 9.0, 5.0 / 18.0};
+static const real gauss_A[STAGES][STAGES] = {{5.0 / 36.0, -0.035976667524938878, 0.0097894440152484326},
+    {0.30026319498086457, 2.0 / 9.0, -0.022485417203086778}, {0.26798833376246944, 0.48042111196938331, 5.0 / 36.0}};
+
+/* The largest size; NaN where an entry is not finite, so that no comparison holds. */
+static inline real largest(const real *x, int n)
+{
+    real most = 0.0, zero = 0.0;
+    for (int i = 0; i < n; ++i) {
+        most = fmax_1(most, fabs_1(x[i]));
+        zero += 0.0 * x[i];
+    }
+    return most + zero;
+}
+
+/* Square root by Newton's method: the library needs no function of the C library for it. */
+static inline real root(real x)
+{
+    real r = 1.0;
+    if (!(x > 0.0 && x < 1e300)) {
+        return x;
+    }
+    while (r * r > 4.0 * x) {
+        r *= 0.5;
+    }
+    while (r * r < 0.25 * x) {
+        r *= 2.0;
+    }
+    for (int i = 0; i < 7; ++i) {
+        r = 0.5 * (r + x / r);
+    }
+    return r;
+}
+
+static inline int is_finite(const real *x, int n)
+{
+    return all_finite(x, n, 1);
+}
+
+/* What a function of the library says of states that were computed here: they are no inputs of the caller. */
+static inline int inner(int status)
+{
+    return status == ELBOW_INPUT_NOT_FINITE ? ELBOW_RESULT_NOT_FINITE : status;
+}
+
+static inline void copy(const real *from, ptrdiff_t n, real *to)
+{
+    for (ptrdiff_t i = 0; i < n; ++i) {
+        to[i] = from[i];
+    }
+}
+
+/* Workspace of the functions that are used here. */
+static inline ptrdiff_t space_wanted(void)
+{
+    return ELBOW_INVERSION_SPACE + 8;
+}
+
+/* Room in the workspace, in numbers; whole vectors apart. */
+static inline int64_t room(int64_t n)
+{
+    return (n + 7) / 8 * 8;
+}
+
+#endif

@@ -1,0 +1,350 @@
+/*
+ * elbow: the bends of the path ahead that keep motors within their bounds; private to the stream.
+ *
+ * The input of the chain that bends the path is constant in blocks of intervals. Around the motion that is planned,
+ * motors feel a change of the deviation d as
+ *
+ *     tau_m + B2 d'' + B4 d'''',   v_m + C1 d' + C3 d''',
+ *
+ * by the inertia of arm and rotors and, in the higher derivatives, the twist of the gears. A program finds the change
+ * that keeps the bounds over the horizon, with a deviation as small as can be. The inversion stays exact: the changed
+ * path is what the next update inverts, and what the slopes missed is seen there.
+ */
+#ifndef ELBOW_LIMITS_H
+#define ELBOW_LIMITS_H
+
+#include "elbow_reduced_problem.h"
+#include "elbow_path_deviation.h"
+#include "elbow_motors.h"
+#include "elbow_qp.h"
+
+enum {
+    BLOCKS = 8, /* of constant input over the horizon, at most */
+    INPUTS = BLOCKS * NY,
+    MOTORS = 2 * NM,       /* torques and speeds at a node */
+    BOUNDED = MOTORS + NY, /* and deviations */
+    QP_STEPS = 80
+};
+
+static const real kept_free = 1e-3;     /* of a bound: what is kept from it for errors of the slopes */
+static const real is_significant = 0.5; /* of a bound: nodes with less are not in the program */
+static const real far_off = 1.5;        /* times the largest deviation that is allowed: what none reaches */
+static const real share = 0.2;          /* of a change that is made at once: what the slopes miss is seen before */
+static const real no_deviation = 1e-7;  /* m, rad: a deviation that is none */
+static const real decayed = 1e-11;      /* m, rad: one that fades by itself */
+static const real gone = 1e-20;         /* m, rad: one that has faded */
+static const real smooth = 1e-1; /* weight of the input and of the derivatives at the end, beside the deviation */
+static const real calm = 1e0;    /* of a change of the input: plans do not jump from update to update */
+static const real dear = 1e-2;   /* of passing a bound by its own size, beside a deviation of one */
+
+/* What the stream keeps for its limits: places in its memory, relative to its beginning. */
+typedef struct {
+    ptrdiff_t on, fixed, bound, plan, deviation, value, q, v, a, tau, deflection, lagged;
+    ptrdiff_t response, H, g, A, x, y, z, K, w, vv, b, row, dual, end;
+} limits_layout;
+
+static inline limits_layout limits_laid_out(ptrdiff_t N)
+{
+    limits_layout l;
+    ptrdiff_t at = 0;
+    const ptrdiff_t nodes = N + 1, rows = nodes * BOUNDED;
+#define PLACE(name, size) \
+    l.name = at; \
+    at += (ptrdiff_t)room(size)
+    PLACE(on, 1);
+    PLACE(fixed, 1); /* the last node whose deviation stays: zeros act on what is ahead of them */
+    PLACE(bound, BOUNDED);
+    PLACE(plan, nodes * REFERENCE);
+    PLACE(deviation, nodes * DEVIATION);
+    PLACE(value, rows);
+    PLACE(q, nodes * NG);
+    PLACE(v, nodes * NG);
+    PLACE(a, nodes * NG);
+    PLACE(tau, nodes * NG);
+    PLACE(deflection, nodes * NG);
+    PLACE(lagged, nodes * NG);
+    PLACE(response, nodes * CHAIN * BLOCKS);
+    PLACE(H, INPUTS * INPUTS);
+    PLACE(g, INPUTS);
+    PLACE(A, rows * INPUTS);
+    PLACE(x, rows);
+    PLACE(y, rows);
+    PLACE(z, INPUTS);
+    PLACE(K, INPUTS * INPUTS);
+    PLACE(w, rows);
+    PLACE(vv, rows);
+    PLACE(b, INPUTS);
+    PLACE(row, rows);
+    PLACE(dual, rows);
+#undef PLACE
+    l.end = at;
+    return l;
+}
+
+/* Motor torques and speeds at the nodes, relative to their bounds, from motion and torques of the arm there. */
+static inline int motors_ahead(real *s, const limits_layout *l, ptrdiff_t N, real h, real *space)
+{
+    const real equilibrium[NG] = {0.0};
+    real stiffness[NG];
+    if (!static_deflections(s + l->tau, N + 1, equilibrium, s + l->deflection, stiffness, 0, space)) {
+        return 0;
+    }
+    for (ptrdiff_t k = 0; k <= N; ++k) { /* the first and the last node take the differences of their neighbours */
+        const ptrdiff_t at = (k < 1 ? 1 : k > N - 1 ? N - 1 : k) * NG;
+        const real *x = s + l->deflection + at;
+        for (int i = 0; i < NG; ++i) {
+            const real lag = lag_of(i, stiffness[i]);
+            s[l->lagged + k * NG + i] = s[l->deflection + k * NG + i] - lag * (x[NG + i] - x[i - NG]) / (2.0 * h);
+        }
+    }
+    for (ptrdiff_t k = 0; k <= N; ++k) {
+        const ptrdiff_t at = (k < 1 ? 1 : k > N - 1 ? N - 1 : k) * NG;
+        const real *x = s + l->lagged + at, *tau = s + l->tau + k * NG;
+        real q[NG], v[NG], a[NG], q_m[NM], v_m[NM], tau_m[NM];
+        real *value = s + l->value + k * BOUNDED;
+        for (int i = 0; i < NG; ++i) {
+            q[i] = s[l->q + k * NG + i] + s[l->lagged + k * NG + i];
+            v[i] = s[l->v + k * NG + i] + (x[NG + i] - x[i - NG]) / (2.0 * h);
+            a[i] = s[l->a + k * NG + i] + (x[NG + i] - 2.0 * x[i] + x[i - NG]) / (h * h);
+        }
+        if (!motors_of(q, v, a, tau, q_m, v_m, tau_m, space)) {
+            return 0;
+        }
+        for (int i = 0; i < NM; ++i) {
+            value[i] = tau_m[i] / s[l->bound + i];
+            value[NM + i] = v_m[i] / s[l->bound + NM + i];
+        }
+        for (int i = 0; i < NY; ++i) {
+            value[MOTORS + i] = s[l->deviation + k * DEVIATION + i] / s[l->bound + MOTORS + i];
+        }
+    }
+    return 1;
+}
+
+/* B2, B4, C1, C3 [row][output] at the instant that is loaded everywhere in `arm`, whose inverse is that of W there. */
+typedef struct {
+    real B2[NM][NY], B4[NM][NY], C1[NM][NY], C3[NM][NY];
+} jacobian_ahead;
+
+#if ELBOW_NE > 0
+/* W, the deflections in balance with the accelerations d'' of the output: K w + (M_eg J_g^-1) d'' = 0. */
+static inline int deflections_at(problem_points *arm, real W[NE][NY], real *space)
+{
+    real K[NE][NE + NY]; /* and right sides */
+    if (reduce(arm, space) != ELBOW_OK) {
+        return 0;
+    }
+    for (int i = 0; i < NE; ++i) {
+        for (int j = 0; j < NE; ++j) {
+            K[i][j] = arm->K[j][i][0];
+        }
+        for (int j = 0; j < NY; ++j) {
+            K[i][NE + j] = 0.0;
+            for (int k = 0; k < NG; ++k) {
+                K[i][NE + j] -= arm->row_a[i_g[k]][i][0] * arm->inverse[j][k][0];
+            }
+        }
+    }
+    if (!solve_plain(&K[0][0], NE, NE + NY)) { /* stiffness dominates: no pivoting */
+        return 0;
+    }
+    for (int i = 0; i < NE; ++i) {
+        copy(K[i] + NE, NY, W[i]);
+    }
+    return 1;
+}
+#endif
+
+/* The slopes at an instant, relative to the bounds; 0 where numbers are none. */
+static inline int jacobian_at(
+    problem_points *arm, const real *torque, const real *bound, jacobian_ahead *f, real *space)
+{
+    real M[NG][NG], F[NG][NY], G[NG][NY], U[NG][NY], p[NG], stiffness[NG], base[NG];
+#if ELBOW_NE > 0
+    real W[NE][NY];
+#endif
+    for (int i = 0; i < NG; ++i) {
+        p[i] = 0.0;
+        base[i] = torque[i];
+    }
+    if (!static_deflection(base, p, stiffness, space)) {
+        return 0;
+    }
+    for (int first = 0; first < NG; first += POINTS) { /* tau_g is linear in the accelerations */
+        for (int l = 0; l < POINTS && first + l < NG; ++l) {
+            arm->a[i_g[first + l]][l] += 1.0;
+        }
+        if (rows_of(arm, space) != ELBOW_OK) {
+            return 0;
+        }
+        for (int l = 0; l < POINTS && first + l < NG; ++l) {
+            for (int i = 0; i < NG; ++i) {
+                M[i][first + l] = arm->tau_g[i][l] - base[i];
+            }
+            arm->a[i_g[first + l]][l] -= 1.0;
+        }
+    }
+    for (int i = 0; i < NG; ++i) {
+        for (int j = 0; j < NY; ++j) {
+            F[i][j] = G[i][j] = U[i][j] = 0.0;
+            for (int k = 0; k < NG; ++k) {
+                F[i][j] += M[i][k] * arm->inverse[j][k][0];
+            }
+        }
+    }
+#if ELBOW_NE > 0
+    if (!deflections_at(arm, W, space)) {
+        return 0;
+    }
+    for (int i = 0; i < NG; ++i) {
+        for (int j = 0; j < NY; ++j) {
+            for (int e = 0; e < NE; ++e) {
+                U[i][j] += arm->S[e][i][0] * W[e][j];
+                G[i][j] += arm->row_a[i_g[i]][e][0] * W[e][j];
+            }
+        }
+    }
+    for (int i = 0; i < NG; ++i) {
+        for (int j = 0; j < NY; ++j) {
+            for (int k = 0; k < NG; ++k) {
+                G[i][j] += M[i][k] * U[k][j];
+            }
+        }
+    }
+#endif
+    for (int m = 0; m < NM; ++m) {
+        const real torques = 1.0 / bound[m], speeds = 1.0 / bound[NM + m];
+        for (int j = 0; j < NY; ++j) {
+            real B2 = 0.0, B4 = 0.0, C1 = 0.0, C3 = 0.0;
+            for (int i = 0; i < NG; ++i) {
+                const real deflected = U[i][j] + (gear_is_rigid[i] ? 0.0 : F[i][j] / stiffness[i]);
+                B2 += rotor_inertia[m] * eta[m][i] * arm->inverse[j][i][0] + eta_inverse[i][m] * F[i][j];
+                B4 += rotor_inertia[m] * eta[m][i] * deflected + eta_inverse[i][m] * G[i][j];
+                C1 += eta[m][i] * arm->inverse[j][i][0];
+                C3 += eta[m][i] * deflected;
+            }
+            f->B2[m][j] = torques * B2;
+            f->B4[m][j] = torques * B4;
+            f->C1[m][j] = speeds * C1;
+            f->C3[m][j] = speeds * C3;
+        }
+    }
+    return 1;
+}
+
+/* What the inputs change in bounded number m of a node where the chain answers by r. */
+static inline void fill_row(
+    const real *s, const limits_layout *l, const jacobian_ahead *f, int m, const real *r, int blocks, real T, real *A)
+{
+    for (int b = 0; b < blocks; ++b) {
+        for (int j = 0; j < NY; ++j) {
+            real *to = A + b * NY + j;
+            if (m < NM) {
+                *to = (f->B2[m][j] * r[2 * BLOCKS + b] + f->B4[m][j] * r[4 * BLOCKS + b] / (T * T)) / (T * T);
+            } else if (m < MOTORS) {
+                *to = (f->C1[m - NM][j] * r[BLOCKS + b] + f->C3[m - NM][j] * r[3 * BLOCKS + b] / (T * T)) / T;
+            } else {
+                *to = m - MOTORS == j ? r[b] / s[l->bound + m] : 0.0;
+            }
+        }
+    }
+}
+
+/* Change the deviations ahead; 0 where the numbers are none, and nothing has changed. */
+static inline int change_deviation(real *s, const limits_layout *l, ptrdiff_t N, real T, const jacobian_ahead *f)
+{
+    const ptrdiff_t fixed = (ptrdiff_t)s[l->fixed], left = N - fixed;
+    const int blocks = left < BLOCKS ? (int)left : (int)BLOCKS, n = blocks * NY;
+    const real tau = (real)DECAYS / (real)N;
+    real *deviation = s + l->deviation, *response = s + l->response, *H = s + l->H, *g = s + l->g;
+    qp p = {n, 0, H, g, s + l->A, s + l->x, s + l->y, s + l->z, s + l->K, s + l->w, s + l->vv, s + l->b, 0.0};
+    for (int b = 0; b < blocks; ++b) { /* of the chain at the nodes to a unit in a block */
+        for (ptrdiff_t k = 0; k <= N; ++k) {
+            real *to = response + (k * CHAIN) * BLOCKS + b;
+            const int in = k > fixed && (k - 1 - fixed) * blocks / left == b;
+            if (k <= fixed) {
+                for (int i = 0; i < CHAIN; ++i) {
+                    to[i * BLOCKS] = 0.0;
+                }
+            } else {
+                chain_step(to - CHAIN * BLOCKS, BLOCKS, in ? 1.0 : 0.0, tau, to, BLOCKS);
+            }
+        }
+    }
+    for (int i = 0; i < n * n; ++i) {
+        H[i] = 0.0;
+    }
+    for (int i = 0; i < n; ++i) {
+        g[i] = 0.0;
+    }
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
+        const real *r = response + k * CHAIN * BLOCKS, *x = deviation + k * DEVIATION;
+        for (int c = 0; c < CHAIN; ++c) {
+            const real weight = c == 0 ? 1.0 / (real)N : k == N ? 1.0 : smooth / (real)N;
+            for (int b = 0; b < blocks; ++b) {
+                for (int j = 0; j < NY; ++j) {
+                    g[b * NY + j] += weight * r[c * BLOCKS + b] * x[c * NY + j];
+                    for (int d = 0; d < blocks; ++d) {
+                        H[(b * NY + j) * n + d * NY + j] += weight * r[c * BLOCKS + b] * r[c * BLOCKS + d];
+                    }
+                }
+            }
+        }
+    }
+    for (int i = 0; i < n; ++i) {
+        H[i * n + i] += calm;
+    }
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
+        const real *r = response + k * CHAIN * BLOCKS;
+        for (int m = 0; m < BOUNDED; ++m) {
+            const ptrdiff_t row = k * BOUNDED + m;
+            real *A;
+            if (!(fabs_1(s[l->value + row]) > is_significant)) {
+                s[l->dual + row] = 0.0;
+                continue;
+            }
+            A = p.A + p.rows * n;
+            s[l->x + p.rows] = s[l->value + row] * (1.0 + kept_free);
+            s[l->y + p.rows] = s[l->dual + row];
+            s[l->row + p.rows] = (real)row;
+            fill_row(s, l, f, m, r, blocks, T, A);
+            ++p.rows;
+        }
+    }
+    if (!run_qp(&p, dear, QP_STEPS)) {
+        for (ptrdiff_t i = 0; i < (N + 1) * BOUNDED; ++i) {
+            s[l->dual + i] = 0.0;
+        }
+        return 0;
+    }
+    for (int i = 0; i < n; ++i) {
+        p.z[i] *= share;
+    }
+    for (int i = 0; i < p.rows; ++i) {
+        const ptrdiff_t row = (ptrdiff_t)s[l->row + i];
+        s[l->dual + row] = p.y[i];
+    }
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) { /* soft bounds may be passed, but a deviation not by much */
+        for (int j = 0; j < NY; ++j) {
+            real to = deviation[k * DEVIATION + j];
+            for (int b = 0; b < blocks; ++b) {
+                to += response[k * CHAIN * BLOCKS + b] * p.z[b * NY + j];
+            }
+            if (fabs_1(to) > far_off * s[l->bound + MOTORS + j] && fabs_1(to) > fabs_1(deviation[k * DEVIATION + j])) {
+                return 0;
+            }
+        }
+    }
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
+        for (int c = 0; c < CHAIN; ++c) {
+            for (int j = 0; j < NY; ++j) {
+                for (int b = 0; b < blocks; ++b) {
+                    deviation[k * DEVIATION + c * NY + j] += response[(k * CHAIN + c) * BLOCKS + b] * p.z[b * NY + j];
+                }
+            }
+        }
+    }
+    return 1;
+}
+
+#endif

@@ -1,0 +1,78 @@
+/*
+ * elbow: the motion of the coordinates without motor over a mesh of intervals; private.
+ */
+#ifndef ELBOW_MESH_H
+#define ELBOW_MESH_H
+
+#include "elbow_reduced_problem.h"
+
+#if ELBOW_NE > 0
+
+enum {
+    CONTROLS = STAGES * NE, /* accelerations in an interval, by which it is steered */
+    STATES = 2 * NE         /* coordinates and speeds at a node */
+};
+
+/* Mesh and unknowns: arrays of the caller. */
+typedef struct {
+    int N;                   /* intervals */
+    real h;                  /* their length */
+    real *y;                 /* (N + 1) x STATES: at the nodes */
+    real *a;                 /* N x STAGES x NE */
+    real *q_g;               /* N x STAGES x NG: at the Gauss points */
+    real *reference;         /* N x STAGES x REFERENCE: the path there */
+    real *aim;               /* (N + 1) x STATES: what the nodes are drawn to; NULL for where they are */
+    const real *equilibrium; /* STATES: what the last node is drawn to, where aim is NULL; NULL for where it is */
+    real *factor;            /* N x CONTROLS x WIDTH: rows of the elimination, pivots inverted on the diagonal */
+    real *scale;             /* NE: torque of a row */
+    const real *end;         /* STATES x STATES: weight of the last node; NULL for the tiny one */
+    real residual;           /* out: largest |R / s_r| */
+} mesh;
+
+/* Coordinates and speeds at a Gauss point from the node before and the accelerations of the interval. */
+static inline void stage_state(const real *y, const real *a, real h, int s, real *q, real *v)
+{
+    for (int i = 0; i < NE; ++i) {
+        real once = 0.0, twice = 0.0;
+        for (int j = 0; j < STAGES; ++j) {
+            real A2 = 0.0;
+            for (int k = 0; k < STAGES; ++k) {
+                A2 += gauss_A[s][k] * gauss_A[k][j];
+            }
+            once += gauss_A[s][j] * a[j * NE + i];
+            twice += A2 * a[j * NE + i];
+        }
+        q[i] = y[i] + h * gauss_c[s] * y[NE + i] + h * h * twice;
+        v[i] = y[NE + i] + h * once;
+    }
+}
+
+/* Coordinates and speeds at the next node. */
+static inline void next_node(const real *y, const real *a, real h, real *next)
+{
+    for (int i = 0; i < NE; ++i) {
+        real once = 0.0, twice = 0.0;
+        for (int j = 0; j < STAGES; ++j) {
+            once += gauss_b[j] * a[j * NE + i];
+            twice += gauss_b[j] * (1.0 - gauss_c[j]) * a[j * NE + i];
+        }
+        next[i] = y[i] + h * y[NE + i] + h * h * twice;
+        next[NE + i] = y[NE + i] + h * once;
+    }
+}
+
+/* Bring Gauss point number `at` (of all) into place l. */
+static inline void load_point(const mesh *m, int at, problem_points *p, int l)
+{
+    const int k = at / STAGES, s = at % STAGES;
+    const real *a = m->a + (ptrdiff_t)k * CONTROLS;
+    real q[NE], v[NE];
+    stage_state(m->y + (ptrdiff_t)k * STATES, a, m->h, s, q, v);
+    load_elastic(p, l, q, v, a + s * NE);
+    load_joints(p, l, m->q_g + (ptrdiff_t)at * NG);
+    load_reference(p, l, m->reference + (ptrdiff_t)at * REFERENCE);
+}
+
+#endif
+
+#endif

@@ -1,0 +1,13 @@
+/* elbow: macros of a function body for one point; include before <function>_body.h. */
+#define T real
+#define F(name) name##_1
+#define IN(x, i) ((x)[i])
+#define OUT(x, i, value) ((x)[i] = (value))
+#define P(x, i) ((x)[i])
+#define STRIDE(n)
+#define ANGLES(n) PADDED(n)
+#define ROW lanes
+#define ROWS(x) ((lanes *)(x))
+#define ROW_COUNT(n) (((n) + LANES - 1) / LANES)
+#define ROW_OF(x) splat_v(x)
+#define ROW_SUM(x) sum_v(x)

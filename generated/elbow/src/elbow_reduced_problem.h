@@ -1,0 +1,349 @@
+/*
+ * elbow: the arm with its output on the path: kinematics, and the reduced problem; private.
+ *
+ * The output is prescribed, y(q_a) = Z(t), so that the actuated coordinates q_g follow from the others and only n_e
+ * equations are left,
+ *
+ *     R(q_e, v_e, a_e, t) = [M a + c + g]_e - tau_e = 0.
+ *
+ * POINTS instants are evaluated together; entry i of point l of an array stands at [i][l], matrices by columns.
+ */
+#ifndef ELBOW_REDUCED_PROBLEM_H
+#define ELBOW_REDUCED_PROBLEM_H
+
+#include "elbow_inversion_common.h"
+
+enum { KINEMATIC_STEPS = 25 };
+
+typedef real points[POINTS];
+
+/* Over all points, a vector at a time. */
+#define EACH(l) for (int l = 0; l < POINTS; l += LANES)
+
+/* POINTS instants of the arm on its path. */
+typedef struct {
+    points q[NA], v[NA], a[NA];
+    points target[NT], dy[NY], ddy[NY];
+    points error[NY], W[NA][NY], bias[NY];
+    points inverse[NY][NG]; /* of the columns of W that belong to q_g */
+    points side;            /* sign of their determinant: on either side of singular poses, 1 or -1 */
+    points tau_g[NG];
+#if ELBOW_NE > 0
+    points row[NE], row_q[NA][NE], row_v[NA][NE], row_a[NA][NE];
+    points y1_q[NA][NY], y2_q[NA][NY], y2_v[NA][NY];
+    points S[NE][NG], Vq[NE][NG], Aq[NE][NG], Av[NE][NG], T[NE][NY];
+    points K[NE][NE], D[NE][NE], A[NE][NE]; /* [column][row] */
+#endif
+} problem_points;
+
+/* Bring the path at one instant into place l. */
+static inline void load_reference(problem_points *arm, int l, const real *reference)
+{
+    for (int i = 0; i < NT; ++i) {
+        arm->target[i][l] = reference[i];
+    }
+    for (int i = 0; i < NY; ++i) {
+        arm->dy[i][l] = reference[NT + i];
+        arm->ddy[i][l] = reference[NT + NY + i];
+    }
+}
+
+/* A first guess of the joints in place l; `follow` finds them, and their rates. */
+static inline void load_joints(problem_points *arm, int l, const real *joints)
+{
+    for (int i = 0; i < NG; ++i) {
+        arm->q[i_g[i]][l] = joints[i];
+        arm->v[i_g[i]][l] = 0.0;
+        arm->a[i_g[i]][l] = 0.0;
+    }
+}
+
+#if ELBOW_NE > 0
+/* Non-actuated coordinates, speeds and accelerations into place l. */
+static inline void load_elastic(problem_points *arm, int l, const real *q, const real *v, const real *a)
+{
+    for (int i = 0; i < NE; ++i) {
+        arm->q[i_e[i]][l] = q[i];
+        arm->v[i_e[i]][l] = v[i];
+        arm->a[i_e[i]][l] = a[i];
+    }
+}
+#endif
+
+/*
+ * Inverse of the actuated columns of W by Gauss and Jordan, with rows exchanged for the largest pivot in every point
+ * for itself; 0 where a pivot is rounding.
+ */
+static inline int invert_points(problem_points *p)
+{
+    lanes bad = splat_v(0.0);
+    EACH (l) {
+        lanes a[NY][2 * NY], side = splat_v(1.0);
+        for (int i = 0; i < NY; ++i) {
+            for (int j = 0; j < NY; ++j) {
+                a[i][j] = load_v(&p->W[i_g[j]][i][l]);
+                a[i][NY + j] = splat_v(i == j ? 1.0 : 0.0);
+            }
+        }
+        for (int k = 0; k < NY; ++k) {
+            lanes pivot;
+            for (int i = k + 1; i < NY; ++i) {
+                const lanes larger = lt_v(fabs_v(a[k][k]), fabs_v(a[i][k]));
+                side *= splat_v(1.0) - 2.0 * larger;
+                for (int j = k; j < 2 * NY; ++j) {
+                    const lanes x = a[k][j], y = a[i][j];
+                    a[k][j] = select_v(larger, y, x);
+                    a[i][j] = select_v(larger, x, y);
+                }
+            }
+            /* metres and radians: a nanometre for a radian is a singular pose; NaN is no better */
+            bad += not_v(lt_v(splat_v(1e-9), fabs_v(a[k][k])));
+            side *= splat_v(1.0) - 2.0 * lt_v(a[k][k], splat_v(0.0));
+            pivot = splat_v(1.0) / a[k][k];
+            for (int j = k + 1; j < 2 * NY; ++j) {
+                a[k][j] *= pivot;
+            }
+            for (int i = 0; i < NY; ++i) {
+                const lanes f = a[i][k];
+                if (i == k) {
+                    continue;
+                }
+                for (int j = k + 1; j < 2 * NY; ++j) {
+                    a[i][j] -= f * a[k][j];
+                }
+            }
+        }
+        for (int i = 0; i < NG; ++i) {
+            for (int j = 0; j < NY; ++j) {
+                store_v(&p->inverse[j][i][l], a[i][NY + j]);
+            }
+        }
+        store_v(&p->side[l], side);
+    }
+    return sum_v(bad) == 0.0;
+}
+
+/* How far the output is from its place, with W and the part of its acceleration that speeds make. */
+static inline void constrain(problem_points *p, real *space)
+{
+    (void)elbow_output_constraint_batch(
+        POINTS, &p->q[0][0], &p->v[0][0], &p->target[0][0], &p->error[0][0], &p->W[0][0][0], &p->bias[0][0], space);
+}
+
+/* The actuated coordinates of `to` become inverse * y. */
+static inline void actuated(const problem_points *p, points *y, points *to)
+{
+    for (int i = 0; i < NG; ++i) {
+        EACH (l) {
+            lanes sum = splat_v(0.0);
+            for (int j = 0; j < NY; ++j) {
+                sum += load_v(&p->inverse[j][i][l]) * load_v(&y[j][l]);
+            }
+            store_v(&to[i_g[i]][l], sum);
+        }
+    }
+}
+
+/* One Newton step of the actuated coordinates towards the place; the largest change. */
+static inline real approach(problem_points *p)
+{
+    lanes most = splat_v(0.0), zero = splat_v(0.0);
+    for (int i = 0; i < NG; ++i) {
+        EACH (l) {
+            lanes sum = splat_v(0.0);
+            for (int j = 0; j < NY; ++j) {
+                sum += load_v(&p->inverse[j][i][l]) * load_v(&p->error[j][l]);
+            }
+            store_v(&p->q[i_g[i]][l], load_v(&p->q[i_g[i]][l]) - sum);
+            most = fmax_v(most, fabs_v(sum));
+            zero += 0.0 * sum; /* a maximum overlooks NaN */
+        }
+    }
+    most += zero;
+    return largest((const real *)&most, LANES);
+}
+
+/* Whether the output is where it shall be, but for rounding. */
+static inline int is_there(const problem_points *p)
+{
+    return largest(&p->error[0][0], NY * POINTS) <= 1e-9 * (1.0 + largest(&p->target[0][0], NT * POINTS));
+}
+
+/* The actuated coordinates that bring the output to its place, with their rates, for given other ones. */
+static inline int follow(problem_points *p, real *space)
+{
+    points equilibrium[NY];
+    real most, bound;
+    int step = 0;
+    constrain(p, space);
+    do { /* Newton's method: after a step below a millionth the error is rounding */
+        if (!invert_points(p)) {
+            return ELBOW_UNREACHABLE;
+        }
+        bound = 2.0 + 2.0 * largest(&p->error[0][0], NY * POINTS); /* rad and m: beyond it a step leads astray */
+        most = approach(p);
+        if (!(most < bound) || ++step > KINEMATIC_STEPS) {
+            return ELBOW_UNREACHABLE;
+        }
+        constrain(p, space);
+    } while (most > 1e-6);
+    if (!invert_points(p)) {
+        return ELBOW_UNREACHABLE;
+    }
+    (void)approach(p);
+    for (int j = 0; j < NY; ++j) {
+        EACH (l) {
+            lanes sum = load_v(&p->dy[j][l]);
+            for (int i = 0; i < NE; ++i) {
+                sum -= load_v(&p->W[i_e[i]][j][l]) * load_v(&p->v[i_e[i]][l]);
+            }
+            store_v(&equilibrium[j][l], sum);
+        }
+    }
+    actuated(p, equilibrium, p->v);
+    constrain(p, space);
+    if (!is_there(p)) {
+        return ELBOW_UNREACHABLE;
+    }
+    for (int j = 0; j < NY; ++j) {
+        EACH (l) {
+            lanes sum = load_v(&p->ddy[j][l]) - load_v(&p->bias[j][l]);
+            for (int i = 0; i < NE; ++i) {
+                sum -= load_v(&p->W[i_e[i]][j][l]) * load_v(&p->a[i_e[i]][l]);
+            }
+            store_v(&equilibrium[j][l], sum);
+        }
+    }
+    actuated(p, equilibrium, p->a);
+    return ELBOW_OK;
+}
+
+/* Gear torques and residuals of POINTS instants whose motion is known. */
+static inline int rows_of(problem_points *arm, real *space)
+{
+#if ELBOW_NE > 0
+    return inner(elbow_inversion_rows_batch(
+        POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space));
+#else
+    return inner(
+        elbow_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space));
+#endif
+}
+
+/* The same where the non-actuated motion is known alone. */
+static inline int torques(problem_points *arm, real *space)
+{
+    const int status = follow(arm, space);
+    return status == ELBOW_OK ? rows_of(arm, space) : status;
+}
+
+#if ELBOW_NE > 0
+
+/* to[j] = - inverse * from[j] for all columns. */
+static inline void solve_columns(const problem_points *p, points (*from)[NY], points (*to)[NG])
+{
+    EACH (l) {
+        lanes inverse[NG][NY]; /* together, as it is needed below */
+        for (int i = 0; i < NG; ++i) {
+            for (int k = 0; k < NY; ++k) {
+                inverse[i][k] = load_v(&p->inverse[k][i][l]);
+            }
+        }
+        for (int j = 0; j < NE; ++j) {
+            for (int i = 0; i < NG; ++i) {
+                lanes sum = splat_v(0.0);
+                for (int k = 0; k < NY; ++k) {
+                    sum -= inverse[i][k] * load_v(&from[j][k][l]);
+                }
+                store_v(&to[j][i][l], sum);
+            }
+        }
+    }
+}
+
+/* T += X restricted to the actuated columns, times Y. */
+static inline void add_actuated(points (*X)[NY], points (*Y)[NG], points (*T)[NY])
+{
+    EACH (l) {
+        lanes columns[NY][NG];
+        for (int i = 0; i < NY; ++i) {
+            for (int k = 0; k < NG; ++k) {
+                columns[i][k] = load_v(&X[i_g[k]][i][l]);
+            }
+        }
+        for (int j = 0; j < NE; ++j) {
+            for (int i = 0; i < NY; ++i) {
+                lanes sum = load_v(&T[j][i][l]);
+                for (int k = 0; k < NG; ++k) {
+                    sum += columns[i][k] * load_v(&Y[j][k][l]);
+                }
+                store_v(&T[j][i][l], sum);
+            }
+        }
+    }
+}
+
+/* The columns of X that belong to q_e. */
+static inline void take_elastic(points (*X)[NY], points (*T)[NY])
+{
+    for (int j = 0; j < NE; ++j) {
+        for (int i = 0; i < NY; ++i) {
+            EACH (l) {
+                store_v(&T[j][i][l], load_v(&X[i_e[j]][i][l]));
+            }
+        }
+    }
+}
+
+/* Residual of the non-actuated rows and their slopes K, D, A with respect to q_e, v_e, a_e on the path. */
+static inline int reduce(problem_points *p, real *space)
+{
+    const int status = elbow_inversion_jacobians_batch(POINTS, &p->q[0][0], &p->v[0][0], &p->a[0][0], &p->y1_q[0][0][0],
+        &p->y2_q[0][0][0], &p->y2_v[0][0][0], &p->row[0][0], &p->row_q[0][0][0], &p->row_v[0][0][0], &p->row_a[0][0][0],
+        space);
+    if (status != ELBOW_OK) {
+        return inner(status);
+    }
+    take_elastic(p->W, p->T);
+    solve_columns(p, p->T, p->S);
+    take_elastic(p->y1_q, p->T);
+    add_actuated(p->y1_q, p->S, p->T);
+    solve_columns(p, p->T, p->Vq);
+    take_elastic(p->y2_q, p->T);
+    add_actuated(p->y2_q, p->S, p->T);
+    add_actuated(p->y2_v, p->Vq, p->T);
+    solve_columns(p, p->T, p->Aq);
+    take_elastic(p->y2_v, p->T);
+    add_actuated(p->y2_v, p->S, p->T);
+    solve_columns(p, p->T, p->Av);
+    EACH (l) {
+        lanes q[NE][NG], v[NE][NG], a[NE][NG]; /* together, as they are needed below */
+        for (int i = 0; i < NE; ++i) {
+            for (int k = 0; k < NG; ++k) {
+                q[i][k] = load_v(&p->row_q[i_g[k]][i][l]);
+                v[i][k] = load_v(&p->row_v[i_g[k]][i][l]);
+                a[i][k] = load_v(&p->row_a[i_g[k]][i][l]);
+            }
+        }
+        for (int j = 0; j < NE; ++j) {
+            for (int i = 0; i < NE; ++i) {
+                lanes K = load_v(&p->row_q[i_e[j]][i][l]), D = load_v(&p->row_v[i_e[j]][i][l]);
+                lanes A = load_v(&p->row_a[i_e[j]][i][l]);
+                for (int k = 0; k < NG; ++k) {
+                    const lanes S = load_v(&p->S[j][k][l]);
+                    K += q[i][k] * S + v[i][k] * load_v(&p->Vq[j][k][l]) + a[i][k] * load_v(&p->Aq[j][k][l]);
+                    D += v[i][k] * S + a[i][k] * load_v(&p->Av[j][k][l]);
+                    A += a[i][k] * S;
+                }
+                store_v(&p->K[j][i][l], K);
+                store_v(&p->D[j][i][l], D);
+                store_v(&p->A[j][i][l], A);
+            }
+        }
+    }
+    return ELBOW_OK;
+}
+
+#endif
+
+#endif

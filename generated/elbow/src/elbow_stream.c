@@ -1,0 +1,262 @@
+/* elbow: inverse dynamics on a moving horizon. Written by flexgen; see elbow_inversion.h. */
+#include "elbow_inversion.h"
+
+#include "elbow_stream_shift.h"
+#include "elbow_stream_output.h"
+#include "elbow_equilibrium.h"
+
+enum { WARMING = 10 }; /* sweeps after which the cost of an endless rest has settled */
+
+int64_t elbow_stream_work(const elbow_stream_options *options)
+{
+    return options != NULL && sizes_fit(options) ?
+               (int64_t)laid_out(options->intervals, options->samples_per_interval).end :
+               -1;
+}
+
+/* The whole horizon, and what is over, rests at q with the output at a place. */
+static void set_equilibrium(real *s, const layout *l, const real *target, const real *q)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    real *equilibrium = s + l->last;
+    copy(target, NT, equilibrium);
+    for (int i = NT; i < REFERENCE; ++i) {
+        equilibrium[i] = 0.0;
+    }
+    for (ptrdiff_t k = 0; k < N * STAGES; ++k) {
+        copy(equilibrium, REFERENCE, s + l->reference + k * REFERENCE);
+    }
+    for (ptrdiff_t k = 0; k <= l->past + N; ++k) {
+        copy(equilibrium, REFERENCE, s + l->nodes + k * REFERENCE);
+    }
+    for (ptrdiff_t k = 0; k <= N * STAGES; ++k) {
+        for (int i = 0; i < NG; ++i) {
+            s[l->q_g + k * NG + i] = q[i_g[i]];
+        }
+    }
+#if ELBOW_NE > 0
+    for (ptrdiff_t k = 0; k <= l->past + N; ++k) {
+        for (int i = 0; i < NE; ++i) {
+            s[l->y + k * STATES + i] = q[i_e[i]];
+            s[l->y + k * STATES + NE + i] = 0.0;
+        }
+    }
+    for (ptrdiff_t k = 0; k < (l->past + N) * CONTROLS; ++k) {
+        s[l->a + k] = 0.0;
+    }
+    copy(s + l->y, (N + 1) * STATES, s + l->aim);
+    for (int k = 0; k < LEVELS * LAST; ++k) {
+        copy(s + l->y, NE, s + l->levels + k * NE);
+    }
+#endif
+}
+
+/* Twists of the gears at rest at q. */
+static int deflection_at_equilibrium(const real *q, real *deflection, real *space)
+{
+    static const real zero[NA] = {0.0};
+    real tau[NG], stiffness[NG];
+    int status;
+#if ELBOW_NE > 0
+    real row[NE];
+    status = inner(evaluate_inversion_rows(q, zero, zero, tau, row, space));
+#else
+    status = inner(evaluate_inversion_rows(q, zero, zero, tau, space));
+#endif
+    if (status != ELBOW_OK) {
+        return status;
+    }
+    return static_deflections(tau, 1, zero, deflection, stiffness, 0, space) ? ELBOW_OK : ELBOW_RESULT_NOT_FINITE;
+}
+
+elbow_status elbow_stream_start(double *stream, int64_t stream_size, const elbow_stream_options *options,
+    const double y[ELBOW_NT], const double q_start[ELBOW_NA])
+{
+    layout l;
+    real q[NA], *space;
+    int status;
+    if (stream == NULL || options == NULL || y == NULL || q_start == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (!sizes_fit(options) || !(options->period > 0.0 && options->period < 1e6) ||
+        !(options->tolerance > 0.0 && options->tolerance < 1.0)) {
+        return ELBOW_BAD_ARGUMENT;
+    }
+    l = laid_out(options->intervals, options->samples_per_interval);
+    if (stream_size < l.end) {
+        return ELBOW_WORK_TOO_SMALL;
+    }
+    stream[STATE] = IS_EMPTY;
+    if (!is_finite(y, NT) || !is_finite(q_start, NA)) {
+        return ELBOW_INPUT_NOT_FINITE;
+    }
+#if ELBOW_POSE
+    if (!is_rotation(y + 3)) {
+        return ELBOW_BAD_ARGUMENT;
+    }
+#endif
+    space = stream + l.space;
+    copy(q_start, NA, q);
+    stream[INTERVALS] = options->intervals;
+    stream[SAMPLES_PER_INTERVAL] = options->samples_per_interval;
+    stream[PERIOD] = options->period;
+    stream[TOLERANCE] = options->tolerance;
+    stream[SIDE] = 0.0; /* of singular poses: not known before the first sample */
+    stream[l.limits] = 0.0;
+    for (int i = 0; i < MEASURES + NM; ++i) {
+        stream[l.most + i] = 0.0;
+    }
+    stream[l.expected] = 0.0;
+    status = equilibrium_at(y, q, stream + l.scale, space);
+    if (status != ELBOW_OK) {
+        return (elbow_status)status;
+    }
+    set_equilibrium(stream, &l, y, q);
+#if ELBOW_NE > 0
+    {
+        mesh hold = mesh_of(&l, stream);
+        status = lq_endless(&hold, WARMING, (lq_space *)(void *)(stream + l.lq), space, stream + l.cost);
+        if (status != ELBOW_OK) {
+            return (elbow_status)status;
+        }
+    }
+#endif
+    status = deflection_at_equilibrium(q, stream + l.now, space);
+    if (status == ELBOW_OK) {
+        stream[STATE] = IS_RUNNING;
+    }
+    return (elbow_status)status;
+}
+
+elbow_status elbow_stream_limits(
+    double *stream, const double torque_max[ELBOW_NM], const double speed_max[ELBOW_NM], double deviation_max)
+{
+    layout l;
+    limits_layout w;
+    ptrdiff_t N;
+    real *bound;
+    if (stream == NULL || torque_max == NULL || speed_max == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (!is_running(stream)) {
+        return ELBOW_NOT_STARTED;
+    }
+    N = (ptrdiff_t)stream[INTERVALS];
+    if (!(deviation_max > 0.0 && deviation_max < 1e6)) {
+        return ELBOW_BAD_ARGUMENT;
+    }
+    for (int i = 0; i < NM; ++i) {
+        if (!(torque_max[i] > 0.0 && speed_max[i] > 0.0)) {
+            return ELBOW_BAD_ARGUMENT;
+        }
+    }
+    l = laid_out((int)N, (int)stream[SAMPLES_PER_INTERVAL]);
+    w = limits_laid_out(N);
+    if (!(stream[l.limits + w.on] > 0.0) && !begin_limits(stream, &l)) {
+        return ELBOW_HORIZON_TOO_SHORT;
+    }
+    bound = stream + l.limits + w.bound;
+    copy(torque_max, NM, bound);
+    copy(speed_max, NM, bound + NM);
+    for (int i = 0; i < NY; ++i) {
+        bound[MOTORS + i] = deviation_max;
+    }
+    return ELBOW_OK;
+}
+
+/* What an update says when it fails after its sample was taken; UNREACHABLE would mean that it was refused. */
+static elbow_status failed(real *stream, int status)
+{
+    stream[STATE] = HAS_FAILED;
+    return status == ELBOW_UNREACHABLE ? ELBOW_NOT_CONVERGED : (elbow_status)status;
+}
+
+/* An array of the caller, or room for it in the memory of the stream, from `*at` on. */
+static real *output_of(real *given, ptrdiff_t size, real **at)
+{
+    real *own = *at;
+    *at += size;
+    return given != NULL ? given : own;
+}
+
+elbow_status elbow_stream_update(double *stream, const double y[ELBOW_NT], const double dy[ELBOW_NY],
+    const double ddy[ELBOW_NY], elbow_motion *motion, elbow_stream_info *info)
+{
+    interval out;
+    layout l;
+    real own[REFERENCE], next[REFERENCE], deviation[DEVIATION], off[2] = {0.0, 0.0}, worst, step = 0.0, *at;
+    arrival arrived;
+    ptrdiff_t n;
+    int has_limits, limited = 0, status;
+    if (stream == NULL || y == NULL || dy == NULL || ddy == NULL || motion == NULL || info == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (!is_running(stream)) {
+        return ELBOW_NOT_STARTED;
+    }
+    if (!is_finite(y, NT) || !is_finite(dy, NY) || !is_finite(ddy, NY)) {
+        return ELBOW_INPUT_NOT_FINITE;
+    }
+    n = (ptrdiff_t)stream[SAMPLES_PER_INTERVAL];
+    l = laid_out((int)stream[INTERVALS], (int)n);
+#if ELBOW_POSE
+    if (!is_rotation(y + 3) || !are_near(stream + l.last + 3, y + 3)) {
+        return ELBOW_BAD_ARGUMENT;
+    }
+#endif
+    copy(y, NT, own);
+    copy(dy, NY, own + NT);
+    copy(ddy, NY, own + NT + NY);
+    copy(own, REFERENCE, next);
+    has_limits = stream[l.limits] > 0.0;
+    if (has_limits) {
+        deviate_next(stream, &l, own, deviation, next);
+    }
+    status = arrive(stream, &l, next, &arrived);
+    if (status != ELBOW_OK) {
+        return (elbow_status)status; /* the sample is refused, and nothing has changed */
+    }
+    at = stream + l.output;
+    out.q_a = output_of(motion->q_a, n * NA, &at);
+    out.v_a = output_of(motion->v_a, n * NA, &at);
+    out.tau_g = output_of(motion->tau_g, n * NG, &at);
+    out.q_m = output_of(motion->q_m, n * NM, &at);
+    out.v_m = output_of(motion->v_m, n * NM, &at);
+    out.tau_m = output_of(motion->tau_m, n * NM, &at);
+    info->iterations = 1;
+    info->intervals = (int)stream[INTERVALS];
+    shift_path(stream, &l, next, &arrived);
+    if (has_limits) {
+        shift_limits(stream, &l, own, deviation);
+    }
+#if ELBOW_NE > 0
+    status = step_motion(stream, &l);
+#endif
+    if (status == ELBOW_OK) {
+        status = arm_in_window(stream, &l, &out, &worst);
+    }
+    if (status == ELBOW_OK) {
+        status = motors_in_interval(stream, &l, &out, &step);
+    }
+    if (status != ELBOW_OK) {
+        return failed(stream, status);
+    }
+    info->residual = worst;
+    info->kinematic_mismatch = kinematic_mismatch_now(stream, &l);
+    info->torque_step = step;
+    if (has_limits) {
+        int ends;
+        limited = is_limited(stream, &l, out.v_m, out.tau_m, off, &ends);
+        status = ends ? ELBOW_LIMITS_INFEASIBLE : apply_limits(stream, &l);
+        if (status != ELBOW_OK) {
+            return failed(stream, status);
+        }
+    }
+    info->deviation_m = off[0];
+    info->deviation_rad = off[1];
+    info->limits_active = limited;
+    if (!(worst <= stream[TOLERANCE] && info->kinematic_mismatch <= mismatch_max && step <= torque_step_max)) {
+        return ELBOW_TOLERANCE_NOT_MET;
+    }
+    return limited ? ELBOW_LIMITS_ACTIVE : ELBOW_OK;
+}

@@ -1,0 +1,233 @@
+/*
+ * elbow: motion and torques of the interval that begins now, and how even they are; private to the stream.
+ */
+#ifndef ELBOW_STREAM_OUTPUT_H
+#define ELBOW_STREAM_OUTPUT_H
+
+#include "elbow_stream_memory.h"
+#include "elbow_motors.h"
+#include "elbow_interpolation.h"
+
+enum { FORGETS = 4 }; /* times in a horizon */
+
+static const real torque_step_max =
+    2e-4; /* of a motor torque from one interval to the next, relative to its largest value */
+
+/* What an update gives: arrays of the caller, sample after sample. */
+typedef struct {
+    real *q_a, *v_a, *tau_g, *q_m, *v_m, *tau_m;
+} interval;
+
+/* Motion and gear torques of the arm in the window around the interval; worst: the largest residual in the interval. */
+static inline int arm_in_window(real *s, const layout *l, const interval *out, real *worst)
+{
+    const int samples_per_interval = (int)s[SAMPLES_PER_INTERVAL], intervals = (int)s[INTERVALS],
+              end = (int)l->past + intervals;
+    real *joints_now = s + l->q_g + (ptrdiff_t)intervals * STAGES * NG, last[NG];
+    problem_points *arm = arm_of(l, s);
+#if ELBOW_NE > 0
+    mesh m = mesh_of(l, s);
+    interpolant f;
+    m.y = s + l->y; /* with what is over */
+    m.a = s + l->a;
+    m.N += (int)l->past;
+    prepare(&f);
+    nodal_accelerations(&m, s + l->a_node);
+#endif
+    *worst = 0.0;
+    /* All from the plan of today, what is over too: the derivatives must not see where plans differ. */
+    copy(joints_now, NG, last);
+    for (int at = 0; at < l->window; at += POINTS) {
+        const int used = (int)(l->window - at < POINTS ? l->window - at : (ptrdiff_t)POINTS);
+        int status;
+        for (int point = 0; point < POINTS; ++point) {
+            const int k = at + (point < used ? point : used - 1) - BACK + (int)l->past * samples_per_interval;
+            const int node = k / samples_per_interval < end ? k / samples_per_interval : end - 1;
+            const real x = k / samples_per_interval < end ?
+                               (real)(k - node * samples_per_interval) / samples_per_interval :
+                               1.0;
+            real reference[REFERENCE];
+            between_samples(s + l->nodes + node * (ptrdiff_t)REFERENCE, s[PERIOD], x, reference);
+            load_reference(arm, point, reference);
+            load_joints(arm, point, last);
+#if ELBOW_NE > 0
+            load_between(&m, s + l->a_node, &f, node, x, arm, point);
+#endif
+        }
+        status = torques(arm, s + l->space);
+        if (status != ELBOW_OK) {
+            return status;
+        }
+        for (int point = 0; point < used; ++point) {
+            const int k = at + point - BACK;
+            real *tau = s + l->tau + (at + point) * (ptrdiff_t)NG;
+            real *joint = s + l->joint + (at + point) * (ptrdiff_t)JOINT;
+            if (!(arm->side[point] * s[SIDE] > 0.0)) {
+                return ELBOW_UNREACHABLE; /* deflections brought it to the other side of a singular pose */
+            }
+            for (int i = 0; i < NG; ++i) {
+                tau[i] = arm->tau_g[i][point];
+                last[i] = arm->q[i_g[i]][point];
+                joint[i] = arm->q[i_g[i]][point];
+                joint[NG + i] = arm->v[i_g[i]][point];
+                joint[2 * NG + i] = arm->a[i_g[i]][point];
+            }
+            if (k < 0 || k >= samples_per_interval) {
+                continue;
+            }
+            for (int i = 0; i < NA; ++i) {
+                out->q_a[k * NA + i] = arm->q[i][point];
+                out->v_a[k * NA + i] = arm->v[i][point];
+            }
+            copy(tau, NG, out->tau_g + k * NG);
+            if (k == samples_per_interval - 1) {
+                copy(last, NG, joints_now);
+            }
+#if ELBOW_NE > 0
+            for (int i = 0; i < NE; ++i) {
+                *worst = fmax_1(*worst, fabs_1(arm->row[i][point]) / m.scale[i]);
+            }
+#endif
+        }
+    }
+    return ELBOW_OK;
+}
+
+/*
+ * The largest step of a motor torque from what the plan before said of this instant, relative to the largest of that
+ * motor within about a horizon, or a hundredth of all motors'. Plans that differ at once are no motion, though each is
+ * even by itself.
+ */
+static inline real step_of_torque(real *s, const layout *l, const real *tau_m)
+{
+    const real N = s[INTERVALS], kept = N / (N + FORGETS);
+    const real *expected = s + l->expected + 1;
+    real *most = s + l->most + MEASURES, all = 1e-12, worst = 0.0;
+    for (int i = 0; i < NM; ++i) {
+        most[i] = fmax_1(fabs_1(tau_m[i]), kept * most[i]);
+        all = fmax_1(all, most[i]);
+    }
+    for (int i = 0; i < NM && s[l->expected] > 0.0; ++i) {
+        worst = fmax_1(worst, fabs_1(tau_m[i] - expected[i]) / fmax_1(most[i], 0.01 * all));
+    }
+    return worst;
+}
+
+/*
+ * Motors in the interval, through the gears, whose twists are carried on from update to update; step: of their torques
+ * at its start.
+ */
+static inline int motors_in_interval(real *s, const layout *l, const interval *out, real *step)
+{
+    const ptrdiff_t samples_per_interval = (ptrdiff_t)s[SAMPLES_PER_INTERVAL];
+    real *space = s + l->space, stiffness[NG];
+    gears g;
+    if (!begin_gears(&g, s[PERIOD] / (real)samples_per_interval, s + l->now, space) ||
+        !static_deflections(s + l->tau, l->window, s + l->now, s + l->deflection, stiffness, 0, space)) {
+        return ELBOW_RESULT_NOT_FINITE;
+    }
+    for (ptrdiff_t k = MARGIN; k + MARGIN < l->window; ++k) {
+        real value[NG], stiffness[NG];
+        if (k >= BACK && k <= BACK + samples_per_interval && !carry_gears(&g, k == BACK, s + l->tau + k * NG, space)) {
+            return ELBOW_RESULT_NOT_FINITE;
+        }
+        if (g.slow && k == BACK + samples_per_interval) {
+            copy(g.now, NG, s + l->now);
+        }
+        if (evaluate_gear_law(s + l->deflection + k * NG, value, stiffness, space) != ELBOW_OK) {
+            return ELBOW_RESULT_NOT_FINITE;
+        }
+        lagged_deflections(&g, s + l->deflection + k * NG, stiffness, s + l->lagged + k * NG);
+    }
+    for (ptrdiff_t k = 0; k <= samples_per_interval; ++k) {
+        const real *tau = s + l->tau + (k + BACK) * NG, *deflection = s + l->lagged + (k + BACK) * NG;
+        const real *joint = s + l->joint + (k + BACK) * JOINT;
+        real q[NG], v[NG], a[NG], q_m[NM], v_m[NM], tau_m[NM];
+        copy(joint, NG, q);
+        copy(joint + NG, NG, v);
+        copy(joint + 2 * NG, NG, a);
+        if (!motors_behind(&g, tau, deflection, q, v, a, q_m, v_m, tau_m, space)) {
+            return ELBOW_RESULT_NOT_FINITE;
+        }
+        if (k == 0) {
+            *step = step_of_torque(s, l, tau_m);
+        }
+        if (k < samples_per_interval) {
+            copy(q_m, NM, out->q_m + k * NM);
+            copy(v_m, NM, out->v_m + k * NM);
+            copy(tau_m, NM, out->tau_m + k * NM);
+        } else {
+            s[l->expected] = 1.0;
+            copy(tau_m, NM, s + l->expected + 1);
+        }
+    }
+    return ELBOW_OK;
+}
+
+/*
+ * How far positions and speeds of joints and motors in this interval are from being integrals of speeds and
+ * accelerations, by differences, like `unevenness` of a whole path. Relative to the largest of these within about a
+ * horizon: what was, which is forgotten by and by, what is, and what the joints will do. Twists as if nothing damped
+ * them: damping makes them smoother. Differences that need more than the horizon holds are wrong, and seen here.
+ */
+static inline real kinematic_mismatch_now(real *s, const layout *l)
+{
+    const ptrdiff_t samples_per_interval = (ptrdiff_t)s[SAMPLES_PER_INTERVAL], N = (ptrdiff_t)s[INTERVALS];
+    const real h = s[PERIOD], fine = h / (real)samples_per_interval, sixty = 60.0 * fine;
+    real most[MEASURES] = {1e-4, 1e-2, 1e-7, 1e-4}; /* least that is measured: rest is rest but for rounding */
+    real off[MEASURES] = {0.0}, worst = 0.0;
+    for (ptrdiff_t k = 0; k < samples_per_interval; ++k) {
+        real a_of[NG], miss[NG];
+        for (int i = 0; i < NG; ++i) {
+            const real *q = s + l->joint + (k + BACK) * JOINT + i, *v = q + NG, a = q[2 * NG];
+            const real *deflection = s + l->deflection + (k + BACK) * NG + i;
+            real speed[2 * MARGIN + 1];
+            for (ptrdiff_t j = -MARGIN; j <= MARGIN; ++j) {
+                speed[j + MARGIN] = v[j * JOINT] + derivative_of(deflection + j * NG, NG, fine);
+            }
+            a_of[i] = a + second_derivative_of(deflection, NG, fine);
+            miss[i] = sixty_differences(speed + MARGIN, 1) - sixty * a_of[i];
+            most[0] = fmax_1(most[0], fabs_1(a));
+            most[2] = fmax_1(most[2], fabs_1(v[0]));
+            off[0] = fmax_1(off[0], fabs_1(sixty_differences(v, JOINT) - sixty * a));
+            off[2] = fmax_1(off[2], fabs_1(sixty_differences(q, JOINT) - sixty * v[0]));
+        }
+        for (int j = 0; j < NM; ++j) {
+            real a = 0.0, b = 0.0;
+            for (int i = 0; i < NG; ++i) {
+                a += eta[j][i] * a_of[i];
+                b += eta[j][i] * miss[i];
+            }
+            most[1] = fmax_1(most[1], fabs_1(a));
+            most[3] = fmax_1(most[3], rotor_inertia[j] * fabs_1(a));
+            off[1] = fmax_1(off[1], fabs_1(b));
+            off[3] = fmax_1(off[3], rotor_inertia[j] * fabs_1(b));
+        }
+    }
+    for (ptrdiff_t k = 1; k + 1 < N; ++k) {
+        const real *q = s + l->q_g + k * STAGES * NG;
+        real a[NG];
+        for (int i = 0; i < NG; ++i) {
+            const real before = q[i - STAGES * NG], after = q[i + STAGES * NG];
+            a[i] = (after - 2.0 * q[i] + before) / (h * h);
+            most[0] = fmax_1(most[0], fabs_1(a[i]));
+            most[2] = fmax_1(most[2], fabs_1(after - before) / (2.0 * h));
+        }
+        for (int j = 0; j < NM; ++j) {
+            real sum = 0.0;
+            for (int i = 0; i < NG; ++i) {
+                sum += eta[j][i] * a[i];
+            }
+            most[1] = fmax_1(most[1], fabs_1(sum));
+            most[3] = fmax_1(most[3], rotor_inertia[j] * fabs_1(sum));
+        }
+    }
+    for (int i = 0; i < MEASURES; ++i) {
+        most[i] = fmax_1(most[i], s[l->most + i] * (real)N / (real)(N + FORGETS));
+        s[l->most + i] = most[i];
+        worst = fmax_1(worst, off[i] / (sixty * most[i]));
+    }
+    return worst;
+}
+
+#endif
