@@ -233,23 +233,8 @@ def _output(model: RobotModel, q_a: tuple[sp.Symbol, ...], position: sp.Matrix) 
     return position if output.type == "tool_pose" else position.extract(["xyz".index(a) for a in output.axes], [0])
 
 
-def symbolic(model: RobotModel) -> SymbolicEquations:
-    """Closed-form equations of motion of a small model, simplified with care.
-
-    Parameters
-    ----------
-    model : RobotModel
-        Rigid bodies only, at most four arm coordinates.
-
-    Returns
-    -------
-    SymbolicEquations
-
-    Raises
-    ------
-    ArgumentError
-        Where the model has beams, more than four arm coordinates, or equations too long to be read.
-    """
+def _check_small(model: RobotModel) -> None:
+    """ArgumentError where the equations would be too long to be read."""
     numeric = "the numeric (CasADi) equations are available for any model"
     beams = [element.name for element in model.elements if element.beam is not None]
     if beams:
@@ -261,7 +246,28 @@ def symbolic(model: RobotModel) -> SymbolicEquations:
             f"symbolic: given a model with {model.n_a} arm coordinates, expected at most {MAX_COORDINATES} for a "
             f"closed form; {numeric}"
         )
-    symbols = Symbols()
+
+
+@dataclass(frozen=True)
+class _Coordinates:
+    """Symbols of the coordinates of arm and motors, as in `SymbolicEquations`.
+
+    ``torque_units``: units of torque and coordinate of each arm coordinate.
+    """
+
+    q_a: tuple[sp.Symbol, ...]
+    v_a: tuple[sp.Symbol, ...]
+    a_a: tuple[sp.Symbol, ...]
+    tau: tuple[sp.Symbol, ...]
+    q_m: tuple[sp.Symbol, ...]
+    v_m: tuple[sp.Symbol, ...]
+    a_m: tuple[sp.Symbol, ...]
+    tau_m: tuple[sp.Symbol, ...]
+    torque_units: list[tuple[str, str]]
+
+
+def _coordinates(model: RobotModel, symbols: Symbols) -> _Coordinates:
+    """New symbols for the coordinates of a model."""
     q_names = [_coordinate_name(c.name) for c in model.coordinates]
     units = [c.unit for c in model.coordinates]
     q_a = tuple(symbols.new(n, c.unit, _role(model, c)) for n, c in zip(q_names, model.coordinates, strict=True))
@@ -292,6 +298,29 @@ def symbolic(model: RobotModel) -> SymbolicEquations:
         )
     ]
     q_m, v_m, a_m, tau_m = motor_symbols
+    return _Coordinates(q_a, v_a, a_a, tau, q_m, v_m, a_m, tau_m, torque_units)
+
+
+def symbolic(model: RobotModel) -> SymbolicEquations:
+    """Closed-form equations of motion of a small model, simplified with care.
+
+    Parameters
+    ----------
+    model : RobotModel
+        Rigid bodies only, at most four arm coordinates.
+
+    Returns
+    -------
+    SymbolicEquations
+
+    Raises
+    ------
+    ArgumentError
+        Where the model has beams, more than four arm coordinates, or equations too long to be read.
+    """
+    _check_small(model)
+    symbols = Symbols()
+    x = _coordinates(model, symbols)
     rotor = [
         symbols.parameter("J", (m.name,), m.inertia, "kg m^2", f"rotor inertia of {m.name}, motor side")
         for m in model.motors
@@ -299,44 +328,44 @@ def symbolic(model: RobotModel) -> SymbolicEquations:
     steps = chain_steps(model, symbols, rotor)
     base = placement_steps(symbols, "b", "base", model.base, "pose of the base")
     gravity = _gravity(model, symbols)
-    ring = polynomial_ring(symbols, [*base, *steps], q_a, [*v_a, *v_m])
-    chain, ground = (SymbolicChain(ring, q_a, model.n_m, gravity) for _ in range(2))
+    ring = polynomial_ring(symbols, [*base, *steps], x.q_a, [*x.v_a, *x.v_m])
+    chain, ground = (SymbolicChain(ring, x.q_a, model.n_m, gravity) for _ in range(2))
     for step in steps:
         chain.element(step)
     for step in base:
         ground.element(step)
-    tool = [ring.reduce(x + y) for x, y in zip(ground.p, ring.multiply(ground.R, chain.p), strict=True)]
+    tool = [ring.reduce(a + b) for a, b in zip(ground.p, ring.multiply(ground.R, chain.p), strict=True)]
 
     n, n_all = model.n_a, model.n_a + model.n_m
     full = [[ring.expression(chain.M[min(i, j)][max(i, j)]) for j in range(n_all)] for i in range(n)]
-    c = [ring.expression(x) for x in chain.velocity_terms([*v_a, *v_m])]
-    drag = [ring.dot(row, [ring.element(v) for v in v_a]) for row in chain.D]
+    c = [ring.expression(term) for term in chain.velocity_terms([*x.v_a, *x.v_m])]
+    drag = [ring.dot(row, [ring.element(v) for v in x.v_a]) for row in chain.D]
     S = sp.Matrix(n, model.n_m, lambda i, j: full[i][n + j])
-    forces = Forces(model, symbols, q_a, v_a, tau, q_m, v_m, torque_units)
-    position = sp.Matrix([ring.expression(x) for x in tool])
-    carried = S.T * sp.Matrix(a_a)
-    motors = [rotor[j] * a_m[j] + carried[j] + c[n + j] + forces.on_motors[j] for j in range(model.n_m)]
+    forces = Forces(model, symbols, x.q_a, x.v_a, x.tau, x.q_m, x.v_m, x.torque_units)
+    position = sp.Matrix([ring.expression(part) for part in tool])
+    carried = S.T * sp.Matrix(x.a_a)
+    motors = [rotor[j] * x.a_m[j] + carried[j] + c[n + j] + forces.on_motors[j] for j in range(model.n_m)]
     return SymbolicEquations(
         model=model,
-        q_a=q_a,
-        v_a=v_a,
-        a_a=a_a,
-        tau=tau,
-        q_m=q_m,
-        v_m=v_m,
-        a_m=a_m,
-        tau_m=tau_m,
+        q_a=x.q_a,
+        v_a=x.v_a,
+        a_a=x.a_a,
+        tau=x.tau,
+        q_m=x.q_m,
+        v_m=x.v_m,
+        a_m=x.a_m,
+        tau_m=x.tau_m,
         entries=tuple(symbols.entries),
         M=sp.Matrix([row[:n] for row in full]),
         S=S,
         c=sp.Matrix(c[:n]),
-        g=sp.Matrix([ring.expression(ring.diff(chain.potential, q)) for q in q_a]),
+        g=sp.Matrix([ring.expression(ring.diff(chain.potential, q)) for q in x.q_a]),
         friction=sp.Matrix(forces.friction),
-        drag=sp.Matrix([ring.expression(x) for x in drag]),
+        drag=sp.Matrix([ring.expression(row) for row in drag]),
         twists=forces.twists,
         torques=tuple(forces.torques),
         motor_equations=tuple(motors),
         gear_equations=tuple(forces.gear_equations),
         tool=position,
-        output=_output(model, q_a, position),
+        output=_output(model, x.q_a, position),
     )

@@ -14,7 +14,7 @@ coupling.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
@@ -64,6 +64,21 @@ def equations_of(kinetic: ca.SX, potential: ca.SX, y: ca.SX, dy: ca.SX, ddy: ca.
     return rate - ca.gradient(kinetic, y) + ca.gradient(potential, y)
 
 
+@dataclass
+class _Forces:
+    """What springs, dampers and frictions add up to, joint by joint.
+
+    ``stored`` [J]: energy of the springs; ``lost`` [W]: dissipated power; ``on_arm`` (n_a): joint frictions; ``tau_g``
+    (n_g), ``tau_e``: torques of the gears and of the joints without motor, in chain order.
+    """
+
+    on_arm: list[ca.SX]
+    stored: ca.SX = field(default_factory=lambda: ca.SX(0))
+    lost: ca.SX = field(default_factory=lambda: ca.SX(0))
+    tau_g: list[ca.SX] = field(default_factory=list)
+    tau_e: list[ca.SX] = field(default_factory=list)
+
+
 def lagrangian(model: RobotModel) -> Lagrangian:
     """Build the `Lagrangian` of a model."""
     chain = kinematics(model)
@@ -79,72 +94,28 @@ def lagrangian(model: RobotModel) -> Lagrangian:
     q_geared, v_geared = ca.mtimes(eta, q_g), ca.mtimes(eta, v_g)
     q_m_all = ca.vertcat(*[q_m[j] if j in elastic else q_geared[j] for j in range(model.n_m)])
     v_m_all = ca.vertcat(*[v_m[j] if j in elastic else v_geared[j] for j in range(model.n_m)])
-
-    kinetic, carried = chain.kinetic, ca.SX(0)
-    momentum_m = []
-    for j, motor in enumerate(model.motors):
-        if model.motor_coupling == "complete":
-            assert motor.axis is not None and motor.carrier is not None  # the reader saw to it
-            turning = ca.dot(ca.SX(ca.DM(motor.axis)), chain.spin[motor.carrier])
-            kinetic = kinetic + motor.inertia * (v_m_all[j] + turning) ** 2 / 2
-            carried = carried + motor.inertia * turning**2 / 2
-            momentum_m.append(motor.inertia * (v_m[j] + turning))
-        else:
-            kinetic = kinetic + motor.inertia * v_m_all[j] ** 2 / 2
-            momentum_m.append(motor.inertia * v_m[j])
+    kinetic, carried, momentum_m = _rotor_energies(model, chain, v_m, v_m_all)
 
     inverse = ca.SX(ca.DM(np.linalg.inv(model.eta)))
-    theta, omega = ca.mtimes(inverse, q_m_all), ca.mtimes(inverse, v_m_all)  # motors seen from the arm side
-    stored, lost = ca.SX(0), ca.SX(0)
-    tau_g: list[ca.SX] = []
-    tau_e: list[ca.SX] = []
-    force_a = [ca.SX(0) for _ in range(model.n_a)]
-    k, joints = 0, gears(model)
-    for i, coordinate in enumerate(model.coordinates):
-        dof = coordinate.dof
-        if dof is not None:
-            braking = friction_torque(dof.friction, v_a[i])
-            force_a[i] = force_a[i] - braking
-            lost = lost + braking * v_a[i]
-        if dof is not None and dof.gear is not None:
-            gear, ratio = joints[k]
-            if gear.spring is None:
-                tau_g.append(ca.SX(0))
-            else:
-                twist, rate = ratio * (theta[k] - q_a[i]), ratio * (omega[k] - v_a[i])
-                stored = stored + spring_energy(gear.spring, twist)
-                lost = lost + gear.damping * rate**2
-                tau_g.append(ratio * (spring_torque(gear.spring, twist) + gear.damping * rate))
-            k += 1
-        elif dof is not None:
-            assert dof.spring is not None
-            stored = stored + spring_energy(dof.spring, q_a[i])
-            lost = lost + dof.damping * v_a[i] ** 2
-            tau_e.append(-spring_torque(dof.spring, q_a[i]) - dof.damping * v_a[i])
-    for first, beam in chain.modal:
-        rows = slice(first, first + len(beam.slope))
-        q, v = q_a[rows], v_a[rows]
-        K, D = ca.SX(ca.DM(beam.stiffness)), ca.SX(ca.DM(beam.damping))
-        stored = stored + ca.dot(q, ca.mtimes(K, q)) / 2
-        lost = lost + ca.dot(v, ca.mtimes(D, v))
-    tau_e_all = _elastic_torques(model, chain, tau_e)
-    tau_g_all = ca.vertcat(*tau_g)
-    tau_gm = ca.mtimes(inverse.T, tau_g_all)
+    joints = _joint_forces(model, chain, ca.mtimes(inverse, q_m_all), ca.mtimes(inverse, v_m_all))
+    _add_beams(joints, chain)
+    tau_e, tau_g = _elastic_torques(model, chain, joints.tau_e), ca.vertcat(*joints.tau_g)
+    tau_gm = ca.mtimes(inverse.T, tau_g)
 
     drag = ca.gradient(chain.drag, v_a)
-    lost = lost + ca.dot(drag, v_a)
-    arm_forces = ca.vertcat(*force_a) - drag
+    lost = joints.lost + ca.dot(drag, v_a)
+    arm_forces = ca.vertcat(*joints.on_arm) - drag
     force = ca.SX(arm_forces)
     friction_m = ca.vertcat(*[friction_torque(m.friction, v_m_all[j]) for j, m in enumerate(model.motors)])
     lost = lost + ca.dot(friction_m, v_m_all)
     force_m = tau_m - friction_m
     rigid = [j for j in range(model.n_m) if j not in elastic]
-    # springs are generalised forces here, not potential: one expression serves statics, dynamics and the torque output
-    force[i_g] = force[i_g] + tau_g_all
+    # springs are generalized forces here, not potential: one expression serves statics, dynamics and the torque output
+    force[i_g] = force[i_g] + tau_g
     if rigid:
         force[i_g] = force[i_g] + ca.mtimes(eta[rigid, :].T, force_m[rigid])
     if i_e:
-        force[i_e] = force[i_e] + tau_e_all
+        force[i_e] = force[i_e] + tau_e
     motor_rows = [force_m[j] - tau_gm[j] for j in i_m]
     return Lagrangian(
         model=model,
@@ -157,16 +128,77 @@ def lagrangian(model: RobotModel) -> Lagrangian:
         kinetic=kinetic,
         kinetic_arm=chain.kinetic + carried,
         gravity=chain.gravity,
-        potential=chain.gravity + stored,
+        potential=chain.gravity + joints.stored,
         forces=ca.vertcat(force, *motor_rows),
         power_motor=ca.dot(tau_m, v_m_all),
         power_dissipated=lost,
-        tau_g=tau_g_all,
-        tau_e=tau_e_all,
+        tau_g=tau_g,
+        tau_e=tau_e,
         tau_gm=tau_gm,
-        momentum_m=ca.vertcat(*momentum_m),
+        momentum_m=momentum_m,
         arm_forces=arm_forces,
     )
+
+
+def _rotor_energies(model: RobotModel, chain: Kinematics, v_m: ca.SX, v_m_all: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Kinetic energy of bodies and rotors [J], the rotors' share for motors at rest [J], and their axial momentum.
+
+    ``v_m`` (n_m): the symbols of the motor velocities, for the momentum; ``v_m_all``: those of motors behind rigid
+    gears replaced by the velocities of their joints.
+    """
+    kinetic, carried = chain.kinetic, ca.SX(0)
+    momentum = []
+    for j, motor in enumerate(model.motors):
+        if model.motor_coupling == "complete":
+            assert motor.axis is not None and motor.carrier is not None  # the reader saw to it
+            turning = ca.dot(ca.SX(ca.DM(motor.axis)), chain.spin[motor.carrier])
+            kinetic = kinetic + motor.inertia * (v_m_all[j] + turning) ** 2 / 2
+            carried = carried + motor.inertia * turning**2 / 2
+            momentum.append(motor.inertia * (v_m[j] + turning))
+        else:
+            kinetic = kinetic + motor.inertia * v_m_all[j] ** 2 / 2
+            momentum.append(motor.inertia * v_m[j])
+    return kinetic, carried, ca.vertcat(*momentum)
+
+
+def _joint_forces(model: RobotModel, chain: Kinematics, theta: ca.SX, omega: ca.SX) -> _Forces:
+    """Springs, dampers and frictions of the joints; ``theta``, ``omega`` (n_g): motors seen from the arm side."""
+    q_a, v_a = chain.q_a, chain.v_a
+    out = _Forces([ca.SX(0) for _ in range(model.n_a)])
+    k, joints = 0, gears(model)
+    for i, coordinate in enumerate(model.coordinates):
+        dof = coordinate.dof
+        if dof is None:
+            continue
+        braking = friction_torque(dof.friction, v_a[i])
+        out.on_arm[i] = out.on_arm[i] - braking
+        out.lost = out.lost + braking * v_a[i]
+        if dof.gear is None:
+            assert dof.spring is not None
+            out.stored = out.stored + spring_energy(dof.spring, q_a[i])
+            out.lost = out.lost + dof.damping * v_a[i] ** 2
+            out.tau_e.append(-spring_torque(dof.spring, q_a[i]) - dof.damping * v_a[i])
+            continue
+        gear, ratio = joints[k]
+        if gear.spring is None:
+            out.tau_g.append(ca.SX(0))
+        else:
+            deflection, rate = ratio * (theta[k] - q_a[i]), ratio * (omega[k] - v_a[i])
+            out.stored = out.stored + spring_energy(gear.spring, deflection)
+            out.lost = out.lost + gear.damping * rate**2
+            out.tau_g.append(ratio * (spring_torque(gear.spring, deflection) + gear.damping * rate))
+        k += 1
+    return out
+
+
+def _add_beams(joints: _Forces, chain: Kinematics) -> None:
+    """Add the energy that the beams store and the power that they dissipate."""
+    for first, beam in chain.modal:
+        rows = slice(first, first + len(beam.slope))
+        q, v = chain.q_a[rows], chain.v_a[rows]
+        K, D = ca.SX(ca.DM(beam.stiffness)), ca.SX(ca.DM(beam.damping))
+        joints.stored = joints.stored + ca.dot(q, ca.mtimes(K, q)) / 2
+        joints.lost = joints.lost + ca.dot(v, ca.mtimes(D, v))
 
 
 def gears(model: RobotModel) -> list[tuple[Gear, float]]:

@@ -167,16 +167,28 @@ def forward_dynamics(
     list of Scalar
         [rad/s^2, m/s^2].
     """
-    n = len(chain.joints)
     joined = _joined(chain, armature)
+    yields = _to_the_base(tape, chain, q, loads, turns, tau, armature, joined)
+    return _to_the_tool(chain, q, turns, yields, joined)
+
+
+def _to_the_base(
+    tape: Tape,
+    chain: Chain,
+    q: Sequence[Scalar],
+    loads: Sequence[Wrench],
+    turns: Sequence[Turn],
+    tau: Sequence[Scalar],
+    armature: Sequence[float],
+    joined: Sequence[bool],
+) -> list[_Yield]:
+    """Articulated inertias and forces, body by body from the tool to the base: how each joint gives way."""
     body = Articulated(_zero(), _zero(), _zero())
     force: Vector3 = [0.0] * 3
     moment: Vector3 = [0.0] * 3
     yields: list[_Yield] = []
-    run: list[
-        Turn
-    ] = []  # the joints of a run that were passed: accelerations and forces are still in the last one's axes
-    for i in reversed(range(n)):
+    run: list[Turn] = []  # joints of a run that were passed: forces are still in the axes of the last one
+    for i in reversed(range(len(chain.joints))):
         joint, turn = chain.joints[i], turns[i]
         body = body + joint.inertia
         force, moment = plus(loads[i][0], force), plus(loads[i][1], moment)
@@ -204,13 +216,20 @@ def forward_dynamics(
             run = []
             body, force = Articulated(*(turned_back(turn, A) for A in (body.J, body.H, body.M))), turn.back(force)
             body, moment = body.shifted(joint.place.tolist()), plus(moment, cross(joint.place.tolist(), force))
+    return yields
+
+
+def _to_the_tool(
+    chain: Chain, q: Sequence[Scalar], turns: Sequence[Turn], yields: Sequence[_Yield], joined: Sequence[bool]
+) -> list[Scalar]:
+    """Accelerations of the joints, body by body from the base to the tool."""
     dv: list[Scalar] = []
     dw: Vector3 = [0.0] * 3
     a: Vector3 = [0.0] * 3
     for i, (joint, turn, gives) in enumerate(zip(chain.joints, turns, yields, strict=True)):
         if not joined[i]:
             a = turn.into(plus(a, cross(dw, joint.place.tolist())))
-            for k in range(i + 1, n):
+            for k in range(i + 1, len(chain.joints)):
                 if not joined[k]:
                     break
                 a = turns[k].into(a)
