@@ -1,7 +1,7 @@
-"""The house keeps its shape: floors, no import circles, rooms without CasADi, nothing heavy behind --help.
+"""The architecture: floors, no import circles, rooms without CasADi, nothing heavy behind --help, limits of size.
 
-Everything is read from the source by a walk over its syntax tree; nothing is imported. A planted bug for every rule
-shows that the walk would see it.
+Imports and sizes are read from the syntax tree of the source; nothing is imported. A planted violation of each rule
+shows that the test sees it.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
-# A room (module or package below flexgen) imports from its own room and from rooms on lower floors; rooms on the ground
-# floor may use each other.
+# A room (module or package below flexgen) imports from its own room and from rooms on lower floors only; rooms on the
+# ground floor may use each other.
 FLOORS = {
     "": 0,
     "errors": 0,
@@ -40,20 +40,41 @@ FLOORS = {
     "build": 5,
     "paths": 5,
     "inversion": 6,
-    "identify": 7,
-    "control": 7,
-    "export": 7,
     "sweeps": 7,
-    "plots": 8,
-    "reports": 9,
-    "cli": 10,
-    "__main__": 11,
+    "loop": 7,
+    "identify": 8,
+    "control": 8,
+    "export": 8,
+    "plots": 9,
+    "reports": 10,
+    "cli": 11,
+    "__main__": 12,
 }
+SIBLINGS = ["identify", "control", "export"]  # applications on top of inversion: none imports another
 
 WITHOUT_CASADI = ["errors", "ports", "trajectory", "model", "clib", "runtime", "cli", "__main__"]
 INSTANT = ["cli", "__main__"]  # behind --help: the standard library only
 HEAVY = {"casadi", "numpy", "scipy", "sympy", "matplotlib", "mujoco"}
 RUNTIME_NEEDS = {"runtime", "errors", "ports", ""}
+
+# Largest sizes in lines: all Python files directly in a folder, one file, one function (docstring included).
+FOLDER, FILE, FUNCTION = 4000, 450, 80
+MEASURED = ["flexgen", "benchmarks", "examples"]
+# Functions that are still longer: module and name. Remove an entry when its function has been split.
+TO_SPLIT = {
+    ("benchmarks.inversion_opty", "answer"),
+    ("benchmarks.peers_table", "full"),
+    ("flexgen.build.generate", "generate"),
+    ("flexgen.cli.main", "build_parser"),
+    ("flexgen.codegen.function_files", "source"),
+    ("flexgen.expressions.solve_loops", "solve_text"),
+    ("flexgen.inversion.methods.full_model", "collocate_full"),
+    ("flexgen.inversion.solve", "solve"),
+    ("flexgen.reports.html", "write_report"),
+    ("flexgen.runtime.path_inversion", "__call__"),
+    ("flexgen.simulation.simulate", "simulate"),
+    ("flexgen.sweeps.sweep", "sweep"),
+}
 
 
 @dataclass(frozen=True)
@@ -64,7 +85,6 @@ class Import:
     target: str
     line: int
     late: bool
-    typing: bool
 
 
 def imports_of(module: str, text: str, known: Iterable[str]) -> list[Import]:
@@ -72,31 +92,28 @@ def imports_of(module: str, text: str, known: Iterable[str]) -> list[Import]:
     modules = set(known)
     out: list[Import] = []
 
-    def walk(node: ast.AST, late: bool, typing: bool) -> None:
+    def walk(node: ast.AST, late: bool) -> None:
         if isinstance(node, ast.Import):
-            out.extend(Import(module, alias.name, node.lineno, late, typing) for alias in node.names)
+            out.extend(Import(module, alias.name, node.lineno, late) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{module}:{node.lineno}: relative import"
             assert node.module is not None
             for alias in node.names:
                 full = f"{node.module}.{alias.name}"
-                out.append(Import(module, full if full in modules else node.module, node.lineno, late, typing))
+                out.append(Import(module, full if full in modules else node.module, node.lineno, late))
         for child in ast.iter_child_nodes(node):
             inside = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
             guarded = isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test) and child in node.body
-            walk(child, late or inside or guarded, typing or guarded)
+            walk(child, late or inside or guarded)
 
-    walk(ast.parse(text), False, False)
+    walk(ast.parse(text), False)
     return out
 
 
 def sources(root: Path = ROOT) -> dict[str, str]:
     """Text of every module of flexgen by its dotted name."""
-    out = {}
-    for path in sorted((root / "flexgen").rglob("*.py")):
-        parts = path.relative_to(root).with_suffix("").parts
-        out[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path.read_text(encoding="utf-8")
-    return out
+    paths = sorted((root / "flexgen").rglob("*.py"))
+    return {module_name(path.relative_to(root).as_posix()): path.read_text(encoding="utf-8") for path in paths}
 
 
 def all_imports(texts: dict[str, str]) -> list[Import]:
@@ -124,11 +141,21 @@ def floor_violations(imports: Iterable[Import]) -> list[str]:
     return out
 
 
+def sibling_violations(imports: Iterable[Import]) -> list[str]:
+    """Imports from one room of `SIBLINGS` to another."""
+    rooms = set(SIBLINGS)
+    return [
+        f"{found.module}:{found.line} imports {found.target}"
+        for found in inner(imports)
+        if room(found.module) in rooms and room(found.target) in rooms - {room(found.module)}
+    ]
+
+
 def circles(imports: Iterable[Import]) -> list[list[str]]:
-    """Circles among the modules, late imports included (those for types only are left out)."""
+    """Circles among the modules; imports inside functions and those for type checking count."""
     graph: dict[str, set[str]] = {}
     for found in inner(imports):
-        if not found.typing and found.target != found.module:
+        if found.target != found.module:
             graph.setdefault(found.module, set()).add(found.target)
     out: list[list[str]] = []
     done: set[str] = set()
@@ -172,6 +199,39 @@ def modules_of(names: Iterable[str], texts: dict[str, str]) -> list[str]:
     return [module for module in texts if room(module) in set(names) and room(module)]
 
 
+def module_name(path: str) -> str:
+    """Dotted name of a file, given by its path below the root."""
+    parts = Path(path).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def files(root: Path = ROOT) -> dict[str, str]:
+    """Text of every Python file in the folders of `MEASURED`, by its path below the root."""
+    found = (path for folder in MEASURED for path in sorted((root / folder).rglob("*.py")))
+    return {path.relative_to(root).as_posix(): path.read_text(encoding="utf-8") for path in found}
+
+
+def size_violations(texts: dict[str, str]) -> list[str]:
+    """Folders, files and functions with more lines than `FOLDER`, `FILE` and `FUNCTION`."""
+    out = []
+    folders: dict[str, int] = {}
+    for path, text in texts.items():
+        lines = len(text.splitlines())
+        folder = Path(path).parent.as_posix()
+        folders[folder] = folders.get(folder, 0) + lines
+        if lines > FILE:
+            out.append(f"{path}: {lines} lines, at most {FILE} in a file")
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                length = (node.end_lineno or node.lineno) - node.lineno + 1
+                if length > FUNCTION and (module_name(path), node.name) not in TO_SPLIT:
+                    out.append(
+                        f"{path}:{node.lineno}: {node.name} has {length} lines, at most {FUNCTION} in a function"
+                    )
+    out += [f"{folder}: {n} lines, at most {FOLDER} in a folder" for folder, n in folders.items() if n > FOLDER]
+    return out
+
+
 # --- the rules --------------------------------------------------------------------------------------------------------
 def test_every_room_has_a_floor():
     unknown = {room(module) for module in sources()} - set(FLOORS)
@@ -184,6 +244,14 @@ def test_imports_go_down():
 
 def test_no_circles():
     assert circles(all_imports(sources())) == []
+
+
+def test_applications_do_not_import_one_another():
+    assert sibling_violations(all_imports(sources())) == []
+
+
+def test_sizes():
+    assert size_violations(files()) == []
 
 
 def test_rooms_without_casadi():
@@ -202,7 +270,7 @@ def test_nothing_heavy_behind_help():
 
 def test_runtime_needs_numpy_and_the_ground_floor_only():
     texts = sources()
-    imports = [Import(i.module, i.target, i.line, False, i.typing) for i in all_imports(texts)]  # late ones too
+    imports = [Import(i.module, i.target, i.line, False) for i in all_imports(texts)]  # late ones too
     needs = reached("flexgen.runtime", imports)
     assert {room(m) for m in needs if m.startswith("flexgen")} <= RUNTIME_NEEDS
     assert needs & HEAVY == {"numpy"}
@@ -257,10 +325,71 @@ def test_planted_import_upwards_is_seen(module, line):
     assert len(found) == 1 and found[0].startswith(module)
 
 
-def test_planted_circle_is_seen():
+@pytest.mark.parametrize(
+    ("module", "line", "other"),
+    [
+        ("flexgen.errors", "from flexgen.trajectory import Trajectory", "flexgen.trajectory"),
+        (
+            "flexgen.mechanics.outputs",
+            "if TYPE_CHECKING:\n    from flexgen.mechanics.equations import Equations",
+            "flexgen.mechanics.equations",
+        ),
+        (
+            "flexgen.recursion.arm",
+            "def late():\n    from flexgen.recursion.functions import fast_function",
+            "flexgen.recursion.functions",
+        ),
+    ],
+)
+def test_planted_circle_is_seen(module, line, other):
     texts = sources()
-    texts["flexgen.errors"] += "\nfrom flexgen.trajectory import Trajectory\n"
-    assert any({"flexgen.errors", "flexgen.trajectory"} <= set(circle) for circle in circles(all_imports(texts)))
+    texts[module] += f"\n{line}\n"
+    assert any({module, other} <= set(circle) for circle in circles(all_imports(texts)))
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "from flexgen.{other} import laws",
+        "def late():\n    import flexgen.{other}.laws",
+        "if TYPE_CHECKING:\n    from flexgen.{other}.laws import Law",
+    ],
+)
+@pytest.mark.parametrize("one", SIBLINGS)
+@pytest.mark.parametrize("other", SIBLINGS)
+def test_planted_import_of_a_sibling_is_seen(one, other, line):
+    texts = sources()
+    texts |= {f"flexgen.{name}{end}": "" for name in SIBLINGS for end in ("", ".laws")}
+    texts[f"flexgen.{one}.planted"] = line.format(other=other) + "\n"
+    imports = all_imports(texts)
+    for found in (sibling_violations(imports), floor_violations(imports)):
+        assert len(found) == (one != other)
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "where"),
+    [
+        ("flexgen/planted/x.py", "x = 1\n" * (FILE + 1), "flexgen/planted/x.py"),
+        ("flexgen/planted/x.py", "def f():\n" + "    x = 1\n" * FUNCTION, "flexgen/planted/x.py:1"),
+        ("benchmarks/planted.py", "class A:\n    async def f(self):\n" + "        x = 1\n" * FUNCTION, "benchmarks/"),
+    ],
+)
+def test_planted_size_is_seen(path, text, where):
+    assert size_violations(files()) == []
+    found = size_violations(files() | {path: text})
+    assert len(found) == 1 and found[0].startswith(where)
+
+
+def test_planted_folder_of_many_files_is_seen():
+    planted = {f"flexgen/planted/part_{k}.py": "x = 1\n" * 401 for k in range(10)}
+    assert size_violations(files() | planted) == [f"flexgen/planted: 4010 lines, at most {FOLDER} in a folder"]
+    planted.popitem()
+    assert size_violations(files() | planted) == []
+
+
+def test_sizes_at_the_limit_are_allowed():
+    planted = {"flexgen/planted/full.py": "def f():\n" + "    x = 1\n" * (FUNCTION - 1) + "x = 1\n" * (FILE - FUNCTION)}
+    assert size_violations(files() | planted) == []
 
 
 @pytest.mark.parametrize(
