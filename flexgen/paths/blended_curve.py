@@ -31,7 +31,7 @@ from flexgen.paths.jets import (
     turns,
 )
 from flexgen.paths.segments import Segment, attitude_along, turned
-from flexgen.paths.velocity_profiles import PolynomialStep
+from flexgen.paths.time_laws import TimeLaw
 
 BUMP = 4  # continuous derivatives of a'; those of the curve are one more
 PANELS = 24  # of the arc-length table of a corner
@@ -134,9 +134,9 @@ class BlendedCurve:
     def _corner(self, k: int, u: np.ndarray, turning: bool = True) -> tuple[np.ndarray, Attitude | None]:
         """Jet of the position, and orientation, in the corner after segment k, from the jet of the parameter."""
         before, after, zone = self.segments[k], self.segments[k + 1], self.zones[k]
-        step = PolynomialStep(2 * zone, BUMP)
-        rise = step(u[:, 0] - (self.ends[k] - zone), u.shape[1] - 1)
-        fall = step(self.ends[k] + zone - u[:, 0], u.shape[1] - 1) * (-1.0) ** np.arange(u.shape[1])
+        step = TimeLaw(2 * zone, BUMP)
+        rise = step.with_integral(u[:, 0] - (self.ends[k] - zone), u.shape[1] - 1)
+        fall = step.with_integral(self.ends[k] + zone - u[:, 0], u.shape[1] - 1) * (-1.0) ** np.arange(u.shape[1])
         covered = along(rise[:, None, :], u)[:, 0]
         remaining = along(fall[:, None, :], u)[:, 0]
         first = -remaining

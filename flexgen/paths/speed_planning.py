@@ -90,7 +90,7 @@ class SpeedLaw:
             part[:, 0] = distances[k] + phase.first * tau
             part[:, 1] = phase.first
             if phase.step is not None:
-                part += (phase.last - phase.first) * phase.step(tau, order)
+                part += (phase.last - phase.first) * phase.step.with_integral(tau, order)
             out[here] = part
         out[:, 1:] /= self.slower ** np.arange(1, order + 1)
         return out

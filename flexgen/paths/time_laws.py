@@ -89,13 +89,15 @@ class TimeLaw:
                 out[:, j] = np.where(inside, sign * value / self.duration**j, 0.0)
         return out if self.length == 1.0 else self.length * out
 
-    def area(self, t: np.ndarray) -> np.ndarray:
-        """Integral of the law for ``length`` 1 from 0 to the instants ``t`` in [0, duration] [s]."""
+    def with_integral(self, t: np.ndarray, order: int = 5) -> np.ndarray:
+        """Integral of the law, the law and its derivatives at ``t`` in [0, duration], shape (n, order + 1)."""
+        t = np.clip(t, 0.0, self.duration)
         inner = self._law.integ()
-        u = np.asarray(t) / self.duration
+        u = t / self.duration
         late = u > 0.5
         value = inner(np.where(late, 1.0 - u, u))
-        return self.duration * np.where(late, u - 0.5 + value, value)
+        area = self.duration * np.where(late, u - 0.5 + value, value)
+        return np.column_stack([self.length * area, self(t, order - 1)])
 
 
 @dataclass(frozen=True)

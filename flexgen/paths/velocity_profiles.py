@@ -16,7 +16,7 @@ SAME = 1e-13  # of the duration: knots that are closer are one
 
 
 class SpeedStep(Protocol):
-    """A step from 0 to 1 within ``duration``, odd about its middle; ``smoothness`` continuous derivatives."""
+    """A step from 0 to 1 within ``duration``, odd about its middle, such as `TimeLaw`."""
 
     @property
     def duration(self) -> float:
@@ -33,31 +33,9 @@ class SpeedStep(Protocol):
         """Instants at which higher derivatives may jump [s]."""
         ...
 
-    def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
-        """Values and derivatives (n, order + 1) at the instants ``t`` [s]."""
-        ...
-
-
-@dataclass(frozen=True)
-class PolynomialStep:
-    """The polynomial of `TimeLaw` as a step."""
-
-    duration: float
-    smoothness: int
-
-    @cached_property
-    def _law(self) -> TimeLaw:
-        return TimeLaw(self.duration, self.smoothness)
-
-    @property
-    def breaks(self) -> np.ndarray:
-        """The two ends."""
-        return np.array([0.0, self.duration])
-
-    def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
+    def with_integral(self, t: np.ndarray, order: int = 5) -> np.ndarray:
         """Integral of the step, the step and its derivatives at ``t`` in [0, duration], shape (n, order + 1)."""
-        t = np.clip(t, 0.0, self.duration)
-        return np.column_stack([self._law.area(t), self._law(t, order - 1)])
+        ...
 
 
 @dataclass(frozen=True)
@@ -112,7 +90,7 @@ class TrapezoidStep:
         knots = self._pieces[0]
         return np.unique(np.concatenate([knots, self.duration - knots[::-1]]))
 
-    def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
+    def with_integral(self, t: np.ndarray, order: int = 5) -> np.ndarray:
         """Integral of the step, the step and its derivatives at ``t`` in [0, duration], shape (n, order + 1)."""
         knots, values = self._pieces
         end = self.duration
@@ -195,7 +173,7 @@ def speed_step(size: float, bounds: tuple[float, ...], smoothness: int) -> Speed
         return TrapezoidStep(box_times(size, bounds))
     k = smoothness - 1
     times = [(size * _peak(k, j) / bound) ** (1 / j) for j, bound in enumerate(bounds, 1) if j <= 2 * k + 1]
-    return PolynomialStep(max(times), k)
+    return TimeLaw(max(times), k)
 
 
 def step_duration(size: float, bounds: tuple[float, ...], smoothness: int) -> float:

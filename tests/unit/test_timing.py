@@ -13,7 +13,7 @@ import flexgen.paths.velocity_profiles as steps
 from flexgen.errors import ArgumentError
 from flexgen.paths.speed_planning import SpeedLaw, Stretch, speed_law
 from flexgen.paths.time_laws import TimeLaw
-from flexgen.paths.velocity_profiles import PolynomialStep, TrapezoidStep, box_times
+from flexgen.paths.velocity_profiles import TrapezoidStep, box_times
 
 ROUNDING = 1e-12  # relative; a step is a sum over at most 32 pieces, each evaluated in Taylor form
 BESIDE = 1e-9  # of the duration, beside a break
@@ -35,7 +35,7 @@ def exact_step(times: tuple[float, ...], t: float, order: int) -> Fraction:
 def worst_step(step: TrapezoidStep) -> float:
     """Largest error of the integral, the step and its derivatives, relative to the size of each."""
     t = step.duration * np.array([0.013, 0.11, 0.29, 0.46, 0.5001, 0.63, 0.81, 0.97])
-    found = step(t)
+    found = step.with_integral(t)
     worst = 0.0
     for column, order in enumerate(range(-1, min(len(step.times), 4))):
         right = np.array([float(exact_step(step.times, x, order)) for x in t])
@@ -61,7 +61,7 @@ def test_a_wrong_taylor_coefficient_would_be_seen(monkeypatch: pytest.MonkeyPatc
 def test_steps_keep_all_bounds_and_reach_the_highest(bounds: tuple[float, ...], size: float) -> None:
     step = TrapezoidStep(box_times(size, bounds))
     t = np.sort(np.concatenate([np.linspace(0, step.duration, 4001), step.breaks * (1 - BESIDE)]))
-    values = size * step(t, len(bounds) + 1)
+    values = size * step.with_integral(t, len(bounds) + 1)
     reached = np.abs(values[:, 2:]).max(axis=0) / bounds
     assert (reached < 1 + ROUNDING).all() and reached[-1] > 1 - ROUNDING
     assert (values[:, 1] >= -1e-15 * size).all() and abs(values[-1, 1] - size) < ROUNDING * size
@@ -165,11 +165,11 @@ def test_laws_rest_outside_their_time() -> None:
 
 def test_polynomial_steps_know_their_integral() -> None:
     for k in (2, 5, 8):
-        step = PolynomialStep(0.7, k)
+        step = TimeLaw(0.7, k)
         u = np.array([0.05, 0.3, 0.5, 0.7, 0.95]) * 0.7
         x, weights = np.polynomial.legendre.leggauss(24)
         right = [b / 2 * weights @ TimeLaw(0.7, k)(b / 2 * (x + 1), 0)[:, 0] for b in u]
-        assert np.abs(step(u)[:, 0] - right).max() < 1e-15
+        assert np.abs(step.with_integral(u)[:, 0] - right).max() < 1e-15
 
 
 def test_nonsense_is_refused() -> None:
