@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.linearization import second_order_matrices
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.statics import Equilibrium
 from flexgen.numerics.evaluate import evaluate
@@ -56,8 +57,8 @@ def linearise(equations: Equations, rest: Equilibrium) -> LinearModel:
     model = equations.model
     zero_a, zero_m = np.zeros(model.n_a), np.zeros(model.n_m)
     arguments = (rest.q_a, zero_a, zero_a, rest.q_m, zero_m, zero_m, rest.tau_m)
-    n = model.dof
-    M, D, K, B = (x[0].reshape(n, -1) for x in evaluate(equations.function("second_order"), *arguments))
+    M, R = evaluate(equations.function("residual_jacobians"), *arguments)
+    M, D, K, B = second_order_matrices(M[0], R[0])
     W = np.zeros((model.output.size, model.dof))
     symbol = equations.lagrangian.chain.q_a
     W[:, : model.n_a] = evaluate(ca.Function("W", [symbol], [output_map(equations).rate]), rest.q_a)[0][0]

@@ -27,6 +27,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.linearization import second_order_matrices
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.statics import Equilibrium
 from flexgen.model.elements import Output
@@ -193,12 +194,11 @@ class DaeFunctions:
         model = self.model
         size = np.r_[np.ones(model.n_a), np.abs(model.eta).max(axis=1)[list(model.i_m)]]
         state = self.unpack(x[None])
-        M, _, K, B = evaluate(
-            self.equations.function("second_order"),
+        M, R = evaluate(
+            self.equations.function("residual_jacobians"),
             *(state[name][0] if name else np.zeros(k) for name, k in self._moving()),
         )
-        shape = (self.n, self.n)
-        M, K, B = (z[0].reshape(shape[0], -1) * size[:, None] for z in (M, K, B))
+        M, _, K, B = (z * size[:, None] for z in second_order_matrices(M[0], R[0]))
         inertia, stiffness = np.linalg.norm(M * size), np.linalg.norm(K * size)
         rate = float(np.sqrt(stiffness / inertia)) if stiffness > 0 else 1.0
         rate = max(rate, 1.0)

@@ -33,6 +33,7 @@ from scipy.sparse.linalg import splu
 from flexgen.dae.taylor_series import SeriesFunction
 from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.linearization import second_order_matrices
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.quasistatic import OutputPath, rest_along, targets
 from flexgen.mechanics.statics import Equilibrium
@@ -85,8 +86,8 @@ class InverseDae:
         )
 
     @cached_property
-    def _slopes(self) -> SeriesFunction:
-        return SeriesFunction(self.equations.function("second_order"))
+    def _jacobians(self) -> SeriesFunction:
+        return SeriesFunction(self.equations.function("residual_jacobians"))
 
     @cached_property
     def _residual(self) -> SeriesFunction:
@@ -141,17 +142,15 @@ class InverseDae:
         """Series of M, D, K, B of the equations of motion and of the output rates W along ``x`` (k, K + 2, n)."""
         arguments = self._arguments(x)
         if x[:, 1:].any():
-            found = [*self._slopes(*arguments), *self._rate(arguments[0])]
+            found = [*self._jacobians(*arguments), *self._rate(arguments[0])]
         else:  # nothing moves: the series end with their first coefficient
             still = [argument[:, 0] for argument in arguments]
             found = []
-            slopes = self.equations.function("second_order")
-            for value in [*evaluate(slopes, *still), *evaluate(self._rate.function, still[0])]:
+            for value in [*evaluate(self._jacobians.function, *still), *evaluate(self._rate.function, still[0])]:
                 found.append(np.zeros((len(x), x.shape[1] - 1, *value.shape[1:])))
                 found[-1][:, 0] = value
-        dof, n_a = self.model.dof, self.model.n_a
-        sizes = [(dof, dof), (dof, dof), (dof, dof), (dof, self.model.n_m), (self.model.output.size, n_a)]
-        return [X.reshape(*X.shape[:2], *size) for X, size in zip(found, sizes, strict=True)]
+        M, R, W = found
+        return [*second_order_matrices(M, R), W.reshape(*W.shape[:2], self.model.output.size, self.model.n_a)]
 
     def residual(self, x: np.ndarray, reference: OutputPath, times: np.ndarray, speed: float = 1.0) -> np.ndarray:
         """Series of F (k, K + 1, m) along ``x`` (k, K + 2, n), whose zeroth coefficients hold at ``times`` (k,) [s].

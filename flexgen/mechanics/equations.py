@@ -32,7 +32,8 @@ class Equations(System):
     inverse_dynamics_    q_a, v_a, a_a                         dtau_dq, dtau_dv, dtau_da (n_a, n_a)
     derivatives
     arm_forward_dynamics q_a, v_a, tau_a                       a_a = M^-1 (tau_a - c - g)
-    arm_slopes           q_a, v_a, a_a                         M (n_a, n_a), R (n_a, 2 n_a) = d tau_a/d(q_a, v_a)
+    arm_residual_        q_a, v_a, a_a                         M (n_a, n_a), R (n_a, 2 n_a) = d tau_a/d(q_a, v_a)
+    jacobians
     arm_forces           q_a, v_a                              frictions and drags on the arm, as they act
     motor_friction       v_m                                   f_m (n_m)
     rotor_torque         q_a, v_a, a_a, v_m, a_m               d/dt of the rotors' axial momentum (n_m)
@@ -43,8 +44,7 @@ class Equations(System):
     residual             q_a, v_a, a_a, q_m, v_m, a_m, tau_m   r_a (n_a), r_m (n_m)
     state_rate           x (n_x), tau_m                        dx: the state-space right-hand side
     linearize            q_a, v_a, q_m, v_m, tau_m             A (n_x, n_x), B (n_x, n_m)
-    slopes               q_a, v_a, a_a, q_m, v_m, tau_m, a_m   M, R = d residual/d(y, dy, tau_m): A, B from -M^-1 R
-    second_order         q_a, v_a, a_a, q_m, v_m, a_m, tau_m   M, D, K, B: variation of the equations in y
+    residual_jacobians   q_a, v_a, a_a, q_m, v_m, a_m, tau_m   M (n, n) = dr/dddy, R (n, 2 n + n_m) = dr/d(y, dy, tau_m)
     energy               q_a, v_a, q_m, v_m                    kinetic, potential [J]
     power                q_a, v_a, q_m, v_m, tau_m             P_motor, P_dissipated [W]
     output               q_a                                   y (n_y), or p of the tool for a pose
@@ -56,7 +56,8 @@ class Equations(System):
     ==================== ===================================== ==========================================
 
     ``x = (q_a, q_me, v_a, v_me)`` with ``q_me`` the motors behind elastic gears. Entries of ``q_m``, ``v_m``, ``a_m``
-    behind rigid gears are ignored as inputs (they follow their joints) and returned filled in.
+    behind rigid gears are ignored as inputs (they follow their joints) and returned filled in. ``r`` (n): residual of
+    the equations of motion in ``y = (q_a, q_me)``.
 
     Functions of equations with ``parameters`` (names: see `flexgen.mechanics.parameters`) have these as a last argument
     where they depend on them. ``model`` keeps the numbers, ``with_symbols`` has the symbols in their place.

@@ -7,6 +7,7 @@ x = (y, dy):                  dx/dt = A x + B tau_m to first order,   lower rows
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
 
 from flexgen.mechanics.dynamics import MOTION, STATE, symbols_of
 from flexgen.mechanics.system import Builder, Built, System, solve_symmetric
@@ -20,8 +21,8 @@ def inverse_dynamics_derivatives(system: System) -> Built:
     return inputs, names, outputs, ["dtau_dq", "dtau_dv", "dtau_da"]
 
 
-def arm_slopes(system: System) -> Built:
-    """The same as one mass matrix and one block."""
+def arm_residual_jacobians(system: System) -> Built:
+    """The first derivatives of the inverse dynamics of the arm as its mass matrix and one block."""
     inputs, names, (by_q, by_v, M), _ = inverse_dynamics_derivatives(system)
     return inputs, names, [M, ca.horzcat(by_q, by_v)], ["M", "R"]
 
@@ -34,32 +35,38 @@ def state_rate(system: System) -> Built:
     return [x, system.lagrangian.tau_m], ["x", "tau_m"], [dx], ["dx"]
 
 
-def second_order(system: System) -> Built:
-    """Mass, damping, stiffness and input matrix of the equations linearized in y."""
+def residual_jacobians(system: System) -> Built:
+    """Jacobians of the residual of the equations of motion: M in ddy, R in (y, dy, tau_m)."""
     y, dy, _ = system.y
     r, tau_m = system.residual, system.lagrangian.tau_m
-    outputs = [system.mass, ca.jacobian(r, dy), ca.jacobian(r, y), -ca.jacobian(r, tau_m)]
-    return symbols_of(system, MOTION), MOTION, outputs, ["M", "D", "K", "B"]
+    R = ca.horzcat(ca.jacobian(r, y), ca.jacobian(r, dy), ca.jacobian(r, tau_m))
+    return symbols_of(system, MOTION), MOTION, [system.mass, R], ["M", "R"]
 
 
-def jacobians_of_residual(system: System) -> ca.SX:
-    """Derivatives of the residual of the equations of motion in (y, dy, tau_m)."""
-    y, dy, _ = system.y
-    r, tau_m = system.residual, system.lagrangian.tau_m
-    return ca.horzcat(ca.jacobian(r, y), ca.jacobian(r, dy), ca.jacobian(r, tau_m))
+def second_order_matrices(M: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Matrices of the linearized equations of motion ``M ddy + D dy + K y = B tau_m``.
 
+    Parameters
+    ----------
+    M : array (..., n, n)
+        Of `residual_jacobians`; an axis of length one at its end may be missing.
+    R : array (..., n, 2 n + n_m)
+        Of `residual_jacobians`.
 
-def slopes(system: System) -> Built:
-    """Derivatives of the residual of the equations of motion."""
-    names = ["q_a", "v_a", "a_a", "q_m", "v_m", "tau_m", "a_m"]
-    return symbols_of(system, names), names, [system.mass, jacobians_of_residual(system)], ["M", "R"]
+    Returns
+    -------
+    M, D, K : arrays (..., n, n)
+    B : array (..., n, n_m)
+    """
+    n = R.shape[-2]
+    return M.reshape(*R.shape[:-1], n), R[..., n : 2 * n], R[..., :n], 0.0 - R[..., 2 * n :]  # (no zeros with a sign)
 
 
 def linearize(system: System) -> Built:
     """State and input matrix of the forward dynamics in the state x."""
     n = system.model.dof
-    R = ca.substitute(jacobians_of_residual(system), system.y[2], system.acceleration)
-    lower = -solve_symmetric(system.mass, R)
+    M, R = residual_jacobians(system)[2]
+    lower = -solve_symmetric(M, ca.substitute(R, system.y[2], system.acceleration))
     upper = ca.horzcat(ca.SX.zeros(n, n), ca.SX.eye(n))
     A = ca.vertcat(upper, lower[:, : 2 * n])
     B = ca.vertcat(ca.SX.zeros(n, system.model.n_m), lower[:, 2 * n :])
@@ -68,9 +75,8 @@ def linearize(system: System) -> Built:
 
 BUILDERS: dict[str, Builder] = {
     "inverse_dynamics_derivatives": inverse_dynamics_derivatives,
-    "arm_slopes": arm_slopes,
+    "arm_residual_jacobians": arm_residual_jacobians,
     "state_rate": state_rate,
-    "second_order": second_order,
-    "slopes": slopes,
+    "residual_jacobians": residual_jacobians,
     "linearize": linearize,
 }

@@ -64,7 +64,7 @@ def recursive_function(equations: Equations, name: str) -> ca.Function | None:
         as a massless last link): a recursion would divide by the number zero.
     """
     model = equations.model
-    carried = model.motor_coupling == "complete" and name in ("forward_dynamics", "slopes")
+    carried = model.motor_coupling == "complete" and name in ("forward_dynamics", "residual_jacobians")
     carried = carried or (name in inversion_functions.BUILDERS and not model.inverts)
     if name not in _BUILDERS or carried or any(element.beam is not None for element in model.elements):
         return None
@@ -215,7 +215,7 @@ def _inverse_dynamics_derivatives(arm: Arm) -> Built:
     return arm.symbols(*names), names, arm.derivatives, ["dtau_dq", "dtau_dv", "dtau_da"]
 
 
-def _arm_slopes(arm: Arm) -> Built:
+def _arm_residual_jacobians(arm: Arm) -> Built:
     names = ["q_a", "v_a", "a_a"]
     by_q, by_v, M = arm.derivatives
     return arm.symbols(*names), names, [M, ca.horzcat(by_q, by_v)], ["M", "R"]
@@ -235,7 +235,7 @@ def _forward_dynamics(arm: Arm) -> Built:
     return arm.symbols(*names), names, [a_a, ca.vertcat(ca.SX(0, 1), *a_m)], ["a_a", "a_m"]
 
 
-def _slopes(arm: Arm) -> Built:
+def _residual_jacobians(arm: Arm) -> Built:
     model, forces = arm.model, arm.equations.lagrangian.forces
     n, n_a, i_m = model.dof, model.n_a, model.i_m
     by_q, by_v, M_a = arm.derivatives
@@ -247,7 +247,7 @@ def _slopes(arm: Arm) -> Built:
     q_a, v_a, q_m, v_m, tau_m = arm.symbols("q_a", "v_a", "q_m", "v_m", "tau_m")
     y, dy = (ca.vertcat(x, *[x_m[j] for j in i_m]) for x, x_m in ((q_a, q_m), (v_a, v_m)))
     R = R - ca.horzcat(*(ca.jacobian(forces, x) for x in (y, dy, tau_m)))
-    names = ["q_a", "v_a", "a_a", "q_m", "v_m", "tau_m", "a_m"]
+    names = ["q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m"]
     return arm.symbols(*names), names, [M, R], ["M", "R"]
 
 
@@ -274,9 +274,9 @@ _BUILDERS: dict[str, Callable[[Arm], Built]] = {
     "inverse_dynamics": _inverse_dynamics,
     "inverse_dynamics_derivatives": _inverse_dynamics_derivatives,
     "arm_forward_dynamics": _arm_forward_dynamics,
-    "arm_slopes": _arm_slopes,
+    "arm_residual_jacobians": _arm_residual_jacobians,
     "forward_dynamics": _forward_dynamics,
-    "slopes": _slopes,
+    "residual_jacobians": _residual_jacobians,
     "forward_kinematics": _forward_kinematics,
     "jacobian": _jacobian,
     **inversion_functions.BUILDERS,

@@ -331,8 +331,8 @@ def test_a_planted_coriolis_sign_is_seen(name, check):
 @needs_pinocchio
 @pytest.mark.parametrize(
     "name",
-    "jacobian_dot rotor_torque arm_forward_dynamics inverse_dynamics_derivatives arm_slopes slopes second_order "
-    "linearize energy state_rate".split(),
+    "jacobian_dot rotor_torque arm_forward_dynamics inverse_dynamics_derivatives arm_residual_jacobians "
+    "residual_jacobians linearize energy state_rate".split(),
 )
 def test_planted_errors_are_seen_by_pinocchio(name):
     def bug(found, results, *arguments):

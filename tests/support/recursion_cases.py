@@ -30,9 +30,9 @@ FUNCTIONS = (
     "inverse_dynamics",
     "inverse_dynamics_derivatives",
     "arm_forward_dynamics",
-    "arm_slopes",
+    "arm_residual_jacobians",
     "forward_dynamics",
-    "slopes",
+    "residual_jacobians",
     "forward_kinematics",
     "jacobian",
 )
@@ -150,7 +150,7 @@ def check(equations: Equations, name: str, given: dict[str, np.ndarray], found: 
     if name in ("arm_forward_dynamics", "forward_dynamics"):
         arm = name == "arm_forward_dynamics"
         states = {**given, **({} if arm else {"a_a": expected[0].ravel(), "a_m": expected[1].ravel()})}
-        M = values(equations.function("mass_matrix" if arm else "slopes"), states)[0]
+        M = values(equations.function("mass_matrix" if arm else "residual_jacobians"), states)[0]
         n_a, i_m = equations.model.n_a, list(equations.model.i_m)
         a, b = (x[0].ravel() if arm else np.concatenate([x[0].ravel(), x[1].ravel()[i_m]]) for x in (found, expected))
         assert largest(M @ (a - b)) <= EXACT * largest(np.abs(M) @ np.abs(b))
@@ -169,11 +169,11 @@ def check(equations: Equations, name: str, given: dict[str, np.ndarray], found: 
         scales = [max(scale, largest(other)) for scale, other in zip(scales, besides, strict=True)]
     elif name in ("forward_kinematics", "jacobian"):
         scales = [max(1.0, scale) for scale in scales]
-    elif name == "slopes":
+    elif name == "residual_jacobians":
         n = equations.model.dof
         found, expected = [[x[0], x[1][:, :n], x[1][:, n : 2 * n], x[1][:, 2 * n :]] for x in (found, expected)]
         scales = [max(largest(x), largest(expected[0])) for x in expected]
-    elif name == "arm_slopes":
+    elif name == "arm_residual_jacobians":
         scales[1] = max(scales)
     for x, y, scale in zip(found, expected, scales, strict=True):
         assert largest(x - y) <= EXACT * scale, f"{name}: error {largest(x - y):.3g} of {scale:.3g}"

@@ -30,6 +30,7 @@ from flexgen.codegen.routines import checked
 from flexgen.codegen.spec import library_spec
 from flexgen.errors import BuildError
 from flexgen.expressions.graph import read_graph
+from flexgen.mechanics.dynamics import MOTION
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.signatures import offered_functions
 from flexgen.model.reader import model_names, read
@@ -60,9 +61,7 @@ def test_c_agrees_with_lagranges_equations(name):
     library = loaded(name)
     assert tuple(library.functions) == offered_functions(equations.model)
     states = random_states(equations.model, STATES if name not in LARGE else STATES // 10)
-    M = machine(equations.function("slopes"), [states[k] for k in ("q_a", "v_a", "a_a", "q_m", "v_m", "tau_m", "a_m")])[
-        0
-    ]
+    M = machine(equations.function("residual_jacobians"), [states[k] for k in MOTION])[0]
     n = equations.model.n_a
     for function in library.functions.values():
         inputs = [states[port.name] for port in function.inputs]
@@ -92,7 +91,7 @@ def _expected(equations, name, inputs):
         return machine(equations.function(name), inputs)
     q, v, _ = inputs
     a = machine(equations.function("arm_forward_dynamics"), inputs)[0][:, :, 0]
-    M, R = machine(equations.function("arm_slopes"), [q, v, a])
+    M, R = machine(equations.function("arm_residual_jacobians"), [q, v, a])
     n = M.shape[1]
     X = -np.linalg.solve(M, R)
     return [X[:, :, :n], X[:, :, n:], np.linalg.inv(M)]

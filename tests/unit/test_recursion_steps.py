@@ -162,7 +162,7 @@ def test_axes_that_are_nearly_along_a_coordinate_axis(tilt):
     equations, rng = derive(robot(elements, plain.motors)), np.random.default_rng(2)
     for s in some_states(equations.model, 1):
         given = arguments(s, rng)
-        for name in ("inverse_dynamics", "mass_matrix", "arm_slopes", "forward_kinematics", "jacobian"):
+        for name in ("inverse_dynamics", "mass_matrix", "arm_residual_jacobians", "forward_kinematics", "jacobian"):
             check(equations, name, given)
 
 

@@ -34,6 +34,7 @@ from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.methods.baselines import quasistatic_motion, simply_coupled
 from flexgen.inversion.motor_side import MotorMotion, gear_torques, motor_motion
 from flexgen.inversion.problem import ACCELERATION, INTERVALS, InversionProblem
+from flexgen.mechanics.linearization import second_order_matrices
 from flexgen.mechanics.outputs import output_map
 from flexgen.numerics.evaluate import evaluate
 
@@ -221,7 +222,7 @@ class _Problem:
         rest = self.problem.rest
         still = np.zeros(self.n_a), np.zeros(self.n_m)
         M = evaluate(
-            self.equations.function("second_order"),
+            self.equations.function("residual_jacobians"),
             *(rest.q_a, still[0], still[0], rest.q_m, still[1], still[1], rest.tau_m),
         )[0].reshape(self.n, self.n)
         return self.h**2 / np.maximum(np.abs(M * self.scale_y).max(axis=1), 1e-300)
@@ -243,9 +244,8 @@ class _Problem:
     def slopes(self, y: np.ndarray, tau: np.ndarray, place: np.ndarray) -> sp.csc_matrix:
         """Jacobian of the scaled constraints in the scaled unknowns: equations of motion, then the output."""
         N, n = self.N, self.n
-        M, D, K, B = (
-            x.reshape(N, n, -1) for x in evaluate(self.equations.function("second_order"), *self.arguments(y, tau))
-        )
+        found = evaluate(self.equations.function("residual_jacobians"), *self.arguments(y, tau))
+        M, D, K, B = second_order_matrices(*found)
         left, inner = self.row_scale[None, :, None], self.scale_y[None, None, :]
         M, D, K = (left * x * inner for x in (M, D, K))
         blocks = [K * self.D[0][j] + D * self.D[1][j] + M * self.D[2][j] for j in range(2 * self.m + 1)]
