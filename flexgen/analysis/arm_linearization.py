@@ -85,5 +85,5 @@ def arm_variation(equations: Equations, q: np.ndarray) -> ArmLinearization:
         i_g = np.array(model.i_g)
         M[:, i_g[:, None], i_g] += model.eta[geared].T @ (inertia[:, None] * model.eta[geared])
     twist = gear_twist(equations, load[:, 0][:, list(model.i_g)])
-    slope = evaluate(equations.function("gear_spring"), twist)[1].reshape(n, -1)
+    slope = evaluate(equations.function("gear_law"), twist)[1].reshape(n, -1)
     return ArmLinearization(model, M, D, K, W, slope)

@@ -130,7 +130,7 @@ def solvability(equations: Equations, rest: Equilibrium, linear: LinearModel) ->
     if square and model.n_e and tool[-1] > SINGULAR * tool[0]:
         inertia = float(np.linalg.svd(arm.relative_inertia()[0], compute_uv=False)[-1])
         warnings += _inertia_warnings(arm, inertia)
-    stiff = evaluate(equations.function("gear_spring"), np.ones(model.n_g))[1].ravel()  # slopes when fully wound up
+    stiff = evaluate(equations.function("gear_law"), np.ones(model.n_g))[1].ravel()  # slopes when fully wound up
     loose = arm.slope[0] < SINGULAR * stiff
     dead = [model.coordinates[i].name for k, i in enumerate(i_g) if degree[k] == 4 and loose[k]]
     if dead:

@@ -107,7 +107,7 @@ def inner_zeros(equations: Equations, linear: LinearModel, rest: Equilibrium) ->
     """Zeros [1/s] by the structure; simplified motor coupling, as many outputs of the arm as motors."""
     model = equations.model
     theta = np.linalg.solve(model.eta, rest.q_m) - rest.q_a[list(model.i_g)]
-    slope = evaluate(equations.function("gear_spring"), theta)[1][0]
+    slope = evaluate(equations.function("gear_law"), theta)[1][0]
     damping = gear_damping(equations)
     values = [-slope[damping > 0] / damping[damping > 0]]
     if model.n_e:

@@ -38,7 +38,7 @@ Tell = Callable[[str], None]
 
 FUNCTIONS = (
     "forward_kinematics jacobian jacobian_dot mass_matrix bias gravity inverse_dynamics arm_forces motor_friction "
-    "gear_spring gear_torque elastic_torque forward_dynamics residual residual_jacobians linearize energy power output"
+    "gear_law gear_torque elastic_torque forward_dynamics residual residual_jacobians linearize energy power output"
 ).split()
 
 

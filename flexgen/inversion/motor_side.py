@@ -65,7 +65,7 @@ def motor_motion(
 
 def deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Gear deflections p, p', p'' on the arm side, each (n, n_g); zero for rigid gears."""
-    spring = equations.function("gear_spring")
+    spring = equations.function("gear_law")
     D = gear_damping(equations)
     elastic = np.array([not gear.rigid for gear, _ in gears(equations.model)])
     damped = elastic & (D > 0)
@@ -116,7 +116,7 @@ def gear_torques(equations: Equations, q: np.ndarray, v: np.ndarray, a: np.ndarr
 
 def _slopes(equations: Equations, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Slope of the gear springs and its slope, each (n, n_g)."""
-    spring = equations.function("gear_spring")
+    spring = equations.function("gear_law")
     x = ca.SX.sym("twist", equations.model.n_g)
     second = ca.Function("second", [x], [ca.jtimes(spring(x)[1], x, ca.SX.ones(x.shape))])
     slope = evaluate(spring, twist)[1].reshape(twist.shape)

@@ -139,15 +139,15 @@ def rotor_torque(system: System) -> Built:
     return inputs, names, [ca.jtimes(lag.momentum_m, moving, rates)], ["tau_r"]
 
 
-def gear_spring(system: System) -> Built:
+def gear_law(system: System) -> Built:
     """Torques of the gears' springs, and their derivatives in the deflection; zero for rigid gears."""
-    twist = ca.SX.sym("twist", system.model.n_g)
+    deflection = ca.SX.sym("twist", system.model.n_g)
     tau: list[ca.SX] = []
     for k, (gear, ratio) in enumerate(gears(system.with_symbols)):
         spring = gear.spring
-        tau.append(ca.SX(0) if spring is None else ratio * spring_torque(spring, ratio * twist[k]))
-    slope = [ca.gradient(torque, twist[k]) for k, torque in enumerate(tau)]
-    return [twist], ["twist"], [ca.vertcat(*tau), ca.vertcat(*slope)], ["tau", "slope"]
+        tau.append(ca.SX(0) if spring is None else ratio * spring_torque(spring, ratio * deflection[k]))
+    dtau = [ca.gradient(torque, deflection[k]) for k, torque in enumerate(tau)]
+    return [deflection], ["twist"], [ca.vertcat(*tau), ca.vertcat(*dtau)], ["tau_p", "dtau_p"]
 
 
 def gear_torque(system: System) -> Built:
@@ -202,7 +202,7 @@ BUILDERS: dict[str, Builder] = {
     "arm_forces": arm_forces,
     "motor_friction": motor_friction,
     "rotor_torque": rotor_torque,
-    "gear_spring": gear_spring,
+    "gear_law": gear_law,
     "gear_torque": gear_torque,
     "elastic_torque": elastic_torque,
     "forward_dynamics": forward_dynamics,

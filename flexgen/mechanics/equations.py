@@ -37,7 +37,7 @@ class Equations(System):
     arm_forces           q_a, v_a                              frictions and drags on the arm, as they act
     motor_friction       v_m                                   f_m (n_m)
     rotor_torque         q_a, v_a, a_a, v_m, a_m               d/dt of the rotors' axial momentum (n_m)
-    gear_spring          twist (n_g, arm side)                 tau (n_g), slope (n_g); zero for rigid gears
+    gear_law             twist (n_g, arm side)                 tau_p (n_g), dtau_p (n_g): zero for rigid gears
     gear_torque          q_a, v_a, q_m, v_m                    tau_g (n_g); zero for rigid gears
     elastic_torque       q_a, v_a                              tau_e (n_e)
     forward_dynamics     q_a, v_a, q_m, v_m, tau_m             a_a, a_m
@@ -52,7 +52,6 @@ class Equations(System):
     output_constraint    q_a, v_a, target                      y_err (n_y), W (n_y, n_a), Wdot_v (n_y)
     inversion_jacobians     q_a, v_a, a_a                         dy1_dq, dy2_dq, dy2_dv, row, row_q, row_v, row_a
     inversion_rows       q_a, v_a, a_a                         tau_g (n_g), row (n_e)
-    gear_law             twist (n_g, arm side)                 tau_p, dtau_p: as gear_spring
     ==================== ===================================== ==========================================
 
     ``x = (q_a, q_me, v_a, v_me)`` with ``q_me`` the motors behind elastic gears. Entries of ``q_m``, ``v_m``, ``a_m``

@@ -3,7 +3,8 @@
     W(q_a) v_a = Z',      W a_a + W' v_a = Z'',      row = [M a_a + c + g - arm forces]_e - tau_e = 0
 
 and their first derivatives. The coordinates follow from the output (`flexgen.inversion.reduced_problem`), then gears
-and motors: ``tau_g = [M a_a + c + g - arm forces]_g``, the deflection of the gears from `gear_law`.
+and motors: ``tau_g = [M a_a + c + g - arm forces]_g``, the deflection of the gears from `gear_law` of
+`flexgen.mechanics.dynamics`.
 
 Here from the Lagrangian; by recursion in `flexgen.recursion.inversion_functions`.
 """
@@ -13,7 +14,6 @@ from __future__ import annotations
 import casadi as ca
 
 from flexgen.errors import ArgumentError
-from flexgen.mechanics.dynamics import gear_spring
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.system import Builder, Built, System
 
@@ -53,13 +53,6 @@ def inversion_jacobians(system: System) -> Built:
     return derivative_ports(system, of_output, of_left)
 
 
-def gear_law(system: System) -> Built:
-    """Torques of the gears' springs, and their derivatives in the deflection."""
-    _check(system, "gear_law")
-    inputs, names, outputs, _ = gear_spring(system)
-    return inputs, names, outputs, ["tau_p", "dtau_p"]
-
-
 def constraint_ports(system: System, target: ca.SX, error: ca.SX, rate: ca.SX, bias: ca.SX) -> Built:
     """`output_constraint` from the output's error (n_y), its map W (n_y, n_a) and ``W' v_a`` (n_y)."""
     chain = system.lagrangian.chain
@@ -97,5 +90,4 @@ BUILDERS: dict[str, Builder] = {
     "output_constraint": output_constraint,
     "inversion_jacobians": inversion_jacobians,
     "inversion_rows": inversion_rows,
-    "gear_law": gear_law,
 }

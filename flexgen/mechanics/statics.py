@@ -39,7 +39,7 @@ def gear_twist(equations: Equations, tau: np.ndarray) -> np.ndarray:
 
     Newton's method kept inside a bracket: springs are odd and rise, but some have corners.
     """
-    function = equations.function("gear_spring")
+    function = equations.function("gear_law")
     elastic = np.array([not gear.rigid for gear, _ in gears(equations.model)])
     target = np.where(elastic, tau, 0.0)
     _, slope0 = evaluate(function, np.zeros_like(target))

@@ -67,7 +67,7 @@ def test_perturbed_springs_and_masses(name: str) -> None:
     rng = np.random.default_rng(3)
     q, zero = 1e-3 * rng.standard_normal(model.n_a), np.zeros(model.n_a)
     twist = 1e-3 * rng.standard_normal(model.n_g)
-    springs = [evaluate(e.function("gear_spring"), twist)[0][0] for e in (one, two)]
+    springs = [evaluate(e.function("gear_law"), twist)[0][0] for e in (one, two)]
     assert springs[1] == pytest.approx(1.2 * springs[0], rel=1e-12)
     if model.n_e:
         torques = [evaluate(e.function("elastic_torque"), q, zero)[0][0] for e in (one, two)]

@@ -126,7 +126,7 @@ def test_numbers_stated_on_the_motor_side_have_units_of_the_motor():
 
 
 @pytest.mark.parametrize("model", ["abb_arm", "planar5_nmp", "manutec_r3"])
-@pytest.mark.parametrize("name", ["gear_spring", "motor_friction", "gear_torque", "elastic_torque", "arm_forces"])
+@pytest.mark.parametrize("name", ["gear_law", "motor_friction", "gear_torque", "elastic_torque", "arm_forces"])
 def test_force_laws_follow_the_parameters(model, name):
     """Every law takes the numbers given, as a model with these numbers does."""
     equations, rng = derive(model, ["stiffness", "damping", "friction"]), np.random.default_rng(3)

@@ -154,7 +154,7 @@ def test_a_gear_that_passes_on_nothing() -> None:
     loose = replace(upper, dofs=(replace(upper.dofs[0], gear=gear),))
     equations = Equations(replace(model, elements=(loose, *model.elements[1:]), gravity=(0.0, 0.0, 0.0)))
     rest = hold_joints(equations, np.array(model.home))
-    slope = evaluate(equations.function("gear_spring"), np.zeros(2))[1][0]
+    slope = evaluate(equations.function("gear_law"), np.zeros(2))[1][0]
     assert slope[0] < 1e-4
     found = solvability(equations, rest, linearise(equations, rest))
     assert any("gear of q1" in text and "passes on nothing" in text for text in found.warnings)

@@ -74,7 +74,7 @@ def test_drives_with_a_nonlinear_damped_gear_against_an_integrator() -> None:
     amplitude = 3e4
     tau = amplitude * np.stack([np.sin(w * t) ** 2, w * np.sin(2 * w * t), 2 * w**2 * np.cos(2 * w * t)], axis=-1)
     p, dp, ddp = deflections(equations, t, tau[:, None, :])
-    spring = equations.function("gear_spring")
+    spring = equations.function("gear_law")
     damping = 0.08 * 220**2
     exact = solve_ivp(
         lambda s, x: (amplitude * np.sin(w * s) ** 2 - np.array(spring(x.reshape(1, -1))[0]).ravel()) / damping,
@@ -107,7 +107,7 @@ def test_gear_twist_inverts_every_spring(spring: dict[str, object]) -> None:
     model = read("planar5_mp", overrides={"element.arm1.dof.q1.gear.spring": spring})
     equations = flexgen.derive(model)
     tau = np.linspace(-3000, 3000, 61)[:, None] * np.array([1.0, 0.5])
-    back = evaluate(equations.function("gear_spring"), gear_twist(equations, tau))[0]
+    back = evaluate(equations.function("gear_law"), gear_twist(equations, tau))[0]
     assert np.abs(back - tau).max() < 1e-9 * 3000
 
 
