@@ -23,7 +23,7 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import qr
 
-from flexgen.dae.system import DaeFunctions
+from flexgen.dae.system import InverseDae
 from flexgen.errors import ArgumentError, SolverError
 
 SINGULAR = 1e-10  # relative size of the last pivot below which no choice works
@@ -50,7 +50,7 @@ class DummyDerivatives:
 
     Parameters
     ----------
-    dae : DaeFunctions
+    dae : InverseDae
     c, d : sequences of int
         Offsets of the rows (motion, output) and of the unknowns (y, tau_m).
 
@@ -58,7 +58,7 @@ class DummyDerivatives:
     ``freedom``: number of states.
     """
 
-    def __init__(self, dae: DaeFunctions, c: Sequence[int], d: Sequence[int]) -> None:
+    def __init__(self, dae: InverseDae, c: Sequence[int], d: Sequence[int]) -> None:
         if len(c) != dae.n + dae.model.output.size or len(d) != dae.n + dae.model.n_m:
             raise ArgumentError(
                 f"offsets: given {len(c)} of rows and {len(d)} of unknowns, expected "

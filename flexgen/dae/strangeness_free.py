@@ -16,11 +16,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 from scipy.linalg import qr, solve_triangular
 
-from flexgen.dae.system import DaeFunctions
+from flexgen.dae.derivative_array import DerivativeArray
+from flexgen.dae.system import InverseDae
 from flexgen.errors import ArgumentError, SolverError
 
 GAP = 1e-9  # relative size below which a pivot of the array counts as zero
@@ -61,7 +61,7 @@ class StrangenessFree:
 
     Parameters
     ----------
-    dae : DaeFunctions
+    dae : InverseDae
     mu : int
         Strangeness index: the order of the derivative array; the structural index less one, where that is right.
     x_rest : array (n_x,)
@@ -71,7 +71,7 @@ class StrangenessFree:
     satisfy the hypothesis (``a + d = n_x``) for this mu.
     """
 
-    def __init__(self, dae: DaeFunctions, mu: int, x_rest: np.ndarray) -> None:
+    def __init__(self, dae: InverseDae, mu: int, x_rest: np.ndarray) -> None:
         if mu < 0:
             raise ArgumentError(f"mu: given {mu}, expected 0 or more")
         self.dae, self.mu, self.n = dae, mu, dae.n_x
@@ -80,7 +80,7 @@ class StrangenessFree:
         self.units = np.outer(self.unit, self.rate ** np.arange(mu + 2))
         # ranks are decided at rest, with the target where the output is: there the path plays no role
         X, U = np.zeros((self.n, mu + 2)), np.zeros((dae.n_u, mu + 1))
-        X[:, 0], U[:, 0] = x_rest, dae.place(x_rest)
+        X[:, 0], U[:, 0] = x_rest, dae.target_at(x_rest)
         self._at_rest = X, U
         self.row = np.ones((mu + 1) * self.n)
         N, M = self._slopes(X, U)
@@ -89,23 +89,19 @@ class StrangenessFree:
         self.row = np.concatenate([row * self.rate**k for k in range(mu + 1)])
 
     @cached_property
-    def _array(self) -> ca.Function:
-        return self.dae.array(self.mu)
-
-    @cached_property
-    def _rows(self) -> ca.Function:
-        return self.dae.array_rows(self.mu)
+    def _array(self) -> DerivativeArray:
+        return DerivativeArray(self.dae, self.mu)
 
     def rows(self, X: np.ndarray, U: np.ndarray) -> np.ndarray:
         """The scaled derivative array at X (n_x, mu + 2), U (n_u, mu + 1)."""
-        return self._rows(X, U).full()[:, 0] / self.row
+        return self._array.rows(X, U).full()[:, 0] / self.row
 
     def motion(self, x: np.ndarray, dx: np.ndarray, u: np.ndarray) -> np.ndarray:
         """The scaled rows F at x, x' (n_x,) and a target u (n_u,)."""
         return self.dae.rows(x, dx, u)[0].full()[:, 0] / self.row[: self.n]
 
     def _slopes(self, X: np.ndarray, U: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        _, N, M = (z.full() for z in self._array(X, U))
+        _, N, M = (z.full() for z in self._array.function(X, U))
         return N * self.unit / self.row[:, None], M * self.units[:, 1:].T.ravel() / self.row[:, None]
 
     @property

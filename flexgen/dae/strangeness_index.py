@@ -29,7 +29,8 @@ from typing import Any
 import numpy as np
 
 from flexgen.dae.signature import structural_index
-from flexgen.dae.taylor_array import InverseDae, Scales, balanced, consistent, derivative_array
+from flexgen.dae.system import InverseDae
+from flexgen.dae.taylor_array import Scales, TaylorArray, balanced, consistent, derivative_array
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears
@@ -216,10 +217,11 @@ def kunkel_mehrmann_at_rest(
         Strangeness index up to which is searched.
     """
     dae = InverseDae(equations)
-    x = np.zeros((1, highest + 2, dae.n))
-    x[0, 0] = dae.at_rest(rest or hold_joints(equations, np.array(equations.model.home)))
-    F_x, F_dx = dae.jacobians(x)
-    return characterise(F_x[0], F_dx[0], dae.scales(x[0, 0]))
+    series = TaylorArray(dae)
+    x = np.zeros((1, highest + 2, dae.n_x))
+    x[0, 0] = dae.pack(rest or hold_joints(equations, np.array(equations.model.home)))
+    F_x, F_dx = series.jacobians(x)
+    return characterise(F_x[0], F_dx[0], series.scales(x[0, 0]))
 
 
 def kunkel_mehrmann(
@@ -251,11 +253,11 @@ def kunkel_mehrmann(
     instants = np.array([0.23, 0.53, 0.81]) * reference.duration if times is None else np.asarray(times, dtype=float)
     if instants.ndim != 1 or not len(instants) or not np.isfinite(instants).all() or (np.diff(instants) <= 0).any():
         raise ArgumentError(f"times: given {times!r}, expected rising instants in s")
-    dae = InverseDae(equations)
+    series = TaylorArray(InverseDae(equations))
     order = min(highest, structural_index(equations).index or 4)
     while True:
-        x, scales = consistent(dae, reference, instants, order)
-        F_x, F_dx = dae.jacobians(x)
+        x, scales = consistent(series, reference, instants, order)
+        F_x, F_dx = series.jacobians(x)
         found = tuple(characterise(F_x[k], F_dx[k], scales[k]) for k in range(len(instants)))
         if order == highest or not any(result.verdict == "not found" for result in found):
             return found

@@ -17,7 +17,8 @@ import numpy as np
 
 from flexgen.dae.block_form import BlockForm, block_form
 from flexgen.dae.signature import ABSENT, signature, structural_index
-from flexgen.dae.taylor_array import InverseDae
+from flexgen.dae.system import InverseDae
+from flexgen.dae.taylor_array import TaylorArray
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import Equilibrium
 from flexgen.model.elements import RobotModel
@@ -100,10 +101,11 @@ def structure(equations: Equations) -> Structure:
     return Structure(rows, unknowns, sigma, found.c, found.d, found.index, int(d.sum() - c.sum()), form)
 
 
-def system_jacobian(dae: InverseDae, structure: Structure, x: np.ndarray) -> np.ndarray:
-    """The system Jacobian J at the point ``x`` (2, n) of the system of first order (value and first rate), scaled."""
-    F_x, F_dx = (J[0, 0] for J in dae.jacobians(np.stack([x[0], x[1]])[None]))
-    scales = dae.scales(x[0])
+def system_jacobian(series: TaylorArray, structure: Structure, x: np.ndarray) -> np.ndarray:
+    """The system Jacobian J at the point ``x`` (2, n_x) of the system of first order (value and first rate), scaled."""
+    dae = series.dae
+    F_x, F_dx = (J[0, 0] for J in series.jacobians(np.stack([x[0], x[1]])[None]))
+    scales = series.scales(x[0])
     factors, dof = scales.rows[:, None] * scales.x, dae.model.dof
     F_x, F_dx = F_x * factors, F_dx * factors / scales.time
     rows, levels = np.concatenate([dae.dynamic, dae.output]), {0: dae.y, 1: dae.rate}
@@ -116,8 +118,8 @@ def system_jacobian(dae: InverseDae, structure: Structure, x: np.ndarray) -> np.
     return np.where(leads, J, 0.0)
 
 
-def check_structure(dae: InverseDae, structure: Structure, x: np.ndarray) -> StructureCheck:
-    """Whether the structure holds at a point ``x`` (2, n): value and first rate of the unknowns."""
+def check_structure(series: TaylorArray, structure: Structure, x: np.ndarray) -> StructureCheck:
+    """Whether the structure holds at a point ``x`` (2, n_x): value and first rate of the unknowns."""
     if structure.index is None:
         parts = []
         for what, part in (("too many", structure.form.surplus), ("too few", structure.form.deficit)):
@@ -128,7 +130,7 @@ def check_structure(dae: InverseDae, structure: Structure, x: np.ndarray) -> Str
                     f"for {', '.join(names['unknowns']) or 'no unknown'}"
                 )
         return StructureCheck((), None, None, f"structurally singular: {'; '.join(parts)}")
-    J = system_jacobian(dae, structure, x)
+    J = system_jacobian(series, structure, x)
     smallest = tuple(smallest_ratio(J[np.ix_(rows, columns)]) for rows, columns in structure.form.blocks)
     worst = int(np.argmin(smallest))
     sigma_min = smallest[worst]
@@ -148,7 +150,7 @@ def check_structure(dae: InverseDae, structure: Structure, x: np.ndarray) -> Str
 def check_at_rest(equations: Equations, rest: Equilibrium) -> tuple[Structure, StructureCheck]:
     """Structure of a model and whether it holds at a pose of rest."""
     dae, found = InverseDae(equations), structure(equations)
-    return found, check_structure(dae, found, np.stack([dae.at_rest(rest), np.zeros(dae.n)]))
+    return found, check_structure(TaylorArray(dae), found, np.stack([dae.pack(rest), np.zeros(dae.n_x)]))
 
 
 def smallest_ratio(block: np.ndarray) -> float:

@@ -1,16 +1,13 @@
-"""Inverse dynamics as one differential-algebraic equation (DAE) F(x, x', u(t)) = 0, and its derivative array.
+"""Inverse dynamics as one differential-algebraic equation (DAE) F(x, x', u(t)) = 0: unknowns, rows and units.
 
-    x = (y, v, tau_m),  y = (q_a, q_me):      y' - v                                 = 0
-                                              equations of motion at (y, v, v', tau_m) = 0
-                                              Gamma(q_a) - Z                         = 0
+    x = (y, v, tau_m),  y = (q_a, q_me):      y' - v                                 = 0      kinematic rows
+                                              equations of motion at (y, v, v', tau_m) = 0    dynamic rows
+                                              Gamma(q_a) - u                         = 0      output rows
 
-``q_me``: the motors behind elastic gears; ``u`` = Z: the target of the output, the only thing that depends on time. The
-derivative array ``F_mu = (F, dF/dt, ..., d^mu F/dt^mu)`` has x and its derivatives, and u and its derivatives, as
-arguments. With ``E = dF/dx'`` and ``A = dF/dx`` its slopes are
-
-    d F^(i) / d x^(j) = C(i, j) A^(i-j) + C(i, j-1) E^(i-j+1)              C: binomial coefficients
-
-so that only E and A have to be differentiated in time.
+``q_me``: the motors behind elastic gears; ``u``: the target of the output, the only thing that depends on time. The
+derivative array ``F_mu = (F, dF/dt, ..., d^mu F/dt^mu)`` has two evaluators that check each other: CasADi functions of
+fixed order, which the solvers integrate (`flexgen.dae.derivative_array`), and Taylor series of any order at many
+points, for ranks (`flexgen.dae.taylor_array`).
 
 Source: P. Kunkel, V. Mehrmann, Differential-Algebraic Equations, 2006, ch. 3 and 4.
 """
@@ -54,12 +51,25 @@ class Reference(Protocol):
         """(n, n_g, k): actuated coordinates and their derivatives, for a move of the joints."""
 
 
-class DaeFunctions:
-    """The DAE of the inverse dynamics of a model; all functions are built when they are first asked for.
+class InverseDae:
+    """The DAE of the inverse dynamics of a model; functions are built when they are first used.
 
-    ``n`` degrees of freedom, ``n_x = 2 n + n_m`` unknowns and rows, ``n_u`` numbers of a target: n_y, or 12 for a pose
-    (position, rotation matrix by columns). With ``joints`` the output is the actuated coordinates themselves, for moves
-    of the joints: it has no singular poses.
+    Parameters
+    ----------
+    equations : Equations
+        Of the model. Outputs and motors may differ in number; then the DAE has no unique solution.
+    joints : bool
+        The output is the actuated coordinates themselves, for moves of the joints: it has no singular poses.
+
+    Attributes
+    ----------
+    n, n_x, m, n_u : int
+        Degrees of freedom; unknowns ``2 n + n_m``; rows ``2 n + n_y``; numbers of a target: n_y, or 12 for a pose
+        (position, rotation matrix by columns).
+    y, rate, torque : arrays of int (n,), (n,), (n_m,)
+        Indices of y, v and tau_m in x.
+    kinematic, dynamic, output : arrays of int (n,), (n,), (n_y,)
+        Indices of the rows in F.
     """
 
     def __init__(self, equations: Equations, joints: bool = False) -> None:
@@ -68,25 +78,19 @@ class DaeFunctions:
             picked = tuple(tuple(1.0 if i == k else 0.0 for i in range(model.n_a)) for k in model.i_g)
             equations = Equations(replace(model, output=Output("combination", "", picked, "mixed")))
         model = equations.model
-        if model.output.size != model.n_m:
-            raise ArgumentError(
-                f"model {model.name}: {model.output.size} outputs and {model.n_m} motors; "
-                "inverse dynamics needs as many outputs as motors"
-            )
         self.equations, self.model, self.joints = equations, model, joints
-        self.n, self.n_x = model.dof, 2 * model.dof + model.n_m
-        self._arrays: dict[int, ca.Function] = {}
+        self.n = model.dof
+        self.n_x, self.m, self.n_u = 2 * self.n + model.n_m, 2 * self.n + model.output.size, model.output.target_size
+        self.y, self.rate = np.arange(self.n), self.n + np.arange(self.n)
+        self.torque = 2 * self.n + np.arange(model.n_m)
+        self.kinematic, self.dynamic, self.output = self.y, self.rate, np.arange(2 * self.n, self.m)
 
     @cached_property
-    def _output(self) -> tuple[ca.Function, int]:
+    def output_error(self) -> ca.Function:
+        """(q_a, u) -> error of the output (n_y), zero where it is at the target u."""
         q = self.equations.lagrangian.chain.q_a
-        place = output_map(self.equations)
-        return ca.Function("error", [q, place.target], [place.error]), int(place.target.shape[0])
-
-    @property
-    def n_u(self) -> int:
-        """Numbers of a target."""
-        return self._output[1]
+        output = output_map(self.equations)
+        return ca.Function("error", [q, output.target], [output.error])
 
     def motion_rows(self, y: ca.SX, v: ca.SX, a: ca.SX, tau_m: ca.SX) -> ca.SX:
         """Equations of motion (n): arm rows, then the motors behind elastic gears."""
@@ -100,11 +104,12 @@ class DaeFunctions:
         return ca.vertcat(r_a, *[r_m[j] for j in model.i_m])
 
     def output_rows(self, y: ca.SX, u: ca.SX) -> ca.SX:
-        """The output's error (n_y), zero where it is at the target u."""
-        return self._output[0](y[: self.model.n_a], u)
+        """Error of the output (n_y)."""
+        return self.output_error(y[: self.model.n_a], u)
 
     @cached_property
-    def _graph(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    def graph(self) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        """Symbols x, x', u, and F (m) as a graph in them."""
         n = self.n
         x, dx, u = ca.SX.sym("x", self.n_x), ca.SX.sym("dx", self.n_x), ca.SX.sym("u", self.n_u)
         y, v, tau = x[:n], x[n : 2 * n], x[2 * n :]
@@ -113,58 +118,13 @@ class DaeFunctions:
 
     @cached_property
     def rows(self) -> ca.Function:
-        """(x, dx, u) -> F (n_x), A = dF/dx, E = dF/dx' (n_x, n_x)."""
-        x, dx, u, rows = self._graph
-        slopes = [ca.densify(ca.jacobian(rows, z)) for z in (x, dx)]
-        return ca.Function("rows", [x, dx, u], [ca.densify(rows), *slopes], ["x", "dx", "u"], ["F", "A", "E"])
+        """(x, dx, u) -> F (m), A = dF/dx, E = dF/dx' (m, n_x)."""
+        x, dx, u, rows = self.graph
+        jacobians = [ca.densify(ca.jacobian(rows, z)) for z in (x, dx)]
+        return ca.Function("rows", [x, dx, u], [ca.densify(rows), *jacobians], ["x", "dx", "u"], ["F", "A", "E"])
 
-    def array(self, mu: int) -> ca.Function:
-        """The derivative array (X, U) -> F_mu, N, M.
-
-        ``X`` (n_x, mu + 2): x and its derivatives by columns; ``U`` (n_u, mu + 1); ``F_mu`` ((mu + 1) n_x); ``N`` =
-        dF_mu/dx ((mu + 1) n_x, n_x); ``M`` = dF_mu/d(x', ..., x^(mu+1)) ((mu + 1) n_x, (mu + 1) n_x).
-        """
-        if mu not in self._arrays:
-            x, dx, u, rows = self._graph
-            X = [x, dx, *(ca.SX.sym(f"x{k}", self.n_x) for k in range(2, mu + 2))]
-            U = [u, *(ca.SX.sym(f"u{k}", self.n_u) for k in range(1, mu + 1))]
-
-            def rate(g: ca.SX, k: int) -> ca.SX:  # g depends on X[:k+2], U[:k+1]
-                moving, rates = ca.vertcat(*X[: k + 2], *U[: k + 1]), ca.vertcat(*X[1 : k + 3], *U[1 : k + 2])
-                return ca.reshape(ca.jtimes(ca.vec(g), moving, rates), g.shape)
-
-            F, A, E = [rows], [ca.jacobian(rows, x)], [ca.jacobian(rows, dx)]
-            for k in range(mu):
-                F.append(rate(F[-1], k))
-                A.append(rate(A[-1], k))
-                E.append(rate(E[-1], k))
-            blocks = [
-                [
-                    (comb(i, j) * A[i - j] if j <= i else 0) + (comb(i, j - 1) * E[i - j + 1] if j else 0)
-                    if j <= i + 1
-                    else ca.SX(self.n_x, self.n_x)
-                    for j in range(mu + 2)
-                ]
-                for i in range(mu + 1)
-            ]
-            N = ca.vertcat(*[row[0] for row in blocks])
-            M = ca.vertcat(*[ca.horzcat(*row[1:]) for row in blocks])
-            self._arrays[mu] = ca.Function(
-                f"array{mu}",
-                [ca.horzcat(*X), ca.horzcat(*U)],
-                [ca.densify(z) for z in (ca.vertcat(*F), N, M)],
-                ["X", "U"],
-                ["F", "N", "M"],
-            )
-        return self._arrays[mu]
-
-    def array_rows(self, mu: int) -> ca.Function:
-        """The derivative array alone: (X, U) -> F_mu."""
-        X, U = ca.SX.sym("X", self.n_x, mu + 2), ca.SX.sym("U", self.n_u, mu + 1)
-        return ca.Function(f"array_rows{mu}", [X, U], [self.array(mu)(X, U)[0]], ["X", "U"], ["F"])
-
-    def place(self, x: np.ndarray) -> np.ndarray:
-        """The target (n_u,) that the output of a state x (n_x,) is at."""
+    def target_at(self, x: np.ndarray) -> np.ndarray:
+        """The target (n_u,) that the output has in a state x (n_x,)."""
         q = x[: self.model.n_a]
         if self.model.output.type != "tool_pose":
             return evaluate(self.equations.function("output"), q)[0][0]
@@ -172,7 +132,7 @@ class DaeFunctions:
         return np.concatenate([p[0], R[0].T.ravel()])
 
     def pack(self, rest: Equilibrium) -> np.ndarray:
-        """x (n_x) at a state of rest."""
+        """x (n_x,) at an equilibrium."""
         i_m = list(self.model.i_m)
         return np.concatenate([rest.q_a, rest.q_m[i_m], np.zeros(self.n), rest.tau_m])
 
@@ -187,9 +147,9 @@ class DaeFunctions:
         return out
 
     def scales(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """Sizes of y (n) and of the motor torques (n_m), and a typical rate [1/s], near the state of rest x.
+        """Sizes of y (n) and of the motor torques (n_m), and a typical rate [1/s], near the equilibrium x.
 
-        Motors count by their gear ratio; torques by what gravity asks for and what an acceleration of the arm costs.
+        Motors count by their gear ratio; torques by the load of gravity and by the inertia of the arm.
         """
         model = self.model
         size = np.r_[np.ones(model.n_a), np.abs(model.eta).max(axis=1)[list(model.i_m)]]

@@ -1,20 +1,12 @@
-"""Inverse dynamics as a differential-algebraic system of first order, and its derivative array.
+"""The derivative array of the inverse dynamics by Taylor series: numbers of any order and at many points, for ranks.
 
-    F(t, x, x') = 0,    x = (q_a, v_a, q_me, v_me, tau_m)
-
-    q_a' - v_a = 0,   r_a(q_a, v_a, v_a', q_me, v_me, v_me', tau_m) = 0
-    q_me' - v_me = 0, r_m(...) = 0,     Gamma(q_a) - Z(t) = 0
-
-``q_me``: motors behind elastic gears. The derivative array of order mu stacks F and its time derivatives up to the
-mu-th. With Taylor coefficients ``x = sum x_[j] t^j`` in place of derivatives its Jacobian consists of those of F_x and
-F_x' along the curve,
+With Taylor coefficients ``x = sum x_[j] t^j`` in place of derivatives, the Jacobian of the derivative array consists of
+those of F_x and F_x' along the curve,
 
     dF_[i] / dx_[j] = (F_x)_[i-j] + j (F_x')_[i-j+1]
 
-so that one series of the Jacobians of F, by automatic differentiation, gives all of it.
-
-This one is numbers, of any order and at many points, for ranks. `flexgen.dae.system` has the same equations as
-CasADi functions of fixed order, which the solvers integrate; the tests find the same ranks by both.
+so that one series of the Jacobians of F, by automatic differentiation, gives all of it. F: see `flexgen.dae.system`.
+`flexgen.dae.derivative_array` has the same array as CasADi functions of fixed order; the tests compare both.
 
 Source: P. Kunkel, V. Mehrmann, Differential-Algebraic Equations, EMS 2006, chapter 3 (derivative arrays).
 """
@@ -30,13 +22,12 @@ from scipy.linalg import lstsq
 from scipy.sparse import block_array, csc_array, eye_array
 from scipy.sparse.linalg import splu
 
+from flexgen.dae.system import InverseDae
 from flexgen.dae.taylor_series import SeriesFunction
 from flexgen.errors import SolverError
-from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.linearization import second_order_matrices
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.quasistatic import OutputPath, rest_along, targets
-from flexgen.mechanics.statics import Equilibrium
 from flexgen.numerics.evaluate import evaluate
 
 STEPS = 15  # of Gauss-Newton towards a consistent point
@@ -61,29 +52,11 @@ class Scales:
     rows: np.ndarray
 
 
-class InverseDae:
-    """The system F(t, x, x') = 0 of a model; ``m`` equations for ``n`` unknowns, by name and place."""
+class TaylorArray:
+    """Taylor series of the rows of a DAE and of their Jacobians."""
 
-    def __init__(self, equations: Equations) -> None:
-        model = equations.model
-        self.equations, self.model = equations, model
-        n_a, n_me = model.n_a, len(model.i_m)
-        self.n = 2 * model.dof + model.n_m
-        self.m = 2 * model.dof + model.output.size
-        # places of y = (q_a, q_me), of its rate and of the torques in x; of their rows in F
-        arm, motor = np.arange(n_a), 2 * n_a + np.arange(n_me)
-        self.y, self.rate = np.concatenate([arm, motor]), np.concatenate([arm + n_a, motor + n_me])
-        self.torque = 2 * model.dof + np.arange(model.n_m)
-        self.kinematic, self.dynamic, self.output = self.y, self.rate, np.arange(2 * model.dof, self.m)
-        names = [c.name for c in model.coordinates]
-        motors = [model.motors[j].name for j in model.i_m]
-        self.unknowns = (
-            *names,
-            *(f"{name}'" for name in names),
-            *motors,
-            *(f"{name}'" for name in motors),
-            *(f"torque {motor.name}" for motor in model.motors),
-        )
+    def __init__(self, dae: InverseDae) -> None:
+        self.dae, self.equations, self.model = dae, dae.equations, dae.model
 
     @cached_property
     def _jacobians(self) -> SeriesFunction:
@@ -98,48 +71,37 @@ class InverseDae:
         q = self.equations.lagrangian.chain.q_a
         return SeriesFunction(ca.Function("W", [q], [output_map(self.equations).rate]))
 
-    @cached_property
-    def _place(self) -> ca.Function:
-        out = output_map(self.equations)
-        return ca.Function("place", [self.equations.lagrangian.chain.q_a, out.target], [out.error])
-
-    def at_rest(self, rest: Equilibrium) -> np.ndarray:
-        """The unknowns (n,) of a machine at rest."""
-        x = np.zeros(self.n)
-        x[self.y] = np.concatenate([rest.q_a, rest.q_m[list(self.model.i_m)]])
-        x[self.torque] = rest.tau_m
-        return x
-
     def _arguments(self, x: np.ndarray) -> list[np.ndarray]:
-        """Series (q_a, v_a, a_a, q_m, v_m, a_m, tau_m) from those of x (k, K + 2, n), one order less."""
+        """Series (q_a, v_a, a_a, q_m, v_m, a_m, tau_m) from those of x (k, K + 2, n_x), one order less."""
         model, order = self.model, x.shape[1] - 1
         rise = x[:, 1:] * np.arange(1, order + 1)[:, None]
         parts = []
-        for series in (x[:, :-1, self.y], x[:, :-1, self.rate], rise[..., self.rate]):
+        for series in (x[:, :-1, self.dae.y], x[:, :-1, self.dae.rate], rise[..., self.dae.rate]):
             motors = np.zeros((*series.shape[:2], model.n_m))
             motors[..., list(model.i_m)] = series[..., model.n_a :]
             parts.append((series[..., : model.n_a], motors))
         (q, q_m), (v, v_m), (a, a_m) = parts
-        return [q, v, a, q_m, v_m, a_m, x[:, :-1, self.torque]]
+        return [q, v, a, q_m, v_m, a_m, x[:, :-1, self.dae.torque]]
 
     def jacobians(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Series of F_x and F_x' (k, K + 1, m, n) along ``x`` (k, K + 2, n).
+        """Series of F_x and F_x' (k, K + 1, m, n_x) along ``x`` (k, K + 2, n_x).
 
         The output's rows are those of its rates, which agree with the derivatives of its error on the path.
         """
-        M, D, K, B, W = self._variation(x)
-        shape = (*M.shape[:2], self.m, self.n)
+        M, D, K, B, W = self._linearization(x)
+        dae = self.dae
+        shape = (*M.shape[:2], dae.m, dae.n_x)
         F_x, F_dx = np.zeros(shape), np.zeros(shape)
-        dynamic = self.dynamic[:, None]
-        F_dx[:, 0, self.kinematic, self.y] = 1.0
-        F_x[:, 0, self.kinematic, self.rate] = -1.0
-        F_dx[:, :, dynamic, self.rate] = M
-        F_x[:, :, dynamic, self.y], F_x[:, :, dynamic, self.rate], F_x[:, :, dynamic, self.torque] = K, D, -B
-        F_x[:, :, self.output[:, None], np.arange(self.model.n_a)] = W
+        dynamic = dae.dynamic[:, None]
+        F_dx[:, 0, dae.kinematic, dae.y] = 1.0
+        F_x[:, 0, dae.kinematic, dae.rate] = -1.0
+        F_dx[:, :, dynamic, dae.rate] = M
+        F_x[:, :, dynamic, dae.y], F_x[:, :, dynamic, dae.rate], F_x[:, :, dynamic, dae.torque] = K, D, -B
+        F_x[:, :, dae.output[:, None], np.arange(self.model.n_a)] = W
         return F_x, F_dx
 
-    def _variation(self, x: np.ndarray) -> list[np.ndarray]:
-        """Series of M, D, K, B of the equations of motion and of the output rates W along ``x`` (k, K + 2, n)."""
+    def _linearization(self, x: np.ndarray) -> list[np.ndarray]:
+        """Series of M, D, K, B of the equations of motion and of the output rates W along ``x`` (k, K + 2, n_x)."""
         arguments = self._arguments(x)
         if x[:, 1:].any():
             found = [*self._jacobians(*arguments), *self._rate(arguments[0])]
@@ -153,45 +115,45 @@ class InverseDae:
         return [*second_order_matrices(M, R), W.reshape(*W.shape[:2], self.model.output.size, self.model.n_a)]
 
     def residual(self, x: np.ndarray, reference: OutputPath, times: np.ndarray, speed: float = 1.0) -> np.ndarray:
-        """Series of F (k, K + 1, m) along ``x`` (k, K + 2, n), whose zeroth coefficients hold at ``times`` (k,) [s].
+        """Series of F (k, K + 1, m) along ``x`` (k, K + 2, n_x), whose zeroth coefficients hold at ``times`` (k,) [s].
 
         Derivatives of the reference that it does not know are zero. ``speed``: at which the path is passed.
         """
         q, v, a, q_m, v_m, a_m, tau = self._arguments(x)
         r_a, r_m = self._residual(q, v, a, q_m, v_m, a_m, tau)
-        k, order = q.shape[:2]
+        dae, (k, order) = self.dae, q.shape[:2]
         i_m = list(self.model.i_m)
-        F = np.zeros((k, order, self.m))
+        F = np.zeros((k, order, dae.m))
         rise = x[:, 1:] * np.arange(1, order + 1)[:, None]
-        F[..., self.kinematic] = rise[..., self.y] - x[:, :-1, self.rate]
-        F[..., self.dynamic] = np.concatenate([r_a.reshape(k, order, -1), r_m.reshape(k, order, -1)[..., i_m]], axis=2)
+        F[..., dae.kinematic] = rise[..., dae.y] - x[:, :-1, dae.rate]
+        F[..., dae.dynamic] = np.concatenate([r_a.reshape(k, order, -1), r_m.reshape(k, order, -1)[..., i_m]], axis=2)
         W = self._rate(q)[0].reshape(k, order, -1, self.model.n_a)
         sample = reference.sample(times)
         for point, target in enumerate(targets(sample)):
-            F[point, 0, self.output] = np.array(self._place(q[point, 0], target))[:, 0]
+            F[point, 0, dae.output] = np.array(dae.output_error(q[point, 0], target))[:, 0]
         factorial = 1.0
         for i in range(1, order):
             factorial *= i
             moved = sum(W[:, j] @ (rise[:, i - 1 - j, : self.model.n_a, None]) for j in range(i))
             asked = speed**i * sample.rates(i) if i < sample.y.shape[2] else 0.0
-            F[:, i][:, self.output] = moved[..., 0] / i - asked / factorial
+            F[:, i][:, dae.output] = moved[..., 0] / i - asked / factorial
         return F
 
     def scales(self, x: np.ndarray) -> Scales:
-        """Units from the inertias, springs and output rates at the point ``x`` (n,)."""
-        still = np.zeros((1, 2, self.n))
+        """Units from the inertias, springs and output rates at the point ``x`` (n_x,)."""
+        still = np.zeros((1, 2, self.dae.n_x))
         still[0, 0] = x
         F_x, F_dx = (J[0, 0] for J in self.jacobians(still))
-        dynamic = self.dynamic[:, None]
-        unit = 1 / np.sqrt(np.diag(F_dx[dynamic, self.rate]))
+        dynamic = self.dae.dynamic[:, None]
+        unit = 1 / np.sqrt(np.diag(F_dx[dynamic, self.dae.rate]))
         # Gershgorin's circles would do as well: the unit of time only has to be of the springs' order
-        stiff = np.abs(np.linalg.eigvals(F_x[dynamic, self.y] * unit * unit[:, None]))
+        stiff = np.abs(np.linalg.eigvals(F_x[dynamic, self.dae.y] * unit * unit[:, None]))
         stiff = stiff[stiff > 1e-9 * max(stiff.max(initial=0.0), 1e-300)]
         time = float(np.exp(-np.log(stiff).mean() / 2)) if len(stiff) else 1.0
-        columns = np.ones(self.n)
-        columns[self.y], columns[self.rate] = unit, unit / time
-        effect = np.abs(F_x[dynamic, self.torque] * unit[:, None]).max(axis=0) * time**2
-        columns[self.torque] = 1 / np.where(effect > 0, effect, 1.0)
+        columns = np.ones(self.dae.n_x)
+        columns[self.dae.y], columns[self.dae.rate] = unit, unit / time
+        effect = np.abs(F_x[dynamic, self.dae.torque] * unit[:, None]).max(axis=0) * time**2
+        columns[self.dae.torque] = 1 / np.where(effect > 0, effect, 1.0)
         return balanced(F_x, F_dx, time, columns)
 
 
@@ -228,7 +190,7 @@ def derivative_array(F_x: np.ndarray, F_dx: np.ndarray, mu: int, scales: Scales)
 
 
 def consistent(
-    dae: InverseDae, reference: OutputPath, times: np.ndarray, order: int
+    series: TaylorArray, reference: OutputPath, times: np.ndarray, order: int
 ) -> tuple[np.ndarray, list[Scales]]:
     """Points of the derivative array of an order that satisfy it, near the quasi-static motion.
 
@@ -237,7 +199,7 @@ def consistent(
 
     Parameters
     ----------
-    dae : InverseDae
+    series : TaylorArray
     reference : OutputPath
     times : array (k,) [s]
         Rising instants on the path.
@@ -246,7 +208,7 @@ def consistent(
 
     Returns
     -------
-    x : array (k, order + 2, n)
+    x : array (k, order + 2, n_x)
         Taylor coefficients of the unknowns.
     scales : list of k Scales
 
@@ -255,8 +217,8 @@ def consistent(
     SolverError
         There is no pose of rest on the way, or the steps do not converge.
     """
-    guess = _quasistatic_motion(dae, reference, times, order)
-    scales = [dae.scales(point) for point in guess[:, 0]]
+    guess = _quasistatic_motion(series.dae, reference, times, order)
+    scales = [series.scales(point) for point in guess[:, 0]]
     powers = np.arange(order + 2)[:, None]
     out = np.zeros_like(guess)
     for k in range(len(times)):
@@ -264,7 +226,7 @@ def consistent(
         while speed < 1.0:
             faster = min(1.0, speed + step)
             start = out[k] * (faster / speed) ** powers if speed else guess[k] * faster**powers
-            found = _gauss_newton(dae, reference, times[k], faster, start, scales[k])
+            found = _gauss_newton(series, reference, times[k], faster, start, scales[k])
             if found is not None:
                 out[k], speed = found, faster
                 continue
@@ -282,8 +244,8 @@ def _quasistatic_motion(dae: InverseDae, reference: OutputPath, times: np.ndarra
     h = NEARBY * reference.duration
     around = np.repeat(times, 3) + np.tile([-h, 0.0, h], len(times))
     rests = rest_along(dae.equations, reference, around)
-    before, now, after = np.array([dae.at_rest(rest) for rest in rests]).reshape(-1, 3, dae.n).transpose(1, 0, 2)
-    out = np.zeros((len(times), order + 2, dae.n))
+    before, now, after = np.array([dae.pack(rest) for rest in rests]).reshape(-1, 3, dae.n_x).transpose(1, 0, 2)
+    out = np.zeros((len(times), order + 2, dae.n_x))
     out[:, 0] = now
     speed, half = ((after - before) / (2 * h))[:, dae.y], ((after - 2 * now + before) / (2 * h**2))[:, dae.y]
     out[:, 1][:, dae.y], out[:, 0][:, dae.rate] = speed, speed
@@ -294,7 +256,7 @@ def _quasistatic_motion(dae: InverseDae, reference: OutputPath, times: np.ndarra
 
 
 def _gauss_newton(
-    dae: InverseDae, reference: OutputPath, t: float, speed: float, start: np.ndarray, scales: Scales
+    series: TaylorArray, reference: OutputPath, t: float, speed: float, start: np.ndarray, scales: Scales
 ) -> np.ndarray | None:
     """A consistent point (order + 2, n) at one instant of the path at a part of its speed; None without convergence."""
     order = len(start) - 2
@@ -302,15 +264,15 @@ def _gauss_newton(
     weight = scales.rows * scales.time ** np.arange(order + 1)[:, None]
 
     def defect(x: np.ndarray) -> tuple[np.ndarray, float]:
-        F = dae.residual(x[None], reference, np.array([t]), speed)[0] * weight
+        F = series.residual(x[None], reference, np.array([t]), speed)[0] * weight
         return F.ravel(), float(np.abs(F).max() / (1 + np.abs(x / unit).max()))
 
     x = start
     F, error = defect(x)
     for _ in range(STEPS):
-        F_x, F_dx = dae.jacobians(x[None])
+        F_x, F_dx = series.jacobians(x[None])
         array = derivative_array(F_x[0], F_dx[0], order, scales)
-        step = unit * _shortest(array, -F).reshape(order + 2, dae.n)
+        step = unit * _shortest(array, -F).reshape(order + 2, series.dae.n_x)
         length = 1.0
         while True:
             trial = x + length * step

@@ -10,7 +10,7 @@ from numpy.polynomial import Chebyshev
 
 import flexgen
 from flexgen.dae.dummy_derivatives import Choice, DummyDerivatives
-from flexgen.dae.system import DaeFunctions
+from flexgen.dae.system import InverseDae
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.methods import dummy_derivatives
 from flexgen.inversion.methods.dummy_derivatives import POOR, integrate, offsets, solve
@@ -155,14 +155,14 @@ def test_six_axes(move: str) -> None:
 
 def test_a_wrong_derivative_of_the_path_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: the third derivative of the target is one percent off."""
-    right = DaeFunctions.targets
+    right = InverseDae.targets
 
-    def wrong(self: DaeFunctions, sample: object, orders: int) -> np.ndarray:
+    def wrong(self: InverseDae, sample: object, orders: int) -> np.ndarray:
         out = right(self, sample, orders)  # type: ignore[arg-type]
         out[..., 3:] *= 1.01
         return out
 
-    monkeypatch.setattr(DaeFunctions, "targets", wrong)
+    monkeypatch.setattr(InverseDae, "targets", wrong)
     here = problem("planar5_mp")
     t = np.linspace(0.0, here.path.duration, 251)
     found = dummies_of(here)

@@ -7,7 +7,7 @@ import pytest
 from causal_cases import observed_order, problem, reference, relative
 
 import flexgen
-from flexgen.dae.system import DaeFunctions
+from flexgen.dae.system import InverseDae
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.methods.bdf import COEFFICIENTS, extrapolated, march, solve, stable_order
 from flexgen.inversion.problem import InversionProblem
@@ -97,7 +97,7 @@ def test_six_axes(move: str) -> None:
 
 def test_a_tool_that_passes_a_singular_pose_is_told() -> None:
     here = problem("manutec_r3", None, "joints")
-    dae = DaeFunctions(here.problem.equations)  # the tool instead of the joints
+    dae = InverseDae(here.problem.equations)  # the tool instead of the joints
     t = np.linspace(0.0, here.path.duration, 101)
     with pytest.raises(SolverError, match="singular pose"):
         march(dae, here.path, t, here.x_rest, 1)

@@ -12,6 +12,7 @@ from causal_cases import observed_order, problem, reference, relative
 from numpy.polynomial import Chebyshev, Polynomial
 
 import flexgen
+from flexgen.dae.derivative_array import DerivativeArray
 from flexgen.dae.strangeness_free import StrangenessFree
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.methods.kunkel_mehrmann import Regular, integrate, regularised, solve
@@ -80,8 +81,9 @@ def test_the_array_holds_the_derivatives_of_the_equations(name: str) -> None:
     )
     X = np.stack([at(motions, 0.0, k) for k in range(mu + 2)], axis=1)
     U = np.stack([at(targets, 0.0, k) for k in range(mu + 1)], axis=1)
-    F, N, M = (z.full() for z in dae.array(mu)(X, U))
-    assert np.array_equal(dae.array_rows(mu)(X, U).full(), F)
+    array = DerivativeArray(dae, mu)
+    F, N, M = (z.full() for z in array.function(X, U))
+    assert np.array_equal(array.rows(X, U).full(), F)
     for i in range(dae.n_x):
         fitted = Chebyshev.fit(nodes, values[:, i], 14, domain=[-WINDOW, WINDOW])
         for k in range(mu + 1):
@@ -90,7 +92,7 @@ def test_the_array_holds_the_derivatives_of_the_equations(name: str) -> None:
             assert abs(F[k * dae.n_x + i, 0] - expected) < ALIKE * size, (i, k)
     if name == "planar5_mp":
         x, u = ca.SX.sym("X", *X.shape), ca.SX.sym("U", *U.shape)
-        slopes = ca.Function("slopes", [x, u], [ca.jacobian(dae.array(mu)(x, u)[0], ca.vec(x))])(X, U).full()
+        slopes = ca.Function("slopes", [x, u], [ca.jacobian(array.function(x, u)[0], ca.vec(x))])(X, U).full()
         assert np.allclose(np.hstack([N, M]), slopes, rtol=1e-12, atol=1e-9 * np.abs(slopes).max())
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 import flexgen
-from flexgen.dae.system import DaeFunctions
+from flexgen.dae.system import InverseDae
 from flexgen.inversion.methods.initial_value import dae_of
 from flexgen.inversion.problem import InversionProblem
 from flexgen.model.reader import read
@@ -21,7 +21,7 @@ class Problem:
     """A question, its DAE and its state of rest."""
 
     problem: InversionProblem
-    dae: DaeFunctions
+    dae: InverseDae
     x_rest: np.ndarray
 
     @property

@@ -23,7 +23,8 @@ from flexgen.dae.strangeness_index import (
     kunkel_mehrmann_at_rest,
     rule,
 )
-from flexgen.dae.taylor_array import InverseDae, Scales, consistent, derivative_array
+from flexgen.dae.system import InverseDae
+from flexgen.dae.taylor_array import Scales, TaylorArray, consistent, derivative_array
 from flexgen.dae.taylor_series import RULES, SeriesFunction
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
@@ -223,7 +224,8 @@ def test_a_chain_of_integrators(n: int) -> None:
 def test_gear_damping_that_is_ignored_is_seen() -> None:
     equations = flexgen.derive("planar5_nmp")
     dae = InverseDae(equations)
-    whole = dae.jacobians
+    series = TaylorArray(dae)
+    whole = series.jacobians
 
     def undamped(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         F_x, F_dx = whole(x)
@@ -232,23 +234,21 @@ def test_gear_damping_that_is_ignored_is_seen() -> None:
         F_x[:, :, dae.dynamic[:2, None], dae.rate[:2]] = 0.0
         return F_x, F_dx
 
-    x = np.zeros((1, 10, dae.n))
-    x[0, 0] = dae.at_rest(flexgen.analyze(equations).rest)
+    x = np.zeros((1, 10, dae.n_x))
+    x[0, 0] = dae.pack(flexgen.analyze(equations).rest)
     F_x, F_dx = undamped(x)
-    assert numbers(characterise(F_x[0], F_dx[0], dae.scales(x[0, 0])))[1:4] == (4, 10, 2)
+    assert numbers(characterise(F_x[0], F_dx[0], series.scales(x[0, 0])))[1:4] == (4, 10, 2)
 
 
 def nested_array(dae: InverseDae, path: Path, t: float, jets: np.ndarray, mu: int) -> tuple[np.ndarray, np.ndarray]:
     """F_mu and its Jacobian by CasADi's own nested differentiation, in derivatives of x (not Taylor coefficients)."""
     equations, model = dae.equations, dae.model
-    levels = [ca.SX.sym(f"x{k}", dae.n) for k in range(mu + 2)]
+    levels = [ca.SX.sym(f"x{k}", dae.n_x) for k in range(mu + 2)]
     x, dx = levels[:2]
-    n_a, n_me = model.n_a, len(model.i_m)
-    q, v, q_m, v_m = x[:n_a], x[n_a : 2 * n_a], x[2 * n_a : 2 * n_a + n_me], x[2 * n_a + n_me : 2 * model.dof]
-    r_a, r_m = equations.function("residual")(
-        q, v, dx[n_a : 2 * n_a], q_m, v_m, dx[2 * n_a + n_me : 2 * model.dof], x[2 * model.dof :]
-    )
-    rows = [dx[:n_a] - v, r_a, dx[2 * n_a : 2 * n_a + n_me] - v_m, r_m, equations.function("output")(q)]
+    n_a, n = model.n_a, model.dof
+    q, q_m, v, v_m = x[:n_a], x[n_a:n], x[n : n + n_a], x[n + n_a : 2 * n]
+    r_a, r_m = equations.function("residual")(q, v, dx[n : n + n_a], q_m, v_m, dx[n + n_a : 2 * n], x[2 * n :])
+    rows = [dx[:n] - x[n : 2 * n], r_a, r_m, equations.function("output")(q)]
     F = [ca.vertcat(*rows)]
     for _ in range(mu):
         F.append(ca.jtimes(F[-1], ca.vertcat(*levels[:-1]), ca.vertcat(*levels[1:])))
@@ -266,14 +266,15 @@ def nested_array(dae: InverseDae, path: Path, t: float, jets: np.ndarray, mu: in
 def test_the_array_against_nested_differentiation(name: str) -> None:
     equations = flexgen.derive(name)
     dae, path, mu = InverseDae(equations), Path(equations, equations.model.move()), 3
+    series = TaylorArray(dae)
     t = 0.37 * path.duration
-    x, scales = consistent(dae, path, np.array([t]), mu)
+    x, scales = consistent(series, path, np.array([t]), mu)
     found, slope = nested_array(dae, path, t, x[0], mu)
     units = np.concatenate([scales[0].rows * scales[0].time ** k / math.factorial(k) for k in range(mu + 1)])
     assert np.abs(found.ravel() * units).max() < 1e-9  # a consistent point by this route, too
-    ones = Scales(1.0, np.ones(dae.n), np.ones(dae.m))
-    F_x, F_dx = (series[0] for series in dae.jacobians(x))
-    taylor = np.concatenate([np.full(dae.n, math.factorial(k)) for k in range(mu + 2)])
+    ones = Scales(1.0, np.ones(dae.n_x), np.ones(dae.m))
+    F_x, F_dx = (J[0] for J in series.jacobians(x))
+    taylor = np.concatenate([np.full(dae.n_x, math.factorial(k)) for k in range(mu + 2)])
     rows = np.concatenate([np.full(dae.m, math.factorial(k)) for k in range(mu + 1)])
 
     def difference(F_x: np.ndarray) -> float:
@@ -294,9 +295,9 @@ def test_the_array_against_nested_differentiation(name: str) -> None:
 def test_a_consistent_point_follows_the_path(name: str) -> None:
     """The Taylor polynomial of the coordinates, put into the forward kinematics, against the path itself."""
     equations = flexgen.derive(name)
-    dae, path, order = InverseDae(equations), Path(equations, equations.model.move()), 4
+    series, path, order = TaylorArray(InverseDae(equations)), Path(equations, equations.model.move()), 4
     t = 0.37 * path.duration
-    x, _ = consistent(dae, path, np.array([t]), order)
+    x, _ = consistent(series, path, np.array([t]), order)
     n_a = equations.model.n_a
 
     def error(ahead: float) -> float:

@@ -23,7 +23,8 @@ from flexgen.dae.structure import (
     system_jacobian,
     to_dict,
 )
-from flexgen.dae.taylor_array import InverseDae, consistent
+from flexgen.dae.system import InverseDae
+from flexgen.dae.taylor_array import TaylorArray, consistent
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.reader import model_names, read
@@ -82,10 +83,10 @@ def test_structure_agrees_with_the_numbers_or_says_that_it_lies(name: str) -> No
 
 def test_the_verdict_along_a_path() -> None:
     equations = flexgen.derive("planar5_soft")
-    dae, path = InverseDae(equations), Path(equations, equations.model.move())
-    x, _ = consistent(dae, path, np.array([0.2, 0.5, 0.8]) * path.duration, 1)
+    series, path = TaylorArray(InverseDae(equations)), Path(equations, equations.model.move())
+    x, _ = consistent(series, path, np.array([0.2, 0.5, 0.8]) * path.duration, 1)
     for point in x:
-        assert check_structure(dae, structure(equations), point[:2]).holds
+        assert check_structure(series, structure(equations), point[:2]).holds
 
 
 @pytest.mark.parametrize(("distance", "holds"), [(0.0, False), (1e-3, True), (-1e-3, True)])
@@ -181,9 +182,10 @@ def test_the_system_jacobian_is_the_derivative_of_differentiated_equations() -> 
     found = structure(equations)
     analysis = flexgen.analyze(equations)
     dae = InverseDae(equations)
-    J = system_jacobian(dae, found, np.stack([dae.at_rest(analysis.rest), np.zeros(dae.n)]))
+    series = TaylorArray(dae)
+    J = system_jacobian(series, found, np.stack([dae.pack(analysis.rest), np.zeros(dae.n_x)]))
     by_hand = np.vstack([analysis.linear.M[2, :3], analysis.linear.W[:, :3]])
-    scales = dae.scales(dae.at_rest(analysis.rest))
+    scales = series.scales(dae.pack(analysis.rest))
     rows = np.concatenate([scales.rows[dae.dynamic[2:3]] / scales.time**2, scales.rows[dae.output]])
     block = by_hand * rows[:, None] * scales.x[:3]
     assert np.allclose(J[[2, 5, 6]][:, :3], block, rtol=1e-13, atol=1e-15)

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexgen.dae.system import DaeFunctions
+from flexgen.dae.system import InverseDae
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.methods.initial_value import check_causal, dae_of, instants, result_of_states, zeros_along
@@ -51,7 +51,7 @@ class Marched:
 
 
 def march(
-    dae: DaeFunctions,
+    dae: InverseDae,
     path: Path,
     t: np.ndarray,
     x_rest: np.ndarray,
@@ -62,7 +62,7 @@ def march(
 
     Parameters
     ----------
-    dae : DaeFunctions
+    dae : InverseDae
     path : Path
     t : array (n,) [s]
         Equidistant instants; the machine rests at and before the first one.
@@ -117,7 +117,7 @@ def march(
     return Marched(t, x, dx, iterations)
 
 
-def extrapolated(dae: DaeFunctions, path: Path, t: np.ndarray, x_rest: np.ndarray, order: int = 1) -> Marched:
+def extrapolated(dae: InverseDae, path: Path, t: np.ndarray, x_rest: np.ndarray, order: int = 1) -> Marched:
     """`march` with steps h and h/2, and Richardson's extrapolation at the instants t: one order more."""
     coarse = march(dae, path, t, x_rest, order)
     fine = march(dae, path, np.linspace(t[0], t[-1], 2 * len(t) - 1), x_rest, order)

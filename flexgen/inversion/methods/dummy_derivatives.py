@@ -20,7 +20,7 @@ import numpy as np
 
 from flexgen.dae.dummy_derivatives import Choice, DummyDerivatives
 from flexgen.dae.signature import structural_index
-from flexgen.dae.system import DaeFunctions
+from flexgen.dae.system import InverseDae
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.methods.initial_value import check_causal, dae_of, instants, result_of_states
@@ -53,7 +53,7 @@ class Reduced:
 class _PathSignals(ca.Callback):
     """The target and its derivatives at an instant, for IDAS: (t) -> U (n_u, orders + 1)."""
 
-    def __init__(self, dae: DaeFunctions, path: Path, orders: int) -> None:
+    def __init__(self, dae: InverseDae, path: Path, orders: int) -> None:
         ca.Callback.__init__(self)
         self._read, self._last = lambda t: dae.targets(path.sample(np.array([t])), orders)[0], (np.nan, ca.DM())
         self._shape = (dae.n_u, orders + 1)
@@ -84,7 +84,7 @@ class _PathSignals(ca.Callback):
         return [self._last[1]]
 
 
-def offsets(dae: DaeFunctions) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def offsets(dae: InverseDae) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Offsets (c, d) of the signature method; ArgumentError for a structurally singular model."""
     report = structural_index(dae.equations)
     if report.index is None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.dae.system import DaeFunctions
+from flexgen.dae.system import InverseDae
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.motor_side import MotorMotion, gear_torques
@@ -54,10 +54,10 @@ def zeros_along(problem: InversionProblem) -> np.ndarray:
     return np.concatenate(found) if found else np.zeros(0)
 
 
-def dae_of(problem: InversionProblem) -> DaeFunctions:
+def dae_of(problem: InversionProblem) -> InverseDae:
     """The DAE that answers a question; where all coordinates are actuated, a move of the joints prescribes these."""
     joints = problem.equations.model.n_e == 0 and problem.path.sample(np.zeros(1)).q_g is not None
-    return DaeFunctions(problem.equations, joints)
+    return InverseDae(problem.equations, joints)
 
 
 def instants(problem: InversionProblem, step: float) -> np.ndarray:
@@ -80,7 +80,7 @@ def instants(problem: InversionProblem, step: float) -> np.ndarray:
 
 def result_of_states(
     problem: InversionProblem,
-    dae: DaeFunctions,
+    dae: InverseDae,
     t: np.ndarray,
     x: np.ndarray,
     dx: np.ndarray,

@@ -24,7 +24,7 @@ from scipy.linalg import lu_factor, lu_solve
 
 from flexgen.dae.signature import structural_index
 from flexgen.dae.strangeness_free import Split, StrangenessFree
-from flexgen.dae.system import DaeFunctions
+from flexgen.dae.system import InverseDae
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.methods.initial_value import check_causal, dae_of, instants, result_of_states
@@ -156,7 +156,7 @@ def _newton(
     raise SolverError(f"Newton's iteration did not converge, last correction {size:.1e} of the unknowns' sizes")
 
 
-def regularised(dae: DaeFunctions, x_rest: np.ndarray, highest: int = HIGHEST) -> StrangenessFree:
+def regularised(dae: InverseDae, x_rest: np.ndarray, highest: int = HIGHEST) -> StrangenessFree:
     """The regularised DAE with the smallest array that satisfies the hypothesis, from the structural index upwards.
 
     ArgumentError where the structure is singular, SolverError where no order up to ``highest`` does.
