@@ -15,6 +15,7 @@ from random_robots import Case, cases
 
 import flexgen
 from flexgen.dae import strangeness_index as module
+from flexgen.dae.derivative_array import DerivativeArray
 from flexgen.dae.strangeness_index import (
     KunkelMehrmann,
     characterise,
@@ -289,6 +290,29 @@ def test_the_array_against_nested_differentiation(name: str) -> None:
     late = F_x.copy()
     late[1:] = 0.0  # planted bug: derivatives of the Jacobian left out
     assert difference(late) > ARRAY or name == "four_mass"  # which is linear there
+
+
+@pytest.mark.parametrize("name", ["planar5_nmp", "elbow"])
+def test_both_evaluators_have_the_same_array(name: str) -> None:
+    """The Jacobian by Taylor series against the CasADi functions, in derivatives of x at a consistent point."""
+    equations = flexgen.derive(name)
+    dae, path, mu = InverseDae(equations), Path(equations, equations.model.move()), 3
+    series, t = TaylorArray(dae), np.array([0.37 * path.duration])
+    x, scales = consistent(series, path, t, mu)
+    factorials = np.array([math.factorial(k) for k in range(mu + 2)])
+    X, U = (x[0] * factorials[:, None]).T, dae.targets(path.sample(t), mu)[0]
+    F, N, M = (z.full() for z in DerivativeArray(dae, mu).function(X, U))
+    units = np.concatenate([scales[0].rows * scales[0].time ** k / math.factorial(k) for k in range(mu + 1)])
+    assert np.abs(F.ravel() * units).max() < 1e-9
+    F_x, F_dx = (J[0] for J in series.jacobians(x))
+    ones = Scales(1.0, np.ones(dae.n_x), np.ones(dae.m))
+    array = derivative_array(F_x, F_dx, mu, ones)
+    array *= np.repeat(factorials[: mu + 1], dae.m)[:, None] / np.repeat(factorials, dae.n_x)
+    expected = np.hstack([N, M])
+    size = np.abs(expected).max(axis=1, keepdims=True)
+    assert np.abs((array - expected) / size).max() < ARRAY
+    array[dae.dynamic[0]] *= -1  # planted bug
+    assert np.abs((array - expected) / size).max() > 0.1
 
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "kr300", "manutec_r3_18"])
