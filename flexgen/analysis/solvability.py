@@ -125,7 +125,7 @@ def solvability(equations: Equations, rest: Equilibrium, linear: LinearModel) ->
     values = np.linalg.svd(_scaled(arm)[0], compute_uv=False)
     tool = np.linalg.svd(_tool(equations, arm)[0], compute_uv=False)
     warnings = _tool_warnings(equations, arm)
-    square = model.output.size == model.n_m
+    square = model.inversion_obstacle(any_coupling=True) is None
     inertia = None
     if square and model.n_e and tool[-1] > SINGULAR * tool[0]:
         inertia = float(np.linalg.svd(arm.relative_inertia()[0], compute_uv=False)[-1])
@@ -155,12 +155,11 @@ def solvability_path(equations: Equations, path: OutputPath, n: int = 41) -> Sol
         The path leaves the workspace, or passes a singular pose.
     """
     model = equations.model
-    if model.output.size != model.n_m or model.motor_coupling != "simplified" or n < 1:
-        raise ArgumentError(
-            f"solvability along a path: given n = {n}, model {model.name} with {model.output.size} outputs, "
-            f"{model.n_m} motors and motor_coupling {model.motor_coupling!r}; expected n >= 1, as many outputs as "
-            "motors, and 'simplified'"
-        )
+    reason = model.inversion_obstacle()
+    if reason is not None:
+        raise ArgumentError(f"solvability along a path: {reason}")
+    if n < 1:
+        raise ArgumentError(f"solvability along a path: given n = {n}, expected 1 pose or more")
     t = np.linspace(0.0, path.duration, n)
     arm = arm_variation(equations, poses_along(equations, path, t))
     values = np.linalg.svd(_scaled(arm), compute_uv=False)

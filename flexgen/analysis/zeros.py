@@ -138,15 +138,14 @@ def pencil_zeros(A: np.ndarray, D: np.ndarray, K: np.ndarray) -> np.ndarray | No
 
 def is_structured(equations: Equations) -> bool:
     """Whether the reduction applies: simplified coupling and as many outputs as motors."""
-    model = equations.model
-    return model.motor_coupling == "simplified" and model.output.size == model.n_m
+    return equations.model.inversion_obstacle() is None
 
 
 def zero_report(equations: Equations, linear: LinearModel, rest: Equilibrium) -> ZeroReport:
     """Zeros of the declared output at a pose of rest, and the verdict."""
     model = equations.model
     zeros: np.ndarray | None = None
-    if model.output.size == model.n_m:
+    if model.inversion_obstacle(any_coupling=True) is None:
         if is_structured(equations):
             blocks = np.linalg.svd(linear.W[:, list(model.i_g)], compute_uv=False)
             if blocks[-1] > RANK * max(blocks[0], 1e-300):

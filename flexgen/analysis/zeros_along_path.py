@@ -125,11 +125,9 @@ def zero_path(equations: Equations, path: OutputPath, n: int = POSES, moving: bo
         The path leaves the workspace, or passes a singular pose.
     """
     model = equations.model
-    if model.output.size != model.n_m:
-        raise ArgumentError(
-            f"zeros along a path: model {model.name} has {model.output.size} outputs and {model.n_m} motors, "
-            "expected as many outputs as motors"
-        )
+    reason = model.inversion_obstacle(any_coupling=True)
+    if reason is not None:
+        raise ArgumentError(f"zeros along a path: {reason}")
     if n < 2:
         raise ArgumentError(f"zeros along a path: given n = {n}, expected 2 poses or more")
     t = np.linspace(0.0, path.duration, n)
@@ -141,9 +139,7 @@ def zero_path(equations: Equations, path: OutputPath, n: int = POSES, moving: bo
             q, pencil = poses_along(equations, path, t), None
         roots, sigma, sign = zeros_at(equations, arm_variation(equations, q), t, pencil)
     elif moving:
-        raise ArgumentError(
-            f"zeros along a path: given moving with motor_coupling {model.motor_coupling!r}, expected 'simplified'"
-        )
+        raise ArgumentError(f"zeros along a path of a moving robot: {model.inversion_obstacle()}")
     else:
         rests = rest_along(equations, path, t)
         q = np.array([rest.q_a for rest in rests])

@@ -369,6 +369,6 @@ def offered_c_functions(
 ) -> tuple[CFunction, ...]:
     """The hand-written functions of a library with these functions and run-time parameters, in this precision."""
     needed = set(offered_functions(model)) & set(INVERSION)
-    if parameters or precision != "double" or not model.inverts or not needed <= set(functions):
+    if parameters or precision != "double" or model.inversion_obstacle() is not None or not needed <= set(functions):
         return ()
     return tuple(function for function in C_FUNCTIONS if model.n_e or not function.elastic)

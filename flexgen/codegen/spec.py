@@ -275,12 +275,8 @@ def chosen_functions(names: Sequence[str] | None, model: RobotModel) -> tuple[st
         if name not in FUNCTIONS:
             raise ArgumentError(f"functions: given {name!r}, expected some of {', '.join(FUNCTIONS)}")
         if name not in offered:
-            reason = f"as many outputs as motors ({model.output.size} and {model.n_m} given), simplified motor coupling"
-            if name == "inversion_jacobians":
-                reason += ", and coordinates without motor"
-            raise ArgumentError(
-                f"functions: given {name!r}, which needs {reason}; expected some of {', '.join(offered)}"
-            )
+            reason = model.inversion_obstacle() or f"model {model.name} has no coordinates without motor"
+            raise ArgumentError(f"functions: given {name!r}, but {reason}; expected some of {', '.join(offered)}")
     if not names:
         raise ArgumentError("functions: given none, expected at least one name, or None for all of them")
     return tuple(name for name in FUNCTIONS if name in names)
@@ -316,7 +312,7 @@ def library_spec(equations: Any, functions: Sequence[str] | None = None, *, prec
         if sizes[what] == 0:
             raise BuildError(f"model {model.name}: given {what} = 0, expected at least one coordinate and one motor")
     parameters: tuple[Parameter, ...] = tuple(getattr(equations, "parameters", ()))
-    if model.inverts:
+    if model.inversion_obstacle() is None:
         sizes |= {"n_y": model.output.size, "n_t": model.output.target_size}
     if parameters:
         sizes["n_p"] = len(parameters)

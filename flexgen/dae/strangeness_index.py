@@ -275,7 +275,7 @@ def rule(equations: Equations) -> tuple[int, int, int] | None:
     None for complete motor coupling, and where outputs and motors differ in number.
     """
     model = equations.model
-    if model.motor_coupling != "simplified" or model.output.size != model.n_m:
+    if model.inversion_obstacle() is not None:
         return None
     kinds = [gear for gear, _ in gears(model)]
     rigid = sum(gear.rigid for gear in kinds)

@@ -51,11 +51,9 @@ def inversion_library(
         Where there is no compiler, or it fails.
     """
     model = equations.model
-    if not model.inverts:
-        raise ArgumentError(
-            f"method {method}: model {model.name} has {model.output.size} outputs, {model.n_m} motors, motor_coupling "
-            f"{model.motor_coupling!r}, expected as many outputs as motors and 'simplified'; use --method full"
-        )
+    reason = model.inversion_obstacle()
+    if reason is not None:
+        raise ArgumentError(f"method {method}: {reason}; use --method full")
     return _loaded(_Key(model), native, progress if progress is not None else _silent)
 
 

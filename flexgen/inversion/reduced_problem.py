@@ -48,16 +48,9 @@ class Reduction:
 
     def __init__(self, equations: Equations) -> None:
         model = equations.model
-        if model.output.size != model.n_m:
-            raise ArgumentError(
-                f"model {model.name}: {model.output.size} outputs and {model.n_m} motors; "
-                "inverse dynamics needs as many outputs as motors"
-            )
-        if model.motor_coupling != "simplified":
-            raise ArgumentError(
-                f"model {model.name}: motor_coupling {model.motor_coupling!r} does not reduce, expected 'simplified'; "
-                "use --method full"
-            )
+        reason = model.inversion_obstacle()
+        if reason is not None:
+            raise ArgumentError(f"reduced problem: {reason}; use --method full")
         self.equations, self.model = equations, model
         self.n_y = model.output.size
         self.i_g, self.i_e = list(model.i_g), list(model.i_e)

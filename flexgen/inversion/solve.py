@@ -131,7 +131,7 @@ def _automatic(robot: RobotModel, limits: Limits | None) -> str:
 
     if robot.motor_coupling != "simplified" or has_kinks(robot):
         return "full"
-    inverts = robot.n_e > 0 and robot.inverts and has_compiler()
+    inverts = robot.n_e > 0 and robot.inversion_obstacle() is None and has_compiler()
     if limits is not None:
         return "lq" if inverts and robot.n_a > FULL_MOST else "full"
     if robot.n_e == 0:

@@ -17,13 +17,12 @@ from flexgen.errors import ArgumentError
 from flexgen.mechanics.outputs import output_map
 from flexgen.mechanics.system import Builder, Built, System
 
-EXPECTED = "as many outputs as motors, and simplified motor coupling"
-
 
 def _check(system: System, name: str) -> None:
     """ArgumentError where the model does not have the function."""
-    if not system.model.inverts:
-        raise ArgumentError(f"model {system.model.name}: {name} needs {EXPECTED}")
+    reason = system.model.inversion_obstacle()
+    if reason is not None:
+        raise ArgumentError(f"function {name}: {reason}")
 
 
 def output_constraint(system: System) -> Built:

@@ -204,7 +204,7 @@ def port(name: str, model: RobotModel, sizes: dict[str, int]) -> Port:
 
 def offered_functions(model: RobotModel) -> tuple[str, ...]:
     """The functions that a model's library can have: those of `INVERSION` only where the model inverts."""
-    left_out = set() if model.inverts else set(INVERSION)
+    left_out = set() if model.inversion_obstacle() is None else set(INVERSION)
     if not model.i_e:
         left_out.add("inversion_jacobians")
     return tuple(name for name in FUNCTIONS if name not in left_out)

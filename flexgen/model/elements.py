@@ -351,10 +351,25 @@ class RobotModel:
         """Degrees of freedom: n_g + n_e + the number of motors behind elastic gears."""
         return self.n_a + len(self.i_m)
 
-    @property
-    def inverts(self) -> bool:
-        """Whether the output determines the motors' motion: as many outputs as motors, in simplified coupling."""
-        return self.output.size == self.n_m and self.motor_coupling == "simplified"
+    def inversion_obstacle(self, any_coupling: bool = False) -> str | None:
+        """The reason why the inverse dynamics of the model cannot be reduced to its output, or None.
+
+        Parameters
+        ----------
+        any_coupling : bool
+            Allow complete motor coupling, too: the full equations of motion are solved.
+
+        Returns
+        -------
+        str or None
+            A sentence without full stop for an error message: what the model has and what is expected.
+        """
+        if self.output.size != self.n_m:
+            counts = f"outputs {self.output.size}, motors {self.n_m}"
+            return f"model {self.name}: given {counts}, expected as many outputs as motors"
+        if self.motor_coupling != "simplified" and not any_coupling:
+            return f"model {self.name}: given motor_coupling {self.motor_coupling!r}, expected 'simplified'"
+        return None
 
     @cached_property
     def eta(self) -> np.ndarray:

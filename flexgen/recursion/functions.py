@@ -65,7 +65,7 @@ def recursive_function(equations: Equations, name: str) -> ca.Function | None:
     """
     model = equations.model
     carried = model.motor_coupling == "complete" and name in ("forward_dynamics", "residual_jacobians")
-    carried = carried or (name in inversion_functions.BUILDERS and not model.inverts)
+    carried = carried or (name in inversion_functions.BUILDERS and model.inversion_obstacle() is not None)
     if name not in _BUILDERS or carried or any(element.beam is not None for element in model.elements):
         return None
     arm = arm_of(equations)

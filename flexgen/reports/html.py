@@ -277,7 +277,7 @@ def _pictures(
 
 def _zeros_along(equations: Equations, solution: Solution) -> ZeroPath | None:
     """Zeros of the poses along the path; None where there are none to show."""
-    if not (equations.model.n_e and equations.model.inverts):
+    if not (equations.model.n_e and equations.model.inversion_obstacle() is None):
         return None
     try:
         found = zero_path(equations, ToolPath(equations, solution.move))

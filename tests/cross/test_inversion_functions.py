@@ -35,7 +35,7 @@ def equations_of(name: str) -> Equations:
     return derive(read(Path(__file__).parents[1] / "support" / "robots" / f"{name}.toml" if name in ROBOTS else name))
 
 
-INVERTING = [*(name for name in model_names() if read(name).inverts), "ur5_elastic"]
+INVERTING = [*(name for name in model_names() if read(name).inversion_obstacle() is None), "ur5_elastic"]
 
 
 def state(model: RobotModel, seed: int = 1) -> dict[str, np.ndarray]:
@@ -210,8 +210,11 @@ def test_who_has_which_functions():
     assert offered_functions(complete(read("planar5_nmp"))) == plain
     one = read("planar5_nmp")
     fewer = dataclasses.replace(one, output=dataclasses.replace(one.output, axes="x"))
-    assert not fewer.inverts and offered_functions(fewer) == plain
-    with pytest.raises(ArgumentError, match=r"gear_law.*as many outputs as motors \(1 and 2 given\)"):
+    assert fewer.inversion_obstacle() == fewer.inversion_obstacle(any_coupling=True) is not None
+    assert complete(one).inversion_obstacle(any_coupling=True) is None and one.inversion_obstacle() is None
+    assert "given motor_coupling 'complete', expected 'simplified'" in complete(one).inversion_obstacle()
+    assert offered_functions(fewer) == plain
+    with pytest.raises(ArgumentError, match=r"gear_law.*given outputs 1, motors 2, expected as many"):
         chosen_functions(["gear_law"], fewer)
     with pytest.raises(ArgumentError, match="coordinates without motor"):
         chosen_functions(["inversion_jacobians"], read("elbow"))

@@ -32,11 +32,9 @@ def check_causal(problem: InversionProblem, method: str, differentiates: bool = 
             f"method {method}: a gear of model {model.name} has a spring with a kink, where the torque jumps and the "
             "equations cannot be differentiated; use bdf or full"
         )
-    if model.motor_coupling != "simplified":
-        raise ArgumentError(
-            f"method {method}: model {model.name} has motor_coupling {model.motor_coupling!r}, expected 'simplified'; "
-            "use full"
-        )
+    reason = model.inversion_obstacle()
+    if reason is not None:
+        raise ArgumentError(f"method {method}: {reason}; use full")
     zero = problem.unstable_zero
     if zero is None:
         return
