@@ -8,9 +8,10 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from flexgen.inversion.status import Status
+if TYPE_CHECKING:
+    from flexgen.inversion.solution import Solution
 
 
 def number(value: Any, digits: int = 4) -> str:
@@ -229,28 +230,15 @@ def _small(what: str, value: float | None, unit: str) -> Row:
     return (what, 1e3 * value, f"m{unit}") if value >= 1e-3 else (what, 1e6 * value, f"u{unit}")
 
 
-def solution_rows(data: dict[str, Any]) -> list[Row]:
-    """What, value and unit of a solution's figures."""
-    limited = data["status"] == Status.LIMITS_ACTIVE
-    strays = "limits keep the tool off the path by" if limited else "tool error in simulation, largest"
-    return [
-        ("method", data["method"], ""),
-        ("verdict of the solver", data["verdict"] or None, ""),
-        ("iterations", data["iterations"], ""),
-        ("intervals of the mesh", data.get("intervals") or None, ""),
-        ("their mean length", data.get("mesh_s"), "s"),
-        ("time to solve and verify, wall", data["wall_s"], "s"),
-        ("time to solve and verify, processor", data["cpu_s"], "s"),
-        ("motion begins before the path", data["lead_s"], "s"),
-        ("motor torque, largest", data["torque_max_Nm"], "N m"),
-        ("motor speed, largest", data["speed_max_rad_s"], "rad/s"),
-        ("residual of the equations, largest", data["residual_max_Nm"], "N m"),
-        ("the same, of the torque in its row", data["residual_relative"], "relative"),
-        _small(strays, data["tool_error_max_m"], "m"),
-        _small(strays, data["tool_error_max_rad"], "rad"),
-        ("simulation against the plan, largest", data.get("plan_error_max"), "m or rad"),
-        ("energy error of the simulation", data["energy_error"], "relative"),
-    ]
+def solution_rows(solution: Solution) -> list[Row]:
+    """Label, value and unit of the figures of a solution; lengths and angles in millionths or thousandths."""
+    rows = []
+    for label, value, unit, _ in solution.figures():
+        value = plain(value)
+        rows.append(
+            _small(label, value, unit) if unit in ("m", "rad") else (label, None if value == "" else value, unit)
+        )
+    return rows
 
 
 def simulation_rows(data: dict[str, Any]) -> list[Row]:

@@ -72,8 +72,7 @@ def run(args: Namespace, tell: Tell) -> Answer:
         ("C inverse dynamics, one call from Python", checked["call_us"], "us"),
         ("C against the equations, largest difference", checked["difference_Nm"], "N m"),
         ("move", solution.move.name, ""),
-        ("status", solution.status, ""),
-        *solution_rows(plain(answer)),
+        *solution_rows(solution),
         ("everything together", time.perf_counter() - began, "s"),
     ]
     text = figures(rows) + f"\n\nwrote {report}\nwrote {trajectory}\n"

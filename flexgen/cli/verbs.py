@@ -292,8 +292,8 @@ def solve(args: Namespace, tell: Tell) -> Answer:
         progress=tell,
     )
     data = solution.to_dict()
-    text = f"{title(equations.model)}, move {solution.move.name}: {solution.status}\n\n"
-    text += figures(solution_rows(plain(data)))
+    text = f"{title(equations.model)}, move {solution.move.name}\n\n"
+    text += figures(solution_rows(solution))
     problem = inaccuracy(solution, accuracy)
     if args.out is not None:
         with writing(args.out):
@@ -348,7 +348,7 @@ def inaccuracy(solution: Solution, accuracy: float) -> str:
             f"{solution.status}: the energy balance of the simulation has an error of {simulation.energy_error:.1e}, "
             "so it verifies nothing; check whether the model is too stiff"
         )
-    planned = solution.to_dict().get("plan_error_max")  # limits keep the plan itself off the path
+    planned = solution.plan_error_max  # with active limits the plan itself deviates from the path
     worst = max(solution.tool_error_max_m or 0.0, solution.tool_error_max_rad or 0.0) if planned is None else planned
     aim = "path" if planned is None else "plan"
     return (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import BPoly
@@ -16,6 +16,15 @@ from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.simulate import Simulation, torque_curve
 from flexgen.trajectory import Trajectory
+
+
+class Figure(NamedTuple):
+    """A figure of a solution: what it is, its value (None where there is none), its unit, and its key in JSON."""
+
+    label: str
+    value: str | float | None
+    unit: str
+    key: str
 
 
 @dataclass(frozen=True)
@@ -42,7 +51,7 @@ class Solution:
         Of the solver.
     wall_s, cpu_s : float [s]
         Time to solve and verify.
-    lead_s : float [s]
+    preactuation_s : float [s]
         How long before the path the motion begins.
     simulation : Simulation or None
         The verification; None where it was switched off.
@@ -68,7 +77,7 @@ class Solution:
     iterations: int
     wall_s: float
     cpu_s: float
-    lead_s: float
+    preactuation_s: float
     simulation: Simulation | None
     warnings: tuple[str, ...] = ()
     plan_error_max: float | None = None
@@ -91,30 +100,48 @@ class Solution:
         """Largest angle between the simulated output and the path [rad]; None where it was not measured."""
         return None if self.simulation is None else self.simulation.tool_error_max_rad
 
+    def figures(self) -> tuple[Figure, ...]:
+        """The figures of the solution, in SI units: what tables, JSON and reports show."""
+        combined = self.model.output.type == "combination"
+        what = "output" if combined else "tool"
+        measured = f"simulated {what} error, largest"
+        if self.status == Status.LIMITS_ACTIVE:
+            measured = f"deviation of the {what} from the path (limits active), largest"
+        simulation, tau, speed = self.simulation, self.trajectory["tau_m"], self.trajectory["v_m"]
+        return (
+            Figure("status", self.status.value, "", "status"),
+            Figure("method", self.method, "", "method"),
+            Figure("message of the solver", self.verdict, "", "verdict"),
+            Figure("iterations", self.iterations, "", "iterations"),
+            Figure("mesh intervals", self.intervals or None, "", "intervals"),
+            Figure("mean length of the mesh intervals", self.mesh_s, "s", "mesh_s"),
+            Figure("wall time to solve and verify", self.wall_s, "s", "wall_s"),
+            Figure("processor time to solve and verify", self.cpu_s, "s", "cpu_s"),
+            Figure("pre-actuation", self.preactuation_s, "s", "preactuation_s"),
+            Figure("motor torque, largest", float(np.abs(tau).max()), "N m", "torque_max_Nm"),
+            Figure("motor speed, largest", float(np.abs(speed).max()), "rad/s", "speed_max_rad_s"),
+            Figure("residual of the equations of motion, largest", self.residual_max_Nm, "N m", "residual_max_Nm"),
+            Figure("relative residual", self.residual_relative, "relative", "residual_relative"),
+            Figure(measured, self.tool_error_max_m, "m", "tool_error_max_m"),
+            Figure(measured, self.tool_error_max_rad, "rad", "tool_error_max_rad"),
+            Figure(
+                "simulated error from the modified path, largest", self.plan_error_max, "m or rad", "plan_error_max"
+            ),
+            Figure(
+                "energy error of the simulation",
+                None if simulation is None else simulation.energy_error,
+                "relative",
+                "energy_error",
+            ),
+        )
+
     def to_dict(self) -> dict[str, Any]:
         """The figures as JSON types, SI units."""
-        simulation = self.simulation
         return {
             "model": self.model.name,
-            "status": self.status.value,
-            "verdict": self.verdict,
-            "method": self.method,
             "move": self.move.name,
-            "wall_s": self.wall_s,
-            "cpu_s": self.cpu_s,
-            "tool_error_max_m": self.tool_error_max_m,
-            "tool_error_max_rad": self.tool_error_max_rad,
-            "plan_error_max": self.plan_error_max,
-            "torque_max_Nm": float(np.abs(self.trajectory["tau_m"]).max()),
-            "speed_max_rad_s": float(np.abs(self.trajectory["v_m"]).max()),
-            "residual_max_Nm": self.residual_max_Nm,
-            "residual_relative": self.residual_relative,
-            "energy_error": None if simulation is None else simulation.energy_error,
-            "iterations": self.iterations,
-            "intervals": self.intervals,
-            "mesh_s": self.mesh_s,
+            **{figure.key: figure.value for figure in self.figures()},
             "details": dict(self.details),
-            "lead_s": self.lead_s,
             "warnings": list(self.warnings),
             "trajectory": None,
         }

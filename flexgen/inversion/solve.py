@@ -278,7 +278,7 @@ def _solution(problem: InversionProblem, method: str, answer: MethodResult) -> S
         iterations=answer.iterations,
         wall_s=0.0,
         cpu_s=0.0,
-        lead_s=answer.preactuation,
+        preactuation_s=answer.preactuation,
         simulation=None,
         warnings=(*exceeded(equations.model, trajectory), *problem.too_rough),
         intervals=answer.intervals,

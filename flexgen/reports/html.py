@@ -18,7 +18,7 @@ from flexgen.analysis.zeros_along_path import ZeroPath, zero_path
 from flexgen.errors import SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.comparison import error_rows
-from flexgen.inversion.solution import Solution
+from flexgen.inversion.solution import Figure, Solution
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Friction, Motor, RobotModel
@@ -93,53 +93,37 @@ def _table(head: Iterable[str], rows: Iterable[Iterable[str]], numeric: Iterable
 
 
 def _summary(solution: Solution) -> str:
-    d = solution.to_dict()
-    model, simulation = solution.model, solution.simulation
-    bad = "" if solution.status == Status.SOLVED else " bad"
-    combined = model.output.type == "combination"
-    what, limited, plan = "output" if combined else "tool", _is_limited(solution), d.get("plan_error_max")
     t = solution.trajectory.time
-    rows = [
-        ("status", f'<span class="status{bad}">{html.escape(solution.status)}</span>', ""),
-        ("method", html.escape(solution.method), ""),
-        ("verdict of the solver", html.escape(solution.verdict) or "\N{EN DASH}", ""),
-        ("iterations", str(solution.iterations), ""),
-        ("intervals of the mesh", str(solution.intervals or "\N{EN DASH}"), ""),
-        ("their mean length", _number(1e3 * d["mesh_s"]) if d["mesh_s"] else "\N{EN DASH}", "ms"),
-    ]
-    if simulation is None:
+    rows = [_summary_row(figure) for figure in solution.figures() if figure.value is not None]
+    if solution.simulation is None:
         rows.append(("verification", "not done", ""))
-    else:
-        for key, unit in (("tool_error_max_m", "m"), ("tool_error_max_rad", "rad")):
-            if d[key] is not None:
-                angle = " angle" if unit == "rad" and not combined else ""
-                title = f"largest{angle} error of the {what}, simulated"
-                if limited:
-                    title = f"limits keep the {what} off the path by"
-                rows.append((title, *_measure(d[key], unit)))
-        if plan is not None:
-            unit = "m" if not combined else model.output.unit.replace("mixed", "rad or m")
-            rows.append(("simulation against the plan", *_measure(plan, unit)))
-        rows.append(("error of the energy balance", _number(simulation.energy_error, 2), "relative"))
     rows += [
-        ("largest motor torque, motor side", _number(d["torque_max_Nm"]), "N m"),
-        ("largest motor speed, motor side", _number(d["speed_max_rad_s"]), "rad/s"),
-        ("largest residual of the equations of motion", _number(solution.residual_max_Nm, 2), "N m"),
         ("duration of the path", _number(solution.move.duration), "s"),
-        ("motion begins before the path", _number(solution.lead_s), "s"),
         ("samples of the trajectory", f"{len(t)} from {_number(t[0])} to {_number(t[-1])} s", ""),
-        ("wall time", _number(solution.wall_s, 3), "s"),
     ]
-    told = (
-        f"<p>The limits do not let the {what} follow the path: how far it is off the path is part of the plan. The "
-        "simulation against the plan tells how well this torque drives the machine along what was planned.</p>\n"
+    note = (
+        "<p>The limits keep the motion off the path. The error from the modified path shows how well this torque "
+        "tracks the planned motion.</p>\n"
     )
-    return _table(("what", "value", "unit"), rows, (1,)) + (told if limited and plan is not None else "")
+    return _table(("what", "value", "unit"), rows, (1,)) + (note if solution.plan_error_max is not None else "")
+
+
+def _summary_row(figure: Figure) -> tuple[str, str, str]:
+    """A row of the summary; status as a colored label, lengths and angles with a prefix."""
+    label, value, unit, key = figure
+    if key == "status":
+        bad = "" if value == Status.SOLVED else " bad"
+        return label, f'<span class="status{bad}">{html.escape(str(value))}</span>', ""
+    if isinstance(value, float) and unit in ("m", "rad"):
+        return label, *_measure(value, unit)
+    if isinstance(value, float):
+        return label, _number(value), unit
+    return label, html.escape(str(value)) or "\N{EN DASH}", unit
 
 
 def _is_limited(solution: Solution) -> bool:
-    """Whether limits keep the machine off the path, by the plan."""
-    return solution.status == Status.LIMITS_ACTIVE or solution.to_dict().get("plan_error_max") is not None
+    """Whether limits keep the motion off the path."""
+    return solution.status == Status.LIMITS_ACTIVE or solution.plan_error_max is not None
 
 
 def _friction(f: Friction) -> str:

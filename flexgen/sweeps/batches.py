@@ -159,7 +159,7 @@ def figures(robot: RobotModel, mover: JointMoves, starts: np.ndarray, ends: np.n
             "energy": float(energy[k]),
             "iterations": 0,
             "samples": mover.n,
-            "lead": 0.0,
+            "preactuation": 0.0,
             "warnings": "\n".join(_warnings(robot, peaks, starts, ends, k)) if doubtful[k] else "",
         }
         for k in range(len(starts))

@@ -50,7 +50,7 @@ RESULTS = (
     Column("energy_error", "float", "1", "relative error of the energy balance in the simulation"),
     Column("iterations", "int", "1", "of the solver"),
     Column("samples", "int", "1", "of the trajectory"),
-    Column("lead", "float", "s", "how long before the path the motion begins"),
+    Column("preactuation", "float", "s", "how long before the path the motion begins"),
     Column("warnings", "text", "", "one below the other"),
     Column("error", "text", "", "why there is no solution"),
 )

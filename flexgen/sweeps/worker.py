@@ -84,7 +84,7 @@ def _row(solution: Solution) -> Row:
         "energy_error": None if simulation is None else simulation.energy_error,
         "iterations": solution.iterations,
         "samples": len(t),
-        "lead": solution.lead_s,
+        "preactuation": solution.preactuation_s,
         "warnings": "\n".join(solution.warnings),
     }
 

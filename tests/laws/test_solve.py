@@ -78,7 +78,7 @@ def test_the_torque_of_a_non_minimum_phase_arm_begins_before_the_path() -> None:
     t, tau = solution.trajectory.time, solution.trajectory["tau_m"]
     before = np.abs(tau[t < 0] - tau[0]).max(axis=0)
     q3 = solution.trajectory["q_a"][:, 2]
-    assert solution.lead_s > 0 and (before > 0).all()
+    assert solution.preactuation_s > 0 and (before > 0).all()
     # it grows like exp(t / tau) with the slowest unstable zero, 892 rad/s
     window = (t > -0.008) & (t < -0.002)
     growth = np.polyfit(t[window], np.log(np.abs(q3[window] - q3[0])), 1)[0]
@@ -154,7 +154,7 @@ def test_coarse_meshes_are_refused_or_seen() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"move": "nowhere"}, "move: given 'nowhere', model planar5_mp has: line, joints"),
+        ({"move": "nowhere"}, "move: given 'nowhere', expected one of model planar5_mp: line, joints"),
         ({"method": "magic"}, "method: given 'magic', expected one of"),
         ({"method": "closed-form"}, "has 1 non-actuated coordinates"),
         ({"mesh": -1.0}, "mesh: given -1.0"),

@@ -101,7 +101,7 @@ def test_the_torque_begins_before_the_path() -> None:
     equations = flexgen.derive(read("planar5_nmp", overrides={"element.arm3.dof.q3.spring.stiffness": 1.5e4}))
     early = flexgen.solve(equations, method="discretized", mesh=1e-3)
     late = flexgen.solve(equations, method="discretized", preview=0.0, mesh=1e-3)
-    print(early.tool_error_max_m, late.tool_error_max_m, early.lead_s)
+    print(early.tool_error_max_m, late.tool_error_max_m, early.preactuation_s)
     assert (early.tool_error_max_m or 1) < RIGHT
     assert (late.tool_error_max_m or 0) > 10 * (early.tool_error_max_m or 1)
 

@@ -107,10 +107,10 @@ def test_report_is_complete_and_needs_nothing_else(name, move, written):
         name,
         "status",
         "solved",
-        "energy balance",
-        "largest motor torque",
-        "residual",
-        "motion begins before",
+        "energy error",
+        "motor torque, largest",
+        "relative residual",
+        "pre-actuation",
         "wall time",
     ):
         assert word in text
@@ -142,15 +142,15 @@ def test_report_of_a_limited_solution_with_warnings_and_library(tmp_path):
     equations, solution = solved("planar5_nmp", "line")
     measured = dataclasses.replace(solution, status=Status.LIMITS_ACTIVE, plan_error_max=1.7e-6)
     text = " ".join(read_page(write_report(equations, measured, tmp_path / "measured"))[1].split())
-    assert "simulation against the plan 1.7 µm" in text and "is part of the plan" in text
+    assert "simulated error from the modified path, largest 1.7·10" in text and "off the path" in text
     limited = dataclasses.replace(solution, status=Status.LIMITS_ACTIVE, warnings=("motor m1: <b>torque</b> & more",))
     library = SimpleNamespace(functions=("mass_matrix",), files=("a/planar5_nmp.c",), digest="0123456789abcdef0123")
     page, text = read_page(
         write_report(equations, limited, tmp_path, generated=library, limits=Limits(torque=(26.0, np.inf)))
     )
     assert "limits active" in text and "Limits keep the machine off the path" in text
-    assert "limits keep the tool off the path by" in text and "largest error of the tool" not in text
-    assert "simulation against the plan" not in text  # which was not measured
+    assert "deviation of the tool from the path (limits active)" in text and "simulated tool error" not in text
+    assert "modified path" not in text  # which was not measured
     assert "motor m1: <b>torque</b> & more" in text and "b" not in page.tags
     assert re.search(r"24\.48 / 26 ", text) and re.search(r"6\.\d+ / \N{EN DASH}", text)
     assert "mass_matrix" in text and "planar5_nmp.c" in text and "a/planar5_nmp.c" not in text

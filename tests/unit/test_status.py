@@ -39,3 +39,16 @@ def test_an_unknown_status_is_refused():
 def test_figures_of_a_solution_store_the_value():
     solution = flexgen.solve("elbow", verify=False)
     assert solution.status is Status.SOLVED and type(solution.to_dict()["status"]) is str
+
+
+def test_figures_are_rows_of_label_value_and_unit():
+    solution = flexgen.solve("elbow")
+    rows = solution.figures()
+    assert all(label and isinstance(unit, str) for label, _, unit, _ in rows)
+    assert len({key for *_, key in rows}) == len(rows)
+    data = solution.to_dict()
+    assert {key: data[key] for *_, key in rows} == {key: value for _, value, _, key in rows}
+    assert json.loads(json.dumps(data, allow_nan=False)) == data
+    measured = {key: (value, unit) for _, value, unit, key in rows}
+    assert measured["tool_error_max_m"] == (solution.tool_error_max_m, "m") and solution.tool_error_max_m is not None
+    assert measured["intervals"] == (None, "") and measured["preactuation_s"] == (0.0, "s")
