@@ -43,7 +43,7 @@ def job(problem: InversionProblem, nodes: int, tracking: bool) -> dict[str, Any]
     motor = slow[:, list(problem.equations.model.i_g)] @ problem.equations.model.eta.T
     states = np.hstack([slow, motor])
     guess = np.hstack([states, np.gradient(states, t, axis=0), np.zeros((nodes, len(s.tau_m)))])
-    start, end = problem.rest, reduction.rest(problem.path, problem.path.duration, slow[-1])
+    start, end = problem.equilibrium, reduction.equilibrium(problem.path, problem.path.duration, slow[-1])
     still = np.zeros(len(q))
     return {
         "rows": [str(row) for row in rows],

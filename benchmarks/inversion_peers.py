@@ -22,7 +22,7 @@ from flexgen.errors import FlexgenError
 from flexgen.inversion.methods import collocation
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.solve import _solution
+from flexgen.inversion.solve import make_solution
 from flexgen.mechanics.equations import derive
 from flexgen.paths.path import Path
 from flexgen.simulation.simulate import simulate
@@ -93,8 +93,8 @@ def collocation_rows(ours: dict[str, PathRow], quick: bool, say: Callable[[str],
                 with patch("casadi.nlpsol", _timed):
                     answer = collocation.solve(problem, mesh)
                 whole = time.process_time() - began
-                found = _solution(problem, "collocation", answer)
-                simulation = simulate(equations, found.trajectory, start=problem.rest)
+                found = make_solution(problem, "collocation", answer)
+                simulation = simulate(equations, found.trajectory, start=problem.equilibrium)
             except FlexgenError as failure:
                 say(f"  collocation, {robot}, {1e3 * mesh:g} ms: {failure}")
                 continue
@@ -137,8 +137,8 @@ def scipy_row(ours: dict[str, PathRow], quick: bool, say: Callable[[str], None])
             timed.append((least_ms(call), setting, answer))
     row = PeerRow("scipy solve_bvp", PLANAR, "", "solve_bvp alone", ours_ms=ours[PLANAR].native_ms)
     for ms, setting, answer in sorted(timed, key=lambda each: each[0]):
-        solution = _solution(problem.problem, "solve_bvp", answer)
-        simulation = simulate(equations, solution.trajectory, start=problem.problem.rest)
+        solution = make_solution(problem.problem, "solve_bvp", answer)
+        simulation = simulate(equations, solution.trajectory, start=problem.problem.equilibrium)
         error = simulation.tool_error_max_m or 0.0
         say(f"  solve_bvp, {setting}: {ms:.2f} ms, {1e6 * error:.2g} um")
         if error <= EXACT:
@@ -186,7 +186,7 @@ def opty_rows(python: str, ours: dict[str, PathRow], quick: bool, say: Callable[
         row.ms = 1e3 * told["seconds"] / problem.path.duration
         row.setting += f", {told['status']} after {told['iterations']} iterations"
         trajectory = torque_of(problem, told)
-        simulation = simulate(equations, trajectory, start=problem.rest)
+        simulation = simulate(equations, trajectory, start=problem.equilibrium)
         row.error_m = simulation.tool_error_max_m or 0.0
         say(f"  opty, {row.setting}: {row.ms:.0f} ms, {1e6 * row.error_m:.3g} um")
     return rows

@@ -1,4 +1,4 @@
-"""Side by side: what the same move costs in tool error when the torque comes from a simpler model."""
+"""Comparison of a solution with the baselines: tool errors of the same move with simpler models."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def compare_methods(
     Returns
     -------
     tuple of Solution
-        The baselines, the simplest first, then the solution. Without non-actuated coordinates only the rigid one is
-        something else than the closed form. A baseline that has no answer is left out, and the text says why.
+        The baselines, the simplest first, then the solution. Without non-actuated coordinates only the rigid one
+        differs from the closed form. A baseline without a solution is left out, and the reason is reported.
     """
     wanted = BASELINES if equations.model.n_e else BASELINES[:1]
     out = []
@@ -41,17 +41,17 @@ def compare_methods(
         if name == solution.method:
             continue
         if progress is not None:
-            progress(f"the same move by method {name}, for comparison")
+            progress(f"comparison: method {name}")
         try:
             out.append(solve(equations, solution.move, name))
         except (ArgumentError, SolverError) as error:
             if progress is not None:
-                progress(f"method {name} has no answer: {error}")
+                progress(f"comparison: method {name} has no solution: {error}")
     return (*out, solution)
 
 
 def error_rows(solutions: tuple[Solution, ...]) -> list[dict[str, Any]]:
-    """Tool errors as JSON types: ``method``, at the start of the path and the largest on and after it, m and rad."""
+    """Tool errors as JSON types: ``method``, error at the start of the path and largest error, m and rad."""
     rows = []
     for solution in solutions:
         row: dict[str, Any] = {"method": solution.method, "status": solution.status.value}
@@ -64,7 +64,7 @@ def error_rows(solutions: tuple[Solution, ...]) -> list[dict[str, Any]]:
 
 
 def error_sizes(solution: Solution) -> dict[str, np.ndarray]:
-    """Sizes of the simulated output's error over time, (n,) each: ``m`` and ``rad`` where the output has them."""
+    """Size of the simulated output error over time, (n,) each: ``m`` and ``rad`` where the output has them."""
     simulation = solution.simulation
     if simulation is None or "error" not in simulation.trajectory.channels:
         return {}

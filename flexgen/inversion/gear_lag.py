@@ -1,12 +1,12 @@
-"""How a damped gear with a linear spring lags behind its torque, ``D p' + K p = tau(t)``, exactly between samples.
+"""Deflection of damped gears with linear springs, ``D p' + K p = tau(t)``, integrated exactly between samples.
 
 Between two samples the torque is the quintic that has its value and its first two derivatives at both ends; with it the
 variation of constants is an integral of a polynomial under an exponential,
 
     p_1 = exp(-z) p_0 + h/D sum_i w_i(z) x_i,      z = K h / D,      w_i(z) = int_0^1 exp(-z (1 - u)) b_i(u) du
 
-with ``x = (tau_0, h tau_0', h^2 tau_0'', tau_1, h tau_1', h^2 tau_1'')`` and ``b_i`` its Hermite basis. Any z > 0 is
-fine: nothing is a stability limit, and the only error is that of the interpolation.
+with ``x = (tau_0, h tau_0', h^2 tau_0'', tau_1, h tau_1', h^2 tau_1'')`` and ``b_i`` its Hermite basis. There is
+no stability limit for z > 0, and the only error is that of the interpolation.
 
 Source: cf. M. Hochbruck, A. Ostermann, Acta Numerica 19, 2010, sec. 2 (exponential quadrature).
 """
@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 
 NODES = 48  # of Gauss and Legendre: exact to the last digit over the range below
-FORGOTTEN = 45.0  # exp(-45) = 3e-20: of the torque before that nothing is left
-SAME = 11  # decimals, relative, to which steps are one and the same
+DECAYED = 45.0  # exp(-45) = 3e-20: earlier torque has no influence
+SAME = 11  # decimals of the logarithm to which steps are equal
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Lag:
     weights: np.ndarray
 
     def forcing(self, tau: np.ndarray) -> np.ndarray:
-        """What each step adds, (n - 1, m, ...), from torques and their rates ``tau`` (3, n, m, ...)."""
+        """Increments of the steps, (n - 1, m, ...), from torques and their rates ``tau`` (3, n, m, ...)."""
         shape = (*self.decay.shape, *(1,) * (tau.ndim - 3))
         w = [self.weights[:, :, i].reshape(shape) for i in range(6)]
         out = w[0] * tau[0, :-1]
@@ -75,9 +75,9 @@ def gear_lag(t: np.ndarray, stiffness: np.ndarray, damping: np.ndarray) -> Lag:
 
 
 def _weights(z: np.ndarray) -> np.ndarray:
-    """``w_i(z)``, shape (..., 6), by Gauss quadrature over what the exponential has not forgotten."""
+    """``w_i(z)``, shape (..., 6), by Gauss quadrature over the range where the exponential is not negligible."""
     x, omega = np.polynomial.legendre.leggauss(NODES)
-    span = np.minimum(1.0, FORGOTTEN / z)[..., None]
+    span = np.minimum(1.0, DECAYED / z)[..., None]
     back = span * (x + 1) / 2  # 1 - u
     kernel = np.exp(-z[..., None] * back) * omega * span / 2
     u, w = 1 - back, back
@@ -90,6 +90,6 @@ def _weights(z: np.ndarray) -> np.ndarray:
         u**3 * w**2 / 2,
     )
     out = np.stack([(kernel * b).sum(axis=-1) for b in basis], axis=-1)
-    # b_0 + b_3 = 1: a torque that does not change must give its static twist to the last digit
+    # b_0 + b_3 = 1: a constant torque gives its static deflection to the last digit
     out[..., 3] = -np.expm1(-z) / z - out[..., 0]
     return out

@@ -1,4 +1,4 @@
-"""The C library behind the methods that are solved in C: generated once for a model, kept in the user's cache."""
+"""C libraries of the methods that are solved in C: generated once for each model, kept in the user's cache."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ KEPT = 32  # loaded libraries
 
 
 def has_compiler() -> bool:
-    """Whether this machine can build a library."""
+    """Whether there is a C compiler."""
     return find_compiler() is not None
 
 
 def inversion_library(
     equations: Equations, method: str, *, native: bool = False, progress: Callable[[str], None] | None = None
 ) -> Library:
-    """The library of a model with what inverts it.
+    """The library of a model with its inversion functions.
 
     Parameters
     ----------
     equations : Equations
     method : str
-        Who asks, for the errors.
+        Name of the method, for error messages.
     native : bool
-        True: compiled for this processor; some times faster, and the last digits depend on the processor.
+        Compile for this processor: often faster, and the last digits depend on the processor.
     progress : callable, optional
-        Called with a line of text before something that takes long.
+        Called with one line of text before a long step.
 
     Raises
     ------
     ArgumentError
-        Where the model does not invert in C.
+        The model cannot be inverted in C.
     BuildError
-        Where there is no compiler, or it fails.
+        There is no compiler, or it fails.
     """
     model = equations.model
     reason = model.inversion_obstacle()
@@ -58,7 +58,7 @@ def inversion_library(
 
 
 def _silent(line: str) -> None:
-    """Say nothing."""
+    """Do not log."""
 
 
 class _Key:
@@ -76,13 +76,13 @@ class _Key:
 
 @lru_cache(maxsize=KEPT)
 def _built(key: _Key, native: bool) -> list[Library]:
-    """Where the library of a model is kept while this process lives."""
+    """Holder of the library of a model, kept by this process."""
     return []
 
 
 def _loaded(key: _Key, native: bool, progress: Callable[[str], None]) -> Library:
-    place = _built(key, native)
-    if not place:
+    holder = _built(key, native)
+    if not holder:
         model = key.model
         functions = [name for name in INVERSION if name != "inversion_jacobians" or model.n_e]
         root = cache_folder()
@@ -90,19 +90,19 @@ def _loaded(key: _Key, native: bool, progress: Callable[[str], None]) -> Library
         if root is None:
             with tempfile.TemporaryDirectory() as folder:
                 made = generate(model, Path(folder) / "library", functions=functions, native=native, progress=progress)
-                place.append(load(made.directory))
+                holder.append(load(made.directory))
         else:
             target = root / "libraries" / f"{library_name(model)}-{mark}"
-            place.append(_kept(model, target, functions, native, progress))
+            holder.append(_kept(model, target, functions, native, progress))
     else:
-        mark_used(place[0].directory)
-    return place[0]
+        mark_used(holder[0].directory)
+    return holder[0]
 
 
 def _kept(
     model: RobotModel, target: Path, functions: list[str], native: bool, progress: Callable[[str], None]
 ) -> Library:
-    """The library in a folder of the cache, made where it is missing."""
+    """The library in a folder of the cache; generated where it is missing."""
     there = (target / MANIFEST).exists()
     mark_used(target)
     try:
@@ -111,7 +111,7 @@ def _kept(
     except (BuildError, OSError):
         if not there or (target / MANIFEST).exists():
             raise
-        # another process removed it in that moment; nobody does so with a new one
+        # another process removed it meanwhile; a new one is not removed
         made = generate(model, target, functions=functions, native=native, progress=progress)
         library = load(made.directory)
     if made.written:

@@ -1,6 +1,6 @@
 """From gear torques to motors: the stable stage behind the reduced inverse dynamics.
 
-A gear twisted by p carries ``D p' + spring(p) = tau_g``; the motor follows from ``eta^-1 q_m = q_g + p``:
+A gear with the deflection p carries ``D p' + spring(p) = tau_g``; the motor follows from ``eta^-1 q_m = q_g + p``:
 
     tau_m = J_m eta (a_g + p'') + f(v_m) + eta^-T tau_g
 
@@ -24,7 +24,7 @@ from flexgen.model.elements import LinearSpring
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.tableaus import radau
 
-HURRY = 5e-3  # of a sampling interval: gears whose D / slope is less follow their torque at once
+INSTANT = 5e-3  # of a sampling interval: gears with a time constant D / K below it are nearly algebraic
 
 
 @dataclass(frozen=True)
@@ -70,9 +70,9 @@ def deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple
     elastic = np.array([not gear.rigid for gear, _ in gears(equations.model)])
     damped = elastic & (D > 0)
     static = gear_twist(equations, tau_g[:, :, 0])
-    slope, curvature = _slopes(equations, static)
+    stiffness, curvature = _stiffness(equations, static)
     p = static.copy()
-    safe = np.where(elastic, slope, 1.0)
+    safe = np.where(elastic, stiffness, 1.0)
     dp = np.where(elastic, tau_g[:, :, 1] / safe, 0.0)
     ddp = np.where(elastic, (tau_g[:, :, 2] - curvature * dp**2) / safe, 0.0)
     if damped.any():
@@ -81,17 +81,17 @@ def deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple
         if (damped & ~linear).any():
             moving = _damped_deflections(spring, np.where(damped, D, 1.0), t, tau_g, static[0])
         if linear.any():
-            lag_steps = gear_lag(t, slope[0, linear], D[linear])
+            lag_steps = gear_lag(t, stiffness[0, linear], D[linear])
             moving[:, linear] = lag_steps.deflections(tau_g[:, linear].transpose(2, 0, 1), static[0, linear])
-        rigidity, _ = _slopes(equations, moving)
+        rigidity, _ = _stiffness(equations, moving)
         torque = evaluate(spring, moving)[0].reshape(moving.shape)
         with np.errstate(divide="ignore", invalid="ignore"):
             rate = (tau_g[:, :, 0] - torque) / D
             second = (tau_g[:, :, 1] - rigidity * rate) / D
-        # where D is tiny, p' and p'' are differences of large numbers divided by it; there p hurries after its static
-        # value p_s, and the expansion p = p_s - (D / slope) p_s' + ... is exact to the square of D / slope
+        # where D is tiny, p' and p'' would be differences of large numbers divided by it; there the expansion
+        # p = p_s - (D / K) p_s' + ... about the static value p_s has an error of the square of D / K
         lag = -D / safe * dp
-        nearly = damped & ((D / safe).max(axis=0) < HURRY * np.median(np.diff(t)))
+        nearly = damped & ((D / safe).max(axis=0) < INSTANT * np.median(np.diff(t)))
         late = make_interp_spline(t, lag, k=min(5, len(t) - 1))
         slow = damped & ~nearly
         p = np.where(slow, moving, p + np.where(nearly, lag, 0.0))
@@ -103,30 +103,29 @@ def deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple
 def gear_torques(equations: Equations, q: np.ndarray, v: np.ndarray, a: np.ndarray, motors: MotorMotion) -> np.ndarray:
     """Torques of the gears (n, n_g), arm side.
 
-    Elastic ones: springs and dampers. Through a rigid one goes what its motor gives and neither its rotor nor its
-    friction takes.
+    Elastic gears: torque of spring and damper. Rigid gears: torque of the motor less that of its rotor and friction.
     """
-    twisted = evaluate(equations.function("gear_torque"), q, v, motors.q_m, motors.v_m)[0].reshape(len(q), -1)
+    elastic_torque = evaluate(equations.function("gear_torque"), q, v, motors.q_m, motors.v_m)[0].reshape(len(q), -1)
     rotor = evaluate(equations.function("rotor_torque"), q, v, a, motors.v_m, motors.a_m)[0].reshape(len(q), -1)
     friction = evaluate(equations.function("motor_friction"), motors.v_m)[0].reshape(len(q), -1)
     through = (motors.tau_m - rotor - friction) @ equations.model.eta
     rigid = np.array([gear.rigid for gear, _ in gears(equations.model)])
-    return np.where(rigid, through, twisted)
+    return np.where(rigid, through, elastic_torque)
 
 
-def _slopes(equations: Equations, twist: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Slope of the gear springs and its slope, each (n, n_g)."""
+def _stiffness(equations: Equations, deflection: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Stiffness of the gear springs and its derivative in the deflection, each (n, n_g)."""
     spring = equations.function("gear_law")
-    x = ca.SX.sym("twist", equations.model.n_g)
+    x = ca.SX.sym("deflection", equations.model.n_g)
     second = ca.Function("second", [x], [ca.jtimes(spring(x)[1], x, ca.SX.ones(x.shape))])
-    slope = evaluate(spring, twist)[1].reshape(twist.shape)
-    return slope, evaluate(second, twist)[0].reshape(twist.shape)
+    stiffness = evaluate(spring, deflection)[1].reshape(deflection.shape)
+    return stiffness, evaluate(second, deflection)[0].reshape(deflection.shape)
 
 
 def _damped_deflections(
     spring: ca.Function, D: np.ndarray, t: np.ndarray, tau_g: np.ndarray, start: np.ndarray
 ) -> np.ndarray:
-    """Integrate ``D p' + spring(p) = tau_g(t)`` from ``start`` (n_g) by Radau IIA; quintic Hermite torque between."""
+    """Integrate ``D p' + spring(p) = tau_g(t)`` from ``start`` (n_g) by Radau IIA, with quintic Hermite torque."""
     table = radau(3)
     n, n_g = tau_g.shape[:2]
     out = np.empty((n, n_g))
@@ -136,9 +135,9 @@ def _damped_deflections(
         torque = _hermite(table.c, h, tau_g[k], tau_g[k + 1])  # (s, n_g)
         stages = np.tile(p, (3, 1))
         for _ in range(30):
-            value, slope = (x.reshape(3, n_g) for x in evaluate(spring, stages))
+            value, stiffness = (x.reshape(3, n_g) for x in evaluate(spring, stages))
             defect = stages - p - h * table.A @ ((torque - value) / D)
-            matrix = np.eye(3)[None] + h * table.A[None] * (slope / D).T[:, None, :]
+            matrix = np.eye(3)[None] + h * table.A[None] * (stiffness / D).T[:, None, :]
             step = np.linalg.solve(matrix, defect.T[:, :, None])[:, :, 0].T
             stages = stages - step
             if np.abs(step).max() <= 1e-15 * (1e-3 + np.abs(stages).max()):
@@ -153,7 +152,7 @@ def _hermite(c: np.ndarray, h: float, left: np.ndarray, right: np.ndarray) -> np
     y = 1 - x
 
     def half(u: np.ndarray, values: np.ndarray, sign: float) -> np.ndarray:
-        # the part of one end: its weight functions vanish to third order at the other end
+        # share of one end: its weight functions vanish to third order at the other end
         w = (1 - u) ** 3
         return w * (
             values[:, 0] * (1 + 3 * u + 6 * u**2)

@@ -1,9 +1,9 @@
-"""Bends: smooth deviations from a path, as splines in time that are zero before and after them.
+"""Path deviation: smooth deviations from a path, as splines in time that are zero before and after them.
 
     position  p + d_p(t),    orientation  exp(d_r(t)) R,    d = sum_i c_i B_i(t)
 
-with B-splines B_i of degree seven, so that six derivatives are continuous: the torque follows four or five of them, and
-the fastest zeros of six-axis robots turn what jumps in the next one into corners of the torque.
+with B-splines B_i of degree seven, which have six continuous derivatives: the torque depends on four or five of them,
+and the fastest zeros of six-axis robots make a jump in the next one a kink of the torque.
 
 Source: C. de Boor, A Practical Guide to Splines, 2001, ch. IX; for the derivatives of a rotation vector:
 J. Stuelpnagel, SIAM Review 6(4), 1964.
@@ -23,7 +23,7 @@ SUPPORT = DEGREE + 1  # intervals between knots over which one spline is not zer
 
 @dataclass(frozen=True)
 class DeviationBasis:
-    """The deviations ``d`` (n, n_y) that splines with knots ``spacing`` [s] apart can make between two instants.
+    """The deviations ``d`` (n, n_y) spanned by splines with knots ``spacing`` [s] apart.
 
     Parameters
     ----------
@@ -32,9 +32,9 @@ class DeviationBasis:
     first : float [s]
         The first knot: there all deviations and six derivatives are zero.
     spacing : float [s]
-        From knot to knot.
+        Distance of the knots.
     count : int
-        Splines; the last one ends ``count + 7`` intervals after the first knot.
+        Number of splines; the last one ends ``count + 7`` intervals after the first knot.
     """
 
     t: np.ndarray
@@ -45,7 +45,7 @@ class DeviationBasis:
     @cached_property
     def basis(self) -> list[np.ndarray]:
         """Values and derivatives one to six of the splines, each (n, count)."""
-        # splines are whole between the eighth knot and the eighth from the end: zeros before and after make room
+        # splines are complete between the eighth knot and the eighth from the end
         knots = self.first + self.spacing * np.arange(-DEGREE, self.count + 2 * DEGREE + 1)
         picked = np.pad(np.eye(self.count), ((DEGREE, DEGREE), (0, 0)))
         spline = BSpline(knots, picked, DEGREE)
@@ -54,7 +54,7 @@ class DeviationBasis:
 
     @property
     def middles(self) -> np.ndarray:
-        """Where the splines are largest, (count,) [s]."""
+        """Instants where the splines are largest, (count,) [s]."""
         return self.first + self.spacing * (np.arange(self.count) + SUPPORT / 2)
 
     def along(self, c: np.ndarray, k: int = 0) -> np.ndarray:
@@ -62,37 +62,37 @@ class DeviationBasis:
         return self.basis[k] @ c
 
 
-def bent(
-    place: np.ndarray, rate: np.ndarray, rate2: np.ndarray, d: tuple[np.ndarray, np.ndarray, np.ndarray]
+def deviated_path(
+    y: np.ndarray, dy: np.ndarray, ddy: np.ndarray, d: tuple[np.ndarray, np.ndarray, np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A path with deviations.
+    """A path plus deviations.
 
     Parameters
     ----------
-    place : ndarray (n, n_t)
+    y : ndarray (n, n_t)
         Output; for a pose position and rotation matrix by columns.
-    rate, rate2 : ndarray (n, n_y)
+    dy, ddy : ndarray (n, n_y)
         Its derivatives; for a pose linear and angular, world axes.
     d : three arrays (n, n_y)
-        Deviation and two time derivatives; of a pose the last three are a rotation vector, world axes.
+        Deviation and its first two time derivatives; of a pose the last three are a rotation vector, world axes.
 
     Returns
     -------
-    place, rate, rate2 : arrays of the same shapes
+    y, dy, ddy : arrays of the same shapes
     """
-    n, n_y = rate.shape
-    if place.shape[1] == n_y:
-        return place + d[0], rate + d[1], rate2 + d[2]
+    n, n_y = dy.shape
+    if y.shape[1] == n_y:
+        return y + d[0], dy + d[1], ddy + d[2]
     f, df, ddf = (x[:, 3:] for x in d)
-    R = place[:, 3:].reshape(n, 3, 3).transpose(0, 2, 1)
+    R = y[:, 3:].reshape(n, 3, 3).transpose(0, 2, 1)
     E = _matrices(f)
     turn, turn_rate = _turn(f, df, ddf)
-    spun, spun_rate = (np.einsum("nij,nj->ni", E, x[:, 3:]) for x in (rate, rate2))
+    spun, spun_rate = (np.einsum("nij,nj->ni", E, x[:, 3:]) for x in (dy, ddy))
     columns = np.einsum("nij,njk->nik", E, R).transpose(0, 2, 1).reshape(n, 9)
     return (
-        np.hstack([place[:, :3] + d[0][:, :3], columns]),
-        np.hstack([rate[:, :3] + d[1][:, :3], turn + spun]),
-        np.hstack([rate2[:, :3] + d[2][:, :3], turn_rate + np.cross(turn, spun) + spun_rate]),
+        np.hstack([y[:, :3] + d[0][:, :3], columns]),
+        np.hstack([dy[:, :3] + d[1][:, :3], turn + spun]),
+        np.hstack([ddy[:, :3] + d[2][:, :3], turn_rate + np.cross(turn, spun) + spun_rate]),
     )
 
 

@@ -1,4 +1,4 @@
-"""What `solve` was asked, checked: machine, path, mesh, windows before and after the path, limits, accuracy."""
+"""InversionProblem: robot, path, limits and accuracy of an inverse dynamics problem, with its meshes and zeros."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from flexgen.mechanics.statics import Equilibrium, at_rest
 from flexgen.paths.path import Path
 from flexgen.paths.smoothness import smoothness_report
 
-STEP = 1e-3  # s: the torque is sampled at least as finely, and 400 times along a short move
-INTERVALS = 20_000  # of a mesh: more do not fit into memory for large machines
-DECAY = 15.0  # time constants before the path: exp(-15) of the pre-actuation is cut off
-SETTLE = 6.0  # time constants after the path, for the picture only
-ROUGH = 3  # places of a rough path that are told one by one
+STEP = 1e-3  # s: longest sampling interval of the torque; a short move has 400 of them
+INTERVALS = 20_000  # of a mesh, at most: more do not fit into memory for large robots
+DECAY = 15.0  # time constants before the path: a share exp(-15) of the pre-actuation is cut off
+SETTLING = 6.0  # time constants after the path, for the plots only
+ROUGH = 3  # jumps of a rough path that are reported one by one
 POSES = 5  # along the path, where its zeros are computed
 ACCELERATION = 100.0  # rad/s^2 or m/s^2: scale of accelerations
 
@@ -39,9 +39,9 @@ class UnstableZero:
 
 @dataclass(frozen=True)
 class InversionProblem:
-    """What `solve` was asked, checked.
+    """An inverse dynamics problem with checked arguments; see `flexgen.inversion.solve.solve` for the fields.
 
-    ``options``: what only some methods know, by name; a method refuses what it does not know.
+    ``options``: options of single methods by name; a method refuses names that it does not have.
     """
 
     equations: Equations
@@ -56,7 +56,7 @@ class InversionProblem:
 
     @cached_property
     def windows(self) -> tuple[float, float]:
-        """How long before the path to begin and after it to end [s]."""
+        """Default durations before and after the path [s]: pre-actuation and settling."""
         scale = min(self.path.duration, 0.5)
         if self.equations.model.n_e == 0:
             return 0.1 * scale, 0.1 * scale
@@ -64,8 +64,9 @@ class InversionProblem:
         for _, zeros in self.zeros:
             unstable, stable = time_constants(zeros)
             before, after = max(before, unstable), max(after, stable)
-        lead, settle = np.clip(DECAY * before, 0.04 * scale, 2.0), np.clip(SETTLE * after, 0.1 * scale, 0.6 * scale)
-        return float(lead), float(settle)
+        preactuation = np.clip(DECAY * before, 0.04 * scale, 2.0)
+        settling = np.clip(SETTLING * after, 0.1 * scale, 0.6 * scale)
+        return float(preactuation), float(settling)
 
     @cached_property
     def unstable_zero(self) -> UnstableZero | None:
@@ -85,7 +86,7 @@ class InversionProblem:
     def zeros(self) -> list[tuple[float, np.ndarray]]:
         """Zeros [1/s] at some instants [s] of the path.
 
-        Rotors that turn with their carriers move the zeros a little; for this estimate they do not turn.
+        Computed in simplified motor coupling: complete coupling moves the zeros only a little.
         """
         equations, path = self.equations, self.path
         if equations.model.n_e == 0:
@@ -98,13 +99,13 @@ class InversionProblem:
         poses = reduction.follow(path, times, reduction.start(path).q_a)
         out = []
         for t, q in zip(times[::stride], poses[::stride], strict=True):
-            rest = at_rest(equations, q)
-            out.append((float(t), inner_zeros(equations, linearise(equations, rest), rest)))
+            equilibrium = at_rest(equations, q)
+            out.append((float(t), inner_zeros(equations, linearise(equations, equilibrium), equilibrium)))
         return out
 
     @cached_property
     def too_rough(self) -> tuple[str, ...]:
-        """Warnings where the path is not smooth enough for a continuous torque, and what that costs."""
+        """Warnings where the path is not smooth enough for a continuous torque, with the estimated error."""
         report = smoothness_report(self.equations, self.path, self.step)
         if report.enough:
             return ()
@@ -117,8 +118,8 @@ class InversionProblem:
         return (head, *(f"move {name}: {line}" for line in [*lines[:ROUGH], *more]))
 
     @cached_property
-    def rest(self) -> Equilibrium:
-        """Where the machine rests before it begins, by statics alone."""
+    def equilibrium(self) -> Equilibrium:
+        """Equilibrium at the start of the path, by statics alone."""
         equations, model = self.equations, self.equations.model
         if self.path.move.type == "joint" and model.n_e == 0:
             return at_rest(equations, self.path.q_start)
@@ -131,34 +132,35 @@ class InversionProblem:
         return min(STEP, self.path.duration / 400)
 
     def nodes(self, h: float) -> tuple[float, np.ndarray]:
-        """How long before the path a mesh begins [s], and its nodes for intervals of ``h`` [s] on the path."""
-        lead, settle = self.windows
-        early = max(2 * lead / DECAY, h / 5)  # two time constants of what grows there
+        """Pre-actuation [s] and nodes of a mesh with intervals of ``h`` [s] on the path."""
+        preactuation, settling = self.windows
+        early = max(2 * preactuation / DECAY, h / 5)  # two time constants of the unstable zero dynamics
         if self.preview is not None:
-            lead = float(self.preview)
-        return lead, _mesh(lead, early, self.path.duration, settle, h)
+            preactuation = float(self.preview)
+        return preactuation, _mesh(preactuation, early, self.path.duration, settling, h)
 
-    def only(self, method: str, *known: str) -> None:
-        """ArgumentError where an option was given that the method does not know."""
+    def check_options(self, method: str, *known: str) -> None:
+        """ArgumentError where an option is given that the method does not have."""
         for name in self.options:
             if name not in known:
                 expected = f"one of {', '.join(known)}" if known else "none"
                 raise ArgumentError(f"options: method {method} was given {name!r}, expected {expected}")
 
-    def tell(self, text: str) -> None:
-        """Say something to whoever waits."""
+    def log(self, text: str) -> None:
+        """Pass a line of text to ``progress``, if there is one."""
         if self.progress is not None:
             self.progress(text)
 
 
-def _mesh(lead: float, early: float, duration: float, settle: float, h: float) -> np.ndarray:
-    """Nodes, the ends of the path among them: intervals of h on it, 2 h after it, 2 h or ``early`` before it."""
-    spans = [(-lead, 0.0, min(2 * h, early)), (0.0, duration, h), (duration, duration + settle, 2 * h)]
+def _mesh(preactuation: float, early: float, duration: float, settling: float, h: float) -> np.ndarray:
+    """Nodes, with the ends of the path: intervals of h on it, 2 h after it, min(2 h, ``early``) before it."""
+    spans = [(-preactuation, 0.0, min(2 * h, early)), (0.0, duration, h), (duration, duration + settling, 2 * h)]
     counts = [max(1, int(np.ceil((b - a) / d - 1e-9))) if b > a else 0 for a, b, d in spans]
     if sum(counts) > INTERVALS:
         raise ArgumentError(
-            f"mesh: given {h:.3g} s, which makes {sum(counts)} intervals over {lead + duration + settle:.3g} s, "
+            f"mesh: given {h:.3g} s, which makes {sum(counts)} intervals over "
+            f"{preactuation + duration + settling:.3g} s, "
             f"expected at most {INTERVALS}; take a coarser --mesh, a shorter --preview or a shorter move"
         )
-    parts = [np.linspace(a, b, n + 1) for (a, b, _), n in zip(spans, counts, strict=True) if n]
-    return np.unique(np.concatenate(parts))
+    nodes = [np.linspace(a, b, n + 1) for (a, b, _), n in zip(spans, counts, strict=True) if n]
+    return np.unique(np.concatenate(nodes))

@@ -1,13 +1,13 @@
-"""Reduction of the inverse dynamics to its hard core: n_e second-order equations along a prescribed output.
+"""The reduced problem of inverse dynamics: n_e second-order equations along a prescribed output.
 
 With the output prescribed, ``Gamma(q_a) = Z(t)`` and its derivatives give the actuated coordinates from the others, and
-the non-actuated rows ``[M a + c + g]_e - tau_e = 0`` are all that remains. From coordinates and speeds on that manifold
-all higher derivatives follow from linear systems with one matrix,
+the non-actuated rows ``[M a + c + g]_e - tau_e = 0`` remain. From coordinates and speeds on that manifold all higher
+derivatives follow from linear systems with one matrix,
 
     [ W   ]  a = [ Z''   - W' v          ]        [ W   ]  a' = [ Z'''  - ... ]        W: output rates = W(q_a) v_a
     [ M_e ]      [ -(c + g - tau_e)_e    ]        [ M_e ]       [ ...         ]
 
-and gears, motors and friction afterwards, as a stable stage of their own (`flexgen.inversion.motor_side`).
+Gears, motors and friction follow as a separate stable stage (`flexgen.inversion.motor_side`).
 
 Source: cf. S. Devasia, D. Chen, B. Paden, IEEE TAC 41(7), 1996 (zero dynamics along a reference).
 """
@@ -28,7 +28,7 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path, PathSample
 
 SINGULAR = 1e-9  # relative size of the smallest singular value below which rows no longer determine accelerations
-DOUBTFUL = 1e-5  # and below which they may amplify errors, so that another way has to be compared
+DOUBTFUL = 1e-5  # and below which they may amplify errors, so that `motion_through` is tried too
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,8 @@ class Reduction:
         return graph
 
     @cached_property
-    def place_error(self) -> tuple[ca.SX, ca.SX]:
-        """Residual (n_y) of the output's place in the symbol q_a and the target symbol (n_y, or 3 + 9 for a pose)."""
+    def output_error(self) -> tuple[ca.SX, ca.SX]:
+        """Residual (n_y) of the output in the symbol q_a, and the target symbol (n_y, or 3 + 9 for a pose)."""
         return self._output.error, self._output.target
 
     @cached_property
@@ -87,60 +87,60 @@ class Reduction:
         return output_map(self.equations)
 
     def targets(self, sample: PathSample) -> np.ndarray:
-        """Target values, (n, n_y) or (n, 12), for the symbol of `place_error`."""
+        """Target values, (n, n_y) or (n, 12), for the symbol of `output_error`."""
         if sample.R is None:
             return sample.y[:, :, 0]
         return np.hstack([sample.y[:, :, 0], sample.R.transpose(0, 2, 1).reshape(-1, 9)])
 
     @cached_property
     def stage(self) -> ca.Function:
-        """Everything that holds at one instant.
+        """The equations of one instant.
 
-        (X = (q, v, a), target, Z', Z'') -> residual (3 n_y + n_e): place, rate, its rate, non-actuated rows.
+        (X = (q, v, a), target, Z', Z'') -> residual (3 n_y + n_e): output, its two derivatives, non-actuated rows.
         """
         g = self._graph
-        error, target = self.place_error
+        error, target = self.output_error
         y1, y2 = ca.SX.sym("y1", self.n_y), ca.SX.sym("y2", self.n_y)
         rows = ca.vertcat(error, g["rate1"] - y1, g["rate2"] - y2, g["row0"])
         X = ca.vertcat(g["q"], g["v"], g["a"])
         return ca.Function("stage", [X, target, y1, y2], [rows])
 
     def start(self, path: Path) -> Equilibrium:
-        """Rest at the start of the path: tool, springs and gravity in balance together.
+        """Equilibrium at the start of the path, of tool, springs and gravity.
 
         SolverError where the output does not determine the actuated coordinates there.
         """
-        slope = evaluate(self._place, path.q_start, self.targets(path.sample(np.zeros(1)))[0])[1][0]
-        sizes = np.linalg.svd(slope.reshape(self.n_y, -1), compute_uv=False)
+        jacobian = evaluate(self._output_error, path.q_start, self.targets(path.sample(np.zeros(1)))[0])[1][0]
+        sizes = np.linalg.svd(jacobian.reshape(self.n_y, -1), compute_uv=False)
         if sizes[-1] < SINGULAR * max(sizes[0], 1e-300):
             raise SolverError(
                 "the output does not determine the actuated coordinates at the start of the path: a singular pose, "
                 "or an output that a motor cannot move; choose another start or output"
             )
-        return self.rest(path, 0.0, path.q_start)
+        return self.equilibrium(path, 0.0, path.q_start)
 
-    def rest(self, path: Path, t: float, guess: np.ndarray) -> Equilibrium:
-        """Rest with the output where the path has it at the instant ``t`` [s]."""
-        error, target = self.place_error
+    def equilibrium(self, path: Path, t: float, guess: np.ndarray) -> Equilibrium:
+        """Equilibrium with the output on the path at the instant ``t`` [s]."""
+        error, target = self.output_error
         value = ca.DM(self.targets(path.sample(np.array([t])))[0])
         return hold_output(self.equations, ca.substitute(error, target, value), guess)
 
     @cached_property
-    def _place(self) -> ca.Function:
-        error, target = self.place_error
+    def _output_error(self) -> ca.Function:
+        error, target = self.output_error
         q = self._graph["q"]
-        return ca.Function("place", [q, target], [error, ca.densify(ca.jacobian(error, q[self.i_g]))])
+        return ca.Function("output_error", [q, target], [error, ca.densify(ca.jacobian(error, q[self.i_g]))])
 
     def close(self, q: np.ndarray, targets: np.ndarray) -> np.ndarray:
         """Inverse kinematics: change the actuated coordinates of ``q`` (n, n_a) to reach ``targets``."""
         q = q.copy()
         for _ in range(25):
-            error, slope = evaluate(self._place, q, targets)
-            error, slope = error.reshape(len(q), -1), slope.reshape(len(q), self.n_y, -1)
+            error, jacobian = evaluate(self._output_error, q, targets)
+            error, jacobian = error.reshape(len(q), -1), jacobian.reshape(len(q), self.n_y, -1)
             try:
-                step = np.linalg.solve(slope, error[:, :, None])[:, :, 0]
+                step = np.linalg.solve(jacobian, error[:, :, None])[:, :, 0]
             except np.linalg.LinAlgError:
-                raise SolverError("inverse kinematics: the path passes a singular pose") from None
+                raise SolverError("inverse kinematics: the path passes a singular pose; choose another path") from None
             q[:, self.i_g] -= step
             if np.abs(step).max() < 1e-14 * (1 + np.abs(q).max()):
                 break
@@ -153,8 +153,8 @@ class Reduction:
         return q
 
     def follow(self, path: Path, times: np.ndarray, start: np.ndarray) -> np.ndarray:
-        """Quasi-static motion (n, n_a): rest at each of the instants, one after the other from ``start`` (n_a)."""
-        error, target = self.place_error
+        """Quasi-static motion (n, n_a): equilibrium at each instant, one after the other from ``start`` (n_a)."""
+        error, target = self.output_error
         symbol = self._graph["q"]
         rows = ca.vertcat(error, balance(self.equations)) if self.i_e else error
         newton = ca.Function("follow", [symbol, target], [rows, ca.densify(ca.jacobian(rows, symbol))])
@@ -163,17 +163,17 @@ class Reduction:
         q = start
         for k, value in enumerate(targets):
             for _ in range(30):
-                residual, slope = (np.array(x) for x in newton(q, value))
+                residual, jacobian = (np.array(x) for x in newton(q, value))
                 try:
-                    step = np.linalg.solve(slope, -residual[:, 0])
+                    step = np.linalg.solve(jacobian, -residual[:, 0])
                 except np.linalg.LinAlgError:
-                    raise SolverError(f"path: singular pose at t = {times[k]:.4g} s") from None
+                    raise SolverError(f"path: singular pose at t = {times[k]:.4g} s; choose another path") from None
                 q = q + step
                 if np.abs(step).max() < 1e-12 * (1 + np.abs(value).max() + np.abs(q).max()):
                     break
             else:
                 raise SolverError(
-                    f"path: no pose of rest at t = {times[k]:.4g} s; "
+                    f"path: no equilibrium at t = {times[k]:.4g} s; "
                     "the path leaves the workspace or passes a singular pose"
                 )
             out[k] = q
@@ -190,8 +190,8 @@ class Reduction:
         """All derivatives of the motion on the manifold, from coordinates ``q`` (n, n_a) and speeds ``v_e`` (n, n_e).
 
         The equations hold exactly at each instant by construction. None where their matrix is singular: there the rows
-        are no equations for the accelerations (a flat direction), see `motion_through`. The second result tells whether
-        the matrix comes close to that, or passes it between two instants, as when a zero passes through infinity.
+        do not determine the accelerations, see `motion_through`. The second result is True where the matrix is nearly
+        singular, or is singular between two instants, as when a zero passes through infinity.
         """
         n, n_a = len(q), self.model.n_a
         zero = np.zeros((n, n_a))
@@ -208,21 +208,21 @@ class Reduction:
         scale = np.abs(G).max(axis=2)
         for k in (2, 3, 4):
             at = self._at(chain)
-            tool = sample.rates(k) - at[f"rate{k}"].reshape(n, self.n_y)
-            rhs = np.hstack([tool, -at[f"row{k - 2}"].reshape(n, len(self.i_e))])
+            output = sample.rates(k) - at[f"rate{k}"].reshape(n, self.n_y)
+            rhs = np.hstack([output, -at[f"row{k - 2}"].reshape(n, len(self.i_e))])
             chain[k] = np.linalg.solve(rows, (rhs / scale)[:, :, None])[:, :, 0]
         return self._motion(chain), doubtful
 
     def motion_through(self, sample: PathSample, q: np.ndarray, deflection: list[np.ndarray]) -> Motion:
-        """The same from the non-actuated coordinates' derivatives 1 to 4, each (n, n_e), as given."""
+        """The motion with given derivatives 1 to 4 of the non-actuated coordinates, each (n, n_e)."""
         n = len(q)
         zero = np.zeros_like(q)
         chain = [q, zero, zero, zero, zero]
         at = self._at(chain)
         picking = self._picking(at["W"])
         for k in (1, 2, 3, 4):
-            tool = sample.rates(k) - (0.0 if k == 1 else self._at(chain)[f"rate{k}"].reshape(n, self.n_y))
-            chain[k] = np.linalg.solve(picking, np.hstack([tool, deflection[k - 1]])[:, :, None])[:, :, 0]
+            output = sample.rates(k) - (0.0 if k == 1 else self._at(chain)[f"rate{k}"].reshape(n, self.n_y))
+            chain[k] = np.linalg.solve(picking, np.hstack([output, deflection[k - 1]])[:, :, None])[:, :, 0]
         return self._motion(chain)
 
     def _at(self, chain: list[np.ndarray]) -> dict[str, np.ndarray]:
@@ -244,5 +244,5 @@ class Reduction:
         return Motion(q, v, a, j, s, tau_g)
 
     def joint_motion(self, q_g: np.ndarray) -> Motion:
-        """Motion and gear torques from actuated coordinates with derivatives (n, n_g, 6); flexible-joint models."""
+        """Motion and gear torques from actuated coordinates and derivatives (n, n_g, 6); flexible-joint models."""
         return self._motion([np.ascontiguousarray(q_g[:, :, k]) for k in range(5)])

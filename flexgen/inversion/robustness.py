@@ -1,14 +1,14 @@
-"""What torques are worth on a robot that is not quite the model: methods side by side on perturbed plants.
+"""Robustness: tool errors of solutions on plants that differ from the model, with and without feedback.
 
 Each solution is simulated on plants whose springs or masses differ from the model's, in two ways:
 
-feedforward    the torque alone. The motors are free: what the torque lacks to carry the arm lets it drift away.
-feedback       the torque and, as in a robot's drives, a cascade on the motor angles that keeps them at the reference
-               of the same solution,  tau = tau_ff + k_v (e_v + k_i int e_v dt),  e_v = v_ref + k_p (q_ref - q_m) - v_m
+feedforward    the torque alone, open loop; the arm drifts where the torque does not carry it.
+feedback       the torque and a cascade controller of the motor angles, with the reference of the same solution,
+               tau = tau_ff + k_v (e_v + k_i int e_v dt),  e_v = v_ref + k_p (q_ref - q_m) - v_m
 
-The machine begins where such a drive holds it: motors at the first reference, the arm sagging on its springs, and with
-feedback the integrator carrying what the feedforward does not. So rigid and fjm begin beside the path by the static
-sag; errors are given both against the path and against where the tool was at the start.
+The robot starts in equilibrium with the motors at the first reference; with feedback the integrator starts with the
+torque that the feedforward lacks. So rigid and fjm start with the static deflection as tool error; errors are given
+against the path and against the position at the start.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from flexgen.paths.path import Path
 from flexgen.simulation.simulate import output_units
 from flexgen.trajectory import Trajectory
 
-RTOL, ATOL = 1e-8, 1e-10  # a tenth of a micrometre, where errors of millimetres are measured
-SAMPLE = 2e-3  # s: at least as often the error is looked at
+RTOL, ATOL = 1e-8, 1e-10  # a tenth of a micrometer; the measured errors are millimeters
+SAMPLE = 2e-3  # s: longest sampling interval of the error
 NEWTON_STEPS = 60
 CONTROLS = ("feedforward", "feedback")
 
@@ -60,7 +60,7 @@ PLANTS = (
 
 @dataclass(frozen=True)
 class Bandwidth:
-    """Of the drives: ``speed`` k_v / J [rad/s] (here 20 Hz), ``position`` k_p [1/s], ``integral`` k_i [1/s].
+    """Bandwidth of the motor controllers: ``speed`` k_v / J [rad/s], ``position`` k_p and ``integral`` k_i [1/s].
 
     J: inertia that a motor sees with stiff gears at the start of the move, by the nominal model. Common values for
     industrial robots with elastic gears: a few ten Hz for the speed loop, 10 to 30 1/s for the position loop.
@@ -74,7 +74,7 @@ class Bandwidth:
 def perturbed(model: RobotModel, plant: Plant) -> RobotModel:
     """The model with other stiffnesses (gears, joints, beams) and other masses (bodies with inertias, payload, beams).
 
-    Dampings, frictions, rotors and geometry stay.
+    Dampings, frictions, rotors and geometry are unchanged.
     """
     for name in ("stiffness", "mass"):
         value = getattr(plant, name)
@@ -99,7 +99,7 @@ def _element(element: Element, plant: Plant) -> Element:
 
 
 def _spring(spring: Spring, factor: float) -> Spring:
-    """A spring with all its torques multiplied; breaks and gaps stay."""
+    """A spring with all its torques multiplied; breaks and gaps are unchanged."""
     if isinstance(spring, LinearSpring | BacklashSpring):
         return replace(spring, stiffness=spring.stiffness * factor)
     if isinstance(spring, CubicSpring):
@@ -113,7 +113,7 @@ def _body(body: Body, factor: float) -> Body:
 
 
 def hold_motors(equations: Equations, q_m: np.ndarray, q_a: np.ndarray) -> Equilibrium:
-    """Rest with the motors at ``q_m`` (n_m): the arm sags on all its springs; the search starts at ``q_a`` (n_a)."""
+    """Equilibrium with the motors held at ``q_m`` (n_m); Newton's method starts at ``q_a`` (n_a)."""
     model, symbol = equations.model, equations.lagrangian.chain.q_a
     theta = np.linalg.solve(model.eta, q_m)
     still, none = ca.DM.zeros(model.n_a), ca.DM.zeros(model.n_m)
@@ -126,15 +126,18 @@ def hold_motors(equations: Equations, q_m: np.ndarray, q_a: np.ndarray) -> Equil
     newton = ca.Function("hold", [symbol], [rows, ca.densify(ca.jacobian(rows, symbol))])
     q = np.array(q_a, dtype=float)
     for _ in range(NEWTON_STEPS):
-        residual, slope = (np.array(x) for x in newton(q))
+        residual, jacobian = (np.array(x) for x in newton(q))
         try:
-            step = np.linalg.solve(slope, -residual[:, 0])
+            step = np.linalg.solve(jacobian, -residual[:, 0])
         except np.linalg.LinAlgError:
             break
         q = q + step
         if np.abs(step).max() <= 1e-13 * (1 + np.abs(q).max()):
             return replace(at_rest(equations, q), q_m=np.array(q_m, dtype=float))
-    raise SolverError("rest with held motors: not found; the springs do not carry the arm at the start of the move")
+    raise SolverError(
+        "equilibrium with held motors: not found, the springs do not carry the arm at the start of the move; "
+        "choose another start"
+    )
 
 
 def compare_plants(
@@ -163,28 +166,30 @@ def compare_plants(
     -------
     list of dicts, SI units
         ``plant``, ``stiffness``, ``mass`` (factors), ``control``, ``method``; largest errors of the tool against the
-        path, ``error_max_m`` and ``error_max_rad``, at the start, ``error_start_*``, against where it was at the start,
+        path, ``error_max_m`` and ``error_max_rad``, at the start, ``error_start_*``, against the position at the start,
         ``error_moved_*``, and at the end of the path, ``error_end_*`` (None where the output has no such part);
-        ``torque_max_Nm``, motor side. A simulation that breaks down has infinite errors.
+        ``torque_max_Nm``, motor side. A simulation that fails has infinite errors.
     """
     for control in controls:
         if control not in CONTROLS:
             raise ArgumentError(f"controls: given {control!r}, expected {' or '.join(CONTROLS)}")
     moves = {solution.move.name for solution in solutions.values()}
     if len(moves) != 1:
-        raise ArgumentError(f"solutions: given moves {', '.join(sorted(moves)) or 'none'}, expected one and the same")
+        raise ArgumentError(
+            f"solutions: given moves {', '.join(sorted(moves)) or 'none'}, expected solutions of one move"
+        )
     path = Path(equations, next(iter(solutions.values())).move)
     until = max(solution.trajectory.time[-1] for solution in solutions.values())
     gains = _gains(equations, path, bandwidth or Bandwidth())
     out = []
     for plant in plants:
         same = plant.stiffness == 1.0 and plant.mass == 1.0
-        machine = equations if same else Equations(perturbed(equations.model, plant))
+        perturbed_robot = equations if same else Equations(perturbed(equations.model, plant))
         for control in controls:
             for method, solution in solutions.items():
                 if progress is not None:
                     progress(f"robustness: {plant.name}, {control}, {method}")
-                run = _Run(machine, path, solution.trajectory, until, gains if control == "feedback" else None)
+                run = _Run(perturbed_robot, path, solution.trajectory, until, gains if control == "feedback" else None)
                 row = {"plant": plant.name, "stiffness": plant.stiffness, "mass": plant.mass}
                 out.append({**row, "control": control, "method": method, **run.figures()})
     return out
@@ -196,12 +201,12 @@ def _gains(equations: Equations, path: Path, bandwidth: Bandwidth) -> tuple[np.n
     M = evaluate(equations.function("mass_matrix"), path.q_start)[0].reshape(model.n_a, model.n_a)
     inverse = np.linalg.inv(model.eta)
     i_g = list(model.i_g)
-    seen = np.diag(inverse.T @ M[np.ix_(i_g, i_g)] @ inverse) + np.array([motor.inertia for motor in model.motors])
-    return bandwidth.speed * seen, bandwidth.position, bandwidth.integral
+    inertia = np.diag(inverse.T @ M[np.ix_(i_g, i_g)] @ inverse) + np.array([motor.inertia for motor in model.motors])
+    return bandwidth.speed * inertia, bandwidth.position, bandwidth.integral
 
 
 class _Run:
-    """One simulation: a plant under the torque, and perhaps the feedback, of one trajectory."""
+    """One simulation: a plant under the torque of a trajectory, with or without feedback."""
 
     def __init__(
         self,
@@ -238,7 +243,7 @@ class _Run:
         """Instants, arm coordinates and the largest motor torque."""
         model = self.equations.model
         n, n_a, n_m, i_m, i_g = model.dof, model.n_a, model.n_m, list(model.i_m), list(model.i_g)
-        rest = hold_motors(self.equations, self.q_m_start, self.q_start)
+        equilibrium = hold_motors(self.equations, self.q_m_start, self.q_start)
         state_rate = self.equations.function("state_rate")
         largest = 0.0
 
@@ -248,7 +253,7 @@ class _Run:
             return q_m, v_m
 
         def torque(t: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            """Torque and the rate of the integrator."""
+            """Torque and the derivative of the integrator."""
             inside = min(max(t, self.first), self.last)
             tau = self.torque(inside)
             if self.gains is None:
@@ -265,8 +270,8 @@ class _Run:
             largest = max(largest, float(np.abs(tau).max()))
             return np.concatenate([np.array(state_rate(x[: 2 * n], tau)).ravel(), integrator])
 
-        held = np.zeros(n_m) if self.gains is None else rest.tau_m - self.torque(self.first)
-        start = np.concatenate([rest.q_a, rest.q_m[i_m], np.zeros(n), held])
+        held = np.zeros(n_m) if self.gains is None else equilibrium.tau_m - self.torque(self.first)
+        start = np.concatenate([equilibrium.q_a, equilibrium.q_m[i_m], np.zeros(n), held])
         t = np.linspace(self.first, self.until, int(np.ceil((self.until - self.first) / SAMPLE)) + 1)
         atol = np.concatenate([np.full(2 * n, ATOL), np.full(n_m, 1e-6)])
         solver = DOP853(rate, t[0], start, t[-1], rtol=RTOL, atol=atol)
@@ -275,7 +280,7 @@ class _Run:
         while k < len(t):
             solver.step()
             if solver.status == "failed" or not np.isfinite(solver.y).all() or solver.nfev > 1_000_000:
-                raise SolverError(f"simulation: broke down at t = {solver.t:.6g} s")
+                raise SolverError(f"simulation: failed at t = {solver.t:.6g} s")
             dense = solver.dense_output()
             while k < len(t) and t[k] <= solver.t:
                 out[k] = dense(t[k])[:n_a]

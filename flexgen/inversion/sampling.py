@@ -1,4 +1,4 @@
-"""Between a question and the C that answers it: samples of the path, the mesh, and an answer from what comes back."""
+"""Arguments and results of the inversion in C: the sampling grid, samples of the path, and the method result."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from flexgen.model.elements import LinearSpring
 from flexgen.paths.path import Path
 from flexgen.runtime.path_inversion import Inversion
 
-SAMPLES = 900_000
+SAMPLES = 900_000  # at most
 
 
 def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int]:
@@ -24,7 +24,9 @@ def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int
         before = float(problem.preview)
     gears = [c.dof.gear for c in problem.equations.model.coordinates if c.dof is not None and c.dof.gear is not None]
     linear = all(gear.rigid or isinstance(gear.spring, LinearSpring) for gear in gears)
-    step = problem.step if linear else problem.step / 2  # where a gear's stiffness changes, its twist is less smooth
+    step = (
+        problem.step if linear else problem.step / 2
+    )  # where a gear's stiffness changes, its deflection is less smooth
     steps = int(np.ceil(duration / min(step, h) - 1e-9))
     whole = (duration + before + after) / duration
     if whole * steps > SAMPLES:
@@ -42,24 +44,24 @@ def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int
 
 
 def samples(reduction: Reduction, path: Path, period: float, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Place (n, n_t), rate and its rate (n, n_y) of the output at n samples of a path."""
+    """Output (n, n_t) and its first two time derivatives (n, n_y) at n samples of a path."""
     sample = path.sample(np.arange(n) * period)
     return tuple(np.ascontiguousarray(x) for x in (reduction.targets(sample), sample.rates(1), sample.rates(2)))  # type: ignore[return-value]
 
 
 def from_library(found: Inversion) -> MethodResult:
-    """The answer of an inversion in C; the motors' accelerations by differences, for pictures and residuals."""
+    """The method result of an inversion in C; motor accelerations by differences, for plots and residuals."""
     t = found.t
     step = t[1] - t[0]
     if not np.isfinite(found.tau_m).all():
-        raise SolverError("the library returned torques that are not finite")
+        raise SolverError("the library returned torques that are not finite; try another --mesh or a smoother move")
     return MethodResult(
         t,
         found.q_a,
         found.v_a,
         found.a_a,
         found.tau_g,
-        MotorMotion(found.q_m, found.v_m, slope(found.v_m, step), found.tau_m),
+        MotorMotion(found.q_m, found.v_m, time_derivative(found.v_m, step), found.tau_m),
         preactuation=found.n_pre * found.period,
         iterations=found.iterations,
         intervals=found.intervals,
@@ -72,7 +74,7 @@ def from_library(found: Inversion) -> MethodResult:
     )
 
 
-def slope(x: np.ndarray, step: float) -> np.ndarray:
+def time_derivative(x: np.ndarray, step: float) -> np.ndarray:
     """Time derivative of samples (n, m) by central differences of order six; constant before and after."""
     padded = np.concatenate([np.repeat(x[:1], 3, axis=0), x, np.repeat(x[-1:], 3, axis=0)])
 

@@ -1,4 +1,4 @@
-"""Solve: from a model and a move to motor torques, verified by simulating the full model forward."""
+"""Inverse dynamics of a move: motor torques, verified by a forward simulation of the full model."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from flexgen.ports import Port
 from flexgen.simulation.simulate import Simulation, output_labels, output_units, simulate, turn_angle
 from flexgen.trajectory import Trajectory
 
-ACCURACY = 1e-5  # m and rad: a verified error above this is refined, then reported as TOLERANCE_NOT_MET
-LONGEST = 5e-3  # s: of the intervals of a mesh, unless the move lasts for minutes
-ATTEMPTS = 3  # meshes, each half as coarse as the one before
-ENERGY = 1e-7  # relative: a simulation that misses the energy balance by more proves nothing
-RESIDUAL = 1e-3  # of the largest torque in its row: above it an answer is called wrong, whatever the solver says
-FULL_MOST = 8  # coordinates that the full method takes by itself: with 12 it needs many minutes, if it ends at all
-RIPPLE = 1e-2  # the same for the full method, whose torque may ripple between the Gauss points unfelt by the tool
+ACCURACY = 1e-5  # rad, and m for each meter of reach: largest verified error of a solved move
+LONGEST = 5e-3  # s: longest interval of a mesh, unless the move takes minutes
+ATTEMPTS = 3  # meshes, each with intervals half as long as the one before
+ENERGY = 1e-7  # relative: largest error of the energy balance of a simulation that verifies something
+RESIDUAL = 1e-3  # largest relative residual of a result that is not verified
+RIPPLE = 1e-2  # the same for the full method, whose torque may ripple between the Gauss points
+FULL_LARGEST = 8  # coordinates: "auto" takes the full method up to here; with 12 it needs many minutes
 
 
 def solve(
@@ -50,7 +50,7 @@ def solve(
     progress: Callable[[str], None] | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> Solution:
-    """Find the motor torques that make the output follow a move.
+    """Find the motor torques that make the output track a move.
 
     Parameters
     ----------
@@ -58,26 +58,26 @@ def solve(
     move : str or Move, optional
         A move of the model file; default: its first.
     method : str
-        A name of `flexgen.inversion.method_table.METHODS`, or ``"auto"``: ``"full"`` for complete motor coupling, gears
-        whose spring has a kink, and limits of an arm with up to 8 coordinates (``"lq"`` of a larger elastic one); else
-        ``"closed-form"`` without non-actuated coordinates, and ``"lq"`` with them (``"collocation"`` where there is no
-        C compiler). What the verification rejects is tried again by "full".
+        A name of `flexgen.inversion.method_table.METHODS`, or ``"auto"``, the default method: ``"full"`` for complete
+        motor coupling, gear springs with a kink, and limits of an arm with up to 8 coordinates (``"lq"`` of a larger
+        elastic one); else ``"closed-form"`` without non-actuated coordinates, and ``"lq"`` with them
+        (``"collocation"`` without a C compiler). If the verification fails, ``"full"`` is tried.
     preview : float, optional [s]
         How long before the path the motion may begin; default: fifteen time constants of the slowest unstable zero, at
         least 4 % of the move (of half a second, if it is longer) and at most 2 s.
     mesh : float, optional [s]
         Length of the intervals or steps; default: a hundredth of the move, at most 5 ms (with "lq" and "bvp" 10 ms).
     limits : Limits, optional
-        Bounds on motor torque, speed and deflection, for methods that keep them: "lq" bends the path and inverts it
-        exactly, "full" and "collocation" optimise torque and tool error together.
+        Bounds on motor torque, motor speed and deflection: "lq" modifies the path and inverts the modified path,
+        "full" and "collocation" optimize torque and tool error together.
     verify : bool
-        Simulate the full model forward and measure the error; meshes that miss ``accuracy`` are refined.
-    accuracy : float [rad, and m for each metre of reach, at most m]
-        What the verified error of a solved move may be.
+        Simulate the full model and measure the error; a mesh that misses ``accuracy`` is refined.
+    accuracy : float [rad, and m for each meter of reach, at most m]
+        Largest verified error of a solved move.
     progress : callable, optional
         Called with one line of text now and then.
     options : mapping, optional
-        What only some methods know, by name: ``native`` (lq, bvp), ``order`` and ``richardson`` (bdf), ``order``
+        Options of single methods: ``native`` (lq, bvp), ``order`` and ``richardson`` (bdf), ``order``
         (discretized), ``rtol`` (reduced), ``rounds`` (quasistatic); see their modules.
 
     Returns
@@ -87,9 +87,9 @@ def solve(
     Raises
     ------
     ArgumentError
-        Unknown move or method, or one that does not apply.
+        Unknown move or method, or a method that does not apply to the model.
     SolverError
-        No solution: the text says what happened and what to try.
+        No solution; the text gives the reason and what to try.
     """
     wall, cpu = time.perf_counter(), time.process_time()
     equations = model if isinstance(model, Equations) else derive(model)
@@ -97,16 +97,7 @@ def solve(
     chosen = named_move(robot, move)
     if method not in NAMES:
         raise ArgumentError(f"method: given {method!r}, expected one of {', '.join(NAMES)}")
-    for name, value in (("preview", preview), ("mesh", mesh), ("accuracy", accuracy)):
-        if value is None or (name == "preview" and value == 0):
-            continue
-        if not isinstance(value, Real) or isinstance(value, bool) or not (np.isfinite(value) and value > 0):
-            what = {"preview": "zero or a positive time in s", "mesh": "a positive time in s"}.get(
-                name, "a positive length"
-            )
-            raise ArgumentError(f"{name}: given {value!r}, expected {what}")
-    if limits is not None and not isinstance(limits, Limits):
-        raise ArgumentError(f"limits: given {limits!r}, expected flexgen.Limits(torque=..., speed=...)")
+    _check_arguments(preview, mesh, accuracy, limits)
     choose = method == AUTO
     chosen_method = METHODS[_automatic(robot, limits) if choose else method]
     _check_applies(chosen_method, robot, limits)
@@ -114,26 +105,40 @@ def solve(
     problem = InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, progress, dict(options or {}))
     solution = _refined(problem, chosen_method)
     if choose and solution.status == Status.TOLERANCE_NOT_MET and chosen_method.name != "full":
-        problem.tell(f"method {chosen_method.name} missed the path: trying the full model")
+        problem.log(f"method {chosen_method.name}: tolerance not met; trying the full model")
         try:
             other = _refined(problem, METHODS["full"])
             solution = other if other.status != Status.TOLERANCE_NOT_MET else solution
-        except SolverError as error:  # what was found before is worth more than nothing
-            problem.tell(f"the full model did not help: {error}")
+        except SolverError as error:  # keep the first solution
+            problem.log(f"method full failed: {error}")
     return replace(solution, wall_s=time.perf_counter() - wall, cpu_s=time.process_time() - cpu)
 
 
+def _check_arguments(preview: float | None, mesh: float | None, accuracy: float, limits: Limits | None) -> None:
+    """ArgumentError where an argument of `solve` has a wrong type or value."""
+    expected = {
+        "preview": "zero or a positive time in s",
+        "mesh": "a positive time in s",
+        "accuracy": "a positive length",
+    }
+    for name, value in (("preview", preview), ("mesh", mesh), ("accuracy", accuracy)):
+        if value is None or (name == "preview" and value == 0):
+            continue
+        if not isinstance(value, Real) or isinstance(value, bool) or not (np.isfinite(value) and value > 0):
+            raise ArgumentError(f"{name}: given {value!r}, expected {expected[name]}")
+    if limits is not None and not isinstance(limits, Limits):
+        raise ArgumentError(f"limits: given {limits!r}, expected flexgen.Limits(torque=..., speed=...)")
+
+
 def _automatic(robot: RobotModel, limits: Limits | None) -> str:
-    """The method for who does not choose."""
-    from flexgen.inversion.model_library import (
-        has_compiler,  # here: who chooses another method needs no code generation
-    )
+    """Name of the default method."""
+    from flexgen.inversion.model_library import has_compiler  # here: other methods need no code generation
 
     if robot.motor_coupling != "simplified" or has_kinks(robot):
         return "full"
     inverts = robot.n_e > 0 and robot.inversion_obstacle() is None and has_compiler()
     if limits is not None:
-        return "lq" if inverts and robot.n_a > FULL_MOST else "full"
+        return "lq" if inverts and robot.n_a > FULL_LARGEST else "full"
     if robot.n_e == 0:
         return "closed-form"
     return "lq" if inverts else "collocation"
@@ -143,7 +148,7 @@ def _check_applies(method: Method, robot: RobotModel, limits: Limits | None) -> 
     if limits is not None and not method.keeps_limits:
         able = ", ".join(m.name for m in METHODS.values() if m.keeps_limits)
         raise ArgumentError(
-            f"limits: method {method.name!r} follows the path exactly and cannot respect them, expected one of {able}"
+            f"limits: method {method.name!r} tracks the path exactly and cannot keep limits, expected one of {able}"
         )
     if robot.motor_coupling != "simplified" and not method.any_coupling:
         able = ", ".join(m.name for m in METHODS.values() if m.any_coupling)
@@ -154,29 +159,31 @@ def _check_applies(method: Method, robot: RobotModel, limits: Limits | None) -> 
 
 
 def run_method(method: Method, problem: InversionProblem, h: float) -> MethodResult:
-    """What a method finds on intervals of ``h`` [s]."""
+    """The result of a method on intervals of ``h`` [s]."""
     module = import_module(f"flexgen.inversion.methods.{method.module}")
     solver: Callable[[InversionProblem, float], MethodResult] = getattr(module, method.function)
     return solver(problem, h)
 
 
 def _refined(problem: InversionProblem, method: Method) -> Solution:
-    """One method, on finer meshes until its answer is verified."""
+    """The solution of one method, on finer meshes until it is verified."""
     duration = problem.path.duration
     h = max(min(duration / 100, LONGEST), duration / (INTERVALS / 4)) if problem.mesh is None else float(problem.mesh)
     attempts = 1 if (problem.mesh is not None or not method.refines) else ATTEMPTS
     best, least = None, np.inf
     for attempt in range(attempts):
         last = attempt + 1 == attempts
-        solution = _solution(problem, method.name, run_method(method, problem, h / 2**attempt))
+        solution = make_solution(problem, method.name, run_method(method, problem, h / 2**attempt))
         if not problem.verify:
-            if last or _is_believable(solution):
-                _judge(solution)
+            if last or _residual_is_small(solution):
+                _check_residual(solution)
                 return solution
-            problem.tell(f"residual {solution.residual_relative:.1e} of the torque: halving the mesh")
+            problem.log(f"relative residual {solution.residual_relative:.1e}: halving the mesh")
             continue
-        simulation = simulate(problem.equations, solution.trajectory, start=problem.rest, progress=problem.progress)
-        plan = _plan_error(problem.equations, solution, simulation) if solution.status == Status.LIMITS_ACTIVE else None
+        simulation = simulate(
+            problem.equations, solution.trajectory, start=problem.equilibrium, progress=problem.progress
+        )
+        plan = plan_error(problem.equations, solution, simulation) if solution.status == Status.LIMITS_ACTIVE else None
         solution = replace(solution, simulation=simulation, plan_error_max=None if plan is None else max(plan))
         if solution.status == Status.BASELINE:
             return solution
@@ -185,16 +192,16 @@ def _refined(problem: InversionProblem, method: Method) -> Solution:
         worst = max(in_m / size, in_rad)
         if worst <= problem.accuracy and simulation.energy_error <= ENERGY:
             return solution
-        if best is None or worst < least:  # a finer mesh may be worse, where rounding is what is left
+        if best is None or worst < least:  # on a finer mesh rounding may be larger
             best, least = replace(solution, status=Status.TOLERANCE_NOT_MET), worst
         if not last:
-            problem.tell(f"verified error {worst:.2e} is above {problem.accuracy:.0e}: halving the mesh")
+            problem.log(f"verified error {worst:.2e} is above {problem.accuracy:.0e}: halving the mesh")
     assert best is not None  # there is one attempt at least
     return best
 
 
-def _plan_error(equations: Equations, solution: Solution, simulation: Simulation) -> tuple[float, float]:
-    """How far the simulated output is from the planned one, which limits keep off the reference: [m] and [rad]."""
+def plan_error(equations: Equations, solution: Solution, simulation: Simulation) -> tuple[float, float]:
+    """Largest distance [m] and angle [rad] of the simulated output from the planned one, where limits are active."""
     both = (solution.trajectory, simulation.trajectory)
     planned, found = (evaluate(equations.function("output"), t["q_a"])[0].reshape(len(t.time), -1) for t in both)
     units = np.array(output_units(equations.model))
@@ -205,25 +212,25 @@ def _plan_error(equations: Equations, solution: Solution, simulation: Simulation
     return in_m, in_rad
 
 
-def _is_believable(solution: Solution) -> bool:
-    """Whether the residual between the samples is what it may be."""
+def _residual_is_small(solution: Solution) -> bool:
+    """Whether the residual between the samples is small enough for a result that is not verified."""
     return solution.status == Status.BASELINE or solution.residual_relative <= (
         RIPPLE if solution.method == "full" else RESIDUAL
     )
 
 
-def _judge(solution: Solution) -> None:
-    """Without a verification the residual alone decides; SolverError where it is too large to be believed."""
-    if not _is_believable(solution):
+def _check_residual(solution: Solution) -> None:
+    """SolverError where the residual of a result that is not verified is too large."""
+    if not _residual_is_small(solution):
         raise SolverError(
-            f"method {solution.method}: the answer does not satisfy the equations of motion between its samples: "
-            f"residual {solution.residual_max_Nm:.3g} N m, in one row {solution.residual_relative:.1e} of the torque "
-            "there; verify it, or try a finer --mesh or a smoother move"
+            f"method {solution.method}: the result does not satisfy the equations of motion between its samples: "
+            f"residual {solution.residual_max_Nm:.3g} N m, relative residual {solution.residual_relative:.1e}; "
+            "switch the verification on, or try a finer --mesh or a smoother move"
         )
 
 
-def _trajectory(problem: InversionProblem, answer: MethodResult) -> Trajectory:
-    path, robot, t, d = problem.path, problem.equations.model, answer.t, answer.motors
+def _trajectory(problem: InversionProblem, result: MethodResult) -> Trajectory:
+    path, robot, t, d = problem.path, problem.equations.model, result.t, result.motors
     sample = path.sample(t)
     names_a = tuple(c.name for c in robot.coordinates)
     names_m = tuple(m.name for m in robot.motors)
@@ -232,14 +239,14 @@ def _trajectory(problem: InversionProblem, answer: MethodResult) -> Trajectory:
     unit = output.unit if output.type == "combination" else "m"
     reference = output_labels(robot)
     rows: list[tuple[str, np.ndarray, str, str, tuple[str, ...]]] = [
-        ("q_a", answer.q, "rad or m", "arm coordinates", names_a),
-        ("v_a", answer.v, "rad/s or m/s", "their speeds", names_a),
-        ("a_a", answer.a, "rad/s^2 or m/s^2", "their accelerations", names_a),
+        ("q_a", result.q, "rad or m", "arm coordinates", names_a),
+        ("v_a", result.v, "rad/s or m/s", "their speeds", names_a),
+        ("a_a", result.a, "rad/s^2 or m/s^2", "their accelerations", names_a),
         ("q_m", d.q_m, "rad", "motor angles, motor side", names_m),
         ("v_m", d.v_m, "rad/s", "motor speeds, motor side", names_m),
         ("a_m", d.a_m, "rad/s^2", "motor accelerations, motor side", names_m),
         ("tau_m", d.tau_m, "N m", "motor torques, motor side", names_m),
-        ("tau_g", answer.tau_g, "N m", "gear torques, arm side", names_g),
+        ("tau_g", result.tau_g, "N m", "gear torques, arm side", names_g),
         ("y_ref", sample.y[:, :, 0], unit, "reference output", reference["y_ref"]),
     ]
     if sample.R is not None:
@@ -260,27 +267,28 @@ def _trajectory(problem: InversionProblem, answer: MethodResult) -> Trajectory:
     )
 
 
-def _solution(problem: InversionProblem, method: str, answer: MethodResult) -> Solution:
+def make_solution(problem: InversionProblem, method: str, result: MethodResult) -> Solution:
+    """The solution of a problem from the result of a method, not verified yet; SolverError where it is not finite."""
     equations, path = problem.equations, problem.path
-    trajectory = _trajectory(problem, answer)
+    trajectory = _trajectory(problem, result)
     residual = residual_max(equations, trajectory)
     if not np.isfinite(residual):
-        raise SolverError(f"method {method}: the answer is not finite; try another --mesh or a smoother move")
+        raise SolverError(f"method {method}: the result is not finite; try another --mesh or a smoother move")
     return Solution(
         model=equations.model,
         move=path.move,
         method=method,
-        status=answer.status,
-        verdict=answer.verdict,
+        status=result.status,
+        verdict=result.verdict,
         trajectory=trajectory,
         residual_max_Nm=residual,
         residual_relative=relative_residual(equations, trajectory),
-        iterations=answer.iterations,
+        iterations=result.iterations,
         wall_s=0.0,
         cpu_s=0.0,
-        preactuation_s=answer.preactuation,
+        preactuation_s=result.preactuation,
         simulation=None,
         warnings=(*exceeded(equations.model, trajectory), *problem.too_rough),
-        intervals=answer.intervals,
-        details=dict(answer.details),
+        intervals=result.intervals,
+        details=dict(result.details),
     )

@@ -21,7 +21,7 @@ import numpy as np
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.gear_lag import Lag, gear_lag
 from flexgen.inversion.methods.closed_form import SAMPLES
-from flexgen.inversion.motor_side import HURRY
+from flexgen.inversion.motor_side import INSTANT
 from flexgen.inversion.problem import STEP
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears
@@ -119,7 +119,7 @@ class JointMoves:
         damped = self._damping > 0
         slow = self._damping[damped] / self._stiffness[damped]
         h = self.t[1]
-        if (slow < HURRY * h).any():
+        if (slow < INSTANT * h).any():
             raise ArgumentError(
                 f"many joint moves at once: model {model.name} has a gear whose twist settles within {slow.min():.2g} "
                 f"s, much less than a sample of {h:.2g} s; use flexgen.solve for each of the moves"

@@ -29,7 +29,7 @@ from hostile import (
 )
 
 from flexgen.errors import ArgumentError, FlexgenError, SolverError
-from flexgen.inversion.sampling import slope
+from flexgen.inversion.sampling import time_derivative
 from flexgen.inversion.solve import solve
 from flexgen.inversion.status import Status
 from flexgen.mechanics.statics import reach
@@ -115,7 +115,7 @@ def check_results(target: Target, call: Call, answer: MethodResult) -> None:
         assert np.abs(R.transpose(0, 2, 1).reshape(len(R), 9) - place[:, 3:]).max() <= ON_PATH
     rest = slice(3, -3)
     at_rest = 0 if model.n_e else 3  # samples before and after: an arm without other coordinates rests there
-    a_m = slope(r["v_m"], call.period)
+    a_m = time_derivative(r["v_m"], call.period)
     motion = (*(r[key] for key in ("q_a", "v_a", "a_a", "q_m", "v_m")), a_m, r["tau_m"])
     r_a, r_m = (x.reshape(len(place), -1) for x in evaluate(target.equations.function("residual"), *motion))
     if model.n_e:
@@ -135,7 +135,7 @@ def check_results(target: Target, call: Call, answer: MethodResult) -> None:
     for x, rate, least in (("q_a", "v_a", 1e-9), ("v_a", "a_a", 1e-6)):
         values = np.pad(r[x], ((at_rest, at_rest), (0, 0)), mode="edge" if x == "q_a" else "constant")
         rates = np.pad(r[rate], ((at_rest, at_rest), (0, 0)))
-        off = np.abs(slope(values, call.period) - rates)[rest].max(initial=0.0)
+        off = np.abs(time_derivative(values, call.period) - rates)[rest].max(initial=0.0)
         assert off <= 1.01 * UNEVEN * max(np.abs(r[rate]).max(), least)
     assert np.abs(r_a[:, model.i_g]).max() <= LAG * np.abs(r["tau_g"]).max() + ROUNDING
     inertia = np.array([motor.inertia for motor in model.motors])

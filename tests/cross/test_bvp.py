@@ -21,7 +21,7 @@ from flexgen.analysis.zeros import inner_zeros
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.methods import bvp, collocation, lq
 from flexgen.inversion.problem import InversionProblem
-from flexgen.inversion.solve import _solution
+from flexgen.inversion.solve import make_solution
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.signatures import INVERSION
@@ -99,9 +99,9 @@ def test_it_agrees_with_the_other_methods(name: str) -> None:
     most = SAME_MESH if name in PLANAR else SAME_MESH_SIX_AXES
     assert np.abs((same.motors.tau_m - answer.motors.tau_m) / size).max() < most
     if name not in PLANAR:  # there collocation takes minutes; the simulation judges
-        solution = _solution(problem, "bvp", answer)
+        solution = make_solution(problem, "bvp", answer)
         assert (
-            simulate(problem.equations, solution.trajectory, start=problem.rest).tool_error_max_m or 0.0
+            simulate(problem.equations, solution.trajectory, start=problem.equilibrium).tool_error_max_m or 0.0
         ) < MICRON / 10
         return
     other = collocation.solve(problem, usual(problem))
@@ -116,8 +116,10 @@ def test_the_tool_stays_on_the_path(name: str) -> None:
     """On a mesh of 10 ms within 0.15 um, of 5 ms within 0.009 um."""
     for mesh, most in ((1e-2, 0.15 * MICRON), (5e-3, 0.009 * MICRON)):
         problem = question(name, mesh=mesh)
-        solution = _solution(problem, "bvp", bvp.solve(problem, mesh))
-        assert (simulate(problem.equations, solution.trajectory, start=problem.rest).tool_error_max_m or 0.0) < most
+        solution = make_solution(problem, "bvp", bvp.solve(problem, mesh))
+        assert (
+            simulate(problem.equations, solution.trajectory, start=problem.equilibrium).tool_error_max_m or 0.0
+        ) < most
 
 
 def test_it_is_a_method_of_solve() -> None:
@@ -137,15 +139,15 @@ def test_the_ends_are_bound_by_what_fades_and_grows(name: str) -> None:
     found = [answer.details[f"unstable_zeros_{end}"] for end in ("start", "end")]
     assert found == [unstable_zeros(equations, q) for q in poses]
     if name == "planar5_mp":  # all fades: the start is exact rest
-        assert np.abs(answer.v[0]).max() < 1e-12 and np.abs(answer.q[0] - problem.rest.q_a).max() < 1e-12
+        assert np.abs(answer.v[0]).max() < 1e-12 and np.abs(answer.q[0] - problem.equilibrium.q_a).max() < 1e-12
         return
     # one real zero of either sign: v_e = z (q_e - rest). With a short window the distance from rest is well above
     # rounding; what is left is of the second order in it.
     short = question(name, mesh=1e-3, preview=3e-3)
     early = bvp.solve(short, 1e-3)
-    rest = at_rest(equations, problem.rest.q_a)
+    rest = at_rest(equations, problem.equilibrium.q_a)
     zeros = inner_zeros(equations, linearise(equations, rest), rest).real
-    assert early.v[0, e] / (early.q[0, e] - problem.rest.q_a[e]) == pytest.approx(zeros.max(), rel=1e-3)
+    assert early.v[0, e] / (early.q[0, e] - problem.equilibrium.q_a[e]) == pytest.approx(zeros.max(), rel=1e-3)
 
 
 # --- what it refuses --------------------------------------------------------------------------------------------------

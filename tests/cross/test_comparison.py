@@ -11,7 +11,7 @@ import pytest
 import flexgen
 from flexgen.inversion.comparison import compare_methods, error_rows, error_sizes
 from flexgen.inversion.robustness import Plant, compare_plants, output_errors
-from flexgen.inversion.solve import _plan_error
+from flexgen.inversion.solve import plan_error
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import Output
 from flexgen.model.reader import read
@@ -81,10 +81,10 @@ def test_the_distance_from_a_plan_keeps_metres_and_angles_apart() -> None:
     solution = flexgen.solve(equations)
     simulation = solution.simulation
     assert simulation is not None
-    assert max(_plan_error(equations, solution, simulation)) < 1e-6
+    assert max(plan_error(equations, solution, simulation)) < 1e-6
     last = np.zeros(equations.model.n_a)
     last[-1] = 2e-3  # rad; the tool is at (0.1, 0.25, 0.1) m, and the last axis is y
     moved = replace(simulation.trajectory, channels={**simulation.trajectory.channels})
     moved.channels["q_a"] = simulation.trajectory["q_a"] + last
-    in_m, in_rad = _plan_error(equations, solution, replace(simulation, trajectory=moved))
+    in_m, in_rad = plan_error(equations, solution, replace(simulation, trajectory=moved))
     assert in_rad == pytest.approx(2e-3, rel=1e-3) and in_m == pytest.approx(2e-3 * np.hypot(0.1, 0.1), rel=1e-3)

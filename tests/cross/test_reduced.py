@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 import pytest
-from causal_cases import Problem, problem, reference, relative
+from causal_cases import InitialValueCase, problem, reference, relative
 from numpy.polynomial import Chebyshev
 
 import flexgen
@@ -23,7 +23,7 @@ ALIKE = 1e-5  # relative: derivatives of polynomials fitted to samples, up to th
 WINDOW = 0.02  # s: where they are fitted
 
 
-def dummies_of(here: Problem) -> DummyDerivatives:
+def dummies_of(here: InitialValueCase) -> DummyDerivatives:
     return DummyDerivatives(here.dae, *offsets(here.dae))
 
 
@@ -42,10 +42,10 @@ def test_degrees_of_freedom_are_those_of_the_theory(name: str, freedom: int) -> 
     here = problem(name)
     dummies = dummies_of(here)
     U = here.dae.targets(here.path.sample(np.zeros(1)), dummies.orders)[0]
-    choice = dummies.choose(dummies.at_rest(here.x_rest), U)
+    choice = dummies.choose(dummies.at_rest(here.x_eq), U)
     assert dummies.freedom == len(choice.states) == freedom
     assert len(choice.algebraic) == sum(dummies.c) + len(dummies.c)  # as many as equations
-    slopes = dummies.system(dummies.at_rest(here.x_rest), U)[1].full() * dummies.scales(here.x_rest)
+    slopes = dummies.system(dummies.at_rest(here.x_eq), U)[1].full() * dummies.scales(here.x_eq)
     block = slopes[:, list(choice.algebraic)]
     assert np.linalg.cond(block / np.abs(block).max(axis=1)[:, None]) < 1e12  # index 1: solvable for all else
 
@@ -90,7 +90,7 @@ def test_a_poor_choice_is_seen() -> None:
     here = problem("planar5_mp")
     dummies = dummies_of(here)
     U = here.dae.targets(here.path.sample(np.zeros(1)), dummies.orders)[0]
-    rest = dummies.at_rest(here.x_rest)
+    rest = dummies.at_rest(here.x_eq)
     best = dummies.choose(rest, U)
     assert dummies.quality(dummies.choice([1, 3, 3, 1, 1, 0, 0]), rest, U) < POOR / 10
     assert dummies.quality(best, rest, U) > 0.5
@@ -111,9 +111,9 @@ def test_other_states_are_chosen_on_the_way(monkeypatch: pytest.MonkeyPatch) -> 
             self.asked += 1
             return self.choice([3, 3, 1, 1, 1, 0, 0]) if self.asked == 1 else super().choose(Y, U)
 
-    straight = integrate(dummies, here.path, t, here.x_rest)
+    straight = integrate(dummies, here.path, t, here.x_eq)
     monkeypatch.setattr(dummy_derivatives, "POOR", 0.97)
-    changed = integrate(Planted(here.dae, dummies.c, dummies.d), here.path, t, here.x_rest)
+    changed = integrate(Planted(here.dae, dummies.c, dummies.d), here.path, t, here.x_eq)
     assert straight.choices == 1 and changed.choices >= 2
     tau = [here.torques(dummies.states_of(found.Y)[0]) for found in (changed, straight)]
     assert relative(*tau) < EXACT
@@ -123,9 +123,9 @@ def test_consistent_values_are_found_again() -> None:
     here = problem("planar5_mp")
     dummies = dummies_of(here)
     t = np.array([0.0, 0.05, 0.1, 0.15, 0.2])
-    Y = integrate(dummies, here.path, t, here.x_rest).Y[-1]
+    Y = integrate(dummies, here.path, t, here.x_eq).Y[-1]
     U = here.dae.targets(here.path.sample(t), dummies.orders)[-1]
-    choice, scale = dummies.choose(Y, U), dummies.scales(here.x_rest)
+    choice, scale = dummies.choose(Y, U), dummies.scales(here.x_eq)
     moved = Y + 1e-4 * scale * np.random.default_rng(3).normal(size=len(Y))
     moved[list(choice.states)] = Y[list(choice.states)]
     found, iterations = dummies.consistent(choice, moved, U, scale)
@@ -166,7 +166,7 @@ def test_a_wrong_derivative_of_the_path_is_seen(monkeypatch: pytest.MonkeyPatch)
     here = problem("planar5_mp")
     t = np.linspace(0.0, here.path.duration, 251)
     found = dummies_of(here)
-    tau = here.torques(found.states_of(integrate(found, here.path, t, here.x_rest, 1e-9).Y)[0])
+    tau = here.torques(found.states_of(integrate(found, here.path, t, here.x_eq, 1e-9).Y)[0])
     assert relative(tau, reference("planar5_mp")(t)) > 5 * EXACT  # type: ignore[operator]
 
 
@@ -176,7 +176,7 @@ def test_the_tolerance_works() -> None:
     found = dummies_of(here)
     errors = []
     for rtol in (1e-6, 1e-10):
-        Y = integrate(found, here.path, t, here.x_rest, rtol).Y
+        Y = integrate(found, here.path, t, here.x_eq, rtol).Y
         errors.append(relative(here.torques(found.states_of(Y)[0]), exact(t)))  # type: ignore[operator]
     assert errors[1] < EXACT and errors[1] < errors[0] / 100
 

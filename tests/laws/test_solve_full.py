@@ -136,7 +136,7 @@ def test_a_fallback_that_fails_loses_nothing(monkeypatch: pytest.MonkeyPatch) ->
         ("lq", Status.TOLERANCE_NOT_MET),
         ("collocation", Status.TOLERANCE_NOT_MET),
     )
-    assert said[-1] == "the full model did not help: no"
+    assert said[-1] == "method full failed: no"
 
 
 def test_exceeded_limits_are_warned_of() -> None:

@@ -26,7 +26,7 @@ def errors(order: int, counts: tuple[int, ...], **other: object) -> list[float]:
     out = []
     for n in counts:
         t = np.linspace(0.0, here.path.duration, n + 1)
-        found = march(here.dae, here.path, t, here.x_rest, order, **other)  # type: ignore[arg-type]
+        found = march(here.dae, here.path, t, here.x_eq, order, **other)  # type: ignore[arg-type]
         out.append(relative(here.torques(found.x), exact(t)))  # type: ignore[operator]
     return out
 
@@ -55,14 +55,14 @@ def test_order_one_lags_and_extrapolation_removes_the_lag() -> None:
     here, exact = problem("planar5_mp", SMOOTH), reference("planar5_mp", SMOOTH)
     t = np.linspace(0.0, here.path.duration, 201)
     h = t[1]
-    plain = here.torques(march(here.dae, here.path, t, here.x_rest, 1).x) - exact(t)  # type: ignore[operator]
+    plain = here.torques(march(here.dae, here.path, t, here.x_eq, 1).x) - exact(t)  # type: ignore[operator]
     rate = exact.derivative()(t)  # type: ignore[attr-defined]
     lag = -np.sum(plain * rate) / np.sum(rate * rate) / h
     assert 0.5 < lag < 3.0  # steps
     both = []
     for n in (100, 200):
         s = np.linspace(0.0, here.path.duration, n + 1)
-        found = extrapolated(here.dae, here.path, s, here.x_rest, 1)
+        found = extrapolated(here.dae, here.path, s, here.x_eq, 1)
         both.append(relative(here.torques(found.x), exact(s)))  # type: ignore[operator]
     assert observed_order(both) == pytest.approx(2.0, abs=NEAR)
     assert both[-1] < relative(plain + exact(t), exact(t)) / 50  # type: ignore[operator]
@@ -100,7 +100,7 @@ def test_a_tool_that_passes_a_singular_pose_is_told() -> None:
     dae = InverseDae(here.problem.equations)  # the tool instead of the joints
     t = np.linspace(0.0, here.path.duration, 101)
     with pytest.raises(SolverError, match="singular pose"):
-        march(dae, here.path, t, here.x_rest, 1)
+        march(dae, here.path, t, here.x_eq, 1)
 
 
 def test_an_unstable_zero_is_refused_with_the_reason() -> None:

@@ -1,4 +1,4 @@
-"""The regularised DAE: the derivative array, its ranks, consistent points, and the order of its integration."""
+"""The regularized DAE: the derivative array, its ranks, consistent points, and the order of its integration."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import flexgen
 from flexgen.dae.derivative_array import DerivativeArray
 from flexgen.dae.strangeness_free import StrangenessFree
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.methods.kunkel_mehrmann import Regular, integrate, regularised, solve
+from flexgen.inversion.methods.kunkel_mehrmann import Regular, integrate, regularized, solve
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.status import Status
 from flexgen.numerics.tableaus import Tableau, radau
@@ -32,13 +32,13 @@ WINDOW = 0.02  # s: where they are fitted
 @cache
 def system(name: str) -> StrangenessFree:
     here = problem(name)
-    return regularised(here.dae, here.x_rest)
+    return regularized(here.dae, here.x_eq)
 
 
 @cache
 def marched(name: str, steps: int, duration: float) -> Regular:
     here = problem(name)
-    return integrate(system(name), here.path, np.linspace(0.0, duration, steps + 1), here.x_rest)
+    return integrate(system(name), here.path, np.linspace(0.0, duration, steps + 1), here.x_eq)
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_ranks_are_those_of_the_theory(name: str, mu: int, a: int, d: int) -> No
 def test_too_short_an_array_does_not_satisfy_the_hypothesis() -> None:
     here = problem("planar5_mp")
     with pytest.raises(SolverError, match="order 2 does not make the DAE regular"):
-        _ = StrangenessFree(here.dae, 2, here.x_rest).a
+        _ = StrangenessFree(here.dae, 2, here.x_eq).a
 
 
 @pytest.mark.parametrize("name", ["planar5_mp", "manutec_r3"])
@@ -121,7 +121,7 @@ def test_without_freedom_the_path_alone_determines_everything() -> None:
     t = 0.4 * here.path.duration
     U = here.dae.targets(here.path.sample(np.array([t])), found.mu)[0]
     X = np.zeros((found.n, found.mu + 2))
-    X[:, 0] = here.x_rest
+    X[:, 0] = here.x_eq
     torque = here.torques(found.consistent(X, U)[:, 0][None])[0]
     assert np.allclose(torque, reference("elbow@rigid")(t), rtol=1e-6)  # type: ignore[operator]
     U[:, 0] = 50.0  # out of reach
@@ -147,7 +147,7 @@ def coordinate_errors(name: str, table: Tableau | None = None) -> list[float]:
     out = []
     for n in COUNTS[name]:
         t = np.linspace(0.0, T, n + 1)
-        found = integrate(system(name), here.path, t, here.x_rest, table).x if table else marched(name, n, T).x
+        found = integrate(system(name), here.path, t, here.x_eq, table).x if table else marched(name, n, T).x
         out.append(float(np.abs(found[:, i_e] - exact[:: finest // n]).max()))
     return out
 

@@ -1,4 +1,4 @@
-"""What the tests of the initial-value methods share: problems and torques to compare with."""
+"""Cases of the initial-value methods: problems, their DAEs, and torques to compare with."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from flexgen.paths.path import Path
 
 
 @dataclass(frozen=True)
-class Problem:
-    """A question, its DAE and its state of rest."""
+class InitialValueCase:
+    """A problem, its DAE and its equilibrium."""
 
     problem: InversionProblem
     dae: InverseDae
-    x_rest: np.ndarray
+    x_eq: np.ndarray
 
     @property
     def path(self) -> Path:
@@ -34,7 +34,7 @@ class Problem:
 
 
 @cache
-def problem(name: str, smoothness: int | None = None, move: str | None = None) -> Problem:
+def problem(name: str, smoothness: int | None = None, move: str | None = None) -> InitialValueCase:
     """The problem of a model's move, its first by default."""
     model = read(name)
     if smoothness is not None:
@@ -42,12 +42,12 @@ def problem(name: str, smoothness: int | None = None, move: str | None = None) -
     equations = flexgen.derive(model)
     problem = InversionProblem(equations, Path(equations, model.move(move)))
     dae = dae_of(problem)
-    return Problem(problem, dae, dae.pack(problem.rest))
+    return InitialValueCase(problem, dae, dae.pack(problem.equilibrium))
 
 
 @cache
 def reference(name: str, smoothness: int | None = None, move: str | None = None) -> object:
-    """Motor torques of the same move by the method that follows the path exactly, as a spline in time."""
+    """Motor torques of the same move by a method of exact tracking, as a spline in time."""
     here = problem(name, smoothness, move)
     method = "collocation" if here.problem.equations.model.n_e else "closed-form"
     mesh = None if method == "closed-form" else 2e-3
@@ -56,7 +56,7 @@ def reference(name: str, smoothness: int | None = None, move: str | None = None)
 
 
 def relative(tau: np.ndarray, expected: np.ndarray) -> float:
-    """Largest difference of two torques (n, n_m), each motor relative to its largest one."""
+    """Largest difference of two torques (n, n_m), for each motor relative to the largest of it."""
     return float((np.abs(tau - expected).max(axis=0) / np.abs(expected).max(axis=0)).max())
 
 

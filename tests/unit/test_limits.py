@@ -11,7 +11,7 @@ from flexgen.errors import SolverError
 from flexgen.inversion import limits
 from flexgen.inversion.bounds import limits_for
 from flexgen.inversion.model_library import has_compiler
-from flexgen.inversion.path_deviation import DEGREE, DeviationBasis, bent
+from flexgen.inversion.path_deviation import DEGREE, DeviationBasis, deviated_path
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 from flexgen.numerics.evaluate import evaluate
@@ -42,7 +42,7 @@ def test_torque_limits_cost_what_they_cost_the_full_method(torque: float, price:
     assert solution.status == Status.LIMITS_ACTIVE
     assert np.abs(solution.trajectory["tau_m"]).max() <= torque * (1 + KEPT)
     assert abs(deviation(solution) - price) < NEAR * price  # of method full with the same limits
-    assert solution.details["bend_max_m"] == pytest.approx(deviation(solution), rel=1e-3)
+    assert solution.details["deviation_max_m"] == pytest.approx(deviation(solution), rel=1e-3)
 
 
 @needs_compiler
@@ -53,12 +53,12 @@ def test_speed_limits_are_kept() -> None:
 
 
 @needs_compiler
-def test_the_bent_path_is_verified() -> None:
+def test_the_modified_path_is_verified() -> None:
     equations = flexgen.derive("planar5_nmp")
     solution = flexgen.solve(equations, method="lq", limits=limits_for(equations.model, torque=22.0))
     assert solution.status == Status.LIMITS_ACTIVE and not solution.warnings
     assert solution.plan_error_max is not None and solution.plan_error_max < 1e-6
-    assert solution.tool_error_max_m == pytest.approx(solution.details["bend_max_m"], rel=1e-2)
+    assert solution.tool_error_max_m == pytest.approx(solution.details["deviation_max_m"], rel=1e-2)
 
 
 @needs_compiler
@@ -73,23 +73,23 @@ def test_wide_limits_change_nothing() -> None:
 def test_limits_that_cannot_be_kept_are_told() -> None:
     with pytest.raises(SolverError, match=r"motor m1 needs 8\.57 N m to hold the arm"):
         bounded("lq", torque=5.0)
-    with pytest.raises(SolverError, match="found no bend of the path"):
+    with pytest.raises(SolverError, match="no path deviation keeps them"):
         bounded("lq", speed=(1000.0, 20.0))
 
 
 @needs_compiler
 def test_limits_that_are_not_corrected_are_passed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A planted bug: slopes that are measured wrong by a fifth. The rounds mend it; without them it shows."""
-    measured = limits._slopes
+    """A planted bug: a Jacobian with an error of a fifth. Repeated programs correct it; a single one does not."""
+    measured = limits._jacobian
 
     def wrong(*arguments: object) -> object:
         return 1.2 * measured(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(limits, "_slopes", wrong)
+    monkeypatch.setattr(limits, "_jacobian", wrong)
     solution = bounded("lq", torque=22.0)
     assert np.abs(solution.trajectory["tau_m"]).max() <= 22.0 * (1 + KEPT)
     monkeypatch.setattr(limits, "ROUNDS", 1)
-    with pytest.raises(SolverError, match="still passed by"):
+    with pytest.raises(SolverError, match="exceeded by"):
         bounded("lq", torque=22.0)
 
 
@@ -105,7 +105,7 @@ def test_bends_are_smooth_and_end() -> None:
     assert not any(bends.along(c, k)[outside].any() for k in range(DEGREE))
 
 
-def test_a_pose_is_bent_with_its_rates() -> None:
+def test_a_pose_deviates_with_its_derivatives() -> None:
     step = 1e-3
     t = step * np.arange(-2, 3)
     turn = np.array([[0.2, -0.1, 0.3], [0.5, 0.4, -0.2], [-0.3, 0.6, 0.1]])
@@ -117,7 +117,7 @@ def test_a_pose_is_bent_with_its_rates() -> None:
     place = np.hstack([zero, R.transpose(0, 2, 1).reshape(5, 9)])
     rate, rate2 = np.hstack([zero, np.tile(w, (5, 1))]), np.zeros((5, 6))
     d = tuple(np.hstack([zero, x]) for x in (f, df, ddf))
-    out, turning, rising = bent(place, rate, rate2, d)  # type: ignore[arg-type]
+    out, turning, rising = deviated_path(place, rate, rate2, d)  # type: ignore[arg-type]
     found = Rotation.from_matrix(out[:, 3:].reshape(5, 3, 3).transpose(0, 2, 1))
     expected = Rotation.from_rotvec(f) * Rotation.from_matrix(R)
     assert (found * expected.inv()).magnitude().max() < 1e-12

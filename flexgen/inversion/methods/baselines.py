@@ -1,17 +1,18 @@
-"""What is done without the elastic model: rigid, flexible-joint and quasi-static feedforward, to be compared with.
+"""Baselines for comparison: rigid, flexible-joint and quasi-static feedforward.
 
-All three follow the path with their own kinematics and take the torque from their own model; simulated on the full
-model they miss it. None begins before the path. With q_e the non-actuated coordinates and q_g the actuated ones:
+All three follow the path with the kinematics of their own simpler model and take the torque from it; simulated on the
+full model they have a tool error. None starts before the path. With q_e the non-actuated coordinates and q_g the
+actuated ones:
 
 rigid         q_e = 0, gears stiff:      q_m = eta q_g,         tau_m = J_m a_m + f(v_m) + eta^-T (M a + c + g)_g
 fjm           q_e = 0, gears elastic:    q_m = eta (q_g + p),   D p' + spring(p) = tau_g = (M a + c + g)_g
-quasistatic   q_e follows its load,      [M(q) a + c(q, v) + g(q)]_e + spring_e(q_e) = 0  with  v_e = a_e = 0 in it,
-              and then moves: v_e ... from the derivatives of q_e(t); gears as in fjm
+quasistatic   q_e in equilibrium,        [M(q) a + c(q, v) + g(q)]_e + spring_e(q_e) = 0  with  v_e = a_e = 0 in it,
+              then v_e ... from the derivatives of q_e(t); gears as in fjm
 
 Quasi-static deflections are the first term of an expansion in the squares of (frequency of the path / frequency of the
-elasticity); each of ``rounds`` puts the derivatives of the term before into the rows and gains one more.
+elasticity); each of ``rounds`` inserts the derivatives of the previous term and adds one term.
 
-Rotors count as if they did not turn with their carriers: the closed form of the gears needs that.
+The motor coupling is simplified, as the closed form of the gears requires.
 
 Source: A. De Luca, W. Book, in Springer Handbook of Robotics, 2016, ch. 11; P. Kokotovic, H. Khalil, J. O'Reilly,
 Singular Perturbation Methods in Control, 1986, ch. 1 (expansion of the slow motion).
@@ -35,38 +36,38 @@ from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path, PathSample
 
-SAMPLES = 200_000
-MARGIN = 8  # samples of rest on either side of the motion, which a spline needs for its derivatives at the ends
-ROUNDS = 1  # at most: one more would need two more derivatives of the path than its torque does
+SAMPLES = 200_000  # at most
+MARGIN = 8  # samples at rest on either side of the motion, for the derivatives of a spline at its ends
+ROUNDS = 1  # at most: one more would need two more derivatives of the path
 NEWTON_STEPS = 30
 CLOSE = 1e-11  # relative change at which Newton's method stops
 
 
 def rigid(problem: InversionProblem, h: float) -> MethodResult:
     """Inverse dynamics of the robot with all springs stiff."""
-    problem.only("rigid")
+    problem.check_options("rigid")
     reduction = simply_coupled(problem.equations)
     t = _instants(problem)
     motion = stiff_motion(reduction, problem.path, t)
-    return _answer(t, motion, stiff_motors(reduction.equations, motion))
+    return _result(t, motion, stiff_motors(reduction.equations, motion))
 
 
 def fjm(problem: InversionProblem, h: float) -> MethodResult:
     """Flexible-joint feedforward: the gears are elastic, all other elasticity is locked."""
-    problem.only("fjm")
+    problem.check_options("fjm")
     reduction = simply_coupled(problem.equations)
     t = _instants(problem)
     motion = stiff_motion(reduction, problem.path, t)
     motors = motor_motion(reduction.equations, t, motion.q, motion.v, motion.a, motion.tau_g)
-    return _answer(t, motion, motors)
+    return _result(t, motion, motors)
 
 
 def quasistatic(problem: InversionProblem, h: float) -> MethodResult:
-    """Flexible-joint feedforward with the deflections of the other elasticities under the loads of the motion.
+    """Flexible-joint feedforward with the quasi-static deflections of the other elasticities.
 
     Option ``rounds``: 0 (default) or 1, see the module.
     """
-    problem.only("quasistatic", "rounds")
+    problem.check_options("quasistatic", "rounds")
     rounds = problem.options.get("rounds", 0)
     if isinstance(rounds, bool) or rounds not in range(ROUNDS + 1):
         raise ArgumentError(f"options: method quasistatic was given rounds {rounds!r}, expected 0 to {ROUNDS}")
@@ -74,14 +75,14 @@ def quasistatic(problem: InversionProblem, h: float) -> MethodResult:
     t = _instants(problem)
     motion = quasistatic_motion(reduction, problem.path, t, rounds)
     motors = motor_motion(reduction.equations, t, motion.q, motion.v, motion.a, motion.tau_g)
-    return _answer(t, motion, motors)
+    return _result(t, motion, motors)
 
 
 def stiff_motion(reduction: Reduction, path: Path, t: np.ndarray) -> Motion:
     """The arm along the path with undeflected elements, at the instants ``t`` (n,) [s], and its gear torques."""
     sample = path.sample(t)
     still = np.zeros((len(t), len(reduction.i_e)))
-    if sample.q_g is not None:  # the joints are given, so that singular poses do no harm
+    if sample.q_g is not None:  # the joints are given: singular poses do no harm
         coordinates = np.zeros((len(t), reduction.model.n_a, sample.q_g.shape[2]))
         coordinates[:, reduction.i_g] = sample.q_g
         return reduction.joint_motion(coordinates)
@@ -91,7 +92,7 @@ def stiff_motion(reduction: Reduction, path: Path, t: np.ndarray) -> Motion:
 
 
 def stiff_motors(equations: Equations, motion: Motion) -> MotorMotion:
-    """Motors behind stiff gears."""
+    """Motion of the motors behind stiff gears."""
     model = equations.model
     q_m, v_m, a_m = (x[:, list(model.i_g)] @ model.eta.T for x in (motion.q, motion.v, motion.a))
     friction = evaluate(equations.function("motor_friction"), v_m)[0].reshape(v_m.shape)
@@ -101,7 +102,7 @@ def stiff_motors(equations: Equations, motion: Motion) -> MotorMotion:
 
 
 def quasistatic_motion(reduction: Reduction, path: Path, t: np.ndarray, rounds: int = 0) -> Motion:
-    """The arm along the path with deflections that follow their loads.
+    """The arm along the path with quasi-static deflections.
 
     Parameters
     ----------
@@ -110,12 +111,12 @@ def quasistatic_motion(reduction: Reduction, path: Path, t: np.ndarray, rounds: 
     t : array (n,) [s]
         Evenly spaced.
     rounds : int
-        How often the derivatives of the deflections found are put into the equations.
+        How often the derivatives of the deflections are inserted into the equations.
 
     Raises
     ------
     SolverError
-        The path leaves the workspace, or the loads are more than the springs can carry.
+        The path leaves the workspace, or the springs cannot carry the loads.
     """
     step = t[1] - t[0]
     beside = step * np.arange(1, MARGIN + 1)
@@ -150,37 +151,40 @@ def _deflected(reduction: Reduction, sample: PathSample, q: np.ndarray, v_e: np.
     X[:, [n_a + i for i in i_e]], X[:, [2 * n_a + i for i in i_e]] = v_e, a_e
     targets, first, second = reduction.targets(sample), sample.rates(1), sample.rates(2)
     for _ in range(NEWTON_STEPS):
-        residual, slope = evaluate(newton, X, targets, first, second)
+        residual, jacobian = evaluate(newton, X, targets, first, second)
         try:
-            step = np.linalg.solve(slope.reshape(n, len(free), -1), -residual.reshape(n, -1, 1))[:, :, 0]
+            step = np.linalg.solve(jacobian.reshape(n, len(free), -1), -residual.reshape(n, -1, 1))[:, :, 0]
         except np.linalg.LinAlgError:
-            raise SolverError("quasi-static deflections: the path passes a singular pose") from None
+            raise SolverError("quasi-static deflections: singular pose on the path; choose another path") from None
         X[:, free] += step
         if not np.isfinite(X).all():
             break
         if np.abs(step).max() <= CLOSE * (1 + np.abs(X).max()):
             return X[:, :n_a].copy()
     raise SolverError(
-        "quasi-static deflections: Newton's method found none; the loads are more than the springs carry; "
+        "quasi-static deflections: Newton's method does not converge, the springs do not carry the loads; "
         "give the move more time"
     )
 
 
 def simply_coupled(equations: Equations) -> Reduction:
-    """The reduced problem of the model, or of the same with rotors that do not turn with their carriers."""
+    """The reduced problem of the model, in simplified motor coupling."""
     if equations.model.motor_coupling == "simplified":
         return Reduction(equations)
     return Reduction(Equations(replace(equations.model, motor_coupling="simplified")))
 
 
 def _instants(problem: InversionProblem) -> np.ndarray:
-    """Samples from the start of the path to the end of the time in which the machine settles [s]."""
+    """Instants from the start of the path to the end of the settling time [s]."""
     end = problem.path.duration + problem.windows[1]
     n = int(min(np.ceil(end / problem.step), SAMPLES))
     return np.linspace(0.0, end, n + 1)
 
 
-def _answer(t: np.ndarray, motion: Motion, motors: MotorMotion) -> MethodResult:
+def _result(t: np.ndarray, motion: Motion, motors: MotorMotion) -> MethodResult:
     if not np.isfinite(motors.tau_m).all():
-        raise SolverError("the torque is not finite: a gear whose spring carries nothing, or a path that is not smooth")
+        raise SolverError(
+            "the torque is not finite: a gear spring has no stiffness, or the path is not smooth; check the model, or "
+            "raise the smoothness of the move"
+        )
     return MethodResult(t, motion.q, motion.v, motion.a, motion.tau_g[:, :, 0], motors, status=Status.BASELINE)

@@ -1,15 +1,15 @@
-"""Inverse dynamics by constant-step BDF on the original high-index DAE, nothing differentiated before.
+"""Inverse dynamics by constant-step BDF on the original high-index DAE, without index reduction.
 
     F(x_k, x_k', u(t_k)) = 0,      x_k' = (1/h) sum_j c_j x_(k-j)
 
-From exact rest, where all earlier x are the same. The step never changes: after a change the torque, which is the
-third or fourth derivative of the path, would be wrong for some steps by something that does not fade with h. The torque
-of order 1 lags by about one step; Richardson's extrapolation ``(2^p x(h/2) - x(h)) / (2^p - 1)`` removes the leading
-error. Rounding enters the torque as eps / h^(index - 1), which bounds what small steps can gain.
+The integration starts in equilibrium, where all earlier x are equal. The step is constant: after a change the torque,
+which is the third or fourth derivative of the path, would have an error in some steps that does not decrease with h.
+The torque of order 1 lags by about one step; Richardson's extrapolation ``(2^p x(h/2) - x(h)) / (2^p - 1)`` removes the
+leading error. Rounding enters the torque as eps / h^(index - 1), which bounds what small steps can gain.
 
 Measured with steps of 1 ms (planar5_mp, four_mass, elbow, manutec_r3; largest tool error of a move): order 1 2 mm,
 extrapolated 5 um; order 2 10 um (in 2.5 s of joint motion 0.2 mm), order 3 0.2 um (1 um), order 4 0.1 um. A light arm
-that turns by many radians (abb_arm, 10 rad) ends at 1e-5 to 1e-4 rad, for rounding.
+that turns by many radians (abb_arm, 10 rad) has 1e-5 to 1e-4 rad, due to rounding.
 
 Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 1996, sec. VII.3; K. Brenan, S. Campbell, L.
 Petzold, Numerical Solution of Initial-Value Problems in Differential-Algebraic Equations, 1996, ch. 3.
@@ -37,7 +37,7 @@ COEFFICIENTS = {
 ITERATIONS = 15
 TOLERANCE = 1e-13  # rad or m: of the last Newton correction of a coordinate
 ROUNDING = 1e-9  # of the roots of a characteristic polynomial
-STALLED = 1e-8  # a correction that is smaller and shrinks no more is rounding
+STALLED = 1e-8  # a smaller correction that no longer decreases is rounding
 
 
 @dataclass(frozen=True)
@@ -54,19 +54,19 @@ def march(
     dae: InverseDae,
     path: Path,
     t: np.ndarray,
-    x_rest: np.ndarray,
+    x_eq: np.ndarray,
     order: int = 1,
     coefficients: dict[int, tuple[float, ...]] | None = None,
 ) -> Marched:
-    """Integrate the DAE from rest by BDF of a fixed order.
+    """Integrate the DAE from equilibrium by BDF of a fixed order.
 
     Parameters
     ----------
     dae : InverseDae
     path : Path
     t : array (n,) [s]
-        Equidistant instants; the machine rests at and before the first one.
-    x_rest : array (n_x,)
+        Equidistant instants; the robot is in equilibrium at and before the first one.
+    x_eq : array (n_x,)
     order : int
         1 to 4.
     coefficients : dict, optional
@@ -84,9 +84,9 @@ def march(
     c = np.array((coefficients or COEFFICIENTS)[order])
     h, n = float(t[-1] - t[0]) / (len(t) - 1), dae.n
     u = dae.targets(path.sample(t), 0)[:, :, 0]
-    size, torque, _ = dae.scales(x_rest)
+    size, torque, _ = dae.scales(x_eq)
     column = np.concatenate([size, size / h, torque / h**2])
-    x, dx = np.tile(x_rest, (len(t), 1)), np.zeros((len(t), dae.n_x))
+    x, dx = np.tile(x_eq, (len(t), 1)), np.zeros((len(t), dae.n_x))
     iterations = 0
     for k in range(1, len(t)):
         past = sum((c[j] * x[max(k - j, 0)] for j in range(1, order + 1)), np.zeros(dae.n_x))
@@ -99,7 +99,9 @@ def march(
             try:
                 step = np.linalg.solve(J / row[:, None], -F[:, 0] / row)
             except np.linalg.LinAlgError:
-                raise SolverError(f"bdf: the equations are singular at t = {t[k]:.4g} s, at a singular pose") from None
+                raise SolverError(
+                    f"method bdf: the equations are singular at t = {t[k]:.4g} s, a singular pose; choose another path"
+                ) from None
             new = new + column * step
             iterations += 1
             change = float(np.abs(step[:n]).max())
@@ -110,19 +112,19 @@ def march(
             before = change
         if not change <= STALLED:
             raise SolverError(
-                f"bdf: Newton's method did not converge at t = {t[k]:.4g} s, last correction {change:.1e} rad or m; "
-                "take a finer --mesh; does the path leave the workspace or pass a singular pose?"
+                f"method bdf: Newton's method does not converge at t = {t[k]:.4g} s, last correction {change:.1e} rad "
+                "or m; try a finer --mesh, or a path inside the workspace without a singular pose"
             )
         x[k], dx[k] = new, (c[0] * new + past) / h
     return Marched(t, x, dx, iterations)
 
 
-def extrapolated(dae: InverseDae, path: Path, t: np.ndarray, x_rest: np.ndarray, order: int = 1) -> Marched:
+def extrapolated(dae: InverseDae, path: Path, t: np.ndarray, x_eq: np.ndarray, order: int = 1) -> Marched:
     """`march` with steps h and h/2, and Richardson's extrapolation at the instants t: one order more."""
-    coarse = march(dae, path, t, x_rest, order)
-    fine = march(dae, path, np.linspace(t[0], t[-1], 2 * len(t) - 1), x_rest, order)
-    share = 2.0**order
-    x, dx = ((share * a[::2] - b) / (share - 1) for a, b in ((fine.x, coarse.x), (fine.dx, coarse.dx)))
+    coarse = march(dae, path, t, x_eq, order)
+    fine = march(dae, path, np.linspace(t[0], t[-1], 2 * len(t) - 1), x_eq, order)
+    factor = 2.0**order
+    x, dx = ((factor * a[::2] - b) / (factor - 1) for a, b in ((fine.x, coarse.x), (fine.dx, coarse.dx)))
     return Marched(t, x, dx, coarse.iterations + fine.iterations)
 
 
@@ -138,24 +140,24 @@ def stable_order(zeros: np.ndarray, h: float) -> int:
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
-    """Answer a question by BDF.
+    """Solve by BDF.
 
     Options: ``order`` 1 to 4 (default: 3, or 2 where 3 is not stable), ``richardson`` (default False). The step is a
     fifth of ``h``, at most a millisecond.
     """
-    problem.only("bdf", "order", "richardson")
+    problem.check_options("bdf", "order", "richardson")
     order, richardson = problem.options.get("order"), problem.options.get("richardson", False)
     if order is not None and (order not in COEFFICIENTS or isinstance(order, bool)):
-        raise ArgumentError(f"options: given order = {order!r}, expected 1, 2, 3 or 4")
+        raise ArgumentError(f"options: method bdf was given order {order!r}, expected 1, 2, 3 or 4")
     if not isinstance(richardson, bool):
-        raise ArgumentError(f"options: given richardson = {richardson!r}, expected True or False")
+        raise ArgumentError(f"options: method bdf was given richardson {richardson!r}, expected True or False")
     check_causal(problem, "bdf", differentiates=False)
     dae = dae_of(problem)
     t = instants(problem, min(h / 5, problem.step))
     if order is None:
         order = stable_order(zeros_along(problem), float(t[1] - t[0]))
     run = extrapolated if richardson else march
-    found = run(dae, problem.path, t, dae.pack(problem.rest), order)
+    found = run(dae, problem.path, t, dae.pack(problem.equilibrium), order)
     return result_of_states(
         problem,
         dae,

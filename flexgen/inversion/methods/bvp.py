@@ -1,14 +1,14 @@
-"""Stable inversion as a two-point boundary value problem of the zero dynamics, in C: the independent check of ``lq``.
+"""Stable inversion as a two-point boundary value problem of the zero dynamics, in C: an independent check of ``lq``.
 
 The non-actuated rows R(q_e, v_e, a_e, t) = 0 of the reduced problem hold at three Gauss points of each interval; at the
-start the deviation from rest has no part that fades, at the end none that grows:
+start the deviation from equilibrium has no decaying (stable) part, at the end no growing (unstable) part:
 
-    P_s (y - y_rest) = 0 (start),    P_u (y - y_rest) = 0 (end),    y = (q_e, v_e),
+    P_s (y - y_eq) = 0 (start),    P_u (y - y_eq) = 0 (end),    y = (q_e, v_e),
 
-where the rows P_s and P_u vanish on the unstable and the stable subspace of ``A s^2 + D s + K`` at rest. Newton's
-method solves all together, a step by elimination with row pivoting. Nothing is weighed, so that the residual is zero up
-to rounding; for the same reason it needs as many unstable zeros at the start as at the end, and none on the imaginary
-axis or at infinity: it refuses such a path, which ``lq`` solves.
+where the rows P_s and P_u vanish on the unstable and the stable subspace of ``A s^2 + D s + K`` at the equilibrium.
+Newton's method solves all equations together, each step by elimination with row pivoting. The residual is zero up to
+rounding. The method needs equal numbers of unstable zeros at start and end, and none on the imaginary axis or at
+infinity; otherwise it refuses the path, and ``lq`` solves it.
 
 Order: the motion at the nodes is of order six in the interval length where the zero dynamics is slow against it, and of
 order four where it is fast.
@@ -32,13 +32,13 @@ from flexgen.inversion.sampling import from_library, grid, samples
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
-    """Invert along the whole path. Options: ``native`` (bool): compile for this processor."""
-    problem.only("bvp", "native")
+    """Solve on intervals of 2 ``h`` [s], at most 10 ms. Option ``native``: compile for this processor."""
+    problem.check_options("bvp", "native")
     model = problem.equations.model
     if not model.n_e:
         raise ArgumentError(
-            f"method bvp: model {model.name} has no coordinates without motor and so no zero dynamics to solve for, "
-            "expected some; use closed-form"
+            f"method bvp: model {model.name} has no non-actuated coordinates and no zero dynamics, expected some; "
+            "use closed-form"
         )
     library = inversion_library(
         problem.equations, "bvp", native=bool(problem.options.get("native", False)), progress=problem.progress
@@ -56,4 +56,4 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     solved = from_library(found)
     start, end = found.unstable_zeros_start, found.unstable_zeros_end
     details = {**solved.details, "unstable_zeros_start": start, "unstable_zeros_end": end}
-    return replace(solved, details=details, verdict=f"{start} unstable zeros bound at the end of the motion")
+    return replace(solved, details=details, verdict=f"{start} unstable zeros at the end of the motion")

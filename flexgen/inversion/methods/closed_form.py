@@ -21,7 +21,7 @@ SAMPLES = 200_000  # at most
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
     """Solve in closed form at each sample; ``h`` is not used. No options."""
-    problem.only("closed-form")
+    problem.check_options("closed-form")
     equations, path = problem.equations, problem.path
     if equations.model.n_e:
         raise ArgumentError(

@@ -76,7 +76,7 @@ class Collocated:
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
     """Solve the reduced problem on intervals of ``h`` [s]; with limits the full model, see `full_model`. No options."""
-    problem.only("collocation")
+    problem.check_options("collocation")
     if problem.limits is not None:
         return full_model.solve(problem, h)
     reduction, path = Reduction(problem.equations), problem.path

@@ -1,19 +1,19 @@
-"""Inverse dynamics as one sparse optimisation over the whole horizon: the DAE on an even grid, smoothest torque.
+"""Inverse dynamics as one sparse optimization over the whole horizon: the DAE on a uniform grid, smoothest torque.
 
 Nothing is reduced or differentiated by hand. The coordinates y = (q_a, q_me) stand at the nodes of a grid, their speeds
-and accelerations are central differences, the torques stand at the nodes, and among all motions that satisfy the
-equations of motion at every node the one is taken that follows the path and whose torque changes least:
+and accelerations are central differences, the torques stand at the nodes. Among all motions that satisfy the equations
+of motion at every node and track the path, the one with the smallest change of torque is selected:
 
     min  sum |tau_(k+1) - tau_k|^2 / tau_0^2 + sum |e(y_k)|^2 / delta       s.t.   r(y_k, D y_k, D^2 y_k, tau_k) = 0
 
-The differences look as far ahead as back. So the unstable part of the zero dynamics is as harmless as the stable one,
-and so are the oscillations from node to node that such differences have of their own: both cost torque, and the machine
-begins before the path, from exact rest. ``delta`` is tiny: it keeps the linear systems regular where the path leaves a
-motion nearly free. The error of the torque falls with h^order (2, 4 or 6, the differences' own) as long as the path is
-smooth enough; springs with a break keep it at h^2 there.
+The differences are symmetric in time. So the unstable part of the zero dynamics is as harmless as the stable one, and
+so are the oscillations from node to node that such differences allow: both cost torque, and the robot starts before the
+path, in equilibrium. ``delta`` is tiny: it keeps the linear systems regular where the path hardly determines a motion.
+The error of the torque decreases with h^order (2, 4 or 6, that of the differences) if the path is smooth enough; with
+springs with a break it is h^2.
 
-Each step of the sequential quadratic program has equations only, so that it is one sparse linear system. First-order
-methods for quadratic programs (OSQP 1.1 was tried) do not get along with its conditioning.
+Each step of the sequential quadratic program has equality constraints only, so it is one sparse linear system. It is
+too ill-conditioned for first-order methods for quadratic programs (OSQP 1.1 was tried).
 
 Source: S. Moberg, S. Hanssen, in Proc. IEEE/RSJ IROS 2007 (inverse dynamics of flexible manipulators as a DAE); B.
 Fornberg, Math. Comp. 51, 1988 (differences).
@@ -39,17 +39,17 @@ from flexgen.mechanics.outputs import output_map
 from flexgen.numerics.evaluate import evaluate
 
 ORDER = 4
-SHARE = 2.5  # nodes an interval of the mesh that was asked for
-DELTA = 1.6e-18  # delta for a path of one interval; the torque changes by less from node to node on a finer grid
-START = 1e14  # weight of rest at the start: all but exact, for what grows must be free to begin
-END = 1e4  # weight of rest at the end: enough to pick the motion that does not blow up there
+REFINEMENT = 2.5  # nodes for each interval of the default mesh
+DELTA = 1.6e-18  # delta for a path of one interval; on a finer grid the torque changes less from node to node
+START = 1e14  # weight of the equilibrium at the start: nearly a constraint, the unstable part must be free to begin
+END = 1e4  # weight of the equilibrium at the end: enough to select the bounded motion
 STEPS = 40
-CLOSE = 1e-9  # a step of the coordinates that ends the iteration, arm side
-CLOSE_TORQUE = 1e-5  # and of the torques, relative to tau_0
+CLOSE = 1e-9  # rad or m: step of the coordinates that ends the iteration, arm side
+CLOSE_TORQUE = 1e-5  # the same of the torques, relative to tau_0
 REFINEMENTS = 30
 REFINED = 1e-12  # change of the scaled unknowns that ends the refinement
-SHRINK = 0.7  # steps shall shrink by that
-WORSE = 1e-4  # scaled residual that a step may leave behind without being halved
+SHRINK = 0.7  # largest ratio of two steps that is a decrease
+WORSE = 1e-4  # scaled residual that a step may have without being halved
 
 # central differences: weights of y_(k-m) ... y_(k+m) for h D and h^2 D^2
 _DIFFERENCES = {
@@ -67,7 +67,7 @@ class Discretized:
     """Solution at the nodes.
 
     ``t`` (N,) [s]; ``arm``, ``motor``: coordinates, speeds, accelerations, each (N, n_a) and (N, n_m); ``tau_m``
-    (N, n_m). ``iterations``; ``path_error``: largest residual of the output that was left, in its own unit.
+    (N, n_m). ``iterations``; ``path_error``: largest error of the output, in its own unit.
     """
 
     t: np.ndarray
@@ -79,18 +79,15 @@ class Discretized:
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
-    """The method "discretized".
-
-    Without a mesh of the user's own there are ``SHARE`` nodes an interval. Option ``order``: of the differences.
-    """
-    problem.only("discretized", "order")
+    """Solve on a uniform grid, by default with ``REFINEMENT`` nodes for each ``h`` [s]. Option ``order``: 2, 4 or 6."""
+    problem.check_options("discretized", "order")
     order = problem.options.get("order", ORDER)
     if isinstance(order, bool) or order not in _DIFFERENCES:
         raise ArgumentError(f"options: method discretized was given order {order!r}, expected 2, 4 or 6")
-    lead, settle = problem.windows
-    lead = lead if problem.preview is None else float(problem.preview)
-    spacing = h if problem.mesh is not None else h / SHARE
-    found = discretize(problem, spacing, order, lead, settle)
+    preactuation, settling = problem.windows
+    preactuation = preactuation if problem.preview is None else float(problem.preview)
+    spacing = h if problem.mesh is not None else h / REFINEMENT
+    found = discretize(problem, spacing, order, preactuation, settling)
     motors = MotorMotion(*found.motor, found.tau_m)
     return MethodResult(
         found.t,
@@ -104,17 +101,17 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     )
 
 
-def discretize(problem: InversionProblem, h: float, order: int, lead: float, settle: float) -> Discretized:
-    """Solve on an even grid of about ``h`` [s], ``lead`` [s] before the path to ``settle`` [s] after it."""
-    system = _Problem(problem, h, order, lead, settle)
+def discretize(problem: InversionProblem, h: float, order: int, preactuation: float, settling: float) -> Discretized:
+    """Solve on a uniform grid of about ``h`` [s], ``preactuation`` [s] before the path to ``settling`` [s] after it."""
+    system = _System(problem, h, order, preactuation, settling)
     y, tau = system.start()
-    violation, before, share = system.violation(y, tau), np.inf, 1.0
+    violation, before, damping = system.violation(y, tau), np.inf, 1.0
     for count in range(1, STEPS + 1):
         dy, dtau = system.step(y, tau)
         moved, pushed = float(np.abs(dy / system.scale_y).max()), float(np.abs(dtau / system.tau_0).max())
-        # steps that do not shrink go to and fro across a bend of the equations: half of one is nearer
-        share = share / 2 if moved > SHRINK * before else min(1.0, 2 * share)
-        before, length = moved, share
+        # steps that do not decrease oscillate about a kink of the equations: take half of them
+        damping = damping / 2 if moved > SHRINK * before else min(1.0, 2 * damping)
+        before, length = moved, damping
         while True:
             trial = y + length * dy, tau + length * dtau
             new = system.violation(*trial)
@@ -122,30 +119,30 @@ def discretize(problem: InversionProblem, h: float, order: int, lead: float, set
                 break
             length /= 2
         (y, tau), violation = trial, new
-        problem.tell(f"discretized, step {count}: coordinates {moved:9.2e}, torques {pushed:9.2e}, residual {new:9.2e}")
+        problem.log(f"discretized, step {count}: coordinates {moved:9.2e}, torques {pushed:9.2e}, residual {new:9.2e}")
         if not np.isfinite(new):
             break
         if moved <= CLOSE and pushed <= CLOSE_TORQUE:
             return system.solution(y, tau, count)
     raise SolverError(
-        f"discretized: no convergence in {count} steps, the last one {moved:.1e} rad or m and {pushed:.1e} of the "
-        f"torque, residual {violation:.1e}; try another --mesh, a smoother move or the method collocation"
+        f"method discretized: no convergence in {count} steps, the last one {moved:.1e} rad or m and {pushed:.1e} of "
+        f"the torque, residual {violation:.1e}; try another --mesh, a smoother move or the method collocation"
     )
 
 
-class _Problem:
+class _System:
     """The grid, the equations on it and the sparse linear system of a step.
 
     Nodes -m ... N-1+m, the output holds at all of them; the equations of motion at 0 ... N-1.
     """
 
-    def __init__(self, problem: InversionProblem, h: float, order: int, lead: float, settle: float) -> None:
+    def __init__(self, problem: InversionProblem, h: float, order: int, preactuation: float, settling: float) -> None:
         self.problem, self.equations, self.path = problem, problem.equations, problem.path
         self.m = m = order // 2
         duration = problem.path.duration
         count = max(1, int(np.ceil(duration / h - 1e-9)))
         self.h = duration / count
-        before, after = (int(np.ceil(x / self.h - 1e-9)) for x in (lead, settle))
+        before, after = (int(np.ceil(x / self.h - 1e-9)) for x in (preactuation, settling))
         self.N = before + count + after + 1
         if self.N > INTERVALS:
             raise ArgumentError(
@@ -162,18 +159,18 @@ class _Problem:
         ratio = np.abs(model.eta).max(axis=1)
         self.scale_y = np.r_[np.ones(self.n_a), ratio[self.i_m]]
         turned = ratio * np.array([motor.inertia for motor in model.motors])
-        self.tau_0 = np.maximum(np.abs(problem.rest.tau_m), np.maximum(0.1 * ACCELERATION * turned, 1e-3))
+        self.tau_0 = np.maximum(np.abs(problem.equilibrium.tau_m), np.maximum(0.1 * ACCELERATION * turned, 1e-3))
         self.delta = DELTA * (duration / self.h) ** 2
 
     def start(self) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates (K, n) and torques (N, n_m) to start from: the quasi-static motion."""
+        """Initial coordinates (K, n) and torques (N, n_m): the quasi-static motion."""
         reduction = simply_coupled(self.equations)
         motion = quasistatic_motion(reduction, self.path, self.t)
         motors = motor_motion(reduction.equations, self.t, motion.q, motion.v, motion.a, motion.tau_g)
         y = np.hstack([motion.q, motors.q_m[:, self.i_m]])
-        rest, ends = self.problem.rest, 2 * self.m
+        equilibrium, ends = self.problem.equilibrium, 2 * self.m
         self.aim = np.zeros_like(y)
-        self.aim[:ends], self.aim[-ends:] = np.r_[rest.q_a, rest.q_m[self.i_m]], y[-1]
+        self.aim[:ends], self.aim[-ends:] = np.r_[equilibrium.q_a, equilibrium.q_m[self.i_m]], y[-1]
         return y, motors.tau_m[self.inside]
 
     def levels(self, y: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -195,11 +192,11 @@ class _Problem:
         return simply_coupled(self.equations).targets(self.path.sample(self.t))
 
     @cached_property
-    def place(self) -> ca.Function:
-        """The output's error and its slope, (q_a, target) -> (n_y), (n_y, n_a)."""
+    def output_error(self) -> ca.Function:
+        """The output error and its Jacobian, (q_a, target) -> (n_y), (n_y, n_a)."""
         output, q = output_map(self.equations), self.equations.lagrangian.chain.q_a
-        slope = ca.densify(ca.jacobian(output.error, q))
-        return ca.Function("place", [q, output.target], [output.error, slope])
+        jacobian = ca.densify(ca.jacobian(output.error, q))
+        return ca.Function("output_error", [q, output.target], [output.error, jacobian])
 
     def residual(self, y: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Residual of the equations of motion (N, n) [N m or N]."""
@@ -207,9 +204,9 @@ class _Problem:
         return np.hstack([r_a.reshape(self.N, -1), r_m.reshape(self.N, -1)[:, self.i_m]])
 
     def errors(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Error of the output at all nodes (K, n_y), and its slope (K, n_y, n_a)."""
-        error, slope = evaluate(self.place, y[:, : self.n_a], self.targets)
-        return error.reshape(len(y), self.n_y), slope.reshape(len(y), self.n_y, self.n_a)
+        """Error of the output at all nodes (K, n_y), and its Jacobian (K, n_y, n_a)."""
+        error, jacobian = evaluate(self.output_error, y[:, : self.n_a], self.targets)
+        return error.reshape(len(y), self.n_y), jacobian.reshape(len(y), self.n_y, self.n_a)
 
     def violation(self, y: np.ndarray, tau: np.ndarray) -> float:
         """Largest scaled residual of the equations of motion."""
@@ -218,30 +215,30 @@ class _Problem:
 
     @cached_property
     def row_scale(self) -> np.ndarray:
-        """Factors of the equations of motion (n): what moves a coordinate by its scale within a step counts one."""
-        rest = self.problem.rest
+        """Factors of the equations of motion (n): a force that moves a coordinate by its scale within a step is one."""
+        equilibrium = self.problem.equilibrium
         still = np.zeros(self.n_a), np.zeros(self.n_m)
         M = evaluate(
             self.equations.function("residual_jacobians"),
-            *(rest.q_a, still[0], still[0], rest.q_m, still[1], still[1], rest.tau_m),
+            *(equilibrium.q_a, still[0], still[0], equilibrium.q_m, still[1], still[1], equilibrium.tau_m),
         )[0].reshape(self.n, self.n)
         return self.h**2 / np.maximum(np.abs(M * self.scale_y).max(axis=1), 1e-300)
 
     @cached_property
     def pattern(self) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the entries of `slopes`, in its order; unknowns: y node by node, then torques."""
+        """Rows and columns of the entries of `jacobian`, in its order; unknowns: y node by node, then torques."""
         m, n, N = self.m, self.n, self.N
         K = N + 2 * m
         y_at = np.arange(K * n).reshape(K, n)
         tau_at = K * n + np.arange(N * self.n_m).reshape(N, self.n_m)
         dynamic = np.arange(N * n).reshape(N, n)
-        place = N * n + np.arange(K * self.n_y).reshape(K, self.n_y)
+        output = N * n + np.arange(K * self.n_y).reshape(K, self.n_y)
         blocks = [(dynamic, y_at[j : j + N]) for j in range(2 * m + 1)]
-        blocks += [(dynamic, tau_at), (place, y_at[:, : self.n_a])]
+        blocks += [(dynamic, tau_at), (output, y_at[:, : self.n_a])]
         pairs = [np.broadcast_arrays(rows[:, :, None], columns[:, None, :]) for rows, columns in blocks]
         return (np.concatenate([rows.ravel() for rows, _ in pairs]), np.concatenate([c.ravel() for _, c in pairs]))
 
-    def slopes(self, y: np.ndarray, tau: np.ndarray, place: np.ndarray) -> sp.csc_matrix:
+    def jacobian(self, y: np.ndarray, tau: np.ndarray, output: np.ndarray) -> sp.csc_matrix:
         """Jacobian of the scaled constraints in the scaled unknowns: equations of motion, then the output."""
         N, n = self.N, self.n
         found = evaluate(self.equations.function("residual_jacobians"), *self.arguments(y, tau))
@@ -249,7 +246,7 @@ class _Problem:
         left, inner = self.row_scale[None, :, None], self.scale_y[None, None, :]
         M, D, K = (left * x * inner for x in (M, D, K))
         blocks = [K * self.D[0][j] + D * self.D[1][j] + M * self.D[2][j] for j in range(2 * self.m + 1)]
-        blocks += [-left * B * self.tau_0, place * self.scale_y[: self.n_a]]
+        blocks += [-left * B * self.tau_0, output * self.scale_y[: self.n_a]]
         rows, columns = self.pattern
         values = np.concatenate([block.ravel() for block in blocks])
         kept, nodes = values != 0, N + 2 * self.m
@@ -266,14 +263,14 @@ class _Problem:
 
     def step(self, y: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Step of the coordinates and the torques."""
-        error, place = self.errors(y)
-        A = self.slopes(y, tau, place)
+        error, output = self.errors(y)
+        A = self.jacobian(y, tau, output)
         c = np.concatenate([(self.residual(y, tau) * self.row_scale).ravel(), error.ravel()])
         offset = np.concatenate([((y - self.aim) / self.scale_y).ravel(), (tau / self.tau_0).ravel()])
         n_x, n_r, root = A.shape[1], self.N * self.n, np.sqrt(self.delta)
         size = 1 / np.maximum(np.abs(A).max(axis=1).toarray().ravel(), 1e-300)
         A, c = sp.diags(size) @ A, size * c
-        # cost and softness of the output times sqrt(delta): both then stand in the system with that same small weight
+        # cost and softness of the output times sqrt(delta): both have the same small weight in the system
         soft = sp.diags(-root * np.r_[np.zeros(n_r), size[n_r:] ** 2])
         system = sp.bmat([[root * self.hessian, A.T], [A, soft]]).tocsc()
         right = -np.r_[root * (self.hessian @ offset), c]
@@ -281,15 +278,14 @@ class _Problem:
             factors = splu(system)
         except RuntimeError:
             raise SolverError(
-                "discretized: the linear system of a step is singular; the path passes a singular pose, or the "
-                "output does not determine the motion"
+                "method discretized: the linear system of a step is singular: the path passes a singular pose, or the "
+                "output does not determine the motion; choose another path"
             ) from None
-        # the system is badly conditioned by nature: digits that one solution loses are won back from its residual,
-        # which is computed with more of them
-        exact, x = system.tocsr().astype(np.longdouble), np.zeros(len(right), dtype=np.longdouble)
+        # the system is ill-conditioned: iterative refinement with a residual in extended precision
+        matrix, x = system.tocsr().astype(np.longdouble), np.zeros(len(right), dtype=np.longdouble)
         change = np.inf
         for _ in range(REFINEMENTS):
-            more = factors.solve((right - exact @ x).astype(float))
+            more = factors.solve((right - matrix @ x).astype(float))
             x += more
             last, change = change, float(np.abs(more[:n_x]).max())
             if change <= REFINED or not change < 2 * last:

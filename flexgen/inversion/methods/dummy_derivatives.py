@@ -1,12 +1,12 @@
 """Inverse dynamics by index reduction: dummy derivatives, and the index-1 DAE integrated by SUNDIALS (IDAS).
 
-The states are what the zero dynamics leaves: the motion of the non-actuated coordinates and of the damped gears. The
-path enters by its exact derivatives, all constraints and their derivatives are equations of the system, so that nothing
-drifts; after the integration all else is solved for once more at every instant, to rounding. Where the states that were
-chosen at the start become a bad choice, others are chosen and the integration goes on with them.
+The states are the motion of the non-actuated coordinates and of the damped gears. The path enters by its exact
+derivatives. All constraints and their derivatives are equations of the system, so there is no drift; after the
+integration the other unknowns are computed again at every instant, to rounding. Where the states chosen at the start
+become ill-conditioned, others are chosen and the integration continues with them.
 
 Measured (largest tool error of a move): planar5_mp 10 to 30 nm, manutec_r3 2 nm, elbow 0.1 um, four_mass 0.2 um for the
-corner of its spring's second derivative. Where the structure does not show the index (abb_arm) it is refused.
+corner of its spring's second derivative. Where the structure does not show the index (abb_arm) the method refuses.
 
 Source: see `flexgen.dae.dummy_derivatives`; A. Hindmarsh et al., ACM TOMS 31(3), 2005 (SUNDIALS).
 """
@@ -28,16 +28,16 @@ from flexgen.inversion.problem import InversionProblem
 from flexgen.paths.path import Path
 
 RTOL, ATOL = 1e-11, 1e-13  # of IDAS, for states in rad or m
-# where IDAS does not converge: relax the tolerance, then go a part of the way only, after which other states may serve
-RESCUES = ((1, 1.0), (1, 10.0), (8, 10.0), (8, 1000.0))  # divisor of the way, factor of the tolerance
-LOOSER = 1e6  # times the tolerance of the states is that of all else, which only has to converge
-STEPS = 5_000  # between two instants
-POOR = 0.05  # quality of a choice of states below which another one is made
+# where IDAS does not converge: relax the tolerance, then integrate a part of the horizon only, and choose other states
+RETRIES = ((1, 1.0), (1, 10.0), (8, 10.0), (8, 1000.0))  # divisor of the horizon, factor of the tolerance
+LOOSER = 1e6  # tolerance of the other unknowns relative to that of the states
+STEPS = 5_000  # of IDAS between two instants, at most
+POOR = 0.05  # quality of a choice of states below which others are chosen
 
 
 @dataclass(frozen=True)
 class Reduced:
-    """``Y`` (n, size) at the instants; ``choices`` of states that were used; ``freedom``: how many states.
+    """``Y`` (n, size) at the instants; ``choices``: number of choices of states; ``freedom``: number of states.
 
     ``rtol``: the loosest tolerance that was used. ``steps``, ``iterations``: of IDAS, and of its Newton method.
     """
@@ -72,14 +72,14 @@ class _PathSignals(ca.Callback):
         return True
 
     def get_jacobian(self, name: str, names_in: list[str], names_out: list[str], options: dict) -> ca.Function:
-        """IDAS differentiates in the unknowns, at an instant: for it the path is a constant."""
+        """Zero: IDAS differentiates in the unknowns at one instant, where the path is constant."""
         t, U = ca.MX.sym("t"), ca.MX.sym("U", *self._shape)
         zero = ca.MX(self._shape[0] * self._shape[1], 1)
         return ca.Function(name, [t, U], [zero], names_in, names_out, options)
 
     def eval(self, arguments: list[ca.DM]) -> list[ca.DM]:
         t = float(arguments[0])
-        if t != self._last[0]:  # Newton's method asks for the same instant several times
+        if t != self._last[0]:  # Newton's method needs the same instant several times
             self._last = (t, ca.DM(self._read(t)))
         return [self._last[1]]
 
@@ -95,16 +95,16 @@ def offsets(dae: InverseDae) -> tuple[tuple[int, ...], tuple[int, ...]]:
     return report.c, report.d
 
 
-def integrate(dummies: DummyDerivatives, path: Path, t: np.ndarray, x_rest: np.ndarray, rtol: float = RTOL) -> Reduced:
-    """Integrate the index-1 DAE from rest.
+def integrate(dummies: DummyDerivatives, path: Path, t: np.ndarray, x_eq: np.ndarray, rtol: float = RTOL) -> Reduced:
+    """Integrate the index-1 DAE from equilibrium.
 
     Parameters
     ----------
     dummies : DummyDerivatives
     path : Path
     t : array (n,) [s]
-        Equidistant instants of the answer; the machine rests at the first one.
-    x_rest : array (n_x,)
+        Equidistant instants; the robot is in equilibrium at the first one.
+    x_eq : array (n_x,)
     rtol : float
         Relative tolerance of IDAS; the absolute one is a hundredth of it, in rad or m.
 
@@ -115,14 +115,14 @@ def integrate(dummies: DummyDerivatives, path: Path, t: np.ndarray, x_rest: np.n
     Raises
     ------
     SolverError
-        IDAS gives up, or no choice of states is possible.
+        IDAS does not converge, or no choice of states is possible.
     """
     dae = dummies.dae
     U = dae.targets(path.sample(t), dummies.orders)
     Y = np.zeros((len(t), dummies.size))
-    Y[0] = dummies.at_rest(x_rest)
+    Y[0] = dummies.at_rest(x_eq)
     choice = dummies.choose(Y[0], U[0])
-    scale = dummies.scales(x_rest)
+    scale = dummies.scales(x_eq)
     Y[0], _ = dummies.consistent(choice, Y[0], U[0], scale)
     signals = _PathSignals(dae, path, dummies.orders)
     choices, k, loosest, counts = 1, 0, rtol, np.zeros(2, dtype=int)
@@ -139,7 +139,7 @@ def integrate(dummies: DummyDerivatives, path: Path, t: np.ndarray, x_rest: np.n
                 good = not choice.states or dummies.quality(choice, Y[i], U[i]) >= POOR
                 better = choice if good else dummies.choose(Y[i], U[i])
             except SolverError as error:
-                raise SolverError(f"reduced: at t = {t[i]:.4g} s: {error}") from None
+                raise SolverError(f"method reduced: at t = {t[i]:.4g} s: {error}") from None
             if better != choice:
                 choice, choices, reached = better, choices + 1, i
                 break
@@ -156,27 +156,27 @@ def _states(
     t: np.ndarray,
     rtol: float,
 ) -> tuple[np.ndarray, np.ndarray, float, tuple[int, int]]:
-    """States and all else at instants after t[0], where Y holds, the tolerance that IDAS could keep, and its counts.
+    """States and other unknowns at instants after t[0], where Y holds, the tolerance of IDAS, and its counts.
 
-    All instants, or the first of them where IDAS came no further.
+    All instants, or the first of them where IDAS does not converge further.
     """
     if not choice.states:  # all unknowns follow from the path and its derivatives: there is nothing to integrate
         return np.zeros((len(t) - 1, 0)), np.zeros((0, 0)), rtol, (0, 0)
-    places = (list(choice.states), list(choice.algebraic))
-    # nobody needs all else as exactly as the states, and rounding would not allow it: it is solved for again
-    units = (scale[places[0]], scale[places[1]] * LOOSER)
+    columns = (list(choice.states), list(choice.algebraic))
+    # the other unknowns are computed again, and rounding would not allow the tolerance of the states
+    units = (scale[columns[0]], scale[columns[1]] * LOOSER)
     G = dummies.system(Y, signals(t[0]))[1].full() * scale
     rows = np.maximum(np.abs(G).max(axis=1), 1e-300)
-    s, z, time = ca.MX.sym("s", len(places[0])), ca.MX.sym("z", len(places[1])), ca.MX.sym("t")
-    ds, rest = dummies.index_one(choice)(s * ca.DM(units[0]), z * ca.DM(units[1]), signals(time))
-    system = {"x": s, "z": z, "t": time, "ode": ds / ca.DM(units[0]), "alg": rest / ca.DM(rows)}
-    for part, factor in RESCUES:
+    s, z, time = ca.MX.sym("s", len(columns[0])), ca.MX.sym("z", len(columns[1])), ca.MX.sym("t")
+    ds, residual = dummies.index_one(choice)(s * ca.DM(units[0]), z * ca.DM(units[1]), signals(time))
+    system = {"x": s, "z": z, "t": time, "ode": ds / ca.DM(units[0]), "alg": residual / ca.DM(rows)}
+    for part, factor in RETRIES:
         used, to = rtol * factor, max(2, len(t) // part)
         options = {
             "reltol": used,
             "abstol": used * ATOL / RTOL,
             "max_num_steps": STEPS,
-            "calc_ic": False,  # what it begins with is consistent; its own search would be confused by rounding
+            "calc_ic": False,  # the initial values are consistent; rounding would disturb a search
             "init_xdot": (Y[list(choice.rates)] / units[0]).tolist(),
             "suppress_algebraic": True,
             "max_step_size": float(t[1] - t[0]),
@@ -184,35 +184,37 @@ def _states(
         }
         try:
             run = ca.integrator("reduced", "idas", system, float(t[0]), t[1:to].tolist(), options)
-            out = run(x0=Y[places[0]] / units[0], z0=Y[places[1]] / units[1])
-        except RuntimeError as error:  # near the rounding of the equations its Newton iteration cannot converge
+            out = run(x0=Y[columns[0]] / units[0], z0=Y[columns[1]] / units[1])
+        except RuntimeError as error:  # Newton's iteration of IDAS does not converge near rounding
             reason = str(error).strip().splitlines()[-1]
             continue
         spent = run.stats()
         counts = int(spent["nsteps"]), int(spent["nniters"])
         return out["xf"].full().T * units[0], out["zf"].full().T * units[1], used, counts
-    raise SolverError(f"reduced: IDAS gave up after t = {t[0]:.4g} s, with a tolerance of {used:.0e} too: {reason}")
+    raise SolverError(
+        f"method reduced: IDAS failed after t = {t[0]:.4g} s with a tolerance of {used:.0e}: {reason}; try lq or bdf"
+    )
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
-    """Answer a question by index reduction and IDAS, sampled every millisecond or finer.
+    """Solve by index reduction and IDAS, sampled every millisecond or finer.
 
-    Options: ``rtol``, the relative tolerance (default 1e-11). ``h`` has no meaning: IDAS chooses its steps.
+    Option ``rtol``: the relative tolerance (default 1e-11). IDAS chooses its steps; ``h`` bounds the sampling interval.
     """
-    problem.only("reduced", "rtol")
+    problem.check_options("reduced", "rtol")
     rtol = problem.options.get("rtol", RTOL)
     if not isinstance(rtol, float) or not 1e-13 <= rtol <= 1e-4:
-        raise ArgumentError(f"options: given rtol = {rtol!r}, expected a number between 1e-13 and 1e-4")
+        raise ArgumentError(f"options: method reduced was given rtol {rtol!r}, expected a float from 1e-13 to 1e-4")
     check_causal(problem, "reduced")
     dae = dae_of(problem)
     dummies = DummyDerivatives(dae, *offsets(dae))
-    x_rest = dae.pack(problem.rest)
+    x_eq = dae.pack(problem.equilibrium)
     try:
-        dummies.choose(dummies.at_rest(x_rest), dae.targets(problem.path.sample(np.zeros(1)), dummies.orders)[0])
+        dummies.choose(dummies.at_rest(x_eq), dae.targets(problem.path.sample(np.zeros(1)), dummies.orders)[0])
     except SolverError as error:
         raise ArgumentError(f"method reduced does not apply to model {dae.model.name}: {error}") from None
     t = instants(problem, min(h, problem.step))
-    found = integrate(dummies, problem.path, t, x_rest, rtol)
+    found = integrate(dummies, problem.path, t, x_eq, rtol)
     x, dx = dummies.states_of(found.Y)
     return result_of_states(
         problem,

@@ -65,7 +65,7 @@ class FullSolution:
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
     """Solve by optimal control of the full model on intervals of 2 ``h`` [s]. No options."""
-    problem.only("full")
+    problem.check_options("full")
     preactuation, nodes = problem.nodes(2 * h)
     found = collocate_full(problem.equations, problem.path, nodes, problem.limits, progress=problem.progress)
     motion = found.motion

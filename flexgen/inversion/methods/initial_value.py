@@ -1,7 +1,7 @@
-"""What the initial-value methods share: where they apply, their instants, and an answer from the states of the DAE.
+"""Common parts of the initial-value methods: where they apply, their instants, and results from states of the DAE.
 
-They march from rest in the direction of time, so that the motion inside, the zero dynamics, has to be stable: an
-unstable one grows like exp(z t) with its zero z from whatever error there is.
+They integrate forward in time from equilibrium, so the zero dynamics has to be stable: with an unstable zero z an error
+grows like exp(z t).
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from flexgen.inversion.motor_side import MotorMotion, gear_torques
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solution import has_kinks
 
-STEPS = 200_000  # of one answer
+STEPS = 200_000  # at most
 
 
 def check_causal(problem: InversionProblem, method: str, differentiates: bool = True) -> None:
-    """ArgumentError where an initial-value method does not apply: the text gives the reason and the method to use.
+    """ArgumentError where an initial-value method does not apply; the text gives the reason and the method to use.
 
     ``differentiates``: the method differentiates the equations of motion.
     """
@@ -41,27 +41,27 @@ def check_causal(problem: InversionProblem, method: str, differentiates: bool = 
     value = f"{zero.value.real:+.4g}" + (f" +- {abs(zero.value.imag):.4g}i" if zero.value.imag else "")
     raise ArgumentError(
         f"method {method}: the zero dynamics of model {model.name} along move {problem.path.move.name} is unstable, "
-        f"with a zero at {value} 1/s at t = {zero.t:.4g} s, and a motion that is integrated from the start blows up; "
-        "expected a method that looks ahead: use lq, bvp or collocation"
+        f"with a zero at {value} 1/s at t = {zero.t:.4g} s, and a motion that is integrated from the start diverges; "
+        "expected a stable zero dynamics; use lq, bvp or collocation"
     )
 
 
 def zeros_along(problem: InversionProblem) -> np.ndarray:
-    """Zeros of the output [1/s] at the poses of the path where the question has them, all together."""
+    """Zeros of the output [1/s] at all poses of the path where the problem has them."""
     found = [zeros for _, zeros in problem.zeros]
     return np.concatenate(found) if found else np.zeros(0)
 
 
 def dae_of(problem: InversionProblem) -> InverseDae:
-    """The DAE that answers a question; where all coordinates are actuated, a move of the joints prescribes these."""
+    """The DAE of a problem; where all coordinates are actuated, a joint move prescribes the coordinates."""
     joints = problem.equations.model.n_e == 0 and problem.path.sample(np.zeros(1)).q_g is not None
     return InverseDae(problem.equations, joints)
 
 
 def instants(problem: InversionProblem, step: float) -> np.ndarray:
-    """Equidistant instants from the start (or a preview before it) until the motion has settled.
+    """Equidistant instants from the start, or a preview before it, to the end of the settling time.
 
-    The path's ends are among them; ``step`` [s] is the largest distance.
+    The ends of the path are among them; ``step`` [s] is the largest distance.
     """
     duration = problem.path.duration
     on_path = max(1, int(np.ceil(duration / step - 1e-9)))
@@ -70,7 +70,7 @@ def instants(problem: InversionProblem, step: float) -> np.ndarray:
     after = int(np.ceil(problem.windows[1] / h))
     if before + on_path + after > STEPS:
         raise ArgumentError(
-            f"mesh: steps of {h:.3g} s make {before + on_path + after} of them, expected at most {STEPS}; "
+            f"mesh: given steps of {h:.3g} s, which makes {before + on_path + after}, expected at most {STEPS}; "
             "take a coarser --mesh or a shorter move"
         )
     return h * np.arange(-before, on_path + after + 1)
@@ -88,9 +88,9 @@ def result_of_states(
     details: Mapping[str, Any],
     intervals: int | None = None,
 ) -> MethodResult:
-    """The answer whose states and rates at the instants t are x and dx, (n, n_x).
+    """The method result of states x and derivatives dx (n, n_x) at the instants t.
 
-    ``intervals``: of the solver's own mesh, where it is not that of the instants.
+    ``intervals``: of the mesh of the solver, where it is not that of the instants.
     """
     if not (np.isfinite(x).all() and np.isfinite(dx).all()):
         raise SolverError(f"{verdict}: the motion is not finite; take a finer --mesh or a smoother move")

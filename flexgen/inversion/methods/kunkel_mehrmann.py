@@ -1,11 +1,11 @@
-"""Inverse dynamics by integrating the regularised DAE of Kunkel and Mehrmann: Radau IIA with three stages.
+"""Inverse dynamics by integration of the regularized DAE of Kunkel and Mehrmann: Radau IIA with three stages.
 
     Z1' F(X_i, X_i', u_i) = 0,      F_mu(X_i, Y_i, U_i) = 0,        X_i' = (1/h) sum_j (A^-1)_ij (X_j - x_k)
 
-at the stages i, with the derivatives Y_i = (x', ..., x^(mu+1)) of the array as unknowns that do not matter: at the
-solution the second line is ``Z2' F_mu = 0``. Matrices and slopes are computed once a step, where Taylor's expansion
-from the last step predicts its end; Newton's iteration with them converges by some digits a round. The last stage is
-the next step, so that every constraint, the hidden ones too, holds at every instant. Order 5.
+at the stages i, with the derivatives Y_i = (x', ..., x^(mu+1)) of the array as auxiliary unknowns: at the
+solution the second line is ``Z2' F_mu = 0``. Matrices and Jacobians are computed once a step, at the end of the step
+that a Taylor expansion predicts; Newton's iteration with them converges linearly. The last stage is the next state, so
+every constraint, hidden ones included, holds at every instant. Order 5.
 
 Measured with steps of 1 ms (largest tool error of a move): planar5_mp and elbow 2 nm, manutec_r3 0.2 nm, abb_arm 0.1
 urad; four_mass 0.4 um, for the corner of its spring's second derivative.
@@ -34,9 +34,9 @@ from flexgen.paths.path import Path
 
 STAGES = 3
 ITERATIONS = 30
-HIGHEST = 5  # order of the array: what the derivatives of a path suffice for
+HIGHEST = 5  # order of the array, at most: a path has five derivatives
 TOLERANCE = 1e-14  # of Newton's correction, in units of the scales
-STALLED = 1e-8  # a correction that is smaller and shrinks no more is rounding
+STALLED = 1e-8  # a smaller correction that no longer decreases is rounding
 
 
 @dataclass(frozen=True)
@@ -50,17 +50,17 @@ class Regular:
 
 
 def integrate(
-    system: StrangenessFree, path: Path, t: np.ndarray, x_rest: np.ndarray, table: Tableau | None = None
+    system: StrangenessFree, path: Path, t: np.ndarray, x_eq: np.ndarray, table: Tableau | None = None
 ) -> Regular:
-    """Integrate the regularised DAE from rest.
+    """Integrate the regularized DAE from equilibrium.
 
     Parameters
     ----------
     system : StrangenessFree
     path : Path
     t : array (n,) [s]
-        Instants, one a step; the machine rests at the first one.
-    x_rest : array (n_x,)
+        Instants, one for each step; the robot is in equilibrium at the first one.
+    x_eq : array (n_x,)
     table : Tableau, optional
         A stiffly accurate collocation method; default: Radau IIA with three stages.
 
@@ -77,7 +77,7 @@ def integrate(
     dae, mu, n, s = system.dae, system.mu, system.n, len(table.c)
     inverse = np.linalg.inv(table.A)
     start = np.zeros((n, mu + 2))
-    start[:, 0] = x_rest
+    start[:, 0] = x_eq
     U0 = dae.targets(path.sample(t[:1]), mu)[0]
     point = system.consistent(start, U0)
     times = (t[:-1, None] + np.diff(t)[:, None] * table.c).ravel()
@@ -94,8 +94,8 @@ def integrate(
             count = _newton(system, split, stages, x[k], U[k], inverse / h)
         except (SolverError, np.linalg.LinAlgError) as error:
             raise SolverError(
-                f"kunkel-mehrmann: at t = {t[k + 1]:.4g} s: {error}; does the path pass a singular pose, or is --mesh "
-                "too coarse?"
+                f"method kunkel-mehrmann: at t = {t[k + 1]:.4g} s: {error}; try a finer --mesh, or a path without a "
+                "singular pose"
             ) from None
         iterations += count
         point = stages[-1]
@@ -104,7 +104,7 @@ def integrate(
 
 
 def _taylor(point: np.ndarray, step: float) -> np.ndarray:
-    """x and its derivatives (n_x, mu + 2) a step later, by what is known of them."""
+    """Taylor expansion of x and its derivatives (n_x, mu + 2) over a step."""
     orders = point.shape[1]
     powers = np.array([step**k / factorial(k) for k in range(orders)])
     return np.stack([point[:, k:] @ powers[: orders - k] for k in range(orders)], axis=1)
@@ -118,7 +118,7 @@ def _newton(
     U: np.ndarray,
     rates: np.ndarray,
 ) -> int:
-    """Improve the stages in place; the number of iterations. ``rates``: the inverse of the tableau, per second."""
+    """Newton's iteration on the stages, in place; number of iterations. ``rates``: inverse of the tableau [1/s]."""
     n, s, unit = system.n, len(stages), system.unit
     Z1, Z2, N, A, E = split.Z1, split.Z2, split.N, split.A, split.E
     d = Z1.shape[1]
@@ -156,8 +156,8 @@ def _newton(
     raise SolverError(f"Newton's iteration did not converge, last correction {size:.1e} of the unknowns' sizes")
 
 
-def regularised(dae: InverseDae, x_rest: np.ndarray, highest: int = HIGHEST) -> StrangenessFree:
-    """The regularised DAE with the smallest array that satisfies the hypothesis, from the structural index upwards.
+def regularized(dae: InverseDae, x_eq: np.ndarray, highest: int = HIGHEST) -> StrangenessFree:
+    """The regularized DAE with the smallest array that satisfies the hypothesis, from the structural index upwards.
 
     ArgumentError where the structure is singular, SolverError where no order up to ``highest`` does.
     """
@@ -169,24 +169,24 @@ def regularised(dae: InverseDae, x_rest: np.ndarray, highest: int = HIGHEST) -> 
         )
     failed = None
     for mu in range(index - 1, max(index, highest + 1)):
-        system = StrangenessFree(dae, mu, x_rest)
+        system = StrangenessFree(dae, mu, x_eq)
         try:
             if system.d >= 0:
                 return system
         except SolverError as error:
             failed = error
-    raise SolverError(f"kunkel-mehrmann: {failed}; choose another start, or lq")
+    raise SolverError(f"method kunkel-mehrmann: {failed}; choose another start or use lq")
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
-    """Solve the problem by the regularised DAE, in steps of a fifth of ``h``, at most a millisecond. No options."""
-    problem.only("kunkel-mehrmann")
+    """Solve by the regularized DAE, in steps of a fifth of ``h`` [s], at most a millisecond. No options."""
+    problem.check_options("kunkel-mehrmann")
     check_causal(problem, "kunkel-mehrmann")
     dae = dae_of(problem)
-    x_rest = dae.pack(problem.rest)
-    system = regularised(dae, x_rest)
+    x_eq = dae.pack(problem.equilibrium)
+    system = regularized(dae, x_eq)
     t = instants(problem, min(h / 5, problem.step))
-    found = integrate(system, problem.path, t, x_rest)
+    found = integrate(system, problem.path, t, x_eq)
     return result_of_states(
         problem,
         dae,

@@ -1,10 +1,10 @@
-"""Stable inversion by linear-quadratic Gauss-Newton steps, in C: the method for who does not choose.
+"""Stable inversion by linear-quadratic Gauss-Newton steps, in C: the default method of elastic arms.
 
 Unknown are the accelerations of the non-actuated coordinates at three Gauss points of each interval, the control of the
-double integrator y = (q_e, v_e). The non-actuated rows R(q_e, v_e, a_e, t) of the reduced problem are made to vanish in
-the sense of least squares, with weights so small that they only decide what the rows leave open: of all motions that
-satisfy them, the one that does not blow up. It starts exactly at rest, needs no eigenvalues, and passes flat points,
-where the acceleration cannot be found from the rows.
+double integrator y = (q_e, v_e). The squared residuals of the non-actuated rows R(q_e, v_e, a_e, t) of the reduced
+problem are minimized, with small weights on the unknowns that only select the bounded motion among all motions that
+satisfy the rows. The motion starts in equilibrium. No eigenvalues are needed, and points with a zero at infinity, where
+the rows do not determine the acceleration, do no harm.
 
 Order: the motion at the nodes is of order six in the interval length where the zero dynamics is slow against it, and of
 order four where it is fast.
@@ -22,13 +22,13 @@ from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library, grid, samples
 
-TOLERANCE = 1e-6  # residual on the mesh, relative to the torques of a hundredth of a radian
-LONGEST = 1e-2  # s: of an interval
+TOLERANCE = 1e-6  # residual on the mesh, relative to the torques of a deflection of a hundredth of a radian
+LONGEST = 1e-2  # s: longest interval
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:
-    """Invert along the whole path. Options: ``native`` (bool): compile for this processor."""
-    problem.only("lq", "native")
+    """Solve on intervals of 2 ``h`` [s], at most 10 ms. Option ``native``: compile for this processor."""
+    problem.check_options("lq", "native")
     library = inversion_library(
         problem.equations, "lq", native=bool(problem.options.get("native", False)), progress=problem.progress
     )
