@@ -1,27 +1,27 @@
-"""The errors that flexgen raises: each one tells what was given, what was expected and where."""
+"""The errors of flexgen: each text has what was given, what was expected, where, and what to do."""
 
 from __future__ import annotations
 
 
 class FlexgenError(Exception):
-    """Base of every error that flexgen raises on purpose; its text is meant for the user."""
+    """Base of all errors of flexgen; the text is for the user."""
 
 
 class ModelError(FlexgenError):
     """A model file is wrong.
 
-    The text reads ``file:line:key: given ..., expected ...``; the parts are kept as attributes.
+    The text reads ``file:line:key: given ..., expected ...``; the fields are attributes.
 
     Parameters
     ----------
     file : str
         The file as the user named it.
     line : int
-        Line of the offending key (1 is the first); 0 where the file as a whole is meant.
+        Line of the key, from 1; 0 for the whole file.
     key : str
         Dotted path of the key, such as ``element.joint1.dof.q1.axis``.
     given, expected : str
-        What stood there and what should have.
+        The value in the file, and what is allowed.
     """
 
     def __init__(self, file: str, line: int, key: str, given: str, expected: str) -> None:
@@ -34,7 +34,7 @@ class ArgumentError(FlexgenError, ValueError):
 
 
 class SolverError(FlexgenError):
-    """A solver could not reach an answer that satisfies the equations; the text says how far it got."""
+    """A solver found no solution; the text gives the reason and what to try."""
 
 
 class BuildError(FlexgenError):

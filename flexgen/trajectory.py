@@ -1,4 +1,4 @@
-"""Trajectories: named channels over one time grid, saved as npz or csv without losing a bit."""
+"""Trajectories: named channels over one time grid, saved as npz or csv without loss."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from flexgen.errors import ArgumentError
 from flexgen.ports import Port
 
-LARGEST = 2**30  # bytes: a file that is larger is no trajectory of a robot
+LARGEST = 2**30  # bytes of a file, at most
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,10 @@ class Trajectory:
     ports : mapping from name to Port
         Shape ``(width,)``, unit and meaning of each channel.
     labels : mapping from name to tuple of str
-        One label a column (the coordinate's or motor's name).
+        One label for each column (the name of the coordinate or motor).
     meta : dict
-        What it belongs to, only JSON types: ``model``, ``variant``, ``move``, ``kind``; ``torque`` is ``"limited"``
-        where the torque runs into limits and must not be interpolated beyond them.
+        JSON types only: ``model``, ``variant``, ``move``, ``kind``; ``torque`` is ``"limited"`` where limits may be
+        active and an interpolation must not exceed them.
     """
 
     time: np.ndarray
@@ -45,14 +45,16 @@ class Trajectory:
         n = len(self.time)
         if np.ndim(self.time) != 1 or n < 2 or not np.isfinite(self.time).all() or not np.all(np.diff(self.time) > 0):
             raise ArgumentError(
-                "trajectory: given a time grid that does not increase, expected at least 2 rising instants"
+                "trajectory: given a time grid that does not increase, expected at least 2 increasing instants"
             )
         if not self.ports.keys() == self.channels.keys() == self.labels.keys():
-            raise ArgumentError("trajectory: channels, ports and labels differ in their names, expected the same ones")
+            raise ArgumentError(
+                "trajectory: given channels, ports and labels with different names, expected the same names"
+            )
         for name, port in self.ports.items():
             if len(self.labels[name]) != port.size:
                 raise ArgumentError(
-                    f"trajectory channel {name}: given {len(self.labels[name])} labels for {port.size} columns"
+                    f"trajectory channel {name}: given {len(self.labels[name])} labels, expected {port.size}"
                 )
             shape = np.shape(self.channels[name])
             if shape != (n, *port.shape):
@@ -62,12 +64,12 @@ class Trajectory:
         return self.channels[name]
 
     def save(self, path: str | Path) -> Path:
-        """Write to ``path``: ``.npz`` keeps everything, ``.csv`` has one column a scalar, ``name[label] unit``."""
+        """Write to ``path``: ``.npz`` with all data, ``.csv`` with a column for each scalar, ``name[label] unit``."""
         path = Path(path)
         if path.suffix not in (".npz", ".csv"):
             raise ArgumentError(f"trajectory file: given {path.name!r}, expected a name that ends in .npz or .csv")
         if path.exists() and not path.is_file():
-            raise ArgumentError(f"trajectory file: given {str(path)!r}, which is no regular file")
+            raise ArgumentError(f"trajectory file: given {str(path)!r}, expected a new name or a regular file")
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix == ".npz":
             head = {
@@ -89,7 +91,7 @@ class Trajectory:
 
     @staticmethod
     def load(path: str | Path) -> Trajectory:
-        """Read what `save` wrote; ArgumentError where the file is no trajectory."""
+        """Read a file that `save` wrote; ArgumentError where the file is no trajectory."""
         path = Path(path)
         if not path.exists():
             raise ArgumentError(
@@ -99,15 +101,17 @@ class Trajectory:
         if not path.is_file():
             raise ArgumentError(f"trajectory: given {str(path)!r}, expected a regular file that ends in .npz or .csv")
         if path.stat().st_size > LARGEST:
-            raise ArgumentError(f"trajectory: given {str(path)!r} of {path.stat().st_size} bytes, at most {LARGEST}")
+            raise ArgumentError(
+                f"trajectory: given {str(path)!r} of {path.stat().st_size} bytes, expected at most {LARGEST}"
+            )
         try:
             return _load_csv(path) if path.suffix == ".csv" else _load_npz(path)
         except ArgumentError as error:
             raise ArgumentError(f"{path}: {error}") from None
-        except Exception as error:  # numpy, zipfile and json each have their own idea of a broken file
+        except Exception as error:  # numpy, zipfile and json raise different errors
             raise ArgumentError(
                 f"{path}: given a file that is no trajectory of flexgen ({type(error).__name__}), "
-                "expected one that 'flexgen solve MODEL --out FILE' wrote"
+                "expected a file that 'flexgen solve MODEL --out FILE' wrote"
             ) from error
 
 
@@ -123,7 +127,7 @@ def _load_npz(path: Path) -> Trajectory:
 
 def _real(name: str, values: np.ndarray) -> np.ndarray:
     if values.dtype.kind not in "fiu":
-        raise ArgumentError(f"channel {name}: given numbers of type {values.dtype}, expected real ones")
+        raise ArgumentError(f"channel {name}: given numbers of type {values.dtype}, expected real numbers")
     return np.asarray(values, dtype=float)
 
 
@@ -146,15 +150,15 @@ def _load_csv(path: Path) -> Trajectory:
     names: dict[str, list[str]] = {}
     units: dict[str, str] = {}
     for column in header[1:]:
-        name, rest = column.split("[", 1)
-        label, unit = rest.rsplit("] ", 1)
+        name, label_and_unit = column.split("[", 1)
+        label, unit = label_and_unit.rsplit("] ", 1)
         names.setdefault(name, []).append(label)
         if units.setdefault(name, unit) != unit:
             raise ArgumentError(f"channel {name}: given columns in {units[name]} and in {unit}, expected one unit")
     channels, at = {}, 1
     for name, columns in names.items():
         if [c.split("[", 1)[0] for c in header[at : at + len(columns)]] != [name] * len(columns):
-            raise ArgumentError(f"channel {name}: given columns apart from each other, expected them side by side")
+            raise ArgumentError(f"channel {name}: given columns that are not adjacent, expected adjacent columns")
         channels[name] = table[:, at : at + len(columns)]
         at += len(columns)
     ports = {k: Port(k, (len(v),), units[k], "read from csv") for k, v in names.items()}

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from flexgen.sweeps.sweep import Swept
+    from flexgen.sweeps.sweep import SweepResult
 
 SHOWN = 5  # failures that are told one by one
 
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace, tell: Callable[[str], None]) -> tuple[dict[str
     return data, _text(data), problem, warnings
 
 
-def _groups(swept: Swept) -> list[dict[str, Any]]:
+def _groups(swept: SweepResult) -> list[dict[str, Any]]:
     """How the cases of each model and method ended."""
     import numpy as np
 

@@ -1,13 +1,13 @@
-"""Forward simulation of the full model under a given motor torque: the referee of every inversion.
+"""Forward simulation of the full model under a given motor torque: the verification of inverse dynamics.
 
-The integrator (explicit Runge-Kutta of order 8 by Dormand and Prince, tight tolerance) shares nothing with the solvers.
-The torque is a quintic spline through the samples or, where it runs into limits, the polynomials that it was sampled
-from; if there are none, a monotone cubic that stays within the limits. Work and losses are integrated along, so that
-the energy balance
+The integrator (explicit Runge-Kutta of order 8 by Dormand and Prince, tight tolerance) shares no code with the solvers.
+The torque is a quintic spline through the samples or, where limits are active, the polynomials that it was sampled
+from; if there are none, a monotone cubic that stays within the limits. Work and losses are integrated too. The energy
+balance
 
     E(t) - E(0) = int P_motor dt - int P_dissipated dt
 
-tells whether the integration can be trusted.
+verifies the integration.
 
 Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec. II.5 (DOP853).
 """
@@ -32,20 +32,30 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.ports import Port
 from flexgen.trajectory import Trajectory
 
-EVALUATIONS = 5_000_000  # a few minutes: what takes more has gone wrong
-DEGREE, PARTS = 5, 10  # of the polynomials that a limited torque consists of, and samples of each
-ON_GRID = 1e-7  # relative: samples that are as near are on it
-RTOL, ATOL = 1e-11, 1e-12  # a tenth of a nanometre over a metre of reach and a thousand steps
+EVALUATIONS = 5_000_000  # at most, a few minutes
+DEGREE, SAMPLES = 5, 10  # of the polynomials of a limited torque, and samples of each
+ON_GRID = 1e-7  # relative distance up to which samples are on a grid
+RTOL, ATOL = 1e-11, 1e-12  # a tenth of a nanometer over a meter of reach and a thousand steps
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """What the machine does under the torque.
+    """Motion of the robot under the torque.
 
-    ``trajectory``: channels ``q_a v_a q_m v_m tau_m`` and, where the reference was given, ``error`` of the output.
-    ``tool_error_max_m`` [m], ``tool_error_max_rad`` [rad]: None where the output has no such part or no reference.
-    ``energy_error``: largest violation of the energy balance, relative to the energy that was turned over.
-    ``torque_max_Nm``, ``speed_max_rad_s``: largest motor torque and speed of any motor, motor side.
+    Attributes
+    ----------
+    trajectory : Trajectory
+        Channels ``q_a v_a q_m v_m tau_m`` and, where the reference was given, ``error`` of the output.
+    tool_error_max_m, tool_error_max_rad : float or None [m], [rad]
+        Largest error of the output; None without reference, or where the output has no such part.
+    energy_error : float
+        Largest violation of the energy balance, relative to the energy exchanged.
+    torque_max_Nm, speed_max_rad_s : float [N m], [rad/s]
+        Largest torque and speed of a motor, motor side.
+    evaluations : int
+        Of the right-hand side.
+    wall_s : float [s]
+    warnings : tuple of str
     """
 
     trajectory: Trajectory
@@ -81,7 +91,7 @@ def output_units(model: RobotModel) -> tuple[str, ...]:
 
 
 def _checked(model: RobotModel, data: Trajectory) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """The channels that a simulation needs, their columns in the model's order, and warnings."""
+    """The channels that a simulation needs, with columns in the order of the model, and warnings."""
     names_a, names_m = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
     wanted = {"tau_m": (names_m, "N m"), "q_a": (names_a, "rad or m"), "q_m": (names_m, "rad")}
     found = {}
@@ -93,7 +103,7 @@ def _checked(model: RobotModel, data: Trajectory) -> tuple[dict[str, np.ndarray]
         if sorted(data.labels[name]) != sorted(labels):
             raise ArgumentError(
                 f"trajectory channel {name}: given columns {', '.join(data.labels[name])}, expected "
-                f"{', '.join(labels)} for model {model.name}; was it written for another model?"
+                f"{', '.join(labels)} for model {model.name}; take the model that it was written for"
             )
         if data.ports[name].unit != unit:
             raise ArgumentError(f"trajectory channel {name}: given in {data.ports[name].unit}, expected in {unit}")
@@ -111,7 +121,7 @@ def _checked(model: RobotModel, data: Trajectory) -> tuple[dict[str, np.ndarray]
         found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
     warnings = []
     if "v_a" in data.channels and np.abs(data["v_a"][0]).max() > 1e-6:
-        warnings.append("the trajectory does not begin at rest; the simulation does")
+        warnings.append("the trajectory does not start at rest; the simulation does")
     for key, own in (("model", model.name), ("variant", model.variant)):
         other = data.meta.get(key, own)
         if other != own:
@@ -127,16 +137,16 @@ def simulate(
     rtol: float = RTOL,
     progress: Callable[[str], None] | None = None,
 ) -> Simulation:
-    """Simulate the full model from rest under the torque of a trajectory.
+    """Simulate the full model from equilibrium under the torque of a trajectory.
 
     Parameters
     ----------
     model : name, path, RobotModel or Equations
     trajectory : Trajectory or path
-        Channels ``tau_m`` (n, n_m) [N m, motor side], and ``q_a``, ``q_m``, whose first samples are where the machine
-        rests; with ``y_ref`` (and ``R_ref``) the output's error is measured.
+        Channels ``tau_m`` (n, n_m) [N m, motor side], and ``q_a``, ``q_m``, whose first samples are the
+        equilibrium at the start; with ``y_ref`` (and ``R_ref``) the error of the output is computed.
     start : Equilibrium, optional
-        Where the machine rests at first, if not where the trajectory's first sample is.
+        Equilibrium at the start; default: the first sample of the trajectory.
     rtol : float
         Relative tolerance of the integrator.
 
@@ -149,7 +159,7 @@ def simulate(
     ArgumentError
         The trajectory does not belong to the model.
     SolverError
-        The integration broke down; the text says when.
+        The integration failed; the text gives the time.
     """
     equations = model if isinstance(model, Equations) else derive(model)
     if not isinstance(trajectory, Trajectory | str | FilePath):
@@ -171,18 +181,42 @@ def simulate(
     q_m, v_m = q_a[:, list(robot.i_g)] @ robot.eta.T, v_a[:, list(robot.i_g)] @ robot.eta.T
     q_m[:, i_m], v_m[:, i_m] = states[:, n_a:n], states[:, n + n_a : 2 * n]
 
-    energies = [x.reshape(len(t)) for x in evaluate(equations.function("energy"), q_a, v_a, q_m, v_m)]
-    total = energies[0] + energies[1]
-    imbalance = total - total[0] - states[:, 2 * n] + states[:, 2 * n + 1]
-    # what rounding leaves of energies that do not change is no imbalance
-    turned = max(np.ptp(energies[0]), np.ptp(energies[1]), np.ptp(states[:, 2 * n]), 1e-6 * np.abs(total).max(), 1e-9)
+    in_m, in_rad, recorded = _recorded(equations, data, given, (q_a, v_a, q_m, v_m))
+    return Simulation(
+        trajectory=recorded,
+        tool_error_max_m=in_m,
+        tool_error_max_rad=in_rad,
+        energy_error=_energy_error(equations, (q_a, v_a, q_m, v_m), states[:, 2 * n], states[:, 2 * n + 1]),
+        torque_max_Nm=float(np.abs(torque).max()),
+        speed_max_rad_s=float(np.abs(v_m).max()),
+        evaluations=count,
+        wall_s=wall,
+        warnings=warnings,
+    )
 
-    channels = {"q_a": q_a, "v_a": v_a, "q_m": q_m, "v_m": v_m, "tau_m": torque}
+
+def _energy_error(equations: Equations, motion: tuple[np.ndarray, ...], work: np.ndarray, loss: np.ndarray) -> float:
+    """Largest violation of the energy balance, relative to the energy exchanged."""
+    energies = [x.reshape(len(work)) for x in evaluate(equations.function("energy"), *motion)]
+    total = energies[0] + energies[1]
+    imbalance = total - total[0] - work + loss
+    # rounding of constant energies is no violation
+    exchanged = max(np.ptp(energies[0]), np.ptp(energies[1]), np.ptp(work), 1e-6 * np.abs(total).max(), 1e-9)
+    return float(np.abs(imbalance).max() / exchanged)
+
+
+def _recorded(
+    equations: Equations, data: Trajectory, given: dict[str, np.ndarray], motion: tuple[np.ndarray, ...]
+) -> tuple[float | None, float | None, Trajectory]:
+    """Largest output error [m] and [rad], and the simulated motion as a trajectory."""
+    robot = equations.model
+    q_a, v_a, q_m, v_m = motion
+    channels = {"q_a": q_a, "v_a": v_a, "q_m": q_m, "v_m": v_m, "tau_m": given["tau_m"]}
     names_a, names_m = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)
     labels = {"q_a": names_a, "v_a": names_a, "q_m": names_m, "v_m": names_m, "tau_m": names_m}
     ports = {
-        "q_a": Port("q_a", (n_a,), "rad or m", "arm coordinates, simulated"),
-        "v_a": Port("v_a", (n_a,), "rad/s or m/s", "their speeds"),
+        "q_a": Port("q_a", (robot.n_a,), "rad or m", "arm coordinates, simulated"),
+        "v_a": Port("v_a", (robot.n_a,), "rad/s or m/s", "their speeds"),
         "q_m": Port("q_m", (robot.n_m,), "rad", "motor angles, motor side"),
         "v_m": Port("v_m", (robot.n_m,), "rad/s", "motor speeds, motor side"),
         "tau_m": Port("tau_m", (robot.n_m,), "N m", "motor torques, motor side"),
@@ -199,51 +233,41 @@ def simulate(
             ports["turn"] = Port("turn", (1,), "rad", "angle between tool and reference")
             labels["turn"] = ("angle",)
     meta = {"model": robot.name, "variant": robot.variant, "kind": "simulation"}
-    return Simulation(
-        trajectory=Trajectory(t, channels, ports, labels, meta),
-        tool_error_max_m=in_m,
-        tool_error_max_rad=in_rad,
-        energy_error=float(np.abs(imbalance).max() / turned),
-        torque_max_Nm=float(np.abs(torque).max()),
-        speed_max_rad_s=float(np.abs(v_m).max()),
-        evaluations=count,
-        wall_s=wall,
-        warnings=warnings,
-    )
+    return in_m, in_rad, Trajectory(data.time, channels, ports, labels, meta)
 
 
 def torque_curve(t: np.ndarray, torque: np.ndarray, *, limited: bool) -> Callable[[Any], np.ndarray]:
     """Motor torque (n_m) at an instant, or (k, n_m) at k of them, from samples (n, n_m) at the instants ``t`` (n,) [s].
 
-    A quintic spline; ``limited``: the polynomials that were sampled, or a monotone cubic, for a spline would swing over
-    where a torque runs into its limit.
+    A quintic spline; ``limited``: the polynomials that were sampled, or a monotone cubic, since a spline overshoots
+    where the torque reaches its limit.
     """
     if not limited:
         return make_interp_spline(t, torque, k=min(5, len(t) - 1))
-    return _pieces(t, torque) or PchipInterpolator(t, torque)
+    return _sampled_polynomials(t, torque) or PchipInterpolator(t, torque)
 
 
-def _pieces(t: np.ndarray, torque: np.ndarray) -> PPoly | None:
+def _sampled_polynomials(t: np.ndarray, torque: np.ndarray) -> PPoly | None:
     """The piecewise polynomial that was sampled, if all samples lie on one; else None.
 
-    Optimal control gives torques that are polynomials of degree ``DEGREE`` on each interval of its mesh, sampled
-    ``PARTS`` times an interval; where a bound begins to act they have kinks from one to the next.
+    The torques of optimal control are polynomials of degree ``DEGREE`` on each interval of the mesh, with ``SAMPLES``
+    samples each, and kinks between intervals where a bound becomes active.
     """
-    n, rest = divmod(len(t) - 1, PARTS)
-    if n == 0 or rest:
+    n, left = divmod(len(t) - 1, SAMPLES)
+    if n == 0 or left:
         return None
-    at = PARTS * np.arange(n)[:, None] + np.arange(PARTS + 1)
-    width = np.diff(t[::PARTS])
-    theta = np.linspace(0.0, 1.0, PARTS + 1)
+    at = SAMPLES * np.arange(n)[:, None] + np.arange(SAMPLES + 1)
+    width = np.diff(t[::SAMPLES])
+    theta = np.linspace(0.0, 1.0, SAMPLES + 1)
     if np.abs((t[at] - t[at[:, :1]]) / width[:, None] - theta).max() > ON_GRID:
         return None
     powers = theta[:, None] ** np.arange(DEGREE, -1, -1)
-    samples = torque[at]  # (n, PARTS + 1, n_m)
+    samples = torque[at]  # (n, SAMPLES + 1, n_m)
     coefficients = np.einsum("dp,npm->ndm", np.linalg.pinv(powers), samples)
     if np.abs(np.einsum("pd,ndm->npm", powers, coefficients) - samples).max() > ON_GRID * np.abs(torque).max():
         return None
     scaled = coefficients / width[:, None, None] ** np.arange(DEGREE, -1, -1)[:, None]
-    return PPoly(scaled.transpose(1, 0, 2), t[::PARTS])
+    return PPoly(scaled.transpose(1, 0, 2), t[::SAMPLES])
 
 
 def _integrate(
@@ -270,7 +294,7 @@ def _integrate(
 
     start = np.concatenate([q_a, q_m[i_m], np.zeros(n + 2)])
     began = time.perf_counter()
-    # work and loss are observers: they must not drive the step size below what the motion needs
+    # work and loss have no influence on the motion: they must not reduce the step size
     atol = np.concatenate([np.full(2 * n, ATOL), np.full(2, 1e-9)])
     solver = DOP853(rate, t[0], start, t[-1], rtol=rtol, atol=atol)
     out = np.empty((len(t), len(start)))
@@ -279,15 +303,17 @@ def _integrate(
     while k < len(t):
         message = solver.step()
         if solver.status == "failed" or not np.isfinite(solver.y).all():
-            raise SolverError(f"simulation: broke down at t = {solver.t:.6g} s ({message or 'not finite'})")
+            raise SolverError(
+                f"simulation: failed at t = {solver.t:.6g} s ({message or 'not finite'}); check torque and model"
+            )
         dense = solver.dense_output()
         while k < len(t) and t[k] <= solver.t:
             out[k] = dense(t[k])
             k += 1
         if solver.nfev > EVALUATIONS:
             raise SolverError(
-                f"simulation: gave up at t = {solver.t:.6g} of {t[-1]:.6g} s after {solver.nfev} evaluations; "
-                "is the trajectory in SI units, and the machine no stiffer than it should be?"
+                f"simulation: stopped at t = {solver.t:.6g} of {t[-1]:.6g} s after {solver.nfev} evaluations; "
+                "check the units of the trajectory and the stiffness of the model"
             )
         if progress is not None and time.perf_counter() - spoken > 1.0:
             spoken = time.perf_counter()
@@ -314,13 +340,13 @@ def _output_error(
 
 
 def _turn_error(equations: Equations, data: dict[str, np.ndarray], q_a: np.ndarray) -> np.ndarray:
-    """Angle between the tool and its reference orientation, (n,) [rad], accurate for small angles."""
+    """Angle between the tool and its reference orientation, (n,) [rad]."""
     R = evaluate(equations.function("forward_kinematics"), q_a)[1]
     return turn_angle(R, data["R_ref"].reshape(-1, 3, 3))
 
 
 def turn_angle(R: np.ndarray, R_ref: np.ndarray) -> np.ndarray:
-    """Angle between two orientations, each (n, 3, 3): (n,) [rad], accurate for small angles too."""
+    """Angle (n,) [rad] between two orientations (n, 3, 3), accurate for small angles too."""
     E = R @ R_ref.transpose(0, 2, 1)
     axial = np.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], axis=1)
     return np.arctan2(np.linalg.norm(axial, axis=1) / 2, (np.trace(E, axis1=1, axis2=2) - 1) / 2)

@@ -1,4 +1,4 @@
-"""Cases of a shard that are joint moves in closed form, computed many at once by the emitted C."""
+"""Batches: joint moves in closed form of a shard, computed together by the emitted C."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ Derived = Callable[[str, RobotModel], Equations]
 
 _LIBRARIES: dict[str, InverseDynamics | None] = {}
 _MOVERS: dict[tuple[str, float, int], JointMoves] = {}
-KEPT = 4  # models, and laws of time, whose buffers a worker keeps
+KEPT = 4  # models, and time laws, whose buffers a worker keeps
 
 
 @dataclass(frozen=True)
-class Lots:
-    """The cases of a shard that can be computed many at once; the others are left to `flexgen.solve`.
+class Batches:
+    """The cases of a shard that can be computed in batches; the others are left to `flexgen.solve`.
 
-    Which case goes which way depends on the case alone, and so do its bits.
+    The case alone decides which of the two computes it, and so the bits of its results.
     """
 
     shard: Shard
@@ -42,52 +42,53 @@ class Lots:
 
     def rows(self) -> dict[int, tuple[Row, Row]]:
         """Rows of results and of times by the cases' numbers."""
-        lots: dict[tuple[str, float, int], list[tuple[Job, Move]]] = {}
+        batches: dict[tuple[str, float, int], list[tuple[Job, Move]]] = {}
         for job in self.shard.jobs:
             robot = self.shard.robots[job.key]
             if isinstance(robot, RobotModel) and job.method in ("auto", "closed-form") and self._unverified():
                 move = _plain_move(job, robot)
                 if move is not None:
-                    lots.setdefault((job.key, move.duration, move.smoothness), []).append((job, move))
+                    batches.setdefault((job.key, move.duration, move.smoothness), []).append((job, move))
         out: dict[int, tuple[Row, Row]] = {}
-        for (key, duration, smoothness), lot in lots.items():
+        for (key, duration, smoothness), batch in batches.items():
             robot = self.shard.robots[key]
-            assert isinstance(robot, RobotModel)  # seen above
-            out |= self._lot(key, robot, TimeLaw(duration, smoothness), lot)
+            assert isinstance(robot, RobotModel)  # checked above
+            out |= self._batch(key, robot, TimeLaw(duration, smoothness), batch)
         return out
 
     def _unverified(self) -> bool:
-        """What is computed here is not simulated, and it has no solver to be told anything."""
+        """Whether the options allow batches: no verification, and no option of a solver."""
         options = dict(self.shard.options)
         options.pop("batch")
         return options.pop("verify", True) is False and not any(value for value in options.values())
 
-    def _lot(
-        self, key: str, robot: RobotModel, law: TimeLaw, lot: list[tuple[Job, Move]]
+    def _batch(
+        self, key: str, robot: RobotModel, law: TimeLaw, batch: list[tuple[Job, Move]]
     ) -> dict[int, tuple[Row, Row]]:
+        """Rows of the moves of one model and one time law; none where they cannot be computed in batches."""
         if unfit(robot):
             return {}
         wall, cpu = time.perf_counter(), time.process_time()
         try:
             mover = self._mover(key, robot, law)
-        except FlexgenError:  # it has its reasons, and so will solve
+        except FlexgenError:  # flexgen.solve will report the reason
             return {}
         if mover is None:
             return {}
-        starts = np.array([move.start for _, move in lot])
-        ends = np.array([move.end for _, move in lot])
+        starts = np.array([move.start for _, move in batch])
+        ends = np.array([move.end for _, move in batch])
         rows = [
             {"move": move.name} | row
-            for (_, move), row in zip(lot, figures_or_reasons(robot, mover, starts, ends), strict=True)
+            for (_, move), row in zip(batch, figures_or_reasons(robot, mover, starts, ends), strict=True)
         ]
         took = {
-            "wall": (time.perf_counter() - wall) / len(lot),
-            "cpu": (time.process_time() - cpu) / len(lot),
+            "wall": (time.perf_counter() - wall) / len(batch),
+            "cpu": (time.process_time() - cpu) / len(batch),
         }
-        return {job.number: (row, took) for (job, _), row in zip(lot, rows, strict=True)}
+        return {job.number: (row, took) for (job, _), row in zip(batch, rows, strict=True)}
 
     def _mover(self, key: str, robot: RobotModel, law: TimeLaw) -> JointMoves | None:
-        """What computes the moves; None for a law so rough that the torque would jump: `flexgen.solve` judges that."""
+        """The moves of a model and a time law; None where the torque would jump, which `flexgen.solve` reports."""
         at = (key, law.duration, law.smoothness)
         if at not in _MOVERS:
             equations = self.derived(key, robot)
@@ -101,7 +102,7 @@ class Lots:
 
 
 def _plain_move(job: Job, robot: RobotModel) -> Move | None:
-    """The job's move where it is one of joints with a polynomial law, else None."""
+    """The move of a job where it is a joint move with a polynomial law, else None."""
     try:
         chosen = job.move_of(robot)
         move = chosen if isinstance(chosen, Move) else robot.move(chosen)
@@ -114,7 +115,7 @@ def _plain_move(job: Job, robot: RobotModel) -> Move | None:
 
 
 def _library(key: str, equations: Equations) -> InverseDynamics | None:
-    """The emitted inverse dynamics of a model; None where there is no compiler, and CasADi has to do."""
+    """The emitted inverse dynamics of a model; None without a compiler, where CasADi computes it."""
     if key not in _LIBRARIES:
         while len(_LIBRARIES) >= KEPT:
             _LIBRARIES.pop(next(iter(_LIBRARIES)))
@@ -128,9 +129,9 @@ def _library(key: str, equations: Equations) -> InverseDynamics | None:
 
 
 def figures_or_reasons(robot: RobotModel, mover: JointMoves, starts: np.ndarray, ends: np.ndarray) -> list[Row]:
-    """Rows of moves as `figures` makes them; a move that fails has the reason that it has alone, and no neighbours.
+    """Rows of moves as `figures` makes them; a move that fails has the reason instead, and does not affect others.
 
-    Halves are tried again until the moves that fail are alone: some of many cost a little more than one more run.
+    A batch that fails is halved until the moves that fail are alone.
     """
     try:
         return figures(robot, mover, starts, ends)
@@ -138,8 +139,8 @@ def figures_or_reasons(robot: RobotModel, mover: JointMoves, starts: np.ndarray,
         if len(starts) == 1:
             return [failed(str(error))]
     half = len(starts) // 2
-    parts = (slice(half), slice(half, None))
-    return [row for part in parts for row in figures_or_reasons(robot, mover, starts[part], ends[part])]
+    halves = (slice(half), slice(half, None))
+    return [row for rows in halves for row in figures_or_reasons(robot, mover, starts[rows], ends[rows])]
 
 
 def figures(robot: RobotModel, mover: JointMoves, starts: np.ndarray, ends: np.ndarray) -> list[Row]:
@@ -184,7 +185,7 @@ def _beyond(robot: RobotModel, peaks: Peaks, starts: np.ndarray, ends: np.ndarra
 
 
 def _warnings(robot: RobotModel, peaks: Peaks, starts: np.ndarray, ends: np.ndarray, k: int) -> tuple[str, ...]:
-    """What exceeds the limits of the model file, in the words of a solution: two samples have all the extremes."""
+    """Exceeded limits of the model file, worded as in a solution: two samples contain all the extremes."""
     channels = {
         "tau_m": np.tile(peaks.torque_max[k], (2, 1)),
         "v_m": np.tile(peaks.speed_max[k], (2, 1)),

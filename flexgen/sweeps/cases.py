@@ -1,4 +1,4 @@
-"""What a sweep consists of: cases, and the grid of models, parameters, moves and methods that they are cut from."""
+"""Cases of a sweep, and the grid of models, parameters, moves and methods that they are taken from."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from flexgen.model.reader import read
 from flexgen.paths.time_laws import TimeLaw
 
 OPTIONS = ("preview", "mesh", "verify", "accuracy", "options", "batch")  # of flexgen.solve, and one of the sweep
-SPAN = {"rad": np.pi, "m": 0.5}  # either way: where random moves stay when the model has no limits
-MARGIN = 1e-3  # random moves stay that much within limits of speed and acceleration
+SPAN = {"rad": np.pi, "m": 0.5}  # largest coordinate of random moves where the model has no limits
+MARGIN = 1e-3  # relative distance of random moves from limits of speed and acceleration
 
 
 @dataclass(frozen=True)
 class RandomMove:
     """A joint move drawn at random within the model's limits of position, speed and acceleration.
 
-    It is the same for the same ``number`` and ``seed`` on every machine. ``duration`` [s], ``smoothness``: of a Move.
+    It is the same for the same ``number`` and ``seed`` on every computer. ``duration`` [s], ``smoothness``: of a Move.
     """
 
     number: int
@@ -61,7 +61,7 @@ class RandomMove:
 
 @cache
 def _peaks(smoothness: int) -> tuple[float, float]:
-    """The largest speed and acceleration of the time law over one second."""
+    """Largest speed and acceleration of the time law of one second."""
     s = np.abs(TimeLaw(1.0, smoothness)(np.linspace(0.0, 1.0, 2001), 2))
     return float(s[:, 1].max()), float(s[:, 2].max())
 
@@ -86,19 +86,19 @@ class Case:
     method: str
 
     def robot(self) -> RobotModel:
-        """The model with its changes; raises what `flexgen.read` raises."""
+        """The model with its changes; raises the errors of `flexgen.read`."""
         if not isinstance(self.model, RobotModel):
             return read(self.model, overrides=self.parameters)
         if self.parameters:
             raise ArgumentError(
-                f"sweep: given changes of the model {self.model.name}, which was read before, expected its name or file"
+                f"sweep: given parameters for the RobotModel {self.model.name}, expected the name or file of a model"
             )
         return self.model
 
 
 @dataclass(frozen=True)
 class Grid:
-    """All combinations, in a fixed order: models go slowest, then parameter sets, moves and, fastest, methods.
+    """Grid of a sweep: all combinations, models slowest, then parameter sets, moves and, fastest, methods.
 
     Parameters
     ----------
@@ -111,9 +111,9 @@ class Grid:
         Changes of the model file, dotted paths to values, as in `flexgen.read`; `combinations` makes them of lists.
     options : mapping
         The same for all cases: ``preview``, ``mesh``, ``verify``, ``accuracy``, ``options`` of `flexgen.solve`, and
-        ``batch``: compute joint moves in closed form many at once where that is possible and ``verify`` is False.
+        ``batch``: compute joint moves in closed form in batches where that is possible and ``verify`` is False.
 
-    Cases are made when they are asked for: ``grid[17]``, ``len(grid)``, ``for case in grid``.
+    Cases are made on access: ``grid[17]``, ``len(grid)``, ``for case in grid``.
     """
 
     models: Sequence[ModelChoice]
@@ -157,7 +157,7 @@ class Grid:
         return (self[number] for number in range(len(self)))
 
     def describe(self) -> dict[str, Any]:
-        """The grid as JSON types; models with a digest of what their files say."""
+        """The grid as JSON types; models with a digest of their data."""
         return {
             "models": [{"model": _shown(model), "digest": _content(model)} for model in self.models],
             "parameters": [_plain(changes) for changes in self.parameters],
@@ -168,7 +168,7 @@ class Grid:
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of everything that the results depend on, but for the code."""
+        """SHA-256 of everything that the results depend on, except the code."""
         text = json.dumps(self.describe(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
@@ -182,7 +182,7 @@ def combinations(values: Mapping[str, Sequence[Any]]) -> tuple[dict[str, Any], .
 
 
 def model_digest(robot: RobotModel) -> str:
-    """SHA-256 of a model's data: the same wherever its file is."""
+    """SHA-256 of the data of a model, independent of the path of its file."""
     return hashlib.sha256(f"{robot.text}\n{replace(robot, file='', text='')!r}".encode()).hexdigest()
 
 
@@ -193,13 +193,13 @@ def _shown(model: ModelChoice) -> str:
 def _content(model: ModelChoice) -> str:
     try:
         robot = model if isinstance(model, RobotModel) else read(model)
-    except FlexgenError as error:  # its cases will say so
+    except FlexgenError as error:  # its cases report it
         return f"unreadable: {error}"
     return " ".join([model_digest(robot), *(_samples(move) for move in robot.moves if move.file)])
 
 
 def _samples(move: Move) -> str:
-    """SHA-256 of the file that a move goes through."""
+    """SHA-256 of the file with the samples of a move."""
     try:
         return hashlib.sha256(Path(move.file).read_bytes()).hexdigest()
     except OSError as error:

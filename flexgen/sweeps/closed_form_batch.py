@@ -3,10 +3,10 @@
 Without non-actuated coordinates the torques follow from the motion at each instant. Along a joint move it is
 ``q = start + (end - start) s(t)`` with the time law s, so that all moves of one law differ by factors only. The gears
 need ``tau_g`` with two derivatives: central differences of sixth order along the Taylor polynomial of the law at each
-instant, by the inverse dynamics at six neighbours; nothing is differenced across instants, so that ends do no harm.
+instant, by the inverse dynamics at six neighbors; no differences across instants, so the ends of the move do no harm.
 
-The moves go through in lots whose width depends on the law of time alone: what comes out of a move depends on nothing
-but the move, to the last bit.
+The moves are computed in batches whose width depends on the time law alone, so the bits of a result depend on the move
+alone.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from flexgen.model.elements import Friction, LinearSpring, RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.time_laws import TimeLaw
 
-WIDTH = 32  # moves at a time, at most: their arrays stay in the cache
-LOT = 40_000  # samples of a lot: of long moves there are fewer at a time, so that memory stays bounded
-NEIGHBOUR = 1 / 2000  # of the duration: distance of the neighbours
+WIDTH = 32  # moves of a batch, at most: their arrays fit into the cache
+BATCH = 40_000  # samples of a batch, at most: long moves have smaller batches
+NEIGHBOR = 1 / 2000  # of the duration: distance of the neighbors
 FIRST = (3 / 4, -3 / 20, 1 / 60)  # central differences of sixth order
 SECOND = (3 / 2, -3 / 20, 1 / 90)
-CENTRE = -49 / 18
+CENTER = -49 / 18
 
 InverseDynamics = Callable[..., Any]
 
@@ -58,7 +58,7 @@ class Peaks:
 
 
 def unfit(model: RobotModel) -> str:
-    """Why the moves of a model cannot be computed this way; empty where they can."""
+    """Why the moves of a model cannot be computed in batches; empty where they can."""
     if model.n_e:
         return f"model {model.name} has {model.n_e} non-actuated coordinates"
     if model.motor_coupling != "simplified":
@@ -105,12 +105,12 @@ class JointMoves:
         model = equations.model
         problem = unfit(model)
         if problem:
-            raise ArgumentError(f"many joint moves at once: {problem}; use flexgen.solve for each of them")
+            raise ArgumentError(f"batch of joint moves: {problem}; use flexgen.solve for each of them")
         self.model, self.law = model, law
         step = min(STEP, law.duration / 400) if step is None else step
         self.n = int(min(np.ceil(law.duration / step), SAMPLES)) + 1
         self.t = np.linspace(0.0, law.duration, self.n)
-        self._width = min(max(1, LOT // self.n), WIDTH)
+        self._width = min(max(1, BATCH // self.n), WIDTH)
         self._inverse_dynamics = inverse_dynamics or _interpreted(equations)
         rows = gears(model)
         self._elastic = [k for k, (gear, _) in enumerate(rows) if not gear.rigid]
@@ -121,8 +121,8 @@ class JointMoves:
         h = self.t[1]
         if (slow < INSTANT * h).any():
             raise ArgumentError(
-                f"many joint moves at once: model {model.name} has a gear whose twist settles within {slow.min():.2g} "
-                f"s, much less than a sample of {h:.2g} s; use flexgen.solve for each of the moves"
+                f"batch of joint moves: model {model.name} has a gear with a time constant of {slow.min():.2g} s, much "
+                f"less than a sample of {h:.2g} s; use flexgen.solve for each of the moves"
             )
         self._slow = [int(k) for k in np.flatnonzero(damped)]  # among the elastic ones
         self._lag: Lag | None = (
@@ -130,7 +130,7 @@ class JointMoves:
         )
         s = law(self.t, 5)
         self._here = [np.ascontiguousarray(s[:, k]) for k in range(4)]
-        self._apart = NEIGHBOUR * law.duration
+        self._apart = NEIGHBOR * law.duration
         offsets = [sign * k * self._apart for k in (1, 2, 3) for sign in (1, -1)]
         self._near = [_taylor(s, offset) for offset in offsets] if self._elastic else []
         self._memory: list[np.ndarray] = []
@@ -139,7 +139,7 @@ class JointMoves:
         """Figures of N moves from ``starts`` to ``ends`` (N, n_g) [rad or m]."""
         n_m = self.model.n_m
         largest, rms, fastest, work = (np.empty((len(starts), n_m)) for _ in range(4))
-        for rows, tau, speed in self._lots(starts, ends):
+        for rows, tau, speed in self._batches(starts, ends):
             count = len(rows)
             largest[rows] = _largest(tau)[:, :count].T
             fastest[rows] = _largest(speed)[:, :count].T
@@ -152,12 +152,12 @@ class JointMoves:
     def torques(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
         """Motor torques (N, n, n_m) [N m, motor side] at the instants `t`; 8 n n_m bytes a move."""
         out = np.empty((len(starts), self.n, self.model.n_m))
-        for rows, tau, _ in self._lots(starts, ends):
+        for rows, tau, _ in self._batches(starts, ends):
             out[rows] = tau[:, :, : len(rows)].transpose(2, 1, 0)
         return out
 
-    def _lots(self, starts: np.ndarray, ends: np.ndarray) -> Any:
-        """Numbers, motor torques and motor speeds (n_m, n, width) of lot after lot; the last one is filled up."""
+    def _batches(self, starts: np.ndarray, ends: np.ndarray) -> Any:
+        """Numbers, motor torques and motor speeds (n_m, n, width) of each batch; the last one is padded."""
         q0, q1 = np.asarray(starts, dtype=float), np.asarray(ends, dtype=float)
         if q0.ndim != 2 or q0.shape != q1.shape or q0.shape[1] != self.model.n_g:
             raise ArgumentError(
@@ -194,7 +194,7 @@ class JointMoves:
         self._arm(start, way, self._here, tau)
         v, a = self._memory[1:3]
         if elastic:
-            second[elastic] += CENTRE * tau[elastic]
+            second[elastic] += CENTER * tau[elastic]
             first[elastic] *= 1 / self._apart
             second[elastic] *= 1 / self._apart**2
         jerk = self._here[3][:, None]
@@ -205,12 +205,12 @@ class JointMoves:
             if k not in elastic:
                 tau[k] += friction(dof.friction, v[k])
                 continue
-            torque, slope, curvature = friction_slopes(dof.friction, v[k])
+            torque, first_derivative, second_derivative = friction_derivatives(dof.friction, v[k])
             tau[k] += torque
-            first[k] += slope * a[k]
-            second[k] += curvature * a[k] ** 2 + slope * (way[k] * jerk)
+            first[k] += first_derivative * a[k]
+            second[k] += second_derivative * a[k] ** 2 + first_derivative * (way[k] * jerk)
         if elastic:
-            rates, second_rates = self._twisting(tau[elastic], first[elastic], second[elastic])
+            rates, second_rates = self._deflection_rates(tau[elastic], first[elastic], second[elastic])
             v[elastic] += rates
             a[elastic] += second_rates
         eta, back = model.eta, np.linalg.inv(model.eta).T
@@ -225,7 +225,7 @@ class JointMoves:
     def _derivatives(
         self, start: np.ndarray, way: np.ndarray, near: np.ndarray, first: np.ndarray, second: np.ndarray
     ) -> None:
-        """Write the neighbours' share of two derivatives of the inverse dynamics, times the step and its square."""
+        """Write the neighbors' share of two derivatives of the inverse dynamics, times the step and its square."""
         later = self._memory[7]
         first.fill(0.0)
         second.fill(0.0)
@@ -236,22 +236,24 @@ class JointMoves:
                 first[i] += c * (later[i] - near[i])
                 second[i] += d * (later[i] + near[i])
 
-    def _twisting(self, tau: np.ndarray, first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rates and second rates of the elastic gears' twists (m, n, width), from their torques with derivatives."""
+    def _deflection_rates(
+        self, tau: np.ndarray, first: np.ndarray, second: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives one and two of the elastic gears' deflections (m, n, width), from torques with derivatives."""
         K, D = self._stiffness[:, None, None], self._damping[:, None, None]
         rates, second_rates = first / K, second / K
         if self._lag is not None:
             slow = self._slow
             given = np.stack([x[slow].transpose(1, 0, 2) for x in (tau, first, second)])
-            twists = self._lag.deflections(given, given[0, 0] / K[slow][:, 0]).transpose(1, 0, 2)
-            rates[slow] = (tau[slow] - K[slow] * twists) / D[slow]
+            deflections = self._lag.deflections(given, given[0, 0] / K[slow][:, 0]).transpose(1, 0, 2)
+            rates[slow] = (tau[slow] - K[slow] * deflections) / D[slow]
             second_rates[slow] = (first[slow] - K[slow] * rates[slow]) / D[slow]
         return rates, second_rates
 
 
-# The law of `force_laws.friction_torque` once more, in numpy: on whole arrays where they lie, of joints as well as
-# motors (the function motor_friction is of the motors alone), and with two derivatives, which no function of the model
-# has. A test compares both with what CasADi makes of that law.
+# The law of `force_laws.friction_torque` in numpy: for whole arrays, of joints as well as motors (the function
+# motor_friction is of the motors alone), and with two derivatives, which no function of the model has. A test compares
+# it with the CasADi expression.
 def friction(law: Friction, w: np.ndarray) -> np.ndarray:
     """Friction torque [N m or N] at the speed ``w`` [rad/s or m/s]."""
     out = law.viscous * w
@@ -263,7 +265,7 @@ def friction(law: Friction, w: np.ndarray) -> np.ndarray:
     return out + law.offset
 
 
-def friction_slopes(law: Friction, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def friction_derivatives(law: Friction, w: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Friction torque at the speed ``w`` and its first two derivatives in w."""
     T = np.tanh(law.beta * w)
     T1 = law.beta * (1 - T * T)
@@ -279,19 +281,19 @@ def friction_slopes(law: Friction, w: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def _sech(x: np.ndarray) -> np.ndarray:
-    fade = np.exp(-np.abs(x))  # no overflow at high speed
-    return 2 * fade / (1 + fade * fade)
+    decay = np.exp(-np.abs(x))  # no overflow at high speed
+    return 2 * decay / (1 + decay * decay)
 
 
 def _taylor(s: np.ndarray, offset: float) -> tuple[np.ndarray, ...]:
-    """(s, s', s'') (n,) a little later, as far as their fourth derivative of s decides it, from ``s`` (n, 6)."""
+    """Taylor expansion of (s, s', s'') (n,) at an offset [s], up to the fourth derivative, from ``s`` (n, 6)."""
     return tuple(
         sum((s[:, k + i] * (offset**i / factorial(i)) for i in range(1, 5 - k)), s[:, k].copy()) for k in range(3)
     )
 
 
 def _combined(matrix: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """``matrix @ x`` along the first axis, term by term: the same bits for any shape, unlike a library's product."""
+    """``matrix @ x`` along the first axis, term by term, with the same bits for any shape."""
     out = np.zeros((len(matrix), *x.shape[1:]))
     for row, weights in zip(out, matrix, strict=True):
         for weight, values in zip(weights, x, strict=True):

@@ -1,4 +1,4 @@
-"""Who does the shards: this process, a pool of processes on this machine, or any executor, on many machines."""
+"""Executors of shards: this process, a process pool, or any executor with ``submit``, such as one of a cluster."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from flexgen.sweeps.jobs import Rows, Shard, failed
 Work = Callable[[Shard], Rows]
 Done = Generator[tuple[Shard, Rows], None, None]
 
-IN_FLIGHT = 32  # shards that an executor of unknown size is given at once
-ATTEMPTS = 2  # of a shard whose worker was lost on another machine
-POLL = 0.05  # s: how often futures of another kind are asked
+IN_FLIGHT = 32  # shards submitted at once to an executor of unknown size
+ATTEMPTS = 2  # of a shard whose worker was lost
+POLL = 0.05  # s: interval of polling futures that are not of concurrent.futures
 
 
 def in_process(shards: Iterable[Shard], work: Work) -> Done:
-    """One shard after the other, here; Ctrl-C is not lost where a solver in C++ takes it for a failure of its own."""
+    """In this process, one shard after the other; Ctrl-C is kept where a solver in C++ catches it."""
     with _Interrupts() as interrupts:
         for shard in shards:
             rows = work(shard)
@@ -35,7 +35,7 @@ def in_process(shards: Iterable[Shard], work: Work) -> Done:
 
 
 def in_pool(shards: Iterable[Shard], workers: int, work: Work) -> Done:
-    """In processes of this machine; a case that kills its process is found, and becomes a row."""
+    """In a pool of processes; a case that kills its process is found and becomes a row with the reason."""
     todo = iter(shards)
     while first := list(islice(todo, 2 * workers)):
         suspects: list[Shard] = []
@@ -53,7 +53,7 @@ def in_pool(shards: Iterable[Shard], workers: int, work: Work) -> Done:
                     yield shard, rows
                     if not suspects:
                         running |= {pool.submit(work, more): more for more in islice(todo, 1)}
-            for future, shard in running.items():  # a broken pool ends all that runs in it
+            for future, shard in running.items():  # a broken pool ends all its tasks
                 if future.done() and future.exception() is None:
                     yield shard, future.result()
                 else:
@@ -63,7 +63,7 @@ def in_pool(shards: Iterable[Shard], workers: int, work: Work) -> Done:
 
 
 def with_executor(shards: Iterable[Shard], executor: Any, in_flight: int | None, work: Work) -> Done:
-    """By ``executor.submit(work, shard)``, which returns futures with ``done``, ``result`` and ``cancel``."""
+    """With ``executor.submit(work, shard)``, which returns futures with ``done``, ``result`` and ``cancel``."""
     if hasattr(executor, "get_executor"):  # a Client of dask.distributed
         executor = executor.get_executor()
     most = in_flight or 2 * (getattr(executor, "_max_workers", None) or IN_FLIGHT // 2)
@@ -80,11 +80,11 @@ def with_executor(shards: Iterable[Shard], executor: Any, in_flight: int | None,
                     rows = future.result()
                 except FlexgenError:
                     raise
-                except Exception as error:  # the worker is gone, or what it sent
+                except Exception as error:  # the worker or its result is lost
                     if attempt == ATTEMPTS or isinstance(error, futures.BrokenExecutor):
                         raise SolverError(
                             f"sweep: shard {shard.number} was lost {attempt} times ({type(error).__name__}: {error}); "
-                            "the finished ones are kept: look after the workers, then resume"
+                            "finished shards are kept; check the workers, then resume"
                         ) from error
                     running[executor.submit(work, shard)] = (shard, attempt + 1)
                     continue
@@ -95,7 +95,7 @@ def with_executor(shards: Iterable[Shard], executor: Any, in_flight: int | None,
 
 
 def _first(running: list[Any]) -> list[Any]:
-    """Futures that are done, at least one."""
+    """The futures that are done; waits for at least one."""
     if all(isinstance(future, futures.Future) for future in running):
         done = futures.wait(running, return_when=futures.FIRST_COMPLETED).done
         return [future for future in running if future in done]
@@ -107,7 +107,7 @@ def _first(running: list[Any]) -> list[Any]:
 
 
 class _Pool:
-    """A process pool of fresh interpreters that ends with what it is used for, at once where that failed."""
+    """A process pool of new interpreters; after an error it is terminated at once."""
 
     def __init__(self, workers: int) -> None:
         context = multiprocessing.get_context("spawn")
@@ -126,16 +126,16 @@ class _Pool:
             self._pool.submit(_started).result()
         except BrokenProcessPool:
             raise SolverError(
-                "sweep: given worker processes that end before they begin, expected a script that they can import: "
+                "sweep: given worker processes that end at start, expected a script that they can import; "
                 "put its calls below 'if __name__ == \"__main__\":', or take workers=0"
             ) from None
         return self
 
-    def __exit__(self, kind: object, *rest: object) -> None:
+    def __exit__(self, kind: object, *details: object) -> None:
         if kind is None:
             self._pool.shutdown()
             return
-        # what is running now is lost anyway: nobody shall wait for it
+        # running tasks are lost: do not wait for them
         processes = list((getattr(self._pool, "_processes", None) or {}).values())
         self._pool.shutdown(wait=False, cancel_futures=True)
         for process in processes:
@@ -143,16 +143,16 @@ class _Pool:
 
 
 def _leave_interrupts() -> None:
-    """Ctrl-C is for the process that hands out the work."""
+    """Ignore Ctrl-C in a worker; the parent process handles it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _started() -> None:
-    """What a new worker does first."""
+    """First task of a worker: its process has started."""
 
 
 def _isolated(shard: Shard, work: Work) -> Rows:
-    """A shard that may have killed its process, in a process of its own; halved until the case is found."""
+    """A shard that may have killed its process, in a separate process; halved until the case is found."""
     try:
         with _Pool(1) as pool:
             return pool.submit(work, shard).result()
@@ -168,7 +168,7 @@ def _isolated(shard: Shard, work: Work) -> Rows:
 
 
 class _Interrupts:
-    """Notes Ctrl-C and passes it on to whoever waits for it; only in the main thread."""
+    """Records Ctrl-C and passes it to the previous handler; only in the main thread."""
 
     def __enter__(self) -> _Interrupts:
         self.noted = False

@@ -1,7 +1,7 @@
-"""The folder of a sweep: what it is, the shards that are finished, and the tables when all of them are.
+"""The folder of a sweep: its description, the finished shards, and at the end the tables.
 
-``sweep.json`` says which grid and which code; ``shards/000017.json`` is one finished shard, its first line the SHA-256
-of the rest. Every file appears whole or not at all, so that an interruption loses what was running and nothing else.
+``sweep.json`` has the grid and the version of the code; ``shards/000017.json`` is a finished shard, whose first line is
+the SHA-256 of the rest. Files are written atomically, so an interruption loses only the shards in progress.
 """
 
 from __future__ import annotations
@@ -19,45 +19,43 @@ from flexgen.sweeps.cases import Grid
 from flexgen.sweeps.jobs import Rows
 
 FORMAT = 1
-SHARD_SIZE = 16  # cases, at most, where nobody says otherwise
-LOT_SIZE = 512  # the same where cases are computed many at once
-SHARDS = 64  # a small grid has smaller shards, so that all workers have some
+SHARD_SIZE = 16  # cases of a shard by default, at most
+BATCH_SIZE = 512  # the same where cases are computed in batches
+SHARDS = 64  # of a grid, at least, where it has as many cases
 
-Tell = Callable[[str], None]
+Log = Callable[[str], None]
 
 
 def default_size(grid: Grid) -> int:
-    """Cases in a shard where nobody says how many."""
-    most = LOT_SIZE if grid.options.get("batch") else SHARD_SIZE
+    """Default number of cases in a shard."""
+    most = BATCH_SIZE if grid.options.get("batch") else SHARD_SIZE
     return max(1, min(most, len(grid) // SHARDS))
 
 
 class Folder:
-    """A sweep's folder, new or continued.
+    """The folder of a sweep, new or continued.
 
     Parameters
     ----------
     path : str or Path
     grid : Grid
     code : str
-        The version of the code that computes now.
+        Version of the code of this process.
     shard_size : int, optional
         Cases in a shard; default: that of the folder, `default_size` for a new one.
     resume : bool
-        Continue what is there; otherwise the folder must be empty or missing.
-    tell : callable
-        Told of what has to be computed again.
+        Continue the sweep in the folder; otherwise the folder must be empty or missing.
+    log : callable
+        Called with one line of text for each shard that has to be computed again.
 
     Raises
     ------
     ArgumentError
-        Where the folder holds anything else: another sweep, results of other code, or no sweep at all.
+        The folder contains something else: another sweep, results of other code, or no sweep.
     """
 
-    def __init__(
-        self, path: str | Path, grid: Grid, code: str, shard_size: int | None, resume: bool, tell: Tell
-    ) -> None:
-        self.path, self._tell = Path(path), tell
+    def __init__(self, path: str | Path, grid: Grid, code: str, shard_size: int | None, resume: bool, log: Log) -> None:
+        self.path, self._log = Path(path), log
         self._about = {"format": FORMAT, "grid": grid.digest, "code": code, "cases": len(grid)}
         head = self.path / "sweep.json"
         if head.exists():
@@ -67,8 +65,8 @@ class Folder:
             raise ArgumentError(f"sweep: given {str(self.path)!r}, which is a file, expected a folder")
         if self.path.is_dir() and any(not entry.name.startswith(".") for entry in self.path.iterdir()):
             raise ArgumentError(
-                f"sweep: given the folder {str(self.path)!r}, which holds something that is no sweep, expected an "
-                "empty or a new one"
+                f"sweep: given the folder {str(self.path)!r}, which contains other files, expected an empty or "
+                "a new folder; take another folder"
             )
         self.shard_size = shard_size or default_size(grid)
         (self.path / "shards").mkdir(parents=True, exist_ok=True)
@@ -76,11 +74,11 @@ class Folder:
         _write(head, json.dumps(about, indent=1) + "\n")
 
     def _continued(self, head: Path, shard_size: int | None, resume: bool) -> int:
-        """The shard size of what is there; ArgumentError where it cannot be continued."""
+        """The shard size of the sweep in the folder; ArgumentError where it cannot be continued."""
         where = f"sweep: given the folder {str(self.path)!r}"
         if not resume:
             raise ArgumentError(
-                f"{where}, which holds a sweep already; continue it with resume=True (--resume), or take another folder"
+                f"{where}, which contains a sweep; continue it with resume=True (--resume), or take another folder"
             )
         try:
             there = json.loads(head.read_text(encoding="utf-8"))
@@ -95,9 +93,11 @@ class Folder:
                     "code": f"computed by other code, {there.get('code')}, now {value}",
                     "cases": "of another number of cases",
                 }[key]
-                raise ArgumentError(f"{where} with a sweep {what}; the two must not be mixed: take another folder")
+                raise ArgumentError(
+                    f"{where} with a sweep {what}, expected one of this grid and this code; take another folder"
+                )
         if shard_size not in (None, size):
-            raise ArgumentError(f"{where} with shards of {size} cases, expected this shard_size, given {shard_size}")
+            raise ArgumentError(f"{where} with shards of {size} cases and shard_size {shard_size}, expected {size}")
         return size
 
     def keep(self, number: int, rows: Rows) -> None:
@@ -116,7 +116,7 @@ class Folder:
         except (OSError, ValueError):
             checksum, body = "", ""
         if checksum != _sum(body):
-            self._tell(f"{file}: damaged, computed again")
+            self._log(f"{file}: damaged; it is computed again")
             return None
         content = json.loads(body)
         for key, value in (self._about | {"number": number}).items():
@@ -136,7 +136,7 @@ def _sum(body: str) -> str:
 
 
 def _write(path: Path, text: str) -> None:
-    """Write a file that is either whole or not there."""
+    """Write a file atomically."""
     part: Any = path.with_name(f".{path.name}.{os.getpid()}")
     try:
         with part.open("w", encoding="utf-8", newline="\n") as stream:

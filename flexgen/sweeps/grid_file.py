@@ -18,9 +18,9 @@ def read_grid(path: str | Path) -> Grid:
     """Read a grid.
 
     ``models``, ``methods``, ``moves``: lists of names. ``[random]``: joint moves within the limits of each model,
-    ``count`` of them, with ``seed``, ``duration`` [s] and ``smoothness``. ``[parameters]``: dotted paths of the model
-    file to lists of values, of which all combinations are taken; or ``[[set]]``: one parameter set after the other,
-    the paths in quotes. ``[options]``: of all cases. Paths of models are relative to the current folder.
+    ``count`` moves, with ``seed``, ``duration`` [s] and ``smoothness``. ``[parameters]``: dotted paths of the model
+    file to lists of values, all combinations; or ``[[set]]``: one parameter set after the other, the paths in
+    quotes. ``[options]``: of all cases. Paths of models are relative to the current folder.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def read_grid(path: str | Path) -> Grid:
     Raises
     ------
     ArgumentError
-        Where the file cannot be read or says something else.
+        The file cannot be read, or is not a grid.
     """
     try:
         data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
@@ -85,7 +85,7 @@ def _random(table: Any) -> list[MoveChoice]:
 
 
 def _table(data: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """A table whose dotted keys are flat again, as ``a.b = 1`` and ``"a.b" = 1`` mean the same here."""
+    """A table with flat dotted keys: ``a.b = 1`` and ``"a.b" = 1`` mean the same."""
     value = data[key]
     if not isinstance(value, dict):
         raise ArgumentError(f"{key}: given {value!r}, expected a table")

@@ -1,4 +1,4 @@
-"""What travels between a sweep and its workers: shards of jobs one way, rows the other."""
+"""Messages between a sweep and its workers: shards of jobs, and rows of results."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Job:
-    """A case on its way to a worker; ``key``: of its model in `Shard.robots`, ``model``, ``parameters``: its labels."""
+    """A case for a worker; ``key``: of its model in `Shard.robots`, ``model``, ``parameters``: its labels."""
 
     number: int
     key: str
@@ -33,7 +33,7 @@ class Job:
 
     @property
     def heading(self) -> Row:
-        """What the table says of it before it is done."""
+        """Columns of the table that describe the case."""
         move = self.move
         if isinstance(move, RandomMove):
             name = f"random{move.number}"
@@ -48,16 +48,16 @@ class Job:
         }
 
     def move_of(self, robot: RobotModel) -> str | Move | None:
-        """The move on its model."""
+        """The move, for its model."""
         return self.move.of(robot) if isinstance(self.move, RandomMove) else self.move
 
 
 @dataclass(frozen=True)
 class Shard:
-    """Cases that are done in one go, with all that a worker on another machine needs.
+    """Cases that are solved together, with everything that a worker on another computer needs.
 
-    ``robots``: models by key, or, where one could not be read, the reason. ``code``: what the worker's own version of
-    the code must be.
+    ``robots``: models by key, or the reason where one could not be read. ``code``: version of the code that the worker
+    must have.
     """
 
     number: int
@@ -69,12 +69,12 @@ class Shard:
 
 @dataclass(frozen=True)
 class Rows:
-    """What came out of a shard: rows of the tables of results and of times."""
+    """Results of a shard: rows of the tables of results and of times."""
 
     results: list[Row]
     times: list[Row]
 
 
 def failed(reason: str) -> Row:
-    """What the table says of a case without a solution."""
+    """Columns of a case without a solution."""
     return {"status": "failed", "error": reason}

@@ -1,4 +1,4 @@
-"""Sweep: thousands of solves, in shards, by one process or many, into one table; the same bits for all of them."""
+"""Sweep: all cases of a grid, solved in shards by one process or many, with the same bits for any number of them."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from flexgen.sweeps.worker import run_shard
 
 
 @dataclass(frozen=True)
-class Swept:
-    """The results of a sweep, one row a case, and apart from them, as they are never the same twice, the times."""
+class SweepResult:
+    """Tables of a sweep, one row for each case: the results, and the times, which differ from run to run."""
 
     results: Table
     times: Table
@@ -46,58 +46,48 @@ def sweep(
     resume: bool = False,
     in_flight: int | None = None,
     progress: Callable[[str], None] | None = None,
-) -> Swept:
+) -> SweepResult:
     """Solve all cases of a grid.
 
     Parameters
     ----------
     grid : Grid
     out : str or Path, optional
-        A folder for finished shards, and for the tables ``results.npz`` and ``times.npz`` at the end. Without one
-        nothing is written, and an interruption loses everything.
+        Folder for finished shards, and for the tables ``results.npz`` and ``times.npz`` at the end. Without a folder
+        nothing is written, and an interruption loses all results.
     workers : int, optional
-        Processes on this machine; 0 or 1: this one; default: one for each core. They import the calling script, whose
-        calls must stand below ``if __name__ == "__main__":``.
+        Processes on this computer; 0 or 1: this process only; default: one for each core. They import the calling
+        script, whose calls must be below ``if __name__ == "__main__":``.
     executor : optional
-        Does the shards instead: anything with ``submit(function, argument)`` that returns futures, such as the
+        Solves the shards instead: an object with ``submit(function, argument)`` that returns futures, such as the
         executors of concurrent.futures, or a Client of dask.distributed.
     shard_size : int, optional
-        Cases in a shard: what a worker is given at a time and an interruption may lose; default: at most 16, or 512
-        where they are computed many at once.
+        Cases of a shard, the unit of work that an interruption may lose; default: at most 16, or 512 where they are
+        computed in batches.
     resume : bool
         Continue the sweep in ``out``.
     in_flight : int, optional
-        Shards that an executor is given at once.
+        Shards that are submitted to an executor at once.
     progress : callable, optional
         Called with one line of text after every shard.
 
     Returns
     -------
-    Swept
-        A case that fails is a row with the reason. The results are the same to the last bit for any number of workers,
+    SweepResult
+        A case that fails is a row with the reason. The bits of the results are the same for any number of workers,
         shards and interruptions.
 
     Raises
     ------
     ArgumentError
-        Where the folder holds something else, or an argument makes no sense.
+        An argument is wrong, or the folder contains something else.
     SolverError
-        Where workers cannot be started, or are lost again and again on other machines.
+        Workers cannot be started, or are lost repeatedly.
     """
-    if not isinstance(grid, Grid):
-        raise ArgumentError(f"grid: given {grid!r}, expected a Grid")
-    for name, value, least in (("workers", workers, 0), ("shard_size", shard_size, 1), ("in_flight", in_flight, 1)):
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < least):
-            raise ArgumentError(f"{name}: given {value!r}, expected a whole number, at least {least}")
-    if executor is not None and workers is not None:
-        raise ArgumentError("workers: given beside an executor, which has its own, expected one of the two")
-    if executor is not None and not hasattr(executor, "submit") and not hasattr(executor, "get_executor"):
-        raise ArgumentError(f"executor: given {executor!r}, expected an object with submit(function, argument)")
-    if resume and out is None:
-        raise ArgumentError("resume: given without a folder, expected out= as well")
-    tell = progress or (lambda line: None)
+    _check_arguments(grid, out, workers, executor, shard_size, resume, in_flight)
+    log = progress or (lambda line: None)
     code = code_version(wants_native(grid.options))
-    folder = None if out is None else Folder(out, grid, code, shard_size, resume, tell)
+    folder = None if out is None else Folder(out, grid, code, shard_size, resume, log)
     size = (shard_size or default_size(grid)) if folder is None else folder.shard_size
     memory: dict[int, Rows] = {}
     count = -(-len(grid) // size)
@@ -106,25 +96,48 @@ def sweep(
     else:
         missing = [number for number in range(count) if folder.rows(number) is None]
     shards = _shards(grid, missing, size, code)
-    report = _Progress(len(grid), sum(len(_numbers(grid, number, size)) for number in missing), tell)
-    with closing(_crew(shards, workers, executor, in_flight, min(len(missing), 1_000_000), run_shard)) as done:
+    report = _Progress(len(grid), sum(len(_numbers(grid, number, size)) for number in missing), log)
+    with closing(_executed(shards, workers, executor, in_flight, min(len(missing), 1_000_000), run_shard)) as done:
         for shard, rows in done:
             if folder is None:
                 memory[shard.number] = rows
             else:
                 folder.keep(shard.number, rows)
             report.finished(rows)
-    swept = Swept(
+    found = SweepResult(
         table_of(RESULTS, (row for k in range(count) for row in _rows(folder, memory, k).results)),
         table_of(TIMES, (row for k in range(count) for row in _rows(folder, memory, k).times)),
     )
     if folder is not None:
-        swept.results.save(folder.path / "results.npz")
-        swept.times.save(folder.path / "times.npz")
-    return swept
+        found.results.save(folder.path / "results.npz")
+        found.times.save(folder.path / "times.npz")
+    return found
 
 
-def _crew(
+def _check_arguments(
+    grid: Grid,
+    out: str | Path | None,
+    workers: int | None,
+    executor: Any,
+    shard_size: int | None,
+    resume: bool,
+    in_flight: int | None,
+) -> None:
+    """ArgumentError where an argument of `sweep` has a wrong type or value."""
+    if not isinstance(grid, Grid):
+        raise ArgumentError(f"grid: given {grid!r}, expected a Grid")
+    for name, value, least in (("workers", workers, 0), ("shard_size", shard_size, 1), ("in_flight", in_flight, 1)):
+        if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < least):
+            raise ArgumentError(f"{name}: given {value!r}, expected a whole number, at least {least}")
+    if executor is not None and workers is not None:
+        raise ArgumentError("workers: given together with an executor, expected one of the two")
+    if executor is not None and not hasattr(executor, "submit") and not hasattr(executor, "get_executor"):
+        raise ArgumentError(f"executor: given {executor!r}, expected an object with submit(function, argument)")
+    if resume and out is None:
+        raise ArgumentError("resume: given without a folder, expected out= with the folder to resume")
+
+
+def _executed(
     shards: Iterator[Shard], workers: int | None, executor: Any, in_flight: int | None, count: int, work: Work
 ) -> Done:
     if executor is not None:
@@ -145,12 +158,12 @@ def _rows(folder: Folder | None, memory: dict[int, Rows], number: int) -> Rows:
         return memory[number]
     rows = folder.rows(number)
     if rows is None:
-        raise ArgumentError(f"{folder.path}: shard {number} vanished while the sweep ran; resume it")
+        raise ArgumentError(f"{folder.path}: shard {number} was removed while the sweep ran; resume the sweep")
     return rows
 
 
 def _shards(grid: Grid, numbers: list[int], size: int, code: str) -> Iterator[Shard]:
-    """Shards with what a worker needs, made when they are asked for."""
+    """Shards with everything that a worker needs, one after the other."""
     read: dict[tuple[int, int], tuple[str, RobotModel | str]] = {}
     for number in numbers:
         jobs, robots = [], {}
@@ -158,7 +171,7 @@ def _shards(grid: Grid, numbers: list[int], size: int, code: str) -> Iterator[Sh
             case = grid[k]
             label = id(case.model), id(case.parameters)  # the grid holds both
             if label not in read:
-                read.clear()  # models go slowest: what comes before will not be needed again
+                read.clear()  # models change slowest: earlier ones are not needed again
                 read[label] = _read(case)
             key, robot = read[label]
             robots[key] = robot
@@ -167,33 +180,33 @@ def _shards(grid: Grid, numbers: list[int], size: int, code: str) -> Iterator[Sh
 
 
 def _read(case: Case) -> tuple[str, RobotModel | str]:
-    """The model of a case with its key, or why it cannot be read."""
+    """The model of a case with its key, or the reason why it cannot be read."""
     try:
         robot = case.robot()
-    except Exception as error:  # a wrong value in one parameter set is no reason to lose the others
+    except Exception as error:  # a wrong value in one parameter set must not lose the others
         reason = str(error) if isinstance(error, FlexgenError) else f"{type(error).__name__}: {error}"
         return f"unreadable: {reason}", reason
     return model_digest(robot), robot
 
 
 class _Progress:
-    """Says how far a sweep is."""
+    """Reports the progress of a sweep."""
 
-    def __init__(self, cases: int, missing: int, tell: Callable[[str], None]) -> None:
-        self._cases, self._missing, self._tell = cases, missing, tell
+    def __init__(self, cases: int, missing: int, log: Callable[[str], None]) -> None:
+        self._cases, self._missing, self._log = cases, missing, log
         self._done, self._failed, self._began = 0, 0, time.perf_counter()
         if missing < cases:
-            tell(f"{cases - missing} of {cases} cases are there already")
+            log(f"{cases - missing} of {cases} cases are finished already")
 
     def finished(self, rows: Rows) -> None:
-        """One more shard."""
+        """Report one more finished shard."""
         self._done += len(rows.results)
         self._failed += sum(row["status"] == "failed" for row in rows.results)
         rate = self._done / max(time.perf_counter() - self._began, 1e-9)
         left = (self._missing - self._done) / rate
-        self._tell(
+        self._log(
             f"{self._cases - self._missing + self._done} of {self._cases} cases, {self._failed} failed, "
-            f"{rate:.3g} a second, {_span(left)} to go"
+            f"{rate:.3g} cases/s, {_span(left)} remaining"
         )
 
 

@@ -1,4 +1,4 @@
-"""The results of a sweep: one row a case, typed columns with units, saved as npz or parquet without losing a bit."""
+"""The tables of a sweep: one row for each case, typed columns with units, saved as npz or parquet without loss."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 
-LONGEST = 400  # characters of a text in a table; the rest of an error does not help
+LONGEST = 400  # characters of a text in a table
 
 
 @dataclass(frozen=True)
@@ -31,33 +31,33 @@ class Column:
 
 RESULTS = (
     Column("case", "int", "1", "number of the case in the grid"),
-    Column("model", "text", "", "as the grid names it"),
+    Column("model", "text", "", "name in the grid"),
     Column("parameters", "text", "", "changes of the model, JSON"),
     Column("move", "text", "", "name of the move"),
-    Column("method", "text", "", "that was asked for"),
-    Column("method_used", "text", "", "that answered"),
+    Column("method", "text", "", "requested method"),
+    Column("method_used", "text", "", "method of the solution"),
     Column("status", "text", "", "of the solution; failed where there is none"),
-    Column("verdict", "text", "", "the solver's own words"),
+    Column("verdict", "text", "", "message of the solver"),
     Column("tool_error_max", "float", "m", "largest distance of the simulated output from the path"),
     Column("turn_error_max", "float", "rad", "largest angle between the simulated output and the path"),
-    Column("plan_error_max", "float", "m or rad", "simulation against the plan, where limits keep it off the path"),
+    Column("plan_error_max", "float", "m or rad", "simulated error from the modified path, where limits are active"),
     Column("torque_max", "float", "N m", "largest motor torque, motor side"),
-    Column("torque_rms", "float", "N m", "root of the mean square of the torque of the motor that has most of it"),
+    Column("torque_rms", "float", "N m", "largest root mean square torque of a motor"),
     Column("speed_max", "float", "rad/s", "largest motor speed, motor side"),
     Column("energy", "float", "J", "work done by all motors"),
     Column("residual_max", "float", "N m", "largest residual of the equations of motion between the samples"),
-    Column("residual_relative", "float", "1", "the same, of the torque in its row"),
+    Column("residual_relative", "float", "1", "residual relative to the largest torque in its row"),
     Column("energy_error", "float", "1", "relative error of the energy balance in the simulation"),
     Column("iterations", "int", "1", "of the solver"),
     Column("samples", "int", "1", "of the trajectory"),
-    Column("preactuation", "float", "s", "how long before the path the motion begins"),
-    Column("warnings", "text", "", "one below the other"),
-    Column("error", "text", "", "why there is no solution"),
+    Column("preactuation", "float", "s", "pre-actuation: how long before the path the motion begins"),
+    Column("warnings", "text", "", "separated by line breaks"),
+    Column("error", "text", "", "reason where there is no solution"),
 )
 TIMES = (
     Column("case", "int", "1", "number of the case in the grid"),
-    Column("wall", "float", "s", "time of the case"),
-    Column("cpu", "float", "s", "of the processor"),
+    Column("wall", "float", "s", "wall time of the case"),
+    Column("cpu", "float", "s", "processor time of the case"),
 )
 
 _TYPES: dict[str, Any] = {"int": np.int64, "float": np.float64, "text": np.str_}
@@ -88,7 +88,7 @@ class Table:
         return out.hexdigest()
 
     def save(self, path: str | Path) -> Path:
-        """Write to ``path``, ``.npz`` or ``.parquet`` (needs pyarrow); equal tables make equal npz files."""
+        """Write to ``path``, ``.npz`` or ``.parquet`` (needs pyarrow); equal tables give equal npz files."""
         path = Path(path)
         if path.suffix not in (".npz", ".parquet"):
             raise ArgumentError(f"table: given {path.name!r}, expected a name that ends in .npz or .parquet")
@@ -116,15 +116,15 @@ class Table:
                 return Table(columns, {c.name: data[c.name] for c in columns})
         except FileNotFoundError:
             raise ArgumentError(f"table: given {str(path)!r}, which does not exist") from None
-        except Exception as error:  # numpy, zipfile and json each have their own idea of a broken file
+        except Exception as error:  # numpy, zipfile and json raise different errors
             raise ArgumentError(
                 f"{path}: given a file that is no table of flexgen ({type(error).__name__}), "
-                "expected what a sweep wrote"
+                "expected a table that a sweep wrote"
             ) from error
 
 
 def table_of(columns: Sequence[Column], rows: Iterable[Mapping[str, Any]]) -> Table:
-    """Rows as a table; what a row does not have is missing, None as well."""
+    """Rows as a table; entries that are absent or None are missing values."""
     lists: dict[str, list[Any]] = {column.name: [] for column in columns}
     for row in rows:
         for column in columns:
@@ -133,7 +133,7 @@ def table_of(columns: Sequence[Column], rows: Iterable[Mapping[str, Any]]) -> Ta
 
 
 def _entry(kind: str, value: Any) -> Any:
-    """A value that is the same in memory and in every file: one NaN, texts that UTF-8 can say and not too long."""
+    """A value that is the same in memory and in every file: one NaN, texts in UTF-8 of limited length."""
     if value is None or value != value:
         return _MISSING[kind]
     if kind != "text":

@@ -1,4 +1,4 @@
-"""Which code computes: results of different code must never end up in one table."""
+"""Version of the code: results of different code are never mixed in one table."""
 
 from __future__ import annotations
 
@@ -13,17 +13,16 @@ import flexgen
 from flexgen.build.compiler import find_compiler
 from flexgen.errors import BuildError
 
-NUMERICAL = ("casadi", "numpy", "osqp", "scipy")  # their versions decide the last bits
-SOURCES = (".py", ".c", ".h")  # what runs, and what it makes C libraries of
+NUMERICAL = ("casadi", "numpy", "osqp", "scipy")  # their versions affect the last bits
+SOURCES = (".py", ".c", ".h")  # of Python code and of C libraries
 
 
 @cache
 def code_version(native: bool = False) -> str:
-    """Version of flexgen with a digest of all that computes, the same in every process.
+    """Version of flexgen with a digest of everything that affects the results, the same in every process.
 
-    The digest is of the sources, of the packages that compute and of the C compiler: without one ``auto`` takes another
-    method and the inverse dynamics go another way. ``native``: of the processor as well, as compiled code may use all
-    that it has.
+    The digest covers the sources, the numerical packages and the C compiler, without which ``auto`` takes other
+    methods. ``native``: also the processor, since compiled code may use all its instructions.
     """
     digest = hashlib.sha256()
     root = Path(flexgen.__file__).resolve().parent
@@ -36,9 +35,9 @@ def code_version(native: bool = False) -> str:
 
 
 def wants_native(options: Mapping[str, Any]) -> bool:
-    """Whether the options of a sweep have libraries compiled for the processor at hand."""
-    told = options.get("options")
-    return isinstance(told, Mapping) and bool(told.get("native", False))
+    """Whether the options of a sweep request libraries compiled for this processor."""
+    of_method = options.get("options")
+    return isinstance(of_method, Mapping) and bool(of_method.get("native", False))
 
 
 def _installed(package: str) -> str:
@@ -49,9 +48,9 @@ def _installed(package: str) -> str:
 
 
 def _compiler(native: bool) -> str:
-    """What the compiled code depends on; "none" without a compiler, "unusable" where $CC names no good one."""
+    """Identity of the compiler; "none" without one, "unusable" where $CC is not a working compiler."""
     try:
         compiler = find_compiler(native=native)
-    except BuildError:  # the cases that need it say why
+    except BuildError:  # the cases that need it report the reason
         return "unusable"
     return "none" if compiler is None else compiler.identity

@@ -1,4 +1,4 @@
-"""What a worker does: a shard of cases in, rows out; a case that fails becomes a row that says why."""
+"""Worker: solves the cases of a shard; a case that fails becomes a row with the reason."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
-from flexgen.sweeps.batches import Lots
+from flexgen.sweeps.batches import Batches
 from flexgen.sweeps.jobs import Job, Row, Rows, Shard, failed
 from flexgen.sweeps.version import code_version, wants_native
 
@@ -25,19 +25,19 @@ _EQUATIONS: OrderedDict[str, Equations] = OrderedDict()
 
 
 class WrongCode(FlexgenError):
-    """A worker runs other code than the sweep."""
+    """The code of a worker differs from that of the sweep."""
 
 
 def run_shard(shard: Shard) -> Rows:
-    """Do all cases of a shard, one after the other; nothing but other code or an interruption stops it."""
+    """Solve all cases of a shard, one after the other; only different code or an interruption stops it."""
     own = code_version(wants_native(shard.options))
     if shard.code != own:
         raise WrongCode(
-            f"sweep: given a worker with flexgen {own}, expected {shard.code}; all machines need the same flexgen, "
+            f"sweep: given a worker with flexgen {own}, expected {shard.code}; all computers need the same flexgen, "
             "casadi, numpy, osqp, scipy and C compiler (or none)"
         )
     with _ALONE:
-        done = Lots(shard, _equations).rows() if shard.options.get("batch") else {}
+        done = Batches(shard, _equations).rows() if shard.options.get("batch") else {}
         results, times = [], []
         for job in shard.jobs:
             row, took = done[job.number] if job.number in done else _one(job, shard)
@@ -47,7 +47,7 @@ def run_shard(shard: Shard) -> Rows:
 
 
 def _one(job: Job, shard: Shard) -> tuple[Row, Row]:
-    """One case by `flexgen.solve`: its row, and what it took."""
+    """One case by `flexgen.solve`: its row of results and its row of times."""
     wall, cpu = time.perf_counter(), time.process_time()
     robot = shard.robots[job.key]
     options = {name: value for name, value in shard.options.items() if name != "batch"}
@@ -58,7 +58,7 @@ def _one(job: Job, shard: Shard) -> tuple[Row, Row]:
             row = _row(solve(_equations(job.key, robot), job.move_of(robot), job.method, **options))
     except FlexgenError as error:
         row = failed(str(error))
-    except Exception as error:  # whatever breaks in one case is no reason to lose the others
+    except Exception as error:  # an error in one case must not lose the others
         row = failed(f"{type(error).__name__}: {error}")
     return row, {"wall": time.perf_counter() - wall, "cpu": time.process_time() - cpu}
 
@@ -90,7 +90,7 @@ def _row(solution: Solution) -> Row:
 
 
 def _equations(key: str, robot: RobotModel) -> Equations:
-    """The equations of a model; those used last are kept."""
+    """The equations of a model; the last used ones are kept."""
     if key not in _EQUATIONS:
         while len(_EQUATIONS) >= KEPT:
             _EQUATIONS.popitem(last=False)

@@ -87,6 +87,45 @@ def test_solution() -> None:
     assert same(solution, copied(solution))
 
 
+@pytest.mark.parametrize("model", ["planar5_nmp", "manutec_r3"])
+def test_verified_solution_and_its_simulation(model: str) -> None:
+    solution = flexgen.solve(model, mesh=0.01)
+    assert solution.simulation is not None
+    for x in (solution, solution.simulation, solution.trajectory, solution.figures()):
+        assert same(x, copied(x))
+    assert copied(solution).to_dict() == solution.to_dict()
+
+
+@pytest.mark.parametrize(
+    "noun",
+    [
+        flexgen.MoveJ((0.1, 0.2), speed=1.0),
+        flexgen.MoveL(displacement=(0.1, 0.0, 0.0), zone=0.01),
+        flexgen.MoveC(displacement=(0.2, 0.0, 0.0), via=(0.1, 0.1, 0.0)),
+        flexgen.Move("turn", "joint", (0.0, 0.0), 1.0, 5, end=(1.0, 0.5)),
+        flexgen.Limits(torque=(1.0, 2.0), deflection=(1e-3,)),
+        flexgen.Grid(["elbow"], flexgen.random_moves(3), ["closed-form"], options={"verify": False}),
+        *flexgen.Status,
+    ],
+    ids=lambda noun: type(noun).__name__,
+)
+def test_nouns(noun: Any) -> None:
+    assert same(noun, copied(noun)) and copied(noun) == noun
+
+
+def test_program() -> None:
+    steps = (flexgen.MoveJ((0.5, -1.0)), flexgen.MoveL(displacement=(0.1, 0.0, 0.0)))
+    program = flexgen.Program("both", start=(0.3, -1.1), profile=(0.5, 5.0), joint_profile=(1.0, 10.0), steps=steps)
+    assert same(program, copied(program)) and copied(program) == program
+
+
+def test_tables_of_a_sweep() -> None:
+    grid = flexgen.Grid(["elbow"], flexgen.random_moves(3), ["closed-form"], options={"verify": False})
+    found = flexgen.sweep(grid, workers=0)
+    back = copied(found)
+    assert same(found, back) and back.results.digest == found.results.digest and copied(grid).digest == grid.digest
+
+
 def test_planted_differences_are_seen() -> None:
     rest = hold_joints(derive("elbow"), np.array(read("elbow").home))
     other = dataclasses.replace(rest, tau_m=np.nextafter(rest.tau_m, np.inf))

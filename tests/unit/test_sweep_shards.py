@@ -92,8 +92,8 @@ def test_an_interruption_loses_what_was_running_and_nothing_else(tmp_path, worke
     lines: list[str] = []
     with sources_stay():
         swept = sweep(grid, out, workers=workers, resume=True, progress=lines.append)
-    assert lines[0].startswith(("4 of 7 cases are there", "3 of 7 cases are there"))
-    assert len(lines) == 3 and "7 of 7 cases, 0 failed" in lines[-1] and "to go" in lines[-1]
+    assert lines[0].startswith(("4 of 7 cases are finished", "3 of 7 cases are there"))
+    assert len(lines) == 3 and "7 of 7 cases, 0 failed" in lines[-1] and "remaining" in lines[-1]
     assert all((out / "shards" / name).read_bytes() == content for name, content in kept.items())
     assert swept.results.digest == sweep(grid, workers=0).results.digest
     again = sweep(grid, out, workers=0, resume=True)  # nothing is left to do
@@ -114,7 +114,7 @@ def test_damaged_shards_are_computed_again(tmp_path) -> None:
         shards[1].write_bytes(damage(whole[1]))
         lines: list[str] = []
         assert sweep(grid, out, workers=0, resume=True, progress=lines.append).results.digest == right
-        assert "000001.json: damaged" in lines[0] and "4 of 6 cases are there" in lines[1] and len(lines) == 3
+        assert "000001.json: damaged" in lines[0] and "4 of 6 cases are finished" in lines[1] and len(lines) == 3
     assert [len(file.read_bytes()) for file in shards[::2]] == [len(text) for text in whole[::2]]
 
 
@@ -141,7 +141,7 @@ def test_what_belongs_to_another_sweep_is_refused(tmp_path, monkeypatch) -> None
     with pytest.raises(ArgumentError, match=r"unreadable sweep\.json"):
         sweep(grid, out, workers=0, resume=True)
     (out / "sweep.json").unlink()
-    with pytest.raises(ArgumentError, match="something that is no sweep"):
+    with pytest.raises(ArgumentError, match="which contains other files"):
         sweep(grid, out, workers=0)
     (tmp_path / "file").write_text("")
     with pytest.raises(ArgumentError, match="which is a file"):
@@ -235,4 +235,4 @@ def test_one_failing_case_stops_nothing(monkeypatch) -> None:
 
 def test_parameters_of_a_model_that_was_read_are_refused_in_the_row() -> None:
     table = sweep(Grid([read("elbow")], parameters=[{"motor.m1.inertia": 1.0}]), workers=0).results
-    assert "which was read before" in table["error"][0]
+    assert "given parameters for the RobotModel" in table["error"][0]
