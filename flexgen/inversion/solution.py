@@ -1,4 +1,4 @@
-"""Solution: motor torques along a move, with the figures that tell how far they can be trusted."""
+"""Solution: motor torques along a move, with the figures of their verification."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Solution:
     simulation : Simulation or None
         The verification; None where it was switched off.
     warnings : tuple of str
-        Exceeded limits of the model file, and places where the path is not smooth enough.
+        Exceeded limits of the model file, and instants where the path is not smooth enough.
     plan_error_max : float or None [m or rad]
         Where limits keep the motion off its path: how far the simulated output is from the planned one, the larger of
         distance and angle.
@@ -155,18 +155,18 @@ def residual_max(equations: Equations, trajectory: Trajectory) -> float:
 def residual_rows(equations: Equations, trajectory: Trajectory) -> np.ndarray:
     """Largest residual of each equation of motion, (dof,), half way between the samples [N m or N].
 
-    Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque as `simulate`
-    reads it: nothing of the solver is used again. Rows: arm coordinates, then the motors behind elastic gears.
+    Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque as in `simulate`,
+    independent of the solver. Rows: arm coordinates, then the motors behind elastic gears.
     """
     arm, motor = ([trajectory[f"{x}_{part}"] for x in "qva"] for part in "am")
     limited = trajectory.meta.get("torque") == "limited"
     return _residual_rows(equations, trajectory.time, arm, motor, trajectory["tau_m"], limited)
 
 
-def motion_residual(equations: Equations, answer: MethodResult) -> np.ndarray:
-    """The same of an answer that is no trajectory yet."""
-    d = answer.motors
-    return _residual_rows(equations, answer.t, [answer.q, answer.v, answer.a], [d.q_m, d.v_m, d.a_m], d.tau_m)
+def motion_residual(equations: Equations, result: MethodResult) -> np.ndarray:
+    """Largest residual of each equation of motion (dof,) of a method result, as `residual_rows`."""
+    m = result.motors
+    return _residual_rows(equations, result.t, [result.q, result.v, result.a], [m.q_m, m.v_m, m.a_m], m.tau_m)
 
 
 def _residual_rows(
@@ -189,7 +189,7 @@ def _residual_rows(
 
 
 def relative_residual(equations: Equations, trajectory: Trajectory) -> float:
-    """The largest of `residual_rows`, each relative to the largest torque in its own row."""
+    """Largest of `residual_rows`, each relative to the largest torque in its row."""
     robot = equations.model
     scale = np.zeros(robot.n_a)
     scale[list(robot.i_g)] = np.abs(trajectory["tau_g"]).max(axis=0)
@@ -197,15 +197,15 @@ def relative_residual(equations: Equations, trajectory: Trajectory) -> float:
         elastic = evaluate(equations.function("elastic_torque"), trajectory["q_a"], trajectory["v_a"])[0]
         scale[list(robot.i_e)] = np.abs(elastic.reshape(-1, robot.n_e)).max(axis=0)
     motors = np.abs(trajectory["tau_m"]).max(axis=0)[list(robot.i_m)]
-    # a row that carries next to nothing is measured by the others of its kind
+    # a row with next to no torque is relative to the largest of its kind
     scales = [np.maximum(x, 1e-3 * x.max(initial=1e-9)) for x in (scale, motors)]
     return float((residual_rows(equations, trajectory) / np.concatenate(scales)).max())
 
 
 def exceeded(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]:
-    """Limits of the model file that the trajectory exceeds.
+    """Warnings: limits of the model file that the trajectory exceeds.
 
-    A solver that keeps limits keeps them at its Gauss points: a thousandth more between them is none.
+    Methods that keep limits may exceed them by a thousandth between their points.
     """
     slack = 1e-3 if trajectory.meta.get("torque") == "limited" else 1e-9
     out = []
@@ -234,6 +234,6 @@ def exceeded(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]:
 
 
 def has_kinks(robot: RobotModel) -> bool:
-    """Whether a gear's spring has a kink, where the torque that follows a path exactly would have to jump."""
+    """Whether a gear spring has a kink, where the torque of exact tracking jumps."""
     springs = [c.dof.gear.spring for c in robot.coordinates if c.dof is not None and c.dof.gear is not None]
     return any(isinstance(spring, PiecewiseSpring) for spring in springs)

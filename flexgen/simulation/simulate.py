@@ -121,7 +121,7 @@ def _checked(model: RobotModel, data: Trajectory) -> tuple[dict[str, np.ndarray]
         found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
     warnings = []
     if "v_a" in data.channels and np.abs(data["v_a"][0]).max() > 1e-6:
-        warnings.append("the trajectory does not start at rest; the simulation does")
+        warnings.append("the trajectory does not start at rest; the simulation does: expect an error at the start")
     for key, own in (("model", model.name), ("variant", model.variant)):
         other = data.meta.get(key, own)
         if other != own:
@@ -330,8 +330,8 @@ def _output_error(
     error = y - data["y_ref"]
     if output.type == "combination":
         units = output_units(equations.model)
-        parts = [error[:, [u == unit for u in units]] for unit in ("m", "rad")]
-        worst = [float(np.linalg.norm(part, axis=1).max()) if part.shape[1] else None for part in parts]
+        columns = [error[:, [u == unit for u in units]] for unit in ("m", "rad")]
+        worst = [float(np.linalg.norm(x, axis=1).max()) if x.shape[1] else None for x in columns]
         return error, worst[0], worst[1]
     largest = float(np.linalg.norm(error, axis=1).max())
     if output.type == "tool_pose" and "R_ref" in data:

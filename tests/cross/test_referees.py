@@ -17,7 +17,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, seed, settings
-from judging import (
+from random_robots import Case, cases, is_linear, state, text_of
+from referee import random_model
+from robot_checks import (
     ACCELERATION,
     SLOPE,
     TORQUE,
@@ -29,8 +31,6 @@ from judging import (
     close,
     fast_function,
 )
-from random_robots import Case, cases, is_linear, state, text_of
-from referee import random_model
 
 from flexgen.errors import FlexgenError
 from flexgen.mechanics.equations import derive

@@ -1,4 +1,4 @@
-"""Paths once more in 60 digits: positions written down anew, every derivative a numerical one in high precision."""
+"""Independent paths in 60 digits: positions from their definition, derivatives by differences in high precision."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def polynomial_law(duration: float, k: int) -> Callable[[Any], Any]:
 def derivatives(f: Function, t: float, order: int) -> np.ndarray:
     """Derivatives 0 to ``order`` of each entry of f at t, (entries, order + 1), from its values at nine instants.
 
-    The polynomial through them is off by some h^(9 - order) of the higher derivatives: nothing in double precision.
+    The error of the polynomial through them is of the order h^(9 - order), negligible in double precision.
     """
     with mp.workdps(DIGITS):
         h = mp.mpf(10) ** -8
@@ -38,7 +38,7 @@ def derivatives(f: Function, t: float, order: int) -> np.ndarray:
 
 
 def turn(axis: Sequence[float], angle: Any) -> Any:
-    """Rotation matrix about an axis that need not be normalised."""
+    """Rotation matrix about an axis of any length."""
     a = mp.matrix([mp.mpf(x) for x in axis])
     a = a / mp.norm(a)
     hat = mp.matrix([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])

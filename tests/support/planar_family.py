@@ -1,7 +1,7 @@
 """Planar arms with two motors and a passive last joint, whose zero dynamics are known in closed form.
 
 Links of length l1, l2; body 3 (mass m, centre at xi on its axis, inertia j) beyond the passive joint, the tool at l on
-that axis. It may be bent by a constant angle against link 2. With the tool held, body 3 turns about the tool point:
+that axis. It may have a constant angle to link 2. With the tool held, body 3 turns about the tool point:
 
     I_eff s^2 + kappa (D s + K) = 0,    I_eff = j + m xi^2 - m xi l,    kappa = 1 + l sin(q2 + bend) / (l2 sin q2)
 
@@ -32,7 +32,7 @@ class PlanarArm:
 
     @property
     def minimum_phase(self) -> bool:
-        """The verdict of the closed form."""
+        """Whether the closed form is minimum phase."""
         return self.i_eff * self.kappa > 0
 
     def zeros(self) -> np.ndarray:
@@ -41,7 +41,7 @@ class PlanarArm:
 
 
 def planar_arm(rng: np.random.Generator, distance: float, bent: bool = False, gravity: bool = True) -> PlanarArm:
-    """A random arm with ``I_eff = distance (j + m xi^2)``; bent ones by up to 60 degrees, kappa away from zero."""
+    """A random arm with ``I_eff = distance (j + m xi^2)``; ``bent``: with a link angle up to 60 degrees."""
     base = read("planar5_nmp")
     l1, l2, m, xi = rng.uniform(0.4, 1.2), rng.uniform(0.2, 0.8), rng.uniform(2.0, 40.0), rng.uniform(0.05, 0.4)
     j = m * xi**2 * rng.uniform(0.2, 3.0)

@@ -18,7 +18,7 @@ QUICK = {"verify": False}
 
 
 def real_grid() -> Grid:
-    """Seven cases: real solves of six machines, and a key that does not exist."""
+    """Seven cases: six models that are solved, and a key that does not exist."""
     changes = combinations({"motor.m1.inertia": [1e-4, 2e-4, 3e-4, 4e-4, 5e-4, 6e-4]})
     quick = Grid([ONE], (None,), ["collocation"], changes, QUICK)
     return replace(quick, parameters=(*changes, {"motor.m1.speed": 1.0}))
@@ -26,7 +26,7 @@ def real_grid() -> Grid:
 
 @contextlib.contextmanager
 def sources_stay():
-    """Processes that start while somebody edits the sources are refused, and rightly so."""
+    """Skip the test where the sources changed while it ran: workers then refuse to start."""
     try:
         yield
     except WrongCode:
@@ -36,5 +36,5 @@ def sources_stay():
 
 
 def batch_grid(count: int) -> Grid:
-    """Cases of which a hundred take no time."""
+    """Quick cases: a hundred take a few milliseconds."""
     return Grid(["elbow"], random_moves(count), ["closed-form"], options=QUICK | {"batch": True})

@@ -43,7 +43,7 @@ from flexgen.paths.path import Path
 
 STAGES = 5
 SAMPLES = 10  # of an interval
-ERROR = 1e-4  # e_0: the tool error that costs one, rad, and m for each metre of reach, at most m
+ERROR = 1e-4  # e_0: the tool error that costs one, rad, and m for each meter of reach, at most m
 SMOOTH = 1e-9  # rho: small, to smooth only what the path does not determine
 SMOOTH_LIMITED = 1e-3  # rho with limits: with less the torque chatters between them for a gain too small to measure
 NOTICED = 1e-2  # of e_0: tracking error above which an active bound is reported as LIMITS_ACTIVE
@@ -370,7 +370,7 @@ def _samples(
         full = level[:, i_g] @ model.eta.T
         full[:, i_m] = level[:, n_a:n]
         motor.append(full)
-    # IPOPT keeps bounds to its tolerance
+    # IPOPT keeps bounds within its tolerance
     tau_m = np.clip(sampled[1][:, n:], -bounds.torque, bounds.torque)
     motors = MotorMotion(motor[0], motor[1], motor[2], tau_m)
     tau_g = np.zeros((len(t), len(i_g), 3))

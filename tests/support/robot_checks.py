@@ -1,7 +1,7 @@
-"""What flexgen finds of a robot against what MuJoCo and Pinocchio find: the comparisons, and how close is close enough.
+"""Checks of the results of flexgen for a robot against MuJoCo and Pinocchio, with their tolerances.
 
-A check raises AssertionError where a result of `Found` is wrong. The size that an error is measured by is that of the
-terms that are added up, not that of their sum.
+A check raises AssertionError where a result of `Found` is wrong. An error is relative to the terms of a sum, not
+to the sum.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ SLOPE = 1e-11  # of the largest slope of the torques
 ACCELERATION = 1e-9  # of the largest acceleration, and of |M| |a| in each row: condition numbers up to 1e6
 
 
-# --- flexgen's answers -----------------------------------------------------------------------------------------------
+# --- flexgen's results -----------------------------------------------------------------------------------------------
 
 
 class Found:
-    """What flexgen finds: ``found("mass_matrix", q_a)`` is the list of a function's results as CasADi shapes them.
+    """Results of flexgen: ``found("mass_matrix", q_a)`` is the list of a function's results as CasADi shapes them.
 
-    ``route``: what gives the function of a name; where it has none, Lagrange's equations do. ``planted``: results by
-    name, computed from the true ones by a bug.
+    ``route``: source of the functions; those it does not have are from Lagrange's equations. ``planted``: results by
+    name, changed by a planted bug.
     """
 
     def __init__(self, equations: Equations, route: str = "lagrange", planted: dict[str, Callable] | None = None):
@@ -59,7 +59,7 @@ class Found:
 
 
 def close(what: str, found: np.ndarray, expected, tolerance: float, scale=None) -> None:
-    """Every entry within the tolerance of its scale, by default the largest of what is expected."""
+    """Every entry within the tolerance of its scale, by default the largest expected entry."""
     expected = np.reshape(expected, found.shape)
     scale = np.abs(expected).max(initial=0.0) if scale is None else scale
     scale = np.reshape(scale, found.shape) if np.ndim(scale) else scale
@@ -68,19 +68,19 @@ def close(what: str, found: np.ndarray, expected, tolerance: float, scale=None) 
 
 
 def rows_of(M: np.ndarray, a: np.ndarray, *forces: np.ndarray) -> np.ndarray:
-    """The size of what meets in each row of the equations of motion."""
+    """Size of the terms in each row of the equations of motion."""
     return np.abs(M) @ np.abs(a) + sum(np.abs(f) for f in forces)
 
 
 def motors_of(model: RobotModel, s: State) -> np.ndarray:
-    """Accelerations to give to the motors; those behind rigid gears follow their joints."""
+    """Accelerations of the motors; those behind rigid gears follow their joints."""
     geared = model.eta @ s.a_a[list(model.i_g)]
     elastic = np.isin(np.arange(model.n_m), model.i_m)
     return np.where(elastic, 1.3 * geared + 1.0, geared)
 
 
 def check_accelerations(found: Found, s: State, M: np.ndarray, a_a: np.ndarray, a_m: np.ndarray) -> None:
-    """Accelerations of the whole machine against expected ones, M its mass matrix."""
+    """Accelerations of the whole robot against expected ones, M its mass matrix."""
     model = found.equations.model
     y = np.concatenate([a_a, a_m[list(model.i_m)]])
     got_a, got_m = (x.ravel() for x in found("forward_dynamics", *s.x, s.tau_m))
@@ -101,7 +101,7 @@ def check_arm_accelerations(found: Found, s: State, M: np.ndarray, tau_a: np.nda
 
 
 def check_mujoco(found: Found, case: Case) -> None:
-    """Everything that MuJoCo answers, rotors and elastic gears included where all laws are linear."""
+    """All quantities of MuJoCo, with rotors and elastic gears where all laws are linear."""
     model = case.model
     arm = MujocoReferee(model, rotors=False)
     machine = MujocoMachine(model) if case.linear else None
@@ -124,67 +124,67 @@ def check_mujoco(found: Found, case: Case) -> None:
 
 
 def check_pinocchio(found: Found, case: Case) -> None:
-    """Everything that Pinocchio answers, with the laws of springs and frictions assembled by hand."""
-    model, judge = case.model, PinocchioReferee(case.model)
+    """All quantities of Pinocchio, with springs and frictions added by hand."""
+    model, reference = case.model, PinocchioReferee(case.model)
     for s in case.states:
-        M = judge.mass_matrix(s.q_a)
+        M = reference.mass_matrix(s.q_a)
         size = np.sqrt(np.diag(M))
         close("mass matrix", found("mass_matrix", s.q_a)[0], M, MASS, np.outer(size, size))
-        for got, pose in zip(found("forward_kinematics", s.q_a), judge.forward_kinematics(s.q_a), strict=True):
+        for got, pose in zip(found("forward_kinematics", s.q_a), reference.forward_kinematics(s.q_a), strict=True):
             close("tool", got, pose, MOTION, 1 + np.abs(pose).max())
-        J, dJ = judge.jacobian(s.q_a), judge.jacobian_dot(s.q_a, s.v_a)
+        J, dJ = reference.jacobian(s.q_a), reference.jacobian_dot(s.q_a, s.v_a)
         close("jacobian", found("jacobian", s.q_a)[0], J, MOTION, 1 + np.abs(J).max())
         close("rate of the jacobian", found("jacobian_dot", s.q_a, s.v_a)[0], dJ, MOTION, 1 + np.abs(dJ).max())
-        gravity, bias = judge.gravity(s.q_a), judge.bias(s.q_a, s.v_a)
+        gravity, bias = reference.gravity(s.q_a), reference.bias(s.q_a, s.v_a)
         rows = rows_of(M, s.a_a, bias - gravity, gravity)
-        torque = judge.inverse_dynamics(s.q_a, s.v_a, s.a_a)
+        torque = reference.inverse_dynamics(s.q_a, s.v_a, s.a_a)
         close("inverse dynamics", found("inverse_dynamics", s.q_a, s.v_a, s.a_a)[0], torque, TORQUE, rows)
         close("bias", found("bias", s.q_a, s.v_a)[0], bias, TORQUE, rows)
         close("gravity", found("gravity", s.q_a)[0], gravity, TORQUE, rows)
-        by_arm = judge.arm.accelerations(s.q_a, s.v_a, torque + gravity)
+        by_arm = reference.arm.accelerations(s.q_a, s.v_a, torque + gravity)
         check_arm_accelerations(found, s, M, torque + gravity, by_arm)
-        turning = judge.rotor_torque(s.q_a, s.v_a, s.a_a, s.v_m, motors_of(model, s))
+        turning = reference.rotor_torque(s.q_a, s.v_a, s.a_a, s.v_m, motors_of(model, s))
         close("rotors", found("rotor_torque", s.q_a, s.v_a, s.a_a, s.v_m, motors_of(model, s))[0], turning, TORQUE)
-        check_accelerations(found, s, judge.machine_mass(s.q_a), *judge.forward_dynamics(*s.x, s.tau_m))
-        check_arm_slopes(found, judge, s)
+        check_accelerations(found, s, reference.machine_mass(s.q_a), *reference.forward_dynamics(*s.x, s.tau_m))
+        check_arm_slopes(found, reference, s)
         if case.linear:
-            check_slopes(found, judge, s)
+            check_slopes(found, reference, s)
 
 
-def torques(judge: PinocchioReferee, s: State) -> float:
+def torques(reference: PinocchioReferee, s: State) -> float:
     """The largest term of the arm's inverse dynamics: slopes round with it, where they vanish as well."""
-    bias = judge.bias(s.q_a, s.v_a), judge.gravity(s.q_a)
-    return rows_of(judge.mass_matrix(s.q_a), s.a_a, *bias).max()
+    bias = reference.bias(s.q_a, s.v_a), reference.gravity(s.q_a)
+    return rows_of(reference.mass_matrix(s.q_a), s.a_a, *bias).max()
 
 
-def check_arm_slopes(found: Found, judge: PinocchioReferee, s: State) -> None:
+def check_arm_slopes(found: Found, reference: PinocchioReferee, s: State) -> None:
     """Derivatives of the bodies' inverse dynamics: no stiff spring hides them."""
-    by_q, by_v = judge.inverse_derivatives(s.q_a, s.v_a, s.a_a)
-    M, size = judge.mass_matrix(s.q_a), torques(judge, s)
+    by_q, by_v = reference.inverse_derivatives(s.q_a, s.v_a, s.a_a)
+    M, size = reference.mass_matrix(s.q_a), torques(reference, s)
     for x, y in zip(found("inverse_dynamics_derivatives", s.q_a, s.v_a, s.a_a), (by_q, by_v, M), strict=True):
         close("slopes of the bodies", x, y, SLOPE, np.abs(y).max() + size)
     for x, y in zip(found("arm_residual_jacobians", s.q_a, s.v_a, s.a_a), (M, np.hstack([by_q, by_v])), strict=True):
         close("slopes of the arm", x, y, SLOPE, np.abs(y).max() + size)
 
 
-def check_slopes(found: Found, judge: PinocchioReferee, s: State) -> None:
+def check_slopes(found: Found, reference: PinocchioReferee, s: State) -> None:
     """Derivatives of the whole machine's equations and accelerations, its energies, where all laws are linear."""
-    a_m, size = motors_of(judge.model, s), torques(judge, s)
-    expected = judge.second_order(s.q_a, s.v_a, s.a_a, s.q_m, s.v_m, a_m)
+    a_m, size = motors_of(reference.model, s), torques(reference, s)
+    expected = reference.second_order(s.q_a, s.v_a, s.a_a, s.q_m, s.v_m, a_m)
     M, R = found("residual_jacobians", s.q_a, s.v_a, s.a_a, s.q_m, s.v_m, a_m, s.tau_m)
     for name, x, y in zip("MDKB", second_order_matrices(M, R), expected, strict=True):
         close(f"second order {name}", x, y, SLOPE, np.abs(y).max() + (size if name in "DK" else 0.0))
     energies = found("energy", *s.x)
-    for x, y in zip(energies, judge.energies(*s.x), strict=True):
+    for x, y in zip(energies, reference.energies(*s.x), strict=True):
         close("energies", x, y, TORQUE, sum(np.abs(e).item() for e in energies))
-    linear = judge.linearize(*s.x, s.tau_m)
+    linear = reference.linearize(*s.x, s.tau_m)
     if linear is not None:
         for name, x, y in zip("AB", found("linearize", *s.x, s.tau_m), linear, strict=True):
             close(f"linearized {name}", x, y, ACCELERATION)
 
 
 def check_robot(case: Case) -> None:
-    """A robot before every referee, on every route."""
+    """Check a robot against all reference programs, on every route."""
     equations = derive(case.model)
     routes = ["lagrange"]
     if fast_function is not None and fast_function(equations, "gravity") is not None:  # the shortest of them
