@@ -1,1 +1,1 @@
-"""What a robot is: data read from a file, nothing derived."""
+"""Model files: reading and checking the description of a robot."""

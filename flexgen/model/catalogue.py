@@ -1,4 +1,4 @@
-"""What model files say of themselves, as JSON types: the list of models, and one model in full. SI units."""
+"""Contents of model files as JSON types, in SI units: the list of models, and one model in full."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from flexgen.model.reader import model_names, read
 
 
 def models(broken: dict[str, str] | None = None) -> list[dict[str, Any]]:
-    """The models that can be called by their names.
+    """List the models that can be selected by name.
 
     Parameters
     ----------
     broken : dict, optional
-        Receives the names of files that are no models and, as ``name@variant``, of variants that cannot be read, with
-        the reason; without it such files and variants raise.
+        Receives the reason for each file that is not a valid model (key ``name``) and each variant that cannot be read
+        (key ``name@variant``). If it is omitted, the first such file or variant raises.
 
     Returns
     -------
     list of dict
-        ``name source n_m n_g n_e dof description variants`` each, sorted by name.
+        One dictionary per model with the keys ``name source n_m n_g n_e dof description variants``, sorted by name.
 
     Raises
     ------
     ModelError
-        One of the files is wrong, and ``broken`` was not given.
+        A file is not a valid model, and ``broken`` was not given.
     """
     rows = []
     for name in model_names():
@@ -40,7 +40,7 @@ def models(broken: dict[str, str] | None = None) -> list[dict[str, Any]]:
                 raise
             broken[name] = str(error)
             continue
-        wrong = _wrong_variants(robot)
+        wrong = _invalid_variants(robot)
         for variant, reason in wrong.items():
             if broken is None:
                 raise reason
@@ -57,8 +57,8 @@ def models(broken: dict[str, str] | None = None) -> list[dict[str, Any]]:
     return rows
 
 
-def _wrong_variants(robot: RobotModel) -> dict[str, FlexgenError]:
-    """Those of the variants of a model's file that cannot be read, and why."""
+def _invalid_variants(robot: RobotModel) -> dict[str, FlexgenError]:
+    """Variants of a model file that cannot be read, with the error of each."""
     wrong: dict[str, FlexgenError] = {}
     for variant in robot.variants:
         try:
@@ -72,14 +72,14 @@ def _wrong_variants(robot: RobotModel) -> dict[str, FlexgenError]:
 
 
 def counts(robot: RobotModel) -> dict[str, int]:
-    """Numbers of motors, actuated and non-actuated arm coordinates, and degrees of freedom."""
+    """Count motors, actuated and non-actuated arm coordinates, and degrees of freedom."""
     return {"n_m": robot.n_m, "n_g": robot.n_g, "n_e": robot.n_e, "dof": robot.dof}
 
 
 def describe(
     model: str | Path | RobotModel, variant: str | None = None, overrides: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
-    """One model in full: coordinates, gears, motors, bodies, output, moves, variants.
+    """Describe one model in full: coordinates, gears, motors, bodies, output, moves, variants.
 
     Parameters
     ----------
@@ -90,18 +90,18 @@ def describe(
     Returns
     -------
     dict
-        JSON types, SI units.
+        The contents of the model file as JSON types, in SI units.
 
     Raises
     ------
     ModelError, ArgumentError
-        The model cannot be read, or one of the variants of its file cannot.
+        The model or one of the variants of its file cannot be read.
     """
     if isinstance(model, RobotModel):
         robot = model
     else:
         robot = read(model, variant, overrides)
-        for error in _wrong_variants(robot).values():
+        for error in _invalid_variants(robot).values():
             raise error
     return {
         "name": robot.name,
@@ -130,7 +130,7 @@ def describe(
             {
                 "name": move.name,
                 "type": move.type,
-                "duration": move.duration or None,  # else it follows from a profile, a file or steps
+                "duration": move.duration or None,  # None: computed from a profile, a file or steps
                 "smoothness": move.smoothness,
                 "start": list(move.start),
                 "end": list(move.end) or None,

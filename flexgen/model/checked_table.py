@@ -1,4 +1,4 @@
-"""Checked access to the tables of a model file: every value is asked for with its type and range."""
+"""Checked access to the tables of a model file: each value is read with its required type and range."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from flexgen.model.toml_lines import Entry, unwrap
 from flexgen.ports import identifier_problem
 
 UNITS = ("_rad", "_deg")
-SMALLEST, LARGEST = 1e-18, 1e12  # of a number in SI units: powers of both can be computed with
+SMALLEST, LARGEST = 1e-18, 1e12  # range of numbers in SI units; their powers stay in the range of double precision
 MAGNITUDE = "of magnitude 1e-18 to 1e12 (or 0)"
 
 
 def as_number(value: Any) -> float | None:
-    """The value as a finite float, or None where it is none (a truth value is no number)."""
+    """The value as a finite float, or None if it is not a finite number (true and false are not numbers)."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
     try:
@@ -29,17 +29,17 @@ def as_number(value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _reasonable(numbers: Sequence[float]) -> bool:
-    """Whether a computation can be expected to bear the numbers: none is huge, nor the largest of them tiny.
+def _in_range(numbers: Sequence[float]) -> bool:
+    """Whether the entry of largest magnitude is 0 or in the range of numbers of a model.
 
-    Rounding dust beside a larger entry of a vector is harmless.
+    Entries that are tiny relative to the largest one are allowed: they are rounding errors.
     """
     largest = max(map(abs, numbers), default=0.0)
     return largest == 0.0 or SMALLEST <= largest <= LARGEST
 
 
 def show(value: Any, limit: int = 80) -> str:
-    """A value as it would stand in the file, shortened where it is long."""
+    """Format a value as in a model file, shortened to ``limit`` characters."""
     text = _show(value)
     return text if len(text) <= limit else text[: limit - 3] + "..."
 
@@ -60,27 +60,27 @@ def _show(value: Any) -> str:
 
 
 def bare(key: str) -> str:
-    """A key or a name as it would stand in a dotted path: quoted where it is not plain."""
+    """Format a key or name as in a dotted path: quoted if it is not a bare key."""
     return key if re.fullmatch(r"[A-Za-z0-9_\[\]-]+", key) else _show(key)
 
 
 def closest(word: str, known: Iterable[str]) -> str:
-    """Text for a message: what was probably meant and what there is."""
+    """Text for a message: the most similar known name, if any, and the list of known names."""
     names = sorted(known)
     if not names:
-        return "nothing here"
+        return "no key"
     near = difflib.get_close_matches(word, names, 1)
     listed = ", ".join(map(bare, names))
     return f"{bare(near[0])} (there are: {listed})" if near else f"one of {listed}"
 
 
 class Table:
-    """A table of a model file under its key path; its methods return checked values or raise ModelError.
+    """A table of a model file; its methods return checked values or raise ModelError.
 
     Parameters
     ----------
     file : str
-        The file as the user named it, for entries that do not say which they are from.
+        The file as the user named it; used for entries without a file of their own.
     entry : Entry
         The table.
     key : str
@@ -103,7 +103,7 @@ class Table:
         return f"{self.key}.{bare(key)}" if self.key else bare(key)
 
     def fail(self, key: str | None, expected: str, given: str | None = None) -> ModelError:
-        """The error to raise for a key of this table (None: the table); by default with the value that stands there."""
+        """The error for a key of this table (None: for the table); ``given`` defaults to the value in the file."""
         entry = None if key is None else self.entries.get(key)
         if given is None:
             given = "nothing" if entry is None else show(unwrap(entry))
@@ -111,7 +111,7 @@ class Table:
         return ModelError(file, line, self.path(key), given, expected)
 
     def only(self, *known: str) -> None:
-        """Refuse keys that are not among the known ones."""
+        """Raise an error for a key that is not among the known ones."""
         for key in self.entries:
             if key in known:
                 continue
@@ -127,7 +127,7 @@ class Table:
     def number(
         self, key: str, default: float | None = None, *, above: float | None = None, least: float | None = None
     ) -> float:
-        """A finite number, ``> above`` or ``>= least``; required where there is no default."""
+        """A finite number, ``> above`` or ``>= least``; required if there is no default."""
         if default is not None and key not in self.entries:
             return default
         expected = "a number"
@@ -138,16 +138,16 @@ class Table:
         number = as_number(self._get(key, expected))
         if number is None or (above is not None and number <= above) or (least is not None and number < least):
             raise self.fail(key, expected)
-        if not _reasonable([number]):
+        if not _in_range([number]):
             raise self.fail(key, f"a number {MAGNITUDE}")
         return number
 
     def optional(self, key: str, *, above: float | None = None) -> float | None:
-        """A finite number, or None where the key is missing."""
+        """A finite number, or None if the key is missing."""
         return self.number(key, above=above) if key in self.entries else None
 
     def whole(self, key: str, low: int, high: int) -> int:
-        """A whole number within low..high."""
+        """An integer from ``low`` to ``high``."""
         expected = f"a whole number from {low} to {high}"
         value = self._get(key, expected)
         if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
@@ -157,11 +157,12 @@ class Table:
     def vector(
         self, key: str, lengths: int | Sequence[int], default: Sequence[float] | None = None, what: str = ""
     ) -> tuple[float, ...]:
-        """A list of finite numbers of one of the lengths."""
+        """A list of finite numbers whose length is one of ``lengths``."""
         if default is not None and key not in self.entries:
             return tuple(default)
         lengths = (lengths,) if isinstance(lengths, int) else lengths
-        expected = f"a list of {' or '.join(map(str, lengths))} number{'s' if tuple(lengths) != (1,) else ''}"
+        sizes = f"{lengths[0]} to {lengths[-1]}" if isinstance(lengths, range) else " or ".join(map(str, lengths))
+        expected = f"a list of {sizes} number{'s' if tuple(lengths) != (1,) else ''}"
         expected += f" ({what})" if what else ""
         value = self._get(key, expected)
         if not isinstance(value, list) or len(value) not in lengths:
@@ -173,7 +174,7 @@ class Table:
                 given = show(unwrap(self.entries[key]))
                 raise ModelError(item.file or self.file, item.line, self.path(key), given, expected)
             out.append(number)
-        if not _reasonable(out):
+        if not _in_range(out):
             raise self.fail(key, f"numbers {MAGNITUDE}")
         return tuple(out)
 
@@ -199,7 +200,7 @@ class Table:
     def angles(
         self, stem: str, rotary: Sequence[bool], default: Sequence[float] | None = None, what: str = ""
     ) -> tuple[float, ...]:
-        """A list under ``stem_rad`` or ``stem_deg``, in rad; entries that are not rotary pass unchanged."""
+        """A list under ``stem_rad`` or ``stem_deg``, converted to rad; entries that are not rotary stay unchanged."""
         key = self.unit_key(stem, required=default is None)
         if key is None:
             return tuple(default or ())
@@ -209,14 +210,14 @@ class Table:
         return tuple(math.radians(x) if turns else x for x, turns in zip(values, rotary, strict=True))
 
     def angle(self, stem: str) -> float | None:
-        """A number under ``stem_rad`` or ``stem_deg``, in rad; None where there is neither."""
+        """A number under ``stem_rad`` or ``stem_deg``, in rad; None if both keys are missing."""
         key = self.unit_key(stem, required=False)
         if key is None:
             return None
         return math.radians(self.number(key)) if key.endswith("_deg") else self.number(key)
 
     def text(self, key: str, default: str | None = None) -> str:
-        """A string without control characters, which a terminal would obey; line ends and tabs may be."""
+        """A string without control characters; line ends and tabs are allowed."""
         if default is not None and key not in self.entries:
             return default
         value = self._get(key, "a string")
@@ -228,7 +229,7 @@ class Table:
         return value
 
     def flag(self, key: str) -> bool:
-        """A truth value, false where the key is missing."""
+        """True or false; false if the key is missing."""
         value = self.entries[key].value if key in self.entries else False
         if not isinstance(value, bool):
             raise self.fail(key, "true or false")
@@ -244,7 +245,7 @@ class Table:
         return value
 
     def name(self, key: str = "name", taken: Iterable[str] = ()) -> str:
-        """An identifier that is not among the taken ones."""
+        """An identifier that is not in ``taken``."""
         name = self.text(key)
         problem = identifier_problem(name)
         if problem is not None:
@@ -254,7 +255,7 @@ class Table:
         return name
 
     def words(self, key: str) -> list[str]:
-        """A list of strings, not empty and without repetition; a single string counts as a list of one."""
+        """A list of different strings, not empty; a single string is read as a list of one."""
         expected = "a name or a list of different names"
         value = self._get(key, expected)
         words = [item.value for item in value] if isinstance(value, list) else [value]
@@ -263,11 +264,11 @@ class Table:
         return words
 
     def table(self, key: str) -> Table | None:
-        """A table, or None where the key is missing."""
+        """A table, or None if the key is missing."""
         return Table(self.file, self.entries[key], self.path(key)) if key in self.entries else None
 
     def tables(self, key: str, required: bool = True) -> list[Table]:
-        """A list of tables, called by their names where they have good ones, else by their index."""
+        """A list of tables; the key path of each contains its name if that is valid, else its index."""
         if key not in self.entries and not required:
             return []
         value = self._get(key, "a list of tables, not empty")
@@ -281,13 +282,13 @@ class Table:
         return out
 
     def build(self, key: str, make: Callable[[Table], Any], default: Any = None) -> Any:
-        """What ``make`` makes of the table under the key; the default where the key is missing."""
+        """Apply ``make`` to the table under the key; return the default if the key is missing."""
         table = self.table(key)
         return default if table is None else make(table)
 
 
 def entry_name(entry: Entry) -> str | None:
-    """The name of a list entry, where it has one that can stand in a dotted path."""
+    """The name of a list entry if it is an identifier, else None."""
     name = entry.value.get("name") if isinstance(entry.value, dict) else None
     good = name is not None and isinstance(name.value, str) and identifier_problem(name.value) is None
     return name.value if good and name is not None else None

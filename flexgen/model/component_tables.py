@@ -1,4 +1,4 @@
-"""Tables of a model file to the parts of a robot: placements, bodies, springs, degrees of freedom, beams, motors."""
+"""Readers of the tables that describe the robot: placements, bodies, springs, degrees of freedom, beams, motors."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ from flexgen.model.elements import (
 )
 from flexgen.ports import identifier_problem
 
-_DUST = 1e-15
-COORDINATES_MAX = 64  # of the arm; derivation and compilation grow faster than their number
+_ROUNDING_ERROR = 1e-15  # of a sine or cosine
+COORDINATES_MAX = 64  # of the arm; the effort to derive and compile grows faster than their number
 _INERTIA_TOLERANCE = 1e-9  # relative to the largest principal moment
 
 _SPRINGS: dict[str, tuple[type, tuple[str, ...]]] = {
@@ -50,24 +50,25 @@ _ROTATION_TOLERANCE = 1e-9  # of a rotation matrix: its columns are orthogonal a
 
 
 def _snap(x: float) -> float:
+    """The number, rounded to 0, 1 or -1 if it is equal to it within rounding errors."""
     for whole in (0.0, 1.0, -1.0):
-        if abs(x - whole) < _DUST:
+        if abs(x - whole) < _ROUNDING_ERROR:
             return whole
     return x
 
 
 def _cos_sin(angle: float, degrees: bool) -> tuple[float, float]:
-    """Cosine and sine, exact at multiples of 90 degrees."""
+    """Cosine and sine of an angle, exact at multiples of 90 degrees."""
     if not degrees:
         return _snap(math.cos(angle)), _snap(math.sin(angle))
     turns = round(angle / 90.0)
-    rest = math.radians(angle - 90.0 * turns)
-    c, s = math.cos(rest), math.sin(rest)
+    remainder = math.radians(angle - 90.0 * turns)
+    c, s = math.cos(remainder), math.sin(remainder)
     return ((c, s), (-s, c), (-c, -s), (s, -c))[turns % 4]
 
 
-def rotation(rpy: tuple[float, ...], degrees: bool) -> Matrix:
-    """``Rz(yaw) Ry(pitch) Rx(roll)`` without rounding dust at multiples of 90 degrees."""
+def rotation_matrix(rpy: tuple[float, ...], degrees: bool) -> Matrix:
+    """Rotation matrix ``Rz(yaw) Ry(pitch) Rx(roll)``, exact at multiples of 90 degrees."""
     (cr, sr), (cp, sp), (cy, sy) = (_cos_sin(angle, degrees) for angle in rpy)
     rows = (
         (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
@@ -77,8 +78,8 @@ def rotation(rpy: tuple[float, ...], degrees: bool) -> Matrix:
     return tuple(tuple(_snap(x) for x in row) for row in rows)
 
 
-def placement(table: Table) -> Placement:
-    """A ``position`` and ``rpy_*`` or ``rotation`` table."""
+def read_placement(table: Table) -> Placement:
+    """Read a placement: ``position``, and ``rpy_rad``, ``rpy_deg`` or ``rotation``."""
     table.only(*_PLACEMENT)
     position = table.vector("position", 3, ZERO, "m")
     key = table.unit_key("rpy", required=False)
@@ -91,15 +92,16 @@ def placement(table: Table) -> Placement:
             raise table.fail("rotation", "a rotation matrix: orthogonal columns of length 1, determinant 1")
         return Placement(position, tuple(map(tuple, matrix.tolist())))
     return Placement(
-        position, IDENTITY if key is None else rotation(table.vector(key, 3, what="roll, pitch, yaw"), key == "rpy_deg")
+        position,
+        IDENTITY if key is None else rotation_matrix(table.vector(key, 3, what="roll, pitch, yaw"), key == "rpy_deg"),
     )
 
 
-def body(table: Table) -> Body:
-    """A rigid body; its inertia must be one that a body can have."""
+def read_body(table: Table) -> Body:
+    """Read a rigid body; its inertia tensor must be physically possible."""
     table.only(*_BODY)
     mass = table.number("mass", least=0.0)
-    entries = table.vector("inertia", (3, 6), (0.0, 0.0, 0.0), "xx, yy, zz and perhaps xy, yz, xz")
+    entries = table.vector("inertia", (3, 6), (0.0, 0.0, 0.0), "xx, yy, zz, optionally xy, yz, xz")
     xx, yy, zz, xy, yz, xz = entries if len(entries) == 6 else (*entries, 0.0, 0.0, 0.0)
     inertia = ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))
     reduced = table.flag("inertia_reduced")
@@ -114,14 +116,14 @@ def body(table: Table) -> Body:
         if not reduced and low + middle < high * (1.0 - _INERTIA_TOLERANCE):
             raise table.fail(
                 "inertia",
-                "none larger than the sum of the other two (or inertia_reduced = true)",
+                "no principal moment larger than the sum of the other two (or inertia_reduced = true)",
                 f"a tensor with principal moments {moments}",
             )
     return Body(mass, table.vector("com", 3, ZERO, "m"), inertia, table.number("rotational_drag", 0.0, least=0.0))
 
 
-def spring(table: Table, least: float | None = None) -> Spring:
-    """A spring; stiffnesses must be positive, or ``>= least`` where that is given (linear springs only)."""
+def read_spring(table: Table, least: float | None = None) -> Spring:
+    """Read a spring; stiffnesses must be > 0, or ``>= least`` for a linear spring if ``least`` is given."""
     kind = table.choice("type", tuple(_SPRINGS))
     make, keys = _SPRINGS[kind]
     table.only("type", *keys)
@@ -137,8 +139,8 @@ def spring(table: Table, least: float | None = None) -> Spring:
     return made
 
 
-def friction(table: Table) -> Friction:
-    """A friction law; its keys are the fields of its class in `FRICTION_LAWS`."""
+def read_friction(table: Table) -> Friction:
+    """Read a friction law; its keys are the fields of its class in `FRICTION_LAWS`."""
     law = FRICTION_LAWS[table.choice("type", tuple(FRICTION_LAWS)) if "type" in table else next(iter(FRICTION_LAWS))]
     keys = dataclasses.fields(law)
     table.only("type", *(key.name for key in keys))
@@ -151,23 +153,23 @@ def friction(table: Table) -> Friction:
     return law(**values)
 
 
-def gear(table: Table) -> Gear:
-    """A rigid or an elastic gear."""
+def read_gear(table: Table) -> Gear:
+    """Read a rigid or an elastic gear."""
     table.only("type", "side", "spring", "damping")
     if table.choice("type", ("rigid", "elastic")) == "rigid":
         for key in ("side", "spring", "damping"):
             if key in table:
-                raise table.fail(key, 'type = "elastic" for it, or a rigid gear without it')
+                raise table.fail(key, f'type = "elastic", or a rigid gear without {key}')
         return Gear(rigid=True)
     side = table.choice("side", ("arm", "motor"))
-    made = table.build("spring", spring)
+    made = table.build("spring", read_spring)
     if made is None:
         raise table.fail("spring", "a table: the spring of the elastic gear")
     return Gear(False, side, made, table.number("damping", 0.0, least=0.0))
 
 
-def dof(table: Table, taken: list[str]) -> Dof:
-    """A degree of freedom with a name that no coordinate has yet."""
+def read_dof(table: Table, taken: list[str]) -> Dof:
+    """Read a degree of freedom; its name must not be in ``taken``."""
     keys = ("name", "type", "axis", "gear", "spring", "damping", "friction", "speed_max", "acceleration_max")
     table.only(*keys, "lower", "upper", "lower_rad", "lower_deg", "upper_rad", "upper_deg")
     name = table.name(taken=taken)
@@ -186,15 +188,15 @@ def dof(table: Table, taken: list[str]) -> Dof:
     if "gear" not in table and "spring" not in table:
         raise table.fail("gear", "either a gear (actuated) or a spring (non-actuated)")
     if "gear" in table and "damping" in table:
-        raise table.fail("damping", "it inside the gear", "damping beside a gear")
+        raise table.fail("damping", "the key damping inside the gear", "damping beside a gear")
     return Dof(
         name,
         kind,
         table.axis("axis"),
-        gear=table.build("gear", gear),
-        spring=table.build("spring", lambda inner: spring(inner, least=0.0)),
+        gear=table.build("gear", read_gear),
+        spring=table.build("spring", lambda inner: read_spring(inner, least=0.0)),
         damping=table.number("damping", 0.0, least=0.0),
-        friction=table.build("friction", friction, NO_FRICTION),
+        friction=table.build("friction", read_friction, NO_FRICTION),
         lower=lower,
         upper=upper,
         speed_max=table.optional("speed_max", above=0.0),
@@ -202,8 +204,8 @@ def dof(table: Table, taken: list[str]) -> Dof:
     )
 
 
-def beam(table: Table, element: str, taken: list[str]) -> Beam:
-    """A beam; adds the names of its modal coordinates to the taken ones."""
+def read_beam(table: Table, element: str, taken: list[str]) -> Beam:
+    """Read a beam; appends the names of its modal coordinates to ``taken``."""
     table.only("length", "mass_per_length", "bending")
     length = table.number("length", above=0.0)
     mass_per_length = table.number("mass_per_length", above=0.0)
@@ -212,7 +214,7 @@ def beam(table: Table, element: str, taken: list[str]) -> Beam:
         item.only("direction", "stiffness", "modes", "damping_ratio")
         direction = item.choice("direction", ("y", "z"))
         if any(other.direction == direction for other in bendings):
-            raise item.fail("direction", "each direction once")
+            raise item.fail("direction", "each direction at most once")
         modes = item.whole("modes", 1, 8)
         for k in range(modes):
             name = f"{element}_{direction}{k + 1}"
@@ -222,13 +224,13 @@ def beam(table: Table, element: str, taken: list[str]) -> Beam:
             taken.append(name)
         ratio = item.number("damping_ratio", 0.0, least=0.0)
         if ratio >= 1.0:
-            raise item.fail("damping_ratio", "a number from 0 to below 1")
+            raise item.fail("damping_ratio", "a number >= 0 and below 1")
         bendings.append(Bending(direction, item.number("stiffness", above=0.0), modes, ratio))
     return Beam(length, mass_per_length, tuple(bendings))
 
 
-def elements(root: Table) -> tuple[tuple[Element, ...], dict[str, Table]]:
-    """The chain, and the table of each degree of freedom by name."""
+def read_elements(root: Table) -> tuple[tuple[Element, ...], dict[str, Table]]:
+    """Read the elements of the chain; also returns the table of each degree of freedom by name."""
     chain: list[Element] = []
     taken: list[str] = []  # names of coordinates
     where: dict[str, Table] = {}
@@ -236,10 +238,10 @@ def elements(root: Table) -> tuple[tuple[Element, ...], dict[str, Table]]:
         table.only("name", "origin", "link", "body", "beam", "dof")
         name = table.name(taken=[element.name for element in chain])
         if name == "base":
-            raise table.fail("name", "another name: base is the ground")
+            raise table.fail("name", "another name (base is the ground)")
         dofs = []
         for item in table.tables("dof", required=False):
-            dofs.append(dof(item, taken))
+            dofs.append(read_dof(item, taken))
             taken.append(dofs[-1].name)
             where[dofs[-1].name] = item
         inner = table.table("beam")
@@ -247,19 +249,19 @@ def elements(root: Table) -> tuple[tuple[Element, ...], dict[str, Table]]:
             Element(
                 name,
                 tuple(dofs),
-                origin=table.build("origin", placement, Placement()),
-                link=table.build("link", placement, Placement()),
-                body=table.build("body", body, Body()),
-                beam=None if inner is None else beam(inner, name, taken),
+                origin=table.build("origin", read_placement, Placement()),
+                link=table.build("link", read_placement, Placement()),
+                body=table.build("body", read_body, Body()),
+                beam=None if inner is None else read_beam(inner, name, taken),
             )
         )
     if len(taken) > COORDINATES_MAX:
-        raise root.fail("element", f"at most {COORDINATES_MAX}", f"{len(taken)} coordinates")
+        raise root.fail("element", f"at most {COORDINATES_MAX} coordinates", f"{len(taken)} coordinates")
     return tuple(chain), where
 
 
-def motors(root: Table, chain: tuple[Element, ...], where: dict[str, Table], coupling: str) -> tuple[Motor, ...]:
-    """The motors, checked against the degrees of freedom that they drive (``where``: their tables by name)."""
+def read_motors(root: Table, chain: tuple[Element, ...], where: dict[str, Table], coupling: str) -> tuple[Motor, ...]:
+    """Read the motors and check them against the joints that they drive (``where``: tables of the joints by name)."""
     gears = {dof.name: dof.gear for element in chain for dof in element.dofs}
     actuated = [name for name, gear in gears.items() if gear is not None]
     out: list[Motor] = []
@@ -274,7 +276,7 @@ def motors(root: Table, chain: tuple[Element, ...], where: dict[str, Table], cou
                 raise table.fail("drives", "degrees of freedom with a gear", f"{joint}, which has none")
         kinds = {gear.rigid for joint in drives if (gear := gears[joint]) is not None}
         if len(kinds) > 1:
-            raise table.fail("drives", "all gears of a coupled motor elastic, or all rigid")
+            raise table.fail("drives", "driven joints whose gears are all elastic or all rigid")
         inertia = table.number("inertia", least=0.0)
         if inertia == 0.0 and kinds != {True}:
             raise table.fail("inertia", "a number > 0 behind an elastic gear")
@@ -288,7 +290,7 @@ def motors(root: Table, chain: tuple[Element, ...], where: dict[str, Table], cou
                 inertia,
                 tuple(drives),
                 _ratio(table, len(drives)),
-                friction=table.build("friction", friction, NO_FRICTION),
+                friction=table.build("friction", read_friction, NO_FRICTION),
                 axis=table.axis("axis") if "axis" in table else None,
                 carrier=(
                     table.choice("carrier", ["base", *(element.name for element in chain)])
@@ -323,14 +325,16 @@ def _check_drives(
         drivers = [motor for motor in found if joint in motor.drives]
         gear = gears[joint]
         if not drivers:
-            raise where[joint].fail("gear", f"a motor that drives {joint}", "a gear that no motor turns")
+            raise where[joint].fail("gear", f"a motor that drives {joint}", "a gear that no motor drives")
         if gear is not None and not gear.rigid and gear.side == "motor" and [m.drives for m in drivers] != [(joint,)]:
             raise where[joint].fail(
                 "gear", 'side = "arm"', 'side = "motor" on a joint that is not driven by one motor of its own'
             )
     if len(found) != len(actuated):
-        raise root.fail("motor", f"as many as actuated degrees of freedom, {len(actuated)}", f"{len(found)} motors")
+        raise root.fail(
+            "motor", f"as many motors as actuated degrees of freedom, {len(actuated)}", f"{len(found)} motors"
+        )
     eta = np.array([[dict(zip(m.drives, m.ratio, strict=True)).get(joint, 0.0) for joint in actuated] for m in found])
     singular = np.linalg.svd(eta / np.abs(eta).max(axis=1, keepdims=True), compute_uv=False)
     if singular[-1] < 1e-9 * singular[0]:
-        raise root.fail("motor", "ratios from which the joints follow", "a singular matrix of gear ratios")
+        raise root.fail("motor", "a regular matrix of gear ratios", "a singular matrix of gear ratios")

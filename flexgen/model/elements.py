@@ -1,4 +1,4 @@
-"""The nouns of a robot description: frozen data, no computation beyond counting and looking up.
+"""Data classes of a robot description: frozen data, with properties that count and look up.
 
 Notation (S. Moberg, Modeling and Control of Flexible Manipulators, Linkoeping 2010): arm coordinates ``q_a`` in chain
 order consist of actuated ones ``q_g`` (a gear between them and a motor) and non-actuated ones ``q_e`` (spring-damper
@@ -116,18 +116,18 @@ FRICTION_LAWS: dict[str, type[Friction]] = {"smooth": Friction}
 
 @dataclass(frozen=True)
 class Gear:
-    """What stands between a motor and an actuated degree of freedom.
+    """Gear between a motor and an actuated degree of freedom.
 
     Parameters
     ----------
     rigid : bool
-        A rigid gear has no spring: the motor follows the joint exactly.
+        A rigid gear has no spring: the motor angle is the joint angle times the ratio.
     side : str
-        ``"arm"`` or ``"motor"``: the side of the gear on which spring and damping are stated.
+        ``"arm"`` or ``"motor"``: the side of the gear to which spring and damping refer.
     spring : Spring or None
         None for a rigid gear.
     damping : float
-        Damping in parallel with the spring [N m s/rad or N s/m], on the stated side.
+        Damping in parallel with the spring [N m s/rad or N s/m], on the same side.
     """
 
     rigid: bool
@@ -138,11 +138,11 @@ class Gear:
 
 @dataclass(frozen=True)
 class Dof:
-    """One degree of freedom: rotation about, or translation along, a unit axis of the frame reached so far.
+    """One degree of freedom: rotation about, or translation along, a unit axis of the preceding frame.
 
     Exactly one of ``gear`` (actuated) and ``spring`` (non-actuated) is given. ``friction`` acts on the arm side.
-    ``lower``, ``upper`` [rad or m] and ``speed_max`` [rad/s or m/s] and ``acceleration_max`` are limits; None:
-    unlimited.
+    ``lower``, ``upper`` [rad or m] and ``speed_max`` [rad/s or m/s] and ``acceleration_max`` are limits; None: no
+    limit.
     """
 
     name: str
@@ -159,15 +159,15 @@ class Dof:
 
     @property
     def actuated(self) -> bool:
-        """True where a gear joins it to a motor."""
+        """Whether a gear connects it to a motor."""
         return self.gear is not None
 
 
 @dataclass(frozen=True)
 class Body:
-    """A rigid body: mass [kg], centre of mass [m] and inertia tensor about the centre [kg m^2], in its own frame.
+    """A rigid body: mass [kg], center of mass [m] and inertia tensor about it [kg m^2], in its own frame.
 
-    ``rotational_drag`` [N m s/rad] brakes the body's rotation against the ground: torque ``-rotational_drag omega``.
+    ``rotational_drag`` [N m s/rad]: damping of the absolute rotation, torque ``-rotational_drag omega``.
     """
 
     mass: float = 0.0
@@ -190,8 +190,8 @@ class Bending:
 class Beam:
     """A slender elastic link along the x axis of its body's frame, clamped at the origin (Euler-Bernoulli).
 
-    Its shape is a sum of clamped-free modes; each modal coordinate (tip deflection of the mode, m) is a non-actuated
-    coordinate. Foreshortening is neglected. ``length`` [m], ``mass_per_length`` [kg/m].
+    Its deflection is a sum of clamped-free modes; each modal coordinate (tip deflection of the mode [m]) is a
+    non-actuated coordinate. Foreshortening is neglected. ``length`` [m], ``mass_per_length`` [kg/m].
     """
 
     length: float
@@ -201,10 +201,10 @@ class Beam:
 
 @dataclass(frozen=True)
 class Element:
-    """A link of the chain: placement, degrees of freedom in order, the body's frame, the body, and a beam or None.
+    """A link of the chain: placement, degrees of freedom in order, body frame, body, and optionally a beam.
 
     Frames: previous tip -> ``origin`` (constant) -> degrees of freedom -> ``link`` (constant) -> body -> beam tip.
-    The next element, or the tool, is attached to the body frame, or to the beam's tip where there is a beam.
+    The next element, or the tool, is attached to the body frame, or to the tip of the beam if there is one.
     """
 
     name: str
@@ -221,7 +221,7 @@ class Motor:
 
     A motor that drives several joints (a coupled wrist) gives a row with several entries of the ratio matrix ``eta``.
     ``axis`` (unit, in the frame of the element ``carrier``, or of the base for ``"base"``) is used by the complete
-    model only. Limits ``torque_max`` [N m] and ``speed_max`` [rad/s] are on the motor side; None: unlimited.
+    model only. Limits ``torque_max`` [N m] and ``speed_max`` [rad/s] are on the motor side; None: no limit.
     """
 
     name: str
@@ -237,10 +237,11 @@ class Motor:
 
 @dataclass(frozen=True)
 class Output:
-    """What the reference prescribes.
+    """The output that a reference path prescribes.
 
     ``type``: ``"tool_position"`` (rows chosen by ``axes``, a subset of "xyz"), ``"tool_pose"`` (position and rotation)
-    or ``"combination"`` (``y = weights q_a``; a joint is a combination with a single one). ``unit`` of the rows.
+    or ``"combination"`` (``y = weights q_a``; a joint output is a combination with one weight of 1).
+    ``unit``: that of the rows.
     """
 
     type: str
@@ -257,13 +258,13 @@ class Output:
 
     @property
     def target_size(self) -> int:
-        """Numbers that say where it shall be: n_y, or 12 for a pose (position, rotation matrix by columns)."""
+        """Number of scalars of a target: n_y, or 12 for a pose (position, rotation matrix by columns)."""
         return 12 if self.type == "tool_pose" else self.size
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One arm coordinate: its name, unit ("rad" or "m"), whether it is actuated, and the element it belongs to."""
+    """One arm coordinate: name, unit ("rad" or "m"), whether it is actuated, and the element to which it belongs."""
 
     name: str
     unit: str
@@ -274,7 +275,7 @@ class Coordinate:
 
 @dataclass(frozen=True)
 class RobotModel:
-    """A robot as described in a model file; SI units throughout."""
+    """A robot as described in a model file, in SI units."""
 
     name: str
     description: str
@@ -293,7 +294,7 @@ class RobotModel:
     variants: tuple[str, ...] = ()
     file: str = ""
     programs: tuple[Program, ...] = ()
-    text: str = field(default="", repr=False)  # canonical text of the data, hashed for caches
+    text: str = field(default="", repr=False)  # canonical text of the data; caches use its hash
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
@@ -342,13 +343,13 @@ class RobotModel:
 
     @cached_property
     def i_m(self) -> tuple[int, ...]:
-        """Indices in q_m of the motors behind elastic gears: only these are degrees of freedom of their own."""
+        """Indices in q_m of the motors with elastic gears: each of these adds a degree of freedom."""
         gears = {c.name: c.dof.gear for c in self.coordinates if c.dof is not None and c.dof.gear is not None}
         return tuple(j for j, motor in enumerate(self.motors) if not gears[motor.drives[0]].rigid)
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom: n_g + n_e + the number of motors behind elastic gears."""
+        """Number of degrees of freedom: n_g + n_e + the number of motors with elastic gears."""
         return self.n_a + len(self.i_m)
 
     def inversion_obstacle(self, any_coupling: bool = False) -> str | None:
@@ -383,7 +384,7 @@ class RobotModel:
         return eta
 
     def move(self, name: str | None = None) -> Move:
-        """The move or program of that name; the first one for None, moves before programs. KeyError for none."""
+        """The move or program with this name (None: the first one); KeyError if there is none."""
         for move in (*self.moves, *self.programs):
             if name is None or move.name == name:
                 return move

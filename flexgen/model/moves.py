@@ -1,4 +1,4 @@
-"""The nouns of what a robot is asked to do: moves, and programs of moves; frozen data, no computation."""
+"""Data classes of tasks: moves, and programs of moves."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import ClassVar
 Vector = tuple[float, ...]
 Matrix = tuple[tuple[float, ...], ...]
 
-NO_TURN: Vector = (0.0, 0.0, 0.0)
-DEGREES = (5, 7, 9, 11)  # of splines through samples
-RADIUS = 0.25  # m: at this distance from the tool point a turn of the tool counts as travel
+NO_ROTATION: Vector = (0.0, 0.0, 0.0)
+DEGREES = (5, 7, 9, 11)  # of a spline through samples
+RADIUS = 0.25  # m: a rotation by an angle is counted as a path length of RADIUS times the angle
 
 
 @dataclass(frozen=True)
 class Where:
-    """Place of a table: the file as the user named it, its line and dotted path, and the lines of its keys."""
+    """Position of a table: the file as the user named it, its line and dotted path, and the lines of its keys."""
 
     file: str
     line: int
@@ -23,7 +23,7 @@ class Where:
     lines: tuple[tuple[str, int], ...] = ()
 
     def found(self, key: str) -> tuple[str, int]:
-        """Dotted path and line of a key, with the unit that it has in the file; of the table where it is missing."""
+        """Dotted path and line of a key, with its unit suffix; those of the table if the key is missing."""
         lines = dict(self.lines)
         for name in (key, f"{key}_rad", f"{key}_deg"):
             if name in lines:
@@ -35,8 +35,9 @@ class Where:
 class MoveJ:
     """Straight line in the actuated coordinates to ``end`` [rad or m].
 
-    ``speed`` [rad/s or m/s] of the fastest coordinate (None: that of the program). ``zone`` [rad or m]: from where on
-    the corner at its end is rounded, measured in the coordinate that moves farthest; 0: stop. ``pause`` [s] at its end.
+    ``speed`` [rad/s or m/s] is that of the fastest coordinate (None: that of the program). ``zone`` [rad or m]:
+    distance to the end at which the rounded corner begins, measured in the coordinate that moves farthest; 0: stop.
+    ``pause`` [s]: time at rest at the end.
     """
 
     end: Vector
@@ -51,14 +52,15 @@ class MoveJ:
 class MoveL:
     """Straight line of the tool by ``displacement``, or to ``position`` [m, world axes].
 
-    It turns by the rotation vector ``rotation`` [rad, world axes], or to ``orientation`` (a rotation matrix), about one
-    axis, in step with the position. ``speed`` [m/s] (None: that of the program or move). ``zone`` [m]: distance to its
-    end from which on the corner there is rounded; 0: stop. ``pause`` [s] at its end.
+    The tool rotates by the rotation vector ``rotation`` [rad, world axes], or to ``orientation`` (a rotation matrix),
+    about a fixed axis, in proportion to the path length. ``speed`` [m/s] (None: that of the program or move). ``zone``
+    [m]: distance to the end at which the rounded corner begins; 0: the robot stops. ``pause`` [s]: time at rest at the
+    end.
     """
 
     displacement: Vector = ()
     position: Vector = ()
-    rotation: Vector = NO_TURN
+    rotation: Vector = NO_ROTATION
     orientation: Matrix = ()
     speed: float | None = None
     zone: float = 0.0
@@ -69,10 +71,10 @@ class MoveL:
 
 @dataclass(frozen=True)
 class MoveC(MoveL):
-    """Arc of the tool through ``via``; the rest as for `MoveL`.
+    """Arc of the tool through ``via``; all other fields as in `MoveL`.
 
-    ``via`` [m, world axes] counts from the same origin as the end: from where the move starts with ``displacement``,
-    from the world's origin with ``position``.
+    ``via`` [m, world axes] has the same origin as the end point: the start of the move if ``displacement`` is given,
+    the world origin if ``position`` is given.
     """
 
     via: Vector = ()
@@ -83,7 +85,7 @@ Step = MoveJ | MoveL
 
 @dataclass(frozen=True)
 class Move:
-    """A named reference move, rest to rest.
+    """A named reference move that starts and ends at rest.
 
     ``type``:
 
@@ -92,19 +94,21 @@ class Move:
     * ``"tool_circle"``: arc of the tool by ``angle`` [rad] about the ``axis`` (world axes) through ``center`` [m, from
       the tool's position at the start, world axes]; ``rotation`` as above. See `circle_through` for an arc through
       points;
-    * ``"tool_polyline"``: ``legs``, straight lines and arcs (`MoveL`, `MoveC`) one after the other, with corners
-      rounded within the ``zone`` of each;
-    * ``"sampled"``: through the samples in ``file``, joined by a spline of ``degree``; ``start`` is only a guess for
-      the inverse kinematics, not needed where the file has joints;
+    * ``"tool_polyline"``: ``legs``, a sequence of straight lines and arcs (`MoveL`, `MoveC`), with corners rounded
+      within the ``zone`` of each leg;
+    * ``"sampled"``: a spline of ``degree`` through the samples in ``file``; ``start`` is only the initial guess of the
+      inverse kinematics, and not needed if the file contains joint positions;
     * ``"joint"``: from ``start`` to ``end`` in the actuated coordinates;
     * ``"output_line"``: the outputs move by ``displacement`` [their unit].
 
-    ``start`` and ``end`` are actuated coordinates [rad or m]. Time: either ``duration`` [s] and ``smoothness`` k, a
-    polynomial law with k continuous derivatives, all zero at both ends; or ``profile``, bounds on speed, acceleration,
-    jerk, snap, ... along the path [m/s^j for tools, else the unit of the coordinates], with ``duration`` 0: it is
-    computed, so that the joints keep their limits too. Then ``smoothness`` 0 means trapezoids of the degree of the last
-    bound (two bounds: of speed, three: of acceleration, ...), another k a polynomial. A turn of the tool counts as
-    travel at the distance ``radius`` [m].
+    ``start`` and ``end`` are actuated coordinates [rad or m].
+
+    Time: either ``duration`` [s] and ``smoothness`` k, a polynomial time law with k continuous derivatives, all zero at
+    both ends; or ``profile``, bounds on speed, acceleration, jerk, snap, ... along the path [m/s^j for the tool, else
+    the unit of the coordinates], with ``duration`` 0: the duration is computed such that the limits of the joints hold
+    too. With a profile, ``smoothness`` 0 means that the derivative before the last bounded one is trapezoidal (two
+    bounds: the speed, three: the acceleration, ...); another value means polynomial changes of speed. A rotation of the
+    tool by an angle is counted as a path length of ``radius`` [m] times the angle.
     """
 
     name: str
@@ -113,7 +117,7 @@ class Move:
     duration: float
     smoothness: int
     displacement: Vector = ()
-    rotation: Vector = NO_TURN
+    rotation: Vector = NO_ROTATION
     end: Vector = ()
     center: Vector = ()
     axis: Vector = ()
@@ -128,11 +132,11 @@ class Move:
 
 @dataclass(frozen=True, kw_only=True)
 class Program(Move):
-    """A list of moves that is one move: ``steps`` (`MoveJ`, `MoveL`, `MoveC`) from the posture ``start``.
+    """A sequence of ``steps`` (`MoveJ`, `MoveL`, `MoveC`) that starts at the joint position ``start``.
 
-    ``profile`` [m/s^j] bounds the steps of the tool, ``joint_profile`` [rad/s^j or m/s^j] those of the joints; both as
-    for `Move`, ``smoothness`` too. A step without ``zone`` ends at rest; others flow into the next one, which must be
-    of the same space: joints or tool.
+    ``profile`` [m/s^j] bounds the steps of the tool, ``joint_profile`` [rad/s^j or m/s^j] those of the joints; both and
+    ``smoothness`` as in `Move`. A step without ``zone`` ends at rest. A step with ``zone`` continues into the next one
+    without a stop; both must be of the same space, joints or tool.
     """
 
     type: str = "program"

@@ -1,7 +1,7 @@
-"""Overlays: a model file whose chain comes from a URDF file becomes the tables of an ordinary model file.
+"""Overlays: model files whose chain is read from a URDF file, converted to the tables of an ordinary model file.
 
-The table ``[urdf]`` names the file and the two ends of the chain; ``[joint.NAME]`` and ``[link.NAME]`` say what URDF
-does not know. All other keys are those of every model file and stay as they are.
+The table ``[urdf]`` names the file and the two ends of the chain; ``[joint.NAME]`` and ``[link.NAME]`` state what a
+URDF file cannot contain. All other keys are those of an ordinary model file and stay unchanged.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from flexgen.errors import ModelError
 from flexgen.model import component_tables
 from flexgen.model.checked_table import Table, as_number, bare, show
 from flexgen.model.toml_lines import Entry, wrap
-from flexgen.model.urdf import Inertial, Link, Pose, Urdf, among, key, without_dust
-from flexgen.model.urdf_chain import MOVING, Chain, Segment, follow
-from flexgen.model.urdf_source import located
+from flexgen.model.urdf import Inertial, Link, Pose, Urdf, among, key, zero_tiny
+from flexgen.model.urdf_chain import MOVING, Chain, Segment, find_chain
+from flexgen.model.urdf_source import find_urdf
 from flexgen.ports import identifier_problem
 
 _URDF = ("file", "base", "tip", "lock", "drop", "limits", "dynamics")
@@ -27,33 +27,33 @@ _LIMITS = (
 ).split()
 _JOINT = ("rename", "gear", "spring", "damping", "friction", "limits", "motor", "before", "after", *_LIMITS)
 _LINK = ("rename", "body", "inertia_reduced")
-_TAKEN = ("element",)  # what the URDF file says in place of the model file
+_FROM_URDF = ("element",)  # keys of a model file that the URDF file replaces
 
 
 def expand(root: Entry, folder: Path, shown: str) -> None:
     """Replace the tables ``urdf``, ``joint`` and ``link`` of a model file by ``element`` and ``motor`` tables.
 
-    Adds what was left out: the name of the URDF file's robot, gravity along -z, an output of all actuated joints, and a
-    home at zero (or midway between the limits, where zero is outside).
+    Adds defaults for missing keys: the name of the robot in the URDF file, gravity along -z, all actuated joints as
+    output, and a home at zero (midway between the limits if zero is outside of them).
 
     Parameters
     ----------
     root : Entry
         The model file, changed in place.
     folder : Path
-        Where relative paths in it begin.
+        Relative paths in the file start here.
     shown : str
-        What to call the model file in messages.
+        Name of the model file in messages.
 
     Raises
     ------
     ModelError
-        Where one of the two files is wrong.
+        One of the two files has an error.
     """
     top = Table(shown, root, "")
-    for name in _TAKEN:
+    for name in _FROM_URDF:
         if name in top:
-            raise top.fail(name, "either [urdf] or the elements of the chain", f"{name} beside [urdf]")
+            raise top.fail(name, "either [urdf] or [[element]] tables, not both", f"{name} beside [urdf]")
     overlay = _Overlay(top, folder)
     chain = overlay.chain()
     elements, motors = overlay.elements(chain), overlay.motors(chain)
@@ -68,7 +68,7 @@ def expand(root: Entry, folder: Path, shown: str) -> None:
 
 
 class _Overlay:
-    """The tables of an overlay and the URDF file under them."""
+    """The tables of an overlay and its URDF file."""
 
     def __init__(self, top: Table, folder: Path) -> None:
         self.top = top
@@ -76,7 +76,7 @@ class _Overlay:
         assert table is not None
         self.table = table
         table.only(*_URDF)
-        path, shown = located(table, folder)
+        path, shown = find_urdf(table, folder)
         self.urdf = Urdf(path, shown)
         self.limits = table.flag("limits") if "limits" in table else True
         self.dynamics = table.flag("dynamics") if "dynamics" in table else True
@@ -100,13 +100,13 @@ class _Overlay:
     # --- the chain ----------------------------------------------------------------------------------------------------
 
     def chain(self) -> Chain:
-        """The chain between base and tip."""
+        """The chain from base to tip."""
         base, tip = self.ends
         locked, dropped = self._locked(), self._dropped()
-        chain = follow(self.urdf, base, tip, locked, dropped, self._inertial)
+        chain = find_chain(self.urdf, base, tip, locked, dropped, self._inertial)
         moving = {segment.joint.name for segment in chain.segments}
         for name in dropped & self._above(tip):
-            raise self.table.fail("drop", f"joints beside the chain, {show(name)} is part of it")
+            raise self.table.fail("drop", f"joints outside the chain ({show(name)} is part of it)")
         for name, table in self.joints.items():
             if name not in moving:
                 given = f"{show(name)}, which does not move"
@@ -115,7 +115,8 @@ class _Overlay:
         for name, table in self.links.items():
             if "rename" in table and name not in named:
                 expected = (
-                    f"no new name for a link that is fixed to another one; named are {among(name, sorted(named))}"
+                    "no new name for a link that is fixed to another one; links that can be renamed: "
+                    f"{among(name, sorted(named))}"
                 )
                 raise table.fail("rename", expected)
         return chain
@@ -128,13 +129,13 @@ class _Overlay:
 
     def _above(self, link: str) -> set[str]:
         out = set()
-        while (holder := self.urdf.holder.get(link)) is not None:
+        while (holder := self.urdf.parent_joint.get(link)) is not None:
             out.add(holder.name)
             link = holder.parent
         return out
 
     def _locked(self) -> dict[str, float]:
-        """The joints under ``lock``: a table of positions, or a list of those that are fixed at zero."""
+        """Positions of the joints under ``lock``: a table of positions, or a list of joints fixed at zero."""
         if "lock" not in self.table:
             return {}
         if isinstance(self.table.entries["lock"].value, dict):
@@ -146,18 +147,18 @@ class _Overlay:
         movable = [joint.name for joint in self.urdf.joints.values() if joint.type in MOVING]
         for name in locked:
             if name not in movable:
-                raise self.table.fail("lock", f"in place of {show(name)} {among(name, movable)}")
+                raise self.table.fail("lock", f"{among(name, movable)} instead of {show(name)}")
         return locked
 
     def _dropped(self) -> frozenset[str]:
         names = self.table.words("drop") if "drop" in self.table else []
         for name in names:
             if name not in self.urdf.joints:
-                raise self.table.fail("drop", f"in place of {show(name)} {among(name, self.urdf.joints)}")
+                raise self.table.fail("drop", f"{among(name, self.urdf.joints)} instead of {show(name)}")
         return frozenset(names)
 
     def _inertial(self, link: Link) -> Inertial | None:
-        """The inertial of a link, or the body that the overlay has for it."""
+        """The body of a link: that of the overlay if it has one, else the inertial of the URDF file."""
         table = self.links.get(link.name)
         reduced = table is not None and table.flag("inertia_reduced")
         if table is None or "body" not in table:
@@ -165,7 +166,7 @@ class _Overlay:
         inner = table.table("body")
         assert inner is not None
         inner.only("mass", "com", "inertia", "inertia_reduced")
-        body = component_tables.body(inner)
+        body = component_tables.read_body(inner)
         if body.mass == 0.0:
             return None
         reduced = reduced or inner.flag("inertia_reduced")
@@ -174,7 +175,7 @@ class _Overlay:
     # --- the tables of a model file -----------------------------------------------------------------------------------
 
     def elements(self, chain: Chain) -> list[Entry]:
-        """An element for each moving joint, and one for the tip where that is not the last link."""
+        """An element for each moving joint, and one for the tip if it differs from the last moving link."""
         out = [self._element(segment) for segment in chain.segments]
         origin = self._placement(chain.tip, self.table.entries["tip"].line, self.table.file)
         if origin is not None:
@@ -238,7 +239,7 @@ class _Overlay:
         return wrap({"viscous": viscous}, line, self.urdf.file) if viscous != 0.0 else None
 
     def motors(self, chain: Chain) -> list[Entry]:
-        """A motor for each joint with a gear that no ``[[motor]]`` of the overlay drives."""
+        """A motor for each joint with a gear, except for joints that a ``[[motor]]`` of the overlay drives."""
         driven = set(self._driven())
         out = []
         count = 0
@@ -255,7 +256,7 @@ class _Overlay:
                 if own is not None:
                     assert table is not None
                     raise table.fail(
-                        "motor", "either this or a [[motor]]", f"a motor beside a [[motor]] of {show(name)}"
+                        "motor", "either motor or a [[motor]] table", f"a motor beside a [[motor]] of {show(name)}"
                     )
                 continue
             value: dict[str, Any] = {"name": f"m{count}", "drives": name, "ratio": 1.0}
@@ -267,7 +268,7 @@ class _Overlay:
                 value["inertia"] = 0.0
             if own is not None:
                 if "drives" in own:
-                    raise own.fail("drives", f"no such key: this motor drives {name}")
+                    raise own.fail("drives", f"no key drives (this motor drives {name})")
                 value |= own.entries
             limit = self.urdf.limit(joint) if self._flag(table, "limits", self.limits) else None
             ratio = value["ratio"]
@@ -281,7 +282,7 @@ class _Overlay:
         return out
 
     def _driven(self) -> Iterator[str]:
-        """Names of joints that the ``[[motor]]`` tables drive; wrong tables are left to the reader."""
+        """Names of joints that the ``[[motor]]`` tables drive; the reader reports wrong tables."""
         entry = self.top.entries.get("motor")
         for motor in entry.value if entry is not None and isinstance(entry.value, list) else ():
             drives = motor.value.get("drives") if isinstance(motor.value, dict) else None
@@ -292,7 +293,7 @@ class _Overlay:
                     yield item.value
 
     def defaults(self, chain: Chain) -> dict[str, Entry]:
-        """What an overlay may leave out."""
+        """Defaults for the keys that an overlay may omit."""
         file, table = self.urdf.file, self.table
         out: dict[str, Any] = {}
         if "name" not in self.top:
@@ -309,7 +310,7 @@ class _Overlay:
         return {name: wrap(value, table.line, table.file) for name, value in out.items()}
 
     def _home(self, segment: Segment) -> float:
-        """Zero, or midway between the limits where zero is outside of them."""
+        """Home of a joint: zero, or midway between its limits if zero is outside of them."""
         table, joint = self.joints.get(segment.joint.name), segment.joint
         limit = self.urdf.limit(joint) if self._flag(table, "limits", self.limits) else None
         ends: dict[str, float | None] = {"lower": None, "upper": None}
@@ -337,13 +338,13 @@ class _Overlay:
         return table.flag(name) if table is not None and name in table else default
 
     def _named(self, kind: str, name: str) -> str:
-        """The name of a link or joint in the model: its own or a new one, if the model can have it."""
+        """Name of a link or joint in the model: ``rename`` of the overlay, else the name in the URDF file."""
         table = (self.joints if kind == "joint" else self.links).get(name)
         if table is not None and "rename" in table:
             return table.name("rename")
         problem = identifier_problem(name)
         if kind == "link" and name == "base":
-            problem = "another name, because base is the ground"
+            problem = "another name (base is the ground)"
         if problem is not None:
             node = (self.urdf.joints if kind == "joint" else self.urdf.links)[name].node
             expected = f'{problem} (in the overlay: [{kind}.{bare(name)}] rename = "...")'
@@ -351,7 +352,7 @@ class _Overlay:
         return name
 
     def _name(self, kind: str, name: str) -> Entry:
-        """The same, from where it is written."""
+        """Name of a link or joint in the model, as the entry that states it."""
         table = (self.joints if kind == "joint" else self.links).get(name)
         if table is not None and "rename" in table:
             table.name("rename")
@@ -360,15 +361,15 @@ class _Overlay:
         return Entry(self._named(kind, name), node.line, self.urdf.file)
 
     def _here(self, value: dict[str, Any], line: int) -> Entry:
-        """A table from the URDF file; parts that are Entries already stay what they are."""
+        """A table with the position of a line of the URDF file; values that already are Entries stay unchanged."""
         file = self.urdf.file
         made = {name: item if isinstance(item, Entry) else wrap(item, line, file) for name, item in value.items()}
         return Entry(made, line, file)
 
     def _placement(self, pose: Pose, line: int, file: str) -> Entry | None:
-        """A placement table; None where nothing is moved."""
+        """A placement table; None for the identity."""
         value: dict[str, Any] = {}
-        position = without_dust(pose.position.tolist())
+        position = zero_tiny(pose.position.tolist())
         if any(position):
             value["position"] = position
         if (pose.rotation != np.eye(3)).any():
@@ -376,18 +377,19 @@ class _Overlay:
         return wrap(value, line, file) if value else None
 
     def _body(self, body: Inertial, line: int) -> Entry:
+        """A body table."""
         (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia.tolist()
-        moments = without_dust([xx, yy, zz, xy, yz, xz])
-        value = {"mass": body.mass, "com": without_dust(body.com.tolist()), "inertia": moments}
+        moments = zero_tiny([xx, yy, zz, xy, yz, xz])
+        value = {"mass": body.mass, "com": zero_tiny(body.com.tolist()), "inertia": moments}
         entry = wrap(value, line, self.urdf.file)
         low, middle, high = np.linalg.eigvalsh(body.inertia).tolist()
-        if body.reduced or low + middle < high:  # checked already, with the tolerance of URDF files
+        if body.reduced or low + middle < high:  # already checked with the tolerance for URDF files
             entry.value["inertia_reduced"] = wrap(True, line, self.urdf.file)
         return entry
 
 
 def _list(table: Table | None, name: str) -> list[Entry]:
-    """The tables of further degrees of freedom before or after a joint."""
+    """Tables of the additional degrees of freedom before or after a joint."""
     if table is None or name not in table:
         return []
     table.tables(name)
@@ -396,7 +398,7 @@ def _list(table: Table | None, name: str) -> list[Entry]:
 
 
 def _elastic(table: Table) -> bool:
-    """Whether the gear of a joint is elastic; a wrong one is left to the reader."""
+    """Whether the gear of a joint is elastic; the reader reports a wrong gear."""
     gear = table.entries.get("gear")
     kind = gear.value.get("type") if gear is not None and isinstance(gear.value, dict) else None
     return kind is not None and kind.value == "elastic"

@@ -1,4 +1,4 @@
-"""Tables of programs to programs: lists of MoveJ, MoveL and MoveC with speeds and zones."""
+"""Readers of ``[[program]]`` tables: sequences of MoveJ, MoveL and MoveC with speeds and zones."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import math
 from collections.abc import Sequence
 
 from flexgen.model.checked_table import Table
-from flexgen.model.component_tables import rotation
+from flexgen.model.component_tables import rotation_matrix
 from flexgen.model.elements import Coordinate, Matrix, Output
 from flexgen.model.moves import MoveC, MoveJ, MoveL, Program, Step
-from flexgen.model.task_tables import posture, profile, radius, turn, where
+from flexgen.model.task_tables import position_in_file, read_joint_position, read_profile, read_radius, read_rotation
 
 _TOOL = ("tool_position", "tool_pose")
 _ENDS = ("displacement", "position", "rotation_rad", "rotation_deg", "rpy_rad", "rpy_deg", "speed", "zone", "pause")
@@ -20,10 +20,10 @@ _KEYS = {
 }
 
 
-def programs(
+def read_programs(
     root: Table, target: Output, actuated: Sequence[Coordinate], taken: Sequence[str] = ()
 ) -> tuple[Program, ...]:
-    """The programs of a file; names may not be ``taken``."""
+    """Read the programs of a file; their names must not be in ``taken``."""
     out: list[Program] = []
     for table in root.tables("program", required=False):
         table.only(
@@ -38,10 +38,10 @@ def programs(
             "step",
         )
         name = table.name(taken=[*taken, *(program.name for program in out)])
-        start = posture(table, "start", actuated)
-        bounds, bounds_j = profile(table, "profile"), _joint_profile(table, actuated)
+        start = read_joint_position(table, "start", actuated)
+        bounds, bounds_j = read_profile(table, "profile"), _joint_profile(table, actuated)
         smoothness = table.whole("smoothness", 3, 9) if "smoothness" in table else 0
-        size = radius(table)
+        size = read_radius(table)
         tables = table.tables("step")
         steps = tuple(_step(step, target, actuated) for step in tables)
         for kind, given, key in ((MoveL, bounds, "profile"), (MoveJ, bounds_j, "joint_profile_rad")):
@@ -59,7 +59,7 @@ def programs(
                 joint_profile=bounds_j,
                 smoothness=smoothness,
                 radius=size,
-                where=where(table),
+                where=position_in_file(table),
             )
         )
     return tuple(out)
@@ -71,19 +71,19 @@ def _joint_profile(table: Table, actuated: Sequence[Coordinate]) -> tuple[float,
         return ()
     if key.endswith("_deg") and not all(c.unit == "rad" for c in actuated):
         raise table.fail(key, "joint_profile_rad, because some coordinates are lengths [m]")
-    return profile(table, key, math.radians(1.0) if key.endswith("_deg") else 1.0)
+    return read_profile(table, key, math.radians(1.0) if key.endswith("_deg") else 1.0)
 
 
 def _zones(tables: Sequence[Table], steps: Sequence[Step]) -> None:
-    """Refuse zones where the robot has to stop."""
+    """Raise an error for a zone where the robot has to stop."""
     for k, (table, step) in enumerate(zip(tables, steps, strict=True)):
         key = "zone" if "zone" in table else (table.unit_key("zone", required=False) or "zone")
         if step.zone > 0 and k + 1 == len(steps):
-            raise table.fail(key, "0 or no zone at the end of the program")
+            raise table.fail(key, "no zone, or 0, at the end of the program")
         if step.zone > 0 and step.pause > 0:
-            raise table.fail("pause", "no pause where the step has a zone")
+            raise table.fail("pause", "no pause in a step with a zone")
         if step.zone > 0 and steps[k + 1].space != step.space:
-            raise table.fail(key, "0 or no zone between a MoveJ and a move of the tool: the robot has to stop there")
+            raise table.fail(key, "no zone, or 0, between a MoveJ and a move of the tool: the robot has to stop there")
 
 
 def _step(table: Table, target: Output, actuated: Sequence[Coordinate]) -> Step:
@@ -100,14 +100,14 @@ def _step(table: Table, target: Output, actuated: Sequence[Coordinate]) -> Step:
     absolute = "position" in table
     origin = "world axes and origin" if absolute else "world axes, from where the step begins"
     end = table.vector("position" if absolute else "displacement", 3, what=f"m, {origin}")
-    rotated, orientation = turn(table, target), _orientation(table, target)
+    rotated, orientation = read_rotation(table, target), _orientation(table, target)
     speed, zone = table.optional("speed", above=0.0), table.number("zone", 0.0, least=0.0)
     place = {"position": end} if absolute else {"displacement": end}
     given = {"rotation": rotated, "orientation": orientation, "speed": speed, "zone": zone, "pause": pause, **place}
     if kind == "MoveL":
-        return MoveL(where=where(table), **given)  # type: ignore[arg-type]
+        return MoveL(where=position_in_file(table), **given)  # type: ignore[arg-type]
     via = table.vector("via", 3, what=f"m, {origin}")
-    return MoveC(via=via, where=where(table), **given)  # type: ignore[arg-type]
+    return MoveC(via=via, where=position_in_file(table), **given)  # type: ignore[arg-type]
 
 
 def _joints(table: Table, actuated: Sequence[Coordinate], pause: float) -> MoveJ:
@@ -120,11 +120,13 @@ def _joints(table: Table, actuated: Sequence[Coordinate], pause: float) -> MoveJ
         value = table.number(key, least=0.0) if stem == "zone" else table.number(key, above=0.0)
         return math.radians(value) if key.endswith("_deg") else value
 
-    return MoveJ(posture(table, "end", actuated), size("speed"), size("zone") or 0.0, pause, where(table))
+    return MoveJ(
+        read_joint_position(table, "end", actuated), size("speed"), size("zone") or 0.0, pause, position_in_file(table)
+    )
 
 
 def _orientation(table: Table, target: Output) -> Matrix:
-    """The orientation of the tool at the end of a step in the world, as a matrix; empty where it is not given."""
+    """Orientation of the tool at the end of a step as a matrix in world axes; empty if it is not given."""
     key = table.unit_key("rpy", required=False)
     if key is None:
         return ()
@@ -133,4 +135,4 @@ def _orientation(table: Table, target: Output) -> Matrix:
     other = table.unit_key("rotation", required=False)
     if other is not None:
         raise table.fail(key, "either rotation or rpy", f"both {other} and {key}")
-    return rotation(table.vector(key, 3, what="roll, pitch, yaw"), key.endswith("_deg"))
+    return rotation_matrix(table.vector(key, 3, what="roll, pitch, yaw"), key.endswith("_deg"))

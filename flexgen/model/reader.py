@@ -1,4 +1,4 @@
-"""Model files to robots: find the file, parse it, apply a variant, check everything."""
+"""Reader of model files: finds the file, parses it, applies a variant and checks every value."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from flexgen.errors import ArgumentError, ModelError
 from flexgen.model import component_tables, program_tables, task_tables, toml_lines
 from flexgen.model.checked_table import Table, closest, entry_name, show
 from flexgen.model.elements import Body, Output, Placement, RobotModel
-from flexgen.model.inertia import idle_coordinates
+from flexgen.model.inertia import massless_coordinates
 from flexgen.model.overlay import expand
 from flexgen.model.toml_lines import Entry
 from flexgen.model.urdf_source import from_here, plain_urdf
@@ -38,21 +38,21 @@ def read(
     base: str | None = None,
     tip: str | None = None,
 ) -> RobotModel:
-    """Read and check a robot.
+    """Read and check a model file.
 
     Parameters
     ----------
     model : str or Path
         A name in the models folder (such as ``"planar5_nmp"``) or the path of a ``.toml`` file; either may end in
-        ``"@variant"``. Or a URDF file, with the two ends of its chain: the path of a ``.urdf`` file, or
-        ``"package://NAME/PATH"``, with ``base`` and ``tip`` or followed by ``"#base:tip"``.
+        ``"@variant"``. Or a URDF file with the two ends of its chain: the path of a ``.urdf`` file or
+        ``"package://NAME/PATH"``, either with ``base`` and ``tip`` or followed by ``"#base:tip"``.
     variant : str, optional
         Name of one of the file's variants.
     overrides : mapping, optional
-        Values to set after the variant; keys are dotted paths in which the entries of a list are called by their
-        names, such as ``"element.arm1.dof.q1.gear.damping"``.
+        Values to set after the variant. A key is a dotted path; an entry of a list is selected by its name, as in
+        ``"element.arm1.dof.q1.gear.damping"``.
     base, tip : str, optional
-        Names of the links of a URDF file between which the robot is.
+        Names of the first and the last link of the chain in a URDF file.
 
     Returns
     -------
@@ -61,9 +61,9 @@ def read(
     Raises
     ------
     ModelError
-        Where the file is wrong.
+        The file has an error.
     ArgumentError
-        Where there is no such file, name or variant.
+        There is no such file, name or variant.
     """
     plain = plain_urdf(model, base, tip)
     if plain is not None:
@@ -84,7 +84,7 @@ def read(
     for key, value in (overrides or {}).items():
         _override(root, shown, key, value)
     robot = _robot(Table(shown, root, ""), chosen, tuple(variants))
-    for other in variants.values():  # a trial of the paths of those that were not chosen
+    for other in variants.values():  # checks the paths of the variants that were not chosen
         other.apply(toml_lines.copy(unchanged))
     if urdf:
         _check_inertia(root, robot)
@@ -92,20 +92,20 @@ def read(
 
 
 def model_names() -> list[str]:
-    """Names of the models in the models folders, sorted."""
+    """List the names of all models in the models folders, sorted."""
     found = (path for folder in _folders() for path in folder.glob("[!.]*.toml"))
     return sorted({path.stem for path in found if path.is_file() and path.stem.isprintable()})
 
 
 def _folders() -> list[Path]:
-    """Where names are looked up: FLEXGEN_MODELS, models/ in the current directory, the models that come with flexgen.
+    """Folders in which names are looked up, in this order.
 
-    What is the user's own goes first. An installed package has its models inside; in a clone they are in the
-    repository's folder.
+    FLEXGEN_MODELS, ``models/`` in the current directory, and the models that come with flexgen: inside an installed
+    package, in the folder ``models/`` of the repository in a clone.
     """
     named = os.environ.get("FLEXGEN_MODELS")
     if named and not Path(named).is_dir():
-        raise ArgumentError(f"FLEXGEN_MODELS: given {named!r}, which is no folder, expected a folder of model files")
+        raise ArgumentError(f"FLEXGEN_MODELS: given {named!r}, which is not a folder, expected a folder of model files")
     found = [Path(named)] if named else []
     package = Path(__file__).resolve().parents[1]
     inside = package / "models"
@@ -114,14 +114,16 @@ def _folders() -> list[Path]:
 
 
 def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:
-    """The file, what to call it in messages, and the name of the variant or an empty text."""
+    """The file, its name in messages, and the name of the variant (empty: none)."""
     if not isinstance(model, (str, Path)) or not isinstance(variant, (str, type(None))):
-        raise ArgumentError(f"model: given {model!r} and variant {variant!r}, expected a name or path, and a name")
+        raise ArgumentError(
+            f"model: given {model!r} and variant {variant!r}, expected a name or path, and the name of a variant"
+        )
     text, chosen = str(model), variant or ""
     head, at, tail = text.rpartition("@")
     if at and not set(tail) & set("/\\."):
         if not tail or (chosen and chosen != tail):
-            raise ArgumentError(f"model: given {text!r} and variant {variant!r}, expected one name of a variant")
+            raise ArgumentError(f"model: given {text!r} and variant {variant!r}, expected one variant name")
         text, chosen = head, tail
     if not text.endswith(".toml") and not set(text) & set("/\\"):
         for folder in _folders():
@@ -140,19 +142,21 @@ def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:
     if not exists:
         raise ArgumentError(f"model: given {text!r}, which does not exist, expected the path of a .toml file")
     if not regular:
-        raise ArgumentError(f"model: given {text!r}, which is no file, expected the path of a .toml file")
+        raise ArgumentError(f"model: given {text!r}, which is not a file, expected the path of a .toml file")
     return path, text, chosen
 
 
 def parse_file(path: Path, shown: str) -> Entry:
-    """A TOML file as a tree of entries that know their lines."""
+    """Parse a TOML file into a tree of entries with their line numbers."""
     try:
         with path.open("rb") as stream:
             raw = stream.read(SIZE_MAX + 1)
     except OSError as error:
-        raise ArgumentError(f"model: given {shown!r}, which cannot be read ({error.strerror})") from None
+        raise ArgumentError(
+            f"model: given {shown!r}, which cannot be read ({error.strerror}), expected a readable file"
+        ) from None
     if len(raw) > SIZE_MAX:
-        raise ModelError(shown, 0, "file", f"more than {SIZE_MAX} bytes", "a model file")
+        raise ModelError(shown, 0, "file", f"more than {SIZE_MAX} bytes", f"at most {SIZE_MAX} bytes")
     raw = raw.removeprefix(codecs.BOM_UTF8)
     try:
         return toml_lines.parse(raw.decode("utf-8"), shown)
@@ -164,7 +168,7 @@ def parse_file(path: Path, shown: str) -> Entry:
 
 
 class _NoSuchPath(Exception):
-    """A dotted path leads nowhere; the text says what was expected there."""
+    """A dotted path does not exist; the text is what was expected."""
 
 
 def _walk(root: Entry, dotted: str) -> tuple[Entry, Any]:
@@ -183,7 +187,7 @@ def _walk(root: Entry, dotted: str) -> tuple[Entry, Any]:
             known = list(here.value)
             key = word if last or word in known else None
         if key is None or not isinstance(here.value, (list, dict)):
-            raise _NoSuchPath(f"in place of {show(word)} {closest(word, known)}")
+            raise _NoSuchPath(f"{closest(word, known)} instead of {show(word)}")
         if last:
             return here, key
         here = here.value[key]
@@ -198,12 +202,12 @@ def _set(root: Entry, dotted: str, value: Entry) -> None:
 def _remove(root: Entry, dotted: str) -> None:
     holder, key = _walk(root, dotted)
     if isinstance(holder.value, dict) and key not in holder.value:
-        raise _NoSuchPath(f"in place of {show(key)} {closest(key, holder.value)}")
+        raise _NoSuchPath(f"{closest(key, holder.value)} instead of {show(key)}")
     del holder.value[key]
 
 
 class _Variant:
-    """The changes that a variant makes."""
+    """The changes of a variant."""
 
     def __init__(self, table: Table) -> None:
         table.only("description", "set", "remove")
@@ -212,7 +216,7 @@ class _Variant:
         self.removes = table.words("remove") if "remove" in table else []
 
     def apply(self, root: Entry) -> None:
-        """Take away what is to be removed, then set what is to be set."""
+        """Apply the removals, then the new values."""
         for dotted in self.removes:
             try:
                 _remove(root, dotted)
@@ -228,7 +232,7 @@ class _Variant:
 
 
 def _variants(root: Entry, shown: str) -> dict[str, _Variant]:
-    """The variants; takes them out of the tree."""
+    """Read the variants and remove them from the tree."""
     if "variant" not in root.value:
         return {}
     out: dict[str, _Variant] = {}
@@ -251,23 +255,23 @@ def _override(root: Entry, shown: str, key: Any, value: Any) -> None:
     except toml_lines.TextError as error:
         raise ArgumentError(f"overrides {key}: given {error.given}, expected {error.expected}") from None
     except _NoSuchPath as error:
-        raise ModelError(shown, 0, key or '""', "a path that leads nowhere", str(error)) from None
+        raise ModelError(shown, 0, key or '""', "a path that does not exist", str(error)) from None
 
 
 def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
     root.only(*_KEYS)
     coupling = root.choice("motor_coupling", ("simplified", "complete"), "simplified")
-    chain, where = component_tables.elements(root)
+    chain, where = component_tables.read_elements(root)
     draft = RobotModel(
         name=root.name(),
         description=root.text("description", ""),
         source=root.text("source", ""),
         gravity=root.vector("gravity", 3, what="m/s^2, world axes"),
-        base=root.build("base", component_tables.placement, Placement()),
+        base=root.build("base", component_tables.read_placement, Placement()),
         elements=chain,
-        motors=component_tables.motors(root, chain, where, coupling),
-        tool=root.build("tool", component_tables.placement, Placement()),
-        payload=root.build("payload", component_tables.body, Body()),
+        motors=component_tables.read_motors(root, chain, where, coupling),
+        tool=root.build("tool", component_tables.read_placement, Placement()),
+        payload=root.build("payload", component_tables.read_body, Body()),
         output=Output("tool_pose"),
         home=(),
         moves=(),
@@ -277,39 +281,39 @@ def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
         file=root.file,
     )
     actuated = [draft.coordinates[i] for i in draft.i_g]
-    target = root.build("output", lambda table: task_tables.output(table, draft.coordinates))
+    target = root.build("output", lambda table: task_tables.read_output(table, draft.coordinates))
     if target is None:
-        raise root.fail("output", "a table: what a reference prescribes")
-    given = task_tables.moves(root, target, actuated)
+        raise root.fail("output", "a table: the output that a reference prescribes")
+    given = task_tables.read_moves(root, target, actuated)
     return replace(
         draft,
         output=target,
-        home=task_tables.posture(root, "home", actuated),
+        home=task_tables.read_joint_position(root, "home", actuated),
         moves=given,
-        programs=program_tables.programs(root, target, actuated, [move.name for move in given]),
+        programs=program_tables.read_programs(root, target, actuated, [move.name for move in given]),
         text=_canonical(root),
     )
 
 
 def _check_inertia(root: Entry, robot: RobotModel) -> None:
-    """Refuse a chain of a URDF file of which a part moves nothing: its inertia matrix would be singular."""
-    idle = idle_coordinates(robot)
-    for element in root.value["element"].value if idle else ():
+    """Raise an error for a coordinate of a URDF chain that moves no inertia: the inertia matrix is singular."""
+    massless = massless_coordinates(robot)
+    for element in root.value["element"].value if massless else ():
         for dof in element.value["dof"].value if "dof" in element.value else ():
-            if dof.value["name"].value == idle[-1]:
-                what = "coordinates" if len(idle) > 1 else "coordinate"
+            if dof.value["name"].value == massless[-1]:
+                what = "coordinates" if len(massless) > 1 else "coordinate"
                 raise ModelError(
                     dof.file,
                     dof.line,
-                    f"joint.{idle[-1]}",
-                    f"the {what} {', '.join(idle)}, which can move without moving any mass",
+                    f"joint.{massless[-1]}",
+                    f"the {what} {', '.join(massless)}, which can move without moving any mass",
                     "links with mass and inertia behind every joint (in the overlay: [link.NAME] body = { mass = ..., "
                     "com = [...], inertia = [...] }, a payload, or a rotor inertia)",
                 )
 
 
 def _canonical(root: Table) -> str:
-    """The data as text that depends on nothing but the data: sorted keys, every number as a float."""
+    """Canonical text of the data: sorted keys, every number as a float, no description."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Files of moves and programs beside the model file."""
+"""Reader of files with moves and programs that are separate from the model file."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from flexgen.model.urdf_source import from_here
 
 
 def read_moves(file: str | Path, model: RobotModel) -> tuple[Move, ...]:
-    """Moves and programs from a TOML file with ``[[move]]`` and ``[[program]]`` tables, as in a model file.
+    """Read moves and programs from a TOML file with ``[[move]]`` and ``[[program]]`` tables, as in a model file.
 
     Parameters
     ----------
     file : str or Path
     model : RobotModel
-        The robot that they are for.
+        The robot that executes them.
 
     Returns
     -------
     tuple of Move
-        First the moves, then the programs.
+        The moves, then the programs.
 
     Raises
     ------
     ModelError
-        The file is wrong, or does not fit the robot.
+        The file has an error or does not fit the robot.
     ArgumentError
         There is no such file.
     """
@@ -40,13 +40,13 @@ def read_moves(file: str | Path, model: RobotModel) -> tuple[Move, ...]:
     except (OSError, ValueError):
         there = False
     if not there:
-        raise ArgumentError(f"moves: given {str(file)!r}, which is no file, expected the path of a .toml file")
+        raise ArgumentError(f"moves: given {str(file)!r}, which is not a file, expected the path of a .toml file")
     shown = from_here(path)
     root = Table(shown, parse_file(path, shown), "")
     root.only("move", "program")
     actuated = [model.coordinates[i] for i in model.i_g]
-    moves = task_tables.moves(root, model.output, actuated)
-    listed = program_tables.programs(root, model.output, actuated, [move.name for move in moves])
+    moves = task_tables.read_moves(root, model.output, actuated)
+    listed = program_tables.read_programs(root, model.output, actuated, [move.name for move in moves])
     if not moves and not listed:
         raise root.fail("program", "one or more [[move]] or [[program]] tables")
     return (*moves, *listed)

@@ -1,4 +1,4 @@
-"""Tables of a model file to what a robot is asked to do: its home, its outputs and its reference moves."""
+"""Readers of the tables that describe tasks: home position, output and reference moves."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from flexgen.model.checked_table import Table, closest
 from flexgen.model.elements import ZERO, Coordinate, Output
 from flexgen.model.moves import DEGREES, RADIUS, Move, MoveC, MoveL, Where
 
-PROFILE_MAX = 8  # bounds: of speed and seven of its derivatives
+PROFILE_MAX = 8  # number of bounds: the speed and seven of its derivatives
 
 _TOOL = ("tool_position", "tool_pose")
 
 
-def output(table: Table, coordinates: Sequence[Coordinate]) -> Output:
-    """What a reference prescribes; joints become a combination."""
+def read_output(table: Table, coordinates: Sequence[Coordinate]) -> Output:
+    """Read the output; joints become a combination."""
     table.only("type", "axes", "joints", "rows", "unit")
     kind = table.choice("type", (*_TOOL, "joint", "combination"))
     extra = {"tool_position": ("axes",), "tool_pose": (), "joint": ("joints",), "combination": ("rows", "unit")}
@@ -26,7 +26,7 @@ def output(table: Table, coordinates: Sequence[Coordinate]) -> Output:
     if kind == "tool_position":
         axes = table.text("axes", "xyz")
         if not axes or axes != "".join(axis for axis in "xyz" if axis in axes):
-            raise table.fail("axes", 'some of "xyz", in this order')
+            raise table.fail("axes", 'one or more letters of "xyz", in this order')
         return Output(kind, axes)
     if kind == "tool_pose":
         return Output(kind, unit="mixed")
@@ -44,15 +44,15 @@ def output(table: Table, coordinates: Sequence[Coordinate]) -> Output:
         row.only(*units)
         rows.append(tuple(row.number(name, 0.0) for name in units))
         if not any(rows[-1]):
-            raise row.fail(None, "a weight that is not 0")
+            raise row.fail(None, "at least one weight that is not 0")
     scaled = np.array(rows) / np.abs(rows).max(axis=1, keepdims=True)
     if np.linalg.matrix_rank(scaled, tol=1e-9) < len(rows):
-        raise table.fail("rows", "rows that do not depend on each other")
+        raise table.fail("rows", "linearly independent rows")
     return Output("combination", "", tuple(rows), table.choice("unit", ("m", "rad", "mixed")))
 
 
-def posture(table: Table, stem: str, actuated: Sequence[Coordinate]) -> tuple[float, ...]:
-    """Actuated coordinates under ``stem_rad`` or ``stem_deg``, within their limits."""
+def read_joint_position(table: Table, stem: str, actuated: Sequence[Coordinate]) -> tuple[float, ...]:
+    """Read the actuated coordinates under ``stem_rad`` or ``stem_deg``, which must be within their limits."""
     names = ", ".join(c.name for c in actuated)
     values = table.angles(stem, [c.unit == "rad" for c in actuated], what=f"the actuated coordinates {names}")
     for c, value in zip(actuated, values, strict=True):
@@ -68,16 +68,16 @@ def posture(table: Table, stem: str, actuated: Sequence[Coordinate]) -> tuple[fl
     return values
 
 
-def where(table: Table) -> Where:
-    """The place of a table, to be told later."""
+def position_in_file(table: Table) -> Where:
+    """Position of a table in its file, for later messages."""
     return Where(table.file, table.line, table.key, tuple((key, e.line) for key, e in table.entries.items()))
 
 
-def profile(table: Table, key: str, scale: float = 1.0) -> tuple[float, ...]:
-    """Bounds on speed, acceleration, jerk, ...; empty where there are none."""
+def read_profile(table: Table, key: str, scale: float = 1.0) -> tuple[float, ...]:
+    """Read bounds on speed, acceleration, jerk, ...; empty if the key is missing."""
     if key not in table:
         return ()
-    what = "bounds on speed, acceleration, jerk, ..., two or more"
+    what = "bounds on speed, acceleration, jerk, ..."
     values = table.vector(key, range(2, PROFILE_MAX + 1), what=what)
     if not all(value > 0 for value in values):
         raise table.fail(key, "numbers > 0")
@@ -85,52 +85,52 @@ def profile(table: Table, key: str, scale: float = 1.0) -> tuple[float, ...]:
 
 
 def _time(table: Table, kind: str) -> tuple[float, int, tuple[float, ...]]:
-    """Duration, smoothness and profile of a move; its own time where samples may bring it along."""
-    bounds = profile(table, "profile")
+    """Read duration, smoothness and profile of a move; all may be missing for samples with their own time."""
+    bounds = read_profile(table, "profile")
     if bounds:
         if "duration" in table:
-            raise table.fail("duration", "either duration or profile, which makes the duration", "both")
+            raise table.fail("duration", "either duration or profile (which determines the duration)", "both")
         return 0.0, table.whole("smoothness", 3, 9) if "smoothness" in table else 0, bounds
     if kind == "sampled" and "duration" not in table and "smoothness" not in table:
         return 0.0, 0, ()
     return table.number("duration", above=0.0), table.whole("smoothness", 3, 9), ()
 
 
-def turn(table: Table, target: Output) -> tuple[float, ...]:
-    """The rotation vector of a move of the tool [rad]."""
+def read_rotation(table: Table, target: Output) -> tuple[float, ...]:
+    """Read the rotation vector of a move of the tool [rad]."""
     key = table.unit_key("rotation", required=False)
     if key and target.type != "tool_pose":
         raise table.fail(key, 'no rotation, or an output of type "tool_pose"')
     return table.angles("rotation", (True,) * 3, ZERO)
 
 
-def radius(table: Table) -> float:
-    """At which distance a turn of the tool counts as travel [m]."""
+def read_radius(table: Table) -> float:
+    """Read the radius that converts a rotation of the tool into a path length [m]."""
     return table.number("radius", RADIUS, above=0.0)
 
 
 def _legs(table: Table, target: Output) -> tuple[MoveL, ...]:
-    """Lines and arcs of a polyline."""
+    """Read the lines and arcs of a polyline."""
     out: list[MoveL] = []
     legs = table.tables("legs")
     for k, leg in enumerate(legs):
         leg.only("displacement", "via", "rotation_rad", "rotation_deg", "zone", "speed")
         if k + 1 == len(legs) and "zone" in leg:
-            raise leg.fail("zone", "no zone at the end")
+            raise leg.fail("zone", "no zone in the last leg")
         if "speed" in leg and "profile" not in table:
             raise leg.fail("speed", "no speed, or a profile of the move")
-        way = leg.vector("displacement", 3, what="m, world axes, from where the leg begins")
+        way = leg.vector("displacement", 3, what="m, world axes, from the start of the leg")
         speed, zone = leg.optional("speed", above=0.0), leg.number("zone", above=0.0) if k + 1 < len(legs) else 0.0
-        line = MoveL(way, rotation=turn(leg, target), speed=speed, zone=zone, where=where(leg))
+        line = MoveL(way, rotation=read_rotation(leg, target), speed=speed, zone=zone, where=position_in_file(leg))
         if "via" in leg:
-            via = leg.vector("via", 3, what="m, world axes, from where the leg begins")
+            via = leg.vector("via", 3, what="m, world axes, from the start of the leg")
             line = MoveC(way, rotation=line.rotation, speed=speed, zone=zone, where=line.where, via=via)
         out.append(line)
     return tuple(out)
 
 
 def _samples(table: Table) -> str:
-    """The file of a sampled path, relative to the file that names it."""
+    """Read the path of a file of samples, relative to the file that names it."""
     text = table.text("file")
     path = Path(table.entries["file"].file or table.file).parent / text
     try:
@@ -138,12 +138,12 @@ def _samples(table: Table) -> str:
     except (OSError, ValueError):  # a name that no file can have
         there = False
     if not there:
-        raise table.fail("file", "the path of a .csv or .npz file, from the folder of this one")
+        raise table.fail("file", "the path of a .csv or .npz file, relative to the folder of this file")
     return str(path)
 
 
-def moves(root: Table, target: Output, actuated: Sequence[Coordinate]) -> tuple[Move, ...]:
-    """The named reference moves; each must fit what the output prescribes."""
+def read_moves(root: Table, target: Output, actuated: Sequence[Coordinate]) -> tuple[Move, ...]:
+    """Read the reference moves; each must fit the output."""
     common = ("name", "type", "start_rad", "start_deg", "duration", "smoothness", "profile")
     turning = ("rotation_rad", "rotation_deg", "radius")
     extra = {
@@ -165,14 +165,14 @@ def moves(root: Table, target: Output, actuated: Sequence[Coordinate]) -> tuple[
         if kind == "output_line" and target.type in _TOOL:
             raise table.fail("type", "joint or tool_line, because the output is the tool's position or pose")
         started = kind != "sampled" or table.unit_key("start", required=False)
-        start = posture(table, "start", actuated) if started else ()
+        start = read_joint_position(table, "start", actuated) if started else ()
         duration, smoothness, bounds = _time(table, kind)
-        move = Move(name, kind, start, duration, smoothness, profile=bounds, where=where(table))
+        move = Move(name, kind, start, duration, smoothness, profile=bounds, where=position_in_file(table))
         if kind.startswith("tool") or kind == "sampled":
-            move = replace(move, radius=radius(table))
+            move = replace(move, radius=read_radius(table))
         if kind == "tool_line":
             way = table.vector("displacement", 3, what="m, world axes")
-            move = replace(move, displacement=way, rotation=turn(table, target))
+            move = replace(move, displacement=way, rotation=read_rotation(table, target))
         elif kind == "tool_circle":
             move = _circle(table, move, target)
         elif kind == "tool_polyline":
@@ -183,21 +183,21 @@ def moves(root: Table, target: Output, actuated: Sequence[Coordinate]) -> tuple[
                 raise table.fail("degree", "one of " + ", ".join(map(str, DEGREES)))
             move = replace(move, file=_samples(table), degree=degree)
         elif kind == "joint":
-            move = replace(move, end=posture(table, "end", actuated))
+            move = replace(move, end=read_joint_position(table, "end", actuated))
         else:
-            move = replace(move, displacement=table.vector("displacement", target.size, what="one for each output"))
+            move = replace(move, displacement=table.vector("displacement", target.size, what="one number per output"))
         out.append(move)
     return tuple(out)
 
 
 def _circle(table: Table, move: Move, target: Output) -> Move:
-    """An arc about a centre."""
+    """Read an arc about a center."""
     center, axis = table.vector("center", 3, what="m, world axes, from the start"), table.axis("axis")
     off = np.array(center) - np.dot(center, axis) * np.array(axis)
     if not np.linalg.norm(off) > 1e-9 * (1.0 + float(np.linalg.norm(center))):
-        raise table.fail("center", "a centre that is not on the axis through the start")
+        raise table.fail("center", "a center that is not on the axis through the start")
     angle = table.angle("angle")
     if not angle:
         key = table.unit_key("angle")
         raise table.fail(key, "an angle that is not 0")
-    return replace(move, center=center, axis=axis, angle=angle, rotation=turn(table, target))
+    return replace(move, center=center, axis=axis, angle=angle, rotation=read_rotation(table, target))

@@ -1,4 +1,4 @@
-"""TOML text to a tree of values that know their lines, which ``tomllib`` alone does not tell."""
+"""TOML parser that keeps the line number of each value, which ``tomllib`` does not provide."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 Path = tuple[str | int, ...]
 
-DEPTH = 16  # levels of nesting that a model file may have; the deepest key of the format needs eight
+DEPTH = 16  # levels of nesting in a model file; the deepest key of the format needs eight
 WIDTH = 2000  # characters in a line
 
 _SPACE = re.compile(r"(?:[ \t\n]|#[^\n]*)*")
@@ -24,7 +24,7 @@ _SCALAR = re.compile(r"[^,\]}#\n]*")
 
 @dataclass
 class Entry:
-    """A value, its line (0: not from the file) and its file; the entries of tables and lists are Entries again."""
+    """A value with its line (0: not from a file) and file; entries of tables and lists are Entries too."""
 
     value: Any
     line: int
@@ -32,7 +32,7 @@ class Entry:
 
 
 class TextError(Exception):
-    """The text cannot be read as TOML: what was given and expected, and the line (0 where it is not known)."""
+    """The text is not valid TOML: what was given and expected, and the line (0: unknown)."""
 
     def __init__(self, line: int, given: str, expected: str) -> None:
         self.line, self.given, self.expected = line, given, expected
@@ -40,12 +40,12 @@ class TextError(Exception):
 
 
 def parse(text: str, file: str = "") -> Entry:
-    """Parse TOML text into a tree of Entries that say that they are from the file.
+    """Parse TOML text into a tree of Entries with lines and file.
 
     Raises
     ------
     TextError
-        Where the text is not TOML, or is nested too deeply.
+        The text is not valid TOML, or is nested too deeply.
     """
     text = text.replace("\r\n", "\n")
     for number, row in enumerate(text.split("\n"), 1):
@@ -67,7 +67,7 @@ def parse(text: str, file: str = "") -> Entry:
 
 
 def check_depth(data: Any) -> None:
-    """Raise TextError where tables and lists are nested more than DEPTH levels deep; recursion is safe after it."""
+    """Raise TextError if tables and lists are nested more than DEPTH levels deep; makes recursion safe."""
     level = [data]
     for _ in range(DEPTH + 1):
         level = [
@@ -82,12 +82,12 @@ def check_depth(data: Any) -> None:
 
 
 def wrap(data: Any, line: int = 0, file: str = "") -> Entry:
-    """Plain data as Entries that all have the same line and file."""
+    """Convert plain data to Entries with the same line and file."""
     return _attach(data, (), {}, line, file)
 
 
 def unwrap(entry: Entry) -> Any:
-    """The plain data of an Entry."""
+    """Convert an Entry to plain data."""
     value = entry.value
     if isinstance(value, dict):
         return {key: unwrap(child) for key, child in value.items()}
@@ -95,7 +95,7 @@ def unwrap(entry: Entry) -> Any:
 
 
 def copy(entry: Entry) -> Entry:
-    """A copy whose tables and lists can be changed without changing the original."""
+    """Copy an Entry with all its tables and lists."""
     value = entry.value
     if isinstance(value, dict):
         value = {key: copy(child) for key, child in value.items()}
@@ -115,7 +115,7 @@ def _attach(data: Any, path: Path, lines: dict[Path, int], line: int, file: str)
 
 
 class _Scanner:
-    """Finds the line of every key and list entry in text that is known to be TOML; ``lines`` maps paths to lines."""
+    """Finds the line of each key and list entry in text that is valid TOML; ``lines`` maps paths to lines."""
 
     def __init__(self, text: str) -> None:
         self.text, self.pos = text, 0
@@ -130,7 +130,7 @@ class _Scanner:
                 self.pair(here)
 
     def skip(self) -> bool:
-        """Skip blanks, line ends and comments; False at the end of the text."""
+        """Skip blanks, line ends and comments; return False at the end of the text."""
         self.pos = self.match(_SPACE, self.pos)
         return self.pos < len(self.text)
 
@@ -139,7 +139,7 @@ class _Scanner:
         return pos if found is None else found.end()
 
     def note(self, path: Path) -> None:
-        """Remember the present line for a path and for those of its parents that have none yet."""
+        """Store the current line for a path and for its parents that have none yet."""
         line = bisect_right(self.breaks, self.pos) + 1
         for n in range(1, len(path) + 1):
             self.lines.setdefault(path[:n], line)
@@ -164,7 +164,7 @@ class _Scanner:
         return path
 
     def keys(self) -> list[str]:
-        """A dotted key, and the blanks around it."""
+        """Read a dotted key and the blanks around it."""
         out: list[str] = []
         while True:
             self.skip()

@@ -1,8 +1,8 @@
-"""URDF files to links and joints: one tree, checked as a whole, and checked numbers on demand.
+"""URDF files: the tree of links and joints, and checked access to their numbers.
 
-What the dynamics of an arm need is read and everything else (pictures, collisions, transmissions, extensions) is passed
-over. The tree of the file is checked as a whole; the numbers of a link or joint are checked when somebody asks for
-them, so that a part which nobody uses may be wrong.
+Only data for the dynamics of an arm are read; everything else (visuals, collisions, transmissions, extensions) is
+ignored. The tree is checked as a whole. The numbers of a link or joint are checked when they are used: errors in unused
+links and joints are not reported.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ import numpy as np
 
 from flexgen.errors import ModelError
 from flexgen.model.checked_table import LARGEST, SMALLEST, bare, show
-from flexgen.model.component_tables import rotation
+from flexgen.model.component_tables import rotation_matrix
 from flexgen.model.toml_lines import WIDTH
 from flexgen.model.xml_lines import MarkupError, Node, parse
 
 SIZE_MAX = 2_000_000  # bytes
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
-INERTIA_TOLERANCE = 1e-6  # of the triangle inequality, relative to the largest moment: files carry six digits or so
-_AXIS_TOLERANCE = 1e-3  # of the length of an axis: directions are written with few digits
+INERTIA_TOLERANCE = 1e-6  # of the triangle inequality, relative to the largest moment: files have about six digits
+_AXIS_TOLERANCE = 1e-3  # of the length of an axis: directions have few digits
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _MOMENTS = ("ixx", "iyy", "izz", "ixy", "iyz", "ixz")
@@ -43,7 +43,7 @@ _CHILDREN = {
 
 @dataclass(frozen=True)
 class Pose:
-    """``p_parent = position + rotation @ p_child``: what one frame is in another, position in m."""
+    """Pose of a child frame in its parent: ``p_parent = position + rotation @ p_child``, position in m."""
 
     rotation: np.ndarray
     position: np.ndarray
@@ -52,22 +52,22 @@ class Pose:
         return Pose(self.rotation @ other.rotation, self.position + self.rotation @ other.position)
 
 
-def nowhere() -> Pose:
-    """The pose of a frame in itself."""
+def identity_pose() -> Pose:
+    """The identity pose."""
     return Pose(np.eye(3), np.zeros(3))
 
 
 @dataclass(frozen=True)
 class Inertial:
-    """Mass [kg], centre of mass [m] and inertia tensor about the centre [kg m^2], in the axes of a frame."""
+    """Mass [kg], center of mass [m] and inertia tensor about it [kg m^2], in the axes of a frame."""
 
     mass: float
     com: np.ndarray
     inertia: np.ndarray
-    reduced: bool = False  # the triangle inequality of the principal moments does not hold, and need not
+    reduced: bool = False  # the principal moments need not satisfy the triangle inequality
 
     def seen_from(self, pose: Pose) -> Inertial:
-        """The same body in the parent of the frame that stands at the pose."""
+        """The same body, expressed in the parent of the frame with this pose."""
         R = pose.rotation
         return Inertial(self.mass, pose.position + R @ self.com, R @ self.inertia @ R.T, self.reduced)
 
@@ -85,7 +85,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class Link:
-    """A link: its name and where it stands in the file."""
+    """A link: its name and its element in the file."""
 
     name: str
     node: Node
@@ -93,7 +93,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint between two links, and where it stands in the file."""
+    """A joint between two links, and its element in the file."""
 
     name: str
     type: str
@@ -103,24 +103,24 @@ class Joint:
 
     @property
     def movable(self) -> bool:
-        """Whether it lets its child move."""
+        """Whether the child can move relative to the parent."""
         return self.type != "fixed"
 
 
 class Urdf:
-    """The links and joints of a URDF file; its methods return checked numbers or raise ModelError.
+    """Links and joints of a URDF file; the methods return checked numbers or raise ModelError.
 
     Parameters
     ----------
     path : Path
         The file.
     file : str
-        What to call it in messages.
+        Name of the file in messages.
 
     Raises
     ------
     ModelError
-        Where the file is no URDF: malformed, too large, not one tree of links, or one with a name twice.
+        The file is not valid: malformed, too large, not one tree of links, or with a duplicate name.
     """
 
     def __init__(self, path: Path, file: str) -> None:
@@ -129,15 +129,17 @@ class Urdf:
             with path.open("rb") as stream:
                 raw = stream.read(SIZE_MAX + 1)
         except OSError as error:
-            self.fail(0, "file", f"one that cannot be read ({error.strerror})", "a URDF file")
+            self.fail(0, "file", f"a file that cannot be read ({error.strerror})", "a readable URDF file")
         if len(raw) > SIZE_MAX:
-            self.fail(0, "file", f"more than {SIZE_MAX} bytes", "a URDF file")
+            self.fail(0, "file", f"more than {SIZE_MAX} bytes", f"at most {SIZE_MAX} bytes")
         try:
             root = parse(raw)
         except MarkupError as error:
             self.fail(error.line, "file", error.given, error.expected)
         if root.tag != "robot":
-            self.fail(root.line, "file", f"the element {show(root.tag)}", "<robot name=...>, that is a URDF file")
+            self.fail(
+                root.line, "file", f"the element {show(root.tag)}", "a URDF file, which starts with <robot name=...>"
+            )
         self._spelled(root, "robot")
         self.name = self._attribute(root, "robot", "name")
         self.links: dict[str, Link] = {}
@@ -155,19 +157,19 @@ class Urdf:
         self._check_tree(root)
 
     def fail(self, line: int, key: str, given: str, expected: str) -> NoReturn:
-        """Raise the error for a place of this file."""
+        """Raise the error for a line of this file."""
         raise ModelError(self.file, line, key, given, expected)
 
     # --- the tree -----------------------------------------------------------------------------------------------------
 
     @cached_property
-    def holder(self) -> dict[str, Joint]:
-        """The joint that holds a link, by the name of the link."""
+    def parent_joint(self) -> dict[str, Joint]:
+        """Parent joint of each link, by the name of the link."""
         return {joint.child: joint for joint in self.joints.values()}
 
     @cached_property
-    def held(self) -> dict[str, list[Joint]]:
-        """The joints that hang on a link, by the name of the link."""
+    def child_joints(self) -> dict[str, list[Joint]]:
+        """Child joints of each link, by the name of the link."""
         out: dict[str, list[Joint]] = {name: [] for name in self.links}
         for joint in self.joints.values():
             out[joint.parent].append(joint)
@@ -176,7 +178,7 @@ class Urdf:
     def _once(self, node: Node, kind: str, name: str, known: dict[str, Any]) -> None:
         if name in known:
             first = known[name].node.line
-            given = f"{show(name)} again, which stands in line {first} already"
+            given = f"a second {kind} {show(name)}, the first one is in line {first}"
             self.fail(node.line, key(kind, name), given, f"each {kind} once")
 
     def _joint(self, node: Node, name: str) -> Joint:
@@ -197,12 +199,12 @@ class Urdf:
         return Joint(name, kind, ends[0], ends[1], node)
 
     def _check_tree(self, root: Node) -> None:
-        """One root, one parent for each other link, and a way from the root to every link."""
+        """Check that there is one root, and that each other link has one parent and is reached from the root."""
         first: dict[str, Joint] = {}
         for joint in self.joints.values():
             other = first.setdefault(joint.child, joint)
             if other is not joint:
-                given = f"{show(joint.child)}, which joint {show(other.name)} holds already"
+                given = f"{show(joint.child)}, which already is the child of joint {show(other.name)}"
                 self.fail(joint.node.line, f"{key('joint', joint.name)}.child", given, "one parent for each link")
         roots = [name for name in self.links if name not in first]
         if len(roots) > 1:
@@ -212,7 +214,7 @@ class Urdf:
         reached = set(roots)
         todo = list(roots)
         while todo:
-            for joint in self.held[todo.pop()]:
+            for joint in self.child_joints[todo.pop()]:
                 reached.add(joint.child)
                 todo.append(joint.child)
         for name, link in self.links.items():
@@ -224,7 +226,7 @@ class Urdf:
     # --- checked access -----------------------------------------------------------------------------------------------
 
     def _spelled(self, node: Node, here: str) -> None:
-        """Refuse children whose tags look like misspelled ones of the format; extensions are passed over."""
+        """Raise an error for an element with a misspelled name; extensions are ignored."""
         known = _CHILDREN[node.tag]
         odd = {child.tag: child for child in reversed(node.children) if child.tag not in known}
         for child in list(odd.values())[:100]:
@@ -235,13 +237,13 @@ class Urdf:
     def _child(self, node: Node, here: str, tag: str) -> Node | None:
         found = [child for child in node.children if child.tag == tag]
         if len(found) > 1:
-            self.fail(found[1].line, f"{here}.{tag}", f"<{tag}> again", "it once")
+            self.fail(found[1].line, f"{here}.{tag}", f"a second <{tag}>", f"one <{tag}>")
         return found[0] if found else None
 
     def _attribute(self, node: Node, here: str, name: str) -> str:
         value = node.attributes.get(name, "")
         if not value.strip():
-            given = "nothing" if name not in node.attributes else "an empty text"
+            given = "nothing" if name not in node.attributes else "an empty string"
             self.fail(node.line, f"{here}.{name}", given, f'the attribute {name}="..."')
         if len(value) > WIDTH:
             self.fail(node.line, f"{here}.{name}", f"a text of {len(value)} characters", f"at most {WIDTH}")
@@ -256,26 +258,26 @@ class Urdf:
         text = self._attribute(node, here, name)
         words = text.split()
         if len(words) != count or not all(_NUMBER.fullmatch(word) for word in words):
-            hint = " (the file looks like one that xacro has not expanded)" if "${" in text else ""
+            hint = " (the file seems to be xacro source that is not expanded)" if "${" in text else ""
             self.fail(node.line, f"{here}.{name}", show(text), expected + hint)
         values = [float(word) for word in words]
         largest = max(map(abs, values))
         if not largest <= LARGEST:
             self.fail(node.line, f"{here}.{name}", show(text), f"{expected} of magnitude at most {LARGEST:g}")
-        return without_dust(values)
+        return zero_tiny(values)
 
     def _pose(self, node: Node, here: str) -> Pose:
-        """The <origin> of a joint or an inertial; that of its parent where there is none."""
+        """The <origin> of a joint or an inertial; the identity if there is none."""
         origin = self._child(node, here, "origin")
         if origin is None:
-            return nowhere()
+            return identity_pose()
         here = f"{here}.origin"
         rpy = self._numbers(origin, here, "rpy", 3, (0.0, 0.0, 0.0))
         position = self._numbers(origin, here, "xyz", 3, (0.0, 0.0, 0.0))
-        return Pose(np.array(rotation(tuple(rpy), degrees=False)), np.array(position))
+        return Pose(np.array(rotation_matrix(tuple(rpy), degrees=False)), np.array(position))
 
     def origin(self, joint: Joint) -> Pose:
-        """Where a joint stands in its parent link."""
+        """Pose of a joint in its parent link."""
         return self._pose(joint.node, key("joint", joint.name))
 
     def axis(self, joint: Joint) -> list[float]:
@@ -283,7 +285,7 @@ class Urdf:
         here = f"{key('joint', joint.name)}.axis"
         node = self._child(joint.node, key("joint", joint.name), "axis")
         if node is None:
-            return [1.0, 0.0, 0.0]  # what the format says
+            return [1.0, 0.0, 0.0]  # the default of the format
         values = self._numbers(node, here, "xyz", 3)
         length = math.hypot(*values)
         if abs(length - 1.0) > _AXIS_TOLERANCE:
@@ -291,12 +293,12 @@ class Urdf:
         return [x / length for x in values]
 
     def mimics(self, joint: Joint) -> int | None:
-        """The line of <mimic>, or None."""
+        """Line of <mimic>, or None if there is none."""
         node = self._child(joint.node, key("joint", joint.name), "mimic")
         return None if node is None else node.line
 
     def limit(self, joint: Joint) -> Limit | None:
-        """The limits of a movable joint; None for a continuous joint without any."""
+        """Limits of a movable joint; None for a continuous joint without limits."""
         where = key("joint", joint.name)
         switch = f"(or in the overlay: [joint.{bare(joint.name)}] limits = false)"
         node = self._child(joint.node, where, "limit")
@@ -337,9 +339,9 @@ class Urdf:
         return node.line, values[0], values[1]
 
     def inertial(self, link: Link, reduced: bool = False) -> Inertial | None:
-        """Mass, centre and inertia of a link in its frame; None for a massless one.
+        """Mass, center of mass and inertia of a link in its frame; None for a massless link.
 
-        ``reduced``: a tensor whose largest principal moment exceeds the sum of the other two passes.
+        ``reduced``: the largest principal moment may exceed the sum of the other two.
         """
         where = key("link", link.name)
         self._spelled(link.node, where)
@@ -376,27 +378,29 @@ class Urdf:
         given = "principal moments " + ", ".join(f"{x * largest:.6g}" for x in (low, middle, high))
         table = f"in the overlay: [link.{bare(link.name)}]"
         if low < -1e-9:
-            self.fail(line, here, given, f"none below 0 (or {table} body = {{ mass = ..., inertia = [...] }})")
+            self.fail(
+                line, here, given, f"principal moments >= 0 (or {table} body = {{ mass = ..., inertia = [...] }})"
+            )
         if not reduced and low + middle < high * (1.0 - INERTIA_TOLERANCE):
-            wanted = f"none larger than the sum of the other two (or {table} inertia_reduced = true)"
+            wanted = f"no moment larger than the sum of the other two (or {table} inertia_reduced = true)"
             self.fail(line, here, given, wanted)
 
 
 def key(kind: str, name: str) -> str:
-    """A link or joint in an error message."""
+    """Key of a link or joint in an error message."""
     return f"{kind}.{bare(name) if len(name) <= 60 else show(name)}"
 
 
-def without_dust(values: Iterable[float]) -> list[float]:
-    """The numbers, with 0 in place of those that are smaller than any that a model can have."""
+def zero_tiny(values: Iterable[float]) -> list[float]:
+    """Replace numbers below the smallest magnitude of a model by 0."""
     return [x if abs(x) >= SMALLEST else 0.0 for x in values]
 
 
 def among(word: str, names: Iterable[str]) -> str:
-    """Text for a message: what was probably meant, and the first few of what there is."""
+    """Text for a message: the most similar known name, if any, and the first known names."""
     known = list(names)[:1000]
     if not known:
-        return "nothing here"
+        return "no name"
     near = difflib.get_close_matches(word, known, 1)
     listed = ", ".join(show(name) for name in known[:8]) + (", ..." if len(known) > 8 else "")
     return f"{show(near[0])} (there are: {listed})" if near else f"one of {listed}"

@@ -1,4 +1,4 @@
-"""The serial chain between two links of a URDF file: moving joints, and the bodies that fixed joints lump together."""
+"""Serial chain between two links of a URDF file: its moving joints and the bodies that they move."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from flexgen.errors import ModelError
 from flexgen.model.checked_table import bare, show
-from flexgen.model.urdf import Inertial, Joint, Link, Pose, Urdf, key, nowhere
+from flexgen.model.urdf import Inertial, Joint, Link, Pose, Urdf, identity_pose, key
 
 MOVING = ("revolute", "continuous", "prismatic")
 
@@ -18,10 +18,10 @@ InertialOf = Callable[[Link], Inertial | None]
 
 @dataclass(frozen=True)
 class Segment:
-    """A moving joint with what it carries.
+    """A moving joint and the body that it moves.
 
-    ``origin``: where the joint stands in the frame of the previous segment's link (in the base link for the first).
-    ``body``: everything that is fixed to its child link, in the child's frame; None where that has no mass.
+    ``origin``: pose of the joint in the link of the previous segment (in the base link for the first one). ``body``:
+    all links fixed to the child link, lumped, in the frame of the child; None if their mass is 0.
     """
 
     joint: Joint
@@ -32,63 +32,63 @@ class Segment:
 
 @dataclass(frozen=True)
 class Chain:
-    """The segments from the base to the tip, and the pose of the tip in the last link."""
+    """Segments from the base to the tip, and the pose of the tip in the last link."""
 
     segments: tuple[Segment, ...]
     tip: Pose
 
 
-def follow(
+def find_chain(
     urdf: Urdf, base: str, tip: str, locked: Mapping[str, float], dropped: frozenset[str], inertial: InertialOf
 ) -> Chain:
-    """The chain from ``base`` to ``tip``.
+    """Find the chain from ``base`` to ``tip``.
 
     Parameters
     ----------
     urdf : Urdf
     base, tip : str
-        Names of links; the base is the ground, so that what else hangs on it does not matter.
+        Names of links; the base is the ground, and other branches at the base are ignored.
     locked : mapping
-        Joints that are fixed at a position [rad or m].
+        Positions of joints that are fixed [rad or m].
     dropped : set
-        Joints beside the chain that are left out with all that hangs on them.
+        Joints outside the chain that are left out with all links behind them.
     inertial : callable
-        The inertial of a link, or None.
+        Returns the inertial of a link, or None.
 
     Raises
     ------
     ModelError
-        There is no such chain, or something that moves hangs on it.
+        There is no such chain, or a joint outside the chain can move.
     """
     segments: list[Segment] = []
-    joint, link, origin = None, urdf.links[base], nowhere()
+    joint, link, origin = None, urdf.links[base], identity_pose()
     bodies: list[Inertial] = []
-    here = nowhere()  # the link reached so far, in the frame of the last moving link or of the base
+    here = identity_pose()  # the current link, in the frame of the last moving link or of the base
     path = _path(urdf, base, tip)
     on_path = {step.name for step in path}
     for step in path:
         if not step.movable or step.name in locked:
-            here = here @ placed(urdf, step, locked)
+            here = here @ fixed_pose(urdf, step, locked)
         else:
             if joint is not None:
-                segments.append(Segment(joint, link, origin, lumped(bodies)))
+                segments.append(Segment(joint, link, origin, lump_bodies(bodies)))
             joint, link = step, urdf.links[step.child]
-            origin, here, bodies = here @ urdf.origin(step), nowhere(), []
+            origin, here, bodies = here @ urdf.origin(step), identity_pose(), []
             _check_type(urdf, step)
         if joint is not None:
             bodies += _fixed_to(urdf, step.child, here, on_path, locked, dropped, inertial)
     if joint is None:
         line = urdf.links[tip].node.line
         given = f"no moving joint between {show(base)} and {show(tip)}"
-        urdf.fail(line, key("link", tip), given, "links with at least one in between")
-    segments.append(Segment(joint, link, origin, lumped(bodies)))
+        urdf.fail(line, key("link", tip), given, "a chain with at least one moving joint")
+    segments.append(Segment(joint, link, origin, lump_bodies(bodies)))
     return Chain(tuple(segments), here)
 
 
-def lumped(bodies: list[Inertial]) -> Inertial | None:
-    """Bodies that are fixed to each other, as one.
+def lump_bodies(bodies: list[Inertial]) -> Inertial | None:
+    """Lump bodies that are fixed to each other into one.
 
-    ``I = sum(I_k + m_k (|d_k|^2 1 - d_k d_k'))`` with d_k from the common centre to that of body k.
+    ``I = sum(I_k + m_k (|d_k|^2 1 - d_k d_k'))`` with d_k from the common center of mass to that of body k.
     """
     if len(bodies) < 2:
         return bodies[0] if bodies else None
@@ -101,8 +101,8 @@ def lumped(bodies: list[Inertial]) -> Inertial | None:
     return Inertial(mass, com, inertia, any(body.reduced for body in bodies))
 
 
-def placed(urdf: Urdf, joint: Joint, locked: Mapping[str, float]) -> Pose:
-    """The child link in the parent link, for a joint that is fixed or locked."""
+def fixed_pose(urdf: Urdf, joint: Joint, locked: Mapping[str, float]) -> Pose:
+    """Pose of the child link in the parent link, for a joint that is fixed or locked."""
     pose, value = urdf.origin(joint), locked.get(joint.name, 0.0)
     if value == 0.0:
         return pose
@@ -116,14 +116,16 @@ def placed(urdf: Urdf, joint: Joint, locked: Mapping[str, float]) -> Pose:
 
 
 def _path(urdf: Urdf, base: str, tip: str) -> list[Joint]:
-    """The joints from the base to the tip."""
+    """Joints from the base to the tip."""
     out: list[Joint] = []
     link = tip
     while link != base:
-        holder = urdf.holder.get(link)
+        holder = urdf.parent_joint.get(link)
         if holder is None:
-            given = f"{show(tip)}, which does not hang on {show(base)} but on {show(link)}"
-            urdf.fail(urdf.links[tip].node.line, key("link", tip), given, "a tip behind the base")
+            given = f"{show(tip)}, which is not behind {show(base)} (its root is {show(link)})"
+            urdf.fail(
+                urdf.links[tip].node.line, key("link", tip), given, "a tip that is behind the base in the tree of links"
+            )
         out.append(holder)
         link = holder.parent
     return out[::-1]
@@ -136,8 +138,8 @@ def _check_type(urdf: Urdf, joint: Joint) -> None:
         urdf.fail(joint.node.line, f"{key('joint', joint.name)}.type", show(joint.type), expected)
     line = urdf.mimics(joint)
     if line is not None:
-        given = "a joint of the chain that follows another one"
-        urdf.fail(line, f"{key('joint', joint.name)}.mimic", given, f"joints that move by themselves {lock}")
+        given = "a joint of the chain that mimics another one"
+        urdf.fail(line, f"{key('joint', joint.name)}.mimic", given, f"independent joints {lock}")
 
 
 def _fixed_to(
@@ -149,7 +151,7 @@ def _fixed_to(
     dropped: frozenset[str],
     inertial: InertialOf,
 ) -> list[Inertial]:
-    """The bodies of a link at a pose and of all that is fixed to it beside the chain."""
+    """Bodies of a link with this pose and of all links outside the chain that are fixed to it."""
     out: list[Inertial] = []
     todo = [(name, pose)]
     while todo:
@@ -157,19 +159,19 @@ def _fixed_to(
         body = inertial(urdf.links[name])
         if body is not None:
             out.append(body.seen_from(pose))
-        for joint in urdf.held[name]:
+        for joint in urdf.child_joints[name]:
             if joint.name in on_path or joint.name in dropped:
                 continue
             if joint.movable and joint.name not in locked:
                 raise _loose(urdf, joint)
-            todo.append((joint.child, pose @ placed(urdf, joint, locked)))
+            todo.append((joint.child, pose @ fixed_pose(urdf, joint, locked)))
     return out
 
 
 def _loose(urdf: Urdf, joint: Joint) -> ModelError:
-    """The error for a joint beside the chain that moves."""
-    given = f"a {joint.type} joint beside the chain"
-    expected = f"in the overlay [urdf] drop = [{show(joint.name)}] (left out with all that hangs on it)"
+    """The error for a joint outside the chain that can move."""
+    given = f"a {joint.type} joint outside the chain"
+    expected = f"in the overlay [urdf] drop = [{show(joint.name)}] (omits the joint and all links behind it)"
     if joint.type in MOVING:
-        expected += f" or lock = {{ {bare(joint.name)} = 0.0 }} (fixed there, its masses count)"
+        expected += f" or lock = {{ {bare(joint.name)} = 0.0 }} (fixes it at this position, its links are kept)"
     return ModelError(urdf.file, joint.node.line, key("joint", joint.name), given, expected)

@@ -1,4 +1,4 @@
-"""Where a URDF file is: a path, ``package://NAME/PATH``, and the short form ``FILE#BASE:TIP`` of a robot in it."""
+"""Lookup of URDF files: a path, ``package://NAME/PATH``, and the short form ``FILE#BASE:TIP`` of a robot."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from flexgen.model.toml_lines import Entry, wrap
 from flexgen.model.urdf import Urdf
 
 PACKAGE = "package://"
-PLACES = "ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and the share folders of this Python"
+SEARCHED = "ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and the share folders of this Python"
 
 
 def from_here(path: Path) -> str:
-    """The path as it opens from the current directory: relative where it is below, else absolute."""
+    """The path relative to the current directory if it is inside of it, else the absolute path."""
     try:
         absolute, here = Path(os.path.abspath(path)), Path.cwd()
     except OSError:  # the current directory is gone
@@ -26,18 +26,18 @@ def from_here(path: Path) -> str:
     return str(absolute.relative_to(here) if absolute.is_relative_to(here) else absolute)
 
 
-def located(table: Table, folder: Path) -> tuple[Path, str]:
-    """The URDF file under the key ``file`` of an overlay in a folder, and what to call it."""
+def find_urdf(table: Table, folder: Path) -> tuple[Path, str]:
+    """The URDF file under the key ``file`` of an overlay in a folder, and its name in messages."""
     text = table.text("file")
     path = _found(text, folder)
     if path is None:
-        expected = f"a file of a package found in {PLACES}" if text.startswith(PACKAGE) else "the path of a URDF file"
-        raise table.fail("file", expected, f"{show(text)}, which is no file")
+        expected = f"a file of a package found in {SEARCHED}" if text.startswith(PACKAGE) else "the path of a URDF file"
+        raise table.fail("file", expected, f"{show(text)}, which is not a file")
     return path, from_here(path)
 
 
 def _found(text: str, folder: Path) -> Path | None:
-    """The regular file that a text means, or None."""
+    """The regular file with this path or package URL, or None."""
     try:
         path = _in_package(text) if text.startswith(PACKAGE) else folder / text
         return path if path is not None and path.is_file() else None
@@ -46,7 +46,7 @@ def _found(text: str, folder: Path) -> Path | None:
 
 
 def _in_package(text: str) -> Path | None:
-    """The file that ``package://NAME/PATH`` means: the first one that exists."""
+    """The first existing file for ``package://NAME/PATH``, or None."""
     name, _, rest = text.removeprefix(PACKAGE).partition("/")
     if not name or not rest or ".." in (name, *rest.split("/")):
         return None
@@ -57,7 +57,7 @@ def _in_package(text: str) -> Path | None:
 
 
 def _shares(name: str) -> Iterator[Path]:
-    """Folders in which a package of that name may lie: those of ROS 1, ROS 2, and of installed Python packages."""
+    """Folders in which the package is searched: those of ROS 1, ROS 2, and of installed Python packages."""
     for place in filter(None, os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)):
         yield Path(place)
         if Path(place).name == name:
@@ -69,14 +69,14 @@ def _shares(name: str) -> Iterator[Path]:
 
 
 def plain_urdf(model: object, base: str | None, tip: str | None) -> tuple[Entry, str, str] | None:
-    """A URDF file without an overlay: the overlay that it needs, what to call it, and how to read it again.
+    """A URDF file without an overlay: the overlay it needs, its name in messages, and the text to read it again.
 
-    None where the model is something else.
+    None if the model is not a URDF file.
 
     Raises
     ------
     ArgumentError
-        The file or its ends are missing.
+        The file or its ends are not given or do not exist.
     """
     if not isinstance(model, (str, Path)):
         return None
@@ -97,12 +97,12 @@ def plain_urdf(model: object, base: str | None, tip: str | None) -> tuple[Entry,
             raise ArgumentError(f"{what}: given {name!r}, expected the name of a link")
     path = _found(file, Path())
     if path is None:
-        where = f" below {PLACES}" if file.startswith(PACKAGE) else ""
-        raise ArgumentError(f"model: given {file!r}, which is no file{where}, expected the path of a .urdf file")
+        where = f" below {SEARCHED}" if file.startswith(PACKAGE) else ""
+        raise ArgumentError(f"model: given {file!r}, which is not a file{where}, expected the path of a .urdf file")
     if not base or not tip:
         urdf = Urdf(path, from_here(path))
         inner = {joint.parent for joint in urdf.joints.values()}
-        first = ", ".join(show(name) for name in urdf.links if name not in urdf.holder)
+        first = ", ".join(show(name) for name in urdf.links if name not in urdf.parent_joint)
         last = ", ".join([show(name) for name in urdf.links if name not in inner][:12])
         raise ArgumentError(
             f"model: given {text!r}, a URDF file without the two ends of the robot in it, expected {file}#BASE:TIP (or "

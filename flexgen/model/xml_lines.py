@@ -1,4 +1,4 @@
-"""XML text to elements that know their lines; document types, entities and references to other files are refused."""
+"""XML parser that keeps line numbers; document types, entities and references to other files raise an error."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Node:
 
 
 class _Tree:
-    """Receives what the XML parser finds and keeps it with the lines."""
+    """Builds the tree of elements with their lines from the events of the XML parser."""
 
     def __init__(self) -> None:
         self.root: Node | None = None
@@ -49,14 +49,14 @@ class _Tree:
         self.stack.pop()
 
     def data(self, text: str) -> None:
-        """Text between the elements says nothing in URDF."""
+        """Ignore text between elements: URDF has none."""
 
     def close(self) -> Node | None:
         return self.root
 
 
 class MarkupError(Exception):
-    """The text is not read: what was given and expected, and the line."""
+    """The text is not accepted: what was given and expected, and the line."""
 
     def __init__(self, line: int, given: str, expected: str) -> None:
         self.line, self.given, self.expected = line, given, expected
@@ -64,12 +64,12 @@ class MarkupError(Exception):
 
 
 def parse(raw: bytes) -> Node:
-    """Parse a URDF file's bytes into its outermost element.
+    """Parse the bytes of a URDF file into its root element.
 
     Raises
     ------
     MarkupError
-        Where it is not XML, has a document type (in which entities would be declared), or is nested too deeply.
+        The text is not XML, has a document type (which could declare entities), or is nested too deeply.
     """
     tree = _Tree()
     parser = DefusedXMLParser(target=tree, forbid_dtd=True, forbid_entities=True, forbid_external=True)
@@ -86,7 +86,7 @@ def parse(raw: bytes) -> Node:
     except ParseError as error:
         reason = str(error).partition(": line ")[0]
         raise MarkupError(error.position[0], f"text that is not XML ({reason})", "a URDF file") from None
-    except (ValueError, LookupError):  # an encoding that there is not, or that expat cannot use
+    except (ValueError, LookupError):  # an encoding that does not exist or that expat does not support
         raise MarkupError(1, "an unknown encoding", "a URDF file in UTF-8") from None
-    assert isinstance(root, Node)  # a document without an element is not XML
+    assert isinstance(root, Node)  # a document without an element is not well-formed
     return root

@@ -136,7 +136,7 @@ BAD_URDF = {
     ),
     "not a robot": ([('<robot name="arm">', '<sdf name="arm"><!--!-->'), ("</robot>", "</sdf>")], "file", ["<robot"]),
     "no name": ([('<robot name="arm">', "<robot><!--!-->")], "robot.name", ["given nothing"]),
-    "empty name": ([('<link name="foot"/>', '<link name=" "/><!--!-->')], "link.name", ["an empty text"]),
+    "empty name": ([('<link name="foot"/>', '<link name=" "/><!--!-->')], "link.name", ["an empty string"]),
     "name of thousands": (
         [('"grey"', '"grey"'), ('<link name="tip"/>', f'<link name="{"x" * 3000}"/><!--!-->')],
         "link.name",
@@ -191,12 +191,12 @@ BAD_URDF = {
     "origin twice": (
         [('<origin xyz="0.5 0 0"/>', '<origin xyz="0.5 0 0"/><origin/><!--!-->')],
         "joint.slide.origin",
-        ["<origin> again"],
+        ["a second <origin>"],
     ),
     "inertial twice": (
         [('<link name="tip"/>', '<link name="tip"><inertial/><inertial/><!--!--></link>')],
         "link.tip.inertial",
-        ["again"],
+        ["a second <inertial>"],
     ),
     "joint without a type": (
         [('name="lift" type="revolute">', 'name="lift"><!--!-->')],
@@ -302,12 +302,12 @@ BAD_URDF = {
     "negative inertia": (
         [(BOOM, BOOM.replace("0.02", "-0.02") + "<!--!-->")],
         "boom.inertial.inertia",
-        ["none below 0", "[link.boom] body"],
+        ["principal moments >= 0", "[link.boom] body"],
     ),
     "indefinite inertia": (
         [(BOOM, BOOM.replace('ixy="0"', 'ixy="0.5"') + "<!--!-->")],
         "boom.inertial.inertia",
-        ["none below 0"],
+        ["principal moments >= 0"],
     ),
     "triangle": (
         [(BOOM, BOOM.replace('izz="0.3"', 'izz="0.4"') + "<!--!-->")],
@@ -408,7 +408,7 @@ BAD_URDF = {
         "link.base.name",
         ["base is the ground"],
     ),
-    "joint beside the chain": (
+    "joint outside the chain": (
         [
             (
                 '<link name="tip"/>',
@@ -417,7 +417,7 @@ BAD_URDF = {
             )
         ],
         "joint.loose",
-        ["beside the chain", 'drop = ["loose"]', "lock = { loose = 0.0 }"],
+        ["outside the chain", 'drop = ["loose"]', "lock = { loose = 0.0 }"],
     ),
     "floating beside the chain": (
         [
@@ -428,17 +428,17 @@ BAD_URDF = {
             )
         ],
         "joint.loose",
-        ["beside the chain", 'drop = ["loose"]'],
+        ["outside the chain", 'drop = ["loose"]'],
     ),
 }
 
 # name: edits of the overlay, end of the key, words; the line is marked by #!
 BAD_OVERLAY = {
     "no file": ([('file = "arm.urdf"\n', "")], "urdf.file", ["given nothing"]),
-    "missing file": ([('file = "arm.urdf"', 'file = "leg.urdf" #!')], "urdf.file", ["which is no file"]),
-    "folder": ([('file = "arm.urdf"', 'file = "." #!')], "urdf.file", ["which is no file"]),
+    "missing file": ([('file = "arm.urdf"', 'file = "leg.urdf" #!')], "urdf.file", ["which is not a file"]),
+    "folder": ([('file = "arm.urdf"', 'file = "." #!')], "urdf.file", ["which is not a file"]),
     "file with a null": ([('file = "arm.urdf"', 'file = "a\\u0000" #!')], "urdf.file", ["control character"]),
-    "file of thousands": ([('"arm.urdf"', f'"{"x" * 1900}" #!')], "urdf.file", ["which is no file"]),
+    "file of thousands": ([('"arm.urdf"', f'"{"x" * 1900}" #!')], "urdf.file", ["which is not a file"]),
     "unknown package": ([('"arm.urdf"', '"package://no_such_package/arm.urdf" #!')], "urdf.file", ["ROS_PACKAGE_PATH"]),
     "package without a file": ([('"arm.urdf"', '"package://arm" #!')], "urdf.file", ["ROS_PACKAGE_PATH"]),
     "way out of a package": ([('"arm.urdf"', '"package://x/../arm.urdf" #!')], "urdf.file", ["ROS_PACKAGE_PATH"]),
@@ -455,21 +455,21 @@ BAD_OVERLAY = {
     "tip before the base": (
         [('base = "world"\ntip = "tip"', 'base = "boom"\ntip = "column"')],
         "link.column",
-        ["does not hang on", "behind the base"],
+        ["which is not behind", "behind the base"],
     ),
     "base is the tip": ([('tip = "tip"', 'tip = "world"')], "link.world", ["no moving joint"]),
     "nothing moves": ([('tip = "tip"', 'tip = "foot"')], "link.foot", ["no moving joint"]),
     "unlocked finger": (
         [(FINGER, "")],
         "joint.finger",
-        ["prismatic joint beside the chain", "lock = { finger = 0.0 }"],
+        ["prismatic joint outside the chain", "lock = { finger = 0.0 }"],
     ),
-    "unknown lock": ([(FINGER, 'lock = ["fingr"] #!\n')], "urdf.lock", ['in place of "fingr" "finger"']),
-    "lock of what is fixed": ([(FINGER, "lock = { end = 0.0, finger = 0.0 } #!\n")], "urdf.lock", ["in place of"]),
+    "unknown lock": ([(FINGER, 'lock = ["fingr"] #!\n')], "urdf.lock", ['"finger" (there are:']),
+    "lock of what is fixed": ([(FINGER, "lock = { end = 0.0, finger = 0.0 } #!\n")], "urdf.lock", ['instead of "end"']),
     "lock at a text": ([(FINGER, 'lock = { finger = "open" } #!\n')], "urdf.lock.finger", ["a number"]),
     "lock is a number": ([(FINGER, "lock = 3 #!\n")], "urdf.lock", ["a name or a list"]),
     "unknown drop": ([(FINGER, 'drop = ["finer"] #!\n')], "urdf.drop", ['"finger" (there are:']),
-    "drop of the chain": ([(FINGER, FINGER + 'drop = ["slide"] #!\n')], "urdf.drop", ["beside the chain"]),
+    "drop of the chain": ([(FINGER, FINGER + 'drop = ["slide"] #!\n')], "urdf.drop", ["outside the chain"]),
     "limits is a number": ([(FINGER, FINGER + "limits = 0 #!\n")], "urdf.limits", ["true or false"]),
     "element beside urdf": ([("[joint.turn]", '[[element]]\nname = "x"\n[joint.turn]')], "element", ["either [urdf]"]),
     "unknown joint": ([("[joint.turn]", "[joint.trn] #!")], "joint.trn", ["unknown joint", '"turn" (there are:']),
@@ -556,7 +556,7 @@ BAD_OVERLAY = {
             ("ratio = 50.0, inertia = 1e-3 }", "ratio = 50.0, inertia = 1e-3 } #!"),
         ],
         "joint.turn.motor",
-        ["either this or a [[motor]]"],
+        ["either motor or a [[motor]] table"],
     ),
     "motor list is a text": ([('name = "arm"\n', 'name = "arm"\nmotor = "x" #!\n')], "motor", ["list of tables"]),
     "extra without a spring": ([('spring = { type = "linear", stiffness = 2e4 }\n', "")], "dof.bend.gear", ["spring"]),

@@ -96,7 +96,7 @@ def test_file_must_be_readable_text(tmp_path):
     good.write_text(GOOD)
     with pytest.raises(ModelError, match=r"good\.toml:0:element: given \[\], expected a list of tables, not empty"):
         read(good, overrides={"element": []})
-    with pytest.raises(ArgumentError, match="no file"):
+    with pytest.raises(ArgumentError, match="not a file"):
         read(str(tmp_path) + "/")
     for wrong in (tmp_path / "none.toml", "a\0b.toml", "x" * 5000 + ".toml", "/dev/zero", 3, None, ""):
         with pytest.raises(ArgumentError):

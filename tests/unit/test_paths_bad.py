@@ -94,7 +94,7 @@ BAD = {
     "displacement of a circle": (ARC, "angle_deg = 90", "displacement = [1, 0, 0]", "arc.displacement", "unknown key"),
     "no time": (ARC, "profile = [0.5, 5.0, 100.0]\n", "", "arc.duration", "a number > 0"),
     "profile and duration": (ARC, "profile", "duration = 1.0\nprofile", "arc.duration", "either duration or profile"),
-    "profile of one": (ARC, "[0.5, 5.0, 100.0]", "[0.5]", "arc.profile", "two or more"),
+    "profile of one": (ARC, "[0.5, 5.0, 100.0]", "[0.5]", "arc.profile", "a list of 2 to 8 numbers"),
     "profile of nine": (ARC, "[0.5, 5.0, 100.0]", str([1.0] * 9), "arc.profile", "a list of"),
     "profile with zero": (ARC, "[0.5, 5.0, 100.0]", "[0.5, 0.0, 100.0]", "arc.profile", "> 0"),
     "profile below zero": (ARC, "[0.5, 5.0, 100.0]", "[0.5, -5.0, 100.0]", "arc.profile", "> 0"),
@@ -256,7 +256,7 @@ def test_there_are_enough() -> None:
 
 def test_files_that_are_none(robot, tmp_path: FilePath) -> None:
     for wrong in (tmp_path / "none.toml", tmp_path, "a\0b.toml"):
-        with pytest.raises(ArgumentError, match="which is no file"):
+        with pytest.raises(ArgumentError, match="which is not a file"):
             flexgen.read_moves(wrong, robot.model)
     empty = tmp_path / "empty.toml"
     empty.write_text("# nothing\n")

@@ -20,7 +20,7 @@ from flexgen.codegen.spec import model_digest
 from flexgen.errors import ArgumentError, FlexgenError, ModelError
 from flexgen.mechanics.equations import derive
 from flexgen.model import elements as nouns
-from flexgen.model.inertia import idle_coordinates, mass_matrix
+from flexgen.model.inertia import mass_matrix, massless_coordinates
 from flexgen.model.reader import read
 
 HERE = Path(__file__).parents[1] / "support"
@@ -352,12 +352,12 @@ def test_direct_drives_need_no_rotor(arm):
         read(arm, overrides={"motor.m2.inertia": 0.0})
 
 
-def test_idle_coordinates_are_found(arm):
+def test_massless_coordinates_are_found(arm):
     """Only where no body is moved: a massless link with a body behind it is none."""
     model = read(
         f"{TWO_LINK}#ground:tip", overrides={"element.upper.body.mass": 0.0, "element.upper.body.inertia": [0] * 3}
     )
-    assert idle_coordinates(model) == () and model.elements[0].body.mass == 0.0
+    assert massless_coordinates(model) == () and model.elements[0].body.mass == 0.0
     with pytest.raises(ModelError, match=r"two_link\.urdf:17:joint\.elbow: given the coordinate elbow, which can move"):
         read(model.file, overrides={"element.fore.body": {"mass": 0.0}})
     assert read(model.file, overrides={"element.fore.body": {"mass": 0.0}, "motor.m2.inertia": 1e-6}).n_a == 2
@@ -398,9 +398,9 @@ def test_plain_files_that_cannot_be_read(arm, tmp_path):
         (dict(model=urdf, base=3, tip="tip"), "base: given 3"),
         (dict(model=arm, base="world", tip="tip"), "expected a .urdf file"),
         (dict(model="elbow", tip="tip"), "expected a .urdf file"),
-        (dict(model=tmp_path / "none.urdf", base="a", tip="b"), "which is no file"),
+        (dict(model=tmp_path / "none.urdf", base="a", tip="b"), "which is not a file"),
         (dict(model="package://no_such/none.urdf#a:b"), "below ROS_PACKAGE_PATH"),
-        (dict(model="a\0.urdf#a:b"), "which is no file"),
+        (dict(model="a\0.urdf#a:b"), "which is not a file"),
         (dict(model=f"{urdf}#world:tip", variant="direct"), "variant of"),
     ):
         with pytest.raises(ArgumentError, match=words):
