@@ -1,12 +1,11 @@
-"""Ten thousand joint moves of manutec_r3, one second each, by closed form on one core: how long, how exact, which bits.
+"""Ten thousand joint moves of manutec_r3 in closed form on one core: time, accuracy and bits of the results.
 
     python benchmarks/closed_form_sweep.py [COUNT]
 
 prints the table and, for 10,000 moves, writes it to benchmarks/closed_form_sweep.md. The torques are sampled at 1 kHz,
-as a controller takes them. Asked for were 10,000 moves within 20 s on one core; the times of the processor count, as
-another program on the machine makes the wall's longer. Included: drawing the moves, their motion, the inverse dynamics
-and its derivatives, gears, motors, the figures of every move and the table; apart: writing and compiling the C library,
-once.
+as in a controller. The target is 10,000 moves in 20 s of processor time on one core. Included: generating the moves,
+their motion, the inverse dynamics and its derivatives, gears, motors, the results of every move and the table. Not
+included: writing and compiling the C library, once.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ def agreement(count: int) -> tuple[float, float, float]:
 
 
 def main() -> None:
-    """Print the table; write it where it is the whole one."""
+    """Print the table; write it if it is complete."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else COUNT
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
@@ -59,7 +58,7 @@ def main() -> None:
     prepared = time.perf_counter() - began
     worst, alone, samples = agreement(COMPARED)
     lines = [
-        "| shards | moves | processor s (asked: 20 at most) | processor us a move | wall s (machine shared) | "
+        "| shards | moves | processor s (target: at most 20) | processor us a move | wall s (shared computer) | "
         "digest of the results |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
@@ -80,13 +79,14 @@ def main() -> None:
     warned = int((swept.results["warnings"] != "").sum())
     lines += [
         "",
-        f"Asked for are 10,000 moves within {LIMIT:.0f} s on one core. Judged are the processor's seconds, at most "
-        f"{max(times):.2f}. On the wall this run took {min(walls):.2f} to {max(walls):.2f} s beside whatever else the "
-        f"machine did: {sum(wall > LIMIT for wall in walls)} of {len(walls)} rows above {LIMIT:.0f} s.",
-        f"One second a move, {samples:.0f} samples, one core. Before: equations and C library in {prepared:.1f} s.",
-        f"The bits of the results are {'the same' if len(digests) == 1 else 'NOT the same'} for all of them. "
-        f"Against `flexgen.solve` on {COMPARED} of the moves: {worst:.1e} of the largest torque of the motor, at every "
-        f"sample; it takes {alone:.2f} s a move.",
+        f"The target is 10,000 moves in {LIMIT:.0f} s of processor time on one core; the largest time is "
+        f"{max(times):.2f} s. The wall time of this run was {min(walls):.2f} to {max(walls):.2f} s, as other programs "
+        f"used the computer: {sum(wall > LIMIT for wall in walls)} of {len(walls)} rows above {LIMIT:.0f} s.",
+        f"Each move takes one second and has {samples:.0f} samples. Preparation, not included: equations and C library "
+        f"in {prepared:.1f} s.",
+        f"The bits of the results are {'the same' if len(digests) == 1 else 'NOT the same'} for all rows. "
+        f"Difference from `flexgen.solve` on {COMPARED} of the moves: {worst:.1e} of the largest torque of the motor, "
+        f"at every sample; `flexgen.solve` takes {alone:.2f} s per move.",
         f"Largest motor torque of a move: {torque.min():.3g} to {torque.max():.3g} N m; {warned} moves exceed a "
         "limit of the model.",
     ]

@@ -1,6 +1,6 @@
-"""Inverse dynamics along paths and on a moving horizon: times, tool errors, and other ways to the same torques.
+"""Inverse dynamics along paths and on a moving horizon: times, tool errors, and other programs for the same torques.
 
-    python benchmarks/inversion.py [--quick] [--readme] [--robots NAME ...] [--opty PYTHON]
+    python benchmarks/inversion.py [--quick] [--docs] [--robots NAME ...] [--opty PYTHON]
 
 One core, processor time of the thread. The tables go to benchmarks/inversion.md (not with --quick or --robots).
 """
@@ -29,7 +29,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="two robots, one move, fewer updates; nothing written")
     parser.add_argument(
-        "--readme", action="store_true", help="put the short table between the markers in README.md too"
+        "--docs", action="store_true", help="also put the short table between the markers in docs/benchmarks.md"
     )
     parser.add_argument("--robots", nargs="+", choices=list(ROBOTS), help="whole paths of these only; nothing written")
     parser.add_argument("--opty", default=sys.executable, metavar="PYTHON", help="an interpreter that has opty")
@@ -39,7 +39,7 @@ def main() -> None:
     say("whole paths")
     paths = path_rows(list(args.robots or (QUICK if args.quick else ROBOTS)), args.quick, say)
     ours = {row.robot: row for row in paths if row.move == MOVE and row.method == "lq" and not row.refused}
-    say("other ways")
+    say("other programs")
     peers = collocation_rows(ours, args.quick, say) + scipy_row(ours, args.quick, say)
     peers += opty_rows(args.opty, ours, args.quick, say)
     say("streaming")
@@ -51,8 +51,10 @@ def main() -> None:
     print(table)
     if not (args.quick or args.robots):
         (HERE / "inversion.md").write_text(table)
-        if args.readme:
-            inversion_table.into_readme(HERE.parent / "README.md", inversion_table.short(paths, streams, machine))
+        if args.docs:
+            inversion_table.into_page(
+                HERE.parent / "docs" / "benchmarks.md", inversion_table.short(paths, streams, machine)
+            )
     say(f"{time.perf_counter() - began:.0f} s in all")
 
 

@@ -1,4 +1,4 @@
-"""The reduced problem of inverse dynamics for `scipy.integrate.solve_bvp`, as fast as we could make it.
+"""The reduced problem of inverse dynamics for `scipy.integrate.solve_bvp`, with the fastest setup known to us.
 
     y = (q_e, v_e),   y' = (v_e, a_e) with R(q_e, v_e, a_e, t) = 0,   P_s (y - y_rest) = 0 (start), P_u (...) = 0 (end)
 

@@ -1,4 +1,4 @@
-"""Generating a library with everything in it from nothing: wall and processor time with an empty cache."""
+"""Generating a complete library: wall and processor time with an empty cache."""
 
 from __future__ import annotations
 

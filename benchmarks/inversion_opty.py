@@ -1,4 +1,4 @@
-"""Solve with opty what a file asks: ``python inversion_opty.py JOB``; the last line printed is the answer as JSON.
+"""Solve the problem of a file with opty: ``python inversion_opty.py JOB``; the last line printed is the result as JSON.
 
 Run by an interpreter that has opty (which needs cyipopt, and that IPOPT); it needs nothing of flexgen.
 """
@@ -21,7 +21,7 @@ STATUS = {
 
 
 def answer(job: dict) -> dict:
-    """The answer of opty: processor time of IPOPT's run, its verdict, states and torques."""
+    """The result of opty: processor time of IPOPT, its status, states and torques."""
     import numpy as np
     import sympy as sp
     from opty import Problem

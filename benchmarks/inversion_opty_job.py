@@ -1,4 +1,4 @@
-"""What opty is asked: the original equations of a planar arm as text, so that another interpreter can run it."""
+"""The problem for opty: the original equations of a planar arm as text, for another interpreter."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ TRACKING, SMOOTH, ITERATIONS = 1e6, 1e-8, 1000  # weights and bound that served 
 
 
 def job(problem: InversionProblem, nodes: int, tracking: bool) -> dict[str, Any]:
-    """The equations in states, rates and torques, with path, rest and first guess at the nodes.
+    """The equations in states, rates and torques, with path, equilibrium and initial guess at the nodes.
 
     The rows are ``q' - v`` and the equations of motion of arm and motors; the output is on its path by algebraic rows,
     or drawn to it (``tracking``). States and rates are symbols here; those of the rates end in ``_rate``.

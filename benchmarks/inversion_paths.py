@@ -1,4 +1,4 @@
-"""Whole paths: processor time of one inversion for each second of path, on the coarsest mesh that is exact enough."""
+"""Whole paths: processor time of one inversion per second of path, on the coarsest mesh that is accurate enough."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from flexgen.runtime.path_inversion import Inversion, Inverter
 EXACT = 1e-6  # m and rad: what the tool may stray in simulation
 MESHES = (20e-3, 10e-3, 5e-3, 2.5e-3)  # s, tried in this order
 MOVES = ("line", "joints", "turning_line", "circle")
-ROBOTS = {  # and what is wanted, ms for each second of path
+ROBOTS = {  # and the target, ms per second of path
     "planar5_mp": 0.5,
     "planar5_nmp": 0.5,
     "planar5_soft": 0.5,
@@ -65,35 +65,35 @@ class PathRow:
 
 
 def moves_of(equations: Equations, quick: bool) -> list[str]:
-    """The moves to look at, of those that a model has."""
+    """The moves of a model that are measured."""
     known = [move.name for move in equations.model.moves]
     return [move for move in MOVES if move in known][: 1 if quick else None]
 
 
 @cache
 def verified(robot: str, move: str, method: str) -> tuple[float, Solution] | str:
-    """The coarsest of the meshes [s] whose answer is exact in simulation, and that answer; or why there is none."""
+    """The coarsest mesh [s] whose solution is accurate in simulation, and this solution; or the reason for none."""
     equations = derive(robot)
-    told = "no mesh was exact enough"
+    reason = "no mesh was accurate enough"
     for mesh in MESHES:
         try:
             found = flexgen.solve(equations, move, method, mesh=mesh)
         except FlexgenError as error:
-            told = str(error)
+            reason = str(error)
             continue
         if error_of(found) <= EXACT:
             return mesh, found
-    return told
+    return reason
 
 
 def error_of(solution: Solution) -> float:
-    """What the tool strays in simulation, in metres or rad, whichever is more."""
+    """Largest tool error in simulation [m or rad]."""
     assert solution.simulation is not None
     return max(solution.simulation.tool_error_max_m or 0.0, solution.simulation.tool_error_max_rad or 0.0)
 
 
 def arguments(equations: Equations, move: str, mesh: float) -> dict:
-    """What the library is called with for a move on a mesh of intervals of that length [s]."""
+    """Arguments of the library for a move on a mesh of intervals of this length [s]."""
     path = Path(equations, equations.model.move(move))
     n, period, every, lead, tail = sampling.grid(InversionProblem(equations, path, mesh=mesh), mesh)
     place, rate, rate2 = sampling.samples(Reduction(equations), path, period, n)
@@ -111,7 +111,7 @@ def tolerance_of(method: str) -> float:
 
 
 def least_ms(call: Callable[[], object]) -> float:
-    """Least processor time of this thread that a call takes [ms]."""
+    """Minimum processor time of a call in this thread [ms]."""
     best, began, count = np.inf, time.thread_time(), 0
     while count < TIMES or time.thread_time() - began < SPAN:
         start = time.thread_time_ns()
@@ -122,7 +122,7 @@ def least_ms(call: Callable[[], object]) -> float:
 
 
 def inverted(robot: str, method: str, given: dict, native: bool) -> tuple[Inversion, Callable[[], object]]:
-    """The answer of the library of one build, and the call that finds it."""
+    """The result of the library of one build, and the call that computes it."""
     library = inversion_library(derive(robot), method, native=native)
     invert: Inverter = getattr(library, "invert" if method == "lq" else method)
     tolerance = tolerance_of(method)
@@ -159,10 +159,10 @@ def path_rows(robots: list[str], quick: bool, say: Callable[[str], None]) -> lis
         for move in moves_of(derive(robot), quick):
             for method in METHODS:
                 row = path_row(robot, move, method, ROBOTS[robot])
-                told = row.refused or (
+                reason = row.refused or (
                     f"{row.native_ms:.2f} ms native, {row.default_ms:.2f} ms default per s of path, "
                     f"{1e6 * row.error_m:.2g} um, mesh {row.mesh_ms:.3g} ms, {row.iterations} iterations"
                 )
-                say(f"  {robot} {move} {method}: {told}")
+                say(f"  {robot} {move} {method}: {reason}")
                 rows.append(row)
     return rows

@@ -1,4 +1,4 @@
-"""Other ways to the same torques, in the same run: our own collocation with IPOPT, scipy's solve_bvp, opty."""
+"""Other programs for the same torques, in the same run: collocation with IPOPT, solve_bvp of scipy, opty."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ PATIENCE = 600  # s
 
 @dataclass
 class PeerRow:
-    """One way: its time for each second of path [ms], what is in it, verified error [m, rad], ratio to lq."""
+    """One program: time per second of path [ms], what it contains, verified error [m, rad], ratio to lq."""
 
     what: str
     robot: str
@@ -73,12 +73,12 @@ _nlpsol = ca.nlpsol
 
 
 def _timed(*given: object) -> _Timed:
-    """What stands in for casadi.nlpsol."""
+    """Replacement for casadi.nlpsol."""
     return _Timed(_nlpsol(*given))
 
 
 def collocation_rows(ours: dict[str, PathRow], quick: bool, say: Callable[[str], None]) -> list[PeerRow]:
-    """IPOPT on the same reduced problem: the coarsest mesh that is exact, IPOPT alone and everything."""
+    """IPOPT on the same reduced problem: the coarsest accurate mesh, IPOPT alone and everything."""
     rows = []
     for robot in COLLOCATED[:1] if quick else COLLOCATED:
         if robot not in ours:
@@ -117,13 +117,13 @@ def collocation_rows(ours: dict[str, PathRow], quick: bool, say: Callable[[str],
                 say(f"  collocation, {robot}: {rows[-1].ms:.0f} ms, {contains}, {what}, {1e6 * error[0]:.2g} um")
             break
         else:
-            missing = "no mesh was solved and exact enough"
+            missing = "no mesh was solved and accurate enough"
             rows.append(PeerRow("collocation, IPOPT", robot, "", "", ours_ms=ours[robot].native_ms, missing=missing))
     return rows
 
 
 def scipy_row(ours: dict[str, PathRow], quick: bool, say: Callable[[str], None]) -> list[PeerRow]:
-    """The fastest setting of solve_bvp that is exact: of all tolerances, first meshes, with and without Jacobian."""
+    """The fastest accurate setting of solve_bvp, of all tolerances and first meshes, with and without Jacobian."""
     if PLANAR not in ours:
         return []
     equations = derive(PLANAR)
@@ -147,12 +147,12 @@ def scipy_row(ours: dict[str, PathRow], quick: bool, say: Callable[[str], None])
                 ", Jacobian given" if setting.jacobian else ""
             )
             return [row]
-    row.missing = "no setting was exact enough"
+    row.missing = "no setting was accurate enough"
     return [row]
 
 
 def _told(command: list[str]) -> dict:
-    """The answer of another interpreter, or why there is none."""
+    """The result of another interpreter, or the reason for none."""
     try:
         answer = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE)
     except subprocess.TimeoutExpired:
@@ -164,7 +164,7 @@ def _told(command: list[str]) -> dict:
 
 
 def opty_rows(python: str, ours: dict[str, PathRow], quick: bool, say: Callable[[str], None]) -> list[PeerRow]:
-    """opty on the original equations, by an interpreter that has it."""
+    """opty on the original equations, in an interpreter with opty."""
     if PLANAR not in ours:
         return []
     equations = derive(PLANAR)

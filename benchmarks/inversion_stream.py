@@ -1,4 +1,4 @@
-"""Streaming: thread time of every update in C while a robot goes back and forth, and what its tool strays."""
+"""Streaming: thread time of every update in C while a robot moves back and forth, and the tool error."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ WANTED_US, WANTED_M = 1000.0, 5e-6  # 99.9th percentile, tool error
 
 @dataclass
 class StreamRow:
-    """One build: percentiles [us], largest residual, statuses, and how far the tool strays in simulation."""
+    """One build: percentiles [us], largest residual, statuses, and tool error in simulation."""
 
     robot: str
     move: str

@@ -1,4 +1,4 @@
-"""The figures of inverse dynamics as markdown: all for benchmarks/inversion.md, the short table for README.md."""
+"""Tables of inverse dynamics as markdown: all for benchmarks/inversion.md, the short table for docs/benchmarks.md."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ def paths(rows: Sequence[PathRow]) -> str:
         "method",
         "native, ms per s of path",
         "default build",
-        "wanted",
+        "target",
         "times real time",
         "mesh ms",
         "intervals",
         "iterations",
         "tool error",
-        "native differs by",
+        "difference of native build",
     ]
     body = []
     for row in rows:
@@ -81,7 +81,18 @@ def paths(rows: Sequence[PathRow]) -> str:
 
 def streams(rows: Sequence[StreamRow]) -> str:
     """Streaming."""
-    head = ["robot", "build", "updates", "median us", "99 %", "99.9 %", "largest", "tool error", "inexact", "residual"]
+    head = [
+        "robot",
+        "build",
+        "updates",
+        "median us",
+        "99 %",
+        "99.9 %",
+        "largest",
+        "tool error",
+        "tolerance not met",
+        "residual",
+    ]
     body = [
         [
             f"`{row.robot}`",
@@ -144,48 +155,49 @@ def full(
     return f"""\
 # Inverse dynamics along paths
 
-`make bench` writes this file. Times are of one machine and one run, bold where above what is wanted or less exact than
-asked; ratios travel better.
+`make bench` writes this file. Times are of one machine and one run. Bold: above the target time, or less accurate
+than the target. Ratios are more portable than times.
 
 {chr(10).join(f"- {line}" for line in machine_lines)}
 
 ## Whole paths
 
-Processor time of one thread for one call of the library from Python, divided by the duration of the path, the least of
-several calls. Everything is in it: rest at the start, inverse kinematics, inversion with the motion before and after
-the path, gears, motors. Samples of the path are given. The mesh is the coarsest of {meshes} ms whose torques,
-of the default build, move the tool of the full model within 1 um and 1 urad of its path; the last column tells how far,
-relative to the largest one, the torques of the native build are from them.
+Processor time of one thread for one call of the library from Python, divided by the duration of the path; the minimum
+of several calls. It contains the equilibrium at the start, inverse kinematics, inversion with the motion before and
+after the path, gears and motors. Samples of the path are given. The mesh is the coarsest of {meshes} ms whose
+torques, of the default build, move the tool of the full model within 1 um and 1 urad of its path. The last column is
+the largest difference of the torques of the native build from them, relative to the largest torque.
 
 {paths(path_rows)}
 ## Streaming
 
-Line there and back, again and again, with pauses: {INTERVALS} intervals of {1e3 * PERIOD:g} ms ahead, {PARTS} samples
-each; processor time of the thread for each update, in C, the least of three runs of the same updates. Wanted: at most
+The line in both directions, repeated, with pauses: {INTERVALS} intervals of {1e3 * PERIOD:g} ms ahead, {PARTS} samples
+each; processor time of the thread for each update, in C, the minimum of three runs of the same updates. Target: at most
 {WANTED_US:g} us for 99.9 % of the updates, tool error at most {1e6 * WANTED_M:g} um.
 The tool error is that of the first round in simulation of the full model.
 
 {streams(stream_rows)}
-## Other ways to the same torques
+## Other programs for the same torques
 
-Each with the coarsest setting that was found to be exact to 1 um, or what was reached. `collocation` is flexgen's own,
-on the same reduced problem. `solve_bvp` gets the reduced problem too: its right-hand side and Jacobian for all points
-at once from the generated C, boundary rows from the stable and unstable subspaces, and the fastest exact one of many
-settings; its first guess and the motors are not in its time. opty (midpoint rule) gets the original equations, with the
-output as algebraic rows (index 4) or drawn to its path by the cost, weighed as served best; only IPOPT is timed. lq is
-the native build with everything.
+Each program with the coarsest setting that is accurate to 1 um, or with the best accuracy that was reached.
+`collocation` is part of flexgen and solves the same reduced problem. `solve_bvp` solves the reduced problem too: with
+right-hand side and Jacobian for all points at once from the generated C, boundary conditions from the stable and
+unstable subspaces, and the fastest accurate one of many settings; its initial guess and the motors are not in its
+time. opty (midpoint rule) solves the original equations, with the output as algebraic constraints (index 4) or as a
+tracking term of the cost, with the weight that gave the best result; only IPOPT is timed. lq is the native build with
+everything.
 
 {peers(peer_rows)}
 ## Generating
 
-`flexgen.generate` with all functions, inversion and streaming, from nothing, with an empty cache, in a process of its
-own; wanted: at most {WANTED_S:g} s on two cores. Processor time is that of all processes.
+`flexgen.generate` with all functions, inversion and streaming, with an empty cache, in a process of its own; target: at
+most {WANTED_S:g} s on two cores. Processor time is that of all processes.
 
 {generated(generate_rows)}"""
 
 
 def short(path_rows: Sequence[PathRow], stream_rows: Sequence[StreamRow], machine_lines: Sequence[str]) -> str:
-    """The table for README.md: each robot's slowest move by lq, and the stream."""
+    """The table for docs/benchmarks.md: the slowest move of each robot by lq, and the stream."""
     head = [
         "robot",
         "degrees of freedom",
@@ -222,8 +234,8 @@ def short(path_rows: Sequence[PathRow], stream_rows: Sequence[StreamRow], machin
     return "\n".join(lines) + f"\n{machine_lines[0].removeprefix('machine: ').split(';')[0]}; one core, native build.\n"
 
 
-def into_readme(path: Path, text: str) -> None:
-    """Put a text between the markers of a file; nothing where they are not there."""
+def into_page(path: Path, text: str) -> None:
+    """Put a text between the markers of a file; do nothing if there are no markers."""
     whole = path.read_text()
     if BEGIN not in whole or END not in whole:
         return

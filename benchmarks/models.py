@@ -1,4 +1,4 @@
-"""Every shipped model once: time to derive, to generate and compile, to solve, to verify, and the verified tool error.
+"""All models: time to derive, to generate and compile, to solve, to verify, and the verified tool error.
 
     python benchmarks/models.py [MODEL ...]
 
@@ -33,7 +33,7 @@ HEAD = (
 
 
 def row(name: str) -> list[str]:
-    """One model's figures as texts."""
+    """The results of one model as texts."""
     began = time.perf_counter()
     equations = flexgen.derive(name)
     library_spec(equations)  # builds every function that C is written for
@@ -62,7 +62,7 @@ def row(name: str) -> list[str]:
 
 
 def main() -> None:
-    """Print the table; write it where all models are in it."""
+    """Print the table; write it if it has all models."""
     names = sys.argv[1:] or model_names()
     lines = ["| " + " | ".join(HEAD) + " |", "|" + " --- |" * len(HEAD)]
     for name in names:

@@ -1,6 +1,6 @@
-"""The emitted functions against Pinocchio's C++ and CasADi's own C: nanoseconds per call, and their ratios.
+"""The emitted functions compared with the C++ of Pinocchio and the C of CasADi: nanoseconds per call, and ratios.
 
-    python benchmarks/peers.py [--quick] [--clang] [--readme] [--robots NAME ...]
+    python benchmarks/peers.py [--quick] [--clang] [--docs] [--robots NAME ...]
 
 All candidates of a row run in one process on one core, block by block in turn, after they were found to agree. The
 table goes to benchmarks/peers.md (not with --quick or --robots). Compare ratios of one run; times are of one machine.
@@ -279,7 +279,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="two robots, fewer blocks and candidates; nothing written")
     parser.add_argument("--clang", action="store_true", help="Pinocchio and our C by clang too, where it is there")
     parser.add_argument(
-        "--readme", action="store_true", help="put the short table between the markers in README.md too"
+        "--docs", action="store_true", help="also put the short table between the markers in docs/benchmarks.md"
     )
     parser.add_argument("--robots", nargs="+", choices=list(ROBOTS), help="these only; nothing written")
     args = parser.parse_args()
@@ -314,8 +314,8 @@ def main() -> None:
     print(table)
     if not (args.quick or args.robots):
         (HERE / "peers.md").write_text(table)
-        if args.readme:
-            peers_table.into_readme(HERE.parent / "README.md", [row.row for row in rows], machine)
+        if args.docs:
+            peers_table.into_page(HERE.parent / "docs" / "benchmarks.md", [row.row for row in rows], machine)
     say(f"{time.perf_counter() - began:.0f} s in all")
     if any("DISAGREES" in note for row in rows for note in row.row.notes):
         sys.exit("the candidates do not agree: see the notes")

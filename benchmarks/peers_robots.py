@@ -96,7 +96,7 @@ def _axis(axis: np.ndarray) -> tuple[str, np.ndarray]:
 
 
 def _lumped(riding: list[tuple[Pose, Body]]) -> tuple[float, np.ndarray, np.ndarray]:
-    """Mass, centre and inertia about the centre of rigidly joined bodies."""
+    """Mass, center of mass and inertia about it of rigidly joined bodies."""
     mass = sum(body.mass for _, body in riding)
     if mass == 0.0:
         return 0.0, np.zeros(3), np.zeros((3, 3))

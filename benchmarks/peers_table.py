@@ -1,4 +1,4 @@
-"""The comparison as markdown: the full table for benchmarks/peers.md, the short one for README.md."""
+"""The comparison as markdown: the full table for benchmarks/peers.md, the short one for docs/benchmarks.md."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _ratio(row: Any, over: str, under: str, floor: float | None = None) -> str:
     text = f"{ratio:.2f}" if ratio < 9.95 else f"{ratio:.1f}"
     if floor is None:
         return text
-    return f"{text} (wanted {floor:g})" if ratio >= floor else f"**{text}** (wanted {floor:g})"
+    return f"{text} (target {floor:g})" if ratio >= floor else f"**{text}** (target {floor:g})"
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -179,24 +179,24 @@ def full(rows: Sequence[Any], wrappers: Sequence[Any], machine_lines: Sequence[s
     return f"""\
 # flexgen, Pinocchio and CasADi in one run
 
-`make bench` writes this file. Times are of one machine and one run; ratios travel better.
+`make bench` writes this file. Times are of one machine and one run. Ratios are more portable than times.
 
 {chr(10).join(f"- {line}" for line in machine_lines)}
 
-Every row is one process on one core. All its candidates are first compared at 64 random states (largest deviation of
-all rows: {furthest:.1e} of the largest result), then timed in blocks of about 1.5 ms that take turns, with the states
-cycled through. flexgen's functions are called as a user calls them, checks of pointers and of finite numbers included;
+Each row is one process on one core. The programs are first compared at 64 random states (largest deviation of
+all rows: {furthest:.1e} of the largest result), then timed alternately in blocks of about 1.5 ms, with
+cycling states. The functions of flexgen are called as by a user, with their checks of pointers and of finite numbers;
 Pinocchio and CasADi check nothing. Batches are structures of arrays: of 4096 points, a power of two, where all arrays
-meet in the same places of the cache; of 4000; of 200, which stay in the cache. Pinocchio fills half of a symmetric
-matrix, flexgen all of it. Pinocchio gets its own joints for axes along x, y and z, and the faster of its two
-conventions counts. The loop around the calls takes about 1.5 ns.
+use the same cache sets; of 4000; of 200, which fit into the cache. Pinocchio fills half of a symmetric
+matrix, flexgen all of it. Pinocchio uses its special joints for axes along x, y and z, and the faster of its
+two conventions. The loop around the calls takes about 1.5 ns.
 
 ## Ratios
 
-Least times. Bold: less than wanted.
+Minimum times. Bold: below the target.
 
 {_table((*head, *ratio_head), ratios)}
-## Least time, ns
+## Minimum time, ns
 
 {times("ns")}
 ## Median time, ns
@@ -214,7 +214,7 @@ Least times. Bold: less than wanted.
 
 
 def short(rows: Sequence[Any], machine_lines: Sequence[str]) -> str:
-    """The table for README.md."""
+    """The table for docs/benchmarks.md."""
     found = {(row.robot, row.quantity): row for row in rows}
     body = []
     for key in SHORT:
@@ -244,8 +244,8 @@ def short(rows: Sequence[Any], machine_lines: Sequence[str]) -> str:
     return f"{_table(head, body)}\n{machine_lines[0].removeprefix('machine: ')}.\n"
 
 
-def into_readme(path: Path, rows: Sequence[Any], machine_lines: Sequence[str]) -> None:
-    """Put the short table between the markers of a file; nothing where they are not there."""
+def into_page(path: Path, rows: Sequence[Any], machine_lines: Sequence[str]) -> None:
+    """Put the short table between the markers of a file; do nothing if there are no markers."""
     text = path.read_text()
     if BEGIN not in text or END not in text:
         return

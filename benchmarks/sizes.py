@@ -1,4 +1,4 @@
-"""What the emitted functions cost on a small machine: code, stack and instructions; and what the compiler's flags do.
+"""Code size, stack and instructions of the emitted functions on small processors, and the effect of compiler flags.
 
     python benchmarks/sizes.py [MODEL ...]
 
@@ -100,9 +100,10 @@ def table(head: list[str], rows: list[list[str]]) -> str:
 INTRODUCTION = """\
 # Size and cost of the emitted functions
 
-Written by `python benchmarks/sizes.py`. Code: all of a function's file, that is the entries for one point and for many
-with the mathematics of both. Stack and instructions: of the entry for one point, its callees included; instructions are
-counted by an emulator over one call. All at the reproducible flags. A dash: no compiler or emulator was there.
+Written by `python benchmarks/sizes.py`. Code: the whole file of a function, that is the entries for one point and for
+many with the mathematics of both. Stack and instructions: of the entry for one point, its callees included;
+instructions are counted by an emulator over one call. All at the reproducible flags. A dash: no compiler or emulator
+was available.
 """
 
 # --- code, stack, instructions ----------------------------------------------------------------------------------------

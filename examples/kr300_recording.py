@@ -1,14 +1,14 @@
-"""Motor torques of a KUKA KR300: the model's along a recorded motion, drawn against the measured ones.
+"""Motor torques of a KUKA KR300 along a recorded motion: those of the model compared with the measured ones.
 
     python examples/kr300_recording.py RECORDING.npz [PICTURE.svg]
 
-The rigid-body torque follows from the encoder angles and the model file alone. Friction is fitted, linearly: for each
-axis a viscous and a Coulomb coefficient and one constant,
+The rigid-body torque is computed from the encoder angles and the model file. Friction is fitted by least squares: for
+each axis a viscous coefficient, a Coulomb coefficient and one constant,
 
     tau_m = J_m eta a + eta^-T (M a + c + g) + F_v v + F_c tanh(v / v_0) + F_0.
 
-The recording's angles count from the pose in which it begins; that this is the robot's usual home is assumed. Payload
-and counterbalance are unknown and not modelled, so that axes 2 and 3 cannot fit perfectly.
+The recorded angles are relative to the first pose, which is assumed to be the usual home of the robot. Payload and
+counterbalance are unknown and not modeled, so axes 2 and 3 cannot fit perfectly.
 """
 
 from __future__ import annotations
@@ -33,8 +33,9 @@ V_0 = 0.01  # rad/s, arm side: width of the Coulomb step
 
 @dataclass(frozen=True)
 class Comparison:
-    """``t`` (n,) [s]; ``measured``, ``model`` (n, 6) [N m, motor side]; ``r2`` (6,).
+    """Measured and computed motor torques of a recording.
 
+    ``t`` (n,) [s]; ``measured``, ``model`` (n, 6) [N m, motor side]; ``r2`` (6,): coefficients of determination;
     ``coefficients`` (6, 3): F_v, F_c, F_0 of each axis.
     """
 
@@ -46,7 +47,7 @@ class Comparison:
 
 
 def compare(recording: str | Path, robot: str | RobotModel = "kr300") -> Comparison:
-    """Compute the model's torques along a recording and fit the frictions."""
+    """Compute the torques of the model along a recording and fit the friction coefficients."""
     data = np.load(recording, allow_pickle=False)
     t, measured = data["t"], data["tau_motor_Nm"].T
     equations = flexgen.derive(robot)
@@ -66,7 +67,7 @@ def compare(recording: str | Path, robot: str | RobotModel = "kr300") -> Compari
 
 
 def draw(comparison: Comparison, path: str | Path) -> None:
-    """Six panels: measured and modelled motor torque of each axis."""
+    """Plot the measured and the computed motor torque of each axis."""
     figure = Figure(figsize=(11, 8), layout="constrained")
     FigureCanvasAgg(figure)
     for i, axes in enumerate(figure.subplots(3, 2, sharex=True).T.ravel()):
@@ -82,19 +83,17 @@ def draw(comparison: Comparison, path: str | Path) -> None:
 
 
 def main() -> int:
-    """Compare, draw, print the table."""
+    """Compare, print the table, plot."""
     if len(sys.argv) not in (2, 3):
         print("usage: python examples/kr300_recording.py RECORDING.npz [PICTURE.svg]", file=sys.stderr)
         return 2
     comparison = compare(sys.argv[1])
-    print(
-        "axis   R2      F_v in N m s/rad   F_c in N m   F_0 in N m   (F_v against arm-side speed, torques motor side)"
-    )
+    print("axis   R2      F_v in N m s/rad   F_c in N m   F_0 in N m   (F_v: arm-side speed; torques: motor side)")
     for i, (r2, (f_v, f_c, f_0)) in enumerate(zip(comparison.r2, comparison.coefficients, strict=True)):
         print(f"{i + 1:4d}   {r2:5.3f}   {f_v:16.3f}   {f_c:10.3f}   {f_0:10.3f}")
     if len(sys.argv) == 3:
         draw(comparison, sys.argv[2])
-        print(f"drawn: {sys.argv[2]}")
+        print(f"wrote {sys.argv[2]}")
     return 0
 
 

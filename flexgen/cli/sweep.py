@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--shard-size", metavar="N", type=_whole(1), help="cases that are done in one go; default: 1 to 16"
     )
     parser.add_argument("--resume", action="store_true", help="continue the sweep in DIR")
-    parser.add_argument("--parquet", action="store_true", help="write results.parquet too (needs flexgen[parquet])")
+    parser.add_argument("--parquet", action="store_true", help="write results.parquet too (needs pyarrow)")
 
 
 def _whole(least: int) -> Callable[[str], int]:
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace, tell: Callable[[str], None]) -> tuple[dict[str
     from flexgen.sweeps.sweep import sweep
 
     if args.parquet and find_spec("pyarrow") is None:  # now, and not after hours
-        raise ArgumentError("--parquet: needs the package pyarrow; install flexgen[parquet]")
+        raise ArgumentError("--parquet: needs the package pyarrow; run: pip install pyarrow")
     swept = sweep(
         read_grid(args.grid),
         args.out,

@@ -147,7 +147,7 @@ def _save_parquet(table: Table, path: Path) -> None:
     except ImportError as error:
         raise ArgumentError(
             f"table: given {path.suffix}, which needs the package pyarrow ({error}); "
-            "install flexgen[parquet], or take .npz"
+            "run: pip install pyarrow, or take .npz"
         ) from None
     kinds = {"int": pa.int64(), "float": pa.float64(), "text": pa.string()}
     fields = [pa.field(c.name, kinds[c.kind], metadata={"unit": c.unit, "doc": c.doc}) for c in table.columns]

@@ -19,7 +19,7 @@ import pytest
 
 import flexgen
 from flexgen.cli import verbs
-from flexgen.cli.main import build_parser, main
+from flexgen.cli.main import main
 from flexgen.cli.printing import analysis_text, as_json, figures, number, plain, roots, solution_rows, table
 from flexgen.inversion.status import Status
 from flexgen.trajectory import Trajectory
@@ -584,36 +584,6 @@ def test_json_types():
         "3": 4,
     }
     assert json.loads(as_json({"x": float("-inf")})) == {"x": None}
-
-
-# --- the README -------------------------------------------------------------------------------------------------------
-def readme_blocks(language):
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    return [block.partition("\n```")[0] for block in text.split(f"```{language}\n")[1:]]
-
-
-def test_commands_of_the_readme_are_understood():
-    lines = [line for block in readme_blocks("") for line in block.splitlines() if line.startswith("flexgen ")]
-    assert len(lines) > 5
-    for line in lines:
-        given = vars(build_parser().parse_args(line.split()[1:]))
-        for path in (given.get("out"), given.get("report"), given.get("trajectory")):
-            assert path is None or path.parts[0] == "reports"  # which git ignores
-
-
-@needs_compiler
-def test_python_and_c_of_the_readme(tmp_path):
-    python, (c,) = "\n".join(readme_blocks("python")), readme_blocks("c")
-    answer = subprocess.run([sys.executable, "-c", python], cwd=tmp_path, capture_output=True, text=True)
-    assert answer.returncode == 0 and "solved" in answer.stdout, answer.stderr
-    (tmp_path / "reports" / "demo.c").write_text(c)
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    command = next(line.strip() for line in text.splitlines() if line.startswith("    cc "))
-    compiler = next(name for name in ("cc", "gcc", "clang") if shutil.which(name))
-    subprocess.run(command.replace("cc ", f"{compiler} ", 1), shell=True, cwd=tmp_path, check=True)
-    printed = subprocess.run([tmp_path / "reports" / "demo"], capture_output=True, text=True, check=True).stdout
-    assert f"`{printed.strip()}`" in text
-    assert {path.name for path in tmp_path.iterdir()} == {"generated", "reports"}  # what git ignores
 
 
 # --- the main job -----------------------------------------------------------------------------------------------------

@@ -1,0 +1,213 @@
+"""The documentation: Python and C run, commands parse, output is printed, links resolve, words are plain."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from flexgen.cli.main import build_parser, main
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PROSE = [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", ROOT / "models" / "README.md"]
+COMPILER = next((name for name in ("cc", "gcc", "clang") if shutil.which(name)), None)
+
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler: install the Debian package gcc")
+
+# Words that had a private meaning in this project. A regular expression each; the text says what to write instead.
+PRIVATE_WORDS = {
+    r"lots?(?! of\b)": "batches",
+    r"crews?": "executors",
+    r"bent": "modified (path)",
+    r"bends?(?! (?:in two|about|along|sideways))": "deviation (of a path)",
+    r"told|tells?": "reported, printed, logged",
+    r"says?": "states, prints",
+    r"hard core": "reduced problem",
+    r"what fades": "the decaying part",
+    r"twist\w*": "deflection (of a gear)",
+    r"slopes?": "derivatives",
+    r"uneven": "kinematic mismatch",
+    r"inexact": "TOLERANCE_NOT_MET",
+    r"spoil\w*": "set to NaN",
+    r"referees?|judges?|judged": "check, verification",
+    r"strangers?": "third party",
+    r"crowds?": "plain words",
+    r"(?:who|whoever) does not choose": "the default method",
+    r"none that is allowed": "is out of range",
+    r"a status that is true": "a status you can rely on",
+    r"linearis\w*|analys(?:e|ed|ing)|modelled|modelling|normalis\w*|optimis\w*": "American spelling",
+    r"centres?|colours?|metres?|licence": "American spelling",
+}
+
+# Folders that are built or not part of the repository.
+SKIPPED = {".venv", ".git", "build", "dist", "reports", ".mypy_cache", ".ruff_cache", ".pytest_cache", "__pycache__"}
+# The distribution of that name on PyPI is another program; ours is flexgen-robotics.
+FOREIGN = re.compile(r"pip3?\s+install\b[^\n]*?[\s'\"]flexgen(?![\w./-])|(?<![\w-])flexgen\[")
+
+
+def page_id(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def blocks(text: str, language: str) -> list[str]:
+    """The code blocks of a language, without those behind the marker ``<!-- slow -->``."""
+    found = re.findall(rf"(<!-- slow -->\n)?^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    return [code for slow, code in found if not slow]
+
+
+def prose(text: str) -> str:
+    """The text without code: blocks, indented lines, and words in backticks."""
+    text = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    text = re.sub(r"^    .*$", "", text, flags=re.MULTILINE)
+    return re.sub(r"`[^`\n]*`", "", text)
+
+
+def private_words(text: str) -> list[str]:
+    """What the prose of a text contains of the private words."""
+    plain = prose(text)
+    return [
+        f"{found[0]!r}: write {instead}"
+        for word, instead in PRIVATE_WORDS.items()
+        for found in re.finditer(rf"\b(?:{word})\b", plain, re.IGNORECASE)
+    ]
+
+
+def anchors(text: str) -> set[str]:
+    """The anchors of the headings, as GitHub makes them."""
+    titles = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+def broken_links(page: Path) -> list[str]:
+    """The relative links of a page that lead to no file or heading."""
+    broken = []
+    for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+        if re.match(r"[a-z]+://", link):
+            continue
+        file, _, anchor = link.partition("#")
+        target = (page.parent / file).resolve() if file else page
+        if not target.exists() or (anchor and anchor not in anchors(target.read_text(encoding="utf-8"))):
+            broken.append(link)
+    return broken
+
+
+def text_files() -> list[Path]:
+    """Every text file of the repository but this one."""
+    files = []
+    for path in ROOT.rglob("*"):
+        parts = path.relative_to(ROOT).parts
+        if SKIPPED.isdisjoint(parts) and path.is_file() and path != Path(__file__).resolve():
+            with contextlib.suppress(UnicodeDecodeError):
+                path.read_text(encoding="utf-8")
+                files.append(path)
+    return files
+
+
+# --- code -------------------------------------------------------------------------------------------------------------
+@needs_compiler
+@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page.read_text("utf-8"), "python")], ids=page_id)
+def test_python_of_the_pages_runs(page, tmp_path):
+    code = "\n".join(blocks(page.read_text(encoding="utf-8"), "python"))
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert {path.name for path in tmp_path.iterdir()} <= {"generated", "reports"}  # which git ignores
+    for line in re.findall(r"^print\(.*\)\s+# (.*)$", code, re.MULTILINE):
+        start = line.partition("...")[0].partition(":")[0].strip()
+        assert start in done.stdout, f"{line!r} is not in the output:\n{done.stdout}"
+
+
+@needs_compiler
+def test_c_of_the_readme_prints_its_result(tmp_path):
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    with contextlib.chdir(tmp_path), contextlib.redirect_stdout(io.StringIO()):
+        assert main(["generate", "planar5_nmp", "--quiet"]) == 0
+    (code,) = blocks(text, "c")
+    (tmp_path / "reports").mkdir()
+    (tmp_path / "reports" / "demo.c").write_text(code)
+    command = next(line.strip() for line in text.splitlines() if line.startswith("    cc "))
+    subprocess.run(command.replace("cc ", f"{COMPILER} ", 1), shell=True, cwd=tmp_path, check=True)
+    printed = subprocess.run([tmp_path / "reports" / "demo"], capture_output=True, text=True, check=True).stdout
+    assert f"`{printed.strip()}`" in text
+
+
+def test_commands_of_the_pages_parse():
+    lines = [
+        line
+        for page in PAGES
+        for block in blocks(page.read_text(encoding="utf-8"), "")
+        for line in block.splitlines()
+        if line.startswith("flexgen ")
+    ]
+    assert len(lines) > 15
+    for line in lines:
+        given = vars(build_parser().parse_args(line.split()[1:]))
+        for path in (given.get("out"), given.get("report"), given.get("trajectory")):
+            assert path is None or path.parts[0] == "reports"  # which git ignores
+
+
+@pytest.mark.parametrize(
+    "command", ["analyze planar5_nmp --pose 0.3,-1.1,0 --move line", "derive elbow@rigid"], ids=["analyze", "derive"]
+)
+def test_output_in_the_pages_is_printed(command, capsys):
+    text = (ROOT / "docs" / "command_line.md").read_text(encoding="utf-8")
+    shown = re.search(rf"`flexgen {re.escape(command)}`.*?^```\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    assert shown is not None
+    assert main([*command.split(), "--quiet"]) == 0
+    printed = {" ".join(line.split()) for line in capsys.readouterr().out.splitlines()}
+    missing = [line for line in shown[1].splitlines() if line.strip("- ") and " ".join(line.split()) not in printed]
+    assert missing == []
+
+
+# --- text -------------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("page", PROSE, ids=page_id)
+def test_links_lead_somewhere(page):
+    assert broken_links(page) == []
+
+
+def test_every_page_is_in_the_index():
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    assert [page.name for page in PAGES[1:] if page.name != "index.md" and f"({page.name})" not in index] == []
+
+
+@pytest.mark.parametrize("page", PROSE, ids=page_id)
+def test_words_are_plain(page):
+    assert private_words(page.read_text(encoding="utf-8")) == []
+
+
+def test_readme_is_short():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 130
+
+
+def test_no_text_installs_the_distribution_of_others():
+    found = [
+        f"{page_id(path)}: {line.strip()}"
+        for path in text_files()
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if FOREIGN.search(line)
+    ]
+    assert found == []
+
+
+# --- planted errors ---------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("line", ["pip install flexgen", "pip install -U 'flexgen[parquet]'", 'needs "flexgen[dask]"'])
+def test_planted_install_is_found(line):
+    assert FOREIGN.search(line)
+
+
+@pytest.mark.parametrize("line", ["pip install .", "pip install flexgen-robotics", "pip install ./flexgen"])
+def test_our_own_install_is_allowed(line):
+    assert not FOREIGN.search(line)
+
+
+def test_planted_word_and_link_are_found(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("# Page\n\nThe path is bent, as [there](none.md) and [here](#nowhere) and [here](#page).\n")
+    assert len(private_words(page.read_text())) == 1
+    assert broken_links(page) == ["none.md", "#nowhere"]
