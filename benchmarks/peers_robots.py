@@ -55,11 +55,12 @@ ROBOTS: dict[str, Callable[[], RobotModel]] = {
 
 
 def pinocchio_text(model: RobotModel) -> str:
-    """The model in the words that peers_pinocchio.cpp reads: gravity, number of joints, a line for each joint.
+    """Write a model in the format that peers_pinocchio.cpp reads: gravity, number of joints, one line per joint.
 
-    A line: kind, position and rotation (rows) of the joint in the one before, then mass, centre and inertia (rows) of
-    what rides on it. An axis along x, y or z becomes Pinocchio's joint for that axis, as its URDF reader does; any
-    other axis is turned into z by the placements around it, so that its slower joint with a free axis is never used.
+    A line has kind, position and rotation (rows) of the joint in the previous one, then mass, center of mass and inertia
+    (rows) of the body fixed to it. An axis along x, y or z becomes Pinocchio's joint for that axis, as in its URDF
+    reader. Any other axis is rotated to z by the placements around it, so that the slower joint with a free axis is not
+    used.
     """
     lines: list[tuple[str, Pose]] = []
     bodies: list[list[tuple[Pose, Body]]] = []

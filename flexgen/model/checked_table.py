@@ -179,7 +179,7 @@ class Table:
         return tuple(out)
 
     def axis(self, key: str) -> tuple[float, ...]:
-        """A direction, normalised."""
+        """A direction, normalized to length 1."""
         vector = self.vector(key, 3, what="a direction")
         largest = max(abs(x) for x in vector)
         if largest == 0.0:

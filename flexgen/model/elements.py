@@ -50,7 +50,7 @@ class CubicSpring:
 class SmoothSpring:
     """Low and high stiffness, once continuously differentiable.
 
-    ``tau = low d + (high - low)/(3 break_at^2) d^3`` for ``|d| <= break_at``, slope ``high`` beyond.
+    ``tau = low d + (high - low)/(3 break_at^2) d^3`` for ``|d| <= break_at``, stiffness ``high`` beyond.
     """
 
     low: float
@@ -60,7 +60,7 @@ class SmoothSpring:
 
 @dataclass(frozen=True)
 class PiecewiseSpring:
-    """Piecewise linear: slope ``low`` for ``|d| <= break_at``, slope ``high`` beyond; continuous."""
+    """Piecewise linear: stiffness ``low`` for ``|d| <= break_at``, ``high`` beyond; continuous."""
 
     low: float
     high: float

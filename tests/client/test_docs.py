@@ -176,6 +176,17 @@ def test_every_page_is_in_the_index():
     assert [page.name for page in PAGES[1:] if page.name != "index.md" and f"({page.name})" not in index] == []
 
 
+def test_contributing_names_every_room_and_only_files_that_exist():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    rooms = {path.parent.name for path in (ROOT / "flexgen").glob("*/__init__.py")}
+    assert {room for room in rooms if f"`{room}/`" not in text} == set()
+    named = re.findall(r"`([a-z_/.]+(?:/|\.py|\.md))`", text)
+    assert len(named) > 30
+    assert [name for name in named if not (ROOT / name).exists() and not (ROOT / "flexgen" / name).exists()] == []
+    stations = re.findall(r"^\d+\. ", text, re.MULTILINE)
+    assert 8 <= len(stations) <= 12
+
+
 @pytest.mark.parametrize("page", PROSE, ids=page_id)
 def test_words_are_plain(page):
     assert private_words(page.read_text(encoding="utf-8")) == []
