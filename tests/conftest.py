@@ -1,16 +1,73 @@
-"""Every run of the tests has a cache of compiled objects of its own, which its workers share."""
+"""The selection of the slow tests, and the cache of compiled C that the workers of a run share.
+
+`make test` runs what is not slow. A test is slow where
+
+- its folder or file stands in ``SLOW``,
+- it runs on a model that is not in ``QUICK_MODELS``, by the words of its id; files in ``ANY_MODEL`` are excepted,
+- it has ``@pytest.mark.slow``: for what the folder and the model do not say.
+"""
 
 from __future__ import annotations
 
 import os
+import re
+from pathlib import Path
 
 import pytest
 
+ROOT = Path(__file__).resolve().parents[1]
+QUICK_MODELS = {"elbow", "planar5_nmp", "beam_arm", "manutec_r3"}
+# Folders (with a slash at the end) and files: convergence orders, cross compilers, sanitizers.
+SLOW = (
+    "order/",
+    "client/test_cross_compile.py",
+    "client/test_hostile_inversion.py",
+    "client/test_hostile_sanitizers.py",
+    "client/test_kernel_compilers.py",
+)
+# Files that read or analyze each model in some milliseconds.
+ANY_MODEL = (
+    "published/test_analysis.py",
+    "unit/test_reader.py",
+    "unit/test_solvability.py",
+    "unit/test_structure.py",
+    "unit/test_zero_path.py",
+)
+OTHER_MODELS = {path.stem for path in (ROOT / "models").glob("*.toml")} - QUICK_MODELS
+
+
+def slow(path: str, words: str) -> bool:
+    """Whether folder or model make a test slow.
+
+    Parameters
+    ----------
+    path : str
+        The file, relative to ``tests``.
+    words : str
+        The id of the case, such as ``planar5_nmp@undamped-lq``; empty without parameters.
+    """
+    if any(path == entry or (entry.endswith("/") and path.startswith(entry)) for entry in SLOW):
+        return True
+    return path not in ANY_MODEL and not OTHER_MODELS.isdisjoint(re.split(r"[-@]", words))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the slow tests."""
+    for item in items:
+        path = item.path.relative_to(ROOT / "tests").as_posix()
+        case = getattr(item, "callspec", None)
+        if slow(path, "" if case is None else case.id):
+            item.add_marker("slow")
+
 
 @pytest.fixture(scope="session", autouse=True)
-def cache_of_this_run(tmp_path_factory):
-    """Neither the user's cache is used nor are the tests' objects left there."""
-    base = tmp_path_factory.getbasetemp()
-    folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "objects"
+def cache_of_this_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of compiled C: ``FLEXGEN_TEST_CACHE``, or one for this run; never the user's cache."""
+    given = os.environ.get("FLEXGEN_TEST_CACHE")
+    if given:
+        folder = Path(given)
+    else:
+        base = tmp_path_factory.getbasetemp()
+        folder = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "objects"
     os.environ["FLEXGEN_CACHE"] = str(folder)
     return folder

@@ -10,7 +10,8 @@ from pathlib import Path
 import clients
 import numpy as np
 import pytest
-from emitted import _folder, made, needs_compiler, random_states, run, sources
+from emitted import _folder, made, random_states, run, sources
+from toolchain import needs_compiler, tools
 
 from flexgen.build.generate import generate
 from flexgen.model.reader import read
@@ -20,11 +21,11 @@ pytestmark = needs_compiler
 
 M7 = "-mcpu=cortex-m7 -mfpu=fpv5-sp-d16 -mfloat-abi=hard".split()
 MACHINE = Path(__file__).resolve().parents[1] / "support" / "cortex_m7"  # start and memory of the emulated board
-LONG = pytest.mark.long
+SLOW = pytest.mark.slow
 LIBRARIES = [
     ("planar5_nmp", "double"),
-    pytest.param("abb_arm", "double", marks=LONG),
-    pytest.param("elbow", "single", marks=LONG),
+    pytest.param("abb_arm", "double", marks=SLOW),
+    pytest.param("elbow", "single", marks=SLOW),
     ("four_mass", "single"),
 ]
 
@@ -70,13 +71,12 @@ def test_the_same_bits_everywhere(name, precision, tmp_path):
         compared += 1
         assert answer == reference, (words, differences(folder, answer, reference))
     if compared < 2:
-        pytest.skip("one compiler only")
+        pytest.skip("one compiler only; install the Debian package clang")
 
 
 def test_contraction_would_be_noticed(tmp_path):
     """The planted bug: with fused multiply-adds the bits are others, where the processor has them."""
-    if missing("aarch64-linux-gnu-gcc", "qemu-aarch64"):
-        pytest.skip("no aarch64-linux-gnu-gcc or qemu-aarch64")
+    tools("aarch64-linux-gnu-gcc", "qemu-aarch64")
     folder = folder_of("planar5_nmp", "double")
     given = clients.inputs_of(clients.manifest_of(folder), states("planar5_nmp"))
     answers = []
@@ -97,8 +97,7 @@ def test_contraction_would_be_noticed(tmp_path):
 @pytest.mark.parametrize("name", ["elbow", "four_mass"])
 def test_a_cortex_m7_has_the_same_bits(name, tmp_path):
     """A bare machine without double precision, emulated: single precision, results through semihosting."""
-    if missing("arm-none-eabi-gcc", "qemu-system-arm", "gcc"):
-        pytest.skip("no arm-none-eabi-gcc, qemu-system-arm or gcc")
+    tools("arm-none-eabi-gcc", "qemu-system-arm", "gcc")
     folder = folder_of(name, "single")
     given = clients.inputs_of(clients.manifest_of(folder), states(name))
     board = [*M7, "--specs=rdimon.specs", "-T", str(MACHINE / "memory.ld"), str(MACHINE / "start.c")]
@@ -114,7 +113,7 @@ OPERATIONS = re.compile(r"(\d+) operations")
 STEP = 2.0**-30  # relative change of the inputs that tells how much the results amplify an error
 
 
-@pytest.mark.parametrize("name", ["planar5_nmp", "abb_arm", pytest.param("manutec_r3", marks=LONG)])
+@pytest.mark.parametrize("name", ["planar5_nmp", "abb_arm", pytest.param("manutec_r3", marks=SLOW)])
 def test_the_native_build_differs_by_rounding(name):
     """N operations that round otherwise: N eps times the result and what a relative error of the inputs becomes."""
     reproducible = load(made(name).directory)
@@ -149,8 +148,7 @@ TARGETS = {
 
 @pytest.mark.parametrize("name", ["elbow", "four_mass", "manutec_r3"])
 def test_a_machine_without_double_precision_needs_none(name, tmp_path):
-    if missing("arm-none-eabi-gcc", "arm-none-eabi-nm"):
-        pytest.skip("no arm-none-eabi-gcc")
+    tools("arm-none-eabi-gcc", "arm-none-eabi-nm")
     files = sources(folder_of(name, "single"))
     run("arm-none-eabi-gcc", *M7, "-std=c99", "-O2", "-Wdouble-promotion", "-Werror", "-c", *files, folder=tmp_path)
     needed = run("arm-none-eabi-nm", "-u", *sorted(tmp_path.glob("*.o")), folder=tmp_path)
@@ -165,8 +163,7 @@ def test_a_machine_without_double_precision_needs_none(name, tmp_path):
 def test_the_headers_stack_is_enough(name, precision, target, tmp_path):
     """What the compiler says each function of a point needs, its callees included, is at most what the header says."""
     compiler, flags = TARGETS[target]
-    if missing(compiler):
-        pytest.skip(f"no {compiler}")
+    tools(compiler)
     if target == "Cortex-M7" and precision == "double":
         pytest.skip("a Cortex-M7 of single precision")
     folder = folder_of(name, precision)

@@ -9,7 +9,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from emitted import needs_compiler
 from hostile import (
     BEFORE,
     FOUND,
@@ -27,6 +26,7 @@ from hostile import (
     target,
     untouched,
 )
+from toolchain import needs_compiler
 
 from flexgen.errors import ArgumentError, FlexgenError, SolverError
 from flexgen.inversion.sampling import time_derivative

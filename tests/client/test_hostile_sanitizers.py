@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -11,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from emitted import CC, needs_compiler, run, sources
+from emitted import run, sources
 from hostile import OUTPUTS, SPOILERS, Target, call_of, invert, target
 from hostile_client import begin, bound, statuses, text, update, whole_path
+from toolchain import CC, needs_compiler, tools
 
 from flexgen.codegen.spec import library_name
 
@@ -80,7 +80,7 @@ def corpus(one: Target) -> tuple[list[list[float]], list[int | None]]:
 @pytest.mark.parametrize("name", ["planar5_nmp", "elbow", "manutec_r3"])
 def test_sanitizers_are_silent(made, name, tmp_path):
     if not can_sanitize(tmp_path):
-        pytest.skip("the compiler has no address and undefined-behaviour sanitizers")
+        pytest.skip("the compiler has no sanitizers; install the Debian package gcc")
     one = made(name)
     symbol = library_name(one.equations.model)
     (tmp_path / "client.c").write_text(text(symbol), encoding="ascii")
@@ -94,8 +94,7 @@ def test_sanitizers_are_silent(made, name, tmp_path):
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_the_same_bits_from_every_compiler_and_level(made, compiler, tmp_path):
-    if shutil.which(compiler) is None:
-        pytest.skip(f"no {compiler}")
+    tools(compiler)
     one = made("planar5_nmp")
     call = call_of(one, every=2)
     expected = invert(one, call)
@@ -113,8 +112,7 @@ def test_the_same_bits_from_every_compiler_and_level(made, compiler, tmp_path):
 
 def test_the_stack_is_as_small_as_the_header_says(made, tmp_path):
     """The frames of a core that may stand on each other: no more than four of it, and one of a function it calls."""
-    if shutil.which("gcc") is None:
-        pytest.skip("needs gcc and its -fstack-usage")
+    tools("gcc")  # it has -fstack-usage
     one = made("planar5_nmp")
     name = library_name(one.equations.model)
     header = (one.directory / f"{name}.h").read_text(encoding="ascii")

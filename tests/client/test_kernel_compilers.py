@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 from functools import cache
 from pathlib import Path
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 from kernel_program import (
     COMPILER,
-    COMPILERS,
     OWN_OF_ONE,
     OWN_OF_TWO,
     STRICT,
@@ -28,6 +26,7 @@ from kernel_program import (
     widths,
     written,
 )
+from toolchain import tools
 
 from flexgen.expressions.elementary_functions import ERRORS
 
@@ -67,20 +66,18 @@ def check(precision: str, path: Path, under: tuple[str, ...] = ()) -> None:
 @both
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_same_bits_from_every_compiler(precision, compiler):
-    if compiler not in COMPILERS:
-        pytest.skip(f"no {compiler}")
+    tools(compiler)
     folder = written(precision)
     for level, width in zip(LEVELS, widths().values(), strict=False):
         check(precision, compiled(compiler, (level, *width, *STRICT), folder))
 
 
 @needs_compiler
-@pytest.mark.long
+@pytest.mark.slow
 @both
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_same_bits_from_every_compiler_level_and_width(precision, compiler):
-    if compiler not in COMPILERS:
-        pytest.skip(f"no {compiler}")
+    tools(compiler)
     folder = written(precision)
     for level in LEVELS:
         for width in widths().values():
@@ -90,8 +87,7 @@ def test_same_bits_from_every_compiler_level_and_width(precision, compiler):
 @needs_compiler
 @both
 def test_same_bits_on_aarch64(precision):
-    if not (shutil.which("aarch64-linux-gnu-gcc") and shutil.which("qemu-aarch64")):
-        pytest.skip("needs aarch64-linux-gnu-gcc and qemu-aarch64")
+    tools("aarch64-linux-gnu-gcc", "qemu-aarch64")
     path = compiled("aarch64-linux-gnu-gcc", ("-O2", "-static"), written(precision))
     check(precision, path, ("qemu-aarch64",))
 
@@ -113,8 +109,7 @@ def test_contracted_products_stay_exact(precision):
 @both
 @pytest.mark.parametrize("compiler", ["g++", "clang++"])
 def test_strict_compilers_of_cpp_are_silent(precision, compiler):
-    if compiler not in COMPILERS:
-        pytest.skip(f"no {compiler}")
+    tools(compiler)
     check(precision, compiled(compiler, ("-O1", *STRICT), written(precision)))
     compiled(compiler, ("-fsyntax-only", *STRICT, *widths()["number"]), written(precision))
 
@@ -158,8 +153,7 @@ def test_own_functions_need_no_library(precision):
 
 
 def test_single_precision_needs_no_double():
-    if not shutil.which("arm-none-eabi-gcc"):
-        pytest.skip("no arm-none-eabi-gcc")
+    tools("arm-none-eabi-gcc")
     processor = "-mcpu=cortex-m7 -mfpu=fpv5-sp-d16 -mfloat-abi=hard -mthumb -ffreestanding -O2".split()
     assert undefined("arm-none-eabi-gcc", processor, written("single")) == set()
     assert any("__aeabi_d" in name for name in undefined("arm-none-eabi-gcc", processor, written("double")))

@@ -14,7 +14,8 @@ import clients
 import numpy as np
 import pytest
 from bad_models import GOOD
-from emitted import CC, ROOT, SMALL, _folder, library_of, made, needs_compiler, random_states, run, sources
+from emitted import ROOT, SMALL, _folder, library_of, made, random_states, run, sources
+from toolchain import CC, STRICT, STRICT_CPP, needs_compiler, tool
 
 from flexgen.build.compiler import REPRODUCIBLE
 from flexgen.build.generate import Generated, generate
@@ -27,11 +28,6 @@ from flexgen.runtime import load
 
 pytestmark = needs_compiler
 
-STRICT = (
-    "-std=c99 -pedantic -Wall -Wextra -Wconversion -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Werror".split()
-)
-STRICT += ["-Wdouble-promotion", "-Wundef"]
-STRICT_CPP = "-x c++ -std=c++17 -pedantic -Wall -Wextra -Werror".split()
 PARAMETER_ROUNDING = 1e-10  # constants are folded in another order; the mass matrix amplifies that by its condition
 # What a freestanding compiler may call by itself; the functions need nothing else of the C library.
 BY_ITSELF = {"memset", "memcpy", "memmove"}
@@ -41,14 +37,6 @@ BY_ITSELF = {"memset", "memcpy", "memmove"}
 def single(name: str) -> Generated:
     """The library of a model in single precision; nobody changes it."""
     return generate(name, _folder() / f"{name}_single", precision="single")
-
-
-def tool(name: str) -> str:
-    """A program that a test needs."""
-    found = shutil.which(name)
-    if found is None:
-        pytest.skip(f"no {name}")
-    return found
 
 
 # --- packages ---------------------------------------------------------------------------------------------------------
@@ -226,7 +214,7 @@ def has_sanitizer(compiler: str, flag: str, tmp_path: Path) -> None:
     (tmp_path / "probe.c").write_text("int main(void) { return 0; }\n")
     answer = subprocess.run([compiler, flag, "probe.c", "-o", "probe"], cwd=tmp_path, capture_output=True, check=False)
     if answer.returncode != 0:
-        pytest.skip(f"{compiler} has no {flag}")
+        pytest.skip(f"{compiler} has no {flag}; install the Debian package gcc")
 
 
 @pytest.mark.parametrize(("name", "precision"), [("planar5_nmp", "double"), ("four_mass", "single")])

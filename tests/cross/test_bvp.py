@@ -10,10 +10,10 @@ from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
-from emitted import CC, loaded, made, needs_compiler, run
+from emitted import loaded, made, run
+from inversion_cases import given, last_joint, question
 from scipy.interpolate import make_interp_spline
-from test_inverter import given
-from test_product import STRICT, STRICT_CPP, tool
+from toolchain import CC, STRICT, STRICT_CPP, needs_compiler, tool
 
 import flexgen
 from flexgen.analysis.linear import linearise
@@ -23,12 +23,11 @@ from flexgen.inversion.methods import bvp, collocation, lq
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solve import make_solution
 from flexgen.inversion.status import Status
-from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.signatures import INVERSION
 from flexgen.mechanics.statics import at_rest
-from flexgen.model.elements import LinearSpring, Placement, RobotModel
+from flexgen.model.elements import Placement, RobotModel
 from flexgen.model.reader import read
-from flexgen.paths.path import Path
 from flexgen.runtime import load
 from flexgen.runtime.path_inversion import REPORTS
 from flexgen.simulation.simulate import simulate
@@ -52,24 +51,9 @@ OTHER_MOTION = 2e-9  # rad, of deflections of some 1e-3
 MICRON = 1e-6
 
 
-def question(model: str | FilePath | RobotModel, **options: float) -> InversionProblem:
-    """The model's first move."""
-    equations = derive(model)
-    return InversionProblem(equations, Path(equations, equations.model.move()), **options)  # type: ignore[arg-type]
-
-
 def usual(problem: InversionProblem) -> float:
     """The mesh [s] that solve begins with."""
     return min(problem.path.duration / 100, 5e-3)
-
-
-def last_joint(model: RobotModel, stiffness: float, damping: float) -> RobotModel:
-    """A planar arm with the spring and damper of its passive joint multiplied."""
-    element = model.elements[2]
-    dof = element.dofs[0]
-    assert isinstance(dof.spring, LinearSpring)
-    soft = replace(dof, spring=LinearSpring(dof.spring.stiffness * stiffness), damping=dof.damping * damping)
-    return replace(model, elements=(*model.elements[:2], replace(element, dofs=(soft,))))
 
 
 def flat_arm() -> RobotModel:
@@ -87,7 +71,7 @@ def unstable_zeros(equations: Equations, q_a: np.ndarray) -> int:
 
 
 # --- agreement --------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("name", [*PLANAR, pytest.param("manutec_r3_18", marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", [*PLANAR, pytest.param("manutec_r3_18", marks=pytest.mark.slow)])
 def test_it_agrees_with_the_other_methods(name: str) -> None:
     problem = question(name, preview=EARLY)
     answer = bvp.solve(problem, usual(problem))

@@ -46,7 +46,7 @@ def test_six_axes_with_18_degrees_of_freedom() -> None:
     six_axes("manutec_r3_18")
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["manutec_r3_24", "manutec_r3_30", "kr300_efjm"])
 def test_larger_six_axis_robots(name: str) -> None:
     six_axes(name)

@@ -10,8 +10,8 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from emitted import needs_compiler
 from scipy.interpolate import make_interp_spline
+from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError

@@ -146,7 +146,7 @@ def test_random_robots(case):
     check_all(case)
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @hypothesis.given(cases())
 @hypothesis.settings(max_examples=60, deadline=None, derandomize=True)
 def test_many_random_robots(case):

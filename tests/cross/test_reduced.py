@@ -145,7 +145,7 @@ def test_the_answer_agrees_and_is_verified(name: str) -> None:
     assert relative(solution.trajectory["tau_m"][on_path], reference(name)(t[on_path])) < EXACT  # type: ignore[operator]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("move", ["line", "joints"])
 def test_six_axes(move: str) -> None:
     solution = flexgen.solve("manutec_r3", move, method="reduced")

@@ -51,7 +51,7 @@ from flexgen.model.reader import read
 HERE = Path(__file__).parents[1] / "support"
 ROBOTS = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix", "share", "example-robot-data", "robots")
 SAMPLE, FULL = 5, 250  # robots of each kind
-needs_pinocchio = pytest.mark.skipif(PinocchioReferee is None, reason="the Python package pin is not installed")
+needs_pinocchio = pytest.mark.skipif(PinocchioReferee is None, reason="no pin; run: make setup-test")
 KINDS = [
     pytest.param(2 * k + i, linear, coupling, id=f"{'linear' if linear else 'any'}-{coupling}")
     for k, linear in enumerate((True, False))
@@ -162,7 +162,7 @@ def test_known_robots(name):
     except FlexgenError as error:
         if "example-robot-data" not in str(error):
             raise
-        pytest.skip("the Python package example-robot-data is not installed")
+        pytest.skip("no example-robot-data; run: make setup-test")
     rng = np.random.default_rng(3)
     states = tuple(state(model, rng, pose) for pose in ("anywhere", "anywhere", "square"))
     check_robot(Case(model, states, is_linear(model)))
@@ -181,7 +181,7 @@ def test_known_robots_move_as_pinocchio_reads_them(name, file, locked):
     import pinocchio as pin
 
     if not (ROBOTS / file).is_file():
-        pytest.skip("the Python package example-robot-data is not installed")
+        pytest.skip("no example-robot-data; run: make setup-test")
     whole = pin.buildModelFromUrdf(str(ROBOTS / file))
     peer = pin.buildReducedModel(whole, [whole.getJointId(joint) for joint in locked], pin.neutral(whole))
     data, rng = peer.createData(), np.random.default_rng(5)

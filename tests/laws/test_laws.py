@@ -6,14 +6,22 @@ AssertionError where the law is broken; the controls hand it answers with a bug 
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
-from referee import ALL_MODELS, Answers, State, model_of, random_state, twist_size
+from planted_bugs import (
+    ANGULAR,
+    asymmetric_mass,
+    indefinite_mass,
+    light_mass,
+    scaled,
+    slow_forward_dynamics,
+    trusting_motors,
+    wrong_coriolis,
+    wrong_gravity,
+)
+from referee import ALL_MODELS, Answers, State, answers, assert_close, model_of, random_state, twist_size
 from scipy.integrate import solve_ivp
 
-from flexgen.mechanics.equations import derive
 from flexgen.model.elements import BacklashSpring, RobotModel, Spring
 
 EXACT = 1e-12  # the same expression evaluated along another route: rounding of some hundred operations
@@ -28,23 +36,9 @@ ROUNDING = 1e-12  # relative error of one evaluation of the accelerations, of st
 STATES = 5
 
 
-@cache
-def answers(name: str) -> Answers:
-    return Answers(derive(model_of(name)))
-
-
 def states(model: RobotModel, n: int = STATES, seed: int = 20) -> list[State]:
     rng = np.random.default_rng(seed)
     return [random_state(model, rng) for _ in range(n)]
-
-
-def assert_close(found, expected, tolerance: float, scale: float | None = None) -> None:
-    """Largest difference, relative to the size of what is expected unless a scale is given."""
-    found, expected = np.asarray(found), np.asarray(expected)
-    assert found.shape == expected.shape
-    scale = np.max(np.abs(expected), initial=0.0) if scale is None else scale
-    error = np.max(np.abs(found - expected), initial=0.0)
-    assert error <= tolerance * scale, f"error {error:.3g}, allowed {tolerance * scale:.3g}"
 
 
 def slope(function, h: float):
@@ -275,80 +269,6 @@ def test_energy_is_balanced(name):
 # --- controls: the checks see planted bugs ---------------------------------------------------------------------------
 
 
-def wrong_coriolis(a: Answers, model: RobotModel) -> Answers:
-    """The sign of c flipped, in all the answers that it enters."""
-
-    def twice_c(q_a, v_a):
-        return 2 * (a.bias(q_a, v_a) - a.gravity(q_a))
-
-    def forward_dynamics(q_a, v_a, q_m, v_m, tau_m):
-        a_a, a_m = a.forward_dynamics(q_a, v_a, q_m, v_m, tau_m)
-
-        def residual(a_a):
-            return a.residual(q_a, v_a, a_a, q_m, v_m, a_m, tau_m)[0]
-
-        assert len(model.i_m) == model.n_m and model.motor_coupling == "simplified"  # then the arm's rows are alone
-        M = np.array([residual(a_a + e) - residual(a_a) for e in np.eye(model.n_a)]).T
-        return a_a + np.linalg.solve(M, np.sign(M[0, 0]) * twice_c(q_a, v_a)), a_m
-
-    return a.but(
-        bias=lambda q_a, v_a: a.bias(q_a, v_a) - twice_c(q_a, v_a),
-        inverse_dynamics=lambda q_a, v_a, a_a: a.inverse_dynamics(q_a, v_a, a_a) - twice_c(q_a, v_a),
-        forward_dynamics=forward_dynamics,
-    )
-
-
-def asymmetric_mass(a: Answers, model: RobotModel) -> Answers:
-    def mass_matrix(q_a):
-        M = a.mass_matrix(q_a)
-        M[0, 1] += 1e-6 * M[0, 0]
-        return M
-
-    return a.but(mass_matrix=mass_matrix)
-
-
-def indefinite_mass(a: Answers, model: RobotModel) -> Answers:
-    return a.but(mass_matrix=lambda q_a: a.mass_matrix(q_a) - 2 * np.diag(np.diag(a.mass_matrix(q_a))))
-
-
-def wrong_gravity(a: Answers, model: RobotModel) -> Answers:
-    def falling(q_a):
-        return 2 * a.gravity(q_a)
-
-    return a.but(
-        gravity=lambda q_a: -a.gravity(q_a),
-        bias=lambda q_a, v_a: a.bias(q_a, v_a) - falling(q_a),
-        inverse_dynamics=lambda q_a, v_a, a_a: a.inverse_dynamics(q_a, v_a, a_a) - falling(q_a),
-    )
-
-
-def light_mass(a: Answers, model: RobotModel) -> Answers:
-    return a.but(mass_matrix=lambda q_a: (1 - 1e-6) * a.mass_matrix(q_a))
-
-
-def slow_forward_dynamics(a: Answers, model: RobotModel) -> Answers:
-    return a.but(forward_dynamics=lambda *x: tuple((1 - 1e-6) * y for y in a.forward_dynamics(*x)))
-
-
-def scaled(name: str, factor):
-    """A bug: the answer of that name times a factor, of one number or one for each of several results."""
-
-    def bug(a: Answers, model: RobotModel) -> Answers:
-        def answer(*x):
-            y = getattr(a, name)(*x)
-            return tuple(f * z for f, z in zip(factor, y, strict=True)) if isinstance(y, tuple) else factor * y
-
-        return a.but(**{name: answer})
-
-    bug.__name__ = f"scaled_{name}"
-    return bug
-
-
-def trusting_motors(a: Answers, model: RobotModel) -> Answers:
-    return a.but(forward_dynamics=lambda q_a, v_a, q_m, v_m, tau_m: (v_m * 1.0, q_m * 1.0))
-
-
-ANGULAR = np.array([[1.0], [1], [1], [-1], [-1], [-1]])
 PLANTED = (
     (wrong_coriolis, check_passivity),
     (asymmetric_mass, check_mass_matrix),

@@ -7,7 +7,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
-from emitted import needs_compiler
+from toolchain import needs_compiler
 
 import flexgen
 from flexgen.model.moves import Move, MoveL, Program

@@ -49,7 +49,7 @@ def test_closed_form_on_six_axes(move: str) -> None:
     assert solution.tool_error_max_rad is not None and solution.tool_error_max_rad < 1e-7
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_six_axes_with_twelve_elasticities() -> None:
     solution = flexgen.solve("manutec_r3_efjm", method="collocation")
     assert solution.status == Status.SOLVED
@@ -193,13 +193,13 @@ def test_every_shipped_move_is_solved(name: str, move: str) -> None:
     assert not solution.warnings, solution.warnings
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_other_move_with_twelve_elasticities() -> None:
     solution = flexgen.solve("manutec_r3_efjm", "joints", "collocation")
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < MICRON / 10
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_the_referee_moves_the_tool_along_the_path() -> None:
     """The torque found, applied to Newton-Euler equations of another hand and integrated by another method."""
     model = read("planar5_nmp")

@@ -97,7 +97,7 @@ def test_a_gear_with_a_kink_is_solved_by_the_full_method() -> None:
     assert exact.status == Status.TOLERANCE_NOT_MET  # its torque would have to jump
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_backlash_is_solved_by_the_full_method_when_the_closed_form_fails() -> None:
     said: list[str] = []
     solution = flexgen.solve("kr300@backlash", progress=said.append)

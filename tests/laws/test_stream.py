@@ -7,8 +7,8 @@ from functools import cache
 
 import numpy as np
 import pytest
-from emitted import CC, ROOT, made, needs_compiler, run, sources
-from test_product import STRICT, tool
+from emitted import ROOT, made, run, sources
+from toolchain import CC, STRICT, needs_compiler, tool
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.model_library import inversion_library
@@ -104,7 +104,7 @@ def test_torques_that_come_late_are_seen():
     assert error(machine().simulation(t, results)) > 1e5 * PLANAR_ERROR
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("move", ["line", "turning_line"])
 def test_the_tool_of_six_axes_with_six_elasticities_follows(move):
     assert error(machine(SIX_AXES, move).simulation(*machine(SIX_AXES, move).followed())) < SIX_AXES_ERROR

@@ -86,7 +86,7 @@ def test_richardson_on_request() -> None:
     assert better.details == {"order": 1, "richardson": True, "step_s": pytest.approx(1e-3)}
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize("move", ["line", "joints"])
 def test_six_axes(move: str) -> None:
     """The joint move passes a singular pose of the wrist: where all coordinates are actuated that is no obstacle."""

@@ -9,8 +9,8 @@ import re
 
 import numpy as np
 import pytest
-from emitted import needs_compiler
-from test_bvp import last_joint, question
+from inversion_cases import last_joint, question
+from toolchain import needs_compiler
 
 from flexgen.codegen import clib_files
 from flexgen.inversion import model_library

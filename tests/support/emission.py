@@ -9,7 +9,8 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-from emitted import CC, run
+from emitted import run
+from toolchain import CC
 
 from flexgen.codegen.emit import emit
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec, library_spec

@@ -11,17 +11,13 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-import pytest
 
 from flexgen.build.generate import Generated, generate
 from flexgen.runtime import Library, load
 
-CC = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1", "-ffp-contract=off"]
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = ["elbow", "planar5_nmp"]
-
-needs_compiler = pytest.mark.skipif(CC is None, reason="no C compiler")
 
 
 @cache

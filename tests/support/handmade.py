@@ -14,12 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
+from toolchain import CC
 
 from flexgen.codegen.spec import STATUSES
-
-CC = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-needs_compiler = pytest.mark.skipif(CC is None, reason="no C compiler")
 
 PORTS = {"q_a": [2], "K": [2, 2], "parameters": [2], "s": [2], "S": [2, 3]}
 FUNCTIONS = {"twist": ("q_a K parameters", "s S"), "square": ("q_a", "s")}

@@ -215,7 +215,7 @@ def widths() -> dict[str, tuple[str, ...]]:
 
 COMPILERS = [name for name in ("gcc", "clang", "g++", "clang++") if os.name == "posix" and shutil.which(name)]
 COMPILER = next((name for name in COMPILERS if "+" not in name), None)
-needs_compiler = pytest.mark.skipif(COMPILER is None, reason="neither gcc nor clang")
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="neither gcc nor clang; install the Debian package gcc")
 needs_long_double = pytest.mark.skipif(np.finfo(np.longdouble).nmant < 60, reason="long double is double here")
 both = pytest.mark.parametrize("precision", ["double", "single"])
 POINTS = 100_000

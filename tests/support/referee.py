@@ -16,6 +16,7 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
+from flexgen.mechanics.equations import derive
 from flexgen.model.elements import (
     BacklashSpring,
     Beam,
@@ -686,3 +687,17 @@ def model_of(name: str) -> RobotModel:
 
 VARIANTS = tuple(f"{name}@{variant}" for name in model_names() for variant in read(name).variants)
 ALL_MODELS = (*model_names(), *VARIANTS, *SYNTHETIC)
+
+
+@cache
+def answers(name: str) -> Answers:
+    return Answers(derive(model_of(name)))
+
+
+def assert_close(found, expected, tolerance: float, scale: float | None = None) -> None:
+    """Largest difference, relative to the size of what is expected unless a scale is given."""
+    found, expected = np.asarray(found), np.asarray(expected)
+    assert found.shape == expected.shape
+    scale = np.max(np.abs(expected), initial=0.0) if scale is None else scale
+    error = np.max(np.abs(found - expected), initial=0.0)
+    assert error <= tolerance * scale, f"error {error:.3g}, allowed {tolerance * scale:.3g}"

@@ -16,6 +16,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from toolchain import needs_compiler
 
 import flexgen
 from flexgen.cli import verbs
@@ -25,10 +26,6 @@ from flexgen.inversion.status import Status
 from flexgen.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parents[2]
-
-needs_compiler = pytest.mark.skipif(
-    not any(shutil.which(name) for name in ("cc", "gcc", "clang")), reason="needs a C compiler"
-)
 
 
 @pytest.fixture

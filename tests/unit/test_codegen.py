@@ -4,25 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import re
-import shutil
 from pathlib import Path
 
 import casadi as ca
 import numpy as np
 import pytest
-from emitted import (
-    CC,
-    ROOT,
-    SMALL,
-    STRICT,
-    loaded,
-    machine,
-    made,
-    needs_compiler,
-    random_states,
-    run,
-    sources,
-)
+from emitted import ROOT, SMALL, STRICT, loaded, machine, made, random_states, run, sources
+from toolchain import CC, needs_compiler, tool
 
 from flexgen.build.generate import generate
 from flexgen.codegen.emit import emit, symbols
@@ -52,7 +40,7 @@ ROUNDING, ROUNDING_TIMES_CONDITION = 1e-11, 1e-9
 
 # Their larger relatives are compiled in the long run only: half a minute of two cores each.
 LARGE = {"manutec_r3_24", "manutec_r3_30", "kr300_efjm"}
-NAMES = [pytest.param(name, marks=pytest.mark.long) if name in LARGE else name for name in model_names()]
+NAMES = [pytest.param(name, marks=pytest.mark.slow) if name in LARGE else name for name in model_names()]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -193,9 +181,7 @@ def test_two_runs_give_the_same_bytes(tmp_path):
 
 
 def test_cpp_and_two_models_in_one_program(tmp_path):
-    cpp = shutil.which("c++") or shutil.which("g++")
-    if cpp is None:
-        pytest.skip("no C++ compiler")
+    cpp = tool("c++")
     program = ["#include <cstdio>"]
     body = []
     for name in SMALL:

@@ -6,7 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 from emission import Small, ports_of, small, spec_of
-from emitted import machine, needs_compiler
+from emitted import machine
+from toolchain import needs_compiler
 
 from flexgen.expressions import graph as graphs
 from flexgen.expressions import simplify

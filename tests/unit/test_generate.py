@@ -12,14 +12,8 @@ from pathlib import Path
 
 import pytest
 from clients import manifest_of
-from emitted import (
-    CC,
-    ROOT,
-    library_of,
-    made,
-    needs_compiler,
-    run,
-)
+from emitted import ROOT, library_of, made, run
+from toolchain import CC, needs_compiler
 
 import flexgen
 from flexgen import errors

@@ -6,36 +6,21 @@ import copy
 import ctypes
 import pickle
 from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 
 import numpy as np
 import pytest
-from emitted import loaded, made, needs_compiler
+from emitted import loaded, made
+from inversion_cases import EVERY, MODEL, PERIOD, given, samples
+from toolchain import needs_compiler
 
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.mechanics.equations import derive
-from flexgen.paths.path import Path
 from flexgen.runtime import load
 
 pytestmark = needs_compiler
 
-MODEL, PERIOD, EVERY = "planar5_nmp", 1e-3, 5
 # Between the mesh points the elastic coordinates are quintics: on a mesh of 5 ms they leave the equations by about 1e-6
 # of the torques at rest.
 BETWEEN = 1e-5
-
-
-@cache
-def samples(name: str = MODEL) -> dict[str, np.ndarray]:
-    """The model's first move, sampled."""
-    path = Path(equations := derive(name), equations.model.move())
-    t = np.arange(round(path.duration / PERIOD) + 1) * PERIOD
-    sample = path.sample(t)
-    return {"place": sample.y[:, :, 0], "rate": sample.rates(1), "rate2": sample.rates(2), "q_start": path.q_start}
-
-
-def given(**changes) -> dict:
-    return {**samples(), "period": PERIOD, "lead": 100, "tail": 100, "every": EVERY, **changes}
 
 
 @pytest.fixture(scope="module")

@@ -93,7 +93,7 @@ def test_the_general_rule_on_every_model_at_rest(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=pytest.mark.long if n in LARGE else ()) for n in model_names() if not is_flat(n)]
+    "name", [pytest.param(n, marks=pytest.mark.slow if n in LARGE else ()) for n in model_names() if not is_flat(n)]
 )
 def test_the_general_rule_along_a_path(name: str) -> None:
     expected = rule(flexgen.derive(name))
@@ -170,7 +170,7 @@ def test_models_with_a_singular_inertia(name: str, expected: tuple[int, int, int
     assert (found.mu, found.a, found.d) == expected
 
 
-@pytest.mark.long
+@pytest.mark.slow
 def test_a_singular_inertia_along_a_path() -> None:
     for found in along("manutec_r3_efjm"):
         assert numbers(found) == ("regular", 5, 23, 25, 0, 6)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from emitted import needs_compiler
+from toolchain import needs_compiler
 
 from flexgen.build import library_cache
 from flexgen.build.library_cache import IN_USE, mark_used, prune

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import SolverError
 from flexgen.inversion import limits
 from flexgen.inversion.bounds import limits_for
-from flexgen.inversion.model_library import has_compiler
 from flexgen.inversion.path_deviation import DEGREE, DeviationBasis, deviated_path
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
@@ -19,8 +19,6 @@ from flexgen.numerics.evaluate import evaluate
 KEPT = 1e-3  # of a bound: what its corrections may leave
 NEAR = 0.1  # relative: the two ways weigh the deviation alike and smooth it differently
 DIFFERENCE = 1e-6  # a central difference of a step of 1e-3 s of a motion of 1 Hz or so, relative
-
-needs_compiler = pytest.mark.skipif(not has_compiler(), reason="no C compiler")
 
 
 def bounded(method: str, **limits: float | tuple[float, ...]) -> Solution:

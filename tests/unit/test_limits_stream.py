@@ -12,6 +12,7 @@ import numpy as np
 import osqp
 import pytest
 import scipy.sparse as sp
+from toolchain import needs_compiler
 
 import flexgen
 from flexgen.build.compiler import find_compiler
@@ -29,7 +30,7 @@ from flexgen.runtime.stream import Interval
 from flexgen.simulation.simulate import output_labels, simulate
 from flexgen.trajectory import Trajectory
 
-pytestmark = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
+pytestmark = needs_compiler
 
 CLOSE = 1e-4  # of z, after as many steps as it takes; OSQP's own tolerance is finer
 STEPS = 4000
@@ -39,7 +40,7 @@ SIX_AXES = [
     pytest.param("manutec_r3_18", 0, 20, id="18, line, 100 ms"),
     pytest.param("manutec_r3_18", 1, 30, id="18, joints, 150 ms"),
     pytest.param("manutec_r3_24", 0, 40, id="24, line, 200 ms"),
-    pytest.param("manutec_r3_24", 3, 40, id="24, circle, 200 ms", marks=pytest.mark.long),
+    pytest.param("manutec_r3_24", 3, 40, id="24, circle, 200 ms", marks=pytest.mark.slow),
 ]
 FOLLOWED = 2e-6  # m: of the simulated tool, where streams without limits reach 1e-8: a thousandth of a bend is felt
 

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from handmade import CC, DIGEST, VALUES, compiled, install, needs_compiler, twist
+from handmade import DIGEST, VALUES, compiled, install, twist
+from toolchain import CC, needs_compiler
 
 import flexgen.runtime.files
 from flexgen.errors import ArgumentError, BuildError

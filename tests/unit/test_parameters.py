@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from emitted import needs_compiler, random_states
+from emitted import random_states
+from toolchain import needs_compiler
 
 from flexgen.build.generate import generate
 from flexgen.errors import ArgumentError

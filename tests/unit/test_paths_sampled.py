@@ -7,7 +7,7 @@ from pathlib import Path as FilePath
 
 import numpy as np
 import pytest
-from test_paths import derivatives_agree
+from path_derivatives import DIFFERENCE, derivatives_agree
 
 import flexgen
 from flexgen.errors import ArgumentError, ModelError
@@ -16,7 +16,6 @@ from flexgen.paths.jets import quaternion
 from flexgen.paths.path import Path
 from flexgen.paths.sample_files import read_samples
 
-DIFFERENCE = 2e-5  # as in test_paths: of finite differences
 START = (0.3, -1.1)
 
 

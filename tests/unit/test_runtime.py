@@ -8,14 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from emitted import (
-    SMALL,
-    loaded,
-    made,
-    needs_compiler,
-    random_states,
-)
+from emitted import SMALL, loaded, made, random_states
 from handmade import VALUES, compiled, install, twist
+from toolchain import needs_compiler
 
 from flexgen.build.generate import generate
 from flexgen.codegen.spec import STATUSES

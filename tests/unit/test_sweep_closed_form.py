@@ -7,8 +7,8 @@ import dataclasses
 import casadi as ca
 import numpy as np
 import pytest
-from emitted import CC
 from scipy.integrate import trapezoid
+from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
@@ -64,7 +64,7 @@ def coupled(model: RobotModel) -> RobotModel:
     return dataclasses.replace(model, motors=(first, dataclasses.replace(second, drives=drives, ratio=ratio)))
 
 
-@pytest.mark.skipif(CC is None, reason="no C compiler")
+@needs_compiler
 def test_six_axes_by_emitted_c_against_solve(tmp_path) -> None:
     equations = derive("manutec_r3")
     made = flexgen.generate(equations, tmp_path / "library", functions=["inverse_dynamics"])

@@ -22,7 +22,7 @@ from flexgen.sweeps.version import code_version
 from flexgen.sweeps.worker import run_shard
 
 
-@pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="dask.distributed is not installed")
+@pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="no dask.distributed; run: make setup-test")
 def test_dask_gives_the_same_bits(tmp_path) -> None:
     import distributed
 

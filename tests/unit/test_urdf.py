@@ -189,7 +189,7 @@ def compare(model, urdf: Path, tip: str, locked) -> None:
 )
 def test_overlays_on_robots_agree_with_pinocchio(name, file, tip, locked):
     if not (ROBOTS / file).is_file():
-        pytest.skip("the Python package example-robot-data is not installed")
+        pytest.skip("no example-robot-data; run: make setup-test")
     compare(read(HERE / name), ROBOTS / file, tip, locked)
 
 
@@ -203,7 +203,7 @@ def test_overlays_on_robots_agree_with_pinocchio(name, file, tip, locked):
 )
 def test_plain_robots_agree_with_pinocchio(file, base, tip):
     if not (ROBOTS / file).is_file():
-        pytest.skip("the Python package example-robot-data is not installed")
+        pytest.skip("no example-robot-data; run: make setup-test")
     compare(read(ROBOTS / file, base=base, tip=tip), ROBOTS / file, tip, {})
 
 

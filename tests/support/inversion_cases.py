@@ -1,0 +1,44 @@
+"""Inputs of inverse dynamics: a sampled move for a loaded library, the problem of a model's first move."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path as FilePath
+
+import numpy as np
+
+from flexgen.inversion.problem import InversionProblem
+from flexgen.mechanics.equations import derive
+from flexgen.model.elements import LinearSpring, RobotModel
+from flexgen.paths.path import Path
+
+MODEL, PERIOD, EVERY = "planar5_nmp", 1e-3, 5
+
+
+@cache
+def samples(name: str = MODEL) -> dict[str, np.ndarray]:
+    """The model's first move, sampled."""
+    path = Path(equations := derive(name), equations.model.move())
+    t = np.arange(round(path.duration / PERIOD) + 1) * PERIOD
+    sample = path.sample(t)
+    return {"place": sample.y[:, :, 0], "rate": sample.rates(1), "rate2": sample.rates(2), "q_start": path.q_start}
+
+
+def given(**changes) -> dict:
+    return {**samples(), "period": PERIOD, "lead": 100, "tail": 100, "every": EVERY, **changes}
+
+
+def question(model: str | FilePath | RobotModel, **options: float) -> InversionProblem:
+    """The model's first move."""
+    equations = derive(model)
+    return InversionProblem(equations, Path(equations, equations.model.move()), **options)  # type: ignore[arg-type]
+
+
+def last_joint(model: RobotModel, stiffness: float, damping: float) -> RobotModel:
+    """A planar arm with the spring and damper of its passive joint multiplied."""
+    element = model.elements[2]
+    dof = element.dofs[0]
+    assert isinstance(dof.spring, LinearSpring)
+    soft = replace(dof, spring=LinearSpring(dof.spring.stiffness * stiffness), damping=dof.damping * damping)
+    return replace(model, elements=(*model.elements[:2], replace(element, dofs=(soft,))))
