@@ -1,52 +1,87 @@
-# make run      the main job on planar5_nmp, with everything it needs set up first
-# make setup    the virtual environment .venv with flexgen and its tools
-# make test     the tests          make lint     format and lint          make types    static types
-# make bench    time the emitted C and inverse dynamics against others: benchmarks/peers.md, benchmarks/inversion.md
-#               (BENCH=--quick: a first look)
-# make golden   write the sources in generated/elbow anew, which a test compares with today's
-# make clean    remove what was built (not .venv)
+# make        the same as make run
+# make help   the list of targets
 #
-# PYTHON=python3.12 make setup    with another interpreter than python3
+# PYTHON=python3.12 make run    with another interpreter than python3 (3.11 or newer)
+# BENCH=--quick make bench      a short benchmark
+# PYTEST="-x -k stream" make test    more arguments for pytest
 
 PYTHON ?= python3
+WORKERS ?= 2
 VENV := .venv
 BIN := $(VENV)/bin
-STAMP := $(VENV)/.installed
+# Modules are compiled when they are first imported: that halves the time of an installation.
+INSTALL := $(BIN)/python -m pip install --quiet --no-compile --editable
+# The compiled C of the tests. Each entry is named by the hash of what it depends on, so it never has to be removed.
+TEST_CACHE := build/test-cache
+# Two workers use both cores: BLAS with threads of its own would make them wait for each other.
+RUN_TESTS = FLEXGEN_TEST_CACHE=$(CURDIR)/$(TEST_CACHE) OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
-.PHONY: run setup test lint types bench golden clean
+.PHONY: run help setup setup-test setup-lint setup-dev test test-slow test-full lint format types bench golden clean
 
-run: $(STAMP)
+run: $(VENV)/.installed            ## solve the example planar5_nmp (the default target)
 	$(BIN)/python cli.py run planar5_nmp
 
-setup: $(STAMP)
+help:                              ## list the targets
+	@sed -n 's/^\([a-z][a-z-]*\):[^#]*##/\1 -/p' Makefile | awk -F ' - ' '{ printf "make %-12s%s\n", $$1, $$2 }'
 
-$(STAMP): pyproject.toml
-	@command -v $(PYTHON) >/dev/null || { echo "flexgen: $(PYTHON) is not there; install Python 3.11 or newer, or name one: make PYTHON=/path/to/python" >&2; exit 1; }
-	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "flexgen: $$($(PYTHON) --version) is too old, 3.11 or newer is needed: make PYTHON=/path/to/python" >&2; exit 1; }
-	@command -v $${CC:-cc} >/dev/null || command -v gcc >/dev/null || command -v clang >/dev/null || echo "flexgen: warning: no C compiler (cc, gcc or clang): C can be written, but not compiled" >&2
+# --- set-up: one environment; each extra is installed when a target needs it -----------------------------------------
+setup: $(VENV)/.installed          ## install flexgen and what it needs to run in .venv
+setup-test: $(VENV)/.test          ## also what the tests need
+setup-lint: $(VENV)/.lint          ## also ruff and mypy
+setup-dev: setup-test setup-lint   ## everything
+
+$(VENV)/.installed: pyproject.toml
+	@command -v $(PYTHON) >/dev/null || { echo "flexgen: $(PYTHON) not found; install Python 3.11 or newer, or name one: make PYTHON=/path/to/python" >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "flexgen: $$($(PYTHON) --version) is too old, expected 3.11 or newer: make PYTHON=/path/to/python" >&2; exit 1; }
+	@command -v $${CC:-cc} >/dev/null || command -v gcc >/dev/null || command -v clang >/dev/null || echo "flexgen: warning: no C compiler found (cc, gcc or clang): C can be written, but not compiled; install the Debian package gcc" >&2
+	@echo "flexgen: installing into $(VENV) (about half a minute)"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --editable '.[dev]'
-	@touch $(STAMP)
+	$(INSTALL) .
+	@touch $@
 
-# two workers share the cores already: small matrices of many threads wait for each other
-test: $(STAMP)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n 2
+$(VENV)/.test: $(VENV)/.installed
+	@echo "flexgen: installing what the tests need (one to three minutes)"
+	$(INSTALL) '.[test]'
+	@touch $@
 
-lint: $(STAMP)
+$(VENV)/.lint: $(VENV)/.installed
+	$(INSTALL) '.[lint]'
+	@touch $@
+
+# --- checks -----------------------------------------------------------------------------------------------------------
+test: $(VENV)/.test                ## the quick tests (about 4 minutes on two cores, 3 when run again)
+	@echo "flexgen: quick tests, about 4 minutes on two cores"
+	@$(RUN_TESTS) -m 'not slow and not full' $(PYTEST)
+
+test-slow: $(VENV)/.test           ## the other tests (about 20 minutes on two cores)
+	@echo "flexgen: slow tests, about 20 minutes on two cores"
+	@$(RUN_TESTS) -m 'slow and not full' $(PYTEST)
+
+test-full: $(VENV)/.test           ## what takes longer still: large random samples
+	@echo "flexgen: large random samples, about 30 minutes on two cores"
+	@$(RUN_TESTS) -m full $(PYTEST)
+
+lint: $(VENV)/.lint                ## check format and style
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 
-types: $(STAMP)
+format: $(VENV)/.lint              ## write the format and the fixes of ruff
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+types: $(VENV)/.lint               ## check the static types
 	$(BIN)/mypy
 
-bench: $(STAMP)
+# --- others -----------------------------------------------------------------------------------------------------------
+bench: $(VENV)/.test               ## time C and inverse dynamics against others: benchmarks/*.md (BENCH=--quick)
+	@echo "flexgen: benchmarks, more than an hour; BENCH=--quick takes some minutes"
 	$(BIN)/python benchmarks/peers.py $(BENCH)
 	$(BIN)/python benchmarks/inversion.py $(BENCH)
 
-golden: $(STAMP)
+golden: $(VENV)/.installed         ## write the sources in generated/elbow again; a test compares them
 	$(BIN)/python cli.py generate elbow --no-build --force
 
-clean:
+clean:                             ## remove what was built (not .venv)
 	rm -rf build dist reports *.egg-info .pytest_cache .mypy_cache .ruff_cache
 	find generated -mindepth 1 -maxdepth 1 ! -name README.md ! -name elbow -exec rm -rf {} +
 	rm -f generated/elbow/*.a generated/elbow/*.so generated/elbow/*.dylib generated/elbow/manifest.json
