@@ -4,6 +4,7 @@
 
 - its folder or file stands in ``SLOW``,
 - it runs on a model that is not in ``QUICK_MODELS``, by the words of its id; files in ``ANY_MODEL`` are excepted,
+- its case stands in ``SLOW_CASES``,
 - it has ``@pytest.mark.slow``: for what the folder and the model do not say.
 """
 
@@ -33,6 +34,16 @@ ANY_MODEL = (
     "unit/test_structure.py",
     "unit/test_zero_path.py",
 )
+# Cases whose robot or method takes long, by a word of the id or the whole id.
+SLOW_CASES = {
+    "cross/test_recursion.py": {"dense7", "dense12", "sliding8", "ur5_elastic", "panda", "synthetic_complete"},
+    "cross/test_referees.py": {"any-simplified", "linear-complete"},
+    "cross/test_symbolic.py": {"skew"},
+    "laws/test_paths_smoothness.py": {"lq-3", "bvp-2"},
+    "laws/test_solve.py": {"manutec_r3-joints", "beam_arm-joints"},
+    "unit/test_report.py": {"beam_arm-line", "manutec_r3-line"},
+    "unit/test_solve_stages.py": {"1.0", "0.01"},
+}
 OTHER_MODELS = {path.stem for path in (ROOT / "models").glob("*.toml")} - QUICK_MODELS
 
 
@@ -48,7 +59,10 @@ def slow(path: str, words: str) -> bool:
     """
     if any(path == entry or (entry.endswith("/") and path.startswith(entry)) for entry in SLOW):
         return True
-    return path not in ANY_MODEL and not OTHER_MODELS.isdisjoint(re.split(r"[-@]", words))
+    names = {words, *re.split(r"[-@]", words)}
+    if not names.isdisjoint(SLOW_CASES.get(path, ())):
+        return True
+    return path not in ANY_MODEL and not names.isdisjoint(OTHER_MODELS)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -77,6 +77,7 @@ def answered(program: Path, **environment: str) -> None:
     assert answer.stdout.split() == ["0", library_spec(derive("elbow"), ["gravity"]).digest]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shared", ["OFF", "ON"])
 def test_cmake_and_pkg_config_find_what_was_installed(consumer, shared):
     cmake = tool("cmake")
@@ -125,6 +126,7 @@ def test_a_plain_compiler_call_is_enough(tmp_path):
     assert "gravity: success" in run(tmp_path / "example", folder=tmp_path)
 
 
+@pytest.mark.slow
 def test_bytes_depend_on_no_folder(tmp_path, monkeypatch):
     first = made("elbow")
     for k in range(2):
@@ -189,6 +191,7 @@ def test_the_static_library_has_the_same_symbols():
     assert defined == set(symbols(library_spec(derive("elbow"))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_no_compiler_finds_a_word_to_say(compiler, precision, tmp_path):
@@ -199,6 +202,7 @@ def test_no_compiler_finds_a_word_to_say(compiler, precision, tmp_path):
             run(tool(compiler), *STRICT, "-O2", "-c", *sorted(folder.glob("*.c")), folder=tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", ["g++", "clang++"])
 def test_the_sources_are_cpp_too(compiler, tmp_path):
     for folder in (made("four_mass").directory, single("planar5_nmp").directory):
@@ -217,6 +221,7 @@ def has_sanitizer(compiler: str, flag: str, tmp_path: Path) -> None:
         pytest.skip(f"{compiler} has no {flag}; install the Debian package gcc")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "precision"), [("planar5_nmp", "double"), ("four_mass", "single")])
 def test_sanitizers_see_nothing(name, precision, tmp_path):
     """Every function and its batch in odd numbers, exact and ill-aligned buffers, wrong calls, entries not finite."""
@@ -230,6 +235,7 @@ def test_sanitizers_see_nothing(name, precision, tmp_path):
     assert clients.answer([str(plain)], given(name, folder), tmp_path) == checked
 
 
+@pytest.mark.slow
 def test_parameters_are_shared_by_all_points(tmp_path):
     """With the values of the model file as arguments: the same calls, and the results of the library without them."""
     gcc, plain = tool("gcc"), made("four_mass").directory
@@ -263,6 +269,7 @@ def test_a_buffer_that_is_too_small_would_be_seen(tmp_path):
     assert answer.returncode != 0 and b"heap-buffer-overflow" in answer.stderr
 
 
+@pytest.mark.slow
 def test_threads_do_not_disturb_each_other(tmp_path):
     gcc, folder = tool("gcc"), made("planar5_nmp").directory
     has_sanitizer(gcc, "-fsanitize=thread", tmp_path)
@@ -272,6 +279,7 @@ def test_threads_do_not_disturb_each_other(tmp_path):
     assert clients.answer([str(program)], data, tmp_path) == clients.answer([str(alone)], data, tmp_path)
 
 
+@pytest.mark.slow
 def test_openmp_gives_the_same_bits(tmp_path):
     gcc, folder = tool("gcc"), made("planar5_nmp").directory
     has_sanitizer(gcc, "-fopenmp", tmp_path)
@@ -282,6 +290,7 @@ def test_openmp_gives_the_same_bits(tmp_path):
 
 
 # --- examples ---------------------------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_the_controller_runs_at_one_kilohertz_against_the_library(tmp_path):
     folder = made("planar5_nmp").directory
     files = [ROOT / "examples" / "controller.c", *sources(folder)]
@@ -292,6 +301,7 @@ def test_the_controller_runs_at_one_kilohertz_against_the_library(tmp_path):
     assert 5.0 < alone < 50.0 and 0.0 < fed < alone / 5.0
 
 
+@pytest.mark.slow
 def test_two_models_live_in_one_cpp_program(tmp_path):
     cpp = shutil.which("c++") or tool("g++")
     folders = [made(name).directory for name in ("planar5_nmp", "elbow")]

@@ -38,6 +38,7 @@ def test_the_more_a_baseline_knows_the_nearer_it_comes(name: str) -> None:
     assert rigid > fjm > 10 * slow > 20 * better > 0
 
 
+@pytest.mark.slow
 def test_errors_of_a_move_of_one_second() -> None:
     """The order of magnitude that makes elastic models worth while: 1 mm, 0.1 mm, 0.1 um."""
     model = read("planar5_nmp", overrides={"move.line.duration": 1.0})
@@ -46,6 +47,7 @@ def test_errors_of_a_move_of_one_second() -> None:
     assert 1e-4 < rigid < 1e-2 and 1e-5 < fjm < 1e-3 and 1e-8 < slow < 1e-6
 
 
+@pytest.mark.slow
 def test_without_elasticity_all_are_exact() -> None:
     for method in BASELINES:
         assert _error(flexgen.solve("elbow@rigid", method=method)) < RIGHT

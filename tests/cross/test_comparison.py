@@ -41,6 +41,7 @@ def test_a_machine_without_elastic_coordinates_has_one_baseline() -> None:
     assert [s.method for s in compare_methods(equations, flexgen.solve(equations))] == ["rigid", "closed-form"]
 
 
+@pytest.mark.slow
 def test_report_shows_them_together(beside, tmp_path) -> None:
     equations, solutions = beside
     named = {solution.method: solution for solution in solutions}
@@ -76,6 +77,7 @@ def test_errors_are_told_by_unit(name: str) -> None:
         assert np.abs(np.linalg.norm(apart[unit], axis=1) - size).max() < 1e-4 * size.max()  # sine for angle
 
 
+@pytest.mark.slow
 def test_the_distance_from_a_plan_keeps_metres_and_angles_apart() -> None:
     equations = derive("manutec_r3")
     solution = flexgen.solve(equations)

@@ -42,6 +42,7 @@ def six_axes(name: str) -> None:
         assert (solution.tool_error_max_rad or 0.0) <= SIX_AXES, move.name
 
 
+@pytest.mark.slow
 def test_six_axes_with_18_degrees_of_freedom() -> None:
     six_axes("manutec_r3_18")
 

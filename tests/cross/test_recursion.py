@@ -49,6 +49,7 @@ def test_agreement(name):
             check(equations, function, given, values(fast, given))
 
 
+@pytest.mark.slow
 def test_who_has_no_fast_path():
     """Beams; the whole machine where rotors turn with their carriers; everything else has one."""
     for name in ALL_MODELS:

@@ -24,6 +24,7 @@ def _table(equations, plants, controls=("feedforward", "feedback"), methods=METH
     return {(row["plant"], row["control"], row["method"]): row for row in rows}
 
 
+@pytest.mark.slow
 def test_the_table_of_a_planar_arm() -> None:
     equations = flexgen.derive(read("planar5_nmp", overrides={"move.line.duration": 1.0}))
     table = _table(equations, (NOMINAL, SOFT))
@@ -84,6 +85,7 @@ def test_held_motors_are_the_inverse_of_held_joints() -> None:
         assert np.abs(again.q_a - rest.q_a).max() < SAME and np.abs(again.tau_m - rest.tau_m).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_a_feedback_of_the_wrong_sign_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: then the motors run away, and the row says so."""
     equations = flexgen.derive("planar5_mp")

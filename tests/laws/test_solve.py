@@ -41,6 +41,7 @@ def test_collocation_is_verified_to_a_micron(name: str) -> None:
     assert np.abs(solution.trajectory["v_a"][0]).max() < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("move", ["joints", "line"])
 def test_closed_form_on_six_axes(move: str) -> None:
     solution = flexgen.solve("manutec_r3", move)
@@ -116,6 +117,7 @@ def test_a_sign_error_in_the_coriolis_term_is_seen() -> None:
     assert seen.status == Status.TOLERANCE_NOT_MET and (seen.tool_error_max_m or 0) > 100 * MICRON
 
 
+@pytest.mark.slow
 def test_a_zero_may_pass_through_infinity_along_the_path() -> None:
     """There the rows that give the accelerations are singular between two samples; the motion itself is smooth."""
     for method in ("lq", "collocation"):
@@ -225,6 +227,7 @@ def test_the_referee_moves_the_tool_along_the_path() -> None:
         assert np.hypot(tool.real - reference[0], tool.imag - reference[1]) < MICRON / 10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.1, 0.01])
 def test_fast_moves_of_light_machines(factor: float) -> None:
     """The same arm with time running faster: stiffness and gravity by factor^-2, damping by factor^-1."""

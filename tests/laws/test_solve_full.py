@@ -89,6 +89,7 @@ def test_gear_torque_channel_is_that_of_the_gears() -> None:
         assert np.abs(right - trajectory["tau_g"]).max() < close * np.abs(right).max()
 
 
+@pytest.mark.slow
 def test_a_gear_with_a_kink_is_solved_by_the_full_method() -> None:
     solution = flexgen.solve("four_mass@piecewise")
     assert (solution.method, solution.status) == ("full", Status.SOLVED)
@@ -106,6 +107,7 @@ def test_backlash_is_solved_by_the_full_method_when_the_closed_form_fails() -> N
     assert (solution.tool_error_max_m or 1) < 2 * MICRON and (solution.tool_error_max_rad or 1) < 2 * MICRON
 
 
+@pytest.mark.slow
 def test_complete_motor_coupling() -> None:
     """Rotors that turn with their carriers: solved by the full method; leaving the coupling out shows in the tool."""
     complete = flexgen.derive(read("planar5_nmp", overrides=COMPLETE))
@@ -122,6 +124,7 @@ def test_wrong_limits_are_refused() -> None:
         flexgen.solve("planar5_mp", limits=(1.0, 2.0))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_fallback_that_fails_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     from flexgen.inversion.methods import full_model
 

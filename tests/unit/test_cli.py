@@ -584,6 +584,7 @@ def test_json_types():
 
 
 # --- the main job -----------------------------------------------------------------------------------------------------
+@pytest.mark.slow
 @needs_compiler
 def test_run_and_reports(ask, run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -180,6 +180,7 @@ def test_two_runs_give_the_same_bytes(tmp_path):
         assert a.read_bytes() == b.read_bytes(), a.name
 
 
+@pytest.mark.slow
 def test_cpp_and_two_models_in_one_program(tmp_path):
     cpp = tool("c++")
     program = ["#include <cstdio>"]

@@ -25,6 +25,7 @@ BENT = 2e-4  # relative: of deflections, whose second coefficient an interval is
 PLAN = 1e-7  # m: what the simulation of the polynomials differs from the plan by
 
 
+@pytest.mark.slow
 def test_torque_and_speed_together_are_planned_exactly() -> None:
     """Both bounds act here; read through samples by anything but the polynomials, the torque misses by 0.1 mm."""
     equations = flexgen.derive("planar5_nmp")

@@ -111,6 +111,7 @@ def test_d_is_the_number_of_finite_zeros(name: str) -> None:
     assert analysis.kunkel_mehrmann.a == analysis.kunkel_mehrmann.n - len(analysis.zeros.zeros)
 
 
+@pytest.mark.slow
 @hypothesis.given(cases(coupling="simplified"))
 @hypothesis.settings(max_examples=15, deadline=None, derandomize=True)
 def test_the_general_rule_on_random_robots(case: Case) -> None:

@@ -50,6 +50,7 @@ def test_speed_limits_are_kept() -> None:
     assert np.abs(solution.trajectory["v_m"][:, 1]).max() <= 250.0 * (1 + KEPT)
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_the_modified_path_is_verified() -> None:
     equations = flexgen.derive("planar5_nmp")
@@ -67,6 +68,7 @@ def test_wide_limits_change_nothing() -> None:
     assert np.array_equal(free.trajectory["tau_m"], wide.trajectory["tau_m"])
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_limits_that_cannot_be_kept_are_told() -> None:
     with pytest.raises(SolverError, match=r"motor m1 needs 8\.57 N m to hold the arm"):

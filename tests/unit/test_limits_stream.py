@@ -183,6 +183,7 @@ def strays(model: str, intervals: list[Interval]) -> float:
     return simulate(equations, Trajectory(t, channels, ports, labels, {"model": robot.name})).tool_error_max_m or 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("model", "move", "ahead"), SIX_AXES)
 def test_six_axes_keep_torque_limits_that_bind_in_all_motors(model: str, move: int, ahead: int) -> None:
     bound = a_tenth_less(streamed(model, move, ahead))
@@ -199,6 +200,7 @@ def test_six_axes_keep_torque_limits_that_bind_in_all_motors(model: str, move: i
     assert np.abs(np.maximum(away[:-1], away[1:]) - off[ahead:-1]).max() < 1e-6  # at either end of the interval
 
 
+@pytest.mark.slow
 def test_bends_that_come_too_soon_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """A planted bug: the path is bent right ahead, where zeros ask the motion that is under way to have known."""
     texts = clib_files.templates()

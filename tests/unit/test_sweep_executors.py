@@ -22,6 +22,7 @@ from flexgen.sweeps.version import code_version
 from flexgen.sweeps.worker import run_shard
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("distributed") is None, reason="no dask.distributed; run: make setup-test")
 def test_dask_gives_the_same_bits(tmp_path) -> None:
     import distributed
@@ -67,6 +68,7 @@ def test_a_case_that_kills_its_process_becomes_a_row() -> None:
     assert {row["case"]: "died" in row.get("error", "") for row in rows} == {0: False, 1: True, 2: False}
 
 
+@pytest.mark.slow
 def test_an_interruption_that_a_solver_swallows_is_not_lost() -> None:
     def swallow(shard: Shard) -> Rows:
         with contextlib.suppress(KeyboardInterrupt):

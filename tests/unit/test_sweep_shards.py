@@ -23,6 +23,7 @@ from flexgen.sweeps.version import _installed, code_version, wants_native
 from flexgen.sweeps.worker import WrongCode, run_shard
 
 
+@pytest.mark.slow
 def test_real_solves_give_the_same_bits_for_any_workers_and_shards(tmp_path) -> None:
     grid = real_grid()
     made = {}
