@@ -18,13 +18,14 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 QUICK_MODELS = {"elbow", "planar5_nmp", "beam_arm", "manutec_r3"}
-# Folders (with a slash at the end) and files: convergence orders, cross compilers, sanitizers.
+# Folders (with a slash at the end) and files: convergence orders, cross compilers, sanitizers, the wheel.
 SLOW = (
     "order/",
     "client/test_cross_compile.py",
     "client/test_hostile_inversion.py",
     "client/test_hostile_sanitizers.py",
     "client/test_kernel_compilers.py",
+    "client/test_wheel.py",
 )
 # Files that read or analyze each model in some milliseconds.
 ANY_MODEL = (

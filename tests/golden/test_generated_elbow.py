@@ -1,0 +1,25 @@
+"""The emitted sources in generated/elbow are those that flexgen writes today."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+
+import pytest
+from emitted import ROOT
+
+from flexgen.build.generate import generate
+
+GOLDEN = ROOT / "generated" / "elbow"
+GOLDEN_CASADI = "3.8"  # another CasADi may order the operations of the same mathematics otherwise
+
+
+def test_the_sources_in_the_repository_are_those_of_today(tmp_path):
+    """``make golden`` writes them again; read the difference before you commit it."""
+    if not version("casadi").startswith(f"{GOLDEN_CASADI}."):
+        pytest.skip(f"written with CasADi {GOLDEN_CASADI}; run: pip install 'casadi~={GOLDEN_CASADI}.0'")
+    today = generate("elbow", tmp_path / "elbow", build=False)
+    texts = {path.name: path.read_bytes() for path in today.files if path.name != "manifest.json"}
+    kept = {path.name for path in GOLDEN.iterdir() if path.suffix in (".c", ".h", ".pc", ".txt")}
+    assert kept == set(texts), "run: make golden"
+    changed = [name for name, text in texts.items() if (GOLDEN / name).read_bytes() != text]
+    assert not changed, "run: make golden"

@@ -1,0 +1,93 @@
+"""The distribution: its name and version, the files beside the modules, what may be installed by which name."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import tomllib
+from fnmatch import fnmatch
+from pathlib import Path
+
+import pytest
+
+import flexgen
+
+ROOT = Path(__file__).resolve().parents[2]
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+# The name "flexgen" on PyPI is another program: nothing may install it.
+OTHER_PROGRAM = re.compile(r"""pip3? install[^\n]*[\s'"`]flexgen(?![-_./\w])|(?<![-\w])flexgen\[[a-z, ]+\]""")
+TEXTS = (".md", ".py", ".toml", ".c", ".h", ".cpp", ".yaml", ".cff", "Makefile")
+
+
+def unpacked(settings: dict) -> list[str]:
+    """Files of the packages, other than modules, that no pattern of package-data takes along."""
+    tools = settings["tool"]["setuptools"]
+    left = []
+    for package in tools["packages"]:
+        folder = ROOT / tools["package-dir"].get(package, package.replace(".", "/"))
+        patterns = ["*.py", *tools["package-data"].get(package, ())]
+        files = [path for path in folder.iterdir() if path.is_file()]
+        left += [f"{package}: {file.name}" for file in files if not any(fnmatch(file.name, p) for p in patterns)]
+    return left
+
+
+def test_name_and_version():
+    project = SETTINGS["project"]
+    assert project["name"] == "flexgen-robotics" and project["scripts"] == {"flexgen": "flexgen.cli.main:main"}
+    assert "version" not in project and SETTINGS["tool"]["setuptools"]["dynamic"] == {
+        "version": {"attr": "flexgen.__version__"}
+    }
+    assert re.fullmatch(r"\d+\.\d+\.\d+", flexgen.__version__)
+
+
+def test_every_file_of_the_packages_is_in_the_wheel():
+    assert unpacked(SETTINGS) == []
+    assert (ROOT / "flexgen" / "py.typed").exists()
+
+
+def test_a_file_without_a_pattern_is_seen():
+    data = SETTINGS["tool"]["setuptools"]["package-data"]
+    settings = {"tool": {"setuptools": {**SETTINGS["tool"]["setuptools"], "package-data": {**data, "flexgen": []}}}}
+    assert unpacked(settings) == ["flexgen: py.typed"]
+
+
+def test_extras_are_those_of_the_makefile():
+    """Running needs no extra; tests and lint install their own."""
+    assert set(SETTINGS["project"]["optional-dependencies"]) == {"parquet", "distributed", "test", "lint", "dev"}
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert set(re.findall(r"'\.\[(\w+)\]'", makefile)) == {"test", "lint"}
+    for heavy in ("mujoco", "pin", "dask", "pyarrow", "pytest", "ruff", "mypy"):
+        assert not any(re.match(rf"{heavy}\b", word) for word in SETTINGS["project"]["dependencies"])
+
+
+def test_help_lists_every_target():
+    text = (ROOT / "Makefile").read_text(encoding="utf-8")
+    (targets,) = re.findall(r"^\.PHONY:(.*)$", text, re.MULTILINE)
+    out = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    assert sorted(line.split()[1] for line in out.splitlines() if line.startswith("make ")) == sorted(targets.split())
+
+
+def texts() -> dict[str, str]:
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
+    if listed.returncode != 0:
+        pytest.skip("not a git clone")
+    files = [name for name in listed.stdout.splitlines() if name.endswith(TEXTS) and (ROOT / name).is_file()]
+    return {name: (ROOT / name).read_text(encoding="utf-8") for name in files if name != "tests/unit/test_packaging.py"}
+
+
+def test_nothing_installs_the_other_program():
+    assert {name: found[0] for name, text in texts().items() if (found := OTHER_PROGRAM.search(text))} == {}
+
+
+@pytest.mark.parametrize(
+    "line", ["pip install flexgen", "pip install -U 'flexgen[distributed]'", "needs flexgen[parquet]"]
+)
+def test_a_line_that_would_install_it_is_seen(line):
+    assert OTHER_PROGRAM.search(line)
+
+
+@pytest.mark.parametrize(
+    "line", ["pip install .", "pip install 'flexgen-robotics[parquet]'", "pip install -e ./flexgen", "import flexgen"]
+)
+def test_the_right_lines_are_not(line):
+    assert not OTHER_PROGRAM.search(line)
