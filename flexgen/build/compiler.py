@@ -178,7 +178,7 @@ def build_libraries(
     archiver = next((found for found in _ARCHIVERS if shutil.which(found)), None)
     if archiver is None:
         raise BuildError(f"ar: given none, expected one of {', '.join(_ARCHIVERS)} on the PATH; install binutils")
-    stored = Objects(compiler.identity, [(folder / file).read_bytes() for file in sorted(headers)])
+    stored = Objects(compiler.identity, {file: (folder / file).read_bytes() for file in headers})
     missing = [file for file in sources if fresh or not stored.fetch(folder / file)]
     tell(f"compiling {len(missing)} files" + (f", {len(sources) - len(missing)} known" * (len(missing) < len(sources))))
     workers = max(2, os.cpu_count() or 1)

@@ -10,16 +10,18 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import re
 import stat
 import tempfile
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
 
 from flexgen.errors import BuildError
 
 LIMIT = 256 * 2**20  # bytes of objects; the entries that were used least lately go first
 
 _MARK = 64  # length of the hash that an entry begins with
+_INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]+"([^"\n]+)"', re.MULTILINE)
 
 
 class Objects:
@@ -29,15 +31,14 @@ class Objects:
     ----------
     identity : str
         What the output depends on beside the text.
-    headers : sequence of bytes
-        Text of everything that the sources may include.
+    headers : mapping of str to bytes
+        Name and text of everything that the sources may include in quotation marks.
     """
 
-    def __init__(self, identity: str, headers: Sequence[bytes]) -> None:
+    def __init__(self, identity: str, headers: Mapping[str, bytes]) -> None:
         self.folder = cache_folder()
-        self.common = hashlib.sha256(identity.encode())
-        for text in headers:
-            self.common.update(hashlib.sha256(text).digest())
+        self.identity = identity
+        self.headers = {PurePosixPath(name).name: text for name, text in headers.items()}
 
     def fetch(self, source: Path) -> bool:
         """Put the object of a source beside it; False where it is not known."""
@@ -72,9 +73,26 @@ class Objects:
 
     def _key(self, source: Path) -> str:
         """Hash of everything that the object depends on; the name too, as objects hold it."""
-        digest = self.common.copy()
-        digest.update(source.name.encode() + b"\0" + source.read_bytes())
+        text = source.read_bytes()
+        digest = hashlib.sha256(self.identity.encode())
+        for name in sorted(self._included(text)):
+            digest.update(name.encode() + b"\0" + hashlib.sha256(self.headers[name]).digest())
+        digest.update(source.name.encode() + b"\0" + text)
         return digest.hexdigest()
+
+    def _included(self, text: bytes) -> set[str]:
+        """Names of the headers that a text includes, by way of others too; all of them where one is not known."""
+        names: set[str] = set()
+        texts = [text]
+        while texts:
+            for found in _INCLUDE.findall(texts.pop()):
+                name = PurePosixPath(found.decode(errors="replace")).name
+                if name not in self.headers:
+                    return set(self.headers)
+                if name not in names:
+                    names.add(name)
+                    texts.append(self.headers[name])
+        return names
 
 
 def _mark(key: str, data: bytes) -> bytes:

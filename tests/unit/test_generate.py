@@ -19,7 +19,7 @@ import flexgen
 from flexgen import errors
 from flexgen.build.compiler import find_compiler
 from flexgen.build.generate import generate
-from flexgen.build.object_cache import cache_folder
+from flexgen.build.object_cache import Objects, cache_folder
 from flexgen.codegen.emit import emit
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.equations import derive
@@ -257,6 +257,23 @@ def test_objects_are_compiled_once_for_all_directories(tmp_path, objects):
     assert compiled(tmp_path / "d", precision="single") == "compiling 2 files"
     assert stat.S_IMODE(objects.stat().st_mode) == 0o700
     assert all(len(path.stem) == 64 and path.suffix == ".o" for path in objects.iterdir())
+
+
+def keys(folder: Path, headers: dict[str, bytes], text: str = '#include "a.h"\n  # include "sub/b.h"\n') -> str:
+    (folder / "one.c").write_text(text)
+    return Objects("compiler", headers)._key(folder / "one.c")
+
+
+def test_an_object_depends_on_what_its_source_includes(tmp_path, objects):
+    """Directly or not; a header that it does not include changes nothing, one that is not known makes all count."""
+    headers = {"a.h": b'#include "c.h"\n', "sub/b.h": b"", "c.h": b"int c;\n", "d.h": b"int d;\n"}
+    key = keys(tmp_path, headers)
+    assert keys(tmp_path, {**headers, "d.h": b"int e;\n"}) == key
+    for name in ("a.h", "sub/b.h", "c.h"):
+        assert keys(tmp_path, {**headers, name: headers[name] + b"/**/"}) != key
+    unknown = '#include "x.h"\n'
+    assert keys(tmp_path, {**headers, "d.h": b""}, unknown) != keys(tmp_path, headers, unknown)
+    assert Objects("other compiler", headers)._key(tmp_path / "one.c") != keys(tmp_path, headers, unknown)
 
 
 @pytest.mark.parametrize("spoil", ["cut", "changed", "swapped", "empty"])
