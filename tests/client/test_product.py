@@ -236,6 +236,7 @@ def test_parameters_are_shared_by_all_points(tmp_path):
         assert np.all(np.abs(results[0][key] - expected) <= PARAMETER_ROUNDING * scale), key
 
 
+@pytest.mark.slow
 def test_a_buffer_that_is_too_small_would_be_seen(tmp_path):
     gcc = tool("gcc")
     has_sanitizer(gcc, "-fsanitize=address", tmp_path)

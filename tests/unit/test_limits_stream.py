@@ -218,11 +218,10 @@ def test_bends_that_come_too_soon_are_seen(monkeypatch: pytest.MonkeyPatch) -> N
     assert strays("manutec_r3_18", kept) > 100 * FOLLOWED
 
 
-def test_a_horizon_that_the_zeros_fill_is_refused() -> None:
+@pytest.mark.parametrize(("name", "ahead", "torque"), [("planar5_nmp", 3, 22.0), ("manutec_r3_24", 15, 1.0)])
+def test_a_horizon_that_the_zeros_fill_is_refused(name: str, ahead: int, torque: float) -> None:
     with pytest.raises(ArgumentError, match="horizon is too short to keep limits"):
-        streamed("planar5_nmp", ahead=3, torque=(22.0, 22.0))
-    with pytest.raises(ArgumentError, match="horizon is too short to keep limits"):
-        streamed("manutec_r3_24", ahead=15, torque=(1.0,) * 6)
+        streamed(name, ahead=ahead, torque=(torque,) * flexgen.derive(name).model.n_m)
 
 
 def test_limits_that_cannot_be_kept_end_the_stream_in_words() -> None:

@@ -52,12 +52,22 @@ def key_of(model: str, path: str) -> str:
 
 
 @needs_compiler
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "names", "overrides", "changes"), CASES)
 def test_run_time_values_are_as_good_as_baked_ones(name, names, overrides, changes, tmp_path):
-    library = load(generate(name, tmp_path / "open", parameters=names).directory)
+    check_run_time_values(name, names, overrides, changes, tmp_path)
+
+
+@needs_compiler
+def test_run_time_values_of_some_functions_are_as_good_as_baked_ones(tmp_path):
+    check_run_time_values(*CASES[0], tmp_path, functions=["gravity", "forward_dynamics", "mass_matrix"])
+
+
+def check_run_time_values(name, names, overrides, changes, tmp_path, functions=None):
+    library = load(generate(name, tmp_path / "open", parameters=names, functions=functions).directory)
     baked_model = read(name, overrides={key_of(name, path): value for path, value in overrides.items()})
-    baked = load(generate(baked_model, tmp_path / "baked").directory)
-    plain = load(generate(name, tmp_path / "plain").directory)
+    baked = load(generate(baked_model, tmp_path / "baked", functions=functions).directory)
+    plain = load(generate(name, tmp_path / "plain", functions=functions).directory)
     parameters = library.parameters.copy()
     for parameter, value in changes.items():
         parameters[library.parameter_names.index(parameter)] = value
