@@ -42,9 +42,20 @@ ANY_MODEL = (
 # Cases whose robot or method takes long, by a word of the id or the whole id.
 SLOW_CASES = {
     "client/test_product.py": {"planar5_nmp-gcc--O0", "planar5_nmp-gcc--O2"},
-    "cross/test_recursion.py": {"dense7", "dense12", "sliding8", "ur5_elastic", "panda", "synthetic_complete"},
-    "cross/test_referees.py": {"any-simplified", "linear-complete"},
-    "cross/test_symbolic.py": {"skew"},
+    "cross/test_recursion.py": {
+        "dense7",
+        "dense12",
+        "sliding8",
+        "ur5_elastic",
+        "panda",
+        "synthetic_complete",
+        "synthetic_mixed",
+        "synthetic_spinning",
+    },
+    "cross/test_bvp.py": {"undamped", "zeros change"},
+    "cross/test_comparison.py": {"joints of both units"},
+    "cross/test_referees.py": {"any-simplified", "linear-complete", "linear-simplified"},
+    "cross/test_symbolic.py": {"skew", "arm-complete-rigid"},
     "laws/test_paths_smoothness.py": {"lq-3", "bvp-2"},
     "laws/test_solve.py": {"manutec_r3-joints", "beam_arm-joints"},
     "unit/test_report.py": {"beam_arm-line", "manutec_r3-line"},

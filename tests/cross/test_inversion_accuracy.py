@@ -62,6 +62,7 @@ def test_a_torque_with_a_small_error_is_seen() -> None:
     assert (simulate("planar5_nmp", bent).tool_error_max_m or 0.0) > 100 * PLANAR
 
 
+@pytest.mark.slow
 def test_order_of_the_mesh() -> None:
     """Halving the intervals: the residual between the samples falls like the fourth power or faster, until rounding."""
     equations = derive("planar5_soft")

@@ -128,6 +128,7 @@ def test_a_library_is_pruned_rebuilt_and_usable_all_the_while(tmp_path, monkeypa
     assert again.directory == first.directory and (again.motor_friction(np.array([0.1, 0.2])) == before).all()
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_a_library_that_vanishes_while_it_is_loaded_is_rebuilt(tmp_path, monkeypatch, forgotten) -> None:
     monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path / "cache"))

@@ -119,6 +119,7 @@ def test_report_is_complete_and_needs_nothing_else(name, move, written):
     assert equations.model.description in text
 
 
+@pytest.mark.slow
 def test_caption_of_the_torque_follows_the_zeros(written):
     texts = {}
     for name, move in (("planar5_nmp", "line"), ("four_mass@high", "step")):
@@ -127,6 +128,7 @@ def test_caption_of_the_torque_follows_the_zeros(written):
     assert "zero dynamics is unstable" not in texts["four_mass@high"]
 
 
+@pytest.mark.slow
 def test_report_without_verification(tmp_path):
     equations, solution = solved("planar5_nmp", "line", verify=False)
     page, text = read_page(write_report(equations, solution, tmp_path))
@@ -138,6 +140,7 @@ def test_report_without_verification(tmp_path):
     assert figures_of.overview(equations, solution.trajectory) is not None
 
 
+@pytest.mark.slow
 def test_report_of_a_limited_solution_with_warnings_and_library(tmp_path):
     equations, solution = solved("planar5_nmp", "line")
     measured = dataclasses.replace(solution, status=Status.LIMITS_ACTIVE, plan_error_max=1.7e-6)
@@ -209,6 +212,7 @@ def test_limits_are_drawn_where_they_are_near():
     assert second.get_ylim()[1] < 50 and second.get_title(loc="right") == "limit ±900 N m"
 
 
+@pytest.mark.slow
 def test_early_torque_has_a_panel_only_with_unstable_zeros():
     def titles(name, move):
         equations, solution = solved(name, move)
@@ -298,6 +302,7 @@ def test_errors_are_drawn_in_a_unit_that_reads_well(size, unit):
     assert axes.get_title(loc="right").split()[1] in ("3", "0.3")
 
 
+@pytest.mark.slow
 def test_logarithmic_axes_say_so_and_falling_is_explained(tmp_path):
     analysis = flexgen.analyze("planar5_nmp")
     axes = figures_of.pole_zero_map(analysis).get_axes()[0]

@@ -126,6 +126,7 @@ def test_residual_catches_an_answer_that_is_none() -> None:
     assert residual_max(equations, dataclasses.replace(trajectory, channels=wrong)) == pytest.approx(0.1, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_an_undamped_nonlinear_gear() -> None:
     cubic = {"type": "cubic", "stiffness": 4e5, "cubic": 2e10}
     changes = {"element.arm1.dof.q1.gear.spring": cubic, "element.arm1.dof.q1.gear.damping": 0.0}

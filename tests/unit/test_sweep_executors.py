@@ -62,6 +62,7 @@ def deadly(shard: Shard) -> Rows:
     return echo(shard)
 
 
+@pytest.mark.slow
 def test_a_case_that_kills_its_process_becomes_a_row() -> None:
     rows = [row for _, done in in_pool(shards_of(3, 2), 2, deadly) for row in done.results]
     assert sorted(row["case"] for row in rows) == [0, 1, 2]
