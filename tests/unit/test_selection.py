@@ -1,0 +1,97 @@
+"""The selection of the quick tests: its tables name what is there, and every room of flexgen has a quick test."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+from selection import ANY_MODEL, OTHER_MODELS, QUICK_MODELS, ROOT, SLOW, SLOW_CASES, slow
+
+from flexgen.model.reader import model_names
+
+TESTS = ROOT / "tests"
+
+
+def rooms() -> set[str]:
+    """The folders of flexgen that hold modules."""
+    return {path.parent.name for path in (ROOT / "flexgen").glob("*/[a-z]*.py")}
+
+
+def quick_files() -> list[Path]:
+    """Test files with a test that no table and no mark of the file makes slow."""
+    out = []
+    for path in sorted(TESTS.glob("*/test_*.py")):
+        tests = [node for node in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(node, ast.FunctionDef)]
+        marks = [[ast.unparse(mark) for mark in node.decorator_list] for node in tests if node.name.startswith("test_")]
+        quick = any("pytest.mark.slow" not in mark and "pytest.mark.full" not in mark for mark in marks)
+        if quick and not slow(path.relative_to(TESTS).as_posix(), ""):
+            out.append(path)
+    return out
+
+
+def imported_rooms(path: Path) -> set[str]:
+    """The rooms that a test file imports from, itself and through the helpers in tests/support."""
+    out: set[str] = set()
+    seen, todo = set(), [path]
+    while todo:
+        file = todo.pop()
+        seen.add(file)
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            if isinstance(node, ast.ImportFrom) and node.module:
+                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+            out |= {name.split(".")[1] for name in names if name.startswith("flexgen.")}
+            helpers = [TESTS / "support" / f"{name}.py" for name in names]
+            todo += [helper for helper in helpers if helper.exists() and helper not in seen]
+    return out & rooms()
+
+
+def untouched(files: Iterable[Path]) -> list[str]:
+    """The rooms that none of these files imports."""
+    return sorted(rooms() - set().union(*map(imported_rooms, files)) - {"clib"})  # C, which every emission reads
+
+
+def test_every_room_has_a_quick_test():
+    assert {"mechanics", "inversion", "cli", "build"} <= rooms()
+    assert untouched(quick_files()) == []
+
+
+def test_a_room_without_a_quick_test_is_seen():
+    assert untouched(path for path in quick_files() if "plots" not in imported_rooms(path)) == ["plots"]
+
+
+def test_the_tables_name_what_is_there():
+    for entry in (*SLOW, *ANY_MODEL, *SLOW_CASES):
+        assert (TESTS / entry).exists(), entry
+    assert set(model_names()) >= QUICK_MODELS
+    assert set(model_names()) == QUICK_MODELS | OTHER_MODELS
+
+
+@pytest.mark.parametrize(
+    ("path", "words", "expected"),
+    [
+        ("laws/test_laws.py", "planar5_nmp@undamped-potential", False),
+        ("laws/test_laws.py", "manutec_r3_30-potential", True),
+        ("laws/test_laws.py", "kr300@backlash-potential", True),
+        ("order/test_bdf.py", "", True),
+        ("unit/test_reader.py", "manutec_r3_30", False),
+        ("cross/test_symbolic.py", "skew", True),
+        ("cross/test_bvp.py", "zeros change", True),
+        ("unit/test_paths.py", "", False),
+    ],
+)
+def test_folder_and_model_decide(path, words, expected):
+    assert slow(path, words) is expected
+
+
+def test_no_module_of_tests_imports_another():
+    """Helpers live in tests/support."""
+    names = {path.stem for path in TESTS.glob("*/test_*.py")}
+    for path in TESTS.glob("*/*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            found = node.module if isinstance(node, ast.ImportFrom) else None
+            assert found not in names, f"{path.name} imports {found}; move the helper to tests/support"
