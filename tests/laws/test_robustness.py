@@ -50,6 +50,7 @@ def test_mass_errors_need_feedback() -> None:
     assert free > 0.01 > 10 * held
 
 
+@pytest.mark.slow
 def test_poses_beams_and_joints_have_rows() -> None:
     pose = _table(flexgen.derive("kr300"), (NOMINAL,), methods=("rigid", "closed-form"))
     assert pose["nominal", "feedback", "rigid"]["error_max_rad"] > 1e-5

@@ -29,7 +29,9 @@ BALANCE = 1e-9  # relative; the integrator's tolerance is 1e-11 a step
 COUPLED = {"motor.m2.drives": ["q1", "q2"], "motor.m2.ratio": [30.0, 100.0]}
 
 
-@pytest.mark.parametrize("name", ["planar5_mp", "planar5_nmp", "planar5_soft", "beam_arm"])
+@pytest.mark.parametrize(
+    "name", ["planar5_mp", "planar5_nmp", "planar5_soft", pytest.param("beam_arm", marks=pytest.mark.slow)]
+)
 def test_collocation_is_verified_to_a_micron(name: str) -> None:
     solution = flexgen.solve(name, method="collocation")
     simulation = solution.simulation
@@ -130,6 +132,7 @@ def test_a_move_of_no_length_is_solved() -> None:
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < 1e-12
 
 
+@pytest.mark.slow
 def test_an_output_that_no_motor_moves_is_told() -> None:
     weights = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     model = dataclasses.replace(read("planar5_nmp"), output=Output("combination", "", weights, "rad"))
@@ -144,6 +147,7 @@ def test_too_rough_a_move_is_warned_of() -> None:
     assert not flexgen.solve("planar5_nmp", verify=False).warnings
 
 
+@pytest.mark.slow
 def test_coarse_meshes_are_refused_or_seen() -> None:
     assert flexgen.solve("abb_arm", method="collocation", mesh=0.5).status == Status.TOLERANCE_NOT_MET
     for name, mesh in (("beam_arm", 0.1), ("planar5_nmp", 0.08)):
@@ -257,7 +261,9 @@ def test_small_arms_are_judged_by_their_size() -> None:
     assert reach(flexgen.derive(read("planar5_nmp", overrides=small))) == pytest.approx(1.6e-3, rel=1e-3)
 
 
-@pytest.mark.parametrize(("name", "method"), [("planar5_nmp", "lq"), ("elbow", "closed-form")])
+@pytest.mark.parametrize(
+    ("name", "method"), [pytest.param("planar5_nmp", "lq", marks=pytest.mark.slow), ("elbow", "closed-form")]
+)
 def test_coupled_motors(name: str, method: str) -> None:
     solution = flexgen.solve(read(name, overrides=COUPLED))
     assert solution.method == method and solution.status == Status.SOLVED
