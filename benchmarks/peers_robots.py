@@ -57,10 +57,10 @@ ROBOTS: dict[str, Callable[[], RobotModel]] = {
 def pinocchio_text(model: RobotModel) -> str:
     """Write a model in the format that peers_pinocchio.cpp reads: gravity, number of joints, one line per joint.
 
-    A line has kind, position and rotation (rows) of the joint in the previous one, then mass, center of mass and inertia
-    (rows) of the body fixed to it. An axis along x, y or z becomes Pinocchio's joint for that axis, as in its URDF
-    reader. Any other axis is rotated to z by the placements around it, so that the slower joint with a free axis is not
-    used.
+    A line has kind, position and rotation (rows) of the joint in the previous one, then mass, center of mass and
+    inertia (rows) of the body fixed to it. An axis along x, y or z becomes Pinocchio's joint for that axis, as in its
+    URDF reader. Any other axis is rotated to z by the placements around it, so that the slower joint with a free axis
+    is not used.
     """
     lines: list[tuple[str, Pose]] = []
     bodies: list[list[tuple[Pose, Body]]] = []

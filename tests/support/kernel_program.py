@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from flexgen.codegen.kernel import kernel
+
 from flexgen.expressions.elementary_functions import PRECISIONS
 
 NAME = "robot"
