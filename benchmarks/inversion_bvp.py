@@ -48,8 +48,8 @@ class ReducedProblem:
         self.problem = InversionProblem(equations, self.path)
         self.reduction = Reduction(equations)
         self.g, self.e = list(equations.model.i_g), list(equations.model.i_e)
-        lead, settle = self.problem.windows
-        self.begin, self.end = -lead, self.path.duration + settle
+        n_pre, settle = self.problem.windows
+        self.begin, self.end = -n_pre, self.path.duration + settle
         t = np.linspace(self.begin, self.end, 401)
         slow = self.reduction.follow(self.path, t, self.reduction.start(self.path).q_a)
         self.slow = CubicSpline(t, slow)
@@ -63,8 +63,8 @@ class ReducedProblem:
         n = len(A)
         lower = -np.linalg.solve(A, np.hstack([K, D]))
         first_order = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])
-        rate = np.abs(np.linalg.eigvals(first_order)).max()
-        scale = np.r_[np.ones(n), np.full(n, rate)]
+        dy = np.abs(np.linalg.eigvals(first_order)).max()
+        scale = np.r_[np.ones(n), np.full(n, dy)]
         balanced = first_order * scale / scale[:, None]
         _, vectors, count = schur(balanced.T, output="real", sort="rhp" if grows else "lhp")
         return vectors[:, :count].T / scale
@@ -72,7 +72,7 @@ class ReducedProblem:
     def arm(self, t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Coordinates and speeds (m, n_a) on the path, the output's maps W_g, W_e, and its bias W' v."""
         sample, n_e = self.path.sample(t), len(self.e)
-        target, rate = self.reduction.targets(sample), sample.rates(1)
+        target, dy = self.reduction.targets(sample), sample.rates(1)
         q, v = self.slow(t), np.zeros((len(t), self.equations.model.n_a))
         q[:, self.e], v[:, self.e] = y[:n_e].T, y[n_e:].T
         for _ in range(NEWTON):
@@ -83,7 +83,7 @@ class ReducedProblem:
                 break
         W = self.library.output_constraint(q, v, target)[1]
         W_g, W_e = W[:, :, self.g], W[:, :, self.e]
-        moved = rate - (W_e @ v[:, self.e, None])[:, :, 0]
+        moved = dy - (W_e @ v[:, self.e, None])[:, :, 0]
         v[:, self.g] = np.linalg.solve(W_g, moved[:, :, None])[:, :, 0]
         return q, v, W_g, W_e, self.library.output_constraint(q, v, target)[2]
 
@@ -116,7 +116,7 @@ class ReducedProblem:
         """The call of `solve_bvp`."""
         n_e = len(self.e)
 
-        def rate(t: np.ndarray, y: np.ndarray) -> np.ndarray:
+        def dy(t: np.ndarray, y: np.ndarray) -> np.ndarray:
             return np.vstack([y[n_e:], self.slopes(t, y, False)[0].T])
 
         def rate_slope(t: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -137,7 +137,7 @@ class ReducedProblem:
         mesh = np.linspace(self.begin, self.end, setting.nodes)
         guess = np.vstack([self.slow(mesh)[:, self.e].T, self.slow(mesh, 1)[:, self.e].T])
         more = {"fun_jac": rate_slope, "bc_jac": ends_slope} if setting.jacobian else {}
-        return lambda: solve_bvp(rate, ends, mesh, guess, tol=setting.tolerance, max_nodes=20_000, **more)
+        return lambda: solve_bvp(dy, ends, mesh, guess, tol=setting.tolerance, max_nodes=20_000, **more)
 
     def answer(self, found: object) -> MethodResult | None:
         """Motion and torques from the solution's own interpolant; None where there is no solution."""

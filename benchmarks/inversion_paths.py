@@ -95,10 +95,10 @@ def error_of(solution: Solution) -> float:
 def arguments(equations: Equations, move: str, mesh: float) -> dict:
     """Arguments of the library for a move on a mesh of intervals of this length [s]."""
     path = Path(equations, equations.model.move(move))
-    n, period, every, lead, tail = sampling.grid(InversionProblem(equations, path, mesh=mesh), mesh)
-    place, rate, rate2 = sampling.samples(Reduction(equations), path, period, n)
-    given = {"place": place, "rate": rate, "rate2": rate2, "q_start": path.q_start}
-    return {**given, "period": period, "every": every, "lead": lead, "tail": tail}
+    n, period, samples_per_interval, n_pre, n_post = sampling.grid(InversionProblem(equations, path, mesh=mesh), mesh)
+    y, dy, ddy = sampling.samples(Reduction(equations), path, period, n)
+    given = {"y": y, "dy": dy, "ddy": ddy, "q_start": path.q_start}
+    return {**given, "period": period, "samples_per_interval": samples_per_interval, "n_pre": n_pre, "n_post": n_post}
 
 
 def tolerance_of(method: str) -> float:

@@ -1,4 +1,4 @@
-"""Streaming: thread time of every update in C while a robot moves back and forth, and the tool error."""
+"""Streaming: thread time of samples_per_interval update in C while a robot moves back and forth, and the tool error."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class There:
         return np.where(t < half, t, self.way * PERIOD - (t - half)), np.where(t < half, 1.0, -1.0)
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Place, rate and its rate."""
+        """Place, dy and its dy."""
         on_path, direction = self._folded(t)
         sample = self.path.sample(on_path)
         return self._reduction.targets(sample), direction[:, None] * sample.rates(1), sample.rates(2)
@@ -111,8 +111,8 @@ def stream_rows(builds: Builds, quick: bool, say: Callable[[str], None]) -> list
         table = tables[0]
         us, status, residual = 1e-3 * np.min([x[:, 0] for x in tables], axis=0), table[:, 1], table[:, 2]
         assert (status >= 0).all(), f"status {status.min()}"
-        parts = np.split(table[:, 3:], [PARTS * n_m, 2 * PARTS * n_m], axis=1)
-        q_m, tau_m, q_a = (x.reshape(updates * PARTS, -1) for x in parts)
+        samples_per_interval = np.split(table[:, 3:], [PARTS * n_m, 2 * PARTS * n_m], axis=1)
+        q_m, tau_m, q_a = (x.reshape(updates * PARTS, -1) for x in samples_per_interval)
         assert q_a.shape[1] == n_a
         t = np.arange(updates * PARTS) * PERIOD / PARTS - (INTERVALS - 1) * PERIOD
         one = (INTERVALS + there.round) * PARTS  # the first round, and the beginning of the next one

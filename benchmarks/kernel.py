@@ -14,7 +14,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from flexgen.codegen.kernel import kernel
+from flexgen.codegen.clib_files import kernel_files
 
 FLAGS = ("-O2", "-O2 -mavx2", "-O2 -march=native")
 ANGLES = (1, 6, 18)
@@ -97,7 +97,8 @@ def main() -> None:
     """Compile and run with every compiler and set of flags."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        (folder / "robot_kernel.h").write_text(kernel("robot", "double"), encoding="ascii")
+        for file, text in kernel_files("robot", "double").items():
+            (folder / file).write_text(text, encoding="ascii")
         (folder / "robot.h").write_text("typedef double robot_real;\n", encoding="ascii")
         (folder / "main.c").write_text(program(), encoding="ascii")
         for compiler in sys.argv[1:] or ["gcc"]:

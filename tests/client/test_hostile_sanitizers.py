@@ -59,20 +59,25 @@ def corpus(one: Target) -> tuple[list[list[float]], list[int | None]]:
             if one.equations.model.n_e:
                 records.append(whole_path(call, 2))
                 expected.append(None)
-    for intervals, parts, period, short in ((8, 3, one.period, 0), (1, 1, 1e-3, 0), (5, 7, 1e-9, 0), (3, 2, 1e5, 0)):
-        records.append(begin(one, intervals, parts, period, short))
+    for intervals, samples_per_interval, period, short in (
+        (8, 3, one.period, 0),
+        (1, 1, 1e-3, 0),
+        (5, 7, 1e-9, 0),
+        (3, 2, 1e5, 0),
+    ):
+        records.append(begin(one, intervals, samples_per_interval, period, short))
         expected.append(0)
         for k in range(1, 16):
             if k in (3, 9):
                 numbers = rng.choice([1e-9, 1.0, 30.0, 1e9, np.inf, np.nan, -1.0], 2)
                 records.append(bound(*numbers, rng.choice([1e-300, 1e-3, 1.0, 1e7, np.nan]), one))
                 expected.append(None)
-            given = [np.array(one.path[key][k]) for key in ("place", "rate", "rate2")]
+            given = [np.array(one.path[key][k]) for key in ("y", "dy", "ddy")]
             given[rng.integers(3)][0] *= rng.choice([1.0, 1.0, 1.0, np.nan, 1e3, 1e300])
             records.append(update(given))
             expected.append(None)
-    for intervals, parts, short in ((8, 3, 1), (0, 1, 0), (-1, -1, 0), (2**31 - 1, 2**31 - 1, 0)):
-        records.append(begin(one, intervals, parts, 1e-3, short))
+    for intervals, samples_per_interval, short in ((8, 3, 1), (0, 1, 0), (-1, -1, 0), (2**31 - 1, 2**31 - 1, 0)):
+        records.append(begin(one, intervals, samples_per_interval, 1e-3, short))
         expected.append(-6 if short else -5)
     return records, expected
 
@@ -84,8 +89,15 @@ def test_sanitizers_are_silent(made, name, tmp_path):
     one = made(name)
     symbol = library_name(one.equations.model)
     (tmp_path / "client.c").write_text(text(symbol), encoding="ascii")
-    parts = [str(CC), *STRICT, *SANITIZE, f"-I{one.directory}", "client.c", *map(str, sources(one.directory))]
-    run(*parts, "-lm", "-o", "client", folder=tmp_path)
+    command = [
+        str(CC),
+        *STRICT,
+        *SANITIZE,
+        f"-I{one.directory}",
+        "client.c",
+        *map(str, sources(one.directory)),
+    ]
+    run(*command, "-lm", "-o", "client", folder=tmp_path)
     records, expected = corpus(one)
     got = statuses([str(tmp_path / "client")], records, tmp_path)
     assert len(got) == len(expected)
@@ -96,7 +108,7 @@ def test_sanitizers_are_silent(made, name, tmp_path):
 def test_the_same_bits_from_every_compiler_and_level(made, compiler, tmp_path):
     tools(compiler)
     one = made("planar5_nmp")
-    call = call_of(one, every=2)
+    call = call_of(one, samples_per_interval=2)
     expected = invert(one, call)
     assert expected.status == 0
     scalar = f"-D{library_name(one.equations.model).upper()}_NO_VECTORS"
@@ -115,7 +127,7 @@ def test_the_stack_is_as_small_as_the_header_says(made, tmp_path):
     tools("gcc")  # it has -fstack-usage
     one = made("planar5_nmp")
     name = library_name(one.equations.model)
-    header = (one.directory / f"{name}.h").read_text(encoding="ascii")
+    header = (one.directory / f"{name}_inversion.h").read_text(encoding="ascii")
     said = [int(word) for word in re.findall(r"Stack: at most (\d+)\s", header.replace(" *", ""))]
     assert len(set(said)) == 1 and len(said) >= 3
     run("gcc", *STRICT, "-O2", "-fstack-usage", "-c", f"-I{one.directory}", *sources(one.directory), folder=tmp_path)
@@ -132,7 +144,10 @@ def test_the_stack_is_as_small_as_the_header_says(made, tmp_path):
 
 def test_threads_do_not_disturb_each_other(made):
     one = made("planar5_nmp")
-    calls = [call_of(one, every=every, tail=tail) for every, tail in ((1, 3), (2, 9), (3, 20), (5, 1))]
+    calls = [
+        call_of(one, samples_per_interval=samples_per_interval, n_post=n_post)
+        for samples_per_interval, n_post in ((1, 3), (2, 9), (3, 20), (5, 1))
+    ]
     expected = [invert(one, call).results for call in calls]
     with ThreadPoolExecutor(len(calls)) as pool:
         for _ in range(5):

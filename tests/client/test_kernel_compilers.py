@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from kernel_constants import ERRORS
 from kernel_program import (
     COMPILER,
     OWN_OF_ONE,
@@ -27,8 +28,6 @@ from kernel_program import (
     written,
 )
 from toolchain import tools
-
-from flexgen.expressions.elementary_functions import ERRORS
 
 LEVELS = ("-O0", "-O1", "-O2", "-O3")
 

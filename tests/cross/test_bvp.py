@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import pickle
 import shutil
 from dataclasses import replace
@@ -29,7 +30,7 @@ from flexgen.mechanics.statics import at_rest
 from flexgen.model.elements import Placement, RobotModel
 from flexgen.model.reader import read
 from flexgen.runtime import load
-from flexgen.runtime.path_inversion import REPORTS
+from flexgen.runtime.structs import filled, structs_of
 from flexgen.simulation.simulate import simulate
 
 pytestmark = needs_compiler
@@ -179,11 +180,11 @@ def test_the_library_offers_it() -> None:
     assert np.abs(answer.tau_m - same.tau_m).max() < SAME_START * np.abs(same.tau_m).max()
     again = pickle.loads(pickle.dumps(library.bvp))
     assert np.array_equal(again(**given()).tau_m, answer.tau_m)
-    assert repr(again).startswith("bvp(place, rate, rate2")
+    assert repr(again).startswith("bvp(y, dy, ddy")
     with pytest.raises(SolverError, match="bvp: the path leaves the workspace"):
-        library.bvp(**given(place=10.0 * given()["place"]))
-    with pytest.raises(ArgumentError, match="bvp, rate: given shape"):
-        library.bvp(**given(rate=np.zeros((3, 2))))
+        library.bvp(**given(y=10.0 * given()["y"]))
+    with pytest.raises(ArgumentError, match="bvp, dy: given shape"):
+        library.bvp(**given(dy=np.zeros((3, 2))))
     with pytest.raises(ArgumentError, match="an input is not finite"):
         library.bvp(**given(q_start=np.full(3, np.nan)))
     closed = load(made("planar5_nmp").directory)
@@ -196,30 +197,41 @@ def test_the_library_offers_it() -> None:
 # --- planted bugs -----------------------------------------------------------------------------------------------------
 PLANTED = {
     "rows swapped": [("&at, 1, b->first", "&at, 0, b->first"), ("&at, 0, b->last", "&at, 1, b->last")],
-    "rest forgotten": [("b->rest_end[NE + i] = 0.0;", "b->rest_end[NE + i] = 0.0; b->rest_end[i] = 0.0;")],
-    "the clock runs wrong": [("b->m.h = every * period;", "b->m.h = 0.999 * every * period;")],
+    "equilibrium forgotten": [
+        (
+            "b->equilibrium_start[NE + i] = b->equilibrium_end[NE + i] = 0.0;",
+            "b->equilibrium_start[NE + i] = b->equilibrium_end[NE + i] = 0.0; b->equilibrium_end[i] = 0.0;",
+        )
+    ],
+    "wrong interval length": [
+        ("b->m = mesh_in(&l, path, options, work);", "b->m = mesh_in(&l, path, options, work); b->m.h *= 0.999;")
+    ],
 }
 
 
 def call(folder: FilePath) -> tuple[int, np.ndarray]:
     """Status and motor torques of ``planar5_nmp_bvp`` in a folder's sources."""
-    files = [f"planar5_nmp_{name}.c" for name in (*INVERSION, "bvp")]
-    run(CC, "-std=c99", "-O1", "-fPIC", "-shared", *files, "-lm", "-o", "planted.so", folder=folder)
+    files = [f"src/planar5_nmp_{name}.c" for name in (*INVERSION, "bvp")]
+    run(CC, "-std=c99", "-O1", "-fPIC", "-shared", "-I.", *files, "-lm", "-o", "planted.so", folder=folder)
     library = ctypes.CDLL(str(folder / "planted.so"))
+    structs = structs_of(json.loads((folder / "manifest.json").read_text()))
     asked = given()
-    n = len(asked["place"])
-    total = n + asked["lead"] + asked["tail"]
-    outputs = [np.zeros((total, k)) for k in (3, 3, 3, 2, 2, 2, 2)] + [np.zeros(REPORTS["bvp"])]
-    whole = [ctypes.c_int(asked[key]) for key in ("lead", "tail", "every")]
+    n = len(asked["y"])
+    total = n + asked["n_pre"] + asked["n_post"]
+    counts = {key: asked[key] for key in ("n_pre", "n_post", "samples_per_interval")}
+    options = filled(structs["inversion_options"], **counts, tolerance=1e-6)
     library.planar5_nmp_bvp_work.restype = ctypes.c_int64
-    work = np.zeros(library.planar5_nmp_bvp_work(ctypes.c_int(n), *whole))
-    arrays = [np.ascontiguousarray(asked[key]) for key in ("place", "rate", "rate2", "q_start")]
-    where = [ctypes.c_void_p(x.ctypes.data) for x in (*arrays, *outputs, work)]
-    real = ctypes.c_double
+    work = np.zeros(library.planar5_nmp_bvp_work(ctypes.c_int(n), ctypes.byref(options)))
+    arrays = {key: np.ascontiguousarray(asked[key]) for key in ("y", "dy", "ddy")}
+    q, tau = np.ascontiguousarray(asked["q_start"]), np.zeros((total, 2))
+    path = filled(structs["path"], n=n, period=asked["period"], **arrays)
+    motion, info = filled(structs["motion"], tau_m=tau), structs["inversion_info"]()
     status = library.planar5_nmp_bvp(
-        ctypes.c_int(n), real(asked["period"]), *where[:4], *whole, real(1e-6), *where[4:], ctypes.c_int64(work.size)
+        *(ctypes.byref(path), ctypes.c_void_p(q.ctypes.data), ctypes.byref(options)),
+        *(ctypes.byref(motion), ctypes.byref(info)),
+        *(ctypes.c_void_p(work.ctypes.data), ctypes.c_int64(work.size)),
     )
-    return status, outputs[6]
+    return status, tau
 
 
 @pytest.mark.parametrize("bug", PLANTED)
@@ -227,7 +239,7 @@ def test_planted_bugs_are_caught(bug: str, tmp_path: FilePath) -> None:
     folder = FilePath(shutil.copytree(made("planar5_nmp").directory, tmp_path / "planted"))
     right = loaded("planar5_nmp").invert(**given())
     size = np.abs(right.tau_m).max()
-    file = folder / "planar5_nmp_bvp.c"
+    file = folder / "src" / "planar5_nmp_bvp.c"
     text = file.read_text()
     for old, new in PLANTED[bug]:
         assert text.count(old) == 1
@@ -241,5 +253,5 @@ def test_planted_bugs_are_caught(bug: str, tmp_path: FilePath) -> None:
 @pytest.mark.parametrize("compiler", ["gcc", "clang", "g++", "clang++"])
 def test_strict_compilers_have_nothing_to_say(compiler: str, tmp_path: FilePath) -> None:
     flags = STRICT_CPP if compiler.endswith("++") else [*STRICT, "-O2"]
-    file = made("planar5_nmp").directory / "planar5_nmp_bvp.c"
-    run(tool(compiler), *flags, "-c", file, "-o", "bvp.o", folder=tmp_path)
+    file = made("planar5_nmp").directory / "src" / "planar5_nmp_bvp.c"
+    run(tool(compiler), *flags, f"-I{file.parents[1]}", "-c", file, "-o", "bvp.o", folder=tmp_path)

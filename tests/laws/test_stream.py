@@ -51,13 +51,15 @@ class Machine:
         self._reduction = Reduction(self.equations)
 
     def samples(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Place, rate and its rate at instants."""
+        """Place, dy and its dy at instants."""
         sample = self.path.sample(t)
         return self._reduction.targets(sample), sample.rates(1), sample.rates(2)
 
-    def begun(self, ahead: int = AHEAD, parts: int = PARTS) -> Stream:
-        place = self.samples(np.zeros(1))[0][0]
-        return self.library.stream(place, self.path.q_start, period=UPDATE, intervals=ahead, parts=parts)
+    def begun(self, ahead: int = AHEAD, samples_per_interval: int = PARTS) -> Stream:
+        y = self.samples(np.zeros(1))[0][0]
+        return self.library.stream(
+            y, self.path.q_start, period=UPDATE, intervals=ahead, samples_per_interval=samples_per_interval
+        )
 
     def simulation(self, t: np.ndarray, results: dict[str, np.ndarray]) -> Simulation:
         """What the full model does under the torques, from rest."""
@@ -71,14 +73,16 @@ class Machine:
         ports = {name: Port(name, (x.shape[1],), units[name], name) for name, x in channels.items()}
         return simulate(self.equations, Trajectory(t, channels, ports, labels, {"model": model.name}))
 
-    def followed(self, ahead: int = AHEAD, parts: int = PARTS) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    def followed(
+        self, ahead: int = AHEAD, samples_per_interval: int = PARTS
+    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Instants and results of a stream along the path, and some time behind it."""
-        stream = self.begun(ahead, parts)
+        stream = self.begun(ahead, samples_per_interval)
         n = int(np.ceil((self.path.duration + AFTER) / UPDATE)) + ahead
         intervals = [stream.update(*sample) for sample in zip(*self.samples(UPDATE * np.arange(1, n + 1)), strict=True)]
-        assert all(interval.exact for interval in intervals) or (ahead - 1) * parts < DIFFERENCES
+        assert all(interval.converged for interval in intervals) or (ahead - 1) * samples_per_interval < DIFFERENCES
         names = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
-        t = np.arange(n * parts) * UPDATE / parts - (ahead - 1) * UPDATE
+        t = np.arange(n * samples_per_interval) * UPDATE / samples_per_interval - (ahead - 1) * UPDATE
         return t, {name: np.vstack([getattr(x, name) for x in intervals]) for name in names}
 
 
@@ -93,9 +97,11 @@ def error(simulation: Simulation) -> float:
 
 
 # --- judged by the full model -----------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("parts", "allowed"), [(1, ONE_PART_ERROR), (5, PLANAR_ERROR), (10, PLANAR_ERROR)])
-def test_the_tool_of_a_planar_arm_follows(parts, allowed):
-    assert error(machine().simulation(*machine().followed(parts=parts))) < allowed
+@pytest.mark.parametrize(
+    ("samples_per_interval", "allowed"), [(1, ONE_PART_ERROR), (5, PLANAR_ERROR), (10, PLANAR_ERROR)]
+)
+def test_the_tool_of_a_planar_arm_follows(samples_per_interval, allowed):
+    assert error(machine().simulation(*machine().followed(samples_per_interval=samples_per_interval))) < allowed
 
 
 def test_torques_that_come_late_are_seen():
@@ -119,9 +125,9 @@ def whole_path() -> tuple[np.ndarray, np.ndarray]:
         *samples(Reduction(planar.equations), planar.path, fine, round(planar.path.duration / fine) + 1),
         period=fine,
         q_start=planar.path.q_start,
-        lead=AHEAD * PARTS,
-        tail=round(2 * AFTER / fine),
-        every=PARTS,
+        n_pre=AHEAD * PARTS,
+        n_post=round(2 * AFTER / fine),
+        samples_per_interval=PARTS,
     )
     return found.t, found.tau_m
 
@@ -142,20 +148,22 @@ def test_a_long_look_ahead_gives_what_the_whole_path_gives():
 
 def test_a_short_look_ahead_does_not():
     """One interval, some four time constants of the unstable zero; and that there are too few samples is told."""
-    stream, (places, rates, rates2) = machine().begun(1), machine().samples(UPDATE * np.arange(1, 51))
-    given = [stream.update(*sample) for sample in zip(places, rates, rates2, strict=True)]
-    assert not any(interval.exact for interval in given[10:])
+    stream, (outputs, rates, rates2) = machine().begun(1), machine().samples(UPDATE * np.arange(1, 51))
+    given = [stream.update(*sample) for sample in zip(outputs, rates, rates2, strict=True)]
+    assert not any(interval.converged for interval in given[10:])
     assert away_from_the_whole_path(1) > 10 * AGREES
 
 
-@pytest.mark.parametrize("parts", [1, 10])
-def test_the_motion_does_not_depend_on_the_samples_asked_for(parts):
-    _, few = machine().followed(parts=parts)
-    _, some = machine().followed(parts=PARTS)
+@pytest.mark.parametrize("samples_per_interval", [1, 10])
+def test_the_motion_does_not_depend_on_the_samples_asked_for(samples_per_interval):
+    _, few = machine().followed(samples_per_interval=samples_per_interval)
+    _, some = machine().followed(samples_per_interval=PARTS)
     for name in ("q_a", "v_a", "tau_g"):
-        assert np.abs(few[name][::parts] - some[name][::PARTS]).max() < 1e-9 * np.abs(some[name]).max()
+        assert np.abs(few[name][::samples_per_interval] - some[name][::PARTS]).max() < 1e-9 * np.abs(some[name]).max()
     # motors follow by differences of samples
-    assert np.abs(few["tau_m"][::parts] - some["tau_m"][::PARTS]).max() < 1e-3 * np.abs(some["tau_m"]).max()
+    assert (
+        np.abs(few["tau_m"][::samples_per_interval] - some["tau_m"][::PARTS]).max() < 1e-3 * np.abs(some["tau_m"]).max()
+    )
 
 
 # --- gears ---------------------------------------------------------------------------------------------------------
@@ -171,16 +179,16 @@ def stiffening() -> Machine:
     return Machine(replace(model, name="stiffening", elements=elements), "joints")
 
 
-@pytest.mark.parametrize("parts", [2, 5])  # deciding anew at each update was 8e4 and 8e-3 off
-def test_gears_that_stiffen_are_the_same_in_a_stream(parts):
-    one, fine = stiffening(), UPDATE / parts
-    t, results = one.followed(parts=parts)
+@pytest.mark.parametrize("samples_per_interval", [2, 5])  # deciding anew at each update was 8e4 and 8e-3 off
+def test_gears_that_stiffen_are_the_same_in_a_stream(samples_per_interval):
+    one, fine = stiffening(), UPDATE / samples_per_interval
+    t, results = one.followed(samples_per_interval=samples_per_interval)
     n = round(one.path.duration / fine) + 1
     whole = one.library.invert(
         *samples(Reduction(one.equations), one.path, fine, n),
         period=fine,
         q_start=one.path.q_start,
-        tail=round(AFTER / fine),
+        n_post=round(AFTER / fine),
     )
     both = (t > whole.t[0]) & (t < whole.t[-1])
     at = np.round((t[both] - whole.t[0]) / fine).astype(int)
@@ -193,32 +201,32 @@ def test_what_limits_do_is_told_whatever_else_is_wrong():
     """With a tolerance that no step reaches every interval is inexact, and those that pass a bound are limited, too."""
     one = machine()
     all_samples = list(zip(*one.samples(UPDATE * np.arange(1, 121)), strict=True))
-    place = one.samples(np.zeros(1))[0][0]
+    y = one.samples(np.zeros(1))[0][0]
     told = []
     for tolerance in (1e-3, 1e-300):
         stream = one.library.stream(
-            place, one.path.q_start, period=UPDATE, intervals=AHEAD, parts=PARTS, tolerance=tolerance
+            y, one.path.q_start, period=UPDATE, intervals=AHEAD, samples_per_interval=PARTS, tolerance=tolerance
         )
         stream.limit(torque=np.full(2, MOST))
         told.append([stream.update(*sample) for sample in all_samples])
     for some, others in zip(*told, strict=True):
-        assert some.limited == others.limited and some.exact >= others.exact
-        assert some.limited or np.abs(some.tau_m).max() <= MOST
-    assert any(x.limited and not x.exact for x in told[1]) and not all(x.limited for x in told[1])
+        assert some.limits_active == others.limits_active and some.converged >= others.converged
+        assert some.limits_active or np.abs(some.tau_m).max() <= MOST
+    assert any(x.limits_active and not x.converged for x in told[1]) and not all(x.limits_active for x in told[1])
 
 
 # --- rest, refusals, end ----------------------------------------------------------------------------------------------
 def test_it_starts_at_rest_and_holds_at_the_end():
     stream = machine().begun()
-    place, still = machine().samples(np.array([machine().path.duration]))[0][0], np.zeros(2)
+    y, still = machine().samples(np.array([machine().path.duration]))[0][0], np.zeros(2)
     begin = machine().samples(np.zeros(1))[0][0]
     first = [stream.update(begin, still, still) for _ in range(5)]
     n = round(machine().path.duration / UPDATE)
     for sample in zip(*machine().samples(UPDATE * np.arange(1, n + 1)), strict=True):
         stream.update(*sample)
     for _ in range(2 * AHEAD):
-        stream.update(place, still, still)
-    for held in (first, [stream.update(place, still, still) for _ in range(20)]):
+        stream.update(y, still, still)
+    for held in (first, [stream.update(y, still, still) for _ in range(20)]):
         torque = np.vstack([x.tau_m for x in held])
         assert np.ptp(torque, axis=0).max() < STILL
         assert max(np.abs(x.v_a).max() for x in held) < STILL and max(np.abs(x.v_m).max() for x in held) < STILL
@@ -247,19 +255,19 @@ def test_a_refused_sample_leaves_no_trace():
             assert np.array_equal(getattr(one, name), getattr(other, name)), (k, name)
 
 
-@pytest.mark.parametrize("parts", [1, PARTS, 2 * PARTS])
+@pytest.mark.parametrize("samples_per_interval", [1, PARTS, 2 * PARTS])
 @pytest.mark.parametrize("name", [PLANAR, "elbow"])
-def test_a_jump_of_the_path_is_never_called_exact(name, parts):
-    """No torque follows it. What comes of it fades, and the stream is exact again at the new place."""
-    stream, still = machine(name).begun(parts=parts), np.zeros(2)
-    place = machine(name).samples(np.zeros(1))[0][0]
-    stream.update(place, still, still)
-    place = place - np.array([1e-3, 0.0])
-    given = [stream.update(place, still, still) for _ in range(4 * AHEAD)]
-    verdicts = [interval.exact for interval in given]
+def test_a_jump_of_the_path_is_never_called_exact(name, samples_per_interval):
+    """No torque follows it. What comes of it fades, and the stream is exact again at the new y."""
+    stream, still = machine(name).begun(samples_per_interval=samples_per_interval), np.zeros(2)
+    y = machine(name).samples(np.zeros(1))[0][0]
+    stream.update(y, still, still)
+    y = y - np.array([1e-3, 0.0])
+    given = [stream.update(y, still, still) for _ in range(4 * AHEAD)]
+    verdicts = [interval.converged for interval in given]
     assert not all(verdicts) and all(verdicts[-AHEAD:])
     held = np.abs(given[-1].tau_m[-1])
-    assert all(interval.exact is False for interval in given if (np.abs(interval.tau_m - held) > 10 * held).any())
+    assert all(interval.converged is False for interval in given if (np.abs(interval.tau_m - held) > 10 * held).any())
 
 
 # --- the example in C -------------------------------------------------------------------------------------------------

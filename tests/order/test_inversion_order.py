@@ -65,7 +65,7 @@ def test_six_axes(method: str) -> None:
 
 
 def equidistant(text: str) -> str:
-    """The Gauss points replaced by the middles of three equal parts, whose order is four."""
+    """The Gauss points replaced by the middles of three equal every, whose order is four."""
     c = np.array([1, 3, 5]) / 6
     powers = c[:, None] ** np.arange(3)
     A = c[:, None] * powers / np.arange(1, 4) @ np.linalg.inv(powers)
@@ -84,9 +84,9 @@ def equidistant(text: str) -> str:
 
 def test_points_of_a_lower_order_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """The planted bug: points that converge to the same motion, but more slowly."""
-    texts = clib_files.templates()
-    right = texts["inversion.h"]
-    monkeypatch.setattr(clib_files, "templates", lambda: {**texts, "inversion.h": equidistant(right)})
+    texts = clib_files.fixed_files()
+    right = texts["inversion_common.h"]
+    monkeypatch.setattr(clib_files, "fixed_files", lambda: {**texts, "inversion_common.h": equidistant(right)})
     monkeypatch.setenv("FLEXGEN_CACHE", "")
     model_library._built.cache_clear()
     try:

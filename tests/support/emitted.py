@@ -48,7 +48,7 @@ def run(*command, folder: Path, expected: int = 0) -> str:
 
 
 def sources(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.glob("*.c") if path.name != "example.c")
+    return sorted((folder / "src").glob("*.c"))
 
 
 def random_states(model, n: int) -> dict[str, np.ndarray]:

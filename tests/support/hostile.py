@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path as FilePath
@@ -12,21 +13,21 @@ import numpy as np
 from emitted import library_of
 
 from flexgen.build.generate import generate
-from flexgen.codegen.clib_table import C_FUNCTIONS
 from flexgen.codegen.spec import STATUSES, library_name
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.signatures import INVERSION
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.runtime import Library, load
+from flexgen.runtime.structs import filled, structs_of
 
 CODES = {status.name: status.code for status in STATUSES}
 NAMES = {value: name for name, value in CODES.items()}
 SENTINEL = -7.25e77
 OUTPUTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
-ARRAYS = ("place", "rate", "rate2", "q_start")
+ARRAYS = ("y", "dy", "ddy", "q_start")
 SAMPLES, BEFORE, AFTER = 41, 12, 8  # of the paths that are spoiled
-REPORTS = {name: number for core in C_FUNCTIONS for name, number, _ in core.macros}
+STRUCTURES = ("path", "options", "motion", "info")  # of an inversion, passed by address
 
 
 def guarded(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -51,6 +52,7 @@ class Target:
     period: float
     singular: int  # the coordinate that is zero at a singular pose; -1 where none is
     directory: FilePath
+    structs: dict[str, type[ctypes.Structure]]
 
     def with_library(self, file: FilePath) -> Target:
         """The same, with another shared library."""
@@ -71,28 +73,28 @@ def target(model: Any, folder: FilePath, move: str | None = None, singular: int 
     path = Path(equations, equations.model.move(move))
     t = np.linspace(0.0, path.duration, SAMPLES)
     sample = path.sample(t)
-    place = sample.y[:, :, 0]
+    y = sample.y[:, :, 0]
     if sample.R is not None:
-        place = np.hstack([place, sample.R.transpose(0, 2, 1).reshape(SAMPLES, 9)])
-    given = {"place": place, "rate": sample.rates(1), "rate2": sample.rates(2), "q_start": path.q_start}
+        y = np.hstack([y, sample.R.transpose(0, 2, 1).reshape(SAMPLES, 9)])
+    given = {"y": y, "dy": sample.rates(1), "ddy": sample.rates(2), "q_start": path.q_start}
     sizes = {key: library.sizes[key] for key in ("n_a", "n_g", "n_m", "n_y", "n_t")}
-    return Target(
-        equations, library, ctypes.CDLL(str(library_of(made.directory))), sizes, given, t[1], singular, made.directory
-    )
+    structs = structs_of(json.loads((made.directory / "manifest.json").read_text()))
+    entry = ctypes.CDLL(str(library_of(made.directory)))
+    return Target(equations, library, entry, sizes, given, t[1], singular, made.directory, structs)
 
 
 @dataclass
 class Call:
     """Arguments of one call of invert; ``null``: an argument that is a null pointer; ``short``: what work lacks."""
 
-    place: np.ndarray
-    rate: np.ndarray
-    rate2: np.ndarray
+    y: np.ndarray
+    dy: np.ndarray
+    ddy: np.ndarray
     q_start: np.ndarray
     period: float
-    lead: int = BEFORE
-    tail: int = AFTER
-    every: int = 1
+    n_pre: int = BEFORE
+    n_post: int = AFTER
+    samples_per_interval: int = 1
     tolerance: float = 1e-6
     n: int | None = None
     null: str = ""
@@ -127,93 +129,124 @@ def pointer(x: np.ndarray | None) -> ctypes.c_void_p:
 
 
 def invert(target: Target, call: Call) -> MethodResult:
-    """The call of C, with arrays of the exact size."""
-    s = target.sizes
-    n = len(call.place) if call.n is None else call.n
-    whole = [ctypes.c_int(x) for x in (call.lead, call.tail, call.every)]
-    size = target.function("invert_work", ctypes.c_int64)(ctypes.c_int(n), *whole)
-    total = n + call.lead + call.tail if size > 0 else 1
+    """The call of C, with arrays of the exact size; structs lie between sentinels too."""
+    s, structs = target.sizes, target.structs
+    n = len(call.y) if call.n is None else call.n
+    options = guarded_struct(
+        structs["inversion_options"],
+        n_pre=call.n_pre,
+        n_post=call.n_post,
+        samples_per_interval=call.samples_per_interval,
+        tolerance=call.tolerance,
+    )
+    size = target.function("invert_work", ctypes.c_int64)(ctypes.c_int(n), pointer(options[0]))
+    total = n + call.n_pre + call.n_post if size > 0 else 1
     widths = [s["n_a"], s["n_a"], s["n_a"], s["n_g"], s["n_m"], s["n_m"], s["n_m"]]
     numbers = dict(zip(OUTPUTS, (guarded(max(total, 1) * width) for width in widths), strict=True))
-    numbers["report"] = guarded(REPORTS["INVERT_REPORT"])
     numbers["work"] = guarded(max(size - call.short, 0) if size > 0 else 8)
     given = {key: np.ascontiguousarray(getattr(call, key)) for key in ARRAYS}
-    every = {**given, **{key: x for key, (x, _) in numbers.items()}}
-    at = {key: pointer(None if key == call.null else x) for key, x in every.items()}
+    arrays = {**given, **{key: x for key, (x, _) in numbers.items()}}
+    at = {key: None if key == call.null else x.ctypes.data for key, x in arrays.items()}
+    numbers["options"] = options
+    numbers["path"] = guarded_struct(structs["path"], n=n, period=call.period, y=at["y"], dy=at["dy"], ddy=at["ddy"])
+    numbers["motion"] = guarded_struct(structs["motion"], **{key: at[key] for key in OUTPUTS})
+    numbers["info"] = guarded_struct(structs["inversion_info"])
+    where = {key: ctypes.c_void_p(None if key == call.null else numbers[key][0].ctypes.data) for key in STRUCTURES}
     status = target.function("invert")(
-        ctypes.c_int(n),
-        ctypes.c_double(call.period),
-        *(at[key] for key in ARRAYS),
-        *whole,
-        ctypes.c_double(call.tolerance),
-        *(at[key] for key in (*OUTPUTS, "report", "work")),
-        ctypes.c_int64(every["work"].size if size > 0 else 8),
+        where["path"],
+        ctypes.c_void_p(at["q_start"]),
+        where["options"],
+        where["motion"],
+        where["info"],
+        ctypes.c_void_p(at["work"]),
+        ctypes.c_int64(arrays["work"].size if size > 0 else 8),
     )
     spilled = not all(untouched(block) for _, block in numbers.values())
-    results = {key: every[key].reshape(total, -1) for key in OUTPUTS} if status >= 0 else {}
-    return MethodResult(status, every["report"], spilled, results)
+    results = {key: arrays[key].reshape(total, -1) for key in OUTPUTS} if status >= 0 else {}
+    info = structs["inversion_info"].from_buffer(numbers["info"][0])
+    return MethodResult(
+        status, np.array([info.residual, info.residual_at_samples, info.kinematic_mismatch]), spilled, results
+    )
+
+
+def guarded_struct(structure: type[ctypes.Structure], **members: Any) -> tuple[np.ndarray, np.ndarray]:
+    """The bytes of a struct as numbers, and the block that it lies in, with sentinels on both sides."""
+    numbers, block = guarded(-(-ctypes.sizeof(structure) // 8))
+    made = bytes(filled(structure, **members))
+    numbers[:] = np.frombuffer(made.ljust(8 * len(numbers), bytes(1)))
+    return numbers, block
 
 
 class Streamed:
     """A stream of C in memory of the exact size, or of what is left of it."""
 
-    def __init__(self, target: Target, intervals: int, parts: int, short: int = 0, fill: float = 0.0) -> None:
-        self.target, self.parts = target, parts
-        size = target.function("stream_work", ctypes.c_int64)(ctypes.c_int(intervals), ctypes.c_int(parts))
-        self.counts = ctypes.c_int(intervals), ctypes.c_int(parts)
+    def __init__(
+        self, target: Target, intervals: int, samples_per_interval: int, short: int = 0, fill: float = 0.0
+    ) -> None:
+        self.target, self.samples_per_interval = target, samples_per_interval
+        self.counts = {"intervals": intervals, "samples_per_interval": samples_per_interval}
+        options = filled(target.structs["stream_options"], **self.counts)
+        size = target.function("stream_work", ctypes.c_int64)(ctypes.byref(options))
         self.memory, self.block = guarded(max(size - short, 16))
         self.size = size - short if size > 0 else 16
         self.memory[:] = fill
         s = target.sizes
-        rows = parts if size > 0 else 1
+        rows = samples_per_interval if size > 0 else 1
         widths = (s["n_a"], s["n_a"], s["n_g"], s["n_m"], s["n_m"], s["n_m"])
         self.out = dict(
             zip(("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m"), (guarded(rows * w) for w in widths), strict=True)
         )
-        self.report = guarded(REPORTS["STREAM_REPORT"])
+        members = {key: x.ctypes.data for key, (x, _) in self.out.items()}
+        self.motion = guarded_struct(target.structs["motion"], **members)
+        self.info = guarded_struct(target.structs["stream_info"])
 
-    def start(self, place: Any, q_start: Any, period: float, tolerance: float = 1e-6) -> int:
+    def start(self, y: Any, q_start: Any, period: float, tolerance: float = 1e-6) -> int:
+        options = filled(self.target.structs["stream_options"], **self.counts, period=period, tolerance=tolerance)
         return self.target.function("stream_start")(
             pointer(self.memory),
             ctypes.c_int64(self.size),
-            *self.counts,
-            ctypes.c_double(period),
-            ctypes.c_double(tolerance),
-            *(pointer(None if x is None else np.ascontiguousarray(x, dtype=float)) for x in (place, q_start)),
+            ctypes.byref(options),
+            *(pointer(None if x is None else np.ascontiguousarray(x, dtype=float)) for x in (y, q_start)),
         )
 
-    def update(self, place: Any, rate: Any, rate2: Any) -> int:
-        given = [None if x is None else np.ascontiguousarray(x, dtype=float) for x in (place, rate, rate2)]
-        return self.target.function("stream_update")(
-            pointer(self.memory),
-            *(pointer(x) for x in given),
-            *(pointer(x) for x, _ in self.out.values()),
-            pointer(self.report[0]),
-        )
+    def update(self, y: Any, dy: Any, ddy: Any) -> int:
+        given = [None if x is None else np.ascontiguousarray(x, dtype=float) for x in (y, dy, ddy)]
+        where = (self.memory, *given, self.motion[0], self.info[0])
+        return self.target.function("stream_update")(*map(pointer, where))
 
-    def limits(self, torque: Any, speed: Any, bend: float = 0.1) -> int:
+    def limits(self, torque: Any, speed: Any, deviation: float = 0.1) -> int:
         given = [None if x is None else np.ascontiguousarray(x, dtype=float) for x in (torque, speed)]
-        return self.target.function("stream_limits")(pointer(self.memory), *map(pointer, given), ctypes.c_double(bend))
+        largest = ctypes.c_double(deviation)
+        return self.target.function("stream_limits")(pointer(self.memory), *map(pointer, given), largest)
+
+    @property
+    def report(self) -> Any:
+        """What the last update reported."""
+        return self.target.structs["stream_info"].from_buffer(self.info[0])
 
     @property
     def spilled(self) -> bool:
-        return not all(untouched(block) for block in (self.block, self.report[1], *(b for _, b in self.out.values())))
+        blocks = (self.block, self.info[1], self.motion[1], *(b for _, b in self.out.values()))
+        return not all(untouched(block) for block in blocks)
 
     def results(self) -> dict[str, np.ndarray]:
-        return {key: x.reshape(self.parts, -1) for key, (x, _) in self.out.items()}
+        return {key: x.reshape(self.samples_per_interval, -1) for key, (x, _) in self.out.items()}
 
 
 # --- what is wrong with a call ----------------------------------------------------------------------------------------
 Spoiler = Callable[[Target, np.random.Generator], tuple[Call, set[str]]]
-FOUND = {"OK", "INEXACT"}  # results that are there
+FOUND = {"OK", "TOLERANCE_NOT_MET"}  # results that are there
 LOST = {"UNREACHABLE", "NOT_CONVERGED", "RESULT_NOT_FINITE"}  # results that are not, where the path is to blame
 
 
 def plain(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
-    every = int(rng.choice([1, 2, 3, 7, 50, 1000]))
-    return call_of(target, every=every, lead=int(rng.integers(0, 30)), tail=int(rng.integers(0, 30))), (
-        FOUND if every < 3 else FOUND | {"NOT_CONVERGED"}
-    )
+    samples_per_interval = int(rng.choice([1, 2, 3, 7, 50, 1000]))
+    return call_of(
+        target,
+        samples_per_interval=samples_per_interval,
+        n_pre=int(rng.integers(0, 30)),
+        n_post=int(rng.integers(0, 30)),
+    ), (FOUND if samples_per_interval < 3 else FOUND | {"NOT_CONVERGED"})
 
 
 def not_finite(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
@@ -230,13 +263,24 @@ def bad_number(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]
 
 
 def bad_count(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
-    name = str(rng.choice(["n", "lead", "tail", "every"]))
-    values = [-1, -(2**31), 2**31 - 1, 1_000_001, *((0, 1) if name == "n" else (0,) if name == "every" else ())]
+    name = str(rng.choice(["n", "n_pre", "n_post", "samples_per_interval"]))
+    values = [
+        -1,
+        -(2**31),
+        2**31 - 1,
+        1_000_001,
+        *((0, 1) if name == "n" else (0,) if name == "samples_per_interval" else ()),
+    ]
     return call_of(target, **{name: int(rng.choice(values))}), {"BAD_ARGUMENT"}
 
 
 def null(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
-    return call_of(target, null=str(rng.choice([*ARRAYS, *OUTPUTS, "report", "work"]))), {"NULL_ARGUMENT"}
+    return call_of(target, null=str(rng.choice([*ARRAYS, *STRUCTURES, "work"]))), {"NULL_ARGUMENT"}
+
+
+def unwanted(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
+    """A result that the caller does not want is not written."""
+    return call_of(target, null=str(rng.choice(OUTPUTS))), FOUND
 
 
 def too_small(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
@@ -246,15 +290,15 @@ def too_small(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]
 def out_of_reach(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
     """A smooth path that leaves the workspace on the way, or a start outside."""
     call = call_of(target)
-    s = np.linspace(0.0, 1.0, len(call.place))
+    s = np.linspace(0.0, 1.0, len(call.y))
     far = np.zeros(target.sizes["n_y"])
     far[0] = rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(1, 12)
     bump = (16 * (s * (1 - s)) ** 2) if rng.random() < 0.7 else np.ones(len(s))
-    call.place[:, 0] += far[0] * bump
+    call.y[:, 0] += far[0] * bump
     slope = np.gradient(bump, target.period)
     slope[[0, -1]] = 0.0
-    call.rate[:, 0] += far[0] * slope
-    # joints reach any place of their own
+    call.dy[:, 0] += far[0] * slope
+    # joints reach any y of their own
     return call, LOST if target.equations.model.output.type != "combination" else FOUND | LOST
 
 
@@ -271,31 +315,31 @@ def singular(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
         row[:, joint] = most * (1.0 - share * s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
     y, R = zip(*(output(target, row) for row in q), strict=True)
     h = apart * target.period * (SAMPLES - 1)
-    rate, rate2 = (y[2] - y[0]) / (2 * h), (y[2] - 2 * y[1] + y[0]) / h**2
-    place = y[1]
+    dy, ddy = (y[2] - y[0]) / (2 * h), (y[2] - 2 * y[1] + y[0]) / h**2
+    y = y[1]
     if R[1] is not None:
         spin = R[2] @ R[0].transpose(0, 2, 1)
         omega = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1) / (2 * h)
-        rate = np.hstack([rate, omega])
-        rate2 = np.hstack([rate2, np.gradient(omega, target.period, axis=0)])
-        place = np.hstack([place, R[1].transpose(0, 2, 1).reshape(SAMPLES, 9)])
-    rate[[0, -1]] = 0.0
-    return call_of(target, place=place, rate=rate, rate2=rate2, q_start=q[1, 0]), {*LOST, "INEXACT"}
+        dy = np.hstack([dy, omega])
+        ddy = np.hstack([ddy, np.gradient(omega, target.period, axis=0)])
+        y = np.hstack([y, R[1].transpose(0, 2, 1).reshape(SAMPLES, 9)])
+    dy[[0, -1]] = 0.0
+    return call_of(target, y=y, dy=dy, ddy=ddy, q_start=q[1, 0]), {*LOST, "TOLERANCE_NOT_MET"}
 
 
 def jump(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
-    call = call_of(target, every=int(rng.choice([1, 2, 5])))
-    k, j = rng.integers(1, len(call.place) - 1), rng.integers(min(3, target.sizes["n_y"]))
-    call.place[k:, j] += rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-6, 0)
+    call = call_of(target, samples_per_interval=int(rng.choice([1, 2, 5])))
+    k, j = rng.integers(1, len(call.y) - 1), rng.integers(min(3, target.sizes["n_y"]))
+    call.y[k:, j] += rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-6, 0)
     return call, FOUND | LOST
 
 
 def rough(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
-    """Derivatives that have nothing to do with the places."""
-    call = call_of(target, every=int(rng.choice([1, 2, 5])))
+    """Derivatives that have nothing to do with the outputs."""
+    call = call_of(target, samples_per_interval=int(rng.choice([1, 2, 5])))
     size = 10.0 ** rng.uniform(-3, 8)
     inner = slice(1, -1)
-    x = getattr(call, str(rng.choice(["rate", "rate2"])))
+    x = getattr(call, str(rng.choice(["dy", "ddy"])))
     x[inner] += size * rng.normal(size=x[inner].shape) * (rng.random(x[inner].shape) < 0.2)
     return call, FOUND | LOST
 
@@ -304,14 +348,14 @@ def restless(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
     """An end that is not at rest."""
     call = call_of(target)
     end = rng.choice([0, -1])
-    call.rate[end, rng.integers(call.rate.shape[1])] = 10.0 ** rng.uniform(-4, 300)
+    call.dy[end, rng.integers(call.dy.shape[1])] = 10.0 ** rng.uniform(-4, 300)
     return call, {"BAD_ARGUMENT"}
 
 
 def extreme(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
     """Numbers that cannot be computed with."""
     call = call_of(target)
-    x = getattr(call, str(rng.choice(["place", "rate", "rate2"])))
+    x = getattr(call, str(rng.choice(["y", "dy", "ddy"])))
     x[rng.integers(1, len(x) - 1), rng.integers(min(3, x.shape[1]))] = 10.0 ** rng.uniform(20, 308)
     return call, FOUND | LOST
 
@@ -321,8 +365,8 @@ def strange_time(target: Target, rng: np.random.Generator) -> tuple[Call, set[st
     period = float(rng.choice([1e-12, 1e-9, 1e-6, 1e-4, 1.0, 1e3, 1e5]))
     call = call_of(target, period=period)
     if rng.random() < 0.7:
-        call.rate *= target.period / period
-        call.rate2 *= (target.period / period) ** 2
+        call.dy *= target.period / period
+        call.ddy *= (target.period / period) ** 2
     return call, FOUND | LOST
 
 
@@ -337,11 +381,11 @@ def far_start(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]
 
 
 def two_samples(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
-    ends = {key: target.path[key][[0, -1 if rng.random() < 0.5 else 0]] for key in ("place", "rate", "rate2")}
-    ends["rate"], ends["rate2"] = 0 * ends["rate"], 0 * ends["rate2"]
+    ends = {key: target.path[key][[0, -1 if rng.random() < 0.5 else 0]] for key in ("y", "dy", "ddy")}
+    ends["dy"], ends["ddy"] = 0 * ends["dy"], 0 * ends["ddy"]
     period = float(rng.choice([1e-3, 0.3, 3.0]))
-    sizes = {key: int(rng.choice([0, 1, 5])) for key in ("lead", "tail")}
-    return call_of(target, **ends, **sizes, period=period, every=int(rng.choice([1, 7, 10**6]))), (
+    sizes = {key: int(rng.choice([0, 1, 5])) for key in ("n_pre", "n_post")}
+    return call_of(target, **ends, **sizes, period=period, samples_per_interval=int(rng.choice([1, 7, 10**6]))), (
         FOUND | LOST | {"BAD_ARGUMENT"}  # half a turn in one sample
     )
 
@@ -351,10 +395,10 @@ def no_rotation(target: Target, rng: np.random.Generator) -> tuple[Call, set[str
     call = call_of(target)
     if target.sizes["n_t"] == target.sizes["n_y"]:
         return null(target, rng)
-    k = int(rng.integers(1, len(call.place)))
-    R = call.place[k, 3:].reshape(3, 3).T
+    k = int(rng.integers(1, len(call.y)))
+    R = call.y[k, 3:].reshape(3, 3).T
     changed = [1.001 * R, -R, R + 1e-3, R @ np.diag([1.0, -1.0, -1.0]), 0 * R, 1e200 * R][rng.integers(6)]
-    call.place[k, 3:] = changed.T.ravel()
+    call.y[k, 3:] = changed.T.ravel()
     return call, {"BAD_ARGUMENT"}
 
 
@@ -364,6 +408,7 @@ SPOILERS: tuple[Spoiler, ...] = (
     bad_number,
     bad_count,
     null,
+    unwanted,
     too_small,
     out_of_reach,
     singular,

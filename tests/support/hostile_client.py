@@ -10,12 +10,12 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
-from hostile import ARRAYS, OUTPUTS, Call, Target
+from hostile import ARRAYS, OUTPUTS, STRUCTURES, Call, Target
 
-NULLS = (*ARRAYS, *OUTPUTS, "report", "work")
+NULLS = (*ARRAYS, *OUTPUTS, "work", *STRUCTURES)
 
 _TEXT = r"""
-#include "@.h"
+#include "@_inversion.h"
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -54,20 +54,22 @@ static double *numbers(long long n)
     return x;
 }
 
-typedef int core(int, double, const double *, const double *, const double *, const double *, int, int, int, double,
-    double *, double *, double *, double *, double *, double *, double *, double *, double *, int64_t);
+typedef @_status solver(
+    const @_path *, const double *, const @_inversion_options *, @_motion *, @_inversion_info *, double *, int64_t);
 
-static int whole_path(core *function, int64_t (*wanted)(int, int, int, int), int reported)
+static int whole_path(solver *function, int64_t (*wanted)(int, const @_inversion_options *))
 {
-    const int rows = (int)next(), n = (int)next(), lead = (int)next(), tail = (int)next(), every = (int)next();
+    const int rows = (int)next(), n = (int)next();
+    const int n_pre = (int)next(), n_post = (int)next(), samples_per_interval = (int)next();
     const double period = next(), tolerance = next();
     const int null = (int)next();
     const long long lacking = (long long)next();
-    const int64_t most = wanted(n, lead, tail, every);
+    const @_inversion_options options = {n_pre, n_post, samples_per_interval, tolerance};
+    const int64_t most = wanted(n, &options);
     const long long size = most > 0 ? (most > lacking ? most - lacking : 0) : 8;
-    const long long total = most > 0 ? (long long)n + lead + tail : 1;
+    const long long total = most > 0 ? (long long)n + n_pre + n_post : 1;
     const int widths[7] = {NA, NA, NA, NG, NM, NM, NM};
-    double *x[13], *given[13];
+    double *x[12], *given[12];
     int status;
     x[0] = numbers((long long)rows * NT);
     x[1] = numbers((long long)rows * NY);
@@ -76,36 +78,48 @@ static int whole_path(core *function, int64_t (*wanted)(int, int, int, int), int
     for (int i = 0; i < 7; ++i) {
         x[4 + i] = room(total * widths[i]);
     }
-    x[11] = room(reported);
-    x[12] = room(size);
-    for (int i = 0; i < 13; ++i) {
+    x[11] = room(size);
+    for (int i = 0; i < 12; ++i) {
         given[i] = i == null ? NULL : x[i];
     }
-    status = function(n, period, given[0], given[1], given[2], given[3], lead, tail, every, tolerance, given[4],
-        given[5], given[6], given[7], given[8], given[9], given[10], given[11], given[12], size);
-    for (int i = 0; i < 13; ++i) {
+    {
+        const @_path path = {n, period, given[0], given[1], given[2]};
+        @_motion motion = {given[4], given[5], given[6], given[7], given[8], given[9], given[10]};
+        @_inversion_info info;
+        status = (int)function(null == 12 ? NULL : &path, given[3], null == 13 ? NULL : &options,
+            null == 14 ? NULL : &motion, null == 15 ? NULL : &info, given[11], size);
+    }
+    for (int i = 0; i < 12; ++i) {
         clear(x[i]);
     }
     return status;
 }
 
-static double *memory, *results[7];
+static double *memory, *results[6];
+
+static int step(const double *y, const double *dy, const double *ddy)
+{
+    @_motion motion = {results[0], results[1], NULL, results[2], results[3], results[4], results[5]};
+    @_stream_info info;
+    return (int)@_stream_update(memory, y, dy, ddy, &motion, &info);
+}
 
 static int begin(void)
 {
-    const int intervals = (int)next(), parts = (int)next();
+    const int intervals = (int)next(), samples_per_interval = (int)next();
     const long long lacking = (long long)next();
     const double period = next(), tolerance = next();
-    const int64_t most = @_stream_work(intervals, parts);
+    const @_stream_options options = {intervals, samples_per_interval, period, tolerance};
+    const int64_t most = @_stream_work(&options);
     const long long size = most > lacking ? most - lacking : 8;
     const int widths[6] = {NA, NA, NG, NM, NM, NM};
-    double *place = numbers(NT), *q = numbers(NA);
+    double *y = numbers(NT), *q = numbers(NA);
     int status;
-    for (int i = 0; i < 7; ++i) {
+    for (int i = 0; i < 6; ++i) {
         if (memory != NULL) {
             clear(results[i]);
         }
-        results[i] = room(i == 6 ? @_STREAM_REPORT : most > 0 ? parts * (long long)widths[i] : 1);
+        results[i] = room(most > 0 ? samples_per_interval * (long long)widths[i] : 1);
     }
     if (memory != NULL) {
         clear(memory);
@@ -114,32 +128,29 @@ static int begin(void)
     for (long long i = 0; i < size && i < 8; ++i) {
         memory[i] = 1.0; /* an update before the start */
     }
-    status = @_stream_update(memory, place, place, place, results[0], results[1], results[2], results[3], results[4],
-        results[5], results[6]);
-    if (status != @_NOT_STARTED) {
+    if (step(y, y, y) != @_NOT_STARTED) {
         exit(8);
     }
-    status = @_stream_start(memory, size, intervals, parts, period, tolerance, place, q);
-    clear(place);
+    status = (int)@_stream_start(memory, size, &options, y, q);
+    clear(y);
     clear(q);
     return status;
 }
 
 static int update(void)
 {
-    double *place = numbers(NT), *rate = numbers(NY), *rate2 = numbers(NY);
-    const int status = @_stream_update(memory, place, rate, rate2, results[0], results[1], results[2], results[3],
-        results[4], results[5], results[6]);
-    clear(place);
-    clear(rate);
-    clear(rate2);
+    double *y = numbers(NT), *dy = numbers(NY), *ddy = numbers(NY);
+    const int status = step(y, dy, ddy);
+    clear(y);
+    clear(dy);
+    clear(ddy);
     return status;
 }
 
 static int bound(void)
 {
     double *torque = numbers(NM), *speed = numbers(NM);
-    const int status = @_stream_limits(memory, torque, speed, next());
+    const int status = (int)@_stream_limits(memory, torque, speed, next());
     clear(torque);
     clear(speed);
     return status;
@@ -149,15 +160,15 @@ int main(void)
 {
     for (;;) {
         switch ((int)next()) {
-        case 1: printf("%d\n", whole_path(@_invert, @_invert_work, @_INVERT_REPORT)); break;
-#ifdef @_BVP_REPORT
-        case 2: printf("%d\n", whole_path(@_bvp, @_bvp_work, @_BVP_REPORT)); break;
+        case 1: printf("%d\n", whole_path(@_invert, @_invert_work)); break;
+#if @_NE > 0
+        case 2: printf("%d\n", whole_path(@_bvp, @_bvp_work)); break;
 #endif
         case 3: printf("%d\n", begin()); break;
         case 4: printf("%d\n", update()); break;
         case 5: printf("%d\n", bound()); break;
         default:
-            for (int i = 0; i < 7 && memory != NULL; ++i) {
+            for (int i = 0; i < 6 && memory != NULL; ++i) {
                 clear(results[i]);
             }
             if (memory != NULL) {
@@ -173,31 +184,32 @@ int main(void)
 def text(name: str) -> str:
     """The program for a library."""
     out = _TEXT
-    for size in ("NA", "NG", "NM", "NY", "NT", "NOT_STARTED", "STREAM_REPORT", "INVERT_REPORT", "BVP_REPORT"):
+    for size in ("NA", "NG", "NM", "NY", "NT", "NE", "NOT_STARTED"):
         out = out.replace(f"@_{size}", f"{name.upper()}_{size}")
     return out.replace("@", name)
 
 
 def whole_path(call: Call, kind: int = 1) -> list[float]:
     """What the program reads for a call of invert (1) or bvp (2)."""
-    n = len(call.place)
+    n = len(call.y)
     null = NULLS.index(call.null) if call.null else -1
-    head = [kind, n, n if call.n is None else call.n, call.lead, call.tail, call.every, call.period, call.tolerance]
+    counts = [n if call.n is None else call.n, call.n_pre, call.n_post, call.samples_per_interval]
+    head = [kind, n, *counts, call.period, call.tolerance]
     return [*head, null, call.short, *(x for key in ARRAYS for x in np.ravel(getattr(call, key)))]
 
 
-def begin(one: Target, intervals: int, parts: int, period: float, short: int = 0) -> list[float]:
+def begin(one: Target, intervals: int, samples_per_interval: int, period: float, short: int = 0) -> list[float]:
     """What it reads for the start of a stream."""
-    return [3, intervals, parts, short, period, 1e-6, *one.path["place"][0], *one.path["q_start"]]
+    return [3, intervals, samples_per_interval, short, period, 1e-6, *one.path["y"][0], *one.path["q_start"]]
 
 
 def update(given: list[np.ndarray]) -> list[float]:
     return [4, *(x for part in given for x in part)]
 
 
-def bound(torque: float, speed: float, bend: float, one: Target) -> list[float]:
+def bound(torque: float, speed: float, deviation: float, one: Target) -> list[float]:
     """The same bounds for all motors."""
-    return [5, *([torque] * one.sizes["n_m"]), *([speed] * one.sizes["n_m"]), bend]
+    return [5, *([torque] * one.sizes["n_m"]), *([speed] * one.sizes["n_m"]), deviation]
 
 
 def statuses(command: list[str], records: list[list[float]], folder: Path) -> list[int]:

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flexgen.codegen.kernel import kernel
+from kernel_constants import PRECISIONS
 
-from flexgen.expressions.elementary_functions import PRECISIONS
+from flexgen.codegen.clib_files import kernel_files
 
 NAME = "robot"
 TYPES = {"double": np.float64, "single": np.float32}
@@ -123,14 +123,15 @@ def _folder() -> Path:
 
 
 def written(precision: str, edits: tuple[tuple[str, str], ...] = ()) -> Path:
-    """A folder with the headers and ``main.c``; every edit is a text of the kernel and what stands in its place."""
+    """A folder with the headers and ``main.c``; every edit is a text of the kernel and its replacement."""
     folder = _folder() / f"{precision}{next(_numbers)}"
     folder.mkdir()
-    text = kernel(NAME, precision)
+    texts = kernel_files(NAME, precision)
     for old, new in edits:
-        assert old in text, f"the kernel has no {old!r}"
-        text = text.replace(old, new)
-    (folder / f"{NAME}_kernel.h").write_text(text, encoding="ascii")
+        assert any(old in text for text in texts.values()), f"the kernel has no {old!r}"
+        texts = {file: text.replace(old, new) for file, text in texts.items()}
+    for file, text in texts.items():
+        (folder / file).write_text(text, encoding="ascii")
     guard = "#ifndef ROBOT_H\n#define ROBOT_H\n%s\n#endif\n"
     (folder / f"{NAME}.h").write_text(guard % f"typedef {C_TYPES[precision]} {NAME}_real;", encoding="ascii")
     calls = [f"OF_ONE({f})" for f in OWN_OF_ONE + LIBM_OF_ONE] + [f"OF_TWO({f})" for f in OWN_OF_TWO + LIBM_OF_TWO]

@@ -70,9 +70,9 @@ def test_tampering_is_detected_and_mended(copy):
     again = generate("elbow", copy)
     assert not again.cached
     load(copy)
-    (copy / "elbow_bias.c").write_text("int x;\n")
+    (copy / "src" / "elbow_bias.c").write_text("int x;\n")
     assert not generate("elbow", copy).cached
-    assert (copy / "elbow_bias.c").read_bytes() == (made("elbow").directory / "elbow_bias.c").read_bytes()
+    assert (copy / "src" / "elbow_bias.c").read_bytes() == (made("elbow").directory / "src" / "elbow_bias.c").read_bytes()
     (copy / "elbow.h").unlink()
     assert not generate("elbow", copy).cached
     assert generate("elbow", copy).cached
@@ -130,8 +130,8 @@ def test_a_failed_compilation_leaves_everything_as_it_was(copy, monkeypatch, tmp
     before = {path.name: path.read_bytes() for path in copy.iterdir()}
     real = emit
 
-    def broken(spec):
-        return {**real(spec), "elbow_bias.c": "int broken(void) { return; oops }\n"}
+    def broken(spec, *more):
+        return {**real(spec, *more), "src/elbow_bias.c": "int broken(void) { return; oops }\n"}
 
     monkeypatch.setattr("flexgen.codegen.emit.emit", broken)
     with pytest.raises(BuildError, match=r"the C compiler failed; the directory is as it was before:\n.*error"):

@@ -35,19 +35,19 @@ def answer(library):
 
 # --- whole paths ------------------------------------------------------------------------------------------------------
 def test_a_path_is_inverted(library, answer):
-    n = len(samples()["place"])
+    n = len(samples()["y"])
     assert (
         answer.q_a.shape == (n + 200, 3) and answer.tau_m.shape == (n + 200, 2) and answer.tau_g.shape == (n + 200, 2)
     )
-    assert (answer.lead, answer.tail, answer.period) == (100, 100, PERIOD)
+    assert (answer.n_pre, answer.n_post, answer.period) == (100, 100, PERIOD)
     assert answer.t[0] == pytest.approx(-0.1) and answer.t[100] == 0.0
-    assert answer.residual < 1e-9 and answer.residual_between < BETWEEN
+    assert answer.residual < 1e-9 and answer.residual_at_samples < BETWEEN
     assert answer.iterations >= 1 and answer.intervals == -(-(n + 199) // EVERY)
     # the output is on the path, and the motion is its own derivative
     p, _ = library.forward_kinematics(answer.q_a[100:-100])
-    assert np.abs(p[:, :2] - samples()["place"]).max() < 1e-9
-    rate = (answer.q_a[2:] - answer.q_a[:-2]) / (2 * PERIOD)
-    assert np.abs(rate - answer.v_a[1:-1]).max() < 1e-2 * np.abs(answer.v_a).max()
+    assert np.abs(p[:, :2] - samples()["y"]).max() < 1e-9
+    dy = (answer.q_a[2:] - answer.q_a[:-2]) / (2 * PERIOD)
+    assert np.abs(dy - answer.v_a[1:-1]).max() < 1e-2 * np.abs(answer.v_a).max()
     assert not answer.v_a[0].any() or np.abs(answer.v_a[0]).max() < 1e-9
 
 
@@ -67,29 +67,29 @@ def test_it_travels(answer):
     invert = pickle.loads(pickle.dumps(loaded(MODEL).invert))
     assert np.array_equal(invert(**given()).tau_m, answer.tau_m)
     assert copy.copy(invert) is invert and copy.deepcopy(invert) is invert
-    assert repr(invert).startswith("invert(place, rate, rate2")
+    assert repr(invert).startswith("invert(y, dy, ddy")
 
 
 @pytest.mark.parametrize(
     ("changes", "error", "words"),
     [
-        ({"place": np.zeros(4)}, ArgumentError, r"place: given shape \(4,\), expected \(n, 2\)"),
-        ({"place": "here"}, ArgumentError, "place: given"),
-        ({"rate": np.zeros((3, 2))}, ArgumentError, "rate: given shape"),
+        ({"y": np.zeros(4)}, ArgumentError, r"y: given shape \(4,\), expected \(n, 2\)"),
+        ({"y": "here"}, ArgumentError, "y: given"),
+        ({"dy": np.zeros((3, 2))}, ArgumentError, "dy: given shape"),
         ({"q_start": np.zeros(2)}, ArgumentError, "q_start: given shape"),
         ({"q_start": np.full(3, np.nan)}, ArgumentError, "an input is not finite"),
         (
-            {"place": np.full((5, 2), np.inf), "rate": np.zeros((5, 2)), "rate2": np.zeros((5, 2))},
+            {"y": np.full((5, 2), np.inf), "dy": np.zeros((5, 2)), "ddy": np.zeros((5, 2))},
             ArgumentError,
             "finite",
         ),
         ({"period": 0.0}, ArgumentError, "a size, a time"),
         ({"period": "1"}, ArgumentError, "period: given '1', expected a number"),
         ({"tolerance": -1.0}, ArgumentError, "a size, a time"),
-        ({"lead": -1}, ArgumentError, "no negative lead"),
-        ({"lead": 1.5}, ArgumentError, "lead: given 1.5, expected a whole number"),
-        ({"every": 0}, ArgumentError, "every at least 1"),
-        ({"tail": 2**31}, ArgumentError, "tail: given"),
+        ({"n_pre": -1}, ArgumentError, "no negative n_pre"),
+        ({"n_pre": 1.5}, ArgumentError, "n_pre: given 1.5, expected a whole number"),
+        ({"samples_per_interval": 0}, ArgumentError, "samples_per_interval at least 1"),
+        ({"n_post": 2**31}, ArgumentError, "n_post: given"),
     ],
 )
 def test_what_is_refused(library, changes, error, words):
@@ -99,16 +99,16 @@ def test_what_is_refused(library, changes, error, words):
 
 def test_a_path_out_of_reach_is_no_answer(library):
     with pytest.raises(SolverError, match="leaves the workspace or passes a singular pose"):
-        library.invert(**given(place=10.0 * samples()["place"]))
+        library.invert(**given(y=10.0 * samples()["y"]))
 
 
 def test_c_refuses_null_and_too_little_memory(library):
     c = ctypes.CDLL(str(next(path for path in made(MODEL).files if path.suffix in (".so", ".dylib"))))
     invert = c.planar5_nmp_invert
     s = samples()
-    n = len(s["place"])
+    n = len(s["y"])
     outputs = [np.zeros((n, k)) for k in (3, 3, 3, 2, 2, 2, 2)] + [np.zeros(4), np.zeros(10)]
-    arrays = [np.ascontiguousarray(x) for x in (s["place"], s["rate"], s["rate2"], s["q_start"])]
+    arrays = [np.ascontiguousarray(x) for x in (s["y"], s["dy"], s["ddy"], s["q_start"])]
 
     def status(null: int | None = None) -> int:
         where = [ctypes.c_void_p(x.ctypes.data) for x in (*arrays, *outputs)]
@@ -153,28 +153,28 @@ HORIZON = 40
 
 def begun(library):
     s = samples()
-    return library.stream(s["place"][0], s["q_start"], period=EVERY * PERIOD, intervals=HORIZON, parts=EVERY)
+    return library.stream(s["y"][0], s["q_start"], period=EVERY * PERIOD, intervals=HORIZON, samples_per_interval=EVERY)
 
 
 def updates(stream, first: int, last: int):
     """Updates number first ... last - 1: samples of the path, then rest at its end."""
-    s = {key: samples()[key][::EVERY] for key in ("place", "rate", "rate2")}
+    s = {key: samples()[key][::EVERY] for key in ("y", "dy", "ddy")}
     out = []
     for k in range(first, last):
-        at = min(k, len(s["place"]) - 1)
-        moving = float(k < len(s["place"]))
-        out.append(stream.update(s["place"][at], moving * s["rate"][at], moving * s["rate2"][at]))
+        at = min(k, len(s["y"]) - 1)
+        moving = float(k < len(s["y"]))
+        out.append(stream.update(s["y"][at], moving * s["dy"][at], moving * s["ddy"][at]))
     return out
 
 
 def test_a_stream_gives_the_torques_of_the_path(library):
     """The stream sees 0.2 s ahead, the whole path all of it; both follow it exactly, and so agree."""
-    n = len(samples()["place"][::EVERY])
+    n = len(samples()["y"][::EVERY])
     intervals = updates(begun(library), 1, n + HORIZON + 20)
-    assert all(x.exact for x in intervals) and max(x.residual for x in intervals) < 1e-6
+    assert all(x.converged for x in intervals) and max(x.residual for x in intervals) < 1e-6
     assert intervals[0].tau_m.shape == (EVERY, 2) and intervals[0].q_a.shape == (EVERY, 3)
     tau = np.vstack([x.tau_m for x in intervals])
-    whole = library.invert(**given(lead=EVERY * (HORIZON - 1), tail=100))
+    whole = library.invert(**given(n_pre=EVERY * (HORIZON - 1), n_post=100))
     count = len(whole.tau_m) - 50  # (the end of the whole motion is free)
     assert np.abs(tau[:count] - whole.tau_m[:count]).max() < 1e-3 * np.abs(whole.tau_m).max()
 
@@ -193,11 +193,11 @@ def test_a_refused_sample_changes_nothing(library):
     updates(stream, 1, 20)
     updates(other, 1, 20)
     s = samples()
-    for place, error in ((np.full(2, np.nan), ArgumentError), (10.0 * s["place"][0], SolverError)):
+    for y, error in ((np.full(2, np.nan), ArgumentError), (10.0 * s["y"][0], SolverError)):
         with pytest.raises(error):
-            stream.update(place, np.zeros(2), np.zeros(2))
-    with pytest.raises(ArgumentError, match="rate: given shape"):
-        stream.update(s["place"][0], np.zeros(3), np.zeros(2))
+            stream.update(y, np.zeros(2), np.zeros(2))
+    with pytest.raises(ArgumentError, match="dy: given shape"):
+        stream.update(s["y"][0], np.zeros(3), np.zeros(2))
     assert np.array_equal(updates(stream, 20, 30)[-1].tau_m, updates(other, 20, 30)[-1].tau_m)
 
 
@@ -205,7 +205,7 @@ def test_a_refused_sample_changes_nothing(library):
     ("changes", "words"),
     [
         ({"intervals": 0}, "given 0 intervals"),
-        ({"parts": 1001}, "1001 parts"),
+        ({"samples_per_interval": 1001}, "1001 samples_per_interval"),
         ({"intervals": 2.5}, "intervals: given 2.5, expected a whole number"),
         ({"period": -1.0}, "a size, a time"),
         ({"tolerance": 2.0}, "a size, a time"),
@@ -214,4 +214,4 @@ def test_a_refused_sample_changes_nothing(library):
 def test_what_a_stream_refuses(library, changes, words):
     s = samples()
     with pytest.raises(ArgumentError, match=words):
-        library.stream(s["place"][0], s["q_start"], **{"period": 5e-3, "intervals": 10, **changes})
+        library.stream(s["y"][0], s["q_start"], **{"period": 5e-3, "intervals": 10, **changes})

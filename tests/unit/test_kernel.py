@@ -7,6 +7,7 @@ import math
 import mpmath as mp
 import numpy as np
 import pytest
+from kernel_constants import ERRORS, PRECISIONS
 from kernel_program import (
     LIBM_OF_ONE,
     LIBM_OF_TWO,
@@ -24,9 +25,8 @@ from kernel_program import (
 )
 from kernel_reference import DIGITS, minimax
 
-from flexgen.codegen.kernel import kernel
-from flexgen.errors import ArgumentError
-from flexgen.expressions.elementary_functions import ERRORS, PRECISIONS
+from flexgen.codegen.clib_files import kernel_files
+from flexgen.errors import BuildError
 
 # As the header states them. Every single-precision number was tried once: 0.87 (sine, cosine), 0.95 (exp), 2.61 (tanh).
 SINCOS, EXP, TANH = ERRORS["sincos"], ERRORS["exp"], ERRORS["tanh"]
@@ -105,12 +105,11 @@ def test_parts_of_constants_are_exact(precision):
 
 def test_text():
     for precision in PRECISIONS:
-        text = kernel(NAME, precision)
-        assert text == kernel(NAME, precision)
-        assert text.isascii() and text.endswith("\n")
-        assert max(map(len, text.splitlines())) <= 120
-    with pytest.raises(ArgumentError, match="'half', it can be 'double' or 'single'"):
-        kernel(NAME, "half")
+        for text in kernel_files(NAME, precision).values():
+            assert text.isascii() and text.endswith("\n") and "model" not in text.replace("the model", "")
+            assert max(map(len, text.splitlines())) <= 120 + len(NAME)
+    with pytest.raises(BuildError, match="'half', expected double or single"):
+        kernel_files(NAME, "half")
 
 
 # --- how exact --------------------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.build.compiler import find_compiler
 from flexgen.codegen import clib_files
-from flexgen.codegen.clib_files import templates
+from flexgen.codegen.clib_files import fixed_files
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion import model_library as built
 from flexgen.inversion.model_library import inversion_library
@@ -35,14 +35,14 @@ pytestmark = needs_compiler
 CLOSE = 1e-4  # of z, after as many steps as it takes; OSQP's own tolerance is finer
 STEPS = 4000
 PERIOD, AHEAD = 5e-3, 20  # of the stream
-GONE = 1e-4  # m: a bend that fades, two horizons after the path has ended
+GONE = 1e-4  # m: a deviation that fades, two horizons after the path has ended
 SIX_AXES = [
     pytest.param("manutec_r3_18", 0, 20, id="18, line, 100 ms"),
     pytest.param("manutec_r3_18", 1, 30, id="18, joints, 150 ms"),
     pytest.param("manutec_r3_24", 0, 40, id="24, line, 200 ms"),
     pytest.param("manutec_r3_24", 3, 40, id="24, circle, 200 ms", marks=pytest.mark.slow),
 ]
-FOLLOWED = 2e-6  # m: of the simulated tool, where streams without limits reach 1e-8: a thousandth of a bend is felt
+FOLLOWED = 2e-6  # m: of the simulated tool; a thousandth of a deviation may act on the motion of now
 
 SHIM = """\
 #include <math.h>
@@ -62,12 +62,12 @@ static inline int is_finite(const real *x, int n)
 }
 """
 CALL = """\
-#include "model_program.h"
+#include "model_qp.h"
 int run(int n, int rows, real *H, real *g, real *A, real *x, real *y, real *z, real *K, real *w, real *v, real *b,
     real price, int steps)
 {
-    program p = {n, rows, H, g, A, x, y, z, K, w, v, b, 0.0};
-    return run_program(&p, price, steps);
+    qp p = {n, rows, H, g, A, x, y, z, K, w, v, b, 0.0};
+    return run_qp(&p, price, steps);
 }
 """
 
@@ -76,8 +76,8 @@ int run(int n, int rows, real *H, real *g, real *A, real *x, real *y, real *z, r
 def program(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., np.ndarray]:
     """The program in C, compiled by itself."""
     folder: FilePath = tmp_path_factory.mktemp("program")
-    (folder / "model_inversion.h").write_text(SHIM)
-    (folder / "model_program.h").write_text(templates()["program.h"])
+    (folder / "model_inversion_common.h").write_text(SHIM)
+    (folder / "model_qp.h").write_text(fixed_files()["qp.h"])
     (folder / "call.c").write_text(CALL)
     compiler = find_compiler()
     assert compiler is not None
@@ -132,12 +132,12 @@ def streamed(model: str = "planar5_nmp", move: int = 0, ahead: int = AHEAD, **li
     """A move on a moving horizon."""
     equations = flexgen.derive(model)
     path = Path(equations, equations.model.moves[move])
-    place, rate, rate2 = given(model, move, ahead)
+    y, dy, ddy = given(model, move, ahead)
     library = inversion_library(equations, "lq")
-    stream = library.stream(place[0], path.q_start, period=PERIOD, intervals=ahead, parts=5)
+    stream = library.stream(y[0], path.q_start, period=PERIOD, intervals=ahead, samples_per_interval=5)
     if limits:
         stream.limit(**limits)
-    return [stream.update(*x) for x in zip(place, rate, rate2, strict=True)]
+    return [stream.update(*x) for x in zip(y, dy, ddy, strict=True)]
 
 
 def given(model: str, move: int, ahead: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -151,10 +151,10 @@ def test_a_stream_keeps_torque_limits_and_returns_to_its_path() -> None:
     free, kept = streamed(), streamed(torque=(22.0, 22.0))
     worst = [max(float(np.abs(x.tau_m).max()) for x in run) for run in (free, kept)]
     assert worst[0] > 24.0 and worst[1] < 22.0 * 1.01
-    off = np.array([x.off_m for x in kept])
+    off = np.array([x.deviation_m for x in kept])
     assert 5e-4 < off.max() < 1e-2 and off[-1] < GONE
     assert strays("planar5_nmp", kept) < FOLLOWED
-    assert any(x.limited for x in kept) and not kept[0].limited and not any(x.limited for x in free)
+    assert any(x.limits_active for x in kept) and not kept[0].limits_active and not any(x.limits_active for x in free)
 
 
 def a_tenth_less(free: list[Interval]) -> tuple[float, ...]:
@@ -171,8 +171,8 @@ def strays(model: str, intervals: list[Interval]) -> float:
     equations = flexgen.derive(model)
     robot = equations.model
     channels = {key: np.concatenate([getattr(x, key) for x in intervals]) for key in ("tau_m", "q_m", "q_a")}
-    place = evaluate(equations.function("output"), channels["q_a"])[0].reshape(len(channels["q_a"]), -1)
-    channels["y_ref"] = place[:, : len(output_labels(robot)["y_ref"])]
+    y = evaluate(equations.function("output"), channels["q_a"])[0].reshape(len(channels["q_a"]), -1)
+    channels["y_ref"] = y[:, : len(output_labels(robot)["y_ref"])]
     if "R_ref" in output_labels(robot):
         channels["R_ref"] = evaluate(equations.function("forward_kinematics"), channels["q_a"])[1].reshape(-1, 9)
     arm, motors = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)
@@ -189,24 +189,24 @@ def test_six_axes_keep_torque_limits_that_bind_in_all_motors(model: str, move: i
     bound = a_tenth_less(streamed(model, move, ahead))
     kept = streamed(model, move, ahead, torque=bound)
     assert max(float((np.abs(x.tau_m) / bound).max()) for x in kept) < 1.03
-    off = np.array([x.off_m for x in kept])
+    off = np.array([x.deviation_m for x in kept])
     assert 1e-3 < off.max() < 0.03 and off[-1] < 0.5 * off.max()  # it fades in horizons
-    assert all(x.exact for x in kept)
+    assert all(x.converged for x in kept)
     assert strays(model, kept) < FOLLOWED
     # what is told to be off is where the planned motion is
     output = flexgen.derive(model).function("output")
-    place = evaluate(output, np.array([x.q_a[0] for x in kept[ahead:]]))[0].reshape(len(kept) - ahead, -1)
-    away = np.linalg.norm(place[:, :3] - given(model, move, ahead)[0][: len(place), :3], axis=1)
+    y = evaluate(output, np.array([x.q_a[0] for x in kept[ahead:]]))[0].reshape(len(kept) - ahead, -1)
+    away = np.linalg.norm(y[:, :3] - given(model, move, ahead)[0][: len(y), :3], axis=1)
     assert np.abs(np.maximum(away[:-1], away[1:]) - off[ahead:-1]).max() < 1e-6  # at either end of the interval
 
 
 @pytest.mark.slow
 def test_bends_that_come_too_soon_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """A planted bug: the path is bent right ahead, where zeros ask the motion that is under way to have known."""
-    texts = clib_files.templates()
-    wrong = texts["ahead.h"].replace("static const real felt = 1e-3;", "static const real felt = 1e9;")
-    assert wrong != texts["ahead.h"]
-    monkeypatch.setattr(clib_files, "templates", lambda: {**texts, "ahead.h": wrong})
+    texts = clib_files.fixed_files()
+    wrong = texts["limit_lookahead.h"].replace("static const real felt = 1e-3;", "static const real felt = 1e9;")
+    assert wrong != texts["limit_lookahead.h"]
+    monkeypatch.setattr(clib_files, "fixed_files", lambda: {**texts, "limit_lookahead.h": wrong})
     monkeypatch.setenv("FLEXGEN_CACHE", "")
     built._built.cache_clear()
     try:
@@ -214,7 +214,7 @@ def test_bends_that_come_too_soon_are_seen(monkeypatch: pytest.MonkeyPatch) -> N
         kept = streamed("manutec_r3_18", torque=a_tenth_less(free))
     finally:
         built._built.cache_clear()
-    assert all(x.exact for x in free) and not all(x.exact for x in kept)
+    assert all(x.converged for x in free) and not all(x.converged for x in kept)
     assert strays("manutec_r3_18", kept) > 100 * FOLLOWED
 
 
@@ -225,14 +225,14 @@ def test_a_horizon_that_the_zeros_fill_is_refused(name: str, ahead: int, torque:
 
 
 def test_limits_that_cannot_be_kept_end_the_stream_in_words() -> None:
-    with pytest.raises(SolverError, match="limits of the motors cannot be kept"):
+    with pytest.raises(SolverError, match="limits cannot be kept"):
         streamed(torque=(0.5, 0.5))
 
 
 def test_a_stream_keeps_speed_limits() -> None:
     kept = streamed(speed=(1000.0, 250.0))
     assert max(float(np.abs(x.v_m[:, 1]).max()) for x in kept) < 250.0 * 1.01
-    assert kept[-1].off_m < GONE
+    assert kept[-1].deviation_m < GONE
 
 
 def test_wide_limits_change_nothing_in_a_stream() -> None:
@@ -241,6 +241,6 @@ def test_wide_limits_change_nothing_in_a_stream() -> None:
 
 
 def test_wrong_limits_of_a_stream_are_refused() -> None:
-    for bad in ({"torque": (0.0, 1.0)}, {"speed": (np.nan, 1.0)}, {"torque": (1.0,)}, {"bend": -1.0}):
+    for bad in ({"torque": (0.0, 1.0)}, {"speed": (np.nan, 1.0)}, {"torque": (1.0,)}, {"deviation": -1.0}):
         with pytest.raises(ArgumentError):
             streamed(**bad)
