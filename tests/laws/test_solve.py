@@ -170,10 +170,10 @@ def test_coarse_meshes_are_refused_or_seen() -> None:
         ({"mesh": 1e-8}, "mesh: given 1e-08 s, which makes .* intervals"),
         ({"preview": 1e9}, "expected at most 900000"),
         ({"method": "collocation", "preview": 1e9}, "expected at most 20000"),
-        ({"method": "discretized", "limits": Limits(torque=(1.0, 1.0))}, "cannot respect them"),
+        ({"method": "discretized", "limits": Limits(torque=(1.0, 1.0))}, "cannot keep limits"),
     ],
 )
-def test_wrong_questions_are_refused(arguments: dict[str, object], message: str) -> None:
+def test_wrong_arguments_are_refused(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(ArgumentError, match=message):
         flexgen.solve("planar5_mp", **arguments)  # type: ignore[arg-type]
 

@@ -129,13 +129,13 @@ def test_without_damping_inside_the_stable_order_is_taken() -> None:
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"order": 5}, "order = 5"),
-        ({"order": True}, "order = True"),
-        ({"richardson": 1}, "richardson = 1"),
+        ({"order": 5}, "order 5"),
+        ({"order": True}, "order True"),
+        ({"richardson": 1}, "richardson 1"),
         ({"stages": 3}, "'stages'"),
     ],
 )
-def test_wrong_options_are_told(options: dict[str, object], text: str) -> None:
+def test_wrong_options_are_refused(options: dict[str, object], text: str) -> None:
     given = problem("planar5_mp").problem
     with pytest.raises(ArgumentError, match=text):
         solve(InversionProblem(given.equations, given.path, options=options), 5e-3)

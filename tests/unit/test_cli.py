@@ -372,7 +372,7 @@ def test_simulate(ask, run, trajectory, tmp_path):
 
 def test_simulate_with_a_trajectory_of_another_model(ask, trajectory, tmp_path):
     status, data, _ = ask("simulate", "elbow", trajectory)
-    assert status == 1 and "another model" in data["error"]
+    assert status == 1 and "take the model that it was written for" in data["error"]
     for name, content in (("a.npz", b"\x00\x01"), ("b.csv", b"1,2\n3\n"), ("c.npz", b"")):
         (tmp_path / name).write_bytes(content)
         status, data, _ = ask("simulate", "elbow", tmp_path / name)
