@@ -19,7 +19,7 @@ COUNTS = (0, 1, 7, 8, 9, 17)
 POINTS = 37
 
 _HEAD = """\
-#include "@.h"
+#include "@_batch.h"
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -170,6 +170,7 @@ def _function(name: str, f: dict[str, Any], counts: tuple[int, ...]) -> str:
     ports = [*inputs, *shared, *outputs]
     symbol, NAME = f"{name}_{f['name']}", name.upper()
     arguments = ", ".join(p["name"] for p in ports)
+    one = f"{arguments}, work" if f["work"] else arguments
     per_in, per_out = sum(map(size, inputs)), sum(map(size, outputs))
 
     def rooms(n: str) -> str:
@@ -210,7 +211,7 @@ def _function(name: str, f: dict[str, Any], counts: tuple[int, ...]) -> str:
         "                const real kept = {p}[e];\n"
         "                for (int bad = 0; bad < 3; ++bad) {{\n"
         "                {p}[e] = (real)(bad == 0 ? NAN : bad == 1 ? INFINITY : -INFINITY);\n"
-        f"                if ({symbol}({arguments}, work) != {NAME}_INPUT_NOT_FINITE) {{{{\n"
+        f"                if ({symbol}({one}) != {NAME}_INPUT_NOT_FINITE) {{{{\n"
         '                    fail("' + f["name"] + ': unnoticed in {p}", bad, e);\n'
         "                }}\n" + nan_out.replace("{", "{{").replace("}", "}}") + "                }}\n"
         "                {p}[e] = kept;\n            }}\n",
@@ -218,9 +219,13 @@ def _function(name: str, f: dict[str, Any], counts: tuple[int, ...]) -> str:
     nulls = ""
     for k in range(len(ports) + 1):
         words = ["NULL" if i == k else word for i, word in enumerate([*(p["name"] for p in ports), "work"])]
+        single = words if f["work"] else words[:-1]
+        if "NULL" in single:
+            nulls += (
+                f"        if ({symbol}({', '.join(single)}) != {NAME}_NULL_ARGUMENT) {{ "
+                f'fail("{f["name"]}: null", 1, {k}); }}\n'
+            )
         nulls += (
-            f"        if ({symbol}({', '.join(words)}) != {NAME}_NULL_ARGUMENT) {{ "
-            f'fail("{f["name"]}: null", 1, {k}); }}\n'
             f"        if ({symbol}_batch(1, {', '.join(words)}) != {NAME}_NULL_ARGUMENT) {{ "
             f'fail("{f["name"]}_batch: null", 1, {k}); }}\n'
         )
@@ -230,9 +235,9 @@ static void call_{f["name"]}(const real *in, real *out) /* {per_in} and {per_out
 {{
     static const int counts[] = {{{", ".join(map(str, counts))}}};
     {{
-{rooms("1")}        real *work = room({NAME}_{f["name"].upper()}_WORK);
+{rooms("1")}        real *work = room({NAME}_WORK);
         for (int k = 0; k < POINTS; ++k) {{
-{fill}            if ({symbol}({arguments}, work) != {NAME}_OK) {{
+{fill}            if ({symbol}({one}) != {NAME}_OK) {{
                 fail("{f["name"]}", 1, k);
             }}
 {keep}            if (k > 0) {{
@@ -242,13 +247,13 @@ static void call_{f["name"]}(const real *in, real *out) /* {per_in} and {per_out
 {nulls}        if ({symbol}_batch(-1, {arguments}, work) != {NAME}_BAD_COUNT) {{
             fail("{f["name"]}_batch", -1, 0);
         }}
-        if ({symbol}_work() != {NAME}_{f["name"].upper()}_WORK) {{
-            fail("{f["name"]}_work", 1, 0);
+        if ({name}_work() != {NAME}_WORK) {{
+            fail("work", 1, 0);
         }}
 {clear}    }}
     for (size_t c = 0; c < sizeof counts / sizeof counts[0]; ++c) {{
         const int n = counts[c];
-{rooms("n")}        real *work = room({symbol}_batch_work());
+{rooms("n")}        real *work = room({name}_batch_work());
         for (int k = 0; k < n; ++k) {{
 {fill_n}        }}
         if ({symbol}_batch(n, {arguments}, work) != {NAME}_OK) {{
@@ -287,7 +292,7 @@ def built(folder: Path, work: Path, compiler: str, *flags: str, **options: Any) 
     """The program of a library's folder, compiled with its sources."""
     work.mkdir(parents=True, exist_ok=True)
     (work / "client.c").write_text(program(manifest_of(folder), **options), encoding="ascii")
-    sources = sorted(str(path) for path in folder.glob("*.c") if path.name != "example.c")
+    sources = sorted(str(path) for path in (folder / "src").glob("*.c"))
     words = [compiler, "-std=c99", "-D_POSIX_C_SOURCE=200809L", *flags, f"-I{folder}", "client.c", *sources]
     words += ["-pthread"] * (options.get("threads", 1) > 1)
     done = subprocess.run([*words, "-lm", "-o", "client"], cwd=work, capture_output=True, text=True, check=False)

@@ -52,17 +52,19 @@ class Small:
         self.spec, self.f = spec, spec.functions[0]
         self.files = emit(spec)
         for name, text in self.files.items():
+            (folder / name).parent.mkdir(exist_ok=True)
             (folder / name).write_text(text, encoding="ascii")
         sources = [name for name in self.files if name.endswith(".c") and name != "example.c"]
-        run(compiler, *flags, *WARNINGS, "-fPIC", "-shared", *sources, "-lm", "-o", "small.so", folder=folder)
+        run(compiler, *flags, *WARNINGS, "-fPIC", "-shared", "-I.", *sources, "-lm", "-o", "small.so", folder=folder)
         library = ctypes.CDLL(str(folder / "small.so"))
         self._point, self._batch = library.small_f, library.small_f_batch
-        self._work = max(library.small_f_work(), library.small_f_batch_work())
+        self._work = max(library.small_work(), library.small_batch_work())
         self.real = np.dtype(np.float64 if spec.precision == "double" else np.float32)
 
     def _call(self, function, count, inputs, shapes):
         work = np.zeros(self._work, self.real)
         results = [np.full(shape, 7.0, self.real) for shape in shapes]
+        # a function for one point takes the workspace only where it needs one; one argument more does no harm
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in (*inputs, *results, work)]
         return function(*count, *pointers), results
 

@@ -90,15 +90,17 @@ int NAME(twist_batch)(int n, const real *q, const real *K, const real *p, real *
     return first;
 }
 
-int NAME(square)(const real *q, real *s, real *work) { return NAME(square_batch)(1, q, s, work); }
+int NAME(square)(const real *q, real *s)
+{
+    real work[3];
+    return NAME(square_batch)(1, q, s, work);
+}
 int NAME(twist)(const real *q, const real *K, const real *p, real *s, real *S, real *work)
 {
     return NAME(twist_batch)(1, q, K, p, s, S, work);
 }
-int NAME(square_work)(void) { return 1; }
-int NAME(square_batch_work)(void) { return 3; }
-int NAME(twist_work)(void) { return 1; }
-int NAME(twist_batch_work)(void) { return 3; }
+int NAME(work)(void) { return 1; }
+int NAME(batch_work)(void) { return 3; }
 int NAME(abi_version)(void) { return ABI; }
 int NAME(sizeof_real)(void) { return (int)sizeof(real); }
 int NAME(sizeof_int)(void) { return SIZEOF_INT; }
@@ -140,7 +142,7 @@ def _scratch() -> Path:
 
 @cache
 def compiled(
-    real: str = "double", abi: int = 2, sizeof_int: str = "(int)sizeof(int)", digest: str = DIGEST, name: str = "hand"
+    real: str = "double", abi: int = 3, sizeof_int: str = "(int)sizeof(int)", digest: str = DIGEST, name: str = "hand"
 ) -> bytes:
     """Content of the shared library that says this of itself."""
     key = hashlib.sha256(repr((real, abi, sizeof_int, digest, name)).encode()).hexdigest()[:16]
@@ -165,9 +167,9 @@ def install(folder: Path, content: bytes, *, name: str = "hand", **changes: Any)
         return [{"name": port, "shape": PORTS[port], "unit": "1", "doc": "a port"} for port in ports.split()]
 
     manifest = {
-        "format": 1,
+        "format": 2,
         "name": name,
-        "abi_version": 2,
+        "abi_version": 3,
         "precision": "double",
         "model_digest": DIGEST,
         "sizes": {"n_a": 2, "n_p": 2},
@@ -177,7 +179,14 @@ def install(folder: Path, content: bytes, *, name: str = "hand", **changes: Any)
         "parameters": [{"name": "first", "value": 2.0, "unit": "1"}, {"name": "second", "value": 0.25, "unit": "1"}],
         "statuses": [vars(status) for status in STATUSES],
         "functions": [
-            {"name": f, "summary": f, "equation": "", "inputs": described(inputs), "outputs": described(outputs)}
+            {
+                "name": f,
+                "work": f == "twist",
+                "summary": f,
+                "equation": "",
+                "inputs": described(inputs),
+                "outputs": described(outputs),
+            }
             for f, (inputs, outputs) in FUNCTIONS.items()
         ],
         "build": {"library": file, "sha256": sha256},

@@ -22,11 +22,11 @@ def samples(name: str = MODEL) -> dict[str, np.ndarray]:
     path = Path(equations := derive(name), equations.model.move())
     t = np.arange(round(path.duration / PERIOD) + 1) * PERIOD
     sample = path.sample(t)
-    return {"place": sample.y[:, :, 0], "rate": sample.rates(1), "rate2": sample.rates(2), "q_start": path.q_start}
+    return {"y": sample.y[:, :, 0], "dy": sample.rates(1), "ddy": sample.rates(2), "q_start": path.q_start}
 
 
 def given(**changes) -> dict:
-    return {**samples(), "period": PERIOD, "lead": 100, "tail": 100, "every": EVERY, **changes}
+    return {**samples(), "period": PERIOD, "n_pre": 100, "n_post": 100, "samples_per_interval": EVERY, **changes}
 
 
 def question(model: str | FilePath | RobotModel, **options: float) -> InversionProblem:

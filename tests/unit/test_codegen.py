@@ -108,7 +108,18 @@ def static_library(folder: Path) -> Path:
 @pytest.mark.parametrize("name", ["elbow", pytest.param("planar5_nmp", marks=pytest.mark.slow)])
 def test_sources_are_strict_c99_and_pure(name, tmp_path):
     folder = made(name).directory
-    run(CC, *STRICT, "-Wshadow", "-I.", "example.c", *sources(folder), "-lm", "-o", tmp_path / "example", folder=tmp_path)
+    run(
+        CC,
+        *STRICT,
+        "-Wshadow",
+        "-I.",
+        "example.c",
+        *sources(folder),
+        "-lm",
+        "-o",
+        tmp_path / "example",
+        folder=tmp_path,
+    )
     for path in [*sources(folder), folder / f"{name}.h"]:
         text = path.read_text(encoding="ascii")
         for word in ("malloc", "calloc", "stdio", "printf", "stdlib", "casadi", "free("):

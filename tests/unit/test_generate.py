@@ -72,7 +72,9 @@ def test_tampering_is_detected_and_mended(copy):
     load(copy)
     (copy / "src" / "elbow_bias.c").write_text("int x;\n")
     assert not generate("elbow", copy).cached
-    assert (copy / "src" / "elbow_bias.c").read_bytes() == (made("elbow").directory / "src" / "elbow_bias.c").read_bytes()
+    assert (copy / "src" / "elbow_bias.c").read_bytes() == (
+        made("elbow").directory / "src" / "elbow_bias.c"
+    ).read_bytes()
     (copy / "elbow.h").unlink()
     assert not generate("elbow", copy).cached
     assert generate("elbow", copy).cached
@@ -86,7 +88,7 @@ def change(folder: Path, **changes) -> None:
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"format": 99}, "expected format 1"),
+        ({"format": 99}, "expected format 2"),
         ({"build": None}, "expected a compiled library"),
         ({"model_digest": "0" * 64}, "elbow_digest: given .*, expected 0000"),
         ({"sizes": {"n_a": 3}}, "elbow_n_a: given 2, expected 3"),
