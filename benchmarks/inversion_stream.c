@@ -13,10 +13,22 @@
 #include <stdlib.h>
 #include <time.h>
 
-typedef int64_t work_size(int, int);
-typedef int start_stream(double *, int64_t, int, int, double, double, const double *, const double *);
-typedef int update_stream(double *, const double *, const double *, const double *, double *, double *, double *,
-    double *, double *, double *, double *);
+/* The structs of every library, see <model>_inversion.h. */
+typedef struct {
+    int intervals, samples_per_interval;
+    double period, tolerance;
+} stream_options;
+typedef struct {
+    double *q_a, *v_a, *a_a, *tau_g, *q_m, *v_m, *tau_m;
+} motion;
+typedef struct {
+    double residual, kinematic_mismatch, torque_step, deviation_m, deviation_rad;
+    int iterations, intervals, limits_active;
+} stream_info;
+
+typedef int64_t work_size(const stream_options *);
+typedef int start_stream(double *, int64_t, const stream_options *, const double *, const double *);
+typedef int update_stream(double *, const double *, const double *, const double *, motion *, stream_info *);
 
 static void *found(void *library, const char *name, const char *what)
 {
@@ -69,10 +81,13 @@ int main(int argc, char **argv)
     work_size *work = (work_size *)found(library, argv[2], "stream_work");
     start_stream *start = (start_stream *)found(library, argv[2], "stream_start");
     update_stream *update = (update_stream *)found(library, argv[2], "stream_update");
-    const int64_t size = work(intervals, parts), each = n_t + 2 * n_y, out = 3 + (int64_t)parts * (2 * n_m + n_a);
+    const stream_options options = {intervals, parts, atof(argv[5]), atof(argv[6])};
+    const int64_t size = work(&options), each = n_t + 2 * n_y, out = 3 + (int64_t)parts * (2 * n_m + n_a);
     double *memory = room(size), *place = room(n_t), *q_start = room(n_a), *given = room(each * updates);
-    double *q_a = room(parts * n_a), *v_a = room(parts * n_a), *tau_g = room(parts * n_g), *report = room(4);
+    double *q_a = room(parts * n_a), *v_a = room(parts * n_a), *tau_g = room(parts * n_g);
     double *q_m = room(parts * n_m), *v_m = room(parts * n_m), *tau_m = room(parts * n_m);
+    motion found_motion = {q_a, v_a, NULL, tau_g, q_m, v_m, tau_m};
+    stream_info info;
     double *results = room(out * updates);
     size_t read = fread(place, sizeof *place, (size_t)n_t, stdin);
     read += fread(q_start, sizeof *q_start, (size_t)n_a, stdin);
@@ -80,7 +95,7 @@ int main(int argc, char **argv)
     if (read != (size_t)(n_t + n_a + each * updates)) {
         return 4;
     }
-    if (start(memory, size, intervals, parts, atof(argv[5]), atof(argv[6]), place, q_start) != 0) {
+    if (start(memory, size, &options, place, q_start) != 0) {
         fprintf(stderr, "the stream does not start\n");
         return 5;
     }
@@ -88,10 +103,10 @@ int main(int argc, char **argv)
         const double *x = given + each * k;
         double *y = results + out * k;
         const double began = now();
-        const int status = update(memory, x, x + n_t, x + n_t + n_y, q_a, v_a, tau_g, q_m, v_m, tau_m, report);
+        const int status = update(memory, x, x + n_t, x + n_t + n_y, &found_motion, &info);
         *y++ = now() - began;
         *y++ = status;
-        *y++ = report[0];
+        *y++ = info.residual;
         for (int i = 0; i < parts * n_m; ++i) {
             *y++ = q_m[i];
         }

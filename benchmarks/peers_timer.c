@@ -22,6 +22,7 @@
 #include <time.h>
 
 #define MAX_PORTS 10
+#define WORKSPACE (1L << 20) /* reals; more than <MODEL>_BATCH_WORK of the libraries here */
 #define MAX_CANDIDATES 24
 
 typedef void function(void);
@@ -230,12 +231,7 @@ static void prepare(struct candidate *c, const char *library, const char *name, 
         return;
     }
     function *work = symbol(opened, other, 0);
-    if (work == NULL) { /* where a batch has no workspace of its own, that of one point serves */
-        other[strlen(name) - strlen("_batch")] = '\0';
-        strcat(other, "_work");
-        work = symbol(opened, other, 1);
-    }
-    c->work = memory(sizeof(double) * (size_t)number(work));
+    c->work = memory(sizeof(double) * (size_t)(work == NULL ? WORKSPACE : number(work)));
     if (many > 1) {
         for (int i = 0, before = 0; i < n_in; before += in_size[i], ++i) {
             c->in[i] = memory(sizeof(double) * (size_t)(many * in_size[i]));

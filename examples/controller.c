@@ -27,9 +27,9 @@ static const double KP[NM] = {30.0, 20.0};          /* N m/rad, motor side */
 static const double KD[NM] = {0.7, 0.5};            /* N m s/rad, motor side */
 
 static const double START[NM] = {0.3, -1.1}, END[NM] = {0.9, -1.6}; /* rad */
-static const double DURATION = 0.6, SETTLE = 0.2;                    /* s */
-static const double CYCLE = 1e-3;                                    /* s */
-static const int STEPS = 10;                                         /* of the plant per cycle */
+static const double DURATION = 0.6, SETTLE = 0.2;                   /* s */
+static const double CYCLE = 1e-3;                                   /* s */
+static const int STEPS = 10;                                        /* of the plant per cycle */
 
 /* Reference at time t: a polynomial from rest to rest with continuous accelerations. */
 static void reference(double t, double q[NA], double v[NA], double a[NA])
@@ -49,10 +49,10 @@ static void reference(double t, double q[NA], double v[NA], double a[NA])
 /* Torques of one control cycle from the measured motors; returns a status of the library. */
 static int control(double t, int feedforward, const double q_m[NM], const double v_m[NM], double tau_m[NM])
 {
-    double q[NA], v[NA], a[NA], tau_a[NA], work[PLANAR5_NMP_INVERSE_DYNAMICS_WORK];
+    double q[NA], v[NA], a[NA], tau_a[NA];
     int status;
     reference(t, q, v, a);
-    status = planar5_nmp_inverse_dynamics(q, v, a, tau_a, work);
+    status = planar5_nmp_inverse_dynamics(q, v, a, tau_a);
     if (status != PLANAR5_NMP_OK) {
         return status;
     }
@@ -68,14 +68,13 @@ static int control(double t, int feedforward, const double q_m[NM], const double
 static int plant(const double x[N], const double tau_m[NM], double dx[N])
 {
     const double *q_a = x, *v_a = x + NA, *q_m = x + 2 * NA, *v_m = x + 2 * NA + NM;
-    double work[PLANAR5_NMP_FORWARD_DYNAMICS_WORK];
     for (int i = 0; i < NA; ++i) {
         dx[i] = v_a[i];
     }
     for (int j = 0; j < NM; ++j) {
         dx[2 * NA + j] = v_m[j];
     }
-    return planar5_nmp_forward_dynamics(q_a, v_a, q_m, v_m, tau_m, dx + NA, dx + 2 * NA + NM, work);
+    return planar5_nmp_forward_dynamics(q_a, v_a, q_m, v_m, tau_m, dx + NA, dx + 2 * NA + NM);
 }
 
 /* One Runge-Kutta step of the plant. */
@@ -105,7 +104,7 @@ static int step(double h, const double tau_m[NM], double x[N])
 /* Run the move; the largest distance of the tool from its reference goes to *stray [m]. */
 static int run(int feedforward, double *stray)
 {
-    double x[N] = {0.0}, work[PLANAR5_NMP_FORWARD_KINEMATICS_WORK];
+    double x[N] = {0.0};
     int status = PLANAR5_NMP_OK;
     *stray = 0.0;
     for (int j = 0; j < NM; ++j) {
@@ -123,9 +122,9 @@ static int run(int feedforward, double *stray)
             return status;
         }
         reference(t + (k * CYCLE < SETTLE ? 0.0 : CYCLE), q, v, a);
-        status = planar5_nmp_forward_kinematics(q, p_ref, R, work);
+        status = planar5_nmp_forward_kinematics(q, p_ref, R);
         if (status == PLANAR5_NMP_OK) {
-            status = planar5_nmp_forward_kinematics(x, p, R, work);
+            status = planar5_nmp_forward_kinematics(x, p, R);
         }
         if (status != PLANAR5_NMP_OK) {
             return status;
@@ -147,7 +146,8 @@ int main(void)
             fprintf(stderr, "planar5_nmp: %s\n", planar5_nmp_status_text(status));
             return 1;
         }
-        printf("%-24s tool strays by at most %8.3f mm\n", feedforward ? "PD with feedforward" : "PD alone", 1e3 * stray);
+        printf(
+            "%-24s tool strays by at most %8.3f mm\n", feedforward ? "PD with feedforward" : "PD alone", 1e3 * stray);
     }
     return 0;
 }

@@ -17,7 +17,7 @@
  *   cd generated/planar5_nmp
  *   cc -std=c99 -O2 -ffp-contract=off -I. ../../examples/stream.c planar5_nmp*.c -lm -o stream && ./stream
  */
-#include "planar5_nmp.h"
+#include "planar5_nmp_inversion.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -37,15 +37,15 @@ enum {
     MEMORY = 32768      /* numbers; planar5_nmp_stream_work tells how many the stream needs */
 };
 
-static const double UPDATE = 5e-3, CYCLE = 1e-3;    /* s */
-static const double TOLERANCE = 1e-3;               /* of the equations, relative: above it the stream is INEXACT */
-static const double STOP = 20e-3;                   /* s: time constant of the motors' stop */
-static const double KP[NM] = {30.0, 20.0};          /* N m/rad, motor side */
-static const double KD[NM] = {0.7, 0.5};            /* N m s/rad, motor side */
-static const double GUESS[NA] = {0.3, -1.1, 0.0};   /* rad: near the pose at the start of the path */
-static const double WAY[2] = {-0.20, 0.21};         /* m: of the tool */
-static const double DURATION = 0.5, SETTLE = 0.15;  /* s */
-static const double MISHAP = 0.25;                  /* s: when the path of two runs goes wrong */
+static const double UPDATE = 5e-3, CYCLE = 1e-3;   /* s */
+static const double TOLERANCE = 1e-3;              /* of the equations, relative: above it: TOLERANCE_NOT_MET */
+static const double STOP = 20e-3;                  /* s: time constant of the motors' stop */
+static const double KP[NM] = {30.0, 20.0};         /* N m/rad, motor side */
+static const double KD[NM] = {0.7, 0.5};           /* N m s/rad, motor side */
+static const double GUESS[NA] = {0.3, -1.1, 0.0};  /* rad: near the pose at the start of the path */
+static const double WAY[2] = {-0.20, 0.21};        /* m: of the tool */
+static const double DURATION = 0.5, SETTLE = 0.15; /* s */
+static const double MISHAP = 0.25;                 /* s: when the path of two runs goes wrong */
 
 typedef enum { RUNNING, STOPPING } controller_state;
 typedef enum { NOTHING, LATE_TORQUE, UNREACHABLE_SAMPLE, JUMP } planted_mistake;
@@ -56,46 +56,47 @@ typedef struct {
     controller_state state;
     double q_a[PARTS * NA], v_a[PARTS * NA], tau_g[PARTS * NG], q_m[PARTS * NM], v_m[PARTS * NM], tau_m[PARTS * NM];
     double before[PARTS * NM]; /* N m: torques of the update before */
-    double report[PLANAR5_NMP_STREAM_REPORT];
+    planar5_nmp_stream_info info;
 } controller;
 
 /* The path at time t: a line, by a polynomial from rest to rest with five continuous derivatives. */
-static void line(double t, const double start[NY], double place[NY], double rate[NY], double rate2[NY])
+static void line(double t, const double start[NY], double y[NY], double dy[NY], double ddy[NY])
 {
     const double s = t <= 0.0 ? 0.0 : t < DURATION ? t / DURATION : 1.0, r = 1.0 - s;
     const double p = pow(s, 6) * (462.0 + s * (-1980.0 + s * (3465.0 + s * (-3080.0 + s * (1386.0 - 252.0 * s)))));
     const double dp = 2772.0 * pow(s * r, 5) / DURATION;
     const double ddp = 13860.0 * pow(s * r, 4) * (r - s) / (DURATION * DURATION);
     for (int i = 0; i < NY; ++i) {
-        place[i] = start[i] + WAY[i] * p;
-        rate[i] = WAY[i] * dp;
-        rate2[i] = WAY[i] * ddp;
+        y[i] = start[i] + WAY[i] * p;
+        dy[i] = WAY[i] * dp;
+        ddy[i] = WAY[i] * ddp;
     }
 }
 
 static int refuses(int status)
 {
     return status == PLANAR5_NMP_INPUT_NOT_FINITE || status == PLANAR5_NMP_BAD_ARGUMENT ||
-        status == PLANAR5_NMP_UNREACHABLE;
+           status == PLANAR5_NMP_UNREACHABLE;
 }
 
 /* Begin at rest, with the tool where the path begins. */
 static int start(controller *c)
 {
-    double p[3], R[9], work[PLANAR5_NMP_FORWARD_KINEMATICS_WORK];
-    int status = planar5_nmp_forward_kinematics(GUESS, p, R, work);
+    double p[3], R[9];
+    const planar5_nmp_stream_options options = {INTERVALS, PARTS, UPDATE, TOLERANCE};
+    int status = planar5_nmp_forward_kinematics(GUESS, p, R);
     memset(c, 0, sizeof *c);
     if (status != PLANAR5_NMP_OK) {
         return status;
     }
-    if (planar5_nmp_stream_work(INTERVALS, PARTS) > MEMORY) {
+    if (planar5_nmp_stream_work(&options) > MEMORY) {
         return PLANAR5_NMP_WORK_TOO_SMALL;
     }
     for (int i = 0; i < NY; ++i) {
         c->start[i] = p[i];
     }
     c->state = RUNNING;
-    return planar5_nmp_stream_start(c->memory, MEMORY, INTERVALS, PARTS, UPDATE, TOLERANCE, c->start, GUESS);
+    return planar5_nmp_stream_start(c->memory, MEMORY, &options, c->start, GUESS);
 }
 
 /* References of a stop: motors that slow down from where they are. */
@@ -120,28 +121,28 @@ static void stop(controller *c)
 /* Every 5 ms: the sample of the path at t in, torques and references of the next 5 ms out. */
 static void update(controller *c, double t, planted_mistake mistake)
 {
-    double place[NY], rate[NY], rate2[NY], tau_m[PARTS * NM], q_m[PARTS * NM], v_m[PARTS * NM];
+    double y[NY], dy[NY], ddy[NY], tau_m[PARTS * NM], q_m[PARTS * NM], v_m[PARTS * NM];
+    planar5_nmp_motion motion = {c->q_a, c->v_a, NULL, c->tau_g, q_m, v_m, tau_m};
     int status = PLANAR5_NMP_OK;
     memcpy(c->before, c->tau_m, sizeof c->before);
     if (c->state == STOPPING) {
         stop(c);
         return;
     }
-    line(t, c->start, place, rate, rate2);
+    line(t, c->start, y, dy, ddy);
     if (mistake == JUMP && t > MISHAP) {
-        place[0] -= 0.01;
+        y[0] -= 0.01;
     }
     if (mistake == UNREACHABLE_SAMPLE && fabs(t - MISHAP) < 0.5 * UPDATE) {
-        place[0] += 100.0;
+        y[0] += 100.0;
     }
     for (int attempt = 0; attempt < 2; ++attempt) {
-        status = planar5_nmp_stream_update(
-            c->memory, place, rate, rate2, c->q_a, c->v_a, c->tau_g, q_m, v_m, tau_m, c->report);
+        status = planar5_nmp_stream_update(c->memory, y, dy, ddy, &motion, &c->info);
         if (!refuses(status)) {
             break;
         }
         printf("  sample at t = %.3f s refused: %s\n", t, planar5_nmp_status_text(status));
-        line(t, c->start, place, rate, rate2); /* nothing has changed: another sample in its place */
+        line(t, c->start, y, dy, ddy); /* nothing has changed: another sample in its y */
     }
     if (status != PLANAR5_NMP_OK) { /* these torques are not for the motors */
         printf("  sample at t = %.3f s: %s; stopping\n", t, planar5_nmp_status_text(status));
@@ -155,8 +156,8 @@ static void update(controller *c, double t, planted_mistake mistake)
 }
 
 /* Every millisecond: the torque of the middle of the cycle, and what the measured motors lack. */
-static void control(const controller *c, int cycle, planted_mistake mistake, const double q_m[NM],
-    const double v_m[NM], double tau_m[NM])
+static void control(const controller *c, int cycle, planted_mistake mistake, const double q_m[NM], const double v_m[NM],
+    double tau_m[NM])
 {
     const double *fed = (mistake == LATE_TORQUE ? c->before : c->tau_m) + (2 * cycle + 1) * NM;
     const double *q_ref = c->q_m + 2 * cycle * NM, *v_ref = c->v_m + 2 * cycle * NM;
@@ -169,10 +170,9 @@ static void control(const controller *c, int cycle, planted_mistake mistake, con
 static int plant(const double x[N], const double tau_m[NM], double dx[N])
 {
     const double *q_a = x, *v_a = x + NA, *q_m = x + 2 * NA, *v_m = x + 2 * NA + NM;
-    double work[PLANAR5_NMP_FORWARD_DYNAMICS_WORK];
     memcpy(dx, v_a, NA * sizeof *dx);
     memcpy(dx + 2 * NA, v_m, NM * sizeof *dx);
-    return planar5_nmp_forward_dynamics(q_a, v_a, q_m, v_m, tau_m, dx + NA, dx + 2 * NA + NM, work);
+    return planar5_nmp_forward_dynamics(q_a, v_a, q_m, v_m, tau_m, dx + NA, dx + 2 * NA + NM);
 }
 
 /* One Runge-Kutta step of the plant. */
@@ -202,10 +202,10 @@ static int step(double h, const double tau_m[NM], double x[N])
 /* How far the tool of the plant is from the path at time t [m]. */
 static int distance(const double x[N], const double from[NY], double t, double *away)
 {
-    double p[3], R[9], place[NY], rate[NY], rate2[NY], work[PLANAR5_NMP_FORWARD_KINEMATICS_WORK];
-    const int status = planar5_nmp_forward_kinematics(x, p, R, work);
-    line(t, from, place, rate, rate2);
-    *away = sqrt(pow(p[0] - place[0], 2.0) + pow(p[1] - place[1], 2.0));
+    double p[3], R[9], y[NY], dy[NY], ddy[NY];
+    const int status = planar5_nmp_forward_kinematics(x, p, R);
+    line(t, from, y, dy, ddy);
+    *away = sqrt(pow(p[0] - y[0], 2.0) + pow(p[1] - y[1], 2.0));
     return status;
 }
 

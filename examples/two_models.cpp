@@ -7,8 +7,8 @@
 //   flexgen generate planar5_nmp && flexgen generate elbow
 //   cc -std=c99 -O2 -ffp-contract=off -c generated/planar5_nmp/planar5_nmp*.c generated/elbow/elbow*.c
 //   c++ -Igenerated/planar5_nmp -Igenerated/elbow examples/two_models.cpp *.o -lm -o two_models && ./two_models
-#include "elbow.h"
-#include "planar5_nmp.h"
+#include "elbow_batch.h"
+#include "planar5_nmp_batch.h"
 
 #include <algorithm>
 #include <cmath>
@@ -58,9 +58,9 @@ bool show(const char *name, int coordinates, int work, Gravity gravity, Text tex
 
 int main()
 {
-    const bool planar = show<planar5_nmp_real>("planar5_nmp", PLANAR5_NMP_NA, planar5_nmp_gravity_batch_work(),
+    const bool planar = show<planar5_nmp_real>("planar5_nmp", PLANAR5_NMP_NA, planar5_nmp_batch_work(),
                                                planar5_nmp_gravity_batch, planar5_nmp_status_text);
-    const bool elbow = show<elbow_real>("elbow", ELBOW_NA, elbow_gravity_batch_work(), elbow_gravity_batch,
+    const bool elbow = show<elbow_real>("elbow", ELBOW_NA, elbow_batch_work(), elbow_gravity_batch,
                                         elbow_status_text);
     return planar && elbow ? 0 : 1;
 }

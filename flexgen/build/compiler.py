@@ -185,7 +185,7 @@ def build_libraries(
     with ThreadPoolExecutor(max_workers=workers) as pool:
         jobs = {}
         for file in sorted(missing, key=lambda file: -_effort(folder, file)):  # the longest first
-            words = [*compiler.command, *compiler.flags, "-I.", "-c", file, "-o", _object(file)]
+            words = [*compiler.command, *compiler.flags, "-c", file, "-o", _object(file)]
             jobs[file] = pool.submit(_run, "C compiler", words, folder)
         try:
             for file, job in jobs.items():

@@ -106,32 +106,32 @@ static int solve_two_point(two_point *b, real tolerance, model_inversion_info *i
     }
 }
 
-model_status model_bvp(const model_path *path, const double q_start[MODEL_NA], const model_inversion_options *options,
+model_status model_bvp(const model_path *p, const double q_start[MODEL_NA], const model_inversion_options *options,
     model_motion *motion, model_inversion_info *info, double *work, int64_t work_size)
 {
-    const int64_t wanted = path == NULL ? -1 : model_bvp_work(path->n, options);
+    const int64_t wanted = p == NULL ? -1 : model_bvp_work(p->n, options);
     whole_layout l;
     bvp_layout own;
     two_point *b;
     blocks_space *w;
     real q[NA];
-    int status = check_arguments(path, q_start, options, motion, info, work, work_size, wanted);
+    int status = check_arguments(p, q_start, options, motion, info, work, work_size, wanted);
     if (status != MODEL_OK) {
         return (model_status)status;
     }
     copy(q_start, NA, q);
-    l = lay_out(path->n, options, INTERVAL_FACTOR);
+    l = lay_out(p->n, options, INTERVAL_FACTOR);
     own = lay_out_bvp(&l);
     b = (two_point *)(void *)(work + own.problem);
     w = (blocks_space *)(void *)(work + own.blocks);
-    b->m = mesh_in(&l, path, options, work);
+    b->m = mesh_in(&l, p, options, work);
     info->intervals = b->m.N;
-    status = equilibrium_at(path->y, q, b->m.scale, work + l.space);
+    status = equilibrium_at(p->y, q, b->m.scale, work + l.space);
     if (status == MODEL_OK) {
-        status = guess_mesh(&b->m, path, q, options->n_pre, options->samples_per_interval, &w->lq.arm, work + l.space);
+        status = guess_mesh(&b->m, p, q, options->n_pre, options->samples_per_interval, &w->lq.arm, work + l.space);
     }
     if (status == MODEL_OK) {
-        status = bind_ends(b, path, q, w, info, work + l.space);
+        status = bind_ends(b, p, q, w, info, work + l.space);
     }
     if (status == MODEL_OK) {
         status = solve_two_point(b, options->tolerance, info, w, work + l.space);
@@ -139,5 +139,5 @@ model_status model_bvp(const model_path *path, const double q_start[MODEL_NA], c
     if (status != MODEL_OK) {
         return (model_status)status;
     }
-    return finish(path, options, &l, q, &b->m, &w->lq.arm, motion, info, work);
+    return finish(p, options, &l, q, &b->m, &w->lq.arm, motion, info, work);
 }

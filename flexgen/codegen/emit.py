@@ -62,6 +62,8 @@ def emit(spec: LibrarySpec, written: Mapping[str, FunctionText] | None = None) -
         private[f"{spec.name}_{f.name}.c"] = source(spec, f, written[f.name])
         private[f"{spec.name}_{f.name}_body.h"] = body(spec, f, written[f.name])
     private |= inversion_files(spec, written)
+    for public in list(files):  # so that no compiler needs to be told where they are
+        private = {name: text.replace(f'"{public}"', f'"../{public}"') for name, text in private.items()}
     files |= {f"{SOURCES}/{name}": text for name, text in private.items()}
     files["example.c"] = example(spec, written)
     for name, text in files.items():

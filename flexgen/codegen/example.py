@@ -24,7 +24,7 @@ def example(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
  * {spec.name}: {what}.
  * Written by flexgen; see {spec.name}.h.
  *
- *   cc -std=c99 -O2 -ffp-contract=off -I. example.c $(find src -name '*.c') -lm -o example && ./example
+ *   cc -std=c99 -O2 -ffp-contract=off example.c $(find src -name '*.c') -lm -o example && ./example
  */
 {headers}
 

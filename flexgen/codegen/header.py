@@ -252,7 +252,7 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
         "",
         "No function allocates, prints or keeps data: all may be called from several threads, each with its own "
         "arrays. Compile with any C99 compiler:",
-        f"  cc {flags} -I. -c $(find src -name '*.c')",
+        f"  cc {flags} -c $(find src -name '*.c')",
         "(-ffp-contract=off: the same bits with every compiler and processor. Where GCC compiles for a fused "
         "multiply-add, add -fno-tree-vectorize, because it fuses in vectors nevertheless. -O3 -march=native "
         "-ffp-contract=fast is faster and differs by rounding. Never use -ffast-math: it hides results that are not "

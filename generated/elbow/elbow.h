@@ -23,7 +23,7 @@
  *
  * No function allocates, prints or keeps data: all may be called from several threads, each with its own arrays.
  * Compile with any C99 compiler:
- *   cc -std=c99 -O2 -ffp-contract=off -I. -c $(find src -name '*.c')
+ *   cc -std=c99 -O2 -ffp-contract=off -c $(find src -name '*.c')
  * (-ffp-contract=off: the same bits with every compiler and processor. Where GCC compiles for a fused multiply-add,
  * add -fno-tree-vectorize, because it fuses in vectors nevertheless. -O3 -march=native -ffp-contract=fast is faster
  * and differs by rounding. Never use -ffast-math: it hides results that are not finite.) Sine, cosine, exp and tanh

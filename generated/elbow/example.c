@@ -2,7 +2,7 @@
  * elbow: every function once, at rest in the home pose; then a path on which the output stays where it is, inverted as a whole and by a stream.
  * Written by flexgen; see elbow.h.
  *
- *   cc -std=c99 -O2 -ffp-contract=off -I. example.c $(find src -name '*.c') -lm -o example && ./example
+ *   cc -std=c99 -O2 -ffp-contract=off example.c $(find src -name '*.c') -lm -o example && ./example
  */
 #include "elbow_inversion.h"
 

@@ -55,7 +55,7 @@ class Small:
             (folder / name).parent.mkdir(exist_ok=True)
             (folder / name).write_text(text, encoding="ascii")
         sources = [name for name in self.files if name.endswith(".c") and name != "example.c"]
-        run(compiler, *flags, *WARNINGS, "-fPIC", "-shared", "-I.", *sources, "-lm", "-o", "small.so", folder=folder)
+        run(compiler, *flags, *WARNINGS, "-fPIC", "-shared", *sources, "-lm", "-o", "small.so", folder=folder)
         library = ctypes.CDLL(str(folder / "small.so"))
         self._point, self._batch = library.small_f, library.small_f_batch
         self._work = max(library.small_work(), library.small_batch_work())

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+import numpy as np
+
 from flexgen.codegen.clib_files import fixed_files
 
 ERRORS = {"sincos": 1.0, "exp": 1.0, "tanh": 3.0}  # units in the last place, as kernel.h states
@@ -27,10 +29,11 @@ class Precision:
 
 def read(precision: str) -> Precision:
     text = fixed_files()[f"precision_{precision}.h"].replace("\\\n", " ")
+    kind = {"double": np.float64, "single": np.float32}[precision]
     macros = dict(re.findall(r"#define (\w+)(?:\([^)]*\))? ([^\n/]*)", text))
 
     def numbers(name: str) -> tuple[float, ...]:
-        return tuple(float(x) for x in re.findall(_NUMBER, macros[name]))
+        return tuple(float(kind(x)) for x in re.findall(_NUMBER, macros[name]))
 
     def parts(name: str) -> tuple[float, ...]:
         return tuple(numbers(key)[0] for key in sorted(macros) if re.fullmatch(rf"{name}_\d", key))

@@ -129,7 +129,7 @@ def test_missing_and_broken_directories_are_explained(tmp_path, copy):
 
 
 def test_a_failed_compilation_leaves_everything_as_it_was(copy, monkeypatch, tmp_path):
-    before = {path.name: path.read_bytes() for path in copy.iterdir()}
+    before = {path.name: path.read_bytes() for path in copy.rglob("*") if path.is_file()}
     real = emit
 
     def broken(spec, *more):
@@ -138,7 +138,7 @@ def test_a_failed_compilation_leaves_everything_as_it_was(copy, monkeypatch, tmp
     monkeypatch.setattr("flexgen.codegen.emit.emit", broken)
     with pytest.raises(BuildError, match=r"the C compiler failed; the directory is as it was before:\n.*error"):
         generate("elbow", copy, functions=["bias", "gravity"])
-    assert {path.name: path.read_bytes() for path in copy.iterdir()} == before
+    assert {path.name: path.read_bytes() for path in copy.rglob("*") if path.is_file()} == before
     load(copy)
     with pytest.raises(BuildError, match="compiler failed"):
         generate("elbow", tmp_path / "new")

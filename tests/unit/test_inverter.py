@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import copy
 import ctypes
+import json
 import pickle
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from emitted import loaded, made
+from emitted import library_of, loaded, made
 from inversion_cases import EVERY, MODEL, PERIOD, given, samples
 from toolchain import needs_compiler
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.runtime import load
+from flexgen.runtime.path_inversion import pointer
+from flexgen.runtime.structs import filled, structs_of
 
 pytestmark = needs_compiler
 
@@ -86,7 +89,7 @@ def test_it_travels(answer):
         ({"period": 0.0}, ArgumentError, "a size, a time"),
         ({"period": "1"}, ArgumentError, "period: given '1', expected a number"),
         ({"tolerance": -1.0}, ArgumentError, "a size, a time"),
-        ({"n_pre": -1}, ArgumentError, "no negative n_pre"),
+        ({"n_pre": -1}, ArgumentError, "n_pre and n_post at least 0"),
         ({"n_pre": 1.5}, ArgumentError, "n_pre: given 1.5, expected a whole number"),
         ({"samples_per_interval": 0}, ArgumentError, "samples_per_interval at least 1"),
         ({"n_post": 2**31}, ArgumentError, "n_post: given"),
@@ -98,31 +101,36 @@ def test_what_is_refused(library, changes, error, words):
 
 
 def test_a_path_out_of_reach_is_no_answer(library):
-    with pytest.raises(SolverError, match="leaves the workspace or passes a singular pose"):
+    with pytest.raises(SolverError, match="leaves the workspace of the robot or passes a singular pose"):
         library.invert(**given(y=10.0 * samples()["y"]))
 
 
 def test_c_refuses_null_and_too_little_memory(library):
-    c = ctypes.CDLL(str(next(path for path in made(MODEL).files if path.suffix in (".so", ".dylib"))))
-    invert = c.planar5_nmp_invert
+    directory = made(MODEL).directory
+    c = ctypes.CDLL(str(library_of(directory)))
+    structs = structs_of(json.loads((directory / "manifest.json").read_text()))
     s = samples()
     n = len(s["y"])
-    outputs = [np.zeros((n, k)) for k in (3, 3, 3, 2, 2, 2, 2)] + [np.zeros(4), np.zeros(10)]
-    arrays = [np.ascontiguousarray(x) for x in (s["y"], s["dy"], s["ddy"], s["q_start"])]
+    arrays = {key: np.ascontiguousarray(s[key]) for key in ("y", "dy", "ddy")}
+    q, work = np.ascontiguousarray(s["q_start"]), np.zeros(10)
+    options = filled(structs["inversion_options"], samples_per_interval=5, tolerance=1e-9)
+    motion, info = structs["motion"](), structs["inversion_info"]()
 
-    def status(null: int | None = None) -> int:
-        where = [ctypes.c_void_p(x.ctypes.data) for x in (*arrays, *outputs)]
+    def status(null: int | None = None, member: str = "") -> int:
+        path = filled(structs["path"], n=n, period=PERIOD, **{k: None if k == member else x for k, x in arrays.items()})
+        where = [ctypes.byref(path), pointer(q), ctypes.byref(options), ctypes.byref(motion), ctypes.byref(info)]
+        where.append(pointer(work))
         if null is not None:
             where[null] = ctypes.c_void_p(None)
-        whole = [ctypes.c_int(k) for k in (0, 0, 5)]
-        real = ctypes.c_double
-        return invert(ctypes.c_int(n), real(PERIOD), *where[:4], *whole, real(1e-9), *where[4:], ctypes.c_int64(10))
+        return c.planar5_nmp_invert(*where, ctypes.c_int64(len(work)))
 
     assert status() == -6  # WORK_TOO_SMALL
-    assert {status(null) for null in range(13)} == {-1}
-    work = c.planar5_nmp_invert_work
-    work.restype = ctypes.c_int64
-    assert work(1, 0, 0, 5) == -1 and work(n, 0, 0, 5) > 10
+    assert {status(null) for null in range(6)} == {status(member=name) for name in arrays} == {-1}
+    wanted = c.planar5_nmp_invert_work
+    wanted.restype = ctypes.c_int64
+    assert wanted(1, ctypes.byref(options)) == -1 and wanted(n, ctypes.byref(options)) > 10
+    work = np.zeros(wanted(n, ctypes.byref(options)))
+    assert status() == 0  # members of the motion may be null
 
 
 def test_a_library_without_it_says_so(tmp_path):
@@ -205,7 +213,7 @@ def test_a_refused_sample_changes_nothing(library):
     ("changes", "words"),
     [
         ({"intervals": 0}, "given 0 intervals"),
-        ({"samples_per_interval": 1001}, "1001 samples_per_interval"),
+        ({"samples_per_interval": 1001}, "1001 samples per interval"),
         ({"intervals": 2.5}, "intervals: given 2.5, expected a whole number"),
         ({"period": -1.0}, "a size, a time"),
         ({"tolerance": 2.0}, "a size, a time"),

@@ -1,5 +1,5 @@
 /* elbow: inverse_dynamics_derivatives. Written by flexgen; see elbow.h. */
-#include "elbow_batch.h"
+#include "../elbow_batch.h"
 
 #include "elbow_private.h"
 

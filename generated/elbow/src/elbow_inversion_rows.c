@@ -1,5 +1,5 @@
 /* elbow: inversion_rows. Written by flexgen; see elbow.h. */
-#include "elbow_batch.h"
+#include "../elbow_batch.h"
 
 #include "elbow_private.h"
 

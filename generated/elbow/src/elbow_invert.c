@@ -1,5 +1,5 @@
 /* elbow: inverse dynamics along a whole path. Written by flexgen; see elbow_inversion.h. */
-#include "elbow_inversion.h"
+#include "../elbow_inversion.h"
 
 #include "elbow_equilibrium.h"
 #include "elbow_lq_step.h"
@@ -115,14 +115,13 @@ static int solve_mesh(mesh *m, real tolerance, elbow_inversion_info *info, lq_sp
 
 #endif
 
-elbow_status elbow_invert(const elbow_path *path, const double q_start[ELBOW_NA],
-    const elbow_inversion_options *options, elbow_motion *motion, elbow_inversion_info *info, double *work,
-    int64_t work_size)
+elbow_status elbow_invert(const elbow_path *p, const double q_start[ELBOW_NA], const elbow_inversion_options *options,
+    elbow_motion *motion, elbow_inversion_info *info, double *work, int64_t work_size)
 {
-    const int64_t wanted = path == NULL ? -1 : elbow_invert_work(path->n, options);
+    const int64_t wanted = p == NULL ? -1 : elbow_invert_work(p->n, options);
     whole_layout l;
     real q[NA];
-    int status = check_arguments(path, q_start, options, motion, info, work, work_size, wanted);
+    int status = check_arguments(p, q_start, options, motion, info, work, work_size, wanted);
     if (status != ELBOW_OK) {
         return (elbow_status)status;
     }
@@ -132,16 +131,16 @@ elbow_status elbow_invert(const elbow_path *path, const double q_start[ELBOW_NA]
         lq_layout own;
         lq_space *w;
         mesh m;
-        l = lay_out(path->n, options, CONTROLS * WIDTH);
+        l = lay_out(p->n, options, CONTROLS * WIDTH);
         own = lay_out_lq(&l);
         w = (lq_space *)(void *)(work + own.lq);
-        m = mesh_in(&l, path, options, work);
-        status = equilibrium_at(path->y, q, m.scale, work + l.space);
+        m = mesh_in(&l, p, options, work);
+        status = equilibrium_at(p->y, q, m.scale, work + l.space);
         if (status == ELBOW_OK) {
-            status = guess_mesh(&m, path, q, options->n_pre, options->samples_per_interval, &w->arm, work + l.space);
+            status = guess_mesh(&m, p, q, options->n_pre, options->samples_per_interval, &w->arm, work + l.space);
         }
         if (status == ELBOW_OK) {
-            status = terminal_cost(&m, &l, &own, path->y + (path->n - 1) * (ptrdiff_t)NT, q, work);
+            status = terminal_cost(&m, &l, &own, p->y + (p->n - 1) * (ptrdiff_t)NT, q, work);
         }
         if (status == ELBOW_OK) {
             status = solve_mesh(&m, options->tolerance, info, w, work + l.space);
@@ -151,15 +150,15 @@ elbow_status elbow_invert(const elbow_path *path, const double q_start[ELBOW_NA]
         if (status != ELBOW_OK) {
             return (elbow_status)status;
         }
-        return finish(path, options, &l, q, &m, &w->arm, motion, info, work);
+        return finish(p, options, &l, q, &m, &w->arm, motion, info, work);
     }
 #else
-    l = lay_out(path->n, options, 0);
-    status = equilibrium_at(path->y, q, NULL, work + l.space);
+    l = lay_out(p->n, options, 0);
+    status = equilibrium_at(p->y, q, NULL, work + l.space);
     if (status != ELBOW_OK) {
         return (elbow_status)status;
     }
     info->residual = 0.0;
-    return finish(path, options, &l, q, (problem_points *)(void *)(work + l.end), motion, info, work);
+    return finish(p, options, &l, q, (problem_points *)(void *)(work + l.end), motion, info, work);
 #endif
 }

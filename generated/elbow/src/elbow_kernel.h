@@ -17,7 +17,7 @@
 #include <math.h>
 #include <stdint.h>
 
-#include "elbow.h"
+#include "../elbow.h"
 #include "elbow_precision.h"
 
 #if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(_M_FP_FAST) || \

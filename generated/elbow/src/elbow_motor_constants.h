@@ -4,7 +4,7 @@
 #ifndef ELBOW_MOTOR_CONSTANTS_H
 #define ELBOW_MOTOR_CONSTANTS_H
 
-#include "elbow_batch.h"
+#include "../elbow_batch.h"
 
 #include "elbow_private.h"
 

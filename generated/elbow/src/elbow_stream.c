@@ -1,5 +1,5 @@
 /* elbow: inverse dynamics on a moving horizon. Written by flexgen; see elbow_inversion.h. */
-#include "elbow_inversion.h"
+#include "../elbow_inversion.h"
 
 #include "elbow_stream_shift.h"
 #include "elbow_stream_output.h"

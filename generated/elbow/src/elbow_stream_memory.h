@@ -8,7 +8,7 @@
 #ifndef ELBOW_STREAM_MEMORY_H
 #define ELBOW_STREAM_MEMORY_H
 
-#include "elbow_inversion.h"
+#include "../elbow_inversion.h"
 
 #include "elbow_limits.h"
 #include "elbow_lq_step.h"

@@ -4,7 +4,7 @@
 #ifndef ELBOW_WHOLE_PATH_H
 #define ELBOW_WHOLE_PATH_H
 
-#include "elbow_inversion.h"
+#include "../elbow_inversion.h"
 
 #include "elbow_interpolation.h"
 #include "elbow_motors.h"
@@ -126,7 +126,7 @@ typedef struct {
 
 static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int64_t interval_factor)
 {
-    whole_layout l = {0};
+    whole_layout l;
     int64_t at = 0;
     l.samples = (int64_t)o->n_pre + n + o->n_post;
     l.intervals = (l.samples - 1 + o->samples_per_interval - 1) / o->samples_per_interval;
@@ -148,6 +148,7 @@ static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int6
     TAKE(at, l.scale, NE);
 #else
     (void)interval_factor;
+    l.y = l.a = l.a_node = l.q_g = l.reference = l.factor = l.scale = 0;
 #endif
     TAKE(at, l.space, space_wanted());
     l.end = at;
