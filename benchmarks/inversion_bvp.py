@@ -16,13 +16,13 @@ from scipy.integrate import solve_bvp
 from scipy.interpolate import CubicSpline
 from scipy.linalg import schur
 
-from flexgen.analysis.linear import linearise
+from flexgen.analysis.linear import linearize
 from flexgen.analysis.zeros import inner_pencil
 from flexgen.inversion.method_result import MethodResult, with_motors
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.statics import at_rest
+from flexgen.mechanics.statics import equilibrium_at
 from flexgen.paths.path import Path
 from flexgen.runtime.library import Library
 
@@ -58,8 +58,8 @@ class ReducedProblem:
 
     def _subspace(self, q: np.ndarray, grows: bool) -> np.ndarray:
         """Rows that vanish on all but what grows, or fades: left invariant subspace at rest."""
-        rest = at_rest(self.equations, q)
-        A, D, K = inner_pencil(self.equations, linearise(self.equations, rest))
+        rest = equilibrium_at(self.equations, q)
+        A, D, K = inner_pencil(self.equations, linearize(self.equations, rest))
         n = len(A)
         lower = -np.linalg.solve(A, np.hstack([K, D]))
         first_order = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])

@@ -1,1 +1,1 @@
-"""What the equations say about a robot: modes, zeros, index."""
+"""Analysis of a robot: modes, zeros, index, solvability of the inverse dynamics."""

@@ -1,4 +1,4 @@
-"""Everything that is worth knowing about a machine at a pose, in one noun."""
+"""Analysis of a robot in a static equilibrium: modes, zeros, index and solvability in one object."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.analysis.linear import LinearModel, linearise, modes, poles
+from flexgen.analysis.linear import LinearModel, linearize, modes, poles
 from flexgen.analysis.solvability import Solvability, SolvabilityPath, solvability, solvability_path
 from flexgen.analysis.zeros import ZeroReport, motor_zeros, zero_report
 from flexgen.analysis.zeros_along_path import ZeroPath, zero_path
@@ -24,9 +24,9 @@ from flexgen.model.elements import RobotModel
 
 @dataclass(frozen=True)
 class Analysis:
-    """A machine at rest at a pose.
+    """Analysis of a robot in a static equilibrium.
 
-    ``rest``: the static equilibrium; ``poles`` [1/s]; ``modes``: (Hz, damping ratio) rising; ``zeros``: report on the
+    ``equilibrium``: the pose; ``poles`` [1/s]; ``modes``: (Hz, damping ratio) rising; ``zeros``: report on the
     declared output; ``zeros_motor`` [1/s]: from motor torques to motor angles; ``structural_index`` of the inverse
     dynamics (None where outputs and motors differ in number); ``structure`` and ``structure_check``: what it follows
     from, and whether it holds at the pose; ``kunkel_mehrmann``: strangeness index, a, d, v there; ``solvability``:
@@ -35,7 +35,7 @@ class Analysis:
     """
 
     model: RobotModel
-    rest: Equilibrium
+    equilibrium: Equilibrium
     linear: LinearModel
     poles: np.ndarray
     modes: tuple[tuple[float, float], ...]
@@ -50,7 +50,7 @@ class Analysis:
     solvability_path: SolvabilityPath | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """The same as JSON types, SI units; complex numbers as ``[re, im]``."""
+        """As JSON types, SI units; complex numbers as ``[re, im]``."""
 
         def pairs(values: np.ndarray | None) -> list[list[float]] | None:
             return None if values is None else [[float(z.real), float(z.imag)] for z in values]
@@ -62,8 +62,8 @@ class Analysis:
             "n_g": model.n_g,
             "n_e": model.n_e,
             "dof": model.dof,
-            "pose": self.rest.q_a.tolist(),
-            "motor_torque_Nm": self.rest.tau_m.tolist(),
+            "pose": self.equilibrium.q_a.tolist(),
+            "motor_torque_Nm": self.equilibrium.tau_m.tolist(),
             "modes_hz": [f for f, _ in self.modes],
             "modes_damping": [d for _, d in self.modes],
             "poles": pairs(self.poles),
@@ -87,16 +87,16 @@ def analyze(
     path: OutputPath | None = None,
     poses: int = 41,
 ) -> Analysis:
-    """Analyse a machine at rest at a pose.
+    """Analyze a robot in a static equilibrium.
 
     Parameters
     ----------
     model : name, path, RobotModel or Equations
     pose : sequence of n_a or n_g numbers [rad or m], optional
         Arm coordinates, or only the actuated ones; default: the model's home pose. The actuated coordinates are held
-        there, the others settle under gravity.
+        there, the others follow from the equilibrium.
     path : OutputPath, optional
-        Such as `flexgen.paths.path.Path`: zeros and solvability are looked at along it, too.
+        Such as `flexgen.paths.path.Path`: zeros and solvability are computed along it, too.
     poses : int
         Number of poses on the path.
 
@@ -120,26 +120,26 @@ def analyze(
             f"or the {robot.n_g} actuated ones"
         )
     if len(values) == robot.n_a and robot.n_a != robot.n_g:
-        rest = hold_joints(equations, values[list(robot.i_g)], values[list(robot.i_e)])
+        equilibrium = hold_joints(equations, values[list(robot.i_g)], values[list(robot.i_e)])
     else:
-        rest = hold_joints(equations, values)
-    linear = linearise(equations, rest)
+        equilibrium = hold_joints(equations, values)
+    linear = linearize(equations, equilibrium)
     roots = poles(linear)
     simple = robot.motor_coupling == "simplified"
-    structure, check = check_at_rest(equations, rest)
+    structure, check = check_at_rest(equations, equilibrium)
     return Analysis(
         model=robot,
-        rest=rest,
+        equilibrium=equilibrium,
         linear=linear,
         poles=roots,
         modes=tuple(modes(roots)),
-        zeros=zero_report(equations, linear, rest),
+        zeros=zero_report(equations, linear, equilibrium),
         zeros_motor=motor_zeros(linear),
         structural_index=structure.index,
         structure=structure,
         structure_check=check,
-        kunkel_mehrmann=kunkel_mehrmann_at_rest(equations, rest),
-        solvability=solvability(equations, rest, linear),
+        kunkel_mehrmann=kunkel_mehrmann_at_rest(equations, equilibrium),
+        solvability=solvability(equations, equilibrium, linear),
         zero_path=None if path is None else zero_path(equations, path, poses),
         solvability_path=solvability_path(equations, path, poses) if path is not None and simple else None,
     )

@@ -1,8 +1,8 @@
-"""The arm's equations varied about poses of rest: inertia, damping, stiffness and output rates, at many poses at once.
+"""The arm linearized about static equilibria: inertia, damping, stiffness and output rates, at many poses at once.
 
-    M a + D v + K q = tau_a,    y' = W v,    q_g = S_g q_e where the output stands still
+    M a + D v + K q = tau_a,    y' = W v,    q_g = S_g q_e where the output is fixed
 
-Gears are left out, but for the slope of their springs; rotors behind rigid gears are part of M.
+Gears are left out, except for the stiffness of their springs; rotors behind rigid gears are part of M.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ import numpy as np
 from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.outputs import output_map
-from flexgen.mechanics.statics import gear_twist
+from flexgen.mechanics.statics import gear_deflection
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 
 
 @dataclass(frozen=True)
 class ArmLinearization:
-    """Variation of the arm at k poses of rest.
+    """Linearization of the arm at k static equilibria.
 
-    ``M D K`` (k, n_a, n_a); ``W`` (k, n_y, n_a): output rates; ``slope`` (k, n_g): of the gear springs on the arm side
-    at the twist that holds the pose, zero for rigid gears [SI units].
+    ``M D K`` (k, n_a, n_a); ``W`` (k, n_y, n_a): output rates; ``stiffness`` (k, n_g): of the gear springs on the
+    arm side at the deflection that holds the pose, zero for rigid gears [SI units].
     """
 
     model: RobotModel
@@ -33,7 +33,7 @@ class ArmLinearization:
     D: np.ndarray
     K: np.ndarray
     W: np.ndarray
-    slope: np.ndarray
+    stiffness: np.ndarray
 
     @property
     def W_g(self) -> np.ndarray:
@@ -41,7 +41,7 @@ class ArmLinearization:
         return self.W[:, :, list(self.model.i_g)]
 
     def inner(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """``A, D, K`` (k, n_e, n_e): the non-actuated rows while the output stands still, in the coordinates q_e.
+        """``A, D, K`` (k, n_e, n_e): the non-actuated rows with the output fixed, in the coordinates q_e.
 
         SolverError where the output does not determine the actuated coordinates.
         """
@@ -63,7 +63,7 @@ class ArmLinearization:
         return np.linalg.solve(L, half.transpose(0, 2, 1)).transpose(0, 2, 1)
 
 
-def arm_variation(equations: Equations, q: np.ndarray) -> ArmLinearization:
+def arm_linearization(equations: Equations, q: np.ndarray) -> ArmLinearization:
     """The `ArmLinearization` at the poses ``q`` (k, n_a), whose non-actuated rows are in balance."""
     model, lag = equations.model, equations.lagrangian
     symbol, v = lag.chain.q_a, lag.chain.v_a
@@ -72,10 +72,10 @@ def arm_variation(equations: Equations, q: np.ndarray) -> ArmLinearization:
     for k, i in enumerate(model.i_e):
         rows[i] = rows[i] - lag.tau_e[k]
     still = ca.SX.zeros(model.n_a)
-    slopes = [ca.substitute(ca.densify(ca.jacobian(rows, x)), v, still) for x in (v, symbol)]
+    jacobians = [ca.substitute(ca.densify(ca.jacobian(rows, x)), v, still) for x in (v, symbol)]
     load = ca.substitute(static, v, still)
     M = equations.function("mass_matrix")(symbol)
-    function = ca.Function("variation", [symbol], [ca.densify(M), *slopes, output_map(equations).rate, load])
+    function = ca.Function("linearization", [symbol], [ca.densify(M), *jacobians, output_map(equations).rate, load])
     n = len(q)
     M, D, K, W, load = (x.reshape(n, -1, model.n_a) for x in evaluate(function, q))
     M = M.copy()
@@ -84,6 +84,6 @@ def arm_variation(equations: Equations, q: np.ndarray) -> ArmLinearization:
         inertia = np.array([model.motors[j].inertia for j in geared])
         i_g = np.array(model.i_g)
         M[:, i_g[:, None], i_g] += model.eta[geared].T @ (inertia[:, None] * model.eta[geared])
-    twist = gear_twist(equations, load[:, 0][:, list(model.i_g)])
-    slope = evaluate(equations.function("gear_law"), twist)[1].reshape(n, -1)
-    return ArmLinearization(model, M, D, K, W, slope)
+    deflection = gear_deflection(equations, load[:, 0][:, list(model.i_g)])
+    stiffness = evaluate(equations.function("gear_law"), deflection)[1].reshape(n, -1)
+    return ArmLinearization(model, M, D, K, W, stiffness)

@@ -1,4 +1,4 @@
-"""The machine near a pose of rest: linearisation, poles, modes, frequency response.
+"""Linearization of the robot about a static equilibrium: poles, modes, frequency response.
 
 M y'' + D y' + K y = B tau_m,        y = (q_a, q_me),    x = (y, y'),    x' = A x + B_x tau_m
 """
@@ -19,7 +19,7 @@ from flexgen.numerics.evaluate import evaluate
 
 @dataclass(frozen=True)
 class LinearModel:
-    """Variation of the equations at rest.
+    """The equations of motion linearized about a static equilibrium.
 
     ``M D K`` (n, n), ``B`` (n, n_m) in y = (q_a, q_me); ``W`` (n_y, n): output rates; ``C_m`` (n_m, n): motor angles.
     """
@@ -52,8 +52,8 @@ class LinearModel:
         )
 
 
-def linearise(equations: Equations, rest: Equilibrium) -> LinearModel:
-    """The `LinearModel` of a machine at rest."""
+def linearize(equations: Equations, rest: Equilibrium) -> LinearModel:
+    """The `LinearModel` of a robot in a static equilibrium."""
     model = equations.model
     zero_a, zero_m = np.zeros(model.n_a), np.zeros(model.n_m)
     arguments = (rest.q_a, zero_a, zero_a, rest.q_m, zero_m, zero_m, rest.tau_m)
@@ -71,7 +71,7 @@ def linearise(equations: Equations, rest: Equilibrium) -> LinearModel:
 
 
 def poles(linear: LinearModel) -> np.ndarray:
-    """Eigenvalues [1/s] of the linearisation, by size."""
+    """Eigenvalues [1/s] of the linearization, by size."""
     A, _ = linear.state_space()
     # one unit of time for all: the slowest and the fastest pole lie far apart
     rate = linear.rate
@@ -84,14 +84,14 @@ def poles(linear: LinearModel) -> np.ndarray:
 
 
 def sort_roots(values: np.ndarray) -> np.ndarray:
-    """By distance from the origin, conjugates together."""
+    """Roots sorted by distance from the origin, conjugates together."""
     return np.array(sorted(values, key=lambda z: (round(abs(z), 6), z.real, z.imag)), dtype=complex)
 
 
 def modes(values: np.ndarray) -> list[tuple[float, float]]:
     """(natural frequency [Hz], damping ratio) of each oscillatory pair among the poles, rising.
 
-    A double pole at the origin that rounding has pulled apart is no mode.
+    A double pole at the origin that rounding has split is no mode.
     """
     fastest = max((abs(z) for z in values), default=0.0)
     pairs = [z for z in values if z.imag > 1e-6 * abs(z) and abs(z) > 1e-7 * fastest]

@@ -1,13 +1,13 @@
-"""Whether the inverse dynamics of a machine can be solved at a pose, how well, and if not, why.
+"""Whether and how well the inverse dynamics of a robot can be solved at a pose, with the reason if not.
 
 The torque follows from the path where the matrix
 
     P = W M^-1 S_g G,    G = D_g (damped gears), K_g (undamped ones) or eta' (motors behind rigid gears)
 
-is nonsingular: it takes what drives the gears to the third, fourth or second derivative of the output. M is the arm's
+is nonsingular: it maps the inputs of the gears to the third, fourth or second derivative of the output. M is the arm's
 inertia with the rotors behind rigid gears, which move with their joints; S_g picks the actuated rows. As ``det(W M^-1
 S_g) = +-det(W_g) det(A) / det(M)``, P fails where the tool is in a singular pose (W_g), where the inertia A of the zero
-dynamics is singular (a zero at infinity), and where a gear passes on nothing.
+dynamics is singular (a zero at infinity), and where a gear transmits no torque.
 
 Source: cf. A. De Luca, ICRA 1988 (decoupling matrix of elastic-joint robots); M. L. J. Hautus, 1969 (controllability).
 """
@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.analysis.arm_linearization import ArmLinearization, arm_variation
+from flexgen.analysis.arm_linearization import ArmLinearization, arm_linearization
 from flexgen.analysis.linear import LinearModel, poles
 from flexgen.dae.structure import output_names
 from flexgen.errors import ArgumentError
@@ -39,7 +39,7 @@ ALONE = 0.3  # share of a null vector above which a coordinate is named
 
 @dataclass(frozen=True)
 class Solvability:
-    """Regularity of the inverse dynamics, and controllability of the linearisation, at a pose of rest.
+    """Regularity of the inverse dynamics, and controllability of the linearization, in a static equilibrium.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Solvability:
         Those of ``W M^-1 S_g`` with rows and columns of length one in the metric of M^-1: free of units, at most
         sqrt(n_g).
     relative_degree : tuple of int
-        For each gear: the derivative of the output that what drives it appears in, 2 (rigid), 3 (damped) or 4.
+        For each gear: the order of the derivative of the output that its input appears in, 2 (rigid), 3 (damped) or 4.
     tool_singular_values : array
         Those of W_g, lengths in units of the arm's reach.
     inertia_sigma_min : float or None
@@ -59,7 +59,7 @@ class Solvability:
     distal : tuple of str
         Non-actuated coordinates beyond the last actuated one.
     controllability : float
-        Smallest singular value of ``[s^2 M + s D + K, B]`` over the poles s, scaled; 0: a motion that no motor moves.
+        Smallest singular value of ``[s^2 M + s D + K, B]`` over the poles s, scaled; 0: not controllable.
     warnings : tuple of str
     """
 
@@ -90,10 +90,10 @@ class Solvability:
 
 @dataclass(frozen=True)
 class SolvabilityPath:
-    """The same at n poses of rest along a path: ``t`` (n,) [s] and, at each, the smallest singular values.
+    """Solvability at n static equilibria along a path: ``t`` (n,) [s] and, at each, the smallest singular values.
 
     ``regular`` (n,): of P without G, scaled as in `Solvability`; ``tool`` (n,): of W_g over its largest; ``inertia``
-    (n,): of A, NaN without non-actuated coordinates; ``warnings``: in words, with the time of the worst pose.
+    (n,): of A, NaN without non-actuated coordinates; ``warnings``: sentences with the time of the worst pose.
     """
 
     t: np.ndarray
@@ -115,11 +115,11 @@ class SolvabilityPath:
 
 
 def solvability(equations: Equations, rest: Equilibrium, linear: LinearModel) -> Solvability:
-    """The `Solvability` of a machine at a pose of rest, with its linearisation there."""
+    """The `Solvability` of a robot in a static equilibrium, from its linearization there."""
     model = equations.model
-    arm = arm_variation(equations, rest.q_a[None])
+    arm = arm_linearization(equations, rest.q_a[None])
     simple = model.motor_coupling == "simplified"
-    drive, degree = _drive(equations, arm.slope[0])
+    drive, degree = _drive(equations, arm.stiffness[0])
     i_g = list(model.i_g)
     matrix = arm.W[0] @ np.linalg.solve(arm.M[0], np.eye(model.n_a)[:, i_g] @ drive) if simple else None
     values = np.linalg.svd(_scaled(arm)[0], compute_uv=False)
@@ -131,21 +131,21 @@ def solvability(equations: Equations, rest: Equilibrium, linear: LinearModel) ->
         inertia = float(np.linalg.svd(arm.relative_inertia()[0], compute_uv=False)[-1])
         warnings += _inertia_warnings(arm, inertia)
     stiff = evaluate(equations.function("gear_law"), np.ones(model.n_g))[1].ravel()  # slopes when fully wound up
-    loose = arm.slope[0] < SINGULAR * stiff
+    loose = arm.stiffness[0] < SINGULAR * stiff
     dead = [model.coordinates[i].name for k, i in enumerate(i_g) if degree[k] == 4 and loose[k]]
     if dead:
         warnings.append(
-            f"gear of {', '.join(dead)}: no damping, and a spring without slope at rest: it passes on nothing"
+            f"gear of {', '.join(dead)}: no damping and no spring stiffness in this equilibrium: it transmits no torque"
         )
     regular = bool(values[-1] > SINGULAR) and not dead if square and simple else None
     reached = controllability(linear)
     if reached < SINGULAR:
-        warnings.append("not controllable: a motion of the linearised machine that no motor moves")
+        warnings.append("not controllable: the linearized robot has a mode that no motor can move")
     return Solvability(regular, matrix, values, degree, tool, inertia, _distal(model), reached, tuple(warnings))
 
 
 def solvability_path(equations: Equations, path: OutputPath, n: int = 41) -> SolvabilityPath:
-    """Solvability at n poses of rest along a path, from its start to its end.
+    """Solvability at n static equilibria along a path, from its start to its end.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def solvability_path(equations: Equations, path: OutputPath, n: int = 41) -> Sol
     if n < 1:
         raise ArgumentError(f"solvability along a path: given n = {n}, expected 1 pose or more")
     t = np.linspace(0.0, path.duration, n)
-    arm = arm_variation(equations, poses_along(equations, path, t))
+    arm = arm_linearization(equations, poses_along(equations, path, t))
     values = np.linalg.svd(_scaled(arm), compute_uv=False)
     tool = np.linalg.svd(_tool(equations, arm), compute_uv=False)
     ratio = tool[:, -1] / tool[:, 0]
@@ -199,8 +199,8 @@ def controllability(linear: LinearModel) -> float:
     return float(np.linalg.svd(whole, compute_uv=False)[:, -1].min())
 
 
-def _drive(equations: Equations, slope: np.ndarray) -> tuple[np.ndarray, tuple[int, ...]]:
-    """G (n_g, n_g) and the relative degree of each gear; ``slope`` (n_g,): of the gear springs.
+def _drive(equations: Equations, stiffness: np.ndarray) -> tuple[np.ndarray, tuple[int, ...]]:
+    """G (n_g, n_g) and the relative degree of each gear; ``stiffness`` (n_g,): of the gear springs.
 
     The columns of rigid gears stand for the motors behind them, in their order.
     """
@@ -208,7 +208,7 @@ def _drive(equations: Equations, slope: np.ndarray) -> tuple[np.ndarray, tuple[i
     G, degree = np.zeros((model.n_g, model.n_g)), []
     for k, (gear, _) in enumerate(gears(model)):
         if not gear.rigid:
-            G[k, k] = damping[k] if damping[k] > 0 else slope[k]
+            G[k, k] = damping[k] if damping[k] > 0 else stiffness[k]
         degree.append(2 if gear.rigid else 3 if damping[k] > 0 else 4)
     stiff = [k for k, order in enumerate(degree) if order == 2]
     motors = [j for j in range(model.n_m) if j not in model.i_m]
@@ -237,7 +237,7 @@ def _tool(equations: Equations, arm: ArmLinearization) -> np.ndarray:
 
 
 def _tool_warnings(equations: Equations, arm: ArmLinearization) -> list[str]:
-    """What the singular values of W_g say at the first pose."""
+    """Warnings from the singular values of W_g at the first pose."""
     left, values, _ = np.linalg.svd(_tool(equations, arm)[0])
     if len(values) < arm.model.output.size or values[-1] > TOOL * values[0]:
         return []
@@ -248,7 +248,7 @@ def _tool_warnings(equations: Equations, arm: ArmLinearization) -> list[str]:
 
 
 def _inertia_warnings(arm: ArmLinearization, smallest: float) -> list[str]:
-    """What the inertia A of the zero dynamics says at the first pose."""
+    """Warnings from the inertia A of the zero dynamics at the first pose."""
     model, distal = arm.model, _distal(arm.model)
     if smallest > (DISTAL if distal else INERTIA):
         return []
@@ -261,13 +261,13 @@ def _inertia_warnings(arm: ArmLinearization, smallest: float) -> list[str]:
         text = (
             f"flat point: the inertia of the zero dynamics is singular {how} in {names}, a zero lies at infinity, and "
         )
-        text += "the torque needs a smoother path than the gears alone ask for"
+        text += "the torque needs a smoother path than the gears alone require"
     else:
         text = f"near a flat point: the inertia of the zero dynamics is nearly singular {how} in {names}, "
-        text += "a zero lies far out"
+        text += "a zero is near infinity"
     tool = np.linalg.svd(arm.W_g[0], compute_uv=False)
     if distal and tool[-1] > TOOL * tool[0]:  # else the singular pose of the tool may be the reason
-        text += f"; elasticity beyond the last actuator ({', '.join(distal)}) makes it so"
+        text += f"; elasticity beyond the last actuator ({', '.join(distal)}) is the cause"
     return [f"{text}; use lq"]
 
 
@@ -277,13 +277,13 @@ def _distal(model: RobotModel) -> tuple[str, ...]:
 
 
 def _named(vector: np.ndarray, names: tuple[str, ...] | list[str]) -> str:
-    """The names of the entries that stand out in a vector."""
+    """The names of the largest entries of a vector."""
     share = np.abs(vector) / np.abs(vector).max()
     order = [k for k in np.argsort(-share) if share[k] > ALONE]
     return ", ".join(names[k] for k in order[:4])
 
 
 def _at(arm: ArmLinearization, k: int) -> ArmLinearization:
-    """The variation at one of the poses alone."""
+    """The linearization at one of the poses."""
     one = slice(k, k + 1)
-    return ArmLinearization(arm.model, arm.M[one], arm.D[one], arm.K[one], arm.W[one], arm.slope[one])
+    return ArmLinearization(arm.model, arm.M[one], arm.D[one], arm.K[one], arm.W[one], arm.stiffness[one])

@@ -1,6 +1,6 @@
-"""Transmission zeros: what the machine does inside while its output stands still, and what that means for inversion.
+"""Transmission zeros: what the robot does inside while its output stands still, and what that means for inversion.
 
-Two routes that share nothing:
+Two independent methods:
 
 * `transmission_zeros`: from any linear system, by removing the infinite zeros step by step with orthogonal
   transformations (A. Emami-Naeini, P. Van Dooren, Automatica 18(4), 1982);
@@ -31,7 +31,7 @@ class ZeroReport:
     """Zeros of the declared output [1/s] and the verdict.
 
     ``phase``: ``"flat"`` (no zeros: the torque follows from the reference and its derivatives alone), ``"minimum
-    phase"``, ``"non-minimum phase"`` (a torque that follows the path exactly has to begin before it), or ``"none"``
+    phase"``, ``"non-minimum phase"`` (a torque that tracks the path exactly begins before it), or ``"none"``
     (not as many outputs as motors, or a degenerate system: no verdict). Zeros on the imaginary axis, of undamped
     elements, do not make an output non-minimum phase. ``unstable_time_constant_s``: of the slowest unstable zero, 0
     where there is none; ``preview_s``: five of them.
@@ -92,7 +92,7 @@ def _invariant_zeros(A: np.ndarray, B: np.ndarray, C: np.ndarray, D: np.ndarray)
 
 
 def inner_pencil(equations: Equations, linear: LinearModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """``A, D, K`` (n_e, n_e) of the non-actuated rows while the output stands still: the zero dynamics at a pose."""
+    """``A, D, K`` (n_e, n_e) of the non-actuated rows with the output fixed: the zero dynamics at a pose."""
     model = equations.model
     i_g, i_e = list(model.i_g), list(model.i_e)
     S = np.zeros((model.n_a, model.n_e))
@@ -106,10 +106,10 @@ def inner_pencil(equations: Equations, linear: LinearModel) -> tuple[np.ndarray,
 def inner_zeros(equations: Equations, linear: LinearModel, rest: Equilibrium) -> np.ndarray:
     """Zeros [1/s] by the structure; simplified motor coupling, as many outputs of the arm as motors."""
     model = equations.model
-    theta = np.linalg.solve(model.eta, rest.q_m) - rest.q_a[list(model.i_g)]
-    slope = evaluate(equations.function("gear_law"), theta)[1][0]
+    deflection = np.linalg.solve(model.eta, rest.q_m) - rest.q_a[list(model.i_g)]
+    stiffness = evaluate(equations.function("gear_law"), deflection)[1][0]
     damping = gear_damping(equations)
-    values = [-slope[damping > 0] / damping[damping > 0]]
+    values = [-stiffness[damping > 0] / damping[damping > 0]]
     if model.n_e:
         inner = pencil_zeros(*inner_pencil(equations, linear))
         if inner is None:
@@ -142,7 +142,7 @@ def is_structured(equations: Equations) -> bool:
 
 
 def zero_report(equations: Equations, linear: LinearModel, rest: Equilibrium) -> ZeroReport:
-    """Zeros of the declared output at a pose of rest, and the verdict."""
+    """Zeros of the declared output in a static equilibrium, and the verdict."""
     model = equations.model
     zeros: np.ndarray | None = None
     if model.inversion_obstacle(any_coupling=True) is None:
@@ -164,14 +164,14 @@ def zero_report(equations: Equations, linear: LinearModel, rest: Equilibrium) ->
 def time_constants(zeros: np.ndarray) -> tuple[float, float]:
     """Slowest unstable and slowest stable time constant [s]; 0 where there is none.
 
-    Zeros on the imaginary axis, but for rounding, are neither.
+    Zeros on the imaginary axis, up to rounding, are neither.
     """
-    growing = zeros.real[zeros.real > ON_AXIS * np.abs(zeros)]
-    fading = -zeros.real[zeros.real < -ON_AXIS * np.abs(zeros)]
-    return tuple(float(1 / x.min()) if len(x) else 0.0 for x in (growing, fading))  # type: ignore[return-value]
+    unstable = zeros.real[zeros.real > ON_AXIS * np.abs(zeros)]
+    stable = -zeros.real[zeros.real < -ON_AXIS * np.abs(zeros)]
+    return tuple(float(1 / x.min()) if len(x) else 0.0 for x in (unstable, stable))  # type: ignore[return-value]
 
 
 def motor_zeros(linear: LinearModel) -> np.ndarray | None:
-    """Zeros [1/s] from the motor torques to the motor angles: the machine with locked motors."""
+    """Zeros [1/s] from the motor torques to the motor angles: the robot with locked motors."""
     A, B = linear.state_space()
     return transmission_zeros(A, B, np.hstack([linear.C_m, np.zeros_like(linear.C_m)]), linear.rate)

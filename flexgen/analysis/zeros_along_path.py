@@ -1,8 +1,8 @@
-"""Zero dynamics along a path: how many zeros are unstable, how fast, where the number changes, and what that asks for.
+"""Zero dynamics along a path: number and speed of the unstable zeros, changes of that number, suitable methods.
 
-At each of n poses of rest (or of motion) with the output on the path the zeros are the roots of ``det(A s^2 + D s +
-K)`` and ``-K_g/D_g`` for each damped gear. Where ``det A`` changes its sign between two poses, a real zero passes
-through infinity, from one half plane to the other.
+At each of n static equilibria (or instants of a motion) with the output on the path the zeros are the roots of
+``det(A s^2 + D s + K)`` and ``-K_g/D_g`` for each damped gear. Where ``det A`` changes its sign between two poses, a
+real zero passes through infinity, from one half plane to the other.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.analysis.arm_linearization import ArmLinearization, arm_variation
-from flexgen.analysis.linear import linearise, sort_roots
+from flexgen.analysis.arm_linearization import ArmLinearization, arm_linearization
+from flexgen.analysis.linear import linearize, sort_roots
 from flexgen.analysis.zeros import ON_AXIS, PREVIEW, is_structured, pencil_zeros, transmission_zeros
 from flexgen.analysis.zeros_in_motion import moving_pencil, quasistatic_motion
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.quasistatic import OutputPath, poses_along, rest_along
+from flexgen.mechanics.quasistatic import OutputPath, equilibria_along, poses_along
 from flexgen.mechanics.statics import gear_damping
 
 FLAT = 1e-9  # of its size: an inertia A that is more singular has a zero at infinity
@@ -39,7 +39,7 @@ class Change:
 
 @dataclass(frozen=True)
 class ZeroPath:
-    """Zeros at n poses of rest along a path.
+    """Zeros at n static equilibria along a path.
 
     Parameters
     ----------
@@ -54,19 +54,19 @@ class ZeroPath:
         Smallest singular value of A in units of the non-actuated coordinates' own inertia; NaN without any, and where
         the equations do not reduce. Small: a zero near infinity.
     phase : str
-        ``"flat"``, ``"minimum phase"`` or ``"non-minimum phase"`` (at one pose at least).
+        ``"flat"``, ``"minimum phase"`` or ``"non-minimum phase"`` (at one pose or more).
     changes : tuple of Change
     slowest, fastest : float or None [1/s]
         Real part of the slowest and of the fastest unstable zero on the path.
     slowest_stable : float or None [1/s]
-        Real part of the slowest stable zero, its sign left out.
+        Absolute real part of the slowest stable zero.
     preview_s : float
         Five time constants of the slowest unstable zero; 0 without any. The length of the path, if that is less and a
         zero crosses the imaginary axis on it.
     methods : tuple of str
         Methods of `flexgen.solve` that suit, the best first.
     verdict : str
-        All this in words.
+        One sentence with the result.
     """
 
     t: np.ndarray
@@ -137,21 +137,21 @@ def zero_path(equations: Equations, path: OutputPath, n: int = POSES, moving: bo
             pencil = moving_pencil(equations, q, v, a)
         else:
             q, pencil = poses_along(equations, path, t), None
-        roots, sigma, sign = zeros_at(equations, arm_variation(equations, q), t, pencil)
+        roots, sigma, sign = zeros_at(equations, arm_linearization(equations, q), t, pencil)
     elif moving:
         raise ArgumentError(f"zeros along a path of a moving robot: {model.inversion_obstacle()}")
     else:
-        rests = rest_along(equations, path, t)
+        rests = equilibria_along(equations, path, t)
         q = np.array([rest.q_a for rest in rests])
         roots, sigma, sign = [], np.full(n, np.nan), np.ones(n)
         for k, rest in enumerate(rests):
-            linear = linearise(equations, rest)
+            linear = linearize(equations, rest)
             A, B = linear.state_space()
             found = transmission_zeros(A, B, np.hstack([linear.W, np.zeros_like(linear.W)]), linear.rate)
             if found is None:
                 raise SolverError(f"zeros: the output leaves a motion undetermined at t = {t[k]:.4g} s")
             roots.append(found)
-    return _judged(model.n_e, t, q, roots, sigma, sign)
+    return _result(model.n_e, t, q, roots, sigma, sign)
 
 
 def zeros_at(
@@ -167,7 +167,7 @@ def zeros_at(
     """
     D_g = gear_damping(equations)
     damped = D_g > 0
-    gears = -arm.slope[:, damped] / D_g[damped]
+    gears = -arm.stiffness[:, damped] / D_g[damped]
     k = len(arm.M)
     if not arm.model.n_e:
         return [sort_roots(row.astype(complex)) for row in gears], np.full(k, np.nan), np.ones(k)
@@ -185,26 +185,26 @@ def zeros_at(
     return roots, sigma, sign
 
 
-def growing(zeros: np.ndarray) -> np.ndarray:
-    """Which zeros lie in the right half plane; those on the imaginary axis but for rounding do not."""
+def is_unstable(zeros: np.ndarray) -> np.ndarray:
+    """Which zeros lie in the right half plane; those on the imaginary axis up to rounding do not."""
     finite = np.isfinite(zeros)
     return finite & (np.where(finite, zeros.real, 0.0) > ON_AXIS * np.where(finite, np.abs(zeros), 1.0))
 
 
-def fading(zeros: np.ndarray) -> np.ndarray:
-    """The same for the left half plane."""
+def is_stable(zeros: np.ndarray) -> np.ndarray:
+    """Which zeros lie in the left half plane; those on the imaginary axis up to rounding do not."""
     finite = np.isfinite(zeros)
     return finite & (np.where(finite, zeros.real, 0.0) < -ON_AXIS * np.where(finite, np.abs(zeros), 1.0))
 
 
-def _judged(
+def _result(
     n_e: int, t: np.ndarray, q: np.ndarray, roots: list[np.ndarray], sigma: np.ndarray, sign: np.ndarray
 ) -> ZeroPath:
     widest = max(len(row) for row in roots)
     zeros = np.full((len(t), widest), complex(np.inf, 0.0))
     for k, row in enumerate(roots):
         zeros[k, : len(row)] = row
-    right = growing(zeros)
+    right = is_unstable(zeros)
     unstable = right.sum(axis=1)
     rates = np.where(right, zeros.real, np.nan)
     slowest = float(np.nanmin(rates)) if right.any() else None
@@ -221,10 +221,10 @@ def _judged(
         methods = ("lq",)
     else:
         methods = ("lq", "bvp") if right.any() else ("lq", "bvp", "reduced")
-    left = fading(zeros)
+    left = is_stable(zeros)
     stable = float(-zeros.real[left].max()) if left.any() else None
     found = ZeroPath(t, q, zeros, unstable, sigma, phase, changes, slowest, fastest, stable, preview, methods, "")
-    return replace(found, verdict=_words(found, np.isfinite(zeros).sum(axis=1), sign))
+    return replace(found, verdict=_sentence(found, np.isfinite(zeros).sum(axis=1), sign))
 
 
 def _changes(t: np.ndarray, unstable: np.ndarray, sigma: np.ndarray, finite: np.ndarray) -> tuple[Change, ...]:
@@ -244,10 +244,10 @@ def _changes(t: np.ndarray, unstable: np.ndarray, sigma: np.ndarray, finite: np.
     return tuple(out)
 
 
-def _words(path: ZeroPath, finite: np.ndarray, sign: np.ndarray) -> str:
-    """The verdict in words."""
+def _sentence(path: ZeroPath, finite: np.ndarray, sign: np.ndarray) -> str:
+    """The verdict as a sentence."""
     if path.phase == "flat":
-        return "flat: no zeros; the torque follows from the path and its derivatives alone, use closed-form"
+        return "flat: no zeros; the torque follows from the path and its derivatives alone; use closed-form"
     parts = []
     total = _range(finite)
     if path.phase == "minimum phase":
@@ -259,7 +259,7 @@ def _words(path: ZeroPath, finite: np.ndarray, sign: np.ndarray) -> str:
             f"{path.slowest:.3g}" if path.fastest < 1.005 * path.slowest else f"{path.slowest:.3g}..{path.fastest:.3g}"
         )
         parts.append(f"non-minimum phase: {_range(path.unstable)} of {total} zeros unstable, {rates} 1/s")
-        parts.append(f"preview {1e3 * path.preview_s:.3g} ms")
+        parts.append(f"preview required for exact tracking {1e3 * path.preview_s:.3g} ms")
     for change in path.changes[:3]:
         parts.append(f"{change.before} to {change.after} unstable at t = {change.t:.3g} s, through {change.through}")
     if len(path.changes) > 3:

@@ -1,6 +1,6 @@
-"""Zero dynamics of a machine that moves: the non-actuated rows varied about a motion, output held to its path.
+"""Zero dynamics of a moving robot: the non-actuated rows linearized about a motion with the output on its path.
 
-With ``W v = Z'`` and ``W a + W' v = Z''`` varied, a deflection ``e(t)`` of the non-actuated coordinates brings
+With ``W v = Z'`` and ``W a + W' v = Z''`` linearized, a deflection ``e(t)`` of the non-actuated coordinates brings
 
     q: S e,    v: S e' + V e,    a: S e'' + C1 e' + C0 e
 
@@ -35,8 +35,8 @@ def moving_pencil(
     model = equations.model
     k, n_a, n_e = len(q), model.n_a, model.n_e
     i_g, i_e = list(model.i_g), list(model.i_e)
-    slopes = equations.function("inversion_jacobians")
-    found = dict(zip(slopes.name_out(), evaluate(slopes, q, v, a), strict=True))
+    function = equations.function("inversion_jacobians")
+    found = dict(zip(function.name_out(), evaluate(function, q, v, a), strict=True))
     y1_q, y2_q, y2_v = (found[name].reshape(k, -1, n_a) for name in ("dy1_dq", "dy2_dq", "dy2_dv"))
     row_q, row_v, row_a = (found[name].reshape(k, n_e, n_a) for name in ("row_q", "row_v", "row_a"))
     target = np.zeros(equations.function("output_constraint").numel_in("target"))
@@ -58,7 +58,7 @@ def moving_pencil(
 def quasistatic_motion(
     equations: Equations, path: OutputPath, t: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Coordinates, speeds and accelerations (k, n_a) of the motion through poses of rest at rising ``t`` (k,) [s]."""
+    """Coordinates, velocities, accelerations (k, n_a) of the motion through static equilibria at rising ``t`` [s]."""
     h = NEARBY * path.duration
     around = np.repeat(t, 3) + np.tile([-h, 0.0, h], len(t))
     before, now, after = poses_along(equations, path, around).reshape(len(t), 3, -1).transpose(1, 0, 2)

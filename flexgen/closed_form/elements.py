@@ -144,13 +144,13 @@ def _axis(symbols: Symbols, head: str, owner: str, axis: Vector) -> Expr3:
 def _body(symbols: Symbols, owner: str, body: Body) -> Mass | None:
     mass = symbols.parameter("m", (owner,), body.mass, "kg", f"mass of {owner}")
     com = (
-        symbols.vector("xyz", owner, body.com, "m", f"centre of mass of {owner}") if body.mass else (sp.Integer(0),) * 3
+        symbols.vector("xyz", owner, body.com, "m", f"center of mass of {owner}") if body.mass else (sp.Integer(0),) * 3
     )
     inertia = {}
     for i, j in _MOMENTS:
         moment = f"{_AXES[i]}{_AXES[j]}"
         value = symbols.parameter(
-            "I", (moment, owner), body.inertia[i][j], "kg m^2", f"inertia of {owner} about its centre, {moment}"
+            "I", (moment, owner), body.inertia[i][j], "kg m^2", f"inertia of {owner} about its center, {moment}"
         )
         inertia[i, j] = inertia[j, i] = value
     drag = symbols.parameter("d", (owner,), body.rotational_drag, "N m s/rad", f"rotational drag of {owner}")
@@ -162,7 +162,7 @@ def chain_steps(model: RobotModel, symbols: Symbols, rotor: list[sp.Expr]) -> li
     rotors: dict[str, list[Step]] = {}
     for j, motor in enumerate(model.motors):
         if model.motor_coupling == "complete" and motor.carrier != "base":
-            assert motor.axis is not None and motor.carrier is not None  # the reader saw to it
+            assert motor.axis is not None and motor.carrier is not None  # checked by the reader
             axis = _axis(symbols, "a", motor.name, motor.axis)
             rotors.setdefault(motor.carrier, []).append(Rotor(j, rotor[j], axis))
     steps: list[Step] = []
@@ -185,7 +185,7 @@ def chain_steps(model: RobotModel, symbols: Symbols, rotor: list[sp.Expr]) -> li
 
 
 def spring_law(symbols: Symbols, spring: Spring, d: sp.Expr, owner: str, units: tuple[str, str]) -> sp.Expr:
-    """Torque of a spring at the twist ``d``; ``units`` of torque and twist."""
+    """Torque of a spring at the deflection ``d``; ``units`` of torque and twist."""
     torque, twist = units
 
     def stiffness(head: str, value: float, meaning: str, power: str = "") -> sp.Expr:

@@ -1,7 +1,7 @@
 """Closed-form equations of motion of a small model, through SymPy: to be read, and to check the numeric ones.
 
 Independent of the CasADi equations (which differentiate the Lagrangian): here the inertia matrix is put together from
-the Jacobians of the bodies, the velocity terms from its Christoffel symbols, gravity from the heights of the centres.
+the Jacobians of the bodies, the velocity terms from its Christoffel symbols, gravity from the heights of the centers.
 
     M = sum_i m_i Jv_i' Jv_i + Jw_i' I_i Jw_i,   c_i = sum_jk (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i)/2 v_j v_k
 

@@ -304,7 +304,7 @@ def _factor(p: Element) -> list[tuple[Element, int]]:
     """Factors of ``p``, which has no common monomial and number, up to sign.
 
     A polynomial that is linear in a symbol, ``a x + b``, has the factors of ``gcd(a, b)`` and one more; where a or b is
-    a single term there are no others. Only what is linear in no symbol takes a general factorisation.
+    a single term there are no others. Only what is linear in no symbol takes a general factorization.
     """
     ring = p.ring
     used = [i for i in range(ring.ngens) if any(m[i] for m in p)]

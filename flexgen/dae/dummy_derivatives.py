@@ -8,7 +8,7 @@ unknowns of their own,
 
 too few to be solved for Y by sum d - sum c: the degrees of freedom. For the k-th derivatives that were added, as many
 unknowns are chosen whose k-th highest derivative is a *dummy*: no longer the rate of the one below it, but just an
-unknown. What has a rate left is a state. The choice is made by QR factorisation with column pivoting of the system
+unknown. What has a rate left is a state. The choice is made by QR factorization with column pivoting of the system
 Jacobian ``dF_i^(c_i)/dy_j^(d_j)`` at a point, and holds as long as the chosen block is well conditioned.
 
 Source: S. E. Mattsson, G. Soederlind, SIAM J. Sci. Comput. 14(3), 1993; J. D. Pryce, BIT 41(2), 2001.
@@ -108,7 +108,7 @@ class DummyDerivatives:
         )
 
     def at_rest(self, x: np.ndarray) -> np.ndarray:
-        """Y of a machine at rest in the state x of the DAE."""
+        """Y of a robot at rest in the state x of the DAE."""
         n = self.dae.n
         Y = np.zeros(self.size)
         Y[[places[0] for places in self.place]] = np.concatenate([x[:n], x[2 * n :]])
@@ -138,7 +138,7 @@ class DummyDerivatives:
         if not full[-1] > SINGULAR * full[0]:
             raise SolverError(
                 "the system Jacobian is singular: at a singular pose, where a zero is at infinity, or because the "
-                "structure does not show the index; use kunkel-mehrmann or lq"
+                "structural index is not the true one; use kunkel-mehrmann or lq"
             )
         for k in range(1, self.orders + 1):
             rows = np.flatnonzero(np.array(self.c) >= k)
@@ -146,7 +146,7 @@ class DummyDerivatives:
             _, R, order = qr(J[np.ix_(rows, columns)], mode="economic", pivoting=True)
             pivots = np.abs(np.diag(R))
             if len(pivots) < len(rows) or pivots[len(rows) - 1] < SINGULAR * pivots[0]:
-                raise SolverError("no choice of states is possible, at a singular pose; use lq")
+                raise SolverError("no choice of states is possible at a singular pose; use lq")
             columns = np.sort(columns[order[: len(rows)]])
             depth[columns] = k
         return self.choice(depth)
@@ -204,8 +204,8 @@ class DummyDerivatives:
         Y = np.array(Y, dtype=float)
         free, before = list(choice.algebraic), np.inf
         for iteration in range(1, ITERATIONS + 1):
-            G, slopes = (x.full() for x in self.system(Y, U))
-            J = slopes[:, free]
+            G, jacobian = (x.full() for x in self.system(Y, U))
+            J = jacobian[:, free]
             column = scale[free]
             row = np.maximum(np.abs(J * column).max(axis=1), 1e-300)
             try:
@@ -220,6 +220,6 @@ class DummyDerivatives:
                 break
             before = size
         raise SolverError(
-            "no consistent values were found: the path leaves the workspace or passes a singular pose, or the system "
-            "is next to singular, as with a gear that is hardly damped; use kunkel-mehrmann"
+            "no consistent values found: the path leaves the workspace or passes a singular pose, or the system "
+            "is nearly singular, such as with a weakly damped gear; use kunkel-mehrmann"
         )

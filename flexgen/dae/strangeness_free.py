@@ -1,11 +1,11 @@
-"""The inverse dynamics without strangeness: the regularised DAE of Kunkel and Mehrmann, from the derivative array.
+"""The inverse dynamics without strangeness: the regularized DAE of Kunkel and Mehrmann, from the derivative array.
 
 With M = dF_mu/d(x', ..., x^(mu+1)) and N = dF_mu/dx at a point,
 
     Z2' M = 0,  T2: Z2' N T2 = 0,  Z1: range of F_x' T2          a columns, d columns, d columns
 
 the system ``Z1' F(x, x', u) = 0`` (d rows), ``Z2' F_mu = 0`` (a rows) has the same solutions and no hidden constraints.
-The matrices are computed numerically, by QR factorisations of the scaled array, and may be kept for a while: the system
+The matrices are computed numerically, by QR factorizations of the scaled array, and may be kept for a while: the system
 stays equivalent as long as the blocks they select stay regular.
 
 Source: P. Kunkel, V. Mehrmann, Differential-Algebraic Equations, 2006, ch. 4.3 and 6.2.
@@ -33,10 +33,10 @@ STALLED = 1e-7  # a correction that is smaller and shrinks no more is rounding
 
 @dataclass(frozen=True)
 class Split:
-    """The regularised system at a point, in scaled unknowns and rows.
+    """The regularized system at a point, in scaled unknowns and rows.
 
-    ``Z1`` (n_x, d), ``Z2`` ((mu + 1) n_x, a), ``T2`` (n_x, d); ``N``: the array's slopes in x; ``A``, ``E``: of F in x,
-    x'; ``gap``: ratio of the pivots of M on both sides of its rank. `solve` gives the step of the derivatives.
+    ``Z1`` (n_x, d), ``Z2`` ((mu + 1) n_x, a), ``T2`` (n_x, d); ``N``: Jacobian of the array in x; ``A``, ``E``: of F
+    in x, x'; ``gap``: ratio of the pivots of M on both sides of its rank. `solve` gives the step of the derivatives.
     """
 
     Z1: np.ndarray
@@ -57,7 +57,7 @@ class Split:
 
 
 class StrangenessFree:
-    """The regularised DAE of a model.
+    """The regularized DAE of a model.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class StrangenessFree:
     mu : int
         Strangeness index: the order of the derivative array; the structural index less one, where that is right.
     x_rest : array (n_x,)
-        A state of rest, for the scales.
+        A static equilibrium, for the scales.
 
     ``a``, ``d``: numbers of algebraic and differential equations; SolverError where the ranks are not clear, or do not
     satisfy the hypothesis (``a + d = n_x``) for this mu.
@@ -83,7 +83,7 @@ class StrangenessFree:
         X[:, 0], U[:, 0] = x_rest, dae.target_at(x_rest)
         self._at_rest = X, U
         self.row = np.ones((mu + 1) * self.n)
-        N, M = self._slopes(X, U)
+        N, M = self._jacobians(X, U)
         first = np.hstack([N[: self.n], M[: self.n]])
         row = np.maximum(np.abs(first).max(axis=1), 1e-300)
         self.row = np.concatenate([row * self.rate**k for k in range(mu + 1)])
@@ -100,7 +100,7 @@ class StrangenessFree:
         """The scaled rows F at x, x' (n_x,) and a target u (n_u,)."""
         return self.dae.rows(x, dx, u)[0].full()[:, 0] / self.row[: self.n]
 
-    def _slopes(self, X: np.ndarray, U: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _jacobians(self, X: np.ndarray, U: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         _, N, M = (z.full() for z in self._array.function(X, U))
         return N * self.unit / self.row[:, None], M * self.units[:, 1:].T.ravel() / self.row[:, None]
 
@@ -122,7 +122,7 @@ class StrangenessFree:
     @cached_property
     def _ranks(self) -> tuple[int, int, float]:
         """a, d and the gap of the rank of M, at rest."""
-        N, M = self._slopes(*self._at_rest)
+        N, M = self._jacobians(*self._at_rest)
         Q, R, _ = qr(M, pivoting=True)
         pivots = np.abs(np.diag(R))
         rank = int(np.sum(pivots > GAP * pivots[0]))
@@ -139,20 +139,22 @@ class StrangenessFree:
             fine = moved[-1] > GAP * moved[0]
         if not fine:
             raise SolverError(
-                f"the derivative array of order {self.mu} does not make the DAE regular here: corank "
-                f"{a} of {len(M)}, {self.n} unknowns; at a singular pose or where a zero is at infinity it never does"
+                f"the derivative array of order {self.mu} does not make the DAE regular: corank {a} of {len(M)}, "
+                f"{self.n} unknowns; it never does at a singular pose or with a zero at infinity, use lq"
             )
         return a, d, gap
 
     def split(self, X: np.ndarray, U: np.ndarray) -> Split:
-        """The regularised system at a point; SolverError where the rank has changed."""
-        N, M = self._slopes(X, U)
+        """The regularized system at a point; SolverError where the rank has changed."""
+        N, M = self._jacobians(X, U)
         Q, R, order = qr(M, pivoting=True)
         rank = len(M) - self.a
         pivots = np.abs(np.diag(R))
         gap = float(pivots[rank - 1] / max(pivots[rank], 1e-300)) if self.a else np.inf
         if not gap > CLEAR:
-            raise SolverError("the rank of the derivative array changes on the path, at a singular pose")
+            raise SolverError(
+                "the rank of the derivative array changes on the path, at a singular pose; choose another path"
+            )
         Z2 = Q[:, rank:]
         A, E = N[: self.n], M[: self.n, : self.n]
         T2 = _null(Z2.T @ N, self.d)
@@ -169,9 +171,9 @@ class StrangenessFree:
         for free in (slice(self.n, None), slice(None)):
             before = np.inf
             for _ in range(ITERATIONS):
-                slopes = np.hstack(self._slopes(X, U))[:, free]
+                jacobian = np.hstack(self._jacobians(X, U))[:, free]
                 step = np.zeros((self.mu + 2) * self.n)
-                step[free] = np.linalg.lstsq(slopes, -self.rows(X, U), rcond=GAP)[0]
+                step[free] = np.linalg.lstsq(jacobian, -self.rows(X, U), rcond=GAP)[0]
                 X = X + self.units * step.reshape(self.mu + 2, self.n).T
                 size = float(np.abs(step).max())
                 done = size <= TOLERANCE or (size < STALLED and size > 0.3 * before)
@@ -180,7 +182,9 @@ class StrangenessFree:
                 before = size
             if done and np.abs(self.rows(X, U)).max() < CONSISTENT:
                 return X
-        raise SolverError("no consistent values were found; does the path leave the workspace?")
+        raise SolverError(
+            "no consistent values found: the path leaves the workspace or passes a singular pose; choose another path"
+        )
 
 
 def _null(matrix: np.ndarray, size: int) -> np.ndarray:

@@ -7,7 +7,7 @@ unknowns:
     v = corank [N M] of order mu less that of order mu - 1
 
 The strangeness index is the smallest mu with ``a + d + v = m``: then a equations determine a unknowns at each instant,
-d are differential equations, v say nothing, and ``n - a - d`` unknowns are free.
+d are differential equations, v are redundant, and ``n - a - d`` unknowns are free.
 
 Null spaces are not computed, since their rounding errors would blur the ranks behind them. Eliminating M from the left
 shows that
@@ -87,7 +87,7 @@ class KunkelMehrmann:
     ----------
     verdict : str
         ``"regular"`` (as many equations as unknowns, none free, none void), ``"free"`` (some unknowns are not
-        determined or some equations say nothing), ``"undecided"`` (a rank has no clear gap) or ``"not found"`` (up to
+        determined or some equations are redundant), ``"undecided"`` (a rank has no clear gap) or ``"not found"`` (up to
         the highest order tried).
     mu, a, d, v : int or None
         Strangeness index; numbers of algebraic, differential and void equations. None without a verdict.
@@ -113,7 +113,7 @@ class KunkelMehrmann:
 
     @property
     def path_smoothness(self) -> int | None:
-        """How many continuous derivatives of the path a continuous torque needs."""
+        """Number of continuous derivatives of the path that a continuous torque needs."""
         return None if self.differential_index is None else max(self.differential_index - 1, 0)
 
     @property
@@ -170,7 +170,7 @@ def without_definitions(
     return np.delete(np.delete(out, gone, axis=0), columns, axis=1)
 
 
-def characterise(F_x: np.ndarray, F_dx: np.ndarray, scales: Scales) -> KunkelMehrmann:
+def characterize(F_x: np.ndarray, F_dx: np.ndarray, scales: Scales) -> KunkelMehrmann:
     """The characteristic numbers from the series of the Jacobians at a point, (K + 1, m, n) each; mu up to K.
 
     Ranks do not depend on the unit of time, but their gaps do: several are looked at.
@@ -178,14 +178,14 @@ def characterise(F_x: np.ndarray, F_dx: np.ndarray, scales: Scales) -> KunkelMeh
     m, n = F_x.shape[1:]
     units = [balanced(F_x[0], F_dx[0], scales.time * factor, scales.x) for factor in UNITS]
     named = definitions(F_x, F_dx)
-    slopes = [F_dx[0] * unit.rows[:, None] * unit.x / unit.time for unit in units]
+    scaled = [F_dx[0] * unit.rows[:, None] * unit.x / unit.time for unit in units]
     void = 0
     ranks: tuple[Rank, ...] = ()
     for mu in range(len(F_x)):
         arrays = [without_definitions(derivative_array(F_x, F_dx, mu, unit), m, n, named) for unit in units]
         first = arrays[0].shape[1] - (mu + 1) * (n - len(named[0]))  # columns of x itself, then of its derivatives
         below = np.zeros((m, arrays[0].shape[1] - n))
-        joined = [np.vstack([array, np.hstack([slope, below])]) for array, slope in zip(arrays, slopes, strict=True)]
+        joined = [np.vstack([array, np.hstack([rate, below])]) for array, rate in zip(arrays, scaled, strict=True)]
         ranks = (
             decide_rank([array[:, first:] for array in arrays], f"M of order {mu}"),
             decide_rank(arrays, f"[N M] of order {mu}"),
@@ -221,7 +221,7 @@ def kunkel_mehrmann_at_rest(
     x = np.zeros((1, highest + 2, dae.n_x))
     x[0, 0] = dae.pack(rest or hold_joints(equations, np.array(equations.model.home)))
     F_x, F_dx = series.jacobians(x)
-    return characterise(F_x[0], F_dx[0], series.scales(x[0, 0]))
+    return characterize(F_x[0], F_dx[0], series.scales(x[0, 0]))
 
 
 def kunkel_mehrmann(
@@ -258,16 +258,16 @@ def kunkel_mehrmann(
     while True:
         x, scales = consistent(series, reference, instants, order)
         F_x, F_dx = series.jacobians(x)
-        found = tuple(characterise(F_x[k], F_dx[k], scales[k]) for k in range(len(instants)))
+        found = tuple(characterize(F_x[k], F_dx[k], scales[k]) for k in range(len(instants)))
         if order == highest or not any(result.verdict == "not found" for result in found):
             return found
         order += 1
 
 
 def rule(equations: Equations) -> tuple[int, int, int] | None:
-    """Strangeness index, a and d that the kinds of gears alone let expect, at regular poses.
+    """Strangeness index, a and d expected from the kinds of gears alone, at regular poses.
 
-    A damped gear adds 4 to a and 1 to d (its twist has a motion of its own), an undamped one adds 5 and a rigid one 3
+    A damped gear adds 4 to a and 1 to d (its deflection is a state), an undamped one adds 5 and a rigid one 3
     to a; a non-actuated coordinate adds 2 to d. The strangeness index is 4 with undamped gears, else 3 with damped
     ones, else 2. Where the inertia A of the zero dynamics is singular some of the ``2 n_e`` motions are missing: d is
     always the number of finite zeros, and ``a = n - d``.

@@ -1,9 +1,9 @@
-"""Structural analysis of the inverse dynamics by Pryce's signature method, and what the numbers say about it.
+"""Structural analysis of the inverse dynamics by Pryce's signature method, and its numeric check.
 
 From the signature's offsets c, d: the system Jacobian ``J_ij = d f_i^(c_i) / d x_j^(d_j)``, which has entries only
 where ``d_j - c_i = sigma_ij``. Where J is nonsingular at a consistent point, structural index and degrees of freedom
 ``sum d - sum c`` are right and the derivatives follow stage by stage, block by block. Where J is singular the structure
-lies: terms that the pattern shows cancel, and index and degrees of freedom are others.
+is misleading: terms of the pattern cancel, and index and degrees of freedom are different.
 
 Source: J. D. Pryce, BIT Numerical Mathematics 41(2), 2001.
 """
@@ -23,8 +23,8 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import Equilibrium
 from flexgen.model.elements import RobotModel
 
-SINGULAR = 1e-10  # of the largest singular value of a scaled block: terms cancel but for rounding
-NEARLY = 1e-6  # below it the structure is right, but only just
+SINGULAR = 1e-10  # of the largest singular value of a scaled block: terms cancel up to rounding
+NEARLY = 1e-6  # below it the structure holds, but the Jacobian is nearly singular
 SWEEPS = 30  # of the scaling of a block's rows and columns
 
 
@@ -68,7 +68,7 @@ class StructureCheck:
     """The system Jacobian at a point.
 
     ``smallest``: for each block the ratio of its smallest to its largest singular value, rows and columns scaled;
-    ``sigma_min``: the least of them; ``holds``: whether the structure is right there; ``verdict``: in words.
+    ``sigma_min``: the least of them; ``holds``: whether the structure is correct there; ``verdict``: a sentence.
     """
 
     smallest: tuple[float, ...]
@@ -138,17 +138,18 @@ def check_structure(series: TaylorArray, structure: Structure, x: np.ndarray) ->
     where = f"the block of {', '.join(names['unknowns'])} (smallest singular value {sigma_min:.1e} of the largest)"
     if sigma_min < SINGULAR:
         verdict = (
-            f"structure lies: the Jacobian is singular in {where}; index {structure.index} is not the true one here"
+            f"structure misleading: the Jacobian is singular in {where}; "
+            f"index {structure.index} is not the true one here"
         )
     elif sigma_min < NEARLY:
-        verdict = f"structure holds, but only just: the Jacobian is nearly singular in {where}"
+        verdict = f"structure holds, but the Jacobian is nearly singular in {where}"
     else:
         verdict = f"structure holds: index {structure.index}, {structure.dof} degrees of freedom"
     return StructureCheck(smallest, sigma_min, sigma_min >= SINGULAR, verdict)
 
 
 def check_at_rest(equations: Equations, rest: Equilibrium) -> tuple[Structure, StructureCheck]:
-    """Structure of a model and whether it holds at a pose of rest."""
+    """Structure of a model, and its check in an equilibrium."""
     dae, found = InverseDae(equations), structure(equations)
     return found, check_structure(TaylorArray(dae), found, np.stack([dae.pack(rest), np.zeros(dae.n_x)]))
 

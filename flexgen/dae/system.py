@@ -32,7 +32,7 @@ from flexgen.numerics.evaluate import evaluate
 
 
 class Reference(Protocol):
-    """What is read from a sample of a path, see `flexgen.paths.path.PathSample`."""
+    """A sample of a path, see `flexgen.paths.path.PathSample`."""
 
     @property
     def y(self) -> np.ndarray:
@@ -178,7 +178,9 @@ class InverseDae:
         y = sample.q_g if self.joints else sample.y
         if y is None or y.shape[2] <= orders:
             known = "none of the joints" if y is None else f"up to order {y.shape[2] - 1}"
-            raise ArgumentError(f"path: its derivatives are known {known}, this method needs {orders} for this model")
+            raise ArgumentError(
+                f"path: given derivatives {known}, expected up to order {orders} for this method and model"
+            )
         if self.joints or sample.R is None or sample.w is None:
             return np.ascontiguousarray(y[:, :, : orders + 1])
         turned = [sample.R]

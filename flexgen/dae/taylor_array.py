@@ -27,12 +27,12 @@ from flexgen.dae.taylor_series import SeriesFunction
 from flexgen.errors import SolverError
 from flexgen.mechanics.linearization import second_order_matrices
 from flexgen.mechanics.outputs import output_map
-from flexgen.mechanics.quasistatic import OutputPath, rest_along, targets
+from flexgen.mechanics.quasistatic import OutputPath, equilibria_along, targets
 from flexgen.numerics.evaluate import evaluate
 
 STEPS = 15  # of Gauss-Newton towards a consistent point
 SWEEPS = 10  # of the scaling of rows and columns to entries near one
-LEFT = 1e-9  # of a solution's size: residual above which a factorisation is not trusted
+LEFT = 1e-9  # of a solution's size: residual above which a factorization is not trusted
 NEARBY = 1e-3  # of a path's duration: the distance of the poses from which its motion is guessed
 SHORTEST = 1 / 64  # part of a step that is tried
 SLOWEST = 1 / 8  # of the path's speed: the shortest step towards it
@@ -117,7 +117,7 @@ class TaylorArray:
     def residual(self, x: np.ndarray, reference: OutputPath, times: np.ndarray, speed: float = 1.0) -> np.ndarray:
         """Series of F (k, K + 1, m) along ``x`` (k, K + 2, n_x), whose zeroth coefficients hold at ``times`` (k,) [s].
 
-        Derivatives of the reference that it does not know are zero. ``speed``: at which the path is passed.
+        Derivatives that the reference does not have are zero. ``speed``: factor on the speed along the path.
         """
         q, v, a, q_m, v_m, a_m, tau = self._arguments(x)
         r_a, r_m = self._residual(q, v, a, q_m, v_m, a_m, tau)
@@ -215,7 +215,7 @@ def consistent(
     Raises
     ------
     SolverError
-        There is no pose of rest on the way, or the steps do not converge.
+        There is no static equilibrium on the path, or the steps do not converge.
     """
     guess = _quasistatic_motion(series.dae, reference, times, order)
     scales = [series.scales(point) for point in guess[:, 0]]
@@ -240,10 +240,10 @@ def consistent(
 
 
 def _quasistatic_motion(dae: InverseDae, reference: OutputPath, times: np.ndarray, order: int) -> np.ndarray:
-    """Series (k, order + 2, n) of the motion through poses of rest, by differences: two derivatives of coordinates."""
+    """Series (k, order + 2, n_x) of the motion through static equilibria, by differences, two derivatives."""
     h = NEARBY * reference.duration
     around = np.repeat(times, 3) + np.tile([-h, 0.0, h], len(times))
-    rests = rest_along(dae.equations, reference, around)
+    rests = equilibria_along(dae.equations, reference, around)
     before, now, after = np.array([dae.pack(rest) for rest in rests]).reshape(-1, 3, dae.n_x).transpose(1, 0, 2)
     out = np.zeros((len(times), order + 2, dae.n_x))
     out[:, 0] = now
@@ -258,7 +258,7 @@ def _quasistatic_motion(dae: InverseDae, reference: OutputPath, times: np.ndarra
 def _gauss_newton(
     series: TaylorArray, reference: OutputPath, t: float, speed: float, start: np.ndarray, scales: Scales
 ) -> np.ndarray | None:
-    """A consistent point (order + 2, n) at one instant of the path at a part of its speed; None without convergence."""
+    """A consistent point (order + 2, n_x) at an instant of the path, at a fraction of its speed; None otherwise."""
     order = len(start) - 2
     unit = scales.x / scales.time ** np.arange(order + 2)[:, None]
     weight = scales.rows * scales.time ** np.arange(order + 1)[:, None]

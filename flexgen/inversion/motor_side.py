@@ -19,7 +19,7 @@ from scipy.interpolate import make_interp_spline
 from flexgen.inversion.gear_lag import gear_lag
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears
-from flexgen.mechanics.statics import gear_damping, gear_twist
+from flexgen.mechanics.statics import gear_damping, gear_deflection
 from flexgen.model.elements import LinearSpring
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.tableaus import radau
@@ -69,7 +69,7 @@ def deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple
     D = gear_damping(equations)
     elastic = np.array([not gear.rigid for gear, _ in gears(equations.model)])
     damped = elastic & (D > 0)
-    static = gear_twist(equations, tau_g[:, :, 0])
+    static = gear_deflection(equations, tau_g[:, :, 0])
     stiffness, curvature = _stiffness(equations, static)
     p = static.copy()
     safe = np.where(elastic, stiffness, 1.0)

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.analysis.linear import linearise
+from flexgen.analysis.linear import linearize
 from flexgen.analysis.zeros import inner_zeros, time_constants
 from flexgen.analysis.zeros_along_path import zero_path
 from flexgen.errors import ArgumentError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.statics import Equilibrium, at_rest
+from flexgen.mechanics.statics import Equilibrium, equilibrium_at
 from flexgen.paths.path import Path
 from flexgen.paths.smoothness import smoothness_report
 
@@ -99,8 +99,8 @@ class InversionProblem:
         poses = reduction.follow(path, times, reduction.start(path).q_a)
         out = []
         for t, q in zip(times[::stride], poses[::stride], strict=True):
-            equilibrium = at_rest(equations, q)
-            out.append((float(t), inner_zeros(equations, linearise(equations, equilibrium), equilibrium)))
+            equilibrium = equilibrium_at(equations, q)
+            out.append((float(t), inner_zeros(equations, linearize(equations, equilibrium), equilibrium)))
         return out
 
     @cached_property
@@ -122,9 +122,9 @@ class InversionProblem:
         """Equilibrium at the start of the path, by statics alone."""
         equations, model = self.equations, self.equations.model
         if self.path.move.type == "joint" and model.n_e == 0:
-            return at_rest(equations, self.path.q_start)
+            return equilibrium_at(equations, self.path.q_start)
         simple = Equations(replace(model, motor_coupling="simplified"))
-        return at_rest(equations, Reduction(simple).start(self.path).q_a)
+        return equilibrium_at(equations, Reduction(simple).start(self.path).q_a)
 
     @property
     def step(self) -> float:

@@ -25,7 +25,7 @@ from scipy.interpolate import make_interp_spline
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.solution import Solution
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.statics import Equilibrium, at_rest
+from flexgen.mechanics.statics import Equilibrium, equilibrium_at
 from flexgen.model.elements import BacklashSpring, Body, CubicSpring, Element, LinearSpring, RobotModel, Spring
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
@@ -133,7 +133,7 @@ def hold_motors(equations: Equations, q_m: np.ndarray, q_a: np.ndarray) -> Equil
             break
         q = q + step
         if np.abs(step).max() <= 1e-13 * (1 + np.abs(q).max()):
-            return replace(at_rest(equations, q), q_m=np.array(q_m, dtype=float))
+            return replace(equilibrium_at(equations, q), q_m=np.array(q_m, dtype=float))
     raise SolverError(
         "equilibrium with held motors: not found, the springs do not carry the arm at the start of the move; "
         "choose another start"

@@ -1,1 +1,1 @@
-"""From a robot's data to its equations of motion."""
+"""The equations of motion of a robot, from the Lagrangian, as CasADi functions."""

@@ -1,4 +1,4 @@
-"""Clamped-free Euler-Bernoulli modes and their integrals: what a beam contributes to energies, as plain numbers.
+"""Clamped-free Euler-Bernoulli modes of a beam and their integrals, for its kinetic and potential energy.
 
 Mode k of a uniform cantilever: ``phi(x) = cosh(b x) - cos(b x) - s (sinh(b x) - sin(b x))`` with
 ``cosh(b L) cos(b L) = -1`` and ``s = (cosh(bL) + cos(bL)) / (sinh(bL) + sin(bL))``, here scaled to ``phi(L) = 1``, so
@@ -47,7 +47,7 @@ def clamped_free_root(k: int) -> float:
 
 
 def mode_shape(k: int, length: float, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mode k scaled to one at the tip: phi, phi' [1/m] and phi'' [1/m^2] at the places ``x`` [m]."""
+    """Mode k scaled to one at the tip: phi, phi' [1/m] and phi'' [1/m^2] at the positions ``x`` [m]."""
     z = clamped_free_root(k)
     b = z / length
     s = (np.cosh(z) + np.cos(z)) / (np.sinh(z) + np.sin(z))

@@ -66,10 +66,10 @@ def output(system: System) -> Built:
     return [chain.q_a], ["q_a"], [y], ["y"]
 
 
-def places(system: System) -> Built:
+def chain_points(system: System) -> Built:
     """Corner points of the chain, for drawing."""
     chain = system.lagrangian.chain
-    return [chain.q_a], ["q_a"], [ca.horzcat(*chain.places)], ["places"]
+    return [chain.q_a], ["q_a"], [ca.horzcat(*chain.points)], ["chain_points"]
 
 
 # --- the arm ----------------------------------------------------------------------------------------------------------
@@ -210,5 +210,5 @@ BUILDERS: dict[str, Builder] = {
     "energy": energy,
     "power": power,
     "output": output,
-    "places": places,
+    "chain_points": chain_points,
 }

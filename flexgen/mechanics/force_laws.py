@@ -1,4 +1,4 @@
-"""Force laws of springs and frictions as CasADi expressions: torque against twist or speed, and stored energy."""
+"""Force laws of springs and frictions as CasADi expressions: torque over deflection or velocity, and stored energy."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from flexgen.model.elements import (
 
 
 def spring_torque(spring: Spring, d: ca.SX) -> ca.SX:
-    """Torque [N m or N] of a spring at the twist ``d`` [rad or m]; odd in d. Formulas: see `flexgen.model.elements`."""
+    """Torque [N m or N] of a spring at the deflection ``d`` [rad or m], odd in d; see `flexgen.model.elements`."""
     if isinstance(spring, LinearSpring):
         return spring.stiffness * d
     if isinstance(spring, CubicSpring):
@@ -43,7 +43,7 @@ def stiffness_at_zero(spring: Spring) -> float:
 
 
 def spring_energy(spring: Spring, d: ca.SX) -> ca.SX:
-    """Energy [J] stored at the twist ``d``: the integral of `spring_torque` from 0, in closed form."""
+    """Energy [J] stored at the deflection ``d``: the integral of `spring_torque` from 0, in closed form."""
     if isinstance(spring, LinearSpring):
         return spring.stiffness * d**2 / 2
     if isinstance(spring, CubicSpring):
@@ -68,7 +68,7 @@ def spring_energy(spring: Spring, d: ca.SX) -> ca.SX:
 
 
 def friction_torque(friction: Friction, w: ca.SX) -> ca.SX:
-    """Friction torque [N m or N] at the speed ``w`` [rad/s or m/s]; it enters the motion with a minus sign.
+    """Friction torque [N m or N] at the velocity ``w`` [rad/s or m/s]; it acts against the motion.
 
     The formula is that of the class of ``friction`` in `FRICTION_TORQUES`.
     """
@@ -92,5 +92,5 @@ FRICTION_TORQUES: dict[type[Friction], Callable[..., ca.SX]] = {Friction: _smoot
 
 
 def _there(x: float | ca.SX) -> bool:
-    """True of a number that is not zero, and of a symbol in its place."""
+    """True for a number that is not zero, and for a symbol in its place."""
     return isinstance(x, ca.SX) or x != 0.0

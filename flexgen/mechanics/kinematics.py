@@ -1,4 +1,4 @@
-"""Kinematics of the chain as CasADi graphs: frames, velocities, and the energies of the bodies that ride on them.
+"""Kinematics of the chain as CasADi graphs: frames, velocities, and the energies of the bodies.
 
 Velocities are carried along in the moving frames, which keeps the graphs small:
 
@@ -36,9 +36,9 @@ class Kinematics:
 
     ``q_a``, ``v_a`` (n_a): the symbols. ``tool``: the tool frame. ``kinetic``: kinetic energy of the bodies and beams
     [J], without the rotors. ``gravity``: their potential energy [J]. ``drag``: half the power that body drags dissipate
-    [W]. ``spin``: angular velocity (3) of each element's body in its own axes, for rotors that ride on it. ``modal``:
-    the integrals of each beam with the index of its first coordinate in q_a. ``places``: positions in the world of the
-    chain's corner points, for drawing.
+    [W]. ``spin``: angular velocity (3) of each element's body in its own axes, for the rotors that it carries.
+    ``modal``: the integrals of each beam with the index of its first coordinate in q_a. ``points``: positions in the
+    world of the corner points of the chain, for drawing.
     """
 
     q_a: ca.SX
@@ -49,7 +49,7 @@ class Kinematics:
     drag: ca.SX
     spin: dict[str, ca.SX]
     modal: tuple[tuple[int, ModalBeam], ...]
-    places: tuple[ca.SX, ...]
+    points: tuple[ca.SX, ...]
 
 
 def cross_matrix(a: ca.SX) -> ca.SX:
@@ -87,7 +87,7 @@ def body_energies(frame: Frame, body: Body, gravity: ca.SX) -> tuple[ca.SX, ca.S
 
 
 def beam_energies(frame: Frame, beam: ModalBeam, q: ca.SX, v: ca.SX, gravity: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Kinetic and potential energy [J] of a beam rooted in ``frame`` with modal coordinates ``q`` and speeds ``v``.
+    """Kinetic and potential energy [J] of a beam rooted in ``frame`` with modal coordinates ``q`` and velocities ``v``.
 
     With r = x e_x + u, u = sum phi_k q_k d_k:
     T = m |v0|^2/2 + v0.(w x S + S') + w.I w/2 + w.H + (modal), S = int r dm, I = int (r.r 1 - r r') dm, H = int r x r'
@@ -152,18 +152,18 @@ def kinematics(model: RobotModel) -> Kinematics:
     kinetic = potential = drag = ca.SX(0)
     spin = {"base": ca.SX.zeros(3)}
     modal: list[tuple[int, ModalBeam]] = []
-    places = [frame.p]
+    points = [frame.p]
     i = 0
     for element in model.elements:
         frame = place(frame, element.origin)
-        places.append(frame.p)
+        points.append(frame.p)
         for dof in element.dofs:
             step = _turn if dof.type == "rotation" else _slide
             frame = step(frame, np.array(dof.axis), q_a[i], v_a[i])
             i += 1
-        places.append(frame.p)
+        points.append(frame.p)
         frame = place(frame, element.link)
-        places.append(frame.p)
+        points.append(frame.p)
         spin[element.name] = frame.w
         terms = body_energies(frame, element.body, gravity)
         kinetic, potential, drag = kinetic + terms[0], potential + terms[1], drag + terms[2]
@@ -175,11 +175,11 @@ def kinematics(model: RobotModel) -> Kinematics:
             kinetic, potential = kinetic + energies[0], potential + energies[1]
             modal.append((i, beam))
             frame = beam_tip(frame, element, beam, q, v)
-            places.append(frame.p)
+            points.append(frame.p)
             i += n
     terms = body_energies(frame, model.payload, gravity)
     tool = place(frame, model.tool)
-    places.append(tool.p)
+    points.append(tool.p)
     return Kinematics(
         q_a=q_a,
         v_a=v_a,
@@ -189,5 +189,5 @@ def kinematics(model: RobotModel) -> Kinematics:
         drag=drag + terms[2],
         spin=spin,
         modal=tuple(modal),
-        places=tuple(places),
+        points=tuple(points),
     )

@@ -1,4 +1,4 @@
-"""Energies and generalised forces of the extended flexible joint model, and Lagrange's equations by differentiation.
+"""Energies and generalized forces of the extended flexible joint model, and Lagrange's equations by differentiation.
 
 Coordinates ``y = (q_a, q_me)``: the arm coordinates and the motors behind elastic gears. A motor behind a rigid gear
 follows its joints, ``q_m = eta q_g``, and its inertia and torque act on them directly.
@@ -28,12 +28,12 @@ from flexgen.model.elements import Gear, RobotModel
 class Lagrangian:
     """Energies and forces as graphs in the symbols ``q_a v_a a_a`` (n_a) and ``q_m v_m a_m tau_m`` (n_m).
 
-    ``kinetic``, ``potential`` [J]: of the whole machine. ``kinetic_arm``, ``gravity`` [J]: without rotors and springs
-    (in complete coupling with the rotors' share for motors at rest). ``forces`` (n_a + n_me): generalised forces that
+    ``kinetic``, ``potential`` [J]: of the whole robot. ``kinetic_arm``, ``gravity`` [J]: without rotors and springs
+    (in complete coupling with the rotors' share for motors at rest). ``forces`` (n_a + n_me): generalized forces that
     have no potential. ``power_motor``, ``power_dissipated`` [W]. ``tau_g`` (n_g): torque of the elastic gears on the
-    arm side; ``tau_e`` (n_e): torque of the non-actuated elements; ``tau_gm`` (n_m): what a gear asks of its motor;
-    ``momentum_m`` (n_m): axial momentum of the rotors for the motor speeds v_m [N m s]; ``arm_forces`` (n_a): joint
-    frictions and body drags, as they act.
+    arm side; ``tau_e`` (n_e): torque of the non-actuated elements; ``tau_gm`` (n_m): torques of the gears on the motor
+    side; ``momentum_m`` (n_m): axial momentum of the rotors for the motor velocities v_m [N m s]; ``arm_forces`` (n_a):
+    joint frictions and body drags, as they act.
     """
 
     model: RobotModel
@@ -66,7 +66,7 @@ def equations_of(kinetic: ca.SX, potential: ca.SX, y: ca.SX, dy: ca.SX, ddy: ca.
 
 @dataclass
 class _Forces:
-    """What springs, dampers and frictions add up to, joint by joint.
+    """Sums over the joints of the forces, energies and losses of springs, dampers and frictions.
 
     ``stored`` [J]: energy of the springs; ``lost`` [W]: dissipated power; ``on_arm`` (n_a): joint frictions; ``tau_g``
     (n_g), ``tau_e``: torques of the gears and of the joints without motor, in chain order.
@@ -150,7 +150,7 @@ def _rotor_energies(model: RobotModel, chain: Kinematics, v_m: ca.SX, v_m_all: c
     momentum = []
     for j, motor in enumerate(model.motors):
         if model.motor_coupling == "complete":
-            assert motor.axis is not None and motor.carrier is not None  # the reader saw to it
+            assert motor.axis is not None and motor.carrier is not None  # checked by the reader
             turning = ca.dot(ca.SX(ca.DM(motor.axis)), chain.spin[motor.carrier])
             kinetic = kinetic + motor.inertia * (v_m_all[j] + turning) ** 2 / 2
             carried = carried + motor.inertia * turning**2 / 2
@@ -202,7 +202,7 @@ def _add_beams(joints: _Forces, chain: Kinematics) -> None:
 
 
 def gears(model: RobotModel) -> list[tuple[Gear, float]]:
-    """The gear of each actuated coordinate, and the factor from an arm-side twist to the side of its spring."""
+    """The gear of each actuated coordinate, and the factor from an arm-side deflection to the side of its spring."""
     out = []
     for i in model.i_g:
         dof = model.coordinates[i].dof

@@ -1,4 +1,4 @@
-"""The output as a constraint: how far it is from a target, and the map from arm speeds to its rates."""
+"""The output as a constraint: its error from a target, and the map from arm velocities to its rates."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class OutputMap:
 
     ``error`` (n_y): zero where the output is at ``target`` (n_y; for a pose 3 + 9: position, rotation matrix by
     columns); orientation: the axial vector of ``(R R_d' - R_d R')/2``, sine of the angle times the axis, world axes.
-    ``rate`` W (n_y, n_a): time derivative of the output, for a pose the twist (linear, angular), ``= W v_a``.
+    ``rate`` W (n_y, n_a): time derivative of the output ``= W v_a``, for a pose the spatial velocity (linear, angular).
     """
 
     error: ca.SX
@@ -37,7 +37,7 @@ def output_map(system: System) -> OutputMap:
 
 
 def pose_error(p: ca.SX, R: ca.SX, target: ca.SX) -> ca.SX:
-    """How far a pose is from a target (12), see `OutputMap`."""
+    """Error of a pose from a target (12), see `OutputMap`."""
     E = ca.mtimes(R, ca.reshape(target[3:], 3, 3).T)
     turn = ca.vertcat(E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]) / 2
     return ca.vertcat(p - target[:3], turn)

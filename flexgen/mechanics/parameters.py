@@ -1,9 +1,9 @@
-"""Numbers of a model as symbols: what the user of a generated library may change at run time.
+"""Run-time parameters: numbers of a model as symbols, arguments of the functions of a generated library.
 
 Names of parameters (each expands to the numbers that the model has):
 
 ==================== ==============================================================================================
-payload              mass and centre of mass of the payload (``payload.mass``, ``payload.com_x`` ...)
+payload              mass and center of mass of the payload (``payload.mass``, ``payload.com_x`` ...)
 stiffness            every number of every spring: ``<coordinate>.stiffness``, ``.cubic``, ``.low`` ...
 damping              of every gear and spring: ``<coordinate>.damping``
 friction             of every motor and joint: ``<motor>.viscous``, ``.coulomb`` ..., ``<coordinate>.viscous`` ...
@@ -33,7 +33,7 @@ _LINEAR = {"N m/rad": "N/m", "N m/rad^3": "N/m^3", "rad": "m", "N m s/rad": "N s
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of the model that may change at run time: its name, the value of the file, its unit, what it is."""
+    """A number of the model that may change at run time: name, value in the file, unit, meaning."""
 
     name: str
     value: float
@@ -42,7 +42,7 @@ class Parameter:
 
 
 @dataclass(frozen=True)
-class Parametrised:
+class Parametrized:
     """A model some of whose numbers are symbols.
 
     ``model``: a `RobotModel` with CasADi scalars in those places, for the rooms that derive equations only. ``given``:
@@ -55,13 +55,13 @@ class Parametrised:
     parameters: tuple[Parameter, ...]
 
 
-def parametrised(model: RobotModel, names: Sequence[str]) -> Parametrised:
+def parametrized(model: RobotModel, names: Sequence[str]) -> Parametrized:
     """Put symbols in the place of the numbers named; see the table above.
 
     Raises
     ------
     ArgumentError
-        For a name that stands for nothing in the model; it tells those that do.
+        For a name that the model does not have; the message lists those that it has.
     """
     if isinstance(names, str):
         raise ArgumentError(f"parameters: given the text {names!r}, expected a sequence of names")
@@ -83,7 +83,7 @@ def parametrised(model: RobotModel, names: Sequence[str]) -> Parametrised:
     def put(parameter: Parameter, *groups: str) -> Any:
         return at.get(parameter.name, parameter.value)
 
-    return Parametrised(_walk(model, put) if chosen else model, model, symbols, tuple(chosen))
+    return Parametrized(_walk(model, put) if chosen else model, model, symbols, tuple(chosen))
 
 
 Visit = Callable[..., Any]
@@ -91,12 +91,12 @@ Units = Callable[[str], str]
 
 
 def _angular(unit: str) -> str:
-    """Units of what turns: motors, joints that rotate."""
+    """Units of a rotation."""
     return unit
 
 
 def _linear(unit: str) -> str:
-    """Units of what slides."""
+    """Units of a translation."""
     return _LINEAR.get(unit, unit)
 
 
@@ -113,8 +113,8 @@ def _walk(model: RobotModel, visit: Visit) -> RobotModel:
 def _payload(payload: Body, visit: Visit) -> Body:
     mass = visit(Parameter("payload.mass", payload.mass, "kg", "payload: mass"), "payload")
     doc = (
-        "payload: centre of mass in the frame that the tool is attached to; "
-        "its inertia about the centre stays that of the file"
+        "payload: center of mass in the frame that the tool is attached to; "
+        "its inertia about the center stays that of the file"
     )
     com = tuple(
         visit(Parameter(f"payload.com_{axis}", x, "m", doc), "payload", "payload.com")

@@ -1,4 +1,4 @@
-"""Rest along a path: the machine in balance with its output where the path has it, instant after instant."""
+"""Static equilibria along a path: at each instant the output is at its target and the robot is in equilibrium."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.outputs import output_map
-from flexgen.mechanics.statics import Equilibrium, at_rest, balance
+from flexgen.mechanics.statics import Equilibrium, balance, equilibrium_at
 
 STEPS = 30  # of Newton's method from one instant to the next
-PARTS = 64  # each span of a path is followed in at least so many parts, so that Newton's method stays on one branch
+STEPS_PER_SPAN = 64  # least number of steps in each span of a path, so that Newton's method stays on one branch
 SPANS = 50  # of a program, at most
 
 
 class OutputSample(Protocol):
-    """What a path asks for at k instants.
+    """The target of the output at k instants.
 
     ``y`` (k, n_y, r): rows of the output that are positions, last axis: derivatives from 0; ``R`` (k, 3, 3): the
     orientation where the output is a pose, else None. A sample may also have ``q_g`` (k, n_g, r), actuated coordinates
@@ -63,17 +63,17 @@ class OutputPath(Protocol):
 
 def targets(sample: OutputSample) -> np.ndarray:
     """Values, (k, n_y) or (k, 12), for the target symbol of `flexgen.mechanics.outputs.output_map`."""
-    places = np.asarray(sample.y)[:, :, 0]
-    return places if sample.R is None else np.hstack([places, sample.R.transpose(0, 2, 1).reshape(-1, 9)])
+    positions = np.asarray(sample.y)[:, :, 0]
+    return positions if sample.R is None else np.hstack([positions, sample.R.transpose(0, 2, 1).reshape(-1, 9)])
 
 
 def poses_along(equations: Equations, reference: OutputPath, times: np.ndarray) -> np.ndarray:
-    """Coordinates (k, n_a) at rest with the output where the path has it at rising ``times`` (k,) [s].
+    """Coordinates (k, n_a) in equilibrium with the output at the target of the path, at rising ``times`` (k,) [s].
 
     Raises
     ------
     SolverError
-        Where there is no such pose, or a singular one.
+        There is no such pose, or a singular one.
     """
     out, symbol = output_map(equations), equations.lagrangian.chain.q_a
     rows = ca.vertcat(out.error, balance(equations))
@@ -81,41 +81,42 @@ def poses_along(equations: Equations, reference: OutputPath, times: np.ndarray) 
         raise SolverError(
             f"path: {out.error.numel()} outputs do not determine the {equations.model.n_g} actuated coordinates"
         )
-    newton = ca.Function("rest", [symbol, out.target], [rows, ca.densify(ca.jacobian(rows, symbol))])
+    newton = ca.Function("equilibrium", [symbol, out.target], [rows, ca.densify(ca.jacobian(rows, symbol))])
     q = np.array(reference.q_start, dtype=float)
-    instants = np.asarray(times, dtype=float)
-    legs = np.diff(np.clip(instants, 0.0, reference.duration), prepend=0.0)
+    given = np.asarray(times, dtype=float)
+    spacing = np.diff(np.clip(given, 0.0, reference.duration), prepend=0.0)
     spans = min(max(1, len(getattr(reference, "breaks", ())) - 1), SPANS)
-    counts = np.maximum(1, np.ceil(legs * (PARTS * spans / reference.duration) - 1e-9).astype(int))
-    starts = np.concatenate([[min(0.0, instants[0])], instants[:-1]])
-    way = np.concatenate([np.linspace(a, b, n + 1)[1:] for a, b, n in zip(starts, instants, counts, strict=True)])
-    places = np.zeros((len(way), len(q)))
-    sample = reference.sample(way)
+    counts = np.maximum(1, np.ceil(spacing * (STEPS_PER_SPAN * spans / reference.duration) - 1e-9).astype(int))
+    starts = np.concatenate([[min(0.0, given[0])], given[:-1]])
+    instants = np.concatenate([np.linspace(a, b, n + 1)[1:] for a, b, n in zip(starts, given, counts, strict=True)])
+    poses = np.zeros((len(instants), len(q)))
+    sample = reference.sample(instants)
     q_g = getattr(sample, "q_g", None)
     for k, target in enumerate(targets(sample)):
         if q_g is not None:
             q[list(equations.model.i_g)] = q_g[k, :, 0]
             if not equations.model.n_e:  # nothing to solve, even where the output does not determine the joints
-                places[k] = q
+                poses[k] = q
                 continue
         for _ in range(STEPS):
-            residual, slope = (np.array(x) for x in newton(q, target))
-            size = np.maximum(np.abs(slope).max(axis=1), 1e-300)
+            residual, jacobian = (np.array(x) for x in newton(q, target))
+            size = np.maximum(np.abs(jacobian).max(axis=1), 1e-300)
             try:
-                step = np.linalg.solve(slope / size[:, None], -residual[:, 0] / size)
+                step = np.linalg.solve(jacobian / size[:, None], -residual[:, 0] / size)
             except np.linalg.LinAlgError:
-                raise SolverError(f"path: singular pose at t = {way[k]:.4g} s") from None
+                raise SolverError(f"path: singular pose at t = {instants[k]:.4g} s") from None
             q = q + step
             if np.abs(step).max() < 1e-12 * (1 + np.abs(q).max()):
                 break
         else:
             raise SolverError(
-                f"path: no pose of rest at t = {way[k]:.4g} s; the path leaves the workspace or passes a singular pose"
+                f"path: no static equilibrium at t = {instants[k]:.4g} s; "
+                "the path leaves the workspace or passes a singular pose"
             )
-        places[k] = q
-    return places[np.cumsum(counts) - 1]
+        poses[k] = q
+    return poses[np.cumsum(counts) - 1]
 
 
-def rest_along(equations: Equations, reference: OutputPath, times: np.ndarray) -> list[Equilibrium]:
-    """The state of rest at each of the ``times`` (k,) [s]; see `poses_along`."""
-    return [at_rest(equations, q) for q in poses_along(equations, reference, times)]
+def equilibria_along(equations: Equations, reference: OutputPath, times: np.ndarray) -> list[Equilibrium]:
+    """The equilibrium at each of the ``times`` (k,) [s]; see `poses_along`."""
+    return [equilibrium_at(equations, q) for q in poses_along(equations, reference, times)]

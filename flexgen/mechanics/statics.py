@@ -1,7 +1,7 @@
-"""Rest: where gravity, springs and motors balance, and how far a gear twists under a torque.
+"""Static equilibrium of the robot, and the deflection of gears under a torque.
 
-At rest ``g_e(q_a) = tau_e(q_e)`` on the non-actuated rows, ``tau_g = g_g(q_a)`` on the actuated ones, the motors follow
-from the springs of the gears, and, where the tool is prescribed, ``Gamma(q_a) = Z``: all solved together.
+In equilibrium ``g_e(q_a) = tau_e(q_e)`` on the non-actuated rows, ``tau_g = g_g(q_a)`` on the actuated ones, the motors
+follow from the springs of the gears, and, where the output is prescribed, ``Gamma(q_a) = Z``: all solved together.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ NEWTON_STEPS = 50
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """A state of rest: ``q_a`` (n_a), ``q_m``, ``tau_m`` (n_m, motor side), ``tau_g`` (n_g, arm side)."""
+    """A static equilibrium: ``q_a`` (n_a), ``q_m``, ``tau_m`` (n_m, motor side), ``tau_g`` (n_g, arm side)."""
 
     q_a: np.ndarray
     q_m: np.ndarray
@@ -34,10 +34,10 @@ def gear_damping(equations: Equations) -> np.ndarray:
     return np.array([ratio**2 * gear.damping for gear, ratio in gears(equations.model)])
 
 
-def gear_twist(equations: Equations, tau: np.ndarray) -> np.ndarray:
-    """Static twist ``eta^-1 q_m - q_g`` of the gears under the arm-side torques ``tau``; both (n, n_g); zero if rigid.
+def gear_deflection(equations: Equations, tau: np.ndarray) -> np.ndarray:
+    """Static deflection ``eta^-1 q_m - q_g`` (n, n_g) of gears under arm-side torques ``tau`` (n, n_g); zero if rigid.
 
-    Newton's method kept inside a bracket: springs are odd and rise, but some have corners.
+    Newton's method inside a bracket: springs are odd and monotonic, but some have kinks.
     """
     function = equations.function("gear_law")
     elastic = np.array([not gear.rigid for gear, _ in gears(equations.model)])
@@ -70,20 +70,20 @@ def reach(equations: Equations) -> float:
     model = equations.model
     q = np.zeros(model.n_a)
     q[list(model.i_g)] = model.home
-    corners = evaluate(equations.function("places"), q)[0][0]
-    # the first leg is the base's own placement and reaches nothing
+    corners = evaluate(equations.function("chain_points"), q)[0][0]
+    # the first segment is the placement of the base and does not count
     length = float(np.linalg.norm(np.diff(corners[:, 1:], axis=1), axis=0).sum())
     return length if length > 0 else 1.0
 
 
-def at_rest(equations: Equations, q_a: np.ndarray) -> Equilibrium:
-    """Motor angles and torques that hold the arm at ``q_a`` (n_a), whose non-actuated rows must be in balance."""
+def equilibrium_at(equations: Equations, q_a: np.ndarray) -> Equilibrium:
+    """The equilibrium at ``q_a`` (n_a): motor angles and torques. The non-actuated rows must be in balance."""
     model = equations.model
     zero = np.zeros(model.n_a)
     load = evaluate(equations.function("inverse_dynamics"), q_a, zero, zero)[0][0]
     load = load - evaluate(equations.function("arm_forces"), q_a, zero)[0][0]
     tau_g = load[list(model.i_g)]
-    theta = q_a[list(model.i_g)] + gear_twist(equations, tau_g[None])[0]
+    theta = q_a[list(model.i_g)] + gear_deflection(equations, tau_g[None])[0]
     friction = evaluate(equations.function("motor_friction"), np.zeros(model.n_m))[0][0]
     tau_m = np.linalg.solve(model.eta.T, tau_g) + friction
     return Equilibrium(q_a, model.eta @ theta, tau_m, tau_g)
@@ -98,7 +98,7 @@ def balance(equations: Equations) -> ca.SX:
 
 
 def hold_joints(equations: Equations, q_g: np.ndarray, q_e: np.ndarray | None = None) -> Equilibrium:
-    """Rest with the actuated coordinates at ``q_g``; the others start from ``q_e`` (default zero) and settle."""
+    """Equilibrium with the actuated coordinates at ``q_g``; the others are searched from ``q_e``, default zero."""
     model = equations.model
     q = np.zeros(model.n_a)
     q[list(model.i_g)] = q_g
@@ -108,21 +108,23 @@ def hold_joints(equations: Equations, q_g: np.ndarray, q_e: np.ndarray | None = 
     if i_e:
         symbol = equations.lagrangian.chain.q_a
         rows = balance(equations)
-        newton = ca.Function("rest", [symbol], [rows, ca.densify(ca.jacobian(rows, symbol[i_e]))])
+        newton = ca.Function("equilibrium", [symbol], [rows, ca.densify(ca.jacobian(rows, symbol[i_e]))])
         q[i_e] = _newton(newton, q, i_e, "static equilibrium of the non-actuated elements")[i_e]
-    return at_rest(equations, q)
+    return equilibrium_at(equations, q)
 
 
 def hold_output(equations: Equations, residual: ca.SX, q_start: np.ndarray) -> Equilibrium:
-    """Rest at a prescribed output.
+    """Equilibrium at a prescribed output.
 
     ``residual`` (n_m): zero where the output is right, in the symbol ``equations.lagrangian.chain.q_a``; ``q_start``
-    (n_a): where the search starts. SolverError where there is no balance nearby.
+    (n_a): where the search starts. SolverError where no equilibrium is found nearby.
     """
     symbol = equations.lagrangian.chain.q_a
     rows = ca.vertcat(residual, balance(equations)) if equations.model.n_e else residual
-    newton = ca.Function("rest", [symbol], [rows, ca.densify(ca.jacobian(rows, symbol))])
-    return at_rest(equations, _newton(newton, q_start, list(range(len(q_start))), "rest at the start of the path"))
+    newton = ca.Function("equilibrium", [symbol], [rows, ca.densify(ca.jacobian(rows, symbol))])
+    return equilibrium_at(
+        equations, _newton(newton, q_start, list(range(len(q_start))), "static equilibrium at the start of the path")
+    )
 
 
 def _newton(function: ca.Function, start: np.ndarray, free: list[int], what: str) -> np.ndarray:
@@ -149,5 +151,7 @@ def _newton(function: ca.Function, start: np.ndarray, free: list[int], what: str
         if np.linalg.norm(length * step) < 1e-13 * (1 + np.linalg.norm(q)):
             break
     if not error < 1e-9:
-        raise SolverError(f"{what}: not found, remaining error {error:.2e} of the coordinates; choose another pose")
+        raise SolverError(
+            f"{what}: not found, residual {error:.2e} (coordinates, scaled), expected below 1e-9; choose another pose"
+        )
     return q

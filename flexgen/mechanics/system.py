@@ -15,7 +15,7 @@ from functools import cached_property
 import casadi as ca
 
 from flexgen.mechanics.lagrangian import Lagrangian, equations_of, lagrangian
-from flexgen.mechanics.parameters import parametrised
+from flexgen.mechanics.parameters import parametrized
 from flexgen.model.elements import RobotModel
 
 Built = tuple[list[ca.SX], list[str], list[ca.SX], list[str]]
@@ -42,7 +42,7 @@ class System:
     """
 
     def __init__(self, model: RobotModel, parameters: Sequence[str] = ()) -> None:
-        made = parametrised(model, parameters)
+        made = parametrized(model, parameters)
         self.model, self.parameters, self.symbols = made.given, made.parameters, made.symbols
         self.with_symbols = made.model
 

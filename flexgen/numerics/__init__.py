@@ -1,1 +1,1 @@
-"""Numerical methods that know no robot."""
+"""Numerical methods, independent of robots."""

@@ -1,4 +1,4 @@
-"""Nonlinear programs by IPOPT through CasADi: one place that calls it, and a verdict that is never hidden."""
+"""Nonlinear programs, solved by IPOPT through CasADi, with the status that IPOPT reports."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import numpy as np
 
 Progress = Callable[[str], None]
 
-TOLERANCE = 1e-10  # on scaled constraints: an error of 1e-10 rad is 0.1 nm a metre away
+TOLERANCE = 1e-10  # on scaled constraints: an error of 1e-10 rad is 0.1 nm a meter away
 
 
 @dataclass(frozen=True)
 class NlpResult:
-    """What IPOPT answered: ``status`` in its own words, whether that is a success, iterations, largest violation, x."""
+    """Result of IPOPT: its ``status``, whether that is a success, iterations, largest violation, x."""
 
     status: str
     success: bool
@@ -76,9 +76,9 @@ def solve_nlp(
     max_iterations: int = 200,
     tolerance: float = TOLERANCE,
 ) -> NlpResult:
-    """Minimise ``cost`` subject to ``bounds_g`` (default: g = 0) and ``bounds_x``.
+    """Minimize ``cost`` subject to ``bounds_g`` (default: g = 0) and ``bounds_x``.
 
-    ``jacobian``: of g, where it is known better than by colouring; ``hessian``: of the Lagrangian (upper triangle)
+    ``jacobian``: of g, where it is known, else by coloring; ``hessian``: of the Lagrangian (upper triangle)
     where an approximation serves, else exact.
     """
     n_g = g.shape[0]

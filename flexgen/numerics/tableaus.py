@@ -62,7 +62,7 @@ def _tableau(name: str, c: np.ndarray, order: int) -> Tableau:
 
 
 def gauss(stages: int) -> Tableau:
-    """Gauss-Legendre collocation, order 2 s: symmetric, so that stable and unstable parts are treated alike."""
+    """Gauss-Legendre collocation, order 2 s: symmetric, so that stable and unstable modes are treated alike."""
     return _tableau(f"Gauss {stages}", (legendre.leggauss(stages)[0] + 1) / 2, 2 * stages)
 
 

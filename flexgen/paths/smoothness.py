@@ -8,7 +8,7 @@ from math import factorial
 import numpy as np
 from scipy.linalg import expm
 
-from flexgen.analysis.linear import LinearModel, linearise, poles
+from flexgen.analysis.linear import LinearModel, linearize, poles
 from flexgen.dae.signature import structural_index
 from flexgen.errors import FlexgenError
 from flexgen.mechanics.equations import Equations
@@ -173,7 +173,7 @@ def _cost(
 ) -> Jump:
     """The jump with its torque and the tool's drift, from the linearisation at a posture."""
     try:
-        linear = linearise(equations, hold_joints(equations, q_g))
+        linear = linearize(equations, hold_joints(equations, q_g))
         fast = ABOVE * float(np.abs(poles(linear)).max())
         lost = 2 / dt
         high = max(fast, lost) if needed is None or plain.order >= needed else lost

@@ -47,7 +47,7 @@ def scene(equations: Equations, trajectory: Trajectory, simulation: Simulation |
     driven = trajectory if simulation is None else simulation.trajectory
     times = _instants(equations, trajectory, end)
     q = np.array([np.interp(times, t, column) for column in trajectory["q_a"].T]).T
-    frames = evaluate(equations.function("places"), q)[0]
+    frames = evaluate(equations.function("chain_points"), q)[0]
     tool = evaluate(equations.function("forward_kinematics"), driven["q_a"])[0]
     reference = None
     if model.output.type != "combination" and "y_ref" in trajectory.channels:
@@ -61,7 +61,7 @@ def _instants(equations: Equations, trajectory: Trajectory, end: float) -> np.nd
     """Instants between which the chain moves by equal parts of its way [s]; equal times where it stands still."""
     grid = np.linspace(max(0.0, float(trajectory.time[0])), min(end, float(trajectory.time[-1])), 201)
     q = np.array([np.interp(grid, trajectory.time, column) for column in trajectory["q_a"].T]).T
-    steps = np.diff(evaluate(equations.function("places"), q)[0], axis=0)
+    steps = np.diff(evaluate(equations.function("chain_points"), q)[0], axis=0)
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=(1, 2)) + 1e-12)])
     return np.interp(np.linspace(0.0, way[-1], INSTANTS), way, grid)
 

@@ -1,1 +1,1 @@
-"""The functions of the equations by recursions specialised to one robot."""
+"""The functions of the equations by recursions specialized to one robot."""

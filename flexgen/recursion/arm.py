@@ -85,7 +85,7 @@ class Arm:
 
     @cached_property
     def derivatives(self) -> list[ca.SX]:
-        """Derivatives of inverse dynamics in coordinates, speeds and accelerations, (n_a, n_a) each."""
+        """Derivatives of inverse dynamics in coordinates, velocities and accelerations, (n_a, n_a) each."""
         inputs = self.symbols("q_a", "v_a", "a_a")
         n = self.model.n_a
 
@@ -112,7 +112,7 @@ class Arm:
 
     @property
     def armature(self) -> np.ndarray:
-        """What the rotors behind rigid gears add to the mass matrix, shape (n_a, n_a) [kg m^2, kg]."""
+        """Share of the rotors behind rigid gears in the mass matrix, shape (n_a, n_a) [kg m^2, kg]."""
         model, out = self.model, np.zeros((self.model.n_a, self.model.n_a))
         rigid = [j for j in range(model.n_m) if j not in model.i_m]
         eta = model.eta[rigid]
@@ -137,6 +137,6 @@ def matrix_of(entries: Sequence[ca.SX], columns: int) -> ca.SX:
 
 
 def shortest_mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> composite_body.Matrix:
-    """The mass matrix, with axes shared by parallel joints or without: what is shorter."""
+    """The mass matrix, with or without axes shared by parallel joints, whichever is shorter."""
     found = [composite_body.mass_matrix(tape, chain, q, together) for together in (True, False)]
     return min(found, key=lambda M: tape.cost([x for row in M for x in row]).operations)

@@ -143,7 +143,7 @@ def forward_dynamics(
     tau: Sequence[Scalar],
     armature: Sequence[float],
 ) -> list[Scalar]:
-    """Accelerations under generalised forces, from the wrenches that the bodies need at zero accelerations.
+    """Accelerations under generalized forces, from the wrenches that the bodies need at zero accelerations.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def forward_dynamics(
     turns : sequence of Turn
         Rotations of the joints.
     tau : sequence of Scalar
-        Generalised forces [N m, N].
+        Generalized forces [N m, N].
     armature : sequence of float
         Inertia that resists the acceleration of each joint alone [kg m^2, kg].
 

@@ -92,7 +92,7 @@ def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = 
     q : sequence of Scalar
         Coordinates [rad, m].
     together : bool
-        Neighbours with parallel axes share axes that turn with none of them, so that forces pass without turning.
+        Neighbors with parallel axes share axes that turn with none of them, so that forces pass without turning.
 
     Returns
     -------
@@ -124,7 +124,7 @@ def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = 
 
 @dataclass(frozen=True)
 class _Step:
-    """A joint seen from axes that do not turn with it, nor with the neighbours before it whose axes are parallel.
+    """A joint seen from axes that do not turn with it, nor with the neighbors before it whose axes are parallel.
 
     ``turn``: from those axes to the joint's own. ``way``: from the joint before, in the shared axes, or in that one's
     own axes where nothing is shared; there the twist follows. ``slide``: along z. ``last``: nobody behind shares them.
@@ -171,7 +171,7 @@ class _Step:
 
 
 def _steps(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool) -> list[_Step]:
-    """The joints of a chain in axes that neighbours with parallel axes share, or each in axes of its own."""
+    """The joints of a chain in axes that neighbors with parallel axes share, or each in axes of its own."""
     shared = [together and i > 0 and joint.twist == (1.0, 0.0) for i, joint in enumerate(chain.joints)]
     out: list[_Step] = []
     angle: Scalar = 0.0

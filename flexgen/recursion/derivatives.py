@@ -87,7 +87,7 @@ def _less(A: Matrix, x: Vector3) -> Vector3:
 def derivatives(
     tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], dv: Sequence[Scalar], columns: Sequence[bool]
 ) -> tuple[Matrix, Matrix, Matrix]:
-    """Derivatives of inverse dynamics in coordinates, speeds and accelerations (the mass matrix).
+    """Derivatives of inverse dynamics in coordinates, velocities and accelerations (the mass matrix).
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def derivatives(
     Returns
     -------
     tuple of list of list of Scalar
-        Three matrices of shape (n, n): row i belongs to the generalised force i.
+        Three matrices of shape (n, n): row i belongs to the generalized force i.
     """
     n = len(chain.joints)
     turns = [turn_of(tape, joint, x) for joint, x in zip(chain.joints, q, strict=True)]

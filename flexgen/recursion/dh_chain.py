@@ -24,7 +24,7 @@ import numpy as np
 from flexgen.model.elements import Body, Dof, Placement, RobotModel
 
 # Rounding of the changes of frame leaves entries of about 1e-16 where there should be none; what is below this fraction
-# of its neighbours is taken as zero. A chain of tens of joints stays within 1e-12 of the torques of the model.
+# of its neighbors is taken as zero. A chain of tens of joints stays within 1e-12 of the torques of the model.
 DUST = 1e-14
 NEARLY_PARALLEL = 0.1  # sine of the angle between axes below which frames are not moved to where the axes are closest
 
@@ -346,7 +346,7 @@ def _balance(together: Inertia, place: np.ndarray) -> float:
 def laid(model: RobotModel, to_mass: bool = True) -> Chain:
     """The `Chain` of a model without beams, each body with its own mass: see `regrouped`.
 
-    ``to_mass``: the x axis of the last frame points to its centre of mass, which costs an addition to the angle and
+    ``to_mass``: the x axis of the last frame points to its center of mass, which costs an addition to the angle and
     saves more wherever forces are computed.
     """
     raws, tool = _flatten(model)

@@ -1,8 +1,8 @@
-"""The fast path: functions of `Equations` made by recursions that are specialised to one robot.
+"""Fast functions: the functions of `Equations` by recursions that are specialized to one robot.
 
-The Lagrangian defines what is computed and judges it; here the same arguments give the same results with fewer
-operations. The forces of gears, springs, frictions and drags are the graphs of the Lagrangian themselves. Where there
-are several ways, the shortest for the robot is taken. A robot for which the two differ falls back to the Lagrangian.
+The Lagrangian defines and checks the results; here the same arguments give the same results with fewer operations. The
+forces of gears, springs, frictions and drags are the graphs of the Lagrangian themselves. Of several recursions the
+shortest for the robot is used. A robot for which recursion and Lagrangian differ uses the Lagrangian.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ AGREEMENT = 1e-9  # of the largest entry: far above rounding, far below errors t
 def fast_function(equations: Equations, name: str) -> ca.Function | None:
     """A function of `Equations` by recursion, with the same arguments and dense results, where the robot passes a test.
 
-    Before a robot's first function is handed out, its inverse dynamics, mass matrix and tool pose are compared with the
-    Lagrangian's at some states: see `agrees`. Where they differ, the recursion is used for nothing of this robot.
+    Before the first use for a robot, its inverse dynamics, mass matrix and tool pose are compared with the
+    Lagrangian's at some states: see `agrees`. Where they differ, no function of this robot uses the recursion.
 
     Parameters
     ----------
@@ -59,9 +59,9 @@ def recursive_function(equations: Equations, name: str) -> ca.Function | None:
     Returns
     -------
     casadi.Function or None
-        None where there is no fast path: robots with beams, the whole machine where rotors turn with their carriers,
-        functions other than those of the table below, and accelerations of robots whose motion nothing resists (such
-        as a massless last link): a recursion would divide by the number zero.
+        None where there is no recursion: robots with beams, the whole robot where rotors turn with their carriers,
+        functions other than those of the table below, and accelerations of robots with a singular mass matrix (such as
+        a massless last link): a recursion would divide by zero.
     """
     model = equations.model
     carried = model.motor_coupling == "complete" and name in ("forward_dynamics", "residual_jacobians")
@@ -86,7 +86,7 @@ def agrees(equations: Equations) -> bool:
     Parameters
     ----------
     equations : Equations
-        Of a robot that has a fast path.
+        Of a robot that has fast functions.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def _passes(equations: Equations) -> bool:
 
 
 def cost_of(function: ca.Function) -> Cost:
-    """What the instructions of an SX function cost; sines, cosines and other functions are not counted."""
+    """Operations of an SX function; sines, cosines and other functions are not counted."""
     weight = {ca.OP_DIV: 4, ca.OP_INV: 4, ca.OP_SQRT: 4}
     weight |= dict.fromkeys((ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE), 1)
     depth: dict[int, int] = {}
@@ -221,7 +221,7 @@ def _arm_residual_jacobians(arm: Arm) -> Built:
     return arm.symbols(*names), names, [M, ca.horzcat(by_q, by_v)], ["M", "R"]
 
 
-# --- the whole machine -----------------------------------------------------------------------------------------------
+# --- the whole robot -----------------------------------------------------------------------------------------------
 
 
 def _forward_dynamics(arm: Arm) -> Built:

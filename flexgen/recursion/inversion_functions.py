@@ -66,10 +66,10 @@ def _inversion_rows(arm: Arm) -> Built:
 
 
 def _inversion_jacobians(arm: Arm) -> Built:
-    return derivative_ports(arm.equations, _output_slopes(arm), _row_slopes(arm))
+    return derivative_ports(arm.equations, _output_jacobians(arm), _row_jacobians(arm))
 
 
-def _output_slopes(arm: Arm) -> list[ca.SX]:
+def _output_jacobians(arm: Arm) -> list[ca.SX]:
     """Derivatives of ``W v`` in q, and of ``W a + W' v`` in q and v, (n_y, n_a) each."""
     if arm.model.output.type == "combination":
         return [ca.SX.zeros(arm.model.output.size, arm.model.n_a) for _ in range(3)]
@@ -90,7 +90,7 @@ def _output_slopes(arm: Arm) -> list[ca.SX]:
     return [matrix_of(flat[k * size : (k + 1) * size], n) for k in range(3)]
 
 
-def _row_slopes(arm: Arm) -> list[ca.SX]:
+def _row_jacobians(arm: Arm) -> list[ca.SX]:
     """The rows without motor of ``M a + c + g`` (n_e), and their derivatives in q, v and a (n_e, n_a)."""
     inputs, e, n = arm.symbols("q_a", "v_a", "a_a"), arm.model.i_e, arm.model.n_a
     if not e:

@@ -17,7 +17,7 @@ from flexgen.recursion.tape import Scalar, Tape
 
 @dataclass
 class _Group:
-    """Neighbours with parallel axes: a frame before them that turns with none, and the axes of that frame in the world.
+    """Neighbors with parallel axes: a frame before them that turns with none, and the axes of that frame in the world.
 
     ``members``: joints by number, with the place of each in the group's frame. ``turn`` (cosine, sine): by all of them.
     ``step``: from the group's origin to the last of them, in the group's frame; ``place``: from there to what comes

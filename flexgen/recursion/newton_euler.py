@@ -97,7 +97,7 @@ def plus(a: Sequence[Scalar], b: Sequence[Scalar]) -> Vector3:
 
 @dataclass(frozen=True)
 class _Root:
-    """What neighbours with parallel axes have in common, in the frame before the first that does not turn with it.
+    """What neighbors with parallel axes have in common, in the frame before the first that does not turn with it.
 
     Of the angular velocity, of ``U e_z`` and of the acceleration (the same for all where nothing turns) only what lies
     across the axes. ``angle``, ``quarters``: turned since.
@@ -115,7 +115,7 @@ class Motion:
     """Angular velocity of a frame, acceleration of its origin, and either its angular acceleration or the column.
 
     ``spin``: angular acceleration (3), its first two entries None where ``column`` (2), the upper part of ``U e_z``, is
-    what is known. Everything in the frame's axes; products are shared by the tape. ``root``: where the neighbours with
+    what is known. Everything in the frame's axes; products are shared by the tape. ``root``: where the neighbors with
     parallel axes begin.
     """
 
@@ -239,7 +239,7 @@ def wrench(motion: Motion, body: Inertia) -> Wrench:
 def inverse_dynamics(
     tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], dv: Sequence[Scalar], columns: Sequence[bool]
 ) -> list[Scalar]:
-    """Generalised forces of the bodies, ``M dv + c + g``.
+    """Generalized forces of the bodies, ``M dv + c + g``.
 
     Parameters
     ----------
@@ -288,7 +288,7 @@ def loads(chain: Chain, moving: Sequence[Motion]) -> list[Wrench]:
 def gathered(
     chain: Chain, q: Sequence[Scalar], turns: Sequence[Turn], carried: Sequence[Wrench]
 ) -> tuple[list[Scalar], list[Wrench]]:
-    """Generalised forces that hold given wrenches on the frames of all joints, and the sums of these in each frame."""
+    """Generalized forces that hold given wrenches on the frames of all joints, and the sums of these in each frame."""
     tau: list[Scalar] = []
     sums: list[Wrench] = []
     force: Vector3 = [0.0] * 3

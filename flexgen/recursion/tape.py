@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import casadi as ca
 
-# Latency of an operation in a machine that starts any number at once; sines and cosines are looked up before.
+# Latency of an operation in a robot that starts any number at once; sines and cosines are looked up before.
 _LATENCY = {"+": 1, "-": 1, "*": 1, "+c": 1, "*c": 1, "neg": 1, "/": 4}
 
 

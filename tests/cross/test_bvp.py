@@ -17,7 +17,7 @@ from scipy.interpolate import make_interp_spline
 from toolchain import CC, STRICT, STRICT_CPP, needs_compiler, tool
 
 import flexgen
-from flexgen.analysis.linear import linearise
+from flexgen.analysis.linear import linearize
 from flexgen.analysis.zeros import inner_zeros
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.methods import bvp, collocation, lq
@@ -26,7 +26,7 @@ from flexgen.inversion.solve import make_solution
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.signatures import INVERSION
-from flexgen.mechanics.statics import at_rest
+from flexgen.mechanics.statics import equilibrium_at
 from flexgen.model.elements import Placement, RobotModel
 from flexgen.model.reader import read
 from flexgen.runtime import load
@@ -67,8 +67,8 @@ def flat_arm() -> RobotModel:
 
 
 def unstable_zeros(equations: Equations, q_a: np.ndarray) -> int:
-    rest = at_rest(equations, q_a)
-    return int(np.sum(inner_zeros(equations, linearise(equations, rest), rest).real > 0))
+    rest = equilibrium_at(equations, q_a)
+    return int(np.sum(inner_zeros(equations, linearize(equations, rest), rest).real > 0))
 
 
 # --- agreement --------------------------------------------------------------------------------------------------------
@@ -130,8 +130,8 @@ def test_the_ends_are_bound_by_what_fades_and_grows(name: str) -> None:
     # rounding; what is left is of the second order in it.
     short = question(name, mesh=1e-3, preview=3e-3)
     early = bvp.solve(short, 1e-3)
-    rest = at_rest(equations, problem.equilibrium.q_a)
-    zeros = inner_zeros(equations, linearise(equations, rest), rest).real
+    rest = equilibrium_at(equations, problem.equilibrium.q_a)
+    zeros = inner_zeros(equations, linearize(equations, rest), rest).real
     assert early.v[0, e] / (early.q[0, e] - problem.equilibrium.q_a[e]) == pytest.approx(zeros.max(), rel=1e-3)
 
 

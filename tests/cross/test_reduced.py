@@ -132,7 +132,7 @@ def test_consistent_values_are_found_again() -> None:
     assert np.abs((found - Y) / scale).max() < 1e-7 and iterations < 10
     with pytest.raises(SolverError, match="leaves the workspace"):
         far = U.copy()
-        far[:, 0] = 10.0  # ten metres away
+        far[:, 0] = 10.0  # ten meters away
         dummies.consistent(choice, Y, far, scale)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.analysis.linear import linearise
+from flexgen.analysis.linear import linearize
 from flexgen.analysis.zeros import inner_zeros, is_structured, transmission_zeros
 from flexgen.dae.signature import structural_index
 from flexgen.errors import ArgumentError
@@ -83,10 +83,10 @@ def test_planar_zeros_in_closed_form() -> None:
 
 
 def state_space_difference(equations: Equations, planted: float = 1.0) -> float:
-    """Variation of the equations at rest against the linearised, and the differenced, state-space right-hand side."""
+    """Variation of the equations at rest against the linearized, and the differenced, state-space right-hand side."""
     model = equations.model
     rest = hold_joints(equations, np.array(model.home))
-    A, B = linearise(equations, rest).state_space()
+    A, B = linearize(equations, rest).state_space()
     A = A * np.where(np.arange(len(A)) == len(A) - 1, planted, 1.0)[:, None]
     zero_a, zero_m = np.zeros(model.n_a), np.zeros(model.n_m)
     exact = evaluate(equations.function("linearize"), rest.q_a, zero_a, rest.q_m, zero_m, rest.tau_m)
@@ -103,7 +103,7 @@ def state_space_difference(equations: Equations, planted: float = 1.0) -> float:
 
 
 @pytest.mark.parametrize("name", model_names())
-def test_three_routes_to_the_linearisation(name: str) -> None:
+def test_three_routes_to_the_linearization(name: str) -> None:
     equations = flexgen.derive(name)
     assert state_space_difference(equations) < 1e-11
     assert state_space_difference(equations, planted=1.0 + 1e-6) > 1e-11  # planted bug in the last row
@@ -115,7 +115,7 @@ def test_two_routes_to_the_zeros(name: str) -> None:
     model = equations.model
     assert is_structured(equations)
     rest = hold_joints(equations, np.array(model.home))
-    linear = linearise(equations, rest)
+    linear = linearize(equations, rest)
     by_structure = inner_zeros(equations, linear, rest)
     A, B = linear.state_space()
     rate = np.sqrt(np.linalg.norm(np.linalg.solve(linear.M, linear.K)))
@@ -129,7 +129,7 @@ def test_two_routes_to_the_zeros(name: str) -> None:
 def test_planted_bug_in_the_pencil_is_caught() -> None:
     equations = flexgen.derive("planar5_nmp")
     rest = hold_joints(equations, np.array(POSE[:2]))
-    linear = linearise(equations, rest)
+    linear = linearize(equations, rest)
     W = linear.W.copy()
     W[:, 2] *= -1  # the passive joint moves the tool the other way
     A, B = linear.state_space()
@@ -168,7 +168,7 @@ def test_an_undamped_flexible_joint_robot_is_flat() -> None:
 def test_equilibrium_balances_gravity() -> None:
     analysis = flexgen.analyze("planar5_nmp", POSE)
     # by hand: 25 kg at 0.225 m, horizontal distance from joint 3 at the angle 0.3 - 1.1 + q3
-    q3 = analysis.rest.q_a[2]
+    q3 = analysis.equilibrium.q_a[2]
     assert 1.5e5 * q3 == pytest.approx(-25 * 9.81 * 0.225 * np.cos(0.3 - 1.1 + q3), rel=1e-12)
     lever1, lever2 = 0.80 * np.cos(0.3), 0.35 * np.cos(-0.8)
     moment2 = 40 * 0.17 * np.cos(-0.8) + 25 * (lever2 + 0.225 * np.cos(-0.8 + q3))
@@ -177,7 +177,7 @@ def test_equilibrium_balances_gravity() -> None:
         + 40 * (lever1 + 0.17 * np.cos(-0.8))
         + 25 * (lever1 + lever2 + 0.225 * np.cos(-0.8 + q3))
     )
-    assert np.allclose(analysis.rest.tau_m * 100, np.array([moment1, moment2]) * 9.81, rtol=1e-12)
+    assert np.allclose(analysis.equilibrium.tau_m * 100, np.array([moment1, moment2]) * 9.81, rtol=1e-12)
 
 
 @pytest.mark.parametrize("pose", [(0.1,), (0.1, 0.2, 0.3, 0.4), (0.1, float("nan"), 0.0)])

@@ -20,7 +20,7 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class Elbow:
-    """Two-link elbow manipulator in a vertical plane: q1 from the vertical, q2 the elbow; inertias about the centres.
+    """Two-link elbow manipulator in a vertical plane: q1 from the vertical, q2 the elbow; inertias about the centers.
 
     Numbers of axes 2 and 3 of a KUKA KR300 R2500 ultra (J. Weigand et al.) seen as such an arm.
     """

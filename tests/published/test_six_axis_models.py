@@ -11,7 +11,7 @@ import pytest
 import scipy.linalg
 
 import flexgen
-from flexgen.analysis.linear import LinearModel, linearise
+from flexgen.analysis.linear import LinearModel, linearize
 from flexgen.analysis.zeros import inner_pencil, inner_zeros, zero_report
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
@@ -41,7 +41,7 @@ def equations_of(name: str) -> Equations:
 
 def at_rest(equations: Equations, q_g: np.ndarray) -> tuple[Equilibrium, LinearModel]:
     rest = hold_joints(equations, q_g)
-    return rest, linearise(equations, rest)
+    return rest, linearize(equations, rest)
 
 
 def follow(equations: Equations, path: ToolPath, poses: int) -> np.ndarray:

@@ -10,8 +10,9 @@ import ast
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -68,12 +69,8 @@ TO_SPLIT = {
     ("flexgen.cli.main", "build_parser"),
     ("flexgen.codegen.function_files", "source"),
     ("flexgen.expressions.solve_loops", "solve_text"),
-    ("flexgen.inversion.methods.full_model", "collocate_full"),
-    ("flexgen.inversion.solve", "solve"),
     ("flexgen.reports.html", "write_report"),
     ("flexgen.runtime.path_inversion", "__call__"),
-    ("flexgen.simulation.simulate", "simulate"),
-    ("flexgen.sweeps.sweep", "sweep"),
 }
 
 
@@ -87,20 +84,18 @@ class Import:
     late: bool
 
 
-def imports_of(module: str, text: str, known: Iterable[str]) -> list[Import]:
-    """All imports of a module's source."""
-    modules = set(known)
-    out: list[Import] = []
+@cache
+def written_imports(text: str) -> list[tuple[str, str, int, bool]]:
+    """Imports of a source as written: module, name (empty for ``import module``), line, and whether it is late."""
+    out: list[tuple[str, str, int, bool]] = []
 
     def walk(node: ast.AST, late: bool) -> None:
         if isinstance(node, ast.Import):
-            out.extend(Import(module, alias.name, node.lineno, late) for alias in node.names)
+            out.extend((alias.name, "", node.lineno, late) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{module}:{node.lineno}: relative import"
+            assert node.level == 0, f"line {node.lineno}: relative import of {node.module}"
             assert node.module is not None
-            for alias in node.names:
-                full = f"{node.module}.{alias.name}"
-                out.append(Import(module, full if full in modules else node.module, node.lineno, late))
+            out.extend((node.module, alias.name, node.lineno, late) for alias in node.names)
         for child in ast.iter_child_nodes(node):
             inside = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
             guarded = isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test) and child in node.body
@@ -108,6 +103,14 @@ def imports_of(module: str, text: str, known: Iterable[str]) -> list[Import]:
 
     walk(ast.parse(text), False)
     return out
+
+
+def imports_of(module: str, text: str, known: Container[str]) -> list[Import]:
+    """All imports of a module's source; names that are modules among the ``known`` ones are targets themselves."""
+    return [
+        Import(module, f"{base}.{name}" if name and f"{base}.{name}" in known else base, line, late)
+        for base, name, line, late in written_imports(text)
+    ]
 
 
 def sources(root: Path = ROOT) -> dict[str, str]:
@@ -209,6 +212,16 @@ def files(root: Path = ROOT) -> dict[str, str]:
     """Text of every Python file in the folders of `MEASURED`, by its path below the root."""
     found = (path for folder in MEASURED for path in sorted((root / folder).rglob("*.py")))
     return {path.relative_to(root).as_posix(): path.read_text(encoding="utf-8") for path in found}
+
+
+@cache
+def functions(text: str) -> list[tuple[str, int, int]]:
+    """Functions of a source: name, first line, number of lines."""
+    return [
+        (node.name, node.lineno, (node.end_lineno or node.lineno) - node.lineno + 1)
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    ]
 
 
 def size_violations(texts: dict[str, str]) -> list[str]:

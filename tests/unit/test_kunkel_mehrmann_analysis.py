@@ -18,7 +18,7 @@ from flexgen.dae import strangeness_index as module
 from flexgen.dae.derivative_array import DerivativeArray
 from flexgen.dae.strangeness_index import (
     KunkelMehrmann,
-    characterise,
+    characterize,
     decide_rank,
     kunkel_mehrmann,
     kunkel_mehrmann_at_rest,
@@ -216,7 +216,7 @@ def chain(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("n", [1, 2, 3, 5])
 def test_a_chain_of_integrators(n: int) -> None:
-    found = characterise(*chain(n), Scales(1.0, np.ones(n), np.ones(n)))
+    found = characterize(*chain(n), Scales(1.0, np.ones(n), np.ones(n)))
     assert numbers(found) == ("regular", n - 1, n, 0, 0, n)
 
 
@@ -237,9 +237,9 @@ def test_gear_damping_that_is_ignored_is_seen() -> None:
         return F_x, F_dx
 
     x = np.zeros((1, 10, dae.n_x))
-    x[0, 0] = dae.pack(flexgen.analyze(equations).rest)
+    x[0, 0] = dae.pack(flexgen.analyze(equations).equilibrium)
     F_x, F_dx = undamped(x)
-    assert numbers(characterise(F_x[0], F_dx[0], series.scales(x[0, 0])))[1:4] == (4, 10, 2)
+    assert numbers(characterize(F_x[0], F_dx[0], series.scales(x[0, 0])))[1:4] == (4, 10, 2)
 
 
 def nested_array(dae: InverseDae, path: Path, t: float, jets: np.ndarray, mu: int) -> tuple[np.ndarray, np.ndarray]:
@@ -379,7 +379,7 @@ def test_wrong_instants_are_refused(times: list[float]) -> None:
 def test_a_path_out_of_reach_is_refused() -> None:
     equations = flexgen.derive("planar5_nmp")
     far = replace(equations.model.move(), displacement=(3.0, 0.0, 0.0))
-    with pytest.raises(SolverError, match=r"no pose of rest|singular pose"):
+    with pytest.raises(SolverError, match=r"no static equilibrium|singular pose"):
         kunkel_mehrmann(equations, Path(equations, far))
 
 

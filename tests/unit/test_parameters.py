@@ -12,7 +12,7 @@ from toolchain import needs_compiler
 from flexgen.build.generate import generate
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import derive
-from flexgen.mechanics.parameters import parametrised
+from flexgen.mechanics.parameters import parametrized
 from flexgen.model.elements import Dof, Element, Gear, LinearSpring
 from flexgen.model.reader import read
 from flexgen.runtime import load
@@ -98,7 +98,7 @@ def test_functions_that_do_not_depend_on_them_do_not_ask_for_them():
 
 
 def test_names_units_and_groups():
-    made = parametrised(read("abb_arm"), ["friction", "e1.stiffness", "q1.cubic"])
+    made = parametrized(read("abb_arm"), ["friction", "e1.stiffness", "q1.cubic"])
     listed = {parameter.name: (parameter.value, parameter.unit) for parameter in made.parameters}
     model = read("abb_arm")
     assert set(listed) >= {"q1.cubic", "e1.stiffness", "m1.viscous", "m1.coulomb"} and "q1.stiffness" not in listed
@@ -108,9 +108,9 @@ def test_names_units_and_groups():
 
 
 def test_every_parameter_says_what_it_is():
-    said = {p.name: p.doc for p in parametrised(read("manutec_r3"), ["stiffness", "damping", "friction"]).parameters}
-    said |= {p.name: p.doc for p in parametrised(read("elbow"), ["stiffness", "payload"]).parameters}
-    said |= {p.name: p.doc for p in parametrised(read("abb_arm"), ["stiffness"]).parameters}
+    said = {p.name: p.doc for p in parametrized(read("manutec_r3"), ["stiffness", "damping", "friction"]).parameters}
+    said |= {p.name: p.doc for p in parametrized(read("elbow"), ["stiffness", "payload"]).parameters}
+    said |= {p.name: p.doc for p in parametrized(read("abb_arm"), ["stiffness"]).parameters}
     motor, joint = read("manutec_r3").motors[0].name, read("manutec_r3").coordinates[5].name
     assert said["q1.damping"] == "damping of q1, motor side"
     assert said[f"{motor}.coulomb"] == f"friction of motor {motor}, motor side"
@@ -127,7 +127,7 @@ def test_numbers_stated_on_the_motor_side_have_units_of_the_motor():
         dof = model.elements[0].dofs[0]
         gear = Gear(False, side, LinearSpring(2.0), 0.1)
         first: Element = replace(model.elements[0], dofs=(replace(dof, type=kind, gear=gear),))
-        made = parametrised(replace(model, elements=(first, *model.elements[1:])), ["stiffness", "damping"])
+        made = parametrized(replace(model, elements=(first, *model.elements[1:])), ["stiffness", "damping"])
         return {p.name: p.unit for p in made.parameters if p.name.startswith(f"{dof.name}.")}
 
     name = model.elements[0].dofs[0].name

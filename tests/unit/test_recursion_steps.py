@@ -1,4 +1,4 @@
-"""The steps of the fast path's specialisation, each alone: frames, regrouping, dust, massless bodies."""
+"""The steps of the fast path's specialization, each alone: frames, regrouping, dust, massless bodies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Solvability of the inverse dynamics at a pose and along a path, and controllability of the linearisation."""
+"""Solvability of the inverse dynamics at a pose and along a path, and controllability of the linearization."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from planar_family import planar_arm
 
 import flexgen
-from flexgen.analysis.linear import LinearModel, linearise
+from flexgen.analysis.linear import LinearModel, linearize
 from flexgen.analysis.solvability import controllability, solvability, solvability_path
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
@@ -26,17 +26,17 @@ FLAT = ("abb_arm", "manutec_r3_efjm", "planar5_family")
 
 def at_pose(equations: Equations, pose: tuple[float, ...]):
     rest = hold_joints(equations, np.array(pose))
-    return solvability(equations, rest, linearise(equations, rest))
+    return solvability(equations, rest, linearize(equations, rest))
 
 
 def effect_of_the_drives(equations: Equations, pose: tuple[float, ...]) -> np.ndarray:
-    """P from the state-space linearisation: how motor speeds, angles or torques accelerate the output."""
+    """P from the state-space linearization: how motor speeds, angles or torques accelerate the output."""
     model = equations.model
     rest = hold_joints(equations, np.array(pose))
-    A, B = linearise(equations, rest).state_space()
+    A, B = linearize(equations, rest).state_space()
     n = model.dof
     W = np.zeros((model.output.size, n))
-    W[:, : model.n_a] = linearise(equations, rest).W[:, : model.n_a]
+    W[:, : model.n_a] = linearize(equations, rest).W[:, : model.n_a]
     out = np.zeros((model.output.size, model.n_g))
     kinds = {c.name: c.dof.gear for c in model.coordinates if c.dof is not None and c.dof.gear is not None}
     rigid = [j for j in range(model.n_m) if j not in model.i_m]
@@ -87,7 +87,7 @@ def test_determinant_tells_why() -> None:
         arm = planar_arm(np.random.default_rng(8), distance)
         equations = Equations(arm.model)
         rest = hold_joints(equations, np.array(arm.pose))
-        linear = linearise(equations, rest)
+        linear = linearize(equations, rest)
         M, W = linear.M[:3, :3], linear.W[:, :3]
         A = arm.i_eff / arm.kappa
         expected = np.linalg.det(W[:, :2]) * A / np.linalg.det(M)
@@ -149,15 +149,15 @@ def test_elasticity_beyond_the_last_of_six_axes() -> None:
 def test_a_gear_that_passes_on_nothing() -> None:
     model = read("elbow")
     upper = model.elements[0]
-    # without smoothing the dead band has no slope at all at its centre, where gravity is off
+    # without smoothing the dead band has no slope at all at its center, where gravity is off
     gear = replace(upper.dofs[0].gear, spring=BacklashSpring(7.5e6, 1e-3, 1e-9), damping=0.0)  # type: ignore[type-var]
     loose = replace(upper, dofs=(replace(upper.dofs[0], gear=gear),))
     equations = Equations(replace(model, elements=(loose, *model.elements[1:]), gravity=(0.0, 0.0, 0.0)))
     rest = hold_joints(equations, np.array(model.home))
     slope = evaluate(equations.function("gear_law"), np.zeros(2))[1][0]
     assert slope[0] < 1e-4
-    found = solvability(equations, rest, linearise(equations, rest))
-    assert any("gear of q1" in text and "passes on nothing" in text for text in found.warnings)
+    found = solvability(equations, rest, linearize(equations, rest))
+    assert any("gear of q1" in text and "transmits no torque" in text for text in found.warnings)
     assert found.regular is False
 
 
@@ -230,7 +230,7 @@ def test_a_path_through_a_singular_pose_is_told() -> None:
 def test_refusals_along_a_path() -> None:
     equations = flexgen.derive("planar5_nmp")
     path = Path(equations, equations.model.move())
-    with pytest.raises(ArgumentError, match="expected n >= 1"):
+    with pytest.raises(ArgumentError, match="given n = 0, expected 1 pose or more"):
         solvability_path(equations, path, n=0)
     motors = tuple(replace(motor, axis=(0.0, 0.0, 1.0), carrier="base") for motor in equations.model.motors)
     complete = Equations(replace(equations.model, motors=motors, motor_coupling="complete"))

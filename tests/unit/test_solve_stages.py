@@ -16,7 +16,7 @@ from flexgen.inversion.motor_side import deflections
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.solution import residual_max
 from flexgen.inversion.status import Status
-from flexgen.mechanics.statics import gear_twist
+from flexgen.mechanics.statics import gear_deflection
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.tableaus import gauss, radau
@@ -107,7 +107,7 @@ def test_gear_twist_inverts_every_spring(spring: dict[str, object]) -> None:
     model = read("planar5_mp", overrides={"element.arm1.dof.q1.gear.spring": spring})
     equations = flexgen.derive(model)
     tau = np.linspace(-3000, 3000, 61)[:, None] * np.array([1.0, 0.5])
-    back = evaluate(equations.function("gear_law"), gear_twist(equations, tau))[0]
+    back = evaluate(equations.function("gear_law"), gear_deflection(equations, tau))[0]
     assert np.abs(back - tau).max() < 1e-9 * 3000
 
 

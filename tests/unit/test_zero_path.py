@@ -11,15 +11,15 @@ import pytest
 from planar_family import PlanarArm, planar_arm
 
 import flexgen
-from flexgen.analysis.arm_linearization import ArmLinearization, arm_variation
-from flexgen.analysis.linear import linearise
+from flexgen.analysis.arm_linearization import ArmLinearization, arm_linearization
+from flexgen.analysis.linear import linearize
 from flexgen.analysis.zeros import inner_zeros, zero_report
-from flexgen.analysis.zeros_along_path import growing, zero_path, zeros_at
+from flexgen.analysis.zeros_along_path import is_unstable, zero_path, zeros_at
 from flexgen.analysis.zeros_in_motion import moving_pencil, quasistatic_motion
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.quasistatic import poses_along
-from flexgen.mechanics.statics import at_rest, hold_joints
+from flexgen.mechanics.statics import equilibrium_at, hold_joints
 from flexgen.model.elements import Body, Placement
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
@@ -44,8 +44,8 @@ def verdict_along(arm: PlanarArm, plant: Break = lambda x: x) -> bool:
     """Minimum phase or not by the route of `zero_path`."""
     equations = Equations(arm.model)
     rest = hold_joints(equations, np.array(arm.pose))
-    roots, _, _ = zeros_at(equations, plant(arm_variation(equations, rest.q_a[None])), np.zeros(1))
-    return not growing(roots[0]).any()
+    roots, _, _ = zeros_at(equations, plant(arm_linearization(equations, rest.q_a[None])), np.zeros(1))
+    return not is_unstable(roots[0]).any()
 
 
 @pytest.mark.parametrize("bent", [False, True])
@@ -54,7 +54,7 @@ def test_no_wrong_verdict_on_a_hundred_planar_arms(bent: bool) -> None:
     for arm in arms(bent):
         equations = Equations(arm.model)
         rest = hold_joints(equations, np.array(arm.pose))
-        phase = zero_report(equations, linearise(equations, rest), rest).phase
+        phase = zero_report(equations, linearize(equations, rest), rest).phase
         wrong += (phase == "minimum phase") != arm.minimum_phase
         wrong += verdict_along(arm) != arm.minimum_phase
         if arm.kappa > 0:  # then the sign of the effective inertia alone decides
@@ -84,7 +84,7 @@ def test_zeros_of_planar_arms_in_closed_form(bent: bool) -> None:
     for arm in arms(bent, gravity=False)[:20]:
         equations = Equations(arm.model)
         rest = hold_joints(equations, np.array(arm.pose))
-        roots, _, _ = zeros_at(equations, arm_variation(equations, rest.q_a[None]), np.zeros(1))
+        roots, _, _ = zeros_at(equations, arm_linearization(equations, rest.q_a[None]), np.zeros(1))
         for zero in arm.zeros():
             # the effective inertia of the nearest arms is a difference that has lost six digits
             allowed = max(CLOSED, 1e-14 * abs(zero) ** 2)
@@ -98,8 +98,8 @@ def test_the_batch_agrees_with_each_pose_alone(name: str) -> None:
     found = zero_path(equations, path, n=4)
     assert found.zeros.shape[0] == len(found.t) == 4
     for q, zeros in zip(found.q, found.zeros, strict=True):
-        rest = at_rest(equations, q)
-        alone = inner_zeros(equations, linearise(equations, rest), rest)
+        rest = equilibrium_at(equations, q)
+        alone = inner_zeros(equations, linearize(equations, rest), rest)
         finite = zeros[np.isfinite(zeros)]
         assert len(alone) == len(finite)
         for zero in alone:
@@ -129,7 +129,9 @@ def test_verdict_of_the_planar_arm() -> None:
     assert found.changes == ()
     assert found.slowest == pytest.approx(891.8, rel=1e-3)
     assert found.preview_s == pytest.approx(5 / 891.8, rel=1e-3)
-    assert found.verdict.startswith("non-minimum phase: 1 of 4 zeros unstable, 892 1/s; preview 5.61 ms; use lq")
+    assert found.verdict.startswith(
+        "non-minimum phase: 1 of 4 zeros unstable, 892 1/s; preview required for exact tracking 5.61 ms; use lq"
+    )
 
 
 @pytest.mark.parametrize(
@@ -243,7 +245,7 @@ def test_the_pencil_of_a_moving_machine_by_differences(name: str) -> None:
     i_e, rows = list(model.i_e), equations.function("inversion_rows")
     e = np.stack([q[0, i_e], v[0, i_e], a[0, i_e]], axis=1)
     found = moving_pencil(equations, *on_path(equations, sample, q[0], e))
-    resting = arm_variation(equations, q).inner()
+    resting = arm_linearization(equations, q).inner()
     for level, step in ((0, 1e-5), (1, 1e-3), (2, 1e-1)):
         differenced = np.zeros((model.n_e, model.n_e))
         for j in range(model.n_e):

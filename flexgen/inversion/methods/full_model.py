@@ -33,7 +33,7 @@ from flexgen.inversion.reduced_problem import Motion, Reduction
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.outputs import output_map
-from flexgen.mechanics.statics import at_rest, reach
+from flexgen.mechanics.statics import equilibrium_at, reach
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.nlp import NlpResult, Progress, solve_nlp
@@ -294,7 +294,7 @@ def _slow_motion(equations: Equations, path: Path, mesh: Transcription) -> _Slow
     reduction = Reduction(Equations(simple) if model.motor_coupling == "complete" else equations)
     times = np.unique(np.concatenate([mesh.nodes, mesh.times]))
     arm = reduction.follow(path, times, reduction.start(path).q_a)
-    ends = [at_rest(equations, arm[0]), at_rest(equations, arm[-1])]
+    ends = [equilibrium_at(equations, arm[0]), equilibrium_at(equations, arm[-1])]
     i_m = list(model.i_m)
     geared = (arm[:, list(model.i_g)] @ model.eta.T)[:, i_m]
     share = np.linspace(0, 1, len(times))[:, None]
