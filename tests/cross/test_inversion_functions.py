@@ -234,14 +234,14 @@ def test_sizes_and_units():
     assert ports["target"].shape == (12,) and "rotation matrix by columns" in ports["target"].doc
     assert "row" not in ports  # there is no coordinate without motor
     text = emit(pose)["manutec_r3.h"]
-    assert "#define MANUTEC_R3_NT 12 /* numbers of a target of the output */" in text
+    assert "#define MANUTEC_R3_NT 12 /* numbers of an output sample */" in text
 
 
 @pytest.mark.parametrize("names", [["payload", "stiffness"], ["friction", "damping"]])
 def test_run_time_parameters_are_arguments(names):
     equations = derive("planar5_nmp", names)
     spec = library_spec(equations)
-    assert spec.cores == () and spec.drives is None
+    assert spec.c_functions == () and spec.motor_constants is None
     numbers = np.array([parameter.value for parameter in equations.parameters])
     given = {**state(equations.model), "parameters": 1.3 * numbers, "v_m": np.ones(2)}
     for name in (*MADE_OF_TAPES, "gear_law", "motor_friction"):
@@ -257,11 +257,10 @@ def test_run_time_parameters_are_arguments(names):
 def test_hand_written_c_has_the_librarys_name():
     spec = library_spec(derive("planar5_nmp"))
     texts = emit(spec)
-    made = {name: text for name, text in texts.items() if name.startswith("planar5_nmp_inver") or "drives" in name}
-    assert {"planar5_nmp_invert.c", "planar5_nmp_inversion.h", "planar5_nmp_drives.h"} <= set(made)
+    constants = texts["src/planar5_nmp_motor_constants.h"].splitlines()
+    assert {"src/planar5_nmp_invert.c", "planar5_nmp_inversion.h"} <= set(texts)
     for name, text in texts.items():
         assert "model_" not in text and "MODEL_" not in text, name
-    drives = texts["planar5_nmp_drives.h"]
     for line in (
         "static const int i_g[PLANAR5_NMP_NG] = {0, 1};",
         "static const int i_e[PLANAR5_NMP_NE] = {2};",
@@ -269,23 +268,25 @@ def test_hand_written_c_has_the_librarys_name():
         "static const real rotor_inertia[PLANAR5_NMP_NM] = {0.004, 0.0025};",
         "#define PLANAR5_NMP_POSE 0 /* the output is a pose: position, then rotation */",
     ):
-        assert line in drives.splitlines()
-    assert "planar5_nmp_invert(int n" in texts["planar5_nmp.h"]
+        assert line in constants
+    assert "planar5_nmp_status planar5_nmp_invert(" in texts["planar5_nmp_inversion.h"]
 
 
-def test_drives_are_those_of_the_model():
-    drives = library_spec(equations_of("four_mass")).drives
+def test_motor_constants_are_those_of_the_model():
+    constants = library_spec(equations_of("four_mass")).motor_constants
     model = equations_of("four_mass").model
-    assert np.array_equal(drives.eta, model.eta) and np.allclose(np.array(drives.eta_inverse) @ model.eta, np.eye(1))
-    pose = library_spec(equations_of("ur5_elastic"), INVERSION).drives
+    assert np.array_equal(constants.eta, model.eta) and np.allclose(
+        np.array(constants.eta_inverse) @ model.eta, np.eye(1)
+    )
+    pose = library_spec(equations_of("ur5_elastic"), INVERSION).motor_constants
     assert pose.pose and all(pose.gear_is_rigid) and not any(pose.gear_damping)
 
 
 def test_who_has_the_hand_written_functions(tmp_path):
     equations = derive("planar5_nmp")
-    assert [core.name for core in library_spec(equations).cores][:2] == ["invert_work", "invert"]
-    assert library_spec(equations, INVERSION).cores
-    assert not library_spec(equations, ["gravity"]).cores
-    assert not library_spec(equations, precision="single").cores
+    assert [function.name for function in library_spec(equations).c_functions][:2] == ["invert_work", "invert"]
+    assert library_spec(equations, INVERSION).c_functions
+    assert not library_spec(equations, ["gravity"]).c_functions
+    assert not library_spec(equations, precision="single").c_functions
     few = generate(equations, tmp_path / "few", functions=["gravity"], build=False)
     assert not any("invert" in path.name for path in few.files)
