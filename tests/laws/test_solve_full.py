@@ -25,6 +25,7 @@ COMPLETE = {
 MICRON = 1e-6  # what a user is promised
 
 
+@pytest.mark.slow
 def test_full_and_reduced_agree() -> None:
     equations = flexgen.derive("planar5_nmp")
     reduced = flexgen.solve(equations, verify=False)
@@ -48,6 +49,7 @@ def test_torque_limits_are_kept_and_their_price_is_told() -> None:
     assert solution.plan_error_max is not None and solution.plan_error_max < 1e-5
 
 
+@pytest.mark.slow
 def test_speed_limits_are_kept() -> None:
     equations = flexgen.derive("planar5_nmp")
     solution = flexgen.solve(equations, limits=Limits(speed=(1000.0, 250.0)))

@@ -292,6 +292,7 @@ def test_the_stream_of_the_example_drives_a_robot(tmp_path):
     assert float(runs["jump"][-1].split()[-2]) < 1e-2
 
 
+@pytest.mark.slow
 def test_the_example_sees_memory_that_is_too_small(tmp_path):
     folder = made(PLANAR).directory
     text = (ROOT / "examples" / "stream.c").read_text(encoding="ascii")

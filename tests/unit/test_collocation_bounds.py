@@ -47,6 +47,7 @@ def test_torque_and_speed_together_are_planned_exactly() -> None:
     assert np.abs(moved).max() > 100 * PLAN
 
 
+@pytest.mark.slow
 def test_deflections_are_bounded() -> None:
     equations = flexgen.derive("planar5_nmp")
     free = flexgen.solve(equations, verify=False, method="collocation").trajectory
@@ -75,6 +76,7 @@ def test_bounds_that_do_not_act_change_nothing() -> None:
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < 2e-6
 
 
+@pytest.mark.slow
 def test_bounds_behind_rigid_gears() -> None:
     equations = flexgen.derive("elbow@rigid")
     free = flexgen.solve(equations, verify=False).trajectory

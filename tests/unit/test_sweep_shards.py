@@ -81,6 +81,7 @@ class Stop:
             raise KeyboardInterrupt
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", [0, 2])
 def test_an_interruption_loses_what_was_running_and_nothing_else(tmp_path, workers) -> None:
     grid, out = batch_grid(7), tmp_path / "out"
