@@ -1,4 +1,4 @@
-"""The distribution: its name and version, the files beside the modules, what may be installed by which name."""
+"""The distribution: its name and version, the files beside the modules, the extras of the Makefile."""
 
 from __future__ import annotations
 
@@ -8,15 +8,10 @@ import tomllib
 from fnmatch import fnmatch
 from pathlib import Path
 
-import pytest
-
 import flexgen
 
 ROOT = Path(__file__).resolve().parents[2]
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-# The name "flexgen" on PyPI is another program: nothing may install it.
-OTHER_PROGRAM = re.compile(r"""pip3? install[^\n]*[\s'"`]flexgen(?![-_./\w])|(?<![-\w])flexgen\[[a-z, ]+\]""")
-TEXTS = (".md", ".py", ".toml", ".c", ".h", ".cpp", ".yaml", ".cff", "Makefile")
 
 
 def unpacked(settings: dict) -> list[str]:
@@ -65,29 +60,3 @@ def test_help_lists_every_target():
     (targets,) = re.findall(r"^\.PHONY:(.*)$", text, re.MULTILINE)
     out = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     assert sorted(line.split()[1] for line in out.splitlines() if line.startswith("make ")) == sorted(targets.split())
-
-
-def texts() -> dict[str, str]:
-    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False)
-    if listed.returncode != 0:
-        pytest.skip("not a git clone")
-    files = [name for name in listed.stdout.splitlines() if name.endswith(TEXTS) and (ROOT / name).is_file()]
-    return {name: (ROOT / name).read_text(encoding="utf-8") for name in files if name != "tests/unit/test_packaging.py"}
-
-
-def test_nothing_installs_the_other_program():
-    assert {name: found[0] for name, text in texts().items() if (found := OTHER_PROGRAM.search(text))} == {}
-
-
-@pytest.mark.parametrize(
-    "line", ["pip install flexgen", "pip install -U 'flexgen[distributed]'", "needs flexgen[parquet]"]
-)
-def test_a_line_that_would_install_it_is_seen(line):
-    assert OTHER_PROGRAM.search(line)
-
-
-@pytest.mark.parametrize(
-    "line", ["pip install .", "pip install 'flexgen-robotics[parquet]'", "pip install -e ./flexgen", "import flexgen"]
-)
-def test_the_right_lines_are_not(line):
-    assert not OTHER_PROGRAM.search(line)
