@@ -112,7 +112,7 @@ def test_sources_are_strict_c99_and_pure(name, tmp_path):
         CC,
         *STRICT,
         "-Wshadow",
-        "example.c",
+        folder / "example.c",
         *sources(folder),
         "-lm",
         "-o",
@@ -302,6 +302,7 @@ def test_text_cannot_leave_a_comment(tmp_path):
         dataclasses.replace(spec, functions=(dataclasses.replace(f, summary=evil, equation=evil, outputs=(port,)),))
     )
     for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text, encoding="ascii")
     run(CC, *STRICT, "-fsyntax-only", "example.c", *sources(tmp_path), folder=tmp_path)
     assert "evil" not in run("nm", _compiled(tmp_path, "src/elbow.c"), folder=tmp_path)

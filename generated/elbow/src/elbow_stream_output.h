@@ -120,10 +120,10 @@ static inline real step_of_torque(real *s, const layout *l, const real *tau_m)
 static inline int motors_in_interval(real *s, const layout *l, const interval *out, real *step)
 {
     const ptrdiff_t samples_per_interval = (ptrdiff_t)s[SAMPLES_PER_INTERVAL];
-    real *space = s + l->space, stiffness[NG];
+    real *space = s + l->space, last_stiffness[NG];
     gears g;
     if (!begin_gears(&g, s[PERIOD] / (real)samples_per_interval, s + l->now, space) ||
-        !static_deflections(s + l->tau, l->window, s + l->now, s + l->deflection, stiffness, 0, space)) {
+        !static_deflections(s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, 0, space)) {
         return ELBOW_RESULT_NOT_FINITE;
     }
     for (ptrdiff_t k = MARGIN; k + MARGIN < l->window; ++k) {
