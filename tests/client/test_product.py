@@ -171,7 +171,7 @@ def test_nothing_else_is_exported_and_nothing_else_is_needed(name, compiler, lev
     assert all(f"{symbol}(" in headers for symbol in defined)
     needed = {line.split()[-1] for line in listed if " U " in line} - defined - {"_GLOBAL_OFFSET_TABLE_"}
     assert needed <= BY_ITSELF
-    assert all(word in header for word in needed)
+    assert all(word in headers for word in needed)
 
 
 def test_the_static_library_has_the_same_symbols():
