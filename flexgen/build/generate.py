@@ -16,7 +16,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from typing import Any
 from flexgen import __version__
 from flexgen.build.compiler import Compiler, build_libraries, find_compiler
 from flexgen.build.packaging import packaging
+from flexgen.codegen.amalgamation import amalgamated
 from flexgen.codegen.clib_table import STRUCTS, signature_of
 from flexgen.codegen.spec import (
     ABI_VERSION,
@@ -87,6 +88,7 @@ def generate(
     parameters: Sequence[str] = (),
     native: bool = False,
     openmp: bool = False,
+    amalgamate: bool = False,
     progress: Callable[[str], None] | None = None,
     force: bool = False,
 ) -> Generated:
@@ -113,6 +115,8 @@ def generate(
         which give the same bits with every compiler and on every processor.
     openmp : bool
         True: batches use all cores.
+    amalgamate : bool
+        True: one header ``<name>.h`` and one source ``<name>.c`` instead of many files; the results have the same bits.
     progress : callable, optional
         Called with a line of text before each step.
     force : bool
@@ -141,7 +145,7 @@ def generate(
         raise ArgumentError("parameters: given beside equations, expected them in derive(model, parameters)")
     name = library_name(model)
     target = Path("generated", name) if directory is None else _folder(directory)
-    digest = _content_digest(model, [names, precision, list(parameters), equations is not None])
+    digest = _content_digest(model, [names, precision, list(parameters), equations is not None, bool(amalgamate)])
     options = {"native": bool(native), "openmp": bool(openmp)}
     compiler = find_compiler(**options) if build else None
     old = _read_manifest(target)
@@ -158,6 +162,7 @@ def generate(
         manifest, texts = dict(old), {file: (target / file).read_text(encoding="ascii") for file in old["files"]}
     else:
         manifest, texts = _written(model, equations, names, precision, parameters, digest, tell)
+        texts = amalgamated(name, texts) if amalgamate else texts
     sources = [file for file in texts if file.endswith(".c") and file != "example.c"]
     public = [file for file in texts if file.endswith(".h") and "/" not in file]
     texts |= packaging(name, sources, public, openmp=openmp)
@@ -196,6 +201,10 @@ def _written(
     from flexgen.codegen.emit import emit, function_texts
 
     spec = library_spec(equations, names, precision=precision)
+    if spec.c_functions:
+        from flexgen.build.stream_defaults import stream_defaults
+
+        spec = replace(spec, stream=stream_defaults(model, spec))
     written = function_texts(spec)
     return _manifest(spec, digest, {f: text.work > 0 for f, text in written.items()}), emit(spec, written)
 
@@ -231,7 +240,7 @@ def _content_digest(model: RobotModel, choices: Sequence[Any]) -> str:
     """
     root = Path(__file__).resolve().parent.parent
     sources = [root / "ports.py", root / "model" / "elements.py"]
-    for folder in ("build", "codegen", "expressions", "mechanics", "numerics", "recursion"):
+    for folder in ("analysis", "build", "codegen", "expressions", "mechanics", "numerics", "recursion"):
         sources += sorted((root / folder).glob("*.py"))
     sources += sorted(path for path in (root / "clib").glob("*") if path.suffix in (".c", ".h"))
     code = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()

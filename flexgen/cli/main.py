@@ -167,6 +167,7 @@ def build_parser() -> argparse.ArgumentParser:
     sub.add_argument("--single", action="store_true", help="numbers of single precision (float)")
     sub.add_argument("--native", action="store_true", help="compile for this processor: faster, other last bits")
     sub.add_argument("--openmp", action="store_true", help="batches on all cores")
+    sub.add_argument("--amalgamate", action="store_true", help="write one header and one C file")
     sub.add_argument("--force", action="store_true", help="build even where nothing has changed")
 
     sub = verb("solve")

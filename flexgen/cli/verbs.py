@@ -227,6 +227,7 @@ def generate(args: Namespace, tell: Tell) -> Answer:
         parameters=args.parameters,
         native=args.native,
         openmp=args.openmp,
+        amalgamate=args.amalgamate,
         progress=tell,
         force=args.force,
     )

@@ -33,7 +33,7 @@ int64_t model_bvp_work(int n, const model_inversion_options *options)
 {
     whole_layout l;
     int64_t end;
-    if (options == NULL || !sizes_fit(n, options)) {
+    if (options == NULL || !path_sizes_fit(n, options)) {
         return -1;
     }
     l = lay_out(n, options, INTERVAL_FACTOR);
@@ -43,7 +43,7 @@ int64_t model_bvp_work(int n, const model_inversion_options *options)
 
 /* The rows at both ends, from rest at q; the numbers of unstable zeros go to `info`. */
 static int bind_ends(
-    two_point *b, const path *p, const real *q, blocks_space *w, model_inversion_info *info, real *space)
+    two_point *b, const model_path *p, const real *q, blocks_space *w, model_inversion_info *info, real *space)
 {
     const real *target = p->y + (p->n - 1) * (ptrdiff_t)NT;
     const real *q_g = b->m.q_g + ((ptrdiff_t)b->m.N * STAGES - 1) * NG;

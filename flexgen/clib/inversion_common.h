@@ -21,9 +21,11 @@ enum {
 };
 
 static const real gauss_c[STAGES] = {0.11270166537925831, 0.5, 0.8872983346207417};
+#if MODEL_NE > 0
 static const real gauss_b[STAGES] = {5.0 / 18.0, 4.0 / 9.0, 5.0 / 18.0};
 static const real gauss_A[STAGES][STAGES] = {{5.0 / 36.0, -0.035976667524938878, 0.0097894440152484326},
     {0.30026319498086457, 2.0 / 9.0, -0.022485417203086778}, {0.26798833376246944, 0.48042111196938331, 5.0 / 36.0}};
+#endif
 
 /* The largest size; NaN where an entry is not finite, so that no comparison holds. */
 static inline real largest(const real *x, int n)

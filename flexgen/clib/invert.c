@@ -33,7 +33,7 @@ int64_t model_invert_work(int n, const model_inversion_options *options)
 {
     whole_layout l;
     int64_t end;
-    if (options == NULL || !sizes_fit(n, options)) {
+    if (options == NULL || !path_sizes_fit(n, options)) {
         return -1;
     }
 #if MODEL_NE > 0

@@ -8,8 +8,10 @@
 
 enum { LEAST_AHEAD = 4 }; /* intervals of a horizon that can be bent */
 
-static const real felt = 1e-3;  /* of a change of the path: what of it motions that are under way may ask for */
-static const real broken = 2.5; /* of a bound: limits passed by more are not kept at all, and the stream ends */
+#if MODEL_NE > 0
+static const real preview_share = 1e-3; /* part of a change of the path that the present motion may react to */
+#endif
+static const real infeasible_factor = 2.5; /* times a limit: a stream that exceeds it more fails */
 
 /* Seconds in which a deviation fades. */
 static inline real decaying(const real *s)
@@ -29,7 +31,7 @@ static inline int begin_limits(real *s, const layout *l)
     ptrdiff_t fixed = 1;
 #if MODEL_NE > 0
     const mesh m = mesh_of(l, s);
-    const int ahead = lq_foresight(&m, s + l->cost, felt, b + w.x);
+    const int ahead = lq_foresight(&m, s + l->cost, preview_share, b + w.x);
     fixed = ahead > fixed ? ahead : fixed;
 #endif
     if (N < LEAST_AHEAD || 2 * N < 3 * fixed) {
@@ -90,7 +92,7 @@ static inline int is_limited(const real *s, const layout *l, const real *v_m, co
         if (fabs_1(tau_m[i]) > torque || fabs_1(v_m[i]) > speed) { /* what could not be kept is no success */
             limited = 1;
         }
-        if (fabs_1(tau_m[i]) > broken * torque || fabs_1(v_m[i]) > broken * speed) {
+        if (fabs_1(tau_m[i]) > infeasible_factor * torque || fabs_1(v_m[i]) > infeasible_factor * speed) {
             *ends = deviated; /* bends that chase each other */
         }
     }

@@ -9,7 +9,7 @@ enum { WARMING = 10 }; /* sweeps after which the cost of an endless rest has set
 
 int64_t model_stream_work(const model_stream_options *options)
 {
-    return options != NULL && sizes_fit(options) ?
+    return options != NULL && stream_sizes_fit(options) ?
                (int64_t)laid_out(options->intervals, options->samples_per_interval).end :
                -1;
 }
@@ -78,7 +78,7 @@ model_status model_stream_start(double *stream, int64_t stream_size, const model
     if (stream == NULL || options == NULL || y == NULL || q_start == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
-    if (!sizes_fit(options) || !(options->period > 0.0 && options->period < 1e6) ||
+    if (!stream_sizes_fit(options) || !(options->period > 0.0 && options->period < 1e6) ||
         !(options->tolerance > 0.0 && options->tolerance < 1.0)) {
         return MODEL_BAD_ARGUMENT;
     }

@@ -85,7 +85,7 @@ static inline layout laid_out(int intervals, int samples_per_interval)
     return l;
 }
 
-static inline int sizes_fit(const model_stream_options *o)
+static inline int stream_sizes_fit(const model_stream_options *o)
 {
     return o->intervals >= 1 && o->intervals <= MODEL_STREAM_INTERVALS_MAX && o->samples_per_interval >= 1 &&
            o->samples_per_interval <= MODEL_STREAM_SAMPLES_MAX;

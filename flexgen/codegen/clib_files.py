@@ -14,12 +14,13 @@ from flexgen.codegen.c_text import comment, declaration, macro, size_macro
 from flexgen.codegen.clib_table import INTERVALS_MAX, SAMPLES_MAX, STRUCTS, CFunction, Field, MotorConstants, Struct
 from flexgen.codegen.header import works
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
+from flexgen.codegen.stream_bounds import CALL, Linear, stream_operations, stream_size
 from flexgen.errors import BuildError
 from flexgen.expressions.function_text import FunctionText, literal
 from flexgen.mechanics.signatures import INVERSION
 
 FOLDER = "flexgen.clib"
-KERNEL = ("kernel.h", "kernel_functions.h", "private.h", "point.h", "lanes.h")  # of every library
+KERNEL = ("kernel.h", "kernel_functions.h", "private.h", "point.h", "lanes.h", "undefine.h")  # of every library
 _WRITTEN = {"inversion.h", "motor_constants.h"}  # included by the fixed files, written for each library
 
 
@@ -77,7 +78,7 @@ def _included(names: set[str]) -> set[str]:
     return names if both == names else _included(both)
 
 
-def inversion_header(spec: LibrarySpec) -> str:
+def inversion_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Text of ``<name>_inversion.h``."""
     name, guard = spec.name, macro(spec, "INVERSION_H")
     structs = "\n".join(_struct(spec, struct) for struct in STRUCTS)
@@ -105,6 +106,7 @@ extern "C" {{
 #define {macro(spec, "STREAM_INTERVALS_MAX")} {INTERVALS_MAX} /* intervals of a horizon, at most */
 #define {macro(spec, "STREAM_SAMPLES_MAX")} {SAMPLES_MAX} /* samples per interval, at most */
 
+{_stream_macros(spec, written)}
 {structs}
 {functions}
 #ifdef __cplusplus
@@ -113,6 +115,63 @@ extern "C" {{
 
 #endif
 """
+
+
+def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
+    """Macros of the public header: recommended options of a stream, its memory, the operations of an update."""
+    used = [f for f in spec.functions if f.name in INVERSION]
+    size = stream_size(spec.sizes, _space(spec, written))
+    arithmetic = {}
+    for f in used:
+        text, entries = written[f.name], sum(port.size for port in (*f.inputs, *f.outputs))
+        arithmetic[f.name] = text.operations + (CALL - 1) * text.calls + 2 * entries
+    most = stream_operations(spec.sizes, arithmetic)
+
+    def linear(name: str, bound: Linear) -> str:
+        arguments = "intervals, samples_per_interval"
+        constant, interval, sample = (f"INT64_C({x})" for x in (bound.constant, bound.per_interval, bound.per_sample))
+        value = f"{constant} + {interval} * (intervals) + {sample} * (samples_per_interval)"
+        return f"#define {macro(spec, name)}({arguments}) \\\n    ({value})\n"
+
+    lines = [
+        comment("Memory of a stream in reals, as a constant expression: at least stream_work.", "/* ").rstrip()
+        + " */\n",
+        linear("STREAM_SIZE", size),
+        "/*\n",
+        comment(
+            "Operations of one stream_update, at most: additions, multiplications, divisions and comparisons of reals, "
+            "with every iteration at its limit. A usual update needs a small part of them."
+        ),
+        " */\n",
+        linear("STREAM_OPERATIONS", most),
+    ]
+    if spec.stream is not None:
+        d = spec.stream
+        values = (
+            ("SLOWEST_UNSTABLE_ZERO", literal(d.slowest_unstable_zero), "[1/s] real part, home pose; 0: none"),
+            ("LOOK_AHEAD", literal(d.look_ahead), "[s] of a stream: time from a sample to the output that reaches it"),
+            ("STREAM_PERIOD", literal(d.period), "[s] from update to update"),
+            ("STREAM_INTERVALS", str(d.intervals), "LOOK_AHEAD / STREAM_PERIOD"),
+            ("STREAM_SAMPLES_PER_INTERVAL", str(d.samples_per_interval), "samples of the results per update"),
+            ("STREAM_TOLERANCE", literal(d.tolerance), "largest relative residual"),
+        )
+        lines += [
+            "\n/*\n",
+            comment(
+                "Recommended options of a stream. The look-ahead is five time constants of the slowest unstable zero "
+                "at the home pose, and at least 10 intervals. For limits of the motors take twice as many intervals, "
+                "and the time to brake."
+            ),
+            " */\n",
+            *(f"#define {macro(spec, name)} {value} /* {doc} */\n" for name, value, doc in values),
+        ]
+    return "".join(lines)
+
+
+def _space(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> int:
+    """The largest workspace of the functions that the inversion calls, in reals."""
+    used = (f for f in spec.functions if f.name in INVERSION)
+    return max(max(works(f, written[f.name], spec.precision)) for f in used)
 
 
 def _struct(spec: LibrarySpec, struct: Struct) -> str:
@@ -198,7 +257,7 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
         text += f"static const real {name}[{rows}][{columns}] = {{\n{body}}};\n"
     text += f"static const real rotor_inertia[{nm}] = {listed(constants.rotor_inertia)};\n"
     used = [f for f in spec.functions if f.name in INVERSION]
-    space = max(max(works(f, written[f.name], spec.precision)) for f in used)
+    space = _space(spec, written)
     calls = "".join(_call(spec, f, written[f.name].work) for f in used)
     return f"""\
 /*

@@ -23,7 +23,7 @@ SOURCES = "src"  # folder of the private files
 # Names that the emitted functions use beside their ports.
 _INTERNAL = re.compile(
     r"(t\d+|z\d+|(angle|co?sine)\d+|[wnkijFTPdx]|work|status|first|count|inverse|pivot|factor|zero|group|groups|bad|copied|collide|matrix|rows|sum|whole|"
-    r"real|lanes|stride|size|known|thread|evaluate(_\d+)*|solve_\d+|all_finite|set_nan|failed|at_[a-zA-Z0-9_]*|space)\Z"
+    r"real|lanes|stride|size|known|thread|\w*_(evaluate|solve)(_\w+)?|\w*_failed|all_finite|set_nan|at_[a-zA-Z0-9_]*|space)\Z"
 )
 
 
@@ -56,7 +56,7 @@ def emit(spec: LibrarySpec, written: Mapping[str, FunctionText] | None = None) -
     written = function_texts(spec) if written is None else written
     files = {f"{spec.name}.h": header(spec, written), f"{spec.name}_batch.h": batch_header(spec, written)}
     if spec.c_functions:
-        files[f"{spec.name}_inversion.h"] = inversion_header(spec)
+        files[f"{spec.name}_inversion.h"] = inversion_header(spec, written)
     private = {f"{spec.name}.c": facade(spec)} | kernel_files(spec.name, spec.precision)
     for f in spec.functions:
         private[f"{spec.name}_{f.name}.c"] = source(spec, f, written[f.name])
@@ -76,7 +76,7 @@ def _written(spec: LibrarySpec, f: FunctionSpec) -> FunctionText:
     inputs, outputs = ({port.name: port.size for port in ports} for ports in (f.inputs, f.outputs))
     parameters = "parameters" if spec.parameters and "parameters" in inputs else None
     values = [parameter.value for parameter in spec.parameters]
-    return function_text(f.program, inputs, outputs, parameters, spec.precision, values)
+    return function_text(f.program, inputs, outputs, parameters, spec.precision, values, f"{f.name}_")
 
 
 def symbols(spec: LibrarySpec) -> tuple[str, ...]:

@@ -112,10 +112,10 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
     if ({null_1}) {{
         return {macro(spec, "NULL_ARGUMENT")};
     }}
-    if (evaluate_1({arguments}{space}) == 0) {{
+    if ({f.name}_evaluate_1({arguments}{space}) == 0) {{
         return {ok};
     }}
-    return failed({arguments}, 1, 1);
+    return {f.name}_failed({arguments}, 1, 1);
 }}
 
 {batch_prototype(spec, f)}
@@ -154,7 +154,7 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
                 stride = {tile(f, spec.precision)};
 {_gather(spec, f, sizes)}            }}
             for (int k = 0; k < count; k += LANES) {{
-                zero += evaluate_v({", ".join(f"at_{p.name} + k" if p in stored else p.name for p in ports)}{
+                zero += {f.name}_evaluate_v({", ".join(f"at_{p.name} + k" if p in stored else p.name for p in ports)}{
         ", (lanes *)space" if written.work else ""
     }, stride);
             }}
@@ -163,8 +163,10 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
         }}
         bad += sum_v(zero) == 0 ? 0 : 1;
     }}
-    return bad == 0 ? {ok} : failed({arguments}, n, n);
+    return bad == 0 ? {ok} : {f.name}_failed({arguments}, n, n);
 }}
+
+#include "{spec.name}_undefine.h"
 """
 
 
@@ -188,7 +190,7 @@ def _failed(spec: LibrarySpec, f: FunctionSpec, sizes: Mapping[str, str]) -> str
     spoils = "".join(f"        set_nan({p.name} + k, {sizes[p.name]}, stride);\n" for p in f.outputs)
     return f"""\
 /* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE {spec.name}_status failed({", ".join(parameters)}, int n, ptrdiff_t stride)
+static SEPARATE {spec.name}_status {f.name}_failed({", ".join(parameters)}, int n, ptrdiff_t stride)
 {{
     {spec.name}_status first = {macro(spec, "OK")};
     for (int k = 0; k < n; ++k) {{

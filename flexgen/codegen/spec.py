@@ -154,6 +154,31 @@ class Constants:
 
 
 @dataclass(frozen=True)
+class StreamDefaults:
+    """Recommended options of a stream, from the zero dynamics at the home pose.
+
+    Parameters
+    ----------
+    slowest_unstable_zero : float
+        Smallest real part of an unstable zero [1/s]; 0 where there is none.
+    look_ahead : float
+        Length of the horizon [s].
+    period : float
+        Time from update to update [s].
+    intervals, samples_per_interval : int
+    tolerance : float
+        Largest relative residual.
+    """
+
+    slowest_unstable_zero: float
+    look_ahead: float
+    period: float
+    intervals: int
+    samples_per_interval: int
+    tolerance: float
+
+
+@dataclass(frozen=True)
 class LibrarySpec:
     """The library of one model.
 
@@ -191,6 +216,8 @@ class LibrarySpec:
         Numbers that these use.
     constants : Constants
         Numbers of the public header.
+    stream : StreamDefaults, optional
+        Recommended options of a stream.
     """
 
     name: str
@@ -210,6 +237,7 @@ class LibrarySpec:
     c_functions: tuple[CFunction, ...] = ()
     motor_constants: MotorConstants | None = None
     constants: Constants = Constants()
+    stream: StreamDefaults | None = None
 
     @property
     def interface(self) -> str:

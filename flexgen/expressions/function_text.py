@@ -35,12 +35,15 @@ class FunctionText:
     Parameters
     ----------
     text : str
-        Definitions, to be included once per ``T``; ``F(evaluate)`` is the last, takes all inputs, all outputs, the
-        stride of a batch and, where ``work`` > 0, the workspace, and returns zero where everything is finite, else NaN.
+        Definitions, to be included once per ``T``; ``F(<prefix>evaluate)`` is the last. It takes all inputs, all
+        outputs, the stride of a batch and, where ``work`` > 0, the workspace, and returns zero where everything is
+        finite, else NaN.
     work : int
         Entries of workspace, of type T.
     operations, depth : int
         Arithmetic operations per evaluation, and the latency of the longest chain of them in cycles, about.
+    calls : int
+        Those of the operations that are calls of a function, such as a sine.
     stack : int
         Reals in local variables at most, for one point.
     """
@@ -50,6 +53,7 @@ class FunctionText:
     operations: int
     depth: int
     stack: int
+    calls: int = 0
 
 
 @dataclass
@@ -89,6 +93,7 @@ def function_text(
     parameters: str | None = None,
     precision: str = "double",
     values: Sequence[float] = (),
+    prefix: str = "",
 ) -> FunctionText:
     """C text of a program; BuildError names an operation that cannot be written.
 
@@ -103,17 +108,19 @@ def function_text(
         ``"double"`` or ``"single"``.
     values : sequence of float
         Values of the parameters in the model file.
+    prefix : str
+        Begin of the names of the static functions, so that several functions fit into one C file.
     """
     layout = _layout(program, outputs)
     texts: list[str] = []
     calls: list[str] = []
-    work, stack, operations, depth = layout.size, 0, 0, 0
+    work, stack, operations, depth, called = layout.size, 0, 0, 0, 0
     seen: set[tuple[str, int]] = set()  # entries of inputs that show in a result where they are not finite
     rights = [step.right for step in program.steps if isinstance(step, Solve)]
     whole = False  # one function does it all
     for k, step in enumerate(program.steps):
         if isinstance(step, Solve):
-            name = f"solve_{k + 1}"
+            name = f"{prefix}solve_{k + 1}"
             texts.append(solve_text(name, step, layout, outputs, literal(step.n * EPSILON[precision], precision)))
             calls.append("zero += " + _call(name, [port for port in outputs if port in step.ports], workspace=True))
             operations += step.operations
@@ -132,24 +139,25 @@ def function_text(
             if whole:
                 unread = [(port, e) for port, size in inputs.items() for e in range(size) if (port, e) not in seen]
                 piece.lines += writer.check(piece, unread)
-                texts.append(_function("evaluate", piece, [*inputs], [*outputs]))
+                texts.append(_function(f"{prefix}evaluate", piece, [*inputs], [*outputs]))
                 continue
             piece.lines += writer.check(piece, ())
-            name = f"evaluate_{k + 1}_{i + 1}"
+            name = f"{prefix}evaluate_{k + 1}_{i + 1}"
             ports = [port for port in (*inputs, *outputs) if port in piece.ports]
             kinds = [port for port in ports if port in inputs], [port for port in ports if port in outputs]
             texts.append("SEPARATE " + _function(name, piece, *kinds, parameters))
             calls.append("zero += " + _call(name, ports, piece.workspace, parameters))
         work = max(work, writer.start + writer.spilled)
-        operations += graph.operations()
+        operations, called = operations + graph.operations(), called + graph.calls()
         depth += max((graph.depth[r >> 1] for _, _, r in graph.outputs), default=0)
     if not whole:
         zero = literal(0.0, precision)
         unread = [(port, e) for port, size in inputs.items() for e in range(size) if (port, e) not in seen]
         calls = [f"T zero = F(splat)({zero});", *calls]
         calls += [f"zero += {zero} * {_access(port, e, parameters)};" for port, e in unread]
-        texts.append(_function("evaluate", _Piece([*calls, "return zero;"], workspace=work > 0), [*inputs], [*outputs]))
-    return FunctionText("\n".join(texts), work, operations, depth, stack)
+        last = _Piece([*calls, "return zero;"], workspace=work > 0)
+        texts.append(_function(f"{prefix}evaluate", last, [*inputs], [*outputs]))
+    return FunctionText("\n".join(texts), work, operations, depth, stack, called)
 
 
 # --- around the expressions -------------------------------------------------------------------------------------------

@@ -207,10 +207,14 @@ class Graph:
 
     def operations(self) -> int:
         """Arithmetic operations and function calls that the outputs need."""
-        needed = self.alive()
-        return sum(
-            1 for kind, used in zip(self.kind, needed, strict=True) if used and kind not in ("input", "constant")
-        )
+        return self._count(("input", "constant"))
+
+    def calls(self) -> int:
+        """Function calls that the outputs need."""
+        return self._count(("input", "constant", "add", "sub", "mul", "div"))
+
+    def _count(self, without: tuple[str, ...]) -> int:
+        return sum(used and kind not in without for kind, used in zip(self.kind, self.alive(), strict=True))
 
 
 def read_graph(function: ca.Function) -> Graph:

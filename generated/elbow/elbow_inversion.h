@@ -18,6 +18,27 @@ extern "C" {
 #define ELBOW_STREAM_INTERVALS_MAX 10000 /* intervals of a horizon, at most */
 #define ELBOW_STREAM_SAMPLES_MAX 1000 /* samples per interval, at most */
 
+/* Memory of a stream in reals, as a constant expression: at least stream_work. */
+#define ELBOW_STREAM_SIZE(intervals, samples_per_interval) \
+    (INT64_C(2398) + INT64_C(236) * (intervals) + INT64_C(24) * (samples_per_interval))
+/*
+ * Operations of one stream_update, at most: additions, multiplications, divisions and comparisons of reals, with every
+ * iteration at its limit. A usual update needs a small part of them.
+ */
+#define ELBOW_STREAM_OPERATIONS(intervals, samples_per_interval) \
+    (INT64_C(1507675) + INT64_C(81602) * (intervals) + INT64_C(45782) * (samples_per_interval))
+
+/*
+ * Recommended options of a stream. The look-ahead is five time constants of the slowest unstable zero at the home
+ * pose, and at least 10 intervals. For limits of the motors take twice as many intervals, and the time to brake.
+ */
+#define ELBOW_SLOWEST_UNSTABLE_ZERO 0.0 /* [1/s] real part, home pose; 0: none */
+#define ELBOW_LOOK_AHEAD 0.05 /* [s] of a stream: time from a sample to the output that reaches it */
+#define ELBOW_STREAM_PERIOD 0.005 /* [s] from update to update */
+#define ELBOW_STREAM_INTERVALS 10 /* LOOK_AHEAD / STREAM_PERIOD */
+#define ELBOW_STREAM_SAMPLES_PER_INTERVAL 5 /* samples of the results per update */
+#define ELBOW_STREAM_TOLERANCE 1e-06 /* largest relative residual */
+
 /* Samples of the output, one period apart. The output is at rest at the first and at the last sample. */
 typedef struct {
     int n; /* number of samples, at least 2 */

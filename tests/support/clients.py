@@ -311,11 +311,9 @@ def stack_of_point(usage: Path, symbol: str) -> int:
         where, size, kind = line.split("\t")
         assert kind != "dynamic", line
         sizes[where.rpartition(":")[2]] = int(size)
-    kernel = {
-        name: size for name, size in sizes.items() if not name.startswith(("evaluate", "solve_", symbol, "failed"))
-    }
-    pieces = [size for name, size in sizes.items() if re.fullmatch(r"(evaluate_\w+|solve_\w+)_1", name)]
-    evaluate = sizes.get("evaluate_1", 0)
-    return sizes[symbol] + max(
-        sizes.get("failed", 0), evaluate + max(pieces, default=0) + max(kernel.values(), default=0)
-    )
+    (failed,) = (name for name in sizes if name.endswith("_failed"))
+    own = failed.removesuffix("failed")  # how the names of the function's pieces begin
+    kernel = {name: size for name, size in sizes.items() if not name.startswith((own, symbol))}
+    pieces = [size for name, size in sizes.items() if re.fullmatch(rf"{own}(evaluate_\w+|solve_\w+)_1", name)]
+    evaluate = sizes.get(f"{own}evaluate_1", 0)
+    return sizes[symbol] + max(sizes[failed], evaluate + max(pieces, default=0) + max(kernel.values(), default=0))

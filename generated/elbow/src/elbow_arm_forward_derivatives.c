@@ -14,7 +14,7 @@
 #include "elbow_arm_forward_derivatives_body.h"
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status failed(const real *q_a, const real *v_a, const real *tau_a, real *da_dq, real *da_dv, real *da_dtau, int n, ptrdiff_t stride)
+static SEPARATE elbow_status arm_forward_derivatives_failed(const real *q_a, const real *v_a, const real *tau_a, real *da_dq, real *da_dv, real *da_dtau, int n, ptrdiff_t stride)
 {
     elbow_status first = ELBOW_OK;
     for (int k = 0; k < n; ++k) {
@@ -39,10 +39,10 @@ elbow_status elbow_arm_forward_derivatives(const elbow_real q_a[ELBOW_NA], const
     if (q_a == NULL || v_a == NULL || tau_a == NULL || da_dq == NULL || da_dv == NULL || da_dtau == NULL || work == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (evaluate_1(q_a, v_a, tau_a, da_dq, da_dv, da_dtau, work) == 0) {
+    if (arm_forward_derivatives_evaluate_1(q_a, v_a, tau_a, da_dq, da_dv, da_dtau, work) == 0) {
         return ELBOW_OK;
     }
-    return failed(q_a, v_a, tau_a, da_dq, da_dv, da_dtau, 1, 1);
+    return arm_forward_derivatives_failed(q_a, v_a, tau_a, da_dq, da_dv, da_dtau, 1, 1);
 }
 
 elbow_status elbow_arm_forward_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
@@ -102,7 +102,7 @@ elbow_status elbow_arm_forward_derivatives_batch(int n, const elbow_real *q_a, c
                 at_da_dtau = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += evaluate_v(at_q_a + k, at_v_a + k, at_tau_a + k, at_da_dq + k, at_da_dv + k, at_da_dtau + k, (lanes *)space, stride);
+                zero += arm_forward_derivatives_evaluate_v(at_q_a + k, at_v_a + k, at_tau_a + k, at_da_dq + k, at_da_dv + k, at_da_dtau + k, (lanes *)space, stride);
             }
             if (copied) {
                 scatter_points(at_da_dq, ELBOW_NA * ELBOW_NA, count, 64, da_dq + first, n);
@@ -112,5 +112,7 @@ elbow_status elbow_arm_forward_derivatives_batch(int n, const elbow_real *q_a, c
         }
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : failed(q_a, v_a, tau_a, da_dq, da_dv, da_dtau, n, n);
+    return bad == 0 ? ELBOW_OK : arm_forward_derivatives_failed(q_a, v_a, tau_a, da_dq, da_dv, da_dtau, n, n);
 }
+
+#include "elbow_undefine.h"

@@ -1,5 +1,5 @@
 /* elbow: arm_forward_derivatives, the mathematics; included for T a real and for T lanes of reals. Written by flexgen. */
-SEPARATE static T F(evaluate_1_1)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT tau_a, T *RESTRICT w STRIDE(ptrdiff_t n))
+SEPARATE static T F(arm_forward_derivatives_evaluate_1_1)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT tau_a, T *RESTRICT w STRIDE(ptrdiff_t n))
 {
     const T t3 = IN(q_a, 1);
     const T t9 = IN(q_a, 0);
@@ -53,7 +53,7 @@ SEPARATE static T F(evaluate_1_1)(const real *RESTRICT q_a, const real *RESTRICT
     return z54;
 }
 
-SEPARATE static T F(evaluate_2_1)(const real *RESTRICT q_a, const real *RESTRICT v_a, T *RESTRICT w STRIDE(ptrdiff_t n))
+SEPARATE static T F(arm_forward_derivatives_evaluate_2_1)(const real *RESTRICT q_a, const real *RESTRICT v_a, T *RESTRICT w STRIDE(ptrdiff_t n))
 {
     const T t0 = IN(q_a, 1);
     const T t23 = IN(q_a, 0);
@@ -127,7 +127,7 @@ SEPARATE static T F(evaluate_2_1)(const real *RESTRICT q_a, const real *RESTRICT
     return z73;
 }
 
-SEPARATE static T F(solve_3)(real *RESTRICT da_dq, real *RESTRICT da_dv, real *RESTRICT da_dtau, T *RESTRICT w STRIDE(ptrdiff_t n))
+SEPARATE static T F(arm_forward_derivatives_solve_3)(real *RESTRICT da_dq, real *RESTRICT da_dv, real *RESTRICT da_dtau, T *RESTRICT w STRIDE(ptrdiff_t n))
 {
     static const unsigned char first[2] = {0, 0};
     T *const matrix = w + 2;
@@ -209,12 +209,12 @@ SEPARATE static T F(solve_3)(real *RESTRICT da_dq, real *RESTRICT da_dv, real *R
     return ROW_SUM(sum);
 }
 
-static T F(evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT tau_a, real *RESTRICT da_dq, real *RESTRICT da_dv, real *RESTRICT da_dtau, T *RESTRICT w STRIDE(ptrdiff_t n))
+static T F(arm_forward_derivatives_evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT tau_a, real *RESTRICT da_dq, real *RESTRICT da_dv, real *RESTRICT da_dtau, T *RESTRICT w STRIDE(ptrdiff_t n))
 {
     T zero = F(splat)(0.0);
-    zero += F(evaluate_1_1)(q_a, v_a, tau_a, w STRIDE(n));
-    zero += F(evaluate_2_1)(q_a, v_a, w STRIDE(n));
-    zero += F(solve_3)(da_dq, da_dv, da_dtau, w STRIDE(n));
+    zero += F(arm_forward_derivatives_evaluate_1_1)(q_a, v_a, tau_a, w STRIDE(n));
+    zero += F(arm_forward_derivatives_evaluate_2_1)(q_a, v_a, w STRIDE(n));
+    zero += F(arm_forward_derivatives_solve_3)(da_dq, da_dv, da_dtau, w STRIDE(n));
     zero += 0.0 * IN(tau_a, 0);
     zero += 0.0 * IN(tau_a, 1);
     return zero;

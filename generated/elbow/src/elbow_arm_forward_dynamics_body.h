@@ -1,5 +1,5 @@
 /* elbow: arm_forward_dynamics, the mathematics; included for T a real and for T lanes of reals. Written by flexgen. */
-static T F(evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT tau_a, real *RESTRICT a_a STRIDE(ptrdiff_t n))
+static T F(arm_forward_dynamics_evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT tau_a, real *RESTRICT a_a STRIDE(ptrdiff_t n))
 {
     const T t3 = IN(q_a, 1);
     const T t9 = IN(q_a, 0);

@@ -14,7 +14,7 @@
 #include "elbow_bias_body.h"
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status failed(const real *q_a, const real *v_a, real *h, int n, ptrdiff_t stride)
+static SEPARATE elbow_status bias_failed(const real *q_a, const real *v_a, real *h, int n, ptrdiff_t stride)
 {
     elbow_status first = ELBOW_OK;
     for (int k = 0; k < n; ++k) {
@@ -35,10 +35,10 @@ elbow_status elbow_bias(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELB
     if (q_a == NULL || v_a == NULL || h == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (evaluate_1(q_a, v_a, h) == 0) {
+    if (bias_evaluate_1(q_a, v_a, h) == 0) {
         return ELBOW_OK;
     }
-    return failed(q_a, v_a, h, 1, 1);
+    return bias_failed(q_a, v_a, h, 1, 1);
 }
 
 elbow_status elbow_bias_batch(int n, const elbow_real *q_a, const elbow_real *v_a, elbow_real *h, elbow_real *work)
@@ -87,7 +87,7 @@ elbow_status elbow_bias_batch(int n, const elbow_real *q_a, const elbow_real *v_
                 at_h = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += evaluate_v(at_q_a + k, at_v_a + k, at_h + k, stride);
+                zero += bias_evaluate_v(at_q_a + k, at_v_a + k, at_h + k, stride);
             }
             if (copied) {
                 scatter_points(at_h, ELBOW_NA, count, 64, h + first, n);
@@ -95,5 +95,7 @@ elbow_status elbow_bias_batch(int n, const elbow_real *q_a, const elbow_real *v_
         }
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : failed(q_a, v_a, h, n, n);
+    return bad == 0 ? ELBOW_OK : bias_failed(q_a, v_a, h, n, n);
 }
+
+#include "elbow_undefine.h"

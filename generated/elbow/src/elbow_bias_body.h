@@ -1,5 +1,5 @@
 /* elbow: bias, the mathematics; included for T a real and for T lanes of reals. Written by flexgen. */
-static T F(evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, real *RESTRICT h STRIDE(ptrdiff_t n))
+static T F(bias_evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, real *RESTRICT h STRIDE(ptrdiff_t n))
 {
     const T t1 = IN(q_a, 0);
     const T t5 = IN(q_a, 1);

@@ -14,7 +14,7 @@
 #include "elbow_forward_dynamics_body.h"
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status failed(const real *q_a, const real *v_a, const real *q_m, const real *v_m, const real *tau_m, real *a_a, real *a_m, int n, ptrdiff_t stride)
+static SEPARATE elbow_status forward_dynamics_failed(const real *q_a, const real *v_a, const real *q_m, const real *v_m, const real *tau_m, real *a_a, real *a_m, int n, ptrdiff_t stride)
 {
     elbow_status first = ELBOW_OK;
     for (int k = 0; k < n; ++k) {
@@ -38,10 +38,10 @@ elbow_status elbow_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_
     if (q_a == NULL || v_a == NULL || q_m == NULL || v_m == NULL || tau_m == NULL || a_a == NULL || a_m == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (evaluate_1(q_a, v_a, q_m, v_m, tau_m, a_a, a_m) == 0) {
+    if (forward_dynamics_evaluate_1(q_a, v_a, q_m, v_m, tau_m, a_a, a_m) == 0) {
         return ELBOW_OK;
     }
-    return failed(q_a, v_a, q_m, v_m, tau_m, a_a, a_m, 1, 1);
+    return forward_dynamics_failed(q_a, v_a, q_m, v_m, tau_m, a_a, a_m, 1, 1);
 }
 
 elbow_status elbow_forward_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
@@ -107,7 +107,7 @@ elbow_status elbow_forward_dynamics_batch(int n, const elbow_real *q_a, const el
                 at_a_m = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += evaluate_v(at_q_a + k, at_v_a + k, at_q_m + k, at_v_m + k, at_tau_m + k, at_a_a + k, at_a_m + k, stride);
+                zero += forward_dynamics_evaluate_v(at_q_a + k, at_v_a + k, at_q_m + k, at_v_m + k, at_tau_m + k, at_a_a + k, at_a_m + k, stride);
             }
             if (copied) {
                 scatter_points(at_a_a, ELBOW_NA, count, 64, a_a + first, n);
@@ -116,5 +116,7 @@ elbow_status elbow_forward_dynamics_batch(int n, const elbow_real *q_a, const el
         }
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : failed(q_a, v_a, q_m, v_m, tau_m, a_a, a_m, n, n);
+    return bad == 0 ? ELBOW_OK : forward_dynamics_failed(q_a, v_a, q_m, v_m, tau_m, a_a, a_m, n, n);
 }
+
+#include "elbow_undefine.h"

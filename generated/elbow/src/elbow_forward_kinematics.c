@@ -14,7 +14,7 @@
 #include "elbow_forward_kinematics_body.h"
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status failed(const real *q_a, real *p, real *R, int n, ptrdiff_t stride)
+static SEPARATE elbow_status forward_kinematics_failed(const real *q_a, real *p, real *R, int n, ptrdiff_t stride)
 {
     elbow_status first = ELBOW_OK;
     for (int k = 0; k < n; ++k) {
@@ -36,10 +36,10 @@ elbow_status elbow_forward_kinematics(const elbow_real q_a[ELBOW_NA], elbow_real
     if (q_a == NULL || p == NULL || R == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (evaluate_1(q_a, p, R) == 0) {
+    if (forward_kinematics_evaluate_1(q_a, p, R) == 0) {
         return ELBOW_OK;
     }
-    return failed(q_a, p, R, 1, 1);
+    return forward_kinematics_failed(q_a, p, R, 1, 1);
 }
 
 elbow_status elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_real *p, elbow_real *R,
@@ -88,7 +88,7 @@ elbow_status elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_
                 at_R = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += evaluate_v(at_q_a + k, at_p + k, at_R + k, stride);
+                zero += forward_kinematics_evaluate_v(at_q_a + k, at_p + k, at_R + k, stride);
             }
             if (copied) {
                 scatter_points(at_p, 3, count, 64, p + first, n);
@@ -97,5 +97,7 @@ elbow_status elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_
         }
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : failed(q_a, p, R, n, n);
+    return bad == 0 ? ELBOW_OK : forward_kinematics_failed(q_a, p, R, n, n);
 }
+
+#include "elbow_undefine.h"

@@ -1,5 +1,5 @@
 /* elbow: forward_kinematics, the mathematics; included for T a real and for T lanes of reals. Written by flexgen. */
-static T F(evaluate)(const real *RESTRICT q_a, real *RESTRICT p, real *RESTRICT R STRIDE(ptrdiff_t n))
+static T F(forward_kinematics_evaluate)(const real *RESTRICT q_a, real *RESTRICT p, real *RESTRICT R STRIDE(ptrdiff_t n))
 {
     const T t1 = IN(q_a, 0);
     const T t5 = IN(q_a, 1);

@@ -14,7 +14,7 @@
 #include "elbow_gear_law_body.h"
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status failed(const real *twist, real *tau_p, real *dtau_p, int n, ptrdiff_t stride)
+static SEPARATE elbow_status gear_law_failed(const real *twist, real *tau_p, real *dtau_p, int n, ptrdiff_t stride)
 {
     elbow_status first = ELBOW_OK;
     for (int k = 0; k < n; ++k) {
@@ -37,10 +37,10 @@ elbow_status elbow_gear_law(const elbow_real twist[ELBOW_NG], elbow_real tau_p[E
     if (twist == NULL || tau_p == NULL || dtau_p == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (evaluate_1(twist, tau_p, dtau_p) == 0) {
+    if (gear_law_evaluate_1(twist, tau_p, dtau_p) == 0) {
         return ELBOW_OK;
     }
-    return failed(twist, tau_p, dtau_p, 1, 1);
+    return gear_law_failed(twist, tau_p, dtau_p, 1, 1);
 }
 
 elbow_status elbow_gear_law_batch(int n, const elbow_real *twist, elbow_real *tau_p, elbow_real *dtau_p,
@@ -89,7 +89,7 @@ elbow_status elbow_gear_law_batch(int n, const elbow_real *twist, elbow_real *ta
                 at_dtau_p = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += evaluate_v(at_twist + k, at_tau_p + k, at_dtau_p + k, stride);
+                zero += gear_law_evaluate_v(at_twist + k, at_tau_p + k, at_dtau_p + k, stride);
             }
             if (copied) {
                 scatter_points(at_tau_p, ELBOW_NG, count, 64, tau_p + first, n);
@@ -98,5 +98,7 @@ elbow_status elbow_gear_law_batch(int n, const elbow_real *twist, elbow_real *ta
         }
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : failed(twist, tau_p, dtau_p, n, n);
+    return bad == 0 ? ELBOW_OK : gear_law_failed(twist, tau_p, dtau_p, n, n);
 }
+
+#include "elbow_undefine.h"

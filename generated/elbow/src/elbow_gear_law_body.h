@@ -1,5 +1,5 @@
 /* elbow: gear_law, the mathematics; included for T a real and for T lanes of reals. Written by flexgen. */
-static T F(evaluate)(const real *RESTRICT twist, real *RESTRICT tau_p, real *RESTRICT dtau_p STRIDE(ptrdiff_t n))
+static T F(gear_law_evaluate)(const real *RESTRICT twist, real *RESTRICT tau_p, real *RESTRICT dtau_p STRIDE(ptrdiff_t n))
 {
     const T t1 = IN(twist, 0);
     const T t2 = 7518900.0 * t1;

@@ -14,7 +14,7 @@
 #include "elbow_gravity_body.h"
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status failed(const real *q_a, real *g, int n, ptrdiff_t stride)
+static SEPARATE elbow_status gravity_failed(const real *q_a, real *g, int n, ptrdiff_t stride)
 {
     elbow_status first = ELBOW_OK;
     for (int k = 0; k < n; ++k) {
@@ -35,10 +35,10 @@ elbow_status elbow_gravity(const elbow_real q_a[ELBOW_NA], elbow_real g[ELBOW_NA
     if (q_a == NULL || g == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (evaluate_1(q_a, g) == 0) {
+    if (gravity_evaluate_1(q_a, g) == 0) {
         return ELBOW_OK;
     }
-    return failed(q_a, g, 1, 1);
+    return gravity_failed(q_a, g, 1, 1);
 }
 
 elbow_status elbow_gravity_batch(int n, const elbow_real *q_a, elbow_real *g, elbow_real *work)
@@ -83,7 +83,7 @@ elbow_status elbow_gravity_batch(int n, const elbow_real *q_a, elbow_real *g, el
                 at_g = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += evaluate_v(at_q_a + k, at_g + k, stride);
+                zero += gravity_evaluate_v(at_q_a + k, at_g + k, stride);
             }
             if (copied) {
                 scatter_points(at_g, ELBOW_NA, count, 64, g + first, n);
@@ -91,5 +91,7 @@ elbow_status elbow_gravity_batch(int n, const elbow_real *q_a, elbow_real *g, el
         }
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : failed(q_a, g, n, n);
+    return bad == 0 ? ELBOW_OK : gravity_failed(q_a, g, n, n);
 }
+
+#include "elbow_undefine.h"

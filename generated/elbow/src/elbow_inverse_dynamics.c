@@ -14,7 +14,7 @@
 #include "elbow_inverse_dynamics_body.h"
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status failed(const real *q_a, const real *v_a, const real *a_a, real *tau_a, int n, ptrdiff_t stride)
+static SEPARATE elbow_status inverse_dynamics_failed(const real *q_a, const real *v_a, const real *a_a, real *tau_a, int n, ptrdiff_t stride)
 {
     elbow_status first = ELBOW_OK;
     for (int k = 0; k < n; ++k) {
@@ -36,10 +36,10 @@ elbow_status elbow_inverse_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_
     if (q_a == NULL || v_a == NULL || a_a == NULL || tau_a == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (evaluate_1(q_a, v_a, a_a, tau_a) == 0) {
+    if (inverse_dynamics_evaluate_1(q_a, v_a, a_a, tau_a) == 0) {
         return ELBOW_OK;
     }
-    return failed(q_a, v_a, a_a, tau_a, 1, 1);
+    return inverse_dynamics_failed(q_a, v_a, a_a, tau_a, 1, 1);
 }
 
 elbow_status elbow_inverse_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
@@ -93,7 +93,7 @@ elbow_status elbow_inverse_dynamics_batch(int n, const elbow_real *q_a, const el
                 at_tau_a = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_tau_a + k, stride);
+                zero += inverse_dynamics_evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_tau_a + k, stride);
             }
             if (copied) {
                 scatter_points(at_tau_a, ELBOW_NA, count, 64, tau_a + first, n);
@@ -101,5 +101,7 @@ elbow_status elbow_inverse_dynamics_batch(int n, const elbow_real *q_a, const el
         }
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : failed(q_a, v_a, a_a, tau_a, n, n);
+    return bad == 0 ? ELBOW_OK : inverse_dynamics_failed(q_a, v_a, a_a, tau_a, n, n);
 }
+
+#include "elbow_undefine.h"

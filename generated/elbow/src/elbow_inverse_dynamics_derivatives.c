@@ -14,7 +14,7 @@
 #include "elbow_inverse_dynamics_derivatives_body.h"
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status failed(const real *q_a, const real *v_a, const real *a_a, real *dtau_dq, real *dtau_dv, real *dtau_da, int n, ptrdiff_t stride)
+static SEPARATE elbow_status inverse_dynamics_derivatives_failed(const real *q_a, const real *v_a, const real *a_a, real *dtau_dq, real *dtau_dv, real *dtau_da, int n, ptrdiff_t stride)
 {
     elbow_status first = ELBOW_OK;
     for (int k = 0; k < n; ++k) {
@@ -39,10 +39,10 @@ elbow_status elbow_inverse_dynamics_derivatives(const elbow_real q_a[ELBOW_NA], 
     if (q_a == NULL || v_a == NULL || a_a == NULL || dtau_dq == NULL || dtau_dv == NULL || dtau_da == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (evaluate_1(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da) == 0) {
+    if (inverse_dynamics_derivatives_evaluate_1(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da) == 0) {
         return ELBOW_OK;
     }
-    return failed(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, 1, 1);
+    return inverse_dynamics_derivatives_failed(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, 1, 1);
 }
 
 elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
@@ -102,7 +102,7 @@ elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q
                 at_dtau_da = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_dtau_dq + k, at_dtau_dv + k, at_dtau_da + k, stride);
+                zero += inverse_dynamics_derivatives_evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_dtau_dq + k, at_dtau_dv + k, at_dtau_da + k, stride);
             }
             if (copied) {
                 scatter_points(at_dtau_dq, ELBOW_NA * ELBOW_NA, count, 64, dtau_dq + first, n);
@@ -112,5 +112,7 @@ elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q
         }
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : failed(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, n, n);
+    return bad == 0 ? ELBOW_OK : inverse_dynamics_derivatives_failed(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, n, n);
 }
+
+#include "elbow_undefine.h"

@@ -14,7 +14,7 @@
 #include "elbow_inversion_rows_body.h"
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status failed(const real *q_a, const real *v_a, const real *a_a, real *tau_g, int n, ptrdiff_t stride)
+static SEPARATE elbow_status inversion_rows_failed(const real *q_a, const real *v_a, const real *a_a, real *tau_g, int n, ptrdiff_t stride)
 {
     elbow_status first = ELBOW_OK;
     for (int k = 0; k < n; ++k) {
@@ -36,10 +36,10 @@ elbow_status elbow_inversion_rows(const elbow_real q_a[ELBOW_NA], const elbow_re
     if (q_a == NULL || v_a == NULL || a_a == NULL || tau_g == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (evaluate_1(q_a, v_a, a_a, tau_g) == 0) {
+    if (inversion_rows_evaluate_1(q_a, v_a, a_a, tau_g) == 0) {
         return ELBOW_OK;
     }
-    return failed(q_a, v_a, a_a, tau_g, 1, 1);
+    return inversion_rows_failed(q_a, v_a, a_a, tau_g, 1, 1);
 }
 
 elbow_status elbow_inversion_rows_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *a_a,
@@ -93,7 +93,7 @@ elbow_status elbow_inversion_rows_batch(int n, const elbow_real *q_a, const elbo
                 at_tau_g = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_tau_g + k, stride);
+                zero += inversion_rows_evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_tau_g + k, stride);
             }
             if (copied) {
                 scatter_points(at_tau_g, ELBOW_NG, count, 64, tau_g + first, n);
@@ -101,5 +101,7 @@ elbow_status elbow_inversion_rows_batch(int n, const elbow_real *q_a, const elbo
         }
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : failed(q_a, v_a, a_a, tau_g, n, n);
+    return bad == 0 ? ELBOW_OK : inversion_rows_failed(q_a, v_a, a_a, tau_g, n, n);
 }
+
+#include "elbow_undefine.h"

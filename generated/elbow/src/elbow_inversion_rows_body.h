@@ -1,5 +1,5 @@
 /* elbow: inversion_rows, the mathematics; included for T a real and for T lanes of reals. Written by flexgen. */
-static T F(evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT a_a, real *RESTRICT tau_g STRIDE(ptrdiff_t n))
+static T F(inversion_rows_evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT a_a, real *RESTRICT tau_g STRIDE(ptrdiff_t n))
 {
     const T t4 = IN(q_a, 0);
     const T t14 = IN(q_a, 1);

@@ -33,7 +33,7 @@ int64_t elbow_invert_work(int n, const elbow_inversion_options *options)
 {
     whole_layout l;
     int64_t end;
-    if (options == NULL || !sizes_fit(n, options)) {
+    if (options == NULL || !path_sizes_fit(n, options)) {
         return -1;
     }
 #if ELBOW_NE > 0

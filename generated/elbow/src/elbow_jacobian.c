@@ -14,7 +14,7 @@
 #include "elbow_jacobian_body.h"
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status failed(const real *q_a, real *J, int n, ptrdiff_t stride)
+static SEPARATE elbow_status jacobian_failed(const real *q_a, real *J, int n, ptrdiff_t stride)
 {
     elbow_status first = ELBOW_OK;
     for (int k = 0; k < n; ++k) {
@@ -35,10 +35,10 @@ elbow_status elbow_jacobian(const elbow_real q_a[ELBOW_NA], elbow_real J[6 * ELB
     if (q_a == NULL || J == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (evaluate_1(q_a, J) == 0) {
+    if (jacobian_evaluate_1(q_a, J) == 0) {
         return ELBOW_OK;
     }
-    return failed(q_a, J, 1, 1);
+    return jacobian_failed(q_a, J, 1, 1);
 }
 
 elbow_status elbow_jacobian_batch(int n, const elbow_real *q_a, elbow_real *J, elbow_real *work)
@@ -83,7 +83,7 @@ elbow_status elbow_jacobian_batch(int n, const elbow_real *q_a, elbow_real *J, e
                 at_J = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += evaluate_v(at_q_a + k, at_J + k, stride);
+                zero += jacobian_evaluate_v(at_q_a + k, at_J + k, stride);
             }
             if (copied) {
                 scatter_points(at_J, 6 * ELBOW_NA, count, 64, J + first, n);
@@ -91,5 +91,7 @@ elbow_status elbow_jacobian_batch(int n, const elbow_real *q_a, elbow_real *J, e
         }
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : failed(q_a, J, n, n);
+    return bad == 0 ? ELBOW_OK : jacobian_failed(q_a, J, n, n);
 }
+
+#include "elbow_undefine.h"

@@ -1,16 +1,5 @@
 /* elbow: macros of a function body for lanes of points, whose entries are n apart; include before <function>_body.h. */
-#undef T
-#undef F
-#undef IN
-#undef OUT
-#undef P
-#undef STRIDE
-#undef ANGLES
-#undef ROW
-#undef ROWS
-#undef ROW_COUNT
-#undef ROW_OF
-#undef ROW_SUM
+#include "elbow_undefine.h"
 #define T lanes
 #define F(name) name##_v
 #define IN(x, i) load_v((x) + (i) * n)

@@ -14,7 +14,7 @@
 #include "elbow_linearize_body.h"
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status failed(const real *q_a, const real *v_a, const real *q_m, const real *v_m, const real *tau_m, real *A, real *B, int n, ptrdiff_t stride)
+static SEPARATE elbow_status linearize_failed(const real *q_a, const real *v_a, const real *q_m, const real *v_m, const real *tau_m, real *A, real *B, int n, ptrdiff_t stride)
 {
     elbow_status first = ELBOW_OK;
     for (int k = 0; k < n; ++k) {
@@ -38,10 +38,10 @@ elbow_status elbow_linearize(const elbow_real q_a[ELBOW_NA], const elbow_real v_
     if (q_a == NULL || v_a == NULL || q_m == NULL || v_m == NULL || tau_m == NULL || A == NULL || B == NULL || work == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (evaluate_1(q_a, v_a, q_m, v_m, tau_m, A, B, work) == 0) {
+    if (linearize_evaluate_1(q_a, v_a, q_m, v_m, tau_m, A, B, work) == 0) {
         return ELBOW_OK;
     }
-    return failed(q_a, v_a, q_m, v_m, tau_m, A, B, 1, 1);
+    return linearize_failed(q_a, v_a, q_m, v_m, tau_m, A, B, 1, 1);
 }
 
 elbow_status elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *q_m,
@@ -106,7 +106,7 @@ elbow_status elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_rea
                 at_B = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += evaluate_v(at_q_a + k, at_v_a + k, at_q_m + k, at_v_m + k, at_tau_m + k, at_A + k, at_B + k, (lanes *)space, stride);
+                zero += linearize_evaluate_v(at_q_a + k, at_v_a + k, at_q_m + k, at_v_m + k, at_tau_m + k, at_A + k, at_B + k, (lanes *)space, stride);
             }
             if (copied) {
                 scatter_points(at_A, ELBOW_NX * ELBOW_NX, count, 64, A + first, n);
@@ -115,5 +115,7 @@ elbow_status elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_rea
         }
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : failed(q_a, v_a, q_m, v_m, tau_m, A, B, n, n);
+    return bad == 0 ? ELBOW_OK : linearize_failed(q_a, v_a, q_m, v_m, tau_m, A, B, n, n);
 }
+
+#include "elbow_undefine.h"

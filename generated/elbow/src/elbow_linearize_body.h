@@ -1,5 +1,5 @@
 /* elbow: linearize, the mathematics; included for T a real and for T lanes of reals. Written by flexgen. */
-SEPARATE static T F(evaluate_1_1)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT q_m, const real *RESTRICT v_m, const real *RESTRICT tau_m, T *RESTRICT w STRIDE(ptrdiff_t n))
+SEPARATE static T F(linearize_evaluate_1_1)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT q_m, const real *RESTRICT v_m, const real *RESTRICT tau_m, T *RESTRICT w STRIDE(ptrdiff_t n))
 {
     const T t4 = IN(q_a, 0);
     const T t18 = IN(q_a, 1);
@@ -81,7 +81,7 @@ SEPARATE static T F(evaluate_1_1)(const real *RESTRICT q_a, const real *RESTRICT
     return z87;
 }
 
-SEPARATE static T F(evaluate_2_1)(const real *RESTRICT q_a, const real *RESTRICT v_a, T *RESTRICT w STRIDE(ptrdiff_t n))
+SEPARATE static T F(linearize_evaluate_2_1)(const real *RESTRICT q_a, const real *RESTRICT v_a, T *RESTRICT w STRIDE(ptrdiff_t n))
 {
     const T t0 = IN(q_a, 1);
     const T t24 = IN(q_a, 0);
@@ -202,7 +202,7 @@ SEPARATE static T F(evaluate_2_1)(const real *RESTRICT q_a, const real *RESTRICT
     return z90;
 }
 
-SEPARATE static T F(solve_3)(real *RESTRICT A, real *RESTRICT B, T *RESTRICT w STRIDE(ptrdiff_t n))
+SEPARATE static T F(linearize_solve_3)(real *RESTRICT A, real *RESTRICT B, T *RESTRICT w STRIDE(ptrdiff_t n))
 {
     static const unsigned char first[4] = {0, 0, 2, 3};
     T *const matrix = w + 4;
@@ -288,12 +288,12 @@ SEPARATE static T F(solve_3)(real *RESTRICT A, real *RESTRICT B, T *RESTRICT w S
     return ROW_SUM(sum);
 }
 
-static T F(evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT q_m, const real *RESTRICT v_m, const real *RESTRICT tau_m, real *RESTRICT A, real *RESTRICT B, T *RESTRICT w STRIDE(ptrdiff_t n))
+static T F(linearize_evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT q_m, const real *RESTRICT v_m, const real *RESTRICT tau_m, real *RESTRICT A, real *RESTRICT B, T *RESTRICT w STRIDE(ptrdiff_t n))
 {
     T zero = F(splat)(0.0);
-    zero += F(evaluate_1_1)(q_a, v_a, q_m, v_m, tau_m, w STRIDE(n));
-    zero += F(evaluate_2_1)(q_a, v_a, w STRIDE(n));
-    zero += F(solve_3)(A, B, w STRIDE(n));
+    zero += F(linearize_evaluate_1_1)(q_a, v_a, q_m, v_m, tau_m, w STRIDE(n));
+    zero += F(linearize_evaluate_2_1)(q_a, v_a, w STRIDE(n));
+    zero += F(linearize_solve_3)(A, B, w STRIDE(n));
     zero += 0.0 * IN(q_m, 0);
     zero += 0.0 * IN(q_m, 1);
     zero += 0.0 * IN(v_m, 0);

@@ -14,7 +14,7 @@
 #include "elbow_mass_matrix_body.h"
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status failed(const real *q_a, real *M, int n, ptrdiff_t stride)
+static SEPARATE elbow_status mass_matrix_failed(const real *q_a, real *M, int n, ptrdiff_t stride)
 {
     elbow_status first = ELBOW_OK;
     for (int k = 0; k < n; ++k) {
@@ -35,10 +35,10 @@ elbow_status elbow_mass_matrix(const elbow_real q_a[ELBOW_NA], elbow_real M[ELBO
     if (q_a == NULL || M == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (evaluate_1(q_a, M) == 0) {
+    if (mass_matrix_evaluate_1(q_a, M) == 0) {
         return ELBOW_OK;
     }
-    return failed(q_a, M, 1, 1);
+    return mass_matrix_failed(q_a, M, 1, 1);
 }
 
 elbow_status elbow_mass_matrix_batch(int n, const elbow_real *q_a, elbow_real *M, elbow_real *work)
@@ -83,7 +83,7 @@ elbow_status elbow_mass_matrix_batch(int n, const elbow_real *q_a, elbow_real *M
                 at_M = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += evaluate_v(at_q_a + k, at_M + k, stride);
+                zero += mass_matrix_evaluate_v(at_q_a + k, at_M + k, stride);
             }
             if (copied) {
                 scatter_points(at_M, ELBOW_NA * ELBOW_NA, count, 64, M + first, n);
@@ -91,5 +91,7 @@ elbow_status elbow_mass_matrix_batch(int n, const elbow_real *q_a, elbow_real *M
         }
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : failed(q_a, M, n, n);
+    return bad == 0 ? ELBOW_OK : mass_matrix_failed(q_a, M, n, n);
 }
+
+#include "elbow_undefine.h"

@@ -1,5 +1,5 @@
 /* elbow: mass_matrix, the mathematics; included for T a real and for T lanes of reals. Written by flexgen. */
-static T F(evaluate)(const real *RESTRICT q_a, real *RESTRICT M STRIDE(ptrdiff_t n))
+static T F(mass_matrix_evaluate)(const real *RESTRICT q_a, real *RESTRICT M STRIDE(ptrdiff_t n))
 {
     const T t0 = IN(q_a, 1);
     const T angle0[ANGLES(1)] = {t0};

@@ -14,7 +14,7 @@
 #include "elbow_motor_friction_body.h"
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status failed(const real *v_m, real *f_m, int n, ptrdiff_t stride)
+static SEPARATE elbow_status motor_friction_failed(const real *v_m, real *f_m, int n, ptrdiff_t stride)
 {
     elbow_status first = ELBOW_OK;
     for (int k = 0; k < n; ++k) {
@@ -35,10 +35,10 @@ elbow_status elbow_motor_friction(const elbow_real v_m[ELBOW_NM], elbow_real f_m
     if (v_m == NULL || f_m == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (evaluate_1(v_m, f_m) == 0) {
+    if (motor_friction_evaluate_1(v_m, f_m) == 0) {
         return ELBOW_OK;
     }
-    return failed(v_m, f_m, 1, 1);
+    return motor_friction_failed(v_m, f_m, 1, 1);
 }
 
 elbow_status elbow_motor_friction_batch(int n, const elbow_real *v_m, elbow_real *f_m, elbow_real *work)
@@ -83,7 +83,7 @@ elbow_status elbow_motor_friction_batch(int n, const elbow_real *v_m, elbow_real
                 at_f_m = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += evaluate_v(at_v_m + k, at_f_m + k, stride);
+                zero += motor_friction_evaluate_v(at_v_m + k, at_f_m + k, stride);
             }
             if (copied) {
                 scatter_points(at_f_m, ELBOW_NM, count, 64, f_m + first, n);
@@ -91,5 +91,7 @@ elbow_status elbow_motor_friction_batch(int n, const elbow_real *v_m, elbow_real
         }
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : failed(v_m, f_m, n, n);
+    return bad == 0 ? ELBOW_OK : motor_friction_failed(v_m, f_m, n, n);
 }
+
+#include "elbow_undefine.h"

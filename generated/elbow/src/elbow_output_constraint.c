@@ -14,7 +14,7 @@
 #include "elbow_output_constraint_body.h"
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status failed(const real *q_a, const real *v_a, const real *target, real *y_err, real *W, real *Wdot_v, int n, ptrdiff_t stride)
+static SEPARATE elbow_status output_constraint_failed(const real *q_a, const real *v_a, const real *target, real *y_err, real *W, real *Wdot_v, int n, ptrdiff_t stride)
 {
     elbow_status first = ELBOW_OK;
     for (int k = 0; k < n; ++k) {
@@ -39,10 +39,10 @@ elbow_status elbow_output_constraint(const elbow_real q_a[ELBOW_NA], const elbow
     if (q_a == NULL || v_a == NULL || target == NULL || y_err == NULL || W == NULL || Wdot_v == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (evaluate_1(q_a, v_a, target, y_err, W, Wdot_v) == 0) {
+    if (output_constraint_evaluate_1(q_a, v_a, target, y_err, W, Wdot_v) == 0) {
         return ELBOW_OK;
     }
-    return failed(q_a, v_a, target, y_err, W, Wdot_v, 1, 1);
+    return output_constraint_failed(q_a, v_a, target, y_err, W, Wdot_v, 1, 1);
 }
 
 elbow_status elbow_output_constraint_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
@@ -102,7 +102,7 @@ elbow_status elbow_output_constraint_batch(int n, const elbow_real *q_a, const e
                 at_Wdot_v = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += evaluate_v(at_q_a + k, at_v_a + k, at_target + k, at_y_err + k, at_W + k, at_Wdot_v + k, stride);
+                zero += output_constraint_evaluate_v(at_q_a + k, at_v_a + k, at_target + k, at_y_err + k, at_W + k, at_Wdot_v + k, stride);
             }
             if (copied) {
                 scatter_points(at_y_err, ELBOW_NY, count, 64, y_err + first, n);
@@ -112,5 +112,7 @@ elbow_status elbow_output_constraint_batch(int n, const elbow_real *q_a, const e
         }
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : failed(q_a, v_a, target, y_err, W, Wdot_v, n, n);
+    return bad == 0 ? ELBOW_OK : output_constraint_failed(q_a, v_a, target, y_err, W, Wdot_v, n, n);
 }
+
+#include "elbow_undefine.h"

@@ -6,8 +6,6 @@
 
 #include "elbow_inversion_common.h"
 
-typedef elbow_path path; /* samples a period apart; constant before the first and after the last */
-
 static inline void cross(const real *a, const real *b, real *c)
 {
     c[0] = a[1] * b[2] - a[2] * b[1];
@@ -109,7 +107,7 @@ static inline void turn_matrix(const real *f, const real *R0, real *R)
 #endif
 
 /* Place, rate and its rate at sample k + x, 0 <= x <= 1, each with the stride of the samples. */
-static inline void reference_at(const path *p, int k, real x, real *out)
+static inline void reference_at(const elbow_path *p, int k, real x, real *out)
 {
     const real T = p->period;
     int at = k;
@@ -170,7 +168,7 @@ static inline void reference_at(const path *p, int k, real x, real *out)
 static inline void between_samples(const real *samples, real period, real x, real *out)
 {
     real y[2 * NT], dy[2 * NY], ddy[2 * NY];
-    const path two = {2, period, y, dy, ddy};
+    const elbow_path two = {2, period, y, dy, ddy};
     for (int j = 0; j < 2; ++j) {
         copy(samples + j * REFERENCE, NT, y + j * NT);
         copy(samples + j * REFERENCE + NT, NY, dy + j * NY);

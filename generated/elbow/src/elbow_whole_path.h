@@ -11,7 +11,7 @@
 
 enum { MAX_SAMPLES = 1000000 };
 
-static inline int sizes_fit(int n, const elbow_inversion_options *o)
+static inline int path_sizes_fit(int n, const elbow_inversion_options *o)
 {
     return n >= 2 && o->n_pre >= 0 && o->n_post >= 0 && o->samples_per_interval >= 1 && n <= MAX_SAMPLES &&
            o->n_pre <= MAX_SAMPLES && o->n_post <= MAX_SAMPLES && o->samples_per_interval <= MAX_SAMPLES;
@@ -29,7 +29,7 @@ static const real resting = 1e-6; /* of the fastest rate: what an end that is at
  * Whether a path and the guess of its start are finite, its rotations rotations, near to each other, and its ends at
  * rest.
  */
-static inline int check_path(const path *p, const real *q_start)
+static inline elbow_status check_path(const elbow_path *p, const real *q_start)
 {
     for (int k = 0; k < p->n; ++k) {
         if (!is_finite(p->y + k * (ptrdiff_t)NT, NT) || !is_finite(p->dy + k * (ptrdiff_t)NY, NY) ||
@@ -68,7 +68,7 @@ static inline int check_path(const path *p, const real *q_start)
  * further than at rest at q, where all nodes stand.
  */
 static inline int guess_mesh(
-    mesh *m, const path *p, const real *q, int n_pre, int samples_per_interval, problem_points *arm, real *space)
+    mesh *m, const elbow_path *p, const real *q, int n_pre, int samples_per_interval, problem_points *arm, real *space)
 {
     real last[NG];
     for (ptrdiff_t k = 0; k <= m->N; ++k) {
@@ -156,7 +156,7 @@ static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int6
 }
 
 /* Check the arguments of a solver that needs `wanted` reals of workspace; set the results in `info` to NaN. */
-static inline elbow_status check_arguments(const path *p, const real *q_start, const elbow_inversion_options *o,
+static inline elbow_status check_arguments(const elbow_path *p, const real *q_start, const elbow_inversion_options *o,
     const elbow_motion *motion, elbow_inversion_info *info, const real *work, int64_t work_size, int64_t wanted)
 {
     if (p == NULL || q_start == NULL || o == NULL || motion == NULL || info == NULL || work == NULL || p->y == NULL ||
@@ -178,7 +178,7 @@ static inline elbow_status check_arguments(const path *p, const real *q_start, c
 #if ELBOW_NE > 0
 
 /* The mesh in the workspace. */
-static inline mesh mesh_in(const whole_layout *l, const path *p, const elbow_inversion_options *o, real *work)
+static inline mesh mesh_in(const whole_layout *l, const elbow_path *p, const elbow_inversion_options *o, real *work)
 {
     mesh m;
     m.N = (int)l->intervals;
@@ -227,7 +227,7 @@ static inline int newton_state(newton *s, real residual, real tolerance, real ta
 
 /* The samples that are asked for: the caller's arrays, sample after sample, and room of the workspace. */
 typedef struct {
-    const path *p;
+    const elbow_path *p;
     const elbow_inversion_options *o;
     ptrdiff_t samples; /* lead, path and tail */
     real *q_a, *v_a, *a_a, *tau_g, *q_m, *v_m, *tau_m;
@@ -399,7 +399,7 @@ static inline int motors_at_samples(const results *r, real *space)
 }
 
 /* Motion at the samples from that of the mesh (or from the path alone), checked: the last part of both solvers. */
-static inline elbow_status finish(const path *p, const elbow_inversion_options *o, const whole_layout *l, const real *q,
+static inline elbow_status finish(const elbow_path *p, const elbow_inversion_options *o, const whole_layout *l, const real *q,
 #if ELBOW_NE > 0
     const mesh *m,
 #endif

@@ -1,0 +1,88 @@
+"""Recommended options of a stream: look-ahead, interval and tolerance, from the zero dynamics at the home pose."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+
+from flexgen.analysis.zeros import PREVIEW, pencil_zeros, time_constants
+from flexgen.codegen.clib_table import INTERVALS_MAX
+from flexgen.codegen.spec import LibrarySpec, StreamDefaults
+from flexgen.expressions.routine import Expressions
+from flexgen.model.elements import RobotModel
+from flexgen.numerics.evaluate import evaluate
+
+PERIOD = 5e-3  # s: of an update
+SAMPLES = 5  # per interval
+INTERVALS = 10  # of the shortest horizon
+TOLERANCE = 1e-6
+_STEPS = 60  # of Newton's method, at most
+_SINGULAR = 1e-9  # rad/m: a pose where the output's Jacobian is singular
+
+
+def stream_defaults(model: RobotModel, spec: LibrarySpec) -> StreamDefaults | None:
+    """Recommended options of a stream; None where the arm has no equilibrium or a singular pose at home.
+
+    The look-ahead is `PREVIEW` time constants of the slowest unstable zero, and at least `INTERVALS` updates.
+
+    Parameters
+    ----------
+    model : RobotModel
+        One that can be inverted.
+    spec : LibrarySpec
+        Its library, with the functions of the inversion and without run-time parameters.
+    """
+    zero = slowest_unstable_zero(model, spec)
+    if zero is None:
+        return None
+    preview = PREVIEW / zero if zero > 0 else 0.0
+    intervals = min(max(INTERVALS, math.ceil(preview / PERIOD - 1e-9)), INTERVALS_MAX)
+    return StreamDefaults(zero, intervals * PERIOD, PERIOD, intervals, SAMPLES, TOLERANCE)
+
+
+def slowest_unstable_zero(model: RobotModel, spec: LibrarySpec) -> float | None:
+    """Smallest real part [1/s] of the unstable zeros of the output, with the joints at home and springs at equilibrium.
+
+    0 where there is none; None without an equilibrium, at a singular pose, or where the zeros are undetermined.
+
+    The zeros are those of ``A s^2 + D s + K`` with ``A = R_a S``, ``D = R_v S``, ``K = R_q S``: the Jacobians of the
+    unactuated rows, restricted to motions ``S`` that keep the output where it is.
+    """
+    i_g, i_e = list(model.i_g), list(model.i_e)
+    if not i_e:
+        return 0.0
+    jacobians, constraint = (_function(spec, name) for name in ("inversion_jacobians", "output_constraint"))
+    q, rest = np.zeros(model.n_a), np.zeros(model.n_a)
+    q[i_g] = model.home
+    change = np.inf
+    for _ in range(_STEPS):
+        row, by_q, by_v, by_a = (x[0] for x in evaluate(jacobians, q, rest, rest)[3:])
+        stiffness = by_q.reshape(model.n_e, model.n_a)[:, i_e]
+        step = np.linalg.lstsq(stiffness, row.reshape(model.n_e), rcond=None)[0]
+        change = float(np.abs(step).max())
+        if not np.isfinite(change) or change < 1e-12:
+            break
+        q[i_e] -= step * min(1.0, 0.5 / change)
+    if not change < 1e-9:
+        return None
+    W = evaluate(constraint, q, rest, np.zeros(model.output.target_size))[1][0].reshape(-1, model.n_a)
+    if np.linalg.svd(W[:, i_g], compute_uv=False)[-1] < _SINGULAR:
+        return None
+    S = np.zeros((model.n_a, model.n_e))
+    S[i_e] = np.eye(model.n_e)
+    S[i_g] = -np.linalg.solve(W[:, i_g], W[:, i_e])
+    A, D, K = (x.reshape(model.n_e, model.n_a) @ S for x in (by_a, by_v, by_q))
+    zeros = pencil_zeros(A, D, K)
+    if zeros is None:
+        return None
+    slowest, _ = time_constants(zeros)
+    return 1.0 / slowest if slowest > 0 else 0.0
+
+
+def _function(spec: LibrarySpec, name: str) -> ca.Function:
+    """The CasADi function behind a function of the library."""
+    (found,) = (f for f in spec.functions if f.name == name)
+    (step,) = (step for step in found.program.steps if isinstance(step, Expressions))
+    return step.function

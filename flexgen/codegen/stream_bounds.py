@@ -1,0 +1,150 @@
+"""Bounds of a stream for the public header: length of its memory, and operations of an update.
+
+Both are linear in the number of intervals and of samples per interval. They follow the C in ``flexgen/clib/`` array by
+array and loop by loop, every loop with its largest number of passes; tests compare them with the C.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+POINTS, STAGES, GROUP, PANEL = 8, 3, 8, 8
+MARGIN, LEVELS, LAST = 3, 3, 5
+BACK, PAST = 2 * MARGIN, 7  # PAST: with one sample per interval; fewer with more samples
+BLOCKS, CHAIN, QP_STEPS = 8, 5, 80
+ROUNDING = 7  # numbers by which an array may be rounded up
+CALL = 60  # operations of one call of sine and cosine, exp or tanh, at most
+KINEMATIC_PASSES = 27  # evaluations of the output constraint while the kinematics are solved, at most
+SPRING_PASSES, RADAU_PASSES = 8 + 1 + 200 + 60 + 1, 61  # evaluations of the gear law for one sample, at most
+
+
+@dataclass(frozen=True)
+class Linear:
+    """``constant + per_interval * intervals + per_sample * samples_per_interval``."""
+
+    constant: int
+    per_interval: int
+    per_sample: int
+
+    def __add__(self, other: Linear) -> Linear:
+        return Linear(
+            self.constant + other.constant,
+            self.per_interval + other.per_interval,
+            self.per_sample + other.per_sample,
+        )
+
+    def times(self, factor: int) -> Linear:
+        """All three numbers times a factor."""
+        return Linear(factor * self.constant, factor * self.per_interval, factor * self.per_sample)
+
+    def at(self, intervals: int, samples_per_interval: int) -> int:
+        """The value."""
+        return self.constant + self.per_interval * intervals + self.per_sample * samples_per_interval
+
+
+def _sizes(sizes: Mapping[str, int]) -> tuple[int, int, int, int, int, int]:
+    n_a, n_g, n_e, n_m, n_y, n_t = (sizes[key] for key in ("n_a", "n_g", "n_e", "n_m", "n_y", "n_t"))
+    return n_a, n_g, n_e, n_m, n_y, n_t
+
+
+def stream_size(sizes: Mapping[str, int], function_work: int) -> Linear:
+    """Reals of the memory of a stream, at most; ``function_work``: workspace of the functions that it calls."""
+    n_a, n_g, n_e, n_m, n_y, n_t = _sizes(sizes)
+    reference, states, controls = n_t + 2 * n_y, 2 * n_e, STAGES * n_e
+    columns = controls + states + 1
+    width = (columns + 7) // 8 * 8
+    bounded, inputs = 2 * n_m + n_y, BLOCKS * n_y
+
+    points = 3 * n_a + n_t + 2 * n_y + n_y + n_a * n_y + n_y + n_y * n_g + 1 + n_g
+    if n_e:
+        points += n_e + 3 * n_a * n_e + 3 * n_a * n_y + 4 * n_e * n_g + n_e * n_y + 3 * n_e * n_e
+    problem = POINTS * points
+    lq = GROUP * STAGES * n_e * (3 * n_e + 1) + controls * width + (columns + 1) * width + states * (states + 1)
+
+    node = reference + CHAIN * n_y + 6 * n_g + CHAIN * BLOCKS + bounded * (7 + inputs)
+    limits = Linear(2 + bounded + 2 * inputs * inputs + 3 * inputs + node + 24 * ROUNDING, node, 0)
+    window = 6 * n_g  # torque, deflection, lagged deflection; position, speed and acceleration
+    total = limits + Linear(8 + 6 * ROUNDING + reference + n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m)
+    total += Linear((2 * BACK + 1) * window + 4 * ROUNDING, 0, window)
+    total += Linear(n_g + (PAST + 1) * reference + 3 * ROUNDING, STAGES * (n_g + reference) + reference, 0)
+    total += Linear(problem + lq * (n_e > 0) + function_work + 8 + 2 * ROUNDING, 0, 0)
+    if n_e:
+        total += Linear((PAST + 1) * (states + n_e) + PAST * controls, states + controls + n_e, 0)
+        total += Linear(n_e + LEVELS * LAST * n_e + states * states + states, controls * width + states, 0)
+        total += Linear(8 * ROUNDING, 0, 0)
+    return total
+
+
+def stream_operations(sizes: Mapping[str, int], operations: Mapping[str, int]) -> Linear:
+    """Additions, multiplications, divisions and comparisons of reals in one update, at most.
+
+    ``operations``: of one point of each function that the inversion calls, with `CALL` for every call of the kernel.
+    """
+    n_a, n_g, n_e, n_m, n_y, n_t = _sizes(sizes)
+    kinematics = _kinematics(sizes, operations["output_constraint"])
+    rows = POINTS * operations["inversion_rows"]
+    gear, friction = operations["gear_law"] + 16 * n_g, operations["motor_friction"]
+    path = 600 + 40 * (n_t + 2 * n_y)  # one instant of the path, interpolated, its small rotations included
+    motors = gear + friction + n_g * (8 * n_m + 60) + 8 * n_m
+    spring, radau = SPRING_PASSES * gear, RADAU_PASSES * (3 * operations["gear_law"] + 120 * n_g) + 120 * n_g
+
+    # the window of samples around the interval, in groups of POINTS
+    group = kinematics + rows + POINTS * (path + 200 * n_e + 8 * n_a)
+    window = Linear(group * (2 * BACK + 1 + POINTS) // POINTS + group, 0, group // POINTS + 1)
+    window += Linear(0, 0, 1).times(spring + gear + radau + 3 * motors + 60 * (n_a + n_g * n_m + n_m))
+    window += Linear(2 * BACK + 2, 0, 0).times(spring + gear + radau + motors + 60 * (n_a + n_g * n_m + n_m))
+    total = window + Linear(kinematics + POINTS * path + 200 * n_g, 40 * (n_g + n_g * n_m + n_m), 0)
+
+    total += _limits(sizes, kinematics + rows, path, spring + motors)
+    if n_e:
+        reduced = _reduced(sizes, operations["inversion_jacobians"])
+        total += _lq(n_e, kinematics + reduced)
+        levels = LEVELS * (kinematics + reduced + LAST * (2 * n_e**3 + 40 * n_e * n_e))
+        total += Linear(levels + 4 * (2 * n_e) ** 2, 60 * n_e, 0)
+        total += Linear(reduced + 4 * n_e**2 * (n_e + n_y) + 20 * (n_g + n_e) * n_y * (n_e + n_g), 0, 0)
+    return total
+
+
+def _kinematics(sizes: Mapping[str, int], constraint: int) -> int:
+    """Operations of solve_kinematics for POINTS instants."""
+    _, n_g, n_e, _, n_y, n_t = _sizes(sizes)
+    inverse = n_y * (n_y * (4 + 12 * n_y) + 2 * n_y + 4 * n_y * n_y + 8)
+    step = n_g * (2 * n_y + 6) + 4 * (n_y + n_t)
+    rates = 2 * n_y * (2 * n_e + 2) + 4 * n_g * n_y
+    return POINTS * (KINEMATIC_PASSES * (constraint + inverse + step) + constraint + rates)
+
+
+def _reduced(sizes: Mapping[str, int], jacobians: int) -> int:
+    """Operations of the Jacobians of the reduced problem at POINTS instants."""
+    _, n_g, n_e, _, n_y, _ = _sizes(sizes)
+    products = 4 * n_e * n_g * n_y * 2 + 4 * n_e * n_y * n_g * 2
+    return POINTS * (jacobians + products + n_e * n_e * n_g * 14 + n_e * (3 * n_e + 1) + 2 * n_e)
+
+
+def _lq(n_e: int, point_group: int) -> Linear:
+    """Operations of a Gauss-Newton step over the horizon; ``point_group``: of POINTS Gauss points."""
+    states, controls = 2 * n_e, STAGES * n_e
+    width = (controls + states + 8) // 8 * 8
+    tall = controls + states + 9
+    residual_rows = controls * (STAGES * 18 + controls * 6 + n_e * 8)
+    outer = 2 * controls * tall * width
+    cost = n_e * (STAGES * (controls * 14 + n_e * 16) + 40 * n_e + 60) + 40 * STAGES
+    elimination = outer + controls * width * (2 * PANEL + 4)
+    step = 2 * controls * (controls + states + 2) + 60 * n_e + 10 * controls
+    interval = residual_rows + outer + cost + elimination + step + 4 * states * states
+    groups = GROUP * STAGES // POINTS
+    return Linear(groups * point_group + 4 * states * states, groups * point_group // GROUP + 1 + interval, 0)
+
+
+def _limits(sizes: Mapping[str, int], group: int, path: int, motors: int) -> Linear:
+    """Operations that limits of the motors add; ``group``: motion and torques at POINTS nodes."""
+    n_a, n_g, _, n_m, n_y, _ = _sizes(sizes)
+    bounded, n = 2 * n_m + n_y, BLOCKS * n_y
+    node = group // POINTS + 1 + motors + 20 * (n_a + bounded) + (1 + STAGES) * (path + 300)
+    node += BLOCKS * CHAIN * 8 * CHAIN + CHAIN * BLOCKS * n_y * (4 + 4 * BLOCKS) + CHAIN * n_y * BLOCKS * 4
+    node += bounded * (n * (10 + 2 + 1 + n) + 40)  # rows of the program, scaled, and their squares
+    node += bounded * QP_STEPS * (4 * n + 24)
+    once = group * (2 + -(-n_g // POINTS)) + motors + 4 * n * n * n + QP_STEPS * (4 * n * n + 8 * n) + 400 * n_y
+    once += n_g * n_y * (8 * n_g + 20 * n_m) + path
+    return Linear(once + node, node, 8 * n_m)

@@ -1,0 +1,138 @@
+"""Constants of the inversion header: recommended options of a stream, its memory, the operations of an update."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+from counted import counting_program
+from emitted import _folder, run
+from toolchain import CC, needs_compiler, tool
+
+from flexgen.analysis.analyze import analyze
+from flexgen.build.generate import Generated, generate
+from flexgen.build.stream_defaults import stream_defaults
+from flexgen.codegen.spec import LibrarySpec, library_spec
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.sampling import samples
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.signatures import INVERSION
+from flexgen.paths.path import Path
+from flexgen.runtime import load
+
+pytestmark = needs_compiler
+
+SPARE = 1.15  # of the memory, and some numbers: what the macro may ask for beyond what is needed
+NUMBERS = 2500
+TORQUE = 2e-2  # of the largest: the horizon ends after five time constants, exp(-5) = 0.7 %
+GRID = [(1, 1), (1, 7), (2, 3), (10, 5), (11, 6), (37, 1), (100, 20), (513, 2), (10_000, 1_000)]
+
+
+@cache
+def equations(name: str) -> Equations:
+    return derive(name)
+
+
+@cache
+def spec(name: str) -> LibrarySpec:
+    robot = equations(name).model
+    return library_spec(equations(name), [f for f in INVERSION if f != "inversion_jacobians" or robot.n_e])
+
+
+@cache
+def library(name: str) -> Generated:
+    """The library of what inverts a model, in one file."""
+    functions = [f.name for f in spec(name).functions]
+    return generate(name, _folder() / f"{name}_stream", functions=functions, amalgamate=True)
+
+
+def printed(name: str, body: str, tmp_path, compiler: str = CC, language: str = "-std=c99") -> list[list[int]]:
+    """The numbers that a program prints, line by line; ``@`` stands for the name in capitals, ``$`` for it."""
+    text = f'#include "{name}.h"\n#include <stdio.h>\n\nint main(void)\n{{\n{body}    return 0;\n}}\n'
+    file = tmp_path / ("main.cpp" if "++" in language else "main.c")
+    file.write_text(text.replace("@", name.upper()).replace("$", name))
+    folder = library(name).directory
+    words = [compiler, language, "-Wall", "-Wextra", "-Werror", f"-I{folder}", file, folder / f"lib{name}.a"]
+    run(*words, "-lm", "-o", "program", folder=tmp_path)
+    return [[int(word) for word in line.split()] for line in run(tmp_path / "program", folder=tmp_path).splitlines()]
+
+
+@pytest.mark.parametrize("name", ["planar5_nmp", "planar5_mp", "beam_arm", "elbow"])
+def test_the_slowest_unstable_zero_is_that_of_the_linear_model(name):
+    """Two ways: the restricted Jacobians of the unactuated rows here, Lagrange's equations linearized there."""
+    found = stream_defaults(equations(name).model, spec(name))
+    tau = analyze(name).to_dict()["unstable_time_constant_s"]
+    assert found is not None
+    assert found.slowest_unstable_zero == pytest.approx(1.0 / tau if tau else 0.0, rel=1e-9)
+    assert found.look_ahead >= 5.0 * tau - 1e-12 and found.look_ahead == found.intervals * found.period
+
+
+def test_no_recommendation_at_a_singular_pose():
+    """The extended arm without gravity: its joints cannot move the output along the arm."""
+    robot = dataclasses.replace(equations("planar5_nmp").model, home=(0.0, 0.0), gravity=(0.0, 0.0, 0.0))
+    made = library_spec(derive(robot), [f.name for f in spec("planar5_nmp").functions])
+    assert stream_defaults(robot, made) is None
+
+
+@pytest.mark.parametrize("name", ["elbow", "planar5_nmp", "beam_arm"])
+def test_the_memory_is_enough_and_not_much_more(name, tmp_path):
+    lines = "".join(
+        f"    {{\n        const $_stream_options o = {{{n}, {s}, 0.005, 1e-6}};\n"
+        f'        printf("%lld %lld\\n", (long long)$_stream_work(&o), (long long)@_STREAM_SIZE({n}, {s}));\n    }}\n'
+        for n, s in GRID
+    )
+    for needed, macro in printed(name, lines, tmp_path):
+        assert 0 < needed <= macro <= SPARE * needed + NUMBERS
+
+
+@pytest.mark.parametrize("language", ["-std=c99", "-std=c++11"])
+def test_the_constants_are_constant_expressions(language, tmp_path):
+    body = (
+        "    static $_real memory[@_STREAM_SIZE(@_STREAM_INTERVALS, @_STREAM_SAMPLES_PER_INTERVAL)];\n"
+        "    const $_stream_options o = {@_STREAM_INTERVALS, @_STREAM_SAMPLES_PER_INTERVAL, @_STREAM_PERIOD, "
+        "@_STREAM_TOLERANCE};\n"
+        "    memory[0] = @_LOOK_AHEAD + @_SLOWEST_UNSTABLE_ZERO + $_home_q_a[0];\n"
+        '    printf("%d\\n", memory[0] > 0.0 && $_stream_work(&o) <= (int64_t)(sizeof memory / sizeof memory[0]));\n'
+    )
+    compiler = CC if language == "-std=c99" else tool("g++")
+    assert printed("planar5_nmp", body, tmp_path, compiler, language) == [[1]]
+
+
+@pytest.mark.parametrize("name", ["elbow", "planar5_nmp"])
+def test_no_update_needs_more_operations_than_the_bound(name, tmp_path):
+    """Counted by a number type of C++: short and long horizons, with limits that modify the path."""
+    work = counting_program(library(name).directory, name, tmp_path)
+    flags = ["-std=c++17", "-O1", f"-D{name.upper()}_NO_VECTORS", "-Wno-class-memaccess"]
+    run(tool("g++"), *flags, f"{name}.cpp", "main.cpp", "-o", "count", folder=work)
+    limited = False
+    for n, s in ((4, 2), (10, 5), (24, 1), (40, 5)):
+        status, counted, bound, active = map(int, run(work / "count", n, s, folder=work).split())
+        assert counted > 1000 and status >= -14
+        assert counted <= bound <= 300 * counted, (n, s)
+        limited = limited or active == 1
+    assert limited
+
+
+@pytest.mark.parametrize("name", ["planar5_nmp", "beam_arm"])
+def test_a_stream_with_the_recommended_options_follows_the_path(name):
+    """Every update converges, and the torques are those of the whole path."""
+    d = stream_defaults(equations(name).model, spec(name))
+    assert d is not None
+    made, path = load(library(name).directory), Path(equations(name), equations(name).model.move(None))
+    reduction, fine = Reduction(equations(name)), d.period / d.samples_per_interval
+    intervals = int(np.ceil(path.duration / d.period))
+    y, dy, ddy = samples(reduction, path, d.period, intervals + 2 * d.intervals)
+    options = {"intervals": d.intervals, "samples_per_interval": d.samples_per_interval, "tolerance": d.tolerance}
+    stream = made.stream(y[0], path.q_start, period=d.period, **options)
+    updates = [stream.update(*sample) for sample in zip(y[1:], dy[1:], ddy[1:], strict=True)]
+    assert all(update.converged for update in updates)
+    tau = np.vstack([update.tau_m for update in updates])
+    n = intervals * d.samples_per_interval + 1
+    before = (d.intervals - 1) * d.samples_per_interval
+    whole = made.invert(
+        *samples(reduction, path, fine, n), period=fine, q_start=path.q_start, n_pre=before, n_post=before,
+        samples_per_interval=d.samples_per_interval,
+    )  # fmt: skip
+    assert np.abs(tau[:n] - whole.tau_m[:n]).max() <= TORQUE * np.abs(whole.tau_m).max()
