@@ -1,9 +1,11 @@
 /*
- * model: inverse dynamics along a path as a two-point problem. Written by flexgen; see model_inversion.h.
+ * model: inverse dynamics along a path as a two-point boundary value problem. Written by flexgen; see
+ * model_inversion.h.
  *
- * At the start the motion may differ from rest by what grows, at the end by what fades; between them the equations hold
- * at the Gauss points, and Newton's method solves all together. Nothing is weighed against anything, so that it is the
- * independent check of invert; it needs a zero dynamics that splits in the same way at both ends.
+ * At the start the state may differ from the equilibrium by the unstable part of the zero dynamics, at the end by the
+ * stable part. Between them the equations hold at the Gauss points, and Newton's method solves all of them together.
+ * There are no weights, so that bvp is an independent check of invert. The zero dynamics must have the same numbers of
+ * stable and unstable motions at both ends.
  */
 #include "model_inversion.h"
 
@@ -23,8 +25,8 @@ static bvp_layout lay_out_bvp(const whole_layout *l)
 {
     bvp_layout own;
     int64_t at = l->end;
-    TAKE(at, own.problem, (int64_t)((sizeof(two_point) + sizeof(real) - 1) / sizeof(real)));
-    TAKE(at, own.blocks, (int64_t)(sizeof(blocks_space) / sizeof(real)));
+    TAKE(at, own.problem, (int64_t)((sizeof(bvp_problem) + sizeof(real) - 1) / sizeof(real)));
+    TAKE(at, own.blocks, (int64_t)(sizeof(bvp_space) / sizeof(real)));
     own.end = at;
     return own;
 }
@@ -41,9 +43,9 @@ int64_t model_bvp_work(int n, const model_inversion_options *options)
     return is_addressable(end) ? end : -1;
 }
 
-/* The rows at both ends, from rest at q; the numbers of unstable zeros go to `info`. */
-static int bind_ends(
-    two_point *b, const model_path *p, const real *q, blocks_space *w, model_inversion_info *info, real *space)
+/* The boundary rows at both ends, from the equilibrium q; the numbers of unstable zeros go to `info`. */
+static int set_boundary_rows(
+    bvp_problem *b, const model_path *p, const real *q, bvp_space *w, model_inversion_info *info, real *space)
 {
     const real *target = p->y + (p->n - 1) * (ptrdiff_t)NT;
     const real *q_g = b->m.q_g + ((ptrdiff_t)b->m.N * STAGES - 1) * NG;
@@ -52,7 +54,7 @@ static int bind_ends(
     int unstable, status;
     status = zero_dynamics_at(p->y, q, &w->lq.arm, space, &at);
     if (status == MODEL_OK) {
-        status = end_rows(&at, 1, b->first, &b->from_start, &unstable);
+        status = boundary_rows(&at, 1, b->first, &b->from_start, &unstable);
     }
     if (status != MODEL_OK) {
         return status;
@@ -67,7 +69,7 @@ static int bind_ends(
         status = zero_dynamics_at(target, end, &w->lq.arm, space, &at);
     }
     if (status == MODEL_OK) {
-        status = end_rows(&at, 0, b->last, &b->from_end, &unstable);
+        status = boundary_rows(&at, 0, b->last, &b->from_end, &unstable);
     }
     if (status != MODEL_OK) {
         return status;
@@ -82,14 +84,14 @@ static int bind_ends(
 }
 
 /* The motion on the mesh by Newton steps. */
-static int solve_two_point(two_point *b, real tolerance, model_inversion_info *info, blocks_space *w, real *space)
+static int solve_bvp(bvp_problem *b, real tolerance, model_inversion_info *info, bvp_space *w, real *space)
 {
     newton progress = {-1.0, 0, 0};
     for (;;) {
-        int state, status = factor_blocks(b, w, space);
+        int state, status = bvp_factor(b, w, space);
         if (status == MODEL_OK) {
-            step_back(b, w);
-            status = all_residuals(b, w, space);
+            back_substitute(b, w);
+            status = bvp_residual(b, w, space);
             info->residual = b->m.residual;
             info->iterations = progress.steps + 1;
         }
@@ -112,8 +114,8 @@ model_status model_bvp(const model_path *p, const double q_start[MODEL_NA], cons
     const int64_t wanted = p == NULL ? -1 : model_bvp_work(p->n, options);
     whole_layout l;
     bvp_layout own;
-    two_point *b;
-    blocks_space *w;
+    bvp_problem *b;
+    bvp_space *w;
     real q[NA];
     int status = check_arguments(p, q_start, options, motion, info, work, work_size, wanted);
     if (status != MODEL_OK) {
@@ -122,8 +124,8 @@ model_status model_bvp(const model_path *p, const double q_start[MODEL_NA], cons
     copy(q_start, NA, q);
     l = lay_out(p->n, options, INTERVAL_FACTOR);
     own = lay_out_bvp(&l);
-    b = (two_point *)(void *)(work + own.problem);
-    w = (blocks_space *)(void *)(work + own.blocks);
+    b = (bvp_problem *)(void *)(work + own.problem);
+    w = (bvp_space *)(void *)(work + own.blocks);
     b->m = mesh_in(&l, p, options, work);
     info->intervals = b->m.N;
     status = equilibrium_at(p->y, q, b->m.scale, work + l.space);
@@ -131,10 +133,10 @@ model_status model_bvp(const model_path *p, const double q_start[MODEL_NA], cons
         status = guess_mesh(&b->m, p, q, options->n_pre, options->samples_per_interval, &w->lq.arm, work + l.space);
     }
     if (status == MODEL_OK) {
-        status = bind_ends(b, p, q, w, info, work + l.space);
+        status = set_boundary_rows(b, p, q, w, info, work + l.space);
     }
     if (status == MODEL_OK) {
-        status = solve_two_point(b, options->tolerance, info, w, work + l.space);
+        status = solve_bvp(b, options->tolerance, info, w, work + l.space);
     }
     if (status != MODEL_OK) {
         return (model_status)status;

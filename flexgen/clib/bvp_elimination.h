@@ -1,14 +1,14 @@
 /*
  * model: one Newton step of the two-point problem over a mesh, by elimination with row pivoting; private.
  *
- * Unknown are, in scaled steps, the accelerations a of each interval and the states y of all nodes. The equations are
- * the residuals at the Gauss points and the motion to the next node, interval after interval, and rows at both ends:
+ * The unknowns are, in scaled steps, the accelerations a of each interval and the states y of all nodes. The equations
+ * are the residuals at the Gauss points and the motion to the next node, interval after interval, and boundary rows:
  *
  *     first . y_0 = ...,    J_a a_k + J_y y_k = ...,    C_a a_k + C_y y_k - y_(k+1) = ...,    last . y_N = ...
  *
- * In an interval a is eliminated first, with pivots among all its rows, as the residuals alone may be singular in a;
- * then y_k, with pivots among what is left and the rows that come from before, as many as there are at the start. Such
- * pivots keep the step stable where the rows at the start bind what fades and those at the end what grows.
+ * In an interval a is eliminated first, with pivots among all its rows, because the residuals alone may be singular in
+ * a; then y_k, with pivots among the remaining rows and those of the interval before, as many as boundary rows at the
+ * start. The step is stable where the rows at the start fix the stable part and those at the end the unstable part.
  */
 #ifndef MODEL_BVP_ELIMINATION_H
 #define MODEL_BVP_ELIMINATION_H
@@ -28,23 +28,26 @@ enum {
 
 static const real least_pivot = 1e-14; /* of rows whose entries sum up to one */
 
-/* The two-point problem: a mesh and what holds at its ends. */
+/* The boundary value problem: a mesh and its boundary rows. */
 typedef struct {
     mesh m;
     int from_start, from_end;                         /* rows there; STATES together */
     real first[STATES][STATES], last[STATES][STATES]; /* rows, of scaled states */
     real equilibrium_start[STATES], equilibrium_end[STATES];
     int turns; /* out: whether the determinant of A changes its sign on the mesh */
-} two_point;
+} bvp_problem;
 
 typedef struct {
     lq_space lq;
     real interval[INTERVAL_ROWS * INTERVAL_WIDTH];
     real node[NODE_ROWS * NODE_WIDTH];
-} blocks_space;
+} bvp_space;
 
-/* Scale each row so that its entries but the right side sum up to one, without signs; 0 where there are none. */
-static inline int level(real *rows, int height, int columns, int width)
+/*
+ * Scale each row so that the absolute values of its entries, without the right side, sum up to one; 0 where all are
+ * zero.
+ */
+static inline int scale_rows(real *rows, int height, int columns, int width)
 {
     for (int i = 0; i < height; ++i) {
         real *row = rows + i * width;
@@ -101,8 +104,8 @@ static inline void add_rows(
 }
 
 /*
- * Eliminate the first `columns` columns of leveled rows, eight at a time; 0 where a pivot is rounding. Pivots are left
- * inverted; what stands left of them means nothing.
+ * Eliminate the first `columns` columns of scaled rows, eight at a time; 0 where a pivot is zero to rounding. Pivots
+ * are stored inverted; the entries to their left are not used any more.
  */
 static inline int eliminate_rows(real *RESTRICT rows, int height, int columns, int width)
 {
@@ -163,7 +166,7 @@ static inline void substitute(const real *rows, int columns, int all, int width,
     }
 }
 
-/* Sign of the determinant of A, given by rows, n x n; it is spoiled. */
+/* Sign of the determinant of A, given by rows, n x n; A is overwritten. */
 static inline int sign_of(real *A)
 {
     int sign = 1;
@@ -188,7 +191,7 @@ static inline int sign_of(real *A)
 }
 
 /* Rows of one interval: residuals at its Gauss points, and the motion to the next node. */
-static inline void fill_interval(const mesh *m, int k, const real *point, blocks_space *w)
+static inline void fill_interval(const mesh *m, int k, const real *point, bvp_space *w)
 {
     const real h = m->h, drift = h * scale_v / scale_q;
     const real *y = m->y + (ptrdiff_t)k * STATES;
@@ -220,8 +223,8 @@ static inline void fill_interval(const mesh *m, int k, const real *point, blocks
     }
 }
 
-/* What a row at an end finds in the scaled distance from rest. */
-static inline real off_end(const real *row, const real *y, const real *equilibrium)
+/* Value of a boundary row at the scaled distance from the equilibrium. */
+static inline real boundary_error(const real *row, const real *y, const real *equilibrium)
 {
     real sum = 0.0;
     for (int j = 0; j < STATES; ++j) {
@@ -230,7 +233,7 @@ static inline real off_end(const real *row, const real *y, const real *equilibri
     return sum;
 }
 
-/* Rows at an end: none of what they stand for in the scaled distance from rest. */
+/* Boundary rows: their values at the scaled distance from the equilibrium become zero. */
 static inline void fill_end(real (*rows)[STATES], int count, const real *y, const real *equilibrium, real *to)
 {
     for (int i = 0; i < count; ++i) {
@@ -241,12 +244,12 @@ static inline void fill_end(real (*rows)[STATES], int count, const real *y, cons
         for (int j = 0; j < STATES; ++j) {
             row[j] = rows[i][j];
         }
-        row[2 * STATES] = off_end(rows[i], y, equilibrium);
+        row[2 * STATES] = boundary_error(rows[i], y, equilibrium);
     }
 }
 
 /* The largest residual of all equations, in their scales. */
-static inline int all_residuals(two_point *b, blocks_space *w, real *space)
+static inline int bvp_residual(bvp_problem *b, bvp_space *w, real *space)
 {
     mesh *m = &b->m;
     const int status = evaluate_residual(m, &w->lq, space);
@@ -263,16 +266,16 @@ static inline int all_residuals(two_point *b, blocks_space *w, real *space)
         }
     }
     for (int i = 0; i < b->from_start; ++i) {
-        m->residual = fmax_1(m->residual, fabs_1(off_end(b->first[i], m->y, b->equilibrium_start)));
+        m->residual = fmax_1(m->residual, fabs_1(boundary_error(b->first[i], m->y, b->equilibrium_start)));
     }
     for (int i = 0; i < b->from_end; ++i) {
-        m->residual = fmax_1(m->residual, fabs_1(off_end(b->last[i], end, b->equilibrium_end)));
+        m->residual = fmax_1(m->residual, fabs_1(boundary_error(b->last[i], end, b->equilibrium_end)));
     }
     return MODEL_OK;
 }
 
 /* The factors of all intervals, forwards. */
-static inline int factor_blocks(two_point *b, blocks_space *w, real *space)
+static inline int bvp_factor(bvp_problem *b, bvp_space *w, real *space)
 {
     mesh *m = &b->m;
     real *node = w->node;
@@ -294,7 +297,7 @@ static inline int factor_blocks(two_point *b, blocks_space *w, real *space)
                 b->turns |= this_one == 0 || (sign != 0 && this_one != sign);
                 sign = this_one;
             }
-            if (!level(w->interval, INTERVAL_ROWS, CONTROLS + 2 * STATES, INTERVAL_WIDTH) ||
+            if (!scale_rows(w->interval, INTERVAL_ROWS, CONTROLS + 2 * STATES, INTERVAL_WIDTH) ||
                 !eliminate_rows(w->interval, INTERVAL_ROWS, CONTROLS, INTERVAL_WIDTH)) {
                 return MODEL_NOT_CONVERGED;
             }
@@ -309,14 +312,14 @@ static inline int factor_blocks(two_point *b, blocks_space *w, real *space)
                     own[i * NODE_WIDTH + j] = 0.0;
                 }
             }
-            if (!level(node, b->from_start + STATES, 2 * STATES, NODE_WIDTH) ||
+            if (!scale_rows(node, b->from_start + STATES, 2 * STATES, NODE_WIDTH) ||
                 !eliminate_rows(node, b->from_start + STATES, STATES, NODE_WIDTH)) {
                 return MODEL_NOT_CONVERGED;
             }
             for (int i = 0; i < STATES * NODE_WIDTH; ++i) {
                 factor[CONTROLS * INTERVAL_WIDTH + i] = node[i];
             }
-            for (int i = 0; i < b->from_start; ++i) { /* what is left binds the next node */
+            for (int i = 0; i < b->from_start; ++i) { /* the remaining rows are conditions on the next node */
                 const real *row = node + (STATES + i) * NODE_WIDTH;
                 real *to = node + i * NODE_WIDTH;
                 for (int j = 0; j < STATES; ++j) {
@@ -329,13 +332,13 @@ static inline int factor_blocks(two_point *b, blocks_space *w, real *space)
     }
     fill_end(
         b->last, b->from_end, m->y + (ptrdiff_t)m->N * STATES, b->equilibrium_end, node + b->from_start * NODE_WIDTH);
-    return level(node, STATES, STATES, NODE_WIDTH) && eliminate_rows(node, STATES, STATES, NODE_WIDTH) ?
+    return scale_rows(node, STATES, STATES, NODE_WIDTH) && eliminate_rows(node, STATES, STATES, NODE_WIDTH) ?
                (int)MODEL_OK :
                (int)MODEL_NOT_CONVERGED;
 }
 
 /* The step itself, backwards. */
-static inline void step_back(two_point *b, blocks_space *w)
+static inline void back_substitute(bvp_problem *b, bvp_space *w)
 {
     mesh *m = &b->m;
     real x[INTERVAL_WIDTH], y[NODE_WIDTH]; /* a_k, y_k, y_(k+1); y_k, y_(k+1) */

@@ -9,8 +9,8 @@
 #include "model_inversion_common.h"
 
 /*
- * Gauss elimination with pivots on the diagonal, n rows: of the matrix in columns 0 ... n - 1, of right sides in the
- * columns after it, which become the solutions. 0 where a pivot is none: its unknowns become zero.
+ * Gauss elimination with pivots on the diagonal, n rows: of the matrix in columns 0 ... n - 1, and of the right sides
+ * in the columns after it, which become the solutions. 0 where a pivot is zero: its unknown becomes zero.
  */
 static inline int solve_plain(real *a, int n, int width)
 {

@@ -1,9 +1,10 @@
 /*
- * model: which motions near rest fade and which grow, the two-point problem's rows at its ends; private.
+ * model: stable and unstable motions near an equilibrium, and the boundary rows of the two-point problem; private.
  *
- * With the output held the non-actuated coordinates w move like A w'' + D w' + K w = 0. The state x = (w, w') has the
- * rate G x. Its sign S, the limit of Newton's method X <- (X + X^-1) / 2 from X = G, is -1 on the motions that fade and
- * +1 on those that grow, so that the rows of 1 + S vanish on the first and those of 1 - S on the second.
+ * While the output does not move, the unactuated coordinates w follow A w'' + D w' + K w = 0, and the state x = (w, w')
+ * follows x' = G x. The sign S of G is the limit of Newton's method X <- (X + X^-1) / 2 from X = G. It is -1 on the
+ * stable motions and +1 on the unstable ones, so that the rows of 1 + S vanish on the stable motions and those of 1 - S
+ * on the unstable ones.
  */
 #ifndef MODEL_DICHOTOMY_H
 #define MODEL_DICHOTOMY_H
@@ -15,12 +16,13 @@
 
 enum { SIGN_STEPS = 45 };
 
-static const real flat = 1e-9;        /* of the inertias that cancel in A: what is left is rounding */
-static const real half_weight = 1e-6; /* of one: a sign that is not plus or minus one by more is none */
+/* least pivot of the scaled A: below it the inertias cancel to rounding */
+static const real least_inertia = 1e-9;
+static const real sign_tolerance = 1e-6; /* largest error of an entry of S S - 1 */
 
 typedef struct {
     real A[NE][NE], D[NE][NE], K[NE][NE]; /* rows */
-    real inertia[NE];                     /* of the non-actuated coordinates, without the output being held */
+    real inertia[NE];                     /* of the unactuated coordinates, with a free output */
 } zero_dynamics;
 
 typedef real square[STATES][STATES];
@@ -64,7 +66,7 @@ static inline int invert_square(square X, int n, real least)
 }
 
 /* Sum of squares. */
-static inline real power_of(square X)
+static inline real squared_norm(square X)
 {
     real sum = 0.0;
     for (int i = 0; i < STATES; ++i) {
@@ -76,7 +78,7 @@ static inline real power_of(square X)
 }
 
 /* X becomes its sign; 0 where an eigenvalue is, or may be, on the imaginary axis. */
-static inline int find_sign(square X)
+static inline int matrix_sign(square X)
 {
     square Y;
     for (int step = 0; step < SIGN_STEPS; ++step) {
@@ -86,11 +88,11 @@ static inline int find_sign(square X)
                 Y[i][j] = X[i][j];
             }
         }
-        size = power_of(X);
-        if (!invert_square(Y, STATES, 0.0) || !(size < 1e200) || !(power_of(Y) < 1e200)) {
+        size = squared_norm(X);
+        if (!invert_square(Y, STATES, 0.0) || !(size < 1e200) || !(squared_norm(Y) < 1e200)) {
             return 0;
         }
-        scale = root(root(power_of(Y) / size)); /* X and its inverse become equally large */
+        scale = square_root(square_root(squared_norm(Y) / size)); /* X and its inverse become equally large */
         scale = fabs_1(scale - 1.0) < 0.05 ? 1.0 : scale;
         for (int i = 0; i < STATES; ++i) {
             for (int j = 0; j < STATES; ++j) {
@@ -110,7 +112,7 @@ static inline int find_sign(square X)
                 sum += X[i][k] * X[k][j];
                 size += fabs_1(X[i][k] * X[k][j]);
             }
-            if (!(fabs_1(sum) <= half_weight * size)) {
+            if (!(fabs_1(sum) <= sign_tolerance * size)) {
                 return 0;
             }
         }
@@ -148,10 +150,10 @@ static inline void row_basis(square P, int rank)
 }
 
 /*
- * Rows of the scaled state that vanish on what grows (grows = 1) or on what fades (0), `count` of them, and the number
- * of unstable zeros.
+ * Rows of the scaled state that vanish on the unstable motions (grows = 1) or on the stable ones (0), `count` of them,
+ * and the number of unstable zeros.
  */
-static inline int end_rows(const zero_dynamics *given, int grows, square rows, int *count, int *unstable)
+static inline int boundary_rows(const zero_dynamics *given, int grows, square rows, int *count, int *unstable)
 {
     square inverse; /* of A in its first rows */
     real unit[NE], size_A = 0.0, size_K = 0.0, rate, trace = 0.0;
@@ -159,7 +161,7 @@ static inline int end_rows(const zero_dynamics *given, int grows, square rows, i
         if (!(given->inertia[i] > 0.0)) {
             return MODEL_RESULT_NOT_FINITE;
         }
-        unit[i] = 1.0 / root(given->inertia[i]);
+        unit[i] = 1.0 / square_root(given->inertia[i]);
     }
     for (int i = 0; i < NE; ++i) {
         for (int j = 0; j < NE; ++j) {
@@ -169,10 +171,10 @@ static inline int end_rows(const zero_dynamics *given, int grows, square rows, i
             size_K += K * K;
         }
     }
-    if (!invert_square(inverse, NE, flat)) {
+    if (!invert_square(inverse, NE, least_inertia)) {
         return MODEL_ZERO_AT_INFINITY;
     }
-    rate = root(root(size_K / size_A));
+    rate = square_root(square_root(size_K / size_A));
     if (!(rate > 0.0 && rate < 1e100)) {
         return MODEL_ZERO_ON_AXIS;
     }
@@ -189,7 +191,7 @@ static inline int end_rows(const zero_dynamics *given, int grows, square rows, i
             rows[NE + i][NE + j] = D / rate;
         }
     }
-    if (!find_sign(rows)) {
+    if (!matrix_sign(rows)) {
         return MODEL_ZERO_ON_AXIS;
     }
     for (int i = 0; i < STATES; ++i) {
@@ -217,7 +219,7 @@ static inline int end_rows(const zero_dynamics *given, int grows, square rows, i
     return MODEL_OK;
 }
 
-/* The pencil of the arm at rest at q with the output at a place. */
+/* The pencil of the arm at the equilibrium q with the output at its target. */
 static inline int zero_dynamics_at(
     const real *target, const real *q, problem_points *arm, real *space, zero_dynamics *to)
 {
@@ -234,9 +236,9 @@ static inline int zero_dynamics_at(
             arm->a[i][l] = 0.0;
         }
     }
-    status = follow(arm, space);
+    status = solve_kinematics(arm, space);
     if (status == MODEL_OK) {
-        status = reduce(arm, space);
+        status = reduced_jacobians(arm, space);
     }
     for (int i = 0; i < NE && status == MODEL_OK; ++i) {
         for (int j = 0; j < NE; ++j) {

@@ -1,12 +1,10 @@
-/*
- * model: rest with the output at a place, springs and gravity in balance; private.
- */
+/* model: equilibrium with the output at a target: springs and gravity in balance; private. */
 #ifndef MODEL_EQUILIBRIUM_H
 #define MODEL_EQUILIBRIUM_H
 
 #include "model_dense.h"
 
-enum { REST_STEPS = 60 };
+enum { EQUILIBRIUM_STEPS = 60 };
 
 /* x = M^-1 b by elimination with row pivoting, rows of M scaled to one; 0 where a pivot is rounding. */
 static inline int solve_square(real (*M)[NA], real *b, real *x)
@@ -58,8 +56,8 @@ static inline int can_move(const real *W, real (*M)[NA], real *b, real *x)
 }
 
 /*
- * Newton's method for rest at a place, from a guess q; scale: the torque of each non-actuated row, its stiffness times
- * a hundredth of a radian or metre.
+ * Newton's method for the equilibrium at a target, from a guess q. scale: the torque of each unactuated row for a
+ * deflection of 0.01 rad or 0.01 m.
  */
 static inline int equilibrium_at(const real *target, real *q, real *scale, real *space)
 {
@@ -69,11 +67,11 @@ static inline int equilibrium_at(const real *target, real *q, real *scale, real 
     real y1_q[NA * NY], y2_q[NA * NY], y2_v[NA * NY], row[NE], row_q[NA * NE], row_v[NA * NE], row_a[NA * NE];
 #endif
     real before = -1.0;
-    for (int step = 0; step < REST_STEPS; ++step) {
+    for (int step = 0; step < EQUILIBRIUM_STEPS; ++step) {
         real most;
         int status = evaluate_output_constraint(q, zero, target, error, W, bias, space);
         if (status != MODEL_OK) {
-            return inner(status);
+            return inner_status(status);
         }
         for (int i = 0; i < NY; ++i) {
             for (int j = 0; j < NA; ++j) {
@@ -84,7 +82,7 @@ static inline int equilibrium_at(const real *target, real *q, real *scale, real 
 #if MODEL_NE > 0
         status = evaluate_inversion_jacobians(q, zero, zero, y1_q, y2_q, y2_v, row, row_q, row_v, row_a, space);
         if (status != MODEL_OK) {
-            return inner(status);
+            return inner_status(status);
         }
         for (int i = 0; i < NE; ++i) {
             for (int j = 0; j < NA; ++j) {

@@ -71,7 +71,7 @@ static inline void between(const interpolant *f, const real left[3], const real 
     }
 }
 
-/* Accelerations at the nodes: the polynomial through the Gauss points on both sides, at the first one rest. */
+/* Accelerations at the nodes: the polynomial through the Gauss points on both sides; zero at the first node. */
 static inline void nodal_accelerations(const mesh *m, real *a_node)
 {
     real weight[2 * STAGES], end[STAGES];
@@ -110,7 +110,7 @@ static inline void nodal_accelerations(const mesh *m, real *a_node)
     }
 }
 
-/* Non-actuated coordinates, speeds and accelerations at x, 0 <= x <= 1, of an interval, into place l. */
+/* Unactuated coordinates, velocities and accelerations at x, 0 <= x <= 1, of an interval, into point l. */
 static inline void load_between(
     const mesh *m, const real *a_node, const interpolant *f, ptrdiff_t interval, real x, problem_points *arm, int l)
 {

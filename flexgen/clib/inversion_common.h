@@ -1,10 +1,10 @@
-/*
- * model: what all parts of the inversion share: sizes, Gauss points of an interval, memory; private.
- */
+/* model: common to all files of the inversion: sizes, Gauss points of an interval, memory; private. */
 #ifndef MODEL_INVERSION_COMMON_H
 #define MODEL_INVERSION_COMMON_H
 
 #include "model_private.h"
+
+#include "model_inversion.h"
 
 #include "model_motor_constants.h"
 
@@ -17,7 +17,7 @@ enum {
     NT = MODEL_NT,
     POINTS = 8,
     STAGES = 3,
-    REFERENCE = NT + 2 * NY /* numbers of the path at one instant: place, rate, its rate */
+    REFERENCE = NT + 2 * NY /* numbers of a path sample: y, dy, ddy */
 };
 
 static const real gauss_c[STAGES] = {0.11270166537925831, 0.5, 0.8872983346207417};
@@ -39,7 +39,7 @@ static inline real largest(const real *x, int n)
 }
 
 /* Square root by Newton's method: the library needs no function of the C library for it. */
-static inline real root(real x)
+static inline real square_root(real x)
 {
     real r = 1.0;
     if (!(x > 0.0 && x < 1e300)) {
@@ -62,8 +62,8 @@ static inline int is_finite(const real *x, int n)
     return all_finite(x, n, 1);
 }
 
-/* What a function of the library says of states that were computed here: they are no inputs of the caller. */
-static inline int inner(int status)
+/* Status of a function of the library that was called with computed states: they are no inputs of the caller. */
+static inline int inner_status(int status)
 {
     return status == MODEL_INPUT_NOT_FINITE ? MODEL_RESULT_NOT_FINITE : status;
 }
@@ -76,13 +76,13 @@ static inline void copy(const real *from, ptrdiff_t n, real *to)
 }
 
 /* Workspace of the functions that are used here. */
-static inline ptrdiff_t space_wanted(void)
+static inline ptrdiff_t function_work(void)
 {
     return MODEL_INVERSION_SPACE + 8;
 }
 
 /* Room in the workspace, in numbers; whole vectors apart. */
-static inline int64_t room(int64_t n)
+static inline int64_t padded(int64_t n)
 {
     return (n + 7) / 8 * 8;
 }

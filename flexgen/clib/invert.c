@@ -5,7 +5,7 @@
 #include "model_lq_step.h"
 #include "model_whole_path.h"
 
-enum { HOLD = 8, SWEEPS = 3 }; /* intervals of the hold after the path; sweeps over it */
+enum { HOLD = 8, SWEEPS = 3 }; /* intervals of a mesh at equilibrium after the path; sweeps over it */
 
 #if MODEL_NE > 0
 /* Where the arrays of this solver are, after those of both. */
@@ -41,7 +41,7 @@ int64_t model_invert_work(int n, const model_inversion_options *options)
     end = lay_out_lq(&l).end;
 #else
     l = lay_out(n, options, 0);
-    end = l.end + room((int64_t)(sizeof(problem_points) / sizeof(real)));
+    end = l.end + padded((int64_t)(sizeof(problem_points) / sizeof(real)));
 #endif
     return is_addressable(end) ? end : -1;
 }
@@ -85,7 +85,7 @@ static int terminal_cost(
         }
         copy(reference, REFERENCE, hold.reference + k * REFERENCE);
     }
-    status = lq_endless(&hold, SWEEPS, (lq_space *)(void *)(work + own->lq), work + l->space, work + own->cost);
+    status = lq_stationary_cost(&hold, SWEEPS, (lq_space *)(void *)(work + own->lq), work + l->space, work + own->cost);
     m->end = work + own->cost;
     m->equilibrium = hold.y;
     return status;

@@ -37,7 +37,7 @@ typedef char model_real_has_the_width_of_bits[sizeof(real) == sizeof(bits) ? 1 :
 #define MODEL_INLINE static inline
 #endif
 
-/* A vector has the alignment of one number and may alias numbers: any place in an array can be read as a vector. */
+/* A vector has the alignment of one number and may alias numbers: any position in an array can be read as a vector. */
 #if defined(__GNUC__) && !defined(MODEL_NO_VECTORS) && (defined(__SSE2__) || defined(__aarch64__) || defined(__VSX__))
 #if defined(__AVX512F__)
 #define MODEL_VECTOR 64

@@ -1,14 +1,14 @@
 /*
- * model: the bends of the path ahead that keep motors within their bounds; private to the stream.
+ * model: changes of the path ahead that keep motors within their limits; private to the stream.
  *
- * The input of the chain that bends the path is constant in blocks of intervals. Around the motion that is planned,
- * motors feel a change of the deviation d as
+ * The input of the chain of integrators is constant in blocks of intervals. Near the planned motion the motors respond
+ * to a change of the deviation d with
  *
  *     tau_m + B2 d'' + B4 d'''',   v_m + C1 d' + C3 d''',
  *
- * by the inertia of arm and rotors and, in the higher derivatives, the twist of the gears. A program finds the change
- * that keeps the bounds over the horizon, with a deviation as small as can be. The inversion stays exact: the changed
- * path is what the next update inverts, and what the slopes missed is seen there.
+ * by the inertia of arm and rotors and, in the higher derivatives, the deflections. A quadratic program finds the
+ * change that keeps the limits over the horizon with the least deviation. The inversion tracks the modified path
+ * exactly: the next update inverts it, and corrects the error of this linearization.
  */
 #ifndef MODEL_LIMITS_H
 #define MODEL_LIMITS_H
@@ -19,25 +19,28 @@
 #include "model_qp.h"
 
 enum {
-    BLOCKS = 8, /* of constant input over the horizon, at most */
+    BLOCKS = 8, /* blocks of constant input over the horizon, at most */
     INPUTS = BLOCKS * NY,
     MOTORS = 2 * NM,       /* torques and speeds at a node */
     BOUNDED = MOTORS + NY, /* and deviations */
     QP_STEPS = 80
 };
 
-static const real kept_free = 1e-3;     /* of a bound: what is kept from it for errors of the slopes */
-static const real is_significant = 0.5; /* of a bound: nodes with less are not in the program */
-static const real far_off = 1.5;        /* times the largest deviation that is allowed: what none reaches */
-static const real share = 0.2;          /* of a change that is made at once: what the slopes miss is seen before */
-static const real no_deviation = 1e-7;  /* m, rad: a deviation that is none */
-static const real decayed = 1e-11;      /* m, rad: one that fades by itself */
-static const real gone = 1e-20;         /* m, rad: one that has faded */
-static const real smooth = 1e-1; /* weight of the input and of the derivatives at the end, beside the deviation */
-static const real calm = 1e0;    /* of a change of the input: plans do not jump from update to update */
-static const real dear = 1e-2;   /* of passing a bound by its own size, beside a deviation of one */
+static const real limit_margin = 1e-3;   /* margin of a limit for errors of the Jacobians, relative */
+static const real considered_from = 0.5; /* nodes below this part of a limit are not in the quadratic program */
+/* a change is refused beyond this factor times the largest deviation */
+static const real overshoot_factor = 1.5;
+/* part of a change that one update makes, so that errors of the Jacobians are corrected */
+static const real step_share = 0.2;
+static const real deviation_zero = 1e-7;     /* m, rad: a smaller deviation is not reported */
+static const real deviation_decayed = 1e-11; /* m, rad: a smaller deviation only decays */
+static const real deviation_removed = 1e-20; /* m, rad: a smaller deviation becomes zero */
+/* weight of the input, and of the derivatives at the end, relative to the deviation */
+static const real smoothness_weight = 1e-1;
+static const real change_weight = 1e0; /* weight of a change of the input, against jumps from update to update */
+static const real limit_weight = 1e-2; /* weight of an exceeded limit, relative to a deviation of one */
 
-/* What the stream keeps for its limits: places in its memory, relative to its beginning. */
+/* Positions of the arrays for the limits, in the memory of the stream. */
 typedef struct {
     ptrdiff_t on, fixed, bound, plan, deviation, value, q, v, a, tau, deflection, lagged;
     ptrdiff_t response, H, g, A, x, y, z, K, w, vv, b, row, dual, end;
@@ -50,9 +53,9 @@ static inline limits_layout limits_laid_out(ptrdiff_t N)
     const ptrdiff_t nodes = N + 1, rows = nodes * BOUNDED;
 #define PLACE(name, size) \
     l.name = at; \
-    at += (ptrdiff_t)room(size)
+    at += (ptrdiff_t)padded(size)
     PLACE(on, 1);
-    PLACE(fixed, 1); /* the last node whose deviation stays: zeros act on what is ahead of them */
+    PLACE(fixed, 1); /* the last node whose deviation must not change: the preview of the unstable zeros */
     PLACE(bound, BOUNDED);
     PLACE(plan, nodes * REFERENCE);
     PLACE(deviation, nodes * DEVIATION);
@@ -81,19 +84,19 @@ static inline limits_layout limits_laid_out(ptrdiff_t N)
     return l;
 }
 
-/* Motor torques and speeds at the nodes, relative to their bounds, from motion and torques of the arm there. */
-static inline int motors_ahead(real *s, const limits_layout *l, ptrdiff_t N, real h, real *space)
+/* Motor torques and speeds at the nodes, relative to their limits, from motion and torques of the arm there. */
+static inline int motors_at_nodes(real *s, const limits_layout *l, ptrdiff_t N, real h, real *space)
 {
     const real equilibrium[NG] = {0.0};
     real stiffness[NG];
     if (!static_deflections(s + l->tau, N + 1, equilibrium, s + l->deflection, stiffness, 0, space)) {
         return 0;
     }
-    for (ptrdiff_t k = 0; k <= N; ++k) { /* the first and the last node take the differences of their neighbours */
+    for (ptrdiff_t k = 0; k <= N; ++k) { /* the first and the last node use the differences of their neighbors */
         const ptrdiff_t at = (k < 1 ? 1 : k > N - 1 ? N - 1 : k) * NG;
         const real *x = s + l->deflection + at;
         for (int i = 0; i < NG; ++i) {
-            const real lag = lag_of(i, stiffness[i]);
+            const real lag = lag_time(i, stiffness[i]);
             s[l->lagged + k * NG + i] = s[l->deflection + k * NG + i] - lag * (x[NG + i] - x[i - NG]) / (2.0 * h);
         }
     }
@@ -121,17 +124,17 @@ static inline int motors_ahead(real *s, const limits_layout *l, ptrdiff_t N, rea
     return 1;
 }
 
-/* B2, B4, C1, C3 [row][output] at the instant that is loaded everywhere in `arm`, whose inverse is that of W there. */
+/* B2, B4, C1, C3 [row][output] at the instant that all points of `arm` hold, with the inverse of W there. */
 typedef struct {
     real B2[NM][NY], B4[NM][NY], C1[NM][NY], C3[NM][NY];
 } jacobian_ahead;
 
 #if MODEL_NE > 0
-/* W, the deflections in balance with the accelerations d'' of the output: K w + (M_eg J_g^-1) d'' = 0. */
+/* W: deflections in balance with the accelerations d'' of the output, K w + (M_eg J_g^-1) d'' = 0. */
 static inline int deflections_at(problem_points *arm, real W[NE][NY], real *space)
 {
     real K[NE][NE + NY]; /* and right sides */
-    if (reduce(arm, space) != MODEL_OK) {
+    if (reduced_jacobians(arm, space) != MODEL_OK) {
         return 0;
     }
     for (int i = 0; i < NE; ++i) {
@@ -155,7 +158,7 @@ static inline int deflections_at(problem_points *arm, real W[NE][NY], real *spac
 }
 #endif
 
-/* The slopes at an instant, relative to the bounds; 0 where numbers are none. */
+/* The Jacobians at an instant, relative to the limits; 0 where a number is not finite. */
 static inline int jacobian_at(
     problem_points *arm, const real *torque, const real *bound, jacobian_ahead *f, real *space)
 {
@@ -174,7 +177,7 @@ static inline int jacobian_at(
         for (int l = 0; l < POINTS && first + l < NG; ++l) {
             arm->a[i_g[first + l]][l] += 1.0;
         }
-        if (rows_of(arm, space) != MODEL_OK) {
+        if (evaluate_rows(arm, space) != MODEL_OK) {
             return 0;
         }
         for (int l = 0; l < POINTS && first + l < NG; ++l) {
@@ -213,7 +216,7 @@ static inline int jacobian_at(
     }
 #endif
     for (int m = 0; m < NM; ++m) {
-        const real torques = 1.0 / bound[m], speeds = 1.0 / bound[NM + m];
+        const real per_torque = 1.0 / bound[m], per_speed = 1.0 / bound[NM + m];
         for (int j = 0; j < NY; ++j) {
             real B2 = 0.0, B4 = 0.0, C1 = 0.0, C3 = 0.0;
             for (int i = 0; i < NG; ++i) {
@@ -223,16 +226,16 @@ static inline int jacobian_at(
                 C1 += eta[m][i] * arm->inverse[j][i][0];
                 C3 += eta[m][i] * deflected;
             }
-            f->B2[m][j] = torques * B2;
-            f->B4[m][j] = torques * B4;
-            f->C1[m][j] = speeds * C1;
-            f->C3[m][j] = speeds * C3;
+            f->B2[m][j] = per_torque * B2;
+            f->B4[m][j] = per_torque * B4;
+            f->C1[m][j] = per_speed * C1;
+            f->C3[m][j] = per_speed * C3;
         }
     }
     return 1;
 }
 
-/* What the inputs change in bounded number m of a node where the chain answers by r. */
+/* Effect of the inputs on limited quantity m of a node, where r is the response of the chain. */
 static inline void fill_row(
     const real *s, const limits_layout *l, const jacobian_ahead *f, int m, const real *r, int blocks, real T, real *A)
 {
@@ -250,7 +253,7 @@ static inline void fill_row(
     }
 }
 
-/* Change the deviations ahead; 0 where the numbers are none, and nothing has changed. */
+/* Change the deviations ahead; 0 where a number is not finite, and nothing has changed. */
 static inline int change_deviation(real *s, const limits_layout *l, ptrdiff_t N, real T, const jacobian_ahead *f)
 {
     const ptrdiff_t fixed = (ptrdiff_t)s[l->fixed], left = N - fixed;
@@ -258,7 +261,7 @@ static inline int change_deviation(real *s, const limits_layout *l, ptrdiff_t N,
     const real tau = (real)DECAYS / (real)N;
     real *deviation = s + l->deviation, *response = s + l->response, *H = s + l->H, *g = s + l->g;
     qp p = {n, 0, H, g, s + l->A, s + l->x, s + l->y, s + l->z, s + l->K, s + l->w, s + l->vv, s + l->b, 0.0};
-    for (int b = 0; b < blocks; ++b) { /* of the chain at the nodes to a unit in a block */
+    for (int b = 0; b < blocks; ++b) { /* response of the chain at the nodes to a unit input in a block */
         for (ptrdiff_t k = 0; k <= N; ++k) {
             real *to = response + (k * CHAIN) * BLOCKS + b;
             const int in = k > fixed && (k - 1 - fixed) * blocks / left == b;
@@ -280,7 +283,7 @@ static inline int change_deviation(real *s, const limits_layout *l, ptrdiff_t N,
     for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
         const real *r = response + k * CHAIN * BLOCKS, *x = deviation + k * DEVIATION;
         for (int c = 0; c < CHAIN; ++c) {
-            const real weight = c == 0 ? 1.0 / (real)N : k == N ? 1.0 : smooth / (real)N;
+            const real weight = c == 0 ? 1.0 / (real)N : k == N ? 1.0 : smoothness_weight / (real)N;
             for (int b = 0; b < blocks; ++b) {
                 for (int j = 0; j < NY; ++j) {
                     g[b * NY + j] += weight * r[c * BLOCKS + b] * x[c * NY + j];
@@ -292,45 +295,46 @@ static inline int change_deviation(real *s, const limits_layout *l, ptrdiff_t N,
         }
     }
     for (int i = 0; i < n; ++i) {
-        H[i * n + i] += calm;
+        H[i * n + i] += change_weight;
     }
     for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
         const real *r = response + k * CHAIN * BLOCKS;
         for (int m = 0; m < BOUNDED; ++m) {
             const ptrdiff_t row = k * BOUNDED + m;
             real *A;
-            if (!(fabs_1(s[l->value + row]) > is_significant)) {
+            if (!(fabs_1(s[l->value + row]) > considered_from)) {
                 s[l->dual + row] = 0.0;
                 continue;
             }
             A = p.A + p.rows * n;
-            s[l->x + p.rows] = s[l->value + row] * (1.0 + kept_free);
+            s[l->x + p.rows] = s[l->value + row] * (1.0 + limit_margin);
             s[l->y + p.rows] = s[l->dual + row];
             s[l->row + p.rows] = (real)row;
             fill_row(s, l, f, m, r, blocks, T, A);
             ++p.rows;
         }
     }
-    if (!run_qp(&p, dear, QP_STEPS)) {
+    if (!run_qp(&p, limit_weight, QP_STEPS)) {
         for (ptrdiff_t i = 0; i < (N + 1) * BOUNDED; ++i) {
             s[l->dual + i] = 0.0;
         }
         return 0;
     }
     for (int i = 0; i < n; ++i) {
-        p.z[i] *= share;
+        p.z[i] *= step_share;
     }
     for (int i = 0; i < p.rows; ++i) {
         const ptrdiff_t row = (ptrdiff_t)s[l->row + i];
         s[l->dual + row] = p.y[i];
     }
-    for (ptrdiff_t k = fixed + 1; k <= N; ++k) { /* soft bounds may be passed, but a deviation not by much */
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) { /* a soft limit may be exceeded, but a deviation not by much */
         for (int j = 0; j < NY; ++j) {
             real to = deviation[k * DEVIATION + j];
             for (int b = 0; b < blocks; ++b) {
                 to += response[k * CHAIN * BLOCKS + b] * p.z[b * NY + j];
             }
-            if (fabs_1(to) > far_off * s[l->bound + MOTORS + j] && fabs_1(to) > fabs_1(deviation[k * DEVIATION + j])) {
+            if (fabs_1(to) > overshoot_factor * s[l->bound + MOTORS + j] &&
+                fabs_1(to) > fabs_1(deviation[k * DEVIATION + j])) {
                 return 0;
             }
         }

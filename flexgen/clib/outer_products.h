@@ -40,7 +40,7 @@ enum {
 #define TILE_ADD(k, a, b) sum##k += w##a * x##b;
 #define TILE_STORE(k, a, b) store_v(H + (i + a) * WIDTH + j + b * LANES, sum##k);
 
-static inline void add_rows_of(
+static inline void add_outer_products(
     real *RESTRICT H, const real *RESTRICT rows, const real *RESTRICT weighed, int count, int first)
 {
     int i = first;

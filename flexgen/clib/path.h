@@ -27,7 +27,7 @@ static inline void quintic(real x, const real left[3], const real right[3], real
 
 #if MODEL_POSE
 /* a - (f x a) / 2 + (f x (f x a)) / 12: the inverse of the left Jacobian of a small rotation vector f, to f^4 / 720. */
-static inline void unturn(const real *f, const real *a, real *out)
+static inline void inverse_left_jacobian(const real *f, const real *a, real *out)
 {
     real once[3], twice[3], thrice[3], fourth[3];
     cross(f, a, once);
@@ -40,7 +40,7 @@ static inline void unturn(const real *f, const real *a, real *out)
 }
 
 /* The left Jacobian of a small rotation vector, the angular velocity of its rate, to f^4 / 120. */
-static inline void turn(const real *f, const real *a, real *out)
+static inline void left_jacobian(const real *f, const real *a, real *out)
 {
     real once[3], twice[3], thrice[3], fourth[3];
     cross(f, a, once);
@@ -53,7 +53,7 @@ static inline void turn(const real *f, const real *a, real *out)
 }
 
 /* Time derivative of the left Jacobian, times the rate d of f. */
-static inline void turn_rate(const real *f, const real *d, real *out)
+static inline void left_jacobian_rate(const real *f, const real *d, real *out)
 {
     real fd[3], dfd[3], ffd[3], dffd[3], fdfd[3], fffd[3], dfffd[3], fdffd[3], ffdfd[3];
     cross(f, d, fd);
@@ -71,7 +71,7 @@ static inline void turn_rate(const real *f, const real *d, real *out)
 }
 
 /* Rotation vector of R1 R0' where it is small, R by columns. */
-static inline void turned(const real *R0, const real *R1, real *f)
+static inline void rotation_vector(const real *R0, const real *R1, real *f)
 {
     real s[3] = {0.0, 0.0, 0.0}, trace = 0.0, c;
     for (int k = 0; k < 3; ++k) { /* E = R1 R0' = sum of columns of both */
@@ -90,7 +90,7 @@ static inline void turned(const real *R0, const real *R1, real *f)
 }
 
 /* exp(f) R0 */
-static inline void turn_matrix(const real *f, const real *R0, real *R)
+static inline void rotate(const real *f, const real *R0, real *R)
 {
     const real u = f[0] * f[0] + f[1] * f[1] + f[2] * f[2];
     const real s = 1.0 - u / 6.0 * (1.0 - u / 20.0 * (1.0 - u / 42.0 * (1.0 - u / 72.0)));
@@ -106,7 +106,7 @@ static inline void turn_matrix(const real *f, const real *R0, real *R)
 }
 #endif
 
-/* Place, rate and its rate at sample k + x, 0 <= x <= 1, each with the stride of the samples. */
+/* y, dy and ddy at sample k + x, 0 <= x <= 1; the path is constant before the first and after the last sample. */
 static inline void reference_at(const model_path *p, int k, real x, real *out)
 {
     const real T = p->period;
@@ -136,13 +136,13 @@ static inline void reference_at(const model_path *p, int k, real x, real *out)
 #if MODEL_POSE
         {
             real f1[3], d1[3], e1[3], extra[3], difference[3], f[3], d[3], e[3], second[3];
-            turned(y0 + 3, y1 + 3, f1);
-            unturn(f1, v1 + 3, d1);
-            turn_rate(f1, d1, extra);
+            rotation_vector(y0 + 3, y1 + 3, f1);
+            inverse_left_jacobian(f1, v1 + 3, d1);
+            left_jacobian_rate(f1, d1, extra);
             for (int i = 0; i < 3; ++i) {
                 difference[i] = a1[3 + i] - extra[i];
             }
-            unturn(f1, difference, e1);
+            inverse_left_jacobian(f1, difference, e1);
             for (int i = 0; i < 3; ++i) {
                 const real left[3] = {0.0, T * v0[3 + i], T * T * a0[3 + i]};
                 const real right[3] = {f1[i], T * d1[i], T * T * e1[i]};
@@ -152,10 +152,10 @@ static inline void reference_at(const model_path *p, int k, real x, real *out)
                 d[i] = q[1] / T;
                 e[i] = q[2] / (T * T);
             }
-            turn_matrix(f, y0 + 3, out + 3);
-            turn(f, d, out + NT + 3);
-            turn(f, e, second);
-            turn_rate(f, d, extra);
+            rotate(f, y0 + 3, out + 3);
+            left_jacobian(f, d, out + NT + 3);
+            left_jacobian(f, e, second);
+            left_jacobian_rate(f, d, extra);
             for (int i = 0; i < 3; ++i) {
                 out[NT + NY + 3 + i] = second[i] + extra[i];
             }
@@ -164,7 +164,7 @@ static inline void reference_at(const model_path *p, int k, real x, real *out)
     }
 }
 
-/* The path at x, 0 <= x <= 1, between two of its samples that stand one after the other, REFERENCE numbers each. */
+/* The path at x, 0 <= x <= 1, between two consecutive samples of REFERENCE numbers each. */
 static inline void between_samples(const real *samples, real period, real x, real *out)
 {
     real y[2 * NT], dy[2 * NY], ddy[2 * NY];
@@ -204,7 +204,7 @@ static inline int is_rotation(const real *R)
 static inline int are_near(const real *R0, const real *R1)
 {
     real f[3];
-    turned(R0, R1, f);
+    rotation_vector(R0, R1, f);
     return largest(f, 3) < 0.3;
 }
 #endif

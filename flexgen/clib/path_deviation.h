@@ -1,5 +1,5 @@
 /*
- * model: a deviation from the path, which bends it, and how it goes on; private to the stream.
+ * model: a deviation from the path, and its decay; private to the stream.
  *
  * The deviation d of each output is the end of a chain of five integrators, so that four derivatives are continuous.
  */
@@ -27,8 +27,8 @@ static inline void chain_step(const real *x, ptrdiff_t stride, real u, real tau,
     }
 }
 
-/* Where a deviation that nothing drives goes in the next interval: to zero, all five poles at -1/T. */
-static inline void decay(const real *x, real tau, real *out)
+/* The free decay of a deviation in the next interval: all five poles at -1/T. */
+static inline void decay_step(const real *x, real tau, real *out)
 {
     static const real binomial[CHAIN] = {1.0, 5.0, 10.0, 10.0, 5.0};
     for (int j = 0; j < NY; ++j) {
@@ -41,7 +41,7 @@ static inline void decay(const real *x, real tau, real *out)
 }
 
 /* A path with a deviation, at one instant. */
-static inline void deviate_reference(const real *plan, const real *x, real T, real *out)
+static inline void add_deviation(const real *plan, const real *x, real T, real *out)
 {
     const int positions = MODEL_POSE ? 3 : NY;
     for (int i = 0; i < REFERENCE; ++i) {
@@ -61,11 +61,11 @@ static inline void deviate_reference(const real *plan, const real *x, real T, re
             d[i] = x[NY + 3 + i] / T;
             e[i] = x[2 * NY + 3 + i] / (T * T);
         }
-        turn_matrix(f, plan + 3, out + 3);
-        turn_matrix(f, I, E);
-        turn(f, d, once);
-        turn(f, e, second);
-        turn_rate(f, d, extra);
+        rotate(f, plan + 3, out + 3);
+        rotate(f, I, E);
+        left_jacobian(f, d, once);
+        left_jacobian(f, e, second);
+        left_jacobian_rate(f, d, extra);
         for (int i = 0; i < 3; ++i) {
             spun[i] = spun2[i] = 0.0;
             for (int k = 0; k < 3; ++k) {
@@ -90,8 +90,8 @@ static inline void size_of_deviation(const real *x, real out[2])
     for (int i = 0; i < NY; ++i) {
         out[i < positions ? 0 : 1] += x[i] * x[i];
     }
-    out[0] = root(out[0]);
-    out[1] = root(out[1]);
+    out[0] = square_root(out[0]);
+    out[1] = square_root(out[1]);
 }
 
 #endif

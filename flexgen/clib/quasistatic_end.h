@@ -1,6 +1,4 @@
-/*
- * model: the slow motion that the end of the horizon is drawn to; private to the stream.
- */
+/* model: the quasi-static motion, the target of the end of the horizon; private to the stream. */
 #ifndef MODEL_QUASISTATIC_END_H
 #define MODEL_QUASISTATIC_END_H
 
@@ -19,9 +17,9 @@ static inline int balance(
         load_elastic(&w->arm, l, q + node * NE, v[node], a[node]);
         load_joints(&w->arm, l, m->q_g + ((ptrdiff_t)m->N * STAGES - 1) * NG);
     }
-    status = follow(&w->arm, space);
+    status = solve_kinematics(&w->arm, space);
     if (status == MODEL_OK) {
-        status = reduce(&w->arm, space);
+        status = reduced_jacobians(&w->arm, space);
     }
     if (status != MODEL_OK) {
         return status;
@@ -43,10 +41,10 @@ static inline int balance(
 }
 
 /*
- * What the end of the horizon is drawn to: the slow motion, deflections in balance with gravity and the path. First as
- * if they did not move; then with the speeds and accelerations that this motion has, by differences of its last
- * values; and so on. Each level gains the ratio of the time constants of zeros and path. All nodes are balanced anew
- * with the path of today: where limits bend it from update to update, differences to what was there before are wrong.
+ * The target of the end of the horizon: the quasi-static motion, deflections in balance with gravity and the path.
+ * First without motion of the deflections; then with the velocities and accelerations of this motion, by differences of
+ * its last values; and so on. Each level reduces the error by the ratio of the time constants of zeros and path. All
+ * nodes are balanced again with the present path: where limits modify it, differences to older values would be wrong.
  */
 static inline int quasistatic_motion(mesh *m, lq_space *w, real *levels, const real *newest, real *space)
 {
@@ -56,9 +54,9 @@ static inline int quasistatic_motion(mesh *m, lq_space *w, real *levels, const r
         {-1.0, 16.0, -30.0, 16.0, -1.0}, {-1.0, 4.0, 6.0, -20.0, 11.0}, {11.0, -56.0, 114.0, -104.0, 35.0}};
     real v[LAST][NE] = {{0.0}}, a[LAST][NE] = {{0.0}};
     real *x = levels;
-    for (int level = 0; level < LEVELS; ++level) {
+    for (int scale_rows = 0; scale_rows < LEVELS; ++scale_rows) {
         int status;
-        x = levels + (ptrdiff_t)level * LAST * NE;
+        x = levels + (ptrdiff_t)scale_rows * LAST * NE;
         for (int k = LAST - 1; k > 0; --k) {
             copy(x + (k - 1) * NE, NE, x + k * NE);
         }
@@ -77,9 +75,9 @@ static inline int quasistatic_motion(mesh *m, lq_space *w, real *levels, const r
         }
     }
     {
-        real *aim = m->aim + m->N * (ptrdiff_t)STATES;
-        copy(x, NE, aim);
-        copy(v[0], NE, aim + NE);
+        real *target_state = m->target_state + m->N * (ptrdiff_t)STATES;
+        copy(x, NE, target_state);
+        copy(v[0], NE, target_state + NE);
     }
     return MODEL_OK;
 }

@@ -1,6 +1,4 @@
-/*
- * model: motion and torques of the interval that begins now, and how even they are; private to the stream.
- */
+/* model: motion and torques of the interval that begins now, and their kinematic mismatch; private to the stream. */
 #ifndef MODEL_STREAM_OUTPUT_H
 #define MODEL_STREAM_OUTPUT_H
 
@@ -8,12 +6,12 @@
 #include "model_motors.h"
 #include "model_interpolation.h"
 
-enum { FORGETS = 4 }; /* times in a horizon */
+enum { MEMORY_DECAYS = 4 }; /* time constants of the memory of the largest values, per horizon */
 
 static const real torque_step_max =
     2e-4; /* of a motor torque from one interval to the next, relative to its largest value */
 
-/* What an update gives: arrays of the caller, sample after sample. */
+/* Results of an update, sample after sample. */
 typedef struct {
     real *q_a, *v_a, *tau_g, *q_m, *v_m, *tau_m;
 } interval;
@@ -28,14 +26,14 @@ static inline int arm_in_window(real *s, const layout *l, const interval *out, r
 #if MODEL_NE > 0
     mesh m = mesh_of(l, s);
     interpolant f;
-    m.y = s + l->y; /* with what is over */
+    m.y = s + l->y; /* with the past */
     m.a = s + l->a;
     m.N += (int)l->past;
     prepare(&f);
     nodal_accelerations(&m, s + l->a_node);
 #endif
     *worst = 0.0;
-    /* All from the plan of today, what is over too: the derivatives must not see where plans differ. */
+    /* All samples from the present plan, the past too: derivatives must not contain steps between plans. */
     copy(joints_now, NG, last);
     for (int at = 0; at < l->window; at += POINTS) {
         const int used = (int)(l->window - at < POINTS ? l->window - at : (ptrdiff_t)POINTS);
@@ -54,7 +52,7 @@ static inline int arm_in_window(real *s, const layout *l, const interval *out, r
             load_between(&m, s + l->a_node, &f, node, x, arm, point);
 #endif
         }
-        status = torques(arm, s + l->space);
+        status = evaluate_torques(arm, s + l->space);
         if (status != MODEL_OK) {
             return status;
         }
@@ -94,13 +92,13 @@ static inline int arm_in_window(real *s, const layout *l, const interval *out, r
 }
 
 /*
- * The largest step of a motor torque from what the plan before said of this instant, relative to the largest of that
- * motor within about a horizon, or a hundredth of all motors'. Plans that differ at once are no motion, though each is
- * even by itself.
+ * The largest step of a motor torque from the value that the plan before predicted, relative to the largest of that
+ * motor within about a horizon, or to a hundredth of that of all motors. A step is no motion, although each plan is
+ * smooth.
  */
-static inline real step_of_torque(real *s, const layout *l, const real *tau_m)
+static inline real torque_step_of(real *s, const layout *l, const real *tau_m)
 {
-    const real N = s[INTERVALS], kept = N / (N + FORGETS);
+    const real N = s[INTERVALS], kept = N / (N + MEMORY_DECAYS);
     const real *expected = s + l->expected + 1;
     real *most = s + l->most + MEASURES, all = 1e-12, worst = 0.0;
     for (int i = 0; i < NM; ++i) {
@@ -114,7 +112,7 @@ static inline real step_of_torque(real *s, const layout *l, const real *tau_m)
 }
 
 /*
- * Motors in the interval, through the gears, whose twists are carried on from update to update; step: of their torques
+ * Motors in the interval; the deflections of the gears are carried on from update to update. step: of the motor torques
  * at its start.
  */
 static inline int motors_in_interval(real *s, const layout *l, const interval *out, real *step)
@@ -128,7 +126,8 @@ static inline int motors_in_interval(real *s, const layout *l, const interval *o
     }
     for (ptrdiff_t k = MARGIN; k + MARGIN < l->window; ++k) {
         real value[NG];
-        if (k >= BACK && k <= BACK + samples_per_interval && !carry_gears(&g, k == BACK, s + l->tau + k * NG, space)) {
+        if (k >= BACK && k <= BACK + samples_per_interval &&
+            !advance_gears(&g, k == BACK, s + l->tau + k * NG, space)) {
             return MODEL_RESULT_NOT_FINITE;
         }
         if (g.slow && k == BACK + samples_per_interval) {
@@ -146,11 +145,11 @@ static inline int motors_in_interval(real *s, const layout *l, const interval *o
         copy(joint, NG, q);
         copy(joint + NG, NG, v);
         copy(joint + 2 * NG, NG, a);
-        if (!motors_behind(&g, tau, deflection, q, v, a, q_m, v_m, tau_m, space)) {
+        if (!motors_at_sample(&g, tau, deflection, q, v, a, q_m, v_m, tau_m, space)) {
             return MODEL_RESULT_NOT_FINITE;
         }
         if (k == 0) {
-            *step = step_of_torque(s, l, tau_m);
+            *step = torque_step_of(s, l, tau_m);
         }
         if (k < samples_per_interval) {
             copy(q_m, NM, out->q_m + k * NM);
@@ -165,16 +164,16 @@ static inline int motors_in_interval(real *s, const layout *l, const interval *o
 }
 
 /*
- * How far positions and speeds of joints and motors in this interval are from being integrals of speeds and
- * accelerations, by differences, like `unevenness` of a whole path. Relative to the largest of these within about a
- * horizon: what was, which is forgotten by and by, what is, and what the joints will do. Twists as if nothing damped
- * them: damping makes them smoother. Differences that need more than the horizon holds are wrong, and seen here.
+ * Kinematic mismatch of joints and motors in this interval, by finite differences, as for a whole path. It is relative
+ * to the largest values within about a horizon: past values, which are forgotten gradually, present ones, and the
+ * planned ones of the joints. Deflections without damping: damping makes them smoother. Differences that need more than
+ * the horizon are wrong, and appear here.
  */
 static inline real kinematic_mismatch_now(real *s, const layout *l)
 {
     const ptrdiff_t samples_per_interval = (ptrdiff_t)s[SAMPLES_PER_INTERVAL], N = (ptrdiff_t)s[INTERVALS];
     const real h = s[PERIOD], fine = h / (real)samples_per_interval, sixty = 60.0 * fine;
-    real most[MEASURES] = {1e-4, 1e-2, 1e-7, 1e-4}; /* least that is measured: rest is rest but for rounding */
+    real most[MEASURES] = {1e-4, 1e-2, 1e-7, 1e-4}; /* smallest scales: at rest there is only rounding */
     real off[MEASURES] = {0.0}, worst = 0.0;
     for (ptrdiff_t k = 0; k < samples_per_interval; ++k) {
         real a_of[NG], miss[NG];
@@ -223,7 +222,7 @@ static inline real kinematic_mismatch_now(real *s, const layout *l)
         }
     }
     for (int i = 0; i < MEASURES; ++i) {
-        most[i] = fmax_1(most[i], s[l->most + i] * (real)N / (real)(N + FORGETS));
+        most[i] = fmax_1(most[i], s[l->most + i] * (real)N / (real)(N + MEMORY_DECAYS));
         s[l->most + i] = most[i];
         worst = fmax_1(worst, off[i] / (sixty * most[i]));
     }

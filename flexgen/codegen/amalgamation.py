@@ -40,8 +40,8 @@ def amalgamated(name: str, files: Mapping[str, str]) -> dict[str, str]:
 
 
 def _included(line: str) -> str | None:
-    """The file that a line includes by its quoted name; None for every other line."""
-    return line[len(_INCLUDE) :].rstrip().rstrip('"') if line.startswith(_INCLUDE) else None
+    """Name of the file that a line includes in quotes, without its folder; None for every other line."""
+    return PurePosixPath(line[len(_INCLUDE) :].rstrip().rstrip('"')).name if line.startswith(_INCLUDE) else None
 
 
 def _without(text: str, names: set[str]) -> str:

@@ -9,7 +9,7 @@
 enum { MARGIN = 3 }; /* samples on either side that a derivative needs */
 
 static const real mismatch_max =
-    2e-2; /* of a motion, see results and interval: more is no rounding and no filter's corner */
+    2e-2; /* largest kinematic mismatch of a status OK: beyond rounding and the corner of a filter */
 
 /* First and second derivative by seven samples, `stride` apart and `period` seconds; order six. */
 static inline real sixty_differences(const real *x, ptrdiff_t stride)

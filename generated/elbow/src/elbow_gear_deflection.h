@@ -1,8 +1,8 @@
 /*
- * elbow: how gears twist under the torques that they carry; private.
+ * elbow: deflections of the gears under their torques; private.
  *
- * A gear twisted by p carries D p' + spring(p) = tau_g. Where damping is weak the twist lags behind its static value by
- * little, which is expanded; elsewhere the equation is integrated from sample to sample.
+ * A gear with the deflection p carries D p' + spring(p) = tau_g. Where the damping is small the deflection lags little
+ * behind its static value, and the lag is a series; elsewhere the equation is integrated from sample to sample.
  */
 #ifndef ELBOW_GEAR_DEFLECTION_H
 #define ELBOW_GEAR_DEFLECTION_H
@@ -13,8 +13,8 @@
 
 enum { SPRING_STEPS = 60, QUICK_STEPS = 8 };
 
-/* `static_twist` by Newton's method kept inside a bracket, from anywhere. */
-static inline int bounded_deflection(const real *torque, real *deflection, real *stiffness, real *space)
+/* `static_deflection` by Newton's method inside a bracket, from any guess. */
+static inline int bracketed_deflection(const real *torque, real *deflection, real *stiffness, real *space)
 {
     real low[NG], high[NG], value[NG], at[NG];
     int short_of = 1;
@@ -77,14 +77,14 @@ static inline int bounded_deflection(const real *torque, real *deflection, real 
     for (int i = 0; i < NG; ++i) {
         const real size = fabs_1(torque[i]) + fabs_1(stiffness[i] * at[i]);
         if (!gear_is_rigid[i] && !(fabs_1(value[i] - torque[i]) <= 1e-12 * size)) {
-            return 0; /* no twist carries so much */
+            return 0; /* no deflection carries this torque */
         }
         deflection[i] = at[i];
     }
     return 1;
 }
 
-/* Static twist of all gears under the torques, from a guess; 0 where there is none. */
+/* Static deflections of all gears under the torques, from a guess; 0 where there are none. */
 static inline int static_deflection(const real *torque, real *deflection, real *stiffness, real *space)
 {
     real value[NG], at[NG];
@@ -113,10 +113,13 @@ static inline int static_deflection(const real *torque, real *deflection, real *
             return 1;
         }
     }
-    return bounded_deflection(torque, deflection, stiffness, space);
+    return bracketed_deflection(torque, deflection, stiffness, space);
 }
 
-/* Static twists at n samples, each from the one before, the first from a guess; slopes `next` apart, 0 for the last. */
+/*
+ * Static deflections at n samples, each from the sample before, the first from a guess; the stiffnesses are `next`
+ * numbers apart, 0: only the last is kept.
+ */
 static inline int static_deflections(
     const real *tau, ptrdiff_t n, const real *guess, real *deflection, real *stiffness, ptrdiff_t next, real *space)
 {
@@ -136,10 +139,7 @@ static const real radau_A[3][3] = {{0.19681547722366044, -0.06553542585019839, 0
     {0.39442431473908727, 0.29207341166522846, -0.04154875212599793},
     {0.37640306270046725, 0.51248582618842161, 1.0 / 9.0}};
 
-/*
- * The step of `twist_step` for gears with a linear spring, p1 = f[0] p0 + sum_s f[1 + s] tau(c_s); slope: of the
- * springs.
- */
+/* The step of `deflection_step` for gears with a linear spring, p1 = f[0] p0 + sum_s f[1 + s] tau(c_s). */
 static inline void linear_steps(real h, const real *stiffness, real (*f)[4])
 {
     for (int i = 0; i < NG; ++i) {
@@ -237,17 +237,17 @@ static inline int deflection_step(real h, real (*linear)[4], real left[NG][3], r
 /* All gears on their way from sample to sample. */
 typedef struct {
     real period;   /* of the samples */
-    int quick[NG]; /* whether a twist lags so little that the lag is an expansion */
+    int quick[NG]; /* 1: the lag is small, a series is accurate */
     int slow;      /* whether any does not */
     real linear[NG][4];
     real left[NG][3], right[NG][3]; /* torque at the sample before and at this one, with derivatives times the period */
-    real now[NG];                   /* twists that are integrated, at this sample */
+    real now[NG];                   /* integrated deflections at this sample */
 } gears;
 
 /*
- * Before the first sample, with the twists there; 0 where numbers are none. Which gears are quick is told by the least
- * stiffness that the spring has, which is at no twist or at a large one: the answer must not change on the way, for a
- * twist that is integrated has to be known from the beginning.
+ * Prepare the first sample, with the deflections there; 0 where a number is not finite. Whether the lag of a gear is
+ * small is decided once, from the least stiffness of its spring, at zero or at a large deflection: an integrated
+ * deflection must be known from the start.
  */
 static inline int begin_gears(gears *g, real period, const real *deflection, real *space)
 {
@@ -278,8 +278,8 @@ static inline int begin_gears(gears *g, real period, const real *deflection, rea
     return 1;
 }
 
-/* On to the next sample, or to the first one, whose torque is `tau`, between its neighbours. */
-static inline int carry_gears(gears *g, int first, const real *tau, real *space)
+/* Advance to the next sample, or to the first one. tau: its torque, between its neighbors. */
+static inline int advance_gears(gears *g, int first, const real *tau, real *space)
 {
     const real period = g->period;
     for (int i = 0; i < NG && g->slow; ++i) {
@@ -291,17 +291,17 @@ static inline int carry_gears(gears *g, int first, const real *tau, real *space)
     return first || !g->slow || deflection_step(period, g->linear, g->left, g->right, g->now, space);
 }
 
-/* Seconds by which a twist lags behind its static value; slope: of its spring. */
-static inline real lag_of(int gear, real stiffness)
+/* Time by which a deflection lags behind its static value [s]. */
+static inline real lag_time(int gear, real stiffness)
 {
     return gear_is_rigid[gear] ? 0.0 : gear_damping[gear] / stiffness;
 }
 
-/* Twists at this sample from static ones there, between their neighbours. */
+/* Deflections at this sample from the static ones at this sample and its neighbors. */
 static inline void lagged_deflections(const gears *g, const real *deflection, const real *stiffness, real *lagged)
 {
     for (int i = 0; i < NG; ++i) {
-        const real lag = lag_of(i, stiffness[i]);
+        const real lag = lag_time(i, stiffness[i]);
         lagged[i] = g->quick[i] ? deflection[i] - lag * derivative_of(deflection + i, NG, g->period) : g->now[i];
     }
 }

@@ -123,7 +123,7 @@ static inline void F(reduce)(const T x, T *turns, T *remainder, T *tail)
     *tail = F(from_bits)(F(bits)(rest) | F(less)(F(splat)(ANGLE_MAX), F(fabs)(x)));
 }
 
-/* Sine and cosine of what reduce gave: one polynomial for each; k tells which is which. Of -0 the sine is -0. */
+/* Sine and cosine from the results of reduce: one polynomial for each, exchanged for odd k. The sine of -0 is -0. */
 static inline void F(sine_cosine_part)(const T turns, const T r, const T tail, T *sine, T *cosine)
 {
     const T z = r * r;

@@ -1,29 +1,29 @@
 /*
- * elbow: look ahead, and bend the path where motors would pass their bounds; private to the stream.
+ * elbow: predict the motors over the horizon and modify the path where limits would be exceeded; private to the stream.
  */
 #ifndef ELBOW_LIMIT_LOOKAHEAD_H
 #define ELBOW_LIMIT_LOOKAHEAD_H
 
 #include "elbow_stream_memory.h"
 
-enum { LEAST_AHEAD = 4 }; /* intervals of a horizon that can be bent */
+enum { LEAST_INTERVALS = 4 }; /* least intervals of a horizon with limits */
 
 #if ELBOW_NE > 0
-static const real preview_share = 1e-3; /* part of a change of the path that the present motion may react to */
+static const real preview_share = 1e-3; /* part of a change of the path that the present motion may still respond to */
 #endif
 static const real infeasible_factor = 2.5; /* times a limit: a stream that exceeds it more fails */
 
-/* Seconds in which a deviation fades. */
-static inline real decaying(const real *s)
+/* Time constant with which a deviation decays [s]. */
+static inline real decay_time(const real *s)
 {
     return s[PERIOD] * s[INTERVALS] / DECAYS;
 }
 
 /*
- * From now on bounds are kept: the path is what was planned, without a deviation. 0 where the horizon is too short for
- * that: a bend must lie so far ahead that the motion which is under way need not know of it.
+ * Start to keep limits, without a deviation. 0 where the horizon is too short: the path may only be modified beyond the
+ * preview of the unstable zeros, so that the present motion need not change.
  */
-static inline int begin_limits(real *s, const layout *l)
+static inline int start_limits(real *s, const layout *l)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
     const limits_layout w = limits_laid_out(N);
@@ -31,10 +31,10 @@ static inline int begin_limits(real *s, const layout *l)
     ptrdiff_t fixed = 1;
 #if ELBOW_NE > 0
     const mesh m = mesh_of(l, s);
-    const int ahead = lq_foresight(&m, s + l->cost, preview_share, b + w.x);
+    const int ahead = lq_preview(&m, s + l->cost, preview_share, b + w.x);
     fixed = ahead > fixed ? ahead : fixed;
 #endif
-    if (N < LEAST_AHEAD || 2 * N < 3 * fixed) {
+    if (N < LEAST_INTERVALS || 2 * N < 3 * fixed) {
         return 0;
     }
     b[w.fixed] = (real)fixed;
@@ -49,15 +49,15 @@ static inline int begin_limits(real *s, const layout *l)
     return 1;
 }
 
-/* The deviation at a sample that is new: what bends the path there, if nothing further happens. */
-static inline void deviate_next(const real *s, const layout *l, const real *own, real *deviation, real *next)
+/* The deviation at a new sample: the decay of the deviation at the end of the horizon. */
+static inline void next_deviation(const real *s, const layout *l, const real *own, real *deviation, real *next)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
-    decay(s + l->limits + limits_laid_out(N).deviation + N * DEVIATION, (real)DECAYS / (real)N, deviation);
-    deviate_reference(own, deviation, decaying(s), next);
+    decay_step(s + l->limits + limits_laid_out(N).deviation + N * DEVIATION, (real)DECAYS / (real)N, deviation);
+    add_deviation(own, deviation, decay_time(s), next);
 }
 
-/* On by one interval, with a sample of the path as it was given, and its deviation. */
+/* Shift by one interval, with the given sample of the path and its deviation. */
 static inline void shift_limits(real *s, const layout *l, const real *own, const real *deviation)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
@@ -71,8 +71,9 @@ static inline void shift_limits(real *s, const layout *l, const real *own, const
 }
 
 /*
- * Whether limits show in the interval that begins now: in its path, or by a bound that is passed. off: distance and
- * angle off the path, where they are larger; ends: whether a bound is passed so far that the stream does.
+ * Whether limits are active in the interval that begins now: its path is modified, or a limit is exceeded. off:
+ * distance and angle from the given path, if larger than before; ends: 1 where a limit is exceeded so far that the
+ * stream fails.
  */
 static inline int is_limited(const real *s, const layout *l, const real *v_m, const real *tau_m, real off[2], int *ends)
 {
@@ -86,20 +87,20 @@ static inline int is_limited(const real *s, const layout *l, const real *v_m, co
         off[0] = fmax_1(off[0], size[0]);
         off[1] = fmax_1(off[1], size[1]);
     }
-    limited = deviated = off[0] > no_deviation || off[1] > no_deviation;
+    limited = deviated = off[0] > deviation_zero || off[1] > deviation_zero;
     for (ptrdiff_t i = 0; i < (ptrdiff_t)s[SAMPLES_PER_INTERVAL] * NM; ++i) {
         const real torque = b[w.bound + i % NM], speed = b[w.bound + NM + i % NM];
-        if (fabs_1(tau_m[i]) > torque || fabs_1(v_m[i]) > speed) { /* what could not be kept is no success */
+        if (fabs_1(tau_m[i]) > torque || fabs_1(v_m[i]) > speed) { /* an exceeded limit is reported */
             limited = 1;
         }
         if (fabs_1(tau_m[i]) > infeasible_factor * torque || fabs_1(v_m[i]) > infeasible_factor * speed) {
-            *ends = deviated; /* bends that chase each other */
+            *ends = deviated; /* modifications that cause one another */
         }
     }
     return limited;
 }
 
-/* Node k of the horizon, 0 ... N, into a place of `arm`, with guesses of the joints. */
+/* Node k of the horizon, 0 ... N, into a point of `arm`, with guesses of the joints. */
 static inline void load_node(real *s, const layout *l, ptrdiff_t k, const real *joints, problem_points *arm, int lane)
 {
     const ptrdiff_t node = l->past + k;
@@ -113,8 +114,8 @@ static inline void load_node(real *s, const layout *l, ptrdiff_t k, const real *
 #endif
 }
 
-/* Motion and torques of the arm at the nodes, as planned, and what motors do there. */
-static inline int foresee(real *s, const layout *l, const limits_layout *w)
+/* Planned motion and torques of the arm at the nodes, and the torques and speeds of the motors there. */
+static inline int predict_motors(real *s, const layout *l, const limits_layout *w)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
     real *b = s + l->limits, joints[NG];
@@ -126,7 +127,7 @@ static inline int foresee(real *s, const layout *l, const limits_layout *w)
         for (int lane = 0; lane < POINTS; ++lane) {
             load_node(s, l, at + (lane < used ? lane : used - 1), joints, arm, lane);
         }
-        status = torques(arm, s + l->space);
+        status = evaluate_torques(arm, s + l->space);
         if (status != ELBOW_OK) {
             return status;
         }
@@ -140,18 +141,18 @@ static inline int foresee(real *s, const layout *l, const limits_layout *w)
             }
         }
     }
-    return motors_ahead(b, w, N, s[PERIOD], s + l->space) ? ELBOW_OK : ELBOW_RESULT_NOT_FINITE;
+    return motors_at_nodes(b, w, N, s[PERIOD], s + l->space) ? ELBOW_OK : ELBOW_RESULT_NOT_FINITE;
 }
 
-/* The path of the horizon becomes the one that was given, with its deviation. */
-static inline void deviate_path(real *s, const layout *l, const limits_layout *w)
+/* The path of the horizon becomes the given one with its deviation. */
+static inline void modify_path(real *s, const layout *l, const limits_layout *w)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
     const real *b = s + l->limits;
     real *nodes = s + l->nodes + l->past * REFERENCE;
     for (ptrdiff_t k = 1; k <= N; ++k) {
-        deviate_reference(
-            b + w->plan + k * REFERENCE, b + w->deviation + k * DEVIATION, decaying(s), nodes + k * REFERENCE);
+        add_deviation(
+            b + w->plan + k * REFERENCE, b + w->deviation + k * DEVIATION, decay_time(s), nodes + k * REFERENCE);
     }
     for (ptrdiff_t k = 1; k < N; ++k) {
         for (int g = 0; g < STAGES; ++g) {
@@ -162,7 +163,7 @@ static inline void deviate_path(real *s, const layout *l, const limits_layout *w
     copy(nodes + N * REFERENCE, REFERENCE, s + l->last);
 }
 
-/* Look whether motors will pass their bounds, and bend the path ahead, beyond the nodes that are fixed. */
+/* Check whether the motors will exceed their limits, and modify the path beyond the fixed nodes. */
 static inline int apply_limits(real *s, const layout *l)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
@@ -170,7 +171,7 @@ static inline int apply_limits(real *s, const layout *l)
     real *b = s + l->limits, *space = s + l->space, worst = 0.0, deviated;
     const ptrdiff_t fixed = (ptrdiff_t)b[w.fixed];
     ptrdiff_t where = fixed + 1;
-    int status = foresee(s, l, &w);
+    int status = predict_motors(s, l, &w);
     if (status != ELBOW_OK) {
         return status;
     }
@@ -182,28 +183,28 @@ static inline int apply_limits(real *s, const layout *l)
         }
     }
     deviated = largest(b + w.deviation, (int)((N + 1) * DEVIATION));
-    if (worst * (1.0 + kept_free) <= 1.0 && deviated < decayed) {
-        for (ptrdiff_t i = 0; i < (N + 1) * DEVIATION && deviated < gone; ++i) {
+    if (worst * (1.0 + limit_margin) <= 1.0 && deviated < deviation_decayed) {
+        for (ptrdiff_t i = 0; i < (N + 1) * DEVIATION && deviated < deviation_removed; ++i) {
             b[w.deviation + i] = 0.0;
         }
-    } else { /* with the slopes where it is worst */
+    } else { /* with the Jacobians at the worst node */
         problem_points *arm = arm_of(l, s);
         jacobian_ahead jacobian;
         for (int lane = 0; lane < POINTS; ++lane) {
             load_node(s, l, where, b + w.q + where * NG, arm, lane);
         }
-        status = torques(arm, space);
+        status = evaluate_torques(arm, space);
         if (status != ELBOW_OK) {
             return status;
         }
         if (!jacobian_at(arm, b + w.tau + where * NG, b + w.bound, &jacobian, space)) {
             return ELBOW_RESULT_NOT_FINITE;
         }
-        if (!change_deviation(b, &w, N, decaying(s), &jacobian)) {
-            return ELBOW_OK; /* the bends that are there stay */
+        if (!change_deviation(b, &w, N, decay_time(s), &jacobian)) {
+            return ELBOW_OK; /* the present deviations are kept */
         }
     }
-    deviate_path(s, l, &w);
+    modify_path(s, l, &w);
     return ELBOW_OK;
 }
 

@@ -1,14 +1,14 @@
 /*
  * elbow: one Gauss-Newton step of the inversion over a mesh, a linear-quadratic problem; private.
  *
- * Unknown are the accelerations a_e at the Gauss points of each interval, the control of the double integrator
- * y = (q_e, v_e). The step d minimises
+ * The unknowns are the accelerations a_e at the Gauss points of each interval, the control of the double integrator y =
+ * (q_e, v_e). The step d minimizes
  *
- *     sum |(R + R_q dq + R_v dv + R_a da) / s_r|^2 + tiny (|y + dy - y_ref|^2 / s_y^2 + |da|^2 / s_a^2),   dy_0 = 0,
+ *     sum |(R + R_q dq + R_v dv + R_a da) / s_r|^2 + w (|y + dy - y_ref|^2 / s_y^2 + |da|^2 / s_a^2),   dy_0 = 0,
  *
- * where y_ref is the present y itself or, on a moving horizon, the quasi-static motion, by a Riccati recursion with
- * blocks of fixed size. It is regular where R_a is singular (flat points) and picks, of the motions that make R vanish,
- * the one that does not blow up.
+ * by a Riccati recursion with blocks of fixed size, w: the small `regularization`. y_ref is the present y or, on a
+ * moving horizon, the quasi-static motion. The step is regular where R_a is singular; of all motions with R = 0 it
+ * selects the bounded one.
  */
 #ifndef ELBOW_LQ_STEP_H
 #define ELBOW_LQ_STEP_H
@@ -28,9 +28,11 @@ enum {
 static const real scale_q = 1e-2; /* rad or m */
 static const real scale_v = 1.0;  /* rad/s or m/s */
 static const real scale_a = 1e3;  /* rad/s^2 or m/s^2 */
-static const real tiny = 1e-12;
-static const real seed = 1e-4;    /* of the cost of an endless rest: what grows gets its own soon, the rest fades */
-static const real nothing = 1e-9; /* of a cost to go: a thousand times that of the tiny weights */
+static const real regularization = 1e-12;
+/* initial cost of the recursion; the cost of unstable motions grows, that of stable motions decays */
+static const real initial_weight = 1e-4;
+/* smallest cost to go that counts: a thousand times that of the regularization */
+static const real negligible_cost = 1e-9;
 
 /* Memory of a step. */
 typedef struct {
@@ -41,7 +43,7 @@ typedef struct {
     real P[STATES * STATES], p[STATES];
 } lq_space;
 
-/* Residuals and slopes at the Gauss points of the intervals first ... first + count - 1. */
+/* Residuals and Jacobians at the Gauss points of the intervals first ... first + count - 1. */
 static inline int evaluate_group(mesh *m, int first, int count, lq_space *w, real *space)
 {
     for (int at = 0; at < count * STAGES; at += POINTS) {
@@ -51,9 +53,9 @@ static inline int evaluate_group(mesh *m, int first, int count, lq_space *w, rea
         for (int l = 0; l < POINTS; ++l) {
             load_point(m, begin + (l < used ? l : used - 1), &w->arm, l);
         }
-        status = follow(&w->arm, space);
+        status = solve_kinematics(&w->arm, space);
         if (status == ELBOW_OK) {
-            status = reduce(&w->arm, space);
+            status = reduced_jacobians(&w->arm, space);
         }
         if (status != ELBOW_OK) {
             return status;
@@ -77,7 +79,7 @@ static inline int evaluate_group(mesh *m, int first, int count, lq_space *w, rea
     return ELBOW_OK;
 }
 
-/* The largest residual alone, at all Gauss points; the joints follow. */
+/* The largest residual at all Gauss points, without Jacobians; the joints are updated. */
 static inline int evaluate_residual(mesh *m, lq_space *w, real *space)
 {
     problem_points *arm = &w->arm;
@@ -88,9 +90,9 @@ static inline int evaluate_residual(mesh *m, lq_space *w, real *space)
         for (int l = 0; l < POINTS; ++l) {
             load_point(m, at + (l < used ? l : used - 1), arm, l);
         }
-        status = follow(arm, space);
+        status = solve_kinematics(arm, space);
         if (status == ELBOW_OK) {
-            status = rows_of(arm, space);
+            status = evaluate_rows(arm, space);
         }
         if (status != ELBOW_OK) {
             return status;
@@ -107,7 +109,7 @@ static inline int evaluate_residual(mesh *m, lq_space *w, real *space)
     return ELBOW_OK;
 }
 
-/* Rows of the linearised residuals of one interval, in scaled unknowns (a, q, v) and right side. */
+/* Rows of the linearized residuals of one interval, in scaled unknowns (a, q, v) and right side. */
 static inline void interval_rows(const mesh *m, const real *point, real *J)
 {
     const real h = m->h;
@@ -135,13 +137,13 @@ static inline void interval_rows(const mesh *m, const real *point, real *J)
     }
 }
 
-/* How far state i of node k is from what it is drawn to, scaled. */
-static inline real pulled(const mesh *m, ptrdiff_t k, int i)
+/* Scaled distance of state i of node k from its target. */
+static inline real target_distance(const mesh *m, ptrdiff_t k, int i)
 {
-    return (m->y[k * STATES + i] - m->aim[k * STATES + i]) / (i < NE ? scale_q : scale_v);
+    return (m->y[k * STATES + i] - m->target_state[k * STATES + i]) / (i < NE ? scale_q : scale_v);
 }
 
-/* Add the cost to go of the node after interval k and the tiny weights. */
+/* Add the cost to go of the node after interval k, and the regularization. */
 static inline void add_cost_to_go(const mesh *m, int k, const lq_space *w, real *H)
 {
     const real h = m->h, drift = h * scale_v / scale_q;
@@ -166,7 +168,7 @@ static inline void add_cost_to_go(const mesh *m, int k, const lq_space *w, real 
                 row[CONTROLS + j] += q;
                 row[CONTROLS + NE + j] += drift * q + to_q[s] * Pq[NE + j] + to_v[s] * Pv[NE + j];
             }
-            row[s * NE + i] += tiny;
+            row[s * NE + i] += regularization;
             row[CONTROLS + STATES] += to_q[s] * p[i] + to_v[s] * p[NE + i];
         }
         {
@@ -175,18 +177,18 @@ static inline void add_cost_to_go(const mesh *m, int k, const lq_space *w, real 
                 row[j] += Pq[j];
                 row[NE + j] += drift * Pq[j] + Pq[NE + j];
             }
-            row[i] += tiny;
+            row[i] += regularization;
             row[STATES] += p[i];
             row = H + (CONTROLS + NE + i) * WIDTH + CONTROLS;
             for (int j = 0; j < NE; ++j) {
                 row[NE + j] += drift * (drift * Pq[j] + Pq[NE + j] + Pv[j]) + Pv[NE + j];
             }
-            row[NE + i] += tiny;
+            row[NE + i] += regularization;
             row[STATES] += drift * p[i] + p[NE + i];
         }
     }
-    for (int i = 0; i < STATES && m->aim != NULL; ++i) {
-        H[(CONTROLS + i) * WIDTH + CONTROLS + STATES] += tiny * pulled(m, k, i);
+    for (int i = 0; i < STATES && m->target_state != NULL; ++i) {
+        H[(CONTROLS + i) * WIDTH + CONTROLS + STATES] += regularization * target_distance(m, k, i);
     }
 }
 
@@ -217,7 +219,7 @@ static inline int eliminate(real *RESTRICT H, real *RESTRICT factor)
             }
             row[k] = weight;
         }
-        add_rows_of(H, rows, weighed, count, begin + count);
+        add_outer_products(H, rows, weighed, count, begin + count);
     }
     return 1;
 }
@@ -229,11 +231,11 @@ static inline int lq_factor(mesh *m, lq_space *w, real *space)
     for (int i = 0; i < STATES; ++i) {
         w->p[i] = 0.0;
         for (int j = 0; j < STATES; ++j) {
-            w->P[i * STATES + j] = m->end != NULL ? m->end[i * STATES + j] : i == j ? tiny : 0.0;
+            w->P[i * STATES + j] = m->end != NULL ? m->end[i * STATES + j] : i == j ? regularization : 0.0;
         }
         for (int j = 0; j < STATES; ++j) {
-            if (m->aim != NULL) {
-                w->p[i] += w->P[i * STATES + j] * pulled(m, m->N, j);
+            if (m->target_state != NULL) {
+                w->p[i] += w->P[i * STATES + j] * target_distance(m, m->N, j);
             } else if (m->equilibrium != NULL) {
                 w->p[i] += w->P[i * STATES + j] * (end[j] - m->equilibrium[j]) / (j < NE ? scale_q : scale_v);
             }
@@ -253,7 +255,7 @@ static inline int lq_factor(mesh *m, lq_space *w, real *space)
             for (int i = 0; i < COLUMNS * WIDTH; ++i) {
                 w->H[i] = 0.0;
             }
-            add_rows_of(w->H, w->J, w->J, RESIDUALS, 0);
+            add_outer_products(w->H, w->J, w->J, RESIDUALS, 0);
             add_cost_to_go(m, k, w, w->H);
             if (!eliminate(w->H, m->factor + (ptrdiff_t)k * CONTROLS * WIDTH)) {
                 return ELBOW_NOT_CONVERGED;
@@ -273,13 +275,13 @@ static inline int lq_factor(mesh *m, lq_space *w, real *space)
 }
 
 /*
- * The cost to go of an endless rest, which is next to nothing where errors fade and weighs what grows, by a few sweeps
- * over a mesh that rests. The end of a horizon is free but for that.
+ * The cost to go of an endless equilibrium: close to zero for stable motions, large for unstable ones; by a few sweeps
+ * over a mesh at equilibrium. It is the only condition at the end of a horizon.
  */
-static inline int lq_endless(mesh *hold, int sweeps, lq_space *w, real *space, real *cost)
+static inline int lq_stationary_cost(mesh *hold, int sweeps, lq_space *w, real *space, real *cost)
 {
     for (int i = 0; i < STATES * STATES; ++i) {
-        cost[i] = i % (STATES + 1) == 0 ? seed : 0.0;
+        cost[i] = i % (STATES + 1) == 0 ? initial_weight : 0.0;
     }
     hold->end = cost;
     for (int k = 0; k < sweeps; ++k) {
@@ -292,7 +294,7 @@ static inline int lq_endless(mesh *hold, int sweeps, lq_space *w, real *space, r
     return ELBOW_OK;
 }
 
-/* The controls u of an interval at a state d, both scaled; forced = 0: what the state alone asks for. */
+/* The controls u of an interval at a state d, both scaled; forced = 0: the response to the state alone. */
 static inline void lq_controls(const real *factor, real forced, const real *d, real *u)
 {
     for (int i = CONTROLS - 1; i >= 0; --i) {
@@ -309,11 +311,11 @@ static inline void lq_controls(const real *factor, real forced, const real *d, r
 }
 
 /*
- * Intervals that a change of the path must lie ahead, so that it asks for less than the share `felt` of itself now:
- * the time in which the growing motions fade, looked at from their end. The cost to go P of a state d sees just them:
- * root(d' P d) after k intervals, beside what it was. N + 1 where the mesh is too short to say. most: N + 1 numbers.
+ * Preview: number of intervals after which a change of the path changes the present motion by less than `share` of
+ * itself. The cost to go P of a state d measures its unstable part: sqrt(d' P d) after k intervals, relative to its
+ * initial value. N + 1 where the mesh is too short. most: memory of N + 1 numbers.
  */
-static inline int lq_foresight(const mesh *m, const real *P, real felt, real *most)
+static inline int lq_preview(const mesh *m, const real *P, real felt, real *most)
 {
     for (int k = 0; k <= m->N; ++k) {
         most[k] = 0.0;
@@ -344,7 +346,7 @@ static inline int lq_foresight(const mesh *m, const real *P, real felt, real *mo
         }
     }
     for (int k = 0; k <= m->N; ++k) {
-        if (most[k] <= fmax_1(felt * felt * most[0], nothing)) {
+        if (most[k] <= fmax_1(felt * felt * most[0], negligible_cost)) {
             return k;
         }
     }

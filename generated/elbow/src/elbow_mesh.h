@@ -9,11 +9,11 @@
 #if ELBOW_NE > 0
 
 enum {
-    CONTROLS = STAGES * NE, /* accelerations in an interval, by which it is steered */
+    CONTROLS = STAGES * NE, /* accelerations in an interval, the controls */
     STATES = 2 * NE         /* coordinates and speeds at a node */
 };
 
-/* Mesh and unknowns: arrays of the caller. */
+/* Mesh and unknowns; all arrays belong to the caller. */
 typedef struct {
     int N;                   /* intervals */
     real h;                  /* their length */
@@ -21,11 +21,11 @@ typedef struct {
     real *a;                 /* N x STAGES x NE */
     real *q_g;               /* N x STAGES x NG: at the Gauss points */
     real *reference;         /* N x STAGES x REFERENCE: the path there */
-    real *aim;               /* (N + 1) x STATES: what the nodes are drawn to; NULL for where they are */
-    const real *equilibrium; /* STATES: what the last node is drawn to, where aim is NULL; NULL for where it is */
+    real *target_state;      /* (N + 1) x STATES: targets of the nodes; NULL: their present states */
+    const real *equilibrium; /* STATES: target of the last node where target_state is NULL; NULL: its present state */
     real *factor;            /* N x CONTROLS x WIDTH: rows of the elimination, pivots inverted on the diagonal */
     real *scale;             /* NE: torque of a row */
-    const real *end;         /* STATES x STATES: weight of the last node; NULL for the tiny one */
+    const real *end;         /* STATES x STATES: weight of the last node; NULL: the regularization */
     real residual;           /* out: largest |R / s_r| */
 } mesh;
 
@@ -61,7 +61,7 @@ static inline void next_node(const real *y, const real *a, real h, real *next)
     }
 }
 
-/* Bring Gauss point number `at` (of all) into place l. */
+/* Copy Gauss point number `at` (of all) into point l. */
 static inline void load_point(const mesh *m, int at, problem_points *p, int l)
 {
     const int k = at / STAGES, s = at % STAGES;

@@ -1,7 +1,7 @@
 /*
- * elbow: motors behind the gears, the stable stage behind the reduced inverse dynamics; private.
+ * elbow: motors behind the gears, from the motion and torques of the reduced problem; private.
  *
- * A gear is twisted by p, so that the motors follow from q_m = eta (q_g + p):
+ * With the deflections p of the gears the motor angles are q_m = eta (q_g + p), and
  *
  *     tau_m = J_m a_m + f(v_m) + eta^-T tau_g
  */
@@ -10,7 +10,7 @@
 
 #include "elbow_gear_deflection.h"
 
-/* Motor angle, speed and torque of one instant from the joints and their twists. */
+/* Motor angle, speed and torque at one instant from the joints and their deflections. */
 static inline int motors_of(
     const real *q, const real *v, const real *a, const real *tau_g, real *q_m, real *v_m, real *tau_m, real *space)
 {
@@ -37,10 +37,10 @@ static inline int motors_of(
 }
 
 /*
- * The same from the motion of the joints, to which that of the twists is added, at a sample between its neighbours:
- * `tau` the gear torques there, `twist` the twists.
+ * The same from the motion of the joints, to which that of the deflections is added. `tau`, `deflection`: gear torques
+ * and deflections at this sample, between their neighbors.
  */
-static inline int motors_behind(const gears *g, const real *tau, const real *deflection, real *q, real *v, real *a,
+static inline int motors_at_sample(const gears *g, const real *tau, const real *deflection, real *q, real *v, real *a,
     real *q_m, real *v_m, real *tau_m, real *space)
 {
     const real period = g->period;

@@ -1,11 +1,11 @@
 /*
- * elbow: a small quadratic program with soft bounds, by a fixed number of splitting steps; private.
+ * elbow: a small quadratic program with soft limits, by a fixed number of splitting steps; private.
  *
  *     min  z' H z / 2 + g' z + price * sum_i dist(x_i + (A z)_i, [-1, 1])
  *
- * With a price above the multipliers of the bounds they are kept exactly where they can be, and passed by as little as
- * can be where not: there is always an answer. Alternating directions: one factorisation, then a pair of triangular
- * solves and a projection a step.
+ * Where the price exceeds the multipliers, the limits are kept where that is possible, and exceeded as little as
+ * possible elsewhere: there is always a solution. Alternating directions: one factorization, then two triangular solves
+ * and a projection per step.
  *
  * Source: B. Stellato et al., Mathematical Programming Computation 12, 2020 (OSQP); N. Parikh, S. Boyd, Proximal
  * Algorithms, 2014, sec. 6.
@@ -16,24 +16,25 @@
 #include "elbow_inversion_common.h"
 
 static const real equilibrium_of_springs = 1.6; /* over-relaxation */
-static const real anchored = 1e-9;              /* of a step to the one before, relative to the mean diagonal of H */
+/* weight of the change per step, relative to the mean diagonal of H */
+static const real proximal_weight = 1e-9;
 
-/* A program and its memory: arrays of the caller. */
+/* A quadratic program and its memory; all arrays belong to the caller. */
 typedef struct {
     int n, rows;
-    real *H;       /* n x n, symmetric; spoiled */
-    real *g;       /* n; spoiled */
-    real *A;       /* rows x n; spoiled */
-    const real *x; /* rows */
-    real *y;       /* rows: multipliers in units of the cost, kept from call to call */
-    real *z;       /* n: the answer */
-    real *K;       /* n x n */
-    real *w, *v;   /* rows */
-    real *b;       /* n */
-    real passed;   /* out: by how much the bounds are passed */
+    real *H;        /* n x n, symmetric; overwritten */
+    real *g;        /* n; overwritten */
+    real *A;        /* rows x n; overwritten */
+    const real *x;  /* rows */
+    real *y;        /* rows: multipliers in units of the cost, kept from call to call */
+    real *z;        /* n: the solution */
+    real *K;        /* n x n */
+    real *w, *v;    /* rows */
+    real *b;        /* n */
+    real violation; /* out: largest violation of the limits */
 } qp;
 
-/* K = L L' in the lower triangle, diagonal inverted; 0 where a pivot is none. */
+/* K = L L' in the lower triangle, diagonal inverted; 0 where a pivot is not positive. */
 static inline int factor_qp(real *K, int n)
 {
     for (int k = 0; k < n; ++k) {
@@ -45,7 +46,7 @@ static inline int factor_qp(real *K, int n)
             if (i > k) {
                 K[i * n + k] = sum * K[k * n + k];
             } else if (sum > 0.0) {
-                K[k * n + k] = 1.0 / root(sum);
+                K[k * n + k] = 1.0 / square_root(sum);
             } else {
                 return 0;
             }
@@ -71,7 +72,7 @@ static inline void solve_qp(const real *K, int n, real *b)
     }
 }
 
-/* The answer after so many steps; 0 where the numbers are none. */
+/* The solution after the given number of steps; 0 where a number is not finite. */
 static inline int run_qp(qp *p, real price, int steps)
 {
     const int n = p->n, rows = p->rows;
@@ -79,7 +80,8 @@ static inline int run_qp(qp *p, real price, int steps)
     for (int i = 0; i < rows * n; ++i) {
         size += p->A[i] * p->A[i];
     }
-    unit = size > 0.0 ? 1.0 / root(size / n) : 1.0; /* of z: columns of A get the length one, on the mean */
+    /* scale of z: the mean length of the columns of A becomes one */
+    unit = size > 0.0 ? 1.0 / square_root(size / n) : 1.0;
     for (int i = 0; i < n; ++i) {
         cost += p->H[i * n + i] * unit * unit;
     }
@@ -89,7 +91,7 @@ static inline int run_qp(qp *p, real price, int steps)
         p->z[i] = 0.0;
         for (int j = 0; j <= i; ++j) {
             p->H[i * n + j] *= unit * unit * cost;
-            p->K[i * n + j] = p->H[i * n + j] + (i == j ? anchored : 0.0);
+            p->K[i * n + j] = p->H[i * n + j] + (i == j ? proximal_weight : 0.0);
         }
     }
     for (int r = 0; r < rows; ++r) {
@@ -111,7 +113,7 @@ static inline int run_qp(qp *p, real price, int steps)
     price *= cost;
     for (int step = 0; step < steps; ++step) {
         for (int i = 0; i < n; ++i) {
-            p->b[i] = anchored * p->z[i] - p->g[i];
+            p->b[i] = proximal_weight * p->z[i] - p->g[i];
         }
         for (int r = 0; r < rows; ++r) {
             const real pull = p->w[r] - p->y[r];
@@ -141,9 +143,9 @@ static inline int run_qp(qp *p, real price, int steps)
             p->y[r] = to - near;
         }
     }
-    p->passed = 0.0;
+    p->violation = 0.0;
     for (int r = 0; r < rows; ++r) {
-        p->passed = fmax_1(p->passed, fabs_1(p->x[r] + p->v[r]) - 1.0);
+        p->violation = fmax_1(p->violation, fabs_1(p->x[r] + p->v[r]) - 1.0);
         p->y[r] /= cost;
     }
     for (int i = 0; i < n; ++i) {

@@ -2,11 +2,11 @@
  * elbow: the arm with its output on the path: kinematics, and the reduced problem; private.
  *
  * The output is prescribed, y(q_a) = Z(t), so that the actuated coordinates q_g follow from the others and only n_e
- * equations are left,
+ * equations remain,
  *
  *     R(q_e, v_e, a_e, t) = [M a + c + g]_e - tau_e = 0.
  *
- * POINTS instants are evaluated together; entry i of point l of an array stands at [i][l], matrices by columns.
+ * POINTS instants are evaluated together; entry i of point l of an array is [i][l], matrices are stored by columns.
  */
 #ifndef ELBOW_REDUCED_PROBLEM_H
 #define ELBOW_REDUCED_PROBLEM_H
@@ -36,7 +36,7 @@ typedef struct {
 #endif
 } problem_points;
 
-/* Bring the path at one instant into place l. */
+/* Copy the path at one instant into point l. */
 static inline void load_reference(problem_points *arm, int l, const real *reference)
 {
     for (int i = 0; i < NT; ++i) {
@@ -48,7 +48,7 @@ static inline void load_reference(problem_points *arm, int l, const real *refere
     }
 }
 
-/* A first guess of the joints in place l; `follow` finds them, and their rates. */
+/* A guess of the joints into point l; `solve_kinematics` finds them and their derivatives. */
 static inline void load_joints(problem_points *arm, int l, const real *joints)
 {
     for (int i = 0; i < NG; ++i) {
@@ -59,7 +59,7 @@ static inline void load_joints(problem_points *arm, int l, const real *joints)
 }
 
 #if ELBOW_NE > 0
-/* Non-actuated coordinates, speeds and accelerations into place l. */
+/* Unactuated coordinates, velocities and accelerations into point l. */
 static inline void load_elastic(problem_points *arm, int l, const real *q, const real *v, const real *a)
 {
     for (int i = 0; i < NE; ++i) {
@@ -71,8 +71,8 @@ static inline void load_elastic(problem_points *arm, int l, const real *q, const
 #endif
 
 /*
- * Inverse of the actuated columns of W by Gauss and Jordan, with rows exchanged for the largest pivot in every point
- * for itself; 0 where a pivot is rounding.
+ * Inverse of the actuated columns of W by Gauss and Jordan, with row pivoting in each point; 0 where a pivot is zero to
+ * rounding.
  */
 static inline int invert_points(problem_points *p)
 {
@@ -96,7 +96,7 @@ static inline int invert_points(problem_points *p)
                     a[i][j] = select_v(larger, x, y);
                 }
             }
-            /* metres and radians: a nanometre for a radian is a singular pose; NaN is no better */
+            /* m and rad: a pose where a radian moves the output by less than a nanometer is singular; so is NaN */
             bad += not_v(lt_v(splat_v(1e-9), fabs_v(a[k][k])));
             side *= splat_v(1.0) - 2.0 * lt_v(a[k][k], splat_v(0.0));
             pivot = splat_v(1.0) / a[k][k];
@@ -123,15 +123,15 @@ static inline int invert_points(problem_points *p)
     return sum_v(bad) == 0.0;
 }
 
-/* How far the output is from its place, with W and the part of its acceleration that speeds make. */
-static inline void constrain(problem_points *p, real *space)
+/* Error of the output, with W and the part of its acceleration that depends on velocities. */
+static inline void evaluate_constraint(problem_points *p, real *space)
 {
     (void)elbow_output_constraint_batch(
         POINTS, &p->q[0][0], &p->v[0][0], &p->target[0][0], &p->error[0][0], &p->W[0][0][0], &p->bias[0][0], space);
 }
 
 /* The actuated coordinates of `to` become inverse * y. */
-static inline void actuated(const problem_points *p, points *y, points *to)
+static inline void solve_actuated(const problem_points *p, points *y, points *to)
 {
     for (int i = 0; i < NG; ++i) {
         EACH (l) {
@@ -144,8 +144,8 @@ static inline void actuated(const problem_points *p, points *y, points *to)
     }
 }
 
-/* One Newton step of the actuated coordinates towards the place; the largest change. */
-static inline real approach(problem_points *p)
+/* One Newton step of the actuated coordinates towards the target; the largest change. */
+static inline real newton_step(problem_points *p)
 {
     lanes most = splat_v(0.0), zero = splat_v(0.0);
     for (int i = 0; i < NG; ++i) {
@@ -163,34 +163,34 @@ static inline real approach(problem_points *p)
     return largest((const real *)&most, LANES);
 }
 
-/* Whether the output is where it shall be, but for rounding. */
-static inline int is_there(const problem_points *p)
+/* Whether the output is at its target, up to rounding. */
+static inline int is_on_target(const problem_points *p)
 {
     return largest(&p->error[0][0], NY * POINTS) <= 1e-9 * (1.0 + largest(&p->target[0][0], NT * POINTS));
 }
 
-/* The actuated coordinates that bring the output to its place, with their rates, for given other ones. */
-static inline int follow(problem_points *p, real *space)
+/* The actuated coordinates that bring the output to its target, with their derivatives, for given unactuated ones. */
+static inline int solve_kinematics(problem_points *p, real *space)
 {
     points equilibrium[NY];
     real most, bound;
     int step = 0;
-    constrain(p, space);
+    evaluate_constraint(p, space);
     do { /* Newton's method: after a step below a millionth the error is rounding */
         if (!invert_points(p)) {
             return ELBOW_UNREACHABLE;
         }
         bound = 2.0 + 2.0 * largest(&p->error[0][0], NY * POINTS); /* rad and m: beyond it a step leads astray */
-        most = approach(p);
+        most = newton_step(p);
         if (!(most < bound) || ++step > KINEMATIC_STEPS) {
             return ELBOW_UNREACHABLE;
         }
-        constrain(p, space);
+        evaluate_constraint(p, space);
     } while (most > 1e-6);
     if (!invert_points(p)) {
         return ELBOW_UNREACHABLE;
     }
-    (void)approach(p);
+    (void)newton_step(p);
     for (int j = 0; j < NY; ++j) {
         EACH (l) {
             lanes sum = load_v(&p->dy[j][l]);
@@ -200,9 +200,9 @@ static inline int follow(problem_points *p, real *space)
             store_v(&equilibrium[j][l], sum);
         }
     }
-    actuated(p, equilibrium, p->v);
-    constrain(p, space);
-    if (!is_there(p)) {
+    solve_actuated(p, equilibrium, p->v);
+    evaluate_constraint(p, space);
+    if (!is_on_target(p)) {
         return ELBOW_UNREACHABLE;
     }
     for (int j = 0; j < NY; ++j) {
@@ -214,27 +214,27 @@ static inline int follow(problem_points *p, real *space)
             store_v(&equilibrium[j][l], sum);
         }
     }
-    actuated(p, equilibrium, p->a);
+    solve_actuated(p, equilibrium, p->a);
     return ELBOW_OK;
 }
 
 /* Gear torques and residuals of POINTS instants whose motion is known. */
-static inline int rows_of(problem_points *arm, real *space)
+static inline int evaluate_rows(problem_points *arm, real *space)
 {
 #if ELBOW_NE > 0
-    return inner(elbow_inversion_rows_batch(
+    return inner_status(elbow_inversion_rows_batch(
         POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space));
 #else
-    return inner(
+    return inner_status(
         elbow_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space));
 #endif
 }
 
-/* The same where the non-actuated motion is known alone. */
-static inline int torques(problem_points *arm, real *space)
+/* The same for a known motion of the unactuated coordinates. */
+static inline int evaluate_torques(problem_points *arm, real *space)
 {
-    const int status = follow(arm, space);
-    return status == ELBOW_OK ? rows_of(arm, space) : status;
+    const int status = solve_kinematics(arm, space);
+    return status == ELBOW_OK ? evaluate_rows(arm, space) : status;
 }
 
 #if ELBOW_NE > 0
@@ -284,7 +284,7 @@ static inline void add_actuated(points (*X)[NY], points (*Y)[NG], points (*T)[NY
 }
 
 /* The columns of X that belong to q_e. */
-static inline void take_elastic(points (*X)[NY], points (*T)[NY])
+static inline void elastic_columns(points (*X)[NY], points (*T)[NY])
 {
     for (int j = 0; j < NE; ++j) {
         for (int i = 0; i < NY; ++i) {
@@ -295,25 +295,25 @@ static inline void take_elastic(points (*X)[NY], points (*T)[NY])
     }
 }
 
-/* Residual of the non-actuated rows and their slopes K, D, A with respect to q_e, v_e, a_e on the path. */
-static inline int reduce(problem_points *p, real *space)
+/* Residual of the unactuated rows and their Jacobians K, D, A with respect to q_e, v_e, a_e on the path. */
+static inline int reduced_jacobians(problem_points *p, real *space)
 {
     const int status = elbow_inversion_jacobians_batch(POINTS, &p->q[0][0], &p->v[0][0], &p->a[0][0], &p->y1_q[0][0][0],
         &p->y2_q[0][0][0], &p->y2_v[0][0][0], &p->row[0][0], &p->row_q[0][0][0], &p->row_v[0][0][0], &p->row_a[0][0][0],
         space);
     if (status != ELBOW_OK) {
-        return inner(status);
+        return inner_status(status);
     }
-    take_elastic(p->W, p->T);
+    elastic_columns(p->W, p->T);
     solve_columns(p, p->T, p->S);
-    take_elastic(p->y1_q, p->T);
+    elastic_columns(p->y1_q, p->T);
     add_actuated(p->y1_q, p->S, p->T);
     solve_columns(p, p->T, p->Vq);
-    take_elastic(p->y2_q, p->T);
+    elastic_columns(p->y2_q, p->T);
     add_actuated(p->y2_q, p->S, p->T);
     add_actuated(p->y2_v, p->Vq, p->T);
     solve_columns(p, p->T, p->Aq);
-    take_elastic(p->y2_v, p->T);
+    elastic_columns(p->y2_v, p->T);
     add_actuated(p->y2_v, p->S, p->T);
     solve_columns(p, p->T, p->Av);
     EACH (l) {

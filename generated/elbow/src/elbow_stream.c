@@ -5,7 +5,7 @@
 #include "elbow_stream_output.h"
 #include "elbow_equilibrium.h"
 
-enum { WARMING = 10 }; /* sweeps after which the cost of an endless rest has settled */
+enum { SETTLING_SWEEPS = 10 }; /* sweeps after which the cost of an endless equilibrium has converged */
 
 int64_t elbow_stream_work(const elbow_stream_options *options)
 {
@@ -14,7 +14,7 @@ int64_t elbow_stream_work(const elbow_stream_options *options)
                -1;
 }
 
-/* The whole horizon, and what is over, rests at q with the output at a place. */
+/* The whole horizon and the past are at the equilibrium q with the output at its target. */
 static void set_equilibrium(real *s, const layout *l, const real *target, const real *q)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
@@ -44,14 +44,14 @@ static void set_equilibrium(real *s, const layout *l, const real *target, const 
     for (ptrdiff_t k = 0; k < (l->past + N) * CONTROLS; ++k) {
         s[l->a + k] = 0.0;
     }
-    copy(s + l->y, (N + 1) * STATES, s + l->aim);
+    copy(s + l->y, (N + 1) * STATES, s + l->target_state);
     for (int k = 0; k < LEVELS * LAST; ++k) {
         copy(s + l->y, NE, s + l->levels + k * NE);
     }
 #endif
 }
 
-/* Twists of the gears at rest at q. */
+/* Deflections of the gears at the equilibrium q. */
 static int deflection_at_equilibrium(const real *q, real *deflection, real *space)
 {
     static const real zero[NA] = {0.0};
@@ -59,9 +59,9 @@ static int deflection_at_equilibrium(const real *q, real *deflection, real *spac
     int status;
 #if ELBOW_NE > 0
     real row[NE];
-    status = inner(evaluate_inversion_rows(q, zero, zero, tau, row, space));
+    status = inner_status(evaluate_inversion_rows(q, zero, zero, tau, row, space));
 #else
-    status = inner(evaluate_inversion_rows(q, zero, zero, tau, space));
+    status = inner_status(evaluate_inversion_rows(q, zero, zero, tau, space));
 #endif
     if (status != ELBOW_OK) {
         return status;
@@ -101,7 +101,7 @@ elbow_status elbow_stream_start(double *stream, int64_t stream_size, const elbow
     stream[SAMPLES_PER_INTERVAL] = options->samples_per_interval;
     stream[PERIOD] = options->period;
     stream[TOLERANCE] = options->tolerance;
-    stream[SIDE] = 0.0; /* of singular poses: not known before the first sample */
+    stream[SIDE] = 0.0; /* side of singular poses: not known before the first sample */
     stream[l.limits] = 0.0;
     for (int i = 0; i < MEASURES + NM; ++i) {
         stream[l.most + i] = 0.0;
@@ -115,7 +115,8 @@ elbow_status elbow_stream_start(double *stream, int64_t stream_size, const elbow
 #if ELBOW_NE > 0
     {
         mesh hold = mesh_of(&l, stream);
-        status = lq_endless(&hold, WARMING, (lq_space *)(void *)(stream + l.lq), space, stream + l.cost);
+        status = lq_stationary_cost(
+            &hold, SETTLING_SWEEPS, (lq_space *)(void *)(stream + l.lq), space, stream + l.cost);
         if (status != ELBOW_OK) {
             return (elbow_status)status;
         }
@@ -152,7 +153,7 @@ elbow_status elbow_stream_limits(
     }
     l = laid_out((int)N, (int)stream[SAMPLES_PER_INTERVAL]);
     w = limits_laid_out(N);
-    if (!(stream[l.limits + w.on] > 0.0) && !begin_limits(stream, &l)) {
+    if (!(stream[l.limits + w.on] > 0.0) && !start_limits(stream, &l)) {
         return ELBOW_HORIZON_TOO_SHORT;
     }
     bound = stream + l.limits + w.bound;
@@ -164,7 +165,7 @@ elbow_status elbow_stream_limits(
     return ELBOW_OK;
 }
 
-/* What an update says when it fails after its sample was taken; UNREACHABLE would mean that it was refused. */
+/* Status of an update that fails after its sample was taken; UNREACHABLE would mean that the sample was refused. */
 static elbow_status failed(real *stream, int status)
 {
     stream[STATE] = HAS_FAILED;
@@ -185,7 +186,7 @@ elbow_status elbow_stream_update(double *stream, const double y[ELBOW_NT], const
     interval out;
     layout l;
     real own[REFERENCE], next[REFERENCE], deviation[DEVIATION], off[2] = {0.0, 0.0}, worst, step = 0.0, *at;
-    arrival arrived;
+    next_interval arrived;
     ptrdiff_t n;
     int has_limits, limited = 0, status;
     if (stream == NULL || y == NULL || dy == NULL || ddy == NULL || motion == NULL || info == NULL) {
@@ -210,9 +211,9 @@ elbow_status elbow_stream_update(double *stream, const double y[ELBOW_NT], const
     copy(own, REFERENCE, next);
     has_limits = stream[l.limits] > 0.0;
     if (has_limits) {
-        deviate_next(stream, &l, own, deviation, next);
+        next_deviation(stream, &l, own, deviation, next);
     }
-    status = arrive(stream, &l, next, &arrived);
+    status = reach_next_sample(stream, &l, next, &arrived);
     if (status != ELBOW_OK) {
         return (elbow_status)status; /* the sample is refused, and nothing has changed */
     }

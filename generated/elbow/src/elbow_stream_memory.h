@@ -1,9 +1,9 @@
 /*
  * elbow: the memory of a stream; private to it.
  *
- * It is an array of numbers of the caller: a head, then arrays. Between two updates it holds the motion that is planned
- * over the horizon; an update shifts it by one interval, takes the next sample of the path at its end and does one
- * Gauss-Newton step.
+ * An array of numbers of the caller: a head, then arrays. Between two updates it holds the planned motion over the
+ * horizon. An update shifts it by one interval, takes the next sample of the path at its end and makes one Gauss-Newton
+ * step.
  */
 #ifndef ELBOW_STREAM_MEMORY_H
 #define ELBOW_STREAM_MEMORY_H
@@ -14,44 +14,45 @@
 #include "elbow_lq_step.h"
 
 enum {
-    BACK = 2 * MARGIN,             /* fine samples before and after those of an update that its derivatives need */
-    LEVELS = 3,                    /* of the slow motion that the end is drawn to */
-    LAST = 5,                      /* nodes of the path that tell where it goes on */
+    BACK = 2 * MARGIN,             /* samples before and after those of an update that its derivatives need */
+    LEVELS = 3,                    /* levels of the quasi-static motion */
+    LAST = 5,                      /* last nodes of the path, for differences */
     JOINT = 3 * NG,                /* position, speed and acceleration of the joints with motor */
     OUTPUT = 2 * NA + NG + 3 * NM, /* numbers of the results at a sample */
-    MEASURES = 4 /* of unevenness: accelerations of joints and motors, speeds, torques of the rotors */
+    /* scales of the kinematic mismatch: accelerations of joints and motors, speeds, torques of the rotors */
+    MEASURES = 4
 };
 
-/* What STATE says. */
+/* Values of STATE. */
 enum {
     IS_EMPTY = 0,
-    IS_RUNNING = 20231, /* no number that memory holds by chance */
+    IS_RUNNING = 20231, /* a number that memory hardly holds by chance */
     HAS_FAILED = 2
 };
 
 /* The head. */
 enum { STATE, INTERVALS, SAMPLES_PER_INTERVAL, PERIOD, TOLERANCE, SIDE, HEAD };
 
-/* Where the arrays stand. */
+/* Positions of the arrays. */
 typedef struct {
-    ptrdiff_t window; /* fine samples: before, of this update and its end, ahead */
-    ptrdiff_t past;   /* intervals that are over and remembered */
-    ptrdiff_t limits; /* bounds of the motors, and what they bend */
+    ptrdiff_t window; /* samples: before, of this update and its end, ahead */
+    ptrdiff_t past;   /* past intervals that are kept */
+    ptrdiff_t limits; /* limits of the motors, and the deviation */
     ptrdiff_t output; /* results of an update that the caller does not want */
     ptrdiff_t last, tau, deflection, lagged, now, joint, most, expected, q_g, reference, nodes, lq, space, end;
-    ptrdiff_t y, a, a_node, factor, scale, aim, cost, levels;
+    ptrdiff_t y, a, a_node, factor, scale, target_state, cost, levels;
 } layout;
 
 static inline layout laid_out(int intervals, int samples_per_interval)
 {
     layout l;
-    ptrdiff_t at = (ptrdiff_t)room(HEAD);
+    ptrdiff_t at = (ptrdiff_t)padded(HEAD);
     l.window = BACK + (ptrdiff_t)samples_per_interval + 1 + BACK;
     l.past = (BACK + samples_per_interval - 1) / samples_per_interval + 1;
     l.past = l.past < LAST - 1 ? LAST - 1 : l.past;
 #define PLACE(name, size) \
     l.name = at; \
-    at += (ptrdiff_t)room(size)
+    at += (ptrdiff_t)padded(size)
     PLACE(limits, limits_laid_out(intervals).end);
     PLACE(output, (ptrdiff_t)samples_per_interval * OUTPUT);
     PLACE(last, REFERENCE);
@@ -61,7 +62,8 @@ static inline layout laid_out(int intervals, int samples_per_interval)
     PLACE(now, NG);
     PLACE(joint, l.window * JOINT);
     PLACE(most, MEASURES + NM);
-    PLACE(expected, 1 + NM); /* whether anything is, and the motor torques at the end of the interval before */
+    /* 1 where there is a prediction; predicted motor torques at the end of the interval before */
+    PLACE(expected, 1 + NM);
     PLACE(q_g, ((ptrdiff_t)intervals * STAGES + 1) * NG); /* the last ones: joints at the start of the horizon */
     PLACE(reference, (ptrdiff_t)intervals * STAGES * REFERENCE);
     PLACE(nodes, (l.past + intervals + 1) * REFERENCE);
@@ -73,13 +75,13 @@ static inline layout laid_out(int intervals, int samples_per_interval)
     PLACE(scale, NE);
     PLACE(levels, LEVELS * LAST * NE);
     PLACE(cost, STATES * STATES);
-    PLACE(aim, ((ptrdiff_t)intervals + 1) * STATES);
+    PLACE(target_state, ((ptrdiff_t)intervals + 1) * STATES);
     PLACE(lq, (ptrdiff_t)(sizeof(lq_space) / sizeof(real)));
 #else
-    l.y = l.a = l.a_node = l.factor = l.scale = l.aim = l.cost = l.levels = 0;
+    l.y = l.a = l.a_node = l.factor = l.scale = l.target_state = l.cost = l.levels = 0;
     PLACE(lq, (ptrdiff_t)(sizeof(problem_points) / sizeof(real)));
 #endif
-    PLACE(space, space_wanted());
+    PLACE(space, function_work());
 #undef PLACE
     l.end = at;
     return l;
@@ -99,7 +101,7 @@ static inline int is_running(const real *stream)
 }
 
 #if ELBOW_NE > 0
-/* The horizon as a mesh; what is over stands before its first node. */
+/* The horizon as a mesh; past nodes are stored before its first node. */
 static inline mesh mesh_of(const layout *l, real *s)
 {
     mesh m;
@@ -109,14 +111,13 @@ static inline mesh mesh_of(const layout *l, real *s)
     m.a = s + l->a + l->past * CONTROLS;
     m.q_g = s + l->q_g;
     m.reference = s + l->reference;
-    m.aim = s + l->aim;
+    m.target_state = s + l->target_state;
     m.equilibrium = NULL;
     m.factor = s + l->factor;
     m.scale = s + l->scale;
     /*
-     * The node where the horizon begins cannot be changed. What has gone wrong there grows like the unstable zeros, and
-     * must cost something at the end. The cost to go of the horizon before is just that: it is next to nothing where
-     * errors fade, and weighs what has to be mended.
+     * The first node of the horizon cannot be changed. Its error grows like the unstable zeros and must have a cost at
+     * the end: the cost to go of the horizon before, which is close to zero for stable errors.
      */
     m.end = s + l->cost;
     m.residual = 0.0;

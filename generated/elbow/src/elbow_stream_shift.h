@@ -1,19 +1,17 @@
-/*
- * elbow: how a stream goes on by one interval, to the next sample of the path; private to the stream.
- */
+/* elbow: how a stream advances by one interval, to the next sample of the path; private to the stream. */
 #ifndef ELBOW_STREAM_SHIFT_H
 #define ELBOW_STREAM_SHIFT_H
 
 #include "elbow_limit_lookahead.h"
 #include "elbow_quasistatic_end.h"
 
-/* The interval that is new: path and joints at its Gauss points, and on which side of singular poses it is. */
+/* The new interval: path and joints at its Gauss points, and its side of singular poses. */
 typedef struct {
     real reference[STAGES][REFERENCE], joints[STAGES][NG], side;
-} arrival;
+} next_interval;
 
-/* Whether the arm can get from the last sample to the next one; if not, nothing has changed. */
-static inline int arrive(real *s, const layout *l, const real *next, arrival *to)
+/* Whether the arm can reach the next sample; if not, nothing has changed. */
+static inline int reach_next_sample(real *s, const layout *l, const real *next, next_interval *to)
 {
     const real *joint = s + l->q_g + ((ptrdiff_t)s[INTERVALS] * STAGES - 1) * NG;
     real both[2][REFERENCE];
@@ -28,7 +26,7 @@ static inline int arrive(real *s, const layout *l, const real *next, arrival *to
         if (point < STAGES) {
             between_samples(both[0], s[PERIOD], gauss_c[stage], to->reference[stage]);
         }
-        for (int i = 0; i < NG; ++i) { /* straight on: through a singular pose rather than back from it */
+        for (int i = 0; i < NG; ++i) { /* extrapolated: through a singular pose rather than back from it */
             guess[i] = joint[i] + onward * (joint[i] - joint[i - NG]);
         }
         load_reference(arm, point, to->reference[stage]);
@@ -45,7 +43,7 @@ static inline int arrive(real *s, const layout *l, const real *next, arrival *to
         }
 #endif
     }
-    status = follow(arm, s + l->space);
+    status = solve_kinematics(arm, s + l->space);
     if (status != ELBOW_OK) {
         return status;
     }
@@ -61,8 +59,11 @@ static inline int arrive(real *s, const layout *l, const real *next, arrival *to
     return ELBOW_OK;
 }
 
-/* The path on by one interval, and the joints; those at the start of the horizon stay behind the Gauss points. */
-static inline void shift_path(real *s, const layout *l, const real *next, const arrival *arrived)
+/*
+ * Shift the path and the joints by one interval; the joints at the start of the horizon are stored after those of the
+ * Gauss points.
+ */
+static inline void shift_path(real *s, const layout *l, const real *next, const next_interval *arrived)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS], stages = (N - 1) * STAGES;
     real *q_g = s + l->q_g, *reference = s + l->reference, *nodes = s + l->nodes;
@@ -77,7 +78,7 @@ static inline void shift_path(real *s, const layout *l, const real *next, const 
 }
 
 #if ELBOW_NE > 0
-/* The motion on by one interval, and one step of the solver. */
+/* Shift the motion by one interval, and make one step of the solver. */
 static inline int step_motion(real *s, const layout *l)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
@@ -85,7 +86,7 @@ static inline int step_motion(real *s, const layout *l)
     lq_space *lq = (lq_space *)(void *)(s + l->lq);
     int status;
     copy(s + l->y + STATES, (l->past + N) * STATES, s + l->y);
-    copy(s + l->aim + STATES, N * STATES, s + l->aim);
+    copy(s + l->target_state + STATES, N * STATES, s + l->target_state);
     copy(s + l->a + CONTROLS, (l->past + N - 1) * CONTROLS, s + l->a);
     for (int i = 0; i < CONTROLS; ++i) {
         m.a[(N - 1) * CONTROLS + i] = 0.0;

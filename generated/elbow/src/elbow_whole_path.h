@@ -17,17 +17,18 @@ static inline int path_sizes_fit(int n, const elbow_inversion_options *o)
            o->n_pre <= MAX_SAMPLES && o->n_post <= MAX_SAMPLES && o->samples_per_interval <= MAX_SAMPLES;
 }
 
-/* Whether so many numbers can be addressed, which on small machines not all sizes can. */
+/* Whether an array of so many numbers can be addressed; on small processors not all sizes can. */
 static inline int is_addressable(int64_t numbers)
 {
     return numbers <= (int64_t)(PTRDIFF_MAX / (ptrdiff_t)sizeof(real));
 }
 
-static const real resting = 1e-6; /* of the fastest rate: what an end that is at rest may move */
+/* largest rate of an output at rest, relative to the largest rate of the path */
+static const real rest_rate_max = 1e-6;
 
 /*
- * Whether a path and the guess of its start are finite, its rotations rotations, near to each other, and its ends at
- * rest.
+ * Whether a path and the guess of its start are finite, all rotations are rotations and close to each other, and the
+ * output is at rest at both ends.
  */
 static inline elbow_status check_path(const elbow_path *p, const real *q_start)
 {
@@ -45,8 +46,8 @@ static inline elbow_status check_path(const elbow_path *p, const real *q_start)
         for (int k = 0; k < p->n; ++k) {
             most = fmax_1(most, largest(p->dy + k * (ptrdiff_t)NY, NY));
         }
-        if (!(largest(p->dy, NY) <= resting * most) ||
-            !(largest(p->dy + (p->n - 1) * (ptrdiff_t)NY, NY) <= resting * most)) {
+        if (!(largest(p->dy, NY) <= rest_rate_max * most) ||
+            !(largest(p->dy + (p->n - 1) * (ptrdiff_t)NY, NY) <= rest_rate_max * most)) {
             return ELBOW_BAD_ARGUMENT;
         }
     }
@@ -63,10 +64,7 @@ static inline elbow_status check_path(const elbow_path *p, const real *q_start)
 
 #if ELBOW_NE > 0
 
-/*
- * The path at the Gauss points, `every` samples to an interval, and joints that follow it as if nothing deflected
- * further than at rest at q, where all nodes stand.
- */
+/* The path at the Gauss points, and joints that follow it while all nodes keep the deflections of the equilibrium q. */
 static inline int guess_mesh(
     mesh *m, const elbow_path *p, const real *q, int n_pre, int samples_per_interval, problem_points *arm, real *space)
 {
@@ -97,7 +95,7 @@ static inline int guess_mesh(
         for (int point = 0; point < POINTS; ++point) {
             load_point(m, at + (point < used ? point : used - 1), arm, point);
         }
-        status = follow(arm, space);
+        status = solve_kinematics(arm, space);
         if (status != ELBOW_OK) {
             return status;
         }
@@ -122,7 +120,7 @@ typedef struct {
 
 #define TAKE(at, name, size) \
     (name) = (at); \
-    (at) += room(size)
+    (at) += padded(size)
 
 static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int64_t interval_factor)
 {
@@ -150,7 +148,7 @@ static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int6
     (void)interval_factor;
     l.y = l.a = l.a_node = l.q_g = l.reference = l.factor = l.scale = 0;
 #endif
-    TAKE(at, l.space, space_wanted());
+    TAKE(at, l.space, function_work());
     l.end = at;
     return l;
 }
@@ -187,7 +185,7 @@ static inline mesh mesh_in(const whole_layout *l, const elbow_path *p, const elb
     m.a = work + l->a;
     m.q_g = work + l->q_g;
     m.reference = work + l->reference;
-    m.aim = NULL;
+    m.target_state = NULL;
     m.equilibrium = NULL;
     m.factor = work + l->factor;
     m.scale = work + l->scale;
@@ -225,21 +223,22 @@ static inline int newton_state(newton *s, real residual, real tolerance, real ta
 
 #endif
 
-/* The samples that are asked for: the caller's arrays, sample after sample, and room of the workspace. */
+/* The results at the samples: arrays of the caller or of the workspace, sample after sample. */
 typedef struct {
     const elbow_path *p;
     const elbow_inversion_options *o;
-    ptrdiff_t samples; /* lead, path and tail */
+    ptrdiff_t samples; /* n_pre + n + n_post */
     real *q_a, *v_a, *a_a, *tau_g, *q_m, *v_m, *tau_m;
-    real *tau, *deflection, *lagged; /* (samples + 2 MARGIN) x NG: torques, static and real twists of the gears */
-    real *stiffness;                 /* samples x NG: stiffness of the gears */
+    /* (samples + 2 MARGIN) x NG: torques, static and lagged deflections of the gears */
+    real *tau, *deflection, *lagged;
+    real *stiffness; /* samples x NG: stiffness of the gears */
 #if ELBOW_NE > 0
     const mesh *m;
     const real *a_node; /* accelerations at its nodes */
 #endif
 } results;
 
-/* Motion and gear torques of the arm, from rest at q; worst: the largest residual, relative to `scale`. */
+/* Motion and gear torques of the arm, from the equilibrium q; worst: the largest residual, relative to `scale`. */
 static inline int arm_at_samples(
     const results *r, const real *q, const real *scale, problem_points *arm, real *space, real *worst)
 {
@@ -272,7 +271,7 @@ static inline int arm_at_samples(
             }
 #endif
         }
-        status = torques(arm, space);
+        status = evaluate_torques(arm, space);
         if (status != ELBOW_OK) {
             return status;
         }
@@ -283,7 +282,7 @@ static inline int arm_at_samples(
                 r->a_a[(at + k) * NA + i] = arm->a[i][k];
             }
             if (!(arm->side[k] * side >= 0.0)) {
-                return ELBOW_UNREACHABLE; /* it stepped over a singular pose */
+                return ELBOW_UNREACHABLE; /* it passed a singular pose */
             }
             side = arm->side[k];
             for (int i = 0; i < NG; ++i) {
@@ -313,10 +312,11 @@ static inline void hold_ends(real *x, ptrdiff_t samples)
 }
 
 /*
- * How far positions and speeds of arm and motors are from being integrals of speeds and accelerations, by differences,
- * relative to the largest one of these: next to nothing where the samples show the motion; much where they are too far
- * apart for it or too near for the digits, where the path jumps, and where the arm is thrown back by a singular pose.
- * An arm without coordinates that have no motor rests before the samples and after them, and is judged at all of them.
+ * Kinematic mismatch: the largest difference between finite differences of positions and velocities and the velocities
+ * and accelerations, relative to the largest of these. It is close to zero where the samples resolve the motion. It is
+ * large where they are too far apart, or too close for the number of digits, where the path jumps, and where a singular
+ * pose throws the arm back. A model without unactuated coordinates is at rest before and after the samples and is
+ * checked at all of them.
  */
 static inline real kinematic_mismatch(const results *r)
 {
@@ -375,7 +375,7 @@ static inline int motors_at_samples(const results *r, real *space)
     }
     for (ptrdiff_t k = 0; k < r->samples; ++k) {
         const ptrdiff_t at = first + k * NG;
-        if (!carry_gears(&g, k == 0, r->tau + at, space)) {
+        if (!advance_gears(&g, k == 0, r->tau + at, space)) {
             return ELBOW_RESULT_NOT_FINITE;
         }
         lagged_deflections(&g, r->deflection + at, r->stiffness + k * NG, r->lagged + at);
@@ -389,17 +389,19 @@ static inline int motors_at_samples(const results *r, real *space)
             v[i] = r->v_a[k * NA + i_g[i]];
             a[i] = r->a_a[k * NA + i_g[i]];
         }
-        if (!motors_behind(&g, r->tau + at, r->lagged + at, q, v, a, r->q_m != NULL ? r->q_m + k * NM : q_m,
+        if (!motors_at_sample(&g, r->tau + at, r->lagged + at, q, v, a, r->q_m != NULL ? r->q_m + k * NM : q_m,
                 r->v_m + k * NM, r->tau_m != NULL ? r->tau_m + k * NM : tau_m, space)) {
             return ELBOW_RESULT_NOT_FINITE;
         }
-        copy(a, NG, r->deflection + at); /* for `unevenness`; the static twists have served */
+        /* for the kinematic mismatch; the static deflections are not needed any more */
+        copy(a, NG, r->deflection + at);
     }
     return ELBOW_OK;
 }
 
 /* Motion at the samples from that of the mesh (or from the path alone), checked: the last part of both solvers. */
-static inline elbow_status finish(const elbow_path *p, const elbow_inversion_options *o, const whole_layout *l, const real *q,
+static inline elbow_status finish(const elbow_path *p, const elbow_inversion_options *o, const whole_layout *l,
+    const real *q,
 #if ELBOW_NE > 0
     const mesh *m,
 #endif
