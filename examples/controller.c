@@ -1,14 +1,15 @@
 /*
  * A motor controller with feedforward, on the generated library of the planar arm `planar5_nmp`.
  *
- * Every millisecond the controller computes, from the reference of the two actuated joints and with the elastic joint
- * straight, the arm's inverse dynamics; hence the torques to feed forward and the twist of the gears to allow for. A
- * simple PD law on the motors does the rest. The plant is the library's forward dynamics, integrated by the classical
- * Runge-Kutta method. Printed: how far the tool strays from the reference, with and without feedforward.
+ * Every millisecond the controller computes the inverse dynamics of the arm from the reference of the two actuated
+ * joints, with the elastic joint straight. The results are the feedforward torques and the deflections of the gears. A
+ * PD law on the motors corrects the rest. The plant is the forward dynamics of the library, integrated by the classical
+ * Runge-Kutta method. The program prints the largest path error of the tool, with and without feedforward.
  *
  *   flexgen generate planar5_nmp
  *   cd generated/planar5_nmp
- *   cc -std=c99 -O2 -ffp-contract=off -I. ../../examples/controller.c planar5_nmp*.c -lm -o controller && ./controller
+ *   cc -std=c99 -O2 -ffp-contract=off -I. ../../examples/controller.c $(find src -name '*.c') -lm -o controller
+ *   ./controller
  */
 #include "planar5_nmp.h"
 
@@ -19,12 +20,8 @@
 #define NM PLANAR5_NMP_NM
 #define N (2 * NA + 2 * NM) /* state of the plant: q_a, v_a, q_m, v_m */
 
-/* From the data sheet: the library speaks of motors and arm, each on its own side of the gears. */
-static const double RATIO = 100.0;                  /* both gears */
-static const double ROTOR[NM] = {40e-4, 25e-4};     /* kg m^2, motor side */
-static const double STIFFNESS[NM] = {4.0e5, 2.5e5}; /* N m/rad, arm side */
-static const double KP[NM] = {30.0, 20.0};          /* N m/rad, motor side */
-static const double KD[NM] = {0.7, 0.5};            /* N m s/rad, motor side */
+static const double KP[NM] = {30.0, 20.0}; /* N m/rad, motor side */
+static const double KD[NM] = {0.7, 0.5};   /* N m s/rad, motor side */
 
 static const double START[NM] = {0.3, -1.1}, END[NM] = {0.9, -1.6}; /* rad */
 static const double DURATION = 0.6, SETTLE = 0.2;                   /* s */
@@ -57,9 +54,10 @@ static int control(double t, int feedforward, const double q_m[NM], const double
         return status;
     }
     for (int j = 0; j < NM; ++j) {
-        const double twist = feedforward ? tau_a[j] / STIFFNESS[j] : 0.0;
-        const double fed = feedforward ? tau_a[j] / RATIO + ROTOR[j] * RATIO * a[j] : 0.0;
-        tau_m[j] = fed + KP[j] * (RATIO * (q[j] + twist) - q_m[j]) + KD[j] * (RATIO * v[j] - v_m[j]);
+        const double ratio = planar5_nmp_gear_ratio[j][j], inertia = planar5_nmp_rotor_inertia[j];
+        const double deflection = feedforward ? tau_a[j] / planar5_nmp_gear_stiffness[j] : 0.0;
+        const double fed = feedforward ? tau_a[j] / ratio + inertia * ratio * a[j] : 0.0;
+        tau_m[j] = fed + KP[j] * (ratio * (q[j] + deflection) - q_m[j]) + KD[j] * (ratio * v[j] - v_m[j]);
     }
     return PLANAR5_NMP_OK;
 }
@@ -101,7 +99,7 @@ static int step(double h, const double tau_m[NM], double x[N])
     return PLANAR5_NMP_OK;
 }
 
-/* Run the move; the largest distance of the tool from its reference goes to *stray [m]. */
+/* Run the move; *stray becomes the largest distance of the tool from its reference [m]. */
 static int run(int feedforward, double *stray)
 {
     double x[N] = {0.0};
@@ -109,10 +107,12 @@ static int run(int feedforward, double *stray)
     *stray = 0.0;
     for (int j = 0; j < NM; ++j) {
         x[j] = START[j];
-        x[2 * NA + j] = RATIO * START[j];
+        x[2 * NA + j] = planar5_nmp_gear_ratio[j][j] * START[j];
     }
     for (int k = 0; k * CYCLE < SETTLE + DURATION + SETTLE; ++k) {
-        const double t = k * CYCLE - SETTLE < 0.0 ? 0.0 : k * CYCLE - SETTLE; /* first let it sag under gravity */
+        const double t = k * CYCLE - SETTLE < 0.0 ?
+                             0.0 :
+                             k * CYCLE - SETTLE; /* wait until it is in equilibrium with gravity */
         double tau_m[NM], q[NA], v[NA], a[NA], p_ref[3], p[3], R[9], distance;
         status = control(t, feedforward, x + 2 * NA, x + 2 * NA + NM, tau_m);
         for (int i = 0; i < STEPS && status == PLANAR5_NMP_OK; ++i) {

@@ -1,21 +1,21 @@
 /*
- * A controller that follows a path of the tool by inverse dynamics on a moving horizon, on the generated library of the
- * planar arm `planar5_nmp`, whose elastic joint without motor makes the tool non-minimum phase.
+ * A controller that tracks a path of the tool by inverse dynamics on a moving horizon, on the generated library of the
+ * planar arm `planar5_nmp`. Its elastic joint has no motor and makes the tool non-minimum phase.
  *
- * Every 5 ms the controller asks for the sample of the path that the tool shall reach 100 ms later, and the stream of
- * the library answers with torques and motor angles for the 5 ms that begin now. Every millisecond a PD law on the
- * motors adds to the torque what keeps them on their angles. The plant is the library's forward dynamics, integrated by
- * the classical Runge-Kutta method. Printed: how far the tool strays from its path, in four runs. (What is left is the
- * torque held for a millisecond; a quarter of the cycle leaves a sixteenth of it.)
+ * Every 5 ms the controller gives the stream the sample of the path for 100 ms later. The stream returns torques and
+ * motor angles for the next 5 ms. Every millisecond a PD law on the motors adds the torque that keeps them on these
+ * angles. The plant is the forward dynamics of the library, integrated by the classical Runge-Kutta method. The program
+ * prints the largest path error of the tool in four runs. (The remaining error comes from the torque that is held for a
+ * millisecond; a quarter of this cycle leaves a sixteenth of the error.)
  *
- *   stream      as it should be
- *   late        the torque comes one update late, a planted mistake
- *   refused     once the path sends a sample that the arm cannot reach: it is refused, and asked for again
- *   jump        the path jumps by a centimetre, which no torque can follow: the controller stops the motors
+ *   stream      correct operation
+ *   late        the torque comes one update late, a planted error
+ *   refused     once the path has a sample out of reach: it is refused, and replaced
+ *   jump        the path jumps by a centimeter, which no torque can track: the controller stops the motors
  *
  *   flexgen generate planar5_nmp
  *   cd generated/planar5_nmp
- *   cc -std=c99 -O2 -ffp-contract=off -I. ../../examples/stream.c planar5_nmp*.c -lm -o stream && ./stream
+ *   cc -std=c99 -O2 -ffp-contract=off -I. ../../examples/stream.c $(find src -name '*.c') -lm -o stream && ./stream
  */
 #include "planar5_nmp_inversion.h"
 
@@ -30,22 +30,22 @@
 #define N (2 * NA + 2 * NM) /* state of the plant: q_a, v_a, q_m, v_m */
 
 enum {
-    INTERVALS = 20,     /* of the horizon: 100 ms ahead */
-    CYCLES = 5,         /* of the motor control per update */
+    INTERVALS = 20,     /* intervals of the horizon: 100 ms */
+    CYCLES = 5,         /* cycles of the motor control per update */
     PARTS = 2 * CYCLES, /* samples per update: at the beginning of a cycle, and in its middle */
-    STEPS = 10,         /* of the plant per cycle */
-    MEMORY = 32768      /* numbers; planar5_nmp_stream_work tells how many the stream needs */
+    STEPS = 10,         /* integration steps of the plant per cycle */
+    MEMORY = (int)PLANAR5_NMP_STREAM_SIZE(INTERVALS, PARTS) /* numbers */
 };
 
 static const double UPDATE = 5e-3, CYCLE = 1e-3;   /* s */
-static const double TOLERANCE = 1e-3;              /* of the equations, relative: above it: TOLERANCE_NOT_MET */
-static const double STOP = 20e-3;                  /* s: time constant of the motors' stop */
+static const double TOLERANCE = 1e-3;              /* relative residual; above it: TOLERANCE_NOT_MET */
+static const double STOP = 20e-3;                  /* s: time constant of a stop of the motors */
 static const double KP[NM] = {30.0, 20.0};         /* N m/rad, motor side */
 static const double KD[NM] = {0.7, 0.5};           /* N m s/rad, motor side */
 static const double GUESS[NA] = {0.3, -1.1, 0.0};  /* rad: near the pose at the start of the path */
 static const double WAY[2] = {-0.20, 0.21};        /* m: of the tool */
 static const double DURATION = 0.5, SETTLE = 0.15; /* s */
-static const double MISHAP = 0.25;                 /* s: when the path of two runs goes wrong */
+static const double MISHAP = 0.25;                 /* s: time of the error in the path of two runs */
 
 typedef enum { RUNNING, STOPPING } controller_state;
 typedef enum { NOTHING, LATE_TORQUE, UNREACHABLE_SAMPLE, JUMP } planted_mistake;
@@ -79,7 +79,7 @@ static int refuses(int status)
            status == PLANAR5_NMP_UNREACHABLE;
 }
 
-/* Begin at rest, with the tool where the path begins. */
+/* Start at rest, with the tool at the start of the path. */
 static int start(controller *c)
 {
     double p[3], R[9];
@@ -99,7 +99,7 @@ static int start(controller *c)
     return planar5_nmp_stream_start(c->memory, MEMORY, &options, c->start, GUESS);
 }
 
-/* References of a stop: motors that slow down from where they are. */
+/* References of a stop: the motors slow down. */
 static void stop(controller *c)
 {
     const double h = UPDATE / PARTS;
@@ -142,9 +142,9 @@ static void update(controller *c, double t, planted_mistake mistake)
             break;
         }
         printf("  sample at t = %.3f s refused: %s\n", t, planar5_nmp_status_text(status));
-        line(t, c->start, y, dy, ddy); /* nothing has changed: another sample in its y */
+        line(t, c->start, y, dy, ddy); /* the stream has not changed: give another sample */
     }
-    if (status != PLANAR5_NMP_OK) { /* these torques are not for the motors */
+    if (status != PLANAR5_NMP_OK) { /* do not use these torques */
         printf("  sample at t = %.3f s: %s; stopping\n", t, planar5_nmp_status_text(status));
         c->state = STOPPING;
         stop(c);
@@ -155,7 +155,7 @@ static void update(controller *c, double t, planted_mistake mistake)
     memcpy(c->tau_m, tau_m, sizeof tau_m);
 }
 
-/* Every millisecond: the torque of the middle of the cycle, and what the measured motors lack. */
+/* Every millisecond: the torque of the middle of the cycle, and a correction from the measured motors. */
 static void control(const controller *c, int cycle, planted_mistake mistake, const double q_m[NM], const double v_m[NM],
     double tau_m[NM])
 {
@@ -199,7 +199,7 @@ static int step(double h, const double tau_m[NM], double x[N])
     return PLANAR5_NMP_OK;
 }
 
-/* How far the tool of the plant is from the path at time t [m]. */
+/* Distance of the tool of the plant from the path at time t [m]. */
 static int distance(const double x[N], const double from[NY], double t, double *away)
 {
     double p[3], R[9], y[NY], dy[NY], ddy[NY];
@@ -216,13 +216,14 @@ static int run(planted_mistake mistake, double *stray, double *speed)
     double x[N] = {0.0}, tau_m[NM], away;
     int status = start(&c);
     *stray = 0.0;
-    /* At the first update the path begins 95 ms later; behind its end the samples stay there, and the arm holds. */
+    /* At the first update the path starts 95 ms later. After its end the sample is repeated, and the arm stays there.
+     */
     for (int k = 0; status == PLANAR5_NMP_OK && k * UPDATE < INTERVALS * UPDATE + DURATION + SETTLE; ++k) {
         const double now = (k + 1 - INTERVALS) * UPDATE;
         update(&c, now + INTERVALS * UPDATE, mistake);
         if (k == 0) {
             memcpy(c.before, c.tau_m, sizeof c.before);
-            memcpy(x, c.q_a, NA * sizeof *x); /* the plant rests, with its elastic joint deflected by gravity */
+            memcpy(x, c.q_a, NA * sizeof *x); /* the plant is in equilibrium, its elastic joint deflected by gravity */
             memcpy(x + 2 * NA, c.q_m, NM * sizeof *x);
         }
         for (int cycle = 0; cycle < CYCLES && status == PLANAR5_NMP_OK; ++cycle) {

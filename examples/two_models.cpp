@@ -1,11 +1,11 @@
 // Two generated libraries in one C++ program: the planar arm `planar5_nmp` and the two-joint arm `elbow`.
 //
-// Every symbol, type and macro of a library starts with its model's name, and the headers are C++ as well as C. For
-// each arm the program evaluates the gravity torques of many poses with one call: the batch, which takes structures of
-// arrays (entry i of pose k at i * n + k). Printed: the largest torque that each motor's joint has to hold.
+// Every symbol, type and macro of a library starts with the name of its model. The headers are C++ as well as C. For
+// each arm the program evaluates the gravity torques of many poses with one call of the batch function, whose arrays are
+// structures of arrays (entry i of pose k is [i * n + k]). It prints the largest torque of each actuated joint.
 //
 //   flexgen generate planar5_nmp && flexgen generate elbow
-//   cc -std=c99 -O2 -ffp-contract=off -c generated/planar5_nmp/planar5_nmp*.c generated/elbow/elbow*.c
+//   cc -std=c99 -O2 -ffp-contract=off -c generated/planar5_nmp/src/*.c generated/elbow/src/*.c
 //   c++ -Igenerated/planar5_nmp -Igenerated/elbow examples/two_models.cpp *.o -lm -o two_models && ./two_models
 #include "elbow_batch.h"
 #include "planar5_nmp_batch.h"

@@ -158,7 +158,7 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
         lines += [
             "\n/*\n",
             comment(
-                "Recommended options of a stream. The look-ahead is five time constants of the slowest unstable zero "
+                "Recommended options of a stream. The look-ahead is ten time constants of the slowest unstable zero "
                 "at the home pose, and at least 10 intervals. For limits of the motors take twice as many intervals, "
                 "and the time to brake."
             ),

@@ -29,8 +29,8 @@ extern "C" {
     (INT64_C(1507675) + INT64_C(81602) * (intervals) + INT64_C(45782) * (samples_per_interval))
 
 /*
- * Recommended options of a stream. The look-ahead is five time constants of the slowest unstable zero at the home
- * pose, and at least 10 intervals. For limits of the motors take twice as many intervals, and the time to brake.
+ * Recommended options of a stream. The look-ahead is ten time constants of the slowest unstable zero at the home pose,
+ * and at least 10 intervals. For limits of the motors take twice as many intervals, and the time to brake.
  */
 #define ELBOW_SLOWEST_UNSTABLE_ZERO 0.0 /* [1/s] real part, home pose; 0: none */
 #define ELBOW_LOOK_AHEAD 0.05 /* [s] of a stream: time from a sample to the output that reaches it */

@@ -26,7 +26,9 @@ pytestmark = needs_compiler
 
 SPARE = 1.15  # of the memory, and some numbers: what the macro may ask for beyond what is needed
 NUMBERS = 2500
-TORQUE = 2e-2  # of the largest: the horizon ends after five time constants, exp(-5) = 0.7 %
+TORQUE = (
+    1e-3  # of the largest: motions of stream and whole path agree better, their second derivatives by differences not
+)
 GRID = [(1, 1), (1, 7), (2, 3), (10, 5), (11, 6), (37, 1), (100, 20), (513, 2), (10_000, 1_000)]
 
 
@@ -66,7 +68,7 @@ def test_the_slowest_unstable_zero_is_that_of_the_linear_model(name):
     tau = analyze(name).to_dict()["unstable_time_constant_s"]
     assert found is not None
     assert found.slowest_unstable_zero == pytest.approx(1.0 / tau if tau else 0.0, rel=1e-9)
-    assert found.look_ahead >= 5.0 * tau - 1e-12 and found.look_ahead == found.intervals * found.period
+    assert found.look_ahead >= 10.0 * tau - 1e-12 and found.look_ahead == found.intervals * found.period
 
 
 def test_no_recommendation_at_a_singular_pose():
