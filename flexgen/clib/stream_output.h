@@ -125,7 +125,7 @@ static inline int motors_in_interval(real *s, const layout *l, const interval *o
         return MODEL_RESULT_NOT_FINITE;
     }
     for (ptrdiff_t k = MARGIN; k + MARGIN < l->window; ++k) {
-        real value[NG];
+        real value[NG], stiffness[NG];
         if (k >= BACK && k <= BACK + samples_per_interval &&
             !advance_gears(&g, k == BACK, s + l->tau + k * NG, space)) {
             return MODEL_RESULT_NOT_FINITE;
