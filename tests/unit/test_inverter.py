@@ -113,7 +113,7 @@ def test_c_refuses_null_and_too_little_memory(library):
     n = len(s["y"])
     arrays = {key: np.ascontiguousarray(s[key]) for key in ("y", "dy", "ddy")}
     q, work = np.ascontiguousarray(s["q_start"]), np.zeros(10)
-    options = filled(structs["inversion_options"], samples_per_interval=5, tolerance=1e-9)
+    options = filled(structs["inversion_options"], n_pre=100, n_post=100, samples_per_interval=5, tolerance=1e-9)
     motion, info = structs["motion"](), structs["inversion_info"]()
 
     def status(null: int | None = None, member: str = "") -> int:
