@@ -107,12 +107,12 @@ class InversionProblem:
     def too_rough(self) -> tuple[str, ...]:
         """Warnings where the path is not smooth enough for a continuous torque, with the estimated error."""
         report = smoothness_report(self.equations, self.path, self.step)
-        if report.enough:
+        if report.sufficient:
             return ()
         name, lines = self.path.move.name, report.lines()
         head = (
             f"move {name}: smoothness {report.smoothness} makes the torque jump; "
-            f"a continuous torque needs {report.needed} (structural index less one)"
+            f"a continuous torque needs {report.required} (structural index less one)"
         )
         more = [f"and {len(lines) - ROUGH} more"] if len(lines) > ROUGH else []
         return (head, *(f"move {name}: {line}" for line in [*lines[:ROUGH], *more]))

@@ -1,1 +1,1 @@
-"""What is asked: time laws and paths; no solver inside."""
+"""Paths of the output: geometry, time laws and move planning."""

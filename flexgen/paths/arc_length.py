@@ -7,35 +7,35 @@ from collections.abc import Callable
 import numpy as np
 
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(12)
-STEPS = 12  # of Newton's method; it converges in three
+NEWTON_STEPS = 12  # at most; three are enough
 
 
 class ArcTable:
-    """Integral of ``rate`` (parameter values (n,) to (n,), positive) over the panels between ``knots`` (m + 1)."""
+    """Arc length over the parameter: integral of ``speed``, u (n,) to |dp/du| > 0 (n,), between ``knots`` (m + 1)."""
 
-    def __init__(self, rate: Callable[[np.ndarray], np.ndarray], knots: np.ndarray) -> None:
-        self.rate, self.knots = rate, knots
+    def __init__(self, speed: Callable[[np.ndarray], np.ndarray], knots: np.ndarray) -> None:
+        self.speed, self.knots = speed, knots
         panels = self._integral(knots[:-1], knots[1:])
         self.lengths = np.concatenate([[0.0], np.cumsum(panels)])
 
     @property
     def length(self) -> float:
-        """Of the whole curve."""
+        """Arc length of the whole curve."""
         return float(self.lengths[-1])
 
     def _integral(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         half = (b - a) / 2
         points = (a + half)[:, None] + half[:, None] * NODES
-        return half * (self.rate(points.ravel()).reshape(points.shape) @ WEIGHTS)
+        return half * (self.speed(points.ravel()).reshape(points.shape) @ WEIGHTS)
 
     def parameter(self, s: np.ndarray) -> np.ndarray:
         """The parameter (n,) at the arc lengths ``s`` (n,)."""
-        at = np.clip(np.searchsorted(self.lengths, s, side="right") - 1, 0, len(self.knots) - 2)
-        low, high = self.knots[at], self.knots[at + 1]
-        rest = s - self.lengths[at]
-        u = low + rest / (self.lengths[at + 1] - self.lengths[at]) * (high - low)
-        for _ in range(STEPS):
-            step = (self._integral(low, u) - rest) / self.rate(u)
+        panel = np.clip(np.searchsorted(self.lengths, s, side="right") - 1, 0, len(self.knots) - 2)
+        low, high = self.knots[panel], self.knots[panel + 1]
+        remaining = s - self.lengths[panel]
+        u = low + remaining / (self.lengths[panel + 1] - self.lengths[panel]) * (high - low)
+        for _ in range(NEWTON_STEPS):
+            step = (self._integral(low, u) - remaining) / self.speed(u)
             u = np.clip(u - step, low, high)
             if np.abs(step).max(initial=0.0) <= 4e-16 * max(1.0, float(np.abs(self.knots).max())):
                 break

@@ -1,13 +1,13 @@
-"""A chain of segments as one curve: corners rounded within their zones, parameter arc length, orientation along.
+"""Consecutive segments as one curve: corners blended within their zones, arc length as parameter.
 
-Near the corner between two segments, over the parameter range of ``z`` (the zone) to either side, the first is still
-being finished while the second has begun: with lengths covered l_1(u), l_2(u)
+Near the corner between two segments, over the parameter range of ``z`` (the zone) to either side, the first still moves
+while the second has started: with lengths covered l_1(u), l_2(u)
 
     p(u) = p_corner + (c_1(l_1) - c_1(L_1)) + c_2(l_2),        l_2 = z a((u - u_corner)/z),   a'' a bump on [-1, 1]
 
-and likewise the turns, R = R_2(l_2) R_1(l_1). Outside a(x) = x or 0, so the curve leaves the first segment and joins
-the second with all derivatives that the bump gives, and as a(x) + a(-x) <= 1 it stays within z of the corner. Where
-lengths are arc lengths, a table turns the parameter of the corner into arc length too.
+and likewise the rotations, R = R_2(l_2) R_1(l_1). Outside a(x) = x or 0, so the curve leaves the first segment and
+joins the second with as many continuous derivatives as the bump has; as a(x) + a(-x) <= 1 it stays within z of the
+corner. If the parameters of both segments are arc lengths, a table converts the parameter of the corner to arc length.
 """
 
 from __future__ import annotations
@@ -21,45 +21,45 @@ from flexgen.paths.arc_length import ArcTable
 from flexgen.paths.jets import (
     JET,
     Attitude,
-    along,
     attitude,
-    hamilton,
+    compose,
+    inverse_function,
     product,
     quaternion,
-    reverse,
-    root,
-    turns,
+    quaternion_product,
+    rotation_matrices,
+    square_root,
 )
-from flexgen.paths.segments import Segment, attitude_along, turned
+from flexgen.paths.segments import Segment, attitude_along, rotation_along
 from flexgen.paths.time_laws import TimeLaw
 
 BUMP = 4  # continuous derivatives of a'; those of the curve are one more
 PANELS = 24  # of the arc-length table of a corner
-SHARPEST = 0.05  # smallest rate in a corner, of 1: below it the path turns back
+MIN_CORNER_SPEED = 0.05  # smallest |dp/du| in a corner; below it the path reverses
 ANALYTIC = 99  # continuous derivatives of a curve without corners
 
 
 @dataclass(frozen=True)
-class Part:
-    """A stretch of a chain in arc length: of one segment, or the corner between it and the next one."""
+class Section:
+    """A section of a blended curve: the straight section of one segment, or the corner between it and the next one."""
 
     segment: int
     corner: bool
     length: float
-    first: float  # parameter at its start
+    start: float  # parameter at its start
 
 
 class BlendedCurve:
-    """The curve of a chain of segments.
+    """The curve of consecutive segments with blended corners.
 
     Parameters
     ----------
     start : array (d)
     R_start : array (3, 3) or None
-        Orientation of the tool at the start; None for coordinates.
+        Orientation of the tool at the start; None if the curve has no orientation.
     segments : list of Segment
     zones : list of float
-        At the ends of all segments but the last.
+        Zones [unit of the parameter] at the ends of all segments but the last.
     """
 
     def __init__(
@@ -77,9 +77,9 @@ class BlendedCurve:
         out = [(self.start, self.R_start)]
         for segment in self.segments:
             position, R = out[-1]
-            angle = float(np.linalg.norm(segment.turn))
+            angle = float(np.linalg.norm(segment.rotation))
             if R is not None and angle > 0:
-                R = turns(segment.turn / angle, np.array([angle]))[0] @ R
+                R = rotation_matrices(segment.rotation / angle, np.array([angle]))[0] @ R
             out.append((position + segment.total, R))
         return out
 
@@ -89,107 +89,111 @@ class BlendedCurve:
         return self._starts[-1]
 
     @cached_property
-    def parts(self) -> list[Part]:
-        """Segments and corners in turn."""
+    def sections(self) -> list[Section]:
+        """Segments and corners in order."""
         out = []
         zones = [0.0, *self.zones, 0.0]
         for k, segment in enumerate(self.segments):
-            first = float(self.ends[k]) - segment.length + zones[k]
+            start = float(self.ends[k]) - segment.length + zones[k]
             straight = segment.length - zones[k] - zones[k + 1]
             if straight > 1e-12 * segment.length:
-                out.append(Part(k, False, straight, first))
+                out.append(Section(k, False, straight, start))
             if zones[k + 1] > 0:
                 table = self._tables[k]
                 length = 2 * zones[k + 1] if table is None else table.length
-                out.append(Part(k, True, length, float(self.ends[k]) - zones[k + 1]))
+                out.append(Section(k, True, length, float(self.ends[k]) - zones[k + 1]))
         return out
 
     @cached_property
     def _tables(self) -> list[ArcTable | None]:
         out: list[ArcTable | None] = []
         for k, zone in enumerate(self.zones):
-            if zone == 0 or not (self.segments[k].led and self.segments[k + 1].led):
+            if zone == 0 or not (self.segments[k].by_arc_length and self.segments[k + 1].by_arc_length):
                 out.append(None)
                 continue
             knots = self.ends[k] + zone * np.linspace(-1, 1, PANELS + 1)
-            out.append(ArcTable(partial(self._pace, k), knots))
+            out.append(ArcTable(partial(self._speed, k), knots))
         return out
 
-    def sharpest(self, k: int) -> float:
-        """Smallest speed [of 1] in the corner at the end of segment k, if the parameter runs evenly."""
-        if not (self.segments[k].led and self.segments[k + 1].led):
+    def min_corner_speed(self, k: int) -> float:
+        """Smallest |dp/du| in the corner at the end of segment k; 1 on the segments."""
+        if not (self.segments[k].by_arc_length and self.segments[k + 1].by_arc_length):
             return 1.0
         u = self.ends[k] + self.zones[k] * np.linspace(-1, 1, 201)
-        return float(self._pace(k, u).min())
+        return float(self._speed(k, u).min())
 
-    def _pace(self, k: int, u: np.ndarray) -> np.ndarray:
-        """|dp/du| (n,) there."""
+    def _speed(self, k: int, u: np.ndarray) -> np.ndarray:
+        """|dp/du| (n,) in the corner at the end of segment k."""
         return np.asarray(np.linalg.norm(self._corner(k, _identity(u)[:, :2], False)[0][:, :, 1], axis=1))
 
-    def _rate(self, k: int, u: np.ndarray) -> np.ndarray:
+    def _speed_squared(self, k: int, u: np.ndarray) -> np.ndarray:
         """Square of |dp/du| and its derivatives, (n, 5), in the corner at the end of segment k."""
         x = self._corner(k, _identity(u), False)[0][:, :, 1:]
         return product(x, x).sum(axis=1)
 
-    def _corner(self, k: int, u: np.ndarray, turning: bool = True) -> tuple[np.ndarray, Attitude | None]:
+    def _corner(self, k: int, u: np.ndarray, rotate: bool = True) -> tuple[np.ndarray, Attitude | None]:
         """Jet of the position, and orientation, in the corner after segment k, from the jet of the parameter."""
         before, after, zone = self.segments[k], self.segments[k + 1], self.zones[k]
         step = TimeLaw(2 * zone, BUMP)
         rise = step.with_integral(u[:, 0] - (self.ends[k] - zone), u.shape[1] - 1)
         fall = step.with_integral(self.ends[k] + zone - u[:, 0], u.shape[1] - 1) * (-1.0) ** np.arange(u.shape[1])
-        covered = along(rise[:, None, :], u)[:, 0]
-        remaining = along(fall[:, None, :], u)[:, 0]
+        covered = compose(rise[:, None, :], u)[:, 0]
+        remaining = compose(fall[:, None, :], u)[:, 0]
         first = -remaining
         first[:, 0] += before.length
         position, R = self._starts[k]
         x = before.displacement(first) + after.displacement(covered)
         x[:, :, 0] += position
-        if R is None or not turning:
+        if R is None or not rotate:
             return x, None
-        still = np.zeros((len(u), 4, u.shape[1]))
-        still[:, :, 0] = quaternion(R)
-        return x, attitude(hamilton(turned(after, covered), hamilton(turned(before, first), still)))
+        initial = np.zeros((len(u), 4, u.shape[1]))
+        initial[:, :, 0] = quaternion(R)
+        return x, attitude(
+            quaternion_product(
+                rotation_along(after, covered), quaternion_product(rotation_along(before, first), initial)
+            )
+        )
 
     @property
     def length(self) -> float:
-        """Arc length, or what stands for it."""
-        return sum(part.length for part in self.parts)
+        """Range of the parameter: the arc length where all segments are parametrized by it."""
+        return sum(section.length for section in self.sections)
 
     def __call__(self, s: np.ndarray) -> tuple[np.ndarray, Attitude | None]:
         """Jet (n, d, k) of the position, and the orientation, from the jet (n, k) of the arc length."""
         x = np.zeros((len(s), len(self.start), s.shape[1]))
         R, w = np.zeros((len(s), 3, 3)), np.zeros((len(s), 3, s.shape[1] - 1))
-        starts = np.concatenate([[0.0], np.cumsum([part.length for part in self.parts])])
-        at = np.clip(np.searchsorted(starts, s[:, 0], side="right") - 1, 0, len(self.parts) - 1)
-        for k, part in enumerate(self.parts):
+        starts = np.concatenate([[0.0], np.cumsum([section.length for section in self.sections])])
+        at = np.clip(np.searchsorted(starts, s[:, 0], side="right") - 1, 0, len(self.sections) - 1)
+        for k, section in enumerate(self.sections):
             here = at == k
             if not here.any():
                 continue
             inner = s[here].copy()
             inner[:, 0] -= starts[k]
-            if part.corner:
-                x[here], turn = self._corner(part.segment, self._parameter(part, inner))
+            if section.corner:
+                x[here], rotation = self._corner(section.segment, self._parameter(section, inner))
             else:
-                segment = self.segments[part.segment]
-                inner[:, 0] += part.first - (self.ends[part.segment] - segment.length)
-                position, before = self._starts[part.segment]
-                way = segment.displacement(inner)
-                way[:, :, 0] += position
-                x[here] = way
-                turn = None if before is None else attitude_along(segment, inner, before)
-            if turn is not None:
-                R[here], w[here] = turn
+                segment = self.segments[section.segment]
+                inner[:, 0] += section.start - (self.ends[section.segment] - segment.length)
+                position, before = self._starts[section.segment]
+                moved = segment.displacement(inner)
+                moved[:, :, 0] += position
+                x[here] = moved
+                rotation = None if before is None else attitude_along(segment, inner, before)
+            if rotation is not None:
+                R[here], w[here] = rotation
         return x, None if self.R_start is None else (R, w)
 
-    def _parameter(self, part: Part, s: np.ndarray) -> np.ndarray:
+    def _parameter(self, section: Section, s: np.ndarray) -> np.ndarray:
         """Jet of the parameter in a corner from the jet of the arc length since its start."""
-        table = self._tables[part.segment]
+        table = self._tables[section.segment]
         if table is None:
             u = s.copy()
-            u[:, 0] += part.first
+            u[:, 0] += section.start
             return u
         u = table.parameter(s[:, 0])
-        return along(reverse(u, root(self._rate(part.segment, u)))[:, None, :], s)[:, 0]
+        return compose(inverse_function(u, square_root(self._speed_squared(section.segment, u)))[:, None, :], s)[:, 0]
 
 
 def _identity(u: np.ndarray) -> np.ndarray:

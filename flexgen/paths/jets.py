@@ -1,4 +1,4 @@
-"""Rules for derivatives: of products, roots, inverses and compositions, all up to the order that is carried along.
+"""Derivatives of products, roots, inverses and compositions up to a fixed order (jets).
 
 A *jet* is an array whose last axis is the order of the derivative: ``x[..., k]`` is the k-th one, k = 0 ... n.
 """
@@ -29,7 +29,7 @@ def chain_rule(f: list[np.ndarray], s: np.ndarray) -> list[np.ndarray]:
     return [f[0], *(sum(f[k] * bell[i][k][:, None] for k in range(1, i + 1)) for i in range(1, n + 1))]  # type: ignore[list-item]
 
 
-def along(f: np.ndarray, s: np.ndarray) -> np.ndarray:
+def compose(f: np.ndarray, s: np.ndarray) -> np.ndarray:
     """Jet of ``f(s(t))`` (n, m, k) from the jet ``f`` (n, m, k) in s and the jet ``s`` (n, k) in time."""
     return np.stack(chain_rule([f[:, :, k] for k in range(f.shape[2])], s), axis=-1)
 
@@ -43,7 +43,7 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     )
 
 
-def inverse(a: np.ndarray) -> np.ndarray:
+def reciprocal(a: np.ndarray) -> np.ndarray:
     """Jet of ``1/a``."""
     out = np.zeros_like(a)
     out[..., 0] = 1.0 / a[..., 0]
@@ -52,7 +52,7 @@ def inverse(a: np.ndarray) -> np.ndarray:
     return out
 
 
-def root(a: np.ndarray) -> np.ndarray:
+def square_root(a: np.ndarray) -> np.ndarray:
     """Jet of the square root of a positive quantity."""
     out = np.zeros_like(a)
     out[..., 0] = np.sqrt(a[..., 0])
@@ -62,26 +62,26 @@ def root(a: np.ndarray) -> np.ndarray:
     return out
 
 
-def reverse(u: np.ndarray, rate: np.ndarray) -> np.ndarray:
-    """Jet (n, k + 1) of u with respect to s from the jet ``rate`` (n, k) of ``ds/du`` with respect to u."""
-    slowness = inverse(rate)
-    out, term = [u, slowness[..., 0]], slowness
+def inverse_function(u: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Jet (n, k + 1) of the inverse function u(s) from the jet ``slope`` (n, k) of ``ds/du`` in u."""
+    du_ds = reciprocal(slope)
+    out, term = [u, du_ds[..., 0]], du_ds
     while term.shape[-1] > 1:
-        term = product(slowness, term[..., 1:])  # d/ds = 1/(ds/du) d/du
+        term = product(du_ds, term[..., 1:])  # d/ds = 1/(ds/du) d/du
         out.append(term[..., 0])
     return np.stack(out, axis=-1)
 
 
-def turning(angle: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Jet (n, 4, k) of the unit quaternion (w, x, y, z) of a turn by the jet ``angle`` (n, k) about a fixed axis."""
+def rotation_quaternion(angle: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Jet (n, 4, k) of the unit quaternion (w, x, y, z) of a rotation by ``angle`` (n, k) about a fixed axis."""
     half = angle / 2
     c, s = np.cos(half[:, 0]), np.sin(half[:, 0])
-    waves = [np.stack(pair, axis=1) for pair in ((c, s), (-s, c), (-c, -s), (s, -c))]
-    cosine_sine = np.stack(chain_rule([waves[k % 4] for k in range(angle.shape[1])], half), axis=-1)
+    cycle = [np.stack(pair, axis=1) for pair in ((c, s), (-s, c), (-c, -s), (s, -c))]
+    cosine_sine = np.stack(chain_rule([cycle[k % 4] for k in range(angle.shape[1])], half), axis=-1)
     return np.concatenate([cosine_sine[:, :1], cosine_sine[:, 1:] * axis[None, :, None]], axis=1)
 
 
-def hamilton(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def quaternion_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Jet (n, 4, k) of the product of two quaternions."""
     w, x, y, z = (a[:, i] for i in range(4))
     p, q, r, s = (b[:, i] for i in range(4))
@@ -105,10 +105,10 @@ def conjugate(q: np.ndarray) -> np.ndarray:
 
 def angular_velocity(q: np.ndarray) -> np.ndarray:
     """Angular velocity in world axes and its derivatives (n, 3, k - 1) of the jet (n, 4, k) of a unit quaternion."""
-    return 2 * hamilton(q[:, :, 1:], conjugate(q[:, :, :-1]))[:, 1:]
+    return 2 * quaternion_product(q[:, :, 1:], conjugate(q[:, :, :-1]))[:, 1:]
 
 
-def rotations(q: np.ndarray) -> np.ndarray:
+def matrices_of_quaternions(q: np.ndarray) -> np.ndarray:
     """Rotation matrices (n, 3, 3) of unit quaternions (n, 4)."""
     w, x, y, z = (q[:, i] for i in range(4))
     rows = (
@@ -125,10 +125,10 @@ Attitude = tuple[np.ndarray, np.ndarray]
 
 def attitude(q: np.ndarray) -> Attitude:
     """The `Attitude` of the jet (n, 4, k) of a unit quaternion."""
-    return rotations(q[:, :, 0]), angular_velocity(q)
+    return matrices_of_quaternions(q[:, :, 0]), angular_velocity(q)
 
 
-def turns(axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
+def rotation_matrices(axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """Rotation matrices (n, 3, 3) about one unit axis."""
     x, y, z = axis
     hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -157,13 +157,13 @@ def quaternion(R: np.ndarray) -> np.ndarray:
 
 
 def axis_angle(vector: np.ndarray) -> tuple[np.ndarray, float]:
-    """Unit axis and angle [rad] of a rotation vector; z where it is zero."""
+    """Unit axis and angle [rad] of a rotation vector; axis z for a zero vector."""
     angle = float(np.linalg.norm(vector))
     return (np.asarray(vector) / angle if angle > 0 else np.array([0.0, 0.0, 1.0])), angle
 
 
 def rotation_vector(q: np.ndarray) -> np.ndarray:
-    """Rotation vector [rad] of a unit quaternion (4), by at most half a turn."""
+    """Rotation vector [rad] of a unit quaternion (4), of at most pi."""
     q = q if q[0] >= 0 else -q
     size = float(np.linalg.norm(q[1:]))
     return np.zeros(3) if size == 0 else q[1:] / size * (2 * np.arctan2(size, q[0]))

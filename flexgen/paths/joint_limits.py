@@ -1,4 +1,4 @@
-"""The joints of the rigid arm while its output follows a reference, and the limits that they have to keep."""
+"""Inverse kinematics of the undeflected arm along a reference, and the speed and acceleration limits of its joints."""
 
 from __future__ import annotations
 
@@ -14,42 +14,53 @@ from flexgen.mechanics.outputs import output_map
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.reference import PathSample
 
-STEPS = 40  # of Newton's method
-CLOSE = 1e-12  # rad or m: a step that is smaller is the last
-REACHED = 1e-9  # of the output
-FINER = 8  # parts between two instants
-JUMP = 1.0  # rad or m: longest step of Newton's method; more leads to another posture
-SINGULAR = 1e-7  # relative size of the smallest singular value of the output's rate
+NEWTON_STEPS = 40
+CLOSE = 1e-12  # rad or m; Newton's method stops at a smaller step
+REACHED = 1e-9  # error of the output that counts as solved
+FINER = 8  # subintervals between two instants
+JUMP = 1.0  # rad or m, longest step of Newton's method; a longer one may find another joint configuration
+SINGULAR = 1e-7  # smallest allowed ratio of the singular values of the output Jacobian
 
 
-class Posture:
-    """Inverse kinematics of a model without deflection, as many outputs as actuated coordinates."""
+class InverseKinematics:
+    """Inverse kinematics of a model without deflections; needs as many outputs as actuated coordinates."""
 
     def __init__(self, equations: Equations) -> None:
         self.equations, self.model = equations, equations.model
 
     @cached_property
-    def _place(self) -> ca.Function:
+    def _position(self) -> ca.Function:
+        """Error of the output to a target, and its Jacobian in the actuated coordinates."""
         map_, symbol = output_map(self.equations), self.equations.lagrangian.chain.q_a
         if self.model.output.size != self.model.n_g:
             raise ArgumentError(
-                f"model {self.model.name}: {self.model.output.size} outputs and {self.model.n_g} actuated coordinates, "
-                "expected as many: the output does not determine the posture"
+                f"model {self.model.name}: given {self.model.output.size} outputs and {self.model.n_g} actuated "
+                "coordinates, expected equal numbers: otherwise the output does not determine the joint configuration"
             )
-        slope = ca.densify(ca.jacobian(map_.error, symbol[list(self.model.i_g)]))
-        return ca.Function("place", [symbol, map_.target], [map_.error, slope])
+        jacobian = ca.densify(ca.jacobian(map_.error, symbol[list(self.model.i_g)]))
+        return ca.Function("position", [symbol, map_.target], [map_.error, jacobian])
 
     @cached_property
-    def _rate(self) -> ca.Function:
+    def _velocity(self) -> ca.Function:
+        """Jacobian W of the output in the actuated coordinates, and W' v."""
         map_, symbol = output_map(self.equations), self.equations.lagrangian.chain.q_a
         v = ca.SX.sym("v", self.model.n_a)
-        bend = ca.jtimes(ca.mtimes(map_.rate, v), symbol, v)  # W' v
-        return ca.Function("rate", [symbol, v], [ca.densify(map_.rate[:, list(self.model.i_g)]), ca.densify(bend)])
+        bias = ca.jtimes(ca.mtimes(map_.rate, v), symbol, v)
+        return ca.Function("velocity", [symbol, v], [ca.densify(map_.rate[:, list(self.model.i_g)]), ca.densify(bias)])
 
     def follow(self, sample: PathSample, q_g: np.ndarray) -> np.ndarray:
-        """Actuated coordinates (n, n_g) along a reference, each from the one before, the first from ``q_g``.
+        """Solve for the actuated coordinates (n, n_g) along a reference, each from the one before.
 
-        SolverError where the reference leaves the workspace or passes a singular pose.
+        Parameters
+        ----------
+        sample : PathSample
+        q_g : array (n_g)
+            Start of the iteration at the first instant.
+
+        Raises
+        ------
+        SolverError
+            The reference leaves the workspace or passes a singular pose.
         """
         targets = sample.y[:, :, 0]
         if sample.R is not None:
@@ -60,47 +71,47 @@ class Posture:
         out = np.zeros((len(targets), len(i_g)))
         for k, target in enumerate(targets):
             if k > 1:
-                q[i_g] += out[k - 1] - out[k - 2]  # the postures go on as they did
-            for _ in range(STEPS):
-                error, slope = (np.array(x) for x in self._place(q, target))
-                sizes = np.linalg.svd(slope, compute_uv=False)
+                q[i_g] += out[k - 1] - out[k - 2]  # linear extrapolation
+            for _ in range(NEWTON_STEPS):
+                error, jacobian = (np.array(x) for x in self._position(q, target))
+                sizes = np.linalg.svd(jacobian, compute_uv=False)
                 if not sizes[-1] > SINGULAR * sizes[0]:
-                    raise SolverError(f"inverse kinematics: a singular pose {_share(k, len(targets))}")
-                step = np.linalg.solve(slope, -error[:, 0])
+                    raise SolverError(f"inverse kinematics: a singular pose {_instant(k, len(targets))}")
+                step = np.linalg.solve(jacobian, -error[:, 0])
                 q[i_g] += step * min(1.0, JUMP / max(float(np.abs(step).max()), 1e-300))
                 if np.abs(step).max() < CLOSE * (1 + np.abs(q).max()):
                     break
             if not np.abs(error).max() < REACHED * (1 + np.abs(target).max()):
                 raise SolverError(
-                    f"inverse kinematics: no posture {_share(k, len(targets))}, error {np.abs(error).max():.2e}; "
+                    f"inverse kinematics: no solution {_instant(k, len(targets))}, error {np.abs(error).max():.2e}; "
                     "the path leaves the workspace or passes a singular pose"
                 )
             out[k] = q[i_g]
         return out
 
-    def rates(self, sample: PathSample, q_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Speeds and accelerations (n, n_g) that go with postures on a reference."""
+    def velocities(self, sample: PathSample, q_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities and accelerations (n, n_g) of the actuated coordinates along a reference, from `follow`."""
         n, i_g = len(q_g), list(self.model.i_g)
         q, v = np.zeros((n, self.model.n_a)), np.zeros((n, self.model.n_a))
         q[:, i_g] = q_g
-        W = evaluate(self._rate, q, v)[0].reshape(n, len(i_g), -1)
+        W = evaluate(self._velocity, q, v)[0].reshape(n, len(i_g), -1)
         v_g = np.linalg.solve(W, sample.rates(1)[:, :, None])[:, :, 0]
         v[:, i_g] = v_g
-        bend = evaluate(self._rate, q, v)[1].reshape(n, -1)
-        return v_g, np.linalg.solve(W, (sample.rates(2) - bend)[:, :, None])[:, :, 0]
+        bias = evaluate(self._velocity, q, v)[1].reshape(n, -1)
+        return v_g, np.linalg.solve(W, (sample.rates(2) - bias)[:, :, None])[:, :, 0]
 
     @property
-    def limited(self) -> bool:
-        """Whether the model has any limit of speed or acceleration."""
+    def has_limits(self) -> bool:
+        """Whether the model limits any speed or acceleration."""
         dofs = [self.model.coordinates[i].dof for i in self.model.i_g]
         return any(d is not None and (d.speed_max or d.acceleration_max) for d in dofs) or any(
             motor.speed_max for motor in self.model.motors
         )
 
-    def excess(self, v: np.ndarray, a: np.ndarray) -> float:
-        """By which factor motions (n, n_g) at even instants have to be slowed for all limits to hold; below 1: by none.
+    def slowdown(self, v: np.ndarray, a: np.ndarray) -> float:
+        """Factor by which the time of a motion must be multiplied to meet all limits; at most 1: none is exceeded.
 
-        Between the instants they are taken for cubic splines.
+        ``v``, ``a`` (n, n_g): velocities and accelerations at equidistant instants, interpolated by cubic splines.
         """
         factor = 0.0
         n = np.arange(len(v))
@@ -112,12 +123,12 @@ class Posture:
                 factor = max(factor, float(np.abs(v[:, k]).max()) / dof.speed_max)
             if dof is not None and dof.acceleration_max:
                 factor = max(factor, float(np.sqrt(np.abs(a[:, k]).max() / dof.acceleration_max)))
-        turns = np.abs(v @ self.model.eta.T).max(axis=0)
-        for turn, motor in zip(turns, self.model.motors, strict=True):
+        speeds = np.abs(v @ self.model.eta.T).max(axis=0)
+        for speed, motor in zip(speeds, self.model.motors, strict=True):
             if motor.speed_max:
-                factor = max(factor, float(turn) / motor.speed_max)
+                factor = max(factor, float(speed) / motor.speed_max)
         return factor
 
 
-def _share(k: int, n: int) -> str:
-    return "at its start" if k == 0 else f"after {100 * k / (n - 1):.3g} % of its time"
+def _instant(k: int, n: int) -> str:
+    return "at the start" if k == 0 else f"after {100 * k / (n - 1):.3g} % of the time"

@@ -1,40 +1,72 @@
-"""Moves to legs: which curve, with which law; of single moves and of programs."""
+"""Move planning: the timed segments of a move or program, each a curve with a time law."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from flexgen.errors import ArgumentError, ModelError, SolverError
 from flexgen.model.moves import DEGREES, Move, MoveC, MoveJ, MoveL, Program, Step, Where
-from flexgen.paths.blended_curve import SHARPEST, BlendedCurve
-from flexgen.paths.jets import axis_angle, quaternion, rotation_vector, turns
-from flexgen.paths.joint_limits import Posture
+from flexgen.paths.blended_curve import MIN_CORNER_SPEED, BlendedCurve
+from flexgen.paths.jets import axis_angle, quaternion, rotation_matrices, rotation_vector
+from flexgen.paths.joint_limits import InverseKinematics
 from flexgen.paths.reference import Reference
 from flexgen.paths.sample_files import read_samples
-from flexgen.paths.segments import Arc, Segment, Straight, circle_through
+from flexgen.paths.segments import Arc, Line, Segment, circle_through
 from flexgen.paths.spline import SplineCurve
 from flexgen.paths.time_laws import Clock, Law, TimeLaw
-from flexgen.paths.timed_segments import Curve, TimedSegment, bounded_law, posture_after
+from flexgen.paths.timed_segments import Curve, TimedSegment, bounded_law, configuration_at_end
 
 TYPES = ("tool_line", "tool_circle", "tool_polyline", "sampled", "joint", "output_line", "program")
-STILL = np.zeros(3)
+NO_ROTATION = np.zeros(3)
 
 
 def wrong(where: Where | None, name: str, key: str, given: object, expected: str) -> Exception:
-    """The error to raise for a key of a move: with file and line where it comes from a file."""
+    """The error to raise for a key of a move; it names file and line if the move is from a file."""
     if where is None:
         return ArgumentError(f"{name}: given {key} {given}, expected {expected}")
     path, line = where.found(key)
     return ModelError(where.file, line, path, str(given), expected)
 
 
+@dataclass(frozen=True)
 class PlannedMove:
-    """The legs of one move of one model.
+    """A planned move of one model.
 
-    After construction: ``legs``, and ``q_g`` (n_g), the posture at the start.
+    ``segments``: motions from rest to rest, in order; ``q_g`` (n_g): actuated coordinates at the start [rad or m].
     """
+
+    segments: tuple[TimedSegment, ...]
+    q_g: np.ndarray
+
+
+def plan_move(reference: Reference, move: Move) -> PlannedMove:
+    """Plan the timed segments of a move or program.
+
+    Parameters
+    ----------
+    reference : Reference
+        Of the model.
+    move : Move
+
+    Returns
+    -------
+    PlannedMove
+
+    Raises
+    ------
+    ArgumentError, ModelError
+        The move does not fit the model; a ModelError names file, line and key of a move from a file.
+    SolverError
+        The path leaves the workspace or passes a singular pose.
+    """
+    return _Planner(reference, move).plan()
+
+
+class _Planner:
+    """Checks the data of one move and builds its timed segments."""
 
     def __init__(self, reference: Reference, move: Move) -> None:
         self.reference, self.model, self.move = reference, reference.model, move
@@ -46,17 +78,22 @@ class PlannedMove:
         if not (move.type == "sampled" and not move.start):
             self._numbers("start", move.start, self.model.n_g)
         if move.type in ("tool_line", "tool_circle", "tool_polyline"):
-            self._needs_tool(move.where, self.name, move.type)
+            self._require_tool(move.where, self.name, move.type)
         self.q_g = np.array(move.start, dtype=float)
         self._bounds(move.profile, "profile")
+
+    def plan(self) -> PlannedMove:
+        """Build the segments."""
+        move = self.move
         if isinstance(move, Program):
             self._bounds(move.joint_profile, "joint_profile")
-            self.legs = self._program(move)
+            segments = self._program(move)
         elif move.type == "sampled":
-            self.legs = [self._sampled()]
+            segments = [self._sampled()]
         else:
             space, curve, speeds = self._curve()
-            self.legs = [TimedSegment(space, curve, self._law(space, curve, speeds))]
+            segments = [TimedSegment(space, curve, self._law(space, curve, speeds))]
+        return PlannedMove(tuple(segments), self.q_g)
 
     def _numbers(self, key: str, values: Sequence[float], size: int) -> np.ndarray:
         if len(values) != size or not np.isfinite(values).all():
@@ -71,14 +108,12 @@ class PlannedMove:
         if (profile or self.move.type == "program") and not (smooth == 0 or 2 <= smooth <= 9):
             raise wrong(self.move.where, self.name, "smoothness", smooth, "0 for trapezoids, or 2 to 9")
 
-    def _needs_tool(self, where: Where | None, name: str, what: str) -> None:
+    def _require_tool(self, where: Where | None, name: str, what: str) -> None:
         if not self.reference.tool:
-            expected = "an output_line or joint move, because the output is not the tool's position or pose"
-            raise (
-                wrong(where, name, "type", what, expected)
-                if where
-                else ArgumentError(f"{name}: a {what} needs a tool output, expected an output_line or joint move")
-            )
+            expected = "an output_line or joint move, because the output is not the position or pose of the tool"
+            if where:
+                raise wrong(where, name, "type", what, expected)
+            raise ArgumentError(f"{name}: given a {what}, expected {expected}")
 
     def _law(self, space: str, curve: Curve, speeds: list[float] | None = None) -> Law:
         move = self.move
@@ -89,62 +124,73 @@ class PlannedMove:
         )
 
     def _curve(self) -> tuple[str, Curve, list[float] | None]:
-        """Space and curve of a single move, and the speeds of its segments where they have their own."""
+        """Space and curve of a single move, and the speeds of its segments if they are given."""
         move = self.move
         speeds: list[float] | None = None
         if move.type == "joint":
             end = self._numbers("end", move.end, self.model.n_g)
             space, start, R = "joint", self.q_g, None
-            segments: list[Segment] = [Straight(end - self.q_g, STILL, largest=True)]
+            segments: list[Segment] = [Line(end - self.q_g, NO_ROTATION, largest=True)]
         elif move.type == "output_line":
             displacement = self._numbers("displacement", move.displacement, self.model.output.size)
             if self.reference.pose:
                 raise wrong(move.where, self.name, "type", move.type, "a tool_line, because the output is a tool_pose")
             space, start, R = "output", self.reference.outputs(self.q_g), None
-            segments = [Straight(displacement, STILL, largest=True)]
+            segments = [Line(displacement, NO_ROTATION, largest=True)]
         else:
-            space, (start, R) = "tool", self.reference.place(self.q_g)
+            space, (start, R) = "tool", self.reference.tool_pose(self.q_g)
             if move.type == "tool_polyline":
-                return "tool", *self._chain(start, R, move.legs, move.radius)
+                return "tool", *self._polyline(start, R, move.legs, move.radius)
             segments = [self._single()]
-        if move.profile and not segments[0].total.any() and not segments[0].turn.any() and move.type != "tool_circle":
+        if (
+            move.profile
+            and not segments[0].total.any()
+            and not segments[0].rotation.any()
+            and move.type != "tool_circle"
+        ):
             raise wrong(
-                move.where, self.name, "profile", list(move.profile), "a move that goes somewhere, or a duration"
+                move.where,
+                self.name,
+                "profile",
+                list(move.profile),
+                "a move with a displacement or rotation, or a duration instead of a profile",
             )
         return space, BlendedCurve(start, self._pose(R), segments, []), speeds
 
     def _pose(self, R: np.ndarray | None) -> np.ndarray | None:
-        """The orientation, where the output has one."""
+        """The orientation if it is part of the output, else None."""
         return R if self.reference.pose else None
 
     def _single(self) -> Segment:
         """The line or the arc of a single move of the tool."""
         move = self.move
-        turn = self._numbers("rotation", move.rotation, 3)
+        rotation = self._numbers("rotation", move.rotation, 3)
         if move.type == "tool_line":
-            return Straight(self._numbers("displacement", move.displacement, 3), turn, move.radius)
+            return Line(self._numbers("displacement", move.displacement, 3), rotation, move.radius)
         center, axis = self._numbers("center", move.center, 3), self._numbers("axis", move.axis, 3)
         if not axis.any():
-            raise wrong(move.where, self.name, "axis", move.axis, "a direction that is not zero")
+            raise wrong(move.where, self.name, "axis", move.axis, "a nonzero direction")
         if not np.isfinite(move.angle) or move.angle == 0:
-            raise wrong(move.where, self.name, "angle", move.angle, "an angle that is not zero [rad]")
-        arc = Arc(center, axis / np.linalg.norm(axis), move.angle, turn, move.radius)
+            raise wrong(move.where, self.name, "angle", move.angle, "a nonzero angle [rad]")
+        arc = Arc(center, axis / np.linalg.norm(axis), move.angle, rotation, move.radius)
         if not arc.size > 0:
-            raise wrong(move.where, self.name, "center", move.center, "a centre beside the axis through the start")
+            raise wrong(move.where, self.name, "center", move.center, "a center off the axis through the start")
         return arc
 
     def _sampled(self) -> TimedSegment:
-        """The leg of a path through the samples of a file; sets the posture at the start."""
+        """The segment of a path through the samples of a file; sets the joint configuration at the start."""
         move, reference = self.move, self.reference
         if move.degree not in DEGREES:
             raise wrong(move.where, self.name, "degree", move.degree, "one of " + ", ".join(map(str, DEGREES)))
         samples = read_samples(move.file, self.model, 2)
         if samples.timed and (move.profile or move.smoothness):
             key = "profile" if move.profile else "smoothness"
-            raise wrong(move.where, self.name, key, "beside the times in the file", "none, the file has its own time")
+            raise wrong(
+                move.where, self.name, key, "together with times in the file", f"no {key}, or a file without column t"
+            )
         if not samples.timed and not move.profile and not move.duration > 0:
-            expected = "a duration and smoothness, or a profile, because the file has no times"
-            raise wrong(move.where, self.name, "duration", "nothing", expected)
+            expected = "a duration and smoothness, or a profile, because the file has no column t"
+            raise wrong(move.where, self.name, "duration", move.duration, expected)
         if not samples.timed and len(samples.values) <= move.degree:
             expected = f"more than {move.degree} samples, or a lower degree"
             raise ModelError(move.file, 0, "file", f"{len(samples.values)} samples", expected)
@@ -152,21 +198,23 @@ class PlannedMove:
         if samples.space != "joint":
             self.q_g = self._numbers("start", move.start, self.model.n_g)
         if samples.space == "tool" and reference.pose and samples.quaternions is None:
-            fixed = reference.place(self.q_g)[1]
+            fixed = reference.tool_pose(self.q_g)[1]
         curve = SplineCurve(samples, move.degree, move.radius, fixed)
         if samples.space == "joint":
             self.q_g = samples.values[0]
         else:
             first = TimedSegment(samples.space, curve, Clock(1.0, 0)).at(np.zeros(1))
-            self.q_g = Posture(reference.equations).follow(reference.sample(samples.space, *first), self.q_g)[0]
+            self.q_g = InverseKinematics(reference.equations).follow(reference.sample(samples.space, *first), self.q_g)[
+                0
+            ]
         law = Clock(curve.length, (move.degree - 1) // 2) if samples.timed else self._law(samples.space, curve)
         return TimedSegment(samples.space, curve, law)
 
-    # --- chains and programs ------------------------------------------------------------------------------------------
-    def _chain(
+    # --- polylines and programs ---------------------------------------------------------------------------------------
+    def _polyline(
         self, start: np.ndarray, R: np.ndarray, steps: Sequence[MoveL], radius: float
     ) -> tuple[BlendedCurve, list[float] | None]:
-        """Lines and arcs of the tool one after the other, from a pose, with rounded corners."""
+        """Consecutive lines and arcs of the tool from a pose, with rounded corners."""
         segments: list[Segment] = []
         zones = []
         position, orientation = start, R
@@ -174,32 +222,34 @@ class PlannedMove:
             raise wrong(self.move.where, self.name, "legs", "none", "one or more")
         for k, step in enumerate(steps):
             segment = self._segment(step, k, position, orientation, radius)
-            axis, angle = axis_angle(segment.turn)
+            axis, angle = axis_angle(segment.rotation)
             position = position + segment.total
-            orientation = turns(axis, np.array([angle]))[0] @ orientation
+            orientation = rotation_matrices(axis, np.array([angle]))[0] @ orientation
             segments.append(segment)
             zones.append(step.zone)
         if zones[-1] != 0:
             raise self._step_wrong(steps[-1], len(steps) - 1, "zone", zones[-1], "0 at the end")
         for k, step in enumerate(steps[:-1]):
             if not step.zone > 0:
-                raise self._step_wrong(step, k, "zone", step.zone, "a radius > 0 [m]: the tool does not stop here")
+                raise self._step_wrong(
+                    step, k, "zone", step.zone, "a radius > 0 [m], because the tool does not stop here"
+                )
         self._corners(segments, zones[:-1], steps)
         speeds = [self._speed(step, k, self.move.profile) for k, step in enumerate(steps)]
         return BlendedCurve(start, self._pose(R), segments, zones[:-1]), speeds if self.move.profile else None
 
     def _corners(self, segments: list[Segment], zones: list[float], steps: Sequence[Step]) -> None:
-        """Refuse zones that overlap, and corners in which the path turns back."""
+        """Check that zones do not overlap and that the path does not reverse in a corner."""
         around = [0.0, *zones, 0.0]
         for k, segment in enumerate(segments):
             if around[k] + around[k + 1] > segment.length * (1 + 1e-12):
                 at = k if around[k + 1] > 0 else k - 1
-                expected = f"zones that fit into the {segment.length:.6g} of step {k + 1}"
+                expected = f"zones that fit into the length {segment.length:.6g} of step {k + 1}"
                 raise self._step_wrong(steps[at], at, "zone", f"{around[k]:g} and {around[k + 1]:g}", expected)
         trial = BlendedCurve(np.zeros(len(segments[0].total)), None, segments, zones)
         for k, zone in enumerate(zones):
-            if zone > 0 and trial.sharpest(k) < SHARPEST:
-                raise self._step_wrong(steps[k], k, "zone", zone, "0, because the path turns back here")
+            if zone > 0 and trial.min_corner_speed(k) < MIN_CORNER_SPEED:
+                raise self._step_wrong(steps[k], k, "zone", zone, "0, because the path reverses here")
 
     def _step_wrong(self, step: Step, k: int, key: str, given: object, expected: str) -> Exception:
         return wrong(step.where, f"{self.name}, step {k + 1}", key, given, expected)
@@ -209,7 +259,7 @@ class PlannedMove:
         if step.speed is None:
             return profile[0] if profile else 1.0
         if not profile:
-            raise self._step_wrong(step, k, "speed", step.speed, "none, or a profile")
+            raise self._step_wrong(step, k, "speed", step.speed, "no speed, or a move with a profile")
         if not (np.isfinite(step.speed) and step.speed > 0):
             raise self._step_wrong(step, k, "speed", step.speed, "a speed > 0")
         return float(step.speed)
@@ -227,63 +277,61 @@ class PlannedMove:
         if bool(step.displacement) == bool(step.position):
             raise self._step_wrong(step, k, "displacement", step.displacement, "either displacement or position")
         absolute = bool(step.position)
-        way = vector("position", step.position) - position if absolute else vector("displacement", step.displacement)
-        turn = vector("rotation", step.rotation)
+        total = vector("position", step.position) - position if absolute else vector("displacement", step.displacement)
+        rotation = vector("rotation", step.rotation)
         if step.orientation:
             to = np.array(step.orientation, dtype=float)
             if to.shape != (3, 3) or not np.abs(to @ to.T - np.eye(3)).max() < 1e-6 or np.linalg.det(to) < 0:
                 raise self._step_wrong(step, k, "orientation", step.orientation, "a rotation matrix")
-            if turn.any():
+            if rotation.any():
                 raise self._step_wrong(step, k, "rotation", step.rotation, "either rotation or orientation")
-            turn = rotation_vector(quaternion(to @ R.T))
-        if turn.any() and not self.reference.pose:
-            raise self._step_wrong(step, k, "rotation", turn.tolist(), 'none, or an output of type "tool_pose"')
+            rotation = rotation_vector(quaternion(to @ R.T))
+        if rotation.any() and not self.reference.pose:
+            expected = 'no rotation, or an output of type "tool_pose"'
+            raise self._step_wrong(step, k, "rotation", rotation.tolist(), expected)
         if isinstance(step, MoveC):
             via = vector("via", step.via) - (position if absolute else 0.0)
-            found = circle_through(via, way)
+            found = circle_through(via, total)
             if found is None:
-                raise self._step_wrong(step, k, "via", step.via, "a point that is not on a line with start and end")
-            return Arc(*found, turn, radius)
-        if not way.any() and not turn.any():
+                raise self._step_wrong(step, k, "via", step.via, "a point that is not on a line through start and end")
+            return Arc(*found, rotation, radius)
+        if not total.any() and not rotation.any():
             key = "position" if absolute else "displacement"
-            raise self._step_wrong(step, k, key, way.tolist(), "a step that goes somewhere")
-        return Straight(way, turn, radius)
+            raise self._step_wrong(step, k, key, total.tolist(), "a step with a displacement or rotation")
+        return Line(total, rotation, radius)
 
     def _program(self, program: Program) -> list[TimedSegment]:
-        """The legs of a program: one for all steps between two stops."""
+        """The segments of a program: one for all steps between two stops."""
         if not program.steps:
             raise wrong(program.where, self.name, "step", "none", "one or more steps")
-        legs: list[TimedSegment] = []
+        segments: list[TimedSegment] = []
         q_g, time = self.q_g, 0.0
-        position, R = self.reference.place(q_g)
-        first = 0
+        position, R = self.reference.tool_pose(q_g)
+        first, limited = 0, InverseKinematics(self.reference.equations).has_limits
         for k, step in enumerate(program.steps):
             self._check_step(step, k, program)
             if step.zone > 0 and k + 1 < len(program.steps):
                 continue
             group = program.steps[first : k + 1]
-            leg = self._leg(program, group, first, q_g, position, R, time)
-            legs.append(leg)
-            if (
-                any(isinstance(later, MoveJ) for later in program.steps[k + 1 :])
-                or Posture(self.reference.equations).limited
-            ):
-                q_g = posture_after(self.reference, leg, q_g)
-            x, turn = leg.at(np.array([leg.start + leg.law.duration]))
-            if leg.space == "joint":
-                position, R = self.reference.place(x[0, :, 0])
+            segment = self._group(program, group, first, q_g, position, R, time)
+            segments.append(segment)
+            if any(isinstance(later, MoveJ) for later in program.steps[k + 1 :]) or limited:
+                q_g = configuration_at_end(self.reference, segment, q_g)
+            x, attitude = segment.at(np.array([segment.start + segment.law.duration]))
+            if segment.space == "joint":
+                position, R = self.reference.tool_pose(x[0, :, 0])
                 q_g = x[0, :, 0]
             else:
-                position, R = x[0, :, 0], R if turn is None else turn[0][0]
-            time += leg.law.duration + step.pause
+                position, R = x[0, :, 0], R if attitude is None else attitude[0][0]
+            time += segment.law.duration + step.pause
             first = k + 1
-        return legs
+        return segments
 
     def _check_step(self, step: Step, k: int, program: Program) -> None:
         if not isinstance(step, (MoveJ, MoveL)):
             raise ArgumentError(f"{self.name}, step {k + 1}: given {step!r}, expected a MoveJ, MoveL or MoveC")
         if isinstance(step, MoveL):
-            self._needs_tool(step.where, f"{self.name}, step {k + 1}", type(step).__name__)
+            self._require_tool(step.where, f"{self.name}, step {k + 1}", type(step).__name__)
         if not (np.isfinite(step.zone) and step.zone >= 0):
             raise self._step_wrong(step, k, "zone", step.zone, "a zone >= 0")
         if not (np.isfinite(step.pause) and step.pause >= 0):
@@ -292,12 +340,12 @@ class PlannedMove:
         if step.zone > 0 and last:
             raise self._step_wrong(step, k, "zone", step.zone, "0 at the end of the program")
         if step.zone > 0 and step.pause > 0:
-            raise self._step_wrong(step, k, "pause", step.pause, "0 where the step has a zone, or no zone")
+            raise self._step_wrong(step, k, "pause", step.pause, "0 because the step has a zone, or no zone")
         if step.zone > 0 and not last and program.steps[k + 1].space != step.space:
-            expected = "0 between a MoveJ and a move of the tool: only moves of one space flow into each other"
+            expected = "0 between a MoveJ and a move of the tool, because only moves of one space can be blended"
             raise self._step_wrong(step, k, "zone", step.zone, expected)
 
-    def _leg(
+    def _group(
         self,
         program: Program,
         group: tuple[Step, ...],
@@ -307,6 +355,7 @@ class PlannedMove:
         R: np.ndarray,
         time: float,
     ) -> TimedSegment:
+        """The timed segment of steps without a stop between them, from a joint configuration and tool pose."""
         joints = isinstance(group[0], MoveJ)
         profile = tuple(program.joint_profile if joints else program.profile)
         if not profile:
@@ -314,18 +363,18 @@ class PlannedMove:
             raise wrong(program.where, self.name, key, "none", "bounds on speed, acceleration, ... of these steps")
         segments: list[Segment] = []
         start, orientation = (q_g, None) if joints else (position, self._pose(R))
-        here, turned = start, R
+        here, orientation_here = start, R
         for k, step in enumerate(group, first):
             if isinstance(step, MoveJ):
                 if len(step.end) != self.model.n_g or not np.isfinite(step.end).all():
                     raise self._step_wrong(step, k, "end", step.end, f"{self.model.n_g} finite numbers")
-                segment: Segment = Straight(np.array(step.end) - here, STILL, largest=True)
+                segment: Segment = Line(np.array(step.end) - here, NO_ROTATION, largest=True)
                 if not segment.total.any():
-                    raise self._step_wrong(step, k, "end", step.end, "a step that goes somewhere")
+                    raise self._step_wrong(step, k, "end", step.end, "an end different from the start of the step")
             else:
-                segment = self._segment(step, k, here, turned, program.radius)
-                axis, angle = axis_angle(segment.turn)
-                turned = turns(axis, np.array([angle]))[0] @ turned
+                segment = self._segment(step, k, here, orientation_here, program.radius)
+                axis, angle = axis_angle(segment.rotation)
+                orientation_here = rotation_matrices(axis, np.array([angle]))[0] @ orientation_here
             segments.append(segment)
             here = here + segment.total
         zones = [step.zone for step in group[:-1]]

@@ -1,8 +1,9 @@
-"""Paths: the reference of the output over time, with its derivatives up to the fifth, in position and orientation."""
+"""Paths: the reference of the output over time, with derivatives up to order 5, in position and orientation."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from difflib import get_close_matches
 from pathlib import Path as FilePath
 
 import numpy as np
@@ -12,8 +13,8 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
 from flexgen.model.moves import Move
 from flexgen.paths.jets import ORDER, chain_rule
-from flexgen.paths.joint_limits import Posture
-from flexgen.paths.move_planner import PlannedMove
+from flexgen.paths.joint_limits import InverseKinematics
+from flexgen.paths.move_planner import plan_move
 from flexgen.paths.reference import PathSample, Reference
 from flexgen.paths.timed_segments import TimedSegment
 
@@ -28,70 +29,68 @@ class Path:
     Attributes
     ----------
     equations : Equations
+    reference : Reference
     move : Move
-        With the duration and the smoothness that the path has, where they are computed.
-    legs : list of Leg
-        Runs from rest to rest, one after the other.
+        With the duration and smoothness of the path where these are computed.
+    segments : tuple of TimedSegment
+        Motions from rest to rest, in order.
     duration : float [s]
     smoothness : int
         Number of continuous derivatives in time.
     q_start : array (n_a)
-        Arm coordinates at the start, elements undeflected.
+        Arm coordinates at the start, without deflections.
     pose : bool
-        Whether the output is position and orientation of the tool.
+        True if the output is position and orientation of the tool.
     """
 
     def __init__(self, equations: Equations, move: Move) -> None:
         self.equations = equations
         self.reference = Reference(equations)
         self.pose = self.reference.pose
-        routes = PlannedMove(self.reference, move)
-        self.legs: list[TimedSegment] = routes.legs
-        self.q_start = self.full(tuple(routes.q_g))
-        self.smoothness = min(leg.smoothness for leg in self.legs)
-        last = self.legs[-1]
+        planned = plan_move(self.reference, move)
+        self.segments: tuple[TimedSegment, ...] = planned.segments
+        self.q_start = self.reference.undeflected(planned.q_g)
+        self.smoothness = min(segment.smoothness for segment in self.segments)
+        last = self.segments[-1]
         self.duration = (
             move.duration
-            if len(self.legs) == 1 and last.law.duration == move.duration
+            if len(self.segments) == 1 and last.law.duration == move.duration
             else (last.start + last.law.duration)
         )
-        plain = move.duration == self.duration and move.smoothness == self.smoothness and move.type != "sampled"
+        unchanged = move.duration == self.duration and move.smoothness == self.smoothness and move.type != "sampled"
         self.move = (
             move
-            if plain
-            else replace(move, start=tuple(map(float, routes.q_g)), duration=self.duration, smoothness=self.smoothness)
+            if unchanged
+            else replace(move, start=tuple(map(float, planned.q_g)), duration=self.duration, smoothness=self.smoothness)
         )
-
-    def full(self, q_g: tuple[float, ...]) -> np.ndarray:
-        """Arm coordinates with the given actuated ones and undeflected elements."""
-        return self.reference.full(q_g)
 
     @property
     def breaks(self) -> np.ndarray:
-        """Instants at which a derivative up to the fifth may jump [s], the ends among them."""
-        return np.unique(np.concatenate([leg.breaks for leg in self.legs]))
+        """Instants at which a derivative up to order 5 may jump [s], including both ends."""
+        return np.unique(np.concatenate([segment.breaks for segment in self.segments]))
 
     def sample(self, t: np.ndarray) -> PathSample:
         """The reference at the instants ``t`` [s]."""
         t = np.asarray(t, dtype=float)
-        if len(self.legs) == 1 or not len(t):
-            return self.reference.sample(self.legs[0].space, *self.legs[0].at(t))
-        at = np.clip(np.searchsorted([leg.start for leg in self.legs], t, side="right") - 1, 0, len(self.legs) - 1)
-        parts = []
-        for k, leg in enumerate(self.legs):
-            here = np.flatnonzero(at == k)
+        if len(self.segments) == 1 or not len(t):
+            return self.reference.sample(self.segments[0].space, *self.segments[0].at(t))
+        starts = [segment.start for segment in self.segments]
+        number = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, len(starts) - 1)
+        found = []
+        for k, segment in enumerate(self.segments):
+            here = np.flatnonzero(number == k)
             if len(here):
-                parts.append((here, self.reference.sample(leg.space, *leg.at(t[here]))))
-        order = np.argsort(np.concatenate([here for here, _ in parts]), kind="stable")
+                found.append((here, self.reference.sample(segment.space, *segment.at(t[here]))))
+        order = np.argsort(np.concatenate([here for here, _ in found]), kind="stable")
 
         def joined(name: str) -> np.ndarray | None:
-            values = [getattr(sample, name) for _, sample in parts]
+            values = [getattr(sample, name) for _, sample in found]
             return None if any(value is None for value in values) else np.concatenate(values)[order]
 
         y = joined("y")
         assert y is not None
-        every = all(leg.space == "joint" for leg in self.legs)
-        return PathSample(y, joined("R"), joined("w"), joined("q_g") if every else None)
+        joints = all(segment.space == "joint" for segment in self.segments)
+        return PathSample(y, joined("R"), joined("w"), joined("q_g") if joints else None)
 
 
 def plan(model: str | FilePath | RobotModel | Equations, move: str | Move | None = None) -> Path:
@@ -120,7 +119,7 @@ def plan(model: str | FilePath | RobotModel | Equations, move: str | Move | None
     sample = path.sample(np.linspace(0.0, path.duration, CHECKED))
     robot = equations.model
     if sample.q_g is None and robot.output.size == robot.n_g:
-        Posture(equations).follow(sample, path.q_start[list(robot.i_g)])
+        InverseKinematics(equations).follow(sample, path.q_start[list(robot.i_g)])
     return path
 
 
@@ -133,5 +132,9 @@ def named_move(robot: RobotModel, move: str | Move | None) -> Move:
     try:
         return robot.move(move)
     except KeyError:
-        names = ", ".join(m.name for m in (*robot.moves, *robot.programs)) or "none"
-        raise ArgumentError(f"move: given {move!r}, expected one of model {robot.name}: {names}") from None
+        names = [m.name for m in (*robot.moves, *robot.programs)]
+        similar = get_close_matches(str(move), names, 1)
+        hint = f"; did you mean {similar[0]!r}?" if similar else ""
+        raise ArgumentError(
+            f"move: given {move!r}, expected one of model {robot.name}: {', '.join(names) or 'none'}{hint}"
+        ) from None

@@ -1,4 +1,4 @@
-"""From a curve of the tool, the outputs or the joints to the reference of a model's output."""
+"""References: the output of a model along a curve of the tool, the outputs or the joints."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ class PathSample:
     q_g: np.ndarray | None = None
 
     def rates(self, k: int) -> np.ndarray:
-        """k-th derivative (k >= 1) of the output, (n, n_y): of the twist's integral for a pose."""
+        """k-th derivative (k >= 1) of the output, (n, n_y); of a pose, the (k - 1)-th derivative of its twist."""
         if self.w is None:
             return self.y[:, :, k]
         return np.hstack([self.y[:, :, k], self.w[:, :, k - 1]])
 
 
 class Reference:
-    """What the output of a model does while its tool, its outputs or its joints follow a curve."""
+    """The output of a model while its tool, its outputs or its joints follow a curve."""
 
     def __init__(self, equations: Equations) -> None:
         self.equations, self.model = equations, equations.model
@@ -43,55 +43,55 @@ class Reference:
         self.tool = self.pose or self.model.output.type == "tool_position"
         self.axes = [0, 1, 2] if self.pose else ["xyz".index(axis) for axis in self.model.output.axes]
 
-    def full(self, q_g: np.ndarray | tuple[float, ...]) -> np.ndarray:
-        """Arm coordinates with the given actuated ones and undeflected elements."""
+    def undeflected(self, q_g: np.ndarray | tuple[float, ...]) -> np.ndarray:
+        """Arm coordinates (n_a) without deflections, from the actuated ones (n_g)."""
         q = np.zeros(self.model.n_a)
         q[list(self.model.i_g)] = q_g
         return q
 
-    def place(self, q_g: np.ndarray | tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Position (3) and orientation (3, 3) of the tool of the rigid arm."""
-        p, R = evaluate(self.equations.function("forward_kinematics"), self.full(q_g))
+    def tool_pose(self, q_g: np.ndarray | tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """Position (3) [m] and orientation (3, 3) of the tool of the undeflected arm."""
+        p, R = evaluate(self.equations.function("forward_kinematics"), self.undeflected(q_g))
         return p[0], R[0]
 
     def outputs(self, q_g: np.ndarray | tuple[float, ...]) -> np.ndarray:
-        """The outputs of the rigid arm (n_y; 3 for a pose)."""
-        return evaluate(self.equations.function("output"), self.full(q_g))[0][0]
+        """The outputs of the undeflected arm (n_y; 3 for a pose)."""
+        return evaluate(self.equations.function("output"), self.undeflected(q_g))[0][0]
 
     @cached_property
-    def _along(self) -> ca.Function:
+    def _joint_reference(self) -> ca.Function:
         """Output and its time derivatives from those of the actuated coordinates, each (n_g)."""
         g = [ca.SX.sym(f"q{k}", self.model.n_g) for k in range(JET)]
         pick = ca.DM(np.eye(self.model.n_a)[:, list(self.model.i_g)])
         q, v = ca.mtimes(ca.sparsify(pick), g[0]), ca.mtimes(ca.sparsify(pick), g[1])
 
-        def rates(x: ca.SX, count: int) -> list[ca.SX]:
+        def derivatives(x: ca.SX, count: int) -> list[ca.SX]:
             out = [x]
             for k in range(1, count):
                 out.append(ca.jtimes(out[-1], ca.vertcat(*g[:k]), ca.vertcat(*g[1 : k + 1])))
             return out
 
-        y = rates(self.equations.function("output")(q), JET)
+        y = derivatives(self.equations.function("output")(q), JET)
         if self.pose:
             R = self.equations.function("forward_kinematics")(q)[1]
             w = [ca.mtimes(self.equations.function("jacobian")(q), v)[3:]]
             for _ in range(ORDER - 1):
                 w.append(ca.jtimes(w[-1], ca.vertcat(*g[:-1]), ca.vertcat(*g[1:])))
             y += [R, *w]
-        return ca.Function("along", g, [ca.densify(x) for x in y])
+        return ca.Function("joint_reference", g, [ca.densify(x) for x in y])
 
-    def sample(self, space: str, x: np.ndarray, turn: Attitude | None) -> PathSample:
+    def sample(self, space: str, x: np.ndarray, attitude: Attitude | None) -> PathSample:
         """The reference from the time derivatives ``x`` (n, d, 6) of a curve and the orientation along it."""
         if space == "joint":
             return self._joints(x)
         if space == "output":
             return PathSample(x)
-        if not self.pose or turn is None:
+        if not self.pose or attitude is None:
             return PathSample(x[:, self.axes])
-        return PathSample(x, *turn)
+        return PathSample(x, *attitude)
 
     def _joints(self, q_g: np.ndarray) -> PathSample:
-        values = evaluate(self._along, *[np.ascontiguousarray(q_g[:, :, k]) for k in range(JET)])
+        values = evaluate(self._joint_reference, *[np.ascontiguousarray(q_g[:, :, k]) for k in range(JET)])
         y = np.stack([value.reshape(len(q_g), -1) for value in values[:JET]], axis=-1)
         if not self.pose:
             return PathSample(y, q_g=q_g)

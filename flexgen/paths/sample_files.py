@@ -1,4 +1,4 @@
-"""Files of path samples: tool positions and orientations, outputs or joints in rows, checked."""
+"""Files of path samples: read and check rows of tool poses, outputs or joint coordinates."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from flexgen.paths.jets import axis_angle
 
 ROWS_MAX = 200_000
 SIZE_MAX = 200_000_000  # bytes
-UNIT = 1e-3  # of a quaternion's norm from 1
-TURN_MAX = np.pi / 2  # rad from one sample to the next
+UNIT = 1e-3  # largest deviation of a quaternion's norm from 1
+ROTATION_MAX = np.pi / 2  # rad from one sample to the next
 LARGEST = 1e9
 
 POSITION = ("x", "y", "z")
@@ -29,7 +29,7 @@ PACKED = {"p": POSITION, "quaternion": QUATERNION, "rotation_vector": VECTOR, "t
 
 @dataclass(frozen=True)
 class Samples:
-    """What a file holds.
+    """The samples of a file.
 
     ``space``: ``"tool"``, ``"output"`` or ``"joint"``; ``values`` (n, d): tool positions [m], outputs or actuated
     coordinates; ``quaternions`` (n, 4) (w, x, y, z) of the tool's orientation in the world, or None; ``knots`` (n):
@@ -44,21 +44,21 @@ class Samples:
 
 
 class _File:
-    """Columns of a file by name, and how to tell where something is wrong."""
+    """Columns of a file by name, with the line of each row for error messages."""
 
     def __init__(self, path: str, model: RobotModel) -> None:
         self.name, self.model = path, model
         file = FilePath(path)
         try:
             if not file.is_file():
-                raise ArgumentError(f"samples: given {path!r}, which is no file, expected a .csv or .npz file")
+                raise ArgumentError(f"samples: given {path!r}, which is not a file, expected a .csv or .npz file")
             if file.stat().st_size > SIZE_MAX:
                 self.fail(0, "file", f"more than {SIZE_MAX} bytes", "a shorter file")
             self.columns, self.lines = self._packed(file) if file.suffix == ".npz" else self._text(file)
         except (OSError, ValueError) as error:
             if isinstance(error, ArgumentError):
                 raise
-            self.fail(0, "file", f"what cannot be read ({error})", "a .csv or .npz file")
+            self.fail(0, "file", f"a file that cannot be read ({error})", "a .csv or .npz file")
 
     def fail(self, line: int, key: str, given: str, expected: str) -> NoReturn:
         raise ModelError(self.name, line, key, given, expected) from None
@@ -67,16 +67,21 @@ class _File:
         try:
             text = file.read_text(encoding="utf-8-sig")
         except UnicodeDecodeError:
-            self.fail(0, "file", "bytes that are not UTF-8", "a .csv file with a header, or .npz")
+            self.fail(0, "file", "text that is not UTF-8", "a .csv file with a header row, or a .npz file")
         rows = [(n, row.split("#")[0]) for n, row in enumerate(text.splitlines(), 1)]
         rows = [(n, row) for n, row in rows if row.strip()]
         if not rows:
-            self.fail(1, "file", "nothing", "a header and rows of numbers")
+            self.fail(1, "file", "an empty file", "a header row and rows of numbers")
         line, head = rows[0]
         names = [name.strip().strip('"') for name in next(csv.reader([head]))]
         for k, name in enumerate(names):
             if not name or name in names[:k]:
-                self.fail(line, name or f"column {k + 1}", "a column without a name of its own", "different names")
+                self.fail(
+                    line,
+                    name or f"column {k + 1}",
+                    "an empty or repeated column name",
+                    "a different name for each column",
+                )
         if len(rows) - 1 > ROWS_MAX:
             self.fail(rows[ROWS_MAX + 1][0], "file", f"{len(rows) - 1} rows", f"at most {ROWS_MAX}")
         values = np.zeros((len(rows) - 1, len(names)))
@@ -106,7 +111,7 @@ class _File:
             with np.load(file, allow_pickle=False) as data:
                 arrays = {name: data[name] for name in data.files}
         except (zipfile.BadZipFile, EOFError, KeyError) as error:
-            self.fail(0, "file", f"what is no .npz file ({error})", "one written by numpy.savez")
+            self.fail(0, "file", f"a file that is not .npz ({error})", "a file written by numpy.savez")
         for name, array in arrays.items():
             if name not in known:
                 self.fail(0, name, "an unknown array", closest(name, known))
@@ -120,29 +125,31 @@ class _File:
             array = array.reshape(len(array), -1).astype(float)
             if not (np.abs(array) <= LARGEST).all():
                 bad = int(np.flatnonzero(~(np.abs(array) <= LARGEST).all(axis=1))[0])
-                self.fail(bad + 1, name, "a number that is not finite, or huge", f"numbers of size at most {LARGEST:g}")
+                self.fail(
+                    bad + 1, name, "a number that is not finite or too large", f"numbers of size at most {LARGEST:g}"
+                )
             out |= dict(zip(columns, array.T, strict=True))
         sizes = {len(column) for column in out.values()}
         if len(sizes) > 1:
-            self.fail(0, "file", f"arrays of {sorted(sizes)} rows", "as many rows in each")
+            self.fail(0, "file", f"arrays of {sorted(sizes)} rows", "the same number of rows in each")
         n = sizes.pop() if sizes else 0
         if n > ROWS_MAX:
             self.fail(0, "file", f"{n} rows", f"at most {ROWS_MAX}")
         return out, np.arange(1, n + 1)
 
     def take(self, names: tuple[str, ...]) -> np.ndarray:
-        """The columns (n, k); all of them must be there."""
+        """The columns (n, k), removed from the file; all of them must exist."""
         for name in names:
             if name not in self.columns:
-                self.fail(1, name, "no such column", f"the columns {', '.join(names)}")
+                self.fail(1, name, "a file without this column", f"the columns {', '.join(names)}")
         return np.stack([self.columns.pop(name) for name in names], axis=1)
 
 
 def read_samples(path: str, model: RobotModel, least: int) -> Samples:
     """Read a file of samples of a path.
 
-    A ``.csv`` file has a header of column names; an ``.npz`` file the arrays in brackets. ``t`` (time [s], rising) or
-    ``u`` (a rising parameter) or neither; then either ``x, y, z`` [m, world axes] (``p``) with or without the
+    A ``.csv`` file has a header row of column names; a ``.npz`` file has the arrays in brackets. Optional: ``t`` (time
+    [s], increasing) or ``u`` (an increasing parameter). Then either ``x, y, z`` [m, world axes] (``p``), optionally the
     orientation as ``qw, qx, qy, qz`` (``quaternion``) or ``rx, ry, rz`` [rad] (``rotation_vector``), or the names of
     the actuated coordinates [rad or m] (``q_g``), or ``y1, y2, ...`` (``y``), the outputs.
 
@@ -151,14 +158,14 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
     path : str
     model : RobotModel
     least : int
-        Number of samples that are needed.
+        Smallest allowed number of samples.
 
     Raises
     ------
     ModelError
-        With the line and the column that is wrong.
+        The file is wrong; the error names line and column.
     ArgumentError
-        There is no such file.
+        The file does not exist.
     """
     file = _File(path, model)
     n = len(file.lines)
@@ -174,12 +181,12 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
     elif any(name in file.columns for name in outputs):
         if tool:
             file.fail(
-                1, outputs[0], "outputs", "the tool's position x, y, z, or joints, because the output is a tool's"
+                1, outputs[0], "outputs", "tool positions x, y, z or joint coordinates, because the output is the tool"
             )
         space, values = "output", file.take(outputs)
     else:
         if not tool:
-            expected = f"outputs {', '.join(outputs)} or joints {', '.join(joints)}"
+            expected = f"outputs {', '.join(outputs)} or joint coordinates {', '.join(joints)}"
             file.fail(1, "file", f"the columns {', '.join(file.columns) or 'none'}", expected)
         space, values = "tool", file.take(POSITION)
         q = _orientation(file)
@@ -194,26 +201,26 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
         same &= True if q is None else np.abs(np.diff(q, axis=0)).max(axis=1) == 0
         if same.any():
             line = int(file.lines[int(np.flatnonzero(same)[0]) + 1])
-            file.fail(line, "row", "the row before once more", "different rows, or a column t or u")
+            file.fail(line, "row", "the same values as in the row before", "different rows, or a column t or u")
     return Samples(space, values, q, knots, timed)
 
 
 def _knots(file: _File, joints: tuple[str, ...]) -> tuple[np.ndarray | None, bool]:
     given = [name for name in ("t", "u") if name in file.columns and name not in joints]
     if len(given) == 2:
-        file.fail(1, "u", "both t and u", "one of the two")
+        file.fail(1, "u", "both t and u", "only one of the two")
     if not given:
         return None, False
     knots = file.take((given[0],))[:, 0]
     falling = np.flatnonzero(np.diff(knots) <= 0)
     if len(falling):
         i = int(falling[0]) + 1
-        file.fail(int(file.lines[i]), given[0], f"{knots[i]:g} after {knots[i - 1]:g}", "rising values")
+        file.fail(int(file.lines[i]), given[0], f"{knots[i]:g} after {knots[i - 1]:g}", "increasing values")
     return knots, given[0] == "t"
 
 
 def _orientation(file: _File) -> np.ndarray | None:
-    """Unit quaternions that go on without a jump of sign, or None."""
+    """Unit quaternions with continuous sign, or None if the file has no orientation."""
     if any(name in file.columns for name in QUATERNION):
         q = file.take(QUATERNION)
         norm = np.linalg.norm(q, axis=1)
@@ -232,8 +239,8 @@ def _orientation(file: _File) -> np.ndarray | None:
     for i in range(1, len(q)):
         if q[i] @ q[i - 1] < 0:
             q[i] = -q[i]
-        turn = 4 * np.arcsin(min(1.0, float(np.linalg.norm(q[i] - q[i - 1])) / 2))
-        if turn > TURN_MAX:
+        angle = 4 * np.arcsin(min(1.0, float(np.linalg.norm(q[i] - q[i - 1])) / 2))
+        if angle > ROTATION_MAX:
             expected = "at most 90 deg from row to row"
-            file.fail(int(file.lines[i]), "row", f"a turn by {np.degrees(turn):.3g} deg", expected)
+            file.fail(int(file.lines[i]), "row", f"a rotation by {np.degrees(angle):.3g} deg", expected)
     return q

@@ -1,4 +1,4 @@
-"""Segments of a path: straight lines and arcs, each from 0 along its own length, with the turn that goes with it."""
+"""Geometric segments of a path: straight lines and arcs, with the rotation of the tool along them."""
 
 from __future__ import annotations
 
@@ -8,66 +8,67 @@ from typing import Protocol
 
 import numpy as np
 
-from flexgen.paths.jets import Attitude, chain_rule, turning, turns
+from flexgen.paths.jets import Attitude, chain_rule, rotation_matrices, rotation_quaternion
 
 FLAT = 1e-9  # relative: three points are on a line, a radius or an axis is zero
 
 
 class Segment(Protocol):
-    """A piece of a path. ``length`` is what its parameter runs over; ``led`` tells whether that is its arc length.
+    """A geometric segment; its parameter runs from 0 to ``length``.
 
-    ``turn``: rotation vector [rad] of the tool, in step with the parameter. ``total`` (d): displacement over it all.
+    ``by_arc_length``: the parameter is the arc length. ``rotation``: rotation vector [rad] of the tool, proportional to
+    the parameter. ``total`` (d): displacement from start to end.
     """
 
     @property
     def length(self) -> float:
-        """What the parameter runs over."""
+        """Range of the parameter."""
         ...
 
     @property
-    def led(self) -> bool:
+    def by_arc_length(self) -> bool:
         """Whether the parameter is the arc length."""
         ...
 
     @property
-    def turn(self) -> np.ndarray:
-        """Rotation vector of the tool from end to end [rad]."""
+    def rotation(self) -> np.ndarray:
+        """Rotation vector of the tool from start to end [rad]."""
         ...
 
     @property
     def total(self) -> np.ndarray:
-        """From the start to the end."""
+        """Displacement from start to end."""
         ...
 
     def displacement(self, x: np.ndarray) -> np.ndarray:
-        """Jet (n, d, k) of the way from the start, from the jet (n, k) of the parameter."""
+        """Jet (n, d, k) of the displacement from the start, from the jet (n, k) of the parameter."""
         ...
 
 
 @dataclass(frozen=True)
-class Straight:
-    """A straight line by ``total`` (d), of the tool with a ``turn`` (3), or of any coordinates (turn zero).
+class Line:
+    """A straight line by ``total`` (d) with the ``rotation`` (3) of the tool; zero rotation for other coordinates.
 
-    ``length``: of the line, or of the turn at ``radius`` where that is longer.
+    ``length``: length of the line, or ``radius`` times the angle of rotation if that is longer.
     """
 
     total: np.ndarray
-    turn: np.ndarray
+    rotation: np.ndarray
     radius: float = 0.0
-    largest: bool = False  # the length is that of the coordinate that moves farthest
+    largest: bool = False  # the length is the largest displacement of one coordinate
 
     @cached_property
     def _sizes(self) -> tuple[float, float]:
         line = float(np.abs(self.total).max()) if self.largest else float(np.linalg.norm(self.total))
-        return line, self.radius * float(np.linalg.norm(self.turn))
+        return line, self.radius * float(np.linalg.norm(self.rotation))
 
     @property
     def length(self) -> float:
-        """What the parameter runs over; 1 for a line that does not move at all."""
+        """Range of the parameter; 1 for a line of zero length."""
         return max(self._sizes) or 1.0
 
     @property
-    def led(self) -> bool:
+    def by_arc_length(self) -> bool:
         """Whether the parameter is the arc length."""
         return not self.largest and self._sizes[0] >= self._sizes[1] > -1 and self._sizes[0] > 0
 
@@ -78,17 +79,17 @@ class Straight:
 
 @dataclass(frozen=True)
 class Arc:
-    """An arc about ``center`` (3, from its start) [m] and a unit ``axis`` by ``angle`` [rad], with a ``turn`` (3)."""
+    """An arc about ``center`` (3, from its start) [m] and unit ``axis`` by ``angle`` [rad], with a ``rotation`` (3)."""
 
     center: np.ndarray
     axis: np.ndarray
     angle: float
-    turn: np.ndarray
-    radius: float = 0.0  # m, at which the turn of the tool counts
+    rotation: np.ndarray
+    radius: float = 0.0  # m, scales the angle of rotation to a length
 
     @cached_property
     def _arms(self) -> tuple[np.ndarray, np.ndarray]:
-        """From the axis to the start, and the same a quarter turn later [m]."""
+        """Radius vector at the start, and the same rotated by 90 deg about the axis [m]."""
         arm = -self.center + (self.center @ self.axis) * self.axis
         return arm, np.cross(self.axis, arm)
 
@@ -99,17 +100,17 @@ class Arc:
 
     @property
     def length(self) -> float:
-        """Arc length, or that of the turn at the tool's radius where that is longer."""
-        return max(self.size * abs(self.angle), self.radius * float(np.linalg.norm(self.turn))) or 1.0
+        """Arc length, or ``radius`` times the angle of rotation if that is longer."""
+        return max(self.size * abs(self.angle), self.radius * float(np.linalg.norm(self.rotation))) or 1.0
 
     @property
-    def led(self) -> bool:
+    def by_arc_length(self) -> bool:
         """Whether the parameter is the arc length."""
-        return self.size * abs(self.angle) >= self.radius * float(np.linalg.norm(self.turn))
+        return self.size * abs(self.angle) >= self.radius * float(np.linalg.norm(self.rotation))
 
     @property
     def total(self) -> np.ndarray:
-        """From its start to its end [m]."""
+        """Displacement from start to end [m]."""
         a, b = self._arms
         return (np.cos(self.angle) - 1) * a + np.sin(self.angle) * b
 
@@ -118,33 +119,33 @@ class Arc:
         a, b = self._arms
         phi = x * (self.angle / self.length)
         c, s = np.cos(phi[:, :1]), np.sin(phi[:, :1])
-        turns = [c * a + s * b, c * b - s * a, -c * a - s * b, s * a - c * b]
-        out = np.stack(chain_rule([turns[k % 4] for k in range(x.shape[1])], phi), axis=-1)
+        cycle = [c * a + s * b, c * b - s * a, -c * a - s * b, s * a - c * b]
+        out = np.stack(chain_rule([cycle[k % 4] for k in range(x.shape[1])], phi), axis=-1)
         half = np.sin(phi[:, :1] / 2)  # 1 - cos without cancellation: the start is exact
         out[:, :, 0] = s * b - 2 * half**2 * a
         return out
 
 
-def turned(segment: Segment, x: np.ndarray) -> np.ndarray:
-    """Jet (n, 4, k) of the quaternion by which the tool has turned, from the jet (n, k) of the parameter."""
-    angle = float(np.linalg.norm(segment.turn))
-    axis = segment.turn / angle if angle > 0 else np.array([0.0, 0.0, 1.0])
-    return turning(x * (angle / segment.length), axis)
+def rotation_along(segment: Segment, x: np.ndarray) -> np.ndarray:
+    """Jet (n, 4, k) of the tool's rotation since the start as a quaternion, from the jet (n, k) of the parameter."""
+    angle = float(np.linalg.norm(segment.rotation))
+    axis = segment.rotation / angle if angle > 0 else np.array([0.0, 0.0, 1.0])
+    return rotation_quaternion(x * (angle / segment.length), axis)
 
 
 def attitude_along(segment: Segment, x: np.ndarray, R: np.ndarray) -> Attitude:
-    """Orientation and angular velocity on a segment that begins with ``R`` (3, 3), from the jet of the parameter."""
-    angle = float(np.linalg.norm(segment.turn))
-    w = segment.turn[None, :, None] * (x[:, None, 1:] / segment.length)
+    """Orientation and angular velocity on a segment that starts at ``R`` (3, 3), from the jet of the parameter."""
+    angle = float(np.linalg.norm(segment.rotation))
+    w = segment.rotation[None, :, None] * (x[:, None, 1:] / segment.length)
     if angle == 0:
         return np.broadcast_to(R, (len(x), 3, 3)), w
-    return turns(segment.turn / angle, x[:, 0] * (angle / segment.length)) @ R, w
+    return rotation_matrices(segment.rotation / angle, x[:, 0] * (angle / segment.length)) @ R, w
 
 
 def circle_through(via: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
-    """Centre, axis and angle (0 to 2 pi) [rad] of the arc from the origin through ``via`` to ``end``.
+    """Center, axis and angle (0 to 2 pi) [rad] of the arc from the origin through ``via`` to ``end``.
 
-    None where the three points are on a line or coincide.
+    None if the three points are on a line or coincide.
     """
     via, end = np.asarray(via, dtype=float), np.asarray(end, dtype=float)
     normal = np.cross(via, end)

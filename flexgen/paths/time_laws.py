@@ -1,4 +1,4 @@
-"""Rest-to-rest time laws: how far along a path, at which instant, with derivatives."""
+"""Rest-to-rest time laws: distance along a path over time, with derivatives."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from flexgen.errors import ArgumentError
 
 
 class Law(Protocol):
-    """How far along a path at which instant: at rest before 0 and from ``duration`` [s] on.
+    """Distance along a path over time; at rest before 0 and from ``duration`` [s] on.
 
     ``smoothness``: number of continuous derivatives. ``breaks``: instants at which higher ones may jump.
     """
 
     @property
     def duration(self) -> float:
-        """Of the whole [s]."""
+        """Duration [s]."""
         ...
 
     @property
@@ -54,7 +54,7 @@ class TimeLaw:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.duration) and self.duration > 0):
-            raise ArgumentError(f"duration: given {self.duration}, expected a positive time in s")
+            raise ArgumentError(f"duration: given {self.duration}, expected a time > 0 [s]")
         if not 0 <= self.smoothness <= 9:
             raise ArgumentError(f"smoothness: given {self.smoothness}, expected 0 to 9 continuous derivatives")
 
@@ -102,9 +102,9 @@ class TimeLaw:
 
 @dataclass(frozen=True)
 class Clock:
-    """The law of a path that has its own time: distance is time, from 0 to ``duration`` [s].
+    """The law of a path whose parameter is the time: distance equals time, from 0 to ``duration`` [s].
 
-    ``smoothness``: of the path where it begins and ends, which has to be at rest there.
+    ``smoothness``: number of continuous derivatives of the path at its start and end, where it must be at rest.
     """
 
     duration: float

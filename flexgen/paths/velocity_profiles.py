@@ -1,4 +1,4 @@
-"""Changes of speed: smooth steps from 0 to 1 with their integral, as short as bounds on their derivatives allow."""
+"""Velocity profiles: smooth changes of speed, as short as the bounds on their derivatives allow."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from flexgen.paths.time_laws import TimeLaw
 
-SAME = 1e-13  # of the duration: knots that are closer are one
+SAME = 1e-13  # of the duration; knots that are closer are merged
 
 
 class SpeedStep(Protocol):
@@ -40,7 +40,7 @@ class SpeedStep(Protocol):
 
 @dataclass(frozen=True)
 class TrapezoidStep:
-    """A step whose p-th derivative is piecewise constant: boxes of the lengths ``times`` (p) [s] convolved.
+    """A step whose p-th derivative is piecewise constant: the convolution of boxes of lengths ``times`` (p) [s].
 
     ``h(t) = 1/prod(T) sum_S (-1)^|S| (t - sum_S T)_+^p / p!`` over all subsets S of the boxes; p = 1 is a ramp, p = 2
     an S of three segments, p = 3 one of seven. It is p - 1 times continuously differentiable.
@@ -61,7 +61,7 @@ class TrapezoidStep:
         return len(self.times) - 1
 
     @cached_property
-    def _pieces(self) -> tuple[np.ndarray, np.ndarray]:
+    def _polynomials(self) -> tuple[np.ndarray, np.ndarray]:
         """Knots of the first half, and the derivatives -1 (the integral) to p at each, (m, p + 2)."""
         p, end = len(self.times), self.duration
         corners = sorted(
@@ -69,13 +69,13 @@ class TrapezoidStep:
         )
         knots: list[float] = []
         jumps: list[float] = []
-        for place, jump in corners:
-            if place > end / 2 * (1 + SAME):
+        for instant, jump in corners:
+            if instant > end / 2 * (1 + SAME):
                 break
-            if knots and place - knots[-1] <= SAME * end:
+            if knots and instant - knots[-1] <= SAME * end:
                 jumps[-1] += jump
             else:
-                knots.append(place)
+                knots.append(instant)
                 jumps.append(jump)
         values = np.zeros((len(knots), p + 2))
         for i in range(len(knots)):
@@ -87,12 +87,12 @@ class TrapezoidStep:
     @property
     def breaks(self) -> np.ndarray:
         """All instants at which the p-th derivative jumps."""
-        knots = self._pieces[0]
+        knots = self._polynomials[0]
         return np.unique(np.concatenate([knots, self.duration - knots[::-1]]))
 
     def with_integral(self, t: np.ndarray, order: int = 5) -> np.ndarray:
         """Integral of the step, the step and its derivatives at ``t`` in [0, duration], shape (n, order + 1)."""
-        knots, values = self._pieces
+        knots, values = self._polynomials
         end = self.duration
         t = np.clip(t, 0.0, end)
         late = t > end / 2
@@ -100,10 +100,10 @@ class TrapezoidStep:
         at = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 1)
         out = _taylor(values[at], x - knots[at], order + 1)
         mirror = (-1.0) ** np.arange(order + 1)  # of the derivatives of h(end - t) = 1 - h(t)
-        turned = out * mirror
-        turned[:, 0] += t - end / 2
-        turned[:, 1] += 1.0
-        return np.where(late[:, None], turned, out)
+        mirrored = out * mirror
+        mirrored[:, 0] += t - end / 2
+        mirrored[:, 1] += 1.0
+        return np.where(late[:, None], mirrored, out)
 
 
 def _taylor(values: np.ndarray, dt: np.ndarray, size: int) -> np.ndarray:
@@ -119,8 +119,8 @@ def _taylor(values: np.ndarray, dt: np.ndarray, size: int) -> np.ndarray:
 def box_times(size: float, bounds: tuple[float, ...]) -> tuple[float, ...]:
     """Lengths of the boxes of a step of the given size whose k-th derivative stays below ``bounds[k - 1]``, all > 0.
 
-    The highest derivative has its bound as amplitude; from there down each box is as long as the bounds below it
-    allow, if all boxes below are as short as they can be: as long as those above together, so that no peaks add up.
+    The highest derivative reaches its bound. From there down, each box is as long as the bounds on lower derivatives
+    allow when all lower boxes have their minimum length: the sum of the boxes above, so that no peaks add up.
 
     Source: cf. P. Lambrechts, M. Boerlage, M. Steinbuch, Control Engineering Practice 13(2), 2005.
     """
@@ -155,19 +155,19 @@ def _box(value: float, above: float, j: int) -> float:
 def _peak(smoothness: int, order: int) -> float:
     """Largest derivative of an order of the polynomial step of duration 1."""
     law = TimeLaw(1.0, smoothness)
-    t = np.clip(np.linspace(0, 1, 20001), 1e-9, 1 - 1e-9)  # at the very ends it is at rest already
+    t = np.clip(np.linspace(0, 1, 20001), 1e-9, 1 - 1e-9)  # not the ends, where the law is at rest
     return float(np.abs(law(t, order)[:, order]).max()) * (1 + 1e-7)
 
 
 def speed_step(size: float, bounds: tuple[float, ...], smoothness: int) -> SpeedStep:
-    """The shortest step by which a speed changes by ``size`` [m/s].
+    """The shortest change of speed by ``size`` [m/s].
 
     Parameters
     ----------
     size : float, > 0
     bounds : of acceleration, jerk, snap, ... [m/s^2, m/s^3, ...]
     smoothness : int
-        0: trapezoids, else the polynomial with so many continuous derivatives of the position.
+        0: trapezoids; else the number of continuous derivatives of the position.
     """
     if smoothness == 0:
         return TrapezoidStep(box_times(size, bounds))

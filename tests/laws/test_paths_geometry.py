@@ -20,9 +20,9 @@ from exact_paths import (
 )
 
 import flexgen
-import flexgen.paths.blended_curve as chain
 from flexgen.errors import ArgumentError
 from flexgen.model.moves import Move, MoveC, MoveL
+from flexgen.paths import blended_curve
 from flexgen.paths.path import Path
 from flexgen.paths.segments import circle_through
 
@@ -59,7 +59,7 @@ def circle_error(robot, start, **changes) -> float:
     sample = path.sample(np.array(times))
     every = path.sample(np.linspace(0, 0.8, 101))
     law = polynomial_law(0.8, 5)
-    p0, R0 = path.reference.place(start)
+    p0, R0 = path.reference.tool_pose(start)
     R0 = mp.matrix(R0.tolist())
 
     def place(t):
@@ -82,9 +82,9 @@ def test_circle_derivatives_are_exact(robot, start) -> None:
 
 
 def test_a_wrong_chain_rule_would_be_seen(robot, start, monkeypatch: pytest.MonkeyPatch) -> None:
-    from flexgen.paths import jets as rules
+    from flexgen.paths import jets
 
-    monkeypatch.setattr(rules, "comb", lambda n, k: 4 if (n, k) == (4, 2) else comb(n, k))
+    monkeypatch.setattr(jets, "comb", lambda n, k: 4 if (n, k) == (4, 2) else comb(n, k))
     assert circle_error(robot, start) > 1e3 * EXACT
 
 
@@ -100,8 +100,8 @@ def corner_path(robot, start) -> Path:
 def exact_corner(robot, start) -> tuple[float, np.ndarray]:
     """An instant inside a rounded corner with turns, and the pose there: arc length by quadrature, 60 digits."""
     path = corner_path(robot, start)
-    curve = path.legs[0].curve
-    p0, R0 = path.reference.place(start)
+    curve = path.segments[0].curve
+    p0, R0 = path.reference.tool_pose(start)
     R0, turns = mp.matrix(R0.tolist()), ((0.3, 0.1, 0.0), (0.0, 0.0, 0.5))
     law = polynomial_law(0.9, 6)
     with mp.workdps(DIGITS):
@@ -122,8 +122,8 @@ def exact_corner(robot, start) -> tuple[float, np.ndarray]:
         return p + [R[i, j] for i in range(3) for j in range(3)]
 
     times = np.linspace(0, 0.9, 20001)
-    s = path.legs[0].law(times, 0)[:, 0]
-    t = float(np.interp(curve.parts[0].length + 0.4 * curve.parts[1].length, s, times))
+    s = path.segments[0].law(times, 0)[:, 0]
+    t = float(np.interp(curve.sections[0].length + 0.4 * curve.sections[1].length, s, times))
     return t, derivatives(place, t, 5)
 
 
@@ -144,19 +144,19 @@ def test_corner_derivatives_are_exact(robot, start, exact_corner) -> None:
 
 
 def test_a_wrong_arc_length_would_be_seen(robot, start, exact_corner, monkeypatch: pytest.MonkeyPatch) -> None:
-    right = chain.reverse
+    right = blended_curve.inverse_function
     factor = np.array([1, 1, 1, 1, 1, 1 + 1e-7])
-    monkeypatch.setattr(chain, "reverse", lambda u, rate: right(u, rate) * factor)
+    monkeypatch.setattr(blended_curve, "inverse_function", lambda u, slope: right(u, slope) * factor)
     assert corner_error(robot, start, exact_corner) > 10 * EXACT
 
 
 def test_corners_have_unit_speed_and_join_smoothly(robot, start) -> None:
-    curve = corner_path(robot, start).legs[0].curve
+    curve = corner_path(robot, start).segments[0].curve
     s = np.zeros((20001, 6))
     s[:, 0], s[:, 1] = np.linspace(0, curve.length, len(s)), 1.0
     x = curve(s)[0]
     assert np.abs(np.linalg.norm(x[:, :, 1], axis=1) - 1).max() < 1e-13
-    edges = np.cumsum([part.length for part in curve.parts])[:-1]
+    edges = np.cumsum([section.length for section in curve.sections])[:-1]
     for order in range(6):  # fifth derivative included: the change beside an edge is that of a slope
         beside = [np.zeros((2, 6)), np.zeros((2, 6))]
         for side, shift in zip(beside, (-1e-9, 1e-9), strict=True):
@@ -184,20 +184,20 @@ def test_zones_are_kept(robot, start, seed: int) -> None:
         corner = corner + way
         ends.append(corner)
     path = Path(robot, Move("chain", "tool_polyline", start, 1.0, 5, legs=tuple(legs), radius=0.01))
-    curve = path.legs[0].curve
+    curve = path.segments[0].curve
     s = np.zeros((8001, 6))
     s[:, 0], s[:, 1] = np.linspace(0, curve.length, len(s)), 1.0
     x = curve(s)[0]
-    points = x[:, :, 0] - path.reference.place(start)[0]
-    at = np.searchsorted(np.cumsum([part.length for part in curve.parts]), s[:, 0])
+    points = x[:, :, 0] - path.reference.tool_pose(start)[0]
+    at = np.searchsorted(np.cumsum([section.length for section in curve.sections]), s[:, 0])
     begins = np.vstack([np.zeros(3), ends[:-1]])
-    for k, part in enumerate(curve.parts):
+    for k, section in enumerate(curve.sections):
         inside = points[at == k]
-        if part.corner:
-            assert np.linalg.norm(inside - ends[part.segment], axis=1).max() < zones[part.segment] * (1 + 1e-9)
+        if section.corner:
+            assert np.linalg.norm(inside - ends[section.segment], axis=1).max() < zones[section.segment] * (1 + 1e-9)
         else:
-            d = np.array(legs[part.segment].displacement)
-            off = np.cross(inside - begins[part.segment], d) / np.linalg.norm(d)
+            d = np.array(legs[section.segment].displacement)
+            off = np.cross(inside - begins[section.segment], d) / np.linalg.norm(d)
             assert np.abs(off).max() < 1e-14
     assert np.abs(points[-1] - ends[-1]).max() < 1e-14
     assert np.abs(np.linalg.norm(np.diff(x[:, :, 0], axis=0), axis=1).sum() - curve.length) < 1e-4 * curve.length
@@ -251,11 +251,11 @@ def test_full_circle_comes_back(robot, start) -> None:
 
 def test_paths_that_turn_back_or_overlap_are_refused(robot, start) -> None:
     back = (MoveL((0.1, 0, 0), zone=0.02), MoveL((-0.1, 0, 0)))
-    with pytest.raises(ArgumentError, match=r"step 1: given zone 0\.02, expected 0, because the path turns back"):
+    with pytest.raises(ArgumentError, match=r"step 1: given zone 0\.02, expected 0, because the path reverses"):
         Path(robot, Move("back", "tool_polyline", start, 1.0, 5, legs=back))
     wide = (MoveL((0.1, 0, 0), zone=0.08), MoveL((0, 0.1, 0), zone=0.08), MoveL((0.1, 0, 0)))
     with pytest.raises(
-        ArgumentError, match=r"step 2: given zone 0\.08 and 0\.08, expected zones that fit into the 0\.1"
+        ArgumentError, match=r"step 2: given zone 0\.08 and 0\.08, expected zones that fit into the length 0\.1"
     ):
         Path(robot, Move("wide", "tool_polyline", start, 1.0, 5, legs=wide))
 

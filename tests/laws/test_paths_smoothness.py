@@ -25,7 +25,7 @@ def arm():
 
 
 def drift(report: SmoothnessReport) -> float:
-    """What the lines tell of the tool, of all jumps together [m]."""
+    """Drift of the tool by all jumps together [m]."""
     return sum(jump.tool or 0.0 for jump in report.jumps)
 
 
@@ -38,14 +38,16 @@ def test_jumps_of_a_polynomial_are_found_with_their_size(arm, smoothness: int) -
     assert [jump.order for jump in report.jumps] == [smoothness + 1] * 2
     assert [jump.size for jump in report.jumps] == pytest.approx([size] * 2, rel=1e-5)
     assert (
-        report.needed == 3 and report.enough == (smoothness >= 3) and len(report.rough) == (0 if report.enough else 2)
+        report.required == 3
+        and report.sufficient == (smoothness >= 3)
+        and len(report.torque_jumps) == (0 if report.sufficient else 2)
     )
 
 
 def test_smooth_paths_have_no_jumps(arm) -> None:
     for smoothness in (5, 7):
         report = smoothness_report(arm, Path(arm, replace(arm.model.move("line"), smoothness=smoothness)))
-        assert report.jumps == () and report.enough and drift(report) == 0.0
+        assert report.jumps == () and report.sufficient and drift(report) == 0.0
 
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "planar5_mp"])
@@ -60,21 +62,21 @@ def test_the_cost_is_that_of_a_simulation(name: str) -> None:
     tau = solution.trajectory["tau_m"]
     steps = np.abs(np.diff(tau, axis=0)).max()  # the jump, spread over one or two samples
     assert 1 / FACTOR < report.jumps[0].torque / steps < FACTOR
-    assert "the torque jumps by about" in report.lines()[0] and "drifts off" in report.lines()[0]
+    assert "the torque jumps by about" in report.lines()[0] and "the tool drifts by about" in report.lines()[0]
 
 
 @needs_compiler
 @pytest.mark.parametrize("smoothness", [2, 3])
 @pytest.mark.parametrize("method", ["lq", "bvp"])
-def test_lq_and_bvp_drift_less_than_is_told(arm, method: str, smoothness: int) -> None:
-    """Their torque is found by differences over the samples; the lines say so."""
+def test_lq_and_bvp_drift_less_than_estimated(arm, method: str, smoothness: int) -> None:
+    """Their torque is found by differences over the samples; the report names it."""
     move = replace(arm.model.move("line"), smoothness=smoothness)
     report = smoothness_report(arm, Path(arm, move))
     assert flexgen.solve(arm, move, method).tool_error_max_m < drift(report) / 20
-    assert "(with lq and bvp by less)" in report.lines()[0]
+    assert "(less with methods lq and bvp)" in report.lines()[0]
 
 
-def test_kinks_of_the_torque_are_told() -> None:
+def test_kinks_of_the_torque_are_reported() -> None:
     """C3 with 1 ms: the corners of the torque fall between its samples."""
     robot = flexgen.derive("manutec_r3")
     start = robot.model.move("line").start
@@ -82,7 +84,7 @@ def test_kinks_of_the_torque_are_told() -> None:
     move = Move("swing", "joint", start, 0.0, 0, end=tuple(q + 0.1 for q in start), profile=bounds)
     report = smoothness_report(robot, Path(robot, move))
     solution = flexgen.solve(robot, move, "closed-form")
-    assert report.enough and len(report.lines()) == 1 and "kinks" in report.lines()[0]
+    assert report.sufficient and len(report.lines()) == 1 and "kinks" in report.lines()[0]
     assert 1 / 5 < drift(report) / solution.tool_error_max_m < 5
 
 
@@ -91,11 +93,11 @@ def test_trapezoids_jump_at_their_knots(arm) -> None:
     move = Move("fast", "tool_line", (0.3, -1.1), 0.0, 0, (-0.2, 0.21, 0.0), profile=bounds)
     path = Path(arm, move)
     report = smoothness_report(arm, path)
-    assert path.smoothness == report.smoothness == 2 and len(report.jumps) == 8 and not report.enough
+    assert path.smoothness == report.smoothness == 2 and len(report.jumps) == 8 and not report.sufficient
     assert all(jump.order == 3 and jump.size == pytest.approx(100.0, rel=1e-6) for jump in report.jumps)
     assert np.abs(np.array([jump.time for jump in report.jumps]) - path.breaks).max() < 1e-12
     crackle = smoothness_report(arm, Path(arm, replace(move, profile=(*bounds, 4000.0))))
-    assert crackle.enough and len(crackle.jumps) == 16 and all(jump.order == 4 for jump in crackle.jumps)
+    assert crackle.sufficient and len(crackle.jumps) == 16 and all(jump.order == 4 for jump in crackle.jumps)
 
 
 def test_rounded_corners_are_smooth_and_splines_jump_at_their_knots(arm, tmp_path: FilePath) -> None:
@@ -103,13 +105,13 @@ def test_rounded_corners_are_smooth_and_splines_jump_at_their_knots(arm, tmp_pat
     corner = Path(arm, Move("corner", "tool_polyline", (0.3, -1.1), 0.5, 6, legs=legs))
     assert corner.smoothness == 5 and smoothness_report(arm, corner).jumps == ()
     u = np.linspace(0, 1, 8)
-    p = corner.reference.place((0.3, -1.1))[0]
+    p = corner.reference.tool_pose((0.3, -1.1))[0]
     rows = np.column_stack([p[0] - 0.1 * u, p[1] + 0.05 * np.sin(3 * u), 0 * u])
     file = tmp_path / "track.csv"
     file.write_text("x,y,z\n" + "".join(",".join(map(repr, map(float, row))) + "\n" for row in rows))
     spline = Path(arm, Move("track", "sampled", (0.3, -1.1), 0.5, 6, file=str(file), degree=5))
     report = smoothness_report(arm, spline)
-    assert spline.smoothness == 4 and report.enough and report.jumps
+    assert spline.smoothness == 4 and report.sufficient and report.jumps
     assert all(jump.order == 5 and 0 < jump.time < 0.5 for jump in report.jumps)
 
 
@@ -120,8 +122,8 @@ def test_turns_of_the_tool_jump_too() -> None:
         "p", start=start, profile=(0.5, 5.0, 100.0), steps=(MoveL((0.0, 0.0, 0.0), rotation=(0, 0, 0.2)),), radius=0.5
     )
     report = smoothness_report(robot, Path(robot, program))
-    assert not report.enough
-    assert all(jump.size < 1e-6 and jump.turn == pytest.approx(200.0, rel=1e-4) for jump in report.jumps)
+    assert not report.sufficient
+    assert all(jump.size < 1e-6 and jump.rotation == pytest.approx(200.0, rel=1e-4) for jump in report.jumps)
     assert all(jump.torque > 0 for jump in report.jumps)
 
 

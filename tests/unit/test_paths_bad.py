@@ -1,4 +1,4 @@
-"""Wrong moves and programs in files: each mistake is told with the file, the line and the key."""
+"""Wrong moves and programs in files: each mistake is reported with the file, the line and the key."""
 
 from __future__ import annotations
 
@@ -118,8 +118,14 @@ BAD = {
     "leg with an unknown key": (CORNER, "zone = 0.04", "zones = 0.04", "corner.legs[0].zones", "zone"),
     "leg of two numbers": (CORNER, "[-0.1, 0, 0]", "[-0.1, 0]", "corner.legs[2].displacement", "3 numbers"),
     "zones that overlap": (CORNER, "zone = 0.04", "zone = 0.11", "corner.legs[0].zone", "zones that fit"),
-    "via on the line": (CORNER, "[0.05, 0.05, 0]", "[0, 0.05, 0]", "corner.legs[1].via", "not on a line"),
-    "leg that stays": (CORNER, "[-0.1, 0, 0]", "[0, 0, 0]", "corner.legs[2].displacement", "goes somewhere"),
+    "via on the line": (CORNER, "[0.05, 0.05, 0]", "[0, 0.05, 0]", "corner.legs[1].via", "not on a line through"),
+    "leg that stays": (
+        CORNER,
+        "[-0.1, 0, 0]",
+        "[0, 0, 0]",
+        "corner.legs[2].displacement",
+        "a displacement or rotation",
+    ),
     "no file": (FILE, 'file = "track.csv"\n', "", "track.file", "a string"),
     "file that is not there": (FILE, "track.csv", "trick.csv", "track.file", "the path of a .csv or .npz file"),
     "file of another kind": (FILE, "track.csv", "track.txt", "track.file", "the path of a .csv or .npz file"),
@@ -133,7 +139,7 @@ BAD = {
         "duration = 1.0\nsmoothness = 5\n",
         "",
         "track.duration",
-        "because the file has no times",
+        "because the file has no column t",
     ),
     "program without name": (PROGRAM, 'name = "tour"\n', "", "program[0].name", "a string"),
     "program without start": (PROGRAM, "start_deg = [0, 20, 70, 0, 60, 0]\n", "", "tour.start_rad", "start_rad or"),
@@ -175,7 +181,7 @@ BAD = {
     "zone too large": (PROGRAM, "zone = 0.01", "zone = 0.06", "tour.step[2].zone", "zones that fit"),
     "zone too large for joints": (PROGRAM, "zone_deg = 1", "zone_deg = 5", "tour.step[0].zone_deg", "zones that fit"),
     "MoveC without via": (PROGRAM, "via = [0.02, 0.03, 0]\n", "", "tour.step[3].via", "3 numbers"),
-    "MoveC on a line": (PROGRAM, "[0.02, 0.03, 0]", "[0.0, 0.03, 0]", "tour.step[3].via", "not on a line"),
+    "MoveC on a line": (PROGRAM, "[0.02, 0.03, 0]", "[0.0, 0.03, 0]", "tour.step[3].via", "not on a line through"),
     "both ends": (
         PROGRAM,
         "zone = 0.01",
@@ -196,7 +202,7 @@ BAD = {
         "[5, 22, 70, 0, 60, 0]",
         "[3, 22, 72, 0, 60, 0]",
         "tour.step[1].end_deg",
-        "goes somewhere",
+        "an end different from the start of the step",
     ),
     "name twice": (
         PROGRAM,
@@ -216,7 +222,7 @@ def robot():
 
 @pytest.fixture
 def folder(tmp_path: FilePath, robot) -> FilePath:
-    p, _ = Path(robot, robot.model.move("line")).reference.place(robot.model.move("line").start)
+    p, _ = Path(robot, robot.model.move("line")).reference.tool_pose(robot.model.move("line").start)
     u = np.linspace(0, 1, 12)
     rows = np.column_stack([p[0] + 0.1 * u, p[1] - 0.05 * np.sin(2 * u), p[2] + 0 * u])
     (tmp_path / "track.csv").write_text(
@@ -234,7 +240,7 @@ def test_the_good_ones_are_good(robot, folder: FilePath, name: str) -> None:
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_bad_ones_are_told(robot, folder: FilePath, what: str) -> None:
+def test_bad_ones_are_reported(robot, folder: FilePath, what: str) -> None:
     text, old, new, key, message = BAD[what]
     assert old in text
     text = text.replace(old, new, 1)

@@ -82,11 +82,11 @@ def test_derivatives_of_splines(robot, tmp_path: FilePath, degree: int) -> None:
     }
     move = Move("wave", "sampled", robot.model.move("line").start, 0.7, 6, degree=degree)
     start = Path(robot, robot.model.move("line"))
-    p = start.reference.place(move.start)[0]
+    p = start.reference.tool_pose(move.start)[0]
     columns = columns | {k: columns[k] - columns[k][0] + p[i] for i, k in enumerate("xyz")}
     with pytest.raises(flexgen.SolverError, match="inverse kinematics"):  # out of reach
         Path(robot, replace(move, file=write(tmp_path / "far.csv", columns | {"x": columns["x"] + 9.0})))
-    q = quaternion(start.reference.place(move.start)[1])
+    q = quaternion(start.reference.tool_pose(move.start)[1])
     turned = {name: np.full(25, q[i]) for i, name in enumerate(("qw", "qx", "qy", "qz"))}
     turned["qx"] = turned["qx"] + 0.1 * np.sin(u) ** 2
     norm = np.sqrt(sum(v**2 for v in turned.values()))
@@ -100,7 +100,7 @@ def test_derivatives_of_splines(robot, tmp_path: FilePath, degree: int) -> None:
     assert path.smoothness == min(6, degree - 1)
     # arc length: the speed of the tool is that of the law
     speed = np.linalg.norm(sample.y[:, :, 1], axis=1)
-    law = path.legs[0].law(t)[:, 1]
+    law = path.segments[0].law(t)[:, 1]
     assert np.abs(speed - law).max() < 1e-12 * np.abs(law).max()
     every = path.sample(np.linspace(0, path.duration, 4001)).y[:, :, 0]
     points = np.column_stack([columns[k] for k in "xyz"])
@@ -142,65 +142,65 @@ def test_a_tool_that_only_turns(robot, tmp_path: FilePath) -> None:
     file = write(tmp_path / "turn.csv", tool_columns(turn, np.linspace(0.2, 0.8, 30)))
     path = Path(robot, Move("again", "sampled", start, 1.0, 5, file=file))
     w = np.linalg.norm(path.sample(np.linspace(0.1, 0.9, 101)).w[:, :, 0], axis=1)
-    law = path.legs[0].law(np.linspace(0.1, 0.9, 101))[:, 1] / path.move.radius
+    law = path.segments[0].law(np.linspace(0.1, 0.9, 101))[:, 1] / path.move.radius
     assert np.abs(w - law).max() < 1e-9
 
 
 def test_a_path_that_turns_back_is_refused(arm, tmp_path: FilePath) -> None:
-    p = Path(arm, arm.model.move("line")).reference.place(START)[0]
+    p = Path(arm, arm.model.move("line")).reference.tool_pose(START)[0]
     u = np.linspace(0, 2, 41)
     columns = {"x": p[0] - 0.1 * (1 - np.abs(u - 1)), "y": p[1] + 0 * u, "z": 0 * u}
-    with pytest.raises(ArgumentError, match="stands still or turns back near its sample 2"):
+    with pytest.raises(ArgumentError, match="stops or reverses near sample 2"):
         Path(arm, Move("back", "sampled", START, 1.0, 5, file=write(tmp_path / "back.csv", columns)))
 
 
 def test_an_error_in_the_spline_would_be_seen(arm, tmp_path: FilePath, monkeypatch: pytest.MonkeyPatch) -> None:
     import flexgen.paths.spline as spline
 
-    p = Path(arm, arm.model.move("line")).reference.place(START)[0]
+    p = Path(arm, arm.model.move("line")).reference.tool_pose(START)[0]
     u = np.linspace(0, 1, 20)
     columns = {"x": p[0] - 0.1 * u, "y": p[1] + 0.05 * np.sin(2 * u), "z": 0 * u}
     path = Path(arm, Move("arc", "sampled", START, 1.0, 6, file=write(tmp_path / "arc.csv", columns)))
     t = np.linspace(0.2, 0.8, 6001)
     assert derivatives_agree(t, path.sample(t).y) < DIFFERENCE
-    right = spline.reverse
-    monkeypatch.setattr(spline, "reverse", lambda u, rate: right(u, rate * np.array([1, 1, 1, 1, 1.01])))
+    right = spline.inverse_function
+    monkeypatch.setattr(spline, "inverse_function", lambda u, slope: right(u, slope * np.array([1, 1, 1, 1, 1.01])))
     assert derivatives_agree(t, path.sample(t).y) > DIFFERENCE
 
 
 HEAD = "t,x,y,z\n"
 ROWS = "".join(f"{0.1 * k},{1.0 - 0.01 * k},0.2,0.0\n" for k in range(12))
 BAD_FILES = {
-    "empty": ("", r":1:file: given nothing, expected a header"),
-    "only comments": ("# nothing\n", r":1:file: given nothing"),
+    "empty": ("", r":1:file: given an empty file, expected a header row"),
+    "only comments": ("# nothing\n", r":1:file: given an empty file"),
     "no rows": (HEAD, r":1:file: given 0 samples, expected at least 2"),
     "a word": (HEAD + ROWS + "1.2,abc,0,0\n", r':14:x: given "abc", expected a number'),
     "not finite": (HEAD + ROWS + "1.2,nan,0,0\n", r':14:x: given "nan", expected a number'),
     "huge": (HEAD + ROWS + "1.2,0,1e300,0\n", r":14:y: given .1e300., expected a number"),
     "too few values": (HEAD + ROWS + "1.2,0\n", r":14:row: given 2 values, expected 4"),
     "too many values": (HEAD + ROWS + "1.2,0,0,0,0\n", r":14:row: given 5 values, expected 4"),
-    "time falls": (HEAD + ROWS + "0.5,0,0,0\n", r":14:t: given 0\.5 after 1\.1, expected rising"),
-    "time stands": (HEAD + ROWS + "1.1,0,0,0\n", r":14:t: given 1\.1 after 1\.1, expected rising"),
+    "time falls": (HEAD + ROWS + "0.5,0,0,0\n", r":14:t: given 0\.5 after 1\.1, expected increasing"),
+    "time stands": (HEAD + ROWS + "1.1,0,0,0\n", r":14:t: given 1\.1 after 1\.1, expected increasing"),
     "comment and blank lines": ("# c\n\n" + HEAD + ROWS + "x,0,0,0\n", r':16:t: given "x"'),
-    "twice": ("t,x,x,z\n" + ROWS, r":1:x: given a column without a name of its own"),
-    "no name": ("t,x,,z\n" + ROWS, r":1:column 3: given a column without a name"),
+    "twice": ("t,x,x,z\n" + ROWS, r":1:x: given an empty or repeated column name"),
+    "no name": ("t,x,,z\n" + ROWS, r":1:column 3: given an empty or repeated column name"),
     "unknown": ("t,x,y,z,color\n" + ROWS.replace("\n", ",1\n"), r":1:color: given an unknown column"),
     "missing z": (
         "t,x,y\n" + ROWS.replace(",0.0\n", "\n"),
-        r":1:z: given no such column, expected the columns x, y, z",
+        r":1:z: given a file without this column, expected the columns x, y, z",
     ),
     "both": ("t,u,x,y,z\n" + ROWS.replace(",", ",1,", 1), r":1:file|row"),
     "orientation": (
         "t,x,y,z,rx,ry,rz\n" + ROWS.replace("\n", ",0,0,0\n"),
         r":1:file: given an orientation, expected none",
     ),
-    "outputs": ("t,y1,y2\n" + ROWS.replace(",0.0\n", "\n"), r":1:y1: given outputs, expected the tool's position"),
-    "half the joints": ("t,q1\n" + "0,0\n1,1\n", r":1:q2: given no such column"),
+    "outputs": ("t,y1,y2\n" + ROWS.replace(",0.0\n", "\n"), r":1:y1: given outputs, expected tool positions"),
+    "half the joints": ("t,q1\n" + "0,0\n1,1\n", r":1:q2: given a file without this column"),
 }
 
 
 @pytest.mark.parametrize("what", BAD_FILES)
-def test_bad_files_are_told_with_line_and_column(arm, tmp_path: FilePath, what: str) -> None:
+def test_bad_files_are_reported_with_line_and_column(arm, tmp_path: FilePath, what: str) -> None:
     text, message = BAD_FILES[what]
     file = tmp_path / "bad.csv"
     file.write_text(text)
@@ -208,14 +208,14 @@ def test_bad_files_are_told_with_line_and_column(arm, tmp_path: FilePath, what: 
         Path(arm, Move("bad", "sampled", START, 0.0, 0, file=str(file)))
 
 
-def test_bad_orientations_are_told(robot, tmp_path: FilePath) -> None:
+def test_bad_orientations_are_reported(robot, tmp_path: FilePath) -> None:
     head, row = "x,y,z,qw,qx,qy,qz\n", "{0},0,0,1,0,0,0\n"
     rows = "".join(row.format(k) for k in range(9))
     cases = {
         head + rows + "9,0,0,2,0,0,0\n": r":11:qw: given a quaternion of length 2, expected length 1",
-        head + rows + "9,0,0,0,1,0,0\n": r":11:row: given a turn by 180 deg, expected at most 90",
-        head + rows + "8,0,0,1,0,0,0\n": r":11:row: given the row before once more",
-        "x,y,z,qw,qx,qy\n" + "0,0,0,1,0,0\n" * 9: r":1:qz: given no such column",
+        head + rows + "9,0,0,0,1,0,0\n": r":11:row: given a rotation by 180 deg, expected at most 90",
+        head + rows + "8,0,0,1,0,0,0\n": r":11:row: given the same values as in the row before",
+        "x,y,z,qw,qx,qy\n" + "0,0,0,1,0,0\n" * 9: r":1:qz: given a file without this column",
     }
     for text, message in cases.items():
         file = tmp_path / "bad.csv"
@@ -224,15 +224,15 @@ def test_bad_orientations_are_told(robot, tmp_path: FilePath) -> None:
             read_samples(str(file), robot.model, 2)
 
 
-def test_bad_arrays_are_told(arm, tmp_path: FilePath) -> None:
+def test_bad_arrays_are_reported(arm, tmp_path: FilePath) -> None:
     p, t = np.random.default_rng(0).normal(size=(9, 3)), np.arange(9.0)
     cases: list[tuple[dict, str]] = [
         ({"p": p[:, :2], "t": t}, r":0:p: given an array of shape \(9, 2\), expected shape \(n, 3\)"),
         ({"p": p, "t": t[:5]}, r":0:file: given arrays of \[5, 9\] rows"),
         ({"p": p, "time": t}, r":0:time: given an unknown array, expected"),
-        ({"p": np.where(p > 1, np.inf, p), "t": t}, r":p: given a number that is not finite, or huge"),
+        ({"p": np.where(p > 1, np.inf, p), "t": t}, r":p: given a number that is not finite or too large"),
         ({"p": p.astype(str), "t": t}, r":0:p: given an array of"),
-        ({"t": t}, r":1:x: given no such column"),
+        ({"t": t}, r":1:x: given a file without this column"),
     ]
     for arrays, message in cases:
         file = tmp_path / "bad.npz"
@@ -242,7 +242,7 @@ def test_bad_arrays_are_told(arm, tmp_path: FilePath) -> None:
     (tmp_path / "bad.npz").write_bytes(b"no zip file")
     with pytest.raises(ModelError, match=r"bad\.npz:0:file"):
         read_samples(str(tmp_path / "bad.npz"), arm.model, 2)
-    with pytest.raises(ArgumentError, match="which is no file"):
+    with pytest.raises(ArgumentError, match="which is not a file"):
         read_samples(str(tmp_path / "none.csv"), arm.model, 2)
 
 
@@ -253,8 +253,8 @@ def test_files_that_do_not_fit_the_move(arm, tmp_path: FilePath) -> None:
     plain.write_text("x,y,z\n" + "".join(f"{1.0 - 0.01 * k},0.2,0.0\n" for k in range(6)))
     move = Move("m", "sampled", START, 0.0, 0, file=str(timed))
     for changes, message in (
-        ({"smoothness": 5, "duration": 1.0}, "given smoothness beside the times in the file"),
-        ({"profile": (1.0, 1.0)}, "given profile beside the times in the file"),
+        ({"smoothness": 5, "duration": 1.0}, "given smoothness together with times in the file"),
+        ({"profile": (1.0, 1.0)}, "given profile together with times in the file"),
         ({"degree": 6}, "given degree 6, expected one of 5, 7, 9, 11"),
         ({"start": (1.0,)}, "expected 2 finite numbers"),
     ):
@@ -262,6 +262,6 @@ def test_files_that_do_not_fit_the_move(arm, tmp_path: FilePath) -> None:
             Path(arm, replace(move, **changes))
     with pytest.raises(ModelError, match="given 6 samples, expected more than 7"):
         Path(arm, replace(move, file=str(plain), smoothness=5, duration=1.0))
-    with pytest.raises(ArgumentError, match="given duration nothing"):
+    with pytest.raises(ArgumentError, match=r"given duration 0\.0, expected a duration and smoothness"):
         Path(arm, replace(move, file=str(plain)))
     assert MoveL.space == "tool"

@@ -9,8 +9,8 @@ from math import factorial, prod
 import numpy as np
 import pytest
 
-import flexgen.paths.velocity_profiles as steps
 from flexgen.errors import ArgumentError
+from flexgen.paths import velocity_profiles
 from flexgen.paths.speed_planning import SpeedLaw, Stretch, speed_law
 from flexgen.paths.time_laws import TimeLaw
 from flexgen.paths.velocity_profiles import TrapezoidStep, box_times
@@ -51,8 +51,8 @@ def test_trapezoid_steps_are_exact(times: tuple[float, ...]) -> None:
 
 
 def test_a_wrong_taylor_coefficient_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = steps._taylor
-    monkeypatch.setattr(steps, "_taylor", lambda values, dt, size: right(values, dt * (1 + 1e-9), size))
+    right = velocity_profiles._taylor
+    monkeypatch.setattr(velocity_profiles, "_taylor", lambda values, dt, size: right(values, dt * (1 + 1e-9), size))
     assert worst_step(TrapezoidStep((0.5, 0.2, 0.1))) > 10 * ROUNDING
 
 
