@@ -4,7 +4,7 @@ import os
 import sys
 
 if sys.version_info < (3, 11):  # noqa: UP036
-    sys.exit("flexgen: Python " + sys.version.split()[0] + " is too old, 3.11 or newer is needed")
+    sys.exit("flexgen: Python " + sys.version.split()[0] + " is too old, expected 3.11 or newer")
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 

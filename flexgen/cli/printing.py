@@ -1,10 +1,11 @@
-"""What the command line prints: aligned tables, numbers, JSON without NaN, and the answers of the verbs for people.
+"""Printed text of the command line: aligned tables, numbers, JSON without NaN, results of the verbs.
 
-The answers are rendered from their JSON types, as `plain` makes them: a number that is not finite is None there.
+The texts are rendered from JSON data, as `plain` makes it: a number that is not finite is None.
 """
 
 from __future__ import annotations
 
+import difflib
 import json
 import math
 from collections.abc import Iterable, Sequence
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def number(value: Any, digits: int = 4) -> str:
-    """A figure for people; a dash where there is none."""
+    """A value as text; a dash for None and for numbers that are not finite."""
     if value is None:
         return "-"
     if isinstance(value, bool):
@@ -27,13 +28,19 @@ def number(value: Any, digits: int = 4) -> str:
     return str(value)
 
 
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """``; did you mean 'solve'?`` if a known word is similar; else an empty text."""
+    similar = difflib.get_close_matches(word, list(known), 1)
+    return f"; did you mean {similar[0]!r}?" if similar else ""
+
+
 def one_line(text: str) -> str:
-    """The text without its line ends."""
+    """The text with each run of white space replaced by one space."""
     return " ".join(text.split())
 
 
 def complex_number(pair: Sequence[float | None]) -> str:
-    """A root ``[re, im]`` for people; of a conjugate pair both at once."""
+    """A root ``[re, im]`` as text; a complex root stands for its conjugate too."""
     re, im = pair
     if re is None or im is None:
         return "-"
@@ -41,7 +48,7 @@ def complex_number(pair: Sequence[float | None]) -> str:
 
 
 def roots(pairs: Iterable[Sequence[float | None]]) -> list[str]:
-    """Roots for people: a conjugate pair is one text, equal ones are counted."""
+    """Roots as texts: one text per conjugate pair, equal roots counted."""
     texts = [complex_number(pair) for pair in pairs if pair[1] is None or pair[1] >= 0]
     counted: dict[str, int] = {}
     for text in texts:
@@ -50,7 +57,7 @@ def roots(pairs: Iterable[Sequence[float | None]]) -> list[str]:
 
 
 def table(rows: Sequence[Sequence[Any]], head: Sequence[str] = ()) -> str:
-    """Aligned columns; a column of nothing but numbers (and dashes) is set flush right."""
+    """A table with aligned columns; columns of numbers (and dashes) are right-aligned."""
     width = len(head) if head else max((len(row) for row in rows), default=0)
     right = [bool(rows) and all(_is_figure(row[k]) for row in rows) for k in range(width)]
     lines = [[number(cell) for cell in row] for row in rows]
@@ -71,13 +78,13 @@ def _is_figure(value: Any) -> bool:
 
 
 def figures(rows: Iterable[tuple[str, Any, str]]) -> str:
-    """A table of what, value, unit; rows without a value are left out."""
+    """A table of quantities, values and units; rows without a value are left out."""
     kept = [(what, number(value), unit) for what, value, unit in rows if value is not None]
-    return table(kept, ("what", "value", "unit"))
+    return table(kept, ("quantity", "value", "unit"))
 
 
 def plain(value: Any) -> Any:
-    """The same as JSON types: numbers that are not finite become None, paths texts."""
+    """Convert to JSON types: numbers that are not finite become None, paths become strings."""
     if isinstance(value, dict):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -92,17 +99,17 @@ def plain(value: Any) -> Any:
 
 
 def as_json(data: dict[str, Any]) -> str:
-    """One JSON object, valid for every parser."""
+    """One JSON object as text, without NaN or Infinity."""
     return json.dumps(plain(data), indent=2, allow_nan=False)
 
 
-# --- answers of the verbs ---------------------------------------------------------------------------------------------
+# --- results of the verbs --------------------------------------------------------------------------------------------
 
-Row = tuple[str, Any, str]  # what, value, unit
+Row = tuple[str, Any, str]  # quantity, value, unit
 
 
 def description_text(data: dict[str, Any]) -> str:
-    """One model in full, from what `flexgen.describe` gives."""
+    """The description of a model as text, from the data of `flexgen.describe`."""
     name = data["name"]
     parts = [
         name + (f"@{data['variant']}" if data["variant"] else "") + f": {one_line(data['description'])}",
@@ -153,16 +160,16 @@ def _output(output: dict[str, Any]) -> str:
 
 
 def _drive(coordinate: dict[str, Any]) -> str:
-    """What holds a coordinate: its gear, or its spring where no motor drives it."""
+    """The gear of a coordinate, or its spring if no motor drives it."""
     gear, spring = coordinate.get("gear"), coordinate.get("spring")
     if gear is not None:
         elastic = gear["type"] != "rigid"
         return f"elastic gear, {gear['spring']['type']}, {gear['side']} side" if elastic else "rigid gear"
-    return "bending of the beam" if spring is None else f"spring, {spring['type']}"
+    return "beam bending" if spring is None else f"spring, {spring['type']}"
 
 
 def _stiffness(coordinate: dict[str, Any]) -> tuple[str | None, str | None]:
-    """Stiffness (the low one of a nonlinear spring) and damping, on the side that the file states them."""
+    """Stiffness (of a nonlinear spring the low one) and damping, on the side given in the model file."""
     holder = coordinate.get("gear") or coordinate
     spring = holder.get("spring")
     if spring is None:
@@ -173,17 +180,17 @@ def _stiffness(coordinate: dict[str, Any]) -> tuple[str | None, str | None]:
 
 
 def analysis_text(data: dict[str, Any], coordinates: Sequence[tuple[str, str]], motors: Sequence[str]) -> str:
-    """What `flexgen.analyze` found, with the names and units of the coordinates and the names of the motors."""
+    """The result of `flexgen.analyze` as text; needs the names and units of coordinates and the names of motors."""
     rest = table(
         [[name, q, unit] for (name, unit), q in zip(coordinates, data["pose"], strict=True)],
-        ("coordinate", "at rest", "unit"),
+        ("coordinate", "equilibrium", "unit"),
     )
     torques = table(
         [[name, tau, "N m"] for name, tau in zip(motors, data["motor_torque_Nm"], strict=True)],
         ("motor", "torque", "unit"),
     )
     rows = zip(data["modes_hz"] or [], data.get("modes_damping") or [], strict=True)
-    modes = table([[k, f, d] for k, (f, d) in enumerate(rows, 1)], ("mode", "Hz", "damping ratio"))
+    modes = table([[k, f, d] for k, (f, d) in enumerate(rows, 1)], ("mode", "frequency Hz", "damping ratio"))
     zeros, inner = roots(data["zeros"] or []), data["zeros_motor"] or []
     notches = sorted(math.hypot(*root) / (2 * math.pi) for root in inner if None not in root and root[1] > 0)
     verdict = figures(
@@ -191,29 +198,29 @@ def analysis_text(data: dict[str, Any], coordinates: Sequence[tuple[str, str]], 
             ("phase of the output", data["phase"], ""),
             ("zeros of the output", ", ".join(zeros) if zeros else "none", "1/s" if zeros else ""),
             ("zeros, motor torque to motor angle", ", ".join(map(number, notches)) or None, "Hz"),
-            ("slowest unstable time constant", data["unstable_time_constant_s"] or None, "s"),
+            ("time constant of the slowest unstable zero", data["unstable_time_constant_s"] or None, "s"),
             ("structural index", data["structural_index"], ""),
-            ("preview that exact following needs", data["preview_s"], "s"),
+            ("preview required for exact tracking", data["preview_s"], "s"),
             *_dae_rows(data),
         ]
     )
     warnings = "\n".join(f"note: {line}" for line in (data.get("solvability") or {}).get("warnings", ()))
     along = data.get("zeros_along_path")
-    told = f"along the path: {along['verdict']}" if along else ""
-    return "\n\n".join(part for part in (rest, torques, modes, verdict, warnings, told) if part)
+    along_text = f"along the path: {along['verdict']}" if along else ""
+    return "\n\n".join(part for part in (rest, torques, modes, verdict, warnings, along_text) if part)
 
 
 def _dae_rows(data: dict[str, Any]) -> list[Row]:
-    """What is known of the DAE of inverse dynamics, where it was looked at."""
+    """Rows of the DAE of inverse dynamics, if it was analyzed."""
     structure, ranks, solvable = (data.get(key) or {} for key in ("structure", "kunkel_mehrmann", "solvability"))
     rows: list[Row] = []
     if structure.get("blocks"):
         sizes = ", ".join(str(len(block["equations"])) for block in structure["blocks"])
-        rows.append(("blocks of the DAE, equations", sizes, ""))
-        rows.append(("the structure at this pose", structure["verdict"], ""))
+        rows.append(("equations per block of the DAE", sizes, ""))
+        rows.append(("structural analysis at this pose", structure["verdict"], ""))
     if ranks.get("verdict") == "regular":
         rows.append(("strangeness index; a, d, v", f"{ranks['mu']}; {ranks['a']}, {ranks['d']}, {ranks['v']}", ""))
-        rows.append(("gap of its rank decisions", ranks["gap"], "relative"))
+        rows.append(("singular value gap of the rank decisions", ranks["gap"], "relative"))
     elif ranks:
         rows.append(("strangeness index", ranks.get("verdict"), ""))
     if solvable.get("singular_values"):
@@ -224,7 +231,7 @@ def _dae_rows(data: dict[str, Any]) -> list[Row]:
 
 
 def _small(what: str, value: float | None, unit: str) -> Row:
-    """A row of a length [m] or an angle [rad] that should be small: in millionths, from a thousandth on in these."""
+    """A row of a small length [m] or angle [rad]: below 1e-3 in millionths, else in thousandths."""
     if value is None:
         return what, None, ""
     return (what, 1e3 * value, f"m{unit}") if value >= 1e-3 else (what, 1e6 * value, f"u{unit}")
@@ -242,13 +249,13 @@ def solution_rows(solution: Solution) -> list[Row]:
 
 
 def simulation_rows(data: dict[str, Any]) -> list[Row]:
-    """What, value and unit of a simulation's figures."""
+    """Quantities, values and units of a simulation."""
     return [
         _small("tool error, largest", data["tool_error_max_m"], "m"),
         _small("tool error, largest", data["tool_error_max_rad"], "rad"),
         ("energy error", data["energy_error"], "relative"),
         ("motor torque, largest", data["torque_max_Nm"], "N m"),
         ("motor speed, largest", data["speed_max_rad_s"], "rad/s"),
-        ("evaluations of the right-hand side", data["evaluations"], ""),
-        ("time, wall", data["wall_s"], "s"),
+        ("evaluations of the equations of motion", data["evaluations"], ""),
+        ("wall time", data["wall_s"], "s"),
     ]

@@ -1,4 +1,4 @@
-"""The main job: from a model file to C that is loaded, and to motor torques that are verified, in one go."""
+"""The verb ``run``: all steps from a model file to a loaded C library and verified motor torques."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from flexgen.cli.printing import figures, one_line, plain, solution_rows
 from flexgen.cli.verbs import (
-    Answer,
-    Tell,
+    Progress,
+    VerbResult,
     check_writable,
     derived,
     generated_dict,
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from flexgen.mechanics.equations import Equations
 
 
-def run(args: Namespace, tell: Tell) -> Answer:
-    """Do everything once: describe, analyse, generate and load the C, solve, verify, write the report."""
+def run(args: Namespace, log: Progress) -> VerbResult:
+    """Run all steps: describe, analyze, generate and load the C library, solve, verify, write the report."""
     began = time.perf_counter()
     robot = read_model(args)
     name = robot.name + (f"_{robot.variant}" if robot.variant else "")
@@ -34,26 +34,26 @@ def run(args: Namespace, tell: Tell) -> Answer:
     check_writable(directory, folder=True)
     check_writable(args.directory, folder=True)
 
-    from flexgen.analysis.analyze import analyze as analysed
-    from flexgen.build.generate import generate as generated
+    from flexgen.analysis.analyze import analyze as analyze_model
+    from flexgen.build.generate import generate as generate_library
     from flexgen.inversion.comparison import compare_methods
     from flexgen.inversion.solve import ACCURACY
-    from flexgen.inversion.solve import solve as solved
+    from flexgen.inversion.solve import solve as solve_move
     from flexgen.reports.html import write_report
     from flexgen.runtime import load
 
-    tell(f"describe: {title(robot)}, {one_line(robot.description)}")
+    log(f"describe: {title(robot)}, {one_line(robot.description)}")
     equations = derived(args)
-    tell("analyze: modes, poles and zeros at the home pose")
-    analysis = analysed(equations)
-    tell("generate: C library")
-    made = generated(robot, args.directory, progress=tell)
+    log("analyze: modes, poles and zeros at the home pose")
+    analysis = analyze_model(equations)
+    log("generate: C library")
+    made = generate_library(robot, args.directory, progress=log)
     library = load(made.directory)
-    tell("solve: inverse dynamics of the reference move, verified by forward simulation")
-    solution = solved(equations, args.move, args.method, progress=tell)
-    checked = _compared(library, equations, solution)
-    beside = compare_methods(equations, solution, tell)
-    tell("report")
+    log("solve: inverse dynamics of the move, verified by forward simulation")
+    solution = solve_move(equations, args.move, args.method, progress=log)
+    checked = _check_library(library, equations, solution)
+    beside = compare_methods(equations, solution, log)
+    log("report")
     with writing(directory):
         report = write_report(equations, solution, directory, generated=made, beside=beside)
         trajectory = solution.trajectory.save(directory / f"{solution.move.name}.npz")
@@ -69,11 +69,11 @@ def run(args: Namespace, tell: Tell) -> Answer:
         ("structural index", facts["structural_index"], ""),
         ("C functions generated", len(made.functions), ""),
         ("C library built in", None if made.cached else made.seconds, "s"),
-        ("C inverse dynamics, one call from Python", checked["call_us"], "us"),
-        ("C against the equations, largest difference", checked["difference_Nm"], "N m"),
+        ("C inverse_dynamics, one call from Python", checked["call_us"], "us"),
+        ("difference of C and equations, largest", checked["difference_Nm"], "N m"),
         ("move", solution.move.name, ""),
         *solution_rows(solution),
-        ("everything together", time.perf_counter() - began, "s"),
+        ("total time, wall", time.perf_counter() - began, "s"),
     ]
     text = figures(rows) + f"\n\nwrote {report}\nwrote {trajectory}\n"
     text += f"{'wrote' if made.written else 'unchanged'} {made.directory}"
@@ -87,22 +87,22 @@ def run(args: Namespace, tell: Tell) -> Answer:
         "report": str(report),
         "seconds": time.perf_counter() - began,
     }
-    return Answer(data, text, inaccuracy(solution, ACCURACY), list(solution.warnings))
+    return VerbResult(data, text, inaccuracy(solution, ACCURACY), list(solution.warnings))
 
 
-def _compared(library: Any, equations: Equations, solution: Solution) -> dict[str, float]:
-    """The loaded C against the equations it was made from, at the samples of the solution; time of one call."""
+def _check_library(library: Any, equations: Equations, solution: Solution) -> dict[str, float]:
+    """Compare the loaded C library with the equations at the samples of the solution; measure the time of one call."""
     import numpy as np
 
     from flexgen.numerics.evaluate import evaluate
 
     trajectory = solution.trajectory
     arguments = [trajectory[channel] for channel in ("q_a", "v_a", "a_a")]
-    ours = library.inverse_dynamics(*arguments)
-    theirs = evaluate(equations.function("inverse_dynamics"), *arguments)[0].reshape(ours.shape)
+    from_c = library.inverse_dynamics(*arguments)
+    expected = evaluate(equations.function("inverse_dynamics"), *arguments)[0].reshape(from_c.shape)
     first = [np.ascontiguousarray(x[0]) for x in arguments]
     calls, began = 2000, time.perf_counter()
     for _ in range(calls):
         library.inverse_dynamics(*first)
     spent = time.perf_counter() - began
-    return {"difference_Nm": float(np.abs(ours - theirs).max()), "call_us": 1e6 * spent / calls}
+    return {"difference_Nm": float(np.abs(from_c - expected).max()), "call_us": 1e6 * spent / calls}

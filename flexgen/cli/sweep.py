@@ -1,4 +1,4 @@
-"""The verb ``sweep`` of the command line: its arguments, and what it prints."""
+"""The verb ``sweep`` of the command line: its arguments and its printed result."""
 
 from __future__ import annotations
 
@@ -11,18 +11,24 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from flexgen.sweeps.sweep import SweepResult
 
-SHOWN = 5  # failures that are told one by one
+SHOWN = 5  # failures that are printed one by one
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The arguments of the verb."""
-    parser.add_argument("grid", metavar="GRID", type=Path, help="a TOML file: models, moves, methods, parameters")
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="folder for shards and tables")
+    """Add the arguments of the verb to its parser."""
+    parser.add_argument("grid", metavar="GRID", type=Path, help="TOML file with models, moves, methods and parameters")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="directory for shards and tables")
     parser.add_argument(
-        "--workers", metavar="N", type=_whole(0), help="processes; 0 or 1: none but this; default: one for each core"
+        "--workers",
+        metavar="N",
+        type=_whole(0),
+        help="worker processes; 0 or 1: run in this process; default: one per core",
     )
     parser.add_argument(
-        "--shard-size", metavar="N", type=_whole(1), help="cases that are done in one go; default: 1 to 16"
+        "--shard-size",
+        metavar="N",
+        type=_whole(1),
+        help="cases per shard, the unit of work and of saved results; default: 1 to 16",
     )
     parser.add_argument("--resume", action="store_true", help="continue the sweep in DIR")
     parser.add_argument("--parquet", action="store_true", help="write results.parquet too (needs pyarrow)")
@@ -31,19 +37,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _whole(least: int) -> Callable[[str], int]:
     def parse(text: str) -> int:
         if not text.isascii() or not text.isdigit() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"given {text!r}, expected a whole number, at least {least}")
+            raise argparse.ArgumentTypeError(f"given {text!r}, expected an integer >= {least}")
         return int(text)
 
     return parse
 
 
-def run(args: argparse.Namespace, tell: Callable[[str], None]) -> tuple[dict[str, Any], str, str, list[str]]:
-    """Do the sweep: JSON types, the same as text, why the job failed (or nothing), and warnings."""
+def run(args: argparse.Namespace, log: Callable[[str], None]) -> tuple[dict[str, Any], str, str, list[str]]:
+    """Run the sweep; return JSON data, the same as text, the reason of a failure (or an empty text), and warnings."""
     from flexgen.errors import ArgumentError
     from flexgen.sweeps.grid_file import read_grid
     from flexgen.sweeps.sweep import sweep
 
-    if args.parquet and find_spec("pyarrow") is None:  # now, and not after hours
+    if args.parquet and find_spec("pyarrow") is None:  # checked before the sweep runs
         raise ArgumentError("--parquet: needs the package pyarrow; run: pip install pyarrow")
     swept = sweep(
         read_grid(args.grid),
@@ -51,7 +57,7 @@ def run(args: argparse.Namespace, tell: Callable[[str], None]) -> tuple[dict[str
         workers=args.workers,
         shard_size=args.shard_size,
         resume=args.resume,
-        progress=tell,
+        progress=log,
     )
     files = [args.out / "results.npz", args.out / "times.npz"]
     if args.parquet:
@@ -66,13 +72,13 @@ def run(args: argparse.Namespace, tell: Callable[[str], None]) -> tuple[dict[str
     }
     warnings = [f"case {k}: {swept.results['error'][k]}" for k in failures[:SHOWN]]
     if len(failures) > SHOWN:
-        warnings.append(f"{len(failures) - SHOWN} more cases failed, see the column error of {files[0]}")
+        warnings.append(f"{len(failures) - SHOWN} more cases failed; see column error of {files[0]}")
     problem = "all cases failed" if len(failures) == len(swept.results) else ""
     return data, _text(data), problem, warnings
 
 
 def _groups(swept: SweepResult) -> list[dict[str, Any]]:
-    """How the cases of each model and method ended."""
+    """Summary of the cases by model, method and status."""
     import numpy as np
 
     results, out = swept.results, []

@@ -1,6 +1,6 @@
-"""The verbs of the command line: one public call and one printed table each.
+"""The verbs of the command line: each calls one public function and returns its result as JSON data and text.
 
-Nothing heavy is imported before a verb runs, so that help and usage errors are instant.
+Nothing heavy is imported before a verb runs, so that help and usage errors appear at once.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from flexgen.cli.printing import (
     plain,
     simulation_rows,
     solution_rows,
+    suggestion,
     table,
 )
 from flexgen.errors import ArgumentError
@@ -34,20 +35,15 @@ if TYPE_CHECKING:
     from flexgen.model.elements import RobotModel
     from flexgen.simulation.simulate import Simulation
 
-Tell = Callable[[str], None]
-
-FUNCTIONS = (
-    "forward_kinematics jacobian jacobian_dot mass_matrix bias gravity inverse_dynamics arm_forces motor_friction "
-    "gear_law gear_torque elastic_torque forward_dynamics residual residual_jacobians linearize energy power output"
-).split()
+Progress = Callable[[str], None]  # prints a progress message
 
 
 @dataclass
-class Answer:
-    """What a verb found.
+class VerbResult:
+    """The result of a verb.
 
-    ``data``: the object for ``--json``; ``text``: the same for people; ``problem``: why the job failed all the same
-    (exit status 1), empty where it did not; ``warnings``: what else to say on standard error.
+    ``data``: the object for ``--json``; ``text``: the same as text; ``problem``: reason of a failure (exit status 1),
+    else empty; ``warnings``: messages for standard error.
     """
 
     data: dict[str, Any]
@@ -57,47 +53,45 @@ class Answer:
 
 
 def read_model(args: Namespace) -> RobotModel:
-    """The model of the command line, with its changes."""
+    """Read the model of the command line, with its changes."""
     from flexgen.model.reader import read
 
     return read(args.model, overrides=dict(args.set or ()))
 
 
 def derived(args: Namespace) -> Equations:
-    """Its equations of motion."""
+    """Derive the equations of motion of the model of the command line."""
     from flexgen.mechanics.equations import derive
 
     return derive(read_model(args))
 
 
 def check_writable(path: Path | None, *, folder: bool = False) -> None:
-    """Refuse a path that cannot be written before hours are spent on what shall go there.
+    """Check that an output path can be written, before a long computation starts.
 
     Raises
     ------
     ArgumentError
-        It is a directory where a file is expected, or a file where a directory is.
+        It is a directory but a file is expected, or the reverse.
     """
     if path is None:
         return
     if not folder and path.is_dir():
-        raise ArgumentError(f"output: given {str(path)!r}, which is a directory, expected the name of a file")
+        raise ArgumentError(f"output: given {str(path)!r}, which is a directory, expected a file name")
     ancestor = path if folder else path.parent
     while not ancestor.exists() and ancestor != ancestor.parent:
         ancestor = ancestor.parent
     if not ancestor.is_dir():
-        raise ArgumentError(f"output: given {str(path)!r}, but {str(ancestor)!r} is no directory")
+        raise ArgumentError(f"output: given {str(path)!r}, but {str(ancestor)!r} is not a directory")
 
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Name the path where it cannot be written."""
+    """Name the path in the error if it cannot be written."""
     try:
         yield
     except OSError as error:
-        raise ArgumentError(
-            f"output: given {str(path)!r}, which cannot be written ({error.strerror or error})"
-        ) from None
+        raise ArgumentError(f"output: cannot write {str(path)!r} ({error.strerror or error})") from None
 
 
 def _write(path: Path, text: str) -> None:
@@ -109,12 +103,12 @@ def _write(path: Path, text: str) -> None:
 # --- models, describe -------------------------------------------------------------------------------------------------
 
 
-def models(args: Namespace, tell: Tell) -> Answer:
-    """List the models that can be called by their names."""
-    from flexgen.model.catalogue import models as listed
+def models(args: Namespace, log: Progress) -> VerbResult:
+    """List the models by name."""
+    from flexgen.model.catalogue import models as list_models
 
     broken: dict[str, str] = {}
-    rows = listed(broken)
+    rows = list_models(broken)
     head = ("name", "motors", "actuated", "elastic", "dof", "description")
     text = table([[r["name"], r["n_m"], r["n_g"], r["n_e"], r["dof"], one_line(r["description"])] for r in rows], head)
     variants = [f"{row['name']}@{name}" for row in rows for name in row["variants"]]
@@ -123,35 +117,35 @@ def models(args: Namespace, tell: Tell) -> Answer:
     data: dict[str, Any] = {"models": rows}
     if broken:
         data["broken"] = broken
-    return Answer(data, text, warnings=[f"left out: {name}: {reason}" for name, reason in broken.items()])
+    return VerbResult(data, text, warnings=[f"model {name} is left out: {reason}" for name, reason in broken.items()])
 
 
-def describe(args: Namespace, tell: Tell) -> Answer:
-    """Print what a model file says."""
-    from flexgen.model.catalogue import describe as described
+def describe(args: Namespace, log: Progress) -> VerbResult:
+    """Describe a model: coordinates, motors, moves, variants."""
+    from flexgen.model.catalogue import describe as describe_model
 
-    data = described(args.model, overrides=dict(args.set or ()))
-    return Answer(data, description_text(data))
+    data = describe_model(args.model, overrides=dict(args.set or ()))
+    return VerbResult(data, description_text(data))
 
 
 def title(robot: RobotModel) -> str:
-    """Name and variant."""
+    """Name and variant of a model."""
     return robot.name + (f"@{robot.variant}" if robot.variant else "")
 
 
 # --- derive, analyze, generate ----------------------------------------------------------------------------------------
 
 
-def derive(args: Namespace, tell: Tell) -> Answer:
-    """Derive the equations of motion; print them where they are small enough to be read."""
+def derive(args: Namespace, log: Progress) -> VerbResult:
+    """Derive the equations of motion and print them; of large models, print the sizes of the functions."""
     check_writable(args.out)
-    asked = "latex" if args.latex else "text" if args.text else ""
-    if not asked and args.out is not None:
-        asked = "latex" if args.out.suffix == ".tex" else "text"
+    form = "latex" if args.latex else "text" if args.text else ""
+    if not form and args.out is not None:
+        form = "latex" if args.out.suffix == ".tex" else "text"
     began = time.perf_counter()
     equations = derived(args)
     robot = equations.model
-    functions = {name: int(equations.function(name).n_instructions()) for name in FUNCTIONS}
+    functions = {name: int(equations.function(name).n_instructions()) for name in _function_names(robot)}
     data: dict[str, Any] = {
         "model": robot.name,
         "variant": robot.variant,
@@ -161,40 +155,46 @@ def derive(args: Namespace, tell: Tell) -> Answer:
     sizes = table([list(row) for row in functions.items()], ("function", "instructions"))
     warnings: list[str] = []
     text = ""
-    if asked or not args.json:
+    if form or not args.json:
         from flexgen.closed_form.equations import symbolic
 
         try:
             sheet = symbolic(robot)
-            text = sheet.latex() if asked == "latex" else sheet.text()
+            text = sheet.latex() if form == "latex" else sheet.text()
         except ArgumentError as error:
-            if asked:
+            if form:
                 raise
-            warnings.append(f"no closed form to read ({error}); these are the sizes of the functions instead")
-    if asked:
-        data[asked] = text
+            warnings.append(f"the equations are not printed ({error}); the table shows the sizes of the functions")
+    if form:
+        data[form] = text
     if args.out is not None:
         _write(args.out, text)
         data["out"] = str(args.out)
         text = f"wrote {args.out}"
-    return Answer(data, text.rstrip("\n") or sizes, warnings=warnings)
+    return VerbResult(data, text.rstrip("\n") or sizes, warnings=warnings)
 
 
-def analyze(args: Namespace, tell: Tell) -> Answer:
-    """Analyse a machine at rest at a pose: modes, poles, zeros, phase, index."""
-    from flexgen.analysis.analyze import analyze as analysed
+def _function_names(robot: RobotModel) -> list[str]:
+    """The functions that the equations of a model have."""
+    from flexgen.mechanics.equations import BUILDERS
+    from flexgen.mechanics.signatures import INVERSION, offered_functions
+
+    missing = set(INVERSION) - set(offered_functions(robot))
+    return [name for name in BUILDERS if name not in missing]
+
+
+def analyze(args: Namespace, log: Progress) -> VerbResult:
+    """Analyze the robot at rest at a pose: modes, poles, zeros, phase, structural index."""
+    from flexgen.analysis.analyze import analyze as analyze_model
 
     check_writable(args.report, folder=True)
     equations, path = derived(args), None
     if args.move is not None:
         from flexgen.paths.path import Path as ToolPath
+        from flexgen.paths.path import named_move
 
-        try:
-            path = ToolPath(equations, equations.model.move(args.move))
-        except KeyError:
-            known = ", ".join(move.name for move in (*equations.model.moves, *equations.model.programs)) or "none"
-            raise ArgumentError(f"move: given {args.move!r}, model {equations.model.name} has: {known}") from None
-    analysis = analysed(equations, args.pose, path)
+        path = ToolPath(equations, named_move(equations.model, args.move))
+    analysis = analyze_model(equations, args.pose, path)
     data = analysis.to_dict()
     text = title(analysis.model) + " at rest\n\n" + _analysis_text(analysis)
     if args.report is not None:
@@ -205,7 +205,7 @@ def analyze(args: Namespace, tell: Tell) -> Answer:
         data["report"] = str(args.report)
         data["pictures"] = [str(path) for path in written]
         text += "\n\n" + "\n".join(f"wrote {path}" for path in written)
-    return Answer(data, text)
+    return VerbResult(data, text)
 
 
 def _analysis_text(analysis: Analysis) -> str:
@@ -213,66 +213,68 @@ def _analysis_text(analysis: Analysis) -> str:
     return analysis_text(plain(analysis.to_dict()), coordinates, [motor.name for motor in analysis.model.motors])
 
 
-def generate(args: Namespace, tell: Tell) -> Answer:
+def generate(args: Namespace, log: Progress) -> VerbResult:
     """Write and compile the C library."""
     check_writable(args.directory, folder=True)
-    from flexgen.build.generate import generate as generated
+    from flexgen.build.generate import generate as generate_library
 
     robot = read_model(args)
-    made = generated(
+    library = generate_library(
         robot,
         args.directory,
         build=not args.no_build,
+        functions=args.functions,
         precision="single" if args.single else "double",
         parameters=args.parameters,
         native=args.native,
         openmp=args.openmp,
         amalgamate=args.amalgamate,
-        progress=tell,
+        progress=log,
         force=args.force,
     )
-    done = f"built in {made.seconds:.1f} s" if not made.cached else "written, nothing compiled"
-    lines = [f"{title(robot)}: {done if made.written else 'nothing has changed'} in {made.directory}"]
-    lines += ["", "functions: " + ", ".join(made.functions)]
-    if made.written:
-        lines += ["", *_paths(made.files)]
-    return Answer(generated_dict(robot, made), "\n".join(lines))
+    done = f"built in {library.seconds:.1f} s" if not library.cached else "written, not compiled"
+    lines = [f"{title(robot)}: {done if library.written else 'nothing has changed'} in {library.directory}"]
+    lines += ["", "functions: " + ", ".join(library.functions)]
+    if library.written:
+        lines += ["", *_written_files(library.files)]
+    return VerbResult(generated_dict(robot, library), "\n".join(lines))
 
 
-def generated_dict(robot: RobotModel, made: Generated) -> dict[str, Any]:
-    """A generated library as JSON types."""
+def generated_dict(robot: RobotModel, library: Generated) -> dict[str, Any]:
+    """The data of a generated library for ``--json``."""
     return {
         "model": robot.name,
         "variant": robot.variant,
-        "directory": str(made.directory),
-        "files": [str(path) for path in made.files],
-        "functions": list(made.functions),
-        "digest": made.digest,
-        "seconds": made.seconds,
-        "cached": made.cached,
+        "directory": str(library.directory),
+        "files": [str(path) for path in library.files],
+        "functions": list(library.functions),
+        "digest": library.digest,
+        "seconds": library.seconds,
+        "cached": library.cached,
     }
 
 
-def _paths(files: tuple[Path, ...]) -> list[str]:
-    """What a user looks for by name, and how many files there are beside it."""
-    parts = [
-        path for path in files if path.suffix == ".c" or path.name.endswith(("_body.h", "_kernel.h", "_private.h"))
-    ]
-    shown = [f"wrote {path}" for path in files if path not in parts]
-    return [*shown, f"wrote {parts[0].parent} ({len(parts)} sources)"] if parts else shown
+def _written_files(files: tuple[Path, ...]) -> list[str]:
+    """The written files a user needs by name, and the number of sources."""
+    private = ("_body.h", "_kernel.h", "_private.h")
+    sources = [path for path in files if path.suffix == ".c" or path.name.endswith(private)]
+    shown = [f"wrote {path}" for path in files if path not in sources]
+    return [*shown, f"wrote {sources[0].parent} ({len(sources)} sources)"] if sources else shown
 
 
 # --- solve, simulate --------------------------------------------------------------------------------------------------
 
 
-def solve(args: Namespace, tell: Tell) -> Answer:
-    """Find the motor torques that make the output follow a move."""
+def solve(args: Namespace, log: Progress) -> VerbResult:
+    """Compute the motor torques that make the output follow a move, and verify them by simulation."""
     check_writable(args.out)
     check_writable(args.report, folder=True)
     if args.robustness and args.report is None:
-        raise ArgumentError("--robustness: the table is part of the report; give --report DIR, too")
+        raise ArgumentError(
+            "--robustness: given without --report, expected also --report DIR, because the table is part of the report"
+        )
     from flexgen.inversion.solve import ACCURACY
-    from flexgen.inversion.solve import solve as solved
+    from flexgen.inversion.solve import solve as solve_move
 
     equations = derived(args)
     accuracy = ACCURACY if args.accuracy is None else args.accuracy
@@ -281,7 +283,7 @@ def solve(args: Namespace, tell: Tell) -> Answer:
         from flexgen.inversion.bounds import limits_from_model
 
         limits = limits_from_model(equations.model)
-    solution = solved(
+    solution = solve_move(
         equations,
         args.move if args.moves is None else _move_of_file(args.moves, args.move, equations.model),
         args.method,
@@ -290,7 +292,7 @@ def solve(args: Namespace, tell: Tell) -> Answer:
         limits=limits,
         verify=not args.no_verify,
         accuracy=accuracy,
-        progress=tell,
+        progress=log,
     )
     data = solution.to_dict()
     text = f"{title(equations.model)}, move {solution.move.name}\n\n"
@@ -304,41 +306,44 @@ def solve(args: Namespace, tell: Tell) -> Answer:
         from flexgen.inversion.comparison import compare_methods, error_rows
         from flexgen.reports.html import write_report
 
-        beside = () if args.no_verify else compare_methods(equations, solution, tell)
+        beside = () if args.no_verify else compare_methods(equations, solution, log)
         data["comparison"] = error_rows(beside)
         rows = None
         if args.robustness:
             from flexgen.inversion.robustness import compare_plants
 
             named = {one.method: one for one in (beside or (solution,))}
-            rows = data["robustness"] = compare_plants(equations, named, progress=tell)
+            rows = data["robustness"] = compare_plants(equations, named, progress=log)
         with writing(args.report):
             page = write_report(equations, solution, args.report, beside=beside, robustness=rows)
             data["report"] = str(page)
         text += ("\n" if args.out else "\n\n") + f"wrote {data['report']}"
-    return Answer(data, text, problem, list(solution.warnings))
+    return VerbResult(data, text, problem, list(solution.warnings))
 
 
 def _move_of_file(file: Path, name: str | None, robot: RobotModel) -> Any:
-    """The move or program of that name in a file of moves; its first one for None."""
+    """The move or program with this name in a file of moves; None: the first."""
     from flexgen.model.task_files import read_moves
 
     found = read_moves(file, robot)
     for move in found:
         if name is None or move.name == name:
             return move
-    raise ArgumentError(f"move: given {name!r}, {file} has: {', '.join(move.name for move in found) or 'none'}")
+    names = [move.name for move in found]
+    raise ArgumentError(
+        f"move: given {name!r}, expected one of {file}: {', '.join(names)}{suggestion(name or '', names)}"
+    )
 
 
-def sweep(args: Namespace, tell: Tell) -> Answer:
+def sweep(args: Namespace, log: Progress) -> VerbResult:
     """Solve all cases of a grid of models, parameters, moves and methods."""
     from flexgen.cli.sweep import run
 
-    return Answer(*run(args, tell))
+    return VerbResult(*run(args, log))
 
 
 def inaccuracy(solution: Solution, accuracy: float) -> str:
-    """Why the solution is not good enough; empty where it is."""
+    """Why the solution does not meet the tolerance; empty if it does."""
     from flexgen.inversion.solve import ENERGY
 
     if solution.status != Status.TOLERANCE_NOT_MET:
@@ -360,20 +365,22 @@ def inaccuracy(solution: Solution, accuracy: float) -> str:
     )
 
 
-def simulate(args: Namespace, tell: Tell) -> Answer:
-    """Simulate the machine under the torque of a trajectory."""
+def simulate(args: Namespace, log: Progress) -> VerbResult:
+    """Simulate the robot under the motor torques of a trajectory."""
     check_writable(args.out)
-    from flexgen.simulation.simulate import simulate as simulated
+    from flexgen.simulation.simulate import simulate as simulate_model
 
     equations = derived(args)
-    simulation = simulated(equations, args.trajectory, progress=tell)
+    simulation = simulate_model(equations, args.trajectory, progress=log)
     data = _simulation_dict(equations.model, simulation)
-    text = f"{title(equations.model)} under the torque of {args.trajectory}\n\n" + figures(simulation_rows(plain(data)))
+    text = f"{title(equations.model)} under the motor torques of {args.trajectory}\n\n" + figures(
+        simulation_rows(plain(data))
+    )
     if args.out is not None:
         with writing(args.out):
             data["trajectory"] = str(simulation.trajectory.save(args.out))
         text += f"\n\nwrote {args.out}"
-    return Answer(data, text, warnings=list(simulation.warnings))
+    return VerbResult(data, text, warnings=list(simulation.warnings))
 
 
 def _simulation_dict(robot: RobotModel, simulation: Simulation) -> dict[str, Any]:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from flexgen.model.elements import RobotModel
 from flexgen.ports import Port
+
+if TYPE_CHECKING:
+    from flexgen.model.elements import RobotModel
 
 
 @dataclass(frozen=True)

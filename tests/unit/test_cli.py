@@ -1,4 +1,4 @@
-"""The command line: every verb, its JSON, its exit status, and what it says when something is wrong."""
+"""The command line: every verb, its JSON, its exit status and its error messages."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from flexgen.cli import verbs
 from flexgen.cli.main import main
 from flexgen.cli.printing import analysis_text, as_json, figures, number, plain, roots, solution_rows, table
 from flexgen.inversion.status import Status
+from flexgen.mechanics.signatures import TABLE
 from flexgen.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -99,7 +100,7 @@ def test_variants_that_are_not_chosen_are_read_too(ask, tmp_path, monkeypatch):
         assert data["error"].endswith("(variant wrong)")
     monkeypatch.setenv("FLEXGEN_MODELS", str(tmp_path))
     status, data, err = ask("models")
-    assert status == 0 and list(data["broken"]) == ["arm@wrong"] and "warning: left out: arm@wrong: " in err
+    assert status == 0 and list(data["broken"]) == ["arm@wrong"] and "warning: model arm@wrong is left out: " in err
     row = next(row for row in data["models"] if row["name"] == "arm")
     assert row["variants"] == ["fjm", "rigid", "payload"] and row["description"] == "two\nlines"
 
@@ -132,7 +133,7 @@ def test_describe(ask, run):
     assert "spring, linear  " in rows["q3"] and "150000 N m/rad" in rows["q3"]
     text = run("describe", "manutec_r3_efjm")[1]
     assert "N/m" in next(line for line in text.splitlines() if line.startswith("b2x "))
-    assert "bending of the beam" in run("describe", "beam_arm")[1]
+    assert "beam bending" in run("describe", "beam_arm")[1]
 
 
 def test_every_model_can_be_described(ask, run):
@@ -241,6 +242,14 @@ def test_generate(ask, run, tmp_path):
     assert status == 0 and "elbow.h" in text
 
 
+def test_generate_some_functions(ask, tmp_path):
+    words = ["generate", "elbow", "--directory", tmp_path / "c", "--no-build", "--functions"]
+    status, data, _ = ask(*words, "mass_matrix, jacobian")
+    assert status == 0 and data["functions"] == ["jacobian", "mass_matrix"]
+    status, data, _ = ask(*words, "mass_matrix,nothing")
+    assert status == 1 and data["error"].startswith("functions: given 'nothing', expected some of")
+
+
 @needs_compiler
 def test_generate_with_options(ask, tmp_path):
     status, data, _ = ask(
@@ -261,7 +270,7 @@ def test_generate_without_a_compiler(ask, run, tmp_path, monkeypatch):
     status, data, _ = ask("generate", "elbow", "--directory", tmp_path / "c")
     assert status == 1 and "--no-build" in data["error"]
     status, text, _ = run("generate", "elbow", "--directory", tmp_path / "c", "--no-build")
-    assert status == 0 and "nothing compiled" in text and "elbow.h" in text
+    assert status == 0 and "not compiled" in text and "elbow.h" in text
     assert "nothing has changed" in run("generate", "elbow", "--directory", tmp_path / "c", "--no-build")[1]
 
 
@@ -287,7 +296,7 @@ def test_solve_writes_nothing_unless_asked(ask, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_solve_for_people(run):
+def test_solve_prints_a_table(run):
     status, out, _ = run("solve", "elbow", "--no-verify")
     assert status == 0 and "N m" in out and "solved" in out
     assert run("solve", "elbow", "--no-verify", "--quiet")[2] == ""
@@ -423,7 +432,7 @@ def test_full_disk(ask):
         )
     assert (
         answer.returncode == 1
-        and answer.stderr.startswith("flexgen: standard output")
+        and answer.stderr.startswith("flexgen: cannot write to standard output")
         and answer.stderr.count("\n") == 1
     )
 
@@ -431,7 +440,6 @@ def test_full_disk(ask):
 # --- usage, interruption, noise ---------------------------------------------------------------------------------------
 def test_usage(run):
     for words in (
-        [],
         ["nosuch"],
         ["describe"],
         ["describe", "a", "b"],
@@ -444,7 +452,7 @@ def test_usage(run):
 
 def test_help(run):
     status, text, _ = run("--help")
-    assert status == 0
+    assert status == 0 and run() == (0, text, "")
     for verb in ("models", "describe", "derive", "analyze", "generate", "solve", "simulate", "run"):
         assert verb in text
         status, own, _ = run(verb, "--help")
@@ -452,14 +460,47 @@ def test_help(run):
     assert run("--version")[1].startswith("flexgen ")
 
 
-def noise(args, tell):
+def test_help_of_generate_lists_the_functions_and_loads_nothing_heavy():
+    code = (
+        "import sys; from flexgen.cli.main import main; assert main(['generate', '--help']) == 0\n"
+        "print(*{name.partition('.')[0] for name in sys.modules}, file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    listed = done.stdout.partition("functions:\n")[2].splitlines()
+    assert [line.split()[0] for line in listed if line[:4].strip()] == [row.name for row in TABLE]
+    assert not {"numpy", "casadi", "scipy", "sympy", "matplotlib"} & set(done.stderr.split())
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["desribe", "elbow"], "'describe'"),
+        (["solve", "elbow", "--method", "colocation"], "'collocation'"),
+        (["solve", "elbow", "--mov", "line"], "'--move'"),
+        (["generate", "elbow", "--singel"], "'--single'"),
+        (["analyze", "elbow", "--move", "lin"], "'line'"),
+        (["solve", "elbow", "--move", "jonts"], "'joints'"),
+        (["solve", "planar5_nmp", "--moves", ROOT / "examples" / "program.toml", "--move", "seem"], "'seam'"),
+    ],
+)
+def test_misspelled_words_get_a_suggestion(ask, words, meant):
+    status, data, _ = ask(*words)
+    assert status in (1, 2) and data["error"].endswith(f"; did you mean {meant}?")
+
+
+def test_misspelled_models_get_a_suggestion(ask):
+    status, data, _ = ask("describe", "planar5_nmpp")
+    assert status == 1 and "planar5_nmp (there are: " in data["error"]
+
+
+def noise(args, log):
     print("from Python")
     os.write(1, b"from C\n")
-    tell("progress")
-    return verbs.Answer({"x": float("nan"), "y": [np.float64("inf"), np.arange(2)]}, "done", warnings=["careful"])
+    log("progress")
+    return verbs.VerbResult({"x": float("nan"), "y": [np.float64("inf"), np.arange(2)]}, "done", warnings=["careful"])
 
 
-def test_only_the_answer_is_on_standard_output(ask, run, monkeypatch):
+def test_only_the_result_is_on_standard_output(ask, run, monkeypatch):
     monkeypatch.setattr(verbs, "models", noise)
     _, data, err = ask("models")
     assert data == {"x": None, "y": [None, [0, 1]]}
@@ -473,7 +514,7 @@ def test_only_the_answer_is_on_standard_output(ask, run, monkeypatch):
     [(KeyboardInterrupt(), 130), (RuntimeError("broken"), 1), (MemoryError(), 1), (SystemExit(3), 1)],
 )
 def test_unexpected_ends(ask, monkeypatch, error, expected):
-    def fail(args, tell):
+    def fail(args, log):
         raise error
 
     monkeypatch.setattr(verbs, "models", fail)
@@ -491,14 +532,14 @@ def test_unexpected_ends(ask, monkeypatch, error, expected):
         ValueError("array must not contain infs or NaNs"),
     ],
 )
-def test_computations_that_break_down_blame_the_numbers(ask, monkeypatch, error):
-    def fail(args, tell):
+def test_numerical_failures_name_the_model(ask, monkeypatch, error):
+    def fail(args, log):
         warnings.warn("overflow encountered", RuntimeWarning, stacklevel=1)
         raise error
 
     monkeypatch.setattr(verbs, "analyze", fail)
     status, data, err = ask("analyze", "elbow@rigid")
-    assert status == 1 and data["error"].startswith("analyze elbow@rigid: the computation broke down")
+    assert status == 1 and data["error"].startswith("analyze elbow@rigid: the computation failed")
     assert "the numbers of the model" in data["error"] and err == f"flexgen: {data['error']}\n"
 
 
@@ -509,10 +550,10 @@ def test_absurd_numbers_are_refused(ask):
 
 
 def test_interruption_that_a_solver_swallows(ask, monkeypatch):
-    def swallow(args, tell):
+    def swallow(args, log):
         with contextlib.suppress(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
-        return verbs.Answer({"half": 1}, "half")
+        return verbs.VerbResult({"half": 1}, "half")
 
     monkeypatch.setattr(verbs, "models", swallow)
     status, data, _ = ask("models")
@@ -530,7 +571,7 @@ def test_closed_pipe_is_quiet():
 
 
 def test_clone_without_installation(tmp_path):
-    """From anywhere, with no site-packages at all: a clear word instead of an import error."""
+    """From any directory, without site-packages: an error message instead of an import error."""
     command = [sys.executable, "-S", "-E", str(ROOT / "cli.py")]
     answer = subprocess.run([*command, "--help"], cwd=tmp_path, capture_output=True, text=True)
     assert answer.returncode == 0 and "describe" in answer.stdout
@@ -552,7 +593,7 @@ def test_tables_are_aligned():
     assert text.splitlines() == ["what  value  unit", "----  -----  ----", "a         1  m", "long      -"]
 
 
-def test_numbers_for_people():
+def test_numbers_as_text():
     given = [0.00012345, 123456.0, 1.5, float("nan"), None, 3, "x", True, -2500.4, 1e-12]
     assert [number(x) for x in given] == ["0.0001234", "123456", "1.5", "-", "-", "3", "x", "yes", "-2500", "1e-12"]
     assert roots([[None, 1.0], [1.0, None], [-2.0, 0.0]]) == ["- (2 times)", "-2"]

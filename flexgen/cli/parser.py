@@ -1,0 +1,279 @@
+"""The parser of the command line: verbs, arguments, help texts and usage errors.
+
+Only the standard library and light modules are imported, so that help and usage errors appear at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+import textwrap
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from flexgen import __version__
+from flexgen.cli import run, sweep, verbs
+from flexgen.cli.printing import suggestion
+from flexgen.inversion.method_table import NAMES as METHOD_NAMES
+from flexgen.mechanics.signatures import TABLE
+
+MODEL = "name in models/ or path of a .toml file, optionally with @variant; or FILE.urdf#BASE:TIP"
+METHOD = f"method of inverse dynamics: {', '.join(METHOD_NAMES)}; default: auto"
+NUMERIC_OPTIONS = ("--pose", "--preview", "--mesh", "--accuracy")
+
+EXAMPLES = """\
+examples:
+  flexgen models                                      list the models
+  flexgen analyze planar5_nmp --pose 0.3,-1.1,0       modes, poles, zeros
+  flexgen generate planar5_nmp                        C library in generated/planar5_nmp
+  flexgen generate arm.toml --native --single         for this processor, in single precision
+  flexgen solve planar5_nmp --report reports/arm      motor torques of the first move, with report
+  flexgen sweep examples/sweep.toml --out out/sweep   many cases, on all cores
+  flexgen run                                         all steps for planar5_nmp
+
+'flexgen VERB --help' describes the options of a verb.
+MODEL is a name in models/ or the path of a .toml file, optionally with @variant; or FILE.urdf#BASE:TIP.
+Exit status: 0 success, 1 failure, 2 wrong usage, 130 interrupted."""
+
+
+class UsageError(Exception):
+    """The command line is wrong: message, then the usage line."""
+
+
+class _Parser(argparse.ArgumentParser):
+    """An argument parser that raises `UsageError` and suggests similar words."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message}\n{self.format_usage().strip()}")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            names = [str(choice) for choice in action.choices]
+            expected = f"expected one of {', '.join(names)}{suggestion(str(value), names)}"
+            raise argparse.ArgumentError(action, f"given {value!r}, {expected}")
+
+    def options(self) -> list[str]:
+        """All option strings."""
+        return [word for word in self._option_string_actions if word.startswith("--")]
+
+
+# --- types of arguments -----------------------------------------------------------------------------------------------
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = [math.nan]
+    if not all(math.isfinite(value) for value in values):
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected numbers separated by commas, such as 0.3,-1.1,0")
+    return values
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(word.strip() for word in text.split(","))
+
+
+def _positive(text: str) -> float:
+    value = _numbers(text)[0] if "," not in text else math.nan
+    if not value > 0:
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected a positive number")
+    return value
+
+
+def _not_negative(text: str) -> float:
+    return 0.0 if re.fullmatch(r"\+?0*\.?0*", text) and "0" in text else _positive(text)
+
+
+def _trajectory_file(text: str) -> Path:
+    path = Path(text)
+    if path.suffix not in (".npz", ".csv"):
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected a file name ending in .npz or .csv")
+    return path
+
+
+def _path(text: str) -> Path:
+    if not text or "\0" in text:
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected a path")
+    return Path(text)
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    key, equals, value = text.partition("=")
+    try:
+        parsed = tomllib.loads(f"value = {value}")
+    except (tomllib.TOMLDecodeError, RecursionError):
+        parsed = {}
+    if not key.strip() or not equals or list(parsed) != ["value"]:
+        hint = "such as motor.m1.inertia=0.004 or 'output.axes=\"xy\"' (text in quotes)"
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected KEY=VALUE with a TOML value, {hint}")
+    return key.strip(), parsed["value"]
+
+
+# --- verbs ------------------------------------------------------------------------------------------------------------
+
+
+def build_parser() -> _Parser:
+    """The parser of the command line."""
+    parser = _Parser(
+        prog="flexgen",
+        description="Inverse dynamics of elastic robots, from a model file to C that runs in a controller.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument("--version", action="version", version=f"flexgen {__version__}")
+    group = parser.add_subparsers(dest="verb", metavar="VERB")
+    _add_verb(group, "models", verbs.models, model=False)
+    _add_verb(group, "describe", verbs.describe)
+    _add_derive_arguments(_add_verb(group, "derive", verbs.derive))
+    _add_analyze_arguments(_add_verb(group, "analyze", verbs.analyze))
+    _add_generate_arguments(_add_verb(group, "generate", verbs.generate))
+    _add_solve_arguments(_add_verb(group, "solve", verbs.solve))
+    sub = _add_verb(group, "simulate", verbs.simulate)
+    sub.add_argument("trajectory", metavar="TRAJECTORY", type=_path, help="file written by 'flexgen solve --out'")
+    sub.add_argument("--out", metavar="FILE", type=_trajectory_file, help="write the simulated motion to this file")
+    sweep.add_arguments(_add_verb(group, "sweep", verbs.sweep, model=False))
+    _add_run_arguments(_add_verb(group, "run", run.run))
+    return parser
+
+
+def parse(words: Sequence[str]) -> argparse.Namespace:
+    """Parse a command line.
+
+    Raises
+    ------
+    UsageError
+        It is wrong; the message suggests the verb, value or option that was probably meant.
+    """
+    parser = build_parser()
+    args, unknown = parser.parse_known_args(_join_negative_numbers(words))
+    if unknown:
+        here: _Parser = getattr(args, "parser", parser)
+        here.error(f"given {' '.join(unknown)}, expected only the arguments below{_similar_option(unknown, here)}")
+    return args
+
+
+def _similar_option(unknown: Sequence[str], parser: _Parser) -> str:
+    words = [word.partition("=")[0] for word in unknown if word.startswith("--")]
+    return suggestion(words[0], parser.options()) if words else ""
+
+
+def _join_negative_numbers(words: Sequence[str]) -> list[str]:
+    """``--pose -0.3,1`` as ``--pose=-0.3,1``: argparse would take the value for an option."""
+    out: list[str] = []
+    for word in words:
+        if out and out[-1] in NUMERIC_OPTIONS and re.match(r"-[\d.]", word):
+            out[-1] += f"={word}"
+        else:
+            out.append(word)
+    return out
+
+
+def _add_verb(group: Any, name: str, action: Any, model: bool = True) -> _Parser:
+    """Add a verb; the first line of the docstring of its function is its help."""
+    summary = (action.__doc__ or "").strip().partition("\n")[0]
+    parser: _Parser = group.add_parser(name, help=summary, description=summary, allow_abbrev=False)
+    parser.set_defaults(action=action, parser=parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON object instead of text")
+    parser.add_argument("-q", "--quiet", action="store_true", help="no progress messages on standard error")
+    if model:
+        optional: dict[str, Any] = {"nargs": "?", "default": "planar5_nmp"} if name == "run" else {}
+        default = "; default: planar5_nmp" if optional else ""
+        parser.add_argument("model", metavar="MODEL", help=MODEL + default, **optional)
+        parser.add_argument(
+            "--set",
+            metavar="KEY=VALUE",
+            type=_setting,
+            action="append",
+            help="change a value of the model: dotted path of the key, TOML value; may be repeated",
+        )
+    return parser
+
+
+def _add_derive_arguments(parser: _Parser) -> None:
+    kind = parser.add_mutually_exclusive_group()
+    kind.add_argument("--text", action="store_true", help="equations as plain text (default for small models)")
+    kind.add_argument("--latex", action="store_true", help="equations as a LaTeX document")
+    parser.add_argument("--out", metavar="FILE", type=_path, help="write the equations to this file (.tex: as LaTeX)")
+
+
+def _add_analyze_arguments(parser: _Parser) -> None:
+    parser.add_argument("--pose", metavar="Q,Q,...", type=_numbers, help="arm coordinates [rad or m]; default: home")
+    parser.add_argument("--move", metavar="NAME", help="also analyze zeros and solvability along this move")
+    parser.add_argument("--report", metavar="DIR", type=_path, help="write pole-zero map and frequency response to DIR")
+
+
+def _add_generate_arguments(parser: _Parser) -> None:
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = f"functions:\n{_function_list()}"
+    parser.add_argument("--directory", metavar="DIR", type=_path, help="output directory; default: generated/MODEL")
+    parser.add_argument("--no-build", action="store_true", help="write the sources, do not compile")
+    parser.add_argument(
+        "--functions",
+        metavar="NAME,NAME,...",
+        type=_names,
+        help="only these functions of the list below, without inversion of whole paths; default: all",
+    )
+    parser.add_argument(
+        "--parameters",
+        metavar="NAME,NAME,...",
+        type=_names,
+        default=(),
+        help="model parameters that become arguments of the functions: payload, stiffness, damping, friction, "
+        "q2.stiffness, ...",
+    )
+    parser.add_argument("--single", action="store_true", help="single precision (float); default: double")
+    parser.add_argument(
+        "--native", action="store_true", help="compile for this processor: faster, results differ by rounding"
+    )
+    parser.add_argument("--openmp", action="store_true", help="batch functions use all cores")
+    sub.add_argument("--amalgamate", action="store_true", help="write one header and one C file")
+    parser.add_argument("--force", action="store_true", help="build even if nothing has changed")
+
+
+def _function_list() -> str:
+    """The functions of `flexgen.mechanics.signatures`, one paragraph each."""
+    return "\n".join(
+        textwrap.fill(
+            row.summary, 100, initial_indent=f"  {row.name:<30}", subsequent_indent=" " * 32, break_on_hyphens=False
+        )
+        for row in TABLE
+    )
+
+
+def _add_solve_arguments(parser: _Parser) -> None:
+    parser.add_argument("--move", metavar="NAME", help="a move or program of the model file; default: the first")
+    parser.add_argument("--moves", metavar="FILE", type=_path, help="read moves and programs from this TOML file")
+    parser.add_argument("--method", choices=METHOD_NAMES, metavar="NAME", default="auto", help=METHOD)
+    parser.add_argument(
+        "--out", metavar="FILE", type=_trajectory_file, help="write the trajectory to this file (.npz or .csv)"
+    )
+    parser.add_argument("--report", metavar="DIR", type=_path, help="write a self-contained HTML report to DIR")
+    parser.add_argument(
+        "--robustness",
+        action="store_true",
+        help="with --report: also simulate robots with stiffness errors of 5 and 20 %% and mass errors of 5 %% (takes "
+        "minutes)",
+    )
+    parser.add_argument("--no-verify", action="store_true", help="skip the verification by forward simulation")
+    parser.add_argument(
+        "--preview", metavar="S", type=_not_negative, help="longest time that the motion may start before the path [s]"
+    )
+    parser.add_argument("--mesh", metavar="S", type=_positive, help="length of the mesh intervals [s]")
+    parser.add_argument(
+        "--limits",
+        action="store_true",
+        help="enforce the torque and speed limits of the model (methods lq, collocation, full)",
+    )
+    parser.add_argument("--accuracy", metavar="X", type=_positive, help="largest accepted output error [m and rad]")
+
+
+def _add_run_arguments(parser: _Parser) -> None:
+    parser.add_argument("--move", metavar="NAME", help="a move or program of the model file; default: the first")
+    parser.add_argument("--method", choices=METHOD_NAMES, metavar="NAME", default="auto", help=METHOD)
+    parser.add_argument("--directory", metavar="DIR", type=_path, help="of the C library; default: generated/MODEL")
+    parser.add_argument("--report", metavar="DIR", type=_path, help="of the report; default: reports/MODEL")
