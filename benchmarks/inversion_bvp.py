@@ -72,7 +72,7 @@ class ReducedProblem:
     def arm(self, t: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Coordinates and speeds (m, n_a) on the path, the output's maps W_g, W_e, and its bias W' v."""
         sample, n_e = self.path.sample(t), len(self.e)
-        target, dy = self.reduction.targets(sample), sample.rates(1)
+        target, dy = self.reduction.targets(sample), sample.derivative(1)
         q, v = self.slow(t), np.zeros((len(t), self.equations.model.n_a))
         q[:, self.e], v[:, self.e] = y[:n_e].T, y[n_e:].T
         for _ in range(NEWTON):
@@ -92,7 +92,7 @@ class ReducedProblem:
         q, v, W_g, W_e, bias = self.arm(t, y)
         n, n_e = len(t), len(self.e)
         a = np.zeros_like(q)
-        wanted = self.path.sample(t).rates(2) - bias
+        wanted = self.path.sample(t).derivative(2) - bias
         a[:, self.g] = np.linalg.solve(W_g, wanted[:, :, None])[:, :, 0]
         S = np.zeros((n, q.shape[1], n_e))
         S[:, self.e] = np.eye(n_e)

@@ -67,7 +67,7 @@ class There:
         """Place, dy and its dy."""
         on_path, direction = self._folded(t)
         sample = self.path.sample(on_path)
-        return self._reduction.targets(sample), direction[:, None] * sample.rates(1), sample.rates(2)
+        return self._reduction.targets(sample), direction[:, None] * sample.derivative(1), sample.derivative(2)
 
     def simulation(self, t: np.ndarray, tau_m: np.ndarray, q_m: np.ndarray, q_a: np.ndarray) -> Simulation:
         """What the full model does under a torque, from rest."""

@@ -153,7 +153,7 @@ def parse(words: Sequence[str]) -> argparse.Namespace:
     args, unknown = parser.parse_known_args(_join_negative_numbers(words))
     if unknown:
         here: _Parser = getattr(args, "parser", parser)
-        here.error(f"given {' '.join(unknown)}, expected only the arguments below{_similar_option(unknown, here)}")
+        here.error(f"unknown arguments {' '.join(unknown)}, see '{here.prog} --help'{_similar_option(unknown, here)}")
     return args
 
 

@@ -135,7 +135,7 @@ class TaylorArray:
         for i in range(1, order):
             factorial *= i
             moved = sum(W[:, j] @ (rise[:, i - 1 - j, : self.model.n_a, None]) for j in range(i))
-            asked = speed**i * sample.rates(i) if i < sample.y.shape[2] else 0.0
+            asked = speed**i * sample.derivative(i) if i < sample.y.shape[2] else 0.0
             F[:, i][:, dae.output] = moved[..., 0] / i - asked / factorial
         return F
 

@@ -205,7 +205,7 @@ def _horizon(
     steps = round(duration / period)
     t = (np.arange(before + steps + after + 1) - before) * period
     sample = path.sample(t)
-    samples = (Reduction(problem.equations).targets(sample), sample.rates(1), sample.rates(2))
+    samples = (Reduction(problem.equations).targets(sample), sample.derivative(1), sample.derivative(2))
     count = int((t[-1] - t[0]) / spacing + 1e-9) - SUPPORT + 1
     deviations = DeviationBasis(t, t[0], spacing, count)
     return _Horizon(library, samples, period, before, lead, tail, every, path.q_start, ROUGH * tolerance, deviations)

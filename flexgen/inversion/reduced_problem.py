@@ -203,12 +203,12 @@ class Reduction:
         if ratio < SINGULAR:
             return None, True
         doubtful = ratio < DOUBTFUL or len(np.unique(np.linalg.slogdet(rows)[0])) > 1
-        v = np.linalg.solve(self._picking(at["W"]), np.hstack([sample.rates(1), v_e])[:, :, None])[:, :, 0]
+        v = np.linalg.solve(self._picking(at["W"]), np.hstack([sample.derivative(1), v_e])[:, :, None])[:, :, 0]
         chain = [q, v, zero, zero, zero]
         scale = np.abs(G).max(axis=2)
         for k in (2, 3, 4):
             at = self._at(chain)
-            output = sample.rates(k) - at[f"rate{k}"].reshape(n, self.n_y)
+            output = sample.derivative(k) - at[f"rate{k}"].reshape(n, self.n_y)
             rhs = np.hstack([output, -at[f"row{k - 2}"].reshape(n, len(self.i_e))])
             chain[k] = np.linalg.solve(rows, (rhs / scale)[:, :, None])[:, :, 0]
         return self._motion(chain), doubtful
@@ -221,7 +221,7 @@ class Reduction:
         at = self._at(chain)
         picking = self._picking(at["W"])
         for k in (1, 2, 3, 4):
-            output = sample.rates(k) - (0.0 if k == 1 else self._at(chain)[f"rate{k}"].reshape(n, self.n_y))
+            output = sample.derivative(k) - (0.0 if k == 1 else self._at(chain)[f"rate{k}"].reshape(n, self.n_y))
             chain[k] = np.linalg.solve(picking, np.hstack([output, deflection[k - 1]])[:, :, None])[:, :, 0]
         return self._motion(chain)
 

@@ -46,7 +46,9 @@ def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int
 def samples(reduction: Reduction, path: Path, period: float, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Output (n, n_t) and its first two time derivatives (n, n_y) at n samples of a path."""
     sample = path.sample(np.arange(n) * period)
-    return tuple(np.ascontiguousarray(x) for x in (reduction.targets(sample), sample.rates(1), sample.rates(2)))  # type: ignore[return-value]
+    return tuple(
+        np.ascontiguousarray(x) for x in (reduction.targets(sample), sample.derivative(1), sample.derivative(2))
+    )  # type: ignore[return-value]
 
 
 def from_library(found: Inversion) -> MethodResult:

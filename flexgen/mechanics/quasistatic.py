@@ -35,7 +35,7 @@ class OutputSample(Protocol):
         """Orientation of a pose."""
         ...
 
-    def rates(self, k: int) -> np.ndarray:
+    def derivative(self, k: int) -> np.ndarray:
         """k-th derivative (k >= 1) of the output, (n, n_y)."""
         ...
 

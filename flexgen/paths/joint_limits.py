@@ -95,10 +95,10 @@ class InverseKinematics:
         q, v = np.zeros((n, self.model.n_a)), np.zeros((n, self.model.n_a))
         q[:, i_g] = q_g
         W = evaluate(self._velocity, q, v)[0].reshape(n, len(i_g), -1)
-        v_g = np.linalg.solve(W, sample.rates(1)[:, :, None])[:, :, 0]
+        v_g = np.linalg.solve(W, sample.derivative(1)[:, :, None])[:, :, 0]
         v[:, i_g] = v_g
         bias = evaluate(self._velocity, q, v)[1].reshape(n, -1)
-        return v_g, np.linalg.solve(W, (sample.rates(2) - bias)[:, :, None])[:, :, 0]
+        return v_g, np.linalg.solve(W, (sample.derivative(2) - bias)[:, :, None])[:, :, 0]
 
     @property
     def has_limits(self) -> bool:

@@ -27,7 +27,7 @@ class PathSample:
     w: np.ndarray | None = None
     q_g: np.ndarray | None = None
 
-    def rates(self, k: int) -> np.ndarray:
+    def derivative(self, k: int) -> np.ndarray:
         """k-th derivative (k >= 1) of the output, (n, n_y); of a pose, the (k - 1)-th derivative of its twist."""
         if self.w is None:
             return self.y[:, :, k]

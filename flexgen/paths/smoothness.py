@@ -141,14 +141,14 @@ def _jumps(path: Path) -> list[tuple[float, int, np.ndarray]]:
     d = NEAR * path.duration
     breaks = path.breaks
     every = path.sample(np.linspace(0.0, path.duration, 1001))
-    scale = [float(np.abs(every.rates(k)).max()) for k in range(1, ORDER + 1)]
+    scale = [float(np.abs(every.derivative(k)).max()) for k in range(1, ORDER + 1)]
     left, right = path.sample(breaks - d), path.sample(breaks + d)
     out = []
     for i, time in enumerate(breaks):
         for k in range(1, ORDER + 1):
             # Taylor expansion of both sides to the instant
             sides = [
-                sum(sample.rates(k + j)[i] * shift**j / factorial(j) for j in range(ORDER - k + 1))
+                sum(sample.derivative(k + j)[i] * shift**j / factorial(j) for j in range(ORDER - k + 1))
                 for sample, shift in ((left, d), (right, -d))
             ]
             jump = np.asarray(sides[1] - sides[0])

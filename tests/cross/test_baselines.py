@@ -97,9 +97,11 @@ def test_quasistatic_deflections_balance_their_loads() -> None:
     W = evaluate(equations.function("jacobian"), motion.q)[0][:, :2]
     sample = path.sample(t)
     v, a = np.zeros_like(motion.q), np.zeros_like(motion.q)
-    v[:, :2] = np.linalg.solve(W[:, :, :2], sample.rates(1)[:, :, None])[:, :, 0]
+    v[:, :2] = np.linalg.solve(W[:, :, :2], sample.derivative(1)[:, :, None])[:, :, 0]
     dW = evaluate(equations.function("jacobian_dot"), motion.q, v)[0][:, :2]
-    a[:, :2] = np.linalg.solve(W[:, :, :2], (sample.rates(2) - np.einsum("nij,nj->ni", dW, v))[:, :, None])[:, :, 0]
+    a[:, :2] = np.linalg.solve(W[:, :, :2], (sample.derivative(2) - np.einsum("nij,nj->ni", dW, v))[:, :, None])[
+        :, :, 0
+    ]
     load = evaluate(equations.function("inverse_dynamics"), motion.q, v, a)[0][:, 2]
     spring = evaluate(equations.function("elastic_torque"), motion.q, 0 * v)[0][:, 0]
     assert np.abs(load - spring).max() < 1e-9 * np.abs(spring).max()

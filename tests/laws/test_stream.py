@@ -53,7 +53,7 @@ class Machine:
     def samples(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Place, dy and its dy at instants."""
         sample = self.path.sample(t)
-        return self._reduction.targets(sample), sample.rates(1), sample.rates(2)
+        return self._reduction.targets(sample), sample.derivative(1), sample.derivative(2)
 
     def begun(self, ahead: int = AHEAD, samples_per_interval: int = PARTS) -> Stream:
         y = self.samples(np.zeros(1))[0][0]

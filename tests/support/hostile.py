@@ -76,7 +76,7 @@ def target(model: Any, folder: FilePath, move: str | None = None, singular: int 
     y = sample.y[:, :, 0]
     if sample.R is not None:
         y = np.hstack([y, sample.R.transpose(0, 2, 1).reshape(SAMPLES, 9)])
-    given = {"y": y, "dy": sample.rates(1), "ddy": sample.rates(2), "q_start": path.q_start}
+    given = {"y": y, "dy": sample.derivative(1), "ddy": sample.derivative(2), "q_start": path.q_start}
     sizes = {key: library.sizes[key] for key in ("n_a", "n_g", "n_m", "n_y", "n_t")}
     structs = structs_of(json.loads((made.directory / "manifest.json").read_text()))
     entry = ctypes.CDLL(str(library_of(made.directory)))

@@ -22,7 +22,7 @@ def samples(name: str = MODEL) -> dict[str, np.ndarray]:
     path = Path(equations := derive(name), equations.model.move())
     t = np.arange(round(path.duration / PERIOD) + 1) * PERIOD
     sample = path.sample(t)
-    return {"y": sample.y[:, :, 0], "dy": sample.rates(1), "ddy": sample.rates(2), "q_start": path.q_start}
+    return {"y": sample.y[:, :, 0], "dy": sample.derivative(1), "ddy": sample.derivative(2), "q_start": path.q_start}
 
 
 def given(**changes) -> dict:

@@ -49,8 +49,8 @@ def roughness(path: Path) -> float:
     left, right = path.sample(path.breaks - d), path.sample(path.breaks + d)
     worst = 0.0
     for k in range(1, path.smoothness + 1):
-        scale = np.abs(every.rates(k)).max()
-        worst = max(worst, float(np.abs(right.rates(k) - left.rates(k)).max() / scale))
+        scale = np.abs(every.derivative(k)).max()
+        worst = max(worst, float(np.abs(right.derivative(k) - left.derivative(k)).max() / scale))
     place = np.abs(right.y[:, :, 0] - left.y[:, :, 0]).max()
     turn = 0.0 if left.R is None else np.abs(right.R - left.R).max()
     return max(worst, float(place), float(turn))

@@ -228,9 +228,9 @@ def on_path(equations: Equations, sample: PathSample, guess: np.ndarray, e: np.n
         error, W, _ = (np.array(x) for x in constraint(q, v, target))
         q[i_g] -= np.linalg.solve(W[:, i_g], error[:, 0])
     _, W, _ = (np.array(x) for x in constraint(q, v, target))
-    v[i_g] = np.linalg.solve(W[:, i_g], sample.rates(1)[0] - W[:, i_e] @ v[i_e])
+    v[i_g] = np.linalg.solve(W[:, i_g], sample.derivative(1)[0] - W[:, i_e] @ v[i_e])
     bias = np.array(constraint(q, v, target)[2])[:, 0]
-    a[i_g] = np.linalg.solve(W[:, i_g], sample.rates(2)[0] - bias - W[:, i_e] @ a[i_e])
+    a[i_g] = np.linalg.solve(W[:, i_g], sample.derivative(2)[0] - bias - W[:, i_e] @ a[i_e])
     return [q[None], v[None], a[None]]
 
 

@@ -149,7 +149,7 @@ def _deflected(reduction: Reduction, sample: PathSample, q: np.ndarray, v_e: np.
     X = np.zeros((n, 3 * n_a))
     X[:, :n_a] = q
     X[:, [n_a + i for i in i_e]], X[:, [2 * n_a + i for i in i_e]] = v_e, a_e
-    targets, first, second = reduction.targets(sample), sample.rates(1), sample.rates(2)
+    targets, first, second = reduction.targets(sample), sample.derivative(1), sample.derivative(2)
     for _ in range(NEWTON_STEPS):
         residual, jacobian = evaluate(newton, X, targets, first, second)
         try:

@@ -164,7 +164,7 @@ def collocate(
         X[[level * n_a + i for i in i_g]] = w[level * n_g : (level + 1) * n_g]
     target, y1, y2 = (ca.SX.sym(f"target{i}", reduction.stage.size_in(i)[0]) for i in (1, 2, 3))
     rows = reduction.stage(X, target, y1, y2)
-    values = [*mesh.parameters, reduction.targets(sample).T, sample.rates(1).T, sample.rates(2).T]
+    values = [*mesh.parameters, reduction.targets(sample).T, sample.derivative(1).T, sample.derivative(2).T]
 
     scale_state = np.r_[np.full(n_e, DEFLECTION), np.full(n_e, RATE)]
     scale_w = np.repeat([1.0, 1.0, ACCELERATION], n_g)
