@@ -1,1 +1,1 @@
-"""Pictures."""
+"""Plots of robots, solutions and analyses."""

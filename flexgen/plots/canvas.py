@@ -1,8 +1,7 @@
-"""The canvas of all pictures: settings, colours, axes and files.
+"""Common parts of all plots: style, colors, axes and files.
 
-Figures are built without pyplot and under settings of their own, which are put back afterwards: a program's figures and
-style stay as they were. Colours: M. Okabe and K. Ito, Color Universal Design, 2008 (colour-blind readers tell them
-apart).
+Figures are built without pyplot and under their own settings, which are restored afterwards; the figures and the style
+of the caller stay unchanged. Colors: M. Okabe and K. Ito, Color Universal Design, 2008 (for color-blind readers).
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
@@ -29,10 +28,11 @@ from flexgen.trajectory import Trajectory
 
 BLUE, ORANGE, GREEN, RED, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
 INK, GREY, PALE = "#222222", "#777777", "#F1F1EE"
-COLOURS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, INK)
+COLORS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, INK)
 DASHES = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)))
 WIDTH = 8.6  # inches
-_PREFIXES = ((1.0, 1.0, ""), (1e-3, 1e3, "m"), (1e-7, 1e6, "µ"), (0.0, 1e9, "n"))  # from this size on, factor, prefix
+BACKGROUND = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}  # of a text over lines
+_PREFIXES = ((1.0, 1.0, ""), (1e-3, 1e3, "m"), (1e-7, 1e6, "µ"), (0.0, 1e9, "n"))  # least value, factor, prefix
 
 _OURS = re.compile(
     r"(axes|font|grid|hatch|legend|lines|mathtext|patch|path|svg|text|[xy]tick|[xy]axis|scatter|markers)\."
@@ -54,7 +54,7 @@ R = TypeVar("R")
 
 
 def styled(function: Callable[P, R]) -> Callable[P, R]:
-    """Run under the settings of this module, whatever the caller's are."""
+    """Run a function under the settings of this module."""
 
     @functools.wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -75,7 +75,7 @@ def svg(figure: Figure, prefix: str = "") -> str:
     ----------
     figure : Figure
     prefix : str
-        Put before every id, so that several pictures can stand in one page.
+        Prefix of every id, for several pictures in one page.
     """
     stream = io.StringIO()
     empty = dict.fromkeys(("Date", "Creator", "Format", "Type"))
@@ -88,16 +88,16 @@ def svg(figure: Figure, prefix: str = "") -> str:
 
 @styled
 def save(figure: Figure, path: str | Path, dpi: float = 150.0) -> Path:
-    """Write a figure to a ``.svg`` or ``.png`` file; the same figure gives the same bytes.
+    """Write a figure to a ``.svg`` or ``.png`` file; equal figures give equal bytes.
 
     Raises
     ------
     ArgumentError
-        The name ends in something else.
+        The name has another ending.
     """
     path = Path(path)
     if path.suffix not in (".svg", ".png"):
-        raise ArgumentError(f"picture: given {path.name!r}, expected a name that ends in .svg or .png")
+        raise ArgumentError(f"picture: given {path.name!r}, expected a file name ending in .svg or .png")
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix == ".svg":
         path.write_text('<?xml version="1.0" encoding="utf-8"?>\n' + svg(figure), encoding="utf-8", newline="\n")
@@ -111,12 +111,12 @@ def save(figure: Figure, path: str | Path, dpi: float = 150.0) -> Path:
 
 
 def title_of(model: RobotModel) -> str:
-    """Name of a model with its variant, as on the command line."""
+    """Name of a model with its variant: ``name@variant``."""
     return f"{model.name}@{model.variant}" if model.variant else model.name
 
 
 def power(x: float, _: Any = None) -> str:
-    """A tick label of a logarithmic axis: ``10⁻³``; 1 and 10 as they are."""
+    """Tick label of a logarithmic axis: ``10⁻³``, 1 or 10."""
     if x == 0:
         return "0"
     size = round(np.log10(abs(x)))
@@ -125,16 +125,22 @@ def power(x: float, _: Any = None) -> str:
 
 
 def log_axis(axis: Any, ticks: int = 6) -> None:
-    """Ticks of a logarithmic axis at powers of ten."""
-    axis.set_major_locator(LogLocator(numticks=ticks))
-    axis.set_major_formatter(FuncFormatter(power))
+    """Set labeled ticks of a logarithmic axis that has its limits: powers of ten, more numbers on a short axis."""
+    low, high = sorted(axis.get_view_interval())
+    if high / low < 3:
+        axis.set_major_locator(MaxNLocator(5))
+    elif high / low < 30:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    else:
+        axis.set_major_locator(LogLocator(numticks=ticks))
+    axis.set_major_formatter(FuncFormatter(power if high / low >= 30 else lambda x, _: f"{x:g}"))
     axis.set_minor_formatter(NullFormatter())
 
 
 def prefixed(largest: float, unit: str) -> tuple[float, str]:
-    """Factor and unit in which a number of that size reads well: nm below 0.1 µm, µm, mm from 1000 µm on, m; so rad.
+    """Factor and prefixed unit for a value: nm below 0.1 µm, µm, mm from 1000 µm on, m; the same for rad.
 
-    ``unit`` may name both, "rad or m"; others are left as they are.
+    ``unit`` may be ``"rad or m"``; other units get no prefix.
     """
     if not set(unit.split(" or ")) <= {"m", "rad"}:
         return 1.0, unit
@@ -144,7 +150,7 @@ def prefixed(largest: float, unit: str) -> tuple[float, str]:
 
 
 def measure(value: float, unit: str) -> tuple[str, str]:
-    """A size of zero or more in words, three digits, and its unit with a prefix."""
+    """A value >= 0 as text with three digits, and its prefixed unit."""
     factor, shown = prefixed(value, unit)
     number = float(f"{factor * value:.3g}")
     if 0 < number < 1e-3:
@@ -153,30 +159,30 @@ def measure(value: float, unit: str) -> tuple[str, str]:
 
 
 def path_end(equations: Equations, trajectory: Trajectory) -> float:
-    """When the reference comes to rest [s], read from the trajectory."""
+    """Time at which the reference comes to rest [s], read from the trajectory."""
     if "y_ref" not in trajectory.channels:
         return float(trajectory.time[-1])
     t, y = trajectory.time, trajectory["y_ref"]
     if "R_ref" in trajectory.channels:
         y = np.hstack([y, trajectory["R_ref"]])
     moving = np.abs(y - y[-1]).max(axis=1) > 1e-14 * max(1.0, float(np.abs(y).max()))
-    seen = float(t[min(int(np.flatnonzero(moving).max(initial=0)) + 1, len(t) - 1)])
-    # the last instants of a smooth law are below rounding: the move of the file tells, where it is this one
+    found_end = float(t[min(int(np.flatnonzero(moving).max(initial=0)) + 1, len(t) - 1)])
+    # the last changes of a smooth law are below rounding: use the duration of the move if it is in the model
     for move in equations.model.moves:
-        if move.name == trajectory.meta.get("move") and 0 <= move.duration - seen <= 0.1 * move.duration:
+        if move.name == trajectory.meta.get("move") and 0 <= move.duration - found_end <= 0.1 * move.duration:
             return move.duration
-    return seen
+    return found_end
 
 
 def hold(trajectory: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """How far the motor torque is from its value at rest (n, n_m), and its range (n_m) [N m]."""
+    """Change of the motor torques from the initial equilibrium (n, n_m), and their range (n_m) [N m]."""
     t, tau = trajectory.time, trajectory["tau_m"]
-    rest = np.median(tau[t <= t[0] / 2], axis=0) if t[0] < 0 else tau[0]
-    return np.abs(tau - rest), np.ptp(tau, axis=0)
+    initial = np.median(tau[t <= t[0] / 2], axis=0) if t[0] < 0 else tau[0]
+    return np.abs(tau - initial), np.ptp(tau, axis=0)
 
 
 def begin(trajectory: Trajectory, end: float) -> float:
-    """Where pictures over time begin [s]: shortly before something can be seen."""
+    """Start of plots over time [s]: shortly before the first visible change of torque."""
     t = trajectory.time
     away, span = hold(trajectory)
     early = (away > 1e-3 * np.maximum(span, 1e-12)).any(axis=1)
@@ -185,7 +191,7 @@ def begin(trajectory: Trajectory, end: float) -> float:
 
 
 def time_axis(ax: Any, first: float, end: float, last: float, label: bool = True) -> None:
-    """Limits, the path's begin and end as lines, what lies outside of it shaded."""
+    """Set the limits of a time axis; mark start and end of the path, shade the time outside."""
     ax.set_xlim(first, last)
     for a, b in ((first, 0.0), (end, last)):
         if b > a:
@@ -197,12 +203,12 @@ def time_axis(ax: Any, first: float, end: float, last: float, label: bool = True
 
 
 def new_figure(width: float, height: float, title: str, layout: bool = True) -> Figure:
-    """An empty white figure, title on the left; sizes in inches; with ``layout`` axes are placed when it is drawn."""
+    """An empty white figure with the title on the left; sizes in inches; ``layout``: automatic layout of the axes."""
     engine = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05, hspace=0.03, wspace=0.03) if layout else None
     figure = Figure(figsize=(width, height), layout=engine, facecolor="white")
     FigureCanvasAgg(figure)
     if title:
-        place = {} if layout else {"y": 1 - 0.07 / height}  # a given height switches the placing off
-        size = min(11.0, 104.0 * width / len(title))  # long ones are set smaller, to fit
-        figure.suptitle(title, x=0.07 / width, ha="left", va="top", fontsize=size, fontweight="bold", **place)
+        position = {} if layout else {"y": 1 - 0.07 / height}  # y switches the automatic layout off
+        size = min(11.0, 104.0 * width / len(title))  # smaller for long titles
+        figure.suptitle(title, x=0.07 / width, ha="left", va="top", fontsize=size, fontweight="bold", **position)
     return figure

@@ -1,4 +1,4 @@
-"""Pictures of a machine near a pose of rest: poles and zeros, frequency response."""
+"""Plots of the linearized robot at an equilibrium: poles and zeros, frequency response."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from flexgen.analysis.analyze import Analysis
 from flexgen.analysis.zeros import ON_AXIS
 from flexgen.plots import canvas as cv
 
-FAR = 1e6  # 1/s: roots beyond are counted, not drawn
+FAR = 1e6  # 1/s; larger roots are counted, not drawn
 
 
 def _bounds(values: np.ndarray) -> tuple[float, float]:
-    """Largest size and the size below which an axis may be linear."""
+    """Largest absolute value, and the smallest one to be drawn on a logarithmic scale."""
     sizes = np.abs(values[np.abs(values) > 0])
     if not len(sizes):
         return 1.0, 1.0
@@ -25,7 +25,7 @@ def _bounds(values: np.ndarray) -> tuple[float, float]:
 
 
 def _root_axis(ax: Any, axis: str, values: np.ndarray) -> str:
-    """Scale, limits and ticks of an axis; what its label says about the scale."""
+    """Set scale, limits and ticks of an axis; return the text about the scale for its label."""
     top, low = _bounds(values)
     set_scale, set_limits = getattr(ax, f"set_{axis}scale"), getattr(ax, f"set_{axis}lim")
     if top / low < 30:
@@ -33,7 +33,7 @@ def _root_axis(ax: Any, axis: str, values: np.ndarray) -> str:
         return ""
     first, last = int(np.floor(np.log10(low))), int(np.ceil(np.log10(1.3 * top)))
     set_scale("symlog", linthresh=10.0**first, linscale=0.6)
-    right = float(values.max())  # the unstable half is as wide as it is needed
+    right = float(values.max())  # no wider than needed
     set_limits(-2.2 * top, 2.2 * right if right > 10.0**first else 10.0**first)
     step = 1 if last - first <= 3 else 2
     decades = [10.0**k for k in range(last, first - 1, -step) if 10.0**k <= 2.2 * top]
@@ -45,7 +45,7 @@ def _root_axis(ax: Any, axis: str, values: np.ndarray) -> str:
 
 
 def _counted(ax: Any, roots: np.ndarray, offset: tuple[float, float]) -> None:
-    """Write ``x2`` beside roots that lie on each other."""
+    """Write ``x2`` beside coincident roots."""
     left = list(roots)
     while left:
         z = left.pop(0)
@@ -56,18 +56,18 @@ def _counted(ax: Any, roots: np.ndarray, offset: tuple[float, float]) -> None:
             ax.annotate(text, (z.real, z.imag), xytext=offset, textcoords="offset points", fontsize=8, color=cv.INK)
 
 
-def verdict(analysis: Analysis) -> str:
-    """The zeros of the output in one line."""
+def phase_summary(analysis: Analysis) -> str:
+    """The phase of the output in one line."""
     report = analysis.zeros
     if report.phase == "non-minimum phase":
         slowest = report.unstable_time_constant_s * 1e3
-        return f"non-minimum phase: the slowest unstable zero has a time constant of {slowest:.3g} ms"
-    words = {"flat": "flat: the output has no zeros", "minimum phase": "minimum phase: no unstable zero"}
-    return words.get(report.phase, "no verdict: as many outputs as motors are needed")
+        return f"non-minimum phase, time constant of the slowest unstable zero {slowest:.3g} ms"
+    words = {"flat": "no zeros (flat output)", "minimum phase": "minimum phase, no unstable zero"}
+    return words.get(report.phase, "phase unknown, because the numbers of outputs and motors differ")
 
 
-def falls(analysis: Analysis) -> bool:
-    """Whether gravity lets the arm fall with free motors: a real pole to the right, slow beside the fastest ones."""
+def falls_under_gravity(analysis: Analysis) -> bool:
+    """Whether the arm falls under gravity with free motors: it has a slow real pole in the right half plane."""
     poles, top = analysis.poles, float(np.abs(analysis.poles).max(initial=0.0))
     slow = (np.abs(poles.imag) <= 1e-9 * top) & (poles.real > 1e-6 * top) & (poles.real < 0.05 * top)
     return any(analysis.model.gravity) and bool(slow.any())
@@ -75,19 +75,19 @@ def falls(analysis: Analysis) -> bool:
 
 @cv.styled
 def pole_zero_map(analysis: Analysis) -> Figure:
-    """Poles of the machine and zeros of its declared output at a pose of rest, in 1/s.
+    """Poles of the robot and zeros of its output at an equilibrium [1/s].
 
     Parameters
     ----------
     analysis : Analysis
         From `flexgen.analyze`.
     """
-    figure = cv.new_figure(cv.WIDTH, 5.2, f"{cv.title_of(analysis.model)} — {verdict(analysis)}")
+    figure = cv.new_figure(cv.WIDTH, 5.2, f"{cv.title_of(analysis.model)}: {phase_summary(analysis)}")
     ax = figure.add_subplot()
     motor = analysis.zeros_motor if analysis.zeros_motor is not None else np.zeros(0, dtype=complex)
     sets = [analysis.poles, analysis.zeros.zeros, motor]
-    every = np.concatenate(sets)
-    drawn = every[np.abs(every) <= FAR]
+    roots = np.concatenate(sets)
+    drawn = roots[np.abs(roots) <= FAR]
     drawn = np.where(np.abs(drawn) > 1e-9 * np.abs(drawn).max(initial=0.0), drawn, 0.0)
     for axis, part, values in (("x", "real", drawn.real), ("y", "imaginary", drawn.imag)):
         scale = _root_axis(ax, axis, np.where(np.abs(values) > 1e-6 * np.abs(drawn), values, 0.0))
@@ -108,17 +108,24 @@ def pole_zero_map(analysis: Analysis) -> Figure:
     ax.plot(sets[0].real, sets[0].imag, "x", ms=6.5, color=cv.BLUE, mew=1.6, label="poles")
     zeros = sets[1]
     if len(zeros):
-        bad = zeros.real > ON_AXIS * np.abs(zeros)
+        unstable = zeros.real > ON_AXIS * np.abs(zeros)
         style: dict[str, Any] = {"ms": 7.5, "mfc": "none", "mew": 1.7}
-        ax.plot(zeros[~bad].real, zeros[~bad].imag, "o", mec=cv.GREEN, label="zeros of the output", **style)
-        if bad.any():
-            ax.plot(zeros[bad].real, zeros[bad].imag, "o", mec=cv.RED, label="unstable zeros of the output", **style)
+        ax.plot(zeros[~unstable].real, zeros[~unstable].imag, "o", mec=cv.GREEN, label="zeros of the output", **style)
+        if unstable.any():
+            ax.plot(
+                zeros[unstable].real,
+                zeros[unstable].imag,
+                "o",
+                mec=cv.RED,
+                label="unstable zeros of the output",
+                **style,
+            )
         _counted(ax, zeros[np.abs(zeros) <= FAR], (6, 6))
     near = np.abs(sets[0]) <= 1e-9 * np.abs(sets[0]).max()
     _counted(ax, np.where(near, 0.0, sets[0])[near], (6, -12))
-    far = int(np.sum(np.abs(every) > FAR))
+    far = int(np.sum(np.abs(roots) > FAR))
     if far:
-        note = f"{far} root{'s' if far > 1 else ''} beyond {cv.power(FAR)} 1/s not drawn"
+        note = f"{far} root{'s' if far > 1 else ''} above {cv.power(FAR)} 1/s not drawn"
         ax.text(0.99, 0.02, note, transform=ax.transAxes, ha="right", fontsize=8, color=cv.GREY)
     ax.text(0.99, 0.98, "unstable", transform=ax.transAxes, ha="right", va="top", color=cv.RED, fontsize=8.5)
     figure.legend(loc="outside lower center", ncols=4, handletextpad=0.3, columnspacing=1.4)
@@ -126,7 +133,7 @@ def pole_zero_map(analysis: Analysis) -> Figure:
 
 
 def elastic_modes(analysis: Analysis) -> list[tuple[float, float]]:
-    """Modes (Hz, damping ratio) without those of gravity and rounding: within a hundredth of the fastest."""
+    """Elastic modes (Hz, damping ratio): those above a hundredth of the fastest; slower ones are due to gravity."""
     top = max((f for f, _ in analysis.modes), default=0.0)
     return [(f, d) for f, d in analysis.modes if f >= 0.01 * top]
 
@@ -138,7 +145,7 @@ def frequency_response(analysis: Analysis) -> Figure:
     Parameters
     ----------
     analysis : Analysis
-        From `flexgen.analyze`. Of several output directions the length of the vector is drawn.
+        From `flexgen.analyze`. For several output directions, the norm of the vector is drawn.
     """
     model, linear = analysis.model, analysis.linear
     found = elastic_modes(analysis)
@@ -157,13 +164,13 @@ def frequency_response(analysis: Analysis) -> Figure:
         (np.einsum("kjj->kj", to_motor), "motor torque to acceleration of the same motor", "rad/s²"),
         (np.linalg.norm(to_output, axis=1), f"motor torque to acceleration of the {name}", f"{unit}/s²"),
     ]
-    figure = cv.new_figure(cv.WIDTH, 6.0, f"{cv.title_of(model)} — frequency response")
+    figure = cv.new_figure(cv.WIDTH, 6.0, f"{cv.title_of(model)}: frequency response")
     axes = figure.subplots(2, 1, sharex=True)
     for ax, (values, title, of) in zip(axes, panels, strict=True):
         level = 20 * np.log10(np.maximum(values, 1e-300))
         for j, motor in enumerate(model.motors):
             ax.plot(
-                w / 2 / np.pi, level[:, j], color=cv.COLOURS[j % 7], ls=cv.DASHES[j // 7 % 3], lw=1.3, label=motor.name
+                w / 2 / np.pi, level[:, j], color=cv.COLORS[j % 7], ls=cv.DASHES[j // 7 % 3], lw=1.3, label=motor.name
             )
         top = level.max()
         ax.set_ylim(max(level.min(), top - 200) - 6, top + 8)
@@ -178,8 +185,17 @@ def frequency_response(analysis: Analysis) -> Figure:
     placed = 0.0
     for frequency, _ in found:
         if frequency > (high / low) ** 0.075 * placed:
-            axes[0].annotate(f"{frequency:.3g} Hz", (frequency, 1), xycoords=("data", "axes fraction"), xytext=(2, -1),
-                             textcoords="offset points", va="top", fontsize=7.5, color=cv.GREY)  # fmt: skip
+            axes[0].annotate(
+                f"{frequency:.3g} Hz",
+                (frequency, 1),
+                xycoords=("data", "axes fraction"),
+                xytext=(2, -1),
+                textcoords="offset points",
+                va="top",
+                fontsize=7.5,
+                color=cv.GREY,
+                bbox=cv.BACKGROUND,
+            )
             placed = frequency
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=8)

@@ -1,4 +1,4 @@
-"""Pictures of a robot, its solution and its dynamics, as matplotlib figures for files, reports and notebooks."""
+"""Plots of a robot, its solution and its dynamics: matplotlib figures for files, reports and notebooks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
 from flexgen.plots import canvas as cv
 from flexgen.plots.canvas import save, svg
-from flexgen.plots.linear import falls, frequency_response, pole_zero_map, verdict
+from flexgen.plots.linear import falls_under_gravity, frequency_response, phase_summary, pole_zero_map
 from flexgen.plots.stick_figure import draw_view, handles, scene, spans
 from flexgen.simulation.simulate import Simulation
 from flexgen.trajectory import Trajectory
@@ -22,19 +22,21 @@ from flexgen.trajectory import Trajectory
 __all__ = [
     "deflections",
     "errors",
-    "falls",
+    "falls_under_gravity",
     "frequency_response",
     "overview",
+    "phase_summary",
     "pole_zero_map",
     "robot",
     "save",
     "speeds",
     "svg",
     "torques",
-    "verdict",
 ]
 
-EARLY = 1e-7  # of the torque's range: motion before the path that is worth a picture
+EARLY = 1e-7  # of the range of the torque; smaller changes before the path are not drawn
+ROUNDING = 1e-12  # rad or m; smaller deflections are drawn as zero
+ZERO = 1e-6  # of the largest value of all motors; a smaller signal is drawn as zero
 
 
 # --- over time --------------------------------------------------------------------------------------------------------
@@ -42,17 +44,20 @@ EARLY = 1e-7  # of the torque's range: motion before the path that is worth a pi
 
 def _title(equations: Equations, trajectory: Trajectory, text: str) -> str:
     move = trajectory.meta.get("move")
-    return f"{cv.title_of(equations.model)}{f', move {move}' if move else ''} — {text}"
+    return f"{cv.title_of(equations.model)}{f', move {move}' if move else ''}: {text}"
 
 
 def _window(equations: Equations, trajectory: Trajectory, end: float | None) -> tuple[float, float, float]:
-    """Begin of the picture, end of the path and end of the picture [s]."""
+    """Start of the plot, end of the path and end of the plot [s]."""
     stop = cv.path_end(equations, trajectory) if end is None else end
     return cv.begin(trajectory, stop), stop, float(trajectory.time[-1])
 
 
-def _limits(ax: Any, values: np.ndarray, bound: float | None, least: float, unit: str) -> None:
-    """Limits of an axis of one motor; its bound as dashed lines where it is near, in words where it is far."""
+def _limits(ax: Any, values: np.ndarray, bound: float | None, largest: float, unit: str) -> None:
+    """Set the limits of the axis of one motor; draw its bound as dashed lines if it is near, else print it.
+
+    ``largest``: largest value of all motors; a signal that is zero beside it gets an axis of that size.
+    """
     low, high = float(min(values.min(), 0.0)), float(max(values.max(), 0.0))
     size = max(-low, high)
     bound = bound if bound is not None and np.isfinite(bound) else None
@@ -65,7 +70,9 @@ def _limits(ax: Any, values: np.ndarray, bound: float | None, least: float, unit
     if bound is not None:
         text = f"limit ±{bound:.4g} {unit}"
         ax.set_title(text, loc="right", fontsize=8, color=cv.RED if near else cv.GREY)
-    margin = max(0.09 * (high - low), least)
+    if high - low <= ZERO * largest:
+        low, high = -0.1 * largest, 0.1 * largest
+    margin = 0.09 * (high - low)
     ax.set_ylim(low - margin, high + margin)
 
 
@@ -73,12 +80,12 @@ def _per_motor(
     figure: Any, equations: Equations, trajectory: Trajectory, channel: str, bounds: Sequence[float | None],
     window: tuple[float, float, float], label: str,
 ) -> None:  # fmt: skip
-    """A panel a motor: one column up to three motors, two beyond."""
+    """One panel per motor: one column for up to three motors, else two."""
     model, t, values = equations.model, trajectory.time, trajectory[channel]
     columns = 1 if model.n_m <= 3 else 2
     rows = -(-model.n_m // columns)
     axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
-    least = 1e-4 * max(float(np.ptp(values, axis=0).max()), 1e-9)
+    largest = float(np.abs(values).max()) or 1.0
     unit = trajectory.ports[channel].unit
     for j, ax in enumerate(axes.T.ravel()):
         if j >= model.n_m:
@@ -87,7 +94,7 @@ def _per_motor(
         ax.axhline(0.0, color=cv.GREY, lw=0.6, zorder=1)
         shown = (t >= window[0]) & (t <= window[2])
         ax.plot(t[shown], values[shown, j], color=cv.BLUE, zorder=4)
-        _limits(ax, values[:, j], bounds[j], least, unit)
+        _limits(ax, values[:, j], bounds[j], largest, unit)
         bottom = j % rows == rows - 1 or j == model.n_m - 1
         cv.time_axis(ax, *window, label=bottom)
         ax.tick_params(labelbottom=bottom)
@@ -96,18 +103,18 @@ def _per_motor(
 
 
 def _acts_early(trajectory: Trajectory, analysis: Analysis | None) -> bool:
-    """Whether the torque leaves its value at rest before the path, as it has to with unstable zeros."""
+    """Whether unstable zeros make the torque change before the path."""
     before = trajectory.time < 0
     if not before.any() or analysis is None or analysis.zeros.phase != "non-minimum phase":
         return False
-    if trajectory.meta.get("torque") == "limited":  # such a motion may begin early to keep its bounds
+    if trajectory.meta.get("torque") == "limited":  # such a motion may start early because of its limits
         return False
     away, span = cv.hold(trajectory)
     return bool((away[before] > EARLY * np.maximum(span, 1e-12)).any())
 
 
 def _early(ax: Any, equations: Equations, trajectory: Trajectory, T: float) -> None:
-    """How the torque leaves its value at rest, on a logarithmic scale: ``exp(t / T)`` is a straight line there."""
+    """Change of the torque before the path on a logarithmic axis, with the line ``exp(t / T)``."""
     away, span = cv.hold(trajectory)
     t = trajectory.time
     floor = 1e-3 * EARLY * float(span.max())
@@ -118,7 +125,7 @@ def _early(ax: Any, equations: Equations, trajectory: Trajectory, T: float) -> N
     shown = (t >= first) & (t <= last)
     for j, motor in enumerate(equations.model.motors):
         y = np.where(away[shown, j] > floor, away[shown, j], np.nan)
-        ax.semilogy(1e3 * t[shown], y, color=cv.COLOURS[j % 7], ls=cv.DASHES[j // 7 % 3], label=motor.name)
+        ax.semilogy(1e3 * t[shown], y, color=cv.COLORS[j % 7], ls=cv.DASHES[j // 7 % 3], label=motor.name)
     top = float(away[shown].max())
     begun = float(away[t <= 0][-1].max())
     grid = np.linspace(first, 0.0, 50)
@@ -128,7 +135,7 @@ def _early(ax: Any, equations: Equations, trajectory: Trajectory, T: float) -> N
     cv.time_axis(ax, 1e3 * first, 1e3 * max(last, 1e-3) + 1, 1e3 * last)
     ax.set_ylim(max(floor, 1e-5 * begun), 3 * top)
     cv.log_axis(ax.yaxis)
-    ax.set(xlabel="time, ms", ylabel="change of torque, N m", title="Torque before the path begins at t = 0")
+    ax.set(xlabel="time, ms", ylabel="change of torque, N m", title="torque before the path starts at t = 0")
     ax.legend(loc="upper left", ncols=2 if equations.model.n_m > 3 else 1)
 
 
@@ -142,7 +149,7 @@ def torques(
     analysis: Analysis | None = None,
     limits: Sequence[float] | None = None,
 ) -> Figure:
-    """Motor torques over time, one panel a motor [N m, motor side].
+    """Motor torques over time, one panel per motor [N m, motor side].
 
     Parameters
     ----------
@@ -154,8 +161,7 @@ def torques(
     end : float, optional [s]
         End of the path; default: read from the reference.
     analysis : Analysis, optional
-        Where it tells of unstable zeros, the torque before the path has a panel of its own, with the slope of the
-        slowest one.
+        If it has unstable zeros, one more panel shows the torque before the path and the slope of the slowest zero.
     limits : sequence of n_m floats, optional [N m]
         Limits to draw; default: those of the model file.
     """
@@ -181,7 +187,7 @@ def speeds(
     end: float | None = None,
     limits: Sequence[float] | None = None,
 ) -> Figure:
-    """Motor speeds over time, one panel a motor [rad/s, motor side]; limits dashed, by default the model file's."""
+    """Motor speeds over time, one panel per motor [rad/s, motor side]; default limits: those of the model file."""
     model = equations.model
     rows = model.n_m if model.n_m <= 3 else -(-model.n_m // 2)
     figure = cv.new_figure(cv.WIDTH, 0.7 + 1.55 * rows, _title(equations, trajectory, "motor speeds, motor side"))
@@ -191,14 +197,14 @@ def speeds(
 
 
 def elastic_groups(equations: Equations, trajectory: Trajectory) -> list[tuple[str, str, np.ndarray, list[str]]]:
-    """What bends: title, unit, values (n, k) and names of the coordinates without motors and of the gears' twists."""
+    """Groups of deflections: title, unit, values (n, k) and names of non-actuated coordinates and of gears."""
     model = equations.model
     q = trajectory["q_a"]
     groups = []
-    for unit, title in (("rad", "elastic joints without a motor"), ("m", "elastic translations and bending of beams")):
+    for unit, title in (("rad", "elastic joints without motor"), ("m", "elastic translations and beam deflections")):
         chosen = [i for i in model.i_e if model.coordinates[i].unit == unit]
         groups.append((title, unit, q[:, chosen], [model.coordinates[i].name for i in chosen]))
-    twist = np.linalg.solve(model.eta, trajectory["q_m"].T).T - q[:, list(model.i_g)]
+    deflection = np.linalg.solve(model.eta, trajectory["q_m"].T).T - q[:, list(model.i_g)]
     for unit in ("rad", "m"):
         chosen = []
         for k, i in enumerate(model.i_g):
@@ -206,7 +212,7 @@ def elastic_groups(equations: Equations, trajectory: Trajectory) -> list[tuple[s
             if model.coordinates[i].unit == unit and dof is not None and dof.gear is not None and not dof.gear.rigid:
                 chosen.append(k)
         names = [model.coordinates[model.i_g[k]].name for k in chosen]
-        groups.append(("twist of the elastic gears, arm side", unit, twist[:, chosen], names))
+        groups.append(("deflection of the elastic gears, arm side", unit, deflection[:, chosen], names))
     return [group for group in groups if group[3]]
 
 
@@ -214,25 +220,31 @@ def elastic_groups(equations: Equations, trajectory: Trajectory) -> list[tuple[s
 def deflections(
     equations: Equations, trajectory: Trajectory, simulation: Simulation | None = None, *, end: float | None = None
 ) -> Figure:
-    """Non-actuated coordinates and gear twists over time [mrad or mm]; the sag at rest is part of them.
+    """Non-actuated coordinates and gear deflections over time; they include the sag under gravity.
 
     Raises
     ------
     ArgumentError
-        The model has nothing elastic.
+        The model has no elastic coordinate or gear.
     """
     groups, window, t = elastic_groups(equations, trajectory), _window(equations, trajectory, end), trajectory.time
     if not groups:
-        raise ArgumentError(f"deflections: model {equations.model.name} has rigid gears and no elastic coordinate")
+        raise ArgumentError(
+            f"deflections: model {equations.model.name} has only rigid gears and no elastic coordinate, expected one"
+        )
     figure = cv.new_figure(cv.WIDTH, 0.6 + 2.4 * len(groups), _title(equations, trajectory, "elastic deflections"))
     shown = (t >= window[0]) & (t <= window[2])
     for ax, (title, unit, values, names) in zip(
         figure.subplots(len(groups), 1, squeeze=False)[:, 0], groups, strict=True
     ):
-        factor, shown_unit = cv.prefixed(float(np.abs(values).max()), unit)
+        top = float(np.abs(values).max())
+        zero = top < ROUNDING
+        factor, shown_unit = cv.prefixed(1e-3 if zero else top, unit)
         for k, name in enumerate(names):
-            ax.plot(t[shown], factor * values[shown, k], color=cv.COLOURS[k % 7], ls=cv.DASHES[k // 7 % 3], label=name)
+            ax.plot(t[shown], factor * values[shown, k], color=cv.COLORS[k % 7], ls=cv.DASHES[k // 7 % 3], label=name)
         ax.axhline(0.0, color=cv.GREY, lw=0.6, zorder=1)
+        if zero:
+            ax.set_ylim(-1.0, 1.0)
         cv.time_axis(ax, *window)
         ax.set(ylabel=f"{'angle' if unit == 'rad' else 'deflection'}, {shown_unit}", title=title)
         ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), ncols=1 if len(names) <= 8 else 2)
@@ -240,13 +252,13 @@ def deflections(
 
 
 def _error_axis(ax: Any, t: np.ndarray, values: np.ndarray, unit: str, names: list[str], label: str) -> None:
-    """Sizes on a logarithmic scale, the largest in words."""
+    """Absolute values on a logarithmic axis; the largest value as a title."""
     top = float(np.abs(values).max())
     factor, shown = cv.prefixed(top, unit)
     size = factor * np.abs(values)
     floor = factor * max(1e-4 * top, 1e-15)
     for k, name in enumerate(names):
-        ax.semilogy(t, np.maximum(size[:, k], 0.1 * floor), color=cv.COLOURS[k % 7], lw=1.2, label=name)
+        ax.semilogy(t, np.maximum(size[:, k], 0.1 * floor), color=cv.COLORS[k % 7], lw=1.2, label=name)
     ax.set_ylim(floor, max(4 * factor * top, 10 * floor))
     cv.log_axis(ax.yaxis)
     ax.set_ylabel(f"{label}, {shown}")
@@ -258,14 +270,14 @@ def _error_axis(ax: Any, t: np.ndarray, values: np.ndarray, unit: str, names: li
 def _error_parts(equations: Equations, simulation: Simulation | None) -> list[tuple[np.ndarray, str, list[str], str]]:
     """Panels of the error: values (n, k), unit, names, label."""
     if simulation is None or "error" not in simulation.trajectory.channels:
-        raise ArgumentError("errors: given a solution that was not verified, expected one with a simulation")
+        raise ArgumentError("errors: given a solution that is not verified, expected one with a simulation")
     done, output = simulation.trajectory, equations.model.output
     if output.type == "combination":
         names = list(done.labels["error"])
-        return [(done["error"], output.unit if output.unit != "mixed" else "rad or m", names, "size of the error")]
-    parts = [(np.linalg.norm(done["error"], axis=1)[:, None], "m", ["distance"], "distance from the path")]
+        return [(done["error"], output.unit if output.unit != "mixed" else "rad or m", names, "error")]
+    parts = [(np.linalg.norm(done["error"], axis=1)[:, None], "m", ["distance"], "distance")]
     if "turn" in done.channels:
-        parts.append((done["turn"], "rad", ["angle"], "angle to the reference"))
+        parts.append((done["turn"], "rad", ["angle"], "angle"))
     return parts
 
 
@@ -273,16 +285,16 @@ def _error_parts(equations: Equations, simulation: Simulation | None) -> list[tu
 def errors(
     equations: Equations, trajectory: Trajectory, simulation: Simulation | None, *, end: float | None = None
 ) -> Figure:
-    """Error of the simulated output over time, logarithmic.
+    """Error of the simulated output over time on a logarithmic axis.
 
     Raises
     ------
     ArgumentError
-        There is no simulation, or it had no reference.
+        There is no simulation, or the simulation has no reference.
     """
     parts, window = _error_parts(equations, simulation), _window(equations, trajectory, end)
     figure = cv.new_figure(
-        cv.WIDTH, 0.6 + 2.3 * len(parts), _title(equations, trajectory, "error of the simulated machine")
+        cv.WIDTH, 0.6 + 2.3 * len(parts), _title(equations, trajectory, "simulated error from the reference")
     )
     for ax, (values, unit, names, label) in zip(
         figure.subplots(len(parts), 1, squeeze=False)[:, 0], parts, strict=True
@@ -298,7 +310,7 @@ def errors(
 def _outputs(
     figure: Any, equations: Equations, trajectory: Trajectory, simulation: Simulation | None, end: float
 ) -> None:
-    """The output over time, for machines without extent."""
+    """The output over time, for robots without spatial extent."""
     model, t = equations.model, trajectory.time
     driven = trajectory if simulation is None else simulation.trajectory
     y = evaluate(equations.function("output"), driven["q_a"])[0].reshape(len(t), -1)
@@ -318,10 +330,10 @@ def _outputs(
 def robot(
     equations: Equations, trajectory: Trajectory, simulation: Simulation | None = None, *, end: float | None = None
 ) -> Figure:
-    """The robot at several instants of its path, with its joints, the tool's path and the reference.
+    """The robot at several instants of its path, with its joints, the path of the tool and the reference.
 
-    Planar robots in their plane, spatial ones in three views of one scale; machines whose chain has no extent (a row of
-    masses) are shown by their output over time.
+    Planar robots are drawn in their plane, spatial robots in three views of equal scale. For robots without spatial
+    extent (a row of masses) the output over time is drawn.
 
     Parameters
     ----------
@@ -329,7 +341,7 @@ def robot(
     trajectory : Trajectory
         As `flexgen.solve` returns it.
     simulation : Simulation, optional
-        Gives the tool's path; without one it is the planned motion's.
+        Its tool path is drawn; without it that of the planned motion.
     end : float, optional [s]
         End of the path; default: read from the reference.
     """
@@ -346,23 +358,23 @@ def robot(
     spatial = len(drawn.views) > 1
     deep = next(k for k in range(3) if k not in (right, up)) if spatial else right
     wide, high = (size[right] + size[deep], size[up] + size[deep]) if spatial else (size[right], size[up])
-    scale = min((7.0 if spatial else 5.4) / wide, (6.6 if spatial else 5.2) / high)  # inches a metre
+    scale = min((7.0 if spatial else 5.4) / wide, (6.6 if spatial else 5.2) / high)  # inches per meter
     gap = 0.75
     width, height = scale * wide + 1.0 + (gap if spatial else 2.7), scale * high + 1.05 + (gap if spatial else 0.0)
     height = max(height, 3.2)
     figure = cv.new_figure(max(width, cv.WIDTH) if spatial else width, height, title, layout=False)
     width = figure.get_figwidth()
-    corners = [(0.75, height - 0.5 - scale * size[up])]  # of the views, lower left, inches
+    corners = [(0.75, height - 0.5 - scale * size[up])]  # lower left corner of each view, inches
     if spatial:
         corners += [(0.75 + scale * size[right] + gap, corners[0][1]), (0.75, 0.55)]
     for view, (x, y), label in zip(drawn.views, corners, ("front", "side", "top"), strict=False):
         box = (x / width, y / height, scale * size[view[0]] / width, scale * size[view[1]] / height)
         draw_view(figure.add_axes(box), model, drawn, view, label if spatial else "")
     if spatial:
-        at, where = (corners[1][0] / width, (0.55 + scale * size[deep] / 2) / height), "center left"
+        anchor, where = (corners[1][0] / width, (0.55 + scale * size[deep] / 2) / height), "center left"
     else:
-        at, where = ((0.9 + scale * wide) / width, 0.5), "center left"
-    figure.legend(handles=handles(model, drawn), loc=where, bbox_to_anchor=at)
+        anchor, where = ((0.9 + scale * wide) / width, 0.5), "center left"
+    figure.legend(handles=handles(model, drawn), loc=where, bbox_to_anchor=anchor)
     return figure
 
 
@@ -370,7 +382,7 @@ def robot(
 def overview(
     equations: Equations, trajectory: Trajectory, simulation: Simulation | None = None, *, end: float | None = None
 ) -> Figure:
-    """One picture of a solution: the robot on the left; torques of all motors and the verified error on the right."""
+    """One figure of a solution: the robot on the left, motor torques and simulated error on the right."""
     model, window = equations.model, _window(equations, trajectory, end)
     drawn = scene(equations, trajectory, simulation, window[1])
     verified = simulation is not None and "error" in simulation.trajectory.channels
@@ -388,13 +400,13 @@ def overview(
     axes = right.subplots(2 if verified else 1, 1, squeeze=False)[:, 0]
     t, tau = trajectory.time, trajectory["tau_m"]
     for j, motor in enumerate(model.motors):
-        axes[0].plot(t, tau[:, j], color=cv.COLOURS[j % 7], ls=cv.DASHES[j // 7 % 3], label=motor.name)
+        axes[0].plot(t, tau[:, j], color=cv.COLORS[j % 7], ls=cv.DASHES[j // 7 % 3], label=motor.name)
     axes[0].set(ylabel="torque, N m", title="motor torques, motor side")
     axes[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     if verified:
         values, unit, names, label = _error_parts(equations, simulation)[0]
         _error_axis(axes[1], t, values, unit, names, label)
-        axes[1].set_title("error of the simulated machine")
+        axes[1].set_title("simulated error from the reference")
     for ax in axes:
         cv.time_axis(ax, *window, label=ax is axes[-1])
     return figure

@@ -1,4 +1,4 @@
-"""The robot as a stick figure: its chain at several instants, its joints by kind, the tool's path and the reference."""
+"""The robot as a stick figure at several instants, with its joints, the path of the tool and the reference."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from flexgen.simulation.simulate import Simulation
 from flexgen.trajectory import Trajectory
 
 INSTANTS = 6
-FLAT = 1e-6  # an extent below this part of the largest one is none
+FLAT = 1e-6  # of the largest extent; a smaller extent is zero
 
 _KINDS: dict[str, tuple[str, dict[str, Any]]] = {
     "elastic": ("joint with an elastic gear", {"marker": "o", "ms": 8, "mfc": BLUE, "mec": "white"}),
     "rigid": ("joint with a rigid gear", {"marker": "o", "ms": 8, "mfc": "white", "mec": BLUE, "mew": 1.6}),
-    "free": ("elastic joint without a motor", {"marker": "D", "ms": 5, "mfc": ORANGE, "mec": "white", "mew": 0.8}),
+    "free": ("elastic joint without motor", {"marker": "D", "ms": 5, "mfc": ORANGE, "mec": "white", "mew": 0.8}),
 }
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What is drawn, in the world: the chain at some instants, the tool's path, and its reference (None: unknown).
+    """Data of the drawing in world axes: the robot at some instants, the path of the tool, its reference or None.
 
     ``frames`` (INSTANTS, 3, k), ``times`` (INSTANTS) [s], ``tool`` (n, 3), ``reference`` (n, 3) [m]; ``views``: pairs
-    of axes (right, up), one for a planar robot, three for a spatial one, none where the chain has no extent.
+    of axes (right, up): one for a planar robot, three for a spatial one, none for a robot without extent.
     """
 
     frames: np.ndarray
@@ -42,7 +42,7 @@ class Scene:
 
 
 def scene(equations: Equations, trajectory: Trajectory, simulation: Simulation | None, end: float) -> Scene:
-    """The `Scene` of a trajectory; the tool's path is the simulated one where there is one."""
+    """The `Scene` of a trajectory, with the simulated path of the tool if there is a simulation."""
     model, t = equations.model, trajectory.time
     driven = trajectory if simulation is None else simulation.trajectory
     times = _instants(equations, trajectory, end)
@@ -58,12 +58,12 @@ def scene(equations: Equations, trajectory: Trajectory, simulation: Simulation |
 
 
 def _instants(equations: Equations, trajectory: Trajectory, end: float) -> np.ndarray:
-    """Instants between which the chain moves by equal parts of its way [s]; equal times where it stands still."""
+    """Instants [s] between which the robot moves by equal distances."""
     grid = np.linspace(max(0.0, float(trajectory.time[0])), min(end, float(trajectory.time[-1])), 201)
     q = np.array([np.interp(grid, trajectory.time, column) for column in trajectory["q_a"].T]).T
     steps = np.diff(evaluate(equations.function("chain_points"), q)[0], axis=0)
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=(1, 2)) + 1e-12)])
-    return np.interp(np.linspace(0.0, way[-1], INSTANTS), way, grid)
+    distance = np.concatenate([[0.0], np.cumsum(np.linalg.norm(steps, axis=(1, 2)) + 1e-12)])
+    return np.interp(np.linspace(0.0, distance[-1], INSTANTS), distance, grid)
 
 
 def _views(model: RobotModel, frames: np.ndarray) -> tuple[tuple[int, int], ...]:
@@ -73,7 +73,7 @@ def _views(model: RobotModel, frames: np.ndarray) -> tuple[tuple[int, int], ...]
     gravity = np.abs(model.gravity)
     flat = np.flatnonzero(extent < FLAT * extent.max())
     if len(flat):
-        # in its plane; a plane that contains two still axes is one with gravity
+        # if two axes have no extent, choose the plane that contains gravity
         across = next((int(k) for k in flat if gravity[k] < 0.5 * gravity.max()), int(flat[-1]))
         plane = [k for k in range(3) if k != across]
         up = plane[int(np.argmax(gravity[plane]))] if gravity[plane].any() else plane[1]
@@ -84,7 +84,7 @@ def _views(model: RobotModel, frames: np.ndarray) -> tuple[tuple[int, int], ...]
 
 
 def spans(drawn: Scene) -> np.ndarray:
-    """Least and largest coordinate of everything drawn, with a margin: (3, 2) [m]."""
+    """Range of each coordinate in the drawing, with a margin: (3, 2) [m]."""
     points = np.vstack([drawn.frames.transpose(0, 2, 1).reshape(-1, 3), drawn.tool])
     low, high = points.min(axis=0), points.max(axis=0)
     margin = 0.07 * (high - low).max()
@@ -92,7 +92,7 @@ def spans(drawn: Scene) -> np.ndarray:
 
 
 def draw_view(ax: Any, model: RobotModel, drawn: Scene, view: tuple[int, int], label: str = "") -> None:
-    """One view on equal axes: early poses pale, the last one dark."""
+    """Draw one view with equal axes; early poses are pale, the last is dark."""
     right, up = view
     for k, frame in enumerate(drawn.frames):
         last = k == len(drawn.frames) - 1
@@ -109,30 +109,30 @@ def draw_view(ax: Any, model: RobotModel, drawn: Scene, view: tuple[int, int], l
     ax.set(xlabel=f"{'xyz'[right]}, m", ylabel=f"{'xyz'[up]}, m", title=label)
 
 
-def _chain(ax: Any, model: RobotModel, places: np.ndarray, shade: str, order: int, joints: bool) -> None:
-    """One pose: ``places`` (2, k) are base; origin, joint and body of each element, the tip of its beam; tool."""
-    ax.plot(*places, color=shade, lw=3.2, solid_joinstyle="round", zorder=order)
+def _chain(ax: Any, model: RobotModel, positions: np.ndarray, shade: str, order: int, joints: bool) -> None:
+    """Draw one pose from ``positions`` (2, k): base; origin, joint, body and beam tip of each element; tool."""
+    ax.plot(*positions, color=shade, lw=3.2, solid_joinstyle="round", zorder=order)
     k = 1
     for element in model.elements:
         if element.beam is not None:
             if joints:
-                ax.plot(*places[:, k + 2 : k + 4], color=ORANGE, lw=3.2, zorder=order)
+                ax.plot(*positions[:, k + 2 : k + 4], color=ORANGE, lw=3.2, zorder=order)
             k += 1
         for kind in _kinds_of(element.dofs) if joints else ():
-            ax.plot(*places[:, k - (element.beam is not None)], ls="none", zorder=order + 10, **_KINDS[kind][1])
+            ax.plot(*positions[:, k - (element.beam is not None)], ls="none", zorder=order + 10, **_KINDS[kind][1])
         k += 3
     if joints:
-        ax.plot(*places[:, -1], marker="o", ms=4.5, color=shade, zorder=order + 10)
+        ax.plot(*positions[:, -1], marker="o", ms=4.5, color=shade, zorder=order + 10)
 
 
 def _kinds_of(dofs: Any) -> list[str]:
-    """Kinds of joint among some degrees of freedom, those with motors first."""
+    """Kinds of joints of some degrees of freedom, motor joints first."""
     found = {"free" if d.gear is None else "rigid" if d.gear.rigid else "elastic" for d in dofs}
     return [kind for kind in _KINDS if kind in found]
 
 
 def handles(model: RobotModel, drawn: Scene) -> list[Any]:
-    """What a legend shows."""
+    """Entries of the legend."""
     kinds = {kind for element in model.elements for kind in _kinds_of(element.dofs)}
     out = [Line2D([], [], ls="none", label=text, **style) for kind, (text, style) in _KINDS.items() if kind in kinds]
     if any(element.beam is not None for element in model.elements):

@@ -1,4 +1,4 @@
-"""The report of a solution: one self-contained HTML page with its figures, tables and pictures."""
+"""The report of a solution: one self-contained HTML page with tables and plots."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from scipy.integrate import trapezoid
 from flexgen import __version__
 from flexgen.analysis.analyze import Analysis, analyze
 from flexgen.analysis.zeros import ON_AXIS
-from flexgen.analysis.zeros_along_path import ZeroPath, zero_path
 from flexgen.errors import SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.comparison import error_rows
@@ -22,10 +21,10 @@ from flexgen.inversion.solution import Figure, Solution
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Friction, Motor, RobotModel
-from flexgen.paths.path import Path as ToolPath
 from flexgen.plots import along_path
-from flexgen.plots import solution as figures_of
+from flexgen.plots import solution as plots
 from flexgen.plots.canvas import measure, title_of
+from flexgen.reports.pictures import Picture, pictures
 
 _CSS = """
 body { font: 16px/1.5 "Helvetica Neue", Arial, "DejaVu Sans", sans-serif; color: #222; background: #fff;
@@ -47,14 +46,8 @@ sup { line-height: 0; }
 """
 
 
-_FALLING = (
-    "Near the origin, a pole in the right half plane is the arm falling under gravity with free motors, not a fault of "
-    "the controller."
-)
-
-
 def _number(x: float | None, digits: int = 4) -> str:
-    """A number for people, ``5.065·10<sup>-4</sup>``; a dash for None."""
+    """A number as HTML, ``5.065·10<sup>-4</sup>``; a dash for None."""
     if x is None or not np.isfinite(x):
         return "\N{EN DASH}"
     text = f"{x:.{digits}g}"
@@ -65,13 +58,13 @@ def _number(x: float | None, digits: int = 4) -> str:
 
 
 def _measure(value: float, unit: str) -> tuple[str, str]:
-    """A size and its unit with a prefix."""
+    """A value as text, and its prefixed unit."""
     number, shown = measure(value, unit)
     return html.escape(number), html.escape(shown)
 
 
 def _complex(z: complex) -> str:
-    """A root without what is rounding."""
+    """A root as text, without parts that are only rounding."""
     size = abs(z)
     re_, im = (0.0 if abs(x) < 1e-7 * size else x for x in (z.real, z.imag))
     if im == 0:
@@ -81,7 +74,7 @@ def _complex(z: complex) -> str:
 
 
 def _table(head: Iterable[str], rows: Iterable[Iterable[str]], numeric: Iterable[int] = ()) -> str:
-    """A table of ready HTML; the columns ``numeric`` are set flush right."""
+    """A table of HTML cells; the columns ``numeric`` are right-aligned."""
     right = set(numeric)
 
     def row(cells: Iterable[str], tag: str) -> str:
@@ -105,7 +98,7 @@ def _summary(solution: Solution) -> str:
         "<p>The limits keep the motion off the path. The error from the modified path shows how well this torque "
         "tracks the planned motion.</p>\n"
     )
-    return _table(("what", "value", "unit"), rows, (1,)) + (note if solution.plan_error_max is not None else "")
+    return _table(("quantity", "value", "unit"), rows, (1,)) + (note if solution.plan_error_max is not None else "")
 
 
 def _summary_row(figure: Figure) -> tuple[str, str, str]:
@@ -119,11 +112,6 @@ def _summary_row(figure: Figure) -> tuple[str, str, str]:
     if isinstance(value, float):
         return label, _number(value), unit
     return label, html.escape(str(value)) or "\N{EN DASH}", unit
-
-
-def _is_limited(solution: Solution) -> bool:
-    """Whether limits keep the motion off the path."""
-    return solution.status == Status.LIMITS_ACTIVE or solution.plan_error_max is not None
 
 
 def _friction(f: Friction) -> str:
@@ -166,13 +154,13 @@ def _motors(model: RobotModel, solution: Solution, limits: Limits) -> str:
 
 
 def _dynamics(analysis: Analysis) -> str:
-    """Tables of modes and zeros."""
+    """Tables of modes and zeros of an analysis."""
     top = max((f for f, _ in analysis.modes), default=0.0)
     modes = [(f, d) for f, d in analysis.modes if f > 1e-6 * top]
     out = ["<h3>Modes</h3>\n"]
     if modes:
         rows = ((str(k + 1), _number(f), _number(100 * d, 3)) for k, (f, d) in enumerate(modes))
-        out.append(_table(("mode", "frequency, Hz", "damping, % of critical"), rows, (0, 1, 2)))
+        out.append(_table(("mode", "frequency, Hz", "damping ratio, %"), rows, (0, 1, 2)))
     else:
         out.append("<p>No oscillatory mode.</p>\n")
     out.append("<h3>Zeros of the output</h3>\n")
@@ -180,94 +168,19 @@ def _dynamics(analysis: Analysis) -> str:
     if zeros:
         written = ((f"{_complex(z)} and its conjugate" if z.imag > 1e-7 * abs(z) else _complex(z), z) for z in zeros)
         sides = ((text, _side(z)) for text, z in written)
-        out.append(_table(("zero, 1/s", ""), sides))
-    out.append(f"<p>{html.escape(figures_of.verdict(analysis).capitalize())}.")
+        out.append(_table(("zero, 1/s", "stability"), sides))
+    out.append(f"<p>{html.escape(plots.phase_summary(analysis).capitalize())}.")
     if analysis.zeros.preview_s > 0:
-        out.append(f" Five time constants of preview are {_number(1e3 * analysis.zeros.preview_s, 3)} ms.")
+        preview = _number(1e3 * analysis.zeros.preview_s, 3)
+        out.append(f" Preview required for exact tracking (five time constants): {preview} ms.")
     return "".join([*out, "</p>\n"])
 
 
 def _side(z: complex) -> str:
-    return "unstable" if z.real > ON_AXIS * abs(z) else "stable" if z.real < -ON_AXIS * abs(z) else "on the axis"
-
-
-def _analysis(equations: Equations, solution: Solution) -> Analysis | None:
-    """The machine at the start of the move; None where it has no equilibrium there."""
-    try:
-        return analyze(equations, solution.move.start)
-    except SolverError:
-        return None
-
-
-def _pictures(
-    equations: Equations, solution: Solution, analysis: Analysis | None, limits: Limits
-) -> list[tuple[str, Any, str]]:
-    """Name, figure and caption of each picture."""
-    trajectory, simulation, model = solution.trajectory, solution.simulation, equations.model
-    given = (equations, trajectory, simulation)
-    end = solution.move.duration
-    source = "planned" if simulation is None else "simulated"
-    limited = " Limits keep the machine off the path." if _is_limited(solution) else ""
-    exact = analysis if solution.method != "full" else None  # the optimum of the full model is free before the path
-    unstable = exact is not None and exact.zeros.phase == "non-minimum phase"
-    early = (
-        "It begins before the path because the zero dynamics is unstable, and only what comes beforehand keeps it "
-        "bounded; below, on a logarithmic scale, this early torque and the slope of the slowest unstable zero (dashed)."
-        if unstable and trajectory.time[0] < 0
-        else "Before the path it follows from the optimisation, which weighs the tool's error against steps of torque."
-        if exact is None
-        else "Where no zero is unstable, nothing has to happen before the path."
+    """Stability of a zero as text."""
+    return (
+        "unstable" if z.real > ON_AXIS * abs(z) else "stable" if z.real < -ON_AXIS * abs(z) else "on the imaginary axis"
     )
-    out = [
-        (
-            "robot",
-            figures_of.robot(*given, end=end),
-            f"The machine along the move; the {source} path and its reference.{limited}",
-        ),
-        (
-            "torques",
-            figures_of.torques(*given, analysis=exact, end=end, limits=limits.torque),
-            f"Torque of each motor. {early}{limited}",
-        ),
-        (
-            "speeds",
-            figures_of.speeds(*given, end=end, limits=limits.speed),
-            "Speed of each motor; dashed: its limits, where they are near.",
-        ),
-    ]
-    if figures_of.elastic_groups(equations, trajectory):
-        text = (
-            "What bends: coordinates without a motor and twists of the gears; at rest they show the sag under gravity."
-        )
-        out.append(("deflections", figures_of.deflections(*given, end=end), text))
-    if simulation is not None and "error" in simulation.trajectory.channels:
-        text = (
-            "Error of the full model, simulated forward under this torque by an integrator independent of the solver."
-        )
-        out.append(("errors", figures_of.errors(*given, end=end), text + limited))
-    if analysis is not None:
-        what = "output" if model.output.type == "combination" else "tool"
-        text = f"Poles and zeros at the start of the move: {figures_of.verdict(analysis)}."
-        if figures_of.falls(analysis):
-            text += f" {_FALLING}"
-        out.append(("pole_zero_map", figures_of.pole_zero_map(analysis), text))
-        text = (
-            "Resonances show as peaks, dashed lines mark the modes; the dips of the upper panel are the frequencies at "
-            f"which the machine swings against a standing motor; below, what reaches the {what}."
-        )
-        out.append(("frequency_response", figures_of.frequency_response(analysis), text))
-    return out
-
-
-def _zeros_along(equations: Equations, solution: Solution) -> ZeroPath | None:
-    """Zeros of the poses along the path; None where there are none to show."""
-    if not (equations.model.n_e and equations.model.inversion_obstacle() is None):
-        return None
-    try:
-        found = zero_path(equations, ToolPath(equations, solution.move))
-    except SolverError:
-        return None
-    return found if np.isfinite(found.zeros).any() else None
 
 
 def _comparison(beside: tuple[Solution, ...]) -> str:
@@ -280,22 +193,22 @@ def _comparison(beside: tuple[Solution, ...]) -> str:
         + [_number(row.get(f"{what}_{unit}"), 3) for unit in units for what in ("start", "largest")]
         for row in rows
     ]
-    told = (
+    note = (
         "<p>The same move with the torque of simpler models, simulated open loop on the full model from rest: rigid "
-        "(all springs stiff), fjm (elastic gears only), quasistatic (deflections follow their loads at once). The "
-        "error at the start is what the arm sags where a model does not know of it.</p>\n"
+        "(all springs rigid), fjm (only elastic gears), quasistatic (deflections without dynamics). The error at the "
+        "start is the sag under gravity that the simpler model neglects.</p>\n"
     )
-    return "<h2>Tool error by method</h2>\n" + told + _table(head, cells, range(1, len(head)))
+    return "<h2>Tool error by method</h2>\n" + note + _table(head, cells, range(1, len(head)))
 
 
 def _robustness(rows: list[dict[str, Any]]) -> str:
-    """Tables of the largest tool errors on machines that differ from the model: plants down, methods across."""
+    """Tables of the largest tool errors on robots that differ from the model: rows are robots, columns are methods."""
     methods, plants = (list(dict.fromkeys(row[key] for row in rows)) for key in ("method", "plant"))
-    told = {
-        "feedback": "torque and motor references with a cascade of speed and position control at the motors",
-        "feedforward": "torque alone, open loop",
+    meaning = {
+        "feedback": "torque feedforward with cascaded motor position and speed control",
+        "feedforward": "torque only, open loop",
     }
-    out = ["<h2>Robustness</h2>\n<p>Largest tool error on machines that differ from the model.</p>\n"]
+    out = ["<h2>Robustness</h2>\n<p>Largest tool error on robots whose parameters differ from the model.</p>\n"]
     for control in sorted({row["control"] for row in rows}):
         for unit in ("m", "rad"):
             errors = {
@@ -308,13 +221,13 @@ def _robustness(rows: list[dict[str, Any]]) -> str:
                 for plant in plants
             ]
             what = "distance" if unit == "m" else "angle"
-            out.append(f"<h3>{control.capitalize()}, {what}: {told[control]}</h3>\n")
-            out.append(_table(["machine", *map(html.escape, methods)], cells, range(1, len(methods) + 1)))
+            out.append(f"<h3>{control.capitalize()}, {what}: {meaning[control]}</h3>\n")
+            out.append(_table(["robot", *map(html.escape, methods)], cells, range(1, len(methods) + 1)))
     return "".join(out)
 
 
 def _generated(generated: Any) -> str:
-    """The C library, where one was made."""
+    """Table of the C library; empty if there is none."""
     if generated is None:
         return ""
     rows = [
@@ -322,7 +235,7 @@ def _generated(generated: Any) -> str:
         ("files", html.escape(", ".join(Path(file).name for file in generated.files))),
         ("digest", f"<code>{html.escape(generated.digest[:16])}</code>"),
     ]
-    return "<h2>C library</h2>\n" + _table(("what", ""), rows)
+    return "<h2>C library</h2>\n" + _table(("quantity", "value"), rows)
 
 
 def write_report(
@@ -336,27 +249,27 @@ def write_report(
     beside: tuple[Solution, ...] = (),
     robustness: list[dict[str, Any]] | None = None,
 ) -> Path:
-    """Write the report of a solution: ``index.html``, which needs no other file, and each picture as svg beside it.
+    """Write the report of a solution: a self-contained ``index.html``, and each plot as an svg file.
 
     Parameters
     ----------
     equations : Equations
-        Of the solution's model.
+        Of the model of the solution.
     solution : Solution
-        With or without a verification.
+        With or without verification.
     directory : str or Path
-        Made where it does not exist.
+        Created if it does not exist.
     analysis : Analysis, optional
         Default: at the start of the move.
     generated : Generated, optional
-        The C library, to be listed.
+        The C library to list.
     limits : Limits, optional
-        Bounds that the solution was made with; default: those of the model file.
+        Limits of the solution; default: those of the model file.
     beside : tuple of Solution
-        The solution among others of the same move, as `flexgen.inversion.comparison.compare_methods` finds them, to be
-        shown together.
+        Solutions of the same move by several methods, this one among them, from
+        `flexgen.inversion.comparison.compare_methods`.
     robustness : list of dict, optional
-        Rows of `flexgen.inversion.robustness.compare_plants`.
+        Rows from `flexgen.inversion.robustness.compare_plants`.
 
     Returns
     -------
@@ -365,39 +278,18 @@ def write_report(
     """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    model, move = equations.model, solution.move
-    analysis = analysis if analysis is not None else _analysis(equations, solution)
-    shown = []
-    drawn = _pictures(equations, solution, analysis, limits or Limits())
-    along = _zeros_along(equations, solution)
-    if along is not None:
-        caption = f"Zeros of the poses of rest along the path: {along.verdict}."
-        drawn.append(("zeros_along", along_path.zeros_along(equations.model, along), caption))
-    verified = tuple(s for s in beside if s.simulation is not None)
-    if len(verified) > 1:
-        caption = "Tool error of the full model under the torques of several methods, simulated open loop from rest."
-        drawn.append(("methods", along_path.errors_of_methods(model, verified), caption))
-    for name, figure, caption in drawn:
-        figures_of.save(figure, directory / f"{name}.svg")
-        label = f'<svg role="img" aria-label="{html.escape(caption)}" '
-        drawing = re.sub(r"^<svg ", label, figures_of.svg(figure, f"{name}-"))
-        shown.append(f'<figure id="{name}">\n{drawing}<figcaption>{html.escape(caption)}</figcaption>\n</figure>\n')
-    title = f"{title_of(model)}, move {move.name}"
-    warnings = "".join(f"<li>{html.escape(line)}</li>" for line in solution.warnings)
-    counts = (
-        f"{model.n_m} motors, {model.n_g} actuated and {model.n_e} elastic coordinates, {model.dof} degrees of freedom"
-    )
+    model = equations.model
+    analysis = analysis if analysis is not None else _analysis_at_start(equations, solution)
+    verified = tuple(one for one in beside if one.simulation is not None)
+    drawn = pictures(equations, solution, analysis, limits or Limits(), verified)
+    title = f"{title_of(model)}, move {solution.move.name}"
     parts = [
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n',
-        f"<title>{html.escape(title)}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n",
-        f"<h1>{html.escape(title)}</h1>\n",
-        f'<p class="sub">{html.escape(model.description)}. {html.escape(counts)}.</p>\n',
-        f'<div class="warn"><ul>{warnings}</ul></div>\n' if warnings else "",
+        _head(title),
+        _introduction(title, model, solution),
         "<h2>Summary</h2>\n",
         _summary(solution),
-        "<h2>Pictures</h2>\n",
-        *shown,
+        "<h2>Plots</h2>\n",
+        *(_figure(picture, directory) for picture in drawn),
         _comparison(verified) if len(verified) > 1 else "",
         _robustness(robustness) if robustness else "",
         "<h2>Motors</h2>\n",
@@ -414,6 +306,45 @@ def write_report(
     return page
 
 
+def _analysis_at_start(equations: Equations, solution: Solution) -> Analysis | None:
+    """Analysis at the start of the move; None if there is no equilibrium."""
+    try:
+        return analyze(equations, solution.move.start)
+    except SolverError:
+        return None
+
+
+def _head(title: str) -> str:
+    """Start of the page: its head with title and style."""
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{html.escape(title)}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n"
+    )
+
+
+def _introduction(title: str, model: RobotModel, solution: Solution) -> str:
+    """Title, description of the model and warnings."""
+    counts = (
+        f"{model.n_m} motors, {model.n_g} actuated and {model.n_e} non-actuated coordinates, "
+        f"{model.dof} degrees of freedom"
+    )
+    warnings = "".join(f"<li>{html.escape(line)}</li>" for line in solution.warnings)
+    return (
+        f'<h1>{html.escape(title)}</h1>\n<p class="sub">{html.escape(model.description)}. {html.escape(counts)}.</p>\n'
+    ) + (f'<div class="warn"><ul>{warnings}</ul></div>\n' if warnings else "")
+
+
+def _figure(picture: Picture, directory: Path) -> str:
+    """Write a picture to its svg file; return its HTML element."""
+    plots.save(picture.figure, directory / f"{picture.name}.svg")
+    caption = html.escape(picture.caption)
+    drawing = re.sub(
+        r"^<svg ", f'<svg role="img" aria-label="{caption}" ', plots.svg(picture.figure, f"{picture.name}-")
+    )
+    return f'<figure id="{picture.name}">\n{drawing}<figcaption>{caption}</figcaption>\n</figure>\n'
+
+
 def write_analysis(analysis: Analysis, directory: str | Path) -> list[Path]:
     """Write pole-zero map, frequency response and, with a path, the zeros along it, each as svg and png.
 
@@ -423,12 +354,10 @@ def write_analysis(analysis: Analysis, directory: str | Path) -> list[Path]:
         The files.
     """
     drawn = {
-        "pole_zero_map": figures_of.pole_zero_map(analysis),
-        "frequency_response": figures_of.frequency_response(analysis),
+        "pole_zero_map": plots.pole_zero_map(analysis),
+        "frequency_response": plots.frequency_response(analysis),
     }
     if analysis.zero_path is not None and np.isfinite(analysis.zero_path.zeros).any():
         drawn["zeros_along"] = along_path.zeros_along(analysis.model, analysis.zero_path)
     directory = Path(directory)
-    return [
-        figures_of.save(figure, directory / f"{name}.{end}") for name, figure in drawn.items() for end in ("svg", "png")
-    ]
+    return [plots.save(figure, directory / f"{name}.{end}") for name, figure in drawn.items() for end in ("svg", "png")]

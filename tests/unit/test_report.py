@@ -151,7 +151,7 @@ def test_report_of_a_limited_solution_with_warnings_and_library(tmp_path):
     page, text = read_page(
         write_report(equations, limited, tmp_path, generated=library, limits=Limits(torque=(26.0, np.inf)))
     )
-    assert "limits active" in text and "Limits keep the machine off the path" in text
+    assert "limits active" in text and "The limits are active: the robot deviates from the path" in text
     assert "deviation of the tool from the path (limits active)" in text and "simulated tool error" not in text
     assert "modified path" not in text  # which was not measured
     assert "motor m1: <b>torque</b> & more" in text and "b" not in page.tags
@@ -308,8 +308,8 @@ def test_logarithmic_axes_say_so_and_falling_is_explained(tmp_path):
     axes = figures_of.pole_zero_map(analysis).get_axes()[0]
     for part, label in (("real", axes.get_xlabel()), ("imaginary", axes.get_ylabel())):
         assert re.fullmatch(rf"{part} part, 1/s \(logarithmic outside ±\S+\)", label)
-    assert figures_of.falls(analysis)
-    assert not figures_of.falls(flexgen.analyze("abb_arm"))
+    assert figures_of.falls_under_gravity(analysis)
+    assert not figures_of.falls_under_gravity(flexgen.analyze("abb_arm"))
     text = read_page(write_report(*solved("planar5_nmp", "line"), tmp_path))[1]
     assert "falling under gravity with free motors, not a fault of the controller" in text
     assert "dotted" not in text

@@ -1,0 +1,153 @@
+"""The pictures of a report: figures with names and captions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flexgen.analysis.analyze import Analysis
+from flexgen.analysis.zeros_along_path import zero_path
+from flexgen.errors import SolverError
+from flexgen.inversion.bounds import Limits
+from flexgen.inversion.solution import Solution
+from flexgen.inversion.status import Status
+from flexgen.mechanics.equations import Equations
+from flexgen.paths.path import Path
+from flexgen.plots import along_path
+from flexgen.plots import solution as plots
+
+GRAVITY_POLE = (
+    "The slow pole in the right half plane is the arm falling under gravity with free motors, not a fault of the "
+    "controller."
+)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure of the report; ``name``: of its file and its element in the page."""
+
+    name: str
+    figure: Figure
+    caption: str
+
+
+def pictures(
+    equations: Equations,
+    solution: Solution,
+    analysis: Analysis | None,
+    limits: Limits,
+    verified: tuple[Solution, ...] = (),
+) -> list[Picture]:
+    """Draw all pictures of the report of a solution.
+
+    Parameters
+    ----------
+    equations : Equations
+    solution : Solution
+    analysis : Analysis or None
+        At the start of the move; None if there is no equilibrium.
+    limits : Limits
+        Limits to draw; those of the model where not given.
+    verified : tuple of Solution
+        Verified solutions of the same move by several methods.
+    """
+    out = _motion(equations, solution, analysis, limits)
+    if analysis is not None:
+        out += _dynamics(analysis)
+    zeros = _zeros_along(equations, solution)
+    if len(verified) > 1:
+        caption = "Tool error of the full model under the torques of several methods, simulated open loop from rest."
+        zeros.append(Picture("methods", along_path.errors_of_methods(equations.model, verified), caption))
+    return out + zeros
+
+
+def is_limited(solution: Solution) -> bool:
+    """Whether limits keep the motion off the path."""
+    return solution.status == Status.LIMITS_ACTIVE or solution.plan_error_max is not None
+
+
+def _motion(equations: Equations, solution: Solution, analysis: Analysis | None, limits: Limits) -> list[Picture]:
+    """Robot, torques, speeds, deflections and errors over time."""
+    trajectory, simulation = solution.trajectory, solution.simulation
+    given = (equations, trajectory, simulation)
+    end = solution.move.duration
+    source = "planned" if simulation is None else "simulated"
+    limited = " The limits are active: the robot deviates from the path." if is_limited(solution) else ""
+    early = _early_torque(solution, analysis)
+    exact = analysis if solution.method != "full" else None  # the full method does not track the path exactly
+    out = [
+        Picture(
+            "robot",
+            plots.robot(*given, end=end),
+            f"The robot along the move, with the {source} path and the reference.{limited}",
+        ),
+        Picture(
+            "torques",
+            plots.torques(*given, analysis=exact, end=end, limits=limits.torque),
+            f"Torque of each motor. {early}".rstrip() + limited,
+        ),
+        Picture(
+            "speeds",
+            plots.speeds(*given, end=end, limits=limits.speed),
+            "Speed of each motor. Dashed: its limits, if they are near.",
+        ),
+    ]
+    if plots.elastic_groups(equations, trajectory):
+        text = "Non-actuated coordinates and deflections of the gears, with the sag under gravity."
+        out.append(Picture("deflections", plots.deflections(*given, end=end), text))
+    if simulation is not None and "error" in simulation.trajectory.channels:
+        text = (
+            "Error of the full model under this torque, from a forward simulation by an integrator that is independent "
+            "of the solver."
+        )
+        out.append(Picture("errors", plots.errors(*given, end=end), text + limited))
+    return out
+
+
+def _early_torque(solution: Solution, analysis: Analysis | None) -> str:
+    """Explanation of the torque before the path."""
+    if analysis is None:
+        return ""
+    if solution.method == "full":
+        return "Before the path it results from the optimization, which weighs the tool error and changes of torque."
+    if analysis.zeros.phase == "non-minimum phase" and solution.trajectory.time[0] < 0:
+        return (
+            "It starts before the path because the zero dynamics is unstable: only pre-actuation keeps it bounded. "
+            "The lower panel shows this early torque on a logarithmic scale, with the slope of the slowest unstable "
+            "zero (dashed)."
+        )
+    return "No zero is unstable, so no pre-actuation is needed."
+
+
+def _dynamics(analysis: Analysis) -> list[Picture]:
+    """Poles, zeros and frequency response at the start of the move."""
+    what = "output" if analysis.model.output.type == "combination" else "tool"
+    text = f"Poles and zeros at the start of the move; {plots.phase_summary(analysis)}."
+    if plots.falls_under_gravity(analysis):
+        text += f" {GRAVITY_POLE}"
+    response = (
+        "Frequency response at the start of the move, from each motor torque to the acceleration of the same motor "
+        f"(upper panel) and of the {what} (lower panel). Dashed lines: modes. At the minima of the upper panel the "
+        "robot vibrates while that motor stands still."
+    )
+    return [
+        Picture("pole_zero_map", plots.pole_zero_map(analysis), text),
+        Picture("frequency_response", plots.frequency_response(analysis), response),
+    ]
+
+
+def _zeros_along(equations: Equations, solution: Solution) -> list[Picture]:
+    """Zeros at the poses along the path; empty if there are none."""
+    model = equations.model
+    if not (model.n_e and model.inversion_obstacle() is None):
+        return []
+    try:
+        found = zero_path(equations, Path(equations, solution.move))
+    except SolverError:
+        return []
+    if not np.isfinite(found.zeros).any():
+        return []
+    caption = f"Zeros at the equilibrium poses along the path: {found.verdict}."
+    return [Picture("zeros_along", along_path.zeros_along(model, found), caption)]
