@@ -181,7 +181,7 @@ def _stiffness(coordinate: dict[str, Any]) -> tuple[str | None, str | None]:
 
 def analysis_text(data: dict[str, Any], coordinates: Sequence[tuple[str, str]], motors: Sequence[str]) -> str:
     """The result of `flexgen.analyze` as text; needs the names and units of coordinates and the names of motors."""
-    rest = table(
+    equilibrium = table(
         [[name, q, unit] for (name, unit), q in zip(coordinates, data["pose"], strict=True)],
         ("coordinate", "equilibrium", "unit"),
     )
@@ -207,7 +207,7 @@ def analysis_text(data: dict[str, Any], coordinates: Sequence[tuple[str, str]], 
     warnings = "\n".join(f"note: {line}" for line in (data.get("solvability") or {}).get("warnings", ()))
     along = data.get("zeros_along_path")
     along_text = f"along the path: {along['verdict']}" if along else ""
-    return "\n\n".join(part for part in (rest, torques, modes, verdict, warnings, along_text) if part)
+    return "\n\n".join(part for part in (equilibrium, torques, modes, verdict, warnings, along_text) if part)
 
 
 def _dae_rows(data: dict[str, Any]) -> list[Row]:

@@ -47,18 +47,18 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     log("analyze: modes, poles and zeros at the home pose")
     analysis = analyze_model(equations)
     log("generate: C library")
-    made = generate_library(robot, args.directory, progress=log)
-    library = load(made.directory)
+    generated = generate_library(robot, args.directory, progress=log)
+    library = load(generated.directory)
     log("solve: inverse dynamics of the move, verified by forward simulation")
     solution = solve_move(equations, args.move, args.method, progress=log)
     checked = _check_library(library, equations, solution)
-    beside = compare_methods(equations, solution, log)
+    compared = compare_methods(equations, solution, log)
     log("report")
     with writing(directory):
-        report = write_report(equations, solution, directory, generated=made, beside=beside)
+        report = write_report(equations, solution, directory, generated=generated, compared=compared)
         trajectory = solution.trajectory.save(directory / f"{solution.move.name}.npz")
-    facts, answer = plain(analysis.to_dict()), solution.to_dict()
-    answer["trajectory"] = str(trajectory)
+    facts, solved = plain(analysis.to_dict()), solution.to_dict()
+    solved["trajectory"] = str(trajectory)
     slowest = facts["unstable_time_constant_s"]
     rows: list[tuple[str, Any, str]] = [
         ("model", title(robot), ""),
@@ -67,8 +67,8 @@ def run(args: Namespace, log: Progress) -> VerbResult:
         ("phase of the output", facts["phase"], ""),
         ("slowest unstable zero", 1 / slowest if slowest else None, "1/s"),
         ("structural index", facts["structural_index"], ""),
-        ("C functions generated", len(made.functions), ""),
-        ("C library built in", None if made.cached else made.seconds, "s"),
+        ("C functions generated", len(generated.functions), ""),
+        ("C library built in", None if generated.cached else generated.seconds, "s"),
         ("C inverse_dynamics, one call from Python", checked["call_us"], "us"),
         ("difference of C and equations, largest", checked["difference_Nm"], "N m"),
         ("move", solution.move.name, ""),
@@ -76,14 +76,14 @@ def run(args: Namespace, log: Progress) -> VerbResult:
         ("total time, wall", time.perf_counter() - began, "s"),
     ]
     text = figures(rows) + f"\n\nwrote {report}\nwrote {trajectory}\n"
-    text += f"{'wrote' if made.written else 'unchanged'} {made.directory}"
+    text += f"{'wrote' if generated.written else 'unchanged'} {generated.directory}"
     data = {
         "model": robot.name,
         "variant": robot.variant,
         "analyze": facts,
-        "generate": generated_dict(robot, made),
+        "generate": generated_dict(robot, generated),
         "load": checked,
-        "solve": answer,
+        "solve": solved,
         "report": str(report),
         "seconds": time.perf_counter() - began,
     }

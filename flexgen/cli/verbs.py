@@ -196,7 +196,7 @@ def analyze(args: Namespace, log: Progress) -> VerbResult:
         path = ToolPath(equations, named_move(equations.model, args.move))
     analysis = analyze_model(equations, args.pose, path)
     data = analysis.to_dict()
-    text = title(analysis.model) + " at rest\n\n" + _analysis_text(analysis)
+    text = title(analysis.model) + " in equilibrium\n\n" + _analysis_text(analysis)
     if args.report is not None:
         from flexgen.reports.html import write_analysis
 
@@ -306,16 +306,16 @@ def solve(args: Namespace, log: Progress) -> VerbResult:
         from flexgen.inversion.comparison import compare_methods, error_rows
         from flexgen.reports.html import write_report
 
-        beside = () if args.no_verify else compare_methods(equations, solution, log)
-        data["comparison"] = error_rows(beside)
+        compared = () if args.no_verify else compare_methods(equations, solution, log)
+        data["comparison"] = error_rows(compared)
         rows = None
         if args.robustness:
             from flexgen.inversion.robustness import compare_plants
 
-            named = {one.method: one for one in (beside or (solution,))}
+            named = {one.method: one for one in (compared or (solution,))}
             rows = data["robustness"] = compare_plants(equations, named, progress=log)
         with writing(args.report):
-            page = write_report(equations, solution, args.report, beside=beside, robustness=rows)
+            page = write_report(equations, solution, args.report, compared=compared, robustness=rows)
             data["report"] = str(page)
         text += ("\n" if args.out else "\n\n") + f"wrote {data['report']}"
     return VerbResult(data, text, problem, list(solution.warnings))

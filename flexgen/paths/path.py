@@ -112,7 +112,7 @@ def plan(model: str | FilePath | RobotModel | Equations, move: str | Move | None
     ArgumentError, ModelError
         The move is unknown or does not fit the model.
     SolverError
-        The path leaves the workspace or passes a singular pose; the text says where.
+        The path leaves the workspace or passes a singular pose; the message names the instant.
     """
     equations = model if isinstance(model, Equations) else derive(model)
     path = Path(equations, named_move(equations.model, move))

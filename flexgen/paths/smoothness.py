@@ -49,7 +49,7 @@ class Jump:
 class SmoothnessReport:
     """The smoothness of a path, compared with the smoothness that the model requires.
 
-    ``required``: continuous derivatives that a continuous torque requires (structural index less one; None if there is
+    ``required``: continuous derivatives that a continuous torque requires (structural index minus one; None if there is
     no index); ``smoothness``: of the path; ``step`` [s]: sampling step of the torque; ``jumps``: in order of time.
     """
 
@@ -140,8 +140,8 @@ def _jumps(path: Path) -> list[tuple[float, int, np.ndarray]]:
     """Instant, order and vector (n_y) of the lowest jump at each break."""
     d = NEAR * path.duration
     breaks = path.breaks
-    every = path.sample(np.linspace(0.0, path.duration, 1001))
-    scale = [float(np.abs(every.derivative(k)).max()) for k in range(1, ORDER + 1)]
+    samples = path.sample(np.linspace(0.0, path.duration, 1001))
+    scale = [float(np.abs(samples.derivative(k)).max()) for k in range(1, ORDER + 1)]
     left, right = path.sample(breaks - d), path.sample(breaks + d)
     out = []
     for i, time in enumerate(breaks):

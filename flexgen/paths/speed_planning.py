@@ -106,7 +106,7 @@ def speed_law(stretches: list[Stretch], bounds: tuple[float, ...], smoothness: i
     stretches : list of Stretch
     bounds : of speed, acceleration, jerk, ... [m/s, m/s^2, ...], two or more
     smoothness : int
-        0: trapezoids (continuous derivatives: number of bounds less one); else that of the polynomial changes of speed.
+        0: trapezoids (continuous derivatives: number of bounds minus one); else that of polynomial changes of speed.
     """
     if len(bounds) < 2 or not all(np.isfinite(b) and b > 0 for b in bounds):
         raise ArgumentError(

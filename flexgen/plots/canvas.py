@@ -75,7 +75,7 @@ def svg(figure: Figure, prefix: str = "") -> str:
     ----------
     figure : Figure
     prefix : str
-        Prefix of every id, for several pictures in one page.
+        Prefix of every id, for several figures in one page.
     """
     stream = io.StringIO()
     empty = dict.fromkeys(("Date", "Creator", "Format", "Type"))
@@ -97,7 +97,7 @@ def save(figure: Figure, path: str | Path, dpi: float = 150.0) -> Path:
     """
     path = Path(path)
     if path.suffix not in (".svg", ".png"):
-        raise ArgumentError(f"picture: given {path.name!r}, expected a file name ending in .svg or .png")
+        raise ArgumentError(f"figure: given {path.name!r}, expected a file name ending in .svg or .png")
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix == ".svg":
         path.write_text('<?xml version="1.0" encoding="utf-8"?>\n' + svg(figure), encoding="utf-8", newline="\n")

@@ -45,7 +45,7 @@ def _root_axis(ax: Any, axis: str, values: np.ndarray) -> str:
 
 
 def _counted(ax: Any, roots: np.ndarray, offset: tuple[float, float]) -> None:
-    """Write ``x2`` beside coincident roots."""
+    """Write ``x2`` next to coincident roots."""
     left = list(roots)
     while left:
         z = left.pop(0)

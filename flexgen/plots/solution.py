@@ -56,7 +56,7 @@ def _window(equations: Equations, trajectory: Trajectory, end: float | None) -> 
 def _limits(ax: Any, values: np.ndarray, bound: float | None, largest: float, unit: str) -> None:
     """Set the limits of the axis of one motor; draw its bound as dashed lines if it is near, else print it.
 
-    ``largest``: largest value of all motors; a signal that is zero beside it gets an axis of that size.
+    ``largest``: largest value of all motors; a signal that is zero in comparison gets an axis of that size.
     """
     low, high = float(min(values.min(), 0.0)), float(max(values.max(), 0.0))
     size = max(-low, high)
@@ -130,8 +130,8 @@ def _early(ax: Any, equations: Equations, trajectory: Trajectory, T: float) -> N
     begun = float(away[t <= 0][-1].max())
     grid = np.linspace(first, 0.0, 50)
     line = 4 * begun * np.exp(grid / T)
-    slope = f"exp(t / {1e3 * T:.3g} ms)"
-    ax.plot(1e3 * grid[line > floor], line[line > floor], color=cv.INK, lw=1, ls=(0, (2, 2)), label=slope)
+    label = f"exp(t / {1e3 * T:.3g} ms)"
+    ax.plot(1e3 * grid[line > floor], line[line > floor], color=cv.INK, lw=1, ls=(0, (2, 2)), label=label)
     cv.time_axis(ax, 1e3 * first, 1e3 * max(last, 1e-3) + 1, 1e3 * last)
     ax.set_ylim(max(floor, 1e-5 * begun), 3 * top)
     cv.log_axis(ax.yaxis)

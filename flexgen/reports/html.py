@@ -183,9 +183,9 @@ def _side(z: complex) -> str:
     )
 
 
-def _comparison(beside: tuple[Solution, ...]) -> str:
+def _comparison(compared: tuple[Solution, ...]) -> str:
     """Table of the tool errors of several methods."""
-    rows = error_rows(beside)
+    rows = error_rows(compared)
     units = [unit for unit in ("m", "rad") if any(f"largest_{unit}" in row for row in rows)]
     head = ["method"] + [f"{what}, {unit}" for unit in units for what in ("at the start", "largest")]
     cells = [
@@ -246,7 +246,7 @@ def write_report(
     generated: Any = None,
     *,
     limits: Limits | None = None,
-    beside: tuple[Solution, ...] = (),
+    compared: tuple[Solution, ...] = (),
     robustness: list[dict[str, Any]] | None = None,
 ) -> Path:
     """Write the report of a solution: a self-contained ``index.html``, and each plot as an svg file.
@@ -265,7 +265,7 @@ def write_report(
         The C library to list.
     limits : Limits, optional
         Limits of the solution; default: those of the model file.
-    beside : tuple of Solution
+    compared : tuple of Solution
         Solutions of the same move by several methods, this one among them, from
         `flexgen.inversion.comparison.compare_methods`.
     robustness : list of dict, optional
@@ -280,7 +280,7 @@ def write_report(
     directory.mkdir(parents=True, exist_ok=True)
     model = equations.model
     analysis = analysis if analysis is not None else _analysis_at_start(equations, solution)
-    verified = tuple(one for one in beside if one.simulation is not None)
+    verified = tuple(one for one in compared if one.simulation is not None)
     drawn = pictures(equations, solution, analysis, limits or Limits(), verified)
     title = f"{title_of(model)}, move {solution.move.name}"
     parts = [

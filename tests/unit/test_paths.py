@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import pickle
+from pathlib import Path as FilePath
+
 import numpy as np
 import pytest
 from path_derivatives import DIFFERENCE, derivatives_agree
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.model.elements import Move
+from flexgen.model.moves import Move, MoveC, MoveJ, MoveL, Program
 from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.move_planner import plan_move
 from flexgen.paths.path import Path, chain_rule
 from flexgen.paths.time_laws import TimeLaw
 
@@ -107,3 +111,33 @@ def test_joint_move_ends_where_the_joints_say() -> None:
         p, R = evaluate(equations.function("forward_kinematics"), np.array(q))
         assert np.abs(sample.y[k, :, 0] - p[0]).max() < 1e-14
         assert sample.R is not None and np.abs(sample.R[k] - R[0]).max() < 1e-14
+
+
+def test_paths_and_planned_moves_are_pickled(tmp_path: FilePath) -> None:
+    """Every type of curve and law; the copy gives the same samples, to the bit."""
+    arm = flexgen.derive("planar5_nmp")
+    legs = (MoveL((-0.1, 0.0, 0.0), zone=0.03), MoveC((0.0, 0.1, 0.0), via=(0.03, 0.05, 0.0)))
+    swing = MoveJ((0.6, -1.4), zone=0.05), MoveJ((0.5, -1.0))
+    file = tmp_path / "joints.csv"
+    file.write_text("q1,q2\n" + "".join(f"{0.3 + 0.02 * k},{-1.1 + 0.01 * k**2}\n" for k in range(9)))
+    moves = [
+        *arm.model.moves,
+        Move("track", "sampled", (), 1.0, 5, file=str(file)),
+        Move("corner", "tool_polyline", (0.3, -1.1), 0.5, 6, legs=legs),
+        Program("swing", start=(0.3, -1.1), steps=(*swing, *legs), profile=(0.5, 5.0, 90.0), joint_profile=(2.0, 9.0)),
+        Program("smooth", start=(0.3, -1.1), steps=swing, joint_profile=(2.0, 10.0, 200.0), smoothness=4),
+    ]
+    for move in moves:
+        path = Path(arm, move)
+        t = np.linspace(-0.01, path.duration + 0.01, 50)
+        sample, planned = path.sample(t), plan_move(path.reference, move)
+        copy, segments = pickle.loads(pickle.dumps((path, planned)))
+        again = copy.sample(t)
+        for name in ("y", "R", "w", "q_g"):
+            expected = getattr(sample, name)
+            assert (expected is None) == (getattr(again, name) is None)
+            assert expected is None or np.array_equal(getattr(again, name), expected)
+        assert np.array_equal(copy.breaks, path.breaks) and copy.move == path.move
+        assert np.array_equal(segments.q_g, planned.q_g)
+        for one, other in zip(segments.segments, planned.segments, strict=True):
+            assert np.array_equal(one.at(t)[0], other.at(t)[0])

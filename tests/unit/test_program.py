@@ -1,4 +1,4 @@
-"""Programs: continuous, at rest where they stop, within zones and bounds, and in the posture that they have reached."""
+"""Programs: continuous, at rest at stops, within zones and bounds, with the correct joint configuration."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from flexgen.paths.path import Path
 HERE = FilePath(__file__).parents[1] / "support"
 EXAMPLE = HERE.parents[1] / "examples" / "program.toml"
 PROFILE, JOINTS = (0.5, 5.0, 100.0, 4000.0), (2.0, 10.0, 200.0, 8000.0)
-WITHIN = 1e-6  # relative, by which a bound may be exceeded before a leg is slowed
+WITHIN = 1e-6  # relative, excess of a bound before a segment is slowed down
 
 
 @pytest.fixture(scope="module")

@@ -313,3 +313,32 @@ def test_logarithmic_axes_say_so_and_falling_is_explained(tmp_path):
     text = read_page(write_report(*solved("planar5_nmp", "line"), tmp_path))[1]
     assert "falling under gravity with free motors, not a fault of the controller" in text
     assert "dotted" not in text
+
+
+def test_a_motor_without_torque_has_an_axis_of_the_size_of_the_others():
+    equations, solution = solved("planar5_nmp", "line", verify=False)
+    tau = solution.trajectory["tau_m"].copy()
+    tau[:, 1] = 1e-9 * np.sin(np.arange(len(tau)))
+    trajectory = dataclasses.replace(solution.trajectory, channels={**solution.trajectory.channels, "tau_m": tau})
+    first, second = (axes for axes in figures_of.torques(equations, trajectory).get_axes())
+    assert second.get_ylim()[1] == pytest.approx(0.1 * np.abs(tau).max() * 1.18) and first.get_ylim()[1] > 20
+
+
+def test_a_gear_without_deflection_has_an_axis_of_one_milliradian():
+    equations, solution = solved("planar5_nmp", "line", verify=False)
+    q_a, model = solution.trajectory["q_a"], equations.model
+    q_m = q_a[:, list(model.i_g)] @ model.eta.T
+    channels = {**solution.trajectory.channels, "q_m": q_m}
+    figure = figures_of.deflections(equations, dataclasses.replace(solution.trajectory, channels=channels))
+    axes = figure.get_axes()[-1]
+    assert axes.get_ylim() == (-1.0, 1.0) and axes.get_ylabel() == "angle, mrad"
+
+
+@pytest.mark.parametrize("low, high", [(880.0, 900.0), (200.0, 1100.0), (2e-3, 30.0)])
+def test_logarithmic_axes_have_labeled_ticks(low, high):
+    axes = canvas.new_figure(8.0, 3.0, "").add_subplot()
+    axes.set(yscale="log", ylim=(low, high))
+    canvas.log_axis(axes.yaxis)
+    ticks = [tick for tick in axes.yaxis.get_major_locator()() if low <= tick <= high]
+    labels = [axes.yaxis.get_major_formatter()(tick) for tick in ticks]
+    assert len(labels) >= 2 and all(labels) and len(set(labels)) == len(labels)
