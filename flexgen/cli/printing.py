@@ -206,7 +206,7 @@ def analysis_text(data: dict[str, Any], coordinates: Sequence[tuple[str, str]], 
     )
     warnings = "\n".join(f"note: {line}" for line in (data.get("solvability") or {}).get("warnings", ()))
     along = data.get("zeros_along_path")
-    along_text = f"along the path: {along['verdict']}" if along else ""
+    along_text = f"along the path, {along['verdict']}" if along else ""
     return "\n\n".join(part for part in (equilibrium, torques, modes, verdict, warnings, along_text) if part)
 
 

@@ -87,7 +87,7 @@ def _table(head: Iterable[str], rows: Iterable[Iterable[str]], numeric: Iterable
 
 def _summary(solution: Solution) -> str:
     t = solution.trajectory.time
-    rows = [_summary_row(figure) for figure in solution.figures() if figure.value is not None]
+    rows = [_summary_row(figure) for figure in solution.figures() if figure.value not in (None, "")]
     if solution.simulation is None:
         rows.append(("verification", "not done", ""))
     rows += [
@@ -111,7 +111,7 @@ def _summary_row(figure: Figure) -> tuple[str, str, str]:
         return label, *_measure(value, unit)
     if isinstance(value, float):
         return label, _number(value), unit
-    return label, html.escape(str(value)) or "\N{EN DASH}", unit
+    return label, html.escape(str(value)), unit
 
 
 def _friction(f: Friction) -> str:

@@ -149,5 +149,5 @@ def _zeros_along(equations: Equations, solution: Solution) -> list[Picture]:
         return []
     if not np.isfinite(found.zeros).any():
         return []
-    caption = f"Zeros at the equilibrium poses along the path: {found.verdict}."
+    caption = f"Zeros at the equilibrium poses along the path. {found.verdict[:1].upper()}{found.verdict[1:]}."
     return [Picture("zeros_along", along_path.zeros_along(model, found), caption)]
