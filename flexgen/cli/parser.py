@@ -231,7 +231,7 @@ def _add_generate_arguments(parser: _Parser) -> None:
         "--native", action="store_true", help="compile for this processor: faster, results differ by rounding"
     )
     parser.add_argument("--openmp", action="store_true", help="batch functions use all cores")
-    sub.add_argument("--amalgamate", action="store_true", help="write one header and one C file")
+    parser.add_argument("--amalgamate", action="store_true", help="write one header and one C file")
     parser.add_argument("--force", action="store_true", help="build even if nothing has changed")
 
 
