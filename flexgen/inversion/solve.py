@@ -181,7 +181,11 @@ def _refined(problem: InversionProblem, method: Method) -> Solution:
             problem.log(f"relative residual {solution.residual_relative:.1e}: halving the mesh")
             continue
         simulation = simulate(
-            problem.equations, solution.trajectory, start=problem.equilibrium, progress=problem.progress
+            problem.equations,
+            solution.trajectory,
+            start=problem.equilibrium,
+            windows=solution.status != Status.BASELINE,  # the states of a baseline are not those of the robot
+            progress=problem.progress,
         )
         plan = plan_error(problem.equations, solution, simulation) if solution.status == Status.LIMITS_ACTIVE else None
         solution = replace(solution, simulation=simulation, plan_error_max=None if plan is None else max(plan))
@@ -189,7 +193,7 @@ def _refined(problem: InversionProblem, method: Method) -> Solution:
             return solution
         size = min(1.0, reach(problem.equations))
         in_m, in_rad = plan or (simulation.tool_error_max_m or 0.0, simulation.tool_error_max_rad or 0.0)
-        worst = max(in_m / size, in_rad)
+        worst = max(in_m / size, in_rad, simulation.window_gap)
         if worst <= problem.accuracy and simulation.energy_error <= ENERGY:
             return solution
         if best is None or worst < least:  # on a finer mesh rounding may be larger

@@ -1,6 +1,7 @@
 """Forward simulation of the full model under a given motor torque: the verification of inverse dynamics.
 
-The integrator (explicit Runge-Kutta of order 8 by Dormand and Prince, tight tolerance) shares no code with the solvers.
+The integrator (explicit Runge-Kutta of order 8 by Dormand and Prince, tight tolerance; an implicit method for stiff
+problems) shares no code with the solvers.
 The torque is a quintic spline through the samples or, where limits are active, the polynomials that it was sampled
 from; if there are none, a monotone cubic that stays within the limits. Work and losses are integrated too. The energy
 balance
@@ -8,6 +9,10 @@ balance
     E(t) - E(0) = int P_motor dt - int P_dissipated dt
 
 verifies the integration.
+
+If perturbations of the open loop grow by more than 1e5 over the move, the verification integrates in windows. Each
+window starts in a state of the solution; the distance between the end of a window and the start of the next one is an
+error too.
 
 Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec. II.5 (DOP853).
 """
@@ -21,18 +26,18 @@ from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
-from scipy.integrate import DOP853
 from scipy.interpolate import PchipInterpolator, PPoly, make_interp_spline
 
-from flexgen.errors import ArgumentError, SolverError
+from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.statics import Equilibrium
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.ports import Port
+from flexgen.simulation.growth import LARGEST_GROWTH, Growth, Motion, growth_along
+from flexgen.simulation.open_loop import run_windows
 from flexgen.trajectory import Trajectory
 
-EVALUATIONS = 5_000_000  # at most, a few minutes
 DEGREE, SAMPLES = 5, 10  # of the polynomials of a limited torque, and samples of each
 ON_GRID = 1e-7  # relative distance up to which samples are on a grid
 RTOL, ATOL = 1e-11, 1e-12  # a tenth of a nanometer over a meter of reach and a thousand steps
@@ -56,6 +61,14 @@ class Simulation:
         Of the right-hand side.
     wall_s : float [s]
     warnings : tuple of str
+    windows : int
+        Number of separate integrations.
+    growth : float or None
+        Growth of perturbations of the open loop over the move; None where it was not estimated.
+    window_gap : float [rad or m]
+        Largest distance of a coordinate (motors: arm side) between the end of a window and the start of the next.
+    integrator : str
+        Method of scipy.
     """
 
     trajectory: Trajectory
@@ -67,6 +80,10 @@ class Simulation:
     evaluations: int
     wall_s: float
     warnings: tuple[str, ...] = ()
+    windows: int = 1
+    growth: float | None = None
+    window_gap: float = 0.0
+    integrator: str = "DOP853"
 
 
 def output_labels(model: RobotModel) -> dict[str, tuple[str, ...]]:
@@ -135,6 +152,7 @@ def simulate(
     *,
     start: Equilibrium | None = None,
     rtol: float = RTOL,
+    windows: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Simulation:
     """Simulate the full model from equilibrium under the torque of a trajectory.
@@ -149,6 +167,10 @@ def simulate(
         Equilibrium at the start; default: the first sample of the trajectory.
     rtol : float
         Relative tolerance of the integrator.
+    windows : bool
+        Verify a solution of this model. If perturbations of the open loop grow by more than 1e5 over the move, restart
+        from states of the trajectory, so that the growth in each window is at most 1e3. Without the channels
+        ``v_a a_a v_m a_m`` there is a single window.
 
     Returns
     -------
@@ -174,9 +196,17 @@ def simulate(
     t, torque = data.time, given["tau_m"]
     tau = torque_curve(t, torque, limited=data.meta.get("torque") == "limited")
     first_a, first_m = (given["q_a"][0], given["q_m"][0]) if start is None else (start.q_a, start.q_m)
-    states, count, wall = _integrate(equations, t, tau, first_a, first_m, rtol, progress)
+    began = time.perf_counter()
     n_a, i_m = robot.n_a, list(robot.i_m)
     n = robot.dof
+    motion = _motion(robot, data, given) if windows else None
+    growth = None if motion is None else growth_along(equations, motion)
+    starts = [(0, np.concatenate([first_a, first_m[i_m], np.zeros(n)]))]
+    if motion is not None and growth is not None:
+        x = np.hstack([motion.q_a, motion.q_m[:, i_m], motion.v_a, motion.v_m[:, i_m]])
+        starts += [(first, x[first]) for first in growth.starts[1:]]
+    run = run_windows(equations, t, tau, starts, rtol, ATOL, progress)
+    states, wall = run.states, time.perf_counter() - began
     q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
     q_m, v_m = q_a[:, list(robot.i_g)] @ robot.eta.T, v_a[:, list(robot.i_g)] @ robot.eta.T
     q_m[:, i_m], v_m[:, i_m] = states[:, n_a:n], states[:, n + n_a : 2 * n]
@@ -186,20 +216,48 @@ def simulate(
         trajectory=recorded,
         tool_error_max_m=in_m,
         tool_error_max_rad=in_rad,
-        energy_error=_energy_error(equations, (q_a, v_a, q_m, v_m), states[:, 2 * n], states[:, 2 * n + 1]),
+        energy_error=_energy_error(equations, (q_a, v_a, q_m, v_m), run.start_energy, *states[:, 2 * n :].T),
         torque_max_Nm=float(np.abs(torque).max()),
         speed_max_rad_s=float(np.abs(v_m).max()),
-        evaluations=count,
+        evaluations=run.evaluations,
         wall_s=wall,
-        warnings=warnings,
+        warnings=(*warnings, *_growth_warning(growth)),
+        windows=len(starts),
+        growth=None if growth is None else growth.largest,
+        window_gap=run.gap,
+        integrator=run.integrator,
     )
 
 
-def _energy_error(equations: Equations, motion: tuple[np.ndarray, ...], work: np.ndarray, loss: np.ndarray) -> float:
-    """Largest violation of the energy balance, relative to the energy exchanged."""
+def _growth_warning(growth: Growth | None) -> tuple[str, ...]:
+    """The warning of a verification in windows."""
+    if growth is None or growth.largest <= LARGEST_GROWTH:
+        return ()
+    return (
+        f"the open loop is unstable: perturbations grow by a factor of {growth.largest:.1e} over the move; the torques "
+        f"were verified in {len(growth.starts)} windows, each from a state of the solution; use feedback",
+    )
+
+
+def _motion(robot: RobotModel, data: Trajectory, given: dict[str, np.ndarray]) -> Motion | None:
+    """The motion of a trajectory; None without speeds or accelerations."""
+    names = {"a": tuple(c.name for c in robot.coordinates), "m": tuple(m.name for m in robot.motors)}
+    found = {"q_a": given["q_a"], "q_m": given["q_m"], "tau_m": given["tau_m"]}
+    for name in ("v_a", "a_a", "v_m", "a_m"):
+        labels = names[name[-1]]
+        if name not in data.channels or sorted(data.labels[name]) != sorted(labels):
+            return None
+        found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
+    return Motion(data.time, **found) if all(np.isfinite(x).all() for x in found.values()) else None
+
+
+def _energy_error(
+    equations: Equations, motion: tuple[np.ndarray, ...], start: np.ndarray, work: np.ndarray, loss: np.ndarray
+) -> float:
+    """Largest violation of the energy balance, relative to the energy exchanged; ``start``: energy at the beginning."""
     energies = [x.reshape(len(work)) for x in evaluate(equations.function("energy"), *motion)]
     total = energies[0] + energies[1]
-    imbalance = total - total[0] - work + loss
+    imbalance = total - start - work + loss
     # rounding of constant energies is no violation
     exchanged = max(np.ptp(energies[0]), np.ptp(energies[1]), np.ptp(work), 1e-6 * np.abs(total).max(), 1e-9)
     return float(np.abs(imbalance).max() / exchanged)
@@ -268,57 +326,6 @@ def _sampled_polynomials(t: np.ndarray, torque: np.ndarray) -> PPoly | None:
         return None
     scaled = coefficients / width[:, None, None] ** np.arange(DEGREE, -1, -1)[:, None]
     return PPoly(scaled.transpose(1, 0, 2), t[::SAMPLES])
-
-
-def _integrate(
-    equations: Equations,
-    t: np.ndarray,
-    tau: Callable[[float], np.ndarray],
-    q_a: np.ndarray,
-    q_m: np.ndarray,
-    rtol: float,
-    progress: Callable[[str], None] | None,
-) -> tuple[np.ndarray, int, float]:
-    """States (q_a, q_me, v_a, v_me, work, loss) at the instants t, evaluations of the right-hand side, wall time."""
-    robot = equations.model
-    n_a, n, i_m = robot.n_a, robot.dof, list(robot.i_m)
-    state_rate, power = equations.function("state_rate"), equations.function("power")
-    motors, speeds = np.zeros(robot.n_m), np.zeros(robot.n_m)
-
-    def rate(instant: float, x: np.ndarray) -> np.ndarray:
-        motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a : 2 * n]
-        torque = tau(instant)
-        given, lost = power(x[:n_a], x[n : n + n_a], motors, speeds, torque)
-        moving = np.array(state_rate(x[: 2 * n], torque)).ravel()
-        return np.concatenate([moving, [float(given), float(lost)]])
-
-    start = np.concatenate([q_a, q_m[i_m], np.zeros(n + 2)])
-    began = time.perf_counter()
-    # work and loss have no influence on the motion: they must not reduce the step size
-    atol = np.concatenate([np.full(2 * n, ATOL), np.full(2, 1e-9)])
-    solver = DOP853(rate, t[0], start, t[-1], rtol=rtol, atol=atol)
-    out = np.empty((len(t), len(start)))
-    out[0] = start
-    k, spoken = 1, began
-    while k < len(t):
-        message = solver.step()
-        if solver.status == "failed" or not np.isfinite(solver.y).all():
-            raise SolverError(
-                f"simulation: failed at t = {solver.t:.6g} s ({message or 'not finite'}); check torque and model"
-            )
-        dense = solver.dense_output()
-        while k < len(t) and t[k] <= solver.t:
-            out[k] = dense(t[k])
-            k += 1
-        if solver.nfev > EVALUATIONS:
-            raise SolverError(
-                f"simulation: stopped at t = {solver.t:.6g} of {t[-1]:.6g} s after {solver.nfev} evaluations; "
-                "check the units of the trajectory and the stiffness of the model"
-            )
-        if progress is not None and time.perf_counter() - spoken > 1.0:
-            spoken = time.perf_counter()
-            progress(f"simulation: t = {solver.t:7.3f} of {t[-1]:.3f} s, {solver.nfev} evaluations")
-    return out, int(solver.nfev), time.perf_counter() - began
 
 
 def _output_error(

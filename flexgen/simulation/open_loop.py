@@ -1,0 +1,117 @@
+"""The open loop of a robot under a torque, integrated over one window after another."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexgen.mechanics.equations import Equations
+from flexgen.numerics.evaluate import evaluate
+from flexgen.simulation.integrators import EXPLICIT, OpenLoop, integrate
+
+ATOL_WORK = 1e-9  # J: work and loss are observers, they must not drive the step size below what the motion needs
+
+
+@dataclass(frozen=True)
+class Run:
+    """An integration over all windows.
+
+    Attributes
+    ----------
+    states : array (n, n_x)
+        (q_a, q_me, v_a, v_me, work, loss) at the instants; where windows meet, those at the end of the earlier one.
+        Work and loss begin at zero in each window.
+    start_energy : array (n,) [J]
+        Energy at the start of the window of each instant.
+    gap : float [rad or m]
+        Largest distance of a coordinate between the end of a window and the start of the next.
+    evaluations : int
+    integrator : str
+        The method of scipy; the implicit one if any window needed it.
+    """
+
+    states: np.ndarray
+    start_energy: np.ndarray
+    gap: float
+    evaluations: int
+    integrator: str
+
+
+def run_windows(
+    equations: Equations,
+    t: np.ndarray,
+    tau: Callable[[float], np.ndarray],
+    starts: Sequence[tuple[int, np.ndarray]],
+    rtol: float,
+    atol: float,
+    progress: Callable[[str], None] | None,
+) -> Run:
+    """Integrate each window to the start of the next.
+
+    Parameters
+    ----------
+    equations : Equations
+    t : array (n,) [s]
+        Instants of the results.
+    tau : callable
+        Motor torques (n_m,) at an instant.
+    starts : sequence of (int, array)
+        Sample at which a window begins, and the state (q_a, q_me, v_a, v_me) that it begins with.
+    rtol, atol : float
+        Tolerances of the integrator.
+    progress : callable, optional
+    """
+    robot = equations.model
+    n = robot.dof
+    side = np.ones(n)  # of the motors: rad at the motor for each rad at the arm
+    side[robot.n_a :] = np.abs(robot.eta).max(axis=1)[list(robot.i_m)]
+    loop = open_loop(equations, tau)
+    tolerances = np.concatenate([np.full(2 * n, atol), np.full(2, ATOL_WORK)])
+    states, start_energy = np.empty((len(t), 2 * n + 2)), np.empty(len(t))
+    gap, evaluations, integrator = 0.0, 0, EXPLICIT
+    ends = [first for first, _ in starts[1:]] + [len(t) - 1]
+    for (first, start), last in zip(starts, ends, strict=True):
+        begin = np.concatenate([start, np.zeros(2)])
+        found = integrate(loop, begin, t[first : last + 1], rtol, tolerances, progress)
+        own = slice(first + (first > 0), last + 1)
+        if first > 0:
+            gap = max(gap, float((np.abs(states[first] - begin)[:n] / side).max()))
+        states[own] = found.states[own.start - first :]
+        start_energy[own] = _energy(equations, begin)
+        evaluations += found.evaluations
+        integrator = found.method if found.method != EXPLICIT else integrator
+    return Run(states, start_energy, gap, evaluations, integrator)
+
+
+def open_loop(equations: Equations, tau: Callable[[float], np.ndarray]) -> OpenLoop:
+    """The open loop with the states (q_a, q_me, v_a, v_me, work, loss)."""
+    robot = equations.model
+    n_a, n, i_m = robot.n_a, robot.dof, list(robot.i_m)
+    state_rate, power = equations.function("state_rate"), equations.function("power")
+    motors, speeds = np.zeros(robot.n_m), np.zeros(robot.n_m)
+
+    def rate(instant: float, x: np.ndarray) -> np.ndarray:
+        motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a : 2 * n]
+        torque = tau(instant)
+        given, lost = power(x[:n_a], x[n : n + n_a], motors, speeds, torque)
+        moving = np.array(state_rate(x[: 2 * n], torque)).ravel()
+        return np.concatenate([moving, [float(given), float(lost)]])
+
+    def jacobian(instant: float, x: np.ndarray) -> np.ndarray:
+        motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a : 2 * n]
+        A, _ = equations.function("linearize")(x[:n_a], x[n : n + n_a], motors, speeds, tau(instant))
+        return np.pad(np.array(A), (0, 2))
+
+    return OpenLoop(rate, jacobian)
+
+
+def _energy(equations: Equations, x: np.ndarray) -> float:
+    """Kinetic and potential energy of a state [J]."""
+    robot = equations.model
+    n_a, n, i_m, i_g = robot.n_a, robot.dof, list(robot.i_m), list(robot.i_g)
+    q_m, v_m = robot.eta @ x[:n_a][i_g], robot.eta @ x[n : n + n_a][i_g]
+    q_m[i_m], v_m[i_m] = x[n_a:n], x[n + n_a : 2 * n]
+    parts = evaluate(equations.function("energy"), x[:n_a], x[n : n + n_a], q_m, v_m)
+    return float(parts[0].item() + parts[1].item())
