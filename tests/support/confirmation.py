@@ -21,7 +21,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.trajectory import Trajectory
 
 KINEMATIC, RESIDUAL, OUTPUT = 1e-4, 1e-4, 1e-5
-SAMPLES, WINDOWS, LENGTH = 120, 6, 0.03  # LENGTH in s
+SAMPLES, WINDOWS, LENGTH = 120, 4, 0.02  # LENGTH in s
 SMALLEST = 1e-3  # of the largest force of a kind: rows that carry less are measured by it
 
 
@@ -109,7 +109,7 @@ def windows_error(pin: PinocchioReferee, t: Trajectory, windows: int) -> float:
         inside = np.flatnonzero((t.time >= t.time[first]) & (t.time <= t.time[first] + length))
         start = np.concatenate([t["q_a"][first], t["q_m"][first][i_m], t["v_a"][first], t["v_m"][first][i_m]])
         span = (t.time[inside[0]], t.time[inside[-1]])
-        found = solve_ivp(rate, span, start, method="LSODA", rtol=1e-9, atol=1e-10, t_eval=t.time[inside])
+        found = solve_ivp(rate, span, start, method="LSODA", rtol=1e-8, atol=1e-9, t_eval=t.time[inside])
         if not found.success:
             return float("inf")
         R_ref = t["R_ref"][inside] if "R_ref" in t.channels else None
