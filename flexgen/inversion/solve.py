@@ -8,7 +8,7 @@ from dataclasses import replace
 from importlib import import_module
 from numbers import Real
 from pathlib import Path as FilePath
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
@@ -34,6 +34,7 @@ ATTEMPTS = 3  # meshes, each with intervals half as long as the one before
 ENERGY = 1e-7  # relative: largest error of the energy balance of a simulation that verifies something
 RESIDUAL = 1e-3  # largest relative residual of a result that is not verified
 RIPPLE = 1e-2  # the same for the full method, whose torque may ripple between the Gauss points
+FURTHER = 60.0  # s: "auto" starts no further method after this time
 FULL_LARGEST = 8  # coordinates: "auto" takes the full method up to here; with 12 it needs many minutes
 
 
@@ -61,7 +62,8 @@ def solve(
         A name of `flexgen.inversion.method_table.METHODS`, or ``"auto"``, the default method: ``"full"`` for complete
         motor coupling, gear springs with a kink, and limits of an arm with up to 8 coordinates (``"lq"`` of a larger
         elastic one); else ``"closed-form"`` without non-actuated coordinates, and ``"lq"`` with them
-        (``"collocation"`` without a C compiler). If the verification fails, ``"full"`` is tried.
+        (``"collocation"`` without a C compiler). If the default method fails or its verification does, finer meshes
+        are tried, and for a minute further methods: "bvp", "collocation", and "full" up to 8 coordinates.
     preview : float, optional [s]
         How long before the path the motion may begin; default: fifteen time constants of the slowest unstable zero, at
         least 4 % of the move (of half a second, if it is longer) and at most 2 s.
@@ -103,14 +105,7 @@ def solve(
     _check_applies(chosen_method, robot, limits)
     path = Path(equations, chosen)
     problem = InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, progress, dict(options or {}))
-    solution = _refined(problem, chosen_method)
-    if choose and solution.status == Status.TOLERANCE_NOT_MET and chosen_method.name != "full":
-        problem.log(f"method {chosen_method.name}: tolerance not met; trying the full model")
-        try:
-            other = _refined(problem, METHODS["full"])
-            solution = other if other.status != Status.TOLERANCE_NOT_MET else solution
-        except SolverError as error:  # keep the first solution
-            problem.log(f"method full failed: {error}")
+    solution = _automatic_solution(problem, chosen_method) if choose else _refined(problem, chosen_method)
     return replace(solution, wall_s=time.perf_counter() - wall, cpu_s=time.process_time() - cpu)
 
 
@@ -144,6 +139,60 @@ def _automatic(robot: RobotModel, limits: Limits | None) -> str:
     return "lq" if inverts else "collocation"
 
 
+def _automatic_solution(problem: InversionProblem, method: Method) -> Solution:
+    """The first verified solution: of the default method, or of a further one that applies to the model.
+
+    ``details["attempts"]`` of the solution lists what failed before; so does the message of the error.
+    """
+    began = time.perf_counter()
+    best: Solution | None = None
+    failures: list[tuple[str, SolverError]] = []
+    outcomes: list[str] = []
+    for candidate in (method, *_further_methods(problem, method)):
+        if candidate is not method:
+            if time.perf_counter() - began > FURTHER:
+                outcomes.append(f"{candidate.name}: not started, {FURTHER:g} s are over")
+                continue
+            problem.log(f"trying method {candidate.name}")
+        count = len(failures)
+        try:
+            found = _refined(problem, candidate, failures)
+        except ArgumentError as error:  # a further method can have requirements of its own
+            if candidate is method:
+                raise
+            outcomes.append(f"{candidate.name}: {error}")
+            continue
+        outcomes += [f"{label}: {error}" for label, error in failures[count:]]
+        if found is None:
+            continue
+        if found.status != Status.TOLERANCE_NOT_MET:
+            return replace(found, details={**found.details, "attempts": outcomes}) if outcomes else found
+        best = best or found
+        outcomes.append(f"{candidate.name}: tolerance not met")
+    if best is not None:
+        return replace(best, details={**best.details, "attempts": outcomes})
+    first = failures[0][1]
+    raise SolverError(f"{first}; tried: {'; '.join(outcomes)}") from first
+
+
+def _further_methods(problem: InversionProblem, method: Method) -> tuple[Method, ...]:
+    """Methods that "auto" tries after its default method, the quickest first."""
+    robot, names = problem.equations.model, []
+    if method.name == "lq":
+        names += ["bvp", "collocation"]
+    if method.name != "full" and robot.n_a <= FULL_LARGEST:
+        names.append("full")
+    return tuple(METHODS[name] for name in names if problem.limits is None or METHODS[name].keeps_limits)
+
+
+def _is_reachable(problem: InversionProblem) -> bool:
+    """Whether the arm reaches the path; if not, no method and no mesh helps."""
+    try:
+        return problem.windows[0] >= 0.0 and problem.equilibrium is not None
+    except SolverError:
+        return False
+
+
 def _check_applies(method: Method, robot: RobotModel, limits: Limits | None) -> None:
     if limits is not None and not method.keeps_limits:
         able = ", ".join(m.name for m in METHODS.values() if m.keeps_limits)
@@ -165,15 +214,36 @@ def run_method(method: Method, problem: InversionProblem, h: float) -> MethodRes
     return solver(problem, h)
 
 
-def _refined(problem: InversionProblem, method: Method) -> Solution:
-    """The solution of one method, on finer meshes until it is verified."""
+@overload
+def _refined(problem: InversionProblem, method: Method) -> Solution: ...
+
+
+@overload
+def _refined(problem: InversionProblem, method: Method, failures: list[tuple[str, SolverError]]) -> Solution | None: ...
+
+
+def _refined(
+    problem: InversionProblem, method: Method, failures: list[tuple[str, SolverError]] | None = None
+) -> Solution | None:
+    """The solution of one method, on finer meshes until it is verified.
+
+    With the list ``failures`` a mesh on which the method fails is added there and the next one is tried; None where
+    the method fails on all of them.
+    """
     duration = problem.path.duration
     h = max(min(duration / 100, LONGEST), duration / (INTERVALS / 4)) if problem.mesh is None else float(problem.mesh)
     attempts = 1 if (problem.mesh is not None or not method.refines) else ATTEMPTS
     best, least = None, np.inf
     for attempt in range(attempts):
         last = attempt + 1 == attempts
-        solution = make_solution(problem, method.name, run_method(method, problem, h / 2**attempt))
+        try:
+            solution = make_solution(problem, method.name, run_method(method, problem, h / 2**attempt))
+        except SolverError as error:
+            if failures is None or not _is_reachable(problem):
+                raise
+            failures.append((f"{method.name}, intervals of {h / 2**attempt:.3g} s", error))
+            problem.log(f"method {method.name} failed: {error}")
+            continue
         if not problem.verify:
             if last or _residual_is_small(solution):
                 _check_residual(solution)
@@ -200,7 +270,7 @@ def _refined(problem: InversionProblem, method: Method) -> Solution:
             best, least = replace(solution, status=Status.TOLERANCE_NOT_MET), worst
         if not last:
             problem.log(f"verified error {worst:.2e} is above {problem.accuracy:.0e}: halving the mesh")
-    assert best is not None  # there is one attempt at least
+    assert best is not None or failures  # there is one attempt at least
     return best
 
 

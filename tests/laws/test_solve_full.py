@@ -104,7 +104,7 @@ def test_a_gear_with_a_kink_is_solved_by_the_full_method() -> None:
 def test_backlash_is_solved_by_the_full_method_when_the_closed_form_fails() -> None:
     said: list[str] = []
     solution = flexgen.solve("kr300@backlash", progress=said.append)
-    assert any("trying the full model" in line for line in said)
+    assert any("trying method full" in line for line in said)
     assert (solution.method, solution.status) == ("full", Status.SOLVED)
     assert (solution.tool_error_max_m or 1) < 2 * MICRON and (solution.tool_error_max_rad or 1) < 2 * MICRON
 

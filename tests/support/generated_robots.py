@@ -180,7 +180,7 @@ def _joints(urdf: Urdf, family: Family) -> list[Joint]:
     out: list[Joint] = []
     link = family.tip
     while link != family.base:
-        joint = urdf.holder[link]
+        joint = urdf.parent_joint[link]
         if joint.movable:
             out.append(joint)
         link = joint.parent
@@ -199,7 +199,7 @@ def _beside(urdf: Urdf, family: Family, joints: list[Joint]) -> list[str]:
     """Names of the moving joints that hang on the chain without being part of it: they are locked."""
     chain, out, todo = {joint.name for joint in joints}, [], [joints[0].child]
     while todo:
-        for joint in urdf.held[todo.pop()]:
+        for joint in urdf.child_joints[todo.pop()]:
             if joint.movable and joint.name not in chain:
                 out.append(joint.name)
             todo.append(joint.child)
