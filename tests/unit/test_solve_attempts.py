@@ -1,0 +1,88 @@
+"""What the default method does after an error of the solver: finer meshes, further methods, and a report of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+import flexgen
+from flexgen.errors import SolverError
+from flexgen.inversion import solve as solve_module
+from flexgen.inversion.method_result import MethodResult
+from flexgen.inversion.method_table import Method
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.status import Status
+from flexgen.mechanics.equations import Equations, derive
+
+
+@pytest.fixture(scope="module")
+def equations() -> Equations:
+    return derive("planar5_nmp")
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[str, int], bool]], list[str]]:
+    """Make the methods fail where a function of name and number of earlier calls says so; the names called."""
+
+    def install(fails: Callable[[str, int], bool]) -> list[str]:
+        names: list[str] = []
+        run = solve_module.run_method
+
+        def planted(method: Method, problem: InversionProblem, h: float) -> MethodResult:
+            names.append(method.name)
+            if fails(method.name, names.count(method.name)):
+                raise SolverError(f"{method.name} planted")
+            return run(method, problem, h)
+
+        monkeypatch.setattr(solve_module, "run_method", planted)
+        return names
+
+    return install
+
+
+def test_a_finer_mesh_is_tried(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
+    names = calls(lambda name, count: count == 1)
+    solution = flexgen.solve(equations)
+    assert names == ["lq", "lq"] and solution.status == Status.SOLVED and solution.method == "lq"
+    assert solution.details["attempts"] == ["lq, intervals of 0.005 s: lq planted"]
+
+
+def test_further_methods_are_tried(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
+    names = calls(lambda name, count: name == "lq")
+    solution = flexgen.solve(equations)
+    assert names == ["lq"] * 3 + ["bvp"] and solution.status == Status.SOLVED and solution.method == "bvp"
+    assert [text.split(",")[0] for text in solution.details["attempts"]] == ["lq"] * 3
+
+
+def test_the_error_lists_what_was_tried(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
+    names = calls(lambda name, count: True)
+    with pytest.raises(SolverError) as caught:
+        flexgen.solve(equations)
+    assert set(names) == {"lq", "bvp", "collocation", "full"}
+    text = str(caught.value)
+    assert text.startswith("lq planted; tried: lq, intervals of 0.005 s: lq planted; ")
+    assert all(f"{name}, intervals of" in text for name in set(names))
+
+
+def test_no_further_method_after_its_time(equations: Equations, calls, monkeypatch) -> None:  # type: ignore[no-untyped-def]
+    monkeypatch.setattr(solve_module, "FURTHER", 0.0)
+    names = calls(lambda name, count: True)
+    with pytest.raises(SolverError, match="bvp: not started, 0 s are over"):
+        flexgen.solve(equations)
+    assert names == ["lq"] * 3
+
+
+def test_a_method_that_was_asked_for_is_the_only_one(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
+    names = calls(lambda name, count: True)
+    with pytest.raises(SolverError, match="^lq planted$"):
+        flexgen.solve(equations, method="lq")
+    assert names == ["lq"]
+
+
+def test_a_path_out_of_reach_is_refused_at_once(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
+    names = calls(lambda name, count: False)
+    move = flexgen.Move("far", "tool_line", start=equations.model.home, displacement=(9.0, 0.0, 0.0), duration=1.0, smoothness=5)
+    with pytest.raises(SolverError):
+        flexgen.solve(equations, move)
+    assert len(names) <= 1
