@@ -16,7 +16,7 @@ TEST_CACHE := build/test-cache
 # Two workers use both cores: BLAS with threads of its own would make them wait for each other.
 RUN_TESTS = FLEXGEN_TEST_CACHE=$(CURDIR)/$(TEST_CACHE) OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
-.PHONY: run help setup setup-test setup-lint setup-dev test test-slow test-full lint format types bench golden clean
+.PHONY: run help setup setup-test setup-lint setup-dev test test-slow test-full robots lint format types bench golden clean
 
 run: $(VENV)/.installed            ## solve the example planar5_nmp (the default target)
 	$(BIN)/python cli.py run planar5_nmp
@@ -27,7 +27,11 @@ help:                              ## list the targets
 # --- set-up: one environment; each extra is installed when a target needs it -----------------------------------------
 setup: $(VENV)/.installed          ## install flexgen and what it needs to run in .venv
 setup-test: $(VENV)/.test          ## also what the tests need
-setup-lint: $(VENV)/.lint          ## also ruff and mypy
+setup-robots: $(VENV)/.test              ## 200 moves of elastic robots made from public URDF files
+	@echo "flexgen: generated robots, about 40 minutes on an idle core"
+	@$(BIN)/python -m pytest -m robots tests/laws/test_generated_robots.py $(PYTEST)
+
+lint: $(VENV)/.lint          ## also ruff and mypy
 setup-dev: setup-test setup-lint   ## everything
 
 $(VENV)/.installed: pyproject.toml
@@ -51,11 +55,11 @@ $(VENV)/.lint: $(VENV)/.installed
 # --- checks -----------------------------------------------------------------------------------------------------------
 test: $(VENV)/.test                ## the quick tests (about 4 minutes on two cores, 3 when run again)
 	@echo "flexgen: quick tests, about 4 minutes on two cores"
-	@$(RUN_TESTS) -m 'not slow and not full' $(PYTEST)
+	@$(RUN_TESTS) -m 'not slow and not full and not robots' $(PYTEST)
 
 test-slow: $(VENV)/.test           ## the other tests (about 20 minutes on two cores)
 	@echo "flexgen: slow tests, about 20 minutes on two cores"
-	@$(RUN_TESTS) -m 'slow and not full' $(PYTEST)
+	@$(RUN_TESTS) -m 'slow and not full and not robots' $(PYTEST)
 
 test-full: $(VENV)/.test           ## what takes longer still: large random samples
 	@echo "flexgen: large random samples, about 30 minutes on two cores"

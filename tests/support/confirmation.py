@@ -1,6 +1,6 @@
 """Confirmation of a solution by Pinocchio and numpy: nothing of the solvers, the verification or the mechanics is used.
 
-Four figures, each a necessary condition:
+Figures, each a necessary condition, but for ``residual_end``, which is that of the last samples alone:
 
 * ``kinematic``: speeds and accelerations against differences of the positions, relative to the largest.
 * ``residual``: equations of motion at samples, each row relative to the largest force in it.
@@ -22,16 +22,18 @@ from flexgen.trajectory import Trajectory
 
 KINEMATIC, RESIDUAL, OUTPUT = 1e-4, 1e-4, 1e-5
 SAMPLES, WINDOWS, LENGTH = 120, 4, 0.02  # LENGTH in s
+EDGE = 5  # samples at either end that the first two figures leave out
 SMALLEST = 1e-3  # of the largest force of a kind: rows that carry less are measured by it
 
 
 def confirm(model: RobotModel, t: Trajectory, windows: int = WINDOWS) -> dict[str, float]:
-    """The four figures of a solution's trajectory; no windows where sharp friction makes them stiff: zero."""
+    """The figures of a solution's trajectory; no windows where sharp friction makes them stiff: zero."""
     pin = PinocchioReferee(model)
     sharp = any(motor.friction.coulomb for motor in model.motors)
     return {
         "kinematic": kinematic_error(t),
-        "residual": residual(pin, t),
+        "residual": residual(pin, t, np.unique(np.linspace(EDGE, len(t.time) - 1 - EDGE, SAMPLES).astype(int))),
+        "residual_end": residual(pin, t, np.arange(len(t.time) - EDGE, len(t.time))),
         "output": float(output_error(pin, t["q_a"], t["y_ref"], t.channels.get("R_ref")).max()),
         "windows": 0.0 if sharp else windows_error(pin, t, windows),
     }
@@ -45,7 +47,7 @@ def holds(figures: dict[str, float]) -> bool:
 
 def kinematic_error(t: Trajectory) -> float:
     """Largest difference of v and a from the derivatives of q, relative to the largest v and a of the same kind."""
-    inside = slice(5, -5)  # a spline knows less at its ends
+    inside = slice(EDGE, -EDGE)  # a spline is less accurate at its ends
     worst = 0.0
     for part in "am":
         slope = make_interp_spline(t.time, t[f"q_{part}"], k=7).derivative()(t.time)
@@ -55,16 +57,16 @@ def kinematic_error(t: Trajectory) -> float:
     return worst
 
 
-def residual(pin: PinocchioReferee, t: Trajectory) -> float:
-    """Largest residual of a row over the largest force in that row."""
+def residual(pin: PinocchioReferee, t: Trajectory, at: np.ndarray) -> float:
+    """Largest residual of a row at the samples ``at`` over the largest force in that row along the motion."""
     model = pin.model
-    at = np.unique(np.linspace(0, len(t.time) - 1, SAMPLES).astype(int))
     rows, sizes = [], []
-    for i in at:
+    for i in np.unique([*at, *np.linspace(0, len(t.time) - 1, SAMPLES).astype(int)]):
         y, dy, ddy = (pin.minimal(t[f"{x}_a"][i], t[f"{x}_m"][i]) for x in "qva")
         inertia = pin.P.T @ pin.machine.inverse_dynamics(pin.P @ y, pin.P @ dy, pin.P @ ddy)
         force = pin.forces(t["q_a"][i], t["v_a"][i], t["q_m"][i], t["v_m"][i], t["tau_m"][i])
-        rows.append(np.abs(inertia - force))
+        if i in at:
+            rows.append(np.abs(inertia - force))
         motor = np.zeros(model.dof)
         motor[model.n_a :] = t["tau_m"][i][list(model.i_m)]
         sizes.append(np.maximum(np.abs(inertia), np.abs(motor)))

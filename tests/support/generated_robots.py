@@ -7,7 +7,6 @@ that the joint feels. The text of a robot is an overlay model file.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
 from itertools import pairwise
@@ -326,9 +325,3 @@ def _is_regular(chain: _Chain, start: np.ndarray, displacement: np.ndarray, reac
         if np.linalg.norm(error) > 1e-6 or (q < chain.lower).any() or (q > chain.upper).any():
             return False
     return True
-
-
-def for_each(numbers: range, folder: Path, out: Path, use: Callable[[int, Path], None]) -> None:
-    """Generate robots and hand each to ``use``."""
-    for number in numbers:
-        use(number, generated_robot(number, folder, out))

@@ -61,6 +61,7 @@ def test_growth_of_a_pendulum_is_known(tilt: float) -> None:
     assert (len(found.starts) > 1) == (expected > LARGEST_GROWTH)
 
 
+@pytest.mark.slow
 def test_the_growth_is_the_simulated_one(upright: tuple[Equations, flexgen.Solution]) -> None:
     """A small change of the first state grows as estimated, within the first window."""
     equations, solution = upright
@@ -116,7 +117,7 @@ def test_windows_are_short_enough(upright: tuple[Equations, flexgen.Solution]) -
         assert found.largest < 1.5 * WINDOW_GROWTH < LARGEST_GROWTH
 
 
-@pytest.mark.parametrize("error", [1e-3, -1e-4])
+@pytest.mark.parametrize("error", [1e-3])
 def test_a_wrong_torque_is_refused_in_windows(
     upright: tuple[Equations, flexgen.Solution], error: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -75,14 +75,16 @@ def test_no_further_method_after_its_time(equations: Equations, calls, monkeypat
 
 def test_a_method_that_was_asked_for_is_the_only_one(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
     names = calls(lambda name, count: True)
-    with pytest.raises(SolverError, match="^lq planted$"):
+    with pytest.raises(SolverError, match=r"^lq planted$"):
         flexgen.solve(equations, method="lq")
     assert names == ["lq"]
 
 
 def test_a_path_out_of_reach_is_refused_at_once(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
     names = calls(lambda name, count: False)
-    move = flexgen.Move("far", "tool_line", start=equations.model.home, displacement=(9.0, 0.0, 0.0), duration=1.0, smoothness=5)
+    move = flexgen.Move(
+        "far", "tool_line", start=equations.model.home, displacement=(9.0, 0.0, 0.0), duration=1.0, smoothness=5
+    )
     with pytest.raises(SolverError):
         flexgen.solve(equations, move)
     assert len(names) <= 1

@@ -1,0 +1,87 @@
+"""Robots that nobody shaped for these solvers: solved, and confirmed by Pinocchio and numpy.
+
+`make robots` runs the 200 moves of 40 robots. ``FLEXGEN_ROBOTS=10-20`` runs robots 10 to 19 only; the file
+``FLEXGEN_ROBOTS_RESULTS`` keeps the results, and those in it are not computed again.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from generated_robots import FAMILIES, KINDS, MOVES, generated_robot, kind_of, robots_folder
+from generated_runs import LIMIT, run
+
+import flexgen
+from flexgen.model.reader import read
+
+try:
+    from confirmation import confirm, holds
+except ModuleNotFoundError:
+    pytest.skip("the Python package pin is not installed", allow_module_level=True)
+
+ROBOTS = 40
+SOLVED = 0.98  # least share of the moves
+FOLDER = robots_folder()
+needs_robots = pytest.mark.skipif(FOLDER is None, reason="the Python package example-robot-data is not installed")
+
+
+@needs_robots
+def test_a_number_gives_one_robot(tmp_path: Path) -> None:
+    assert FOLDER is not None
+    one, same, other = (
+        generated_robot(number, FOLDER, tmp_path / str(k)).read_text(encoding="utf-8")
+        for k, number in enumerate((4, 4, 29))
+    )
+    assert one == same and one != other
+    assert kind_of(4)[0] == kind_of(29)[0] == "finger"
+
+
+@needs_robots
+def test_the_robots_have_everything(tmp_path: Path) -> None:
+    """The share of solved moves is worth what the robots contain."""
+    assert FOLDER is not None
+    numbers = range(0, ROBOTS, 3)
+    models = [read(generated_robot(number, FOLDER, tmp_path)) for number in numbers]
+    assert {kind_of(number)[0] for number in range(ROBOTS)} == set(FAMILIES)
+    assert {kind_of(number)[1] for number in range(ROBOTS)} == set(KINDS)
+    assert all(len(model.moves) == MOVES for model in models)
+    assert {model.output.type for model in models} == {"tool_pose", "tool_position", "combination"}
+    assert {move.type for model in models for move in model.moves} == {"tool_line", "joint", "output_line"}
+    assert {0, 1, 2} <= {model.n_e for model in models}
+    assert all(model.inversion_obstacle() is None for model in models)
+
+
+@needs_robots
+@pytest.mark.slow
+def test_a_generated_robot_is_solved_and_confirmed(tmp_path: Path) -> None:
+    """And the confirmation sees a torque or a motion that is wrong by a thousandth."""
+    assert FOLDER is not None
+    equations = flexgen.derive(generated_robot(11, FOLDER, tmp_path))
+    trajectory = flexgen.solve(equations, "m1").trajectory
+    assert holds(confirm(equations.model, trajectory))
+    for name in ("tau_m", "q_a", "v_a", "q_m"):
+        wrong = {**trajectory.channels, name: trajectory[name] * np.where(trajectory.time > 0.1, 1.001, 1.0)[:, None]}
+        assert not holds(confirm(equations.model, dataclasses.replace(trajectory, channels=wrong))), name
+
+
+@needs_robots
+@pytest.mark.robots
+def test_generated_robots() -> None:
+    """At least 98 % of the moves are solved and confirmed, none falsely, none takes longer than the limit."""
+    first, last = map(int, os.environ.get("FLEXGEN_ROBOTS", f"0-{ROBOTS}").split("-"))
+    results = os.environ.get("FLEXGEN_ROBOTS_RESULTS")
+    rows = run(first, last, Path(results) if results else None, MOVES)
+    named = [f"{row['robot']}/m{row['move']}: {row['outcome']} {row.get('reason', '')}" for row in rows]
+    bad = [
+        text for text, row in zip(named, rows, strict=True) if row["outcome"] in ("wrong", "doubted", "crash", "time")
+    ]
+    assert len(rows) == MOVES * (last - first)
+    assert not [text for text in bad if ": wrong" in text], bad
+    assert max(row.get("wall_s", 0.0) for row in rows) <= LIMIT
+    assert sum(row["outcome"] == "confirmed" for row in rows) >= SOLVED * len(rows), [
+        text for text, row in zip(named, rows, strict=True) if row["outcome"] != "confirmed"
+    ]
