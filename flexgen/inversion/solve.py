@@ -12,6 +12,7 @@ from typing import Any, overload
 
 import numpy as np
 
+from flexgen.codegen.spec import STATUSES
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.method_result import MethodResult
@@ -163,6 +164,8 @@ def _automatic_solution(problem: InversionProblem, method: Method) -> Solution:
             outcomes.append(f"{candidate.name}: {error}")
             continue
         outcomes += [f"{label}: {error}" for label, error in failures[count:]]
+        if found is None and _is_unreachable(problem, failures[count:]):
+            break
         if found is None:
             continue
         if found.status != Status.TOLERANCE_NOT_MET:
@@ -185,12 +188,17 @@ def _further_methods(problem: InversionProblem, method: Method) -> tuple[Method,
     return tuple(METHODS[name] for name in names if problem.limits is None or METHODS[name].keeps_limits)
 
 
-def _is_reachable(problem: InversionProblem) -> bool:
-    """Whether the arm reaches the path; if not, no method and no mesh helps."""
-    try:
-        return problem.windows[0] >= 0.0 and problem.equilibrium is not None
-    except SolverError:
-        return False
+def _raise_path_error(problem: InversionProblem) -> None:
+    """SolverError where the arm has no equilibrium along the path: no finer mesh and no further method helps then."""
+    for checked in ("windows", "equilibrium"):  # computed on the first use
+        getattr(problem, checked)
+
+
+def _is_unreachable(problem: InversionProblem, failures: list[tuple[str, SolverError]]) -> bool:
+    """Whether a method found on all its meshes that the path of the tool is out of reach or passes a singular pose."""
+    text = next(status.text for status in STATUSES if status.name == "UNREACHABLE")
+    tool = problem.equations.model.output.type != "combination"  # joints and their combinations have no singular poses
+    return tool and len(failures) == ATTEMPTS and all(text in str(error) for _, error in failures)
 
 
 def _check_applies(method: Method, robot: RobotModel, limits: Limits | None) -> None:
@@ -239,8 +247,9 @@ def _refined(
         try:
             solution = make_solution(problem, method.name, run_method(method, problem, h / 2**attempt))
         except SolverError as error:
-            if failures is None or not _is_reachable(problem):
+            if failures is None:
                 raise
+            _raise_path_error(problem)
             failures.append((f"{method.name}, intervals of {h / 2**attempt:.3g} s", error))
             problem.log(f"method {method.name} failed: {error}")
             continue

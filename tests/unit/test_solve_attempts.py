@@ -88,3 +88,13 @@ def test_a_path_out_of_reach_is_refused_at_once(equations: Equations, calls) -> 
     with pytest.raises(SolverError):
         flexgen.solve(equations, move)
     assert len(names) <= 1
+
+
+def test_a_singular_pose_is_the_reason(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
+    """The elbow goes straight on the way: the position of the tool does not determine the joints there."""
+    names = calls(lambda name, count: False)
+    first, last = equations.model.home, (equations.model.home[0], 0.63)
+    move = flexgen.Move("through", "joint", start=first, end=last, duration=1.0, smoothness=5)
+    with pytest.raises(SolverError, match="passes a singular pose .*; tried: lq, intervals of"):
+        flexgen.solve(equations, move)
+    assert names == ["lq"] * 3
