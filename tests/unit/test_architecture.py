@@ -23,9 +23,12 @@ ROOT = Path(__file__).resolve().parents[2]
 # ground floor may use each other.
 FLOORS = {
     "": 0,
+    "atomic_files": 0,
     "errors": 0,
+    "npz_files": 0,
     "ports": 0,
     "trajectory": 0,
+    "trajectory_files": 0,
     "numerics": 1,
     "expressions": 1,
     "clib": 1,

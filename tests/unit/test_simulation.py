@@ -64,9 +64,9 @@ def test_columns_are_known_by_their_labels(tmp_path) -> None:  # type: ignore[no
         (tmp_path / "other.csv").write_text("\n".join(lines) + "\n")
         return Trajectory.load(tmp_path / "other.csv")
 
-    swapped = [text[0], *swapped_pair(text[1:], "tau_m[m1] N m", "tau_m[m2] N m")]
+    swapped = [text[0], *swapped_pair(text[1:-1], "tau_m[m1] N m", "tau_m[m2] N m"), text[-1]]
     assert simulate(equations, written(swapped)).tool_error_max_m == simulate(equations, trajectory).tool_error_max_m
-    again = simulate(equations, written([text[0], *swapped_pair(text[1:], "y_ref[x] m", "y_ref[z] m")]))
+    again = simulate(equations, written([text[0], *swapped_pair(text[1:-1], "y_ref[x] m", "y_ref[z] m"), text[-1]]))
     assert again.tool_error_max_m == simulate(equations, trajectory).tool_error_max_m
     with pytest.raises(ArgumentError, match="tau_m: given in kN m, expected in N m"):
         simulate(equations, written([text[0], text[1].replace("] N m", "] kN m"), *text[2:]]))

@@ -1,0 +1,182 @@
+"""Files that are written completely or not at all, and temporary files of killed processes.
+
+A file is written beside its target under a temporary name, forced to the disk (fsync) and then renamed: at any instant
+the target is the old file or the new one. A full disk or a killed process leaves the old file as it was.
+
+The process that owns a temporary file or folder holds a lock on it (flock), which the system releases when the process
+ends in whatever way. A later process removes those whose lock is free: never one that is in use.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+import shutil
+import stat
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import ModuleType
+from typing import BinaryIO
+
+from flexgen.errors import ArgumentError
+
+fcntl: ModuleType | None
+try:
+    import fcntl
+except ImportError:  # not a POSIX system
+    fcntl = None
+
+FILE, FOLDER = ".flexgen-", ".staging-"  # how the names of temporary files and folders begin
+GRACE = 60.0  # s: what changed later than that is left alone
+OLD = 86400.0  # s: what is older is abandoned where files cannot be locked
+
+_ADVICE = {
+    errno.ENOSPC: "free space on this disk or choose a path on another one",
+    errno.EDQUOT: "your quota is used up: remove files or choose a path on another disk",
+    errno.EFBIG: "the file is larger than the system allows (ulimit -f): raise that limit or choose another disk",
+    errno.EACCES: "choose a folder that you may write",
+    errno.EPERM: "choose a folder that you may write",
+    errno.EROFS: "choose a path on a disk that can be written",
+}
+
+
+def unwritable(path: str | Path, error: OSError) -> ArgumentError:
+    """The error for a path that cannot be written: the reason and what to do."""
+    advice = _ADVICE.get(error.errno or 0, "choose another path")
+    return ArgumentError(
+        f"output: given {str(path)!r}, which cannot be written ({error.strerror or error}); {advice}; "
+        "a file that was there is unchanged"
+    )
+
+
+@contextmanager
+def atomic_file(path: str | Path) -> Iterator[BinaryIO]:
+    """A binary stream whose content becomes the file when the block ends without an error.
+
+    Missing folders are made. The new file has the mode of the old one. A symbolic link stays: the file that it leads to
+    is replaced. A device or a pipe is written directly.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    ArgumentError
+        The file cannot be written; the text has the reason and what to do.
+    """
+    try:
+        if Path(path).exists() and not Path(path).is_file():
+            with open(path, "wb") as stream:
+                yield stream
+            return
+        target = Path(os.path.realpath(path))
+        target.parent.mkdir(parents=True, exist_ok=True)
+        remove_leftovers(target.parent)
+        part = target.with_name(f"{FILE}{secrets.token_hex(8)}")
+        try:
+            with open(part, "xb", opener=_shared) as stream:
+                _lock(stream.fileno())
+                yield stream
+                stream.flush()
+                if target.exists():
+                    os.chmod(part, stat.S_IMODE(target.stat().st_mode))
+                os.fsync(stream.fileno())
+            os.replace(part, target)
+        finally:
+            with suppress(OSError):
+                part.unlink()
+        _sync_folder(target.parent)
+    except OSError as error:
+        raise unwritable(path, error) from error
+
+
+def write_text(path: str | Path, text: str) -> Path:
+    """Write a text in UTF-8 with ``\\n`` line ends by `atomic_file`; the path."""
+    with atomic_file(path) as stream:
+        stream.write(text.encode("utf-8"))
+    return Path(path)
+
+
+@contextmanager
+def staging_folder(parent: Path) -> Iterator[Path]:
+    """A temporary folder in ``parent``, locked while the block runs and removed after it; OSError where it fails."""
+    folder = parent / f"{FOLDER}{secrets.token_hex(8)}"
+    folder.mkdir(mode=0o700)
+    descriptor = -1
+    try:
+        with suppress(OSError):
+            descriptor = os.open(folder, os.O_RDONLY)
+            _lock(descriptor)
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        if descriptor >= 0:
+            os.close(descriptor)
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove temporary files and folders that processes which ended left in a folder.
+
+    One is removed where it belongs to the user, did not change for `GRACE` seconds and its lock is free; where files
+    cannot be locked, where it is older than a day.
+    """
+    with suppress(OSError):
+        for path in folder.iterdir():
+            if path.name.startswith((FILE, FOLDER)):
+                with suppress(OSError):  # another process was faster
+                    _remove_abandoned(path)
+
+
+def _remove_abandoned(path: Path) -> None:
+    found = path.lstat()
+    age = time.time() - found.st_mtime
+    is_folder = stat.S_ISDIR(found.st_mode)
+    if age < GRACE or not (is_folder or stat.S_ISREG(found.st_mode)):
+        return
+    if hasattr(os, "geteuid") and found.st_uid != os.geteuid():
+        return
+    remove: Callable[[Path], None] = shutil.rmtree if is_folder else os.unlink
+    if fcntl is None:
+        if age > OLD:
+            remove(path)
+        return
+    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+    try:
+        if _lock(descriptor) or age > OLD:
+            remove(path)
+    except BlockingIOError:  # a process works with it
+        pass
+    finally:
+        os.close(descriptor)
+
+
+def _shared(name: str, flags: int) -> int:
+    """Open with the rights that the user's umask leaves."""
+    return os.open(name, flags, 0o666)
+
+
+def _lock(descriptor: int) -> bool:
+    """Lock an open file or folder; False where the file system has no locks, BlockingIOError where another has it."""
+    if fcntl is None:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError:
+        return False
+    return True
+
+
+def _sync_folder(folder: Path) -> None:
+    """Force the new name to the disk, where the system can."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

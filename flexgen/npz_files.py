@@ -1,0 +1,167 @@
+"""Arrays of ``.npz`` files, whose sizes are checked before memory is taken for them.
+
+An npz file is a zip archive of npy files. Neither the sizes in the archive nor the shapes in the headers of the arrays
+are believed: an array is read only where its header, its size in the archive and the limits of the caller agree, and
+nothing is unpickled.
+"""
+
+from __future__ import annotations
+
+import math
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+MEMBERS = 1000  # arrays in a file, at most
+DIRECTORY = 1_000_000  # bytes of the table of contents, at most
+HEADER = 10_000  # bytes of the header of an array, at most
+
+_END, _END_64 = b"PK\x05\x06", b"PK\x06\x07"  # of the table of contents
+_END_SIZE, _COMMENT = 22, 2**16
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those of numpy; others unpack without a bound
+
+
+class NpzError(ValueError):
+    """The file is no npz file, or larger than allowed: what was given and what was expected."""
+
+    def __init__(self, given: str, expected: str) -> None:
+        self.given, self.expected = given, expected
+        super().__init__(f"given {given}, expected {expected}")
+
+
+def read_npz(
+    path: Path, size_max: int, check: Callable[[str, tuple[int, ...], np.dtype[Any]], None] | None = None
+) -> dict[str, np.ndarray]:
+    """The arrays of an npz file by name.
+
+    Parameters
+    ----------
+    path : Path
+    size_max : int
+        Bytes that the file, and that all its arrays together, may have.
+    check : callable, optional
+        Called with name, shape and type of each array before any of them is read; it raises where one is not wanted.
+
+    Returns
+    -------
+    dict of str to array
+
+    Raises
+    ------
+    NpzError
+        Not an npz file, a damaged one, or one that is too large.
+    OSError
+        The file cannot be read.
+    """
+    try:
+        _check_directory(path, size_max)
+        with zipfile.ZipFile(path) as archive:
+            headers = _headers(archive, size_max)
+            for name, (shape, _, dtype, _) in headers.items():
+                if check is not None:
+                    check(name, shape, dtype)
+            return {name: _array(archive, name, *header) for name, header in headers.items()}
+    except NpzError:
+        raise
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, UnicodeError) as error:
+        reason = str(error) or type(error).__name__
+        raise NpzError(f"a damaged .npz file ({reason})", "one that numpy.savez wrote") from None
+
+
+def _check_directory(path: Path, size_max: int) -> None:
+    """Refuse what is no zip archive, or one whose table of contents is too long to be read."""
+    size = path.stat().st_size
+    if size > size_max:
+        raise NpzError(f"a file of {size} bytes", f"at most {size_max}")
+    with path.open("rb") as stream:
+        first = stream.read(6)
+        stream.seek(max(0, size - _END_SIZE - _COMMENT))
+        tail = stream.read(_END_SIZE + _COMMENT)
+    if first == b"\x93NUMPY":
+        raise NpzError("a .npy file under the name of an .npz file", "one that numpy.savez wrote")
+    if first[:2] != b"PK":
+        raise NpzError("what is no .npz file", "one that numpy.savez wrote")
+    end = tail.rfind(_END)
+    if end < 0 or len(tail) < end + _END_SIZE:
+        raise NpzError("an .npz file without its end", "a complete one; write or copy it again")
+    length = int.from_bytes(tail[end + 12 : end + 16], "little")
+    if length > DIRECTORY or tail[max(0, end - 20) : end].startswith(_END_64):
+        raise NpzError("an .npz file with a table of contents that is too long", f"at most {MEMBERS} arrays")
+
+
+def _headers(archive: zipfile.ZipFile, size_max: int) -> dict[str, tuple[tuple[int, ...], bool, np.dtype[Any], int]]:
+    """Shape, order, type and start of the numbers of each array by name, consistent with its size in the archive."""
+    members = archive.infolist()
+    if len(members) > MEMBERS:
+        raise NpzError(f"{len(members)} arrays", f"at most {MEMBERS}")
+    total = sum(member.file_size for member in members)
+    if total > size_max:
+        raise NpzError(f"arrays of {total} bytes", f"at most {size_max}")
+    out: dict[str, tuple[tuple[int, ...], bool, np.dtype[Any], int]] = {}
+    for member in members:
+        name = member.filename.removesuffix(".npy")
+        if not member.filename.endswith(".npy") or name in out:
+            raise NpzError(f"the member {member.filename[:80]!r}", "arrays with different names")
+        if member.compress_type not in _METHODS or member.flag_bits & 1:
+            raise NpzError(f"the array {name[:80]!r} packed in an unknown way", "one that numpy.savez wrote")
+        with archive.open(member) as stream:
+            shape, by_columns, dtype = _header(stream, name)
+            start = stream.tell()
+        size = math.prod(shape) * dtype.itemsize
+        if size != member.file_size - start:
+            raise NpzError(
+                f"the array {name[:80]!r} of shape {_short(shape)} and {member.file_size - start} bytes",
+                f"{_short(size)} bytes",
+            )
+        out[name] = shape, by_columns, dtype, start
+    return out
+
+
+def _header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, order and type that the header of an array states."""
+    try:
+        version = np.lib.format.read_magic(stream)
+        read = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }[version]
+        shape, by_columns, dtype = read(stream, max_header_size=HEADER)
+    except (
+        ValueError,
+        KeyError,
+        TypeError,
+        SyntaxError,
+        OverflowError,
+        RecursionError,
+        AttributeError,
+        MemoryError,
+        Warning,
+    ):  # what the parser of Python raises; the header is short
+        raise NpzError(f"the array {name[:80]!r} without a header that can be read", "one of numpy") from None
+    if dtype.hasobject or dtype.itemsize == 0 or any(n < 0 for n in shape) or len(shape) > 32:
+        raise NpzError(f"the array {name[:80]!r} of {dtype} and shape {_short(shape)}", "numbers or text")
+    return shape, by_columns, dtype
+
+
+def _array(
+    archive: zipfile.ZipFile, name: str, shape: tuple[int, ...], by_columns: bool, dtype: np.dtype[Any], start: int
+) -> np.ndarray:
+    with archive.open(f"{name}.npy") as stream:
+        content = stream.read()  # at most as many bytes as the archive states, which were checked
+    count = math.prod(shape)
+    if len(content) != start + count * dtype.itemsize:
+        raise NpzError(f"the array {name[:80]!r} with {len(content)} bytes", "as many as the archive states")
+    numbers = np.frombuffer(content, dtype, count, start) if count else np.zeros(0, dtype)
+    return numbers.reshape(shape, order="F" if by_columns else "C").copy()
+
+
+def _short(value: Any) -> str:
+    try:
+        text = str(value)
+    except ValueError:  # an integer of thousands of digits
+        return "a huge number"
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,256 @@
+"""Trajectories in files: ``.npz`` with all data, or ``.csv`` with one column for each scalar.
+
+A csv file has four parts: a comment with the meta data in JSON, the names of the columns (``name[label] unit``, first
+``time s``), a row of numbers for each instant, and a comment with the number of rows, by which a file that was cut is
+recognized. ``pandas.read_csv(file, comment="#")`` and ``numpy.genfromtxt(file, delimiter=",", skip_header=2)`` read it.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from array import array
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from flexgen.atomic_files import atomic_file
+from flexgen.errors import ArgumentError
+from flexgen.npz_files import NpzError, read_npz
+from flexgen.ports import Port
+
+LARGEST = 2**30  # bytes of a file, and of the numbers in it, at most
+LINE = 100_000  # characters of a line, at most
+CHANNELS = 1000  # at most
+
+_ROWS = re.compile(r"#\s*rows:\s*(\d{1,12})\s*\Z")
+_COLUMN = re.compile(r"([^\[\]]+)\[([^\[\]]*)\] (.+)\Z", re.DOTALL)
+_TIMES = {"ms": "0.001", "us": "1e-6", "µs": "1e-6", "ns": "1e-9", "min": "60"}
+_WRITE = "write one with 'flexgen solve MODEL --out FILE'"
+
+
+@dataclass(frozen=True)
+class Content:
+    """What the file of a trajectory holds; the fields are those of `flexgen.trajectory.Trajectory`."""
+
+    time: np.ndarray
+    channels: dict[str, np.ndarray]
+    ports: dict[str, Port]
+    labels: dict[str, tuple[str, ...]]
+    meta: dict[str, Any]
+
+
+def write(
+    path: Path,
+    time: np.ndarray,
+    channels: Mapping[str, np.ndarray],
+    ports: Mapping[str, Port],
+    labels: Mapping[str, tuple[str, ...]],
+    meta: Mapping[str, Any],
+) -> None:
+    """Write a trajectory; the old file stays as it was where the new one cannot be written.
+
+    Raises
+    ------
+    ArgumentError
+        The name has another ending, the path is no regular file, or it cannot be written.
+    """
+    if path.suffix not in (".npz", ".csv"):
+        raise ArgumentError(f"trajectory file: given {path.name!r}, expected a name that ends in .npz or .csv")
+    if path.exists() and not path.is_file():
+        raise ArgumentError(f"trajectory file: given {str(path)!r}, expected a new name or a regular file")
+    with atomic_file(path) as stream:
+        if path.suffix == ".npz":
+            head = {
+                "meta": dict(meta),
+                "ports": {k: [list(p.shape), p.unit, p.doc] for k, p in ports.items()},
+                "labels": {k: list(v) for k, v in labels.items()},
+            }
+            arrays: dict[str, Any] = {name: channels[name] for name in ports}
+            np.savez_compressed(stream, time=time, head=np.array(json.dumps(head)), **arrays)
+            return
+        text = io.TextIOWrapper(stream, encoding="utf-8", newline="", write_through=True)
+        text.write("# " + json.dumps(dict(meta)) + "\n")
+        writer = csv.writer(text)
+        columns = [f"{k}[{label}] {p.unit}" for k, p in ports.items() for label in labels[k]]
+        writer.writerow(["time s", *columns])
+        table = np.column_stack([time, *(channels[k] for k in ports)])
+        writer.writerows([[repr(float(x)) for x in row] for row in table])
+        text.write(f"# rows: {len(table)}\n")
+        text.detach()
+
+
+def read(path: Path) -> Content:
+    """Read what `write` wrote.
+
+    Raises
+    ------
+    ArgumentError
+        There is no such file, or it is no trajectory, damaged, or too large; the text names the file.
+    """
+    if not path.exists():
+        raise ArgumentError(f"trajectory: given {str(path)!r}, which does not exist; {_WRITE}")
+    if not path.is_file():
+        raise ArgumentError(f"trajectory: given {str(path)!r}, expected a regular file that ends in .npz or .csv")
+    if path.stat().st_size > LARGEST:
+        raise ArgumentError(
+            f"trajectory: given {str(path)!r} of {path.stat().st_size} bytes, expected at most {LARGEST}"
+        )
+    try:
+        return _read_csv(path) if path.suffix == ".csv" else _read_npz(path)
+    except ArgumentError as error:
+        raise ArgumentError(f"{path}: {error}") from None
+    except NpzError as error:
+        raise ArgumentError(
+            f"{path}: given a file that is no trajectory of flexgen ({error.given}), expected {error.expected}"
+        ) from None
+    except OSError as error:
+        raise ArgumentError(
+            f"trajectory: given {str(path)!r}, which cannot be read ({error.strerror or error})"
+        ) from None
+    except (ValueError, TypeError, KeyError, csv.Error, RecursionError) as error:
+        raise ArgumentError(
+            f"{path}: given a file that is no trajectory of flexgen ({type(error).__name__}), "
+            "expected a file that 'flexgen solve MODEL --out FILE' wrote"
+        ) from error
+
+
+# --- npz --------------------------------------------------------------------------------------------------------------
+
+
+def _read_npz(path: Path) -> Content:
+    def check(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+        if name == "head":
+            if dtype.kind != "U" or shape:
+                raise ArgumentError(f"head: given {dtype} of shape {shape}, expected a text")
+        elif dtype.kind not in "fiu":
+            raise ArgumentError(f"channel {name}: given numbers of type {dtype}, expected real numbers")
+        elif name == "time" and len(shape) != 1:
+            raise ArgumentError(f"time: given shape {shape}, expected one column")
+
+    arrays = read_npz(path, LARGEST, check)
+    for name in ("head", "time"):
+        if name not in arrays:
+            raise ArgumentError(f"given no array {name}, expected a trajectory; {_WRITE}")
+    head = _object("head", json.loads(str(arrays.pop("head"))))
+    given, labels, meta = (_object(name, head.get(name)) for name in ("ports", "labels", "meta"))
+    if len(given) > CHANNELS:
+        raise ArgumentError(f"given {len(given)} channels, expected at most {CHANNELS}")
+    ports = {}
+    for name, (shape, unit, doc) in given.items():
+        if name not in arrays:
+            raise ArgumentError(f"channel {name}: given no array of this name, expected one")
+        if not (isinstance(unit, str) and isinstance(doc, str) and all(type(n) is int for n in shape)):
+            raise ArgumentError(f"channel {name}: given a port that is none, expected [shape, unit, meaning]")
+        ports[name] = Port(name, tuple(shape), unit, doc)
+    for name, words in labels.items():
+        if not (isinstance(words, list) and all(isinstance(word, str) for word in words)):
+            raise ArgumentError(f"channel {name}: given labels that are none, expected a list of texts")
+    numbers = {name: np.asarray(values, dtype=float) for name, values in arrays.items()}
+    return Content(
+        numbers["time"], {k: numbers[k] for k in ports}, ports, {k: tuple(v) for k, v in labels.items()}, meta
+    )
+
+
+def _object(name: str, value: Any) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ArgumentError(f"{name}: given {type(value).__name__}, expected an object of JSON")
+    return value
+
+
+# --- csv --------------------------------------------------------------------------------------------------------------
+
+
+def _line(stream: TextIO, number: int) -> str:
+    line = stream.readline(LINE + 1)
+    if len(line) > LINE:
+        raise ArgumentError(f"line {number}: given more than {LINE} characters, expected a row of a trajectory")
+    return line
+
+
+def _cells(line: str) -> list[str]:
+    return next(csv.reader([line]), [])
+
+
+def _read_csv(path: Path) -> Content:
+    with path.open(encoding="utf-8", newline="") as stream:
+        first = _line(stream, 1)
+        if not first.startswith("#"):
+            raise ArgumentError(
+                "line 1: given a file that is no trajectory of flexgen (no comment), expected '# {...}' with the meta "
+                "data in JSON"
+            )
+        meta = _object("line 1", json.loads(first.removeprefix("#")))
+        header = _cells(_line(stream, 2))
+        _check_time(header)
+        numbers = array("d")
+        count, stated, number = 0, None, 2
+        while line := _line(stream, number + 1):
+            number += 1
+            if stated is not None:
+                raise ArgumentError(f"line {number}: given a row after the last line, expected the end of the file")
+            if line.startswith("#"):
+                stated = _stated_rows(line, number)
+                continue
+            row = _cells(line)
+            if len(row) != len(header):
+                raise ArgumentError(f"line {number}: given {len(row)} columns, expected {len(header)}")
+            try:
+                if "_" in line:  # Python reads 1_000 as a number, nobody else does
+                    raise ValueError
+                numbers.extend([float(x) for x in row])
+            except ValueError:
+                raise ArgumentError(f"line {number}: given text, expected numbers") from None
+            if 8 * len(numbers) > LARGEST:
+                raise ArgumentError(f"line {number}: given more than {LARGEST // 8} numbers, expected fewer")
+            count += 1
+    if stated != count:
+        last = "no last line '# rows: N'" if stated is None else f"{count} rows, where the last line states {stated}"
+        raise ArgumentError(f"given {last}, expected a complete file: it was cut or changed; write or copy it again")
+    table = np.frombuffer(numbers, dtype=float).reshape(count, len(header)).copy()
+    return _content(header, table, meta)
+
+
+def _check_time(header: list[str]) -> None:
+    """Refuse a first column that is not the time in seconds."""
+    if not header:
+        raise ArgumentError("line 2: given nothing, expected the names of the columns")
+    name, _, unit = header[0].partition(" ")
+    if name != "time" or unit != "s":
+        factor = _TIMES.get(unit) if name == "time" else None
+        advice = f"; multiply the column by {factor} and call it 'time s'" if factor else ""
+        raise ArgumentError(f"line 2: given the first column {header[0][:60]!r}, expected 'time s'{advice}")
+
+
+def _stated_rows(line: str, number: int) -> int:
+    found = _ROWS.match(line)
+    if found is None:
+        raise ArgumentError(f"line {number}: given the comment {line.strip()[:60]!r}, expected '# rows: N'")
+    return int(found[1])
+
+
+def _content(header: list[str], table: np.ndarray, meta: dict[str, Any]) -> Content:
+    """The channels of a table: neighboring columns of the same name."""
+    names: dict[str, list[str]] = {}
+    units: dict[str, str] = {}
+    channels: dict[str, np.ndarray] = {}
+    last = ""
+    for k, column in enumerate(header[1:], 1):
+        found = _COLUMN.match(column)
+        if found is None:
+            raise ArgumentError(f"line 2: given the column {column[:60]!r}, expected 'name[label] unit'")
+        name, label, unit = found.groups()
+        if units.setdefault(name, unit) != unit:
+            raise ArgumentError(f"channel {name}: given columns in {units[name]} and in {unit}, expected one unit")
+        if name in names and name != last:
+            raise ArgumentError(f"channel {name}: given columns that are not adjacent, expected adjacent columns")
+        names.setdefault(name, []).append(label)
+        channels[name] = table[:, k + 1 - len(names[name]) : k + 1]
+        last = name
+    ports = {k: Port(k, (len(v),), units[k], "read from csv") for k, v in names.items()}
+    return Content(table[:, 0], channels, ports, {k: tuple(v) for k, v in names.items()}, meta)

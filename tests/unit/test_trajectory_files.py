@@ -1,0 +1,209 @@
+"""Files of trajectories: complete or refused, in their unit, read by other programs, never half written."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flexgen import npz_files, trajectory_files
+from flexgen.errors import ArgumentError
+from flexgen.ports import Port
+from flexgen.trajectory import Trajectory
+
+
+@pytest.fixture
+def trajectory() -> Trajectory:
+    t = np.linspace(0.0, 1.0, 21)
+    channels = {"q_a": np.column_stack([np.sin(t), np.cos(t)]), "tau_m": t[:, None] ** 2}
+    ports = {"q_a": Port("q_a", (2,), "rad or m", "arm"), "tau_m": Port("tau_m", (1,), "N m", "torque")}
+    return Trajectory(t, channels, ports, {"q_a": ("a", "b"), "tau_m": ("m1",)}, {"model": "none"})
+
+
+def changed(path: Path, old: str, new: str) -> Path:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    return path
+
+
+# --- csv --------------------------------------------------------------------------------------------------------------
+
+
+def test_a_csv_that_was_cut_at_a_line_end_is_refused(tmp_path, trajectory):
+    path = trajectory.save(tmp_path / "a.csv")
+    lines = path.read_text().splitlines(keepends=True)
+    for n in range(1, len(lines)):
+        path.write_text("".join(lines[:n]))
+        with pytest.raises(ArgumentError, match=r"a\.csv: .*expected"):
+            Trajectory.load(path)
+    path.write_text("".join(lines[:12]))
+    with pytest.raises(ArgumentError, match=r"given no last line '# rows: N', .* it was cut or changed"):
+        Trajectory.load(path)
+    path.write_text("".join([*lines[:12], lines[-1]]))
+    with pytest.raises(ArgumentError, match="given 10 rows, where the last line states 21"):
+        Trajectory.load(path)
+    path.write_text("".join([*lines, lines[-2]]))
+    with pytest.raises(ArgumentError, match="line 25: given a row after the last line"):
+        Trajectory.load(path)
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        ("time ms", r"given the first column 'time ms', expected 'time s'; multiply the column by 0\.001"),
+        ("time", r"given the first column 'time', expected 'time s'"),
+        ("q_a[a] rad or m", r"expected 'time s'"),
+    ],
+)
+def test_the_unit_of_the_time_is_checked(tmp_path, trajectory, header, expected):
+    path = changed(trajectory.save(tmp_path / "a.csv"), "time s", header)
+    with pytest.raises(ArgumentError, match=expected):
+        Trajectory.load(path)
+
+
+def test_other_programs_read_the_csv(tmp_path, trajectory):
+    path = trajectory.save(tmp_path / "a.csv")
+    table = np.genfromtxt(path, delimiter=",", skip_header=2)
+    assert np.array_equal(table[:, 0], trajectory.time) and np.array_equal(table[:, 3], trajectory["tau_m"][:, 0])
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.read_csv(path, comment="#", float_precision="round_trip")
+    assert list(frame) == ["time s", "q_a[a] rad or m", "q_a[b] rad or m", "tau_m[m1] N m"]
+    assert np.array_equal(frame["tau_m[m1] N m"].to_numpy(), trajectory["tau_m"][:, 0])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("0.05,", "0.0_5,", "line 4: given text, expected numbers"),
+        ("0.05,", "0.05," + 200_000 * "9", "line 4: given more than 100000 characters"),
+        ("tau_m[m1] N m", "tau_m", r"given the column 'tau_m', expected 'name\[label\] unit'"),
+        ('{"model": "none"}', "[" * 50_000, "no trajectory of flexgen"),
+        ('{"model": "none"}', "[1]", "line 1: given list, expected an object of JSON"),
+    ],
+)
+def test_csv_files_that_are_refused(tmp_path, trajectory, old, new, expected):
+    path = changed(trajectory.save(tmp_path / "a.csv"), old, new)
+    with pytest.raises(ArgumentError, match=rf"a\.csv: .*{expected}"):
+        Trajectory.load(path)
+
+
+# --- npz --------------------------------------------------------------------------------------------------------------
+
+
+def packed(path: Path, members: dict[str, bytes]) -> Path:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in members.items():
+            archive.writestr(f"{name}.npy", content)
+    return path
+
+
+def array_bytes(values: np.ndarray) -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, values)
+    return stream.getvalue()
+
+
+def claiming(shape: str, data: bytes = b"") -> bytes:
+    """An npy file whose header claims a shape."""
+    head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}".ljust(117).encode() + b"\n"
+    return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + data
+
+
+def test_an_array_that_claims_a_billion_rows_is_refused_before_it_is_read(tmp_path, trajectory):
+    head = json.dumps({"meta": {}, "ports": {}, "labels": {}})
+    path = packed(tmp_path / "a.npz", {"head": array_bytes(np.array(head)), "time": claiming("(1000000000,)")})
+    with pytest.raises(ArgumentError, match=r"a\.npz: .*'time' of shape \(1000000000,\) and 0 bytes\), expected 80"):
+        Trajectory.load(path)
+
+
+def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
+    path = packed(tmp_path / "bomb.npz", {"time": claiming("(6250000,)", bytes(50_000_000))})
+    assert path.stat().st_size < 100_000
+    monkeypatch.setattr(zipfile.ZipExtFile, "read", None)  # nothing is unpacked
+    with pytest.raises(npz_files.NpzError, match="arrays of 50000128 bytes, expected at most 10000000"):
+        npz_files.read_npz(path, 10_000_000)
+    monkeypatch.setattr(trajectory_files, "LARGEST", 10_000_000)
+    with pytest.raises(ArgumentError, match=r"bomb\.npz: .*arrays of 50000128 bytes\), expected at most 10000000"):
+        Trajectory.load(path)
+
+
+def test_an_archive_that_lies_about_sizes_is_refused(tmp_path):
+    path = packed(tmp_path / "a.npz", {"time": array_bytes(np.arange(1000.0))})
+    content = path.read_bytes()
+    at = content.rfind(b"PK\x01\x02")
+    size = int.from_bytes(content[at + 24 : at + 28], "little")
+    for lie in (size - 8, size + 8, 2**31):
+        path.write_bytes(content[: at + 24] + lie.to_bytes(4, "little") + content[at + 28 :])
+        with pytest.raises(npz_files.NpzError):
+            npz_files.read_npz(path, 10**6)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK", b"PK\x03\x04", array_bytes(np.zeros(3)), b"x" * 100_000])
+def test_other_files_named_npz_are_refused(tmp_path, content):
+    path = tmp_path / "a.npz"
+    path.write_bytes(content)
+    with pytest.raises(ArgumentError, match=r"a\.npz: given a file that is no trajectory of flexgen \("):
+        Trajectory.load(path)
+
+
+def test_a_table_of_contents_of_millions_of_entries_is_refused(tmp_path):
+    entry = b"PK\x01\x02" + bytes(42)
+    end = b"PK\x05\x06" + bytes(4) + b"\xff\xff\xff\xff" + (30_000 * 46).to_bytes(4, "little") + bytes(6)
+    path = tmp_path / "a.npz"
+    path.write_bytes(30_000 * entry + end)
+    with pytest.raises(npz_files.NpzError, match="a table of contents that is too long"):
+        npz_files.read_npz(path, 10**9)
+
+
+def test_arrays_come_back_as_numpy_reads_them(tmp_path):
+    arrays = {"a": np.arange(6.0).reshape(2, 3), "b": np.asfortranarray(np.arange(6).reshape(3, 2)), "c": np.array("x")}
+    np.savez_compressed(tmp_path / "a.npz", **arrays, empty=np.zeros((0, 4)))
+    found = npz_files.read_npz(tmp_path / "a.npz", 10**6)
+    with np.load(tmp_path / "a.npz") as data:
+        assert list(found) == list(data.files)
+        for name in data.files:
+            assert np.array_equal(found[name], data[name]) and found[name].dtype == data[name].dtype
+
+
+# --- channels and writing ---------------------------------------------------------------------------------------------
+
+
+def test_an_unknown_channel_is_explained(trajectory):
+    with pytest.raises(ArgumentError, match=r"given 'tau', expected tau_m \(there are: q_a, tau_m\)"):
+        trajectory["tau"]
+    with pytest.raises(ArgumentError, match=r"given 'foo', expected one of q_a, tau_m"):
+        trajectory["foo"]
+    with pytest.raises(ArgumentError, match=r"the time is the attribute \.time"):
+        trajectory["time"]
+    with pytest.raises(ArgumentError, match="given 3, expected one of"):
+        trajectory[3]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits of POSIX")
+@pytest.mark.parametrize("suffix", ["csv", "npz"])
+def test_a_full_disk_leaves_the_old_file(tmp_path, trajectory, suffix):
+    path = trajectory.save(tmp_path / f"a.{suffix}")
+    before = path.read_bytes()
+    program = (
+        "import resource, sys\n"
+        "import numpy as np\n"
+        "from flexgen import ArgumentError, Trajectory\n"
+        "t = Trajectory(np.arange(9000.0) ** 1.1, {}, {}, {})\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))\n"
+        "try:\n"
+        "    t.save(sys.argv[1])\n"
+        "except ArgumentError as error:\n"
+        "    print(error)\n"
+    )
+    command = [sys.executable, "-c", program, str(path)]
+    text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert "which cannot be written (File too large)" in text and "a file that was there is unchanged" in text
+    assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == [path.name]
