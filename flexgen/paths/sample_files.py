@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import csv
-import zipfile
+from array import array
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path as FilePath
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.model.checked_table import closest
 from flexgen.model.elements import RobotModel
+from flexgen.npz_files import NpzError, read_npz
 from flexgen.paths.jets import axis_angle
 
 ROWS_MAX = 200_000
 SIZE_MAX = 200_000_000  # bytes
+LINE_MAX = 20_000  # characters
+LINES_MAX = 2 * ROWS_MAX  # including comments and empty lines
 UNIT = 1e-3  # largest deviation of a quaternion's norm from 1
 ROTATION_MAX = np.pi / 2  # rad from one sample to the next
 LARGEST = 1e9
@@ -47,7 +51,9 @@ class _File:
     """Columns of a file by name, with the line of each row for error messages."""
 
     def __init__(self, path: str, model: RobotModel) -> None:
-        self.name, self.model = path, model
+        self.name = path
+        self.joints = tuple(model.coordinates[i].name for i in model.i_g)
+        self.outputs = tuple(f"y{k + 1}" for k in range(model.output.size))
         file = FilePath(path)
         try:
             if not file.is_file():
@@ -55,26 +61,41 @@ class _File:
             if file.stat().st_size > SIZE_MAX:
                 self.fail(0, "file", f"more than {SIZE_MAX} bytes", "a shorter file")
             self.columns, self.lines = self._packed(file) if file.suffix == ".npz" else self._text(file)
-        except (OSError, ValueError) as error:
-            if isinstance(error, ArgumentError):
-                raise
+        except ArgumentError:
+            raise
+        except NpzError as error:
+            self.fail(0, "file", error.given, error.expected)
+        except (OSError, ValueError, csv.Error) as error:
             self.fail(0, "file", f"a file that cannot be read ({error})", "a .csv or .npz file")
 
     def fail(self, line: int, key: str, given: str, expected: str) -> NoReturn:
         raise ModelError(self.name, line, key, given, expected) from None
 
+    def _rows(self, file: FilePath) -> Iterator[tuple[int, list[str]]]:
+        """Number and cells of each line that is not empty, one at a time."""
+        with file.open(encoding="utf-8-sig") as stream:
+            for n in range(1, LINES_MAX + 2):
+                try:
+                    row = stream.readline(LINE_MAX + 1)
+                except UnicodeDecodeError:
+                    self.fail(0, "file", "text that is not UTF-8", "a .csv file with a header row, or a .npz file")
+                if not row:
+                    return
+                if len(row) > LINE_MAX:
+                    self.fail(n, "row", f"more than {LINE_MAX} characters", "a row of numbers")
+                cells = row.split("#")[0].strip()
+                if cells:
+                    yield n, next(csv.reader([cells]))
+        self.fail(LINES_MAX, "file", f"more than {LINES_MAX} lines", f"at most {ROWS_MAX} rows of numbers")
+
     def _text(self, file: FilePath) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        try:
-            text = file.read_text(encoding="utf-8-sig")
-        except UnicodeDecodeError:
-            self.fail(0, "file", "text that is not UTF-8", "a .csv file with a header row, or a .npz file")
-        rows = [(n, row.split("#")[0]) for n, row in enumerate(text.splitlines(), 1)]
-        rows = [(n, row) for n, row in rows if row.strip()]
-        if not rows:
+        rows = self._rows(file)
+        line, head = next(rows, (1, []))
+        if not head:
             self.fail(1, "file", "an empty file", "a header row and rows of numbers")
-        line, head = rows[0]
-        names = [name.strip().strip('"') for name in next(csv.reader([head]))]
-        for k, name in enumerate(names):
+        names = [name.strip().strip('"') for name in head]
+        most = len({*POSITION, *QUATERNION, *VECTOR, *self.joints, *self.outputs, "t", "u"})
+        for k, name in enumerate(names[: most + 1]):
             if not name or name in names[:k]:
                 self.fail(
                     line,
@@ -82,20 +103,22 @@ class _File:
                     "an empty or repeated column name",
                     "a different name for each column",
                 )
-        if len(rows) - 1 > ROWS_MAX:
-            self.fail(rows[ROWS_MAX + 1][0], "file", f"{len(rows) - 1} rows", f"at most {ROWS_MAX}")
-        values = np.zeros((len(rows) - 1, len(names)))
-        for i, (line, row) in enumerate(rows[1:]):
-            cells = next(csv.reader([row]))
+        if len(names) > most:
+            self.fail(line, "file", f"{len(names)} columns", f"at most {most}")
+        values, lines = array("d"), array("q")
+        for line, cells in rows:
+            if len(lines) == ROWS_MAX:
+                self.fail(line, "file", f"more than {ROWS_MAX} rows", f"at most {ROWS_MAX}")
             if len(cells) != len(names):
                 self.fail(line, "row", f"{len(cells)} values", f"{len(names)}, one for each column")
-            for k, cell in enumerate(cells):
-                values[i, k] = self._number(line, names[k], cell)
-        return dict(zip(names, values.T, strict=True)), np.array([line for line, _ in rows[1:]], dtype=int)
+            lines.append(line)
+            values.extend(self._number(line, name, cell) for name, cell in zip(names, cells, strict=True))
+        table = np.array(values).reshape(len(lines), len(names))
+        return dict(zip(names, table.T, strict=True)), np.array(lines, dtype=int)
 
     def _number(self, line: int, name: str, cell: str) -> float:
         try:
-            number = float(cell)
+            number = np.nan if "_" in cell else float(cell)  # Python reads 1_000 as a number, nobody else does
         except ValueError:
             number = np.nan
         if not abs(number) <= LARGEST:
@@ -103,38 +126,33 @@ class _File:
         return number
 
     def _packed(self, file: FilePath) -> tuple[dict[str, np.ndarray], np.ndarray]:
-        model = self.model
-        joints = tuple(model.coordinates[i].name for i in model.i_g)
-        known = PACKED | {"q_g": joints, "y": tuple(f"y{k + 1}" for k in range(model.output.size))}
+        known = PACKED | {"q_g": self.joints, "y": self.outputs}
         out: dict[str, np.ndarray] = {}
-        try:
-            with np.load(file, allow_pickle=False) as data:
-                arrays = {name: data[name] for name in data.files}
-        except (zipfile.BadZipFile, EOFError, KeyError) as error:
-            self.fail(0, "file", f"a file that is not .npz ({error})", "a file written by numpy.savez")
-        for name, array in arrays.items():
+
+        def check(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
             if name not in known:
-                self.fail(0, name, "an unknown array", closest(name, known))
-            if array.dtype.kind not in "fiu":
-                self.fail(0, name, f"an array of {array.dtype}", "numbers")
+                self.fail(0, name[:80], "an unknown array", closest(name[:80], known))
+            if dtype.kind not in "fiu":
+                self.fail(0, name, f"an array of {dtype}", "numbers")
+            width = len(known[name])
+            if not ((len(shape) == 1 and width == 1) or (len(shape) == 2 and shape[1] == width)):
+                self.fail(0, name, f"an array of shape {shape}", f"shape (n, {width})")
+            if shape[0] > ROWS_MAX:
+                self.fail(0, name, f"{shape[0]} rows", f"at most {ROWS_MAX}")
+
+        for name, values in read_npz(file, SIZE_MAX, check).items():
             columns = known[name]
-            if array.shape not in ([(len(array),)] if array.ndim == 1 and len(columns) == 1 else []) and (
-                array.ndim != 2 or array.shape[1] != len(columns)
-            ):
-                self.fail(0, name, f"an array of shape {array.shape}", f"shape (n, {len(columns)})")
-            array = array.reshape(len(array), -1).astype(float)
-            if not (np.abs(array) <= LARGEST).all():
-                bad = int(np.flatnonzero(~(np.abs(array) <= LARGEST).all(axis=1))[0])
+            numbers = values.reshape(len(values), len(columns)).astype(float)
+            if not (np.abs(numbers) <= LARGEST).all():
+                bad = int(np.flatnonzero(~(np.abs(numbers) <= LARGEST).all(axis=1))[0])
                 self.fail(
                     bad + 1, name, "a number that is not finite or too large", f"numbers of size at most {LARGEST:g}"
                 )
-            out |= dict(zip(columns, array.T, strict=True))
+            out |= dict(zip(columns, numbers.T, strict=True))
         sizes = {len(column) for column in out.values()}
         if len(sizes) > 1:
             self.fail(0, "file", f"arrays of {sorted(sizes)} rows", "the same number of rows in each")
         n = sizes.pop() if sizes else 0
-        if n > ROWS_MAX:
-            self.fail(0, "file", f"{n} rows", f"at most {ROWS_MAX}")
         return out, np.arange(1, n + 1)
 
     def take(self, names: tuple[str, ...]) -> np.ndarray:
@@ -171,11 +189,13 @@ def read_samples(path: str, model: RobotModel, least: int) -> Samples:
     n = len(file.lines)
     if n < least:
         file.fail(int(file.lines[-1]) if n else 1, "file", f"{n} samples", f"at least {least}")
-    joints = tuple(model.coordinates[i].name for i in model.i_g)
-    outputs = tuple(f"y{k + 1}" for k in range(model.output.size))
+    joints, outputs = file.joints, file.outputs
     knots, timed = _knots(file, joints)
     q = None
     tool = model.output.type in ("tool_position", "tool_pose")
+    both = [name for name in joints if name in outputs and name in file.columns]
+    if both and not tool:
+        file.fail(1, both[0], "a column that is a joint and an output", "another name of the joint in the model")
     if any(name in file.columns for name in joints):
         space, values = "joint", file.take(joints)
     elif any(name in file.columns for name in outputs):

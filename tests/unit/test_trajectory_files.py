@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import subprocess
@@ -12,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from npz_lies import array_bytes, claiming, packed
 
 from flexgen import npz_files, trajectory_files
 from flexgen.errors import ArgumentError
@@ -96,25 +96,6 @@ def test_csv_files_that_are_refused(tmp_path, trajectory, old, new, expected):
 
 
 # --- npz --------------------------------------------------------------------------------------------------------------
-
-
-def packed(path: Path, members: dict[str, bytes]) -> Path:
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, content in members.items():
-            archive.writestr(f"{name}.npy", content)
-    return path
-
-
-def array_bytes(values: np.ndarray) -> bytes:
-    stream = io.BytesIO()
-    np.save(stream, values)
-    return stream.getvalue()
-
-
-def claiming(shape: str, data: bytes = b"") -> bytes:
-    """An npy file whose header claims a shape."""
-    head = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}".ljust(117).encode() + b"\n"
-    return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head + data
 
 
 def test_an_array_that_claims_a_billion_rows_is_refused_before_it_is_read(tmp_path, trajectory):
