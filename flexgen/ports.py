@@ -34,18 +34,29 @@ _RESERVED = frozenset(
 
 
 def identifier_problem(text: str) -> str | None:
-    """Why ``text`` may not become a name in the emitted C, or None where it may.
+    """Why ``text`` may not be a name in a model file, or None where it may.
 
-    One gate for every name that comes from a file: a letter, then at most 30 letters, digits or underscores, no
-    double underscore, no keyword of C or C++ and no name of the C library.
+    A name is a letter, then at most 30 letters, digits or underscores, without a double underscore. Names of joints,
+    motors, elements and moves are never identifiers of their own in the emitted C (they stand in comments, in texts
+    and behind a prefix): ``j1`` and ``y0``, functions of libm, are good names. See `c_name_problem` for the others.
     """
     if not _IDENTIFIER.match(text):
         return "a letter followed by at most 30 letters, digits or underscores"
     if "__" in text:
         return "a name without a double underscore"
-    if text in _RESERVED:
-        return "a name that is not reserved by C, C++ or the C library"
     return None
+
+
+def c_name_problem(text: str) -> str | None:
+    """Why ``text`` may not be an identifier in the emitted C, or None where it may.
+
+    For the names of libraries, functions and arrays: an identifier that is no keyword of C or C++ and no name of the C
+    library.
+    """
+    problem = identifier_problem(text)
+    if problem is None and text in _RESERVED:
+        problem = "a name that is not reserved by C, C++ or the C library"
+    return problem
 
 
 @dataclass(frozen=True)
@@ -70,7 +81,7 @@ class Port:
     doc: str
 
     def __post_init__(self) -> None:
-        problem = identifier_problem(self.name)
+        problem = c_name_problem(self.name)
         if problem is not None:
             raise ArgumentError(f"port name: given {self.name!r}, expected {problem}")
         if len(self.shape) not in (1, 2) or any(n < 0 for n in self.shape):

@@ -107,6 +107,8 @@ def analyze(
     SolverError
         There is no static equilibrium nearby, or none along the path.
     """
+    if path is not None and not callable(getattr(path, "sample", None)):
+        raise ArgumentError(f"path: given {path!r}, expected a flexgen.Path, such as flexgen.plan(model, move) returns")
     equations = model if isinstance(model, Equations) else derive(model)
     robot = equations.model
     try:

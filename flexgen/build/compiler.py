@@ -40,6 +40,9 @@ _OUTSIDE = (
 )
 
 
+_WORLD = ("DBL_EPSILON", "size_t")  # stands in the preprocessed text of _OUTSIDE
+
+
 @dataclass(frozen=True)
 class Compiler:
     """A C compiler with its flags.
@@ -95,6 +98,11 @@ def find_compiler(*, native: bool = False, openmp: bool = False) -> Compiler | N
         raise BuildError(
             f"C compiler: given {shlex.join(chosen)!r} with {shlex.join(flags)}, which fails:\n  {told}{hint}"
         )
+    if not all(word in world.stdout for word in _WORLD):
+        raise BuildError(
+            f"C compiler: given {shlex.join(chosen)!r}, which does not preprocess C, expected gcc, clang or another "
+            "C compiler; change CC or unset it"
+        )
     identity = hashlib.sha256("\0".join((version, *flags, world.stdout)).encode()).hexdigest()
     return Compiler(program, version, tuple(flags), identity)
 
@@ -138,10 +146,15 @@ def _errors(answer: subprocess.CompletedProcess[str]) -> str:
     return "\n  ".join(errors[:5]) or f"exit status {answer.returncode}, without a word"
 
 
-def _run(what: str, command: Sequence[str], folder: Path) -> None:
+def _run(what: str, command: Sequence[str], folder: Path, written: str) -> None:
     answer = _asked(command, "", folder)
     if answer.returncode != 0:
         raise BuildError(f"the {what} failed; the directory is as it was before:\n  {_errors(answer)}")
+    if not (folder / written).is_file():
+        raise BuildError(
+            f"the {what} {command[0]!r} reported success but wrote no {written}; the directory is as it was before; "
+            "check CC and the programs on the PATH"
+        )
 
 
 def build_libraries(
@@ -186,7 +199,7 @@ def build_libraries(
         jobs = {}
         for file in sorted(missing, key=lambda file: -_effort(folder, file)):  # the longest first
             words = [*compiler.command, *compiler.flags, "-c", file, "-o", _object(file)]
-            jobs[file] = pool.submit(_run, "C compiler", words, folder)
+            jobs[file] = pool.submit(_run, "C compiler", words, folder, _object(file))
         try:
             for file, job in jobs.items():
                 job.result()
@@ -198,8 +211,8 @@ def build_libraries(
     objects = [_object(file) for file in sources]
     suffix = "dylib" if sys.platform == "darwin" else "so"
     linked, static = f"linked.{suffix}", f"lib{name}.a"
-    _run("linker", [*compiler.command, *compiler.flags, "-shared", "-o", linked, *objects, "-lm"], folder)
-    _run("archiver", [archiver, "rcs" if sys.platform == "darwin" else "rcsD", static, *objects], folder)
+    _run("linker", [*compiler.command, *compiler.flags, "-shared", "-o", linked, *objects, "-lm"], folder, linked)
+    _run("archiver", [archiver, "rcs" if sys.platform == "darwin" else "rcsD", static, *objects], folder, static)
     digest = hashlib.sha256((folder / linked).read_bytes()).hexdigest()
     library = f"lib{name}-{digest[:16]}.{suffix}"
     (folder / linked).rename(folder / library)

@@ -1,7 +1,7 @@
 """The text of the C library: all its files by name; nothing is compiled here.
 
-The text depends on the specification alone: no time stamp, host or path. Names come from `ports.identifier_problem`'s
-gate; text from a model file is never written.
+The text depends on the specification alone: no time stamp, host or path. Names pass the gates of `ports`; text from a
+model file is never written.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from flexgen.codegen.header import batch_header, header
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.errors import BuildError
 from flexgen.expressions.function_text import FunctionText, function_text
-from flexgen.ports import identifier_problem
+from flexgen.ports import c_name_problem, identifier_problem
 
 SOURCES = "src"  # folder of the private files
 
@@ -93,10 +93,10 @@ def symbols(spec: LibrarySpec) -> tuple[str, ...]:
 def check_names(spec: LibrarySpec) -> None:
     """Everything that becomes a name, or part of one, passes the gate; BuildError where it does not."""
     driven = [name for gears in spec.gears for name, _ in gears]
-    names = [spec.name, *spec.coordinates, *spec.motors, *spec.sizes, *driven]
-    names += [f.name for f in spec.functions]
-    for name in names:
-        problem = identifier_problem(name)
+    in_comments = [*spec.coordinates, *spec.motors, *driven]
+    identifiers = [spec.name, *spec.sizes, *(f.name for f in spec.functions)]
+    problems = [(name, identifier_problem(name)) for name in in_comments]
+    for name, problem in [*problems, *((name, c_name_problem(name)) for name in identifiers)]:
         if problem is not None:
             raise BuildError(f"name for C: given {name!r}, expected {problem}")
     for f in spec.functions:

@@ -23,7 +23,7 @@ from flexgen.codegen.clib_table import (
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.signatures import FUNCTIONS, PORTS, TABLE, Row, offered_functions, port
 from flexgen.model.elements import RobotModel
-from flexgen.ports import Port, identifier_problem
+from flexgen.ports import Port, c_name_problem, identifier_problem
 
 if TYPE_CHECKING:
     from flexgen.expressions.routine import Routine
@@ -273,7 +273,7 @@ _TAKEN = frozenset(
 def library_name(model: RobotModel) -> str:
     """First part of every symbol of the model's library: its name, with the variant; BuildError if C forbids it."""
     name = f"{model.name}_{model.variant}" if model.variant else model.name
-    problem = identifier_problem(name)
+    problem = c_name_problem(name)
     if problem is None and name.lower() in _TAKEN:
         problem = "a name that no header, file or library beside it has"
     if problem is not None:

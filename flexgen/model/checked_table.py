@@ -30,12 +30,8 @@ def as_number(value: Any) -> float | None:
 
 
 def _in_range(numbers: Sequence[float]) -> bool:
-    """Whether the entry of largest magnitude is 0 or in the range of numbers of a model.
-
-    Entries that are tiny relative to the largest one are allowed: they are rounding errors.
-    """
-    largest = max(map(abs, numbers), default=0.0)
-    return largest == 0.0 or SMALLEST <= largest <= LARGEST
+    """Whether each number is 0 or has a magnitude that a model can have."""
+    return all(x == 0.0 or SMALLEST <= abs(x) <= LARGEST for x in numbers)
 
 
 def show(value: Any, limit: int = 80) -> str:
@@ -175,7 +171,7 @@ class Table:
                 raise ModelError(item.file or self.file, item.line, self.path(key), given, expected)
             out.append(number)
         if not _in_range(out):
-            raise self.fail(key, f"numbers {MAGNITUDE}")
+            raise self.fail(key, f"numbers {MAGNITUDE}; write 0 for a rounding error")
         return tuple(out)
 
     def axis(self, key: str) -> tuple[float, ...]:
@@ -244,10 +240,15 @@ class Table:
             raise self.fail(key, closest(value if isinstance(value, str) else "", known))
         return value
 
-    def name(self, key: str = "name", taken: Iterable[str] = ()) -> str:
+    def name(
+        self,
+        key: str = "name",
+        taken: Iterable[str] = (),
+        problem_of: Callable[[str], str | None] = identifier_problem,
+    ) -> str:
         """An identifier that is not in ``taken``."""
         name = self.text(key)
-        problem = identifier_problem(name)
+        problem = problem_of(name)
         if problem is not None:
             raise self.fail(key, problem)
         if name in taken:

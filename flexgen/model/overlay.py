@@ -19,7 +19,7 @@ from flexgen.model.toml_lines import Entry, wrap
 from flexgen.model.urdf import Inertial, Link, Pose, Urdf, among, key, zero_tiny
 from flexgen.model.urdf_chain import MOVING, Chain, Segment, find_chain
 from flexgen.model.urdf_source import find_urdf
-from flexgen.ports import identifier_problem
+from flexgen.ports import c_name_problem, identifier_problem
 
 _URDF = ("file", "base", "tip", "lock", "drop", "limits", "dynamics")
 _LIMITS = (
@@ -297,7 +297,7 @@ class _Overlay:
         file, table = self.urdf.file, self.table
         out: dict[str, Any] = {}
         if "name" not in self.top:
-            problem = identifier_problem(self.urdf.name)
+            problem = c_name_problem(self.urdf.name)
             if problem is not None:
                 raise self.top.fail("name", f"a name for the robot that URDF calls {show(self.urdf.name)}: {problem}")
             out["name"] = self.urdf.name

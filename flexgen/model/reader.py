@@ -20,7 +20,7 @@ from flexgen.model.inertia import massless_coordinates
 from flexgen.model.overlay import expand
 from flexgen.model.toml_lines import Entry
 from flexgen.model.urdf_source import from_here, plain_urdf
-from flexgen.ports import identifier_problem
+from flexgen.ports import c_name_problem, identifier_problem
 
 SIZE_MAX = 1_000_000  # bytes
 
@@ -81,6 +81,11 @@ def read(
     unchanged = toml_lines.copy(root)
     if chosen:
         variants[chosen].apply(root)
+    if overrides is not None and not isinstance(overrides, Mapping):
+        raise ArgumentError(
+            f"overrides: given {show(overrides)}, expected a mapping of dotted paths to values, such as "
+            '{"payload.mass": 2.0}'
+        )
     for key, value in (overrides or {}).items():
         _override(root, shown, key, value)
     robot = _robot(Table(shown, root, ""), chosen, tuple(variants))
@@ -263,7 +268,7 @@ def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
     coupling = root.choice("motor_coupling", ("simplified", "complete"), "simplified")
     chain, where = component_tables.read_elements(root)
     draft = RobotModel(
-        name=root.name(),
+        name=root.name(problem_of=c_name_problem),
         description=root.text("description", ""),
         source=root.text("source", ""),
         gravity=root.vector("gravity", 3, what="m/s^2, world axes"),

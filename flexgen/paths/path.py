@@ -133,8 +133,14 @@ def named_move(robot: RobotModel, move: str | Move | None) -> Move:
         return robot.move(move)
     except KeyError:
         names = [m.name for m in (*robot.moves, *robot.programs)]
+        if not names:
+            raise ArgumentError(
+                f"move: given {move!r}, but model {robot.name} has no moves; write [[move]] tables into a TOML file "
+                "and give it with --moves FILE (in Python flexgen.read_moves(FILE, model) or a flexgen.Move), or write "
+                "an overlay of the URDF file with moves; models/README.md describes both"
+            ) from None
         similar = get_close_matches(str(move), names, 1)
         hint = f"; did you mean {similar[0]!r}?" if similar else ""
         raise ArgumentError(
-            f"move: given {move!r}, expected one of model {robot.name}: {', '.join(names) or 'none'}{hint}"
+            f"move: given {move!r}, expected one of model {robot.name}: {', '.join(names)}{hint}"
         ) from None

@@ -16,7 +16,7 @@ import numpy as np
 
 from flexgen import errors
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
-from flexgen.ports import Port, identifier_problem
+from flexgen.ports import Port, c_name_problem
 from flexgen.runtime.arguments import PARAMETERS
 from flexgen.runtime.calls import Entries, Function
 from flexgen.runtime.files import AGAIN, trusted_bytes, trusted_folder, trusted_library
@@ -254,8 +254,8 @@ def _loaded(folder: Path, sha256: str | None) -> Library:
     trusted, manifest = _read(folder)
     try:
         name, file, recorded = manifest["name"], manifest["build"]["library"], manifest["build"]["sha256"]
-        if identifier_problem(name) is not None:
-            raise BuildError(f"name of the library: given {name!r}, expected {identifier_problem(name)}; {AGAIN}")
+        if c_name_problem(name) is not None:
+            raise BuildError(f"name of the library: given {name!r}, expected {c_name_problem(name)}; {AGAIN}")
         named = _LIBRARY_FILE.match(file)
         if named is None or named["name"] != name or named["hash"] != recorded[:16]:
             raise BuildError(
@@ -361,8 +361,8 @@ def _function(
 ) -> Function:
     """One function of the library with its C entry points."""
     name = described["name"]
-    if identifier_problem(name) is not None:
-        raise ValueError(f"given the function name {name!r}, expected {identifier_problem(name)}")
+    if c_name_problem(name) is not None:
+        raise ValueError(f"given the function name {name!r}, expected {c_name_problem(name)}")
     inputs, outputs = (
         tuple(Port(p["name"], tuple(p["shape"]), p["unit"], p["doc"]) for p in described[key])
         for key in ("inputs", "outputs")

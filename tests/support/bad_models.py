@@ -172,7 +172,7 @@ CASES = {
     ),
     "gravity is absurd": ([("-9.81]", "-1e13] #!")], "gravity", ["numbers of magnitude"]),
     "gravity is tiny": ([("-9.81]", "-1e-300] #!")], "gravity", ["numbers of magnitude"]),
-    "tiny ratio beside another": ([("[50.0, 0.5]", "[50.0, 1e-300] #!")], "motor.m2.ratio", ["not 0"]),
+    "tiny ratio beside another": ([("[50.0, 0.5]", "[50.0, 1e-300] #!")], "motor.m2.ratio", ["magnitude", "write 0"]),
     "control character": (
         [('"for tests"', '"red \\u001b[31m" #!')],
         "description",

@@ -378,11 +378,6 @@ BAD_URDF = {
         "joint.a-b.name",
         ["letters, digits"],
     ),
-    "reserved joint": (
-        [('<joint name="slide" type="prismatic">', '<joint name="double" type="prismatic"><!--!-->')],
-        "joint.double.name",
-        ["reserved"],
-    ),
     "C in a name": (
         [
             (

@@ -281,12 +281,16 @@ def test_names_unfit_for_c_are_refused(name):
     renamed.model = dataclasses.replace(
         model, motors=(dataclasses.replace(model.motors[0], name=name), *model.motors[1:])
     )
-    with pytest.raises(BuildError, match="expected a"):
-        library_spec(renamed)
+    reserved = name in ("int", "sin")  # fine names of motors and coordinates: they are no identifiers of their own
     spec = library_spec(equations, ["gravity"])
+    if reserved:
+        emit(dataclasses.replace(spec, coordinates=(name, "q2"), motors=(name, "m2")))
+    else:
+        with pytest.raises(BuildError, match="expected a"):
+            library_spec(renamed)
     for changed in (
         dataclasses.replace(spec, name=name),
-        dataclasses.replace(spec, coordinates=(name, "q2")),
+        *([] if reserved else [dataclasses.replace(spec, coordinates=(name, "q2"))]),
         dataclasses.replace(spec, functions=(dataclasses.replace(spec.functions[0], name=name),)),
     ):
         with pytest.raises(BuildError, match="name for C: given"):
