@@ -7,13 +7,9 @@ made the library; where both are unchanged nothing is done, where the digest is 
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
 import os
-import re
-import shutil
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -23,6 +19,7 @@ from typing import Any
 
 from flexgen import __version__
 from flexgen.build.compiler import Compiler, build_libraries, find_compiler
+from flexgen.build.directory import MANIFEST, check_owned, clean, install, libraries, read_manifest, staging, unchanged
 from flexgen.build.packaging import packaging
 from flexgen.codegen.amalgamation import amalgamated
 from flexgen.codegen.clib_table import STRUCTS, signature_of
@@ -40,11 +37,7 @@ from flexgen.errors import ArgumentError, BuildError
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 
-MANIFEST = "manifest.json"
-SOURCES = "src"  # folder of the private files
 FORMAT = 2
-
-_FILE = re.compile(r"(CMakeLists\.txt|(src/)?[A-Za-z][A-Za-z0-9_]*(-[0-9a-f]{16})?\.(h|c|pc|a|so|dylib))\Z")
 
 
 @dataclass(frozen=True)
@@ -129,7 +122,8 @@ def generate(
     Raises
     ------
     BuildError
-        Where something cannot be written in C, or the compiler is missing or fails; the directory stays as it was.
+        Where something cannot be written in C, the compiler is missing or fails, the directory cannot be written, or it
+        holds another library or files that flexgen did not write; the directory stays as it was.
     ModelError, ArgumentError
         Where the model cannot be read or a function is unknown.
     """
@@ -145,10 +139,11 @@ def generate(
         raise ArgumentError("parameters: given beside equations, expected them in derive(model, parameters)")
     name = library_name(model)
     target = Path("generated", name) if directory is None else _folder(directory)
+    clean(target)
     digest = _content_digest(model, [names, precision, list(parameters), equations is not None, bool(amalgamate)])
     options = {"native": bool(native), "openmp": bool(openmp)}
     compiler = find_compiler(**options) if build else None
-    old = _read_manifest(target)
+    old = read_manifest(target, name)
     known = not force and old is not None and old.get("digest") == digest and _intact(target, old)
     if known and old is not None and (not build or _built(target, old, options, compiler)):
         return _result(target, old, start, cached=True, written=False)
@@ -170,15 +165,16 @@ def generate(
     manifest["build"] = None
     if not force and old is not None and old["files"] == manifest["files"] and _intact(target, old):
         manifest["build"] = old["build"] if not build or _built(target, old, options, compiler) else None
-    with _Staging(target) as staging:
+    check_owned(target, name, texts, old)
+    with staging(target) as folder:
         for file, text in texts.items():
-            (staging / file).parent.mkdir(exist_ok=True)
-            (staging / file).write_text(text, encoding="ascii", newline="\n")
+            (folder / file).parent.mkdir(exist_ok=True)
+            (folder / file).write_text(text, encoding="ascii", newline="\n")
         compiled = manifest["build"] is None and compiler is not None
         if compiled and compiler is not None:
             headers = [file for file in texts if file.endswith(".h")]
-            manifest["build"] = options | build_libraries(staging, name, sources, headers, compiler, tell, fresh=force)
-        _install(staging, target, manifest, old)
+            manifest["build"] = options | build_libraries(folder, name, sources, headers, compiler, tell, fresh=force)
+        install(folder, target, manifest, old)
     return _result(target, manifest, start, cached=not compiled, written=True)
 
 
@@ -256,10 +252,6 @@ def _casadi_version() -> str:
         return "unknown"
 
 
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
 def _manifest(spec: LibrarySpec, digest: str, needs_work: Mapping[str, bool]) -> dict[str, Any]:
     """What the Python loader and other tools need to know of the library."""
     return {
@@ -300,18 +292,9 @@ def _manifest(spec: LibrarySpec, digest: str, needs_work: Mapping[str, bool]) ->
     }
 
 
-def _read_manifest(directory: Path) -> dict[str, Any] | None:
-    """The manifest of a directory, or None where there is none that can be read."""
-    try:
-        manifest = json.loads((directory / MANIFEST).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    return manifest if isinstance(manifest, dict) and isinstance(manifest.get("files"), dict) else None
-
-
 def _intact(directory: Path, manifest: dict[str, Any]) -> bool:
     """True where every text is there as recorded."""
-    return _unchanged(directory, manifest["files"])
+    return unchanged(directory, manifest["files"])
 
 
 def _built(directory: Path, manifest: dict[str, Any], options: dict[str, bool], compiler: Compiler | None) -> bool:
@@ -321,72 +304,18 @@ def _built(directory: Path, manifest: dict[str, Any], options: dict[str, bool], 
         made_so = {key: built[key] for key in options} == options
         if not made_so or (compiler is not None and built["identity"] != compiler.identity):
             return False
-        return _unchanged(directory, {built["library"]: built["sha256"], built["static"]: built["static_sha256"]})
+        return unchanged(directory, {built["library"]: built["sha256"], built["static"]: built["static_sha256"]})
     except (KeyError, TypeError):
         return False
-
-
-def _unchanged(directory: Path, files: dict[str, str]) -> bool:
-    try:
-        return all(_FILE.match(file) and _sha256(directory / file) == digest for file, digest in files.items())
-    except OSError:
-        return False
-
-
-def _libraries(manifest: dict[str, Any]) -> list[str]:
-    """Names of the compiled files."""
-    return [manifest["build"]["library"], manifest["build"]["static"]] if manifest["build"] else []
 
 
 def _result(directory: Path, manifest: dict[str, Any], start: float, *, cached: bool, written: bool) -> Generated:
     return Generated(
         directory=directory,
-        files=tuple(directory / file for file in (*manifest["files"], MANIFEST, *_libraries(manifest))),
+        files=tuple(directory / file for file in (*manifest["files"], MANIFEST, *libraries(manifest))),
         functions=tuple(f["name"] for f in manifest["functions"]),
         digest=manifest["digest"],
         seconds=time.perf_counter() - start,
         cached=cached,
         written=written,
     )
-
-
-# --- moving into place ------------------------------------------------------------------------------------------------
-
-
-class _Staging:
-    """A temporary folder inside the directory to be written; with it goes a directory that it had to create."""
-
-    def __init__(self, target: Path) -> None:
-        self.target = target
-        self.created = not target.exists()
-
-    def __enter__(self) -> Path:
-        try:
-            self.target.mkdir(parents=True, exist_ok=True)
-            self.folder = Path(tempfile.mkdtemp(prefix=".staging-", dir=self.target))
-        except OSError as error:
-            raise BuildError(f"directory: given {self.target}, expected one that can be written ({error})") from error
-        return self.folder
-
-    def __exit__(self, kind: type[BaseException] | None, *rest: object) -> None:
-        shutil.rmtree(self.folder, ignore_errors=True)
-        if kind is not None and self.created and not any(self.target.iterdir()):
-            self.target.rmdir()
-
-
-def _install(staging: Path, target: Path, manifest: dict[str, Any], old: dict[str, Any] | None) -> None:
-    """Move everything into place, the manifest last, then remove what the last generation left over."""
-    (staging / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8", newline="\n")
-    libraries = _libraries(manifest)
-    for file in [*manifest["files"], *(file for file in libraries if (staging / file).exists()), MANIFEST]:
-        (target / file).parent.mkdir(exist_ok=True)
-        os.replace(staging / file, target / file)
-    kept = {*manifest["files"], *libraries}
-    stale = {target / file for file in (old or {}).get("files", ()) if _FILE.match(file)}
-    stale |= {*target.glob(f"lib{manifest['name']}-*"), target / f"lib{manifest['name']}.a"}
-    for path in stale:
-        name = path.relative_to(target).as_posix()
-        if _FILE.match(name) and name not in kept:
-            path.unlink(missing_ok=True)
-    with contextlib.suppress(OSError):
-        (target / SOURCES).rmdir()  # removed where no file is left in it
