@@ -16,7 +16,7 @@ TEST_CACHE := build/test-cache
 # Two workers use both cores: BLAS with threads of its own would make them wait for each other.
 RUN_TESTS = FLEXGEN_TEST_CACHE=$(CURDIR)/$(TEST_CACHE) OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
-.PHONY: run help setup setup-test setup-lint setup-dev test test-slow test-full robots lint format types bench golden clean
+.PHONY: run help setup setup-test setup-lint setup-dev test test-slow test-full robots fuzz lint format types bench golden clean
 
 run: $(VENV)/.installed            ## solve the example planar5_nmp (the default target)
 	$(BIN)/python cli.py run planar5_nmp
@@ -64,6 +64,10 @@ test-slow: $(VENV)/.test           ## the other tests (about 20 minutes on two c
 test-full: $(VENV)/.test           ## what takes longer still: large random samples
 	@echo "flexgen: large random samples, about 30 minutes on two cores"
 	@$(RUN_TESTS) -m full $(PYTEST)
+
+fuzz: $(VENV)/.test                ## 10,000 mutated files for each reader of files
+	@echo "flexgen: mutated files, about 5 minutes on two cores"
+	@$(RUN_TESTS) -m fuzz tests/fuzz $(PYTEST)
 
 lint: $(VENV)/.lint                ## check format and style
 	$(BIN)/ruff format --check .

@@ -7,7 +7,9 @@ nothing is unpickled.
 
 from __future__ import annotations
 
+import ast
 import math
+import re
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -22,6 +24,7 @@ HEADER = 10_000  # bytes of the header of an array, at most
 
 _END, _END_64 = b"PK\x05\x06", b"PK\x06\x07"  # of the table of contents
 _END_SIZE, _COMMENT = 22, 2**16
+_TYPE = re.compile(r"[<>|=]?(b1|[iu][1248]|f(2|4|8|16)|U\d{1,9})")
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those of numpy; others unpack without a bound
 
 
@@ -60,6 +63,7 @@ def read_npz(
     try:
         _check_directory(path, size_max)
         with zipfile.ZipFile(path) as archive:
+            _check_sizes(archive, path.stat().st_size)
             headers = _headers(archive, size_max)
             for name, (shape, _, dtype, _) in headers.items():
                 if check is not None:
@@ -93,6 +97,17 @@ def _check_directory(path: Path, size_max: int) -> None:
         raise NpzError("an .npz file with a table of contents that is too long", f"at most {MEMBERS} arrays")
 
 
+def _check_sizes(archive: zipfile.ZipFile, size: int) -> None:
+    """Refuse an archive that states more packed bytes than the file has: room for all of them would be taken."""
+    for member in archive.infolist():
+        stored = member.compress_type == zipfile.ZIP_STORED
+        if member.compress_size > size or (stored and member.compress_size != member.file_size):
+            raise NpzError(
+                f"the member {member.filename[:80]!r} of {member.compress_size} packed bytes in a file of {size}",
+                "sizes that agree",
+            )
+
+
 def _headers(archive: zipfile.ZipFile, size_max: int) -> dict[str, tuple[tuple[int, ...], bool, np.dtype[Any], int]]:
     """Shape, order, type and start of the numbers of each array by name, consistent with its size in the archive."""
     members = archive.infolist()
@@ -123,35 +138,34 @@ def _headers(archive: zipfile.ZipFile, size_max: int) -> dict[str, tuple[tuple[i
 
 def _header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     """Shape, order and type that the header of an array states."""
+    magic = stream.read(8)
+    width = {b"\x93NUMPY\x01\x00": 2, b"\x93NUMPY\x02\x00": 4}.get(magic, 0)
+    length = int.from_bytes(stream.read(width), "little")
+    head: Any = None
+    if width and length <= HEADER:
+        try:
+            head = ast.literal_eval(stream.read(length).decode("latin-1").strip())
+        except (ValueError, SyntaxError, TypeError, RecursionError, MemoryError, Warning):  # the text is short
+            head = None
+    if not isinstance(head, dict) or head.keys() != {"descr", "fortran_order", "shape"}:
+        raise NpzError(f"the array {name[:80]!r} without a header that can be read", "one of numpy")
+    descr, shape, by_columns = head["descr"], head["shape"], head["fortran_order"]
+    if not (isinstance(descr, str) and _TYPE.fullmatch(descr)):
+        raise NpzError(f"the array {name[:80]!r} of type {_short(descr)}", "numbers or text")
+    if not (isinstance(shape, tuple) and len(shape) <= 32 and all(type(n) is int and n >= 0 for n in shape)):
+        raise NpzError(f"the array {name[:80]!r} of shape {_short(shape)}", "whole numbers >= 0")
     try:
-        version = np.lib.format.read_magic(stream)
-        read = {
-            (1, 0): np.lib.format.read_array_header_1_0,
-            (2, 0): np.lib.format.read_array_header_2_0,
-        }[version]
-        shape, by_columns, dtype = read(stream, max_header_size=HEADER)
-    except (
-        ValueError,
-        KeyError,
-        TypeError,
-        SyntaxError,
-        OverflowError,
-        RecursionError,
-        AttributeError,
-        MemoryError,
-        Warning,
-    ):  # what the parser of Python raises; the header is short
-        raise NpzError(f"the array {name[:80]!r} without a header that can be read", "one of numpy") from None
-    if dtype.hasobject or dtype.itemsize == 0 or any(n < 0 for n in shape) or len(shape) > 32:
-        raise NpzError(f"the array {name[:80]!r} of {dtype} and shape {_short(shape)}", "numbers or text")
-    return shape, by_columns, dtype
+        return shape, bool(by_columns), np.dtype(descr)
+    except (TypeError, ValueError):
+        raise NpzError(f"the array {name[:80]!r} of type {descr}", "numbers or text") from None
 
 
 def _array(
     archive: zipfile.ZipFile, name: str, shape: tuple[int, ...], by_columns: bool, dtype: np.dtype[Any], start: int
 ) -> np.ndarray:
     with archive.open(f"{name}.npy") as stream:
-        content = stream.read()  # at most as many bytes as the archive states, which were checked
+        content = stream.read(start + math.prod(shape) * dtype.itemsize)
+        content += stream.read(1)  # its end: the checksum is compared there
     count = math.prod(shape)
     if len(content) != start + count * dtype.itemsize:
         raise NpzError(f"the array {name[:80]!r} with {len(content)} bytes", "as many as the archive states")

@@ -27,6 +27,7 @@ from flexgen.ports import Port
 LARGEST = 2**30  # bytes of a file, and of the numbers in it, at most
 LINE = 100_000  # characters of a line, at most
 CHANNELS = 1000  # at most
+NAME = 200  # characters of the name of a column, at most
 
 _ROWS = re.compile(r"#\s*rows:\s*(\d{1,12})\s*\Z")
 _COLUMN = re.compile(r"([^\[\]]+)\[([^\[\]]*)\] (.+)\Z", re.DOTALL)
@@ -241,7 +242,7 @@ def _content(header: list[str], table: np.ndarray, meta: dict[str, Any]) -> Cont
     channels: dict[str, np.ndarray] = {}
     last = ""
     for k, column in enumerate(header[1:], 1):
-        found = _COLUMN.match(column)
+        found = _COLUMN.match(column) if len(column) <= NAME else None
         if found is None:
             raise ArgumentError(f"line 2: given the column {column[:60]!r}, expected 'name[label] unit'")
         name, label, unit = found.groups()

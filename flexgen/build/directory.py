@@ -77,7 +77,7 @@ def _is_complete(manifest: dict[str, Any]) -> bool:
     if not all(isinstance(function, dict) and isinstance(function.get("name"), str) for function in functions):
         return False
     if build is None:
-        return True
+        return "build" in manifest
     names = [build.get(key) for key in ("library", "static")] if isinstance(build, dict) else []
     return bool(names) and all(isinstance(name, str) and _FILE.match(name) for name in names)
 

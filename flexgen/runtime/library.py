@@ -285,6 +285,8 @@ def _loaded(folder: Path, sha256: str | None) -> Library:
         }
         streams = streams_of(manifest, found, failures, (streams_again, (str(trusted), recorded)))
         return Library(folder, manifest, functions, parameters, inverters, streams)
+    except BuildError as error:
+        raise error if str(folder) in str(error) else BuildError(f"{folder}: {error}") from error
     except OSError as error:
         raise BuildError(f"{folder}: given a library that cannot be loaded ({error}); {AGAIN}") from error
     except (KeyError, TypeError, AttributeError, ValueError) as error:

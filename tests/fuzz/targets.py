@@ -1,0 +1,155 @@
+"""What is fuzzed: the readers of files, and the valid files that the mutations begin with."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import flexgen
+from flexgen.build import generate
+from flexgen.build.directory import read_manifest
+from flexgen.paths.sample_files import read_samples
+from flexgen.ports import Port
+
+ROOT = Path(__file__).resolve().parents[2]
+BESIDE = "beside"  # a folder among the seeds: what lies beside a mutated file, unchanged
+
+Reader = Callable[[Path], Any]
+
+
+@dataclass(frozen=True)
+class Target:
+    """A reader of files.
+
+    ``seeds`` writes valid files into a folder. ``begin`` takes that folder and returns the reader of a mutated file.
+    ``names``: of these file names one must stand in each message; the first word of a name is enough.
+    """
+
+    seeds: Callable[[Path], None]
+    begin: Callable[[Path], Reader]
+    names: tuple[str, ...]
+
+
+def _each(steps: Sequence[Reader], names: Sequence[str], needed: int) -> Reader:
+    """All readers one after the other; a refusal is raised where fewer than ``needed`` read the file."""
+
+    def read(path: Path) -> None:
+        refusals = []
+        for step in steps:
+            try:
+                step(path)
+            except flexgen.FlexgenError as error:
+                if not any(name in str(error) for name in names):
+                    raise
+                refusals.append(error)
+        if len(steps) - len(refusals) < needed:
+            raise refusals[-1]
+
+    return read
+
+
+# --- models and URDF --------------------------------------------------------------------------------------------------
+
+
+def _model_seeds(folder: Path) -> None:
+    for path in sorted((ROOT / "models").glob("*.toml")):
+        shutil.copy(path, folder)
+    (folder / BESIDE).mkdir()
+    shutil.copy(ROOT / "models" / "urdf_arm.urdf", folder / BESIDE)
+
+
+def _urdf_seeds(folder: Path) -> None:
+    shutil.copy(ROOT / "tests/support/urdf/two_link.urdf", folder)
+    shutil.copy(ROOT / "models" / "urdf_arm.urdf", folder)
+    (folder / BESIDE).mkdir()
+    overlay = (ROOT / "models" / "urdf_arm.toml").read_text(encoding="utf-8")
+    (folder / BESIDE / "overlay.toml").write_text(overlay.replace("urdf_arm.urdf", "mutated.urdf"), encoding="utf-8")
+
+
+def _urdf(path: Path) -> None:
+    """A URDF file with the ends of its chain, or by an overlay."""
+    if b"finger" in path.read_bytes():
+        flexgen.describe(path.with_name("overlay.toml"))
+    else:
+        flexgen.describe(flexgen.read(path, base="ground", tip="tip"))
+
+
+# --- samples of paths -------------------------------------------------------------------------------------------------
+
+
+def _path_seeds(folder: Path) -> None:
+    u = np.linspace(0.0, 1.0, 9)
+    q = np.column_stack([0.3 + 0.4 * u, -1.1 - 0.3 * u])
+    turned = np.column_stack([np.cos(u / 8), np.sin(u / 8), 0 * u, 0 * u])
+    p = np.column_stack([0.9 + 0.1 * u, 0.2 * u, 1 - 0.1 * u**2])
+    tables = {
+        "joints": ("q1,q2,t", np.column_stack([q, u])),
+        "tool": ("u,x,y,z", np.column_stack([u, p])),
+        "pose": ("t,x,y,z,qw,qx,qy,qz", np.column_stack([u, p, turned])),
+        "vector": ("x,y,z,rx,ry,rz", np.column_stack([p, 0.1 * p])),
+        "output": ("t,y1", np.column_stack([u, u**2])),
+    }
+    for name, (head, table) in tables.items():
+        rows = "".join(",".join(map(repr, row)) + "\n" for row in table.tolist())
+        (folder / f"{name}.csv").write_text(f"# samples\n{head}\n{rows}")
+    np.savez(folder / "joints.npz", q_g=q, t=u)
+    np.savez_compressed(folder / "pose.npz", p=p, quaternion=turned, u=u)
+
+
+def _path_reader(folder: Path) -> Reader:
+    robots = [flexgen.read(name) for name in ("planar5_nmp", "manutec_r3", "four_mass")]
+    return _each([lambda path, robot=robot: read_samples(str(path), robot, 2) for robot in robots], ["mutated"], 1)
+
+
+# --- trajectories -----------------------------------------------------------------------------------------------------
+
+
+def _trajectory_seeds(folder: Path) -> None:
+    t = np.linspace(0.0, 0.3, 11)
+    channels = {"q_a": np.column_stack([t, np.sin(t)]), "tau_m": np.cos(t)[:, None]}
+    ports = {"q_a": Port("q_a", (2,), "rad or m", "arm"), "tau_m": Port("tau_m", (1,), "N m", "torque")}
+    meta = {"model": "elbow", "variant": "", "move": "line", "kind": "solution"}
+    labels = {"q_a": ("q1", "q2"), "tau_m": ("m1",)}
+    for suffix in ("csv", "npz"):
+        flexgen.Trajectory(t, channels, ports, labels, meta).save(folder / f"a.{suffix}")
+
+
+# --- manifests of libraries -------------------------------------------------------------------------------------------
+
+
+def _manifest_seeds(folder: Path) -> None:
+    made = flexgen.generate("elbow", folder / BESIDE)
+    (made.directory / "manifest.json").rename(folder / "mutated.json")
+
+
+def _load(path: Path) -> None:
+    """The loader, and a call of what it loaded."""
+    shutil.copy(path, path.with_name("manifest.json"))
+    with flexgen.load(path.parent) as library:
+        library.gravity([0.1, 0.2])
+
+
+def _known(path: Path) -> None:
+    """What `generate` makes of a manifest before it writes."""
+    shutil.copy(path, path.with_name("manifest.json"))
+    found = read_manifest(path.parent, "elbow")
+    if found is not None:
+        generate._built(path.parent, found, {"native": False, "openmp": False}, None)
+        generate._intact(path.parent, found)
+        generate._result(path.parent, found, 0.0, cached=True, written=False)
+
+
+_LIBRARY = ("cases", "libelbow")
+
+TARGETS = {
+    "model": Target(_model_seeds, lambda folder: flexgen.describe, ("mutated.toml", "urdf_arm.urdf")),
+    "urdf": Target(_urdf_seeds, lambda folder: _urdf, ("mutated.urdf", "overlay.toml")),
+    "path": Target(_path_seeds, _path_reader, ("mutated",)),
+    "trajectory": Target(_trajectory_seeds, lambda folder: flexgen.Trajectory.load, ("mutated",)),
+    "manifest": Target(_manifest_seeds, lambda folder: _each([_known, _load], _LIBRARY, 2), _LIBRARY),
+}
