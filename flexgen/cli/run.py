@@ -11,6 +11,7 @@ from flexgen.cli.printing import figures, one_line, plain, solution_rows
 from flexgen.cli.verbs import (
     Progress,
     VerbResult,
+    check_report,
     check_writable,
     derived,
     generated_dict,
@@ -31,7 +32,7 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     robot = read_model(args)
     name = robot.name + (f"_{robot.variant}" if robot.variant else "")
     directory = args.report or Path("reports", name)
-    check_writable(directory, folder=True)
+    check_report(directory)
     check_writable(args.directory, folder=True)
 
     from flexgen.analysis.analyze import analyze as analyze_model

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from flexgen.atomic_files import write_text
 from flexgen.cli.printing import (
     analysis_text,
     description_text,
@@ -94,10 +95,12 @@ def writing(path: Path) -> Iterator[None]:
         raise ArgumentError(f"output: cannot write {str(path)!r} ({error.strerror or error})") from None
 
 
-def _write(path: Path, text: str) -> None:
-    with writing(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
+def check_report(directory: Path | None) -> None:
+    """Refuse a folder of a report that cannot be written, or that has the page of another program."""
+    from flexgen.reports.folder import check_folder
+
+    check_writable(directory, folder=True)
+    check_folder(directory)
 
 
 # --- models, describe -------------------------------------------------------------------------------------------------
@@ -168,7 +171,7 @@ def derive(args: Namespace, log: Progress) -> VerbResult:
     if form:
         data[form] = text
     if args.out is not None:
-        _write(args.out, text)
+        write_text(args.out, text)
         data["out"] = str(args.out)
         text = f"wrote {args.out}"
     return VerbResult(data, text.rstrip("\n") or sizes, warnings=warnings)
@@ -268,7 +271,7 @@ def _written_files(files: tuple[Path, ...]) -> list[str]:
 def solve(args: Namespace, log: Progress) -> VerbResult:
     """Compute the motor torques that make the output follow a move, and verify them by simulation."""
     check_writable(args.out)
-    check_writable(args.report, folder=True)
+    check_report(args.report)
     if args.robustness and args.report is None:
         raise ArgumentError(
             "--robustness: given without --report, expected also --report DIR, because the table is part of the report"

@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from flexgen.atomic_files import atomic_file, write_text
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
@@ -93,17 +94,16 @@ def save(figure: Figure, path: str | Path, dpi: float = 150.0) -> Path:
     Raises
     ------
     ArgumentError
-        The name has another ending.
+        The name has another ending, or the file cannot be written.
     """
     path = Path(path)
     if path.suffix not in (".svg", ".png"):
         raise ArgumentError(f"figure: given {path.name!r}, expected a file name ending in .svg or .png")
-    path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix == ".svg":
-        path.write_text('<?xml version="1.0" encoding="utf-8"?>\n' + svg(figure), encoding="utf-8", newline="\n")
-    else:
-        figure.set_dpi(dpi)
-        FigureCanvasAgg(figure).print_png(path, metadata={"Software": None})
+        return write_text(path, f'<?xml version="1.0" encoding="utf-8"?>\n<!-- flexgen -->\n{svg(figure)}')
+    figure.set_dpi(dpi)
+    with atomic_file(path) as stream:
+        FigureCanvasAgg(figure).print_png(stream, metadata={"Software": "flexgen"})
     return path
 
 

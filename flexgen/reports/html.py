@@ -14,6 +14,7 @@ from scipy.integrate import trapezoid
 from flexgen import __version__
 from flexgen.analysis.analyze import Analysis, analyze
 from flexgen.analysis.zeros import ON_AXIS
+from flexgen.atomic_files import write_text
 from flexgen.errors import SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.comparison import error_rows
@@ -24,6 +25,7 @@ from flexgen.model.elements import Friction, Motor, RobotModel
 from flexgen.plots import along_path
 from flexgen.plots import solution as plots
 from flexgen.plots.canvas import measure, title_of
+from flexgen.reports.folder import PAGE, check_folder
 from flexgen.reports.pictures import Picture, pictures
 
 _CSS = """
@@ -275,13 +277,19 @@ def write_report(
     -------
     Path
         The page.
+
+    Raises
+    ------
+    ArgumentError
+        The folder has files of another program under these names, or cannot be written.
     """
     directory = Path(directory)
-    directory.mkdir(parents=True, exist_ok=True)
+    check_folder(directory)
     model = equations.model
     analysis = analysis if analysis is not None else _analysis_at_start(equations, solution)
     verified = tuple(one for one in compared if one.simulation is not None)
     drawn = pictures(equations, solution, analysis, limits or Limits(), verified)
+    check_folder(directory, (PAGE, *(f"{picture.name}.svg" for picture in drawn)))
     title = f"{title_of(model)}, move {solution.move.name}"
     parts = [
         _head(title),
@@ -301,9 +309,7 @@ def write_report(
         else "",
         f"<footer><p>flexgen {html.escape(__version__)}</p></footer>\n</body>\n</html>\n",
     ]
-    page = directory / "index.html"
-    page.write_text("".join(parts), encoding="utf-8", newline="\n")
-    return page
+    return write_text(directory / PAGE, "".join(parts))
 
 
 def _analysis_at_start(equations: Equations, solution: Solution) -> Analysis | None:
@@ -359,5 +365,6 @@ def write_analysis(analysis: Analysis, directory: str | Path) -> list[Path]:
     }
     if analysis.zero_path is not None and np.isfinite(analysis.zero_path.zeros).any():
         drawn["zeros_along"] = along_path.zeros_along(analysis.model, analysis.zero_path)
-    directory = Path(directory)
-    return [plots.save(figure, directory / f"{name}.{end}") for name, figure in drawn.items() for end in ("svg", "png")]
+    files = {Path(directory) / f"{name}.{end}": figure for name, figure in drawn.items() for end in ("svg", "png")}
+    check_folder(directory, [path.name for path in files])
+    return [plots.save(figure, path) for path, figure in files.items()]

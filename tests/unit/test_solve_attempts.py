@@ -95,6 +95,6 @@ def test_a_singular_pose_is_the_reason(equations: Equations, calls) -> None:  # 
     names = calls(lambda name, count: False)
     first, last = equations.model.home, (equations.model.home[0], 0.63)
     move = flexgen.Move("through", "joint", start=first, end=last, duration=1.0, smoothness=5)
-    with pytest.raises(SolverError, match="passes a singular pose .*; tried: lq, intervals of"):
+    with pytest.raises(SolverError, match=r"passes a singular pose .*; tried: lq, intervals of"):
         flexgen.solve(equations, move)
     assert names == ["lq"] * 3
