@@ -27,11 +27,7 @@ help:                              ## list the targets
 # --- set-up: one environment; each extra is installed when a target needs it -----------------------------------------
 setup: $(VENV)/.installed          ## install flexgen and what it needs to run in .venv
 setup-test: $(VENV)/.test          ## also what the tests need
-setup-robots: $(VENV)/.test              ## 200 moves of elastic robots made from public URDF files
-	@echo "flexgen: generated robots, about 40 minutes on an idle core"
-	@$(BIN)/python -m pytest -m robots tests/laws/test_generated_robots.py $(PYTEST)
-
-lint: $(VENV)/.lint          ## also ruff and mypy
+setup-lint: $(VENV)/.lint          ## also ruff and mypy
 setup-dev: setup-test setup-lint   ## everything
 
 $(VENV)/.installed: pyproject.toml
@@ -64,6 +60,10 @@ test-slow: $(VENV)/.test           ## the other tests (about 20 minutes on two c
 test-full: $(VENV)/.test           ## what takes longer still: large random samples
 	@echo "flexgen: large random samples, about 30 minutes on two cores"
 	@$(RUN_TESTS) -m full $(PYTEST)
+
+robots: $(VENV)/.test              ## 200 moves of elastic robots made from public URDF files
+	@echo "flexgen: generated robots, about 40 minutes on an idle core"
+	@$(BIN)/python -m pytest -m robots tests/laws/test_generated_robots.py $(PYTEST)
 
 fuzz: $(VENV)/.test                ## 10,000 mutated files for each reader of files
 	@echo "flexgen: mutated files, about 5 minutes on two cores"
