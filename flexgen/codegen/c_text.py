@@ -15,7 +15,8 @@ def comment(text: str, indent: str = " * ") -> str:
     clean = clean.replace("\\", "/").replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
     hanging = " " * (2 * (len(clean) - len(clean.lstrip())))
     return "".join(
-        f"{indent}{line}".rstrip() + "\n" for line in textwrap.wrap(clean, 116, subsequent_indent=hanging) or [""]
+        f"{indent}{line}".rstrip() + "\n"
+        for line in textwrap.wrap(clean, 119 - len(indent), subsequent_indent=hanging) or [""]
     )
 
 

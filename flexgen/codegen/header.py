@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+import textwrap
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 from flexgen.codegen.c_text import batch_prototype, comment, macro, numbered, port_table, prototype, size_macro
 from flexgen.codegen.spec import STATUSES, FunctionSpec, LibrarySpec, Status
@@ -115,7 +117,7 @@ typedef enum {{
 def batch_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Text of ``<name>_batch.h``."""
     guard, api, name = macro(spec, "BATCH_H"), macro(spec, "API"), spec.name
-    functions = "\n".join(f"/* {f.summary} */\n{api}\n{batch_prototype(spec, f)};\n" for f in spec.functions)
+    functions = "\n".join(f"/*\n{comment(f.summary)} */\n{api}\n{batch_prototype(spec, f)};\n" for f in spec.functions)
     manual = "".join(
         comment(line)
         for line in (
@@ -158,24 +160,33 @@ extern "C" {{
 
 def _constants(spec: LibrarySpec) -> str:
     """Numbers of the model that a controller needs, as constants of the header."""
-    real = f"static const {spec.name}_real {spec.name}"
-
-    def listed(values: Iterable[float]) -> str:
-        return f"{{{', '.join(literal(float(x), spec.precision) for x in values)}}}"
-
-    c = spec.constants
-    rows = ", ".join(listed(row) for row in c.gear_ratio)
     nm, ng, na = (size_macro(spec, size) for size in ("n_m", "n_g", "n_a"))
-    lines = [
-        "/* Constants of the model. */",
-        f"{real}_gear_ratio[{nm}][{ng}] = {{{rows}}}; /* eta: q_m = eta q_g where no gear is deflected */",
-        f"{real}_rotor_inertia[{nm}] = {listed(c.rotor_inertia)}; /* [kg m^2] motor side */",
-        f"{real}_gear_stiffness[{ng}] = {listed(c.gear_stiffness)}; "
-        "/* [N m/rad, N/m] arm side, at zero deflection; 0: rigid gear */",
-        f"{real}_home_q_a[{na}] = {listed(spec.home['q_a'])}; /* home pose */",
-        f"{real}_home_q_m[{nm}] = {listed(spec.home['q_m'])};",
+    c = spec.constants
+    arrays = [
+        ("gear ratios: q_m = gear_ratio q_g without deflection", f"gear_ratio[{nm}][{ng}]", c.gear_ratio),
+        ("[kg m^2] motor side", f"rotor_inertia[{nm}]", c.rotor_inertia),
+        ("[N m/rad, N/m] arm side, at zero deflection; 0: rigid gear", f"gear_stiffness[{ng}]", c.gear_stiffness),
+        ("home pose of the arm", f"home_q_a[{na}]", spec.home["q_a"]),
+        ("home pose of the motors", f"home_q_m[{nm}]", spec.home["q_m"]),
     ]
+    lines = ["/* Constants of the model. */"]
+    for text, declared, values in arrays:
+        start = f"static const {spec.name}_real {spec.name}_{declared} = "
+        lines += [f"/* {text} */", *_filled(start, _initializer(values, spec.precision))]
     return "\n".join(lines) + "\n"
+
+
+def _initializer(values: Sequence[Any], precision: str) -> str:
+    """A C initializer of a vector or of a matrix, row by row."""
+    inner = (_initializer(x, precision) if isinstance(x, Sequence) else literal(float(x), precision) for x in values)
+    return f"{{{', '.join(inner)}}}"
+
+
+def _filled(start: str, values: str) -> list[str]:
+    """Lines of a declaration; where they are long they break after a comma."""
+    if len(start) + len(values) < 116:
+        return [f"{start}{values};"]
+    return [start.rstrip(), *textwrap.wrap(f"{values};", 112, initial_indent="    ", subsequent_indent="    ")]
 
 
 def _status(spec: LibrarySpec, status: Status) -> str:

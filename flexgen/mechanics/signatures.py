@@ -80,7 +80,7 @@ TABLE = (
     ),
     Row(
         "linearize",
-        "Linearisation of the forward dynamics in the state x = (q_a, q_m, v_a, v_m), "
+        "Linearization of the forward dynamics in the state x = (q_a, q_m, v_a, v_m), "
         "of the motors only those behind elastic gears.",
         "d(dx/dt) = A dx + B d(tau_m)",
         "q_a v_a q_m v_m tau_m",

@@ -373,7 +373,7 @@ class _Overlay:
         if any(position):
             value["position"] = position
         if (pose.rotation != np.eye(3)).any():
-            value["rotation"] = pose.rotation.ravel().tolist()
+            value["rotation"] = zero_tiny(pose.rotation.ravel().tolist())
         return wrap(value, line, file) if value else None
 
     def _body(self, body: Inertial, line: int) -> Entry:

@@ -197,8 +197,7 @@ def simulate(
     tau = torque_curve(t, torque, limited=data.meta.get("torque") == "limited")
     first_a, first_m = (given["q_a"][0], given["q_m"][0]) if start is None else (start.q_a, start.q_m)
     began = time.perf_counter()
-    n_a, i_m = robot.n_a, list(robot.i_m)
-    n = robot.dof
+    n_a, i_m, n = robot.n_a, list(robot.i_m), robot.dof
     motion = _motion(robot, data, given) if windows else None
     growth = None if motion is None else growth_along(equations, motion)
     starts = [(0, np.concatenate([first_a, first_m[i_m], np.zeros(n)]))]

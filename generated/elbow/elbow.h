@@ -89,10 +89,16 @@ typedef enum {
 ELBOW_API const char *elbow_status_text(int status);
 
 /* Constants of the model. */
-static const elbow_real elbow_gear_ratio[ELBOW_NM][ELBOW_NG] = {{267.42857142857144, 0.0}, {0.0, 252.33333333333334}}; /* eta: q_m = eta q_g where no gear is deflected */
-static const elbow_real elbow_rotor_inertia[ELBOW_NM] = {0.0118, 0.0118}; /* [kg m^2] motor side */
-static const elbow_real elbow_gear_stiffness[ELBOW_NG] = {7518900.0, 4099900.0}; /* [N m/rad, N/m] arm side, at zero deflection; 0: rigid gear */
-static const elbow_real elbow_home_q_a[ELBOW_NA] = {0.5235987755982988, (-0.3490658503988659)}; /* home pose */
+/* gear ratios: q_m = gear_ratio q_g without deflection */
+static const elbow_real elbow_gear_ratio[ELBOW_NM][ELBOW_NG] =
+    {{267.42857142857144, 0.0}, {0.0, 252.33333333333334}};
+/* [kg m^2] motor side */
+static const elbow_real elbow_rotor_inertia[ELBOW_NM] = {0.0118, 0.0118};
+/* [N m/rad, N/m] arm side, at zero deflection; 0: rigid gear */
+static const elbow_real elbow_gear_stiffness[ELBOW_NG] = {7518900.0, 4099900.0};
+/* home pose of the arm */
+static const elbow_real elbow_home_q_a[ELBOW_NA] = {0.5235987755982988, (-0.3490658503988659)};
+/* home pose of the motors */
 static const elbow_real elbow_home_q_m[ELBOW_NM] = {140.0252725600022, (-88.0809495839805)};
 
 /*
@@ -245,7 +251,7 @@ elbow_status elbow_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_
     elbow_real a_a[ELBOW_NA], elbow_real a_m[ELBOW_NM]);
 
 /*
- * Linearisation of the forward dynamics in the state x = (q_a, q_m, v_a, v_m), of the motors only those behind elastic
+ * Linearization of the forward dynamics in the state x = (q_a, q_m, v_a, v_m), of the motors only those behind elastic
  * gears.
  *
  *   d(dx/dt) = A dx + B d(tau_m)

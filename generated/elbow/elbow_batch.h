@@ -23,74 +23,107 @@ extern "C" {
 /* Workspace for the largest number of threads of the moment. */
 ELBOW_API int elbow_batch_work(void);
 
-/* Position and rotation matrix of the tool in the world. */
+/*
+ * Position and rotation matrix of the tool in the world.
+ */
 ELBOW_API
 elbow_status elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_real *p, elbow_real *R,
     elbow_real *work);
 
-/* Jacobian of the tool: its linear, then its angular velocity, in world axes. */
+/*
+ * Jacobian of the tool: its linear, then its angular velocity, in world axes.
+ */
 ELBOW_API
 elbow_status elbow_jacobian_batch(int n, const elbow_real *q_a, elbow_real *J, elbow_real *work);
 
-/* Mass matrix of the arm, without rotors. */
+/*
+ * Mass matrix of the arm, without rotors.
+ */
 ELBOW_API
 elbow_status elbow_mass_matrix_batch(int n, const elbow_real *q_a, elbow_real *M, elbow_real *work);
 
-/* Coriolis, centripetal and gravity forces of the arm. */
+/*
+ * Coriolis, centripetal and gravity forces of the arm.
+ */
 ELBOW_API
 elbow_status elbow_bias_batch(int n, const elbow_real *q_a, const elbow_real *v_a, elbow_real *h, elbow_real *work);
 
-/* Gravity forces of the arm. */
+/*
+ * Gravity forces of the arm.
+ */
 ELBOW_API
 elbow_status elbow_gravity_batch(int n, const elbow_real *q_a, elbow_real *g, elbow_real *work);
 
-/* Forces that the arm needs for a given motion, without friction and springs. */
+/*
+ * Forces that the arm needs for a given motion, without friction and springs.
+ */
 ELBOW_API
 elbow_status elbow_inverse_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *a_a, elbow_real *tau_a, elbow_real *work);
 
-/* First derivatives of the inverse dynamics. */
+/*
+ * First derivatives of the inverse dynamics.
+ */
 ELBOW_API
 elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv, elbow_real *dtau_da, elbow_real *work);
 
-/* Accelerations of the arm under given forces on its coordinates, without rotors, friction and springs: the inverse of inverse_dynamics. */
+/*
+ * Accelerations of the arm under given forces on its coordinates, without rotors, friction and springs: the inverse of
+ * inverse_dynamics.
+ */
 ELBOW_API
 elbow_status elbow_arm_forward_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *tau_a, elbow_real *a_a, elbow_real *work);
 
-/* First derivatives of the arm's forward dynamics. */
+/*
+ * First derivatives of the arm's forward dynamics.
+ */
 ELBOW_API
 elbow_status elbow_arm_forward_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *tau_a, elbow_real *da_dq, elbow_real *da_dv, elbow_real *da_dtau, elbow_real *work);
 
-/* Accelerations of arm and motors under the motors' torques, with springs, dampers and friction. Entries of q_m and v_m behind rigid gears are ignored; those of a_m are filled in. */
+/*
+ * Accelerations of arm and motors under the motors' torques, with springs, dampers and friction. Entries of q_m and
+ * v_m behind rigid gears are ignored; those of a_m are filled in.
+ */
 ELBOW_API
 elbow_status elbow_forward_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *q_m, const elbow_real *v_m, const elbow_real *tau_m, elbow_real *a_a, elbow_real *a_m,
     elbow_real *work);
 
-/* Linearisation of the forward dynamics in the state x = (q_a, q_m, v_a, v_m), of the motors only those behind elastic gears. */
+/*
+ * Linearization of the forward dynamics in the state x = (q_a, q_m, v_a, v_m), of the motors only those behind elastic
+ * gears.
+ */
 ELBOW_API
 elbow_status elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *q_m,
     const elbow_real *v_m, const elbow_real *tau_m, elbow_real *A, elbow_real *B, elbow_real *work);
 
-/* How far the output is from a target, and the map W from speeds to rates of the output. */
+/*
+ * How far the output is from a target, and the map W from speeds to rates of the output.
+ */
 ELBOW_API
 elbow_status elbow_output_constraint_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *target, elbow_real *y_err, elbow_real *W, elbow_real *Wdot_v, elbow_real *work);
 
-/* Torques of the gears for a given motion, and what is left of the equations of the coordinates without motor. */
+/*
+ * Torques of the gears for a given motion, and what is left of the equations of the coordinates without motor.
+ */
 ELBOW_API
 elbow_status elbow_inversion_rows_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *a_a,
     elbow_real *tau_g, elbow_real *work);
 
-/* Torques of the gears' springs at given twists, and their slopes; zero for rigid gears. */
+/*
+ * Torques of the gears' springs at given twists, and their slopes; zero for rigid gears.
+ */
 ELBOW_API
 elbow_status elbow_gear_law_batch(int n, const elbow_real *twist, elbow_real *tau_p, elbow_real *dtau_p,
     elbow_real *work);
 
-/* Friction torques of the motors. */
+/*
+ * Friction torques of the motors.
+ */
 ELBOW_API
 elbow_status elbow_motor_friction_batch(int n, const elbow_real *v_m, elbow_real *f_m, elbow_real *work);
 

@@ -73,8 +73,8 @@ typedef struct {
 typedef struct {
     elbow_real residual; /* residual of the unactuated rows on the mesh, relative as the tolerance */
     elbow_real residual_at_samples; /* the same at the samples of the results */
-    /* largest difference between velocities and accelerations and the numerical derivatives of positions and velocities at
-     * the samples, relative to their largest value */
+    /* largest difference between velocities and accelerations and the numerical derivatives of positions and
+     * velocities at the samples, relative to their largest value */
     elbow_real kinematic_mismatch;
     int iterations; /* Newton iterations */
     int intervals; /* intervals of the mesh */

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path as Path_
 
+import casadi as ca
 import numpy as np
 import pytest
 from referee import Referee
@@ -103,13 +104,16 @@ def test_a_wrong_torque_is_seen() -> None:
 
 
 def test_a_sign_error_in_the_coriolis_term_is_seen() -> None:
-    """Planted bug: the solver works with c reversed, the machine does not."""
+    """Planted bug: the solver works with c reversed, the simulation does not."""
 
     class Bugged(Equations):
-        def _inverse_dynamics(self):  # type: ignore[no-untyped-def]
-            inputs, names, (tau,), names_out = super()._inverse_dynamics()
-            h, g = super()._bias()[2][0], super()._gravity()[2][0]
-            return inputs, names, [tau - 2 * (h - g)], names_out
+        def function(self, name: str) -> ca.Function:
+            right = super().function(name)
+            if name != "inverse_dynamics":
+                return right
+            q, v, a = (ca.SX.sym(word, self.model.n_a) for word in ("q_a", "v_a", "a_a"))
+            tau = right(q, v, a) - 2 * (self.function("bias")(q, v) - self.function("gravity")(q))
+            return ca.Function(name, [q, v, a], [tau], ["q_a", "v_a", "a_a"], ["tau_a"])
 
     model = read("planar5_mp")
     bugged = Bugged(model)

@@ -165,7 +165,7 @@ class _Chain:
 
     def reach(self) -> float:
         """Length of the chain [m]."""
-        corners = self._call("places", np.zeros(self.n))[0]
+        corners = self._call("chain_points", np.zeros(self.n))[0]
         return float(np.linalg.norm(np.diff(corners[:, 1:], axis=1), axis=0).sum())
 
 

@@ -151,7 +151,7 @@ def test_the_header_is_a_manual():
         " *   m1: eta 100.0 (q1); J_m 0.004 kg m^2",
     ):
         assert line in header.splitlines()
-    assert "gravity (0.0, -9.81, 0.0) m/s^2" in header
+    assert "Gravity is (0.0, -9.81, 0.0) m/s^2" in header
 
 
 def test_the_header_has_the_coupled_ratios():

@@ -48,7 +48,7 @@ SHIM = """\
 #include <math.h>
 typedef double real;
 static inline real fabs_1(real x) { return fabs(x); }
-static inline real root(real x) { return sqrt(x); }
+static inline real square_root(real x) { return sqrt(x); }
 static inline real fmin_1(real a, real b) { return a < b ? a : b; }
 static inline real fmax_1(real a, real b) { return a > b ? a : b; }
 static inline int is_finite(const real *x, int n)

@@ -50,7 +50,7 @@ def test_a_good_file_is_read(joints, robot):
     [
         ("0.3,", "0.3" + 140_000 * "0" + ",", r"csv:2:row: given more than 20000 characters"),
         ("0.3,", "0_3,", '"0_3"'),
-        ("\n", "," * 3000 + "\n", "a column without a name of its own"),
+        ("\n", "," * 3000 + "\n", "an empty or repeated column name"),
         ("\n", "," + ",".join(f"c{k}" for k in range(50)) + "\n", "given 52 columns, expected at most"),
         ("\n", "\n" * 400_001, "given more than 400000 lines, expected at most 200000 rows"),
     ],
@@ -68,7 +68,7 @@ def test_too_many_rows_are_refused(joints, robot, monkeypatch):
 
 def test_bytes_that_are_no_text_are_refused(joints, robot):
     joints.write_bytes(joints.read_bytes() + b"\xff\n")
-    refused(joints, robot, "bytes that are not UTF-8")
+    refused(joints, robot, "text that is not UTF-8")
 
 
 def test_npz_files_that_lie_are_refused(tmp_path, robot, monkeypatch):

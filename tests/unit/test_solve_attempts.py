@@ -7,6 +7,7 @@ from collections.abc import Callable
 import pytest
 
 import flexgen
+from flexgen.codegen.spec import STATUSES
 from flexgen.errors import SolverError
 from flexgen.inversion import solve as solve_module
 from flexgen.inversion.method_result import MethodResult
@@ -25,14 +26,14 @@ def equations() -> Equations:
 def calls(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[str, int], bool]], list[str]]:
     """Make the methods fail where a function of name and number of earlier calls says so; the names called."""
 
-    def install(fails: Callable[[str, int], bool]) -> list[str]:
+    def install(fails: Callable[[str, int], bool], message: str = "planted") -> list[str]:
         names: list[str] = []
         run = solve_module.run_method
 
         def planted(method: Method, problem: InversionProblem, h: float) -> MethodResult:
             names.append(method.name)
             if fails(method.name, names.count(method.name)):
-                raise SolverError(f"{method.name} planted")
+                raise SolverError(f"{method.name} {message}")
             return run(method, problem, h)
 
         monkeypatch.setattr(solve_module, "run_method", planted)
@@ -90,11 +91,10 @@ def test_a_path_out_of_reach_is_refused_at_once(equations: Equations, calls) -> 
     assert len(names) <= 1
 
 
-def test_a_singular_pose_is_the_reason(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
-    """The elbow goes straight on the way: the position of the tool does not determine the joints there."""
-    names = calls(lambda name, count: False)
-    first, last = equations.model.home, (equations.model.home[0], 0.63)
-    move = flexgen.Move("through", "joint", start=first, end=last, duration=1.0, smoothness=5)
-    with pytest.raises(SolverError, match=r"passes a singular pose .*; tried: lq, intervals of"):
-        flexgen.solve(equations, move)
+def test_a_singular_pose_ends_the_attempts(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]
+    """The library reports that the tool cannot follow the path: no further method is tried."""
+    text = next(status.text for status in STATUSES if status.name == "UNREACHABLE")
+    names = calls(lambda name, count: True, f"planted: {text}")
+    with pytest.raises(SolverError, match="passes a singular pose; tried: lq, intervals of"):
+        flexgen.solve(equations)
     assert names == ["lq"] * 3
