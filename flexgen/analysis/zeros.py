@@ -121,7 +121,9 @@ def inner_zeros(equations: Equations, linear: LinearModel, rest: Equilibrium) ->
 def pencil_zeros(A: np.ndarray, D: np.ndarray, K: np.ndarray) -> np.ndarray | None:
     """Finite roots [1/s] of ``det(A s^2 + D s + K)``, A singular or not; None where that is zero for all s."""
     n = len(A)
-    size = float(np.linalg.norm(K))
+    size = float(np.linalg.norm(K)) or float(np.linalg.norm(D)) or float(np.linalg.norm(A))
+    if size == 0.0:
+        return None
     rate = min(
         float(np.sqrt(size / np.linalg.norm(A))) if A.any() else np.inf,
         size / float(np.linalg.norm(D)) if D.any() else np.inf,

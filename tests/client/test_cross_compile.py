@@ -179,7 +179,7 @@ def test_the_headers_stack_is_enough(name, precision, target, tmp_path):
         folder=tmp_path,
     )
     manual = (folder / f"{name}.h").read_text(encoding="ascii").replace("\n * ", " ")  # lines of a comment
-    pattern = rf"stack of one point at most (\d+) bytes\s+\*/\s+\w+_API\s+int {name}_(\w+)\("
+    pattern = rf"stack of one point at most (\d+) bytes\s+\*/\s+\w+_API\s+{name}_status {name}_(\w+)\("
     said = re.findall(pattern, manual)
     said = {function: int(size) for size, function in said}
     functions = clients.manifest_of(folder)["functions"]

@@ -86,7 +86,11 @@ def test_cmake_and_pkg_config_find_what_was_installed(consumer, shared):
     run(cmake, "--install", "library", "--prefix", there, folder=consumer)
     flags = (consumer / "library/CMakeFiles/flexgen_elbow.dir/flags.make").read_text()
     assert all(flag in flags for flag in REPRODUCIBLE)
-    assert sorted(path.name for path in (there / "include").iterdir()) == ["elbow.h"]
+    assert sorted(path.name for path in (there / "include").iterdir()) == [
+        "elbow.h",
+        "elbow_batch.h",
+        "elbow_inversion.h",
+    ]
     run(cmake, "-S", ".", "-B", "build", f"-DCMAKE_PREFIX_PATH={there}", folder=consumer)
     run(cmake, "--build", "build", folder=consumer)
     answered(consumer / "build" / "consumer")

@@ -46,7 +46,7 @@ def test_report_shows_them_together(beside, tmp_path) -> None:
     equations, solutions = beside
     named = {solution.method: solution for solution in solutions}
     rows = compare_plants(equations, named, plants=(Plant("stiffness -5 %", stiffness=0.95),))
-    page = write_report(equations, solutions[-1], tmp_path, beside=solutions, robustness=rows).read_text("utf-8")
+    page = write_report(equations, solutions[-1], tmp_path, compared=solutions, robustness=rows).read_text("utf-8")
     for text in ("Tool error by method", "quasistatic", "Robustness", "stiffness -5 %", 'id="methods"'):
         assert text in page
     # on another machine, too, the better model stays the better one

@@ -204,7 +204,7 @@ def test_six_axes_keep_torque_limits_that_bind_in_all_motors(model: str, move: i
 def test_bends_that_come_too_soon_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """A planted bug: the path is bent right ahead, where zeros ask the motion that is under way to have known."""
     texts = clib_files.fixed_files()
-    wrong = texts["limit_lookahead.h"].replace("static const real felt = 1e-3;", "static const real felt = 1e9;")
+    wrong = texts["limit_lookahead.h"].replace("preview_share = 1e-3;", "preview_share = 1e9;")
     assert wrong != texts["limit_lookahead.h"]
     monkeypatch.setattr(clib_files, "fixed_files", lambda: {**texts, "limit_lookahead.h": wrong})
     monkeypatch.setenv("FLEXGEN_CACHE", "")
