@@ -41,6 +41,15 @@ _NOUNS = {
 }
 _ERRORS = dict.fromkeys(["FlexgenError", "ModelError", "ArgumentError", "SolverError", "BuildError"], "flexgen.errors")
 _PUBLIC = _VERBS | _NOUNS | _ERRORS
+# Methods of classes in lower packages that upper packages implement: imported when they are called.
+_METHODS = {
+    "Analysis.plot": ("flexgen.plots.linear", "plot_analysis"),
+    "Analysis.report": ("flexgen.reports.analysis_page", "write_analysis"),
+    "Analysis.to_control": ("flexgen.analysis.control_system", "control_system"),
+    "Solution.plot": ("flexgen.plots.solution", "plot_solution"),
+    "Solution.report": ("flexgen.reports.html", "report_solution"),
+    "Trajectory.at": ("flexgen.simulation.interpolation", "interpolate"),
+}
 
 __all__ = [*_PUBLIC, "__version__"]
 
@@ -49,6 +58,12 @@ def __getattr__(name: str) -> Any:
     if name in _PUBLIC:
         return getattr(importlib.import_module(_PUBLIC[name]), name)
     raise AttributeError(f"module 'flexgen' has no attribute {name!r}")
+
+
+def implementation(method: str) -> Any:
+    """The function that implements a method of a class in a lower package, such as ``Solution.plot``."""
+    module, name = _METHODS[method]
+    return getattr(importlib.import_module(module), name)
 
 
 def __dir__() -> list[str]:

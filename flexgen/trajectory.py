@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Iterator, KeysView, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flexgen import trajectory_files
+from flexgen import implementation, trajectory_files
 from flexgen.errors import ArgumentError
 from flexgen.ports import Port
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Trajectory:
     """Channels sampled on one time grid.
+
+    ``trajectory["tau_m"]`` is a channel, ``trajectory.keys()`` are the names of all channels.
 
     Parameters
     ----------
@@ -31,6 +33,8 @@ class Trajectory:
     meta : dict
         JSON types only: ``model``, ``variant``, ``move``, ``kind``; ``torque`` is ``"limited"`` where limits may be
         active and an interpolation must not exceed them.
+    units : mapping from name to tuple of str, optional
+        Unit of each column where the columns of a channel differ; the unit of the port is then ``"rad or m"``.
     """
 
     time: np.ndarray
@@ -38,6 +42,7 @@ class Trajectory:
     ports: Mapping[str, Port]
     labels: Mapping[str, tuple[str, ...]]
     meta: dict[str, Any] = field(default_factory=dict)
+    units: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n = len(self.time) if np.ndim(self.time) == 1 else 0
@@ -57,6 +62,28 @@ class Trajectory:
             shape = np.shape(self.channels[name])
             if shape != (n, *port.shape):
                 raise ArgumentError(f"trajectory channel {name}: given shape {shape}, expected {(n, *port.shape)}")
+        units = {}
+        for name, port in self.ports.items():
+            given = tuple(self.units.get(name, ()))
+            units[name] = given if trajectory_files.common_unit(given) == port.unit else (port.unit,) * port.size
+            if len(units[name]) != port.size:
+                raise ArgumentError(f"trajectory channel {name}: given {len(given)} units, expected {port.size}")
+        object.__setattr__(self, "units", units)
+
+    def __repr__(self) -> str:
+        t = self.time
+        of = f" {self.meta['model']}" if self.meta.get("model") else ""
+        return f"<Trajectory{of}: {len(t)} samples from {t[0]:.4g} to {t[-1]:.4g} s, {' '.join(self.channels)}>"
+
+    def keys(self) -> KeysView[str]:
+        """Names of the channels."""
+        return self.channels.keys()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.channels)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.channels
 
     def __getitem__(self, name: str) -> np.ndarray:
         try:
@@ -69,6 +96,51 @@ class Trajectory:
             time = "; the time is the attribute .time" if name in ("t", "time") else ""
             raise ArgumentError(f"trajectory channel: given {name!r}, expected {meant}{time}") from None
 
+    def columns(self) -> list[str]:
+        """Names of all scalars in the order of the channels: ``name[label] unit``."""
+        return trajectory_files.column_names(self.labels, self.units)
+
+    def at(self, t: Any) -> dict[str, np.ndarray]:
+        """All channels at other instants, by the curves that `flexgen.simulate` and the verification use.
+
+        Motor torques: the quintic spline through the samples; where limits may be active, the polynomials that were
+        sampled. Coordinates and motor angles: the quintic Hermite polynomials through the samples of angle, speed and
+        acceleration; their speeds and accelerations are the derivatives of these polynomials. Other channels: quintic
+        splines.
+
+        Parameters
+        ----------
+        t : float or array (k,) [s]
+            Within the time of the trajectory.
+
+        Returns
+        -------
+        dict
+            Each channel with shape (width,), or (k, width) for an array.
+
+        Raises
+        ------
+        ArgumentError
+            An instant is outside of the trajectory.
+        """
+        result: dict[str, np.ndarray] = implementation("Trajectory.at")(self, t)
+        return result
+
+    def to_dataframe(self) -> Any:
+        """A pandas.DataFrame: one column per scalar, named ``name[label] unit``; the index is the time [s].
+
+        Raises
+        ------
+        ArgumentError
+            The package pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise ArgumentError("to_dataframe: the package pandas is not installed; run: pip install pandas") from None
+        table = np.column_stack([self.channels[name] for name in self.ports])
+        return pandas.DataFrame(table, index=pandas.Index(self.time, name="time s"), columns=self.columns())
+
     def save(self, path: str | Path) -> Path:
         """Write to ``path``: ``.npz`` with all data, ``.csv`` with a column for each scalar, ``name[label] unit``.
 
@@ -76,7 +148,7 @@ class Trajectory:
         it cannot be written.
         """
         path = Path(path)
-        trajectory_files.write(path, self.time, self.channels, self.ports, self.labels, self.meta)
+        trajectory_files.write(path, self.time, self.channels, self.ports, self.labels, self.meta, self.units)
         return path
 
     @staticmethod
@@ -85,6 +157,6 @@ class Trajectory:
         path = Path(path)
         content = trajectory_files.read(path)
         try:
-            return Trajectory(content.time, content.channels, content.ports, content.labels, content.meta)
+            return Trajectory(**vars(content))
         except ArgumentError as error:
             raise ArgumentError(f"{path}: {error}") from None

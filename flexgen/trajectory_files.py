@@ -12,7 +12,7 @@ import io
 import json
 import re
 from array import array
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
@@ -44,6 +44,21 @@ class Content:
     ports: dict[str, Port]
     labels: dict[str, tuple[str, ...]]
     meta: dict[str, Any]
+    units: dict[str, tuple[str, ...]]
+
+
+def common_unit(units: Iterable[str]) -> str:
+    """The unit of a channel from those of its columns: ``"rad"``, or ``"rad or m"`` where they differ."""
+    return " or ".join(dict.fromkeys(units)) or "-"
+
+
+def column_names(labels: Mapping[str, tuple[str, ...]], units: Mapping[str, tuple[str, ...]]) -> list[str]:
+    """Names of the columns of a table: ``name[label] unit``."""
+    return [
+        f"{name}[{label}] {unit}"
+        for name, words in labels.items()
+        for label, unit in zip(words, units[name], strict=True)
+    ]
 
 
 def write(
@@ -53,6 +68,7 @@ def write(
     ports: Mapping[str, Port],
     labels: Mapping[str, tuple[str, ...]],
     meta: Mapping[str, Any],
+    units: Mapping[str, tuple[str, ...]],
 ) -> None:
     """Write a trajectory; the old file stays as it was where the new one cannot be written.
 
@@ -71,6 +87,7 @@ def write(
                 "meta": dict(meta),
                 "ports": {k: [list(p.shape), p.unit, p.doc] for k, p in ports.items()},
                 "labels": {k: list(v) for k, v in labels.items()},
+                "units": {k: list(v) for k, v in units.items()},
             }
             arrays: dict[str, Any] = {name: channels[name] for name in ports}
             np.savez_compressed(stream, time=time, head=np.array(json.dumps(head)), **arrays)
@@ -78,8 +95,7 @@ def write(
         text = io.TextIOWrapper(stream, encoding="utf-8", newline="", write_through=True)
         text.write("# " + json.dumps(dict(meta)) + "\n")
         writer = csv.writer(text)
-        columns = [f"{k}[{label}] {p.unit}" for k, p in ports.items() for label in labels[k]]
-        writer.writerow(["time s", *columns])
+        writer.writerow(["time s", *column_names({k: labels[k] for k in ports}, units)])
         table = np.column_stack([time, *(channels[k] for k in ports)])
         writer.writerows([[repr(float(x)) for x in row] for row in table])
         text.write(f"# rows: {len(table)}\n")
@@ -149,13 +165,15 @@ def _read_npz(path: Path) -> Content:
         if not (isinstance(unit, str) and isinstance(doc, str) and all(type(n) is int for n in shape)):
             raise ArgumentError(f"channel {name}: given a port that is none, expected [shape, unit, meaning]")
         ports[name] = Port(name, tuple(shape), unit, doc)
-    for name, words in labels.items():
-        if not (isinstance(words, list) and all(isinstance(word, str) for word in words)):
-            raise ArgumentError(f"channel {name}: given labels that are none, expected a list of texts")
+    units = _object("units", head.get("units", {}))
+    for what, lists in (("labels", labels), ("units", units)):
+        for name, words in lists.items():
+            if not (isinstance(words, list) and all(isinstance(word, str) for word in words)):
+                raise ArgumentError(f"channel {name}: given {what} that are none, expected a list of texts")
     numbers = {name: np.asarray(values, dtype=float) for name, values in arrays.items()}
-    return Content(
-        numbers["time"], {k: numbers[k] for k in ports}, ports, {k: tuple(v) for k, v in labels.items()}, meta
-    )
+    channels = {k: numbers[k] for k in ports}
+    texts = [{k: tuple(v) for k, v in lists.items()} for lists in (labels, units)]
+    return Content(numbers["time"], channels, ports, texts[0], meta, texts[1])
 
 
 def _object(name: str, value: Any) -> dict[str, Any]:
@@ -238,7 +256,7 @@ def _stated_rows(line: str, number: int) -> int:
 def _content(header: list[str], table: np.ndarray, meta: dict[str, Any]) -> Content:
     """The channels of a table: neighboring columns of the same name."""
     names: dict[str, list[str]] = {}
-    units: dict[str, str] = {}
+    units: dict[str, list[str]] = {}
     channels: dict[str, np.ndarray] = {}
     last = ""
     for k, column in enumerate(header[1:], 1):
@@ -246,12 +264,12 @@ def _content(header: list[str], table: np.ndarray, meta: dict[str, Any]) -> Cont
         if found is None:
             raise ArgumentError(f"line 2: given the column {column[:60]!r}, expected 'name[label] unit'")
         name, label, unit = found.groups()
-        if units.setdefault(name, unit) != unit:
-            raise ArgumentError(f"channel {name}: given columns in {units[name]} and in {unit}, expected one unit")
         if name in names and name != last:
             raise ArgumentError(f"channel {name}: given columns that are not adjacent, expected adjacent columns")
         names.setdefault(name, []).append(label)
+        units.setdefault(name, []).append(unit)
         channels[name] = table[:, k + 1 - len(names[name]) : k + 1]
         last = name
-    ports = {k: Port(k, (len(v),), units[k], "read from csv") for k, v in names.items()}
-    return Content(table[:, 0], channels, ports, {k: tuple(v) for k, v in names.items()}, meta)
+    ports = {k: Port(k, (len(v),), common_unit(units[k]), "read from csv") for k, v in names.items()}
+    texts = [{k: tuple(v) for k, v in lists.items()} for lists in (names, units)]
+    return Content(table[:, 0], channels, ports, texts[0], meta, texts[1])

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen import implementation
 from flexgen.analysis.linear import LinearModel, linearize, modes, poles
 from flexgen.analysis.solvability import Solvability, SolvabilityPath, solvability, solvability_path
 from flexgen.analysis.zeros import ZeroReport, motor_zeros, zero_report
@@ -22,7 +23,7 @@ from flexgen.mechanics.statics import Equilibrium, hold_joints
 from flexgen.model.elements import RobotModel
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Analysis:
     """Analysis of a robot in a static equilibrium.
 
@@ -48,6 +49,41 @@ class Analysis:
     solvability: Solvability
     zero_path: ZeroPath | None = None
     solvability_path: SolvabilityPath | None = None
+
+    def __repr__(self) -> str:
+        low = f"lowest mode {self.modes[0][0]:.4g} Hz, " if self.modes else ""
+        index = f", structural index {self.structural_index}" if self.structural_index is not None else ""
+        title = f"{self.model.name}@{self.model.variant}" if self.model.variant else self.model.name
+        phase = "no verdict on the zeros" if self.zeros.phase == "none" else self.zeros.phase
+        return f"<Analysis {title}: {low}{phase}{index}>"
+
+    def plot(self) -> Any:
+        """A matplotlib Figure: poles and zeros, and the frequency response; a notebook shows it."""
+        return implementation("Analysis.plot")(self)
+
+    def report(self, folder: str | Path) -> Path:
+        """Write ``index.html`` and the plots to a folder, as ``flexgen analyze --report`` does; return the page.
+
+        Raises
+        ------
+        ArgumentError
+            The folder has files of another program under these names, or cannot be written.
+        """
+        page: Path = implementation("Analysis.report")(self, folder)
+        return page
+
+    def to_control(self) -> Any:
+        """A StateSpace of the package python-control: the robot linearized about this equilibrium.
+
+        Inputs are the motor torques ``tau_m[...]`` [N m], outputs the declared output ``y[...]`` and the motor angles
+        ``q_m[...]``, states the coordinates and their speeds; all are deviations from the equilibrium.
+
+        Raises
+        ------
+        ArgumentError
+            The package control is not installed.
+        """
+        return implementation("Analysis.to_control")(self)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON types, SI units; complex numbers as ``[re, im]``."""

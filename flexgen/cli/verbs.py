@@ -190,7 +190,7 @@ def analyze(args: Namespace, log: Progress) -> VerbResult:
     """Analyze the robot at rest at a pose: modes, poles, zeros, phase, structural index."""
     from flexgen.analysis.analyze import analyze as analyze_model
 
-    check_writable(args.report, folder=True)
+    check_report(args.report)
     equations, path = derived(args), None
     if args.move is not None:
         from flexgen.paths.path import Path as ToolPath
@@ -201,13 +201,12 @@ def analyze(args: Namespace, log: Progress) -> VerbResult:
     data = analysis.to_dict()
     text = title(analysis.model) + " in equilibrium\n\n" + _analysis_text(analysis)
     if args.report is not None:
-        from flexgen.reports.html import write_analysis
+        from flexgen.reports.analysis_page import write_analysis
 
         with writing(args.report):
-            written = write_analysis(analysis, args.report)
-        data["report"] = str(args.report)
-        data["pictures"] = [str(path) for path in written]
-        text += "\n\n" + "\n".join(f"wrote {path}" for path in written)
+            page = write_analysis(analysis, args.report)
+        data["report"] = str(page)
+        text += f"\n\nwrote {page}"
     return VerbResult(data, text)
 
 

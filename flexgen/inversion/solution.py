@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from html import escape
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import BPoly
 
+from flexgen import implementation
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
@@ -27,9 +30,19 @@ class Figure(NamedTuple):
     key: str
 
 
-@dataclass(frozen=True)
+def measured(value: float | None, unit: str) -> str:
+    """A length [m] or angle [rad] with a prefix of its unit: ``9.18e-05 um``, ``4.2 mm``; a dash for None."""
+    if value is None or not np.isfinite(value):
+        return "-"
+    factor, prefix = (1.0, "") if value >= 1 else (1e3, "m") if value >= 1e-3 else (1e6, "u")
+    return f"{factor * value:.3g} {prefix}{unit}"
+
+
+@dataclass(frozen=True, repr=False)
 class Solution:
     """Motor torques along a move, with the figures of their verification.
+
+    ``print(solution)`` shows the main figures, `plot` draws them, `report` writes a page with all of them.
 
     Attributes
     ----------
@@ -83,6 +96,70 @@ class Solution:
     plan_error_max: float | None = None
     intervals: int = 0
     details: Mapping[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return f"<Solution {_title(self.model)}, move {self.move.name}: {self.status}, method {self.method}>"
+
+    def __str__(self) -> str:
+        """Five lines: status, tool error, largest torque and speed, trajectory, warnings."""
+        t, torque, speed = self.trajectory.time, *(np.abs(self.trajectory[x]).max() for x in ("tau_m", "v_m"))
+        more = f" (and {len(self.warnings) - 1} more in .warnings)" if len(self.warnings) > 1 else ""
+        return "\n".join(
+            [
+                f"{_title(self.model)}, move {self.move.name}: {self.status} by method {self.method} "
+                f"in {self.wall_s:.3g} s",
+                f"  {self._error_text()}",
+                f"  motor torque up to {torque:.4g} N m, motor speed up to {speed:.4g} rad/s",
+                f"  {len(t)} samples from {t[0]:.4g} to {t[-1]:.4g} s, pre-actuation {self.preactuation_s:.3g} s",
+                f"  warnings: {' '.join(self.warnings[0].split()) if self.warnings else 'none'}{more}",
+            ]
+        )
+
+    def _error_text(self) -> str:
+        """The line of `__str__` on the error of the output."""
+        errors = ((self.tool_error_max_m, "m"), (self.tool_error_max_rad, "rad"))
+        texts = [measured(value, unit) for value, unit in errors if value is not None]
+        what = "output" if self.model.output.type == "combination" else "tool"
+        if not texts:
+            return f"{what} error not measured (no verification by simulation)"
+        if self.status == Status.LIMITS_ACTIVE:
+            return f"{what} up to {' and '.join(texts)} away from the path because limits are active"
+        return f"{what} error in simulation up to {' and '.join(texts)}"
+
+    def _repr_html_(self) -> str:
+        """The figures as a table, for notebooks."""
+        rows = []
+        for label, value, unit, _ in self.figures():
+            if value in (None, ""):
+                continue
+            text = f"{value:.4g} {unit}" if isinstance(value, float) else f"{value} {unit}"
+            text = measured(value, unit) if isinstance(value, float) and unit in ("m", "rad") else text
+            rows.append(f"<tr><td>{escape(label)}</td><td>{escape(text.strip())}</td></tr>")
+        warnings = "".join(f"<p>warning: {escape(warning)}</p>" for warning in self.warnings)
+        title = escape(f"{_title(self.model)}, move {self.move.name}")
+        return f"<table><caption>{title}</caption>{''.join(rows)}</table>{warnings}"
+
+    def plot(self) -> Any:
+        """A matplotlib Figure: the robot, the motor torques and the simulated error; a notebook shows it.
+
+        `savefig` of the figure writes it to a file.
+        """
+        return implementation("Solution.plot")(self)
+
+    def report(self, folder: str | Path) -> Path:
+        """Write the report to a folder, as ``flexgen solve --report`` does; return the path of its page.
+
+        Raises
+        ------
+        ArgumentError
+            The folder has files of another program under these names, or cannot be written.
+        """
+        page: Path = implementation("Solution.report")(self, folder)
+        return page
+
+    def to_dataframe(self) -> Any:
+        """The trajectory as a pandas.DataFrame, see `flexgen.Trajectory.to_dataframe`."""
+        return self.trajectory.to_dataframe()
 
     @property
     def mesh_s(self) -> float | None:
@@ -145,6 +222,11 @@ class Solution:
             "warnings": list(self.warnings),
             "trajectory": None,
         }
+
+
+def _title(model: RobotModel) -> str:
+    """Name and variant of a model."""
+    return f"{model.name}@{model.variant}" if model.variant else model.name
 
 
 def residual_max(equations: Equations, trajectory: Trajectory) -> float:

@@ -28,6 +28,7 @@ from flexgen.paths.path import Path, named_move
 from flexgen.ports import Port
 from flexgen.simulation.simulate import Simulation, output_labels, output_units, simulate, turn_angle
 from flexgen.trajectory import Trajectory
+from flexgen.trajectory_files import common_unit
 
 ACCURACY = 1e-5  # rad, and m for each meter of reach: largest verified error of a solved move
 LONGEST = 5e-3  # s: longest interval of a mesh, unless the move takes minutes
@@ -318,27 +319,28 @@ def _trajectory(problem: InversionProblem, result: MethodResult) -> Trajectory:
     names_a = tuple(c.name for c in robot.coordinates)
     names_m = tuple(m.name for m in robot.motors)
     names_g = tuple(names_a[i] for i in robot.i_g)
-    output = robot.output
-    unit = output.unit if output.type == "combination" else "m"
     reference = output_labels(robot)
-    rows: list[tuple[str, np.ndarray, str, str, tuple[str, ...]]] = [
-        ("q_a", result.q, "rad or m", "arm coordinates", names_a),
-        ("v_a", result.v, "rad/s or m/s", "their speeds", names_a),
-        ("a_a", result.a, "rad/s^2 or m/s^2", "their accelerations", names_a),
+    of_a = tuple(c.unit for c in robot.coordinates)
+    of_g = tuple("N m" if of_a[i] == "rad" else "N" for i in robot.i_g)
+    rows: list[tuple[str, np.ndarray, str | tuple[str, ...], str, tuple[str, ...]]] = [
+        ("q_a", result.q, of_a, "arm coordinates", names_a),
+        ("v_a", result.v, tuple(f"{u}/s" for u in of_a), "their speeds", names_a),
+        ("a_a", result.a, tuple(f"{u}/s^2" for u in of_a), "their accelerations", names_a),
         ("q_m", d.q_m, "rad", "motor angles, motor side", names_m),
         ("v_m", d.v_m, "rad/s", "motor speeds, motor side", names_m),
         ("a_m", d.a_m, "rad/s^2", "motor accelerations, motor side", names_m),
         ("tau_m", d.tau_m, "N m", "motor torques, motor side", names_m),
-        ("tau_g", result.tau_g, "N m", "gear torques, arm side", names_g),
-        ("y_ref", sample.y[:, :, 0], unit, "reference output", reference["y_ref"]),
+        ("tau_g", result.tau_g, of_g, "gear torques, arm side", names_g),
+        ("y_ref", sample.y[:, :, 0], output_units(robot), "reference output", reference["y_ref"]),
     ]
     if sample.R is not None:
         matrix, doc = sample.R.reshape(len(t), 9), "reference orientation, rows of the matrix"
         rows.append(("R_ref", matrix, "-", doc, reference["R_ref"]))
+    units = {name: (unit,) * len(labels) if isinstance(unit, str) else unit for name, _, unit, _, labels in rows}
     return Trajectory(
         t,
         {name: values for name, values, *_ in rows},
-        {name: Port(name, (values.shape[1],), unit, doc) for name, values, unit, doc, _ in rows},
+        {name: Port(name, (values.shape[1],), common_unit(units[name]), doc) for name, values, _, doc, _ in rows},
         {name: labels for name, *_, labels in rows},
         {
             "model": robot.name,
@@ -347,6 +349,7 @@ def _trajectory(problem: InversionProblem, result: MethodResult) -> Trajectory:
             "kind": "solution",
             "torque": "smooth" if problem.limits is None else "limited",
         },
+        units,
     )
 
 

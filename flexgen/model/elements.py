@@ -273,7 +273,7 @@ class Coordinate:
     dof: Dof | None  # None for the modal coordinate of a beam
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RobotModel:
     """A robot as described in a model file, in SI units."""
 
@@ -294,7 +294,14 @@ class RobotModel:
     variants: tuple[str, ...] = ()
     file: str = ""
     programs: tuple[Program, ...] = ()
-    text: str = field(default="", repr=False)  # canonical text of the data; caches use its hash
+    text: str = ""  # canonical text of the data; caches use its hash
+
+    def __repr__(self) -> str:
+        title = f"{self.name}@{self.variant}" if self.variant else self.name
+        return (
+            f"<RobotModel {title}: {self.n_m} motors, {self.n_g} actuated and {self.n_e} non-actuated coordinates, "
+            f"{self.dof} degrees of freedom>"
+        )
 
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:

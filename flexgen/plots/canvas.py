@@ -202,10 +202,18 @@ def time_axis(ax: Any, first: float, end: float, last: float, label: bool = True
         ax.set_xlabel("time, s   (shaded: before and after the path)" if first < 0 or last > end else "time, s")
 
 
+class NotebookFigure(Figure):
+    """A matplotlib Figure that a notebook shows without pyplot."""
+
+    def _repr_svg_(self) -> str:
+        """The picture for a notebook."""
+        return svg(self)
+
+
 def new_figure(width: float, height: float, title: str, layout: bool = True) -> Figure:
     """An empty white figure with the title on the left; sizes in inches; ``layout``: automatic layout of the axes."""
     engine = ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.05, hspace=0.03, wspace=0.03) if layout else None
-    figure = Figure(figsize=(width, height), layout=engine, facecolor="white")
+    figure = NotebookFigure(figsize=(width, height), layout=engine, facecolor="white")
     FigureCanvasAgg(figure)
     if title:
         position = {} if layout else {"y": 1 - 0.07 / height}  # y switches the automatic layout off

@@ -83,6 +83,12 @@ def pole_zero_map(analysis: Analysis) -> Figure:
         From `flexgen.analyze`.
     """
     figure = cv.new_figure(cv.WIDTH, 5.2, f"{cv.title_of(analysis.model)}: {phase_summary(analysis)}")
+    _draw_roots(figure, analysis)
+    return figure
+
+
+def _draw_roots(figure: Any, analysis: Analysis) -> None:
+    """Draw `pole_zero_map` into a figure or a part of one."""
     ax = figure.add_subplot()
     motor = analysis.zeros_motor if analysis.zeros_motor is not None else np.zeros(0, dtype=complex)
     sets = [analysis.poles, analysis.zeros.zeros, motor]
@@ -129,7 +135,6 @@ def pole_zero_map(analysis: Analysis) -> Figure:
         ax.text(0.99, 0.02, note, transform=ax.transAxes, ha="right", fontsize=8, color=cv.GREY)
     ax.text(0.99, 0.98, "unstable", transform=ax.transAxes, ha="right", va="top", color=cv.RED, fontsize=8.5)
     figure.legend(loc="outside lower center", ncols=4, handletextpad=0.3, columnspacing=1.4)
-    return figure
 
 
 def elastic_modes(analysis: Analysis) -> list[tuple[float, float]]:
@@ -147,6 +152,23 @@ def frequency_response(analysis: Analysis) -> Figure:
     analysis : Analysis
         From `flexgen.analyze`. For several output directions, the norm of the vector is drawn.
     """
+    figure = cv.new_figure(cv.WIDTH, 6.0, f"{cv.title_of(analysis.model)}: frequency response")
+    _draw_response(figure, analysis)
+    return figure
+
+
+@cv.styled
+def plot_analysis(analysis: Analysis) -> Figure:
+    """`pole_zero_map` above `frequency_response` in one figure, see `Analysis.plot`."""
+    figure = cv.new_figure(cv.WIDTH, 10.6, f"{cv.title_of(analysis.model)}: {phase_summary(analysis)}")
+    upper, lower = figure.subfigures(2, 1, height_ratios=[4.9, 5.7])
+    _draw_roots(upper, analysis)
+    _draw_response(lower, analysis)
+    return figure
+
+
+def _draw_response(figure: Any, analysis: Analysis) -> None:
+    """Draw `frequency_response` into a figure or a part of one."""
     model, linear = analysis.model, analysis.linear
     found = elastic_modes(analysis)
     low, high = (found[0][0] / 8, found[-1][0] * 6) if found else (0.1, 100.0)
@@ -164,7 +186,6 @@ def frequency_response(analysis: Analysis) -> Figure:
         (np.einsum("kjj->kj", to_motor), "motor torque to acceleration of the same motor", "rad/s²"),
         (np.linalg.norm(to_output, axis=1), f"motor torque to acceleration of the {name}", f"{unit}/s²"),
     ]
-    figure = cv.new_figure(cv.WIDTH, 6.0, f"{cv.title_of(model)}: frequency response")
     axes = figure.subplots(2, 1, sharex=True)
     for ax, (values, title, of) in zip(axes, panels, strict=True):
         level = 20 * np.log10(np.maximum(values, 1e-300))
@@ -199,4 +220,3 @@ def frequency_response(analysis: Analysis) -> Figure:
             placed = frequency
     handles, labels = axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=8)
-    return figure

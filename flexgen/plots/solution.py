@@ -10,7 +10,8 @@ from matplotlib.figure import Figure
 
 from flexgen.analysis.analyze import Analysis
 from flexgen.errors import ArgumentError
-from flexgen.mechanics.equations import Equations
+from flexgen.inversion.solution import Solution
+from flexgen.mechanics.equations import Equations, derive
 from flexgen.numerics.evaluate import evaluate
 from flexgen.plots import canvas as cv
 from flexgen.plots.canvas import save, svg
@@ -376,6 +377,11 @@ def robot(
         anchor, where = ((0.9 + scale * wide) / width, 0.5), "center left"
     figure.legend(handles=handles(model, drawn), loc=where, bbox_to_anchor=anchor)
     return figure
+
+
+def plot_solution(solution: Solution) -> Figure:
+    """The `overview` of a solution, see `flexgen.Solution.plot`."""
+    return overview(derive(solution.model), solution.trajectory, solution.simulation, end=solution.move.duration)
 
 
 @cv.styled

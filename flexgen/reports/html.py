@@ -20,9 +20,8 @@ from flexgen.inversion.bounds import Limits
 from flexgen.inversion.comparison import error_rows
 from flexgen.inversion.solution import Figure, Solution
 from flexgen.inversion.status import Status
-from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import Friction, Motor, RobotModel
-from flexgen.plots import along_path
 from flexgen.plots import solution as plots
 from flexgen.plots.canvas import measure, title_of
 from flexgen.reports.folder import PAGE, check_folder
@@ -48,7 +47,7 @@ sup { line-height: 0; }
 """
 
 
-def _number(x: float | None, digits: int = 4) -> str:
+def number(x: float | None, digits: int = 4) -> str:
     """A number as HTML, ``5.065·10<sup>-4</sup>``; a dash for None."""
     if x is None or not np.isfinite(x):
         return "\N{EN DASH}"
@@ -70,12 +69,12 @@ def _complex(z: complex) -> str:
     size = abs(z)
     re_, im = (0.0 if abs(x) < 1e-7 * size else x for x in (z.real, z.imag))
     if im == 0:
-        return _number(re_)
+        return number(re_)
     sign = "+" if im > 0 else "\N{MINUS SIGN}"
-    return f"{_number(re_) if re_ else '0'} {sign} {_number(abs(im))} i"
+    return f"{number(re_) if re_ else '0'} {sign} {number(abs(im))} i"
 
 
-def _table(head: Iterable[str], rows: Iterable[Iterable[str]], numeric: Iterable[int] = ()) -> str:
+def html_table(head: Iterable[str], rows: Iterable[Iterable[str]], numeric: Iterable[int] = ()) -> str:
     """A table of HTML cells; the columns ``numeric`` are right-aligned."""
     right = set(numeric)
 
@@ -93,14 +92,14 @@ def _summary(solution: Solution) -> str:
     if solution.simulation is None:
         rows.append(("verification", "not done", ""))
     rows += [
-        ("duration of the path", _number(solution.move.duration), "s"),
-        ("samples of the trajectory", f"{len(t)} from {_number(t[0])} to {_number(t[-1])} s", ""),
+        ("duration of the path", number(solution.move.duration), "s"),
+        ("samples of the trajectory", f"{len(t)} from {number(t[0])} to {number(t[-1])} s", ""),
     ]
     note = (
         "<p>The limits keep the motion off the path. The error from the modified path shows how well this torque "
         "tracks the planned motion.</p>\n"
     )
-    return _table(("quantity", "value", "unit"), rows, (1,)) + (note if solution.plan_error_max is not None else "")
+    return html_table(("quantity", "value", "unit"), rows, (1,)) + (note if solution.plan_error_max is not None else "")
 
 
 def _summary_row(figure: Figure) -> tuple[str, str, str]:
@@ -112,13 +111,13 @@ def _summary_row(figure: Figure) -> tuple[str, str, str]:
     if isinstance(value, float) and unit in ("m", "rad"):
         return label, *_measure(value, unit)
     if isinstance(value, float):
-        return label, _number(value), unit
+        return label, number(value), unit
     return label, html.escape(str(value)), unit
 
 
 def _friction(f: Friction) -> str:
     named = [("viscous", f.viscous), ("Coulomb", f.coulomb), ("Stribeck", f.stribeck), ("offset", f.offset)]
-    return ", ".join(f"{name} {_number(value)}" for name, value in named if value) or "none"
+    return ", ".join(f"{name} {number(value)}" for name, value in named if value) or "none"
 
 
 def _motors(model: RobotModel, solution: Solution, limits: Limits) -> str:
@@ -126,20 +125,20 @@ def _motors(model: RobotModel, solution: Solution, limits: Limits) -> str:
 
     def row(j: int, motor: Motor) -> tuple[str, ...]:
         drives = ", ".join(
-            f"{html.escape(name)} ({_number(ratio)})" for name, ratio in zip(motor.drives, motor.ratio, strict=True)
+            f"{html.escape(name)} ({number(ratio)})" for name, ratio in zip(motor.drives, motor.ratio, strict=True)
         )
         torque = motor.torque_max if limits.torque is None else limits.torque[j]
         speed = motor.speed_max if limits.speed is None else limits.speed[j]
         peaks = [(tau, torque), (v, speed)]
-        cells = [f"{_number(np.abs(x[:, j]).max())} / {_number(limit)}" for x, limit in peaks]
+        cells = [f"{number(np.abs(x[:, j]).max())} / {number(limit)}" for x, limit in peaks]
         rms = float(np.sqrt(trapezoid(tau[:, j] ** 2, solution.trajectory.time) / np.ptp(solution.trajectory.time)))
         return (
             html.escape(motor.name),
             drives,
-            _number(motor.inertia),
+            number(motor.inertia),
             _friction(motor.friction),
             cells[0],
-            _number(rms),
+            number(rms),
             cells[1],
         )
 
@@ -152,17 +151,17 @@ def _motors(model: RobotModel, solution: Solution, limits: Limits) -> str:
         "rms torque, N m",
         "speed / limit, rad/s",
     )
-    return _table(head, (row(j, motor) for j, motor in enumerate(model.motors)), (2, 4, 5, 6))
+    return html_table(head, (row(j, motor) for j, motor in enumerate(model.motors)), (2, 4, 5, 6))
 
 
-def _dynamics(analysis: Analysis) -> str:
+def dynamics_tables(analysis: Analysis) -> str:
     """Tables of modes and zeros of an analysis."""
     top = max((f for f, _ in analysis.modes), default=0.0)
     modes = [(f, d) for f, d in analysis.modes if f > 1e-6 * top]
     out = ["<h3>Modes</h3>\n"]
     if modes:
-        rows = ((str(k + 1), _number(f), _number(100 * d, 3)) for k, (f, d) in enumerate(modes))
-        out.append(_table(("mode", "frequency, Hz", "damping ratio, %"), rows, (0, 1, 2)))
+        rows = ((str(k + 1), number(f), number(100 * d, 3)) for k, (f, d) in enumerate(modes))
+        out.append(html_table(("mode", "frequency, Hz", "damping ratio, %"), rows, (0, 1, 2)))
     else:
         out.append("<p>No oscillatory mode.</p>\n")
     out.append("<h3>Zeros of the output</h3>\n")
@@ -170,10 +169,10 @@ def _dynamics(analysis: Analysis) -> str:
     if zeros:
         written = ((f"{_complex(z)} and its conjugate" if z.imag > 1e-7 * abs(z) else _complex(z), z) for z in zeros)
         sides = ((text, _side(z)) for text, z in written)
-        out.append(_table(("zero, 1/s", "stability"), sides))
+        out.append(html_table(("zero, 1/s", "stability"), sides))
     out.append(f"<p>{html.escape(plots.phase_summary(analysis).capitalize())}.")
     if analysis.zeros.preview_s > 0:
-        preview = _number(1e3 * analysis.zeros.preview_s, 3)
+        preview = number(1e3 * analysis.zeros.preview_s, 3)
         out.append(f" Preview required for exact tracking (five time constants): {preview} ms.")
     return "".join([*out, "</p>\n"])
 
@@ -189,10 +188,10 @@ def _comparison(compared: tuple[Solution, ...]) -> str:
     """Table of the tool errors of several methods."""
     rows = error_rows(compared)
     units = [unit for unit in ("m", "rad") if any(f"largest_{unit}" in row for row in rows)]
-    head = ["method"] + [f"{what}, {unit}" for unit in units for what in ("at the start", "largest")]
+    columns = ["method"] + [f"{what}, {unit}" for unit in units for what in ("at the start", "largest")]
     cells = [
         [html.escape(row["method"])]
-        + [_number(row.get(f"{what}_{unit}"), 3) for unit in units for what in ("start", "largest")]
+        + [number(row.get(f"{what}_{unit}"), 3) for unit in units for what in ("start", "largest")]
         for row in rows
     ]
     note = (
@@ -200,7 +199,7 @@ def _comparison(compared: tuple[Solution, ...]) -> str:
         "(all springs rigid), fjm (only elastic gears), quasistatic (deflections without dynamics). The error at the "
         "start is the sag under gravity that the simpler model neglects.</p>\n"
     )
-    return "<h2>Tool error by method</h2>\n" + note + _table(head, cells, range(1, len(head)))
+    return "<h2>Tool error by method</h2>\n" + note + html_table(columns, cells, range(1, len(columns)))
 
 
 def _robustness(rows: list[dict[str, Any]]) -> str:
@@ -224,7 +223,7 @@ def _robustness(rows: list[dict[str, Any]]) -> str:
             ]
             what = "distance" if unit == "m" else "angle"
             out.append(f"<h3>{control.capitalize()}, {what}: {meaning[control]}</h3>\n")
-            out.append(_table(["robot", *map(html.escape, methods)], cells, range(1, len(methods) + 1)))
+            out.append(html_table(["robot", *map(html.escape, methods)], cells, range(1, len(methods) + 1)))
     return "".join(out)
 
 
@@ -237,7 +236,7 @@ def _generated(generated: Any) -> str:
         ("files", html.escape(", ".join(Path(file).name for file in generated.files))),
         ("digest", f"<code>{html.escape(generated.digest[:16])}</code>"),
     ]
-    return "<h2>C library</h2>\n" + _table(("quantity", "value"), rows)
+    return "<h2>C library</h2>\n" + html_table(("quantity", "value"), rows)
 
 
 def write_report(
@@ -292,22 +291,22 @@ def write_report(
     check_folder(directory, (PAGE, *(f"{picture.name}.svg" for picture in drawn)))
     title = f"{title_of(model)}, move {solution.move.name}"
     parts = [
-        _head(title),
+        head(title),
         _introduction(title, model, solution),
         "<h2>Summary</h2>\n",
         _summary(solution),
         "<h2>Plots</h2>\n",
-        *(_figure(picture, directory) for picture in drawn),
+        *(figure_element(picture, directory) for picture in drawn),
         _comparison(verified) if len(verified) > 1 else "",
         _robustness(robustness) if robustness else "",
         "<h2>Motors</h2>\n",
         _motors(model, solution, limits or Limits()),
-        "<h2>Dynamics at the start of the move</h2>\n" + _dynamics(analysis) if analysis is not None else "",
+        "<h2>Dynamics at the start of the move</h2>\n" + dynamics_tables(analysis) if analysis is not None else "",
         _generated(generated),
         f'<h2>Source of the model</h2>\n<p class="source">{html.escape(model.source.strip())}</p>\n'
         if model.source
         else "",
-        f"<footer><p>flexgen {html.escape(__version__)}</p></footer>\n</body>\n</html>\n",
+        foot(),
     ]
     return write_text(directory / PAGE, "".join(parts))
 
@@ -320,13 +319,18 @@ def _analysis_at_start(equations: Equations, solution: Solution) -> Analysis | N
         return None
 
 
-def _head(title: str) -> str:
+def head(title: str) -> str:
     """Start of the page: its head with title and style."""
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{html.escape(title)}</title>\n<style>{_CSS}</style>\n</head>\n<body>\n"
     )
+
+
+def foot() -> str:
+    """End of the page, with the mark by which flexgen knows its own pages."""
+    return f"<footer><p>flexgen {html.escape(__version__)}</p></footer>\n</body>\n</html>\n"
 
 
 def _introduction(title: str, model: RobotModel, solution: Solution) -> str:
@@ -341,7 +345,7 @@ def _introduction(title: str, model: RobotModel, solution: Solution) -> str:
     ) + (f'<div class="warn"><ul>{warnings}</ul></div>\n' if warnings else "")
 
 
-def _figure(picture: Picture, directory: Path) -> str:
+def figure_element(picture: Picture, directory: Path) -> str:
     """Write a picture to its svg file; return its HTML element."""
     plots.save(picture.figure, directory / f"{picture.name}.svg")
     caption = html.escape(picture.caption)
@@ -351,20 +355,6 @@ def _figure(picture: Picture, directory: Path) -> str:
     return f'<figure id="{picture.name}">\n{drawing}<figcaption>{caption}</figcaption>\n</figure>\n'
 
 
-def write_analysis(analysis: Analysis, directory: str | Path) -> list[Path]:
-    """Write pole-zero map, frequency response and, with a path, the zeros along it, each as svg and png.
-
-    Returns
-    -------
-    list of Path
-        The files.
-    """
-    drawn = {
-        "pole_zero_map": plots.pole_zero_map(analysis),
-        "frequency_response": plots.frequency_response(analysis),
-    }
-    if analysis.zero_path is not None and np.isfinite(analysis.zero_path.zeros).any():
-        drawn["zeros_along"] = along_path.zeros_along(analysis.model, analysis.zero_path)
-    files = {Path(directory) / f"{name}.{end}": figure for name, figure in drawn.items() for end in ("svg", "png")}
-    check_folder(directory, [path.name for path in files])
-    return [plots.save(figure, path) for path, figure in files.items()]
+def report_solution(solution: Solution, folder: str | Path) -> Path:
+    """Write the report of a solution, see `flexgen.Solution.report`."""
+    return write_report(derive(solution.model), solution, folder)

@@ -55,7 +55,7 @@ def pictures(
     """
     out = _motion(equations, solution, analysis, limits)
     if analysis is not None:
-        out += _dynamics(analysis)
+        out += linear_pictures(analysis, "at the start of the move")
     zeros = _zeros_along(equations, solution)
     if len(verified) > 1:
         caption = "Tool error of the full model under the torques of several methods, simulated open loop from rest."
@@ -121,14 +121,14 @@ def _early_torque(solution: Solution, analysis: Analysis | None) -> str:
     return "No zero is unstable, so no pre-actuation is needed."
 
 
-def _dynamics(analysis: Analysis) -> list[Picture]:
-    """Poles, zeros and frequency response at the start of the move."""
+def linear_pictures(analysis: Analysis, where: str) -> list[Picture]:
+    """Poles and zeros, and frequency response; ``where``: of the pose, for the captions."""
     what = "output" if analysis.model.output.type == "combination" else "tool"
-    text = f"Poles and zeros at the start of the move; {plots.phase_summary(analysis)}."
+    text = f"Poles and zeros {where}; {plots.phase_summary(analysis)}."
     if plots.falls_under_gravity(analysis):
         text += f" {GRAVITY_POLE}"
     response = (
-        "Frequency response at the start of the move, from each motor torque to the acceleration of the same motor "
+        f"Frequency response {where}, from each motor torque to the acceleration of the same motor "
         f"(upper panel) and of the {what} (lower panel). Dashed lines: modes. At the minima of the upper panel the "
         "robot vibrates while that motor stands still."
     )

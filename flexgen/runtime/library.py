@@ -206,7 +206,8 @@ class Library:
         return sorted({*super().__dir__(), *self.functions})
 
     def __repr__(self) -> str:
-        return f"<Library {self.name}{' (closed)' if self._closed else ''}: {', '.join(self.functions)}>"
+        state = "closed, " if self._closed else ""
+        return f"<Library {self.name}: {state}{len(self.functions)} functions, {self.precision} precision>"
 
 
 def load(directory: str | os.PathLike[str]) -> Library:

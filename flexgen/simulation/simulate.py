@@ -37,13 +37,14 @@ from flexgen.ports import Port
 from flexgen.simulation.growth import LARGEST_GROWTH, Growth, Motion, growth_along
 from flexgen.simulation.open_loop import run_windows
 from flexgen.trajectory import Trajectory
+from flexgen.trajectory_files import common_unit
 
 DEGREE, SAMPLES = 5, 10  # of the polynomials of a limited torque, and samples of each
 ON_GRID = 1e-7  # relative distance up to which samples are on a grid
 RTOL, ATOL = 1e-11, 1e-12  # a tenth of a nanometer over a meter of reach and a thousand steps
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Simulation:
     """Motion of the robot under the torque.
 
@@ -85,6 +86,12 @@ class Simulation:
     window_gap: float = 0.0
     integrator: str = "DOP853"
 
+    def __repr__(self) -> str:
+        errors = [
+            f"{e:.3g} {u}" for e, u in ((self.tool_error_max_m, "m"), (self.tool_error_max_rad, "rad")) if e is not None
+        ]
+        return f"<Simulation {self.trajectory.meta.get('model', '')}: tool error {', '.join(errors) or 'not measured'}>"
+
 
 def output_labels(model: RobotModel) -> dict[str, tuple[str, ...]]:
     """Labels of the columns of the reference: ``y_ref`` and, for a pose, ``R_ref`` (rows of the matrix)."""
@@ -110,9 +117,14 @@ def output_units(model: RobotModel) -> tuple[str, ...]:
 def _checked(model: RobotModel, data: Trajectory) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """The channels that a simulation needs, with columns in the order of the model, and warnings."""
     names_a, names_m = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
-    wanted = {"tau_m": (names_m, "N m"), "q_a": (names_a, "rad or m"), "q_m": (names_m, "rad")}
+    of_a = {c.name: c.unit for c in model.coordinates}
+    wanted = {
+        "tau_m": (names_m, dict.fromkeys(names_m, "N m")),
+        "q_a": (names_a, of_a),
+        "q_m": (names_m, dict.fromkeys(names_m, "rad")),
+    }
     found = {}
-    for name, (labels, unit) in wanted.items():
+    for name, (labels, units) in wanted.items():
         if name not in data.channels:
             raise ArgumentError(
                 f"trajectory: channel {name} is missing; write one with 'flexgen solve {model.name} --out FILE'"
@@ -122,8 +134,11 @@ def _checked(model: RobotModel, data: Trajectory) -> tuple[dict[str, np.ndarray]
                 f"trajectory channel {name}: given columns {', '.join(data.labels[name])}, expected "
                 f"{', '.join(labels)} for model {model.name}; take the model that it was written for"
             )
-        if data.ports[name].unit != unit:
-            raise ArgumentError(f"trajectory channel {name}: given in {data.ports[name].unit}, expected in {unit}")
+        for label, unit in zip(data.labels[name], data.units[name], strict=True):
+            if unit != units[label] and not (name == "q_a" and unit == "rad or m"):
+                raise ArgumentError(
+                    f"trajectory channel {name}: given in {unit}, expected in {units[label]} (column {label})"
+                )
         if not np.isfinite(data[name]).all():
             raise ArgumentError(f"trajectory channel {name}: given NaN or infinity, expected finite numbers")
         found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
@@ -209,7 +224,6 @@ def simulate(
     q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
     q_m, v_m = q_a[:, list(robot.i_g)] @ robot.eta.T, v_a[:, list(robot.i_g)] @ robot.eta.T
     q_m[:, i_m], v_m[:, i_m] = states[:, n_a:n], states[:, n + n_a : 2 * n]
-
     in_m, in_rad, recorded = _recorded(equations, data, given, (q_a, v_a, q_m, v_m))
     return Simulation(
         trajectory=recorded,
@@ -271,9 +285,11 @@ def _recorded(
     channels = {"q_a": q_a, "v_a": v_a, "q_m": q_m, "v_m": v_m, "tau_m": given["tau_m"]}
     names_a, names_m = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)
     labels = {"q_a": names_a, "v_a": names_a, "q_m": names_m, "v_m": names_m, "tau_m": names_m}
+    of_a = tuple(c.unit for c in robot.coordinates)
+    units = {"q_a": of_a, "v_a": tuple(f"{unit}/s" for unit in of_a)}
     ports = {
-        "q_a": Port("q_a", (robot.n_a,), "rad or m", "arm coordinates, simulated"),
-        "v_a": Port("v_a", (robot.n_a,), "rad/s or m/s", "their speeds"),
+        "q_a": Port("q_a", (robot.n_a,), common_unit(of_a), "arm coordinates, simulated"),
+        "v_a": Port("v_a", (robot.n_a,), common_unit(units["v_a"]), "their speeds"),
         "q_m": Port("q_m", (robot.n_m,), "rad", "motor angles, motor side"),
         "v_m": Port("v_m", (robot.n_m,), "rad/s", "motor speeds, motor side"),
         "tau_m": Port("tau_m", (robot.n_m,), "N m", "motor torques, motor side"),
@@ -282,15 +298,15 @@ def _recorded(
     if "y_ref" in given:
         error, in_m, in_rad = _output_error(equations, given, q_a)
         channels["error"] = error
-        unit = robot.output.unit if robot.output.type == "combination" else "m"
-        ports["error"] = Port("error", (error.shape[1],), unit, "output minus reference")
+        units["error"] = output_units(robot)
+        ports["error"] = Port("error", (error.shape[1],), common_unit(units["error"]), "output minus reference")
         labels["error"] = output_labels(robot)["y_ref"]
         if in_rad is not None and robot.output.type == "tool_pose":
             channels["turn"] = _turn_error(equations, given, q_a)[:, None]
             ports["turn"] = Port("turn", (1,), "rad", "angle between tool and reference")
             labels["turn"] = ("angle",)
     meta = {"model": robot.name, "variant": robot.variant, "kind": "simulation"}
-    return in_m, in_rad, Trajectory(data.time, channels, ports, labels, meta)
+    return in_m, in_rad, Trajectory(data.time, channels, ports, labels, meta, units)
 
 
 def torque_curve(t: np.ndarray, torque: np.ndarray, *, limited: bool) -> Callable[[Any], np.ndarray]:

@@ -48,7 +48,9 @@ def test_a_file_without_a_pattern_is_seen():
 
 def test_extras_are_those_of_the_makefile():
     """Running needs no extra; tests and lint install their own."""
-    assert set(SETTINGS["project"]["optional-dependencies"]) == {"parquet", "distributed", "test", "lint", "dev"}
+    assert set(SETTINGS["project"]["optional-dependencies"]) == {
+        *("parquet", "distributed", "pandas", "control", "test", "lint", "dev")
+    }
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     assert set(re.findall(r"'\.\[(\w+)\]'", makefile)) == {"test", "lint"}
     for heavy in ("mujoco", "pin", "dask", "pyarrow", "pytest", "ruff", "mypy"):

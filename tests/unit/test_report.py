@@ -21,7 +21,7 @@ from flexgen.inversion.bounds import Limits
 from flexgen.inversion.status import Status
 from flexgen.plots import canvas
 from flexgen.plots import solution as figures_of
-from flexgen.reports.html import write_analysis, write_report
+from flexgen.reports.html import write_report
 
 CASES = [("planar5_nmp", "line"), ("manutec_r3", "line"), ("four_mass@high", "step"), ("beam_arm", "line")]
 ALWAYS = ["robot", "torques", "speeds", "deflections", "pole_zero_map", "frequency_response"]
@@ -246,11 +246,16 @@ def test_machines_without_extent_show_their_output():
 
 
 def test_analysis_is_written(tmp_path):
-    files = write_analysis(flexgen.analyze("planar5_nmp"), tmp_path / "a")
-    assert [f.name for f in files] == [
-        f"{name}.{end}" for name in ("pole_zero_map", "frequency_response") for end in ("svg", "png")
-    ]
-    assert all(f.stat().st_size > 5000 for f in files)
+    analysis = flexgen.analyze("planar5_nmp", path=flexgen.plan("planar5_nmp"))
+    path = analysis.report(tmp_path / "a")
+    names = ["pole_zero_map", "frequency_response", "zeros_along"]
+    files = {f"{name}.{end}" for name in names for end in ("svg", "png")}
+    assert {f.name for f in path.parent.iterdir()} == {"index.html", *files} and path.name == "index.html"
+    assert all(f.stat().st_size > 5000 for f in path.parent.iterdir())
+    page, text = read_page(path)
+    assert [value for tag, key, value in page.attributes if tag == "figure" and key == "id"] == names
+    for word in ("planar5_nmp", "Equilibrium", "Modes", "non-minimum phase", *(m.name for m in analysis.model.motors)):
+        assert word in text
 
 
 @pytest.mark.parametrize("name", ["planar5_mp", "elbow@rigid", "abb_arm", "kr300", "manutec_r3_efjm"])

@@ -11,8 +11,9 @@ import pytest
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError
+from flexgen.reports.analysis_page import write_analysis
 from flexgen.reports.folder import check_folder
-from flexgen.reports.html import write_analysis, write_report
+from flexgen.reports.html import write_report
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,72 @@
+"""The report of an analysis: one self-contained HTML page with tables and plots."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+
+import numpy as np
+
+from flexgen.analysis.analyze import Analysis
+from flexgen.atomic_files import write_text
+from flexgen.plots import along_path, canvas
+from flexgen.reports.folder import PAGE, check_folder
+from flexgen.reports.html import dynamics_tables, figure_element, foot, head, html_table, number
+from flexgen.reports.pictures import Picture, linear_pictures
+
+
+def write_analysis(analysis: Analysis, directory: str | Path) -> Path:
+    """Write ``index.html`` with poles, zeros and frequency response; each plot also as svg and png file.
+
+    Parameters
+    ----------
+    analysis : Analysis
+        With a path, the zeros along it are drawn, too.
+    directory : str or Path
+        Created if it does not exist.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    ArgumentError
+        The folder has files of another program under these names, or cannot be written.
+    """
+    directory, model = Path(directory), analysis.model
+    drawn = linear_pictures(analysis, "at this equilibrium")
+    path = analysis.zero_path
+    if path is not None and np.isfinite(path.zeros).any():
+        caption = f"Zeros at the equilibrium poses along the path. {path.verdict[:1].upper()}{path.verdict[1:]}."
+        drawn.append(Picture("zeros_along", along_path.zeros_along(model, path), caption))
+    check_folder(directory, [PAGE, *(f"{picture.name}.{end}" for picture in drawn for end in ("svg", "png"))])
+    figures = "".join(figure_element(picture, directory) for picture in drawn)
+    for picture in drawn:
+        canvas.save(picture.figure, directory / f"{picture.name}.png")
+    title = f"{canvas.title_of(model)}: analysis of an equilibrium"
+    notes = "".join(f"<li>{html.escape(line)}</li>" for line in analysis.solvability.warnings)
+    parts = [
+        head(title),
+        f'<h1>{html.escape(title)}</h1>\n<p class="sub">{html.escape(model.description)}.</p>\n',
+        f'<div class="warn"><ul>{notes}</ul></div>\n' if notes else "",
+        "<h2>Equilibrium</h2>\n",
+        _equilibrium(analysis),
+        "<h2>Dynamics</h2>\n",
+        dynamics_tables(analysis),
+        "<h2>Plots</h2>\n",
+        figures,
+        foot(),
+    ]
+    return write_text(directory / PAGE, "".join(parts))
+
+
+def _equilibrium(analysis: Analysis) -> str:
+    """Tables of the coordinates and of the motor torques."""
+    model, rest = analysis.model, analysis.equilibrium
+    coordinates = [(html.escape(c.name), number(q), c.unit) for c, q in zip(model.coordinates, rest.q_a, strict=True)]
+    torques = [(html.escape(m.name), number(tau), "N m") for m, tau in zip(model.motors, rest.tau_m, strict=True)]
+    return html_table(("coordinate", "value", "unit"), coordinates, (1,)) + html_table(
+        ("motor", "torque", "unit"), torques, (1,)
+    )

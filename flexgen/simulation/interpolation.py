@@ -1,0 +1,56 @@
+"""Interpolation of trajectories: the curves that the simulation and the verification use between samples."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import BPoly, make_interp_spline
+
+from flexgen.errors import ArgumentError
+from flexgen.simulation.simulate import torque_curve
+from flexgen.trajectory import Trajectory
+
+MOTIONS = (("q_a", "v_a", "a_a"), ("q_m", "v_m", "a_m"))  # channels that are derivatives of each other
+DEGREE = 5
+
+
+def interpolate(trajectory: Trajectory, t: Any) -> dict[str, np.ndarray]:
+    """All channels of a trajectory at other instants; see `flexgen.trajectory.Trajectory.at`.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    t : float or array (k,) [s]
+
+    Returns
+    -------
+    dict
+        Each channel with shape (width,), or (k, width) for an array.
+
+    Raises
+    ------
+    ArgumentError
+        An instant is no number or outside of the trajectory.
+    """
+    grid = trajectory.time
+    try:
+        at = np.asarray(t, dtype=float)
+    except (TypeError, ValueError):
+        at = np.array(np.nan)
+    if at.ndim > 1 or not ((at >= grid[0]) & (at <= grid[-1])).all():
+        shown = f"shape {at.shape}" if at.ndim > 1 else "an instant that is outside" if at.ndim else repr(t)
+        raise ArgumentError(f"t: given {shown}, expected one or more instants from {grid[0]:g} to {grid[-1]:g} s")
+    found: dict[str, np.ndarray] = {}
+    for names in MOTIONS:
+        given = [name for name in names if name in trajectory]
+        if given[:1] == [names[0]] and given == list(names[: len(given)]):
+            curve = BPoly.from_derivatives(grid, np.stack([trajectory[name] for name in given], axis=1))
+            found |= {name: np.asarray(curve(at, order)) for order, name in enumerate(given)}
+    for name in trajectory:
+        if name == "tau_m":
+            limited = trajectory.meta.get("torque") == "limited"
+            found[name] = np.asarray(torque_curve(grid, trajectory[name], limited=limited)(at))
+        elif name not in found:
+            found[name] = np.asarray(make_interp_spline(grid, trajectory[name], k=min(DEGREE, len(grid) - 1))(at))
+    return {name: found[name] for name in trajectory}
