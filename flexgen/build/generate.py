@@ -36,6 +36,7 @@ from flexgen.codegen.spec import (
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
+from flexgen.progress import Choice, reported
 
 FORMAT = 2
 
@@ -71,6 +72,7 @@ class Generated:
     written: bool
 
 
+@reported("generate")
 def generate(
     model_or_equations: Any,
     directory: str | os.PathLike[str] | None = None,
@@ -82,7 +84,7 @@ def generate(
     native: bool = False,
     openmp: bool = False,
     amalgamate: bool = False,
-    progress: Callable[[str], None] | None = None,
+    progress: Choice = None,
     force: bool = False,
 ) -> Generated:
     """Write the C library of a model: header, sources, example, manifest, CMake and pkg-config files, libraries.
@@ -110,8 +112,8 @@ def generate(
         True: batches use all cores.
     amalgamate : bool
         True: one header ``<name>.h`` and one source ``<name>.c`` instead of many files; the results have the same bits.
-    progress : callable, optional
-        Called with a line of text before each step.
+    progress : callable or bool, optional
+        Called with one line of text before each step; default: messages on a terminal and in a notebook; False: none.
     force : bool
         True: derive, write and compile even where nothing has changed.
 
@@ -128,7 +130,7 @@ def generate(
         Where the model cannot be read or a function is unknown.
     """
     start = time.perf_counter()
-    tell = progress or (lambda line: None)
+    tell = progress if callable(progress) else (lambda line: None)
     model, equations = _resolve(model_or_equations)
     names = chosen_functions(functions, model)
     if precision not in PRECISIONS:

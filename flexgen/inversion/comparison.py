@@ -43,7 +43,7 @@ def compare_methods(
         if progress is not None:
             progress(f"comparison: method {name}")
         try:
-            out.append(solve(equations, solution.move, name))
+            out.append(solve(equations, solution.move, name, progress=False))
         except (ArgumentError, SolverError) as error:
             if progress is not None:
                 progress(f"comparison: method {name} has no solution: {error}")

@@ -26,6 +26,7 @@ from flexgen.model.elements import Move, RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path, named_move
 from flexgen.ports import Port
+from flexgen.progress import Choice, reported
 from flexgen.simulation.simulate import Simulation, output_labels, output_units, simulate, turn_angle
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
@@ -40,6 +41,7 @@ FURTHER = 60.0  # s: "auto" starts no further method after this time
 FULL_LARGEST = 8  # coordinates: "auto" takes the full method up to here; with 12 it needs many minutes
 
 
+@reported("solve")
 def solve(
     model: str | FilePath | RobotModel | Equations,
     move: str | Move | None = None,
@@ -50,7 +52,7 @@ def solve(
     limits: Limits | None = None,
     verify: bool = True,
     accuracy: float = ACCURACY,
-    progress: Callable[[str], None] | None = None,
+    progress: Choice = None,
     options: Mapping[str, Any] | None = None,
 ) -> Solution:
     """Find the motor torques that make the output track a move.
@@ -78,8 +80,8 @@ def solve(
         Simulate the full model and measure the error; a mesh that misses ``accuracy`` is refined.
     accuracy : float [rad, and m for each meter of reach, at most m]
         Largest verified error of a solved move.
-    progress : callable, optional
-        Called with one line of text now and then.
+    progress : callable or bool, optional
+        Called with one line of text now and then; default: messages on a terminal and in a notebook; False: none.
     options : mapping, optional
         Options of single methods: ``native`` (lq, bvp), ``order`` and ``richardson`` (bdf), ``order``
         (discretized), ``rtol`` (reduced), ``rounds`` (quasistatic); see their modules.
@@ -96,6 +98,9 @@ def solve(
         No solution; the text gives the reason and what to try.
     """
     wall, cpu = time.perf_counter(), time.process_time()
+    log = progress if callable(progress) else None
+    if log is not None and not isinstance(model, Equations):
+        log("deriving the equations of motion")
     equations = model if isinstance(model, Equations) else derive(model)
     robot = equations.model
     chosen = named_move(robot, move)
@@ -106,7 +111,7 @@ def solve(
     chosen_method = METHODS[_automatic(robot, limits) if choose else method]
     _check_applies(chosen_method, robot, limits)
     path = Path(equations, chosen)
-    problem = InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, progress, dict(options or {}))
+    problem = InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, log, dict(options or {}))
     solution = _automatic_solution(problem, chosen_method) if choose else _refined(problem, chosen_method)
     return replace(solution, wall_s=time.perf_counter() - wall, cpu_s=time.process_time() - cpu)
 

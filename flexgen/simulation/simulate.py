@@ -34,6 +34,7 @@ from flexgen.mechanics.statics import Equilibrium
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.ports import Port
+from flexgen.progress import Choice, reported
 from flexgen.simulation.growth import LARGEST_GROWTH, Growth, Motion, growth_along
 from flexgen.simulation.open_loop import run_windows
 from flexgen.trajectory import Trajectory
@@ -161,6 +162,7 @@ def _checked(model: RobotModel, data: Trajectory) -> tuple[dict[str, np.ndarray]
     return found, tuple(warnings)
 
 
+@reported("simulate")
 def simulate(
     model: str | FilePath | RobotModel | Equations,
     trajectory: Trajectory | str | FilePath,
@@ -168,7 +170,7 @@ def simulate(
     start: Equilibrium | None = None,
     rtol: float = RTOL,
     windows: bool = False,
-    progress: Callable[[str], None] | None = None,
+    progress: Choice = None,
 ) -> Simulation:
     """Simulate the full model from equilibrium under the torque of a trajectory.
 
@@ -219,7 +221,7 @@ def simulate(
     if motion is not None and growth is not None:
         x = np.hstack([motion.q_a, motion.q_m[:, i_m], motion.v_a, motion.v_m[:, i_m]])
         starts += [(first, x[first]) for first in growth.starts[1:]]
-    run = run_windows(equations, t, tau, starts, rtol, ATOL, progress)
+    run = run_windows(equations, t, tau, starts, rtol, ATOL, progress if callable(progress) else None)
     states, wall = run.states, time.perf_counter() - began
     q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
     q_m, v_m = q_a[:, list(robot.i_g)] @ robot.eta.T, v_a[:, list(robot.i_g)] @ robot.eta.T

@@ -14,6 +14,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.model.elements import RobotModel
+from flexgen.progress import Choice, reported
 from flexgen.sweeps.cases import Case, Grid, model_digest
 from flexgen.sweeps.executors import Done, Work, in_pool, in_process, with_executor
 from flexgen.sweeps.folder import Folder, default_size
@@ -36,6 +37,7 @@ class SweepResult:
         return np.asarray(self.results["case"][self.results["status"] == "failed"])
 
 
+@reported("sweep")
 def sweep(
     grid: Grid,
     out: str | Path | None = None,
@@ -45,7 +47,7 @@ def sweep(
     shard_size: int | None = None,
     resume: bool = False,
     in_flight: int | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Choice = None,
 ) -> SweepResult:
     """Solve all cases of a grid.
 
@@ -68,8 +70,8 @@ def sweep(
         Continue the sweep in ``out``.
     in_flight : int, optional
         Shards that are submitted to an executor at once.
-    progress : callable, optional
-        Called with one line of text after every shard.
+    progress : callable or bool, optional
+        Called with one line of text after every shard; default: messages on a terminal and in a notebook; False: none.
 
     Returns
     -------
@@ -85,7 +87,7 @@ def sweep(
         Workers cannot be started, or are lost repeatedly.
     """
     _check_arguments(grid, out, workers, executor, shard_size, resume, in_flight)
-    log = progress or (lambda line: None)
+    log = progress if callable(progress) else (lambda line: None)
     code = code_version(wants_native(grid.options))
     folder = None if out is None else Folder(out, grid, code, shard_size, resume, log)
     size = (shard_size or default_size(grid)) if folder is None else folder.shard_size

@@ -14,6 +14,7 @@ from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
+from flexgen.progress import reporting
 from flexgen.sweeps.batches import Batches
 from flexgen.sweeps.jobs import Job, Row, Rows, Shard, failed
 from flexgen.sweeps.version import code_version, wants_native
@@ -36,7 +37,7 @@ def run_shard(shard: Shard) -> Rows:
             f"sweep: given a worker with flexgen {own}, expected {shard.code}; all computers need the same flexgen, "
             "casadi, numpy, osqp, scipy and C compiler (or none)"
         )
-    with _ALONE:
+    with _ALONE, reporting(False, "sweep"):  # a worker shows nothing
         done = Batches(shard, _equations).rows() if shard.options.get("batch") else {}
         results, times = [], []
         for job in shard.jobs:

@@ -27,6 +27,7 @@ FLOORS = {
     "errors": 0,
     "npz_files": 0,
     "ports": 0,
+    "progress": 0,
     "trajectory": 0,
     "trajectory_files": 0,
     "numerics": 1,

@@ -1,0 +1,113 @@
+"""Progress of long calls: one line that is rewritten, on a terminal and in a notebook; nothing elsewhere."""
+
+from __future__ import annotations
+
+import functools
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from typing import Any, ParamSpec, TypeVar
+
+from flexgen.errors import ArgumentError
+
+Progress = Callable[[str], None]  # takes one line of text
+Choice = Progress | bool | None  # what a caller gives: a function, on or off, or the default
+
+QUIET = 0.3  # s; messages before this time are not shown
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_inside: ContextVar[bool] = ContextVar("inside", default=False)  # a call that reports is under way
+
+
+def is_interactive() -> bool:
+    """Whether somebody watches: standard error is a terminal, or this is a notebook."""
+    if _in_notebook():
+        return True
+    with suppress(AttributeError, ValueError, OSError):  # no stream, or a closed one
+        return sys.stderr.isatty()
+    return False
+
+
+def _in_notebook() -> bool:
+    shell = sys.modules.get("IPython")
+    current: Any = shell.get_ipython() if shell is not None and hasattr(shell, "get_ipython") else None
+    return type(current).__name__ == "ZMQInteractiveShell"
+
+
+def reported(name: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Decorate a function with the keyword ``progress``: it gets a function, or None where nothing is shown."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        @functools.wraps(function)
+        def call(*args: P.args, **kwargs: P.kwargs) -> R:
+            with reporting(kwargs.get("progress"), name) as progress:
+                kwargs["progress"] = progress
+                return function(*args, **kwargs)
+
+        return call
+
+    return decorate
+
+
+@contextmanager
+def reporting(progress: Any, name: str) -> Iterator[Progress | None]:
+    """The function that takes the progress messages of a call; None where nothing is shown.
+
+    Parameters
+    ----------
+    progress : callable, bool or None
+        A function gets every message. True: show messages; False: none; None: show them on a terminal and in a
+        notebook, except within another call that reports.
+    name : str
+        Name of the call, written before each message.
+
+    Raises
+    ------
+    ArgumentError
+        Something else was given.
+    """
+    if not callable(progress) and progress is not None and not isinstance(progress, bool):
+        raise ArgumentError(f"progress: given {progress!r}, expected a function of one line, True, False or None")
+    shown = is_interactive() and not _inside.get() if progress is None else progress
+    line = None if callable(progress) or not shown else _Line(name)
+    token = _inside.set(True)
+    try:
+        yield progress if callable(progress) else None if line is None else line.show
+    finally:
+        _inside.reset(token)
+        if line is not None:
+            line.clear()
+
+
+class _Line:
+    """One line that each message replaces, with the time since the start; removed at the end."""
+
+    def __init__(self, name: str) -> None:
+        self._name, self._began, self._shown = name, time.perf_counter(), 0
+        self._stream = sys.stdout if _in_notebook() else sys.stderr
+
+    def show(self, line: str) -> None:
+        """Replace the line."""
+        spent = time.perf_counter() - self._began
+        if spent < QUIET:
+            return
+        width = shutil.get_terminal_size().columns - 1
+        self._write(f"{self._name}: {' '.join(line.split())} ({spent:.0f} s)"[:width])
+
+    def clear(self) -> None:
+        """Remove the line."""
+        if self._shown:
+            self._write("")
+            self._write("\r")
+
+    def _write(self, text: str) -> None:
+        padded = text.ljust(self._shown)
+        self._shown = len(text)
+        with suppress(AttributeError, ValueError, OSError):  # a closed stream
+            self._stream.write(text if text == "\r" else f"\r{padded}")
+            self._stream.flush()
