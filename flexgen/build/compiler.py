@@ -1,4 +1,4 @@
-"""The C compiler: found, asked what it brings along, and run on the sources of a library.
+"""The C compiler: find it, read its version, target and macros, and run it on the sources of a library.
 
 No shell is involved, and of the flags in ``$CC`` only those that change speed or the kind of machine are accepted.
 """
@@ -20,27 +20,33 @@ from typing import Any
 
 from flexgen.build.object_cache import Objects
 from flexgen.errors import BuildError
+from flexgen.runtime.processor import INSTRUCTION_SETS
 
-# The same bits with every compiler and processor: products and sums are not contracted, and GCC's vectoriser is off, as
-# it contracts all the same where the processor has fused instructions. That loses nothing: the sources have their own
-# vectors, and what GCC makes of the rest is slower in the sum (benchmarks/sizes.md). A sqrt without errno is one
-# instruction and needs no library.
+# The same bits with every compiler, processor and width of its vectors: products and sums are not contracted, and GCC's
+# vectorizer is off, because it contracts nevertheless where the processor has fused instructions. That loses nothing:
+# the sources have their own vectors, and what GCC makes of the rest is slower in the sum (benchmarks/sizes.md). A sqrt
+# without errno is one instruction and needs no library.
 REPRODUCIBLE = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-tree-vectorize", "-fno-math-errno")
 NATIVE = ("-std=c99", "-O3", "-march=native", "-ffp-contract=fast", "-fno-math-errno")
+# The whole-path solvers gain a tenth from -O3; the other sources gain nothing and take twice as long to compile.
+SOLVERS, SOLVER_LEVEL = ("invert.c", "bvp.c", "stream.c"), "-O3"
+# Instruction sets that a library can be compiled for; all give the same bits.
+ISAS = ("native", "x86-64", "x86-64-v2", "x86-64-v3", "x86-64-v4")
 SHARED = ("-fPIC", "-fvisibility=hidden")
 OPENMP = "-fopenmp"
 
 _COMPILERS = ("cc", "gcc", "clang")
 _ARCHIVERS = ("ar", "gcc-ar", "llvm-ar")
 _ALLOWED_FLAG = re.compile(r"-(O[0-3]|pipe|m32|m64|m(arch|tune)=[a-z0-9.-]+|ffp-contract=(off|on|fast))\Z")
-# What the sources see of the world outside: the compiler's own macros, that is its version and its target, and these.
+# All that the sources include: the compiler's macros, which depend on its version and target, and these headers.
 _OUTSIDE = (
     "#include <float.h>\n#include <math.h>\n#include <stddef.h>\n#include <stdint.h>\n"
     "#ifdef _OPENMP\n#include <omp.h>\n#endif\n"
 )
 
 
-_WORLD = ("DBL_EPSILON", "size_t")  # stands in the preprocessed text of _OUTSIDE
+_WORLD = ("DBL_EPSILON", "size_t")  # words of the preprocessed text of _OUTSIDE
+_DEFINED = re.compile(r"^#define (__\w+__) 1$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -52,59 +58,73 @@ class Compiler:
     command : tuple of str
         The words to run it with.
     version : str
-        First line of what it says of itself.
+        First line of its version text.
     flags : tuple of str
         All flags, those of ``$CC`` first.
     identity : str
         SHA-256 of what its output depends on beside the sources: version, flags, target (with ``-march=native`` the
         processor), and the system's headers.
+    instruction_sets : tuple of str
+        Vector instruction sets of x86-64 that the output uses; names as in `flexgen.runtime.processor`.
     """
 
     command: tuple[str, ...]
     version: str
     flags: tuple[str, ...]
     identity: str
+    instruction_sets: tuple[str, ...] = ()
 
 
-def find_compiler(*, native: bool = False, openmp: bool = False) -> Compiler | None:
+def find_compiler(*, native: bool = False, openmp: bool = False, isa: str = "native") -> Compiler | None:
     """The compiler of $CC, or else the first of cc, gcc and clang; None where there is none.
 
     Parameters
     ----------
     native : bool
-        True: the flags for this processor, else those for the same bits everywhere.
+        True: the fastest flags for this processor, which contract products and sums; else those for the same bits
+        everywhere.
     openmp : bool
         True: batches on all cores.
+    isa : str
+        One of `ISAS`: the instruction set; "native": that of this processor. A ``-march`` in $CC has priority.
 
     Raises
     ------
     BuildError
         Where $CC cannot be used, or the compiler does not know a flag.
     """
+    if isa not in ISAS:
+        raise BuildError(f"isa: given {isa!r}, expected one of {', '.join(ISAS)}")
     chosen = _chosen()
     if chosen is None:
         return None
     program = tuple(word for word in chosen if not word.startswith("-"))
-    flags = [*(word for word in chosen if word.startswith("-")), *(NATIVE if native else REPRODUCIBLE), *SHARED]
-    flags += [OPENMP] * openmp
+    own = [word for word in chosen if word.startswith("-")]
+    flags = [*own, *(NATIVE if native else REPRODUCIBLE), *SHARED, *[OPENMP] * openmp]
+    target = [] if native or any(word.startswith("-m") for word in own) else [f"-march={isa}"]
     try:
-        version = _asked([*chosen, "--version"], "").stdout.strip().partition("\n")[0]
-        world = _asked([*program, *flags, "-E", "-dD", "-x", "c", "-"], _OUTSIDE)
+        version = _output([*chosen, "--version"], "").stdout.strip().partition("\n")[0]
+        world = _output([*program, *flags, *target, "-E", "-dD", "-x", "c", "-"], _OUTSIDE)
+        if world.returncode != 0 and isa == "native":  # a compiler for another processor: its own default
+            target = []
+            world = _output([*program, *flags, "-E", "-dD", "-x", "c", "-"], _OUTSIDE)
+        flags += target
     except OSError as error:
         raise BuildError(f"C compiler: given {chosen[0]!r}, which cannot be run ({error.strerror})") from None
     if world.returncode != 0:
-        told = _errors(world)
+        message = _errors(world)
         hint = "; it has no OpenMP: leave openmp (--openmp) out, or install it (libomp)" if openmp else ""
         raise BuildError(
-            f"C compiler: given {shlex.join(chosen)!r} with {shlex.join(flags)}, which fails:\n  {told}{hint}"
+            f"C compiler: given {shlex.join(chosen)!r} with {shlex.join(flags)}, which fails:\n  {message}{hint}"
         )
     if not all(word in world.stdout for word in _WORLD):
         raise BuildError(
             f"C compiler: given {shlex.join(chosen)!r}, which does not preprocess C, expected gcc, clang or another "
             "C compiler; change CC or unset it"
         )
-    identity = hashlib.sha256("\0".join((version, *flags, world.stdout)).encode()).hexdigest()
-    return Compiler(program, version, tuple(flags), identity)
+    identity = hashlib.sha256("\0".join((version, *flags, SOLVER_LEVEL, world.stdout)).encode()).hexdigest()
+    used = tuple(INSTRUCTION_SETS[word] for word in _DEFINED.findall(world.stdout) if word in INSTRUCTION_SETS)
+    return Compiler(program, version, tuple(flags), identity, used)
 
 
 def _chosen() -> list[str] | None:
@@ -119,14 +139,14 @@ def _chosen() -> list[str] | None:
         return None if found is None else [found]
     for word in chosen:
         if word.startswith("-") and not _ALLOWED_FLAG.match(word):
-            raise BuildError(f"$CC: given the flag {word!r}, expected optimisation, -m32, -m64 or -march=... only")
+            raise BuildError(f"$CC: given the flag {word!r}, expected optimization, -m32, -m64 or -march=... only")
         if not word.startswith("-") and shutil.which(word) is None:
             raise BuildError(f"$CC: given {word!r}, expected a program that can be found; unset CC or install it")
     return chosen
 
 
-def _asked(command: Sequence[str], text: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run a program on a text; where it does not matter, in the root, so that no answer depends on the folder."""
+def _output(command: Sequence[str], text: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run a program on a text; by default in the root, so that its output does not depend on the folder."""
     return subprocess.run(
         list(command),
         cwd=folder or Path(os.sep),
@@ -139,15 +159,15 @@ def _asked(command: Sequence[str], text: str, folder: Path | None = None) -> sub
     )
 
 
-def _errors(answer: subprocess.CompletedProcess[str]) -> str:
-    """The first lines of what a program complained of."""
-    lines = [line for line in answer.stderr.splitlines() if line.strip()]
+def _errors(result: subprocess.CompletedProcess[str]) -> str:
+    """The first lines of the errors of a program."""
+    lines = [line for line in result.stderr.splitlines() if line.strip()]
     errors = [line for line in lines if "error" in line.lower()] or lines
-    return "\n  ".join(errors[:5]) or f"exit status {answer.returncode}, without a word"
+    return "\n  ".join(errors[:5]) or f"exit status {result.returncode}, without a message"
 
 
 def _run(what: str, command: Sequence[str], folder: Path, written: str) -> None:
-    answer = _asked(command, "", folder)
+    answer = _output(command, "", folder)
     if answer.returncode != 0:
         raise BuildError(f"the {what} failed; the directory is as it was before:\n  {_errors(answer)}")
     if not (folder / written).is_file():
@@ -167,7 +187,7 @@ def build_libraries(
     *,
     fresh: bool = False,
 ) -> dict[str, Any]:
-    """Compile the sources in a folder, link the shared library and put the static one together.
+    """Compile the sources in a folder, link the shared library and make the static one.
 
     Parameters
     ----------
@@ -181,7 +201,7 @@ def build_libraries(
     tell : callable
         Called with a line of text before each step.
     fresh : bool
-        True: compile what the cache of objects knows, too.
+        True: also compile what is in the cache of objects.
 
     Returns
     -------
@@ -198,7 +218,8 @@ def build_libraries(
     with ThreadPoolExecutor(max_workers=workers) as pool:
         jobs = {}
         for file in sorted(missing, key=lambda file: -_effort(folder, file)):  # the longest first
-            words = [*compiler.command, *compiler.flags, "-c", file, "-o", _object(file)]
+            level = [SOLVER_LEVEL] * file.endswith(SOLVERS)
+            words = [*compiler.command, *compiler.flags, *level, "-c", file, "-o", _object(file)]
             jobs[file] = pool.submit(_run, "C compiler", words, folder, _object(file))
         try:
             for file, job in jobs.items():
@@ -226,6 +247,7 @@ def build_libraries(
         "compiler": compiler.version,
         "flags": list(compiler.flags),
         "identity": compiler.identity,
+        "instruction_sets": list(compiler.instruction_sets),
     }
 
 

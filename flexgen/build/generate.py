@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from flexgen import __version__
-from flexgen.build.compiler import Compiler, build_libraries, find_compiler
+from flexgen.build.compiler import ISAS, Compiler, build_libraries, find_compiler
 from flexgen.build.directory import MANIFEST, check_owned, clean, install, libraries, read_manifest, staging, unchanged
 from flexgen.build.packaging import packaging
 from flexgen.codegen.amalgamation import amalgamated
@@ -31,9 +31,9 @@ from flexgen.codegen.spec import (
     chosen_functions,
     library_name,
     library_spec,
-    model_digest,
 )
 from flexgen.errors import ArgumentError, BuildError
+from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
@@ -83,6 +83,7 @@ def generate(
     parameters: Sequence[str] = (),
     native: bool = False,
     openmp: bool = False,
+    isa: str = "native",
     amalgamate: bool = False,
     progress: Choice = None,
     force: bool = False,
@@ -110,6 +111,9 @@ def generate(
         which give the same bits with every compiler and on every processor.
     openmp : bool
         True: batches use all cores.
+    isa : str
+        Instruction set of the compiled libraries, with the same bits for each: ``"native"``, that of this processor, or
+        ``"x86-64"``, ``"x86-64-v2"``, ``"x86-64-v3"`` (AVX2), ``"x86-64-v4"`` (AVX-512), for other computers.
     amalgamate : bool
         True: one header ``<name>.h`` and one source ``<name>.c`` instead of many files; the results have the same bits.
     progress : callable or bool, optional
@@ -133,6 +137,8 @@ def generate(
     tell = progress if callable(progress) else (lambda line: None)
     model, equations = _resolve(model_or_equations)
     names = chosen_functions(functions, model)
+    if isa not in ISAS:
+        raise ArgumentError(f"isa: given {isa!r}, expected one of {', '.join(ISAS)}")
     if precision not in PRECISIONS:
         raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
     if isinstance(parameters, str) or not all(isinstance(word, str) for word in parameters):
@@ -143,8 +149,8 @@ def generate(
     target = Path("generated", name) if directory is None else _folder(directory)
     clean(target)
     digest = _content_digest(model, [names, precision, list(parameters), equations is not None, bool(amalgamate)])
-    options = {"native": bool(native), "openmp": bool(openmp)}
-    compiler = find_compiler(**options) if build else None
+    options = {"native": bool(native), "openmp": bool(openmp), "isa": isa}
+    compiler = find_compiler(native=bool(native), openmp=bool(openmp), isa=isa) if build else None
     old = read_manifest(target, name)
     known = not force and old is not None and old.get("digest") == digest and _intact(target, old)
     if known and old is not None and (not build or _built(target, old, options, compiler)):
@@ -237,7 +243,7 @@ def _content_digest(model: RobotModel, choices: Sequence[Any]) -> str:
     decides whether there is something to compile.
     """
     root = Path(__file__).resolve().parent.parent
-    sources = [root / "ports.py", root / "model" / "elements.py"]
+    sources = [root / "ports.py", root / "model" / "digest.py", root / "model" / "elements.py"]
     for folder in ("analysis", "build", "codegen", "expressions", "mechanics", "numerics", "recursion"):
         sources += sorted((root / folder).glob("*.py"))
     sources += sorted(path for path in (root / "clib").glob("*") if path.suffix in (".c", ".h"))
@@ -299,7 +305,7 @@ def _intact(directory: Path, manifest: dict[str, Any]) -> bool:
     return unchanged(directory, manifest["files"])
 
 
-def _built(directory: Path, manifest: dict[str, Any], options: dict[str, bool], compiler: Compiler | None) -> bool:
+def _built(directory: Path, manifest: dict[str, Any], options: dict[str, Any], compiler: Compiler | None) -> bool:
     """True where the libraries are there as recorded and as this compiler makes them."""
     built: Any = manifest.get("build")
     try:

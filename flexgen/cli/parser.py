@@ -101,6 +101,10 @@ def _path(text: str) -> Path:
     return Path(text)
 
 
+def _isa(text: str) -> str:
+    return f"x86-64-{text}" if re.fullmatch(r"v\d", text) else text
+
+
 def _setting(text: str) -> tuple[str, Any]:
     key, equals, value = text.partition("=")
     try:
@@ -228,7 +232,15 @@ def _add_generate_arguments(parser: _Parser) -> None:
     )
     parser.add_argument("--single", action="store_true", help="single precision (float); default: double")
     parser.add_argument(
-        "--native", action="store_true", help="compile for this processor: faster, results differ by rounding"
+        "--native", action="store_true", help="contract products and sums: a little faster, results differ by rounding"
+    )
+    parser.add_argument(
+        "--isa",
+        metavar="ISA",
+        default="native",
+        type=_isa,
+        help="instruction set of the compiled libraries, same results for each: native (this processor, the default), "
+        "x86-64, v2, v3 (AVX2) or v4 (AVX-512) for other computers",
     )
     parser.add_argument("--openmp", action="store_true", help="batch functions use all cores")
     parser.add_argument("--amalgamate", action="store_true", help="write one header and one C file")

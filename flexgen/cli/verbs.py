@@ -230,6 +230,7 @@ def generate(args: Namespace, log: Progress) -> VerbResult:
         parameters=args.parameters,
         native=args.native,
         openmp=args.openmp,
+        isa=args.isa,
         amalgamate=args.amalgamate,
         progress=log,
         force=args.force,

@@ -43,6 +43,19 @@ typedef struct {
     real node[NODE_ROWS * NODE_WIDTH];
 } bvp_space;
 
+/* The sum of PANEL partial sums: the same for every width of a vector. */
+static inline real sum_partial(const lanes *partial)
+{
+    real numbers[PANEL], sum = 0.0;
+    for (int p = 0; p < PANEL; p += LANES) {
+        store_v(numbers + p, partial[p / LANES]);
+    }
+    for (int p = 0; p < PANEL; ++p) {
+        sum += numbers[p];
+    }
+    return sum;
+}
+
 /*
  * Scale each row so that the absolute values of its entries, without the right side, sum up to one; 0 where all are
  * zero.
@@ -52,15 +65,20 @@ static inline int scale_rows(real *rows, int height, int columns, int width)
     for (int i = 0; i < height; ++i) {
         real *row = rows + i * width;
         const int whole = columns / PANEL * PANEL;
-        lanes sums = splat_v(0.0);
+        lanes partial[PANEL / LANES];
         real size = 0.0;
-        for (int j = 0; j < whole; j += LANES) {
-            sums += fabs_v(load_v(row + j));
+        for (int p = 0; p < PANEL / LANES; ++p) {
+            partial[p] = splat_v(0.0);
+        }
+        for (int j = 0; j < whole; j += PANEL) {
+            for (int p = 0; p < PANEL / LANES; ++p) {
+                partial[p] += fabs_v(load_v(row + j + p * LANES));
+            }
         }
         for (int j = whole; j < columns; ++j) {
             size += fabs_1(row[j]);
         }
-        size += sum_v(sums);
+        size += sum_partial(partial);
         if (!(size > 1e-300 && size < 1e300)) {
             return 0;
         }
@@ -154,15 +172,20 @@ static inline void substitute(const real *rows, int columns, int all, int width,
     for (int i = columns - 1; i >= 0; --i) {
         const real *row = rows + i * width;
         const int whole = (i + PANEL) / PANEL * PANEL;
-        lanes sums = splat_v(0.0);
+        lanes partial[PANEL / LANES];
         real sum = 0.0;
+        for (int p = 0; p < PANEL / LANES; ++p) {
+            partial[p] = splat_v(0.0);
+        }
         for (int j = i + 1; j < whole; ++j) {
             sum += row[j] * x[j];
         }
-        for (int j = whole; j < width; j += LANES) {
-            sums += load_v(row + j) * load_v(x + j);
+        for (int j = whole; j < width; j += PANEL) {
+            for (int p = 0; p < PANEL / LANES; ++p) {
+                partial[p] += load_v(row + j + p * LANES) * load_v(x + j + p * LANES);
+            }
         }
-        x[i] = -(sum + sum_v(sums)) * row[i];
+        x[i] = -(sum + sum_partial(partial)) * row[i];
     }
 }
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from flexgen.codegen.clib_table import (
 )
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.signatures import FUNCTIONS, PORTS, TABLE, Row, offered_functions, port
+from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.ports import Port, c_name_problem, identifier_problem
 
@@ -279,14 +280,6 @@ def library_name(model: RobotModel) -> str:
     if problem is not None:
         raise BuildError(f"name of the model, with its variant: given {name!r}, expected {problem}")
     return name
-
-
-def model_digest(model: RobotModel) -> str:
-    """SHA-256 of the model's data: canonical text and every field, but not the file that it came from.
-
-    The fields too, as ``dataclasses.replace`` changes them and leaves the text behind.
-    """
-    return hashlib.sha256(f"{model.text}\n{replace(model, file='', text='')!r}".encode()).hexdigest()
 
 
 def chosen_functions(names: Sequence[str] | None, model: RobotModel) -> tuple[str, ...]:

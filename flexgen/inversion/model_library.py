@@ -12,13 +12,15 @@ from flexgen.build.compiler import find_compiler
 from flexgen.build.generate import MANIFEST, generate
 from flexgen.build.library_cache import mark_used, prune
 from flexgen.build.object_cache import cache_folder
-from flexgen.codegen.spec import library_name, model_digest
+from flexgen.codegen.spec import library_name
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.signatures import INVERSION
+from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.runtime import load
 from flexgen.runtime.library import Library
+from flexgen.runtime.processor import instruction_sets
 
 KEPT = 32  # loaded libraries
 
@@ -86,7 +88,8 @@ def _loaded(key: _Key, native: bool, progress: Callable[[str], None]) -> Library
         model = key.model
         functions = [name for name in INVERSION if name != "inversion_jacobians" or model.n_e]
         root = cache_folder()
-        mark = hashlib.sha256(f"{key.digest} {native}".encode()).hexdigest()[:16]
+        processor = " ".join(sorted(instruction_sets() or ()))  # computers that share the cache can differ
+        mark = hashlib.sha256(f"{key.digest} {native} {processor}".encode()).hexdigest()[:16]
         if root is None:
             with tempfile.TemporaryDirectory() as folder:
                 made = generate(model, Path(folder) / "library", functions=functions, native=native, progress=progress)

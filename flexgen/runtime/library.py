@@ -22,6 +22,7 @@ from flexgen.runtime.calls import Entries, Function
 from flexgen.runtime.files import AGAIN, trusted_bytes, trusted_folder, trusted_library
 from flexgen.runtime.identity import ABI_VERSION, REALS, entry_of, verify
 from flexgen.runtime.path_inversion import Inverter, inverter_of
+from flexgen.runtime.processor import missing_instruction_sets
 from flexgen.runtime.stream import Stream, StreamEntries, streams_of
 
 FORMAT = 2
@@ -266,6 +267,12 @@ def _loaded(folder: Path, sha256: str | None) -> Library:
             raise BuildError(
                 f"{folder}: given a library of SHA-256 {recorded[:16]}..., expected that of {str(sha256)[:16]}..., "
                 "which was pickled; pickle again what is there now"
+            )
+        missing = missing_instruction_sets(manifest["build"].get("instruction_sets", ()))
+        if missing:
+            raise BuildError(
+                f"{folder}: given a library with the instructions {', '.join(missing)}, which this processor does not "
+                "have; generate it on this computer, or with isa='x86-64' (--isa x86-64)"
             )
         library = trusted_library(trusted / file, recorded)
         verify(library, manifest)

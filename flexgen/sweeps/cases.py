@@ -6,7 +6,7 @@ import dataclasses
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from itertools import product
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError, FlexgenError
+from flexgen.model.digest import model_digest
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.reader import read
 from flexgen.paths.time_laws import TimeLaw
@@ -179,11 +180,6 @@ def combinations(values: Mapping[str, Sequence[Any]]) -> tuple[dict[str, Any], .
         if isinstance(listed, str) or not isinstance(listed, Sequence) or not listed:
             raise ArgumentError(f"parameters {key}: given {listed!r}, expected a list of values")
     return tuple(dict(zip(values, chosen, strict=True)) for chosen in product(*values.values()))
-
-
-def model_digest(robot: RobotModel) -> str:
-    """SHA-256 of the data of a model, independent of the path of its file."""
-    return hashlib.sha256(f"{robot.text}\n{replace(robot, file='', text='')!r}".encode()).hexdigest()
 
 
 def _shown(model: ModelChoice) -> str:

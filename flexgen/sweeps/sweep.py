@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError, FlexgenError
+from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.progress import Choice, reported
-from flexgen.sweeps.cases import Case, Grid, model_digest
+from flexgen.sweeps.cases import Case, Grid
 from flexgen.sweeps.executors import Done, Work, in_pool, in_process, with_executor
 from flexgen.sweeps.folder import Folder, default_size
 from flexgen.sweeps.jobs import Job, Rows, Shard

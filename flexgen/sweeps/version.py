@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import platform
 from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
@@ -14,6 +15,7 @@ from flexgen.build.compiler import find_compiler
 from flexgen.errors import BuildError
 
 NUMERICAL = ("casadi", "numpy", "osqp", "scipy")  # their versions affect the last bits
+X86 = platform.machine().lower() in ("x86_64", "amd64")
 SOURCES = (".py", ".c", ".h")  # of Python code and of C libraries
 
 
@@ -50,7 +52,8 @@ def _installed(package: str) -> str:
 def _compiler(native: bool) -> str:
     """Identity of the compiler; "none" without one, "unusable" where $CC is not a working compiler."""
     try:
-        compiler = find_compiler(native=native)
+        # libraries for any instruction set give the same bits: workers on different processors can share a sweep
+        compiler = find_compiler(native=True) if native else find_compiler(isa="x86-64" if X86 else "native")
     except BuildError:  # the cases that need it report the reason
         return "unusable"
     return "none" if compiler is None else compiler.identity

@@ -34,6 +34,7 @@ ANY_MODEL = (
 )
 # Cases whose robot or method takes long, by a word of the id or the whole id.
 SLOW_CASES = {
+    "client/test_instruction_sets.py": {"beam_arm", "v2", "v3", "v4"},
     "client/test_product.py": {"planar5_nmp-gcc--O0", "planar5_nmp-gcc--O2"},
     "cross/test_recursion.py": {
         "dense7",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import platform
 import shutil
 import stat
 import sys
@@ -25,6 +26,8 @@ from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.equations import derive
 from flexgen.model.reader import read
 from flexgen.runtime import load
+
+X86 = platform.machine().lower() in ("x86_64", "amd64")
 
 pytestmark = needs_compiler
 
@@ -195,15 +198,23 @@ def test_the_chosen_compiler_is_used(monkeypatch, tmp_path):
 def test_options_of_the_build_are_kept_apart(tmp_path):
     """Each has its flags in the manifest and is compiled anew; the sources of another precision are others."""
     seen = set()
-    for options in ({}, {"native": True}, {"openmp": True}, {"precision": "single"}, {"parameters": ["payload"]}):
-        if "openmp" in options and not has_openmp():
+    for options in (
+        {},
+        {"native": True},
+        {"isa": "x86-64"},
+        {"openmp": True},
+        {"precision": "single"},
+        {"parameters": ["payload"]},
+    ):
+        if ("openmp" in options and not has_openmp()) or ("isa" in options and not X86):
             continue
         out = generate("elbow", tmp_path, functions=["gravity"], **options)
         assert not out.cached and generate("elbow", tmp_path, functions=["gravity"], **options).cached
         manifest = manifest_of(tmp_path)
         built = manifest["build"]
         assert manifest["precision"] == options.get("precision", "double")
-        assert ("-march=native" in built["flags"]) == built["native"] == options.get("native", False)
+        assert ("-march=native" in built["flags"]) == (built["isa"] == "native") == ("isa" not in options)
+        assert built["native"] == options.get("native", False)
         assert ("-fopenmp" in built["flags"]) == built["openmp"] == options.get("openmp", False)
         assert ("-ffp-contract=off" in built["flags"]) != built["native"]
         assert ("-fopenmp" in (tmp_path / "elbow.pc").read_text()) == built["openmp"]

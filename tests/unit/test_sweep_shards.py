@@ -185,14 +185,16 @@ def test_the_code_is_sources_packages_and_compiler(tmp_path, monkeypatch) -> Non
         patch.setattr(versions, "_installed", lambda package: "0" if package == "osqp" else _installed(package))
         found.append(code_version.__wrapped__())
 
-    def unusable(*, native: bool) -> None:
+    def unusable(**_: object) -> None:
         raise BuildError("C compiler: given 'nothing'")
 
     same = Compiler(("cc",), "cc 1.0", (), "identity")
-    for finder in (lambda *, native: None, unusable, lambda *, native: same):
+    for finder in (lambda **_: None, unusable, lambda **_: same):
         monkeypatch.setattr(versions, "find_compiler", finder)
         found.append(code_version.__wrapped__())
-    monkeypatch.setattr(versions, "find_compiler", lambda *, native: replace(same, identity=f"this one, {native}"))
+    monkeypatch.setattr(
+        versions, "find_compiler", lambda native=False, **_: replace(same, identity=f"this one, {native}")
+    )
     found += [code_version.__wrapped__(), code_version.__wrapped__(True)]
     assert len(set(found)) == len(found)
 
@@ -201,7 +203,7 @@ def test_a_worker_without_a_compiler_is_refused(monkeypatch) -> None:
     """`auto` would take another method there."""
     shard = next(sweeps._shards(batch_grid(1), [0], 1, code_version.__wrapped__()))
     assert run_shard(shard).results[0]["status"] == "solved"
-    monkeypatch.setattr(versions, "find_compiler", lambda *, native: None)
+    monkeypatch.setattr(versions, "find_compiler", lambda **_: None)
     code_version.cache_clear()
     try:
         if code_version() == shard.code:

@@ -1,0 +1,33 @@
+"""Digest of a model: equal for equal data, whatever file they came from."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+from flexgen.model.elements import RobotModel
+
+
+def model_digest(model: RobotModel) -> str:
+    """SHA-256 of the data of a model: its canonical text and every field, but not the path of its file.
+
+    The fields too, because ``dataclasses.replace`` changes them and keeps the text.
+    """
+    return hashlib.sha256(_canonical(model, without=("file",)).encode()).hexdigest()
+
+
+def _canonical(value: Any, without: tuple[str, ...] = ()) -> str:
+    """Text that determines the data: names and values of fields, exact numbers. Does not depend on ``__repr__``."""
+    if is_dataclass(value):
+        inner = (
+            f"{f.name}={_canonical(getattr(value, f.name))}"
+            for f in fields(value)
+            if f.compare and f.name not in without
+        )
+        return f"{type(value).__name__}({', '.join(inner)})"
+    if isinstance(value, tuple | list):
+        return f"[{', '.join(map(_canonical, value))}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{_canonical(key)}: {_canonical(x)}' for key, x in value.items())}}}"
+    return repr(value)

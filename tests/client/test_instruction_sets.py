@@ -1,0 +1,114 @@
+"""A library has the same bits for each instruction set: point functions, batches, whole paths and streams."""
+
+from __future__ import annotations
+
+import json
+import platform
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.build.compiler import ISAS, find_compiler
+from flexgen.errors import ArgumentError, BuildError
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.sampling import samples
+from flexgen.mechanics.equations import derive
+from flexgen.paths.path import Path as ToolPath
+from flexgen.runtime import processor
+from flexgen.runtime.library import Library
+
+pytestmark = [
+    needs_compiler,
+    pytest.mark.skipif(platform.machine().lower() not in ("x86_64", "amd64"), reason="an x86-64 processor is needed"),
+]
+
+POINTS, SAMPLES = 37, 401
+PRE, POST, EACH = 30, 60, 5  # samples before and after the path, samples per interval
+INTERVALS = 40  # of the stream
+MOTION = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
+MODELS = ["planar5_nmp", "elbow", "beam_arm", "manutec_r3_18"]
+
+
+def arrays(library: Library) -> dict[str, np.ndarray]:
+    """Results of all functions of a library, for many points and for one, of invert, bvp and the stream."""
+    rng = np.random.default_rng(1)
+    out: dict[str, np.ndarray] = {}
+    for name, function in library.functions.items():
+        given = [rng.normal(size=(POINTS, *port.shape)) for port in function.inputs]
+        for label, results in (("batch", function(*given)), ("point", function(*(x[0] for x in given)))):
+            for k, x in enumerate(results if isinstance(results, tuple) else (results,)):
+                out[f"{name} {label} {k}"] = x
+    equations = derive(library.name)
+    path = ToolPath(equations, equations.model.move(None))
+    period = path.duration / (SAMPLES - 1)
+    y, dy, ddy = samples(Reduction(equations), path, period, SAMPLES)
+    options = {"n_pre": PRE, "n_post": POST, "samples_per_interval": EACH, "tolerance": 1e-6}
+    for solver in ("invert", "bvp") if equations.model.n_e else ("invert",):
+        result = getattr(library, solver)(y, dy, ddy, period=period, q_start=path.q_start, **options)
+        out |= {f"{solver} {key}": getattr(result, key) for key in MOTION}
+    stream = library.stream(y[0], path.q_start, period=4 * period, intervals=INTERVALS, samples_per_interval=4)
+    rows = [stream.update(y[k], dy[k], ddy[k]) for k in range(4, SAMPLES, 4)]
+    out |= {f"stream {key}": np.array([getattr(row, key) for row in rows]) for key in MOTION if key != "a_a"}
+    return out
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    def make(model: str, isa: str, **options: bool) -> Library:
+        compiler = find_compiler(isa=isa)
+        assert compiler is not None
+        missing = processor.missing_instruction_sets(compiler.instruction_sets)
+        if missing:
+            pytest.skip(f"this processor has no {', '.join(missing)}")
+        made = flexgen.generate(model, tmp_path_factory.mktemp("isa") / model, isa=isa, **options)
+        return flexgen.load(made.directory)
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def baseline(library):
+    return cache(lambda model: arrays(library(model, "x86-64")))
+
+
+@pytest.mark.parametrize("isa", [isa for isa in ISAS if isa != "x86-64"])
+@pytest.mark.parametrize("model", MODELS)
+def test_every_instruction_set_gives_the_bits_of_the_baseline(library, baseline, model, isa):
+    expected, found = baseline(model), arrays(library(model, isa))
+    assert expected.keys() == found.keys()
+    assert [key for key, x in expected.items() if not np.array_equal(x, found[key], equal_nan=True)] == []
+
+
+def test_contraction_is_seen(library, baseline):
+    """Planted: a library whose products and sums are contracted has other bits."""
+    compiler = find_compiler()
+    if compiler is None or "fma" not in compiler.instruction_sets:
+        pytest.skip("a processor with fused multiply-add is needed")
+    expected, found = baseline("elbow"), arrays(library("elbow", "native", native=True))
+    assert any(not np.array_equal(x, found[key], equal_nan=True) for key, x in expected.items())
+
+
+def test_a_library_for_another_processor_is_refused(tmp_path, monkeypatch):
+    made = flexgen.generate("elbow", tmp_path / "elbow", functions=["gravity"], isa="x86-64-v3")
+    manifest = json.loads((Path(made.directory) / "manifest.json").read_text())
+    assert "avx2" in manifest["build"]["instruction_sets"] and manifest["build"]["isa"] == "x86-64-v3"
+    monkeypatch.setattr("flexgen.runtime.processor.instruction_sets", lambda: frozenset({"pni", "ssse3"}))
+    with pytest.raises(BuildError, match=r"avx2.* which this processor does not have; generate it on this computer"):
+        flexgen.load(made.directory)
+
+
+def test_an_instruction_set_of_the_compiler_of_the_user_has_priority(monkeypatch):
+    monkeypatch.setenv("CC", "gcc -march=x86-64-v2")
+    compiler = find_compiler()
+    assert compiler is not None and [flag for flag in compiler.flags if flag.startswith("-march")] == [
+        "-march=x86-64-v2"
+    ]
+
+
+def test_an_unknown_instruction_set_is_refused(tmp_path):
+    with pytest.raises(ArgumentError, match="isa: given 'avx9', expected one of native, x86-64"):
+        flexgen.generate("elbow", tmp_path, isa="avx9")
