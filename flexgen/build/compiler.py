@@ -35,6 +35,9 @@ ISAS = ("native", "x86-64", "x86-64-v2", "x86-64-v3", "x86-64-v4")
 SHARED = ("-fPIC", "-fvisibility=hidden")
 OPENMP = "-fopenmp"
 
+SECONDS_PER_BYTE = 7e-6  # of one core, to compile a source
+LONG = 20.0  # s; the expected time of a longer compilation is reported
+
 _COMPILERS = ("cc", "gcc", "clang")
 _ARCHIVERS = ("ar", "gcc-ar", "llvm-ar")
 _ALLOWED_FLAG = re.compile(r"-(O[0-3]|pipe|m32|m64|m(arch|tune)=[a-z0-9.-]+|ffp-contract=(off|on|fast))\Z")
@@ -213,8 +216,9 @@ def build_libraries(
         raise BuildError(f"ar: given none, expected one of {', '.join(_ARCHIVERS)} on the PATH; install binutils")
     stored = Objects(compiler.identity, {file: (folder / file).read_bytes() for file in headers})
     missing = [file for file in sources if fresh or not stored.fetch(folder / file)]
-    tell(f"compiling {len(missing)} files" + (f", {len(sources) - len(missing)} known" * (len(missing) < len(sources))))
     workers = max(2, os.cpu_count() or 1)
+    known = f", {len(sources) - len(missing)} known" * (len(missing) < len(sources))
+    tell(f"compiling {len(missing)} files{known}{_expected_time(folder, missing, workers)}")
     with ThreadPoolExecutor(max_workers=workers) as pool:
         jobs = {}
         for file in sorted(missing, key=lambda file: -_effort(folder, file)):  # the longest first
@@ -253,6 +257,15 @@ def build_libraries(
 
 def _object(source: str) -> str:
     return str(Path(source).with_suffix(".o"))
+
+
+def _expected_time(folder: Path, sources: Sequence[str], workers: int) -> str:
+    """``, about 2 min`` where compiling takes long; else an empty text."""
+    efforts = [_effort(folder, source) for source in sources]
+    seconds = SECONDS_PER_BYTE * max(max(efforts, default=0), sum(efforts) / workers)
+    if seconds < LONG:
+        return ""
+    return f", about {seconds:.0f} s" if seconds < 100 else f", about {seconds / 60:.0f} min"
 
 
 def _effort(folder: Path, source: str) -> int:

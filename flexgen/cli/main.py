@@ -9,14 +9,18 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
+import shlex
 import signal
 import sys
+import time
 import warnings
 from collections.abc import Iterator, Sequence
+from datetime import datetime
 from typing import Any, NoReturn
 
+from flexgen import __version__
 from flexgen.cli.parser import UsageError, build_parser, parse
-from flexgen.cli.printing import as_json
+from flexgen.cli.printing import as_json, fitted, terminal_width
 from flexgen.errors import FlexgenError
 
 PACKAGES = ("casadi", "numpy", "scipy", "sympy", "matplotlib")
@@ -29,6 +33,53 @@ def _print(text: str) -> None:
     print(text)
     if sys.stdout is not None:
         sys.stdout.flush()
+
+
+class _Messages:
+    """Prints messages on standard error, and writes them with the time to the file of ``--log``.
+
+    Parameters
+    ----------
+    args : Namespace
+        With ``quiet`` (no progress), ``verbose`` (with the time since the start) and ``log`` (a path or None).
+    words : list of str
+        The command line.
+    """
+
+    def __init__(self, args: argparse.Namespace, words: list[str]) -> None:
+        self._began, self._quiet, self._verbose = time.perf_counter(), args.quiet, args.verbose
+        self._path = args.log
+        self._file = None if args.log is None else args.log.open("a", encoding="utf-8", errors="backslashreplace")
+        self.record(f"flexgen {__version__}: {shlex.join(words)}")
+
+    def progress(self, text: str) -> None:
+        """Print a progress message."""
+        if not self._quiet:
+            _log(f"[{time.perf_counter() - self._began:7.2f} s] {text}" if self._verbose else text)
+        self.record(text)
+
+    def report(self, text: str) -> None:
+        """Print a warning or an error."""
+        _log(text)
+        self.record(text)
+
+    def record(self, text: str) -> None:
+        """Write to the log file; a full disk ends the log, not the computation."""
+        if self._file is None:
+            return
+        stamp = datetime.now().astimezone().isoformat(timespec="milliseconds")
+        try:
+            self._file.write("".join(f"{stamp} {line}\n" for line in text.splitlines()))
+            self._file.flush()
+        except OSError as error:
+            self._file = None
+            _log(f"flexgen: warning: cannot write to {self._path} ({error.strerror or error}); the log ends here")
+
+    def close(self) -> None:
+        """Close the log file."""
+        if self._file is not None:
+            with contextlib.suppress(OSError):
+                self._file.close()
 
 
 def _log(text: str) -> None:
@@ -128,16 +179,30 @@ def _main(words: list[str]) -> int:
     if args.verb is None:
         _print(build_parser().format_help().rstrip("\n"))
         return SUCCESS
-    return _run(args)
+    try:
+        messages = _Messages(args, words)
+    except OSError as error:
+        problem = f"--log: cannot write {str(args.log)!r} ({error.strerror or error})"
+        if args.json:
+            _print(as_json({"error": problem}))
+        _log(f"flexgen: {problem}")
+        return FAILURE
+    with contextlib.closing(messages):
+        return _run(args, messages)
 
 
-def _run(args: argparse.Namespace) -> int:
+def _run(args: argparse.Namespace, messages: _Messages) -> int:
     """Run the verb, print its result, return the exit status."""
     result, problem, status = None, "", SUCCESS
     interrupts: list[int] = []
     try:
-        with _output_to_stderr(), _warnings_ignored(), _interrupts_recorded() as interrupts:
-            result = args.action(args, (lambda line: None) if args.quiet else _log)
+        with (
+            fitted(terminal_width()),
+            _output_to_stderr(),
+            _warnings_ignored(),
+            _interrupts_recorded() as interrupts,
+        ):
+            result = args.action(args, messages.progress)
         problem = result.problem
         status = FAILURE if problem else SUCCESS
     except BaseException as error:
@@ -148,14 +213,18 @@ def _run(args: argparse.Namespace) -> int:
     if interrupts:
         result, problem, status = None, "interrupted", INTERRUPTED
     for warning in result.warnings if result is not None else ():
-        _log(f"flexgen: warning: {warning}")
+        messages.report(f"flexgen: warning: {warning}")
+    if result is not None:
+        text = result.text + (f"\n\n{result.details}" if args.verbose and result.details else "")
+        messages.record(text)
     if args.json:
         data = {} if result is None else result.data
         _print(as_json(data | ({"error": problem} if problem else {})))
     elif result is not None:
-        _print(result.text)
+        _print(text)
     if problem:
-        _log(f"flexgen: {problem}")
+        messages.report(f"flexgen: {problem}")
+    messages.record(f"exit status {status}")
     return status
 
 

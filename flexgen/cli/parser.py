@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import math
 import re
+import shutil
 import textwrap
 import tomllib
 from collections.abc import Sequence
@@ -15,7 +16,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from flexgen import __version__
-from flexgen.cli import run, sweep, verbs
+from flexgen.cli import completion, run, solve, sweep, verbs
 from flexgen.cli.printing import suggestion
 from flexgen.inversion.method_table import NAMES as METHOD_NAMES
 from flexgen.mechanics.signatures import TABLE
@@ -23,11 +24,12 @@ from flexgen.mechanics.signatures import TABLE
 MODEL = "name in models/ or path of a .toml file, optionally with @variant; or FILE.urdf#BASE:TIP"
 METHOD = f"method of inverse dynamics: {', '.join(METHOD_NAMES)}; default: auto"
 NUMERIC_OPTIONS = ("--pose", "--preview", "--mesh", "--accuracy")
+_NUMBERS = re.compile(r"[-+]?\.?\d[-+.,\deE]*\Z")  # one number, or several with commas
 
 EXAMPLES = """\
 examples:
   flexgen models                                      list the models
-  flexgen analyze planar5_nmp --pose 0.3,-1.1,0       modes, poles, zeros
+  flexgen analyze planar5_nmp --pose 0.3 -1.1 0       modes, poles, zeros
   flexgen generate planar5_nmp                        C library in generated/planar5_nmp
   flexgen generate arm.toml --native --single         for this processor, in single precision
   flexgen solve planar5_nmp --report reports/arm      motor torques of the first move, with report
@@ -43,6 +45,19 @@ class UsageError(Exception):
     """The command line is wrong: message, then the usage line."""
 
 
+class _Once(argparse.Action):
+    """Store a value; refuse a second one."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        if getattr(namespace, self.dest) is not None:
+            raise argparse.ArgumentError(
+                self,
+                f"given twice ({getattr(namespace, self.dest)} and {values}), expected one; 'flexgen solve' takes "
+                "several moves, the other verbs one at a time",
+            )
+        setattr(namespace, self.dest, values)
+
+
 class _Parser(argparse.ArgumentParser):
     """An argument parser that raises `UsageError` and suggests similar words."""
 
@@ -54,6 +69,10 @@ class _Parser(argparse.ArgumentParser):
             names = [str(choice) for choice in action.choices]
             expected = f"expected one of {', '.join(names)}{suggestion(str(value), names)}"
             raise argparse.ArgumentError(action, f"given {value!r}, {expected}")
+
+    def add_once(self, *words: str, **options: Any) -> None:
+        """Add an option that may be given once."""
+        self.add_argument(*words, action=_Once, **options)
 
     def options(self) -> list[str]:
         """All option strings."""
@@ -69,7 +88,7 @@ def _numbers(text: str) -> list[float]:
     except ValueError:
         values = [math.nan]
     if not all(math.isfinite(value) for value in values):
-        raise argparse.ArgumentTypeError(f"given {text!r}, expected numbers separated by commas, such as 0.3,-1.1,0")
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected numbers such as 0.3 -1.1 0 or 0.3,-1.1,0")
     return values
 
 
@@ -136,12 +155,15 @@ def build_parser() -> _Parser:
     _add_derive_arguments(_add_verb(group, "derive", verbs.derive))
     _add_analyze_arguments(_add_verb(group, "analyze", verbs.analyze))
     _add_generate_arguments(_add_verb(group, "generate", verbs.generate))
-    _add_solve_arguments(_add_verb(group, "solve", verbs.solve))
-    sub = _add_verb(group, "simulate", verbs.simulate)
+    _add_solve_arguments(_add_verb(group, "solve", solve.solve))
+    sub = _add_verb(group, "simulate", solve.simulate)
     sub.add_argument("trajectory", metavar="TRAJECTORY", type=_path, help="file written by 'flexgen solve --out'")
     sub.add_argument("--out", metavar="FILE", type=_trajectory_file, help="write the simulated motion to this file")
     sweep.add_arguments(_add_verb(group, "sweep", verbs.sweep, model=False))
     _add_run_arguments(_add_verb(group, "run", run.run))
+    sub = _add_verb(group, "completion", completion.completion, model=False)
+    sub.add_argument("shell", metavar="SHELL", choices=completion.SHELLS, help=", ".join(completion.SHELLS))
+    sub.set_defaults(root=parser)
     return parser
 
 
@@ -154,7 +176,7 @@ def parse(words: Sequence[str]) -> argparse.Namespace:
         It is wrong; the message suggests the verb, value or option that was probably meant.
     """
     parser = build_parser()
-    args, unknown = parser.parse_known_args(_join_negative_numbers(words))
+    args, unknown = parser.parse_known_args(_join_numbers(words))
     if unknown:
         here: _Parser = getattr(args, "parser", parser)
         here.error(f"unknown arguments {' '.join(unknown)}, see '{here.prog} --help'{_similar_option(unknown, here)}")
@@ -166,14 +188,20 @@ def _similar_option(unknown: Sequence[str], parser: _Parser) -> str:
     return suggestion(words[0], parser.options()) if words else ""
 
 
-def _join_negative_numbers(words: Sequence[str]) -> list[str]:
-    """``--pose -0.3,1`` as ``--pose=-0.3,1``: argparse would take the value for an option."""
+def _join_numbers(words: Sequence[str]) -> list[str]:
+    """``--pose -0.3 1`` as ``--pose=-0.3,1``: argparse would take negative numbers for options."""
     out: list[str] = []
-    for word in words:
-        if out and out[-1] in NUMERIC_OPTIONS and re.match(r"-[\d.]", word):
-            out[-1] += f"={word}"
-        else:
-            out.append(word)
+    words, k = list(words), 0
+    while k < len(words):
+        option, k = words[k], k + 1
+        values: list[str] = []
+        while option in NUMERIC_OPTIONS and k < len(words) and (not values or option == "--pose"):
+            if not _NUMBERS.match(words[k]):
+                break
+            values.append(words[k])
+            k += 1
+        joined = ",".join([*(value.rstrip(",") for value in values[:-1]), *values[-1:]])
+        out.append(f"{option}={joined}" if values else option)
     return out
 
 
@@ -183,7 +211,10 @@ def _add_verb(group: Any, name: str, action: Any, model: bool = True) -> _Parser
     parser: _Parser = group.add_parser(name, help=summary, description=summary, allow_abbrev=False)
     parser.set_defaults(action=action, parser=parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object instead of text")
-    parser.add_argument("-q", "--quiet", action="store_true", help="no progress messages on standard error")
+    amount = parser.add_mutually_exclusive_group()
+    amount.add_argument("-q", "--quiet", action="store_true", help="no progress messages on standard error")
+    amount.add_argument("-v", "--verbose", action="store_true", help="more details, and the time of each message")
+    parser.add_argument("--log", metavar="FILE", type=_path, help="append messages and results to this file")
     if model:
         optional: dict[str, Any] = {"nargs": "?", "default": "planar5_nmp"} if name == "run" else {}
         default = "; default: planar5_nmp" if optional else ""
@@ -206,9 +237,11 @@ def _add_derive_arguments(parser: _Parser) -> None:
 
 
 def _add_analyze_arguments(parser: _Parser) -> None:
-    parser.add_argument("--pose", metavar="Q,Q,...", type=_numbers, help="arm coordinates [rad or m]; default: home")
-    parser.add_argument("--move", metavar="NAME", help="also analyze zeros and solvability along this move")
-    parser.add_argument("--report", metavar="DIR", type=_path, help="write pole-zero map and frequency response to DIR")
+    parser.add_argument(
+        "--pose", metavar="Q", type=_numbers, help="arm coordinates [rad or m], such as 0.3 -1.1 0; default: home"
+    )
+    parser.add_once("--move", metavar="NAME", help="also analyze zeros and solvability along this move")
+    parser.add_argument("--report", metavar="DIR", type=_path, help="write a self-contained HTML page to DIR")
 
 
 def _add_generate_arguments(parser: _Parser) -> None:
@@ -249,16 +282,19 @@ def _add_generate_arguments(parser: _Parser) -> None:
 
 def _function_list() -> str:
     """The functions of `flexgen.mechanics.signatures`, one paragraph each."""
-    return "\n".join(
-        textwrap.fill(
-            row.summary, 100, initial_indent=f"  {row.name:<30}", subsequent_indent=" " * 32, break_on_hyphens=False
-        )
-        for row in TABLE
-    )
+    width = max(min(100, shutil.get_terminal_size().columns - 2), 60)
+    layout: dict[str, Any] = {"subsequent_indent": " " * 32, "break_on_hyphens": False}
+    return "\n".join(textwrap.fill(r.summary, width, initial_indent=f"  {r.name:<30}", **layout) for r in TABLE)
 
 
 def _add_solve_arguments(parser: _Parser) -> None:
-    parser.add_argument("--move", metavar="NAME", help="a move or program of the model file; default: the first")
+    parser.add_argument(
+        "--move",
+        metavar="NAME",
+        action="append",
+        help="a move or program of the model file; default: the first; given several times: all of them, with "
+        "FILE_NAME and DIR/NAME as outputs",
+    )
     parser.add_argument("--moves", metavar="FILE", type=_path, help="read moves and programs from this TOML file")
     parser.add_argument("--method", choices=METHOD_NAMES, metavar="NAME", default="auto", help=METHOD)
     parser.add_argument(
@@ -285,7 +321,7 @@ def _add_solve_arguments(parser: _Parser) -> None:
 
 
 def _add_run_arguments(parser: _Parser) -> None:
-    parser.add_argument("--move", metavar="NAME", help="a move or program of the model file; default: the first")
+    parser.add_once("--move", metavar="NAME", help="a move or program of the model file; default: the first")
     parser.add_argument("--method", choices=METHOD_NAMES, metavar="NAME", default="auto", help=METHOD)
     parser.add_argument("--directory", metavar="DIR", type=_path, help="of the C library; default: generated/MODEL")
     parser.add_argument("--report", metavar="DIR", type=_path, help="of the report; default: reports/MODEL")

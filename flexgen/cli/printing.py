@@ -8,11 +8,21 @@ from __future__ import annotations
 import difflib
 import json
 import math
-from collections.abc import Iterable, Sequence
+import shutil
+import sys
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from flexgen.inversion.solution import Solution
+
+GAP = "  "  # between columns
+NARROW = 16  # characters; columns of text are not wrapped to less
+
+_width: ContextVar[int | None] = ContextVar("width", default=None)
 
 
 def number(value: Any, digits: int = 4) -> str:
@@ -32,6 +42,11 @@ def suggestion(word: str, known: Iterable[str]) -> str:
     """``; did you mean 'solve'?`` if a known word is similar; else an empty text."""
     similar = difflib.get_close_matches(word, list(known), 1)
     return f"; did you mean {similar[0]!r}?" if similar else ""
+
+
+def duration(seconds: float) -> str:
+    """A time as text: ``4 s``, ``3 min``."""
+    return f"{max(seconds, 1.0):.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
 def one_line(text: str) -> str:
@@ -56,21 +71,86 @@ def roots(pairs: Iterable[Sequence[float | None]]) -> list[str]:
     return [text if n == 1 else f"{text} ({n} times)" for text, n in counted.items()]
 
 
+@contextmanager
+def fitted(width: int | None) -> Iterator[None]:
+    """Within: tables have at most this number of characters per line; None: any number."""
+    token = _width.set(width)
+    try:
+        yield
+    finally:
+        _width.reset(token)
+
+
+def terminal_width() -> int | None:
+    """Characters per line of standard output; None if it is no terminal."""
+    try:
+        return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
+    except (AttributeError, ValueError, OSError):  # no stream, or a closed one
+        return None
+
+
+def paragraph(text: str) -> str:
+    """The text, wrapped to the width of the terminal."""
+    width = _width.get()
+    return text if width is None else textwrap.fill(text, width, break_on_hyphens=False)
+
+
 def table(rows: Sequence[Sequence[Any]], head: Sequence[str] = ()) -> str:
-    """A table with aligned columns; columns of numbers (and dashes) are right-aligned."""
+    """A table with aligned columns; columns of numbers (and dashes) are right-aligned.
+
+    On a terminal it is never wider than the terminal: long texts are wrapped; if that is not enough, the last columns
+    are left out and named below the table.
+    """
     width = len(head) if head else max((len(row) for row in rows), default=0)
     right = [bool(rows) and all(_is_figure(row[k]) for row in rows) for k in range(width)]
     lines = [[number(cell) for cell in row] for row in rows]
     if head:
         lines.insert(0, list(head))
     widths = [max((len(line[k]) for line in lines), default=0) for k in range(width)]
+    kept = _narrowed(widths, right, _width.get())
     if head:
         lines.insert(1, ["-" * w for w in widths])
-    padded = [
-        [cell.rjust(w) if r else cell.ljust(w) for cell, w, r in zip(line, widths, right, strict=True)]
-        for line in lines
+    text = "\n".join(_padded(line, widths, right, kept) for line in lines)
+    if kept == width:
+        return text
+    left_out = ", ".join(head[kept:]) or f"{width - kept} columns"
+    return f"{text}\n{paragraph(f'(left out: {left_out}; a wider terminal, a pipe or --json shows all)')}"
+
+
+def _narrowed(widths: list[int], right: Sequence[bool], limit: int | None) -> int:
+    """Reduce the widths of texts in place, the widest first, until a line fits; the number of columns that do."""
+    if limit is None:
+        return len(widths)
+
+    def excess(count: int) -> int:
+        return sum(widths[:count]) + len(GAP) * (count - 1) - limit
+
+    texts = [k for k in range(len(widths)) if not right[k]]
+    while texts and excess(len(widths)) > 0:
+        widest = max(texts, key=lambda k: widths[k])
+        if widths[widest] <= NARROW:
+            break
+        widths[widest] -= 1
+    kept = len(widths)
+    while kept > 1 and excess(kept) > 0:
+        kept -= 1
+    if kept == 1 and excess(1) > 0:
+        widths[0] = max(limit, 1)
+    return kept
+
+
+def _padded(line: Sequence[str], widths: Sequence[int], right: Sequence[bool], kept: int) -> str:
+    """One row as text, of several lines where a cell is wrapped."""
+    cells = [
+        textwrap.wrap(cell, w, break_on_hyphens=False) if len(cell) > w else [cell]
+        for cell, w in zip(line[:kept], widths, strict=False)
     ]
-    return "\n".join("  ".join(line).rstrip() for line in padded)
+    out = []
+    for k in range(max(map(len, cells), default=0)):
+        parts = [cell[k] if k < len(cell) else "" for cell in cells]
+        padded = [x.rjust(w) if r else x.ljust(w) for x, w, r in zip(parts, widths, right, strict=False)]
+        out.append(GAP.join(padded).rstrip())
+    return "\n".join(out)
 
 
 def _is_figure(value: Any) -> bool:
@@ -112,7 +192,7 @@ def description_text(data: dict[str, Any]) -> str:
     """The description of a model as text, from the data of `flexgen.describe`."""
     name = data["name"]
     parts = [
-        name + (f"@{data['variant']}" if data["variant"] else "") + f": {one_line(data['description'])}",
+        paragraph(name + (f"@{data['variant']}" if data["variant"] else "") + f": {one_line(data['description'])}"),
         figures(
             [
                 ("file", data["file"], ""),
@@ -148,9 +228,9 @@ def description_text(data: dict[str, Any]) -> str:
         rows = [[m["name"], m["type"], m["duration"], m["smoothness"]] for m in data["moves"]]
         parts.append(table(rows, ("move", "type", "duration s", "smoothness")))
     if data["variants"]:
-        parts.append("variants: " + ", ".join(f"{name}@{variant}" for variant in data["variants"]))
+        parts.append(paragraph("variants: " + ", ".join(f"{name}@{variant}" for variant in data["variants"])))
     if data["source"]:
-        parts.append(f"source: {data['source']}")
+        parts.append(paragraph(f"source: {one_line(data['source'])}"))
     return "\n\n".join(parts)
 
 
@@ -204,9 +284,9 @@ def analysis_text(data: dict[str, Any], coordinates: Sequence[tuple[str, str]], 
             *_dae_rows(data),
         ]
     )
-    warnings = "\n".join(f"note: {line}" for line in (data.get("solvability") or {}).get("warnings", ()))
+    warnings = "\n".join(paragraph(f"note: {line}") for line in (data.get("solvability") or {}).get("warnings", ()))
     along = data.get("zeros_along_path")
-    along_text = f"along the path, {along['verdict']}" if along else ""
+    along_text = paragraph(f"along the path, {along['verdict']}") if along else ""
     return "\n\n".join(part for part in (equilibrium, torques, modes, verdict, warnings, along_text) if part)
 
 

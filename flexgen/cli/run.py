@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexgen.cli.printing import figures, one_line, plain, solution_rows
+from flexgen.cli.solve import inaccuracy
 from flexgen.cli.verbs import (
     Progress,
     VerbResult,
@@ -15,7 +16,6 @@ from flexgen.cli.verbs import (
     check_writable,
     derived,
     generated_dict,
-    inaccuracy,
     read_model,
     title,
     writing,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from flexgen.sweeps.sweep import SweepResult
 
-SHOWN = 5  # failures that are printed one by one
+_NUMBER = re.compile(r"\d[\d.]*(?:[eE][-+]?\d+)?")
+
+SHOWN = 5  # reasons of failures that are printed, and cases that are named for each
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,16 +46,18 @@ def _whole(least: int) -> Callable[[str], int]:
     return parse
 
 
-def run(args: argparse.Namespace, log: Callable[[str], None]) -> tuple[dict[str, Any], str, str, list[str]]:
-    """Run the sweep; return JSON data, the same as text, the reason of a failure (or an empty text), and warnings."""
+def run(args: argparse.Namespace, log: Callable[[str], None]) -> tuple[dict[str, Any], str, str, list[str], str]:
+    """Run the sweep; return JSON data, the same as text, the reason of a failure (or ""), warnings and details."""
     from flexgen.errors import ArgumentError
     from flexgen.sweeps.grid_file import read_grid
     from flexgen.sweeps.sweep import sweep
 
     if args.parquet and find_spec("pyarrow") is None:  # checked before the sweep runs
         raise ArgumentError("--parquet: needs the package pyarrow; run: pip install pyarrow")
+    grid = read_grid(args.grid)
+    log(f"{len(grid)} cases; the remaining time is printed after each batch of cases")
     swept = sweep(
-        read_grid(args.grid),
+        grid,
         args.out,
         workers=args.workers,
         shard_size=args.shard_size,
@@ -70,11 +75,35 @@ def run(args: argparse.Namespace, log: Callable[[str], None]) -> tuple[dict[str,
         "groups": _groups(swept),
         "files": [str(file) for file in files],
     }
-    warnings = [f"case {k}: {swept.results['error'][k]}" for k in failures[:SHOWN]]
-    if len(failures) > SHOWN:
-        warnings.append(f"{len(failures) - SHOWN} more cases failed; see column error of {files[0]}")
+    data["failures"] = reasons(failures, [str(swept.results["error"][k]) for k in failures])
+    warnings = [_reason_text(group) for group in data["failures"][:SHOWN]]
+    if len(data["failures"]) > SHOWN:
+        more = sum(len(group["cases"]) for group in data["failures"][SHOWN:])
+        warnings.append(f"{more} more cases failed for other reasons; see --verbose or column error of {files[0]}")
     problem = "all cases failed" if len(failures) == len(swept.results) else ""
-    return data, _text(data), problem, warnings
+    details = "\n".join(f"case {k}: {swept.results['error'][k]}" for k in failures)
+    return data, _text(data), problem, warnings, details
+
+
+def reasons(cases: Sequence[int], errors: Sequence[str]) -> list[dict[str, Any]]:
+    """Group failed cases by their reason, the most frequent first; reasons that differ in numbers only are equal.
+
+    Each group has the ``reason`` of its first case and its ``cases``.
+    """
+    groups: dict[str, dict[str, Any]] = {}
+    for case, error in zip(cases, errors, strict=True):
+        group = groups.setdefault(_NUMBER.sub("#", error), {"reason": error, "cases": []})
+        group["cases"].append(case)
+    return sorted(groups.values(), key=lambda group: -len(group["cases"]))
+
+
+def _reason_text(group: dict[str, Any]) -> str:
+    """One line: how many cases failed, which, and why."""
+    cases = group["cases"]
+    if len(cases) == 1:
+        return f"case {cases[0]} failed: {group['reason']}"
+    names = ", ".join(map(str, cases[:SHOWN])) + (", ..." if len(cases) > SHOWN else "")
+    return f"{len(cases)} cases failed ({names}), for example case {cases[0]}: {group['reason']}"
 
 
 def _groups(swept: SweepResult) -> list[dict[str, Any]]:

@@ -17,24 +17,19 @@ from flexgen.atomic_files import write_text
 from flexgen.cli.printing import (
     analysis_text,
     description_text,
-    figures,
     one_line,
+    paragraph,
     plain,
-    simulation_rows,
-    solution_rows,
-    suggestion,
+    roots,
     table,
 )
 from flexgen.errors import ArgumentError
-from flexgen.inversion.status import Status
 
 if TYPE_CHECKING:
     from flexgen.analysis.analyze import Analysis
     from flexgen.build.generate import Generated
-    from flexgen.inversion.solution import Solution
     from flexgen.mechanics.equations import Equations
     from flexgen.model.elements import RobotModel
-    from flexgen.simulation.simulate import Simulation
 
 Progress = Callable[[str], None]  # prints a progress message
 
@@ -44,13 +39,14 @@ class VerbResult:
     """The result of a verb.
 
     ``data``: the object for ``--json``; ``text``: the same as text; ``problem``: reason of a failure (exit status 1),
-    else empty; ``warnings``: messages for standard error.
+    else empty; ``warnings``: messages for standard error; ``details``: more text, for ``--verbose``.
     """
 
     data: dict[str, Any]
     text: str
     problem: str = ""
     warnings: list[str] = field(default_factory=list)
+    details: str = ""
 
 
 def read_model(args: Namespace) -> RobotModel:
@@ -60,11 +56,14 @@ def read_model(args: Namespace) -> RobotModel:
     return read(args.model, overrides=dict(args.set or ()))
 
 
-def derived(args: Namespace) -> Equations:
+def derived(args: Namespace, log: Progress | None = None) -> Equations:
     """Derive the equations of motion of the model of the command line."""
     from flexgen.mechanics.equations import derive
 
-    return derive(read_model(args))
+    robot = read_model(args)
+    if log is not None:
+        log(f"deriving {title(robot)}")
+    return derive(robot)
 
 
 def check_writable(path: Path | None, *, folder: bool = False) -> None:
@@ -116,7 +115,7 @@ def models(args: Namespace, log: Progress) -> VerbResult:
     text = table([[r["name"], r["n_m"], r["n_g"], r["n_e"], r["dof"], one_line(r["description"])] for r in rows], head)
     variants = [f"{row['name']}@{name}" for row in rows for name in row["variants"]]
     if variants:
-        text += "\n\nvariants: " + ", ".join(variants)
+        text += "\n\n" + paragraph("variants: " + ", ".join(variants))
     data: dict[str, Any] = {"models": rows}
     if broken:
         data["broken"] = broken
@@ -207,7 +206,8 @@ def analyze(args: Namespace, log: Progress) -> VerbResult:
             page = write_analysis(analysis, args.report)
         data["report"] = str(page)
         text += f"\n\nwrote {page}"
-    return VerbResult(data, text)
+    poles = "poles, 1/s: " + ", ".join(roots(plain(data["poles"])))
+    return VerbResult(data, text, details=paragraph(poles))
 
 
 def _analysis_text(analysis: Analysis) -> str:
@@ -237,10 +237,11 @@ def generate(args: Namespace, log: Progress) -> VerbResult:
     )
     done = f"built in {library.seconds:.1f} s" if not library.cached else "written, not compiled"
     lines = [f"{title(robot)}: {done if library.written else 'nothing has changed'} in {library.directory}"]
-    lines += ["", "functions: " + ", ".join(library.functions)]
+    lines += ["", paragraph("functions: " + ", ".join(library.functions))]
     if library.written:
         lines += ["", *_written_files(library.files)]
-    return VerbResult(generated_dict(robot, library), "\n".join(lines))
+    files = "\n".join(f"{path.stat().st_size:>9} bytes  {path}" for path in library.files)
+    return VerbResult(generated_dict(robot, library), "\n".join(lines), details=files)
 
 
 def generated_dict(robot: RobotModel, library: Generated) -> dict[str, Any]:
@@ -265,77 +266,7 @@ def _written_files(files: tuple[Path, ...]) -> list[str]:
     return [*shown, f"wrote {sources[0].parent} ({len(sources)} sources)"] if sources else shown
 
 
-# --- solve, simulate --------------------------------------------------------------------------------------------------
-
-
-def solve(args: Namespace, log: Progress) -> VerbResult:
-    """Compute the motor torques that make the output follow a move, and verify them by simulation."""
-    check_writable(args.out)
-    check_report(args.report)
-    if args.robustness and args.report is None:
-        raise ArgumentError(
-            "--robustness: given without --report, expected also --report DIR, because the table is part of the report"
-        )
-    from flexgen.inversion.solve import ACCURACY
-    from flexgen.inversion.solve import solve as solve_move
-
-    equations = derived(args)
-    accuracy = ACCURACY if args.accuracy is None else args.accuracy
-    limits = None
-    if args.limits:
-        from flexgen.inversion.bounds import limits_from_model
-
-        limits = limits_from_model(equations.model)
-    solution = solve_move(
-        equations,
-        args.move if args.moves is None else _move_of_file(args.moves, args.move, equations.model),
-        args.method,
-        preview=args.preview,
-        mesh=args.mesh,
-        limits=limits,
-        verify=not args.no_verify,
-        accuracy=accuracy,
-        progress=log,
-    )
-    data = solution.to_dict()
-    text = f"{title(equations.model)}, move {solution.move.name}\n\n"
-    text += figures(solution_rows(solution))
-    problem = inaccuracy(solution, accuracy)
-    if args.out is not None:
-        with writing(args.out):
-            data["trajectory"] = str(solution.trajectory.save(args.out))
-        text += f"\n\nwrote {args.out}"
-    if args.report is not None:
-        from flexgen.inversion.comparison import compare_methods, error_rows
-        from flexgen.reports.html import write_report
-
-        compared = () if args.no_verify else compare_methods(equations, solution, log)
-        data["comparison"] = error_rows(compared)
-        rows = None
-        if args.robustness:
-            from flexgen.inversion.robustness import compare_plants
-
-            named = {one.method: one for one in (compared or (solution,))}
-            rows = data["robustness"] = compare_plants(equations, named, progress=log)
-        with writing(args.report):
-            page = write_report(equations, solution, args.report, compared=compared, robustness=rows)
-            data["report"] = str(page)
-        text += ("\n" if args.out else "\n\n") + f"wrote {data['report']}"
-    return VerbResult(data, text, problem, list(solution.warnings))
-
-
-def _move_of_file(file: Path, name: str | None, robot: RobotModel) -> Any:
-    """The move or program with this name in a file of moves; None: the first."""
-    from flexgen.model.task_files import read_moves
-
-    found = read_moves(file, robot)
-    for move in found:
-        if name is None or move.name == name:
-            return move
-    names = [move.name for move in found]
-    raise ArgumentError(
-        f"move: given {name!r}, expected one of {file}: {', '.join(names)}{suggestion(name or '', names)}"
-    )
+# --- sweep ------------------------------------------------------------------------------------------------------------
 
 
 def sweep(args: Namespace, log: Progress) -> VerbResult:
@@ -343,58 +274,3 @@ def sweep(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.cli.sweep import run
 
     return VerbResult(*run(args, log))
-
-
-def inaccuracy(solution: Solution, accuracy: float) -> str:
-    """Why the solution does not meet the tolerance; empty if it does."""
-    from flexgen.inversion.solve import ENERGY
-
-    if solution.status != Status.TOLERANCE_NOT_MET:
-        return ""
-    simulation = solution.simulation
-    if simulation is not None and simulation.energy_error > ENERGY:
-        return (
-            f"{solution.status}: the energy balance of the simulation has an error of {simulation.energy_error:.1e}, "
-            "so it verifies nothing; check whether the model is too stiff"
-        )
-    planned = solution.plan_error_max  # with active limits the plan itself deviates from the path
-    worst = max(solution.tool_error_max_m or 0.0, solution.tool_error_max_rad or 0.0) if planned is None else planned
-    aim = "path" if planned is None else "plan"
-    return (
-        f"{solution.status}: the simulated output deviates from the {aim} by {worst:.3g} m or rad, more than "
-        f"{accuracy:.3g}; "
-        + ("loosen the limits, give the move more time or " if solution.method == "full" else "try --method full or ")
-        + "try a finer --mesh"
-    )
-
-
-def simulate(args: Namespace, log: Progress) -> VerbResult:
-    """Simulate the robot under the motor torques of a trajectory."""
-    check_writable(args.out)
-    from flexgen.simulation.simulate import simulate as simulate_model
-
-    equations = derived(args)
-    simulation = simulate_model(equations, args.trajectory, progress=log)
-    data = _simulation_dict(equations.model, simulation)
-    text = f"{title(equations.model)} under the motor torques of {args.trajectory}\n\n" + figures(
-        simulation_rows(plain(data))
-    )
-    if args.out is not None:
-        with writing(args.out):
-            data["trajectory"] = str(simulation.trajectory.save(args.out))
-        text += f"\n\nwrote {args.out}"
-    return VerbResult(data, text, warnings=list(simulation.warnings))
-
-
-def _simulation_dict(robot: RobotModel, simulation: Simulation) -> dict[str, Any]:
-    return {
-        "model": robot.name,
-        "tool_error_max_m": simulation.tool_error_max_m,
-        "tool_error_max_rad": simulation.tool_error_max_rad,
-        "energy_error": simulation.energy_error,
-        "torque_max_Nm": simulation.torque_max_Nm,
-        "speed_max_rad_s": simulation.speed_max_rad_s,
-        "evaluations": simulation.evaluations,
-        "wall_s": simulation.wall_s,
-        "trajectory": None,
-    }

@@ -21,6 +21,7 @@ import flexgen
 from flexgen.cli import verbs
 from flexgen.cli.main import main
 from flexgen.cli.printing import analysis_text, as_json, figures, number, plain, roots, solution_rows, table
+from flexgen.cli.solve import inaccuracy
 from flexgen.inversion.status import Status
 from flexgen.mechanics.signatures import TABLE
 from flexgen.trajectory import Trajectory
@@ -330,9 +331,9 @@ def test_active_limits_are_not_a_missed_tolerance():
         tool_error_max_rad=None,
         plan_error_max=3e-3,
     )
-    assert "deviates from the plan by 0.003 m or rad, more than 1e-06" in verbs.inaccuracy(strays, 1e-6)
+    assert "deviates from the plan by 0.003 m or rad, more than 1e-06" in inaccuracy(strays, 1e-6)
     strays.plan_error_max = None
-    assert "deviates from the path by 0.1 m or rad, more than 1e-06" in verbs.inaccuracy(strays, 1e-6)
+    assert "deviates from the path by 0.1 m or rad, more than 1e-06" in inaccuracy(strays, 1e-6)
 
 
 @pytest.mark.parametrize(

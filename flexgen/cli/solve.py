@@ -1,0 +1,232 @@
+"""The verbs ``solve`` and ``simulate`` of the command line."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flexgen.cli.printing import duration, figures, plain, simulation_rows, solution_rows, suggestion
+from flexgen.cli.verbs import Progress, VerbResult, check_report, check_writable, derived, title, writing
+from flexgen.errors import ArgumentError
+from flexgen.inversion.status import Status
+
+if TYPE_CHECKING:
+    from flexgen.inversion.bounds import Limits
+    from flexgen.inversion.solution import Solution
+    from flexgen.mechanics.equations import Equations
+    from flexgen.model.elements import RobotModel
+    from flexgen.simulation.simulate import Simulation
+
+RUN = 4.0  # time of a simulation of another robot, with feedback or not, in times of the verification
+
+
+def solve(args: Namespace, log: Progress) -> VerbResult:
+    """Compute the motor torques that make the output follow a move, and verify them by simulation."""
+    if args.robustness and args.report is None:
+        raise ArgumentError(
+            "--robustness: given without --report, expected also --report DIR, because the table is part of the report"
+        )
+    several = len(args.move or ()) > 1
+    outputs = [(_named(args.out, name), _below(args.report, name)) for name in args.move] if several else []
+    for out, report in outputs or [(args.out, args.report)]:
+        check_writable(out)
+        check_report(report)
+    equations = derived(args, log)
+    limits = None
+    if args.limits:
+        from flexgen.inversion.bounds import limits_from_model
+
+        limits = limits_from_model(equations.model)
+    moves = [_chosen_move(args.moves, name, equations.model) for name in args.move or [None]]
+    _announce(args, equations.model, log)
+    if not several:
+        return _solve_one(args, equations, moves[0], limits, (args.out, args.report), log)
+    found = []
+    for k, (move, paths) in enumerate(zip(moves, outputs, strict=True), 1):
+        log(f"move {move.name} ({k} of {len(moves)})")
+        found.append(_solve_one(args, equations, move, limits, paths, log))
+    return VerbResult(
+        {"model": equations.model.name, "solutions": [result.data for result in found]},
+        "\n\n".join(result.text for result in found),
+        "; ".join(f"move {m.name}: {r.problem}" for m, r in zip(moves, found, strict=True) if r.problem),
+        [f"move {m.name}: {line}" for m, r in zip(moves, found, strict=True) for line in r.warnings],
+        "\n\n".join(result.details for result in found),
+    )
+
+
+def _named(path: Path | None, name: str) -> Path | None:
+    """``line.npz`` as ``line_NAME.npz``."""
+    return None if path is None else path.with_name(f"{path.stem}_{name}{path.suffix}")
+
+
+def _below(directory: Path | None, name: str) -> Path | None:
+    """``DIR/NAME``."""
+    return None if directory is None else directory / name
+
+
+def _announce(args: Namespace, robot: RobotModel, log: Progress) -> None:
+    """Report before a computation that takes minutes that it does."""
+    from flexgen.inversion.solve import FULL_LARGEST
+
+    if args.method == "full" and robot.n_a > FULL_LARGEST:
+        log(f"method full with {robot.n_a} coordinates takes many minutes; --method lq takes seconds")
+
+
+def _solve_one(
+    args: Namespace,
+    equations: Equations,
+    move: Any,
+    limits: Limits | None,
+    outputs: tuple[Path | None, Path | None],
+    log: Progress,
+) -> VerbResult:
+    """Solve one move; write trajectory and report to the two paths, where given."""
+    from flexgen.inversion.solve import ACCURACY
+    from flexgen.inversion.solve import solve as solve_move
+
+    out, report = outputs
+    accuracy = ACCURACY if args.accuracy is None else args.accuracy
+    solution = solve_move(
+        equations,
+        move,
+        args.method,
+        preview=args.preview,
+        mesh=args.mesh,
+        limits=limits,
+        verify=not args.no_verify,
+        accuracy=accuracy,
+        progress=log,
+    )
+    data = solution.to_dict()
+    lines = [f"{title(equations.model)}, move {solution.move.name}\n\n{figures(solution_rows(solution))}\n"]
+    if out is not None:
+        with writing(out):
+            data["trajectory"] = str(solution.trajectory.save(out))
+        lines.append(f"wrote {out}")
+    if report is not None:
+        data |= _report(args, equations, solution, report, log)
+        lines.append(f"wrote {data['report']}")
+    text = "\n".join(lines).rstrip("\n")
+    return VerbResult(data, text, inaccuracy(solution, accuracy), list(solution.warnings), _details(solution))
+
+
+def _report(
+    args: Namespace, equations: Equations, solution: Solution, directory: Path, log: Progress
+) -> dict[str, Any]:
+    """Write the report with its comparisons; the data of both."""
+    from flexgen.inversion.comparison import compare_methods, error_rows
+    from flexgen.reports.html import write_report
+
+    compared = () if args.no_verify else compare_methods(equations, solution, log)
+    data: dict[str, Any] = {"comparison": error_rows(compared)}
+    rows = None
+    if args.robustness:
+        from flexgen.inversion.robustness import CONTROLS, PLANTS, compare_plants
+
+        named = {one.method: one for one in (compared or (solution,))}
+        runs = len(PLANTS) * len(CONTROLS) * len(named)
+        took = "" if solution.simulation is None else f", about {duration(RUN * runs * solution.simulation.wall_s)}"
+        log(f"robustness: {runs} simulations{took}")
+        rows = data["robustness"] = compare_plants(equations, named, progress=log)
+    with writing(directory):
+        data["report"] = str(write_report(equations, solution, directory, compared=compared, robustness=rows))
+    return data
+
+
+def _details(solution: Solution) -> str:
+    """Further figures of the method and of the simulation."""
+    rows: list[tuple[str, Any, str]] = [
+        (key.replace("_", " "), value if isinstance(value, int | float) else str(value), "")
+        for key, value in plain(dict(solution.details)).items()
+        if value not in (None, [], {}, "")
+    ]
+    if solution.simulation is not None:
+        run = solution.simulation
+        rows += [
+            ("integrator of the simulation", run.integrator, ""),
+            ("windows of the simulation", run.windows, ""),
+            ("growth of perturbations", run.growth, ""),
+            ("evaluations of the equations of motion", run.evaluations, ""),
+            ("wall time of the simulation", run.wall_s, "s"),
+        ]
+    rows.append(("status", f"{solution.status.sentence} {solution.status.advice}", ""))
+    return figures(rows)
+
+
+def _chosen_move(file: Path | None, name: str | None, robot: RobotModel) -> Any:
+    """The move or program with this name in a file of moves, or else in the model; None: the first."""
+    if file is None:
+        from flexgen.paths.path import named_move
+
+        return named_move(robot, name)
+    return _move_of_file(file, name, robot)
+
+
+def _move_of_file(file: Path, name: str | None, robot: RobotModel) -> Any:
+    """The move or program with this name in a file of moves; None: the first."""
+    from flexgen.model.task_files import read_moves
+
+    found = read_moves(file, robot)
+    for move in found:
+        if name is None or move.name == name:
+            return move
+    names = [move.name for move in found]
+    raise ArgumentError(
+        f"move: given {name!r}, expected one of {file}: {', '.join(names)}{suggestion(name or '', names)}"
+    )
+
+
+def inaccuracy(solution: Solution, accuracy: float) -> str:
+    """Why the solution does not meet the tolerance; empty if it does."""
+    from flexgen.inversion.solve import ENERGY
+
+    if solution.status != Status.TOLERANCE_NOT_MET:
+        return ""
+    simulation = solution.simulation
+    if simulation is not None and simulation.energy_error > ENERGY:
+        return (
+            f"{solution.status}: the energy balance of the simulation has an error of {simulation.energy_error:.1e}, "
+            "so it verifies nothing; check whether the model is too stiff"
+        )
+    planned = solution.plan_error_max  # with active limits the plan itself deviates from the path
+    worst = max(solution.tool_error_max_m or 0.0, solution.tool_error_max_rad or 0.0) if planned is None else planned
+    aim = "path" if planned is None else "plan"
+    return (
+        f"{solution.status}: the simulated output deviates from the {aim} by {worst:.3g} m or rad, more than "
+        f"{accuracy:.3g}; "
+        + ("loosen the limits, give the move more time or " if solution.method == "full" else "try --method full or ")
+        + "try a finer --mesh"
+    )
+
+
+def simulate(args: Namespace, log: Progress) -> VerbResult:
+    """Simulate the robot under the motor torques of a trajectory."""
+    check_writable(args.out)
+    from flexgen.simulation.simulate import simulate as simulate_model
+
+    equations = derived(args, log)
+    simulation = simulate_model(equations, args.trajectory, progress=log)
+    data = _simulation_dict(equations.model, simulation)
+    text = f"{title(equations.model)} under the motor torques of {args.trajectory}\n\n" + figures(
+        simulation_rows(plain(data))
+    )
+    if args.out is not None:
+        with writing(args.out):
+            data["trajectory"] = str(simulation.trajectory.save(args.out))
+        text += f"\n\nwrote {args.out}"
+    return VerbResult(data, text, warnings=list(simulation.warnings))
+
+
+def _simulation_dict(robot: RobotModel, simulation: Simulation) -> dict[str, Any]:
+    return {
+        "model": robot.name,
+        "tool_error_max_m": simulation.tool_error_max_m,
+        "tool_error_max_rad": simulation.tool_error_max_rad,
+        "energy_error": simulation.energy_error,
+        "torque_max_Nm": simulation.torque_max_Nm,
+        "speed_max_rad_s": simulation.speed_max_rad_s,
+        "evaluations": simulation.evaluations,
+        "wall_s": simulation.wall_s,
+        "trajectory": None,
+    }
