@@ -67,7 +67,7 @@ def errors_of_methods(model: RobotModel, solutions: tuple[Solution, ...]) -> Fig
     one = solutions[0]
     first = min(float(t[0]) for t, _ in found.values())
     window = max(first, -0.06 * one.move.duration), one.move.duration, max(float(t[-1]) for t, _ in found.values())
-    title = f"{cv.title_of(model)}, move {one.move.name}: tool error by method"
+    title = f"{cv.title_of(model)}, move {one.move.name}: tool error by method, start on the path"
     figure = cv.new_figure(cv.WIDTH, 0.6 + 2.5 * len(units), title)
     for ax, unit in zip(figure.subplots(len(units), 1, squeeze=False)[:, 0], units, strict=True):
         top = max(float(errors[unit].max()) for _, errors in found.values() if unit in errors)

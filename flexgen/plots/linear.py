@@ -82,7 +82,7 @@ def pole_zero_map(analysis: Analysis) -> Figure:
     analysis : Analysis
         From `flexgen.analyze`.
     """
-    figure = cv.new_figure(cv.WIDTH, 5.2, f"{cv.title_of(analysis.model)}: {phase_summary(analysis)}")
+    figure = cv.new_figure(cv.WIDTH, 5.2, f"{cv.title_of(analysis.model)}: poles and zeros")
     _draw_roots(figure, analysis)
     return figure
 

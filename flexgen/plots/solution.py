@@ -37,6 +37,7 @@ __all__ = [
 
 EARLY = 1e-7  # of the range of the torque; smaller changes before the path are not drawn
 ROUNDING = 1e-12  # rad or m; smaller deflections are drawn as zero
+LEGEND = 2.9, 0.19  # inches: width, and height of an entry
 ZERO = 1e-6  # of the largest value of all motors; a smaller signal is drawn as zero
 
 
@@ -359,23 +360,27 @@ def robot(
     spatial = len(drawn.views) > 1
     deep = next(k for k in range(3) if k not in (right, up)) if spatial else right
     wide, high = (size[right] + size[deep], size[up] + size[deep]) if spatial else (size[right], size[up])
-    scale = min((7.0 if spatial else 5.4) / wide, (6.6 if spatial else 5.2) / high)  # inches per meter
+    scale = min((7.0 if spatial else 5.4) / wide, (7.2 if spatial else 5.2) / high)  # inches per meter
     gap = 0.75
     width, height = scale * wide + 1.0 + (gap if spatial else 2.7), scale * high + 1.05 + (gap if spatial else 0.0)
+    entries = handles(model, drawn)
     height = max(height, 3.2)
-    figure = cv.new_figure(max(width, cv.WIDTH) if spatial else width, height, title, layout=False)
-    width = figure.get_figwidth()
+    if spatial:  # the legend is below the side view, right of the top view
+        width = max(width, 0.75 + scale * size[right] + gap + LEGEND[0], 0.09 * len(title))
+        height = max(height, scale * size[up] + 1.05 + gap + LEGEND[1] * (len(entries) + 1))
+    figure = cv.new_figure(width, height, title, layout=False)
     corners = [(0.75, height - 0.5 - scale * size[up])]  # lower left corner of each view, inches
     if spatial:
-        corners += [(0.75 + scale * size[right] + gap, corners[0][1]), (0.75, 0.55)]
+        corners += [(0.75 + scale * size[right] + gap, corners[0][1])]
+        corners += [(0.75, corners[0][1] - gap - scale * size[deep])]
     for view, (x, y), label in zip(drawn.views, corners, ("front", "side", "top"), strict=False):
         box = (x / width, y / height, scale * size[view[0]] / width, scale * size[view[1]] / height)
         draw_view(figure.add_axes(box), model, drawn, view, label if spatial else "")
     if spatial:
-        anchor, where = (corners[1][0] / width, (0.55 + scale * size[deep] / 2) / height), "center left"
+        anchor, where = (corners[1][0] / width, (corners[1][1] - gap) / height), "upper left"
     else:
         anchor, where = ((0.9 + scale * wide) / width, 0.5), "center left"
-    figure.legend(handles=handles(model, drawn), loc=where, bbox_to_anchor=anchor)
+    figure.legend(handles=entries, loc=where, bbox_to_anchor=anchor)
     return figure
 
 

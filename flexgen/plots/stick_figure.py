@@ -112,17 +112,27 @@ def draw_view(ax: Any, model: RobotModel, drawn: Scene, view: tuple[int, int], l
 def _chain(ax: Any, model: RobotModel, positions: np.ndarray, shade: str, order: int, joints: bool) -> None:
     """Draw one pose from ``positions`` (2, k): base; origin, joint, body and beam tip of each element; tool."""
     ax.plot(*positions, color=shade, lw=3.2, solid_joinstyle="round", zorder=order)
+    found, beams = chain_parts(model) if joints else ([], [])
+    for k in beams:
+        ax.plot(*positions[:, k : k + 2], color=ORANGE, lw=3.2, zorder=order)
+    for k, kind in found:
+        ax.plot(*positions[:, k], ls="none", zorder=order + 10, **_KINDS[kind][1])
+    if joints:
+        ax.plot(*positions[:, -1], marker="o", ms=4.5, color=shade, zorder=order + 10)
+
+
+def chain_parts(model: RobotModel) -> tuple[list[tuple[int, str]], list[int]]:
+    """Points of the chain with joints, each with its kind, and first points of the segments that are beams."""
+    joints: list[tuple[int, str]] = []
+    beams: list[int] = []
     k = 1
     for element in model.elements:
         if element.beam is not None:
-            if joints:
-                ax.plot(*positions[:, k + 2 : k + 4], color=ORANGE, lw=3.2, zorder=order)
+            beams.append(k + 2)
             k += 1
-        for kind in _kinds_of(element.dofs) if joints else ():
-            ax.plot(*positions[:, k - (element.beam is not None)], ls="none", zorder=order + 10, **_KINDS[kind][1])
+        joints += [(k - (element.beam is not None), kind) for kind in _kinds_of(element.dofs)]
         k += 3
-    if joints:
-        ax.plot(*positions[:, -1], marker="o", ms=4.5, color=shade, zorder=order + 10)
+    return joints, beams
 
 
 def _kinds_of(dofs: Any) -> list[str]:

@@ -10,8 +10,8 @@ import numpy as np
 from flexgen.analysis.analyze import Analysis
 from flexgen.atomic_files import write_text
 from flexgen.plots import along_path, canvas
-from flexgen.reports.folder import PAGE, check_folder
-from flexgen.reports.html import dynamics_tables, figure_element, foot, head, html_table, number
+from flexgen.reports.folder import PAGE, check_folder, foot
+from flexgen.reports.html import dynamics_tables, figure_element, head, html_table, number
 from flexgen.reports.pictures import Picture, linear_pictures
 
 

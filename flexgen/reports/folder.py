@@ -6,10 +6,12 @@ a png picture. Pictures beside a page of flexgen are of flexgen too.
 
 from __future__ import annotations
 
+import html
 import os
 from collections.abc import Iterable
 from pathlib import Path
 
+from flexgen import __version__
 from flexgen.errors import ArgumentError
 
 PAGE = "index.html"
@@ -19,6 +21,11 @@ _MARKS = {  # by the ending of the name; where in the file it is searched
     ".svg": (b"<!-- flexgen -->", 200),
     ".png": (b"Software\0flexgen", 200),
 }
+
+
+def foot() -> str:
+    """End of a page, with the mark by which flexgen knows its own pages."""
+    return f"<footer><p>flexgen {html.escape(__version__)}</p></footer>\n</body>\n</html>\n"
 
 
 def check_folder(directory: str | Path | None, names: Iterable[str] = (PAGE,)) -> None:

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from scipy.integrate import trapezoid
 
-from flexgen import __version__
 from flexgen.analysis.analyze import Analysis, analyze
 from flexgen.analysis.zeros import ON_AXIS
 from flexgen.atomic_files import write_text
@@ -24,7 +23,8 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import Friction, Motor, RobotModel
 from flexgen.plots import solution as plots
 from flexgen.plots.canvas import measure, title_of
-from flexgen.reports.folder import PAGE, check_folder
+from flexgen.reports.folder import PAGE, check_folder, foot
+from flexgen.reports.motion import write_motion
 from flexgen.reports.pictures import Picture, pictures
 
 _CSS = """
@@ -188,18 +188,20 @@ def _comparison(compared: tuple[Solution, ...]) -> str:
     """Table of the tool errors of several methods."""
     rows = error_rows(compared)
     units = [unit for unit in ("m", "rad") if any(f"largest_{unit}" in row for row in rows)]
-    columns = ["method"] + [f"{what}, {unit}" for unit in units for what in ("at the start", "largest")]
+    columns = ["method"] + [f"largest {'distance' if unit == 'm' else 'angle'}" for unit in units]
     cells = [
-        [html.escape(row["method"])]
-        + [number(row.get(f"{what}_{unit}"), 3) for unit in units for what in ("start", "largest")]
+        [html.escape(row["method"])] + [" ".join(_measure(row[f"largest_{unit}"], unit)) for unit in units]
         for row in rows
     ]
     note = (
-        "<p>The same move with the torque of simpler models, simulated open loop on the full model from rest: rigid "
-        "(all springs rigid), fjm (only elastic gears), quasistatic (deflections without dynamics). The error at the "
-        "start is the sag under gravity that the simpler model neglects.</p>\n"
+        "<p>Largest distance (or angle) between the path and the tool of the full model, simulated open loop with the "
+        "torques of simpler models: rigid (all springs rigid), fjm (only elastic gears), quasistatic (deflections "
+        "without dynamics). Every simulation starts in the equilibrium of the full model with the tool at the start of "
+        "the path; the static sag that a simpler model neglects is not part of this error.</p>\n"
     )
-    return "<h2>Tool error by method</h2>\n" + note + html_table(columns, cells, range(1, len(columns)))
+    return (
+        "<h2>Tool error by method, start on the path</h2>\n" + note + html_table(columns, cells, range(1, len(columns)))
+    )
 
 
 def _robustness(rows: list[dict[str, Any]]) -> str:
@@ -209,7 +211,12 @@ def _robustness(rows: list[dict[str, Any]]) -> str:
         "feedback": "torque feedforward with cascaded motor position and speed control",
         "feedforward": "torque only, open loop",
     }
-    out = ["<h2>Robustness</h2>\n<p>Largest tool error on robots whose parameters differ from the model.</p>\n"]
+    out = [
+        "<h2>Robustness: tool error including static sag</h2>\n<p>Largest distance (or angle) between the path and the "
+        "tool on robots whose parameters differ from the model. Every simulation starts in equilibrium with the motors "
+        "at the first angles of the method. The static sag that rigid and fjm neglect is part of this error, so the "
+        "values for the nominal robot are larger than those of the table by method.</p>\n"
+    ]
     for control in sorted({row["control"] for row in rows}):
         for unit in ("m", "rad"):
             errors = {
@@ -289,6 +296,7 @@ def write_report(
     verified = tuple(one for one in compared if one.simulation is not None)
     drawn = pictures(equations, solution, analysis, limits or Limits(), verified)
     check_folder(directory, (PAGE, *(f"{picture.name}.svg" for picture in drawn)))
+    motion = write_motion(equations, solution.trajectory, solution.simulation, directory, solution.move.duration)
     title = f"{title_of(model)}, move {solution.move.name}"
     parts = [
         head(title),
@@ -296,6 +304,7 @@ def write_report(
         "<h2>Summary</h2>\n",
         _summary(solution),
         "<h2>Plots</h2>\n",
+        "" if motion is None else f'<p><a href="{motion.name}">The moving robot</a> (an animation)</p>\n',
         *(figure_element(picture, directory) for picture in drawn),
         _comparison(verified) if len(verified) > 1 else "",
         _robustness(robustness) if robustness else "",
@@ -328,11 +337,6 @@ def head(title: str) -> str:
     )
 
 
-def foot() -> str:
-    """End of the page, with the mark by which flexgen knows its own pages."""
-    return f"<footer><p>flexgen {html.escape(__version__)}</p></footer>\n</body>\n</html>\n"
-
-
 def _introduction(title: str, model: RobotModel, solution: Solution) -> str:
     """Title, description of the model and warnings."""
     counts = (
@@ -346,9 +350,13 @@ def _introduction(title: str, model: RobotModel, solution: Solution) -> str:
 
 
 def figure_element(picture: Picture, directory: Path) -> str:
-    """Write a picture to its svg file; return its HTML element."""
+    """Write a picture to its svg file; return its HTML element, whose title does not repeat that of the page."""
     plots.save(picture.figure, directory / f"{picture.name}.svg")
-    caption = html.escape(picture.caption)
+    caption, title = html.escape(picture.caption), picture.figure.get_suptitle()
+    for text in picture.figure.texts:
+        if text.get_text() == title:
+            short = title.partition(": ")[2] or title
+            text.set_text(short[:1].upper() + short[1:])
     drawing = re.sub(
         r"^<svg ", f'<svg role="img" aria-label="{caption}" ', plots.svg(picture.figure, f"{picture.name}-")
     )

@@ -58,7 +58,10 @@ def pictures(
         out += linear_pictures(analysis, "at the start of the move")
     zeros = _zeros_along(equations, solution)
     if len(verified) > 1:
-        caption = "Tool error of the full model under the torques of several methods, simulated open loop from rest."
+        caption = (
+            "Tool error of the full model under the torques of several methods, simulated open loop from the "
+            "equilibrium with the tool at the start of the path."
+        )
         zeros.append(Picture("methods", along_path.errors_of_methods(equations.model, verified), caption))
     return out + zeros
 
@@ -115,8 +118,8 @@ def _early_torque(solution: Solution, analysis: Analysis | None) -> str:
     if analysis.zeros.phase == "non-minimum phase" and solution.trajectory.time[0] < 0:
         return (
             "It starts before the path because the zero dynamics is unstable: only pre-actuation keeps it bounded. "
-            "The lower panel shows this early torque on a logarithmic scale, with the slope of the slowest unstable "
-            "zero (dashed)."
+            "The lower panel shows this early torque on a logarithmic scale, with the exponential growth of the "
+            "slowest unstable zero (dashed)."
         )
     return "No zero is unstable, so no pre-actuation is needed."
 
