@@ -9,6 +9,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from html.parser import HTMLParser
+from pathlib import Path
 from types import SimpleNamespace
 
 import matplotlib
@@ -23,6 +24,7 @@ from flexgen.plots import canvas
 from flexgen.plots import solution as figures_of
 from flexgen.reports.html import write_report
 
+ROOT = Path(__file__).resolve().parents[2]
 CASES = [("planar5_nmp", "line"), ("manutec_r3", "line"), ("four_mass@high", "step"), ("beam_arm", "line")]
 ALWAYS = ["robot", "torques", "speeds", "deflections", "pole_zero_map", "frequency_response"]
 VOID = {"meta", "br", "hr", "img", "link", "input", "col", "area", "base", "source", "wbr"}
@@ -387,3 +389,16 @@ def test_tables_of_tool_errors_name_what_they_measure(tmp_path):
     _page, text = read_page(write_report(equations, solution, tmp_path, compared=(other, solution), robustness=[row]))
     assert "Tool error by method, start on the path" in text and "Robustness: tool error including static sag" in text
     assert "is not part of this error" in text and "is part of this error" in text and "4.2 mm" in text
+
+
+def test_the_picture_of_the_readme_is_the_overview_of_today():
+    """Write it again with ``flexgen.solve("planar5_nmp").plot()`` and `flexgen.plots.canvas.save` after a change."""
+
+    def words(text):
+        found = re.findall(r"<!-- (.*?) -->", text)
+        return [word for word in found if re.search("[a-z]{2}", word) and not word.startswith("largest ")]
+
+    equations, solution = solved("planar5_nmp", "line")
+    now = canvas.svg(figures_of.overview(equations, solution.trajectory, solution.simulation, end=0.5))
+    stored = (ROOT / "models" / "pictures" / "planar5_nmp.svg").read_text(encoding="utf-8")
+    assert words(now) == [word for word in words(stored) if word != "flexgen"] and len(words(now)) > 8
