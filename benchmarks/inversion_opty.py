@@ -8,7 +8,10 @@ from __future__ import annotations
 import json
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+
+import numpy as np
 
 STATUS = {
     0: "solved",
@@ -20,9 +23,49 @@ STATUS = {
 }
 
 
+def tracking_cost(job: dict, output: Callable, jacobian: Callable, reference: np.ndarray) -> tuple[Callable, Callable]:
+    """Cost and gradient that draw the tool to its path and smooth the torques."""
+    n, n_x = job["nodes"], len(job["states"])
+    weight, smooth = job["step"] * job["tracking"], job["smooth"] / job["step"]
+
+    def cost(free: np.ndarray) -> float:
+        parts = free.reshape(-1, n)
+        error = np.array(output(*parts[:n_x])) - reference
+        return 0.5 * float(weight * (error**2).sum() + smooth * (np.diff(parts[n_x:], axis=1) ** 2).sum())
+
+    def gradient(free: np.ndarray) -> np.ndarray:
+        parts = free.reshape(-1, n)
+        out = np.zeros_like(parts)
+        error = weight * (np.array(output(*parts[:n_x])) - reference)
+        for e, row in zip(error, jacobian(*parts[:n_x]), strict=True):
+            for k, value in enumerate(row):
+                out[k] += e * value
+        change = smooth * np.diff(parts[n_x:], axis=1)
+        out[n_x:, 1:] += change
+        out[n_x:, :-1] -= change
+        return out.ravel()
+
+    return cost, gradient
+
+
+def end_cost(n: int, n_x: int, rest: np.ndarray) -> tuple[Callable, Callable]:
+    """Cost and gradient that draw both ends to rest, as the collocation of flexgen does."""
+    ends = np.array([n * k for k in range(n_x)]), np.array([n * (k + 1) - 1 for k in range(n_x)])
+
+    def cost(free: np.ndarray) -> float:
+        return 0.5 * float(sum(((free[at] - x) ** 2).sum() for at, x in zip(ends, rest, strict=True)))
+
+    def gradient(free: np.ndarray) -> np.ndarray:
+        out = np.zeros_like(free)
+        for at, x in zip(ends, rest, strict=True):
+            out[at] = free[at] - x
+        return out
+
+    return cost, gradient
+
+
 def answer(job: dict) -> dict:
     """The result of opty: processor time of IPOPT, its status, states and torques."""
-    import numpy as np
     import sympy as sp
     from opty import Problem
     from sympy.physics.mechanics import dynamicsymbols
@@ -40,48 +83,20 @@ def answer(job: dict) -> dict:
     reference = np.array(list(job["reference"].values()))
     rest = np.array(job["rest"])
     more: dict = {}
-    if job["tracking"]:  # the tool is drawn to its path, torques are smooth, the start is rest
-        output = sp.lambdify(states, tool)
-        output_slope = sp.lambdify(states, sp.Matrix(tool).jacobian(states).tolist())
-        weight, smooth = h * job["tracking"], job["smooth"] / h
+    if job["tracking"]:
+        output = sp.lambdify(states, tool), sp.lambdify(states, sp.Matrix(tool).jacobian(states).tolist())
+        cost, gradient = tracking_cost(job, *output, reference)
         more["instance_constraints"] = [
             sp.Function(name)(0.0) - x for name, x in zip(job["states"], rest[0], strict=True)
         ]
-
-        def cost(free: np.ndarray) -> float:
-            parts = free.reshape(-1, n)
-            error = np.array(output(*parts[:n_x])) - reference
-            return 0.5 * float(weight * (error**2).sum() + smooth * (np.diff(parts[n_x:], axis=1) ** 2).sum())
-
-        def slope(free: np.ndarray) -> np.ndarray:
-            parts = free.reshape(-1, n)
-            out = np.zeros_like(parts)
-            error = weight * (np.array(output(*parts[:n_x])) - reference)
-            for e, row in zip(error, output_slope(*parts[:n_x]), strict=True):
-                for k, value in enumerate(row):
-                    out[k] += e * value
-            change = smooth * np.diff(parts[n_x:], axis=1)
-            out[n_x:, 1:] += change
-            out[n_x:, :-1] -= change
-            return out.ravel()
-
-    else:  # the path leaves only the zero dynamics free; as in our own collocation, both ends are drawn to rest
+    else:  # the path leaves only the zero dynamics free
         rows += [row - symbols[name] for row, name in zip(tool, job["reference"], strict=True)]
         more["known_trajectory_map"] = dict(zip([signals[name] for name in job["reference"]], reference, strict=True))
-        ends = np.array([n * k for k in range(n_x)]), np.array([n * (k + 1) - 1 for k in range(n_x)])
-
-        def cost(free: np.ndarray) -> float:
-            return 0.5 * float(sum(((free[at] - x) ** 2).sum() for at, x in zip(ends, rest, strict=True)))
-
-        def slope(free: np.ndarray) -> np.ndarray:
-            out = np.zeros_like(free)
-            for at, x in zip(ends, rest, strict=True):
-                out[at] = free[at] - x
-            return out
+        cost, gradient = end_cost(n, n_x, rest)
 
     problem = Problem(
         cost,
-        slope,
+        gradient,
         sp.Matrix([row.xreplace(put) for row in rows]),
         [signals[name] for name in job["states"]],
         n,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +98,9 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
 
 
+HEAD = ("robot", "function")
+
+
 def full(rows: Sequence[Any], wrappers: Sequence[Any], machine_lines: Sequence[str], left_out: Sequence[str]) -> str:
     """Everything that was measured."""
     labels = {
@@ -113,69 +116,12 @@ def full(rows: Sequence[Any], wrappers: Sequence[Any], machine_lines: Sequence[s
         "casadi_same_default": "the same, default flags",
         "casadi_lagrangian": "CasADi, Lagrangian",
     }
-    if any("ours_clang" in row.ns for row in rows):
+    clang = any("ours_clang" in row.ns for row in rows)
+    if clang:
         labels |= {"ours_clang": "flexgen, clang", "pinocchio_clang": "Pinocchio, clang"}
-    head = ("robot", "function")
-    sizes = ("operations", "chain, cycles")
-
-    def times(name: str) -> str:
-        body = [
-            [
-                row.robot,
-                TITLES[row.quantity],
-                *([str(row.operations), str(row.depth)] if row.operations else ["-", "-"]),
-                *(_number(getattr(row, name).get(label)) for label in labels),
-            ]
-            for row in rows
-        ]
-        return _table((*head, *sizes, *labels.values()), body)
-
-    wide = BATCH_FLOORS["avx512f"] if cpu_has("avx512f") else BATCH_FLOORS["avx2"]
-    ratios = []
-    for row in rows:
-        key = (row.robot, row.quantity)
-        cells = [
-            _ratio(row, "pinocchio", "ours", PINOCCHIO_FLOORS.get(key)),
-            _ratio(row, "casadi_same", "ours", CASADI_FLOORS.get(key)),
-            _ratio(row, "casadi_lagrangian", "ours"),
-            _ratio(row, "ours_default", "ours"),
-            _ratio(row, "ours", "batch_few"),
-            _ratio(row, "ours", "batch_odd"),
-            _ratio(row, "ours", "batch", wide),
-            _ratio(row, "ours", "batch_avx2", BATCH_FLOORS["avx2"]),
-            _ratio(row, "pinocchio", "batch"),
-        ]
-        if "pinocchio_clang" in labels:
-            cells.append(_ratio(row, "pinocchio_clang", "ours"))
-        ratios.append([row.robot, TITLES[row.quantity], *cells])
-    ratio_head = [
-        "Pinocchio / flexgen",
-        "CasADi, same expression / flexgen",
-        "CasADi, Lagrangian / flexgen",
-        "default build / native",
-        "flexgen / batch of 200",
-        "flexgen / batch of 4000",
-        "flexgen / batch of 4096",
-        "flexgen / batch of 4096, AVX2",
-        "Pinocchio / batch of 4096",
-    ]
-    if "pinocchio_clang" in labels:
-        ratio_head.append("Pinocchio by clang / flexgen by gcc")
     notes = [f"- {row.robot}, {TITLES[row.quantity]}: {note}" for row in rows for note in row.notes]
     notes += [f"- {name}: not in the library, left out" for name in left_out]
     furthest = max((x for row in rows for x in row.deviation.values()), default=0.0)
-    python = [
-        [
-            w.robot,
-            TITLES[w.quantity],
-            f"{w.call_us:.2f}",
-            f"{w.c_us:.3f}",
-            f"{w.batch_ns:.1f}",
-            f"{w.c_batch_ns:.1f}",
-        ]
-        for w in wrappers
-    ]
-    python_head = (*head, "call us", "in C us", "batch ns per point", "in C ns per point")
     return f"""\
 # flexgen, Pinocchio and CasADi in one run
 
@@ -195,22 +141,86 @@ two conventions. The loop around the calls takes about 1.5 ns.
 
 Minimum times. Bold: below the target.
 
-{_table((*head, *ratio_head), ratios)}
+{_ratios(rows, clang)}
 ## Minimum time, ns
 
-{times("ns")}
+{_times(rows, labels, "ns")}
 ## Median time, ns
 
-{times("median")}
+{_times(rows, labels, "median")}
 ## From Python
 
 `flexgen.load` and the default build: a call of one point; a call of 4096 in columns (order "F"), with `out`.
 
-{_table(python_head, python)}
+{_python(wrappers)}
 ## Notes
 
 {chr(10).join(notes) if notes else "None."}
 """
+
+
+def _times(rows: Sequence[Any], labels: Mapping[str, str], name: str) -> str:
+    """Times of all programs: ``name`` is "ns" (minimum) or "median"."""
+    body = [
+        [
+            row.robot,
+            TITLES[row.quantity],
+            *([str(row.operations), str(row.depth)] if row.operations else ["-", "-"]),
+            *(_number(getattr(row, name).get(label)) for label in labels),
+        ]
+        for row in rows
+    ]
+    return _table((*HEAD, "operations", "chain, cycles", *labels.values()), body)
+
+
+def _ratios(rows: Sequence[Any], clang: bool) -> str:
+    """Ratios of minimum times, with the targets."""
+    wide = BATCH_FLOORS["avx512f"] if cpu_has("avx512f") else BATCH_FLOORS["avx2"]
+    head = [
+        "Pinocchio / flexgen",
+        "CasADi, same expression / flexgen",
+        "CasADi, Lagrangian / flexgen",
+        "default build / native",
+        "flexgen / batch of 200",
+        "flexgen / batch of 4000",
+        "flexgen / batch of 4096",
+        "flexgen / batch of 4096, AVX2",
+        "Pinocchio / batch of 4096",
+        *["Pinocchio by clang / flexgen by gcc"] * clang,
+    ]
+    body = []
+    for row in rows:
+        key = (row.robot, row.quantity)
+        cells = [
+            _ratio(row, "pinocchio", "ours", PINOCCHIO_FLOORS.get(key)),
+            _ratio(row, "casadi_same", "ours", CASADI_FLOORS.get(key)),
+            _ratio(row, "casadi_lagrangian", "ours"),
+            _ratio(row, "ours_default", "ours"),
+            _ratio(row, "ours", "batch_few"),
+            _ratio(row, "ours", "batch_odd"),
+            _ratio(row, "ours", "batch", wide),
+            _ratio(row, "ours", "batch_avx2", BATCH_FLOORS["avx2"]),
+            _ratio(row, "pinocchio", "batch"),
+            *[_ratio(row, "pinocchio_clang", "ours")] * clang,
+        ]
+        body.append([row.robot, TITLES[row.quantity], *cells])
+    return _table((*HEAD, *head), body)
+
+
+def _python(wrappers: Sequence[Any]) -> str:
+    """Times of calls from Python."""
+    body = [
+        [
+            w.robot,
+            TITLES[w.quantity],
+            f"{w.call_us:.2f}",
+            f"{w.c_us:.3f}",
+            f"{w.batch_ns:.1f}",
+            f"{w.c_batch_ns:.1f}",
+        ]
+        for w in wrappers
+    ]
+    return _table((*HEAD, "call us", "in C us", "batch ns per point", "in C ns per point"), body)
 
 
 def short(rows: Sequence[Any], machine_lines: Sequence[str]) -> str:

@@ -186,7 +186,7 @@ def build_libraries(
     sources: Sequence[str],
     headers: Sequence[str],
     compiler: Compiler,
-    tell: Callable[[str], None],
+    log: Callable[[str], None],
     *,
     fresh: bool = False,
 ) -> dict[str, Any]:
@@ -201,7 +201,7 @@ def build_libraries(
     sources, headers : sequence of str
         Names of the files.
     compiler : Compiler
-    tell : callable
+    log : callable
         Called with a line of text before each step.
     fresh : bool
         True: also compile what is in the cache of objects.
@@ -218,7 +218,7 @@ def build_libraries(
     missing = [file for file in sources if fresh or not stored.fetch(folder / file)]
     workers = max(2, os.cpu_count() or 1)
     known = f", {len(sources) - len(missing)} known" * (len(missing) < len(sources))
-    tell(f"compiling {len(missing)} files{known}{_expected_time(folder, missing, workers)}")
+    log(f"compiling {len(missing)} files{known}{_expected_time(folder, missing, workers)}")
     with ThreadPoolExecutor(max_workers=workers) as pool:
         jobs = {}
         for file in sorted(missing, key=lambda file: -_effort(folder, file)):  # the longest first
@@ -232,7 +232,7 @@ def build_libraries(
         except BuildError:
             pool.shutdown(cancel_futures=True)
             raise
-    tell("linking")
+    log("linking")
     objects = [_object(file) for file in sources]
     suffix = "dylib" if sys.platform == "darwin" else "so"
     linked, static = f"linked.{suffix}", f"lib{name}.a"

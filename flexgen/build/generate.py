@@ -99,7 +99,7 @@ def generate(
     build : bool
         False: write the sources, compile nothing.
     functions : sequence of str, optional
-        The functions wanted; all that the model has where not given. Inverse dynamics along paths and streams come
+        Only these functions; default: all that the model has. Inverse dynamics along paths and streams come
         with all of them, in double precision, without parameters.
     precision : str
         ``"double"`` or ``"single"``: the type of every number in the library.
@@ -107,8 +107,8 @@ def generate(
         Numbers of the model that shall be arguments of the functions: ``payload``, ``stiffness``, ``q2.damping`` and
         others, see `flexgen.mechanics.parameters`. Equations that are given bring their own.
     native : bool
-        True: compile for this processor; faster, and the results differ by rounding from those of the default flags,
-        which give the same bits with every compiler and on every processor.
+        True: contract products and sums; a little faster, and the results differ by rounding from those of the
+        default flags, which give the same bits with every compiler and on every processor.
     openmp : bool
         True: batches use all cores.
     isa : str
@@ -134,25 +134,38 @@ def generate(
         Where the model cannot be read or a function is unknown.
     """
     start = time.perf_counter()
-    tell = progress if callable(progress) else (lambda line: None)
+    log = progress if callable(progress) else (lambda line: None)
     model, equations = _resolve(model_or_equations)
     names = chosen_functions(functions, model)
-    if isa not in ISAS:
-        raise ArgumentError(f"isa: given {isa!r}, expected one of {', '.join(ISAS)}")
-    if precision not in PRECISIONS:
-        raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
-    if isinstance(parameters, str) or not all(isinstance(word, str) for word in parameters):
-        raise ArgumentError(f"parameters: given {parameters!r}, expected a sequence of names")
-    if parameters and equations is not None:
-        raise ArgumentError("parameters: given beside equations, expected them in derive(model, parameters)")
-    name = library_name(model)
-    target = Path("generated", name) if directory is None else _folder(directory)
-    clean(target)
-    digest = _content_digest(model, [names, precision, list(parameters), equations is not None, bool(amalgamate)])
+    _check_choices(precision, parameters, isa, equations)
+    target = Path("generated", library_name(model)) if directory is None else _folder(directory)
     options = {"native": bool(native), "openmp": bool(openmp), "isa": isa}
-    compiler = find_compiler(native=bool(native), openmp=bool(openmp), isa=isa) if build else None
+    request = _Request(model, equations, names, precision, tuple(parameters), bool(amalgamate), options, force)
+    return _generated(request, target, build, log, start)
+
+
+@dataclass(frozen=True)
+class _Request:
+    """What a library is made from. ``equations``: None to derive them; ``options``: of the build."""
+
+    model: RobotModel
+    equations: Any
+    names: tuple[str, ...]
+    precision: str
+    parameters: tuple[str, ...]
+    amalgamate: bool
+    options: dict[str, Any]
+    force: bool
+
+
+def _generated(request: _Request, target: Path, build: bool, log: Callable[[str], None], start: float) -> Generated:
+    """The library in the folder ``target``: what is there where nothing has changed, else written and compiled."""
+    name, options = library_name(request.model), request.options
+    clean(target)
+    digest = _content_digest(request)
+    compiler = find_compiler(**options) if build else None
     old = read_manifest(target, name)
-    known = not force and old is not None and old.get("digest") == digest and _intact(target, old)
+    known = not request.force and old is not None and old.get("digest") == digest and _intact(target, old)
     if known and old is not None and (not build or _built(target, old, options, compiler)):
         return _result(target, old, start, cached=True, written=False)
     if build and compiler is None:
@@ -164,53 +177,69 @@ def generate(
     if known and old is not None:
         manifest, texts = dict(old), {file: (target / file).read_text(encoding="ascii") for file in old["files"]}
     else:
-        manifest, texts = _written(model, equations, names, precision, parameters, digest, tell)
-        texts = amalgamated(name, texts) if amalgamate else texts
-    sources = [file for file in texts if file.endswith(".c") and file != "example.c"]
+        manifest, texts = _written(request, digest, log)
     public = [file for file in texts if file.endswith(".h") and "/" not in file]
-    texts |= packaging(name, sources, public, openmp=openmp)
+    texts |= packaging(name, _sources(texts), public, openmp=options["openmp"])
     manifest["files"] = {file: hashlib.sha256(text.encode("ascii")).hexdigest() for file, text in texts.items()}
     manifest["build"] = None
-    if not force and old is not None and old["files"] == manifest["files"] and _intact(target, old):
+    if not request.force and old is not None and old["files"] == manifest["files"] and _intact(target, old):
         manifest["build"] = old["build"] if not build or _built(target, old, options, compiler) else None
     check_owned(target, name, texts, old)
+    compiled = manifest["build"] is None and compiler is not None
     with staging(target) as folder:
-        for file, text in texts.items():
-            (folder / file).parent.mkdir(exist_ok=True)
-            (folder / file).write_text(text, encoding="ascii", newline="\n")
-        compiled = manifest["build"] is None and compiler is not None
+        _write(folder, texts)
         if compiled and compiler is not None:
             headers = [file for file in texts if file.endswith(".h")]
-            manifest["build"] = options | build_libraries(folder, name, sources, headers, compiler, tell, fresh=force)
+            built = build_libraries(folder, name, _sources(texts), headers, compiler, log, fresh=request.force)
+            manifest["build"] = options | built
         install(folder, target, manifest, old)
     return _result(target, manifest, start, cached=not compiled, written=True)
 
 
-def _written(
-    model: RobotModel,
-    equations: Any,
-    names: Sequence[str],
-    precision: str,
-    parameters: Sequence[str],
-    digest: str,
-    tell: Callable[[str], None],
-) -> tuple[dict[str, Any], dict[str, str]]:
+def _check_choices(precision: str, parameters: Sequence[str], isa: str, equations: Any) -> None:
+    """ArgumentError for a choice that is not offered."""
+    if isa not in ISAS:
+        raise ArgumentError(f"isa: given {isa!r}, expected one of {', '.join(ISAS)}")
+    if precision not in PRECISIONS:
+        raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
+    if isinstance(parameters, str) or not all(isinstance(word, str) for word in parameters):
+        raise ArgumentError(f"parameters: given {parameters!r}, expected a sequence of names")
+    if parameters and equations is not None:
+        raise ArgumentError("parameters: given beside equations, expected them in derive(model, parameters)")
+
+
+def _sources(texts: Mapping[str, str]) -> list[str]:
+    """The files that the library is compiled from."""
+    return [file for file in texts if file.endswith(".c") and file != "example.c"]
+
+
+def _write(folder: Path, texts: Mapping[str, str]) -> None:
+    """Write the texts to the folder."""
+    for file, text in texts.items():
+        (folder / file).parent.mkdir(exist_ok=True)
+        (folder / file).write_text(text, encoding="ascii", newline="\n")
+
+
+def _written(request: _Request, digest: str, log: Callable[[str], None]) -> tuple[dict[str, Any], dict[str, str]]:
     """The manifest and the sources, derived where no equations are given."""
+    name, equations = library_name(request.model), request.equations
     if equations is None:
         from flexgen.mechanics.equations import derive
 
-        tell(f"deriving {library_name(model)}")
-        equations = derive(model, parameters)
-    tell(f"writing {library_name(model)}")
+        log(f"deriving {name}")
+        equations = derive(request.model, request.parameters)
+    log(f"writing {name}")
     from flexgen.codegen.emit import emit, function_texts
 
-    spec = library_spec(equations, names, precision=precision)
+    spec = library_spec(equations, request.names, precision=request.precision)
     if spec.c_functions:
         from flexgen.build.stream_defaults import stream_defaults
 
-        spec = replace(spec, stream=stream_defaults(model, spec))
+        spec = replace(spec, stream=stream_defaults(request.model, spec))
     written = function_texts(spec)
-    return _manifest(spec, digest, {f: text.work > 0 for f, text in written.items()}), emit(spec, written)
+    texts = emit(spec, written)
+    texts = amalgamated(name, texts) if request.amalgamate else texts
+    return _manifest(spec, digest, {f: text.work > 0 for f, text in written.items()}), texts
 
 
 def _resolve(given: Any) -> tuple[RobotModel, Any]:
@@ -236,19 +265,21 @@ def _folder(given: Any) -> Path:
 # --- digest and manifest ----------------------------------------------------------------------------------------------
 
 
-def _content_digest(model: RobotModel, choices: Sequence[Any]) -> str:
+def _content_digest(request: _Request) -> str:
     """SHA-256 of all that the sources depend on, known without deriving them.
 
     Equations that a caller brings may differ from those of `derive`: they never share a digest, and the emitted text
     decides whether there is something to compile.
     """
+    own = request.equations is not None
+    choices = [request.names, request.precision, list(request.parameters), own, request.amalgamate]
     root = Path(__file__).resolve().parent.parent
     sources = [root / "ports.py", root / "model" / "digest.py", root / "model" / "elements.py"]
     for folder in ("analysis", "build", "codegen", "expressions", "mechanics", "numerics", "recursion"):
         sources += sorted((root / folder).glob("*.py"))
     sources += sorted(path for path in (root / "clib").glob("*") if path.suffix in (".c", ".h"))
     code = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
-    parts = [FORMAT, ABI_VERSION, model_digest(model), __version__, _casadi_version(), code, *choices]
+    parts = [FORMAT, ABI_VERSION, model_digest(request.model), __version__, _casadi_version(), code, *choices]
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
 

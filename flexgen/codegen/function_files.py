@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from flexgen.codegen.c_text import batch_prototype, count_of, macro, prototype, quoted, size_macro
 from flexgen.codegen.header import tile
@@ -81,15 +81,7 @@ def body(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
 
 def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
     """Text of ``<name>_<function>.c``: the checks around the mathematics, for one point and for many."""
-    ports = (*f.inputs, *f.outputs)
-    everything = [p.name for p in ports]
-    null_1 = " || ".join(f"{name} == NULL" for name in (*everything, *(["work"] if written.work else [])))
-    null = " || ".join(f"{name} == NULL" for name in (*everything, "work"))
-    sizes = {p.name: count_of(spec, f, p) for p in ports}
-    stored = [p for p in ports if not _shared(spec, p)]  # one per point
-    name, ok = f"{spec.name}_{f.name}", macro(spec, "OK")
-    arguments = ", ".join(everything)
-    space = ", work" if written.work else ""
+    name = f"{spec.name}_{f.name}"
     return f"""\
 /* {spec.name}: {f.name}. Written by flexgen; see {spec.name}.h. */
 #include "{spec.name}_batch.h"
@@ -106,28 +98,60 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
 #include "{spec.name}_lanes.h"
 #include "{name}_body.h"
 
-{_failed(spec, f, sizes)}
+{_failed(spec, f, _counts(spec, f))}
+{_one_point(spec, f, written)}
+{_many_points(spec, f, written)}
+#include "{spec.name}_undefine.h"
+"""
+
+
+def _counts(spec: LibrarySpec, f: FunctionSpec) -> dict[str, str]:
+    """Number of entries of each port, in C."""
+    return {port.name: count_of(spec, f, port) for port in (*f.inputs, *f.outputs)}
+
+
+def _null(names: Sequence[str]) -> str:
+    """The condition that one of the pointers is null."""
+    return " || ".join(f"{name} == NULL" for name in names)
+
+
+def _one_point(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
+    """The function for one point."""
+    names = [port.name for port in (*f.inputs, *f.outputs)]
+    work = ["work"] if written.work else []
+    return f"""\
 {prototype(spec, f, written.work)}
 {{
-    if ({null_1}) {{
+    if ({_null([*names, *work])}) {{
         return {macro(spec, "NULL_ARGUMENT")};
     }}
-    if ({f.name}_evaluate_1({arguments}{space}) == 0) {{
-        return {ok};
+    if ({f.name}_evaluate_1({", ".join([*names, *work])}) == 0) {{
+        return {macro(spec, "OK")};
     }}
-    return {f.name}_failed({arguments}, 1, 1);
+    return {f.name}_failed({", ".join(names)}, 1, 1);
 }}
+"""
 
+
+def _many_points(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
+    """The function for many points."""
+    ports = (*f.inputs, *f.outputs)
+    names, sizes = [port.name for port in ports], _counts(spec, f)
+    stored = [port for port in ports if not _shared(spec, port)]  # one for each point
+    points = tile(f, spec.precision)
+    arguments = [f"at_{port.name} + k" if port in stored else port.name for port in ports]
+    arguments += ["(lanes *)space"] if written.work else []
+    return f"""\
 {batch_prototype(spec, f)}
 {{
     /* Arrays are copied where columns of results share the same cache lines, and for the last points. */
     const int collide = {_collide(f, spec)};
-    const int groups = n < 0 ? 0 : n / {tile(f, spec.precision)} + (n % {tile(f, spec.precision)} != 0);
+    const int groups = n < 0 ? 0 : n / {points} + (n % {points} != 0);
     int bad = 0;
     if (n < 0) {{
         return {macro(spec, "BAD_COUNT")};
     }}
-    if ({null}) {{
+    if ({_null([*names, "work"])}) {{
         return {macro(spec, "NULL_ARGUMENT")};
     }}
 #ifdef _OPENMP
@@ -145,28 +169,24 @@ def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
 #pragma omp for schedule(static)
 #endif
         for (group = 0; group < groups; ++group) {{
-            const int first = group * {tile(f, spec.precision)};
-            const int count = n - first < {tile(f, spec.precision)} ? n - first : {tile(f, spec.precision)};
+            const int first = group * {points};
+            const int count = n - first < {points} ? n - first : {points};
             const int copied = collide || count % LANES != 0;
             ptrdiff_t stride = n;
 {_pointers(stored, f.outputs)}            if (copied) {{
                 real *at = space + {written.work} * LANES;
-                stride = {tile(f, spec.precision)};
+                stride = {points};
 {_gather(spec, f, sizes)}            }}
             for (int k = 0; k < count; k += LANES) {{
-                zero += {f.name}_evaluate_v({", ".join(f"at_{p.name} + k" if p in stored else p.name for p in ports)}{
-        ", (lanes *)space" if written.work else ""
-    }, stride);
+                zero += {f.name}_evaluate_v({", ".join(arguments)}, stride);
             }}
             if (copied) {{
 {_scatter(spec, f, sizes)}            }}
         }}
         bad += sum_v(zero) == 0 ? 0 : 1;
     }}
-    return bad == 0 ? {ok} : {f.name}_failed({arguments}, n, n);
+    return bad == 0 ? {macro(spec, "OK")} : {f.name}_failed({", ".join(names)}, n, n);
 }}
-
-#include "{spec.name}_undefine.h"
 """
 
 

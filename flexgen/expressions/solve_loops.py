@@ -27,7 +27,7 @@ def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int
     w_ik L_ik``. A pivot d_i below ``rounding`` times A_ii is noise: its reciprocal becomes NaN. The rows of R are then
     combined as the factors demand.
     """
-    n, columns, width = step.n, step.columns, step.width
+    n, width = step.n, step.width
     ports = [port for port in outputs if port in step.ports]
     parameters = ", ".join([*(f"real *RESTRICT {port}" for port in ports), "T *RESTRICT w"])
     lines = [
@@ -39,7 +39,28 @@ def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int
         "ROW sum = ROW_OF(0);",
         "int i, j, k;",
     ]
-    if step.unit or width < step.stride:
+    lines += _padded(step, layout)
+    lines += _factored(n, rounding)
+    lines += _substituted(step)
+    lines += _placed(step, layout, outputs)
+    lines += [
+        f"for (i = 0; i < {n}; ++i) {{",
+        f"    const ROW *const x = rows + i * ROW_COUNT({step.stride});",
+        "    for (k = 0; k < count; ++k) {",
+        "        sum += ZERO * x[k];",
+        "    }",
+        "}",
+        "return ROW_SUM(sum);",
+    ]
+    body = "".join(f"    {line}\n" for line in lines)
+    return f"SEPARATE static T F({name})({parameters} STRIDE(ptrdiff_t n))\n{{\n{body}}}\n"
+
+
+def _padded(step: Solve, layout: Layout) -> list[str]:
+    """Lines that fill the columns of the right side that are not computed."""
+    n, columns = step.n, step.columns
+    lines: list[str] = []
+    if step.unit or step.width < step.stride:
         lines += [
             f"for (i = 0; i < {n}; ++i) {{",
             f"    for (j = {columns}; j < {step.stride}; ++j) {{",
@@ -49,7 +70,12 @@ def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int
         if step.unit:
             lines.append(f"    w[{layout.places[step.right]} + i * {step.stride + 1} + {columns}] = F(splat)(-1);")
         lines.append("}")
-    lines += [
+    return lines
+
+
+def _factored(n: int, rounding: str) -> list[str]:
+    """Lines that factor the matrix; reciprocals of the pivots in ``inverse``."""
+    return [
         f"for (i = 0; i < {n}; ++i) {{",
         f"    const T whole = matrix[i * {n + 1}];",
         "    T d = whole;",
@@ -67,6 +93,13 @@ def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int
         "    }",
         f"    inverse[i] = F(guarded)(F(splat)(1) / d, d, {rounding} * whole);",
         "}",
+    ]
+
+
+def _substituted(step: Solve) -> list[str]:
+    """Lines that combine the rows of the right side as the factors demand."""
+    n = step.n
+    return [
         f"for (i = 0; i < {n}; ++i) {{",
         f"    ROW *const x = rows + i * ROW_COUNT({step.stride});",
         "    for (j = first[i]; j < i; ++j) {",
@@ -94,18 +127,6 @@ def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int
         "    }",
         "}",
     ]
-    lines += _placed(step, layout, outputs)
-    lines += [
-        f"for (i = 0; i < {n}; ++i) {{",
-        f"    const ROW *const x = rows + i * ROW_COUNT({step.stride});",
-        "    for (k = 0; k < count; ++k) {",
-        "        sum += ZERO * x[k];",
-        "    }",
-        "}",
-        "return ROW_SUM(sum);",
-    ]
-    body = "".join(f"    {line}\n" for line in lines)
-    return f"SEPARATE static T F({name})({parameters} STRIDE(ptrdiff_t n))\n{{\n{body}}}\n"
 
 
 def _placed(step: Solve, layout: Layout, outputs: Mapping[str, int]) -> list[str]:

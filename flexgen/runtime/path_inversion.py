@@ -167,31 +167,17 @@ class Inverter:
         """
         self._refuse_closed()
         function, structs = self._function, self._structs
-        n_y, n_t, n_a = (self._sizes[key] for key in ("n_y", "n_t", "n_a"))
-        n = len(y) if np.ndim(y) == 2 else -1
-        given = {
-            "y": array_of(function, "y", y, (n, n_t)),
-            "dy": array_of(function, "dy", dy, (n, n_y)),
-            "ddy": array_of(function, "ddy", ddy, (n, n_y)),
-        }
-        q = array_of(function, "q_start", q_start, (n_a,))
+        given = self._samples(y, dy, ddy)
+        n = len(given["y"])
+        q = array_of(function, "q_start", q_start, (self._sizes["n_a"],))
         counts = {"n_pre": n_pre, "n_post": n_post, "samples_per_interval": samples_per_interval}
         counts = {key: whole_of(function, key, value) for key, value in counts.items()}
         period = number_of(function, "period", period)
         options = filled(structs["inversion_options"], **counts, tolerance=number_of(function, "tolerance", tolerance))
-        size = int(self._work(ctypes.c_int(n), ctypes.byref(options)))
-        if size < 0:
-            listed = ", ".join(f"{key} {value}" for key, value in counts.items())
-            raise ArgumentError(
-                f"{function}: given {n} samples, {listed}; expected at least 2 samples, n_pre and n_post at least 0, "
-                "samples_per_interval at least 1, all at most a million"
-            )
-        total = n + counts["n_pre"] + counts["n_post"]
-        widths = [n_a, n_a, n_a, self._sizes["n_g"], *([self._sizes["n_m"]] * 3)]
-        out: dict[str, Any] = {key: np.empty((total, width)) for key, width in zip(_RESULTS, widths, strict=True)}
+        work = self._workspace(self._work_size(n, options, counts))
+        out = self._results(n + counts["n_pre"] + counts["n_post"])
         path, motion = filled(structs["path"], n=n, period=period, **given), filled(structs["motion"], **out)
         info = structs["inversion_info"](residual=np.nan)
-        work = self._workspace(size)
         status = int(
             self._entry(
                 ctypes.byref(path),
@@ -220,6 +206,30 @@ class Inverter:
             converged=status == 0,
             **reported,
         )
+
+    def _samples(self, y: Any, dy: Any, ddy: Any) -> dict[str, np.ndarray]:
+        """The samples of the path, checked."""
+        n = len(y) if np.ndim(y) == 2 else -1
+        n_y, n_t = self._sizes["n_y"], self._sizes["n_t"]
+        columns = {"y": (y, n_t), "dy": (dy, n_y), "ddy": (ddy, n_y)}
+        return {key: array_of(self._function, key, x, (n, width)) for key, (x, width) in columns.items()}
+
+    def _results(self, total: int) -> dict[str, Any]:
+        """Arrays for the results at all samples."""
+        n_a, n_g, n_m = (self._sizes[key] for key in ("n_a", "n_g", "n_m"))
+        widths = (n_a, n_a, n_a, n_g, n_m, n_m, n_m)
+        return {key: np.empty((total, width)) for key, width in zip(_RESULTS, widths, strict=True)}
+
+    def _work_size(self, n: int, options: ctypes.Structure, counts: dict[str, int]) -> int:
+        """Size of the workspace; ArgumentError where a count is out of range."""
+        size = int(self._work(ctypes.c_int(n), ctypes.byref(options)))
+        if size < 0:
+            listed = ", ".join(f"{key} {value}" for key, value in counts.items())
+            raise ArgumentError(
+                f"{self._function}: given {n} samples, {listed}; expected at least 2 samples, n_pre and n_post at "
+                "least 0, samples_per_interval at least 1, all at most a million"
+            )
+        return size
 
     def _workspace(self, size: int) -> np.ndarray:
         """Memory of at least that many numbers, that no other call uses."""

@@ -65,17 +65,6 @@ RUNTIME_NEEDS = {"runtime", "errors", "ports", ""}
 # Largest sizes in lines: all Python files directly in a folder, one file, one function (docstring included).
 FOLDER, FILE, FUNCTION = 4000, 450, 80
 MEASURED = ["flexgen", "benchmarks", "examples"]
-# Functions that are still longer: module and name. Remove an entry when its function has been split.
-TO_SPLIT = {
-    ("benchmarks.inversion_opty", "answer"),
-    ("benchmarks.peers_table", "full"),
-    ("flexgen.build.generate", "generate"),
-    ("flexgen.cli.main", "build_parser"),
-    ("flexgen.codegen.function_files", "source"),
-    ("flexgen.expressions.solve_loops", "solve_text"),
-    ("flexgen.reports.html", "write_report"),
-    ("flexgen.runtime.path_inversion", "__call__"),
-}
 
 
 @dataclass(frozen=True)
@@ -238,13 +227,11 @@ def size_violations(texts: dict[str, str]) -> list[str]:
         folders[folder] = folders.get(folder, 0) + lines
         if lines > FILE:
             out.append(f"{path}: {lines} lines, at most {FILE} in a file")
-        for node in ast.walk(ast.parse(text)):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                length = (node.end_lineno or node.lineno) - node.lineno + 1
-                if length > FUNCTION and (module_name(path), node.name) not in TO_SPLIT:
-                    out.append(
-                        f"{path}:{node.lineno}: {node.name} has {length} lines, at most {FUNCTION} in a function"
-                    )
+        out += [
+            f"{path}:{line}: {name} has {length} lines, at most {FUNCTION} in a function"
+            for name, line, length in functions(text)
+            if length > FUNCTION
+        ]
     out += [f"{folder}: {n} lines, at most {FOLDER} in a folder" for folder, n in folders.items() if n > FOLDER]
     return out
 
