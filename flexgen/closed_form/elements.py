@@ -185,11 +185,11 @@ def chain_steps(model: RobotModel, symbols: Symbols, rotor: list[sp.Expr]) -> li
 
 
 def spring_law(symbols: Symbols, spring: Spring, d: sp.Expr, owner: str, units: tuple[str, str]) -> sp.Expr:
-    """Torque of a spring at the deflection ``d``; ``units`` of torque and twist."""
-    torque, twist = units
+    """Torque of a spring at the deflection ``d``; ``units`` of torque and deflection."""
+    torque, deflection = units
 
     def stiffness(head: str, value: float, meaning: str, power: str = "") -> sp.Expr:
-        unit = f"{torque}/{twist}{power}"
+        unit = f"{torque}/{deflection}{power}"
         return symbols.parameter(head[0], (*head[1:].split(), owner), value, unit, f"{meaning} of {owner}")
 
     if isinstance(spring, LinearSpring):
@@ -198,12 +198,14 @@ def spring_law(symbols: Symbols, spring: Spring, d: sp.Expr, owner: str, units: 
         cubic = stiffness("K 3", spring.cubic, "cubic stiffness", "^3")
         return stiffness("K", spring.stiffness, "stiffness") * d + cubic * d**3
     if isinstance(spring, BacklashSpring):
-        gap = symbols.parameter("b", (owner,), spring.gap, twist, f"half backlash of {owner}")
-        smooth = symbols.parameter("epsilon", (owner,), spring.smoothing, twist, f"rounding of the backlash of {owner}")
+        gap = symbols.parameter("b", (owner,), spring.gap, deflection, f"half backlash of {owner}")
+        smooth = symbols.parameter(
+            "epsilon", (owner,), spring.smoothing, deflection, f"rounding of the backlash of {owner}"
+        )
         clipped = (sp.sqrt((d + gap) ** 2 + smooth**2) - sp.sqrt((d - gap) ** 2 + smooth**2)) / 2
         return stiffness("K", spring.stiffness, "stiffness") * (d - clipped)
     low, high = stiffness("K low", spring.low, "low stiffness"), stiffness("K high", spring.high, "high stiffness")
-    at = symbols.new(Name("psi", (owner,)), twist, f"break of the stiffness of {owner}", spring.break_at)
+    at = symbols.new(Name("psi", (owner,)), deflection, f"break of the stiffness of {owner}", spring.break_at)
     if isinstance(spring, SmoothSpring):
         inside, offset = low * d + (high - low) * d**3 / (3 * at**2), 2 * (high - low) * at / 3
     else:
@@ -218,27 +220,27 @@ def friction_law(symbols: Symbols, friction: Friction, w: sp.Symbol, owner: str,
             f"friction of {owner}: given the law {type(friction).__name__}, which has no closed form here; "
             "expected the law 'smooth'"
         )
-    torque, twist = units
+    torque, deflection = units
 
     def parameter(head: str, value: float, unit: str, meaning: str) -> sp.Expr:
         first, *rest = head.split()
         return symbols.parameter(first, (*rest, owner), value, unit, f"{meaning} of {owner}")
 
-    viscous = parameter("F v", friction.viscous, f"{torque} s/{twist}", "viscous friction")
+    viscous = parameter("F v", friction.viscous, f"{torque} s/{deflection}", "viscous friction")
     force = viscous * w + parameter("F o", friction.offset, torque, "friction offset")
     if friction.coulomb == 0.0 and friction.stribeck == 0.0:
         return force
     level = parameter("F c", friction.coulomb, torque, "Coulomb friction")
     if friction.stribeck != 0.0:
-        alpha = parameter("alpha", friction.alpha, f"s/{twist}", "slope of the Stribeck friction")
+        alpha = parameter("alpha", friction.alpha, f"s/{deflection}", "slope of the Stribeck friction")
         level = level + parameter("F s", friction.stribeck, torque, "Stribeck friction") / sp.cosh(alpha * w)
-    return force + level * sp.tanh(parameter("beta", friction.beta, f"s/{twist}", "slope of the friction") * w)
+    return force + level * sp.tanh(parameter("beta", friction.beta, f"s/{deflection}", "slope of the friction") * w)
 
 
 class Forces:
     """Springs, dampers, frictions and gears of a model in symbols; arguments as in `SymbolicEquations`.
 
-    ``torques``: on the arm, None behind a rigid gear. ``twists``: of nonlinear gear springs. ``friction``: of the
+    ``torques``: on the arm, None behind a rigid gear. ``deflections``: of nonlinear gear springs. ``friction``: of the
     joints. ``on_motors``: friction of the motors and what the gears ask of them. ``gear_equations``: of rigid gears.
     """
 
@@ -253,7 +255,7 @@ class Forces:
         v_m: tuple[sp.Symbol, ...],
         units: list[tuple[str, str]],
     ) -> None:
-        self.twists: dict[sp.Symbol, sp.Expr] = {}
+        self.deflections: dict[sp.Symbol, sp.Expr] = {}
         self.torques: list[sp.Expr | None] = []
         self.friction: list[sp.Expr] = []
         eta = sp.zeros(model.n_m, model.n_g)
@@ -288,12 +290,12 @@ class Forces:
             if dof.gear.side == "motor":
                 ratio = next(eta[j, k] for j, motor in enumerate(model.motors) if motor.drives == (name,))
                 side_units, damping_unit, side = ("N m", "rad"), "N m s/rad", f"{name}, motor side"
-            twist, slip = sp.cancel(ratio * seen[k]) - ratio * q_a[i], sp.cancel(ratio * rate[k]) - ratio * v_a[i]
+            deflection, slip = sp.cancel(ratio * seen[k]) - ratio * q_a[i], sp.cancel(ratio * rate[k]) - ratio * v_a[i]
             if not isinstance(dof.gear.spring, LinearSpring):
-                symbol = symbols.new(Name("delta", (name,)), side_units[1], f"twist of the gear of {side}")
-                self.twists[symbol] = twist
-                twist = symbol
-            torque = spring_law(symbols, dof.gear.spring, twist, name, side_units)
+                symbol = symbols.new(Name("delta", (name,)), side_units[1], f"deflection of the gear of {side}")
+                self.deflections[symbol] = deflection
+                deflection = symbol
+            torque = spring_law(symbols, dof.gear.spring, deflection, name, side_units)
             damping = symbols.parameter("D", (name,), dof.gear.damping, damping_unit, f"damping of {side}")
             self.torques.append(ratio * (torque + damping * slip))
         asked = (inverse.T * sp.Matrix([tau[i] for i in model.i_g])).applyfunc(sp.together)

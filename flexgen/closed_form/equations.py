@@ -51,7 +51,7 @@ class SymbolicEquations:
     M, S, c, g, friction, drag : Matrix
         Inertia (n_a, n_a), coupling to the rotors (n_a, n_m); velocity terms, gravity, joint friction, drag of the
         bodies (n_a, 1).
-    twists : dict
+    deflections : dict
         Twist symbols of nonlinear gear springs and what they stand for.
     torques : tuple of Expr or None
         Spring and damper torques of elastic gears and non-actuated elements, as they act on the arm.
@@ -82,7 +82,7 @@ class SymbolicEquations:
     g: sp.Matrix
     friction: sp.Matrix
     drag: sp.Matrix
-    twists: dict[sp.Symbol, sp.Expr]
+    deflections: dict[sp.Symbol, sp.Expr]
     torques: tuple[sp.Expr | None, ...]
     motor_equations: tuple[sp.Expr, ...]
     gear_equations: tuple[tuple[sp.Symbol, sp.Expr], ...]
@@ -101,7 +101,7 @@ class SymbolicEquations:
         """
         state = [*self.q_a, *self.v_a, *self.a_a, *self.q_m, *self.v_m, *self.a_m]
         known = {symbol: torque for symbol, torque in zip(self.tau, self.torques, strict=True) if torque is not None}
-        explicit = [sp.sympify(e).xreplace(known).xreplace(self.twists) for e in expressions]
+        explicit = [sp.sympify(e).xreplace(known).xreplace(self.deflections) for e in expressions]
         compiled = sp.lambdify([*state, *self.parameters], explicit, "numpy", cse=True)
         sizes = [len(self.q_a)] * 3 + [len(self.q_m)] * 3
         values = list(self.parameters.values())
@@ -157,7 +157,7 @@ class SymbolicEquations:
         sections += vector("Friction f", "f", self.friction) + vector("Drag of the bodies r", "r", self.drag)
         given = [(symbol, torque) for symbol, torque in zip(self.tau, self.torques, strict=True) if torque is not None]
         if given:
-            sections.append(Section("Springs and dampers", named([*self.twists.items(), *given])))
+            sections.append(Section("Springs and dampers", named([*self.deflections.items(), *given])))
         if self.gear_equations:
             sections.append(Section("Rigid gears", named(list(self.gear_equations))))
         if self.motor_equations:
@@ -362,7 +362,7 @@ def symbolic(model: RobotModel) -> SymbolicEquations:
         g=sp.Matrix([ring.expression(ring.diff(chain.potential, q)) for q in x.q_a]),
         friction=sp.Matrix(forces.friction),
         drag=sp.Matrix([ring.expression(row) for row in drag]),
-        twists=forces.twists,
+        deflections=forces.deflections,
         torques=tuple(forces.torques),
         motor_equations=tuple(motors),
         gear_equations=tuple(forces.gear_equations),

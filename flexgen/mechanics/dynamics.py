@@ -141,13 +141,13 @@ def rotor_torque(system: System) -> Built:
 
 def gear_law(system: System) -> Built:
     """Torques of the gears' springs, and their derivatives in the deflection; zero for rigid gears."""
-    deflection = ca.SX.sym("twist", system.model.n_g)
+    deflection = ca.SX.sym("deflection", system.model.n_g)
     tau: list[ca.SX] = []
     for k, (gear, ratio) in enumerate(gears(system.with_symbols)):
         spring = gear.spring
         tau.append(ca.SX(0) if spring is None else ratio * spring_torque(spring, ratio * deflection[k]))
     dtau = [ca.gradient(torque, deflection[k]) for k, torque in enumerate(tau)]
-    return [deflection], ["twist"], [ca.vertcat(*tau), ca.vertcat(*dtau)], ["tau_p", "dtau_p"]
+    return [deflection], ["deflection"], [ca.vertcat(*tau), ca.vertcat(*dtau)], ["tau_p", "dtau_p"]
 
 
 def gear_torque(system: System) -> Built:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import casadi as ca
 
 from flexgen.errors import ArgumentError
 from flexgen.mechanics import dynamics, inversion_functions, linearization
+from flexgen.mechanics.signatures import PYTHON_TABLE, TABLE, reference
 from flexgen.mechanics.system import Builder, System
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
@@ -16,43 +18,12 @@ from flexgen.model.reader import read
 BUILDERS: dict[str, Builder] = dynamics.BUILDERS | linearization.BUILDERS | inversion_functions.BUILDERS
 
 
-class Equations(System):
-    """Equations of motion of one model; each function is built when it is first used.
+class Equations(System):  # noqa: D101, its docstring is made from the table
+    __doc__ = f"""Equations of motion of one model; each function is built when it is first used.
 
-    Functions (`function`), arguments -> results, sizes as in the model, SI units, arm quantities on the arm side:
+    `function` gives these functions, with sizes as in the model, SI units, and arm quantities on the arm side:
 
-    ==================== ===================================== ==========================================
-    forward_kinematics   q_a                                   p (3), R (3, 3): tool in the world
-    jacobian             q_a                                   J (6, n_a): linear, then angular velocity
-    jacobian_dot         q_a, v_a                              dJ (6, n_a)
-    mass_matrix          q_a                                   M (n_a, n_a)
-    bias                 q_a, v_a                              h = c + g
-    gravity              q_a                                   g
-    inverse_dynamics     q_a, v_a, a_a                         tau_a = M a_a + c + g
-    inverse_dynamics_    q_a, v_a, a_a                         dtau_dq, dtau_dv, dtau_da (n_a, n_a)
-    derivatives
-    arm_forward_dynamics q_a, v_a, tau_a                       a_a = M^-1 (tau_a - c - g)
-    arm_residual_        q_a, v_a, a_a                         M (n_a, n_a), R (n_a, 2 n_a) = d tau_a/d(q_a, v_a)
-    jacobians
-    arm_forces           q_a, v_a                              frictions and drags on the arm, as they act
-    motor_friction       v_m                                   f_m (n_m)
-    rotor_torque         q_a, v_a, a_a, v_m, a_m               d/dt of the rotors' axial momentum (n_m)
-    gear_law             twist (n_g, arm side)                 tau_p (n_g), dtau_p (n_g): zero for rigid gears
-    gear_torque          q_a, v_a, q_m, v_m                    tau_g (n_g); zero for rigid gears
-    elastic_torque       q_a, v_a                              tau_e (n_e)
-    forward_dynamics     q_a, v_a, q_m, v_m, tau_m             a_a, a_m
-    residual             q_a, v_a, a_a, q_m, v_m, a_m, tau_m   r_a (n_a), r_m (n_m)
-    state_rate           x (n_x), tau_m                        dx: the state-space right-hand side
-    linearize            q_a, v_a, q_m, v_m, tau_m             A (n_x, n_x), B (n_x, n_m)
-    residual_jacobians   q_a, v_a, a_a, q_m, v_m, a_m, tau_m   M (n, n) = dr/dddy, R (n, 2 n + n_m) = dr/d(y, dy, tau_m)
-    energy               q_a, v_a, q_m, v_m                    kinetic, potential [J]
-    power                q_a, v_a, q_m, v_m, tau_m             P_motor, P_dissipated [W]
-    output               q_a                                   y (n_y), or p of the tool for a pose
-    places               q_a                                   corner points of the chain (3, k), for drawing
-    output_constraint    q_a, v_a, target                      y_err (n_y), W (n_y, n_a), Wdot_v (n_y)
-    inversion_jacobians     q_a, v_a, a_a                         dy1_dq, dy2_dq, dy2_dv, row, row_q, row_v, row_a
-    inversion_rows       q_a, v_a, a_a                         tau_g (n_g), row (n_e)
-    ==================== ===================================== ==========================================
+{textwrap.indent(reference([row for row in (*TABLE, *PYTHON_TABLE) if row.name in BUILDERS]), "    ")}
 
     ``x = (q_a, q_me, v_a, v_me)`` with ``q_me`` the motors behind elastic gears. Entries of ``q_m``, ``v_m``, ``a_m``
     behind rigid gears are ignored as inputs (they follow their joints) and returned filled in. ``r`` (n): residual of

@@ -24,7 +24,7 @@ def inverse_dynamics_derivatives(system: System) -> Built:
 def arm_residual_jacobians(system: System) -> Built:
     """The first derivatives of the inverse dynamics of the arm as its mass matrix and one block."""
     inputs, names, (by_q, by_v, M), _ = inverse_dynamics_derivatives(system)
-    return inputs, names, [M, ca.horzcat(by_q, by_v)], ["M", "R"]
+    return inputs, names, [M, ca.horzcat(by_q, by_v)], ["M", "R_a"]
 
 
 def state_rate(system: System) -> Built:
@@ -40,7 +40,7 @@ def residual_jacobians(system: System) -> Built:
     y, dy, _ = system.y
     r, tau_m = system.residual, system.lagrangian.tau_m
     R = ca.horzcat(ca.jacobian(r, y), ca.jacobian(r, dy), ca.jacobian(r, tau_m))
-    return symbols_of(system, MOTION), MOTION, [system.mass, R], ["M", "R"]
+    return symbols_of(system, MOTION), MOTION, [system.mass, R], ["M_y", "R_y"]
 
 
 def second_order_matrices(M: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

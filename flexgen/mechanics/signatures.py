@@ -1,7 +1,11 @@
-"""The functions that a library can have: names, equations, and the arrays that go in and come out, with their units."""
+"""The table of all functions of a model: names, equations, and the arrays that go in and come out, with their units.
+
+Header, manifest, wrappers, the help of the command line and the docstring of `Equations` are rendered from it.
+"""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -109,9 +113,9 @@ TABLE = (
     ),
     Row(
         "gear_law",
-        "Torques of the gears' springs at given twists, and their slopes; zero for rigid gears.",
-        "tau_p = spring(twist),  dtau_p = d tau_p/d twist",
-        "twist",
+        "Torques of the gears' springs at given deflections, and their derivatives; zero for rigid gears.",
+        "tau_p = spring(deflection),  dtau_p = d tau_p/d deflection",
+        "deflection",
         "tau_p dtau_p",
     ),
     Row(
@@ -121,6 +125,64 @@ TABLE = (
         "v_m",
         "f_m",
     ),
+)
+
+PYTHON_TABLE = (  # of Equations only, not emitted as C
+    Row("jacobian_dot", "Time derivative of the Jacobian of the tool.", "dJ = dJ(q_a)/dt", "q_a v_a", "dJ"),
+    Row("arm_forces", "Joint frictions and body drags of the arm, as they act.", "", "q_a v_a", "f_a"),
+    Row(
+        "rotor_torque",
+        "Time derivative of the rotors' axial momentum.",
+        "tau_r = d/dt (dT_rotors/dv_m)",
+        "q_a v_a a_a v_m a_m",
+        "tau_r",
+    ),
+    Row(
+        "gear_torque",
+        "Torques of the elastic gears, springs and dampers; zero for rigid gears.",
+        "tau_g = spring(deflection) + damping d(deflection)/dt",
+        "q_a v_a q_m v_m",
+        "tau_g",
+    ),
+    Row(
+        "elastic_torque",
+        "Torques of the springs and dampers of the coordinates without motor.",
+        "tau_e = -K_e q_e - D_e v_e for linear springs",
+        "q_a v_a",
+        "tau_e",
+    ),
+    Row(
+        "residual",
+        "Residuals of the equations of motion: of the arm's coordinates, then of the motors.",
+        "r = d/dt dL/ddy - dL/dy - forces(y, dy, tau_m),  y = (q_a, q_m)",
+        "q_a v_a a_a q_m v_m a_m tau_m",
+        "r_a r_m",
+    ),
+    Row(
+        "residual_jacobians",
+        "Jacobians of the residual in y = (q_a, q_m of the motors behind elastic gears), n = n_x/2 of them.",
+        "M_y = dr/dddy,  R_y = dr/d(y, dy, tau_m)",
+        "q_a v_a a_a q_m v_m a_m tau_m",
+        "M_y R_y",
+    ),
+    Row(
+        "arm_residual_jacobians",
+        "First derivatives of the inverse dynamics as the mass matrix and one block.",
+        "R_a = d tau_a/d(q_a, v_a)",
+        "q_a v_a a_a",
+        "M R_a",
+    ),
+    Row("state_rate", "Right-hand side of the state-space equations.", "dx/dt = dx(x, tau_m)", "x tau_m", "dx"),
+    Row("energy", "Kinetic and potential energy.", "", "q_a v_a q_m v_m", "kinetic potential"),
+    Row(
+        "power",
+        "Power of the motors, and power that frictions, dampers and drags dissipate.",
+        "d(kinetic + potential)/dt = P_motor - P_dissipated",
+        "q_a v_a q_m v_m tau_m",
+        "P_motor P_dissipated",
+    ),
+    Row("output", "The declared output; for a pose the position of the tool.", "y = y(q_a)", "q_a", "y"),
+    Row("chain_points", "Corner points of the chain, for drawing.", "", "q_a", "chain_points"),
 )
 
 FUNCTIONS = tuple(row.name for row in TABLE)
@@ -162,11 +224,46 @@ PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "row_v": (("n_e", "n_a"), "mixed", "d row/dv_a"),
     "row_a": (("n_e", "n_a"), "{M}", "d row/da_a: rows of the mass matrix"),
     "tau_g": (("n_g",), "{tau}", "torques of the gears on the arm, arm side"),
-    "twist": (("n_g",), "{q}", "motors seen from the arm side, less the coordinates"),
+    "deflection": (("n_g",), "{q}", "of the gears, arm side: eta^-1 q_m - q_g"),
     "tau_p": (("n_g",), "{tau}", "torques of the gears' springs, arm side"),
     "dtau_p": (("n_g",), "mixed", "unit of the torque per unit of the coordinate"),
     "f_m": (("n_m",), "N m", "friction torques, motor side"),
 }
+# of the functions in PYTHON_TABLE; n = n_x/2, k: corner points
+PYTHON_PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
+    "dJ": (("6", "n_a"), "mixed", "as J, per second"),
+    "f_a": (("n_a",), "{tau}", "friction and drag forces, arm side"),
+    "tau_r": (("n_m",), "N m", "rate of the rotors' momentum, motor side"),
+    "tau_e": (("n_e",), "{tau}", "torques of springs and dampers"),
+    "r_a": (("n_a",), "{tau}", "residual of the arm, arm side"),
+    "r_m": (("n_m",), "N m", "residual of the motors, motor side"),
+    "M_y": (("n", "n"), "mixed", "mass matrix of y"),
+    "R_y": (("n", "2 * n + n_m"), "mixed", "derivatives in y, dy and tau_m"),
+    "R_a": (("n_a", "2 * n_a"), "mixed", "derivatives in q_a and v_a"),
+    "x": (("n_x",), "mixed", "state (q_a, q_m, v_a, v_m), of the motors only those behind elastic gears"),
+    "dx": (("n_x",), "mixed", "its time derivative"),
+    "kinetic": ((), "J", "kinetic energy"),
+    "potential": ((), "J", "potential energy of gravity and springs"),
+    "P_motor": ((), "W", "power of the motors"),
+    "P_dissipated": ((), "W", "dissipated power"),
+    "y": (("n_y",), "{y}", "output"),
+    "chain_points": (("3", "k"), "m", "points, world axes"),
+}
+
+
+def reference(rows: Sequence[Row]) -> str:
+    """Text of a table for docstrings: name, inputs -> outputs with shapes, summary and equation."""
+    lines = []
+    for row in rows:
+        shapes = []
+        for name in row.outputs.split():
+            extents = (PORTS | PYTHON_PORTS)[name][0]
+            shapes.append(f"{name} ({', '.join(extents).replace(' * ', ' ')})" if extents else name)
+        text = row.summary + (f" ``{row.equation}``" if row.equation else "")
+        head = f"{row.name}({', '.join(row.inputs.split())}) -> {', '.join(shapes)}"
+        lines += textwrap.wrap(head, 112, subsequent_indent="        ")
+        lines += [f"    {line}" for line in textwrap.wrap(text, 108, break_on_hyphens=False)]
+    return "\n".join(lines)
 
 
 def _unit(template: str, units: Sequence[str]) -> tuple[str, str]:

@@ -50,19 +50,19 @@ def gear_deflection(equations: Equations, tau: np.ndarray) -> np.ndarray:
             break
         high = np.where(short, 2 * high, high)
     lower, upper = -high, high.copy()
-    twist = np.clip(target / np.maximum(slope0.reshape(target.shape), 1e-6), lower, upper)
+    deflection = np.clip(target / np.maximum(slope0.reshape(target.shape), 1e-6), lower, upper)
     for _ in range(200):
-        value, slope = (x.reshape(target.shape) for x in evaluate(function, twist))
+        value, slope = (x.reshape(target.shape) for x in evaluate(function, deflection))
         error = value - target
-        lower, upper = np.where(error <= 0, twist, lower), np.where(error >= 0, twist, upper)
-        step = twist - error / np.where(slope > 0, slope, 1.0)
+        lower, upper = np.where(error <= 0, deflection, lower), np.where(error >= 0, deflection, upper)
+        step = deflection - error / np.where(slope > 0, slope, 1.0)
         inside = (step >= lower) & (step <= upper) & (slope > 0)
         new = np.where(elastic, np.where(inside, step, (lower + upper) / 2), 0.0)
-        done = np.abs(new - twist) <= 4e-16 * np.abs(twist) + 1e-300
-        twist = new
+        done = np.abs(new - deflection) <= 4e-16 * np.abs(deflection) + 1e-300
+        deflection = new
         if done.all():
             break
-    return twist
+    return deflection
 
 
 def reach(equations: Equations) -> float:

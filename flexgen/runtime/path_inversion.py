@@ -191,13 +191,7 @@ class Inverter:
         )
         self._pool.append(work)
         reported: dict[str, Any] = {key: getattr(info, key) for key, *_ in structs["inversion_info"]._fields_}
-        if status < 0:
-            exception, text = self._failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))
-            residual = reported["residual"]
-            reached = (
-                "" if np.isnan(residual) else f" (residual {residual:.3g} after {reported['iterations']} iterations)"
-            )
-            raise exception(f"{function}: {text}{reached}")
+        self._check_status(status, reported)
         return Inversion(
             **out,
             n_pre=counts["n_pre"],
@@ -206,6 +200,14 @@ class Inverter:
             converged=status == 0,
             **reported,
         )
+
+    def _check_status(self, status: int, reported: dict[str, Any]) -> None:
+        """The exception of a negative status."""
+        if status < 0:
+            exception, text = self._failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))
+            residual, iterations = reported["residual"], reported["iterations"]
+            reached = "" if np.isnan(residual) else f" (residual {residual:.3g} after {iterations} iterations)"
+            raise exception(f"{self._function}: {text}{reached}")
 
     def _samples(self, y: Any, dy: Any, ddy: Any) -> dict[str, np.ndarray]:
         """The samples of the path, checked."""

@@ -304,17 +304,17 @@ elbow_status elbow_inversion_rows(const elbow_real q_a[ELBOW_NA], const elbow_re
     const elbow_real a_a[ELBOW_NA], elbow_real tau_g[ELBOW_NG]);
 
 /*
- * Torques of the gears' springs at given twists, and their slopes; zero for rigid gears.
+ * Torques of the gears' springs at given deflections, and their derivatives; zero for rigid gears.
  *
- *   tau_p = spring(twist),  dtau_p = d tau_p/d twist
+ *   tau_p = spring(deflection),  dtau_p = d tau_p/d deflection
  *
- *   in  twist  n_g [rad]   motors seen from the arm side, less the coordinates
- *   out tau_p  n_g [N m]   torques of the gears' springs, arm side
- *   out dtau_p n_g [mixed] unit of the torque per unit of the coordinate
+ *   in  deflection n_g [rad]   of the gears, arm side: eta^-1 q_m - q_g
+ *   out tau_p      n_g [N m]   torques of the gears' springs, arm side
+ *   out dtau_p     n_g [mixed] unit of the torque per unit of the coordinate
  * 2 operations, the longest chain about 4 cycles; stack of one point at most 1280 bytes
  */
 ELBOW_API
-elbow_status elbow_gear_law(const elbow_real twist[ELBOW_NG], elbow_real tau_p[ELBOW_NG],
+elbow_status elbow_gear_law(const elbow_real deflection[ELBOW_NG], elbow_real tau_p[ELBOW_NG],
     elbow_real dtau_p[ELBOW_NG]);
 
 /*

@@ -115,10 +115,10 @@ elbow_status elbow_inversion_rows_batch(int n, const elbow_real *q_a, const elbo
     elbow_real *tau_g, elbow_real *work);
 
 /*
- * Torques of the gears' springs at given twists, and their slopes; zero for rigid gears.
+ * Torques of the gears' springs at given deflections, and their derivatives; zero for rigid gears.
  */
 ELBOW_API
-elbow_status elbow_gear_law_batch(int n, const elbow_real *twist, elbow_real *tau_p, elbow_real *dtau_p,
+elbow_status elbow_gear_law_batch(int n, const elbow_real *deflection, elbow_real *tau_p, elbow_real *dtau_p,
     elbow_real *work);
 
 /*

@@ -272,10 +272,10 @@ int main(void)
         }
     }
     {
-        const elbow_real twist[ELBOW_NG] = {0.0, 0.0};
+        const elbow_real deflection[ELBOW_NG] = {0.0, 0.0};
         elbow_real tau_p[ELBOW_NG];
         elbow_real dtau_p[ELBOW_NG];
-        status = elbow_gear_law(twist, tau_p, dtau_p);
+        status = elbow_gear_law(deflection, tau_p, dtau_p);
         printf("gear_law: %s\n", elbow_status_text(status));
         if (status == ELBOW_OK) {
             show("tau_p", "N m", tau_p, ELBOW_NG, 1);

@@ -41,7 +41,7 @@ INVERTING = [*(name for name in model_names() if read(name).inversion_obstacle()
 def state(model: RobotModel, seed: int = 1) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(seed)
     out = {name: rng.uniform(-1.0, 1.0, model.n_a) for name in ("q_a", "v_a", "a_a")}
-    return {**out, "target": rng.uniform(-1.0, 1.0, model.output.target_size), "twist": rng.normal(size=model.n_g)}
+    return {**out, "target": rng.uniform(-1.0, 1.0, model.output.target_size), "deflection": rng.normal(size=model.n_g)}
 
 
 def values(function, given: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
@@ -154,15 +154,17 @@ def test_the_rows_are_the_equations_of_motion(name):
 def test_the_gear_law_is_that_of_the_springs():
     equations = equations_of("planar5_nmp")
     rng, n_g = np.random.default_rng(3), equations.model.n_g
-    given = {"twist": 1e-3 * rng.normal(size=n_g)}
+    given = {"deflection": 1e-3 * rng.normal(size=n_g)}
     law = values(equations.function("gear_law"), given)
     state_of = {"q_a": np.zeros(equations.model.n_a), "v_a": np.zeros(equations.model.n_a), "v_m": np.zeros(n_g)}
-    torque = values(equations.function("gear_torque"), state_of | {"q_m": equations.model.eta @ given["twist"]})[
+    torque = values(equations.function("gear_torque"), state_of | {"q_m": equations.model.eta @ given["deflection"]})[
         "tau_g"
     ]
     assert np.allclose(law["tau_p"], torque, rtol=1e-13, atol=0)
     step = 1e-7
-    sides = [values(equations.function("gear_law"), {"twist": given["twist"] + h})["tau_p"] for h in (step, -step)]
+    sides = [
+        values(equations.function("gear_law"), {"deflection": given["deflection"] + h})["tau_p"] for h in (step, -step)
+    ]
     assert np.allclose(law["dtau_p"], (sides[0] - sides[1]) / (2 * step), rtol=1e-6, atol=0)
     rigid = values(equations_of("ur5_elastic").function("gear_law"), state(equations_of("ur5_elastic").model))
     assert not rigid["tau_p"].any() and not rigid["dtau_p"].any()

@@ -35,7 +35,7 @@ ONE_PART_ERROR = 1e-6
 # Torque of the stream and of the whole path, relative to the largest: their motions agree to 1e-12 rad, their
 # derivatives, by differences, to 6e-6.
 AGREES = 2e-5
-STIFF_AGREES = 1e-4  # the same for gears that stiffen, whose twist is integrated: measured 7e-6
+STIFF_AGREES = 1e-4  # the same for gears that stiffen, whose deflection is integrated: measured 7e-6
 MOST = 22.0  # N m: a bound that the path would pass by a tenth
 DIFFERENCES = 6  # samples beyond an interval that derivatives need
 STILL = 1e-9  # N m and rad/s: what changes at rest is rounding

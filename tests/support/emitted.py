@@ -52,7 +52,7 @@ def sources(folder: Path) -> list[Path]:
 
 
 def random_states(model, n: int) -> dict[str, np.ndarray]:
-    """Moderate states: gears twisted by some mrad, motors moving with their joints."""
+    """Moderate states: gears deflected by some mrad, motors moving with their joints."""
     rng = np.random.default_rng(20240229)
     i_g = list(model.i_g)
     x = {"q_a": 0.7 * rng.normal(size=(n, model.n_a)), "v_a": rng.normal(size=(n, model.n_a))}
@@ -64,7 +64,7 @@ def random_states(model, n: int) -> dict[str, np.ndarray]:
     x["tau_a"] = 100.0 * rng.normal(size=(n, model.n_a))
     x["tau_a"] = 10.0 * rng.normal(size=(n, model.n_a))
     x["target"] = rng.normal(size=(n, model.output.target_size))
-    x["twist"] = 1e-3 * rng.normal(size=(n, model.n_g))
+    x["deflection"] = 1e-3 * rng.normal(size=(n, model.n_g))
     return x
 
 

@@ -54,7 +54,7 @@ const char *elbow_digest(void)
 
 const char *elbow_interface(void)
 {
-    return "759867ce3d3aff74beb0c0444ef655c8eb5ae9a988f45186b38f98be3d3fd936";
+    return "a783424d9ec656c2c16c26f6e31e167d89a8a6370d3be767c64a175ceea1d058";
 }
 
 int elbow_abi_version(void)

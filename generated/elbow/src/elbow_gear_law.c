@@ -14,11 +14,11 @@
 #include "elbow_gear_law_body.h"
 
 /* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status gear_law_failed(const real *twist, real *tau_p, real *dtau_p, int n, ptrdiff_t stride)
+static SEPARATE elbow_status gear_law_failed(const real *deflection, real *tau_p, real *dtau_p, int n, ptrdiff_t stride)
 {
     elbow_status first = ELBOW_OK;
     for (int k = 0; k < n; ++k) {
-        const int known = all_finite(twist + k, ELBOW_NG, stride);
+        const int known = all_finite(deflection + k, ELBOW_NG, stride);
         if (known && all_finite(tau_p + k, ELBOW_NG, stride) && all_finite(dtau_p + k, ELBOW_NG, stride)) {
             continue;
         }
@@ -31,19 +31,19 @@ static SEPARATE elbow_status gear_law_failed(const real *twist, real *tau_p, rea
     return first;
 }
 
-elbow_status elbow_gear_law(const elbow_real twist[ELBOW_NG], elbow_real tau_p[ELBOW_NG],
+elbow_status elbow_gear_law(const elbow_real deflection[ELBOW_NG], elbow_real tau_p[ELBOW_NG],
     elbow_real dtau_p[ELBOW_NG])
 {
-    if (twist == NULL || tau_p == NULL || dtau_p == NULL) {
+    if (deflection == NULL || tau_p == NULL || dtau_p == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (gear_law_evaluate_1(twist, tau_p, dtau_p) == 0) {
+    if (gear_law_evaluate_1(deflection, tau_p, dtau_p) == 0) {
         return ELBOW_OK;
     }
-    return gear_law_failed(twist, tau_p, dtau_p, 1, 1);
+    return gear_law_failed(deflection, tau_p, dtau_p, 1, 1);
 }
 
-elbow_status elbow_gear_law_batch(int n, const elbow_real *twist, elbow_real *tau_p, elbow_real *dtau_p,
+elbow_status elbow_gear_law_batch(int n, const elbow_real *deflection, elbow_real *tau_p, elbow_real *dtau_p,
     elbow_real *work)
 {
     /* Arrays are copied where columns of results share the same cache lines, and for the last points. */
@@ -53,7 +53,7 @@ elbow_status elbow_gear_law_batch(int n, const elbow_real *twist, elbow_real *ta
     if (n < 0) {
         return ELBOW_BAD_COUNT;
     }
-    if (twist == NULL || tau_p == NULL || dtau_p == NULL || work == NULL) {
+    if (deflection == NULL || tau_p == NULL || dtau_p == NULL || work == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
 #ifdef _OPENMP
@@ -75,21 +75,21 @@ elbow_status elbow_gear_law_batch(int n, const elbow_real *twist, elbow_real *ta
             const int count = n - first < 64 ? n - first : 64;
             const int copied = collide || count % LANES != 0;
             ptrdiff_t stride = n;
-            const real *at_twist = twist + first;
+            const real *at_deflection = deflection + first;
             real *at_tau_p = tau_p + first;
             real *at_dtau_p = dtau_p + first;
             if (copied) {
                 real *at = space + 0 * LANES;
                 stride = 64;
-                gather_points(at_twist, ELBOW_NG, count, n, at, 64);
-                at_twist = at;
+                gather_points(at_deflection, ELBOW_NG, count, n, at, 64);
+                at_deflection = at;
                 at += ELBOW_NG * 64;
                 at_tau_p = at;
                 at += ELBOW_NG * 64;
                 at_dtau_p = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += gear_law_evaluate_v(at_twist + k, at_tau_p + k, at_dtau_p + k, stride);
+                zero += gear_law_evaluate_v(at_deflection + k, at_tau_p + k, at_dtau_p + k, stride);
             }
             if (copied) {
                 scatter_points(at_tau_p, ELBOW_NG, count, 64, tau_p + first, n);
@@ -98,7 +98,7 @@ elbow_status elbow_gear_law_batch(int n, const elbow_real *twist, elbow_real *ta
         }
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : gear_law_failed(twist, tau_p, dtau_p, n, n);
+    return bad == 0 ? ELBOW_OK : gear_law_failed(deflection, tau_p, dtau_p, n, n);
 }
 
 #include "elbow_undefine.h"

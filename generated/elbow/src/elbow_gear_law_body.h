@@ -1,10 +1,10 @@
 /* elbow: gear_law, the mathematics; included for T a real and for T lanes of reals. Written by flexgen. */
-static T F(gear_law_evaluate)(const real *RESTRICT twist, real *RESTRICT tau_p, real *RESTRICT dtau_p STRIDE(ptrdiff_t n))
+static T F(gear_law_evaluate)(const real *RESTRICT deflection, real *RESTRICT tau_p, real *RESTRICT dtau_p STRIDE(ptrdiff_t n))
 {
-    const T t1 = IN(twist, 0);
+    const T t1 = IN(deflection, 0);
     const T t2 = 7518900.0 * t1;
     OUT(tau_p, 0, t2);
-    const T t4 = IN(twist, 1);
+    const T t4 = IN(deflection, 1);
     const T t5 = 4099900.0 * t4;
     OUT(tau_p, 1, t5);
     OUT(dtau_p, 0, F(splat)(7518900.0));

@@ -28,7 +28,7 @@ static const real rotor_inertia[ELBOW_NM] = {0.0118, 0.0118};
 #define ELBOW_INVERSION_SPACE 896 /* reals */
 #define evaluate_output_constraint(q_a, v_a, target, y_err, W, Wdot_v, work) ((void)(work), elbow_output_constraint(q_a, v_a, target, y_err, W, Wdot_v))
 #define evaluate_inversion_rows(q_a, v_a, a_a, tau_g, work) ((void)(work), elbow_inversion_rows(q_a, v_a, a_a, tau_g))
-#define evaluate_gear_law(twist, tau_p, dtau_p, work) ((void)(work), elbow_gear_law(twist, tau_p, dtau_p))
+#define evaluate_gear_law(deflection, tau_p, dtau_p, work) ((void)(work), elbow_gear_law(deflection, tau_p, dtau_p))
 #define evaluate_motor_friction(v_m, f_m, work) ((void)(work), elbow_motor_friction(v_m, f_m))
 
 #endif
