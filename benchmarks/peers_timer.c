@@ -10,7 +10,8 @@
  *   candidate LABEL KIND LIBRARY SYMBOL EXTRA
  *     KIND point: the emitted function; batch: the emitted batch function, EXTRA soa/N or aos/N for N points; casadi: a
  *     function that CasADi emitted; pinocchio: peers_pinocchio.cpp, SYMBOL the quantity, EXTRA the model's file
- * Answers, a line for each candidate: LABEL, deviation from the first candidate, minimum and median of ns per evaluation.
+ * Answers, a line for each candidate: LABEL, deviation from the first candidate, minimum and median of ns per
+ * evaluation.
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -89,12 +90,12 @@ static function *symbol(void *library, const char *name, int needed)
  * anything but the calls: the arrays of all states were put into a table before.
  */
 #define P double *
-#define CALLS(TYPE, ...)                                                                     \
-    do {                                                                                     \
-        int (*const f)TYPE = (int (*)TYPE)c->entry;                                          \
-        for (long i = 0; i < calls; ++i, x += n, x = x == end ? c->table : x) {              \
-            status |= f(__VA_ARGS__);                                                        \
-        }                                                                                    \
+#define CALLS(TYPE, ...) \
+    do { \
+        int(*const f) TYPE = (int(*) TYPE)c->entry; \
+        for (long i = 0; i < calls; ++i, x += n, x = x == end ? c->table : x) { \
+            status |= f(__VA_ARGS__); \
+        } \
     } while (0)
 
 static void run(struct candidate *c, long first, long calls)
@@ -103,17 +104,38 @@ static void run(struct candidate *c, long first, long calls)
     double **const end = c->table + (long)n * c->states, **x = c->table + (long)n * first;
     int status = 0;
     switch (c->kind[0] == 'b' ? -n : n) {
-    case 3: CALLS((P, P, P), x[0], x[1], x[2]); break;
-    case 4: CALLS((P, P, P, P), x[0], x[1], x[2], x[3]); break;
-    case 5: CALLS((P, P, P, P, P), x[0], x[1], x[2], x[3], x[4]); break;
-    case 6: CALLS((P, P, P, P, P, P), x[0], x[1], x[2], x[3], x[4], x[5]); break;
-    case 7: CALLS((P, P, P, P, P, P, P), x[0], x[1], x[2], x[3], x[4], x[5], x[6]); break;
-    case -3: CALLS((int, P, P, P), k, x[0], x[1], x[2]); break;
-    case -4: CALLS((int, P, P, P, P), k, x[0], x[1], x[2], x[3]); break;
-    case -5: CALLS((int, P, P, P, P, P), k, x[0], x[1], x[2], x[3], x[4]); break;
-    case -6: CALLS((int, P, P, P, P, P, P), k, x[0], x[1], x[2], x[3], x[4], x[5]); break;
-    case -7: CALLS((int, P, P, P, P, P, P, P), k, x[0], x[1], x[2], x[3], x[4], x[5], x[6]); break;
-    default: fail("arrays of a function", "given a number that this program has no call for");
+    case 3:
+        CALLS((P, P, P), x[0], x[1], x[2]);
+        break;
+    case 4:
+        CALLS((P, P, P, P), x[0], x[1], x[2], x[3]);
+        break;
+    case 5:
+        CALLS((P, P, P, P, P), x[0], x[1], x[2], x[3], x[4]);
+        break;
+    case 6:
+        CALLS((P, P, P, P, P, P), x[0], x[1], x[2], x[3], x[4], x[5]);
+        break;
+    case 7:
+        CALLS((P, P, P, P, P, P, P), x[0], x[1], x[2], x[3], x[4], x[5], x[6]);
+        break;
+    case -3:
+        CALLS((int, P, P, P), k, x[0], x[1], x[2]);
+        break;
+    case -4:
+        CALLS((int, P, P, P, P), k, x[0], x[1], x[2], x[3]);
+        break;
+    case -5:
+        CALLS((int, P, P, P, P, P), k, x[0], x[1], x[2], x[3], x[4]);
+        break;
+    case -6:
+        CALLS((int, P, P, P, P, P, P), k, x[0], x[1], x[2], x[3], x[4], x[5]);
+        break;
+    case -7:
+        CALLS((int, P, P, P, P, P, P, P), k, x[0], x[1], x[2], x[3], x[4], x[5], x[6]);
+        break;
+    default:
+        fail("arrays of a function", "given a number that this program has no call for");
     }
     if (status != 0) {
         fail("a status other than 0", c->label);
@@ -122,8 +144,8 @@ static void run(struct candidate *c, long first, long calls)
 
 static void run_casadi(struct candidate *c, long first, long calls)
 {
-    int (*const f)(const double **, double **, long long *, double *, int) =
-        (int (*)(const double **, double **, long long *, double *, int))c->entry;
+    int (*const f)(const double **, double **, long long *, double *,
+        int) = (int (*)(const double **, double **, long long *, double *, int))c->entry;
     const double **const end = c->arg + (long)c->n_arg * c->states, **arg = c->arg + (long)c->n_arg * first;
     for (long i = 0; i < calls; ++i, arg += c->n_arg, arg = arg == end ? c->arg : arg) {
         f(arg, c->res, c->iw, c->work, 0);
@@ -198,8 +220,8 @@ static void prepare(struct candidate *c, const char *library, const char *name, 
     }
     if (strcmp(c->kind, "pinocchio") == 0) {
         function *open = symbol(opened, "peer_open", 1);
-        c->peer = ((void *(*)(const char *, const char *, const double *, int, int))open)(name, extra, states, n_states,
-                                                                                         total_in);
+        c->peer = ((void *(*)(const char *, const char *, const double *, int, int))open)(
+            name, extra, states, n_states, total_in);
         if (c->peer == NULL) {
             fail("Pinocchio's side does not have", name);
         }
@@ -215,8 +237,8 @@ static void prepare(struct candidate *c, const char *library, const char *name, 
     snprintf(other, sizeof other, "%s_work", name);
     if (strcmp(c->kind, "casadi") == 0) {
         long long sizes[4] = {0, 0, 0, 0};
-        ((int (*)(long long *, long long *, long long *, long long *))symbol(opened, other, 1))(sizes, sizes + 1, sizes + 2,
-                                                                                               sizes + 3);
+        ((int (*)(long long *, long long *, long long *, long long *))symbol(opened, other, 1))(
+            sizes, sizes + 1, sizes + 2, sizes + 3);
         c->n_arg = (int)sizes[0] + n_in;
         c->arg = memory(sizeof(double *) * (size_t)(c->n_arg * n_states));
         for (int k = 0; k < n_states; ++k) {
