@@ -69,13 +69,17 @@ fuzz: $(VENV)/.test                ## 10,000 mutated files for each reader of fi
 	@echo "flexgen: mutated files, about 5 minutes on two cores"
 	@$(RUN_TESTS) -m fuzz tests/fuzz $(PYTEST)
 
+C_FILES := $(wildcard flexgen/clib/*.[ch] examples/*.[ch] benchmarks/*.[ch] tests/support/*/*.[ch])
+
 lint: $(VENV)/.lint                ## check format and style
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/clang-format --dry-run -Werror $(C_FILES)
 
 format: $(VENV)/.lint              ## write the format and the fixes of ruff
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+	$(BIN)/clang-format -i $(C_FILES)
 
 types: $(VENV)/.lint               ## check the static types
 	$(BIN)/mypy
