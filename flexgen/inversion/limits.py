@@ -66,9 +66,9 @@ class _Horizon:
     path: tuple[np.ndarray, np.ndarray, np.ndarray]
     period: float
     before: int
-    lead: int
-    tail: int
-    every: int
+    n_pre: int
+    n_post: int
+    samples_per_interval: int
     q_start: np.ndarray
     tolerance: float
     deviations: DeviationBasis
@@ -76,14 +76,14 @@ class _Horizon:
     def invert(self, c: np.ndarray) -> Inversion:
         """The inversion of the modified path with the coefficients ``c`` (count, n_y)."""
         deviation = (self.deviations.along(c), self.deviations.along(c, 1), self.deviations.along(c, 2))
-        place, rate, rate2 = deviated_path(*self.path, deviation)
+        y, dy, ddy = deviated_path(*self.path, deviation)
         return self.library.invert(
-            *(np.ascontiguousarray(x) for x in (place, rate, rate2)),
+            *(np.ascontiguousarray(x) for x in (y, dy, ddy)),
             period=self.period,
             q_start=self.q_start,
-            n_pre=self.lead,
-            n_post=self.tail,
-            samples_per_interval=self.every,
+            n_pre=self.n_pre,
+            n_post=self.n_post,
+            samples_per_interval=self.samples_per_interval,
             tolerance=self.tolerance,
         )
 
@@ -150,7 +150,7 @@ class _Bounds:
 
 
 def enforce_limits(
-    problem: InversionProblem, unlimited: Inversion, library: Library, every: int, tolerance: float
+    problem: InversionProblem, unlimited: Inversion, library: Library, samples_per_interval: int, tolerance: float
 ) -> MethodResult:
     """The result that keeps the limits: that of the path where no limit is active, else that of a modified path.
 
@@ -162,7 +162,7 @@ def enforce_limits(
         Of the path itself.
     library : Library
         Of the model.
-    every, tolerance : int, float
+    samples_per_interval, tolerance : int, float
         Arguments of the inversion, see `flexgen.runtime.path_inversion.Inverter`.
 
     Raises
@@ -175,7 +175,7 @@ def enforce_limits(
     if not bounds.any or np.abs(bounds.values(bounds.followed(unlimited))).max() <= 1.0:
         return from_library(unlimited)
     bounds.check_equilibrium(problem)
-    horizon = _horizon(problem, unlimited, library, every, tolerance)
+    horizon = _horizon(problem, unlimited, library, samples_per_interval, tolerance)
     c, found, rounds = _modify_path(problem, horizon, bounds)
     result = from_library(found)
     off = horizon.deviations.along(c)
@@ -186,7 +186,7 @@ def enforce_limits(
     return replace(
         result,
         t=result.t - horizon.before * horizon.period,
-        preactuation=(horizon.before + horizon.lead) * horizon.period,
+        preactuation=(horizon.before + horizon.n_pre) * horizon.period,
         status=Status.LIMITS_ACTIVE if max(meters, angle) > NOTICED else Status.SOLVED,
         verdict=f"the limits are active: path deviation up to {size}, {rounds} quadratic programs",
         details={**result.details, "deviation_max_m": meters, "deviation_max_rad": angle, "programs": rounds},
@@ -194,12 +194,12 @@ def enforce_limits(
 
 
 def _horizon(
-    problem: InversionProblem, unlimited: Inversion, library: Library, every: int, tolerance: float
+    problem: InversionProblem, unlimited: Inversion, library: Library, samples_per_interval: int, tolerance: float
 ) -> _Horizon:
     """The path with time for deviations before it and after it."""
     path, period, duration = problem.path, unlimited.period, problem.path.duration
-    lead, tail = unlimited.n_pre, unlimited.n_post
-    spacing = max(duration / KNOTS, PER_KNOT * every * period)
+    n_pre, n_post = unlimited.n_pre, unlimited.n_post
+    spacing = max(duration / KNOTS, PER_KNOT * samples_per_interval * period)
     before = int(np.ceil((problem.windows[0] + SUPPORT * spacing) / period))
     after = int(np.ceil((LATE * duration + SUPPORT * spacing) / period))
     steps = round(duration / period)
@@ -208,7 +208,18 @@ def _horizon(
     samples = (Reduction(problem.equations).targets(sample), sample.derivative(1), sample.derivative(2))
     count = int((t[-1] - t[0]) / spacing + 1e-9) - SUPPORT + 1
     deviations = DeviationBasis(t, t[0], spacing, count)
-    return _Horizon(library, samples, period, before, lead, tail, every, path.q_start, ROUGH * tolerance, deviations)
+    return _Horizon(
+        library,
+        samples,
+        period,
+        before,
+        n_pre,
+        n_post,
+        samples_per_interval,
+        path.q_start,
+        ROUGH * tolerance,
+        deviations,
+    )
 
 
 def _modify_path(problem: InversionProblem, horizon: _Horizon, bounds: _Bounds) -> tuple[np.ndarray, Inversion, int]:
@@ -262,7 +273,7 @@ def _jacobian(
     ahead, behind = DECAYING / DECAY * preactuation, DECAYING / SETTLING * settling
     half = SUPPORT / 2 * deviations.spacing
     apart = min(deviations.count, int(np.ceil((2 * half + ahead + behind) / deviations.spacing)))
-    times = (np.arange(n) - horizon.lead - horizon.before) * horizon.period
+    times = (np.arange(n) - horizon.n_pre - horizon.before) * horizon.period
     push = PUSH * deviations.spacing**2
     rows, columns, entries = [], [], []
     reaches = [

@@ -39,8 +39,14 @@ def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int
             )
         steps = coarser
     period = duration / steps
-    every = max(1, round(h / period))
-    return steps + 1, period, every, int(np.ceil(before / period - 1e-9)), int(np.ceil(after / period - 1e-9))
+    samples_per_interval = max(1, round(h / period))
+    return (
+        steps + 1,
+        period,
+        samples_per_interval,
+        int(np.ceil(before / period - 1e-9)),
+        int(np.ceil(after / period - 1e-9)),
+    )
 
 
 def samples(reduction: Reduction, path: Path, period: float, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

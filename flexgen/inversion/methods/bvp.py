@@ -43,14 +43,14 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     library = inversion_library(
         problem.equations, "bvp", native=bool(problem.options.get("native", False)), progress=problem.progress
     )
-    n, period, every, lead, tail = grid(problem, min(2 * h, LONGEST) if problem.mesh is None else h)
+    n, period, samples_per_interval, n_pre, n_post = grid(problem, min(2 * h, LONGEST) if problem.mesh is None else h)
     found = library.bvp(
         *samples(Reduction(problem.equations), problem.path, period, n),
         period=period,
         q_start=problem.path.q_start,
-        n_pre=lead,
-        n_post=tail,
-        samples_per_interval=every,
+        n_pre=n_pre,
+        n_post=n_post,
+        samples_per_interval=samples_per_interval,
         tolerance=TOLERANCE,
     )
     solved = from_library(found)

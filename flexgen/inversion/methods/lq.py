@@ -33,19 +33,19 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         problem.equations, "lq", native=bool(problem.options.get("native", False)), progress=problem.progress
     )
     path = problem.path
-    n, period, every, lead, tail = grid(problem, min(2 * h, LONGEST) if problem.mesh is None else h)
-    place, rate, rate2 = samples(Reduction(problem.equations), path, period, n)
+    n, period, samples_per_interval, n_pre, n_post = grid(problem, min(2 * h, LONGEST) if problem.mesh is None else h)
+    y, dy, ddy = samples(Reduction(problem.equations), path, period, n)
     found = library.invert(
-        place,
-        rate,
-        rate2,
+        y,
+        dy,
+        ddy,
         period=period,
         q_start=path.q_start,
-        n_pre=lead,
-        n_post=tail,
-        samples_per_interval=every,
+        n_pre=n_pre,
+        n_post=n_post,
+        samples_per_interval=samples_per_interval,
         tolerance=TOLERANCE,
     )
     if problem.limits is not None:
-        return enforce_limits(problem, found, library, every, TOLERANCE)
+        return enforce_limits(problem, found, library, samples_per_interval, TOLERANCE)
     return from_library(found)
