@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from flexgen.model.elements import RobotModel
     from flexgen.simulation.simulate import Simulation
 
-RUN = 4.0  # time of a simulation of another robot, with feedback or not, in times of the verification
+RUN = 0.25  # time of a simulation of another robot, relative to the verification, whose tolerance is tighter
 
 
 def solve(args: Namespace, log: Progress) -> VerbResult:

@@ -25,12 +25,15 @@ from flexgen.sweeps.version import code_version, wants_native
 from flexgen.sweeps.worker import run_shard
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class SweepResult:
     """Tables of a sweep, one row for each case: the results, and the times, which differ from run to run."""
 
     results: Table
     times: Table
+
+    def __repr__(self) -> str:
+        return f"<SweepResult: {len(self.results)} cases, {len(self.failures)} failed>"
 
     @property
     def failures(self) -> np.ndarray:

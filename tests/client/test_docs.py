@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from flexgen.cli.main import build_parser, main
+from flexgen.cli.main import main, parse
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -144,7 +144,7 @@ def test_commands_of_the_pages_parse():
     ]
     assert len(lines) > 15
     for line in lines:
-        given = vars(build_parser().parse_args(line.split()[1:]))
+        given = vars(parse(line.split()[1:]))
         for path in (given.get("out"), given.get("report"), given.get("trajectory")):
             assert path is None or path.parts[0] == "reports"  # which git ignores
 

@@ -78,10 +78,12 @@ def test_the_command_line(tmp_path) -> None:
         "[options]\nverify = false\nbatch = true\n",
         encoding="utf-8",
     )
-    data, text, problem, warnings = run(
+    data, text, problem, warnings, details = run(
         arguments(str(file), "--out", str(out), "--workers", "0", "--shard-size", "2"), lambda line: None
     )
-    assert (data["cases"], data["failed"], problem) == (6, 3, "") and len(warnings) == 3
+    assert (data["cases"], data["failed"], problem) == (6, 3, "") and len(details.splitlines()) == 3
+    (failure,) = data["failures"]
+    assert len(failure["cases"]) == 3 and len(warnings) == 1 and warnings[0].startswith("3 cases failed (3, 4, 5)")
     assert json.dumps(data) and [group["cases"] for group in data["groups"]] == [3, 3]
     assert "6 cases, 3 failed" in text and "closed-form" in text and f"wrote {out / 'results.npz'}" in text
     assert data["digest"] == Table.load(out / "results.npz").digest
