@@ -34,10 +34,12 @@ class OpenLoop:
     """The right-hand side ``x' = f(t, x)`` of the robot and its two observers, work and loss, which come last.
 
     ``rate(t, x)`` and ``jacobian(t, x)``: (n,) and (n, n), the rows and columns of the observers zero in the latter.
+    ``keep``: objects that must live as long as the functions.
     """
 
     rate: Callable[[float, np.ndarray], np.ndarray]
     jacobian: Callable[[float, np.ndarray], np.ndarray]
+    keep: tuple[object, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import casadi as ca
 import numpy as np
 
 from flexgen.mechanics.equations import Equations
@@ -89,22 +90,37 @@ def open_loop(equations: Equations, tau: Callable[[float], np.ndarray]) -> OpenL
     """The open loop with the states (q_a, q_me, v_a, v_me, work, loss)."""
     robot = equations.model
     n_a, n, i_m = robot.n_a, robot.dof, list(robot.i_m)
-    state_rate, power = equations.function("state_rate"), equations.function("power")
     motors, speeds = np.zeros(robot.n_m), np.zeros(robot.n_m)
+    state, torque, out = np.zeros(2 * n), np.zeros(robot.n_m), np.zeros(2 * n + 2)
+    function = _rate(equations)
+    buffer, evaluate_rate = function.buffer()  # without the conversions of a call
+    buffer.set_arg(0, memoryview(state))
+    buffer.set_arg(1, memoryview(torque))
+    buffer.set_res(0, memoryview(out))
 
     def rate(instant: float, x: np.ndarray) -> np.ndarray:
-        motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a : 2 * n]
-        torque = tau(instant)
-        given, lost = power(x[:n_a], x[n : n + n_a], motors, speeds, torque)
-        moving = np.array(state_rate(x[: 2 * n], torque)).ravel()
-        return np.concatenate([moving, [float(given), float(lost)]])
+        state[:], torque[:] = x[: 2 * n], tau(instant)
+        evaluate_rate()  # of `function`, which must live as long
+        return out.copy()
 
     def jacobian(instant: float, x: np.ndarray) -> np.ndarray:
         motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a : 2 * n]
         A, _ = equations.function("linearize")(x[:n_a], x[n : n + n_a], motors, speeds, tau(instant))
         return np.pad(np.array(A), (0, 2))
 
-    return OpenLoop(rate, jacobian)
+    return OpenLoop(rate, jacobian, (function, buffer))
+
+
+def _rate(equations: Equations) -> ca.Function:
+    """The derivative of the state and of both observers, a function of the state without them and of the torque."""
+    robot = equations.model
+    n_a, n = robot.n_a, robot.dof
+    x, torque = ca.MX.sym("x", 2 * n), ca.MX.sym("tau_m", robot.n_m)
+    motors, speeds = ca.MX.zeros(robot.n_m), ca.MX.zeros(robot.n_m)
+    for k, j in enumerate(robot.i_m):
+        motors[j], speeds[j] = x[n_a + k], x[n + n_a + k]
+    power = equations.function("power")(x[:n_a], x[n : n + n_a], motors, speeds, torque)
+    return ca.Function("rate", [x, torque], [ca.vertcat(equations.function("state_rate")(x, torque), *power)])
 
 
 def _energy(equations: Equations, x: np.ndarray) -> float:
