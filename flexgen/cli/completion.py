@@ -109,11 +109,15 @@ def zsh(parser: argparse.ArgumentParser, models: list[str]) -> str:
                 spec += ":value: "
             specs.append(f"'{spec}'")
         words = _words(verb, models)
-        specs.append(f'\'1:argument:_alternative "words:word:({" ".join(words)})" "files:file:_files"\'')
-        cases.append(f"        {name}) _arguments {' '.join(specs)} ;;")
+        if words:
+            specs.append("'1:model:_flexgen_models'" if words == models else f"'1:word:({' '.join(words)})'")
+        cases.append(f"        {name}) _arguments {' '.join(specs)} '*:file:_files' ;;")
     listed = " ".join(f"'{name}:{_help_of(verb)}'" for name, verb in verbs(parser).items())
     return f"""#compdef flexgen
 # Completion of flexgen for zsh. Use: flexgen completion zsh > a file _flexgen in a folder of $fpath
+_flexgen_models() {{
+    _alternative 'names:model:({" ".join(models)})' 'files:file:_files'
+}}
 _flexgen() {{
     local -a verbs=({listed})
     if (( CURRENT == 2 )); then

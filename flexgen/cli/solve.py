@@ -6,7 +6,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexgen.cli.printing import duration, figures, plain, simulation_rows, solution_rows, suggestion
+from flexgen.cli.printing import duration, figures, paragraph, plain, simulation_rows, solution_rows, suggestion
 from flexgen.cli.verbs import Progress, VerbResult, check_report, check_writable, derived, title, writing
 from flexgen.errors import ArgumentError
 from flexgen.inversion.status import Status
@@ -150,8 +150,8 @@ def _details(solution: Solution) -> str:
             ("evaluations of the equations of motion", run.evaluations, ""),
             ("wall time of the simulation", run.wall_s, "s"),
         ]
-    rows.append(("status", f"{solution.status.sentence} {solution.status.advice}", ""))
-    return figures(rows)
+    meaning = paragraph(f"{solution.status}: {solution.status.sentence} {solution.status.advice}")
+    return f"{figures(rows)}\n\n{meaning}" if rows else meaning
 
 
 def _chosen_move(file: Path | None, name: str | None, robot: RobotModel) -> Any:

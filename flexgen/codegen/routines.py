@@ -35,14 +35,14 @@ def program_of(name: str, equations: Any, inputs: tuple[Port, ...], outputs: tup
         jacobians = expanded("residual_jacobians", mathematics_of(equations, "residual_jacobians"))
         blocks: tuple[Block, ...] = (Block("A", n, 0, 2 * n), Block("B", n, 2 * n, n_m))
         ones = tuple(("A", i, n + i) for i in range(n))
-        solve = Solve("M", "R", n, 2 * n + n_m, False, profile(jacobians, "M"), blocks, ones)
+        solve = Solve("M_y", "R_y", n, 2 * n + n_m, False, profile(jacobians, "M_y"), blocks, ones)
         forward = expanded("forward_dynamics", mathematics_of(equations, "forward_dynamics"))
         return Routine((Expressions(forward, pivots=True), Expressions(jacobians), solve))
     if name == "arm_forward_derivatives":
         n = model.n_a
         jacobians = expanded("arm_residual_jacobians", mathematics_of(equations, "arm_residual_jacobians"))
         blocks = (Block("da_dq", 0, 0, n), Block("da_dv", 0, n, n), Block("da_dtau", 0, 2 * n, n))
-        solve = Solve("M", "R", n, 2 * n, True, profile(jacobians, "M"), blocks)
+        solve = Solve("M", "R_a", n, 2 * n, True, profile(jacobians, "M"), blocks)
         forward = expanded("arm_forward_dynamics", mathematics_of(equations, "arm_forward_dynamics"))
         return Routine((Expressions(forward, pivots=True), Expressions(jacobians), solve))
     function = mathematics_of(equations, name)

@@ -37,6 +37,7 @@ class MethodResult:
         Of the solver and of its mesh.
     details : mapping
         Further figures, JSON types.
+    warnings : tuple of str
     """
 
     t: np.ndarray
@@ -51,6 +52,7 @@ class MethodResult:
     iterations: int = 0
     intervals: int = 0
     details: Mapping[str, Any] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
 
 def with_motors(

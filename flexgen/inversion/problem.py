@@ -23,7 +23,9 @@ from flexgen.paths.smoothness import smoothness_report
 STEP = 1e-3  # s: longest sampling interval of the torque; a short move has 400 of them
 INTERVALS = 20_000  # of a mesh, at most: more do not fit into memory for large robots
 DECAY = 15.0  # time constants before the path: a share exp(-15) of the pre-actuation is cut off
-SETTLING = 6.0  # time constants after the path, for the plots only
+SETTLING = 15.0  # time constants after the path; the solution is cut where the motion has decayed, see `settling`
+LONGEST_SETTLING = 5.0  # s
+HELD = 0.5  # s: how long the last torque is held in the verification
 ROUGH = 3  # jumps of a rough path that are reported one by one
 POSES = 5  # along the path, where its zeros are computed
 ACCELERATION = 100.0  # rad/s^2 or m/s^2: scale of accelerations
@@ -65,7 +67,7 @@ class InversionProblem:
             unstable, stable = time_constants(zeros)
             before, after = max(before, unstable), max(after, stable)
         preactuation = np.clip(DECAY * before, 0.04 * scale, 2.0)
-        settling = np.clip(SETTLING * after, 0.1 * scale, 0.6 * scale)
+        settling = np.clip(SETTLING * after, 0.1 * scale, LONGEST_SETTLING)
         return float(preactuation), float(settling)
 
     @cached_property

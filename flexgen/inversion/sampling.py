@@ -57,7 +57,7 @@ def samples(reduction: Reduction, path: Path, period: float, n: int) -> tuple[np
     )  # type: ignore[return-value]
 
 
-def from_library(found: Inversion) -> MethodResult:
+def from_library(found: Inversion, warnings: tuple[str, ...] = ()) -> MethodResult:
     """The method result of an inversion in C; motor accelerations by differences, for plots and residuals."""
     t = found.t
     step = t[1] - t[0]
@@ -79,6 +79,7 @@ def from_library(found: Inversion) -> MethodResult:
             "converged": found.converged,
             "kinematic_mismatch": found.kinematic_mismatch,
         },
+        warnings=warnings,
     )
 
 

@@ -17,7 +17,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, METHODS, NAMES, Method
-from flexgen.inversion.problem import INTERVALS, InversionProblem
+from flexgen.inversion.problem import HELD, INTERVALS, InversionProblem
 from flexgen.inversion.solution import Solution, exceeded, has_kinks, relative_residual, residual_max
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations, derive
@@ -270,6 +270,7 @@ def _refined(
             solution.trajectory,
             start=problem.equilibrium,
             windows=solution.status != Status.BASELINE,  # the states of a baseline are not those of the robot
+            held=0.0 if solution.status == Status.BASELINE else HELD,
             progress=problem.progress,
         )
         plan = plan_error(problem.equations, solution, simulation) if solution.status == Status.LIMITS_ACTIVE else None
@@ -379,7 +380,7 @@ def make_solution(problem: InversionProblem, method: str, result: MethodResult) 
         cpu_s=0.0,
         preactuation_s=result.preactuation,
         simulation=None,
-        warnings=(*exceeded(equations.model, trajectory), *problem.too_rough),
+        warnings=(*exceeded(equations.model, trajectory), *problem.too_rough, *result.warnings),
         intervals=result.intervals,
         details=dict(result.details),
     )

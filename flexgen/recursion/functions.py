@@ -218,7 +218,7 @@ def _inverse_dynamics_derivatives(arm: Arm) -> Built:
 def _arm_residual_jacobians(arm: Arm) -> Built:
     names = ["q_a", "v_a", "a_a"]
     by_q, by_v, M = arm.derivatives
-    return arm.symbols(*names), names, [M, ca.horzcat(by_q, by_v)], ["M", "R"]
+    return arm.symbols(*names), names, [M, ca.horzcat(by_q, by_v)], ["M", "R_a"]
 
 
 # --- the whole robot -----------------------------------------------------------------------------------------------
@@ -248,7 +248,7 @@ def _residual_jacobians(arm: Arm) -> Built:
     y, dy = (ca.vertcat(x, *[x_m[j] for j in i_m]) for x, x_m in ((q_a, q_m), (v_a, v_m)))
     R = R - ca.horzcat(*(ca.jacobian(forces, x) for x in (y, dy, tau_m)))
     names = ["q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m"]
-    return arm.symbols(*names), names, [M, R], ["M", "R"]
+    return arm.symbols(*names), names, [M, R], ["M_y", "R_y"]
 
 
 # --- the tool --------------------------------------------------------------------------------------------------------

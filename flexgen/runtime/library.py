@@ -208,7 +208,8 @@ class Library:
 
     def __repr__(self) -> str:
         state = "closed, " if self._closed else ""
-        return f"<Library {self.name}: {state}{len(self.functions)} functions, {self.precision} precision>"
+        plural = "" if len(self.functions) == 1 else "s"
+        return f"<Library {self.name}: {state}{len(self.functions)} function{plural}, {self.precision} precision>"
 
 
 def load(directory: str | os.PathLike[str]) -> Library:

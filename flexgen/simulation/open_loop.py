@@ -44,7 +44,7 @@ def run_windows(
     equations: Equations,
     t: np.ndarray,
     tau: Callable[[float], np.ndarray],
-    starts: Sequence[tuple[int, np.ndarray]],
+    starts: Sequence[tuple[int, np.ndarray | None]],
     rtol: float,
     atol: float,
     progress: Callable[[str], None] | None,
@@ -59,7 +59,8 @@ def run_windows(
     tau : callable
         Motor torques (n_m,) at an instant.
     starts : sequence of (int, array)
-        Sample at which a window begins, and the state (q_a, q_me, v_a, v_me) that it begins with.
+        Sample at which a window begins, and the state (q_a, q_me, v_a, v_me) that it begins with; None: the integrator
+        starts again from the state that was reached, where the torque has a corner.
     rtol, atol : float
         Tolerances of the integrator.
     progress : callable, optional
@@ -74,13 +75,13 @@ def run_windows(
     gap, evaluations, integrator = 0.0, 0, EXPLICIT
     ends = [first for first, _ in starts[1:]] + [len(t) - 1]
     for (first, start), last in zip(starts, ends, strict=True):
-        begin = np.concatenate([start, np.zeros(2)])
+        begin = states[first].copy() if start is None else np.concatenate([start, np.zeros(2)])
         found = integrate(loop, begin, t[first : last + 1], rtol, tolerances, progress)
         own = slice(first + (first > 0), last + 1)
         if first > 0:
             gap = max(gap, float((np.abs(states[first] - begin)[:n] / side).max()))
         states[own] = found.states[own.start - first :]
-        start_energy[own] = _energy(equations, begin)
+        start_energy[own] = start_energy[first] if start is None else _energy(equations, begin)
         evaluations += found.evaluations
         integrator = found.method if found.method != EXPLICIT else integrator
     return Run(states, start_energy, gap, evaluations, integrator)
@@ -94,9 +95,9 @@ def open_loop(equations: Equations, tau: Callable[[float], np.ndarray]) -> OpenL
     state, torque, out = np.zeros(2 * n), np.zeros(robot.n_m), np.zeros(2 * n + 2)
     function = _rate(equations)
     buffer, evaluate_rate = function.buffer()  # without the conversions of a call
-    buffer.set_arg(0, memoryview(state))
-    buffer.set_arg(1, memoryview(torque))
-    buffer.set_res(0, memoryview(out))
+    buffer.set_arg(0, state.data)
+    buffer.set_arg(1, torque.data)
+    buffer.set_res(0, out.data)
 
     def rate(instant: float, x: np.ndarray) -> np.ndarray:
         state[:], torque[:] = x[: 2 * n], tau(instant)

@@ -42,6 +42,7 @@ from flexgen.trajectory_files import common_unit
 
 DEGREE, SAMPLES = 5, 10  # of the polynomials of a limited torque, and samples of each
 ON_GRID = 1e-7  # relative distance up to which samples are on a grid
+HELD_MAX, HELD_STEP = 60.0, 2e-3  # s: of a torque that is held after the end, and the step at which errors are taken
 RTOL, ATOL = 1e-11, 1e-12  # a tenth of a nanometer over a meter of reach and a thousand steps
 
 
@@ -170,6 +171,7 @@ def simulate(
     start: Equilibrium | None = None,
     rtol: float = RTOL,
     windows: bool = False,
+    held: float = 0.0,
     progress: Choice = None,
 ) -> Simulation:
     """Simulate the full model from equilibrium under the torque of a trajectory.
@@ -188,6 +190,9 @@ def simulate(
         Verify a solution of this model. If perturbations of the open loop grow by more than 1e5 over the move, restart
         from states of the trajectory, so that the growth in each window is at most 1e3. Without the channels
         ``v_a a_a v_m a_m`` there is a single window.
+    held : float
+        How long [s] the last torque is held after the trajectory; the errors and the energy cover this time, the
+        trajectory of the simulation does not.
 
     Returns
     -------
@@ -201,26 +206,19 @@ def simulate(
         The integration failed; the text gives the time.
     """
     equations = model if isinstance(model, Equations) else derive(model)
-    if not isinstance(trajectory, Trajectory | str | FilePath):
-        raise ArgumentError(
-            f"trajectory: given {type(trajectory).__name__}, expected a Trajectory or the path of a file"
-        )
-    if not 1e-14 < rtol < 1e-2:
-        raise ArgumentError(f"rtol: given {rtol}, expected a relative tolerance between 1e-14 and 1e-2")
+    _check_choices(trajectory, rtol, held)
     data = trajectory if isinstance(trajectory, Trajectory) else Trajectory.load(trajectory)
     robot = equations.model
     given, warnings = _checked(robot, data)
-    t, torque = data.time, given["tau_m"]
-    tau = torque_curve(t, torque, limited=data.meta.get("torque") == "limited")
+    tau = _held_curve(data, given["tau_m"])
+    t, given = _with_held_end(data.time, given, held)
     first_a, first_m = (given["q_a"][0], given["q_m"][0]) if start is None else (start.q_a, start.q_m)
     began = time.perf_counter()
     n_a, i_m, n = robot.n_a, list(robot.i_m), robot.dof
-    motion = _motion(robot, data, given) if windows else None
+    motion = _motion(robot, data, t, given) if windows else None
     growth = None if motion is None else growth_along(equations, motion)
-    starts = [(0, np.concatenate([first_a, first_m[i_m], np.zeros(n)]))]
-    if motion is not None and growth is not None:
-        x = np.hstack([motion.q_a, motion.q_m[:, i_m], motion.v_a, motion.v_m[:, i_m]])
-        starts += [(first, x[first]) for first in growth.starts[1:]]
+    start_state = np.concatenate([first_a, first_m[i_m], np.zeros(n)])
+    starts = _starts(start_state, motion, growth, i_m, len(data.time) - 1 if held > 0.0 else None)
     run = run_windows(equations, t, tau, starts, rtol, ATOL, progress if callable(progress) else None)
     states, wall = run.states, time.perf_counter() - began
     q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
@@ -232,16 +230,59 @@ def simulate(
         tool_error_max_m=in_m,
         tool_error_max_rad=in_rad,
         energy_error=_energy_error(equations, (q_a, v_a, q_m, v_m), run.start_energy, *states[:, 2 * n :].T),
-        torque_max_Nm=float(np.abs(torque).max()),
+        torque_max_Nm=float(np.abs(given["tau_m"]).max()),
         speed_max_rad_s=float(np.abs(v_m).max()),
         evaluations=run.evaluations,
         wall_s=wall,
         warnings=(*warnings, *_growth_warning(growth)),
-        windows=len(starts),
+        windows=sum(state is not None for _, state in starts),
         growth=None if growth is None else growth.largest,
         window_gap=run.gap,
         integrator=run.integrator,
     )
+
+
+def _check_choices(trajectory: Any, rtol: float, held: float) -> None:
+    """ArgumentError for an argument that is out of range."""
+    if not isinstance(trajectory, Trajectory | str | FilePath):
+        raise ArgumentError(
+            f"trajectory: given {type(trajectory).__name__}, expected a Trajectory or the path of a file"
+        )
+    if not 1e-14 < rtol < 1e-2:
+        raise ArgumentError(f"rtol: given {rtol}, expected a relative tolerance between 1e-14 and 1e-2")
+    if not 0.0 <= held <= HELD_MAX:
+        raise ArgumentError(f"held: given {held}, expected a time between 0 and {HELD_MAX:g} s")
+
+
+def _starts(
+    start: np.ndarray, motion: Motion | None, growth: Growth | None, i_m: list[int], corner: int | None
+) -> list[tuple[int, np.ndarray | None]]:
+    """Samples at which windows begin, with their states; at the torque's ``corner`` integration starts again."""
+    starts: list[tuple[int, np.ndarray | None]] = [(0, start)]
+    if motion is not None and growth is not None:
+        x = np.hstack([motion.q_a, motion.q_m[:, i_m], motion.v_a, motion.v_m[:, i_m]])
+        starts += [(first, x[first]) for first in growth.starts[1:]]
+    if corner is not None:
+        starts = sorted([*starts, (corner, None)], key=lambda one: (one[0], one[1] is not None))
+    return starts
+
+
+def _held_curve(data: Trajectory, torque: np.ndarray) -> Callable[[float], np.ndarray]:
+    """The motor torque at an instant, its last value after the end."""
+    curve = torque_curve(data.time, torque, limited=data.meta.get("torque") == "limited")
+    end, last = data.time[-1], torque[-1]
+    return lambda instant: np.asarray(curve(instant)) if instant < end else last
+
+
+def _with_held_end(
+    t: np.ndarray, given: dict[str, np.ndarray], held: float
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Instants and channels with those of the time after the end, where all keep their last values."""
+    more = int(np.ceil(held / HELD_STEP))
+    later = t[-1] + held * np.arange(1, more + 1) / max(more, 1)
+    return np.concatenate([t, later]), {
+        name: np.concatenate([x, np.repeat(x[-1:], more, axis=0)]) for name, x in given.items()
+    }
 
 
 def _growth_warning(growth: Growth | None) -> tuple[str, ...]:
@@ -254,16 +295,17 @@ def _growth_warning(growth: Growth | None) -> tuple[str, ...]:
     )
 
 
-def _motion(robot: RobotModel, data: Trajectory, given: dict[str, np.ndarray]) -> Motion | None:
-    """The motion of a trajectory; None without speeds or accelerations."""
+def _motion(robot: RobotModel, data: Trajectory, t: np.ndarray, given: dict[str, np.ndarray]) -> Motion | None:
+    """The motion of a trajectory at the instants ``t``, at rest after its end; None without speeds or accelerations."""
     names = {"a": tuple(c.name for c in robot.coordinates), "m": tuple(m.name for m in robot.motors)}
     found = {"q_a": given["q_a"], "q_m": given["q_m"], "tau_m": given["tau_m"]}
     for name in ("v_a", "a_a", "v_m", "a_m"):
         labels = names[name[-1]]
         if name not in data.channels or sorted(data.labels[name]) != sorted(labels):
             return None
-        found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
-    return Motion(data.time, **found) if all(np.isfinite(x).all() for x in found.values()) else None
+        values = data[name][:, [data.labels[name].index(label) for label in labels]]
+        found[name] = np.pad(values, ((0, len(t) - len(values)), (0, 0)))
+    return Motion(t, **found) if all(np.isfinite(x).all() for x in found.values()) else None
 
 
 def _energy_error(
@@ -308,6 +350,7 @@ def _recorded(
             ports["turn"] = Port("turn", (1,), "rad", "angle between tool and reference")
             labels["turn"] = ("angle",)
     meta = {"model": robot.name, "variant": robot.variant, "kind": "simulation"}
+    channels = {name: x[: len(data.time)] for name, x in channels.items()}
     return in_m, in_rad, Trajectory(data.time, channels, ports, labels, meta, units)
 
 

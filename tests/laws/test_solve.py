@@ -64,7 +64,10 @@ def test_six_axes_with_twelve_elasticities() -> None:
 @pytest.mark.parametrize("method", ["closed-form", "collocation", "full"])
 def test_one_coordinate_is_enough(method: str) -> None:
     solution = flexgen.solve(ROBOTS / "one.toml", method=method)
-    assert solution.tool_error_max_m is not None and solution.tool_error_max_m < MICRON
+    assert solution.simulation is not None
+    assert np.abs(solution.simulation.trajectory["error"]).max() < MICRON
+    # optimal control ends at rest to the tolerance of its solver; then the arm drifts under the last torque
+    assert solution.tool_error_max_m is not None and solution.tool_error_max_m < (5 if method == "full" else 1) * MICRON
     link, ratio, inertia = 0.1 + 5.0 * 0.4**2, 50.0, 1e-4
     q, a, tau = (solution.trajectory[name][:, 0] for name in ("q_a", "a_a", "tau_m"))
     by_hand = ((link + ratio**2 * inertia) * a + 5.0 * 9.81 * 0.4 * np.cos(q)) / ratio

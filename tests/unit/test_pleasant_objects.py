@@ -62,7 +62,7 @@ def test_objects_have_a_repr_of_one_line(solution, tmp_path):
         repr(solution.simulation): "Simulation elbow: tool error ",
         repr(flexgen.analyze("elbow")): "Analysis elbow: lowest mode ",
         repr(flexgen.read("elbow@fjm")): "RobotModel elbow@fjm: 2 motors, ",
-        repr(library): "Library elbow: 1 functions, double precision",
+        repr(library): "Library elbow: 1 function, double precision",
     }
     for text, start in expected.items():
         assert text.startswith(f"<{start}") and text.endswith(">") and "\n" not in text and len(text) < 150

@@ -21,6 +21,7 @@ from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library, grid, samples
+from flexgen.inversion.settling import settled
 
 TOLERANCE = 1e-6  # residual on the mesh, relative to the torques of a deflection of a hundredth of a radian
 LONGEST = 1e-2  # s: longest interval
@@ -46,6 +47,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         samples_per_interval=samples_per_interval,
         tolerance=TOLERANCE,
     )
+    found, warnings = settled(problem, found)
     if problem.limits is not None:
         return enforce_limits(problem, found, library, samples_per_interval, TOLERANCE)
-    return from_library(found)
+    return from_library(found, warnings)

@@ -118,6 +118,12 @@ typedef struct {
     int64_t end; /* where the arrays of one solver begin */
 } whole_layout;
 
+/*
+ * Samples after the last one that are computed too, for the derivatives there: of the torques for the lag of the gears,
+ * and of the deflections for the motors.
+ */
+enum { BEYOND = 2 * MARGIN };
+
 #define TAKE(at, name, size) \
     (name) = (at); \
     (at) += padded(size)
@@ -127,11 +133,11 @@ static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int6
     whole_layout l;
     int64_t at = 0;
     l.samples = (int64_t)o->n_pre + n + o->n_post;
-    l.intervals = (l.samples - 1 + o->samples_per_interval - 1) / o->samples_per_interval;
-    TAKE(at, l.tau, (l.samples + 2 * MARGIN) * NG);
-    TAKE(at, l.deflection, (l.samples + 2 * MARGIN) * NG);
-    TAKE(at, l.stiffness, l.samples * NG);
-    TAKE(at, l.lagged, (l.samples + 2 * MARGIN) * NG);
+    l.intervals = (l.samples - 1 + BEYOND + o->samples_per_interval - 1) / o->samples_per_interval;
+    TAKE(at, l.tau, (MARGIN + l.samples + BEYOND) * NG);
+    TAKE(at, l.deflection, (MARGIN + l.samples + BEYOND) * NG);
+    TAKE(at, l.stiffness, (l.samples + BEYOND) * NG);
+    TAKE(at, l.lagged, (MARGIN + l.samples + BEYOND) * NG);
     TAKE(at, l.q_a, l.samples * NA);
     TAKE(at, l.v_a, l.samples * NA);
     TAKE(at, l.a_a, l.samples * NA);
@@ -229,19 +235,23 @@ typedef struct {
     const elbow_inversion_options *o;
     ptrdiff_t samples; /* n_pre + n + n_post */
     real *q_a, *v_a, *a_a, *tau_g, *q_m, *v_m, *tau_m;
-    /* (samples + 2 MARGIN) x NG: torques, static and lagged deflections of the gears */
+    /* (MARGIN + samples + BEYOND) x NG: torques, static and lagged deflections of the gears */
     real *tau, *deflection, *lagged;
-    real *stiffness; /* samples x NG: stiffness of the gears */
+    real *stiffness; /* (samples + BEYOND) x NG: stiffness of the gears */
 #if ELBOW_NE > 0
     const mesh *m;
     const real *a_node; /* accelerations at its nodes */
 #endif
 } results;
 
-/* Motion and gear torques of the arm, from the equilibrium q; worst: the largest residual, relative to `scale`. */
+/*
+ * Motion and gear torques of the arm, from the equilibrium q, the torques also beyond the last sample; worst: the
+ * largest residual, relative to `scale`.
+ */
 static inline int arm_at_samples(
     const results *r, const real *q, const real *scale, problem_points *arm, real *space, real *worst)
 {
+    const ptrdiff_t all = r->samples + BEYOND;
     real last[NG], side = 0.0;
 #if ELBOW_NE > 0
     interpolant f;
@@ -253,8 +263,8 @@ static inline int arm_at_samples(
     for (int i = 0; i < NG; ++i) {
         last[i] = q[i_g[i]];
     }
-    for (ptrdiff_t at = 0; at < r->samples; at += POINTS) {
-        const int used = r->samples - at < POINTS ? (int)(r->samples - at) : (int)POINTS;
+    for (ptrdiff_t at = 0; at < all; at += POINTS) {
+        const int used = all - at < POINTS ? (int)(all - at) : (int)POINTS;
         int status;
         for (int point = 0; point < POINTS; ++point) {
             const ptrdiff_t k = at + (point < used ? point : used - 1);
@@ -276,7 +286,8 @@ static inline int arm_at_samples(
             return status;
         }
         for (int k = 0; k < used; ++k) {
-            for (int i = 0; i < NA; ++i) {
+            const int inside = at + k < r->samples;
+            for (int i = 0; i < NA && inside; ++i) {
                 r->q_a[(at + k) * NA + i] = arm->q[i][k];
                 r->v_a[(at + k) * NA + i] = arm->v[i][k];
                 r->a_a[(at + k) * NA + i] = arm->a[i][k];
@@ -286,14 +297,14 @@ static inline int arm_at_samples(
             }
             side = arm->side[k];
             for (int i = 0; i < NG; ++i) {
-                if (r->tau_g != NULL) {
+                if (r->tau_g != NULL && inside) {
                     r->tau_g[(at + k) * NG + i] = arm->tau_g[i][k];
                 }
                 r->tau[(at + k + MARGIN) * NG + i] = arm->tau_g[i][k];
                 last[i] = arm->q[i_g[i]][k];
             }
 #if ELBOW_NE > 0
-            for (int i = 0; i < NE; ++i) {
+            for (int i = 0; i < NE && inside; ++i) {
                 *worst = fmax_1(*worst, fabs_1(arm->row[i][k]) / scale[i]);
             }
 #endif
@@ -302,12 +313,11 @@ static inline int arm_at_samples(
     return ELBOW_OK;
 }
 
-/* Before the first sample its value, after the last one that one. */
-static inline void hold_ends(real *x, ptrdiff_t samples)
+/* The value of the first sample before it: the motion begins at equilibrium. */
+static inline void hold_start(real *x)
 {
     for (ptrdiff_t k = 0; k < MARGIN * NG; ++k) {
         x[k] = x[MARGIN * NG + k % NG];
-        x[(samples + MARGIN) * NG + k] = x[(samples + MARGIN - 1) * NG + k % NG];
     }
 }
 
@@ -365,22 +375,23 @@ static inline int motors_at_samples(const results *r, real *space)
     const ptrdiff_t first = MARGIN * NG;
     const real equilibrium[NG] = {0.0};
     gears g;
-    hold_ends(r->tau, r->samples);
-    if (!static_deflections(r->tau + first, r->samples, equilibrium, r->deflection + first, r->stiffness, NG, space)) {
+    hold_start(r->tau);
+    if (!static_deflections(
+            r->tau + first, r->samples + BEYOND, equilibrium, r->deflection + first, r->stiffness, NG, space)) {
         return ELBOW_RESULT_NOT_FINITE;
     }
-    hold_ends(r->deflection, r->samples);
+    hold_start(r->deflection);
     if (!begin_gears(&g, r->p->period, r->deflection + first, space)) {
         return ELBOW_RESULT_NOT_FINITE;
     }
-    for (ptrdiff_t k = 0; k < r->samples; ++k) {
+    for (ptrdiff_t k = 0; k < r->samples + MARGIN; ++k) {
         const ptrdiff_t at = first + k * NG;
         if (!advance_gears(&g, k == 0, r->tau + at, space)) {
             return ELBOW_RESULT_NOT_FINITE;
         }
         lagged_deflections(&g, r->deflection + at, r->stiffness + k * NG, r->lagged + at);
     }
-    hold_ends(r->lagged, r->samples);
+    hold_start(r->lagged);
     for (ptrdiff_t k = 0; k < r->samples; ++k) {
         const ptrdiff_t at = first + k * NG;
         real q[NG], v[NG], a[NG], q_m[NM], tau_m[NM];

@@ -1,0 +1,107 @@
+"""The end of a solution: at equilibrium, where the motion after the path has decayed.
+
+After the path the output rests and the torques follow the motion of the stable zeros until it has decayed. The last
+sample is the equilibrium, whose torque a controller holds from there on. What is left of the motion moves the tool:
+by about the displacement of the output that the deflections still make, and by the velocity that they have, over the
+time that the torque is held.
+
+    size(t) = max over t' >= t of  max(|W_e (q_e - q_e,end)|, T_HELD |W_e v_e|),     dy/dt = W v_a
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from flexgen.inversion.problem import HELD, LONGEST_SETTLING, InversionProblem
+from flexgen.mechanics.statics import Equilibrium, equilibrium_at
+from flexgen.numerics.evaluate import evaluate
+from flexgen.runtime.path_inversion import Inversion
+
+SETTLED = 1e-3  # of the accuracy: what may be left at the end
+SHORTEST = 0.05  # s after the path
+
+
+def settled(problem: InversionProblem, found: Inversion) -> tuple[Inversion, tuple[str, ...]]:
+    """The inversion without the samples after the path in which nothing moves any more, to equilibrium, and warnings.
+
+    Parameters
+    ----------
+    problem : InversionProblem
+    found : Inversion
+        With the samples of ``problem.windows`` after the path.
+
+    Returns
+    -------
+    Inversion
+        With a smaller ``n_post``; its last sample is the equilibrium.
+    tuple of str
+        A warning where the motion has not decayed at the last sample.
+    """
+    model = problem.equations.model
+    if model.n_e == 0 or found.n_post == 0:
+        return found, ()
+    end = equilibrium_at(problem.equations, found.q_a[-1])
+    size = _left_over(problem, found, end)
+    allowed = SETTLED * problem.accuracy
+    moving = np.flatnonzero(size > allowed)
+    last = int(moving[-1]) + 1 if len(moving) else 0
+    if last >= len(size) and problem.windows[1] < LONGEST_SETTLING:
+        # the motion of all stable zeros has decayed by exp(-SETTLING): what is left is the ripple of a mesh that does
+        # not resolve the fastest of them
+        return _faded(problem, found, end), ()
+    if last >= len(size):
+        return found, (
+            f"the motion has not decayed {found.n_post * found.period:.3g} s after the path: the deflections still "
+            f"move the output by about {size[-1]:.1e} m or rad; the simulated error covers {HELD:g} s with the last "
+            "torque held",
+        )
+    fewest = min(found.n_post, int(np.ceil(SHORTEST / found.period)))
+    return _cut(found, max(last + 1, fewest), end), ()
+
+
+def _left_over(problem: InversionProblem, found: Inversion, end: Equilibrium) -> np.ndarray:
+    """``size`` at the samples after the path, (n_post,)."""
+    equations, model = problem.equations, problem.equations.model
+    i_e = list(model.i_e)
+    target = np.zeros(model.output.target_size)
+    W = evaluate(equations.function("output_constraint"), found.q_a[-1], 0.0 * found.q_a[-1], target)[1]
+    W_e = W.reshape(-1, model.n_a)[:, i_e]
+    after = slice(len(found.q_a) - found.n_post, None)
+    moved = (found.q_a[after][:, i_e] - end.q_a[i_e]) @ W_e.T
+    speed = found.v_a[after][:, i_e] @ W_e.T
+    size = np.maximum(np.linalg.norm(moved, axis=1), HELD * np.linalg.norm(speed, axis=1))
+    return np.maximum.accumulate(size[::-1])[::-1]
+
+
+def _faded(problem: InversionProblem, found: Inversion, end: Equilibrium) -> Inversion:
+    """The inversion with deviations from the equilibrium that fade out in the second half of the time after the path.
+
+    ``x -> x_end + w (x - x_end)`` with a polynomial w(t) from 1 to 0; the torque has the inertia of the rotors in it:
+    ``tau_m -> tau_end + w (tau_m - tau_end) + J_m (2 w' v_m + w'' (q_m - q_end))``.
+    """
+    n = max(2, found.n_post // 2)
+    u = np.linspace(0.0, 1.0, n)[:, None]
+    fade = np.polynomial.Polynomial([1, 0, 0, 0, -35, 84, -70, 20])  # three derivatives are zero at both ends
+    w, dw, ddw = (fade.deriv(k)(u) / ((n - 1) * found.period) ** k for k in range(3))
+    arrays = {name: getattr(found, name).copy() for name in ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")}
+    q_a, v_a, a_a, tau_g, q_m, v_m, tau_m = (x[-n:] for x in arrays.values())  # views
+    inertia = np.array([motor.inertia for motor in problem.equations.model.motors])
+    tau_m[:] = end.tau_m + w * (tau_m - end.tau_m) + inertia * (2 * dw * v_m + ddw * (q_m - end.q_m))
+    tau_g[:] = end.tau_g + w * (tau_g - end.tau_g)
+    a_a[:] = w * a_a + 2 * dw * v_a + ddw * (q_a - end.q_a)
+    for q, v, last in ((q_a, v_a, end.q_a), (q_m, v_m, end.q_m)):
+        v[:] = w * v + dw * (q - last)
+        q[:] = last + w * (q - last)
+    return replace(found, **arrays)
+
+
+def _cut(found: Inversion, n_post: int, end: Equilibrium) -> Inversion:
+    """The inversion with the first ``n_post`` samples after the path, the last one replaced by the equilibrium."""
+    keep = len(found.q_a) - found.n_post + n_post
+    last = {"q_a": end.q_a, "v_a": 0.0, "a_a": 0.0, "tau_g": end.tau_g, "q_m": end.q_m, "v_m": 0.0, "tau_m": end.tau_m}
+    arrays = {name: getattr(found, name)[:keep].copy() for name in last}
+    for name, value in last.items():
+        arrays[name][-1] = value
+    return replace(found, **arrays, n_post=n_post)
