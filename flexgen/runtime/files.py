@@ -1,19 +1,25 @@
 """Files that are loaded as code: nobody else may have changed them, and what is loaded is what was verified.
 
 What is refused, on systems with POSIX permissions: a folder, manifest or library that everybody may write, or that
-belongs to neither the user nor root; a folder above them that everybody may write without its sticky bit; a manifest
-or library that is a symbolic link or no regular file. A group may write: groups are chosen, and where the umask is 002
-every user is alone in one. Whoever may write as the user can of course load anything.
+belongs to neither the user nor root; the same for all folders above them, where a folder that everybody may write needs
+its sticky bit; a manifest or library that is a symbolic link or no regular file. A group may write: groups are chosen,
+and where the umask is 002 every user is alone in one. Whoever may write as the user can of course load anything.
+
+What is loaded is a private copy of the content that was verified: on Linux in memory, without a name in any folder. So
+nobody can replace the file between the check and the load.
 """
 
 from __future__ import annotations
 
 import ctypes
 import hashlib
+import itertools
 import os
 import stat
 import struct
 import sys
+import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,6 +31,8 @@ AGAIN = "generate it again with flexgen.generate(..., force=True)"
 _FLAGS = sum(getattr(os, flag, 0) for flag in ("O_RDONLY", "O_CLOEXEC", "O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
 _POSIX = os.name == "posix"
 _ELF = b"\x7fELF"
+_LOADED: dict[str, ctypes.CDLL] = {}  # by the digest of the content; a library stays in memory until the process ends
+_LOCK, _COUNTER = threading.Lock(), itertools.count()
 _PT_LOAD = 1
 _ET_DYN = 3
 
@@ -34,7 +42,13 @@ def trusted_folder(folder: Path) -> Path:
     resolved = folder.resolve()
     _refuse_others(resolved, resolved.stat())
     for above in resolved.parents:
-        mode = above.stat().st_mode
+        found = above.stat()
+        mode = found.st_mode
+        if _POSIX and found.st_uid not in (0, os.geteuid()):
+            raise BuildError(
+                f"{above}: given a folder above the library of the owner {found.st_uid}, expected the user "
+                f"{os.geteuid()} or root, because its owner can replace {resolved}; generate somewhere else"
+            )
         if _POSIX and mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
             raise BuildError(
                 f"{above}: given a folder that everybody may write (mode {stat.S_IMODE(mode):o}), expected one in "
@@ -52,8 +66,8 @@ def trusted_bytes(path: Path) -> bytes:
 def trusted_library(path: Path, sha256: str) -> ctypes.CDLL:
     """Load a shared library whose content has the given digest.
 
-    The file is opened once: its owner, rights and content are those of the open file, and after loading the path must
-    still lead to that file, unchanged. Its parts must lie within it, as a cut file would kill the process.
+    The file is opened once: its owner, rights and content are those of the open file. Its parts must lie within it, as
+    a cut file would kill the process. A copy of the verified content is loaded. The same content is loaded once.
 
     Parameters
     ----------
@@ -75,7 +89,6 @@ def trusted_library(path: Path, sha256: str) -> ctypes.CDLL:
         Where it cannot be read or loaded.
     """
     with _opened(path) as descriptor:
-        before = os.fstat(descriptor)
         content = _content(descriptor)
         given = hashlib.sha256(content).hexdigest()
         if given != sha256:
@@ -83,10 +96,29 @@ def trusted_library(path: Path, sha256: str) -> ctypes.CDLL:
         problem = _elf_problem(content) if path.suffix == ".so" else None
         if problem is not None:
             raise BuildError(f"{path.name}: given {problem}; {AGAIN}")
-        library = ctypes.CDLL(str(path))
-        if _identity(os.fstat(descriptor)) != _identity(before) or _identity(os.lstat(path)) != _identity(before):
-            raise BuildError(f"{path.name}: given a file that changed while it was loaded, expected one at rest")
-    return library
+    with _LOCK:
+        if sha256 not in _LOADED:
+            _LOADED[sha256] = _loaded_copy(path.name, content)
+        return _LOADED[sha256]
+
+
+def _loaded_copy(name: str, content: bytes) -> ctypes.CDLL:
+    """Load a private copy of a shared library, which nobody else can write; OSError where it cannot be loaded."""
+    if not hasattr(os, "memfd_create"):
+        with tempfile.TemporaryDirectory(prefix="flexgen-") as folder:  # of mode 700
+            copy = Path(folder, name)
+            copy.write_bytes(content)
+            return ctypes.CDLL(str(copy))
+    descriptor = os.memfd_create(name, os.MFD_CLOEXEC)
+    try:
+        with open(descriptor, "wb", closefd=False) as file:
+            file.write(content)
+        # The loader takes two libraries of one name for the same one, and numbers of descriptors are used again. A path
+        # is different, and leads to the same file, with other "/" and "./" in it: the digits of a counter.
+        digits = "".join("./" if digit == "1" else "/" for digit in f"{next(_COUNTER):b}")
+        return ctypes.CDLL(f"/proc/self/fd/{digits}{descriptor}")
+    finally:
+        os.close(descriptor)
 
 
 @contextmanager
@@ -113,11 +145,6 @@ def _opened(path: Path) -> Iterator[int]:
 def _content(descriptor: int) -> bytes:
     with open(descriptor, "rb", closefd=False) as file:
         return file.read()
-
-
-def _identity(found: os.stat_result) -> tuple[int, ...]:
-    """What changes where a file is replaced or written."""
-    return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
 
 def _refuse_others(path: Path, found: os.stat_result) -> None:

@@ -230,17 +230,47 @@ def test_what_is_no_file_is_refused_and_does_not_block(folder):
         install(folder, compiled())
 
 
-def test_a_file_that_changes_while_it_is_loaded_is_refused(folder, monkeypatch):
-    real = flexgen.runtime.files.ctypes.CDLL
+def test_a_file_that_is_swapped_after_the_check_is_not_loaded(folder, monkeypatch, tmp_path):
+    """Another user swaps the file, or the whole folder, between the check and the load: what was checked is loaded."""
+    monkeypatch.setattr(flexgen.runtime.files, "_LOADED", {})
+    stranger = tmp_path / "stranger"
+    install(stranger, compiled(digest="e" * 64), model_digest="e" * 64)
+    real = flexgen.runtime.files._loaded_copy
 
-    def replaced(path: str):
-        library = real(path)
-        shutil.copy(path, folder / "new")
-        os.replace(folder / "new", path)
-        return library
+    def swapped(name: str, content: bytes):
+        folder.rename(tmp_path / "away")
+        shutil.copytree(stranger, folder)
+        shutil.copy(library_file(stranger), folder / name)
+        return real(name, content)
 
-    monkeypatch.setattr(flexgen.runtime.files.ctypes, "CDLL", replaced)
-    with pytest.raises(BuildError, match="given a file that changed while it was loaded"):
+    monkeypatch.setattr(flexgen.runtime.files, "_loaded_copy", swapped)
+    library = load(folder)  # the digest that the code itself returns is compared with that of the first manifest
+    assert library.digest == DIGEST
+
+
+@pytest.mark.parametrize("in_memory", [True, False])
+def test_many_libraries_are_told_apart(folder, monkeypatch, in_memory):
+    """Descriptors are used again, and the system's loader knows libraries by name."""
+    if not in_memory:
+        monkeypatch.delattr(os, "memfd_create", raising=False)
+    monkeypatch.setattr(flexgen.runtime.files, "_LOADED", {})
+    for letter in "abcdef":
+        install(folder, compiled(digest=letter * 64), model_digest=letter * 64)
+        assert load(folder).digest == letter * 64
+    assert len(flexgen.runtime.files._LOADED) == 6
+
+
+@posix
+def test_a_folder_above_of_another_user_is_refused(folder, monkeypatch):
+    """Its owner could swap the folder between the check and the load."""
+    real, above = Path.stat, folder.resolve().parent
+
+    def owned(path: Path, **options: object) -> os.stat_result:
+        found = real(path, **options)
+        return os.stat_result((*found[:4], 12345, *found[5:])) if path == above else found
+
+    monkeypatch.setattr(Path, "stat", owned)
+    with pytest.raises(BuildError, match=rf"{above}: given a folder above the library of the owner 12345"):
         load(folder)
 
 
