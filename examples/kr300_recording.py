@@ -8,7 +8,8 @@ each axis a viscous coefficient, a Coulomb coefficient and one constant,
     tau_m = J_m eta a + eta^-T (M a + c + g) + F_v v + F_c tanh(v / v_0) + F_0.
 
 The recorded angles are relative to the first pose, which is assumed to be the usual home of the robot. Payload and
-counterbalance are unknown and not modeled, so axes 2 and 3 cannot fit perfectly.
+counterbalance are unknown and not modeled, so axes 2 and 3 cannot fit perfectly. This is a plausibility check: friction
+and constant alone, without the rigid-body torque, are fitted too, to show how much of the torque they explain.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ V_0 = 0.01  # rad/s, arm side: width of the Coulomb step
 class Comparison:
     """Measured and computed motor torques of a recording.
 
-    ``t`` (n,) [s]; ``measured``, ``model`` (n, 6) [N m, motor side]; ``r2`` (6,): coefficients of determination;
-    ``coefficients`` (6, 3): F_v, F_c, F_0 of each axis.
+    ``t`` (n,) [s]; ``measured``, ``model`` (n, 6) [N m, motor side]; ``r2``, ``r2_friction`` (6,): coefficients of
+    determination of the model, and of friction and constant alone; ``coefficients`` (6, 3): F_v, F_c, F_0 of each axis.
     """
 
     t: np.ndarray
@@ -44,6 +45,7 @@ class Comparison:
     model: np.ndarray
     coefficients: np.ndarray
     r2: np.ndarray
+    r2_friction: np.ndarray
 
 
 def compare(recording: str | Path, robot: str | RobotModel = "kr300") -> Comparison:
@@ -57,13 +59,15 @@ def compare(recording: str | Path, robot: str | RobotModel = "kr300") -> Compari
     arm = evaluate(equations.function("inverse_dynamics"), q, v, a)[0]
     inertia = np.array([motor.inertia for motor in model.motors])
     body = np.linalg.solve(model.eta.T, arm.T).T + inertia * (a @ model.eta.T)
-    found, coefficients, r2 = np.empty_like(body), np.empty((6, 3)), np.empty(6)
+    found, coefficients, r2, alone = np.empty_like(body), np.empty((6, 3)), np.empty(6), np.empty(6)
     for i in range(6):
         friction = np.column_stack([v[:, i], np.tanh(v[:, i] / V_0), np.ones(len(t))])
         coefficients[i] = np.linalg.lstsq(friction, measured[:, i] - body[:, i], rcond=None)[0]
         found[:, i] = body[:, i] + friction @ coefficients[i]
         r2[i] = 1 - np.var(measured[:, i] - found[:, i]) / np.var(measured[:, i])
-    return Comparison(t, measured, found, coefficients, r2)
+        without = friction @ np.linalg.lstsq(friction, measured[:, i], rcond=None)[0]
+        alone[i] = 1 - np.var(measured[:, i] - without) / np.var(measured[:, i])
+    return Comparison(t, measured, found, coefficients, r2, alone)
 
 
 def draw(comparison: Comparison, path: str | Path) -> None:
@@ -88,9 +92,13 @@ def main() -> int:
         print("usage: python examples/kr300_recording.py RECORDING.npz [PICTURE.svg]", file=sys.stderr)
         return 2
     comparison = compare(sys.argv[1])
-    print("axis   R2      F_v in N m s/rad   F_c in N m   F_0 in N m   (F_v: arm-side speed; torques: motor side)")
-    for i, (r2, (f_v, f_c, f_0)) in enumerate(zip(comparison.r2, comparison.coefficients, strict=True)):
-        print(f"{i + 1:4d}   {r2:5.3f}   {f_v:16.3f}   {f_c:10.3f}   {f_0:10.3f}")
+    print(
+        "R2: of the model with fitted friction, and of friction and constant alone; F_v: arm-side speed, torques: motor side"
+    )
+    print("axis   R2 model   R2 friction alone   F_v in N m s/rad   F_c in N m   F_0 in N m")
+    for i, (f_v, f_c, f_0) in enumerate(comparison.coefficients):
+        r2, alone = comparison.r2[i], comparison.r2_friction[i]
+        print(f"{i + 1:4d}   {r2:8.3f}   {alone:17.3f}   {f_v:16.3f}   {f_c:10.3f}   {f_0:10.3f}")
     if len(sys.argv) == 3:
         draw(comparison, sys.argv[2])
         print(f"wrote {sys.argv[2]}")
