@@ -92,9 +92,8 @@ def main() -> int:
         print("usage: python examples/kr300_recording.py RECORDING.npz [PICTURE.svg]", file=sys.stderr)
         return 2
     comparison = compare(sys.argv[1])
-    print(
-        "R2: of the model with fitted friction, and of friction and constant alone; F_v: arm-side speed, torques: motor side"
-    )
+    print("R2: of the model with fitted friction, and of friction and constant alone")
+    print("F_v: arm-side speed; torques: motor side")
     print("axis   R2 model   R2 friction alone   F_v in N m s/rad   F_c in N m   F_0 in N m")
     for i, (f_v, f_c, f_0) in enumerate(comparison.coefficients):
         r2, alone = comparison.r2[i], comparison.r2_friction[i]
