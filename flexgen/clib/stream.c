@@ -6,6 +6,9 @@
 #include "model_equilibrium.h"
 
 enum { SETTLING_SWEEPS = 10 }; /* sweeps after which the cost of an endless equilibrium has converged */
+#if MODEL_NE > 0
+static const real initial_weight = 1e-4; /* before the first of them */
+#endif
 
 int64_t model_stream_work(const model_stream_options *options)
 {
@@ -116,7 +119,7 @@ model_status model_stream_start(double *stream, int64_t stream_size, const model
     {
         mesh hold = mesh_of(&l, stream);
         status = lq_stationary_cost(
-            &hold, SETTLING_SWEEPS, (lq_space *)(void *)(stream + l.lq), space, stream + l.cost);
+            &hold, SETTLING_SWEEPS, initial_weight, 0.0, (lq_space *)(void *)(stream + l.lq), space, stream + l.cost);
         if (status != MODEL_OK) {
             return (model_status)status;
         }
