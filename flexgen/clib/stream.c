@@ -189,6 +189,7 @@ model_status model_stream_update(double *stream, const double y[MODEL_NT], const
     interval out;
     layout l;
     real own[REFERENCE], next[REFERENCE], deviation[DEVIATION], off[2] = {0.0, 0.0}, worst, step = 0.0, *at;
+    real output_step[2] = {0.0, 0.0};
     next_interval arrived;
     ptrdiff_t n;
     int has_limits, limited = 0, status;
@@ -240,7 +241,7 @@ model_status model_stream_update(double *stream, const double y[MODEL_NT], const
         status = arm_in_window(stream, &l, &out, &worst);
     }
     if (status == MODEL_OK) {
-        status = motors_in_interval(stream, &l, &out, &step);
+        status = motors_in_interval(stream, &l, &out, &step, output_step);
     }
     if (status != MODEL_OK) {
         return failed(stream, status);
@@ -248,6 +249,8 @@ model_status model_stream_update(double *stream, const double y[MODEL_NT], const
     info->residual = worst;
     info->kinematic_mismatch = kinematic_mismatch_now(stream, &l);
     info->torque_step = step;
+    info->output_step_m = output_step[0];
+    info->output_step_rad = output_step[1];
     if (has_limits) {
         int ends;
         limited = is_limited(stream, &l, out.v_m, out.tau_m, off, &ends);
@@ -259,7 +262,12 @@ model_status model_stream_update(double *stream, const double y[MODEL_NT], const
     info->deviation_m = off[0];
     info->deviation_rad = off[1];
     info->limits_active = limited;
-    if (!(worst <= stream[TOLERANCE] && info->kinematic_mismatch <= mismatch_max && step <= torque_step_max)) {
+    /* one cause: a short horizon makes the residual large too */
+    info->cause = !(step <= torque_step_max) ? 3 : !(worst <= stream[TOLERANCE]) ? 1 : 0;
+    if (info->cause == 0 && !(info->kinematic_mismatch <= mismatch_max)) {
+        info->cause = 2;
+    }
+    if (info->cause != 0) {
         return MODEL_TOLERANCE_NOT_MET;
     }
     return limited ? MODEL_LIMITS_ACTIVE : MODEL_OK;

@@ -203,10 +203,27 @@ STRUCTS: tuple[Struct, ...] = (
                 "1",
                 "largest step of a motor torque from the interval before, relative to its largest value; limit 2e-4",
             ),
+            Field(
+                "output_step_m",
+                "real",
+                (),
+                "m",
+                "distance by which the output leaves the plan before because the horizon is too short; the sum over "
+                "the updates of a move estimates its error",
+            ),
+            Field("output_step_rad", "real", (), "rad", "the same of angles"),
             Field("deviation_m", "real", (), "m", "distance of the modified path from the given one"),
             Field("deviation_rad", "real", (), "rad", "angle between both"),
             Field("iterations", "int", (), "1", "iterations of the solver: 1"),
             Field("intervals", "int", (), "1", "intervals of the horizon"),
+            Field(
+                "cause",
+                "int",
+                (),
+                "1",
+                "of TOLERANCE_NOT_MET: 1 residual, 2 kinematic mismatch (samples too far apart, or a path that is not "
+                "smooth), 3 torque step (horizon too short); else 0",
+            ),
             Field("limits_active", "int", (), "1", "1 where limits modify the path or are exceeded, else 0"),
         ),
     ),
@@ -307,9 +324,10 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "BAD_ARGUMENT, UNREACHABLE) changes nothing. After any other negative status the stream has failed, and "
         "later updates return NOT_STARTED. OK: in this interval the residual is within the tolerance, the kinematic "
         "mismatch is below 0.02, and the motor torque continues that of the interval before within 2e-4 of its "
-        "largest value. TOLERANCE_NOT_MET: one of these three is too large; the info shows which. Reasons are a path "
-        "that is not smooth, a horizon that is too short for the unstable zeros, a sampling period that is too long "
-        "or too short, or fewer than 7 samples in the rest of the horizon: (intervals - 1) * samples_per_interval < "
+        "largest value. TOLERANCE_NOT_MET: one of these three is too large; the cause in the info shows "
+        "which. Motion below 3e-8 m or rad within an interval and steps of the output below 1e-8 m or rad are not "
+        "counted. Reasons are a path that is not smooth, a horizon that is too short for the unstable zeros, a "
+        "sampling period that is too long or too short, or fewer than 7 samples in the rest of the horizon: (intervals - 1) * samples_per_interval < "
         "7. TOLERANCE_NOT_MET and LIMITS_ACTIVE are positive and come with results. To stop, repeat the last "
         "position with zero derivatives until the results are at rest, at least for a whole horizon.",
         (

@@ -65,7 +65,7 @@ def stream_size(sizes: Mapping[str, int], function_work: int) -> Linear:
     node = reference + CHAIN * n_y + 6 * n_g + CHAIN * BLOCKS + bounded * (7 + inputs)
     limits = Linear(2 + bounded + 2 * inputs * inputs + 3 * inputs + node + 24 * ROUNDING, node, 0)
     window = 6 * n_g  # torque, deflection, lagged deflection; position, speed and acceleration
-    total = limits + Linear(8 + 6 * ROUNDING + reference + n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m)
+    total = limits + Linear(8 + 6 * ROUNDING + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m)
     total += Linear((2 * BACK + 1) * window + 4 * ROUNDING, 0, window)
     total += Linear(n_g + (PAST + 1) * reference + 3 * ROUNDING, STAGES * (n_g + reference) + reference, 0)
     total += Linear(problem + lq * (n_e > 0) + function_work + 8 + 2 * ROUNDING, 0, 0)

@@ -17,6 +17,7 @@ from flexgen.runtime.path_inversion import array_of, number_of, pointer, whole_o
 from flexgen.runtime.structs import filled, structs_of
 
 _TOLERANCE_NOT_MET = 1  # a status
+_CAUSES = ("", "residual", "kinematic mismatch", "horizon")  # of a tolerance that is not met, in the order of C
 _RESULTS = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
@@ -52,8 +53,14 @@ class Interval:
         velocities at the samples, relative to their largest value within about a horizon; its limit is 0.02.
     torque_step : float
         Largest step of a motor torque from the interval before, relative to its largest value; its limit is 2e-4.
+    output_step_m, output_step_rad : float
+        Step by which the output leaves the plan of the update before because the horizon is too short [m, rad]. The sum
+        over the updates of a move estimates its error.
     converged : bool
         Whether ``residual``, ``kinematic_mismatch`` and ``torque_step`` are within their limits.
+    cause : str
+        Why it is not converged: "residual", "kinematic mismatch" (samples too far apart, or a path that is not smooth)
+        or "horizon" (too short for the unstable zeros: the torque steps); else empty.
     limits_active : bool
         Whether limits of the motors modify the path in this interval, or are exceeded, see `Stream.limit`.
     deviation_m, deviation_rad : float
@@ -69,7 +76,10 @@ class Interval:
     residual: float
     kinematic_mismatch: float
     torque_step: float
+    output_step_m: float
+    output_step_rad: float
     converged: bool
+    cause: str = ""
     limits_active: bool = False
     deviation_m: float = 0.0
     deviation_rad: float = 0.0
@@ -210,6 +220,9 @@ class Stream:
                 residual=info.residual,
                 kinematic_mismatch=info.kinematic_mismatch,
                 torque_step=info.torque_step,
+                output_step_m=info.output_step_m,
+                output_step_rad=info.output_step_rad,
+                cause=_CAUSES[info.cause],
                 converged=status != _TOLERANCE_NOT_MET,
                 limits_active=bool(info.limits_active),
                 deviation_m=info.deviation_m,

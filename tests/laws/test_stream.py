@@ -8,8 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 from emitted import ROOT, made, run, sources
+from inversion_cases import last_joint
 from toolchain import CC, STRICT, needs_compiler, tool
 
+from flexgen.analysis.zeros_along_path import zero_path
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.reduced_problem import Reduction
@@ -20,7 +22,7 @@ from flexgen.model.reader import read
 from flexgen.paths.path import Path
 from flexgen.ports import Port
 from flexgen.runtime.library import Library
-from flexgen.runtime.stream import Stream
+from flexgen.runtime.stream import Interval, Stream
 from flexgen.simulation.simulate import Simulation, output_labels, simulate
 from flexgen.trajectory import Trajectory
 
@@ -38,6 +40,8 @@ AGREES = 2e-5
 STIFF_AGREES = 1e-4  # the same for gears that stiffen, whose deflection is integrated: measured 7e-6
 MOST = 22.0  # N m: a bound that the path would pass by a tenth
 DIFFERENCES = 6  # samples beyond an interval that derivatives need
+SOFT = (1 / 300, 1 / 17)  # factors of stiffness and damping of the passive joint
+MICROMETER = 1e-6
 STILL = 1e-9  # N m and rad/s: what changes at rest is rounding
 
 
@@ -73,14 +77,20 @@ class Machine:
         ports = {name: Port(name, (x.shape[1],), units[name], name) for name, x in channels.items()}
         return simulate(self.equations, Trajectory(t, channels, ports, labels, {"model": model.name}))
 
-    def followed(
-        self, ahead: int = AHEAD, samples_per_interval: int = PARTS
-    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Instants and results of a stream along the path, and some time behind it."""
+    def updates(self, ahead: int = AHEAD, samples_per_interval: int = PARTS) -> list[Interval]:
+        """The intervals of a stream along the path, and some time behind it."""
         stream = self.begun(ahead, samples_per_interval)
         n = int(np.ceil((self.path.duration + AFTER) / UPDATE)) + ahead
-        intervals = [stream.update(*sample) for sample in zip(*self.samples(UPDATE * np.arange(1, n + 1)), strict=True)]
-        assert all(interval.converged for interval in intervals) or (ahead - 1) * samples_per_interval < DIFFERENCES
+        return [stream.update(*sample) for sample in zip(*self.samples(UPDATE * np.arange(1, n + 1)), strict=True)]
+
+    def followed(
+        self, ahead: int = AHEAD, samples_per_interval: int = PARTS, checked: bool = True
+    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Instants and results of a stream along the path, and some time behind it."""
+        intervals = self.updates(ahead, samples_per_interval)
+        n = len(intervals)
+        few = (ahead - 1) * samples_per_interval < DIFFERENCES
+        assert not checked or few or all(interval.converged for interval in intervals)
         names = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
         t = np.arange(n * samples_per_interval) * UPDATE / samples_per_interval - (ahead - 1) * UPDATE
         return t, {name: np.vstack([getattr(x, name) for x in intervals]) for name in names}
@@ -114,6 +124,45 @@ def test_torques_that_come_late_are_seen():
 @pytest.mark.parametrize("move", ["line", "turning_line"])
 def test_the_tool_of_six_axes_with_six_elasticities_follows(move):
     assert error(machine(SIX_AXES, move).simulation(*machine(SIX_AXES, move).followed())) < SIX_AXES_ERROR
+
+
+@cache
+def soft_machine() -> tuple[Machine, float]:
+    """An arm with a slow unstable zero, and the preview [s] that its analysis requires."""
+    model = last_joint(read(PLANAR), *SOFT)
+    found = Machine(model, None)
+    return found, zero_path(found.equations, found.path).preview_s
+
+
+def test_the_preview_of_the_analysis_is_enough_for_a_stream():
+    soft, preview = soft_machine()
+    assert 0.15 < preview < 0.5  # the unstable zero is near 50 1/s
+    enough = error(soft.simulation(*soft.followed(ahead=int(np.ceil(preview / UPDATE)))))
+    short = error(soft.simulation(*soft.followed(ahead=int(np.ceil(0.36 * preview / UPDATE)), checked=False)))
+    assert enough < MICROMETER < short  # five time constants were called enough
+
+
+@pytest.mark.parametrize("share", [0.2, 0.36, 0.5])
+def test_a_short_horizon_is_reported_with_its_error(share: float) -> None:
+    soft, preview = soft_machine()
+    ahead = int(np.ceil(share * preview / UPDATE))
+    intervals = soft.updates(ahead)
+    estimate = sum(interval.output_step_m for interval in intervals)
+    found = error(soft.simulation(*soft.followed(ahead, checked=False)))
+    assert found / 2 < estimate < 2 * found
+    causes = {interval.cause for interval in intervals}
+    assert "horizon" in causes <= {"", "horizon", "residual"} and all(
+        (interval.cause == "") == interval.converged for interval in intervals
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ahead", [20, 30])
+def test_no_alarm_near_rest(ahead: int) -> None:
+    """A polynomial of degree 9: its fifth derivative jumps at both ends."""
+    model = read("manutec_r3_24")
+    slow = Machine(replace(model, moves=(replace(model.move("line"), smoothness=4),)), "line")
+    assert [interval.cause for interval in slow.updates(ahead)] == [""] * len(slow.updates(ahead))
 
 
 # --- against the whole path -------------------------------------------------------------------------------------------
