@@ -21,7 +21,7 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import Equilibrium, gear_damping
 from flexgen.numerics.evaluate import evaluate
 
-PREVIEW = 5.0  # time constants of the slowest unstable zero: what comes earlier is below one percent of the torque
+PREVIEW_SHARE = 1e-6  # part of a motion that may lie outside of a preview: the tolerance of lq and of streams
 ON_AXIS = 1e-9  # of its size: a real part that is smaller is rounding
 RANK = 1e-9  # relative size below which a singular value counts as zero
 
@@ -34,7 +34,7 @@ class ZeroReport:
     phase"``, ``"non-minimum phase"`` (a torque that tracks the path exactly begins before it), or ``"none"``
     (not as many outputs as motors, or a degenerate system: no verdict). Zeros on the imaginary axis, of undamped
     elements, do not make an output non-minimum phase. ``unstable_time_constant_s``: of the slowest unstable zero, 0
-    where there is none; ``preview_s``: five of them.
+    where there is none; ``preview_s``: see `preview`.
     """
 
     zeros: np.ndarray
@@ -159,7 +159,7 @@ def zero_report(equations: Equations, linear: LinearModel, rest: Equilibrium) ->
         return ZeroReport(np.zeros(0, dtype=complex), "none", 0.0, 0.0)
     slowest, _ = time_constants(zeros)
     if slowest > 0:
-        return ZeroReport(zeros, "non-minimum phase", slowest, PREVIEW * slowest)
+        return ZeroReport(zeros, "non-minimum phase", slowest, preview(slowest))
     return ZeroReport(zeros, "minimum phase" if len(zeros) else "flat", 0.0, 0.0)
 
 
@@ -171,6 +171,24 @@ def time_constants(zeros: np.ndarray) -> tuple[float, float]:
     unstable = zeros.real[zeros.real > ON_AXIS * np.abs(zeros)]
     stable = -zeros.real[zeros.real < -ON_AXIS * np.abs(zeros)]
     return tuple(float(1 / x.min()) if len(x) else 0.0 for x in (unstable, stable))  # type: ignore[return-value]
+
+
+def preview(time_constant: float, share: float = PREVIEW_SHARE) -> float:
+    """How long the path must be known ahead [s], and how early a motion must begin before it.
+
+    Backwards in time the response to a change of the path decays like the slowest unstable zero,
+
+        exp(-T / tau) = share,    T = tau ln(1 / share),
+
+    so that what lies beyond T changes the present motion by a ``share`` of itself: 14 time constants for 1e-6.
+
+    Parameters
+    ----------
+    time_constant : float [s]
+        Of the slowest unstable zero; 0 where there is none.
+    share : float
+    """
+    return float(time_constant * np.log(1.0 / share))
 
 
 def motor_zeros(linear: LinearModel) -> np.ndarray | None:

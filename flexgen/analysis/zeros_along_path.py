@@ -14,7 +14,7 @@ import numpy as np
 
 from flexgen.analysis.arm_linearization import ArmLinearization, arm_linearization
 from flexgen.analysis.linear import linearize, sort_roots
-from flexgen.analysis.zeros import ON_AXIS, PREVIEW, is_structured, pencil_zeros, transmission_zeros
+from flexgen.analysis.zeros import ON_AXIS, is_structured, pencil_zeros, preview, transmission_zeros
 from flexgen.analysis.zeros_in_motion import moving_pencil, quasistatic_motion
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
@@ -61,8 +61,8 @@ class ZeroPath:
     slowest_stable : float or None [1/s]
         Absolute real part of the slowest stable zero.
     preview_s : float
-        Five time constants of the slowest unstable zero; 0 without any. The length of the path, if that is less and a
-        zero crosses the imaginary axis on it.
+        `flexgen.analysis.zeros.preview` of the slowest unstable zero; 0 without any. The length of the path, if that is
+        less and a zero crosses the imaginary axis on it.
     methods : tuple of str
         Methods of `flexgen.solve` that suit, the best first.
     verdict : str
@@ -211,9 +211,9 @@ def _result(
     fastest = float(np.nanmax(rates)) if right.any() else None
     phase = "non-minimum phase" if right.any() else "minimum phase" if widest else "flat"
     changes = _changes(t, unstable, sign * sigma, np.isfinite(zeros).sum(axis=1))
-    preview = PREVIEW / slowest if slowest else 0.0
+    needed = preview(1.0 / slowest) if slowest else 0.0
     if any(change.through == AXIS for change in changes):  # there the slowest is as slow as the poses are dense
-        preview = min(preview, float(t[-1]))
+        needed = min(needed, float(t[-1]))
     near = bool(n_e) and bool((sigma[np.isfinite(sigma)] < NEAR).any())
     if not n_e:
         methods: tuple[str, ...] = ("closed-form",)
@@ -223,7 +223,7 @@ def _result(
         methods = ("lq", "bvp") if right.any() else ("lq", "bvp", "reduced")
     left = is_stable(zeros)
     stable = float(-zeros.real[left].max()) if left.any() else None
-    found = ZeroPath(t, q, zeros, unstable, sigma, phase, changes, slowest, fastest, stable, preview, methods, "")
+    found = ZeroPath(t, q, zeros, unstable, sigma, phase, changes, slowest, fastest, stable, needed, methods, "")
     return replace(found, verdict=_sentence(found, np.isfinite(zeros).sum(axis=1), sign))
 
 

@@ -7,18 +7,17 @@ import math
 import casadi as ca
 import numpy as np
 
-from flexgen.analysis.zeros import pencil_zeros, time_constants
+from flexgen.analysis.zeros import PREVIEW_SHARE, pencil_zeros, preview, time_constants
 from flexgen.codegen.clib_table import INTERVALS_MAX
 from flexgen.codegen.spec import LibrarySpec, StreamDefaults
 from flexgen.expressions.routine import Expressions
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 
-LOOK_AHEAD = 10.0  # time constants of the slowest unstable zero: the error of the torque is below exp(-10)
 PERIOD = 5e-3  # s: of an update
 SAMPLES = 5  # per interval
 INTERVALS = 10  # of the shortest horizon
-TOLERANCE = 1e-6
+TOLERANCE = PREVIEW_SHARE
 _STEPS = 60  # of Newton's method, at most
 _SINGULAR = 1e-9  # rad/m: a pose where the output's Jacobian is singular
 
@@ -26,7 +25,7 @@ _SINGULAR = 1e-9  # rad/m: a pose where the output's Jacobian is singular
 def stream_defaults(model: RobotModel, spec: LibrarySpec) -> StreamDefaults | None:
     """Recommended options of a stream; None where the arm has no equilibrium or a singular pose at home.
 
-    The look-ahead is `LOOK_AHEAD` time constants of the slowest unstable zero, and at least `INTERVALS` updates.
+    The look-ahead is the `preview` of the slowest unstable zero for `TOLERANCE`, and at least `INTERVALS` updates.
 
     Parameters
     ----------
@@ -38,8 +37,8 @@ def stream_defaults(model: RobotModel, spec: LibrarySpec) -> StreamDefaults | No
     zero = slowest_unstable_zero(model, spec)
     if zero is None:
         return None
-    preview = LOOK_AHEAD / zero if zero > 0 else 0.0
-    intervals = min(max(INTERVALS, math.ceil(preview / PERIOD - 1e-9)), INTERVALS_MAX)
+    ahead = preview(1.0 / zero, TOLERANCE) if zero > 0 else 0.0
+    intervals = min(max(INTERVALS, math.ceil(ahead / PERIOD - 1e-9)), INTERVALS_MAX)
     return StreamDefaults(zero, intervals * PERIOD, PERIOD, intervals, SAMPLES, TOLERANCE)
 
 

@@ -158,9 +158,9 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
         lines += [
             "\n/*\n",
             comment(
-                "Recommended options of a stream. The look-ahead is ten time constants of the slowest unstable zero "
-                "at the home pose, and at least 10 intervals. For limits of the motors take twice as many intervals, "
-                "and the time to brake."
+                "Recommended options of a stream. The look-ahead is ln(1 / STREAM_TOLERANCE) time constants of the "
+                "slowest unstable zero at the home pose, and at least 10 intervals. For limits of the motors take "
+                "twice as many intervals, and the time to brake."
             ),
             " */\n",
             *(f"#define {macro(spec, name)} {value} /* {doc} */\n" for name, value, doc in values),

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.analysis.linear import linearize
-from flexgen.analysis.zeros import inner_zeros, time_constants
+from flexgen.analysis.zeros import inner_zeros, preview, time_constants
 from flexgen.analysis.zeros_along_path import zero_path
 from flexgen.errors import ArgumentError
 from flexgen.inversion.bounds import Limits
@@ -22,7 +22,9 @@ from flexgen.paths.smoothness import smoothness_report
 
 STEP = 1e-3  # s: longest sampling interval of the torque; a short move has 400 of them
 INTERVALS = 20_000  # of a mesh, at most: more do not fit into memory for large robots
-DECAY = 15.0  # time constants before the path: a share exp(-15) of the pre-actuation is cut off
+DECAY = preview(1.0)  # time constants before the path
+RESOLVED = 3.0  # zero times interval up to which three Gauss points resolve a zero; from 4.6 on it alternates in sign
+GRADING = 1.5  # ratio of adjacent intervals before the path
 SETTLING = 15.0  # time constants after the path; the solution is cut where the motion has decayed, see `settling`
 LONGEST_SETTLING = 5.0  # s
 HELD = 0.5  # s: how long the last torque is held in the verification
@@ -133,13 +135,20 @@ class InversionProblem:
         """The sampling interval of the torque [s]."""
         return min(STEP, self.path.duration / 400)
 
+    @property
+    def resolving(self) -> float:
+        """Longest interval [s] that resolves every unstable zero before the path; infinite without any."""
+        zeros = self.zeros[0][1] if self.zeros else np.zeros(0)
+        fastest = max((float(z.real) for z in zeros if time_constants(np.array([z]))[0] > 0), default=0.0)
+        return RESOLVED / fastest if fastest > 0 else np.inf
+
     def nodes(self, h: float) -> tuple[float, np.ndarray]:
         """Pre-actuation [s] and nodes of a mesh with intervals of ``h`` [s] on the path."""
         preactuation, settling = self.windows
         early = max(2 * preactuation / DECAY, h / 5)  # two time constants of the unstable zero dynamics
         if self.preview is not None:
             preactuation = float(self.preview)
-        return preactuation, _mesh(preactuation, early, self.path.duration, settling, h)
+        return preactuation, _mesh(preactuation, early, self.path.duration, settling, h, self.resolving)
 
     def check_options(self, method: str, *known: str) -> None:
         """ArgumentError where an option is given that the method does not have."""
@@ -154,8 +163,14 @@ class InversionProblem:
             self.progress(text)
 
 
-def _mesh(preactuation: float, early: float, duration: float, settling: float, h: float) -> np.ndarray:
-    """Nodes, with the ends of the path: intervals of h on it, 2 h after it, min(2 h, ``early``) before it."""
+def _mesh(
+    preactuation: float, early: float, duration: float, settling: float, h: float, resolving: float
+) -> np.ndarray:
+    """Nodes, with the ends of the path: intervals of h on it and 2 h after it.
+
+    Before it intervals of min(2 h, ``early``); where these are longer than ``resolving`` they become shorter towards
+    the path, down to that length.
+    """
     spans = [(-preactuation, 0.0, min(2 * h, early)), (0.0, duration, h), (duration, duration + settling, 2 * h)]
     counts = [max(1, int(np.ceil((b - a) / d - 1e-9))) if b > a else 0 for a, b, d in spans]
     if sum(counts) > INTERVALS:
@@ -165,4 +180,18 @@ def _mesh(preactuation: float, early: float, duration: float, settling: float, h
             f"expected at most {INTERVALS}; take a coarser --mesh, a shorter --preview or a shorter move"
         )
     nodes = [np.linspace(a, b, n + 1) for (a, b, _), n in zip(spans, counts, strict=True) if n]
+    before = _graded(preactuation, spans[0][2], resolving)
+    if before is not None:
+        nodes[0] = before
     return np.unique(np.concatenate(nodes))
+
+
+def _graded(preactuation: float, longest: float, shortest: float) -> np.ndarray | None:
+    """Nodes from -``preactuation`` to 0 whose intervals grow away from 0; None where equal ones are short enough."""
+    if shortest >= longest or not preactuation > 0:
+        return None
+    steps, length = [0.0], shortest
+    while steps[-1] < preactuation:
+        steps.append(steps[-1] + length)
+        length = min(GRADING * length, longest)
+    return -np.array(steps[::-1]) * (preactuation / steps[-1])

@@ -20,6 +20,8 @@ def grid(problem: InversionProblem, h: float) -> tuple[int, float, int, int, int
     """Samples on the path, their period [s], samples an interval of about ``h`` [s], samples before and after."""
     duration = problem.path.duration
     before, after = problem.windows
+    if problem.mesh is None and problem.limits is None:
+        h = min(h, max(problem.resolving, problem.step))
     if problem.preview is not None:
         before = float(problem.preview)
     gears = [c.dof.gear for c in problem.equations.model.coordinates if c.dof is not None and c.dof.gear is not None]

@@ -69,8 +69,8 @@ def solve(
         (``"collocation"`` without a C compiler). If the default method fails or its verification does, finer meshes
         are tried, and for a minute further methods: "bvp", "collocation", and "full" up to 8 coordinates.
     preview : float, optional [s]
-        How long before the path the motion may begin; default: fifteen time constants of the slowest unstable zero, at
-        least 4 % of the move (of half a second, if it is longer) and at most 2 s.
+        How long before the path the motion may begin; default: `flexgen.analysis.zeros.preview` of the slowest
+        unstable zero, at least 4 % of the move (of half a second, if it is longer) and at most 2 s.
     mesh : float, optional [s]
         Length of the intervals or steps; default: a hundredth of the move, at most 5 ms (with "lq" and "bvp" 10 ms).
     limits : Limits, optional

@@ -173,7 +173,7 @@ def dynamics_tables(analysis: Analysis) -> str:
     out.append(f"<p>{html.escape(plots.phase_summary(analysis).capitalize())}.")
     if analysis.zeros.preview_s > 0:
         preview = number(1e3 * analysis.zeros.preview_s, 3)
-        out.append(f" Preview required for exact tracking (five time constants): {preview} ms.")
+        out.append(f" Preview required for exact tracking (14 time constants): {preview} ms.")
     return "".join([*out, "</p>\n"])
 
 

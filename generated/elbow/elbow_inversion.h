@@ -20,7 +20,7 @@ extern "C" {
 
 /* Memory of a stream in reals, as a constant expression: at least stream_work. */
 #define ELBOW_STREAM_SIZE(intervals, samples_per_interval) \
-    (INT64_C(2398) + INT64_C(236) * (intervals) + INT64_C(24) * (samples_per_interval))
+    (INT64_C(2400) + INT64_C(236) * (intervals) + INT64_C(24) * (samples_per_interval))
 /*
  * Operations of one stream_update, at most: additions, multiplications, divisions and comparisons of reals, with every
  * iteration at its limit. A usual update needs a small part of them.
@@ -29,8 +29,9 @@ extern "C" {
     (INT64_C(1507675) + INT64_C(81602) * (intervals) + INT64_C(45782) * (samples_per_interval))
 
 /*
- * Recommended options of a stream. The look-ahead is ten time constants of the slowest unstable zero at the home pose,
- * and at least 10 intervals. For limits of the motors take twice as many intervals, and the time to brake.
+ * Recommended options of a stream. The look-ahead is ln(1 / STREAM_TOLERANCE) time constants of the slowest unstable
+ * zero at the home pose, and at least 10 intervals. For limits of the motors take twice as many intervals, and the
+ * time to brake.
  */
 #define ELBOW_SLOWEST_UNSTABLE_ZERO 0.0 /* [1/s] real part, home pose; 0: none */
 #define ELBOW_LOOK_AHEAD 0.05 /* [s] of a stream: time from a sample to the output that reaches it */
@@ -96,10 +97,17 @@ typedef struct {
     elbow_real kinematic_mismatch; /* as in inversion_info, limit 0.02 */
     /* largest step of a motor torque from the interval before, relative to its largest value; limit 2e-4 */
     elbow_real torque_step;
+    /* [m] distance by which the output leaves the plan before because the horizon is too short; the sum over the
+     * updates of a move estimates its error */
+    elbow_real output_step_m;
+    elbow_real output_step_rad; /* [rad] the same of angles */
     elbow_real deviation_m; /* [m] distance of the modified path from the given one */
     elbow_real deviation_rad; /* [rad] angle between both */
     int iterations; /* iterations of the solver: 1 */
     int intervals; /* intervals of the horizon */
+    /* of TOLERANCE_NOT_MET: 1 residual, 2 kinematic mismatch (samples too far apart, or a path that is not smooth), 3
+     * torque step (horizon too short); else 0 */
+    int cause;
     int limits_active; /* 1 where limits modify the path or are exceeded, else 0 */
 } elbow_stream_info;
 
@@ -169,8 +177,9 @@ elbow_status elbow_stream_start(elbow_real *stream, int64_t stream_size, const e
  * changes nothing. After any other negative status the stream has failed, and later updates return NOT_STARTED. OK: in
  * this interval the residual is within the tolerance, the kinematic mismatch is below 0.02, and the motor torque
  * continues that of the interval before within 2e-4 of its largest value. TOLERANCE_NOT_MET: one of these three is too
- * large; the info shows which. Reasons are a path that is not smooth, a horizon that is too short for the unstable
- * zeros, a sampling period that is too long or too short, or fewer than 7 samples in the rest of the horizon:
+ * large; the cause in the info shows which. Motion below 3e-8 m or rad within an interval and steps of the output
+ * below 1e-8 m or rad are not counted. Reasons are a path that is not smooth, a horizon that is too short for the
+ * unstable zeros, a sampling period that is too long or too short, or fewer than 7 samples in the rest of the horizon:
  * (intervals - 1) * samples_per_interval < 7. TOLERANCE_NOT_MET and LIMITS_ACTIVE are positive and come with results.
  * To stop, repeat the last position with zero derivatives until the results are at rest, at least for a whole horizon.
  * Stack: at most 11264 bytes.

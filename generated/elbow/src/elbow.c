@@ -54,7 +54,7 @@ const char *elbow_digest(void)
 
 const char *elbow_interface(void)
 {
-    return "a783424d9ec656c2c16c26f6e31e167d89a8a6370d3be767c64a175ceea1d058";
+    return "ba06976bee729760fab08c23646bc34b369613ef73f61329e2d706e4c67c7a8f";
 }
 
 int elbow_abi_version(void)

@@ -29,8 +29,6 @@ static const real scale_q = 1e-2; /* rad or m */
 static const real scale_v = 1.0;  /* rad/s or m/s */
 static const real scale_a = 1e3;  /* rad/s^2 or m/s^2 */
 static const real regularization = 1e-12;
-/* initial cost of the recursion; the cost of unstable motions grows, that of stable motions decays */
-static const real initial_weight = 1e-4;
 /* smallest cost to go that counts: a thousand times that of the regularization */
 static const real negligible_cost = 1e-9;
 
@@ -275,21 +273,30 @@ static inline int lq_factor(mesh *m, lq_space *w, real *space)
 }
 
 /*
- * The cost to go of an endless equilibrium: close to zero for stable motions, large for unstable ones; by a few sweeps
- * over a mesh at equilibrium. It is the only condition at the end of a horizon.
+ * The cost to go of an endless equilibrium: close to zero for stable motions, large for unstable ones; by sweeps over a
+ * mesh at equilibrium from a multiple `initial` of the unit matrix. It is the only condition at the end of a horizon.
+ * The sweeps end where none of its diagonal entries changes by more than the share `change`, or after `sweeps`.
  */
-static inline int lq_stationary_cost(mesh *hold, int sweeps, lq_space *w, real *space, real *cost)
+static inline int lq_stationary_cost(
+    mesh *hold, int sweeps, real initial, real change, lq_space *w, real *space, real *cost)
 {
     for (int i = 0; i < STATES * STATES; ++i) {
-        cost[i] = i % (STATES + 1) == 0 ? initial_weight : 0.0;
+        cost[i] = i % (STATES + 1) == 0 ? initial : 0.0;
     }
     hold->end = cost;
     for (int k = 0; k < sweeps; ++k) {
+        real most = 0.0;
         const int status = lq_factor(hold, w, space);
         if (status != ELBOW_OK) {
             return status;
         }
+        for (int i = 0; i < STATES * STATES; i += STATES + 1) {
+            most = fmax_1(most, fabs_1(w->P[i] - cost[i]) / w->P[i]);
+        }
         copy(w->P, STATES * STATES, cost);
+        if (most <= change) {
+            break;
+        }
     }
     return ELBOW_OK;
 }

@@ -6,6 +6,9 @@
 #include "elbow_equilibrium.h"
 
 enum { SETTLING_SWEEPS = 10 }; /* sweeps after which the cost of an endless equilibrium has converged */
+#if ELBOW_NE > 0
+static const real initial_weight = 1e-4; /* before the first of them */
+#endif
 
 int64_t elbow_stream_work(const elbow_stream_options *options)
 {
@@ -116,7 +119,7 @@ elbow_status elbow_stream_start(double *stream, int64_t stream_size, const elbow
     {
         mesh hold = mesh_of(&l, stream);
         status = lq_stationary_cost(
-            &hold, SETTLING_SWEEPS, (lq_space *)(void *)(stream + l.lq), space, stream + l.cost);
+            &hold, SETTLING_SWEEPS, initial_weight, 0.0, (lq_space *)(void *)(stream + l.lq), space, stream + l.cost);
         if (status != ELBOW_OK) {
             return (elbow_status)status;
         }
@@ -186,6 +189,7 @@ elbow_status elbow_stream_update(double *stream, const double y[ELBOW_NT], const
     interval out;
     layout l;
     real own[REFERENCE], next[REFERENCE], deviation[DEVIATION], off[2] = {0.0, 0.0}, worst, step = 0.0, *at;
+    real output_step[2] = {0.0, 0.0};
     next_interval arrived;
     ptrdiff_t n;
     int has_limits, limited = 0, status;
@@ -237,7 +241,7 @@ elbow_status elbow_stream_update(double *stream, const double y[ELBOW_NT], const
         status = arm_in_window(stream, &l, &out, &worst);
     }
     if (status == ELBOW_OK) {
-        status = motors_in_interval(stream, &l, &out, &step);
+        status = motors_in_interval(stream, &l, &out, &step, output_step);
     }
     if (status != ELBOW_OK) {
         return failed(stream, status);
@@ -245,6 +249,8 @@ elbow_status elbow_stream_update(double *stream, const double y[ELBOW_NT], const
     info->residual = worst;
     info->kinematic_mismatch = kinematic_mismatch_now(stream, &l);
     info->torque_step = step;
+    info->output_step_m = output_step[0];
+    info->output_step_rad = output_step[1];
     if (has_limits) {
         int ends;
         limited = is_limited(stream, &l, out.v_m, out.tau_m, off, &ends);
@@ -256,7 +262,12 @@ elbow_status elbow_stream_update(double *stream, const double y[ELBOW_NT], const
     info->deviation_m = off[0];
     info->deviation_rad = off[1];
     info->limits_active = limited;
-    if (!(worst <= stream[TOLERANCE] && info->kinematic_mismatch <= mismatch_max && step <= torque_step_max)) {
+    /* one cause: a short horizon makes the residual large too */
+    info->cause = !(step <= torque_step_max) ? 3 : !(worst <= stream[TOLERANCE]) ? 1 : 0;
+    if (info->cause == 0 && !(info->kinematic_mismatch <= mismatch_max)) {
+        info->cause = 2;
+    }
+    if (info->cause != 0) {
         return ELBOW_TOLERANCE_NOT_MET;
     }
     return limited ? ELBOW_LIMITS_ACTIVE : ELBOW_OK;

@@ -62,8 +62,8 @@ static inline layout laid_out(int intervals, int samples_per_interval)
     PLACE(now, NG);
     PLACE(joint, l.window * JOINT);
     PLACE(most, MEASURES + NM);
-    /* 1 where there is a prediction; predicted motor torques at the end of the interval before */
-    PLACE(expected, 1 + NM);
+    /* 1 where there is a prediction; predicted motor torques and gear deflections at the end of the interval before */
+    PLACE(expected, 1 + NM + NG);
     PLACE(q_g, ((ptrdiff_t)intervals * STAGES + 1) * NG); /* the last ones: joints at the start of the horizon */
     PLACE(reference, (ptrdiff_t)intervals * STAGES * REFERENCE);
     PLACE(nodes, (l.past + intervals + 1) * REFERENCE);

@@ -5,11 +5,15 @@
 #include "elbow_stream_memory.h"
 #include "elbow_motors.h"
 #include "elbow_interpolation.h"
+#include "elbow_path_deviation.h"
 
 enum { MEMORY_DECAYS = 4 }; /* time constants of the memory of the largest values, per horizon */
 
 static const real torque_step_max =
     2e-4; /* of a motor torque from one interval to the next, relative to its largest value */
+
+/* m or rad: joints that move less within an interval are at rest; a smaller step of the output is none */
+static const real negligible_motion = 3e-8, negligible_step = 1e-8;
 
 /* Results of an update, sample after sample. */
 typedef struct {
@@ -92,6 +96,23 @@ static inline int arm_in_window(real *s, const layout *l, const interval *out, r
 }
 
 /*
+ * Step of the output [m], [rad]: the static deflections of the gears step from those that the plan before predicted,
+ * and the joints follow, since the motors cannot step.
+ */
+static inline void output_step_of(real *s, const layout *l, const real *deflection, real size[2])
+{
+    const problem_points *arm = arm_of(l, s);
+    const real *expected = s + l->expected + 1 + NM;
+    real step[NY] = {0.0};
+    for (int i = 0; i < NG && s[l->expected] > 0.0; ++i) {
+        for (int k = 0; k < NY; ++k) {
+            step[k] += arm->W[i_g[i]][k][0] * (deflection[i] - expected[i]);
+        }
+    }
+    size_of_deviation(step, size);
+}
+
+/*
  * The largest step of a motor torque from the value that the plan before predicted, relative to the largest of that
  * motor within about a horizon, or to a hundredth of that of all motors. A step is no motion, although each plan is
  * smooth.
@@ -112,10 +133,10 @@ static inline real torque_step_of(real *s, const layout *l, const real *tau_m)
 }
 
 /*
- * Motors in the interval; the deflections of the gears are carried on from update to update. step: of the motor torques
- * at its start.
+ * Motors in the interval; the deflections of the gears are carried on from update to update. step, output_step: of the
+ * motor torques and of the output at its start; steps at rest are not counted.
  */
-static inline int motors_in_interval(real *s, const layout *l, const interval *out, real *step)
+static inline int motors_in_interval(real *s, const layout *l, const interval *out, real *step, real output_step[2])
 {
     const ptrdiff_t samples_per_interval = (ptrdiff_t)s[SAMPLES_PER_INTERVAL];
     real *space = s + l->space, last_stiffness[NG];
@@ -150,6 +171,8 @@ static inline int motors_in_interval(real *s, const layout *l, const interval *o
         }
         if (k == 0) {
             *step = torque_step_of(s, l, tau_m);
+            output_step_of(s, l, s + l->deflection + BACK * NG, output_step);
+            *step = fmax_1(output_step[0], output_step[1]) > negligible_step ? *step : 0.0;
         }
         if (k < samples_per_interval) {
             copy(q_m, NM, out->q_m + k * NM);
@@ -158,6 +181,7 @@ static inline int motors_in_interval(real *s, const layout *l, const interval *o
         } else {
             s[l->expected] = 1.0;
             copy(tau_m, NM, s + l->expected + 1);
+            copy(s + l->deflection + (k + BACK) * NG, NG, s + l->expected + 1 + NM);
         }
     }
     return ELBOW_OK;
@@ -173,8 +197,18 @@ static inline real kinematic_mismatch_now(real *s, const layout *l)
 {
     const ptrdiff_t samples_per_interval = (ptrdiff_t)s[SAMPLES_PER_INTERVAL], N = (ptrdiff_t)s[INTERVALS];
     const real h = s[PERIOD], fine = h / (real)samples_per_interval, sixty = 60.0 * fine;
-    real most[MEASURES] = {1e-4, 1e-2, 1e-7, 1e-4}; /* smallest scales: at rest there is only rounding */
+    const real slow = negligible_motion / (mismatch_max * h), acceleration = slow / h;
+    /* smallest scales: at rest there is only rounding */
+    real most[MEASURES] = {fmax_1(1e-4, acceleration), 1e-2, fmax_1(1e-7, slow), 1e-4};
     real off[MEASURES] = {0.0}, worst = 0.0;
+    for (int j = 0; j < NM; ++j) {
+        real ratio = 0.0;
+        for (int i = 0; i < NG; ++i) {
+            ratio = fmax_1(ratio, fabs_1(eta[j][i]));
+        }
+        most[1] = fmax_1(most[1], ratio * acceleration);
+        most[3] = fmax_1(most[3], rotor_inertia[j] * ratio * acceleration);
+    }
     for (ptrdiff_t k = 0; k < samples_per_interval; ++k) {
         real a_of[NG], miss[NG];
         for (int i = 0; i < NG; ++i) {
