@@ -270,7 +270,7 @@ def _refined(
             solution.trajectory,
             start=problem.equilibrium,
             windows=solution.status != Status.BASELINE,  # the states of a baseline are not those of the robot
-            held=0.0 if solution.status == Status.BASELINE else HELD,
+            held=HELD if solution.status != Status.BASELINE and method.ends_at_rest else 0.0,
             progress=problem.progress,
         )
         plan = plan_error(problem.equations, solution, simulation) if solution.status == Status.LIMITS_ACTIVE else None

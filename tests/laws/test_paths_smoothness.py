@@ -50,6 +50,12 @@ def test_smooth_paths_have_no_jumps(arm) -> None:
         assert report.jumps == () and report.sufficient and drift(report) == 0.0
 
 
+def path_error(solution: flexgen.Solution) -> float:
+    """Largest error of the output up to the end of the trajectory [m]: the estimate does not cover a hold after it."""
+    assert solution.simulation is not None
+    return float(np.linalg.norm(solution.simulation.trajectory["error"], axis=1).max())
+
+
 @pytest.mark.parametrize("name", ["planar5_nmp", "planar5_mp"])
 def test_the_cost_is_that_of_a_simulation(name: str) -> None:
     """C2: the torque jumps, and the open loop drifts by millimetres."""
@@ -57,7 +63,7 @@ def test_the_cost_is_that_of_a_simulation(name: str) -> None:
     move = replace(equations.model.move("line"), smoothness=2)
     report = smoothness_report(equations, Path(equations, move))
     solution = flexgen.solve(equations, move, "collocation", mesh=0.01)
-    assert 1 / FACTOR < drift(report) / solution.tool_error_max_m < FACTOR
+    assert 1 / FACTOR < drift(report) / path_error(solution) < FACTOR
     assert drift(report) > 1e-3
     tau = solution.trajectory["tau_m"]
     steps = np.abs(np.diff(tau, axis=0)).max()  # the jump, spread over one or two samples
@@ -85,7 +91,7 @@ def test_kinks_of_the_torque_are_reported() -> None:
     report = smoothness_report(robot, Path(robot, move))
     solution = flexgen.solve(robot, move, "closed-form")
     assert report.sufficient and len(report.lines()) == 1 and "kinks" in report.lines()[0]
-    assert 1 / 5 < drift(report) / solution.tool_error_max_m < 5
+    assert 1 / 5 < drift(report) / path_error(solution) < 5
 
 
 def test_trapezoids_jump_at_their_knots(arm) -> None:
