@@ -329,8 +329,8 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "counted. Reasons are a path that is not smooth, a horizon that is too short for the unstable zeros, a "
         "sampling period that is too long or too short, or fewer than 7 samples in the rest of the horizon: "
         "(intervals - 1) * samples_per_interval < 7. TOLERANCE_NOT_MET and LIMITS_ACTIVE are positive and come with "
-        "results. To stop, repeat the last position with zero derivatives until the results are at rest, at least for a "
-        "whole horizon.",
+        "results. To stop, repeat the last position with zero derivatives until the results are at rest, at least for "
+        "a whole horizon.",
         (
             Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
             Field("y", "const real *", ("n_t",), "mixed", _OUTPUT),
