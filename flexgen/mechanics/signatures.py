@@ -173,7 +173,14 @@ PYTHON_TABLE = (  # of Equations only, not emitted as C
         "M R_a",
     ),
     Row("state_rate", "Right-hand side of the state-space equations.", "dx/dt = dx(x, tau_m)", "x tau_m", "dx"),
-    Row("energy", "Kinetic and potential energy.", "", "q_a v_a q_m v_m", "kinetic potential"),
+    Row(
+        "energy",
+        "Kinetic and potential energy, also of bodies that cannot move; the potential of gravity is zero at the "
+        "origin of the world.",
+        "",
+        "q_a v_a q_m v_m",
+        "kinetic potential",
+    ),
     Row(
         "power",
         "Power of the motors, and power that frictions, dampers and drags dissipate.",
