@@ -1,0 +1,53 @@
+"""Claimed errors hold to 0.5 s beyond the end of the move, by an integration that shares no code with flexgen."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.model.elements import Move
+from flexgen.model.reader import read
+
+pytest.importorskip("pinocchio")
+from end_of_move import errors
+
+pytestmark = needs_compiler
+
+# the slowest stable zero at its end has a time constant of 0.29 s
+FIVE_BOUNDS = Move(
+    "five bounds",
+    "tool_line",
+    tuple(np.deg2rad([0.0, 20.0, 70.0, 0.0, 60.0, 0.0])),
+    0.0,
+    0,
+    displacement=(0.1, 0.1, -0.1),
+    profile=(0.5, 5.0, 100.0, 4000.0, 2e5),
+)
+PAIRS = [
+    ("elbow", "line"),
+    ("elbow", "joints"),
+    ("planar5_nmp", "line"),
+    ("planar5_nmp", "joints"),
+    ("planar5_mp", "line"),
+    ("planar5_soft", "line"),
+    ("planar5_family", "joints"),
+    ("urdf_arm", "line"),
+    ("four_mass", "step"),
+    ("abb_arm", "turn"),
+    ("manutec_r3", "line"),
+    ("manutec_r3_24", FIVE_BOUNDS),
+]
+SHARE, SMALL = 0.05, 1e-8  # of the claimed error; m or rad
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "move"), PAIRS, ids=[f"{name}@{getattr(m, 'name', m)}" for name, m in PAIRS])
+def test_the_claimed_error_holds_to_half_a_second_after_the_end(name: str, move: str | Move) -> None:
+    solution = flexgen.solve(name, move)
+    assert solution.status == flexgen.Status.SOLVED and solution.warnings == ()
+    claimed = max(solution.tool_error_max_m or 0.0, solution.tool_error_max_rad or 0.0)
+    found = max(errors(read(name), solution.trajectory))
+    assert abs(found - claimed) <= SHARE * claimed + SMALL or max(found, claimed) <= SMALL, (found, claimed)
+    assert np.abs(solution.trajectory["v_a"][-1]).max() < 1e-4
