@@ -20,10 +20,11 @@ from flexgen.cli import completion, run, solve, sweep, verbs
 from flexgen.cli.printing import suggestion
 from flexgen.inversion.method_table import NAMES as METHOD_NAMES
 from flexgen.mechanics.signatures import TABLE
+from flexgen.simulation.hold_names import HOLDS
 
 MODEL = "name in models/ or path of a .toml file, optionally with @variant; or FILE.urdf#BASE:TIP"
 METHOD = f"method of inverse dynamics: {', '.join(METHOD_NAMES)}; default: auto"
-NUMERIC_OPTIONS = ("--pose", "--preview", "--mesh", "--accuracy")
+NUMERIC_OPTIONS = ("--pose", "--preview", "--mesh", "--accuracy", "--sample-time", "--delay")
 _NUMBERS = re.compile(r"[-+]?\.?\d[-+.,\deE]*\Z")  # one number, or several with commas
 
 EXAMPLES = """\
@@ -318,6 +319,24 @@ def _add_solve_arguments(parser: _Parser) -> None:
         help="enforce the torque and speed limits of the model (methods lq, collocation, full)",
     )
     parser.add_argument("--accuracy", metavar="X", type=_positive, help="largest accepted output error [m and rad]")
+    parser.add_argument(
+        "--hold",
+        choices=HOLDS,
+        metavar="NAME",
+        default="spline",
+        help="what the controller does between its ticks: spline (default), linear, or zoh (zero-order hold); the "
+        "torques to send are verified with it and written to FILE_command beside --out FILE",
+    )
+    parser.add_argument(
+        "--sample-time", metavar="S", type=_positive, help="sample time of the controller [s]; default: 0.001"
+    )
+    parser.add_argument(
+        "--delay",
+        metavar="S",
+        type=_not_negative,
+        default=0.0,
+        help="time from a tick of the controller until the motor has the torque [s]; default: 0",
+    )
 
 
 def _add_run_arguments(parser: _Parser) -> None:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from flexgen.model.elements import RobotModel
     from flexgen.simulation.simulate import Simulation
 
+COMMAND = "command"  # ending of the file with the torques that the controller sends
 RUN = 0.25  # time of a simulation of another robot, relative to the verification, whose tolerance is tighter
 
 
@@ -31,6 +32,8 @@ def solve(args: Namespace, log: Progress) -> VerbResult:
     outputs = [(_named(args.out, name), _below(args.report, name)) for name in args.move] if several else []
     for out, report in outputs or [(args.out, args.report)]:
         check_writable(out)
+        if _sends(args):
+            check_writable(_named(out, COMMAND))
         check_report(report)
     equations = derived(args, log)
     limits = None
@@ -53,6 +56,11 @@ def solve(args: Namespace, log: Progress) -> VerbResult:
         [f"move {m.name}: {line}" for m, r in zip(moves, found, strict=True) for line in r.warnings],
         "\n\n".join(result.details for result in found),
     )
+
+
+def _sends(args: Namespace) -> bool:
+    """Whether the torques that the controller sends differ from the samples of the trajectory."""
+    return bool(args.hold != "spline" or args.sample_time is not None or args.delay > 0)
 
 
 def _named(path: Path | None, name: str) -> Path | None:
@@ -96,6 +104,9 @@ def _solve_one(
         limits=limits,
         verify=not args.no_verify,
         accuracy=accuracy,
+        hold=args.hold,
+        sample_time=args.sample_time,
+        delay=args.delay,
         progress=log,
     )
     data = solution.to_dict()
@@ -104,6 +115,12 @@ def _solve_one(
         with writing(out):
             data["trajectory"] = str(solution.trajectory.save(out))
         lines.append(f"wrote {out}")
+        if solution.torque_command is not None:
+            command = _named(out, COMMAND)
+            assert command is not None
+            with writing(command):
+                data["torque_command"] = str(solution.torque_command.save(command))
+            lines.append(f"wrote {command}")
     if report is not None:
         data |= _report(args, equations, solution, report, log)
         lines.append(f"wrote {data['report']}")

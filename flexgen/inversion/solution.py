@@ -17,7 +17,9 @@ from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
 from flexgen.numerics.evaluate import evaluate
-from flexgen.simulation.simulate import Simulation, torque_curve
+from flexgen.simulation.hold import TorqueCommand
+from flexgen.simulation.simulate import Simulation
+from flexgen.simulation.torque_curve import torque_curve
 from flexgen.trajectory import Trajectory
 
 
@@ -77,6 +79,11 @@ class Solution:
         Of the solver's mesh; 0 for a method without mesh.
     details : mapping
         Further figures of the method, JSON types.
+    torque_command : TorqueCommand or None
+        The torques that a controller sends at its ticks; None where no hold was given: the samples of the trajectory,
+        with a spline through them.
+    held_simulation : Simulation or None
+        The verification under the torques of ``torque_command`` with their hold.
     """
 
     model: RobotModel
@@ -96,6 +103,8 @@ class Solution:
     plan_error_max: float | None = None
     intervals: int = 0
     details: Mapping[str, Any] = field(default_factory=dict)
+    torque_command: TorqueCommand | None = None
+    held_simulation: Simulation | None = None
 
     def __repr__(self) -> str:
         return f"<Solution {_title(self.model)}, move {self.move.name}: {self.status}, method {self.method}>"
@@ -122,9 +131,16 @@ class Solution:
         what = "output" if self.model.output.type == "combination" else "tool"
         if not texts:
             return f"{what} error not measured (no verification by simulation)"
+        held = [measured(x, unit) for x, unit in zip(self._held_errors(), ("m", "rad"), strict=True) if x is not None]
+        more = f", with {self.torque_command.title()} {' and '.join(held)}" if self.torque_command and held else ""
         if self.status == Status.LIMITS_ACTIVE:
-            return f"{what} up to {' and '.join(texts)} away from the path because limits are active"
-        return f"{what} error in simulation up to {' and '.join(texts)}"
+            return f"{what} up to {' and '.join(texts)} away from the path because limits are active{more}"
+        return f"{what} error in simulation up to {' and '.join(texts)}{more}"
+
+    def _held_errors(self) -> tuple[float | None, float | None]:
+        """Largest distance [m] and angle [rad] of the output from the path with the hold of the controller."""
+        run = self.held_simulation
+        return (None, None) if run is None else (run.tool_error_max_m, run.tool_error_max_rad)
 
     def _repr_html_(self) -> str:
         """The figures as a table, for notebooks."""
@@ -184,6 +200,10 @@ class Solution:
         measured = f"simulated {what} error, largest"
         if self.status == Status.LIMITS_ACTIVE:
             measured = f"deviation of the {what} from the path (limits active), largest"
+        command, held_errors = self.torque_command, self._held_errors()
+        held = f"simulated {what} error with the hold of the controller, largest"
+        if command is not None:
+            held = f"simulated {what} error with {command.title()}, largest"
         simulation, tau, speed = self.simulation, self.trajectory["tau_m"], self.trajectory["v_m"]
         return (
             Figure("status", self.status.value, "", "status"),
@@ -201,6 +221,8 @@ class Solution:
             Figure("relative residual", self.residual_relative, "relative", "residual_relative"),
             Figure(measured, self.tool_error_max_m, "m", "tool_error_max_m"),
             Figure(measured, self.tool_error_max_rad, "rad", "tool_error_max_rad"),
+            Figure(held, held_errors[0], "m", "held_error_max_m"),
+            Figure(held, held_errors[1], "rad", "held_error_max_rad"),
             Figure(
                 "simulated error from the modified path, largest", self.plan_error_max, "m or rad", "plan_error_max"
             ),
@@ -214,13 +236,18 @@ class Solution:
 
     def to_dict(self) -> dict[str, Any]:
         """The figures as JSON types, SI units."""
+        command = self.torque_command
         return {
             "model": self.model.name,
             "move": self.move.name,
             **{figure.key: figure.value for figure in self.figures()},
             "details": dict(self.details),
             "warnings": list(self.warnings),
+            "hold": None if command is None else command.hold,
+            "sample_time_s": None if command is None else command.sample_time,
+            "delay_s": None if command is None else command.delay,
             "trajectory": None,
+            "torque_command": None,
         }
 
 

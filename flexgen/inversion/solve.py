@@ -15,19 +15,19 @@ import numpy as np
 from flexgen.codegen.spec import STATUSES
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.bounds import Limits
+from flexgen.inversion.hold import Hold, with_hold
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, METHODS, NAMES, Method
-from flexgen.inversion.problem import HELD, INTERVALS, InversionProblem
+from flexgen.inversion.problem import INTERVALS, InversionProblem
 from flexgen.inversion.solution import Solution, exceeded, has_kinks, relative_residual, residual_max
 from flexgen.inversion.status import Status
+from flexgen.inversion.verification import verify_by_simulation
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.mechanics.statics import reach
 from flexgen.model.elements import Move, RobotModel
-from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path, named_move
 from flexgen.ports import Port
 from flexgen.progress import Choice, reported
-from flexgen.simulation.simulate import Simulation, output_labels, output_units, simulate, turn_angle
+from flexgen.simulation.simulate import output_labels, output_units
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 
@@ -52,6 +52,9 @@ def solve(
     limits: Limits | None = None,
     verify: bool = True,
     accuracy: float = ACCURACY,
+    hold: str = "spline",
+    sample_time: float | None = None,
+    delay: float = 0.0,
     progress: Choice = None,
     options: Mapping[str, Any] | None = None,
 ) -> Solution:
@@ -80,6 +83,11 @@ def solve(
         Simulate the full model and measure the error; a mesh that misses ``accuracy`` is refined.
     accuracy : float [rad, and m for each meter of reach, at most m]
         Largest verified error of a solved move.
+    hold : str
+        What the controller does between its ticks: ``"spline"`` through the torques, ``"linear"`` or ``"zoh"``
+        (zero-order hold). `Solution.torque_command` has the torques to send, verified with this hold.
+    sample_time, delay : float [s]
+        Of the controller (default: 1 ms); from its tick to the instant at which the motor has the torque.
     progress : callable or bool, optional
         Called with one line of text now and then; default: messages on a terminal and in a notebook; False: none.
     options : mapping, optional
@@ -104,20 +112,24 @@ def solve(
     equations = model if isinstance(model, Equations) else derive(model)
     robot = equations.model
     chosen = named_move(robot, move)
-    if method not in NAMES:
-        raise ArgumentError(f"method: given {method!r}, expected one of {', '.join(NAMES)}")
-    _check_arguments(preview, mesh, accuracy, limits)
+    _check_arguments(method, preview, mesh, accuracy, limits)
+    controller = Hold(hold, sample_time, delay)
     choose = method == AUTO
     chosen_method = METHODS[_automatic(robot, limits) if choose else method]
     _check_applies(chosen_method, robot, limits)
     path = Path(equations, chosen)
     problem = InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, log, dict(options or {}))
     solution = _automatic_solution(problem, chosen_method) if choose else _refined(problem, chosen_method)
+    solution = with_hold(problem, solution, controller)
     return replace(solution, wall_s=time.perf_counter() - wall, cpu_s=time.process_time() - cpu)
 
 
-def _check_arguments(preview: float | None, mesh: float | None, accuracy: float, limits: Limits | None) -> None:
+def _check_arguments(
+    method: str, preview: float | None, mesh: float | None, accuracy: float, limits: Limits | None
+) -> None:
     """ArgumentError where an argument of `solve` has a wrong type or value."""
+    if method not in NAMES:
+        raise ArgumentError(f"method: given {method!r}, expected one of {', '.join(NAMES)}")
     expected = {
         "preview": "zero or a positive time in s",
         "mesh": "a positive time in s",
@@ -265,21 +277,11 @@ def _refined(
                 return solution
             problem.log(f"relative residual {solution.residual_relative:.1e}: halving the mesh")
             continue
-        simulation = simulate(
-            problem.equations,
-            solution.trajectory,
-            start=problem.equilibrium,
-            windows=solution.status != Status.BASELINE,  # the states of a baseline are not those of the robot
-            held=HELD if solution.status != Status.BASELINE and method.ends_at_rest else 0.0,
-            progress=problem.progress,
-        )
-        plan = plan_error(problem.equations, solution, simulation) if solution.status == Status.LIMITS_ACTIVE else None
+        checked = verify_by_simulation(problem, solution)
+        simulation, plan, worst = checked.simulation, checked.plan_error, checked.worst
         solution = replace(solution, simulation=simulation, plan_error_max=None if plan is None else max(plan))
         if solution.status == Status.BASELINE:
             return solution
-        size = min(1.0, reach(problem.equations))
-        in_m, in_rad = plan or (simulation.tool_error_max_m or 0.0, simulation.tool_error_max_rad or 0.0)
-        worst = max(in_m / size, in_rad, simulation.window_gap)
         if worst <= problem.accuracy and simulation.energy_error <= ENERGY:
             return solution
         if best is None or worst < least:  # on a finer mesh rounding may be larger
@@ -288,18 +290,6 @@ def _refined(
             problem.log(f"verified error {worst:.2e} is above {problem.accuracy:.0e}: halving the mesh")
     assert best is not None or failures  # there is one attempt at least
     return best
-
-
-def plan_error(equations: Equations, solution: Solution, simulation: Simulation) -> tuple[float, float]:
-    """Largest distance [m] and angle [rad] of the simulated output from the planned one, where limits are active."""
-    both = (solution.trajectory, simulation.trajectory)
-    planned, found = (evaluate(equations.function("output"), t["q_a"])[0].reshape(len(t.time), -1) for t in both)
-    units = np.array(output_units(equations.model))
-    in_m, in_rad = (float(np.linalg.norm((found - planned)[:, units == u], axis=1).max()) for u in ("m", "rad"))
-    if equations.model.output.type == "tool_pose":
-        R, S = (evaluate(equations.function("forward_kinematics"), t["q_a"])[1] for t in both)
-        in_rad = float(turn_angle(S, R).max())
-    return in_m, in_rad
 
 
 def _residual_is_small(solution: Solution) -> bool:

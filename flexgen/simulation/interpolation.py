@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import BPoly, make_interp_spline
 
 from flexgen.errors import ArgumentError
-from flexgen.simulation.simulate import torque_curve
+from flexgen.simulation.torque_curve import torque_curve
 from flexgen.trajectory import Trajectory
 
 MOTIONS = (("q_a", "v_a", "a_a"), ("q_m", "v_m", "a_m"))  # channels that are derivatives of each other

@@ -12,6 +12,8 @@ from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
 from flexgen.simulation.integrators import EXPLICIT, OpenLoop, integrate
 
+TorqueInput = Callable[[float, float], Callable[[float], np.ndarray]]
+
 ATOL_WORK = 1e-9  # J: work and loss are observers, they must not drive the step size below what the motion needs
 
 
@@ -43,7 +45,7 @@ class Run:
 def run_windows(
     equations: Equations,
     t: np.ndarray,
-    tau: Callable[[float], np.ndarray],
+    torque: TorqueInput,
     starts: Sequence[tuple[int, np.ndarray | None]],
     rtol: float,
     atol: float,
@@ -56,11 +58,11 @@ def run_windows(
     equations : Equations
     t : array (n,) [s]
         Instants of the results.
-    tau : callable
-        Motor torques (n_m,) at an instant.
+    torque : callable
+        Motor torques (n_m,) as a function of the instant in a window, from the start and the end of the window.
     starts : sequence of (int, array)
         Sample at which a window begins, and the state (q_a, q_me, v_a, v_me) that it begins with; None: the integrator
-        starts again from the state that was reached, where the torque has a corner.
+        starts again from the state that was reached, where the torque jumps or has a corner.
     rtol, atol : float
         Tolerances of the integrator.
     progress : callable, optional
@@ -69,12 +71,14 @@ def run_windows(
     n = robot.dof
     side = np.ones(n)  # of the motors: rad at the motor for each rad at the arm
     side[robot.n_a :] = np.abs(robot.eta).max(axis=1)[list(robot.i_m)]
-    loop = open_loop(equations, tau)
+    tau = torque(t[0], t[-1])
+    loop = open_loop(equations, lambda instant: tau(instant))
     tolerances = np.concatenate([np.full(2 * n, atol), np.full(2, ATOL_WORK)])
     states, start_energy = np.empty((len(t), 2 * n + 2)), np.empty(len(t))
     gap, evaluations, integrator = 0.0, 0, EXPLICIT
     ends = [first for first, _ in starts[1:]] + [len(t) - 1]
     for (first, start), last in zip(starts, ends, strict=True):
+        tau = torque(t[first], t[last])
         begin = states[first].copy() if start is None else np.concatenate([start, np.zeros(2)])
         found = integrate(loop, begin, t[first : last + 1], rtol, tolerances, progress)
         own = slice(first + (first > 0), last + 1)

@@ -20,13 +20,11 @@ Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equation
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator, PPoly, make_interp_spline
 
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations, derive
@@ -36,12 +34,12 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.ports import Port
 from flexgen.progress import Choice, reported
 from flexgen.simulation.growth import LARGEST_GROWTH, Growth, Motion, growth_along
-from flexgen.simulation.open_loop import run_windows
+from flexgen.simulation.hold import SAME, TorqueCommand
+from flexgen.simulation.open_loop import TorqueInput, run_windows
+from flexgen.simulation.torque_curve import torque_curve
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 
-DEGREE, SAMPLES = 5, 10  # of the polynomials of a limited torque, and samples of each
-ON_GRID = 1e-7  # relative distance up to which samples are on a grid
 HELD_MAX, HELD_STEP = 60.0, 2e-3  # s: of a torque that is held after the end, and the step at which errors are taken
 RTOL, ATOL = 1e-11, 1e-12  # a tenth of a nanometer over a meter of reach and a thousand steps
 
@@ -172,6 +170,7 @@ def simulate(
     rtol: float = RTOL,
     windows: bool = False,
     held: float = 0.0,
+    command: TorqueCommand | None = None,
     progress: Choice = None,
 ) -> Simulation:
     """Simulate the full model from equilibrium under the torque of a trajectory.
@@ -193,6 +192,8 @@ def simulate(
     held : float
         How long [s] the last torque is held after the trajectory; the errors and the energy cover this time, the
         trajectory of the simulation does not.
+    command : TorqueCommand, optional
+        The torques that a controller sends, see `Solution.torque_command`, instead of those of the trajectory.
 
     Returns
     -------
@@ -208,29 +209,30 @@ def simulate(
     equations = model if isinstance(model, Equations) else derive(model)
     _check_choices(trajectory, rtol, held)
     data = trajectory if isinstance(trajectory, Trajectory) else Trajectory.load(trajectory)
-    robot = equations.model
+    began, robot = time.perf_counter(), equations.model
     given, warnings = _checked(robot, data)
-    tau = _held_curve(data, given["tau_m"])
+    torque = _held_curve(data, given["tau_m"]) if command is None else _checked_command(robot, command)
     t, given = _with_held_end(data.time, given, held)
+    applied = given["tau_m"] if command is None else command.at(t)
     first_a, first_m = (given["q_a"][0], given["q_m"][0]) if start is None else (start.q_a, start.q_m)
-    began = time.perf_counter()
     n_a, i_m, n = robot.n_a, list(robot.i_m), robot.dof
     motion = _motion(robot, data, t, given) if windows else None
     growth = None if motion is None else growth_along(equations, motion)
     start_state = np.concatenate([first_a, first_m[i_m], np.zeros(n)])
     starts = _starts(start_state, motion, growth, i_m, len(data.time) - 1 if held > 0.0 else None)
-    run = run_windows(equations, t, tau, starts, rtol, ATOL, progress if callable(progress) else None)
-    states, wall = run.states, time.perf_counter() - began
+    instants, own, starts = _with_edges(t, starts, command)
+    run = run_windows(equations, instants, torque, starts, rtol, ATOL, progress if callable(progress) else None)
+    states, wall = run.states[own], time.perf_counter() - began
     q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
     q_m, v_m = q_a[:, list(robot.i_g)] @ robot.eta.T, v_a[:, list(robot.i_g)] @ robot.eta.T
     q_m[:, i_m], v_m[:, i_m] = states[:, n_a:n], states[:, n + n_a : 2 * n]
-    in_m, in_rad, recorded = _recorded(equations, data, given, (q_a, v_a, q_m, v_m))
+    in_m, in_rad, recorded = _recorded(equations, data, {**given, "tau_m": applied}, (q_a, v_a, q_m, v_m))
     return Simulation(
         trajectory=recorded,
         tool_error_max_m=in_m,
         tool_error_max_rad=in_rad,
-        energy_error=_energy_error(equations, (q_a, v_a, q_m, v_m), run.start_energy, *states[:, 2 * n :].T),
-        torque_max_Nm=float(np.abs(given["tau_m"]).max()),
+        energy_error=_energy_error(equations, (q_a, v_a, q_m, v_m), run.start_energy[own], *states[:, 2 * n :].T),
+        torque_max_Nm=float(np.abs(applied).max()),
         speed_max_rad_s=float(np.abs(v_m).max()),
         evaluations=run.evaluations,
         wall_s=wall,
@@ -267,11 +269,47 @@ def _starts(
     return starts
 
 
-def _held_curve(data: Trajectory, torque: np.ndarray) -> Callable[[float], np.ndarray]:
+def _checked_command(robot: RobotModel, command: TorqueCommand) -> TorqueInput:
+    """The torque of a command; ArgumentError where it has other motors or does not fit together."""
+    names = tuple(motor.name for motor in robot.motors)
+    n = len(command.time)
+    if command.labels != names or command.values.shape != (n, len(names)) or n < 2:
+        raise ArgumentError(
+            f"command: given {command.values.shape} torques of {', '.join(command.labels)} at {n} ticks, expected "
+            f"torques of {', '.join(names)} at two ticks or more"
+        )
+    if not (np.isfinite(command.values).all() and (np.diff(command.time) > 0).all()):
+        raise ArgumentError("command: given NaN, infinity or ticks that do not increase, expected finite torques")
+    return command.between
+
+
+def _with_edges(
+    t: np.ndarray, starts: list[tuple[int, np.ndarray | None]], command: TorqueCommand | None
+) -> tuple[np.ndarray, np.ndarray, list[tuple[int, np.ndarray | None]]]:
+    """All instants of the integration, which of them are those in ``t``, and the starts with those at the edges."""
+    if command is None:
+        return t, np.arange(len(t)), starts
+    edges = command.edges
+    edges = edges[(edges > t[0]) & (edges < t[-1])]
+    nearest = t[np.searchsorted((t[:-1] + t[1:]) / 2, edges)]
+    edges = np.where(np.abs(nearest - edges) < SAME * command.sample_time, nearest, edges)
+    instants = np.unique(np.concatenate([t, edges]))
+    own = np.searchsorted(instants, t)
+    moved = [(int(own[first]), state) for first, state in starts]
+    taken = {first for first, _ in moved}
+    corners = [(int(k), None) for k in np.searchsorted(instants, edges) if k not in taken]
+    return instants, own, sorted([*moved, *corners], key=lambda one: (one[0], one[1] is not None))
+
+
+def _held_curve(data: Trajectory, torque: np.ndarray) -> TorqueInput:
     """The motor torque at an instant, its last value after the end."""
     curve = torque_curve(data.time, torque, limited=data.meta.get("torque") == "limited")
     end, last = data.time[-1], torque[-1]
-    return lambda instant: np.asarray(curve(instant)) if instant < end else last
+
+    def tau(instant: float) -> np.ndarray:
+        return np.asarray(curve(instant)) if instant < end else last
+
+    return lambda begin, finish: tau
 
 
 def _with_held_end(
@@ -352,40 +390,6 @@ def _recorded(
     meta = {"model": robot.name, "variant": robot.variant, "kind": "simulation"}
     channels = {name: x[: len(data.time)] for name, x in channels.items()}
     return in_m, in_rad, Trajectory(data.time, channels, ports, labels, meta, units)
-
-
-def torque_curve(t: np.ndarray, torque: np.ndarray, *, limited: bool) -> Callable[[Any], np.ndarray]:
-    """Motor torque (n_m) at an instant, or (k, n_m) at k of them, from samples (n, n_m) at the instants ``t`` (n,) [s].
-
-    A quintic spline; ``limited``: the polynomials that were sampled, or a monotone cubic, since a spline overshoots
-    where the torque reaches its limit.
-    """
-    if not limited:
-        return make_interp_spline(t, torque, k=min(5, len(t) - 1))
-    return _sampled_polynomials(t, torque) or PchipInterpolator(t, torque)
-
-
-def _sampled_polynomials(t: np.ndarray, torque: np.ndarray) -> PPoly | None:
-    """The piecewise polynomial that was sampled, if all samples lie on one; else None.
-
-    The torques of optimal control are polynomials of degree ``DEGREE`` on each interval of the mesh, with ``SAMPLES``
-    samples each, and kinks between intervals where a bound becomes active.
-    """
-    n, left = divmod(len(t) - 1, SAMPLES)
-    if n == 0 or left:
-        return None
-    at = SAMPLES * np.arange(n)[:, None] + np.arange(SAMPLES + 1)
-    width = np.diff(t[::SAMPLES])
-    theta = np.linspace(0.0, 1.0, SAMPLES + 1)
-    if np.abs((t[at] - t[at[:, :1]]) / width[:, None] - theta).max() > ON_GRID:
-        return None
-    powers = theta[:, None] ** np.arange(DEGREE, -1, -1)
-    samples = torque[at]  # (n, SAMPLES + 1, n_m)
-    coefficients = np.einsum("dp,npm->ndm", np.linalg.pinv(powers), samples)
-    if np.abs(np.einsum("pd,ndm->npm", powers, coefficients) - samples).max() > ON_GRID * np.abs(torque).max():
-        return None
-    scaled = coefficients / width[:, None, None] ** np.arange(DEGREE, -1, -1)[:, None]
-    return PPoly(scaled.transpose(1, 0, 2), t[::SAMPLES])
 
 
 def _output_error(

@@ -136,7 +136,7 @@ def test_an_undamped_nonlinear_gear() -> None:
 
 def test_guards_of_the_verdicts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bugs: a simulation that loses energy, and an NLP that calls open constraints a success."""
-    import flexgen.inversion.solve as solving
+    import flexgen.inversion.verification as solving
     import flexgen.numerics.nlp as nlp
 
     def leaking(*arguments: object, **options: object) -> object:

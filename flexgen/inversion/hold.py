@@ -1,0 +1,82 @@
+"""The torques that a controller sends for a solution, and their verification."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.solution import Solution
+from flexgen.inversion.status import Status
+from flexgen.inversion.verification import verify_by_simulation
+from flexgen.simulation.hold import SAMPLE_TIME, TorqueCommand, check_hold, held_torque
+from flexgen.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Hold:
+    """What a controller does between its ticks.
+
+    Attributes
+    ----------
+    kind : str
+        ``"spline"``, ``"linear"`` or ``"zoh"``.
+    sample_time : float or None [s]
+        Default: that of the samples for a spline, else 1 ms.
+    delay : float [s]
+        From a tick to the instant at which the motor has the torque.
+
+    Raises
+    ------
+    ArgumentError
+        A value is out of range.
+    """
+
+    kind: str = "spline"
+    sample_time: float | None = None
+    delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_hold(self.kind, self.sample_time, self.delay)
+
+    @property
+    def is_default(self) -> bool:
+        """Whether the samples of the solution are what the controller sends."""
+        return self == Hold()
+
+
+def torque_command(trajectory: Trajectory, hold: Hold) -> TorqueCommand:
+    """The torques that a controller with this hold sends for a solution."""
+    sample_time = SAMPLE_TIME if hold.sample_time is None else float(hold.sample_time)
+    time, values = held_torque(
+        trajectory.time,
+        trajectory["tau_m"],
+        hold.kind,
+        sample_time,
+        float(hold.delay),
+        limited=trajectory.meta.get("torque") == "limited",
+    )
+    meta: dict[str, Any] = {key: trajectory.meta[key] for key in ("model", "variant", "move") if key in trajectory.meta}
+    return TorqueCommand(time, values, trajectory.labels["tau_m"], hold.kind, sample_time, float(hold.delay), meta)
+
+
+def with_hold(problem: InversionProblem, solution: Solution, hold: Hold) -> Solution:
+    """The solution with the torques that the controller sends, verified with its hold unless verification is off.
+
+    The status is "tolerance not met" where the held torques make the output deviate by more than the accuracy.
+    """
+    if hold.is_default:
+        return solution
+    command = torque_command(solution.trajectory, hold)
+    if solution.simulation is None:
+        return replace(solution, torque_command=command)
+    problem.log(f"verifying the torques of the controller: {command.title()}")
+    checked = verify_by_simulation(problem, solution, command)
+    found = replace(solution, torque_command=command, held_simulation=checked.simulation)
+    if checked.worst <= problem.accuracy or solution.status in (Status.BASELINE, Status.TOLERANCE_NOT_MET):
+        return found
+    warning = (
+        f"the {command.title()} makes the output deviate by {checked.worst:.3g} m or rad, more than "
+        f"{problem.accuracy:.3g}; use a shorter sample time or a linear hold"
+    )
+    return replace(found, status=Status.TOLERANCE_NOT_MET, warnings=(*found.warnings, warning))

@@ -1,0 +1,66 @@
+"""Verification of a solution by a forward simulation of the full model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexgen.inversion.method_table import METHODS
+from flexgen.inversion.problem import HELD, InversionProblem
+from flexgen.inversion.solution import Solution
+from flexgen.inversion.status import Status
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.statics import reach
+from flexgen.numerics.evaluate import evaluate
+from flexgen.simulation.hold import TorqueCommand
+from flexgen.simulation.simulate import Simulation, output_units, simulate, turn_angle
+
+
+@dataclass(frozen=True)
+class Verification:
+    """A simulation of a solution and its errors.
+
+    Attributes
+    ----------
+    simulation : Simulation
+    plan_error : (float, float) or None [m], [rad]
+        Where limits are active: how far the simulated output is from the planned one.
+    worst : float [rad, and m for each meter of reach, at most m]
+        Largest error, from the planned output where limits are active.
+    """
+
+    simulation: Simulation
+    plan_error: tuple[float, float] | None
+    worst: float
+
+
+def verify_by_simulation(
+    problem: InversionProblem, solution: Solution, command: TorqueCommand | None = None
+) -> Verification:
+    """Simulate a solution under its continuous torque, or under the torques that a controller sends."""
+    simulation = simulate(
+        problem.equations,
+        solution.trajectory,
+        start=problem.equilibrium,
+        windows=solution.status != Status.BASELINE,  # the states of a baseline are not those of the robot
+        held=HELD if solution.status != Status.BASELINE and METHODS[solution.method].ends_at_rest else 0.0,
+        command=command,
+        progress=problem.progress,
+    )
+    plan = plan_error(problem.equations, solution, simulation) if solution.status == Status.LIMITS_ACTIVE else None
+    size = min(1.0, reach(problem.equations))
+    in_m, in_rad = plan or (simulation.tool_error_max_m or 0.0, simulation.tool_error_max_rad or 0.0)
+    return Verification(simulation, plan, max(in_m / size, in_rad, simulation.window_gap))
+
+
+def plan_error(equations: Equations, solution: Solution, simulation: Simulation) -> tuple[float, float]:
+    """Largest distance [m] and angle [rad] of the simulated output from the planned one, where limits are active."""
+    both = (solution.trajectory, simulation.trajectory)
+    planned, found = (evaluate(equations.function("output"), t["q_a"])[0].reshape(len(t.time), -1) for t in both)
+    units = np.array(output_units(equations.model))
+    in_m, in_rad = (float(np.linalg.norm((found - planned)[:, units == u], axis=1).max()) for u in ("m", "rad"))
+    if equations.model.output.type == "tool_pose":
+        R, S = (evaluate(equations.function("forward_kinematics"), t["q_a"])[1] for t in both)
+        in_rad = float(turn_angle(S, R).max())
+    return in_m, in_rad
