@@ -40,6 +40,7 @@ from flexgen.trajectory import Trajectory
 SAMPLE_TIME = 1e-3  # s
 MOST = 1_000_000  # ticks
 SAME = 1e-9  # share of the sample time: instants that are as close are the same
+GAUSS_LONG = 16  # points on the interval between two edges
 GAUSS = 4  # points on each piece: exact for polynomials of degree 7
 
 
@@ -109,6 +110,27 @@ class TorqueCommand:
         curve = make_interp_spline(arrivals, values, k=min(degree, len(arrivals) - 1))
         return np.asarray(curve(np.clip(instants, arrivals[0], arrivals[-1])))
 
+    def ripple(self, instant: float, curve: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+        """Ripple of the momentum (n_m,) [N m s]: the integral of the held torque minus a continuous one.
+
+        Its mean over the interval between two edges that contains the instant, or begins there, is zero. A motion under
+        the held torque differs by it from the motion under the continuous one.
+        """
+        edges = self.edges
+        k = int(np.searchsorted(edges, instant, side="right")) - 1
+        if self.hold == "spline" or k < 0 or k >= len(edges) - 1:
+            return np.zeros(len(self.labels))
+        begin, end = edges[k : k + 2]
+        torque = self.between(begin, end)
+
+        def integral(last: float, weight: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+            at, weights = leggauss(GAUSS_LONG)
+            at = begin + (last - begin) * (at + 1) / 2
+            miss = np.array([torque(one) for one in at]) - curve(at)
+            return np.asarray((last - begin) / 2 * (weights * weight(at)) @ miss)
+
+        return integral(instant, np.ones_like) - integral(end, lambda at: (end - at) / (end - begin))
+
     def trajectory(self) -> Trajectory:
         """Ticks and torques as a trajectory with the channel ``tau_m``; ``meta`` has hold, sample time and delay."""
         port = Port("tau_m", (len(self.labels),), "N m", "motor torques to send, motor side")
@@ -166,14 +188,16 @@ def held_torque(
             "a longer sample time"
         )
     time = t[0] + sample_time * np.arange(first, max(last, first + 1) + 1)
-    curve = _extended(t, tau, limited)
+    curve = extended(t, tau, limited)
     edges = time + delay
     if hold == "spline":
         return time, curve(edges)
     left, right = _moments(t, curve, edges)
     if hold == "zoh":
         values = np.vstack([left + right, tau[-1:]])
-        return time, values if limited else values - _second_difference(values) / 12
+        if not limited:
+            values[:-1] -= _second_difference(values)[:-1] / 12
+        return time, values
     values = _projection(curve(edges), left, right)
     return time, np.clip(values, tau.min(axis=0), tau.max(axis=0)) if limited else values
 
@@ -192,7 +216,7 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
-def _extended(t: np.ndarray, tau: np.ndarray, limited: bool) -> Callable[[np.ndarray], np.ndarray]:
+def extended(t: np.ndarray, tau: np.ndarray, limited: bool) -> Callable[[np.ndarray], np.ndarray]:
     """The continuous torque, constant before its first and after its last sample."""
     curve = torque_curve(t, tau, limited=limited)
     return lambda instants: np.asarray(curve(np.clip(instants, t[0], t[-1])))

@@ -34,7 +34,7 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.ports import Port
 from flexgen.progress import Choice, reported
 from flexgen.simulation.growth import LARGEST_GROWTH, Growth, Motion, growth_along
-from flexgen.simulation.hold import SAME, TorqueCommand
+from flexgen.simulation.hold import SAME, TorqueCommand, extended
 from flexgen.simulation.open_loop import TorqueInput, run_windows
 from flexgen.simulation.torque_curve import torque_curve
 from flexgen.trajectory import Trajectory
@@ -220,7 +220,7 @@ def simulate(
     growth = None if motion is None else growth_along(equations, motion)
     start_state = np.concatenate([first_a, first_m[i_m], np.zeros(n)])
     starts = _starts(start_state, motion, growth, i_m, len(data.time) - 1 if held > 0.0 else None)
-    instants, own, starts = _with_edges(t, starts, command)
+    instants, own, starts = _with_edges(t, _with_ripple(equations, data, t, starts, command), command)
     run = run_windows(equations, instants, torque, starts, rtol, ATOL, progress if callable(progress) else None)
     states, wall = run.states[own], time.perf_counter() - began
     q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
@@ -299,6 +299,28 @@ def _with_edges(
     taken = {first for first, _ in moved}
     corners = [(int(k), None) for k in np.searchsorted(instants, edges) if k not in taken]
     return instants, own, sorted([*moved, *corners], key=lambda one: (one[0], one[1] is not None))
+
+
+def _with_ripple(
+    equations: Equations,
+    data: Trajectory,
+    t: np.ndarray,
+    starts: list[tuple[int, np.ndarray | None]],
+    command: TorqueCommand | None,
+) -> list[tuple[int, np.ndarray | None]]:
+    """The starts of later windows with the velocities that a motion under the held torque has at these instants."""
+    if command is None:
+        return starts
+    rate, n = equations.function("state_rate"), equations.model.dof
+    curve = extended(data.time, data["tau_m"], data.meta.get("torque") == "limited")
+    out = starts[:1]
+    for first, state in starts[1:]:
+        if state is not None:
+            ripple = command.ripple(t[first], curve)
+            change = np.array(rate(state, ripple) - rate(state, 0 * ripple)).ravel()
+            state = state + np.concatenate([np.zeros(n), change[n:]])
+        out.append((first, state))
+    return out
 
 
 def _held_curve(data: Trajectory, torque: np.ndarray) -> TorqueInput:
