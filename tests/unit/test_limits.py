@@ -62,7 +62,7 @@ def test_the_modified_path_is_verified() -> None:
 
 @needs_compiler
 def test_wide_limits_change_nothing() -> None:
-    free = flexgen.solve("planar5_nmp", method="lq", verify=False)
+    free = flexgen.solve("planar5_nmp", method="lq", mesh=0.01, verify=False)  # the mesh of the method with limits
     wide = bounded("lq", torque=30.0, speed=1000.0, deflection=0.1)
     assert wide.status == Status.SOLVED
     assert np.array_equal(free.trajectory["tau_m"], wide.trajectory["tau_m"])
