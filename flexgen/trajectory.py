@@ -65,7 +65,8 @@ class Trajectory:
         units = {}
         for name, port in self.ports.items():
             given = tuple(self.units.get(name, ()))
-            units[name] = given if trajectory_files.common_unit(given) == port.unit else (port.unit,) * port.size
+            fits = given and trajectory_files.common_unit(given) == port.unit
+            units[name] = given if fits else (port.unit,) * port.size
             if len(units[name]) != port.size:
                 raise ArgumentError(f"trajectory channel {name}: given {len(given)} units, expected {port.size}")
         object.__setattr__(self, "units", units)
