@@ -71,7 +71,7 @@ def test_the_claimed_error_covers_the_hold(name: str) -> None:
 def test_a_slow_zero_is_waited_for() -> None:
     """The slowest stable zero of this arm has a time constant of 0.29 s; `test_claimed_errors` confirms the error."""
     equations = derive("manutec_r3_24")
-    solution = flexgen.solve(equations, FIVE_BOUNDS, verify=False)
+    solution = flexgen.solve(equations, FIVE_BOUNDS)
     path = Path(equations, solution.move)
     assert solution.trajectory.time[-1] - path.duration > 1.0
     assert np.abs(solution.trajectory["v_a"][-2]).max() < 1e-6  # 2.1e-3 rad/s when it ended after 0.3 s
