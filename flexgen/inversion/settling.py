@@ -20,6 +20,7 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.runtime.path_inversion import Inversion
 
 SETTLED = 1e-3  # of the accuracy: what may be left at the end
+NOTED = 1e-2  # of the accuracy: what is left at the end with a warning
 SHORTEST = 0.05  # s after the path
 
 
@@ -47,9 +48,9 @@ def settled(problem: InversionProblem, found: Inversion) -> tuple[Inversion, tup
     allowed = SETTLED * problem.accuracy
     moving = np.flatnonzero(size > allowed)
     last = int(moving[-1]) + 1 if len(moving) else 0
-    if last >= len(size) and problem.windows[1] < LONGEST_SETTLING:
-        # the motion of all stable zeros has decayed by exp(-SETTLING): what is left is the ripple of a mesh that does
-        # not resolve the fastest of them
+    if last >= len(size) and (problem.windows[1] < LONGEST_SETTLING or size[-1] <= NOTED * problem.accuracy):
+        # the motion of all stable zeros has decayed by exp(-SETTLING), or nearly: what is left is rounding, or the
+        # ripple of a mesh that does not resolve the fastest of them
         return _faded(problem, found, end), ()
     if last >= len(size):
         return found, (

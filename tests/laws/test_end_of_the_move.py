@@ -97,3 +97,18 @@ def test_the_last_samples_are_smooth() -> None:
     )
     bend = np.abs(np.diff(found.tau_m, 3, axis=0)).max(axis=1)
     assert bend[-3:].max() < 3 * bend[-30:-3].max()
+
+
+def test_the_end_is_at_rest_on_a_fine_mesh() -> None:
+    """The unstable zero of 271 1/s is slow in intervals of 0.05 ms, and that of 708 1/s larger in the cost of the end."""
+    trajectory = flexgen.solve("beam_arm", method="lq", mesh=5e-5, verify=False).trajectory
+    q_a = trajectory["q_a"]
+    # 6e-11 rad where the cost of the slower one has not converged
+    assert np.abs(q_a[-200:-20] - q_a[-1]).max() < 1e-11
+
+
+@pytest.mark.slow
+def test_a_mesh_that_resolves_a_fast_zero_ends_at_rest_too() -> None:
+    """Unstable zeros of 2098 and 16 +- 249i 1/s, 98 um where the cost of the slow pair has not converged."""
+    solution = flexgen.solve("manutec_r3_efjm", method="lq")
+    assert solution.status is flexgen.Status.SOLVED and solution.tool_error_max_m < 5e-8 and not solution.warnings
