@@ -49,7 +49,7 @@ class Solution:
     Attributes
     ----------
     model, move
-        The robot, and the move with the duration and smoothness that its path has.
+        The robot, and the move with the duration that its path has.
     method : str
         Name of the method that found it.
     status : Status

@@ -31,7 +31,7 @@ class Path:
     equations : Equations
     reference : Reference
     move : Move
-        With the duration and smoothness of the path where these are computed.
+        With the duration of the path where it is computed. Planned again, it gives the same path.
     segments : tuple of TimedSegment
         Motions from rest to rest, in order.
     duration : float [s]
@@ -57,11 +57,9 @@ class Path:
             if len(self.segments) == 1 and last.law.duration == move.duration
             else (last.start + last.law.duration)
         )
-        unchanged = move.duration == self.duration and move.smoothness == self.smoothness and move.type != "sampled"
+        unchanged = move.duration == self.duration and move.type != "sampled"
         self.move = (
-            move
-            if unchanged
-            else replace(move, start=tuple(map(float, planned.q_g)), duration=self.duration, smoothness=self.smoothness)
+            move if unchanged else replace(move, start=tuple(map(float, planned.q_g)), duration=self.duration)
         )
 
     @property

@@ -141,3 +141,28 @@ def test_paths_and_planned_moves_are_pickled(tmp_path: FilePath) -> None:
         assert np.array_equal(segments.q_g, planned.q_g)
         for one, other in zip(segments.segments, planned.segments, strict=True):
             assert np.array_equal(one.at(t)[0], other.at(t)[0])
+
+
+LINE = {"start": (0.3, -1.1), "type": "tool_line", "displacement": (0.1, 0.05, 0.0)}
+AGAIN = {
+    "trapezoids": Move("trapezoids", duration=0.0, smoothness=0, profile=(0.5, 5.0, 100.0), **LINE),
+    "smooth steps": Move("steps", duration=0.0, smoothness=5, profile=(0.5, 5.0, 100.0), **LINE),
+    "duration": Move("duration", duration=0.5, smoothness=5, **LINE),
+    "program": Program(
+        name="program",
+        start=(0.3, -1.1),
+        steps=(MoveJ((0.5, -1.2)), MoveL((0.05, 0, 0))),
+        profile=(0.5, 5.0, 100.0),
+        joint_profile=(2.0, 20.0, 300.0),
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", AGAIN)
+def test_a_planned_move_plans_the_same_path_again(kind: str) -> None:
+    equations = flexgen.derive("planar5_nmp")
+    path = Path(equations, AGAIN[kind])
+    again = Path(equations, path.move)
+    assert again.duration == path.duration == path.move.duration and again.smoothness == path.smoothness
+    t = np.linspace(0.0, path.duration, 50)
+    assert np.array_equal(again.sample(t).y, path.sample(t).y)

@@ -53,7 +53,7 @@ def test_a_sampled_path_with_time_comes_back(robot, tmp_path: FilePath) -> None:
     t = np.linspace(0, move.duration, 101)
     file = write(tmp_path / "line.csv", {"t": t + 3.0} | tool_columns(original, t))
     path = Path(robot, Move("again", "sampled", move.start, 0.0, 0, file=file))
-    assert abs(path.duration - move.duration) < 1e-12 and path.smoothness == path.move.smoothness == 3
+    assert abs(path.duration - move.duration) < 1e-12 and path.smoothness == 3
     fine = np.linspace(0, move.duration, 777)
     found, right = path.sample(fine), original.sample(fine)
     # a septic spline of 100 intervals: some 1e-13 of the size and a factor of 1e2 more for each derivative
