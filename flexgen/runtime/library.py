@@ -21,7 +21,7 @@ from flexgen.runtime.arguments import PARAMETERS
 from flexgen.runtime.calls import Entries, Function
 from flexgen.runtime.files import AGAIN, trusted_bytes, trusted_folder, trusted_library
 from flexgen.runtime.identity import ABI_VERSION, REALS, entry_of, verify
-from flexgen.runtime.path_inversion import Inverter, inverter_of
+from flexgen.runtime.path_inversion import TOLERANCE, Inverter, inverter_of
 from flexgen.runtime.processor import missing_instruction_sets
 from flexgen.runtime.stream import Stream, StreamEntries, streams_of
 
@@ -114,7 +114,7 @@ class Library:
         period: float,
         intervals: int,
         samples_per_interval: int = 1,
-        tolerance: float = 1e-6,
+        tolerance: float = TOLERANCE,
     ) -> Stream:
         """Start inverse dynamics on a moving horizon, at rest at a given output.
 

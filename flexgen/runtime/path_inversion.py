@@ -18,6 +18,7 @@ from flexgen.runtime.arguments import address
 from flexgen.runtime.files import AGAIN
 from flexgen.runtime.structs import filled, structs_of
 
+TOLERANCE = 1e-6  # of whole paths: the residual of a deflection of 1e-8 rad or m
 _RESULTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
@@ -110,7 +111,7 @@ class Inverter:
         return self._again
 
     def __repr__(self) -> str:
-        options = "n_pre=0, n_post=0, samples_per_interval=1, tolerance=1e-9"
+        options = f"n_pre=0, n_post=0, samples_per_interval=1, tolerance={TOLERANCE:g}"
         return f"{self._function}(y, dy, ddy, *, period, q_start, {options})"
 
     def close(self) -> None:
@@ -132,7 +133,7 @@ class Inverter:
         n_pre: int = 0,
         n_post: int = 0,
         samples_per_interval: int = 1,
-        tolerance: float = 1e-9,
+        tolerance: float = TOLERANCE,
     ) -> Inversion:
         """Motion and torques for exact tracking of a path.
 
@@ -152,7 +153,8 @@ class Inverter:
         samples_per_interval : int
             Samples per interval of the solver's mesh.
         tolerance : float
-            Largest residual of the unactuated rows, relative to their torques at equilibrium.
+            Largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m. The
+            default is that of `flexgen.solve`: an error of the deflections of 1e-8 rad or m.
 
         Returns
         -------

@@ -56,7 +56,9 @@ typedef struct {
     int n_pre; /* samples before the path, for the motion that unstable zeros require */
     int n_post; /* samples after the path, in which stable zeros decay */
     int samples_per_interval; /* samples per interval of the mesh */
-    elbow_real tolerance; /* largest residual of the unactuated rows, relative to their torques at equilibrium */
+    /* largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6, an
+     * error of 1e-8 rad or m, is what flexgen solve uses */
+    elbow_real tolerance;
 } elbow_inversion_options;
 
 /* Arrays of the caller for the results, N samples each. A null member is not written. */
@@ -88,7 +90,9 @@ typedef struct {
     int intervals; /* intervals of the horizon, 1 to 10000 */
     int samples_per_interval; /* samples of the results per update, 1 to 1000 */
     elbow_real period; /* [s] time between two updates: the length of an interval */
-    elbow_real tolerance; /* largest residual of the unactuated rows, relative to their torques at equilibrium */
+    /* largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6, an
+     * error of 1e-8 rad or m, is what flexgen solve uses */
+    elbow_real tolerance;
 } elbow_stream_options;
 
 /* What stream_update reports. */

@@ -100,7 +100,7 @@ def test_the_last_samples_are_smooth() -> None:
 
 
 def test_the_end_is_at_rest_on_a_fine_mesh() -> None:
-    """The unstable zero of 271 1/s is slow in intervals of 0.05 ms, and that of 708 1/s larger in the cost of the end."""
+    """The unstable zero of 271 1/s is slow in intervals of 0.05 ms, that of 708 1/s hides its cost."""
     trajectory = flexgen.solve("beam_arm", method="lq", mesh=5e-5, verify=False).trajectory
     q_a = trajectory["q_a"]
     # 6e-11 rad where the cost of the slower one has not converged

@@ -16,7 +16,14 @@ from generated_robots import FAMILIES, KINDS, MOVES, generated_robot, kind_of, r
 from generated_runs import LIMIT, run
 
 import flexgen
+from flexgen.errors import SolverError
+from flexgen.inversion.model_library import inversion_library
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.sampling import grid, samples
+from flexgen.mechanics.equations import derive
 from flexgen.model.reader import read
+from flexgen.paths.path import Path as MovePath
 
 try:
     from confirmation import confirm, holds
@@ -85,3 +92,33 @@ def test_generated_robots() -> None:
     assert sum(row["outcome"] == "confirmed" for row in rows) >= SOLVED * len(rows), [
         text for text, row in zip(named, rows, strict=True) if row["outcome"] != "confirmed"
     ]
+
+
+@needs_robots
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [7, 10])
+def test_inversion_in_c_doubts_none_that_solve_verifies(number: int, tmp_path: Path) -> None:
+    """With its default tolerance, on the grid of solve."""
+    assert FOLDER is not None
+    equations = derive(read(generated_robot(number, FOLDER, tmp_path)))
+    library, reduction, doubted = inversion_library(equations, "lq"), Reduction(equations), []
+    for move in equations.model.moves:
+        problem = InversionProblem(equations, path := MovePath(equations, move))
+        n, period, samples_per_interval, n_pre, n_post = grid(problem, 0.01)
+        try:
+            found = library.invert(
+                *samples(reduction, path, period, n),
+                period=period,
+                q_start=path.q_start,
+                n_pre=n_pre,
+                n_post=n_post,
+                samples_per_interval=samples_per_interval,
+            )
+        except SolverError as error:
+            with pytest.raises(SolverError):
+                flexgen.solve(equations, move, "lq")
+            assert "workspace" in str(error)
+            continue
+        if not found.converged:
+            doubted.append(move.name)
+    assert doubted == []

@@ -24,12 +24,13 @@ from dataclasses import replace
 
 from flexgen.errors import ArgumentError
 from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.methods.lq import LONGEST, TOLERANCE
+from flexgen.inversion.methods.lq import LONGEST
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library, grid, samples
 from flexgen.inversion.settling import settled
+from flexgen.runtime.path_inversion import TOLERANCE
 
 
 def solve(problem: InversionProblem, h: float) -> MethodResult:

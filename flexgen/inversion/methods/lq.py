@@ -22,8 +22,8 @@ from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library, grid, samples
 from flexgen.inversion.settling import settled
+from flexgen.runtime.path_inversion import TOLERANCE
 
-TOLERANCE = 1e-6  # residual on the mesh, relative to the torques of a deflection of a hundredth of a radian
 LONGEST = 1e-2  # s: longest interval
 
 
