@@ -5,7 +5,7 @@
 #include "elbow_lq_step.h"
 #include "elbow_whole_path.h"
 
-enum { HOLD = 8, SWEEPS = 40 }; /* intervals of a mesh at equilibrium after the path; most sweeps over it */
+enum { HOLD = 8, SWEEPS = 40 }; /* intervals of a mesh at equilibrium after the path; sweeps over it */
 
 #if ELBOW_NE > 0
 static const real cost_change = 1e-2; /* from sweep to sweep, where the cost of an endless equilibrium has converged */
@@ -87,8 +87,8 @@ static int terminal_cost(
         }
         copy(reference, REFERENCE, hold.reference + k * REFERENCE);
     }
-    status = lq_stationary_cost(&hold, SWEEPS, regularization, cost_change, (lq_space *)(void *)(work + own->lq),
-        work + l->space, work + own->cost);
+    status = lq_stationary_cost(&hold, m->N / HOLD > SWEEPS ? m->N / HOLD : SWEEPS, regularization, cost_change,
+        (lq_space *)(void *)(work + own->lq), work + l->space, work + own->cost);
     m->end = work + own->cost;
     m->equilibrium = hold.y;
     return status;

@@ -272,29 +272,72 @@ static inline int lq_factor(mesh *m, lq_space *w, real *space)
     return is_finite(w->p, STATES) ? ELBOW_OK : ELBOW_NOT_CONVERGED;
 }
 
+/* Pivots of the elimination of the cost P: a small cost that large ones hide on the diagonal of P is seen in them. */
+static inline void cost_pivots(const real *P, real *pivots)
+{
+    real L[STATES][STATES];
+    for (int i = 0; i < STATES; ++i) {
+        for (int j = 0; j <= i; ++j) {
+            real sum = P[i * STATES + j];
+            for (int k = 0; k < j; ++k) {
+                sum -= L[i][k] * L[j][k] * pivots[k];
+            }
+            if (i == j) {
+                pivots[i] = fmax_1(sum, regularization);
+            } else {
+                L[i][j] = sum / pivots[j];
+            }
+        }
+    }
+}
+
+/* Costs that still change from sweep to sweep. */
+typedef struct {
+    real pivots[STATES], added[STATES];
+} cost_growth;
+
+/*
+ * Whether the cost has converged: no diagonal entry of P changes by more than the share `change`, and no pivot by more
+ * than that and by more than in the sweep before. The cost of a stable motion grows less and less; that of an unstable
+ * one grows exponentially until it is large, for long where the intervals are short.
+ */
+static inline int is_stationary(const real *P, const real *before, real change, cost_growth *g)
+{
+    int settled = 1;
+    real pivots[STATES];
+    cost_pivots(P, pivots);
+    for (int i = 0; i < STATES; ++i) {
+        const real added = pivots[i] - g->pivots[i];
+        settled = settled && fabs_1(P[i * (STATES + 1)] - before[i * (STATES + 1)]) <= change * P[i * (STATES + 1)];
+        settled = settled && !(added > change * pivots[i] && added > g->added[i]);
+        g->pivots[i] = pivots[i];
+        g->added[i] = added;
+    }
+    return settled;
+}
+
 /*
  * The cost to go of an endless equilibrium: close to zero for stable motions, large for unstable ones; by sweeps over a
  * mesh at equilibrium from a multiple `initial` of the unit matrix. It is the only condition at the end of a horizon.
- * The sweeps end where none of its diagonal entries changes by more than the share `change`, or after `sweeps`.
+ * The sweeps end where it has converged to the share `change`, or after `sweeps`.
  */
 static inline int lq_stationary_cost(
     mesh *hold, int sweeps, real initial, real change, lq_space *w, real *space, real *cost)
 {
+    cost_growth growth = {{0.0}, {0.0}};
     for (int i = 0; i < STATES * STATES; ++i) {
         cost[i] = i % (STATES + 1) == 0 ? initial : 0.0;
     }
     hold->end = cost;
     for (int k = 0; k < sweeps; ++k) {
-        real most = 0.0;
         const int status = lq_factor(hold, w, space);
+        int settled;
         if (status != ELBOW_OK) {
             return status;
         }
-        for (int i = 0; i < STATES * STATES; i += STATES + 1) {
-            most = fmax_1(most, fabs_1(w->P[i] - cost[i]) / w->P[i]);
-        }
+        settled = is_stationary(w->P, cost, change, &growth);
         copy(w->P, STATES * STATES, cost);
-        if (most <= change) {
+        if (settled) {
             break;
         }
     }
