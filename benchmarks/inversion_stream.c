@@ -81,7 +81,7 @@ int main(int argc, char **argv)
     work_size *work = (work_size *)found(library, argv[2], "stream_work");
     start_stream *start = (start_stream *)found(library, argv[2], "stream_start");
     update_stream *update = (update_stream *)found(library, argv[2], "stream_update");
-    const stream_options options = {intervals, parts, atof(argv[5]), atof(argv[6])};
+    const stream_options options = {intervals, parts, atof(argv[5]), atof(argv[6]), 0, 0.0};
     const int64_t size = work(&options), each = n_t + 2 * n_y, out = 3 + (int64_t)parts * (2 * n_m + n_a);
     double *memory = room(size), *place = room(n_t), *q_start = room(n_a), *given = room(each * updates);
     double *q_a = room(parts * n_a), *v_a = room(parts * n_a), *tau_g = room(parts * n_g);

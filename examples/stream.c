@@ -83,7 +83,7 @@ static int refuses(int status)
 static int start(controller *c)
 {
     double p[3], R[9];
-    const planar5_nmp_stream_options options = {INTERVALS, PARTS, UPDATE, TOLERANCE};
+    const planar5_nmp_stream_options options = {INTERVALS, PARTS, UPDATE, TOLERANCE, PLANAR5_NMP_HOLD_SPLINE, 0.0};
     int status = planar5_nmp_forward_kinematics(GUESS, p, R);
     memset(c, 0, sizeof *c);
     if (status != PLANAR5_NMP_OK) {

@@ -5,7 +5,7 @@
 #include "model_lq_step.h"
 #include "model_whole_path.h"
 
-enum { HOLD = 8, SWEEPS = 40 }; /* intervals of a mesh at equilibrium after the path; sweeps over it */
+enum { END_INTERVALS = 8, SWEEPS = 40 }; /* intervals of a mesh at equilibrium after the path; sweeps over it */
 
 #if MODEL_NE > 0
 static const real cost_change = 1e-2; /* from sweep to sweep, where the cost of an endless equilibrium has converged */
@@ -20,11 +20,11 @@ static lq_layout lay_out_lq(const whole_layout *l)
     lq_layout own;
     int64_t at = l->end;
     TAKE(at, own.cost, STATES * STATES);
-    TAKE(at, own.y, (HOLD + 1) * STATES);
-    TAKE(at, own.a, HOLD * CONTROLS);
-    TAKE(at, own.q_g, HOLD * STAGES * NG);
-    TAKE(at, own.reference, HOLD * STAGES * REFERENCE);
-    TAKE(at, own.factor, HOLD * CONTROLS * WIDTH);
+    TAKE(at, own.y, (END_INTERVALS + 1) * STATES);
+    TAKE(at, own.a, END_INTERVALS * CONTROLS);
+    TAKE(at, own.q_g, END_INTERVALS * STAGES * NG);
+    TAKE(at, own.reference, END_INTERVALS * STAGES * REFERENCE);
+    TAKE(at, own.factor, END_INTERVALS * CONTROLS * WIDTH);
     TAKE(at, own.lq, (int64_t)(sizeof(lq_space) / sizeof(real)));
     own.end = at;
     return own;
@@ -66,29 +66,29 @@ static int terminal_cost(
         return status;
     }
     copy(target, NT, reference);
-    hold.N = HOLD;
+    hold.N = END_INTERVALS;
     hold.y = work + own->y;
     hold.a = work + own->a;
     hold.q_g = work + own->q_g;
     hold.reference = work + own->reference;
     hold.factor = work + own->factor;
-    for (int k = 0; k <= HOLD; ++k) {
+    for (int k = 0; k <= END_INTERVALS; ++k) {
         for (int i = 0; i < NE; ++i) {
             hold.y[k * STATES + i] = q[i_e[i]];
             hold.y[k * STATES + NE + i] = 0.0;
         }
     }
-    for (int k = 0; k < HOLD * CONTROLS; ++k) {
+    for (int k = 0; k < END_INTERVALS * CONTROLS; ++k) {
         hold.a[k] = 0.0;
     }
-    for (int k = 0; k < HOLD * STAGES; ++k) {
+    for (int k = 0; k < END_INTERVALS * STAGES; ++k) {
         for (int i = 0; i < NG; ++i) {
             hold.q_g[k * NG + i] = q[i_g[i]];
         }
         copy(reference, REFERENCE, hold.reference + k * REFERENCE);
     }
-    status = lq_stationary_cost(&hold, m->N / HOLD > SWEEPS ? m->N / HOLD : SWEEPS, regularization, cost_change,
-        (lq_space *)(void *)(work + own->lq), work + l->space, work + own->cost);
+    status = lq_stationary_cost(&hold, m->N / END_INTERVALS > SWEEPS ? m->N / END_INTERVALS : SWEEPS, regularization,
+        cost_change, (lq_space *)(void *)(work + own->lq), work + l->space, work + own->cost);
     m->end = work + own->cost;
     m->equilibrium = hold.y;
     return status;

@@ -10,6 +10,7 @@
 
 #include "model_inversion.h"
 
+#include "model_hold.h"
 #include "model_limits.h"
 #include "model_lq_step.h"
 
@@ -31,23 +32,26 @@ enum {
 };
 
 /* The head. */
-enum { STATE, INTERVALS, SAMPLES_PER_INTERVAL, PERIOD, TOLERANCE, SIDE, HEAD };
+enum { STATE, INTERVALS, SAMPLES_PER_INTERVAL, PERIOD, TOLERANCE, SIDE, HOLD, DELAY, HEAD };
 
 /* Positions of the arrays. */
 typedef struct {
     ptrdiff_t window; /* samples: before, of this update and its end, ahead */
+    ptrdiff_t ahead;  /* samples after those of this update that held torques depend on */
     ptrdiff_t past;   /* past intervals that are kept */
     ptrdiff_t limits; /* limits of the motors, and the deviation */
     ptrdiff_t output; /* results of an update that the caller does not want */
     ptrdiff_t last, tau, deflection, lagged, now, joint, most, expected, q_g, reference, nodes, lq, space, end;
+    ptrdiff_t torque; /* motor torques that held ones depend on: HOLD_BEFORE samples, those of this update, ahead */
     ptrdiff_t y, a, a_node, factor, scale, target_state, cost, levels;
 } layout;
 
-static inline layout laid_out(int intervals, int samples_per_interval)
+static inline layout laid_out(int intervals, int samples_per_interval, real hold, real delay)
 {
     layout l;
     ptrdiff_t at = (ptrdiff_t)padded(HEAD);
-    l.window = BACK + (ptrdiff_t)samples_per_interval + 1 + BACK;
+    l.ahead = is_held(hold, delay) ? HOLD_AFTER - 1 + (int)delay : 0;
+    l.window = BACK + (ptrdiff_t)samples_per_interval + 1 + BACK + l.ahead;
     l.past = (BACK + samples_per_interval - 1) / samples_per_interval + 1;
     l.past = l.past < LAST - 1 ? LAST - 1 : l.past;
 #define PLACE(name, size) \
@@ -82,6 +86,7 @@ static inline layout laid_out(int intervals, int samples_per_interval)
     PLACE(lq, (ptrdiff_t)(sizeof(problem_points) / sizeof(real)));
 #endif
     PLACE(space, function_work());
+    PLACE(torque, l.ahead > 0 ? (HOLD_BEFORE + samples_per_interval + l.ahead + 1) * NM : 0);
 #undef PLACE
     l.end = at;
     return l;
@@ -90,14 +95,21 @@ static inline layout laid_out(int intervals, int samples_per_interval)
 static inline int stream_sizes_fit(const model_stream_options *o)
 {
     return o->intervals >= 1 && o->intervals <= MODEL_STREAM_INTERVALS_MAX && o->samples_per_interval >= 1 &&
-           o->samples_per_interval <= MODEL_STREAM_SAMPLES_MAX;
+           o->samples_per_interval <= MODEL_STREAM_SAMPLES_MAX && hold_fits(o->hold, o->delay);
 }
 
 /* Whether memory holds a stream that was started and has not failed; it may hold anything. */
 static inline int is_running(const real *stream)
 {
     return stream[STATE] == IS_RUNNING && stream[INTERVALS] >= 1.0 && stream[INTERVALS] <= MODEL_STREAM_INTERVALS_MAX &&
-           stream[SAMPLES_PER_INTERVAL] >= 1.0 && stream[SAMPLES_PER_INTERVAL] <= MODEL_STREAM_SAMPLES_MAX;
+           stream[SAMPLES_PER_INTERVAL] >= 1.0 && stream[SAMPLES_PER_INTERVAL] <= MODEL_STREAM_SAMPLES_MAX &&
+           hold_fits(stream[HOLD], stream[DELAY]);
+}
+
+/* The layout of a running stream. */
+static inline layout layout_of(const real *stream)
+{
+    return laid_out((int)stream[INTERVALS], (int)stream[SAMPLES_PER_INTERVAL], stream[HOLD], stream[DELAY]);
 }
 
 #if MODEL_NE > 0

@@ -132,6 +132,25 @@ static inline real torque_step_of(real *s, const layout *l, const real *tau_m)
     return worst;
 }
 
+/* The torques to send in the interval from those of the motors, of which the last are kept for the next update. */
+static inline void hold_interval(real *s, const layout *l, real *tau_m)
+{
+    const ptrdiff_t samples_per_interval = (ptrdiff_t)s[SAMPLES_PER_INTERVAL];
+    const real *sample = s + l->torque + (int)s[DELAY] * NM;
+    real weight[HOLD_TAPS];
+    hold_weights(s[HOLD], s[DELAY], s[l->limits] > 0.0, weight);
+    for (ptrdiff_t k = 0; k < samples_per_interval; ++k) {
+        for (int j = 0; j < NM; ++j) {
+            real sum = 0.0;
+            for (int i = 0; i < HOLD_TAPS; ++i) {
+                sum += weight[i] * sample[(k + i) * NM + j];
+            }
+            tau_m[k * NM + j] = sum;
+        }
+    }
+    copy(s + l->torque + samples_per_interval * NM, HOLD_BEFORE * NM, s + l->torque);
+}
+
 /*
  * Motors in the interval; the deflections of the gears are carried on from update to update. step, output_step: of the
  * motor torques and of the output at its start; steps at rest are not counted.
@@ -139,7 +158,8 @@ static inline real torque_step_of(real *s, const layout *l, const real *tau_m)
 static inline int motors_in_interval(real *s, const layout *l, const interval *out, real *step, real output_step[2])
 {
     const ptrdiff_t samples_per_interval = (ptrdiff_t)s[SAMPLES_PER_INTERVAL];
-    real *space = s + l->space, last_stiffness[NG];
+    const int is_first = !(s[l->expected] > 0.0);
+    real *space = s + l->space, *torque = s + l->torque, last_stiffness[NG];
     gears g;
     if (!begin_gears(&g, s[PERIOD] / (real)samples_per_interval, s + l->now, space) ||
         !static_deflections(s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, 0, space)) {
@@ -147,7 +167,7 @@ static inline int motors_in_interval(real *s, const layout *l, const interval *o
     }
     for (ptrdiff_t k = MARGIN; k + MARGIN < l->window; ++k) {
         real value[NG], stiffness[NG];
-        if (k >= BACK && k <= BACK + samples_per_interval &&
+        if (k >= BACK && k <= BACK + samples_per_interval + l->ahead &&
             !advance_gears(&g, k == BACK, s + l->tau + k * NG, space)) {
             return MODEL_RESULT_NOT_FINITE;
         }
@@ -159,7 +179,7 @@ static inline int motors_in_interval(real *s, const layout *l, const interval *o
         }
         lagged_deflections(&g, s + l->deflection + k * NG, stiffness, s + l->lagged + k * NG);
     }
-    for (ptrdiff_t k = 0; k <= samples_per_interval; ++k) {
+    for (ptrdiff_t k = 0; k <= samples_per_interval + l->ahead; ++k) {
         const real *tau = s + l->tau + (k + BACK) * NG, *deflection = s + l->lagged + (k + BACK) * NG;
         const real *joint = s + l->joint + (k + BACK) * JOINT;
         real q[NG], v[NG], a[NG], q_m[NM], v_m[NM], tau_m[NM];
@@ -178,11 +198,20 @@ static inline int motors_in_interval(real *s, const layout *l, const interval *o
             copy(q_m, NM, out->q_m + k * NM);
             copy(v_m, NM, out->v_m + k * NM);
             copy(tau_m, NM, out->tau_m + k * NM);
-        } else {
+        } else if (k == samples_per_interval) {
             s[l->expected] = 1.0;
             copy(tau_m, NM, s + l->expected + 1);
             copy(s + l->deflection + (k + BACK) * NG, NG, s + l->expected + 1 + NM);
         }
+        if (l->ahead > 0) {
+            copy(tau_m, NM, torque + (HOLD_BEFORE + k) * NM);
+        }
+        for (int i = 0; i < HOLD_BEFORE && k == 0 && is_first && l->ahead > 0; ++i) {
+            copy(tau_m, NM, torque + i * NM); /* at equilibrium before */
+        }
+    }
+    if (l->ahead > 0) {
+        hold_interval(s, l, out->tau_m);
     }
     return MODEL_OK;
 }

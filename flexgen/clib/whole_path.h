@@ -6,6 +6,7 @@
 
 #include "model_inversion.h"
 
+#include "model_hold.h"
 #include "model_interpolation.h"
 #include "model_motors.h"
 
@@ -167,7 +168,8 @@ static inline model_status check_arguments(const model_path *p, const real *q_st
         p->dy == NULL || p->ddy == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
-    if (wanted < 0 || !(p->period > 0.0 && p->period < 1e6) || !(o->tolerance > 0.0 && o->tolerance < 1.0)) {
+    if (wanted < 0 || !(p->period > 0.0 && p->period < 1e6) || !(o->tolerance > 0.0 && o->tolerance < 1.0) ||
+        !hold_fits(o->hold, o->delay)) {
         return MODEL_BAD_ARGUMENT;
     }
     if (work_size < wanted) {
@@ -445,6 +447,9 @@ static inline model_status finish(const model_path *p, const model_inversion_opt
     }
     if (status != MODEL_OK) {
         return (model_status)status;
+    }
+    if (r.tau_m != NULL) {
+        hold_torques(r.tau_m, r.samples, o->hold, o->delay);
     }
     info->kinematic_mismatch = kinematic_mismatch(&r);
     return info->residual_at_samples <= o->tolerance && info->kinematic_mismatch <= mismatch_max ?

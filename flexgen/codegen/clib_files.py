@@ -11,7 +11,17 @@ from functools import cache
 from importlib.resources import files
 
 from flexgen.codegen.c_text import comment, declaration, macro, size_macro
-from flexgen.codegen.clib_table import INTERVALS_MAX, SAMPLES_MAX, STRUCTS, CFunction, Field, MotorConstants, Struct
+from flexgen.codegen.clib_table import (
+    DELAY_MAX,
+    HOLDS,
+    INTERVALS_MAX,
+    SAMPLES_MAX,
+    STRUCTS,
+    CFunction,
+    Field,
+    MotorConstants,
+    Struct,
+)
 from flexgen.codegen.header import works
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.codegen.stream_bounds import CALL, Linear, stream_operations, stream_size
@@ -21,6 +31,13 @@ from flexgen.mechanics.signatures import INVERSION
 
 FOLDER = "flexgen.clib"
 KERNEL = ("kernel.h", "kernel_functions.h", "private.h", "point.h", "lanes.h", "undefine.h")  # of every library
+_HOLD = (
+    "What the drive does between two samples of the motor torque: HOLD_SPLINE follows a spline through them, "
+    "HOLD_LINEAR goes on a straight line to the next one, HOLD_ZOH holds each of them until the next one (zero-order "
+    "hold). For the last two the torque at the samples is not the torque to send: a held sample is late by half a "
+    "period. invert, bvp and stream_update then give in tau_m the torques to send at the samples. All other results "
+    "are those at the samples."
+)
 _WRITTEN = {"inversion.h", "motor_constants.h"}  # included by the fixed files, written for each library
 
 
@@ -81,6 +98,7 @@ def _included(names: set[str]) -> set[str]:
 def inversion_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Text of ``<name>_inversion.h``."""
     name, guard = spec.name, macro(spec, "INVERSION_H")
+    holds = ", ".join(f"{macro(spec, f'HOLD_{hold.upper()}')} = {k}" for k, hold in enumerate(HOLDS))
     structs = "\n".join(_struct(spec, struct) for struct in STRUCTS)
     functions = "\n".join(_described(spec, function) for function in spec.c_functions)
     return f"""\
@@ -105,6 +123,11 @@ extern "C" {{
 
 #define {macro(spec, "STREAM_INTERVALS_MAX")} {INTERVALS_MAX} /* intervals of a horizon, at most */
 #define {macro(spec, "STREAM_SAMPLES_MAX")} {SAMPLES_MAX} /* samples per interval, at most */
+#define {macro(spec, "HOLD_DELAY_MAX")} {DELAY_MAX} /* delay of a hold in samples, at most */
+
+/*
+{comment(_HOLD)} */
+typedef enum {{ {holds} }} {name}_hold;
 
 {_stream_macros(spec, written)}
 {structs}

@@ -15,6 +15,8 @@ from flexgen.mechanics.signatures import INVERSION, offered_functions
 from flexgen.model.elements import LinearSpring, RobotModel
 
 INTERVALS_MAX, SAMPLES_MAX = 10_000, 1_000  # of a stream: intervals of its horizon, samples per interval
+DELAY_MAX = 4  # of the drive, in samples
+HOLDS = ("spline", "linear", "zoh")  # what the drive does between two samples, numbered in C
 
 
 @dataclass(frozen=True)
@@ -125,6 +127,22 @@ _TOLERANCE = (
     "error of 1e-8 rad or m, is what flexgen solve uses"
 )
 _N = "n_pre + n + n_post"
+_HOLD = (
+    Field(
+        "hold",
+        "int",
+        (),
+        "1",
+        "what the drive does between two samples of tau_m, one of the enum; tau_m is then what to send at the samples",
+    ),
+    Field(
+        "delay",
+        "real",
+        (),
+        "1",
+        f"from a sample until the motor has its torque, in samples, 0 to {DELAY_MAX}",
+    ),
+)
 
 STRUCTS: tuple[Struct, ...] = (
     Struct(
@@ -146,6 +164,7 @@ STRUCTS: tuple[Struct, ...] = (
             Field("n_post", "int", (), "1", "samples after the path, in which stable zeros decay"),
             Field("samples_per_interval", "int", (), "1", "samples per interval of the mesh"),
             Field("tolerance", "real", (), "1", _TOLERANCE),
+            *_HOLD,
         ),
     ),
     Struct(
@@ -191,6 +210,7 @@ STRUCTS: tuple[Struct, ...] = (
             Field("samples_per_interval", "int", (), "1", f"samples of the results per update, 1 to {SAMPLES_MAX}"),
             Field("period", "real", (), "s", "time between two updates: the length of an interval"),
             Field("tolerance", "real", (), "1", _TOLERANCE),
+            *_HOLD,
         ),
     ),
     Struct(
@@ -331,9 +351,9 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "which. Motion below 3e-8 m or rad within an interval and steps of the output below 1e-8 m or rad are not "
         "counted. Reasons are a path that is not smooth, a horizon that is too short for the unstable zeros, a "
         "sampling period that is too long or too short, or fewer than 7 samples in the rest of the horizon: "
-        "(intervals - 1) * samples_per_interval < 7. TOLERANCE_NOT_MET and LIMITS_ACTIVE are positive and come with "
-        "results. To stop, repeat the last position with zero derivatives until the results are at rest, at least for "
-        "a whole horizon.",
+        "(intervals - 1) * samples_per_interval < 7 (with a hold 11, and the delay). TOLERANCE_NOT_MET and "
+        "LIMITS_ACTIVE are positive and come with results. To stop, repeat the last position with zero derivatives "
+        "until the results are at rest, at least for a whole horizon.",
         (
             Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
             Field("y", "const real *", ("n_t",), "mixed", _OUTPUT),

@@ -99,7 +99,7 @@ static int invert_path(void)
 {{
     {real} y[SAMPLES * {nt}], zero[SAMPLES * {ny}] = {{0}}, tau_m[SAMPLES * {nm}];
     const {name}_path path = {{SAMPLES, 0.001, y, zero, zero}};
-    const {name}_inversion_options options = {{0, 0, 5, 1e-6}};
+    const {name}_inversion_options options = {{0, 0, 5, 1e-6, {macro(spec, "HOLD_SPLINE")}, 0.0}};
     {name}_motion motion = {{NULL, NULL, NULL, NULL, NULL, NULL, tau_m}};
     {name}_inversion_info info;
     {name}_status status = home_output(y);
@@ -125,7 +125,7 @@ static int invert_path(void)
 static int run_stream(void)
 {{
     {real} y[{nt}], zero[{ny}] = {{0}}, tau_m[{nm}];
-    const {name}_stream_options options = {{10, 1, 0.005, 1e-6}};
+    const {name}_stream_options options = {{10, 1, 0.005, 1e-6, {macro(spec, "HOLD_SPLINE")}, 0.0}};
     {name}_motion motion = {{NULL, NULL, NULL, NULL, NULL, NULL, tau_m}};
     {name}_stream_info info;
     {name}_status status = home_output(y);

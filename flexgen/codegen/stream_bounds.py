@@ -13,6 +13,7 @@ POINTS, STAGES, GROUP, PANEL = 8, 3, 8, 8
 MARGIN, LEVELS, LAST = 3, 3, 5
 BACK, PAST = 2 * MARGIN, 7  # PAST: with one sample per interval; fewer with more samples
 BLOCKS, CHAIN, QP_STEPS = 8, 5, 80
+AHEAD, BEFORE, TAPS = 4 + 4, 3, 9  # of a hold: samples ahead at most, samples before, weights
 ROUNDING = 7  # numbers by which an array may be rounded up
 CALL = 60  # operations of one call of sine and cosine, exp or tanh, at most
 KINEMATIC_PASSES = 27  # evaluations of the output constraint while the kinematics are solved, at most
@@ -66,7 +67,8 @@ def stream_size(sizes: Mapping[str, int], function_work: int) -> Linear:
     limits = Linear(2 + bounded + 2 * inputs * inputs + 3 * inputs + node + 24 * ROUNDING, node, 0)
     window = 6 * n_g  # torque, deflection, lagged deflection; position, speed and acceleration
     total = limits + Linear(8 + 6 * ROUNDING + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m)
-    total += Linear((2 * BACK + 1) * window + 4 * ROUNDING, 0, window)
+    total += Linear((2 * BACK + 1 + AHEAD) * window + 4 * ROUNDING, 0, window)
+    total += Linear((BEFORE + AHEAD + 1) * n_m + ROUNDING, 0, n_m)
     total += Linear(n_g + (PAST + 1) * reference + 3 * ROUNDING, STAGES * (n_g + reference) + reference, 0)
     total += Linear(problem + lq * (n_e > 0) + function_work + 8 + 2 * ROUNDING, 0, 0)
     if n_e:
@@ -91,9 +93,10 @@ def stream_operations(sizes: Mapping[str, int], operations: Mapping[str, int]) -
 
     # the window of samples around the interval, in groups of POINTS
     group = kinematics + rows + POINTS * (path + 200 * n_e + 8 * n_a)
-    window = Linear(group * (2 * BACK + 1 + POINTS) // POINTS + group, 0, group // POINTS + 1)
+    window = Linear(group * (2 * BACK + 1 + AHEAD + POINTS) // POINTS + group, 0, group // POINTS + 1)
     window += Linear(0, 0, 1).times(spring + gear + radau + 3 * motors + 60 * (n_a + n_g * n_m + n_m))
-    window += Linear(2 * BACK + 2, 0, 0).times(spring + gear + radau + motors + 60 * (n_a + n_g * n_m + n_m))
+    window += Linear(600, 0, 2 * TAPS * n_m)  # hold: weights, and their use
+    window += Linear(2 * BACK + 2 + AHEAD, 0, 0).times(spring + gear + radau + motors + 60 * (n_a + n_g * n_m + n_m))
     total = window + Linear(kinematics + POINTS * path + 200 * n_g, 40 * (n_g + n_g * n_m + n_m), 0)
 
     total += _limits(sizes, kinematics + rows, path, spring + motors)

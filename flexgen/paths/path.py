@@ -58,9 +58,7 @@ class Path:
             else (last.start + last.law.duration)
         )
         unchanged = move.duration == self.duration and move.type != "sampled"
-        self.move = (
-            move if unchanged else replace(move, start=tuple(map(float, planned.q_g)), duration=self.duration)
-        )
+        self.move = move if unchanged else replace(move, start=tuple(map(float, planned.q_g)), duration=self.duration)
 
     @property
     def breaks(self) -> np.ndarray:

@@ -115,6 +115,8 @@ class Library:
         intervals: int,
         samples_per_interval: int = 1,
         tolerance: float = TOLERANCE,
+        hold: str = "spline",
+        delay: float = 0.0,
     ) -> Stream:
         """Start inverse dynamics on a moving horizon, at rest at a given output.
 
@@ -133,6 +135,10 @@ class Library:
         tolerance : float
             Largest residual of the unactuated rows, relative to their torques at equilibrium; above it an interval is
             not ``converged``.
+        hold : str
+            What the drive does between two samples: ``"spline"``, ``"linear"`` or ``"zoh"``; ``tau_m`` is what to send.
+        delay : float
+            From a sample until the motor has its torque, in samples, 0 to 4.
 
         Returns
         -------
@@ -159,6 +165,8 @@ class Library:
             intervals=intervals,
             samples_per_interval=samples_per_interval,
             tolerance=tolerance,
+            hold=hold,
+            delay=delay,
         )
 
     @property

@@ -19,6 +19,7 @@ from flexgen.runtime.files import AGAIN
 from flexgen.runtime.structs import filled, structs_of
 
 TOLERANCE = 1e-6  # of whole paths: the residual of a deflection of 1e-8 rad or m
+_HOLDS, _DELAY_MAX = ("spline", "linear", "zoh"), 4  # numbered in C; samples
 _RESULTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
@@ -111,7 +112,7 @@ class Inverter:
         return self._again
 
     def __repr__(self) -> str:
-        options = f"n_pre=0, n_post=0, samples_per_interval=1, tolerance={TOLERANCE:g}"
+        options = f"n_pre=0, n_post=0, samples_per_interval=1, tolerance={TOLERANCE:g}, hold='spline', delay=0"
         return f"{self._function}(y, dy, ddy, *, period, q_start, {options})"
 
     def close(self) -> None:
@@ -134,6 +135,8 @@ class Inverter:
         n_post: int = 0,
         samples_per_interval: int = 1,
         tolerance: float = TOLERANCE,
+        hold: str = "spline",
+        delay: float = 0.0,
     ) -> Inversion:
         """Motion and torques for exact tracking of a path.
 
@@ -155,6 +158,10 @@ class Inverter:
         tolerance : float
             Largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m. The
             default is that of `flexgen.solve`: an error of the deflections of 1e-8 rad or m.
+        hold : str
+            What the drive does between two samples: ``"spline"``, ``"linear"`` or ``"zoh"``; ``tau_m`` is what to send.
+        delay : float
+            From a sample until the motor has its torque, in samples, 0 to 4.
 
         Returns
         -------
@@ -175,7 +182,9 @@ class Inverter:
         counts = {"n_pre": n_pre, "n_post": n_post, "samples_per_interval": samples_per_interval}
         counts = {key: whole_of(function, key, value) for key, value in counts.items()}
         period = number_of(function, "period", period)
-        options = filled(structs["inversion_options"], **counts, tolerance=number_of(function, "tolerance", tolerance))
+        held = hold_of(function, hold, delay)
+        tolerance = number_of(function, "tolerance", tolerance)
+        options = filled(structs["inversion_options"], **counts, tolerance=tolerance, **held)
         work = self._workspace(self._work_size(n, options, counts))
         out = self._results(n + counts["n_pre"] + counts["n_post"])
         path, motion = filled(structs["path"], n=n, period=period, **given), filled(structs["motion"], **out)
@@ -282,6 +291,19 @@ def whole_of(function: str, name: str, x: Any) -> int:
     if isinstance(x, bool) or not isinstance(x, int | np.integer) or not -(2**31) <= int(x) < 2**31:
         raise ArgumentError(f"{function}, {name}: given {x!r}, expected a whole number")
     return int(x)
+
+
+def hold_of(function: str, hold: Any, delay: Any) -> dict[str, Any]:
+    """The options of a hold, checked."""
+    if hold not in _HOLDS:
+        raise ArgumentError(f"{function}, hold: given {hold!r}, expected one of {', '.join(_HOLDS)}")
+    late = number_of(function, "delay", delay)
+    if not 0.0 <= late <= _DELAY_MAX:
+        raise ArgumentError(
+            f"{function}, delay: given {delay!r} samples, expected 0 to {_DELAY_MAX}; for a longer delay give the path "
+            "earlier"
+        )
+    return {"hold": _HOLDS.index(hold), "delay": late}
 
 
 def number_of(function: str, name: str, x: Any) -> float:

@@ -13,7 +13,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.files import AGAIN
-from flexgen.runtime.path_inversion import array_of, number_of, pointer, whole_of
+from flexgen.runtime.path_inversion import array_of, hold_of, number_of, pointer, whole_of
 from flexgen.runtime.structs import filled, structs_of
 
 _TOLERANCE_NOT_MET = 1  # a status
@@ -113,6 +113,8 @@ class Stream:
         intervals: int,
         samples_per_interval: int,
         tolerance: float,
+        hold: str = "spline",
+        delay: float = 0.0,
     ) -> None:
         self.intervals = whole_of("stream", "intervals", intervals)
         self.samples_per_interval = whole_of("stream", "samples_per_interval", samples_per_interval)
@@ -124,6 +126,7 @@ class Stream:
             samples_per_interval=self.samples_per_interval,
             period=self.period,
             tolerance=number_of("stream", "tolerance", tolerance),
+            **hold_of("stream", hold, delay),
         )
         size = int(entries.work(ctypes.byref(options)))
         if size < 0:

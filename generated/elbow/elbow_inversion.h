@@ -17,16 +17,25 @@ extern "C" {
 
 #define ELBOW_STREAM_INTERVALS_MAX 10000 /* intervals of a horizon, at most */
 #define ELBOW_STREAM_SAMPLES_MAX 1000 /* samples per interval, at most */
+#define ELBOW_HOLD_DELAY_MAX 4 /* delay of a hold in samples, at most */
+
+/*
+ * What the drive does between two samples of the motor torque: HOLD_SPLINE follows a spline through them, HOLD_LINEAR
+ * goes on a straight line to the next one, HOLD_ZOH holds each of them until the next one (zero-order hold). For the
+ * last two the torque at the samples is not the torque to send: a held sample is late by half a period. invert, bvp
+ * and stream_update then give in tau_m the torques to send at the samples. All other results are those at the samples.
+ */
+typedef enum { ELBOW_HOLD_SPLINE = 0, ELBOW_HOLD_LINEAR = 1, ELBOW_HOLD_ZOH = 2 } elbow_hold;
 
 /* Memory of a stream in reals, as a constant expression: at least stream_work. */
 #define ELBOW_STREAM_SIZE(intervals, samples_per_interval) \
-    (INT64_C(2400) + INT64_C(236) * (intervals) + INT64_C(24) * (samples_per_interval))
+    (INT64_C(2527) + INT64_C(236) * (intervals) + INT64_C(26) * (samples_per_interval))
 /*
  * Operations of one stream_update, at most: additions, multiplications, divisions and comparisons of reals, with every
  * iteration at its limit. A usual update needs a small part of them.
  */
 #define ELBOW_STREAM_OPERATIONS(intervals, samples_per_interval) \
-    (INT64_C(1507675) + INT64_C(81602) * (intervals) + INT64_C(45782) * (samples_per_interval))
+    (INT64_C(1870843) + INT64_C(81602) * (intervals) + INT64_C(45818) * (samples_per_interval))
 
 /*
  * Recommended options of a stream. The look-ahead is ln(1 / STREAM_TOLERANCE) time constants of the slowest unstable
@@ -59,6 +68,9 @@ typedef struct {
     /* largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6, an
      * error of 1e-8 rad or m, is what flexgen solve uses */
     elbow_real tolerance;
+    /* what the drive does between two samples of tau_m, one of the enum; tau_m is then what to send at the samples */
+    int hold;
+    elbow_real delay; /* from a sample until the motor has its torque, in samples, 0 to 4 */
 } elbow_inversion_options;
 
 /* Arrays of the caller for the results, N samples each. A null member is not written. */
@@ -93,6 +105,9 @@ typedef struct {
     /* largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6, an
      * error of 1e-8 rad or m, is what flexgen solve uses */
     elbow_real tolerance;
+    /* what the drive does between two samples of tau_m, one of the enum; tau_m is then what to send at the samples */
+    int hold;
+    elbow_real delay; /* from a sample until the motor has its torque, in samples, 0 to 4 */
 } elbow_stream_options;
 
 /* What stream_update reports. */
@@ -184,9 +199,9 @@ elbow_status elbow_stream_start(elbow_real *stream, int64_t stream_size, const e
  * large; the cause in the info shows which. Motion below 3e-8 m or rad within an interval and steps of the output
  * below 1e-8 m or rad are not counted. Reasons are a path that is not smooth, a horizon that is too short for the
  * unstable zeros, a sampling period that is too long or too short, or fewer than 7 samples in the rest of the horizon:
- * (intervals - 1) * samples_per_interval < 7. TOLERANCE_NOT_MET and LIMITS_ACTIVE are positive and come with results.
- * To stop, repeat the last position with zero derivatives until the results are at rest, at least for a whole horizon.
- * Stack: at most 11264 bytes.
+ * (intervals - 1) * samples_per_interval < 7 (with a hold 11, and the delay). TOLERANCE_NOT_MET and LIMITS_ACTIVE are
+ * positive and come with results. To stop, repeat the last position with zero derivatives until the results are at
+ * rest, at least for a whole horizon. Stack: at most 11264 bytes.
  *
  *   stream stream_work         memory of the stream
  *   y      n_t         [mixed] output; for a pose the position, then the rotation matrix by columns

@@ -82,9 +82,10 @@ def test_no_recommendation_at_a_singular_pose():
 @pytest.mark.parametrize("name", ["elbow", "planar5_nmp", "beam_arm"])
 def test_the_memory_is_enough_and_not_much_more(name, tmp_path):
     lines = "".join(
-        f"    {{\n        const $_stream_options o = {{{n}, {s}, 0.005, 1e-6}};\n"
+        f"    {{\n        const $_stream_options o = {{{n}, {s}, 0.005, 1e-6, {hold}}};\n"
         f'        printf("%lld %lld\\n", (long long)$_stream_work(&o), (long long)@_STREAM_SIZE({n}, {s}));\n    }}\n'
         for n, s in GRID
+        for hold in ("@_HOLD_SPLINE, 0.0", "@_HOLD_ZOH, @_HOLD_DELAY_MAX")
     )
     for needed, macro in printed(name, lines, tmp_path):
         assert 0 < needed <= macro <= SPARE * needed + NUMBERS
@@ -95,7 +96,7 @@ def test_the_constants_are_constant_expressions(language, tmp_path):
     body = (
         "    static $_real memory[@_STREAM_SIZE(@_STREAM_INTERVALS, @_STREAM_SAMPLES_PER_INTERVAL)];\n"
         "    const $_stream_options o = {@_STREAM_INTERVALS, @_STREAM_SAMPLES_PER_INTERVAL, @_STREAM_PERIOD, "
-        "@_STREAM_TOLERANCE};\n"
+        "@_STREAM_TOLERANCE, @_HOLD_SPLINE, 0.0};\n"
         "    memory[0] = @_LOOK_AHEAD + @_SLOWEST_UNSTABLE_ZERO + $_home_q_a[0];\n"
         '    printf("%d\\n", memory[0] > 0.0 && $_stream_work(&o) <= (int64_t)(sizeof memory / sizeof memory[0]));\n'
     )

@@ -32,6 +32,7 @@ inline bool operator<=(counted a, counted b) { ++operations; return a.value <= b
 inline bool operator>(counted a, counted b) { ++operations; return a.value > b.value; }
 inline bool operator>=(counted a, counted b) { ++operations; return a.value >= b.value; }
 inline bool operator==(counted a, counted b) { ++operations; return a.value == b.value; }
+inline bool operator!=(counted a, counted b) { ++operations; return a.value != b.value; }
 inline bool isfinite(counted a) { return std::isfinite(a.value); }
 
 /* A call of the mathematics library counts as one operation. */
@@ -55,7 +56,7 @@ int64_t operations = 0;
 int main(int argc, char **argv)
 {
     const int N = std::atoi(argv[1]), S = std::atoi(argv[2]), updates = 3 * N + 40;
-    const @_stream_options options = {N, S, counted(5e-3), counted(1e-6)};
+    const @_stream_options options = {N, S, counted(5e-3), counted(1e-6), 2, counted(3.5)};
     std::vector<counted> memory((size_t)@_STREAM_SIZE(N, S)), y(@_NT), dy(@_NY), ddy(@_NY), W(@_NY * @_NA), b(@_NY);
     std::vector<counted> zero(@_NA + @_NT, counted(0.0)), tau(@_NM * S), torque(@_NM, counted(1e9)), speed(@_NM);
     std::vector<counted> first(@_NT);

@@ -54,7 +54,7 @@ const char *elbow_digest(void)
 
 const char *elbow_interface(void)
 {
-    return "ba06976bee729760fab08c23646bc34b369613ef73f61329e2d706e4c67c7a8f";
+    return "57e3d3ae1f51cb85cfa225293046da1965d576422bdda276f43e299f04c50c7b";
 }
 
 int elbow_abi_version(void)

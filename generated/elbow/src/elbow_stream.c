@@ -13,7 +13,7 @@ static const real initial_weight = 1e-4; /* before the first of them */
 int64_t elbow_stream_work(const elbow_stream_options *options)
 {
     return options != NULL && stream_sizes_fit(options) ?
-               (int64_t)laid_out(options->intervals, options->samples_per_interval).end :
+               (int64_t)laid_out(options->intervals, options->samples_per_interval, options->hold, options->delay).end :
                -1;
 }
 
@@ -85,7 +85,7 @@ elbow_status elbow_stream_start(double *stream, int64_t stream_size, const elbow
         !(options->tolerance > 0.0 && options->tolerance < 1.0)) {
         return ELBOW_BAD_ARGUMENT;
     }
-    l = laid_out(options->intervals, options->samples_per_interval);
+    l = laid_out(options->intervals, options->samples_per_interval, options->hold, options->delay);
     if (stream_size < l.end) {
         return ELBOW_WORK_TOO_SMALL;
     }
@@ -104,6 +104,8 @@ elbow_status elbow_stream_start(double *stream, int64_t stream_size, const elbow
     stream[SAMPLES_PER_INTERVAL] = options->samples_per_interval;
     stream[PERIOD] = options->period;
     stream[TOLERANCE] = options->tolerance;
+    stream[HOLD] = options->hold;
+    stream[DELAY] = options->delay;
     stream[SIDE] = 0.0; /* side of singular poses: not known before the first sample */
     stream[l.limits] = 0.0;
     for (int i = 0; i < MEASURES + NM; ++i) {
@@ -154,7 +156,7 @@ elbow_status elbow_stream_limits(
             return ELBOW_BAD_ARGUMENT;
         }
     }
-    l = laid_out((int)N, (int)stream[SAMPLES_PER_INTERVAL]);
+    l = layout_of(stream);
     w = limits_laid_out(N);
     if (!(stream[l.limits + w.on] > 0.0) && !start_limits(stream, &l)) {
         return ELBOW_HORIZON_TOO_SHORT;
@@ -203,7 +205,7 @@ elbow_status elbow_stream_update(double *stream, const double y[ELBOW_NT], const
         return ELBOW_INPUT_NOT_FINITE;
     }
     n = (ptrdiff_t)stream[SAMPLES_PER_INTERVAL];
-    l = laid_out((int)stream[INTERVALS], (int)n);
+    l = layout_of(stream);
 #if ELBOW_POSE
     if (!is_rotation(y + 3) || !are_near(stream + l.last + 3, y + 3)) {
         return ELBOW_BAD_ARGUMENT;

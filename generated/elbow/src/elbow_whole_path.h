@@ -6,6 +6,7 @@
 
 #include "../elbow_inversion.h"
 
+#include "elbow_hold.h"
 #include "elbow_interpolation.h"
 #include "elbow_motors.h"
 
@@ -167,7 +168,8 @@ static inline elbow_status check_arguments(const elbow_path *p, const real *q_st
         p->dy == NULL || p->ddy == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (wanted < 0 || !(p->period > 0.0 && p->period < 1e6) || !(o->tolerance > 0.0 && o->tolerance < 1.0)) {
+    if (wanted < 0 || !(p->period > 0.0 && p->period < 1e6) || !(o->tolerance > 0.0 && o->tolerance < 1.0) ||
+        !hold_fits(o->hold, o->delay)) {
         return ELBOW_BAD_ARGUMENT;
     }
     if (work_size < wanted) {
@@ -445,6 +447,9 @@ static inline elbow_status finish(const elbow_path *p, const elbow_inversion_opt
     }
     if (status != ELBOW_OK) {
         return (elbow_status)status;
+    }
+    if (r.tau_m != NULL) {
+        hold_torques(r.tau_m, r.samples, o->hold, o->delay);
     }
     info->kinematic_mismatch = kinematic_mismatch(&r);
     return info->residual_at_samples <= o->tolerance && info->kinematic_mismatch <= mismatch_max ?

@@ -1,0 +1,175 @@
+"""Torques for a drive that holds them, from C: those of Python, on whole paths and in a stream."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numpy as np
+import pytest
+from emitted import loaded
+from inversion_cases import MODEL, PERIOD, given, samples
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.errors import ArgumentError
+from flexgen.runtime.path_inversion import Inversion
+from flexgen.runtime.structs import filled
+from flexgen.simulation.hold import TorqueCommand, held_torque
+from flexgen.simulation.simulate import simulate
+
+pytestmark = needs_compiler
+
+CASES = [
+    ("zoh", 0.0),
+    ("zoh", 0.4),
+    ("zoh", 1.0),
+    ("zoh", 4.0),
+    ("linear", 0.0),
+    ("linear", 2.7),
+    ("spline", 0.3),
+    ("spline", 3.0),
+]
+SAME = 1e-6  # of the largest torque: a spline through all samples, and a polynomial through six
+CHANNELS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m")
+
+
+@pytest.fixture(scope="module")
+def library() -> flexgen.runtime.library.Library:
+    return loaded(MODEL)
+
+
+@pytest.fixture(scope="module")
+def plain(library) -> Inversion:
+    return library.invert(**given())
+
+
+def expected(t: np.ndarray, tau: np.ndarray, hold: str, delay: float, limited: bool = False) -> np.ndarray:
+    """What Python sends at the samples."""
+    time, values = held_torque(t, tau, hold, PERIOD, delay * PERIOD, limited=limited)
+    first = int(np.argmin(np.abs(time - t[0])))
+    found = values[first : first + len(t)]
+    return np.concatenate([found, np.repeat(tau[-1:], len(t) - len(found), axis=0)])
+
+
+def stream_of(library, updates: int = 160, each: int = 5, **options: Any) -> tuple[np.ndarray, Any]:
+    """Motor torques of a stream along the model's move, and the stream."""
+    path = samples()
+    stream = library.stream(
+        path["y"][0],
+        path["q_start"],
+        period=each * PERIOD,
+        intervals=max(20, 100 // each),
+        samples_per_interval=each,
+        **options,
+    )
+    tau, ends = [], len(path["y"]) - 1
+    for k in range(1, updates + 1):
+        at = min(k * each, ends)
+        inside = 1.0 if k * each <= ends else 0.0
+        tau.append(stream.update(path["y"][at], inside * path["dy"][at], inside * path["ddy"][at]).tau_m)
+    return np.concatenate(tau), stream
+
+
+@pytest.mark.parametrize(("hold", "delay"), CASES)
+def test_invert_gives_the_torques_of_python(library, plain, hold, delay):
+    found = library.invert(**given(), hold=hold, delay=delay)
+    size = np.abs(plain.tau_m).max()
+    assert np.abs(found.tau_m - expected(plain.t, plain.tau_m, hold, delay)).max() < SAME * size
+    assert np.abs(found.tau_m - plain.tau_m).max() > 1e3 * SAME * size or (hold, delay) == ("linear", 0.0)
+    assert (found.tau_m[-1] == plain.tau_m[-1]).all()
+    for name in CHANNELS:
+        assert np.array_equal(getattr(found, name), getattr(plain, name))
+
+
+def test_a_spline_without_delay_changes_no_bit(library, plain):
+    assert np.array_equal(library.invert(**given(), hold="spline", delay=0.0).tau_m, plain.tau_m)
+    assert np.array_equal(stream_of(library, hold="spline", delay=0.0)[0], stream_of(library)[0])
+
+
+def test_bvp_holds_too(library, plain):
+    found, same = (library.bvp(**given(), **options).tau_m for options in ({"hold": "zoh", "delay": 0.5}, {}))
+    size = np.abs(same).max()
+    assert np.abs(found - expected(plain.t, same, "zoh", 0.5)).max() < SAME * size
+
+
+@pytest.mark.parametrize("each", [1, 2, 5])
+@pytest.mark.parametrize(("hold", "delay"), CASES[:6])
+def test_a_stream_gives_the_torques_of_python(library, hold, delay, each):
+    """Steps of 2e-4 from plan to plan are allowed; here they are smaller."""
+    tau, _ = stream_of(library, 800 // each, each)
+    held, _ = stream_of(library, 800 // each, each, hold=hold, delay=delay)
+    size, late = np.abs(tau).max(), 12
+    wanted = expected(np.arange(len(tau)) * PERIOD, tau, hold, delay)
+    assert np.abs(held - wanted)[:-late].max() < 1e-5 * size
+    assert hold == "linear" or np.abs(held - tau)[:-late].max() > 1e-3 * size
+
+
+def test_a_stream_with_limits_does_not_take_the_second_difference(library):
+    """Infinite limits modify nothing; the held torques are the means, which keep any limit."""
+    path = samples()
+    options = {"period": 5 * PERIOD, "intervals": 40, "samples_per_interval": 5}
+    streams = [library.stream(path["y"][0], path["q_start"], **options, **more) for more in ({}, {"hold": "zoh"})]
+    found: list[list[np.ndarray]] = [[], []]
+    for stream, results in zip(streams, found, strict=True):
+        stream.limit()
+        for k in range(5, 500, 5):
+            results.append(stream.update(path["y"][k], path["dy"][k], path["ddy"][k]).tau_m)
+    tau, held = (np.concatenate(results) for results in found)
+    size, t = np.abs(tau).max(), np.arange(len(tau)) * PERIOD
+    means = expected(t, tau, "zoh", 0.0, limited=True)
+    assert np.abs(held - means)[:-12].max() < 1e-5 * size
+    # steps from plan to plan are as large as the second difference, but rare
+    other = expected(t, tau, "zoh", 0.0)
+    near, far = (np.sqrt(np.mean((held - x)[:-12] ** 2)) for x in (means, other))
+    assert near < 0.2 * far
+
+
+@pytest.mark.parametrize(("hold", "largest"), [("zoh", 1e-8), ("linear", 1e-8)])
+def test_the_tool_follows_under_the_torques_of_c(library, plain, hold, largest):
+    """At 1 kHz: below 10 nm with the torques of ``invert``, 785 um with samples that are held."""
+    solution = flexgen.solve(MODEL, verify=False)
+    found = library.invert(**given(), hold=hold)
+    names = solution.trajectory.labels["tau_m"]
+    channels = {name: getattr(plain, name) for name in ("q_a", "q_m", "tau_m")}
+    channels["y_ref"] = samples()["y"][np.clip(np.arange(len(plain.t)) - 100, 0, len(samples()["y"]) - 1)]
+    trajectory = flexgen.Trajectory(
+        plain.t,
+        channels,
+        {name: solution.trajectory.ports[name] for name in channels},
+        {name: solution.trajectory.labels[name] for name in channels},
+        {"model": MODEL},
+        {name: solution.trajectory.units[name] for name in channels},
+    )
+    errors = []
+    for tau in (found.tau_m, plain.tau_m):
+        command = TorqueCommand(plain.t, tau, names, hold, PERIOD, 0.0, {})
+        errors.append(simulate(MODEL, trajectory, command=command).tool_error_max_m)
+    assert errors[0] < largest and errors[1] > 100 * errors[0]
+    assert hold == "linear" or errors[1] == pytest.approx(785e-6, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"hold": "foh"}, "hold: given 'foh', expected one of spline, linear, zoh"),
+        ({"hold": "zoh", "delay": -0.1}, "delay: given -0.1 samples, expected 0 to 4"),
+        ({"hold": "zoh", "delay": 4.5}, "for a longer delay give the path earlier"),
+        ({"hold": "zoh", "delay": float("nan")}, "delay: given nan samples"),
+        ({"hold": "zoh", "delay": "1"}, "delay: given '1', expected a number"),
+    ],
+)
+def test_what_no_drive_does_is_refused(library, changes, words):
+    with pytest.raises(ArgumentError, match=words):
+        library.invert(**given(), **changes)
+    with pytest.raises(ArgumentError, match=words):
+        stream_of(library, 1, **changes)
+
+
+@pytest.mark.parametrize(("hold", "delay"), [(-1, 0.0), (3, 0.0), (2, -1e-9), (2, 4.001), (0, float("nan"))])
+def test_c_refuses_it_too(library, hold, delay):
+    entries = library.streams
+    options = {"intervals": 20, "samples_per_interval": 5, "period": 5e-3, "tolerance": 1e-6}
+    refused = filled(entries.structs["stream_options"], **options, hold=hold, delay=delay)
+    accepted = filled(entries.structs["stream_options"], **options, hold=2, delay=4.0)
+    assert entries.work(ctypes.byref(refused)) == -1 < entries.work(ctypes.byref(accepted))
