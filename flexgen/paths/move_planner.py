@@ -22,6 +22,9 @@ from flexgen.paths.timed_segments import Curve, TimedSegment, bounded_law, confi
 TYPES = ("tool_line", "tool_circle", "tool_polyline", "sampled", "joint", "output_line", "program")
 NO_ROTATION = np.zeros(3)
 
+NO_MOTION = 1e-9  # m for each meter of reach: motion along an axis that is not an output
+KEYS = {"tool_circle": "axis", "tool_polyline": "legs", "program": "steps", "sampled": "file"}  # of their geometry
+
 
 def wrong(where: Where | None, name: str, key: str, given: object, expected: str) -> Exception:
     """The error to raise for a key of a move; it names file and line if the move is from a file."""
@@ -93,7 +96,26 @@ class _Planner:
         else:
             space, curve, speeds = self._curve()
             segments = [TimedSegment(space, curve, self._law(space, curve, speeds))]
+        for segment in segments:
+            self._check_axes(segment)
         return PlannedMove(tuple(segments), self.q_g)
+
+    def _check_axes(self, segment: TimedSegment) -> None:
+        """Refuse a motion of the tool along an axis that is not an output: it would not be carried out."""
+        axes = self.reference.axes
+        if segment.space != "tool" or len(axes) == 3:
+            return
+        t = segment.start + np.linspace(0.0, segment.law.duration, 65)
+        x = segment.at(t)[0][:, :, 0]
+        moved = np.ptp(x, axis=0)
+        for i in set(range(3)) - set(axes):
+            if moved[i] > NO_MOTION * (1.0 + np.abs(x).max()):
+                given = f"with {moved[i]:.3g} m along {'xyz'[i]}"
+                expected = (
+                    f"a path along {', '.join(self.model.output.axes)} only, because the output has the axes "
+                    f'"{self.model.output.axes}"; or add {"xyz"[i]} to output.axes of the model'
+                )
+                raise wrong(self.move.where, self.name, KEYS.get(self.move.type, "displacement"), given, expected)
 
     def _numbers(self, key: str, values: Sequence[float], size: int) -> np.ndarray:
         if len(values) != size or not np.isfinite(values).all():
@@ -165,6 +187,14 @@ class _Planner:
         """The line or the arc of a single move of the tool."""
         move = self.move
         rotation = self._numbers("rotation", move.rotation, 3)
+        if rotation.any() and not self.reference.pose:
+            raise wrong(
+                move.where,
+                self.name,
+                "rotation",
+                rotation.tolist(),
+                'no rotation, because the output is the position of the tool, or an output of type "tool_pose"',
+            )
         if move.type == "tool_line":
             return Line(self._numbers("displacement", move.displacement, 3), rotation, move.radius)
         center, axis = self._numbers("center", move.center, 3), self._numbers("axis", move.axis, 3)

@@ -166,3 +166,43 @@ def test_a_planned_move_plans_the_same_path_again(kind: str) -> None:
     assert again.duration == path.duration == path.move.duration and again.smoothness == path.smoothness
     t = np.linspace(0.0, path.duration, 50)
     assert np.array_equal(again.sample(t).y, path.sample(t).y)
+
+
+@pytest.mark.parametrize(
+    ("move", "words"),
+    [
+        (Move("up", "tool_line", (0.3, -1.1), 0.5, 5, displacement=(0.1, 0.0, 0.05)), "with 0.05 m along z"),
+        (
+            Move("arc", "tool_circle", (0.3, -1.1), 0.5, 5, center=(0.1, 0, 0), axis=(0, 1, 1), angle=0.3),
+            r"axis with 0\.0\d+ m along z",
+        ),
+        (
+            Program(name="seam", start=(0.3, -1.1), steps=(MoveL((0.0, 0.05, 0.1)),), profile=(1.0, 10.0, 100.0)),
+            "with 0.1 m along z",
+        ),
+        (
+            Move("turn", "tool_line", (0.3, -1.1), 0.5, 5, displacement=(0.1, 0, 0), rotation=(0, 0, 0.3)),
+            "expected no rotation, because the output is the position of the tool",
+        ),
+    ],
+)
+def test_motion_that_is_not_an_output_is_refused(move: Move, words: str) -> None:
+    """It was planned before, and not carried out."""
+    with pytest.raises(ArgumentError, match=words):
+        flexgen.plan("planar5_nmp", move)
+
+
+def test_a_file_with_motion_that_is_not_an_output_is_refused(tmp_path: FilePath) -> None:
+    file = tmp_path / "path.csv"
+    t = np.linspace(0.0, 0.5, 41)
+    s = 10 * (t / 0.5) ** 3 - 15 * (t / 0.5) ** 4 + 6 * (t / 0.5) ** 5
+    x, y, _ = flexgen.derive("planar5_nmp").function("forward_kinematics")([0.3, -1.1, 0.0])[0].full().ravel().tolist()
+    for height, fine in ((0.0, True), (0.05, False)):
+        rows = [f"{a!r},{x - 0.1 * b!r},{y!r},{height * b!r}" for a, b in zip(t.tolist(), s.tolist(), strict=True)]
+        file.write_text("t,x,y,z\n" + "\n".join(rows) + "\n")
+        move = Move("file", "sampled", (0.3, -1.1), 0.0, 0, file=str(file))
+        if fine:
+            assert flexgen.plan("planar5_nmp", move).duration == pytest.approx(0.5)
+            continue
+        with pytest.raises(ArgumentError, match=r"with 0\.05 m along z"):
+            flexgen.plan("planar5_nmp", move)
