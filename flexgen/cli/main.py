@@ -204,14 +204,15 @@ def _run(args: argparse.Namespace, messages: _Messages) -> int:
         ):
             result = args.action(args, messages.progress)
         problem = result.problem
-        status = FAILURE if problem else SUCCESS
+        status = result.failure if problem else SUCCESS
     except BaseException as error:
         interrupts += [signal.SIGINT] * isinstance(error, KeyboardInterrupt)
         if os.environ.get("FLEXGEN_DEBUG"):
             raise
         problem, status = _reason(error, args), FAILURE
     if interrupts:
-        result, problem, status = None, "interrupted", INTERRUPTED
+        result = result if result is not None and result.interrupted else None
+        problem, status = "interrupted" + ("; the result is the best so far" if result is not None else ""), INTERRUPTED
     for warning in result.warnings if result is not None else ():
         messages.report(f"flexgen: warning: {warning}")
     if result is not None:

@@ -24,7 +24,7 @@ from flexgen.simulation.hold_names import HOLDS
 
 MODEL = "name in models/ or path of a .toml file, optionally with @variant; or FILE.urdf#BASE:TIP"
 METHOD = f"method of inverse dynamics: {', '.join(METHOD_NAMES)}; default: auto"
-NUMERIC_OPTIONS = ("--pose", "--preview", "--mesh", "--accuracy", "--sample-time", "--delay")
+NUMERIC_OPTIONS = ("--pose", "--preview", "--mesh", "--accuracy", "--sample-time", "--delay", "--time")
 _NUMBERS = re.compile(r"[-+]?\.?\d[-+.,\deE]*\Z")  # one number, or several with commas
 
 EXAMPLES = """\
@@ -39,7 +39,7 @@ examples:
 
 'flexgen VERB --help' describes the options of a verb.
 MODEL is a name in models/ or the path of a .toml file, optionally with @variant; or FILE.urdf#BASE:TIP.
-Exit status: 0 success, 1 failure, 2 wrong usage, 130 interrupted."""
+Exit status: 0 success, 1 failure, 2 wrong usage, 3 limits of the model exceeded, 130 interrupted."""
 
 
 class UsageError(Exception):
@@ -319,6 +319,7 @@ def _add_solve_arguments(parser: _Parser) -> None:
         help="enforce the torque and speed limits of the model (methods lq, collocation, full)",
     )
     parser.add_argument("--accuracy", metavar="X", type=_positive, help="largest accepted output error [m and rad]")
+    _add_bounds_arguments(parser)
     parser.add_argument(
         "--hold",
         choices=HOLDS,
@@ -339,8 +340,26 @@ def _add_solve_arguments(parser: _Parser) -> None:
     )
 
 
+def _add_bounds_arguments(parser: _Parser) -> None:
+    parser.add_argument(
+        "--ignore-limits",
+        action="store_true",
+        help="report a solution beyond the limits of the model file as solved (for studies); without it the exit "
+        "status is 3",
+    )
+    parser.add_argument(
+        "--time",
+        metavar="SECONDS",
+        type=_not_negative,
+        default=120.0,
+        help="time limit of each solve [s]: then, or after Ctrl-C, it ends with the best solution so far (exit status "
+        "1, or 130); default: 120; 0: no limit",
+    )
+
+
 def _add_run_arguments(parser: _Parser) -> None:
     parser.add_once("--move", metavar="NAME", help="a move or program of the model file; default: the first")
     parser.add_argument("--method", choices=METHOD_NAMES, metavar="NAME", default="auto", help=METHOD)
+    _add_bounds_arguments(parser)
     parser.add_argument("--directory", metavar="DIR", type=_path, help="of the C library; default: generated/MODEL")
     parser.add_argument("--report", metavar="DIR", type=_path, help="of the report; default: reports/MODEL")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexgen.cli.printing import figures, one_line, plain, solution_rows
-from flexgen.cli.solve import inaccuracy
+from flexgen.cli.solve import inaccuracy, problem_of
 from flexgen.cli.verbs import (
     Progress,
     VerbResult,
@@ -51,7 +51,11 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     generated = generate_library(robot, args.directory, progress=log)
     library = load(generated.directory)
     log("solve: inverse dynamics of the move, verified by forward simulation")
-    solution = solve_move(equations, args.move, args.method, progress=log)
+    solution = solve_move(
+        equations, args.move, args.method, time_limit=args.time, ignore_limits=args.ignore_limits, progress=log
+    )
+    if solution.interrupted:
+        return _interrupted(solution, directory)
     checked = _check_library(library, equations, solution)
     compared = compare_methods(equations, solution, log)
     log("report")
@@ -88,7 +92,19 @@ def run(args: Namespace, log: Progress) -> VerbResult:
         "report": str(report),
         "seconds": time.perf_counter() - began,
     }
-    return VerbResult(data, text, inaccuracy(solution, ACCURACY), list(solution.warnings))
+    problem, failure = problem_of(solution, ACCURACY)
+    return VerbResult(data, text, problem, list(solution.warnings), failure=failure)
+
+
+def _interrupted(solution: Solution, directory: Path) -> VerbResult:
+    """The result where Ctrl-C ended the solve: the trajectory is written, the report is not."""
+    from flexgen.inversion.solve import ACCURACY
+
+    with writing(directory):
+        trajectory = solution.trajectory.save(directory / f"{solution.move.name}.npz")
+    data = solution.to_dict() | {"trajectory": str(trajectory)}
+    text = f"{figures(solution_rows(solution))}\n\nwrote {trajectory}"
+    return VerbResult({"solve": data}, text, inaccuracy(solution, ACCURACY), list(solution.warnings), interrupted=True)
 
 
 def _check_library(library: Any, equations: Equations, solution: Solution) -> dict[str, float]:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from flexgen.model.elements import RobotModel
     from flexgen.simulation.simulate import Simulation
 
+EXCEEDED = 3  # exit status of a solution beyond the limits of the model file
 COMMAND = "command"  # ending of the file with the torques that the controller sends
 RUN = 0.25  # time of a simulation of another robot, relative to the verification, whose tolerance is tighter
 
@@ -49,12 +50,16 @@ def solve(args: Namespace, log: Progress) -> VerbResult:
     for k, (move, paths) in enumerate(zip(moves, outputs, strict=True), 1):
         log(f"move {move.name} ({k} of {len(moves)})")
         found.append(_solve_one(args, equations, move, limits, paths, log))
+        if found[-1].interrupted:
+            break
     return VerbResult(
         {"model": equations.model.name, "solutions": [result.data for result in found]},
         "\n\n".join(result.text for result in found),
-        "; ".join(f"move {m.name}: {r.problem}" for m, r in zip(moves, found, strict=True) if r.problem),
-        [f"move {m.name}: {line}" for m, r in zip(moves, found, strict=True) for line in r.warnings],
+        "; ".join(f"move {m.name}: {r.problem}" for m, r in zip(moves, found, strict=False) if r.problem),
+        [f"move {m.name}: {line}" for m, r in zip(moves, found, strict=False) for line in r.warnings],
         "\n\n".join(result.details for result in found),
+        found[-1].interrupted,
+        min((r.failure for r in found if r.problem), default=1),
     )
 
 
@@ -107,6 +112,8 @@ def _solve_one(
         hold=args.hold,
         sample_time=args.sample_time,
         delay=args.delay,
+        time_limit=args.time,
+        ignore_limits=args.ignore_limits,
         progress=log,
     )
     data = solution.to_dict()
@@ -121,11 +128,12 @@ def _solve_one(
             with writing(command):
                 data["torque_command"] = str(solution.torque_command.save(command))
             lines.append(f"wrote {command}")
-    if report is not None:
+    if report is not None and not solution.interrupted:
         data |= _report(args, equations, solution, report, log)
         lines.append(f"wrote {data['report']}")
     text = "\n".join(lines).rstrip("\n")
-    return VerbResult(data, text, inaccuracy(solution, accuracy), list(solution.warnings), _details(solution))
+    problem, failure = problem_of(solution, accuracy)
+    return VerbResult(data, text, problem, list(solution.warnings), _details(solution), solution.interrupted, failure)
 
 
 def _report(
@@ -194,12 +202,25 @@ def _move_of_file(file: Path, name: str | None, robot: RobotModel) -> Any:
     )
 
 
+def problem_of(solution: Solution, accuracy: float) -> tuple[str, int]:
+    """Why the solution cannot be used, empty if it can, and the exit status that this has."""
+    if solution.status != Status.LIMITS_EXCEEDED:
+        return inaccuracy(solution, accuracy), 1
+    from flexgen.inversion.solution import exceeded
+
+    lines = exceeded(solution.model, solution.trajectory)
+    more = f", and {len(lines) - 1} more (see the warnings)" if len(lines) > 1 else ""
+    return f"{solution.status}: {lines[0]}{more}; {solution.status.advice}", EXCEEDED
+
+
 def inaccuracy(solution: Solution, accuracy: float) -> str:
     """Why the solution does not meet the tolerance; empty if it does."""
     from flexgen.inversion.solve import ENERGY
 
     if solution.status != Status.TOLERANCE_NOT_MET:
         return ""
+    if solution.stopped:
+        return f"{solution.status}: {solution.stopped}; the trajectory is the best so far"
     simulation = solution.simulation
     if simulation is not None and simulation.energy_error > ENERGY:
         return (

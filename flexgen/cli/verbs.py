@@ -38,8 +38,9 @@ Progress = Callable[[str], None]  # prints a progress message
 class VerbResult:
     """The result of a verb.
 
-    ``data``: the object for ``--json``; ``text``: the same as text; ``problem``: reason of a failure (exit status 1),
-    else empty; ``warnings``: messages for standard error; ``details``: more text, for ``--verbose``.
+    ``data``: the object for ``--json``; ``text``: the same as text; ``problem``: reason of a failure, else empty;
+    ``warnings``: messages for standard error; ``details``: more text, for ``--verbose``; ``interrupted``: Ctrl-C ended
+    the computation, and the result is what was reached; ``failure``: the exit status with a problem.
     """
 
     data: dict[str, Any]
@@ -47,6 +48,8 @@ class VerbResult:
     problem: str = ""
     warnings: list[str] = field(default_factory=list)
     details: str = ""
+    interrupted: bool = False
+    failure: int = 1
 
 
 def read_model(args: Namespace) -> RobotModel:

@@ -43,10 +43,14 @@ def compare_methods(
         if progress is not None:
             progress(f"comparison: method {name}")
         try:
-            out.append(solve(equations, solution.move, name, progress=False))
+            baseline = solve(equations, solution.move, name, progress=False)
         except (ArgumentError, SolverError) as error:
             if progress is not None:
                 progress(f"comparison: method {name} has no solution: {error}")
+            continue
+        if baseline.interrupted:
+            raise KeyboardInterrupt
+        out.append(baseline)
     return (*out, solution)
 
 

@@ -21,6 +21,7 @@ import numpy as np
 import osqp
 import scipy.sparse as sp
 
+from flexgen.deadline import check_time, time_left
 from flexgen.errors import SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.method_result import MethodResult
@@ -231,6 +232,7 @@ def _modify_path(problem: InversionProblem, horizon: _Horizon, bounds: _Bounds) 
     jacobian, fresh = _jacobian(problem, horizon, bounds, c, followed), True
     worst = float(np.abs(bounds.values(followed)).max()) - 1.0
     for round_ in range(1, ROUNDS + 1):
+        check_time(f"limits, program {round_}, bounds exceeded by up to {worst:.1e} of their values")
         step = _step(problem, horizon, bounds, c, followed, jacobian)
         share = 1.0
         while True:
@@ -282,6 +284,7 @@ def _jacobian(
     ]
     for j in range(n_y):
         for color in range(apart):
+            check_time("limits, Jacobian of the path deviation")
             pushed = c.copy()
             pushed[color::apart, j] += push
             change = (bounds.followed(horizon.invert(pushed)) - followed) / push
@@ -384,8 +387,10 @@ def _osqp(H: sp.csc_matrix, gradient: np.ndarray, A: sp.csc_matrix, low: np.ndar
         max_iter=PROGRAM_STEPS,
         polishing=True,
         check_dualgap=False,
+        time_limit=time_left(),
     )
     result = solver.solve(raise_error=False)
+    check_time("limits, quadratic program")
     if result.info.status not in ("solved", "solved inaccurate") or not np.isfinite(result.x).all():
         raise SolverError(
             f"limits: OSQP ended with {result.info.status!r}; give the move more time or loosen the limits"

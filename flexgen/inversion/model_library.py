@@ -13,6 +13,7 @@ from flexgen.build.generate import MANIFEST, generate
 from flexgen.build.library_cache import mark_used, prune
 from flexgen.build.object_cache import cache_folder
 from flexgen.codegen.spec import library_name
+from flexgen.deadline import check_time, paused
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.signatures import INVERSION
@@ -35,6 +36,8 @@ def inversion_library(
 ) -> Library:
     """The library of a model with its inversion functions.
 
+    It is made once for each model; the time that this takes does not count in a time limit.
+
     Parameters
     ----------
     equations : Equations
@@ -56,7 +59,9 @@ def inversion_library(
     reason = model.inversion_obstacle()
     if reason is not None:
         raise ArgumentError(f"method {method}: {reason}; use --method full")
-    return _loaded(_Key(model), native, progress if progress is not None else _silent)
+    check_time(f"method {method}")
+    with paused():
+        return _loaded(_Key(model), native, progress if progress is not None else _silent)
 
 
 def _silent(line: str) -> None:

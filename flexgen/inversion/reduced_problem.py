@@ -20,6 +20,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.outputs import OutputMap, output_map
@@ -162,6 +163,7 @@ class Reduction:
         out = np.zeros((len(times), self.model.n_a))
         q = start
         for k, value in enumerate(targets):
+            check_time(f"quasi-static motion along the path, at t = {times[k]:.4g} s")
             for _ in range(30):
                 residual, jacobian = (np.array(x) for x in newton(q, value))
                 try:

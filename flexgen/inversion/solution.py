@@ -22,6 +22,8 @@ from flexgen.simulation.simulate import Simulation
 from flexgen.simulation.torque_curve import torque_curve
 from flexgen.trajectory import Trajectory
 
+INTERRUPTED = "interrupted by Ctrl-C"  # why a solution is the best so far
+
 
 class Figure(NamedTuple):
     """A figure of a solution: what it is, its value (None where there is none), its unit, and its key in JSON."""
@@ -84,6 +86,8 @@ class Solution:
         with a spline through them.
     held_simulation : Simulation or None
         The verification under the torques of ``torque_command`` with their hold.
+    stopped : str
+        Why it is the best solution so far: the time limit and the stage in which it ended, or Ctrl-C; else empty.
     """
 
     model: RobotModel
@@ -105,6 +109,7 @@ class Solution:
     details: Mapping[str, Any] = field(default_factory=dict)
     torque_command: TorqueCommand | None = None
     held_simulation: Simulation | None = None
+    stopped: str = ""
 
     def __repr__(self) -> str:
         return f"<Solution {_title(self.model)}, move {self.move.name}: {self.status}, method {self.method}>"
@@ -178,6 +183,11 @@ class Solution:
         return self.trajectory.to_dataframe()
 
     @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C ended the computation; the solution is the best so far."""
+        return self.stopped == INTERRUPTED
+
+    @property
     def mesh_s(self) -> float | None:
         """Length of the intervals of the solver's mesh [s], their mean; None for a method without mesh."""
         time = self.trajectory.time
@@ -241,6 +251,7 @@ class Solution:
             "model": self.model.name,
             "move": self.move.name,
             **{figure.key: figure.value for figure in self.figures()},
+            "stopped": self.stopped,
             "details": dict(self.details),
             "warnings": list(self.warnings),
             "hold": None if command is None else command.hold,

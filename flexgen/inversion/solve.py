@@ -13,12 +13,14 @@ from typing import Any, overload
 import numpy as np
 
 from flexgen.codegen.spec import STATUSES
+from flexgen.deadline import check_time, running
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.hold import Hold, with_hold
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, METHODS, NAMES, Method
 from flexgen.inversion.problem import INTERVALS, InversionProblem
+from flexgen.inversion.reached import Reached, stage_of
 from flexgen.inversion.solution import Solution, exceeded, has_kinks, relative_residual, residual_max
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
@@ -37,6 +39,7 @@ ATTEMPTS = 3  # meshes, each with intervals half as long as the one before
 ENERGY = 1e-7  # relative: largest error of the energy balance of a simulation that verifies something
 RESIDUAL = 1e-3  # largest relative residual of a result that is not verified
 RIPPLE = 1e-2  # the same for the full method, whose torque may ripple between the Gauss points
+TIME_LIMIT = 120.0  # s
 FURTHER = 60.0  # s: "auto" starts no further method after this time
 FULL_LARGEST = 8  # coordinates: "auto" takes the full method up to here; with 12 it needs many minutes
 
@@ -55,6 +58,8 @@ def solve(
     hold: str = "spline",
     sample_time: float | None = None,
     delay: float = 0.0,
+    time_limit: float | None = TIME_LIMIT,
+    ignore_limits: bool = False,
     progress: Choice = None,
     options: Mapping[str, Any] | None = None,
 ) -> Solution:
@@ -75,7 +80,7 @@ def solve(
         How long before the path the motion may begin; default: `flexgen.analysis.zeros.preview` of the slowest
         unstable zero, at least 4 % of the move (of half a second, if it is longer) and at most 2 s.
     mesh : float, optional [s]
-        Length of the intervals or steps; default: a hundredth of the move, at most 5 ms (with "lq" and "bvp" 10 ms).
+        Length of the intervals or steps; default: a hundredth of the move, at most 5 ms ("lq" and "bvp" 10 ms).
     limits : Limits, optional
         Bounds on motor torque, motor speed and deflection: "lq" modifies the path and inverts the modified path,
         "full" and "collocation" optimize torque and tool error together.
@@ -88,6 +93,11 @@ def solve(
         (zero-order hold). `Solution.torque_command` has the torques to send, verified with this hold.
     sample_time, delay : float [s]
         Of the controller (default: 1 ms); from its tick to the instant at which the motor has the torque.
+    time_limit : float or None [s]
+        After it, or Ctrl-C, the best solution so far is returned, "tolerance not met" with the reason in ``stopped``.
+        None or 0: no limit. The C library of a model, made once, does not count.
+    ignore_limits : bool
+        Exceeded limits of the model file are warnings only, not a status of their own ("limits exceeded").
     progress : callable or bool, optional
         Called with one line of text now and then; default: messages on a terminal and in a notebook; False: none.
     options : mapping, optional
@@ -100,32 +110,56 @@ def solve(
 
     Raises
     ------
-    ArgumentError
-        Unknown move or method, or a method that does not apply to the model.
-    SolverError
-        No solution; the text gives the reason and what to try.
+    ArgumentError, SolverError
+        Unknown move or method, or a method that does not apply; no solution: the text gives reason and what to try.
     """
-    wall, cpu = time.perf_counter(), time.process_time()
-    log = progress if callable(progress) else None
-    if log is not None and not isinstance(model, Equations):
+    began, log = (time.perf_counter(), time.process_time()), progress if callable(progress) else None
+    _check_arguments(method, preview, mesh, accuracy, time_limit, limits)
+    controller, reached = Hold(hold, sample_time, delay), Reached()
+    with running(time_limit or None) as deadline:
+        try:
+            equations = _derived(model, log)
+            path, more = Path(equations, named_move(equations.model, move)), dict(options or {})
+            problem = InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, log, more)
+            solution = _within_limits(with_hold(problem, _found(problem, method, reached), controller), ignore_limits)
+        except (Exception, KeyboardInterrupt) as error:
+            solution = reached.ended(stage_of(error, deadline.interrupted), time_limit)
+    return replace(solution, wall_s=time.perf_counter() - began[0], cpu_s=time.process_time() - began[1])
+
+
+def _within_limits(solution: Solution, ignore: bool) -> Solution:
+    """The solution, "limits exceeded" where it is solved beyond limits of the model file that are not ignored."""
+    if ignore or solution.status != Status.SOLVED or not exceeded(solution.model, solution.trajectory):
+        return solution
+    return replace(solution, status=Status.LIMITS_EXCEEDED)
+
+
+def _derived(model: str | FilePath | RobotModel | Equations, log: Callable[[str], None] | None) -> Equations:
+    """The equations of motion of a model."""
+    if isinstance(model, Equations):
+        return model
+    if log is not None:
         log("deriving the equations of motion")
-    equations = model if isinstance(model, Equations) else derive(model)
-    robot = equations.model
-    chosen = named_move(robot, move)
-    _check_arguments(method, preview, mesh, accuracy, limits)
-    controller = Hold(hold, sample_time, delay)
-    choose = method == AUTO
-    chosen_method = METHODS[_automatic(robot, limits) if choose else method]
-    _check_applies(chosen_method, robot, limits)
-    path = Path(equations, chosen)
-    problem = InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, log, dict(options or {}))
-    solution = _automatic_solution(problem, chosen_method) if choose else _refined(problem, chosen_method)
-    solution = with_hold(problem, solution, controller)
-    return replace(solution, wall_s=time.perf_counter() - wall, cpu_s=time.process_time() - cpu)
+    return derive(model)
+
+
+def _found(problem: InversionProblem, method: str, reached: Reached) -> Solution:
+    """The solution by a method, or by the default method and what it falls back to."""
+    robot = problem.equations.model
+    chosen = METHODS[_automatic(robot, problem.limits) if method == AUTO else method]
+    _check_applies(chosen, robot, problem.limits)
+    find = _automatic_solution if method == AUTO else _refined
+    reached.solution = find(problem, chosen, reached)
+    return reached.solution
 
 
 def _check_arguments(
-    method: str, preview: float | None, mesh: float | None, accuracy: float, limits: Limits | None
+    method: str,
+    preview: float | None,
+    mesh: float | None,
+    accuracy: float,
+    time_limit: float | None,
+    limits: Limits | None,
 ) -> None:
     """ArgumentError where an argument of `solve` has a wrong type or value."""
     if method not in NAMES:
@@ -134,9 +168,10 @@ def _check_arguments(
         "preview": "zero or a positive time in s",
         "mesh": "a positive time in s",
         "accuracy": "a positive length",
+        "time_limit": "a positive time in s; None or 0: no limit",
     }
-    for name, value in (("preview", preview), ("mesh", mesh), ("accuracy", accuracy)):
-        if value is None or (name == "preview" and value == 0):
+    for name, value in zip(expected, (preview, mesh, accuracy, time_limit), strict=True):
+        if value is None or (name in ("preview", "time_limit") and value == 0):
             continue
         if not isinstance(value, Real) or isinstance(value, bool) or not (np.isfinite(value) and value > 0):
             raise ArgumentError(f"{name}: given {value!r}, expected {expected[name]}")
@@ -158,7 +193,7 @@ def _automatic(robot: RobotModel, limits: Limits | None) -> str:
     return "lq" if inverts else "collocation"
 
 
-def _automatic_solution(problem: InversionProblem, method: Method) -> Solution:
+def _automatic_solution(problem: InversionProblem, method: Method, reached: Reached) -> Solution:
     """The first verified solution: of the default method, or of a further one that applies to the model.
 
     ``details["attempts"]`` of the solution lists what failed before; so does the message of the error.
@@ -166,7 +201,7 @@ def _automatic_solution(problem: InversionProblem, method: Method) -> Solution:
     began = time.perf_counter()
     best: Solution | None = None
     failures: list[tuple[str, SolverError]] = []
-    outcomes: list[str] = []
+    outcomes = reached.tried
     for candidate in (method, *_further_methods(problem, method)):
         if candidate is not method:
             if time.perf_counter() - began > FURTHER:
@@ -175,13 +210,14 @@ def _automatic_solution(problem: InversionProblem, method: Method) -> Solution:
             problem.log(f"trying method {candidate.name}")
         count = len(failures)
         try:
-            found = _refined(problem, candidate, failures)
+            found = _refined(problem, candidate, reached, failures)
         except ArgumentError as error:  # a further method can have requirements of its own
             if candidate is method:
                 raise
             outcomes.append(f"{candidate.name}: {error}")
             continue
-        outcomes += [f"{label}: {error}" for label, error in failures[count:]]
+        finally:
+            outcomes += [f"{label}: {error}" for label, error in failures[count:]]
         if found is None and _is_unreachable(problem, failures[count:]):
             break
         if found is None:
@@ -241,15 +277,20 @@ def run_method(method: Method, problem: InversionProblem, h: float) -> MethodRes
 
 
 @overload
-def _refined(problem: InversionProblem, method: Method) -> Solution: ...
+def _refined(problem: InversionProblem, method: Method, reached: Reached) -> Solution: ...
 
 
 @overload
-def _refined(problem: InversionProblem, method: Method, failures: list[tuple[str, SolverError]]) -> Solution | None: ...
+def _refined(
+    problem: InversionProblem, method: Method, reached: Reached, failures: list[tuple[str, SolverError]]
+) -> Solution | None: ...
 
 
 def _refined(
-    problem: InversionProblem, method: Method, failures: list[tuple[str, SolverError]] | None = None
+    problem: InversionProblem,
+    method: Method,
+    reached: Reached,
+    failures: list[tuple[str, SolverError]] | None = None,
 ) -> Solution | None:
     """The solution of one method, on finer meshes until it is verified.
 
@@ -262,6 +303,7 @@ def _refined(
     best, least = None, np.inf
     for attempt in range(attempts):
         last = attempt + 1 == attempts
+        check_time(f"method {method.name}, intervals of {h / 2**attempt:.3g} s")
         try:
             solution = make_solution(problem, method.name, run_method(method, problem, h / 2**attempt))
         except SolverError as error:
@@ -271,6 +313,7 @@ def _refined(
             failures.append((f"{method.name}, intervals of {h / 2**attempt:.3g} s", error))
             problem.log(f"method {method.name} failed: {error}")
             continue
+        reached.keep(solution)
         if not problem.verify:
             if last or _residual_is_small(solution):
                 _check_residual(solution)
@@ -280,6 +323,7 @@ def _refined(
         checked = verify_by_simulation(problem, solution)
         simulation, plan, worst = checked.simulation, checked.plan_error, checked.worst
         solution = replace(solution, simulation=simulation, plan_error_max=None if plan is None else max(plan))
+        reached.keep(solution, worst)
         if solution.status == Status.BASELINE:
             return solution
         if worst <= problem.accuracy and simulation.energy_error <= ENERGY:

@@ -38,6 +38,12 @@ class Status(StrEnum):
         "The limits keep the tool off the path; the motion satisfies the equations of motion.",
         "Compare the tool error with what the task allows; to reduce it, give the move more time or loosen the limits.",
     )
+    LIMITS_EXCEEDED = (
+        "limits exceeded",
+        "The equations of motion hold and the verification found no error, but limits of the model file are exceeded.",
+        "The robot cannot do this move: give it more time, or keep the limits with --limits; for studies use "
+        "--ignore-limits.",
+    )
     BASELINE = (
         "baseline",
         "The torques come from a simplified model; the tool error is measured, not bounded.",
@@ -45,6 +51,7 @@ class Status(StrEnum):
     )
     TOLERANCE_NOT_MET = (
         "tolerance not met",
-        "The verification found an error above the tolerance.",
-        "Do not use the torques; try --method full, a finer --mesh, a longer --preview or a smoother move.",
+        "The verification found an error above the tolerance, or the computation was ended before it was complete.",
+        "Do not use the torques; try --method full, a finer --mesh, a longer --preview, a smoother move, or more time "
+        "with --time.",
     )

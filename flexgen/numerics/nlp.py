@@ -10,7 +10,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from flexgen.deadline import check_time, time_left
+
 Progress = Callable[[str], None]
+
+BUILDING = "IPOPT, building the nonlinear program"
 
 TOLERANCE = 1e-10  # on scaled constraints: an error of 1e-10 rad is 0.1 nm a meter away
 
@@ -79,8 +83,9 @@ def solve_nlp(
     """Minimize ``cost`` subject to ``bounds_g`` (default: g = 0) and ``bounds_x``.
 
     ``jacobian``: of g, where it is known, else by coloring; ``hessian``: of the Lagrangian (upper triangle)
-    where an approximation serves, else exact.
+    where an approximation serves, else exact. OutOfTime where a time limit ends first, see `flexgen.deadline`.
     """
+    check_time(BUILDING)
     n_g = g.shape[0]
     options: dict[str, Any] = {
         "print_time": False,
@@ -106,15 +111,23 @@ def solve_nlp(
     if progress is not None:
         watch = _Watch(x.shape[0], lower, upper, progress)
         options["iteration_callback"] = watch
+    options["ipopt.max_wall_time"] = time_left()
     solver = ca.nlpsol("nlp", "ipopt", {"x": x, "f": cost, "g": g, "p": p}, options)
+    check_time(BUILDING)
     arguments: dict[str, Any] = {"x0": guess, "lbg": lower, "ubg": upper}
     if bounds_x is not None:
         arguments["lbx"], arguments["ubx"] = bounds_x
-    answer = solver(**arguments)
+    try:
+        answer = solver(**arguments)
+    except Exception:  # CasADi reports Ctrl-C as an error of its own
+        check_time("IPOPT")
+        raise
     stats = solver.stats()
     violation = _violation(np.array(answer["g"]).ravel(), lower, upper)
-    # IPOPT's word alone is not believed: the constraints are looked at
+    # the success that IPOPT reports is checked: the constraints have to hold
     success = bool(stats["success"]) and violation <= 100 * tolerance and bool(np.isfinite(violation))
+    if not success:
+        check_time(f"IPOPT, iteration {int(stats['iter_count'])}, largest violation {violation:.2e}")
     return NlpResult(
         status=str(stats["return_status"]),
         success=success,

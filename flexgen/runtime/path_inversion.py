@@ -175,25 +175,32 @@ class Inverter:
             Where the path leaves the workspace or passes a singular pose, or the iteration did not converge.
         """
         self._refuse_closed()
-        function, structs = self._function, self._structs
+        function = self._function
         given = self._samples(y, dy, ddy)
-        n = len(given["y"])
         q = array_of(function, "q_start", q_start, (self._sizes["n_a"],))
         counts = {"n_pre": n_pre, "n_post": n_post, "samples_per_interval": samples_per_interval}
         counts = {key: whole_of(function, key, value) for key, value in counts.items()}
         period = number_of(function, "period", period)
         held = hold_of(function, hold, delay)
-        tolerance = number_of(function, "tolerance", tolerance)
-        options = filled(structs["inversion_options"], **counts, tolerance=tolerance, **held)
-        work = self._workspace(self._work_size(n, options, counts))
+        options = {**counts, **held, "tolerance": number_of(function, "tolerance", tolerance)}
+        return self._inverted(given, q, period, options)
+
+    def _inverted(
+        self, given: dict[str, np.ndarray], q_start: np.ndarray, period: float, options: dict[str, Any]
+    ) -> Inversion:
+        """Call C with checked arguments."""
+        structs, n = self._structs, len(given["y"])
+        counts = {name: options[name] for name in ("n_pre", "n_post", "samples_per_interval")}
+        filled_options = filled(structs["inversion_options"], **options)
+        work = self._workspace(self._work_size(n, filled_options, counts))
         out = self._results(n + counts["n_pre"] + counts["n_post"])
         path, motion = filled(structs["path"], n=n, period=period, **given), filled(structs["motion"], **out)
         info = structs["inversion_info"](residual=np.nan)
         status = int(
             self._entry(
                 ctypes.byref(path),
-                pointer(q),
-                ctypes.byref(options),
+                pointer(q_start),
+                ctypes.byref(filled_options),
                 ctypes.byref(motion),
                 ctypes.byref(info),
                 pointer(work),

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
+from flexgen.deadline import check_time
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.linearization import second_order_matrices
 from flexgen.numerics.evaluate import evaluate
@@ -57,6 +58,7 @@ def growth_along(equations: Equations, motion: Motion) -> Growth:
         return Growth(largest, (0,))
     starts, first = [0], 0
     while first < len(steps):
+        check_time("growth of perturbations of the open loop")
         grown = np.flatnonzero(_log_growth(steps[first:], n) > np.log(WINDOW_GROWTH))
         if not len(grown):
             break

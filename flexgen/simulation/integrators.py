@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import DOP853, LSODA
 
+from flexgen.deadline import check_time
 from flexgen.errors import SolverError
 
 EVALUATIONS = 5_000_000  # a few minutes of the explicit method
@@ -85,6 +86,7 @@ def integrate(
     before, method, k, reported = 0, EXPLICIT, 1, time.perf_counter()
     mark = (float(t[0]), 0)
     while k < len(t):
+        check_time(f"simulation at t = {solver.t:.6g} of {t[-1]:.6g} s")
         message = solver.step()
         if solver.status == "failed" or not np.isfinite(solver.y).all():
             raise SolverError(

@@ -59,7 +59,8 @@ class Batches:
     def _unverified(self) -> bool:
         """Whether the options allow batches: no verification, and no option of a solver."""
         options = dict(self.shard.options)
-        options.pop("batch")
+        for name in ("batch", "time_limit"):
+            options.pop(name, None)
         return options.pop("verify", True) is False and not any(value for value in options.values())
 
     def _batch(
@@ -149,10 +150,11 @@ def figures(robot: RobotModel, mover: JointMoves, starts: np.ndarray, ends: np.n
     torque, rms, speed = (x.max(axis=1) for x in (peaks.torque_max, peaks.torque_rms, peaks.speed_max))
     energy = peaks.energy.sum(axis=1)
     doubtful = _beyond(robot, peaks, starts, ends)
+    beyond = [_warnings(robot, peaks, starts, ends, k) if doubtful[k] else () for k in range(len(starts))]
     return [
         {
             "method_used": "closed-form",
-            "status": Status.SOLVED.value,
+            "status": (Status.LIMITS_EXCEEDED if beyond[k] else Status.SOLVED).value,
             "verdict": "not verified",
             "torque_max": float(torque[k]),
             "torque_rms": float(rms[k]),
@@ -161,7 +163,7 @@ def figures(robot: RobotModel, mover: JointMoves, starts: np.ndarray, ends: np.n
             "iterations": 0,
             "samples": mover.n,
             "preactuation": 0.0,
-            "warnings": "\n".join(_warnings(robot, peaks, starts, ends, k)) if doubtful[k] else "",
+            "warnings": "\n".join(beyond[k]),
         }
         for k in range(len(starts))
     ]

@@ -20,7 +20,16 @@ from flexgen.model.elements import Move, RobotModel
 from flexgen.model.reader import read
 from flexgen.paths.time_laws import TimeLaw
 
-OPTIONS = ("preview", "mesh", "verify", "accuracy", "options", "batch")  # of flexgen.solve, and one of the sweep
+OPTIONS = (
+    "preview",
+    "mesh",
+    "verify",
+    "accuracy",
+    "time_limit",
+    "ignore_limits",
+    "options",
+    "batch",
+)  # of flexgen.solve, and one of the sweep
 SPAN = {"rad": np.pi, "m": 0.5}  # largest coordinate of random moves where the model has no limits
 MARGIN = 1e-3  # relative distance of random moves from limits of speed and acceleration
 
@@ -111,8 +120,9 @@ class Grid:
     parameters : sequence of mappings
         Changes of the model file, dotted paths to values, as in `flexgen.read`; `combinations` makes them of lists.
     options : mapping
-        The same for all cases: ``preview``, ``mesh``, ``verify``, ``accuracy``, ``options`` of `flexgen.solve`, and
-        ``batch``: compute joint moves in closed form in batches where that is possible and ``verify`` is False.
+        The same for all cases: ``preview``, ``mesh``, ``verify``, ``accuracy``, ``time_limit`` (default: none),
+        ``ignore_limits``, ``options`` of `flexgen.solve`, and ``batch``: compute joint moves in closed form in
+        batches where that is possible and ``verify`` is False.
 
     Cases are made on access: ``grid[17]``, ``len(grid)``, ``for case in grid``.
     """

@@ -52,11 +52,15 @@ def _one(job: Job, shard: Shard) -> tuple[Row, Row]:
     wall, cpu = time.perf_counter(), time.process_time()
     robot = shard.robots[job.key]
     options = {name: value for name, value in shard.options.items() if name != "batch"}
+    options = {"time_limit": None} | options  # results must not depend on the load of the computer
     try:
         if isinstance(robot, str):
             row = failed(robot)
         else:
-            row = _row(solve(_equations(job.key, robot), job.move_of(robot), job.method, **options))
+            solution = solve(_equations(job.key, robot), job.move_of(robot), job.method, **options)
+            if solution.interrupted:
+                raise KeyboardInterrupt
+            row = _row(solution)
     except FlexgenError as error:
         row = failed(str(error))
     except Exception as error:  # an error in one case must not lose the others

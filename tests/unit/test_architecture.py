@@ -24,6 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FLOORS = {
     "": 0,
     "atomic_files": 0,
+    "deadline": 0,
     "errors": 0,
     "npz_files": 0,
     "ports": 0,

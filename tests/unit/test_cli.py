@@ -325,6 +325,7 @@ def test_active_limits_are_not_a_missed_tolerance():
     assert "simulated error from the modified path, largest 2e-09 m or rad" in text
     strays = SimpleNamespace(
         status=Status.TOLERANCE_NOT_MET,
+        stopped="",
         method="collocation",
         simulation=None,
         tool_error_max_m=0.1,

@@ -12,7 +12,13 @@ from flexgen.inversion.status import Status
 
 
 def test_values():
-    assert [status.value for status in Status] == ["solved", "limits active", "baseline", "tolerance not met"]
+    assert [status.value for status in Status] == [
+        "solved",
+        "limits active",
+        "limits exceeded",
+        "baseline",
+        "tolerance not met",
+    ]
     assert flexgen.Status is Status
 
 

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexgen.dae.system import InverseDae
+from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.methods.initial_value import check_causal, dae_of, instants, result_of_states, zeros_along
@@ -89,6 +90,7 @@ def march(
     x, dx = np.tile(x_eq, (len(t), 1)), np.zeros((len(t), dae.n_x))
     iterations = 0
     for k in range(1, len(t)):
+        check_time(f"method bdf at t = {t[k]:.4g} of {t[-1]:.4g} s")
         past = sum((c[j] * x[max(k - j, 0)] for j in range(1, order + 1)), np.zeros(dae.n_x))
         new = 2 * x[k - 1] - x[max(k - 2, 0)]
         before = np.inf

@@ -29,6 +29,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
+from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.methods.baselines import quasistatic_motion, simply_coupled
@@ -109,6 +110,7 @@ def discretize(problem: InversionProblem, h: float, order: int, preactuation: fl
     y, tau = system.start()
     violation, before, damping = system.violation(y, tau), np.inf, 1.0
     for count in range(1, STEPS + 1):
+        check_time(f"method discretized, step {count}")
         dy, dtau = system.step(y, tau)
         moved, pushed = float(np.abs(dy / system.scale_y).max()), float(np.abs(dtau / system.tau_0).max())
         # steps that do not decrease oscillate about a kink of the equations: take half of them

@@ -21,12 +21,14 @@ import numpy as np
 from flexgen.dae.dummy_derivatives import Choice, DummyDerivatives
 from flexgen.dae.signature import structural_index
 from flexgen.dae.system import InverseDae
+from flexgen.deadline import OutOfTime, check_time
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.methods.initial_value import check_causal, dae_of, instants, result_of_states
 from flexgen.inversion.problem import InversionProblem
 from flexgen.paths.path import Path
 
+IDAS = "method reduced, integration by IDAS"  # a stage of the time limit
 RTOL, ATOL = 1e-11, 1e-13  # of IDAS, for states in rad or m
 # where IDAS does not converge: relax the tolerance, then integrate a part of the horizon only, and choose other states
 RETRIES = ((1, 1.0), (1, 10.0), (8, 10.0), (8, 1000.0))  # divisor of the horizon, factor of the tolerance
@@ -79,6 +81,10 @@ class _PathSignals(ca.Callback):
 
     def eval(self, arguments: list[ca.DM]) -> list[ca.DM]:
         t = float(arguments[0])
+        try:
+            check_time(IDAS)
+        except (OutOfTime, KeyboardInterrupt):  # CasADi would print it: IDAS fails on NaN, and the caller checks again
+            return [ca.DM.nan(*self._shape)]
         if t != self._last[0]:  # Newton's method needs the same instant several times
             self._last = (t, ca.DM(self._read(t)))
         return [self._last[1]]
@@ -131,6 +137,7 @@ def integrate(dummies: DummyDerivatives, path: Path, t: np.ndarray, x_eq: np.nda
         loosest, counts = max(loosest, used), counts + spent
         reached = k + len(states)
         for i in range(k + 1, reached + 1):
+            check_time(f"method reduced at t = {t[i]:.4g} of {t[-1]:.4g} s")
             guess = Y[i - 1].copy()
             guess[list(choice.states)] = states[i - k - 1]
             guess[list(choice.algebraic)] = algebraic[i - k - 1] if len(algebraic) else guess[list(choice.algebraic)]
@@ -186,6 +193,7 @@ def _states(
             run = ca.integrator("reduced", "idas", system, float(t[0]), t[1:to].tolist(), options)
             out = run(x0=Y[columns[0]] / units[0], z0=Y[columns[1]] / units[1])
         except RuntimeError as error:  # Newton's iteration of IDAS does not converge near rounding
+            check_time(IDAS)
             reason = str(error).strip().splitlines()[-1]
             continue
         spent = run.stats()

@@ -25,6 +25,7 @@ from scipy.linalg import lu_factor, lu_solve
 from flexgen.dae.signature import structural_index
 from flexgen.dae.strangeness_free import Split, StrangenessFree
 from flexgen.dae.system import InverseDae
+from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.methods.initial_value import check_causal, dae_of, instants, result_of_states
@@ -86,6 +87,7 @@ def integrate(
     x[0], dx[0] = point[:, 0], point[:, 1]
     iterations, gap = 0, np.inf
     for k in range(len(t) - 1):
+        check_time(f"method kunkel-mehrmann at t = {t[k]:.4g} of {t[-1]:.4g} s")
         h = float(t[k + 1] - t[k])
         stages = [_taylor(point, c * h) for c in table.c]
         try:

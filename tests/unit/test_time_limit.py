@@ -1,0 +1,163 @@
+"""The time limit of a solve, Ctrl-C, and the status of a solution beyond the limits of the model."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import signal
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen import deadline
+from flexgen.cli.main import main
+from flexgen.deadline import OutOfTime, check_time, paused, running, time_left
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion.solution import INTERRUPTED
+
+solving = importlib.import_module("flexgen.inversion.solve")
+LIGHT = {"motor.m1.torque_max": 5.0}  # N m; the move of planar5_nmp needs 24
+
+
+class Clock:
+    """A clock that goes on by one second whenever it is read, and can be stopped."""
+
+    def __init__(self) -> None:
+        self.now, self.step = 0.0, 1.0
+
+    def perf_counter(self) -> float:
+        self.now += self.step
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    found = Clock()
+    monkeypatch.setattr(deadline, "time", SimpleNamespace(perf_counter=found.perf_counter))
+    return found
+
+
+def reads(clock: Clock, method: str) -> int:
+    """How often a solve of the move reads the clock."""
+    before = clock.now
+    solution = flexgen.solve(model_of(method), method=method, time_limit=1e9, progress=False)
+    assert not solution.stopped
+    return int(clock.now - before)
+
+
+def model_of(method: str) -> str:
+    return "planar5_nmp" if method in ("lq", "bvp", "collocation") else "elbow"
+
+
+@needs_compiler
+@pytest.mark.parametrize("method", ["lq", "bvp", "collocation", "closed-form", "reduced", "bdf", "kunkel-mehrmann"])
+def test_a_solve_ends_at_its_time_limit_whenever_that_is(method: str, clock: Clock) -> None:
+    """At some twenty instants of the computation: the best solution, marked, or an error; never a success."""
+    count = reads(clock, method)
+    assert count > 4
+    found = 0
+    for limit in np.unique(np.linspace(1, count - 3, 20).astype(int)):
+        try:
+            solution = flexgen.solve(model_of(method), method=method, time_limit=float(limit), progress=False)
+        except SolverError as error:
+            assert f"the time limit of {limit:g} s ended in: " in str(error) and "--time" in str(error)
+            continue
+        found += 1
+        assert solution.status is flexgen.Status.TOLERANCE_NOT_MET and not solution.interrupted
+        assert f"the time limit of {limit:g} s ended in: " in solution.stopped
+        assert any("best so far" in warning for warning in solution.warnings)
+    assert found > 0
+
+
+@needs_compiler
+def test_without_a_time_limit_nothing_ends(clock: Clock) -> None:
+    clock.step = 1e6
+    for unlimited in (None, 0):
+        assert flexgen.solve("planar5_nmp", time_limit=unlimited, progress=False).status is flexgen.Status.SOLVED
+
+
+@pytest.mark.parametrize("given", [-1.0, float("nan"), float("inf"), "60", True])
+def test_what_is_no_time_is_refused(given: object) -> None:
+    with pytest.raises(ArgumentError, match=r"time_limit: given .*, expected a positive time in s"):
+        flexgen.solve("elbow", time_limit=given, progress=False)
+
+
+def test_a_time_limit_within_another_one(clock: Clock) -> None:
+    with running(100.0):
+        with running(5.0):
+            assert time_left() < 5.0
+            with pytest.raises(OutOfTime, match="stage"):
+                for _ in range(10):
+                    check_time("stage")
+        check_time("stage")
+        with running(1000.0):
+            assert time_left() < 100.0
+        left = time_left()
+        with paused():
+            clock.now += 1000.0
+        assert time_left() == pytest.approx(left, abs=10.0)
+    clock.now += 1e6
+    check_time("stage")
+    assert time_left() == deadline.UNLIMITED
+
+
+def interrupt(*args: object, **options: object) -> None:
+    signal.raise_signal(signal.SIGINT)
+    time.sleep(5)
+
+
+@needs_compiler
+def test_ctrl_c_keeps_the_best_solution(monkeypatch: pytest.MonkeyPatch) -> None:
+    handler = signal.getsignal(signal.SIGINT)
+    with monkeypatch.context() as patched:
+        patched.setattr(solving, "verify_by_simulation", interrupt)
+        solution = flexgen.solve("planar5_nmp", progress=False)
+    assert solution.interrupted and solution.stopped == INTERRUPTED
+    assert solution.status is flexgen.Status.TOLERANCE_NOT_MET and "not verified" in solution.warnings[-1]
+    exact = flexgen.solve("planar5_nmp", verify=False, progress=False)
+    assert np.array_equal(solution.trajectory["tau_m"], exact.trajectory["tau_m"])
+    assert signal.getsignal(signal.SIGINT) is handler
+    monkeypatch.setattr(solving, "run_method", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        flexgen.solve("planar5_nmp", progress=False)
+
+
+@needs_compiler
+def test_the_command_line_writes_what_was_reached(tmp_path, capfd, monkeypatch) -> None:
+    out = tmp_path / "line.npz"
+    monkeypatch.setattr(solving, "verify_by_simulation", interrupt)
+    assert main(["solve", "planar5_nmp", "--out", str(out), "--json"]) == 130
+    data = json.loads(capfd.readouterr().out)
+    assert data["error"] == "interrupted; the result is the best so far" and data["stopped"] == INTERRUPTED
+    assert flexgen.Trajectory.load(out)["tau_m"].shape[1] == 2
+    out.unlink()
+    monkeypatch.setattr(solving, "run_method", interrupt)
+    assert main(["solve", "planar5_nmp", "--out", str(out)]) == 130 and not out.exists()
+
+
+def test_the_time_limit_of_the_command_line(capfd, clock: Clock) -> None:
+    assert main(["solve", "elbow", "--time", "1"]) == 1
+    assert "the time limit of 1 s ended in: " in capfd.readouterr().err
+
+
+def test_a_solution_beyond_the_limits_of_the_model_is_not_solved() -> None:
+    model = flexgen.read("planar5_nmp", overrides=LIGHT)
+    solution = flexgen.solve(model, progress=False)
+    assert solution.status is flexgen.Status.LIMITS_EXCEEDED
+    assert "exceeds its limit 5 N m" in solution.warnings[0] and solution.tool_error_max_m < 1e-9
+    studied = flexgen.solve(model, ignore_limits=True, progress=False)
+    assert studied.status is flexgen.Status.SOLVED and studied.warnings == solution.warnings
+    assert flexgen.solve(model, method="rigid", progress=False).status is flexgen.Status.BASELINE
+
+
+def test_exit_status_of_exceeded_limits(tmp_path, capfd) -> None:
+    words = ["solve", "planar5_nmp", "--set", "motor.m1.torque_max=5", "--out", str(tmp_path / "line.npz")]
+    assert main(words) == 3
+    captured = capfd.readouterr()
+    assert "limits exceeded: motor m1: torque 24.48 N m exceeds its limit 5 N m" in captured.err
+    assert "--ignore-limits" in captured.err and (tmp_path / "line.npz").exists()
+    assert main([*words, "--ignore-limits"]) == 0
