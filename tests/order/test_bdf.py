@@ -113,7 +113,11 @@ def test_a_spring_with_a_kink_is_not_differentiated() -> None:
     for method in ("reduced", "kunkel-mehrmann"):
         with pytest.raises(ArgumentError, match=f"{method}.*spring with a kink.*use bdf or full"):
             flexgen.solve("four_mass@piecewise", method=method)
-    assert flexgen.solve("four_mass@piecewise", method="bdf").status == Status.SOLVED
+    # The torque for exact tracking jumps at the kink, far above the limit of the motor.
+    solution = flexgen.solve("four_mass@piecewise", method="bdf")
+    assert solution.status == Status.LIMITS_EXCEEDED
+    assert (solution.tool_error_max_m or 1) < TOLD
+    assert flexgen.solve("four_mass@piecewise", method="bdf", ignore_limits=True).status == Status.SOLVED
 
 
 def test_without_damping_inside_the_stable_order_is_taken() -> None:
