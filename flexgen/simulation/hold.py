@@ -7,17 +7,16 @@ trajectory. The motor has this torque from ``s_k = t_k + delay`` on. Between ``s
 * ``"linear"`` goes on a straight line to the next one,
 * ``"spline"`` follows the quintic spline through all of them.
 
-Samples of the continuous torque tau are the wrong values for the first two. A held sample is late by ``T / 2``. The
-mean over the time in which it is held is not late, but a mean smooths tau, and the hold smooths the means again; the
-same is true of straight lines between samples. Both give a slow torque as ``tau + T^2 / 12 tau''``: the position has an
-error of ``T^2 / 12`` times the acceleration that tau causes. The values to send compensate it:
+Samples of the continuous torque tau are the wrong values for the first two: a held sample is late by ``T / 2``, and a
+chord lies on the inner side of a curve. The values are chosen such that the signal at the motor has the same slow part
+as tau, up to terms of order ``T^4``:
 
-    u_k = v_k - (v_(k-1) - 2 v_k + v_(k+1)) / 12
+    zoh      u_k = m_k - (m_(k-1) - 2 m_k + m_(k+1)) / 12,     m_k the mean of tau from s_k to s_(k+1)
+    linear   u   = the straight lines with the least squared distance from tau
 
-    zoh      v_k: the mean of tau from s_k to s_(k+1)
-    linear   v_k: tau at s_k
-
-with an error of the order ``T^4``. Where limits may be active, ``u_k = v_k``, which does not exceed them.
+The means alone leave an error of ``T^2 / 12`` times the acceleration that tau causes, because a mean smooths tau and
+the hold smooths the means again; the second difference takes this back. Where limits are active, the values are the
+means alone, and those of the straight lines stay within the largest and smallest torque.
 """
 
 from __future__ import annotations
@@ -30,6 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from scipy.interpolate import make_interp_spline
+from scipy.linalg import solve_banded
 
 from flexgen.errors import ArgumentError
 from flexgen.ports import Port
@@ -189,10 +189,16 @@ def held_torque(
         )
     time = t[0] + sample_time * np.arange(first, max(last, first + 1) + 1)
     curve = extended(t, tau, limited)
-    values = _means(t, curve, time + delay) if hold == "zoh" else curve(time + delay)
-    if hold != "spline" and not limited:
-        values = values - _second_difference(values) / 12
-    values[-1] = tau[-1]
+    edges = time + delay
+    if hold == "spline":
+        return time, curve(edges)
+    left, right = _moments(t, curve, edges)
+    if hold == "zoh":
+        values = np.vstack([left + right, tau[-1:]])
+        if not limited:
+            values[:-1] -= _second_difference(values)[:-1] / 12
+        return time, values
+    values = _projection(curve(edges), left, right)
     return time, np.clip(values, tau.min(axis=0), tau.max(axis=0)) if limited else values
 
 
@@ -216,21 +222,43 @@ def extended(t: np.ndarray, tau: np.ndarray, limited: bool) -> Callable[[np.ndar
     return lambda instants: np.asarray(curve(np.clip(instants, t[0], t[-1])))
 
 
-def _means(t: np.ndarray, curve: Callable[[np.ndarray], np.ndarray], edges: np.ndarray) -> np.ndarray:
-    """Means of tau on the intervals between the edges, and its value at the last one, (n, n_m)."""
+def _moments(
+    t: np.ndarray, curve: Callable[[np.ndarray], np.ndarray], edges: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Means of ``(1 - x) tau`` and of ``x tau`` on each interval between two edges, where x goes from 0 to 1."""
     inside = t[(t > edges[0]) & (t < edges[-1])]
     ends = np.unique(np.concatenate([edges, inside]))
     own = np.searchsorted(edges, (ends[:-1] + ends[1:]) / 2) - 1  # the interval of each piece
     points, weights = leggauss(GAUSS)
     length = np.diff(ends)
     instants = ends[:-1, None] + length[:, None] * (points + 1) / 2
-    share = weights / 2 * (length / np.diff(edges)[own])[:, None]
-    parts = np.einsum("pg,pgm->pm", share, curve(instants.ravel()).reshape(*instants.shape, -1))
-    means = np.add.reduceat(parts, np.searchsorted(own, np.arange(len(edges) - 1)))
-    return np.vstack([means, curve(edges[-1:])])
+    width = np.diff(edges)[own]
+    x = (instants - edges[own][:, None]) / width[:, None]
+    share = weights / 2 * (length / width)[:, None]
+    torque = curve(instants.ravel()).reshape(*instants.shape, -1)
+    starts = np.searchsorted(own, np.arange(len(edges) - 1))
+    left, right = (np.einsum("pg,pgm->pm", w * share, torque) for w in (1 - x, x))
+    return np.add.reduceat(left, starts), np.add.reduceat(right, starts)
 
 
 def _second_difference(values: np.ndarray) -> np.ndarray:
-    """``v_(k-1) - 2 v_k + v_(k+1)`` of the rows, with constant values before and after."""
+    """``u_(k-1) - 2 u_k + u_(k+1)`` of the rows, with constant values before and after."""
     padded = np.concatenate([values[:1], values, values[-1:]])
     return np.asarray(padded[2:] - 2 * values + padded[:-2])
+
+
+def _projection(ends: np.ndarray, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Values at the edges of the straight lines with the least squared distance, the first and last as in ``ends``.
+
+    ``(u_(k-1) + 4 u_k + u_(k+1)) / 6 = right_(k-1) + left_k``.
+    """
+    values = ends.copy()
+    n = len(ends) - 2
+    if n < 1:
+        return values
+    moments = right[:-1] + left[1:]
+    moments[0] -= ends[0] / 6
+    moments[-1] -= ends[-1] / 6
+    bands = np.array([[1 / 6], [4 / 6], [1 / 6]]) * np.ones(n)
+    values[1:-1] = solve_banded((1, 1), bands, moments)
+    return values

@@ -4,9 +4,11 @@
  * The motor has the torque of sample k from k + delay on, in samples. v: the mean of the torque from there to the next
  * one (HOLD_ZOH), or its value there, from the quintic polynomial through six samples. The torque to send is
  *
- *     u_k = v_k - (v_(k-1) - 2 v_k + v_(k+1)) / 12
+ *     HOLD_ZOH      u = v - D2 v / 12                    D2: second difference v_(k-1) - 2 v_k + v_(k+1)
+ *     HOLD_LINEAR   u = v - D2 v / 12 + 7/720 D2 D2 v
  *
- * because the hold smooths v; with limits and for HOLD_SPLINE it is v.
+ * because the hold smooths v. Up to the order 6 in the period the values of HOLD_LINEAR are those of the straight lines
+ * with the least squared distance from the torque. With limits and for HOLD_SPLINE u = v.
  */
 #ifndef ELBOW_HOLD_H
 #define ELBOW_HOLD_H
@@ -15,7 +17,7 @@
 
 enum {
     HOLD_BEFORE =
-        3, /* samples before that of a held torque and after it, which it depends on; the delay comes on top */
+        4, /* samples before that of a held torque and after it, which it depends on; the delay comes on top */
     HOLD_AFTER = 5,
     HOLD_TAPS = HOLD_BEFORE + 1 + HOLD_AFTER,
     HOLD_NODES = 6
@@ -42,7 +44,7 @@ static inline int is_held(real hold, real delay)
 static inline void hold_weights(real hold, real delay, int limited, real weight[HOLD_TAPS])
 {
     const real x = delay - (real)(int)delay;
-    real v[HOLD_TAPS + 2] = {0.0}; /* one more on either side */
+    real v[HOLD_TAPS + 4] = {0.0}; /* two more on either side */
     for (int i = 0; i < HOLD_NODES; ++i) {
         real value = 0.0, part = 0.0, whole = 0.0; /* at x; integrals from 0 to x and to 1 */
         for (int p = HOLD_NODES - 1; p >= 0; --p) {
@@ -52,16 +54,19 @@ static inline void hold_weights(real hold, real delay, int limited, real weight[
             whole += c / (p + 1);
         }
         if (hold == (real)ELBOW_HOLD_ZOH) {
-            v[i + 2] += whole - part;
-            v[i + 3] += part;
+            v[i + 4] += whole - part;
+            v[i + 5] += part;
         } else {
-            v[i + 2] += value;
+            v[i + 4] += value;
         }
     }
     for (int i = 0; i < HOLD_TAPS; ++i) {
-        weight[i] = v[i + 1];
+        weight[i] = v[i + 2];
         if (hold != (real)ELBOW_HOLD_SPLINE && !limited) {
-            weight[i] -= (v[i] - 2.0 * v[i + 1] + v[i + 2]) / 12.0;
+            weight[i] -= (v[i + 1] - 2.0 * v[i + 2] + v[i + 3]) / 12.0;
+        }
+        if (hold == (real)ELBOW_HOLD_LINEAR && !limited) {
+            weight[i] += (v[i] - 4.0 * v[i + 1] + 6.0 * v[i + 2] - 4.0 * v[i + 3] + v[i + 4]) * 7.0 / 720.0;
         }
     }
 }
