@@ -59,13 +59,17 @@ def corpus(one: Target) -> tuple[list[list[float]], list[int | None]]:
             if one.equations.model.n_e:
                 records.append(whole_path(call, 2))
                 expected.append(None)
-    for intervals, samples_per_interval, period, short in (
-        (8, 3, one.period, 0),
-        (1, 1, 1e-3, 0),
-        (5, 7, 1e-9, 0),
-        (3, 2, 1e5, 0),
+    for intervals, samples_per_interval, period, *hold in (
+        (8, 3, one.period, 0, 0.0),
+        (1, 1, 1e-3, 0, 0.0),
+        (5, 7, 1e-9, 0, 0.0),
+        (3, 2, 1e5, 0, 0.0),
+        (8, 3, one.period, 2, 4.0),
+        (1, 1, 1e-3, 2, 3.999),
+        (5, 7, one.period, 1, 0.3),
+        (3, 2, 1e-3, 0, 1.0),
     ):
-        records.append(begin(one, intervals, samples_per_interval, period, short))
+        records.append(begin(one, intervals, samples_per_interval, period, hold=(int(hold[0]), hold[1])))
         expected.append(0)
         for k in range(1, 16):
             if k in (3, 9):
@@ -79,6 +83,9 @@ def corpus(one: Target) -> tuple[list[list[float]], list[int | None]]:
     for intervals, samples_per_interval, short in ((8, 3, 1), (0, 1, 0), (-1, -1, 0), (2**31 - 1, 2**31 - 1, 0)):
         records.append(begin(one, intervals, samples_per_interval, 1e-3, short))
         expected.append(-6 if short else -5)
+    for hold, delay in ((7, 0.0), (-1, 0.0), (2, np.nan), (2, -1e-300), (0, 4.1), (1, np.inf)):
+        records.append(begin(one, 8, 3, 1e-3, hold=(hold, delay)))
+        expected.append(-5)
     return records, expected
 
 

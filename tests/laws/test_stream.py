@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from flexgen.paths.path import Path
 from flexgen.ports import Port
 from flexgen.runtime.library import Library
 from flexgen.runtime.stream import Interval, Stream
+from flexgen.simulation.hold import TorqueCommand
 from flexgen.simulation.simulate import Simulation, output_labels, simulate
 from flexgen.trajectory import Trajectory
 
@@ -59,14 +61,16 @@ class Machine:
         sample = self.path.sample(t)
         return self._reduction.targets(sample), sample.derivative(1), sample.derivative(2)
 
-    def begun(self, ahead: int = AHEAD, samples_per_interval: int = PARTS) -> Stream:
+    def begun(self, ahead: int = AHEAD, samples_per_interval: int = PARTS, **hold: Any) -> Stream:
         y = self.samples(np.zeros(1))[0][0]
         return self.library.stream(
-            y, self.path.q_start, period=UPDATE, intervals=ahead, samples_per_interval=samples_per_interval
+            y, self.path.q_start, period=UPDATE, intervals=ahead, samples_per_interval=samples_per_interval, **hold
         )
 
-    def simulation(self, t: np.ndarray, results: dict[str, np.ndarray]) -> Simulation:
-        """What the full model does under the torques, from rest."""
+    def simulation(
+        self, t: np.ndarray, results: dict[str, np.ndarray], hold: str = "", delay: float = 0.0
+    ) -> Simulation:
+        """What the full model does under the torques, from rest; ``delay`` in samples."""
         model, sample = self.equations.model, self.path.sample(t)
         arm, motors = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
         labels = {"tau_m": motors, "q_a": arm, "q_m": motors, **output_labels(model)}
@@ -75,19 +79,24 @@ class Machine:
             channels["R_ref"] = sample.R.reshape(len(t), 9)
         units = {"tau_m": "N m", "q_a": "rad or m", "q_m": "rad", "y_ref": "m", "R_ref": "-"}
         ports = {name: Port(name, (x.shape[1],), units[name], name) for name, x in channels.items()}
-        return simulate(self.equations, Trajectory(t, channels, ports, labels, {"model": model.name}))
+        trajectory = Trajectory(t, channels, ports, labels, {"model": model.name})
+        if not hold:
+            return simulate(self.equations, trajectory)
+        sample_time = (t[-1] - t[0]) / (len(t) - 1)
+        command = TorqueCommand(t, results["tau_m"], motors, hold, sample_time, delay * sample_time, {})
+        return simulate(self.equations, trajectory, command=command)
 
-    def updates(self, ahead: int = AHEAD, samples_per_interval: int = PARTS) -> list[Interval]:
+    def updates(self, ahead: int = AHEAD, samples_per_interval: int = PARTS, **hold: Any) -> list[Interval]:
         """The intervals of a stream along the path, and some time behind it."""
-        stream = self.begun(ahead, samples_per_interval)
+        stream = self.begun(ahead, samples_per_interval, **hold)
         n = int(np.ceil((self.path.duration + AFTER) / UPDATE)) + ahead
         return [stream.update(*sample) for sample in zip(*self.samples(UPDATE * np.arange(1, n + 1)), strict=True)]
 
     def followed(
-        self, ahead: int = AHEAD, samples_per_interval: int = PARTS, checked: bool = True
+        self, ahead: int = AHEAD, samples_per_interval: int = PARTS, checked: bool = True, **hold: Any
     ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Instants and results of a stream along the path, and some time behind it."""
-        intervals = self.updates(ahead, samples_per_interval)
+        intervals = self.updates(ahead, samples_per_interval, **hold)
         n = len(intervals)
         few = (ahead - 1) * samples_per_interval < DIFFERENCES
         assert not checked or few or all(interval.converged for interval in intervals)
@@ -112,6 +121,28 @@ def error(simulation: Simulation) -> float:
 )
 def test_the_tool_of_a_planar_arm_follows(samples_per_interval, allowed):
     assert error(machine().simulation(*machine().followed(samples_per_interval=samples_per_interval))) < allowed
+
+
+@pytest.mark.parametrize(
+    ("name", "samples_per_interval", "hold", "delay", "allowed", "samples_held"),
+    [
+        (PLANAR, 5, "zoh", 0.0, PLANAR_ERROR, 785e-6),
+        (PLANAR, 5, "zoh", 1.4, PLANAR_ERROR, 785e-6 * 2 * 1.9),
+        (PLANAR, 10, "zoh", 0.0, PLANAR_ERROR, 785e-6 / 2),
+        (PLANAR, 5, "linear", 2.7, PLANAR_ERROR, 785e-6 * 2 * 2.7),
+        (PLANAR, 5, "spline", 0.6, PLANAR_ERROR, 785e-6 * 2 * 0.6),
+        ("manutec_r3_24", 10, "zoh", 0.0, 0.05 * MICROMETER, 239e-6),
+    ],
+)
+def test_the_tool_follows_where_the_drive_holds_the_torques_of_a_stream(
+    name, samples_per_interval, hold, delay, allowed, samples_held
+):
+    """Samples that are held are late by the delay and by half a sample."""
+    one = machine(name, "line" if name != PLANAR else None)
+    t, results = one.followed(samples_per_interval=samples_per_interval, hold=hold, delay=delay)
+    assert error(one.simulation(t, results, hold, delay)) < allowed
+    _, late = one.followed(samples_per_interval=samples_per_interval)
+    assert error(one.simulation(t, late, hold, delay)) == pytest.approx(samples_held, rel=0.05)
 
 
 def test_torques_that_come_late_are_seen():

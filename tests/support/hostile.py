@@ -96,6 +96,8 @@ class Call:
     n_post: int = AFTER
     samples_per_interval: int = 1
     tolerance: float = 1e-6
+    hold: int = 0
+    delay: float = 0.0
     n: int | None = None
     null: str = ""
     short: int = 0
@@ -138,6 +140,8 @@ def invert(target: Target, call: Call) -> MethodResult:
         n_post=call.n_post,
         samples_per_interval=call.samples_per_interval,
         tolerance=call.tolerance,
+        hold=call.hold,
+        delay=call.delay,
     )
     size = target.function("invert_work", ctypes.c_int64)(ctypes.c_int(n), pointer(options[0]))
     total = n + call.n_pre + call.n_post if size > 0 else 1
@@ -272,6 +276,18 @@ def bad_count(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]
         *((0, 1) if name == "n" else (0,) if name == "samples_per_interval" else ()),
     ]
     return call_of(target, **{name: int(rng.choice(values))}), {"BAD_ARGUMENT"}
+
+
+def held(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
+    """A drive that holds the torques, or something that no drive does."""
+    hold, delay = int(rng.integers(0, 3)), float(rng.choice([0.0, 5e-324, 0.3, 1.0, 3.999, 4.0]))
+    if rng.random() < 0.5:
+        return call_of(target, hold=hold, delay=delay), FOUND
+    if rng.random() < 0.5:
+        hold = int(rng.choice([-1, 3, 7, 2**31 - 1, -(2**31)]))
+    else:
+        delay = float(rng.choice([np.nan, np.inf, -np.inf, -5e-324, -1.0, 4.0 + 1e-12, 1e300]))
+    return call_of(target, hold=hold, delay=delay), {"BAD_ARGUMENT"}
 
 
 def null(target: Target, rng: np.random.Generator) -> tuple[Call, set[str]]:
@@ -421,4 +437,5 @@ SPOILERS: tuple[Spoiler, ...] = (
     far_start,
     two_samples,
     no_rotation,
+    held,
 )

@@ -62,9 +62,11 @@ static int whole_path(solver *function, int64_t (*wanted)(int, const @_inversion
     const int rows = (int)next(), n = (int)next();
     const int n_pre = (int)next(), n_post = (int)next(), samples_per_interval = (int)next();
     const double period = next(), tolerance = next();
+    const int hold = (int)next();
+    const double delay = next();
     const int null = (int)next();
     const long long lacking = (long long)next();
-    const @_inversion_options options = {n_pre, n_post, samples_per_interval, tolerance, 0, 0.0};
+    const @_inversion_options options = {n_pre, n_post, samples_per_interval, tolerance, hold, delay};
     const int64_t most = wanted(n, &options);
     const long long size = most > 0 ? (most > lacking ? most - lacking : 0) : 8;
     const long long total = most > 0 ? (long long)n + n_pre + n_post : 1;
@@ -109,7 +111,9 @@ static int begin(void)
     const int intervals = (int)next(), samples_per_interval = (int)next();
     const long long lacking = (long long)next();
     const double period = next(), tolerance = next();
-    const @_stream_options options = {intervals, samples_per_interval, period, tolerance, 0, 0.0};
+    const int hold = (int)next();
+    const double delay = next();
+    const @_stream_options options = {intervals, samples_per_interval, period, tolerance, hold, delay};
     const int64_t most = @_stream_work(&options);
     const long long size = most > lacking ? most - lacking : 8;
     const int widths[6] = {NA, NA, NG, NM, NM, NM};
@@ -194,13 +198,21 @@ def whole_path(call: Call, kind: int = 1) -> list[float]:
     n = len(call.y)
     null = NULLS.index(call.null) if call.null else -1
     counts = [n if call.n is None else call.n, call.n_pre, call.n_post, call.samples_per_interval]
-    head = [kind, n, *counts, call.period, call.tolerance]
+    head = [kind, n, *counts, call.period, call.tolerance, call.hold, call.delay]
     return [*head, null, call.short, *(x for key in ARRAYS for x in np.ravel(getattr(call, key)))]
 
 
-def begin(one: Target, intervals: int, samples_per_interval: int, period: float, short: int = 0) -> list[float]:
-    """What it reads for the start of a stream."""
-    return [3, intervals, samples_per_interval, short, period, 1e-6, *one.path["y"][0], *one.path["q_start"]]
+def begin(
+    one: Target,
+    intervals: int,
+    samples_per_interval: int,
+    period: float,
+    short: int = 0,
+    hold: tuple[int, float] = (0, 0.0),
+) -> list[float]:
+    """What it reads for the start of a stream; ``hold`` with its delay."""
+    head = [3, intervals, samples_per_interval, short, period, 1e-6, *hold]
+    return [*head, *one.path["y"][0], *one.path["q_start"]]
 
 
 def update(given: list[np.ndarray]) -> list[float]:

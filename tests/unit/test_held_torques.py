@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from emitted import loaded
 from inversion_cases import MODEL, PERIOD, given, samples
+from scipy.interpolate import BarycentricInterpolator
 from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.runtime.path_inversion import Inversion
+from flexgen.runtime.path_inversion import Inversion, pointer
 from flexgen.runtime.structs import filled
 from flexgen.simulation.hold import TorqueCommand, held_torque
 from flexgen.simulation.simulate import simulate
@@ -31,6 +32,8 @@ CASES = [
     ("spline", 3.0),
 ]
 SAME = 1e-6  # of the largest torque: a spline through all samples, and a polynomial through six
+ROUNDING = 1e-13  # of the largest torque
+BAD_ARGUMENT = -5
 CHANNELS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m")
 
 
@@ -50,6 +53,32 @@ def expected(t: np.ndarray, tau: np.ndarray, hold: str, delay: float, limited: b
     first = int(np.argmin(np.abs(time - t[0])))
     found = values[first : first + len(t)]
     return np.concatenate([found, np.repeat(tau[-1:], len(t) - len(found), axis=0)])
+
+
+def locally(tau: np.ndarray, hold: str, delay: float) -> np.ndarray:
+    """The same from polynomials through six samples, integrated by Gauss points."""
+    n, far, more = len(tau), 12, int(delay)
+    long = np.concatenate([np.repeat(tau[:1], far, axis=0), tau, np.repeat(tau[-1:], far, axis=0)])
+    x, near = delay - more, np.arange(-2, 4)
+    points, weights = np.polynomial.legendre.leggauss(4)
+
+    def mean(k: int, begin: float, end: float) -> np.ndarray:
+        curve = BarycentricInterpolator(near, long[k + near])
+        return (end - begin) / 2 * weights @ curve(begin + (end - begin) * (points + 1) / 2)
+
+    values = np.zeros_like(long)
+    for k in range(2, len(long) - 4):
+        zoh = hold == "zoh"
+        values[k] = mean(k, x, 1) + mean(k + 1, 0, x) if zoh else BarycentricInterpolator(near, long[k + near])(x)
+    second = np.diff(values, 2, axis=0)
+    sent = values[2:-2].copy()
+    if hold != "spline":
+        sent -= second[1:-1] / 12
+    if hold == "linear":
+        sent += 7 / 720 * np.diff(second, 2, axis=0)
+    sent = sent[far - 2 + more : far - 2 + more + n]
+    sent[np.arange(n) + delay >= n - 1] = tau[-1]
+    return sent
 
 
 def stream_of(library, updates: int = 160, each: int = 5, **options: Any) -> tuple[np.ndarray, Any]:
@@ -75,6 +104,7 @@ def stream_of(library, updates: int = 160, each: int = 5, **options: Any) -> tup
 def test_invert_gives_the_torques_of_python(library, plain, hold, delay):
     found = library.invert(**given(), hold=hold, delay=delay)
     size = np.abs(plain.tau_m).max()
+    assert np.abs(found.tau_m - locally(plain.tau_m, hold, delay)).max() < ROUNDING * size
     assert np.abs(found.tau_m - expected(plain.t, plain.tau_m, hold, delay)).max() < SAME * size
     assert np.abs(found.tau_m - plain.tau_m).max() > 1e3 * SAME * size or (hold, delay) == ("linear", 0.0)
     assert (found.tau_m[-1] == plain.tau_m[-1]).all()
@@ -166,10 +196,65 @@ def test_what_no_drive_does_is_refused(library, changes, words):
         stream_of(library, 1, **changes)
 
 
-@pytest.mark.parametrize(("hold", "delay"), [(-1, 0.0), (3, 0.0), (2, -1e-9), (2, 4.001), (0, float("nan"))])
+@pytest.mark.parametrize(
+    ("hold", "delay"),
+    [
+        (-1, 0.0),
+        (3, 0.0),
+        (7, 0.0),
+        (2**31 - 1, 0.0),
+        (2, -1e-9),
+        (2, 4.001),
+        (1, 1e300),
+        (0, float("nan")),
+        (2, float("nan")),
+        (2, float("inf")),
+        (0, -float("inf")),
+    ],
+)
 def test_c_refuses_it_too(library, hold, delay):
-    entries = library.streams
+    """A status, and nothing is written."""
+    entries, sizes = library.streams, library.sizes
     options = {"intervals": 20, "samples_per_interval": 5, "period": 5e-3, "tolerance": 1e-6}
-    refused = filled(entries.structs["stream_options"], **options, hold=hold, delay=delay)
     accepted = filled(entries.structs["stream_options"], **options, hold=2, delay=4.0)
-    assert entries.work(ctypes.byref(refused)) == -1 < entries.work(ctypes.byref(accepted))
+    refused = filled(entries.structs["stream_options"], **options, hold=hold, delay=delay)
+    size = entries.work(ctypes.byref(accepted))
+    assert entries.work(ctypes.byref(refused)) == -1 < size
+    path, memory = samples(), np.full(size, -7.25)
+    start = [pointer(memory), ctypes.c_int64(size), ctypes.byref(refused)]
+    assert entries.start(*start, pointer(path["y"][0].copy()), pointer(path["q_start"])) == BAD_ARGUMENT
+    assert (memory == -7.25).all()
+
+    tau = np.full((len(path["y"]), sizes["n_m"]), -7.25)
+    arrays = {key: np.ascontiguousarray(path[key]) for key in ("y", "dy", "ddy", "q_start")}
+    given_path = {key: arrays[key].ctypes.data for key in ("y", "dy", "ddy")}
+    whole = {"n_pre": 0, "n_post": 0, "samples_per_interval": 5, "tolerance": 1e-6, "hold": hold, "delay": delay}
+    inversion_options = filled(entries.structs["inversion_options"], **whole)
+    for name in ("invert", "bvp"):
+        inverter = getattr(library, name)
+        room = np.zeros(inverter._work(ctypes.c_int(len(tau)), ctypes.byref(inversion_options)))
+        status = inverter._entry(
+            ctypes.byref(filled(entries.structs["path"], n=len(tau), period=PERIOD, **given_path)),
+            pointer(arrays["q_start"]),
+            ctypes.byref(inversion_options),
+            ctypes.byref(filled(entries.structs["motion"], tau_m=tau)),
+            ctypes.byref(entries.structs["inversion_info"]()),
+            pointer(room),
+            ctypes.c_int64(len(room)),
+        )
+        assert status == BAD_ARGUMENT and (tau == -7.25).all()
+
+
+@pytest.mark.parametrize("hold", ["spline", "linear", "zoh"])
+@pytest.mark.parametrize("intervals", [1, 3, 5, 8, 16])
+def test_a_delay_beyond_the_horizon_is_reported(library, intervals, hold):
+    """One sample per interval, and a delay of four: with 15 samples ahead the torques depend on known samples only."""
+    path = samples()
+    stream = library.stream(path["y"][0], path["q_start"], period=PERIOD, intervals=intervals, hold=hold, delay=4.0)
+    zero = 0 * path["dy"][0]
+    rest = [stream.update(path["y"][0], zero, zero) for _ in range(20)]
+    assert all(interval.converged for interval in rest)
+    assert np.ptp([interval.tau_m for interval in rest], axis=0).max() < 1e-9
+    moving = [stream.update(*(path[key][k] for key in ("y", "dy", "ddy"))) for k in range(1, len(path["y"]) - 1)]
+    assert {interval.converged for interval in moving[50:-50]} == {intervals > 15}
+    assert np.isfinite([interval.tau_m for interval in moving]).all()

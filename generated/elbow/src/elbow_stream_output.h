@@ -217,10 +217,10 @@ static inline int motors_in_interval(real *s, const layout *l, const interval *o
 }
 
 /*
- * Kinematic mismatch of joints and motors in this interval, by finite differences, as for a whole path. It is relative
- * to the largest values within about a horizon: past values, which are forgotten gradually, present ones, and the
- * planned ones of the joints. Deflections without damping: damping makes them smoother. Differences that need more than
- * the horizon are wrong, and appear here.
+ * Kinematic mismatch of joints and motors in this interval, and at the samples after it that held torques depend on, by
+ * finite differences, as for a whole path. It is relative to the largest values within about a horizon: past values,
+ * which are forgotten gradually, present ones, and the planned ones of the joints. Deflections without damping: damping
+ * makes them smoother. Differences and torques that need more than the horizon are wrong, and appear here.
  */
 static inline real kinematic_mismatch_now(real *s, const layout *l)
 {
@@ -238,7 +238,7 @@ static inline real kinematic_mismatch_now(real *s, const layout *l)
         most[1] = fmax_1(most[1], ratio * acceleration);
         most[3] = fmax_1(most[3], rotor_inertia[j] * ratio * acceleration);
     }
-    for (ptrdiff_t k = 0; k < samples_per_interval; ++k) {
+    for (ptrdiff_t k = 0; k < samples_per_interval + l->ahead; ++k) {
         real a_of[NG], miss[NG];
         for (int i = 0; i < NG; ++i) {
             const real *q = s + l->joint + (k + BACK) * JOINT + i, *v = q + NG, a = q[2 * NG];
