@@ -33,6 +33,12 @@ class ArgumentError(FlexgenError, ValueError):
     """An argument of a public function has a wrong type, shape, unit or value."""
 
 
+class ChannelError(ArgumentError, KeyError):
+    """A trajectory has no channel of this name; also a KeyError."""
+
+    __str__ = Exception.__str__  # KeyError shows the repr of the text
+
+
 class SolverError(FlexgenError):
     """A solver found no solution; the text gives the reason and what to try."""
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexgen import implementation, trajectory_files
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, ChannelError
 from flexgen.ports import Port
 
 
@@ -19,7 +19,8 @@ from flexgen.ports import Port
 class Trajectory:
     """Channels sampled on one time grid.
 
-    ``trajectory["tau_m"]`` is a channel, ``trajectory.keys()`` are the names of all channels.
+    ``trajectory["tau_m"]`` is a channel, ``trajectory.keys()`` are the names of all channels. Another name raises
+    ChannelError, a KeyError.
 
     Parameters
     ----------
@@ -95,7 +96,7 @@ class Trajectory:
                 f"{near[0]} (there are: {', '.join(self.channels)})" if near else f"one of {', '.join(self.channels)}"
             )
             time = "; the time is the attribute .time" if name in ("t", "time") else ""
-            raise ArgumentError(f"trajectory channel: given {name!r}, expected {meant}{time}") from None
+            raise ChannelError(f"trajectory channel: given {name!r}, expected {meant}{time}") from None
 
     def columns(self) -> list[str]:
         """Names of all scalars in the order of the channels: ``name[label] unit``."""

@@ -39,8 +39,8 @@ class Library:
 
     It may be used by several threads, copied (a copy is the same library), pickled (it is loaded again from its
     directory, and refused where another one is there now) and closed, by hand or as a context manager. Closing makes
-    every later call an error; the code stays in memory until the process ends, so that calls under way in other threads
-    end well.
+    every later call an error, and every later update of its streams; the code stays in memory until the process ends,
+    so that calls under way in other threads end well.
 
     Parameters
     ----------
@@ -187,6 +187,8 @@ class Library:
         for inverter in self._inverters.values():
             if inverter is not None:
                 inverter.close()
+        if self.streams is not None:
+            self.streams.closed.set()
 
     def __enter__(self) -> Library:
         return self

@@ -6,7 +6,7 @@ import copy
 import ctypes
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,12 @@ _RESULTS = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
 
 @dataclass(frozen=True)
 class StreamEntries:
-    """The C functions of streams: size of the memory, start, update, limits; their structs and statuses."""
+    """The C functions of streams: size of the memory, start, update, limits; their structs and statuses.
+
+    ``name``: of the library; ``closed``: set where it is closed.
+    """
+
+    name: str
 
     structs: Mapping[str, type[ctypes.Structure]]
     work: Callable[..., int]
@@ -32,6 +37,12 @@ class StreamEntries:
     limits: Callable[..., int]
     failures: Mapping[int, tuple[type[FlexgenError], str]]
     again: tuple[Callable[..., Any], tuple[Any, ...]]  # these entries, found once more where a stream is unpickled
+    closed: threading.Event = field(default_factory=threading.Event)
+
+    def refuse_closed(self) -> None:
+        """ArgumentError where the library is closed."""
+        if self.closed.is_set():
+            raise ArgumentError(f"{self.name}: given a library that was closed, expected an open one; load it again")
 
 
 @dataclass(frozen=True)
@@ -90,7 +101,7 @@ class Stream:
 
     The output reaches the sample ``intervals`` updates later: the path must be known that far ahead. A sample that is
     refused changes nothing. A copy is a second stream with the same past; a pickled stream continues where it was. Two
-    threads must not update one stream at the same time.
+    threads must not update one stream at the same time. ``Library.close`` closes its streams.
 
     Made by ``Library.stream``.
 
@@ -171,6 +182,7 @@ class Stream:
         return copy.copy(self)
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        self._entries.refuse_closed()
         made, which = self._entries.again
         return stream_again, (
             made,
@@ -201,10 +213,11 @@ class Stream:
         ------
         ArgumentError
             Where the sample is not finite, not a rotation matrix, or too far from the one before: it is refused,
-            nothing has changed; or where the stream has failed.
+            nothing has changed; or where the stream has failed or its library was closed.
         SolverError
             Where the sample cannot be reached (nothing has changed), or the solver failed: then the stream has failed.
         """
+        self._entries.refuse_closed()
         for name, memory, x in zip(("y", "dy", "ddy"), self._inputs, (y, dy, ddy), strict=True):
             if type(x) is np.ndarray and x.shape == memory.shape and x.dtype == memory.dtype:
                 continue
@@ -250,8 +263,9 @@ class Stream:
         Raises
         ------
         ArgumentError
-            Where a limit is not positive, the horizon is too short, or the stream has failed.
+            Where a limit is not positive, the horizon is too short, the stream has failed, or its library was closed.
         """
+        self._entries.refuse_closed()
         n_m = self._sizes["n_m"]
         both = [
             array_of("stream", name, np.full(n_m, np.inf) if x is None else x, (n_m,))
@@ -284,7 +298,7 @@ def streams_of(
         return None
     work, start, update, limits = (found(f"{manifest['name']}_{name}") for name in names)
     work.restype = ctypes.c_int64
-    return StreamEntries(structs_of(manifest), work, start, update, limits, failures, again)
+    return StreamEntries(manifest["name"], structs_of(manifest), work, start, update, limits, failures, again)
 
 
 def stream_again(

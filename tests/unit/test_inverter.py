@@ -158,6 +158,25 @@ def test_closed_is_closed():
         mine.stream(np.zeros(2), np.zeros(3), period=5e-3, intervals=10)
 
 
+def test_closing_a_library_closes_its_streams():
+    mine, other = load(made(MODEL).directory), load(made(MODEL).directory)
+    stream, open_stream = begun(mine), begun(other)
+    stored, path = pickle.dumps(stream), samples()
+    sample = (path["y"][0], 0 * path["dy"][0], 0 * path["ddy"][0])
+    before = stream.update(*sample)
+    mine.close()
+    for call in (
+        lambda: stream.update(*sample),
+        lambda: copy.copy(stream).update(*sample),
+        stream.limit,
+        lambda: pickle.dumps(stream),
+    ):
+        with pytest.raises(ArgumentError, match=r"planar5_nmp: given a library that was closed.*load it again"):
+            call()
+    for running in (open_stream, pickle.loads(stored)):
+        assert np.array_equal(running.update(*sample).tau_m, before.tau_m)
+
+
 # --- streams ----------------------------------------------------------------------------------------------------------
 HORIZON = 40
 

@@ -14,7 +14,7 @@ import pytest
 from npz_lies import array_bytes, claiming, packed
 
 from flexgen import npz_files, trajectory_files
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, ChannelError
 from flexgen.ports import Port
 from flexgen.trajectory import Trajectory
 
@@ -172,6 +172,10 @@ def test_an_unknown_channel_is_explained(trajectory):
         trajectory["time"]
     with pytest.raises(ArgumentError, match="given 3, expected one of"):
         trajectory[3]
+    with pytest.raises(KeyError) as caught:
+        trajectory["foo"]
+    assert isinstance(caught.value, ChannelError)
+    assert str(caught.value) == "trajectory channel: given 'foo', expected one of q_a, tau_m"
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of POSIX")
