@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import casadi as ca
 import numpy as np
@@ -32,7 +33,7 @@ def stream_defaults(model: RobotModel, spec: LibrarySpec) -> StreamDefaults | No
     model : RobotModel
         One that can be inverted.
     spec : LibrarySpec
-        Its library, with the functions of the inversion and without run-time parameters.
+        Its library, with the functions of the inversion. Run-time parameters have the values of the model file.
     """
     zero = slowest_unstable_zero(model, spec)
     if zero is None:
@@ -53,12 +54,12 @@ def slowest_unstable_zero(model: RobotModel, spec: LibrarySpec) -> float | None:
     i_g, i_e = list(model.i_g), list(model.i_e)
     if not i_e:
         return 0.0
-    jacobians, constraint = (_function(spec, name) for name in ("inversion_jacobians", "output_constraint"))
+    jacobians, constraint = (_values(spec, name) for name in ("inversion_jacobians", "output_constraint"))
     q, rest = np.zeros(model.n_a), np.zeros(model.n_a)
     q[i_g] = model.home
     change = np.inf
     for _ in range(_STEPS):
-        row, by_q, by_v, by_a = (x[0] for x in evaluate(jacobians, q, rest, rest)[3:])
+        row, by_q, by_v, by_a = (x[0] for x in jacobians(q, rest, rest)[3:])
         stiffness = by_q.reshape(model.n_e, model.n_a)[:, i_e]
         step = np.linalg.lstsq(stiffness, row.reshape(model.n_e), rcond=None)[0]
         change = float(np.abs(step).max())
@@ -67,7 +68,7 @@ def slowest_unstable_zero(model: RobotModel, spec: LibrarySpec) -> float | None:
         q[i_e] -= step * min(1.0, 0.5 / change)
     if not change < 1e-9:
         return None
-    W = evaluate(constraint, q, rest, np.zeros(model.output.target_size))[1][0].reshape(-1, model.n_a)
+    W = constraint(q, rest, np.zeros(model.output.target_size))[1][0].reshape(-1, model.n_a)
     if np.linalg.svd(W[:, i_g], compute_uv=False)[-1] < _SINGULAR:
         return None
     S = np.zeros((model.n_a, model.n_e))
@@ -81,8 +82,11 @@ def slowest_unstable_zero(model: RobotModel, spec: LibrarySpec) -> float | None:
     return 1.0 / slowest if slowest > 0 else 0.0
 
 
-def _function(spec: LibrarySpec, name: str) -> ca.Function:
-    """The CasADi function behind a function of the library."""
+def _values(spec: LibrarySpec, name: str) -> Callable[..., list[np.ndarray]]:
+    """A function of the library in numbers, with the run-time parameters of the model file."""
     (found,) = (f for f in spec.functions if f.name == name)
     (step,) = (step for step in found.program.steps if isinstance(step, Expressions))
-    return step.function
+    function: ca.Function = step.function
+    values = np.array([parameter.value for parameter in spec.parameters])
+    held = [values] if "parameters" in function.name_in() else []
+    return lambda *points: evaluate(function, *points, *held)

@@ -222,6 +222,7 @@ def generate(args: Namespace, log: Progress) -> VerbResult:
     """Write and compile the C library."""
     check_writable(args.directory, folder=True)
     from flexgen.build.generate import generate as generate_library
+    from flexgen.codegen.clib_table import inversion_reason
 
     robot = read_model(args)
     library = generate_library(
@@ -241,6 +242,9 @@ def generate(args: Namespace, log: Progress) -> VerbResult:
     done = f"built in {library.seconds:.1f} s" if not library.cached else "written, not compiled"
     lines = [f"{title(robot)}: {done if library.written else 'nothing has changed'} in {library.directory}"]
     lines += ["", paragraph("functions: " + ", ".join(library.functions))]
+    reason = inversion_reason(robot, library.functions, "single" if args.single else "double")
+    if reason is not None:
+        lines += ["", paragraph(f"not in this library: invert, bvp and stream, because {reason}")]
     if library.written:
         lines += ["", *_written_files(library.files)]
     files = "\n".join(f"{path.stat().st_size:>9} bytes  {path}" for path in library.files)

@@ -108,8 +108,9 @@ static int solve_bvp(bvp_problem *b, real tolerance, model_inversion_info *info,
     }
 }
 
-model_status model_bvp(const model_path *p, const double q_start[MODEL_NA], const model_inversion_options *options,
-    model_motion *motion, model_inversion_info *info, double *work, int64_t work_size)
+model_status model_bvp(const model_path *p, PARAMETERS_ARGUMENT const real q_start[MODEL_NA],
+    const model_inversion_options *options, model_motion *motion, model_inversion_info *info, real *work,
+    int64_t work_size)
 {
     const int64_t wanted = p == NULL ? -1 : model_bvp_work(p->n, options);
     whole_layout l;
@@ -117,13 +118,14 @@ model_status model_bvp(const model_path *p, const double q_start[MODEL_NA], cons
     bvp_problem *b;
     bvp_space *w;
     real q[NA];
-    int status = check_arguments(p, q_start, options, motion, info, work, work_size, wanted);
+    int status = check_arguments(p, GIVEN_PARAMETERS, q_start, options, motion, info, work, work_size, wanted);
     if (status != MODEL_OK) {
         return (model_status)status;
     }
     copy(q_start, NA, q);
     l = lay_out(p->n, options, INTERVAL_FACTOR);
     own = lay_out_bvp(&l);
+    keep_parameters(GIVEN_PARAMETERS, work + l.space);
     b = (bvp_problem *)(void *)(work + own.problem);
     w = (bvp_space *)(void *)(work + own.blocks);
     b->m = mesh_in(&l, p, options, work);

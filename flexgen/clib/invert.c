@@ -118,13 +118,14 @@ static int solve_mesh(mesh *m, real tolerance, model_inversion_info *info, lq_sp
 
 #endif
 
-model_status model_invert(const model_path *p, const double q_start[MODEL_NA], const model_inversion_options *options,
-    model_motion *motion, model_inversion_info *info, double *work, int64_t work_size)
+model_status model_invert(const model_path *p, PARAMETERS_ARGUMENT const real q_start[MODEL_NA],
+    const model_inversion_options *options, model_motion *motion, model_inversion_info *info, real *work,
+    int64_t work_size)
 {
     const int64_t wanted = p == NULL ? -1 : model_invert_work(p->n, options);
     whole_layout l;
     real q[NA];
-    int status = check_arguments(p, q_start, options, motion, info, work, work_size, wanted);
+    int status = check_arguments(p, GIVEN_PARAMETERS, q_start, options, motion, info, work, work_size, wanted);
     if (status != MODEL_OK) {
         return (model_status)status;
     }
@@ -135,6 +136,7 @@ model_status model_invert(const model_path *p, const double q_start[MODEL_NA], c
         lq_space *w;
         mesh m;
         l = lay_out(p->n, options, CONTROLS * WIDTH);
+        keep_parameters(GIVEN_PARAMETERS, work + l.space);
         own = lay_out_lq(&l);
         w = (lq_space *)(void *)(work + own.lq);
         m = mesh_in(&l, p, options, work);
@@ -157,6 +159,7 @@ model_status model_invert(const model_path *p, const double q_start[MODEL_NA], c
     }
 #else
     l = lay_out(p->n, options, 0);
+    keep_parameters(GIVEN_PARAMETERS, work + l.space);
     status = equilibrium_at(p->y, q, NULL, work + l.space);
     if (status != MODEL_OK) {
         return (model_status)status;

@@ -72,13 +72,14 @@ static int deflection_at_equilibrium(const real *q, real *deflection, real *spac
     return static_deflections(tau, 1, zero, deflection, stiffness, 0, space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
 }
 
-model_status model_stream_start(double *stream, int64_t stream_size, const model_stream_options *options,
-    const double y[MODEL_NT], const double q_start[MODEL_NA])
+model_status model_stream_start(real *stream, int64_t stream_size, const model_stream_options *options,
+    const real y[MODEL_NT], PARAMETERS_ARGUMENT const real q_start[MODEL_NA])
 {
+    const real *parameters_given = GIVEN_PARAMETERS;
     layout l;
     real q[NA], *space;
     int status;
-    if (stream == NULL || options == NULL || y == NULL || q_start == NULL) {
+    if (stream == NULL || options == NULL || y == NULL || parameters_given == NULL || q_start == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
     if (!stream_sizes_fit(options) || !(options->period > 0.0 && options->period < 1e6) ||
@@ -90,7 +91,7 @@ model_status model_stream_start(double *stream, int64_t stream_size, const model
         return MODEL_WORK_TOO_SMALL;
     }
     stream[STATE] = IS_EMPTY;
-    if (!is_finite(y, NT) || !is_finite(q_start, NA)) {
+    if (!is_finite(y, NT) || !is_finite(parameters_given, PARAMETERS) || !is_finite(q_start, NA)) {
         return MODEL_INPUT_NOT_FINITE;
     }
 #if MODEL_POSE
@@ -99,6 +100,7 @@ model_status model_stream_start(double *stream, int64_t stream_size, const model
     }
 #endif
     space = stream + l.space;
+    keep_parameters(parameters_given, space);
     copy(q_start, NA, q);
     stream[INTERVALS] = options->intervals;
     stream[SAMPLES_PER_INTERVAL] = options->samples_per_interval;
@@ -134,8 +136,27 @@ model_status model_stream_start(double *stream, int64_t stream_size, const model
     return (model_status)status;
 }
 
+#if MODEL_PARAMETERS > 0
+model_status model_stream_parameters(real *stream, const real parameters[MODEL_PARAMETERS])
+{
+    layout l;
+    if (stream == NULL || parameters == NULL) {
+        return MODEL_NULL_ARGUMENT;
+    }
+    if (!is_running(stream)) {
+        return MODEL_NOT_STARTED;
+    }
+    if (!is_finite(parameters, PARAMETERS)) {
+        return MODEL_INPUT_NOT_FINITE;
+    }
+    l = layout_of(stream);
+    keep_parameters(parameters, stream + l.space);
+    return MODEL_OK;
+}
+#endif
+
 model_status model_stream_limits(
-    double *stream, const double torque_max[MODEL_NM], const double speed_max[MODEL_NM], double deviation_max)
+    real *stream, const real torque_max[MODEL_NM], const real speed_max[MODEL_NM], real deviation_max)
 {
     layout l;
     limits_layout w;
@@ -185,8 +206,8 @@ static real *output_of(real *given, ptrdiff_t size, real **at)
     return given != NULL ? given : own;
 }
 
-model_status model_stream_update(double *stream, const double y[MODEL_NT], const double dy[MODEL_NY],
-    const double ddy[MODEL_NY], model_motion *motion, model_stream_info *info)
+model_status model_stream_update(real *stream, const real y[MODEL_NT], const real dy[MODEL_NY],
+    const real ddy[MODEL_NY], model_motion *motion, model_stream_info *info)
 {
     interval out;
     layout l;

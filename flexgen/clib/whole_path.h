@@ -28,10 +28,10 @@ static inline int is_addressable(int64_t numbers)
 static const real rest_rate_max = 1e-6;
 
 /*
- * Whether a path and the guess of its start are finite, all rotations are rotations and close to each other, and the
- * output is at rest at both ends.
+ * Whether a path, the run-time parameters and the guess of the start are finite, all rotations are rotations and close
+ * to each other, and the output is at rest at both ends.
  */
-static inline model_status check_path(const model_path *p, const real *q_start)
+static inline model_status check_path(const model_path *p, const real *parameters, const real *q_start)
 {
     for (int k = 0; k < p->n; ++k) {
         if (!is_finite(p->y + k * (ptrdiff_t)NT, NT) || !is_finite(p->dy + k * (ptrdiff_t)NY, NY) ||
@@ -39,7 +39,7 @@ static inline model_status check_path(const model_path *p, const real *q_start)
             return MODEL_INPUT_NOT_FINITE;
         }
     }
-    if (!is_finite(q_start, NA)) {
+    if (!is_finite(parameters, PARAMETERS) || !is_finite(q_start, NA)) {
         return MODEL_INPUT_NOT_FINITE;
     }
     {
@@ -161,11 +161,12 @@ static inline whole_layout lay_out(int n, const model_inversion_options *o, int6
 }
 
 /* Check the arguments of a solver that needs `wanted` reals of workspace; set the results in `info` to NaN. */
-static inline model_status check_arguments(const model_path *p, const real *q_start, const model_inversion_options *o,
-    const model_motion *motion, model_inversion_info *info, const real *work, int64_t work_size, int64_t wanted)
+static inline model_status check_arguments(const model_path *p, const real *parameters, const real *q_start,
+    const model_inversion_options *o, const model_motion *motion, model_inversion_info *info, const real *work,
+    int64_t work_size, int64_t wanted)
 {
-    if (p == NULL || q_start == NULL || o == NULL || motion == NULL || info == NULL || work == NULL || p->y == NULL ||
-        p->dy == NULL || p->ddy == NULL) {
+    if (p == NULL || parameters == NULL || q_start == NULL || o == NULL || motion == NULL || info == NULL ||
+        work == NULL || p->y == NULL || p->dy == NULL || p->ddy == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
     if (wanted < 0 || !(p->period > 0.0 && p->period < 1e6) || !(o->tolerance > 0.0 && o->tolerance < 1.0) ||
@@ -178,7 +179,7 @@ static inline model_status check_arguments(const model_path *p, const real *q_st
     info->residual = info->residual_at_samples = info->kinematic_mismatch = (real)NAN;
     info->iterations = info->intervals = 0;
     info->unstable_zeros_start = info->unstable_zeros_end = 0;
-    return check_path(p, q_start);
+    return check_path(p, parameters, q_start);
 }
 
 #if MODEL_NE > 0
@@ -391,7 +392,7 @@ static inline int motors_at_samples(const results *r, real *space)
         if (!advance_gears(&g, k == 0, r->tau + at, space)) {
             return MODEL_RESULT_NOT_FINITE;
         }
-        lagged_deflections(&g, r->deflection + at, r->stiffness + k * NG, r->lagged + at);
+        lagged_deflections(&g, r->deflection + at, r->stiffness + k * NG, r->lagged + at, space);
     }
     hold_start(r->lagged);
     for (ptrdiff_t k = 0; k < r->samples; ++k) {

@@ -6,7 +6,7 @@ In these files ``model_`` and ``MODEL_`` stand for the library's name; `render` 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 
@@ -19,10 +19,10 @@ from flexgen.codegen.clib_table import (
     STRUCTS,
     CFunction,
     Field,
-    MotorConstants,
     Struct,
 )
 from flexgen.codegen.header import works
+from flexgen.codegen.motor_constants import MotorConstants
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.codegen.stream_bounds import CALL, Linear, stream_operations, stream_size
 from flexgen.errors import BuildError
@@ -143,7 +143,7 @@ typedef enum {{ {holds} }} {name}_hold;
 def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Macros of the public header: recommended options of a stream, its memory, the operations of an update."""
     used = [f for f in spec.functions if f.name in INVERSION]
-    size = stream_size(spec.sizes, _space(spec, written))
+    size = stream_size(spec.sizes, _space(spec, written) + len(spec.parameters))
     arithmetic = {}
     for f in used:
         text, entries = written[f.name], sum(port.size for port in (*f.inputs, *f.outputs))
@@ -274,14 +274,14 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
     text += integers("i_e", f"{prefix}_NE", constants.i_e) if constants.i_e else integers("i_e", "1", [0])  # not read
     text += integers("gear_is_rigid", ng, [int(x) for x in constants.gear_is_rigid])
     text += integers("gear_is_linear", ng, [int(x) for x in constants.gear_is_linear])
-    text += f"static const real gear_damping[{ng}] = {listed(constants.gear_damping)}; /* arm side */\n"
+    text += _damping(spec, constants, listed)
     for name, A, rows, columns in (("eta", constants.eta, nm, ng), ("eta_inverse", constants.eta_inverse, ng, nm)):
         body = ",\n".join(f"    {listed(row)}" for row in A)
         text += f"static const real {name}[{rows}][{columns}] = {{\n{body}}};\n"
     text += f"static const real rotor_inertia[{nm}] = {listed(constants.rotor_inertia)};\n"
     used = [f for f in spec.functions if f.name in INVERSION]
     space = _space(spec, written)
-    calls = "".join(_call(spec, f, written[f.name].work) for f in used)
+    calls = "".join(_call(spec, f, written[f.name].work) + _batch_call(spec, f) for f in used)
     return f"""\
 /*
  * {spec.name}: gears, motors and the kind of output, for the inversion; private. Written by flexgen; see {spec.name}.h.
@@ -294,18 +294,64 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
 #include "{spec.name}_private.h"
 
 #define {prefix}_POSE {int(constants.pose)} /* the output is a pose: position, then rotation */
+#define {prefix}_PARAMETERS {len(spec.parameters)} /* run-time parameters, stored behind the workspace */
+#define {prefix}_INVERSION_SPACE {space} /* reals of workspace for the functions below */
+#define PARAMETERS_OF(space) ((space) + {prefix}_INVERSION_SPACE + 8)
 
 /* Indices of the coordinates with and without motor; q_m = eta q_g where no gear is deflected. */
 {text}
 /* The functions that the inversion uses, with a workspace that some of them do not need. */
-#define {prefix}_INVERSION_SPACE {space} /* reals */
-{calls}
+{_parameter_macros(spec)}{calls}
 #endif
 """
 
 
 def _call(spec: LibrarySpec, f: FunctionSpec, work: int) -> str:
     """A macro that calls a function with a workspace, whether it needs one or not."""
-    ports = ", ".join(p.name for p in (*f.inputs, *f.outputs))
-    call = f"{spec.name}_{f.name}({ports}{', work' if work else ''})"
-    return f"#define evaluate_{f.name}({ports}, work) {call if work else f'((void)(work), {call})'}\n"
+    ports, given = _ports_of_call(spec, f)
+    call = f"{spec.name}_{f.name}({given}{', work' if work else ''})"
+    needed = work or ports != given
+    return f"#define evaluate_{f.name}({ports}, work) {call if needed else f'((void)(work), {call})'}\n"
+
+
+def _batch_call(spec: LibrarySpec, f: FunctionSpec) -> str:
+    """A macro that calls a function for many points."""
+    ports, given = _ports_of_call(spec, f)
+    return f"#define evaluate_{f.name}_batch(n, {ports}, work) {spec.name}_{f.name}_batch(n, {given}, work)\n"
+
+
+def _ports_of_call(spec: LibrarySpec, f: FunctionSpec) -> tuple[str, str]:
+    """The arguments of a macro, and those of the function: the run-time parameters are in the workspace."""
+    names = [p.name for p in (*f.inputs, *f.outputs)]
+    held = {"parameters": "PARAMETERS_OF(work)"} if spec.parameters else {}
+    return ", ".join(name for name in names if name not in held), ", ".join(held.get(name, name) for name in names)
+
+
+def _damping(spec: LibrarySpec, constants: MotorConstants, listed: Callable[[Sequence[float]], str]) -> str:
+    """The damping of the gears on the arm side; some values may be run-time parameters times a factor."""
+    ng = f"{spec.name.upper()}_NG"
+    at = {p.name.removesuffix(".damping"): k for k, p in enumerate(spec.parameters) if p.name.endswith(".damping")}
+    index = [at.get(name, -1) for name in constants.gears]
+    given = zip(index, constants.damping_factor, constants.gear_damping, strict=True)
+    values = [factor if k >= 0 else damping for k, factor, damping in given]
+    text = f"static const real gear_damping[{ng}] = {listed(values)}; /* arm side */\n"
+    if max(index) < 0:
+        body = "    (void)space;\n    return gear_damping[gear];\n"
+    else:
+        numbers = ", ".join(map(str, index))
+        text += "/* run-time parameter that the damping is proportional to; -1: none */\n"
+        text += f"static const int damping_parameter[{ng}] = {{{numbers}}};\n"
+        body = (
+            "    const int k = damping_parameter[gear];\n"
+            "    return k < 0 ? gear_damping[gear] : gear_damping[gear] * PARAMETERS_OF(space)[k];\n"
+        )
+    return f"{text}static inline real damping_of(int gear, const real *space)\n{{\n{body}}}\n"
+
+
+def _parameter_macros(spec: LibrarySpec) -> str:
+    """How many run-time parameters there are, and how they become an argument of the functions."""
+    count = len(spec.parameters)
+    argument = " const real *parameters," if count else ""
+    given = "parameters" if count else "no_parameters"
+    empty = "" if count else "static const real no_parameters[1] = {0};\n"
+    return f"{empty}#define PARAMETERS_ARGUMENT{argument}\n#define GIVEN_PARAMETERS {given}\n"

@@ -1,18 +1,16 @@
-"""The hand-written functions of the library: their structs, arguments and descriptions, and the constants they use.
+"""The hand-written functions of the library: their structs, arguments and descriptions.
 
-They come with every library of a model that can be inverted and has all functions of `INVERSION`, in double precision,
-and without run-time parameters. Their C is in ``flexgen/clib/``, see `flexgen.codegen.clib_files`.
+They come with every library in double precision of a model that can be inverted, with all functions of `INVERSION`.
+With run-time parameters they have one more argument. Their C is in ``flexgen/clib/``, see `flexgen.codegen.clib_files`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from flexgen.mechanics.signatures import INVERSION, offered_functions
-from flexgen.model.elements import LinearSpring, RobotModel
+from flexgen.model.elements import RobotModel
 
 INTERVALS_MAX, SAMPLES_MAX = 10_000, 1_000  # of a stream: intervals of its horizon, samples per interval
 DELAY_MAX = 4  # of the drive, in samples
@@ -68,6 +66,8 @@ class CFunction:
         ``"status"``, or ``"size"``: a number of reals.
     elastic : bool
         True: only for models with unactuated coordinates.
+    parametrized : bool
+        True: only for libraries with run-time parameters.
     """
 
     name: str
@@ -77,6 +77,7 @@ class CFunction:
     arguments: tuple[Field, ...]
     returns: str = "status"
     elastic: bool = False
+    parametrized: bool = False
 
     @property
     def signature(self) -> str:
@@ -87,36 +88,6 @@ class CFunction:
 def signature_of(struct: Struct) -> str:
     """Names and types of the members in one line, for the digest of the interface."""
     return f"struct {struct.name}{{{','.join(f'{f.kind} {f.name}' for f in struct.fields)}}}"
-
-
-@dataclass(frozen=True)
-class MotorConstants:
-    """Numbers of the model that the hand-written C uses: gears, motors and the kind of output.
-
-    Parameters
-    ----------
-    i_g, i_e : tuple of int
-        Indices in q_a of the actuated and of the unactuated coordinates.
-    eta, eta_inverse : tuple of tuple of float
-        ``q_m = eta q_g``, rows.
-    rotor_inertia : tuple of float
-        Motor side [kg m^2].
-    gear_damping : tuple of float
-        Arm side [N m s/rad, N s/m]; zero for rigid gears.
-    gear_is_rigid, gear_is_linear : tuple of bool
-    pose : bool
-        Whether the output is a pose.
-    """
-
-    i_g: tuple[int, ...]
-    i_e: tuple[int, ...]
-    eta: tuple[tuple[float, ...], ...]
-    eta_inverse: tuple[tuple[float, ...], ...]
-    rotor_inertia: tuple[float, ...]
-    gear_damping: tuple[float, ...]
-    gear_is_rigid: tuple[bool, ...]
-    gear_is_linear: tuple[bool, ...]
-    pose: bool
 
 
 _OUTPUT = "output; for a pose the position, then the rotation matrix by columns"
@@ -143,6 +114,8 @@ _HOLD = (
         f"from a sample until the motor has its torque, in samples, 0 to {DELAY_MAX}",
     ),
 )
+_PARAMETERS = "run-time parameters, listed in the header of the functions"
+_GIVEN = Field("parameters", "const real *", ("n_p",), "mixed", _PARAMETERS)
 
 STRUCTS: tuple[Struct, ...] = (
     Struct(
@@ -364,6 +337,21 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         ),
     ),
     CFunction(
+        "stream_parameters",
+        "stream.c",
+        "Change the run-time parameters of a stream, such as the payload; from the next update on they hold.",
+        "Change them at rest. The results then go from the old equilibrium to the new one: the motor torques and the "
+        "deflections of the gears change at once, unactuated coordinates continue from their present state, and "
+        "updates may return TOLERANCE_NOT_MET until the motion has settled. During a motion the torques have a step. "
+        "The horizon, its recommended length and the scale of the residual stay those of stream_start: where the new "
+        "parameters make the unstable zeros much slower, start a new stream.",
+        (
+            Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
+            Field("parameters", "const real *", ("n_p",), "mixed", _PARAMETERS),
+        ),
+        parametrized=True,
+    ),
+    CFunction(
         "stream_limits",
         "stream.c",
         "Set limits of the motors: the stream modifies the path ahead where a limit would be exceeded.",
@@ -385,32 +373,33 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
 )
 
 
-def motor_constants(model: RobotModel) -> MotorConstants:
-    """The `MotorConstants` of a model that can be inverted."""
-    from flexgen.mechanics.lagrangian import gears  # here, as it needs CasADi
-
-    def rows(A: np.ndarray) -> tuple[tuple[float, ...], ...]:
-        return tuple(tuple(float(x) for x in row) for row in A)
-
-    made = gears(model)
-    return MotorConstants(
-        i_g=model.i_g,
-        i_e=model.i_e,
-        eta=rows(model.eta),
-        eta_inverse=rows(np.linalg.inv(model.eta)),
-        rotor_inertia=tuple(float(motor.inertia) for motor in model.motors),
-        gear_damping=tuple(0.0 if gear.rigid else float(ratio**2 * gear.damping) for gear, ratio in made),
-        gear_is_rigid=tuple(gear.rigid for gear, _ in made),
-        gear_is_linear=tuple(isinstance(gear.spring, LinearSpring) for gear, _ in made),
-        pose=model.output.type == "tool_pose",
-    )
-
-
 def offered_c_functions(
     model: RobotModel, functions: Sequence[str], parameters: Sequence[object], precision: str
 ) -> tuple[CFunction, ...]:
     """The hand-written functions of a library with these functions and run-time parameters, in this precision."""
-    needed = set(offered_functions(model)) & set(INVERSION)
-    if parameters or precision != "double" or model.inversion_obstacle() is not None or not needed <= set(functions):
+    if inversion_reason(model, functions, precision) is not None:
         return ()
-    return tuple(function for function in C_FUNCTIONS if model.n_e or not function.elastic)
+    offered = (function for function in C_FUNCTIONS if model.n_e or not function.elastic)
+    if not parameters:
+        return tuple(function for function in offered if not function.parametrized)
+    return tuple(_with_parameters(function) for function in offered)
+
+
+def inversion_reason(model: RobotModel, functions: Sequence[str], precision: str) -> str | None:
+    """Why a library with these functions has no invert, bvp and stream; None where it has them."""
+    obstacle = model.inversion_obstacle()
+    if obstacle is not None:
+        return obstacle
+    if precision != "double":
+        return f"they are in double precision only, the library is in {precision} precision"
+    missing = [name for name in INVERSION if name in offered_functions(model) and name not in functions]
+    return f"they need the functions {', '.join(missing)}, which were not chosen" if missing else None
+
+
+def _with_parameters(function: CFunction) -> CFunction:
+    """The function with the run-time parameters as an argument, before the initial guess ``q_start``."""
+    names = [argument.name for argument in function.arguments]
+    if "q_start" not in names:
+        return function
+    at = names.index("q_start")
+    return replace(function, arguments=(*function.arguments[:at], _GIVEN, *function.arguments[at:]))

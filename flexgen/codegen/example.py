@@ -90,6 +90,8 @@ def _inversion(spec: LibrarySpec) -> str:
     ny, nt, nm = (size_macro(spec, size) for size in ("n_y", "n_t", "n_m"))
     pose = spec.motor_constants is not None and spec.motor_constants.pose
     home = _home_output(spec, pose)
+    declared = f"    {real} parameters[{size_macro(spec, 'n_p')}];\n" if spec.parameters else ""
+    fill, given = (f"    {name}_parameters(parameters);\n", "parameters, ") if spec.parameters else ("", "")
     return f"""\
 enum {{ SAMPLES = 21, UPDATES = 10 }};
 
@@ -102,7 +104,7 @@ static int invert_path(void)
     const {name}_inversion_options options = {{0, 0, 5, 1e-6, {macro(spec, "HOLD_SPLINE")}, 0.0}};
     {name}_motion motion = {{NULL, NULL, NULL, NULL, NULL, NULL, tau_m}};
     {name}_inversion_info info;
-    {name}_status status = home_output(y);
+{declared}    {name}_status status = home_output(y);
     const int64_t size = {name}_invert_work(SAMPLES, &options);
     {real} *work = ({real} *)malloc((size_t)size * sizeof({real}));
     if (work == NULL || status != {macro(spec, "OK")}) {{
@@ -112,7 +114,7 @@ static int invert_path(void)
     for (int i = {nt}; i < SAMPLES * {nt}; ++i) {{
         y[i] = y[i - {nt}];
     }}
-    status = {name}_invert(&path, {name}_home_q_a, &options, &motion, &info, work, size);
+{fill}    status = {name}_invert(&path, {given}{name}_home_q_a, &options, &motion, &info, work, size);
     printf("invert: %s\\n", {name}_status_text(status));
     if (status == {macro(spec, "OK")}) {{
         show("tau_m", "N m", tau_m, {nm}, 1);
@@ -128,14 +130,14 @@ static int run_stream(void)
     const {name}_stream_options options = {{10, 1, 0.005, 1e-6, {macro(spec, "HOLD_SPLINE")}, 0.0}};
     {name}_motion motion = {{NULL, NULL, NULL, NULL, NULL, NULL, tau_m}};
     {name}_stream_info info;
-    {name}_status status = home_output(y);
+{declared}    {name}_status status = home_output(y);
     const int64_t size = {name}_stream_work(&options);
     {real} *stream = ({real} *)malloc((size_t)size * sizeof({real}));
     if (stream == NULL || status != {macro(spec, "OK")}) {{
         free(stream);
         return 1;
     }}
-    status = {name}_stream_start(stream, size, &options, y, {name}_home_q_a);
+{fill}    status = {name}_stream_start(stream, size, &options, y, {given}{name}_home_q_a);
     for (int k = 0; k < UPDATES && status >= 0; ++k) {{
         status = {name}_stream_update(stream, y, zero, zero, &motion, &info);
     }}

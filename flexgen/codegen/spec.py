@@ -15,11 +15,10 @@ import numpy as np
 from flexgen.codegen.clib_table import (
     STRUCTS,
     CFunction,
-    MotorConstants,
-    motor_constants,
     offered_c_functions,
     signature_of,
 )
+from flexgen.codegen.motor_constants import MotorConstants, motor_constants
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.signatures import FUNCTIONS, PORTS, TABLE, Row, offered_functions, port
 from flexgen.model.digest import model_digest

@@ -29,8 +29,8 @@ FORMAT = 2
 
 _LIBRARY_FILE = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib)\Z")
 _INVERTS = (
-    "one in double precision, with all functions, without run-time parameters, of a model with as many outputs as "
-    "motors and simplified motor coupling"
+    "one in double precision, with all functions, of a model with as many outputs as motors and simplified motor "
+    "coupling"
 )
 
 
@@ -117,6 +117,7 @@ class Library:
         tolerance: float = TOLERANCE,
         hold: str = "spline",
         delay: float = 0.0,
+        parameters: Any = None,
     ) -> Stream:
         """Start inverse dynamics on a moving horizon, at rest at a given output.
 
@@ -139,6 +140,9 @@ class Library:
             What the drive does between two samples: ``"spline"``, ``"linear"`` or ``"zoh"``; ``tau_m`` is what to send.
         delay : float
             From a sample until the motor has its torque, in samples, 0 to 4.
+        parameters : array (n_p,), optional
+            Run-time parameters, where the library has any; default: those of the model file. `Stream.set_parameters`
+            changes them.
 
         Returns
         -------
@@ -167,6 +171,7 @@ class Library:
             tolerance=tolerance,
             hold=hold,
             delay=delay,
+            parameters=parameters,
         )
 
     @property
@@ -299,10 +304,12 @@ def _loaded(folder: Path, sha256: str | None) -> Library:
         }
         found = partial(entry_of, library)
         inverters = {
-            kind: inverter_of(manifest, found, failures, (inverter_again, (str(trusted), recorded, kind)), kind)
+            kind: inverter_of(
+                manifest, found, failures, (inverter_again, (str(trusted), recorded, kind)), kind, parameters
+            )
             for kind in ("invert", "bvp")
         }
-        streams = streams_of(manifest, found, failures, (streams_again, (str(trusted), recorded)))
+        streams = streams_of(manifest, found, failures, (streams_again, (str(trusted), recorded)), parameters)
         return Library(folder, manifest, functions, parameters, inverters, streams)
     except BuildError as error:
         raise error if str(folder) in str(error) else BuildError(f"{folder}: {error}") from error

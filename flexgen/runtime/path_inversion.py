@@ -93,9 +93,11 @@ class Inverter:
         work: Callable[..., int],
         failures: Mapping[int, tuple[type[FlexgenError], str]],
         again: tuple[Callable[..., Any], tuple[Any, ...]],
-        function: str = "invert",
+        function: str,
+        parameters: np.ndarray,
     ) -> None:
         self._name, self._sizes, self._structs = name, sizes, structs
+        self._parameters = parameters
         self._entry, self._work, self._failures = entry, work, failures
         self._function = function
         self._pool: list[np.ndarray] = []
@@ -113,6 +115,7 @@ class Inverter:
 
     def __repr__(self) -> str:
         options = f"n_pre=0, n_post=0, samples_per_interval=1, tolerance={TOLERANCE:g}, hold='spline', delay=0"
+        options += ", parameters=None" if self._parameters.size else ""
         return f"{self._function}(y, dy, ddy, *, period, q_start, {options})"
 
     def close(self) -> None:
@@ -137,6 +140,7 @@ class Inverter:
         tolerance: float = TOLERANCE,
         hold: str = "spline",
         delay: float = 0.0,
+        parameters: Any = None,
     ) -> Inversion:
         """Motion and torques for exact tracking of a path.
 
@@ -162,6 +166,8 @@ class Inverter:
             What the drive does between two samples: ``"spline"``, ``"linear"`` or ``"zoh"``; ``tau_m`` is what to send.
         delay : float
             From a sample until the motor has its torque, in samples, 0 to 4.
+        parameters : array (n_p,), optional
+            Run-time parameters, where the library has any; default: those of the model file.
 
         Returns
         -------
@@ -183,10 +189,15 @@ class Inverter:
         period = number_of(function, "period", period)
         held = hold_of(function, hold, delay)
         options = {**counts, **held, "tolerance": number_of(function, "tolerance", tolerance)}
-        return self._inverted(given, q, period, options)
+        return self._inverted(given, parameters_of(function, parameters, self._parameters), q, period, options)
 
     def _inverted(
-        self, given: dict[str, np.ndarray], q_start: np.ndarray, period: float, options: dict[str, Any]
+        self,
+        given: dict[str, np.ndarray],
+        parameters: np.ndarray,
+        q_start: np.ndarray,
+        period: float,
+        options: dict[str, Any],
     ) -> Inversion:
         """Call C with checked arguments."""
         structs, n = self._structs, len(given["y"])
@@ -199,6 +210,7 @@ class Inverter:
         status = int(
             self._entry(
                 ctypes.byref(path),
+                *pointers(parameters),
                 pointer(q_start),
                 ctypes.byref(filled_options),
                 ctypes.byref(motion),
@@ -265,7 +277,8 @@ def inverter_of(
     found: Callable[[str], Any],
     failures: Mapping[int, tuple[type[FlexgenError], str]],
     again: tuple[Callable[..., Any], tuple[Any, ...]],
-    function: str = "invert",
+    function: str,
+    parameters: np.ndarray,
 ) -> Inverter | None:
     """The `Inverter` of a library whose entry points are found by name; None where the manifest lists none."""
     name = manifest["name"]
@@ -274,7 +287,24 @@ def inverter_of(
     work = found(f"{name}_{function}_work")
     work.restype = ctypes.c_int64
     entry = found(f"{name}_{function}")
-    return Inverter(name, manifest["sizes"], structs_of(manifest), entry, work, failures, again, function)
+    return Inverter(name, manifest["sizes"], structs_of(manifest), entry, work, failures, again, function, parameters)
+
+
+def parameters_of(function: str, given: Any, of_model: np.ndarray) -> np.ndarray:
+    """The run-time parameters of a call; ArgumentError where the library has none or another number of them."""
+    if given is None:
+        return of_model
+    if not of_model.size:
+        raise ArgumentError(
+            f"{function}, parameters: given to a library without run-time parameters, expected one that was generated "
+            "with parameters=[...] (--parameters)"
+        )
+    return array_of(function, "parameters", given, of_model.shape)
+
+
+def pointers(parameters: np.ndarray) -> tuple[ctypes.c_void_p, ...]:
+    """The argument of the run-time parameters; none where the library has none."""
+    return (pointer(parameters),) if parameters.size else ()
 
 
 def array_of(function: str, name: str, x: Any, shape: tuple[int, ...]) -> np.ndarray:

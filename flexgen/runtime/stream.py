@@ -13,7 +13,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.files import AGAIN
-from flexgen.runtime.path_inversion import array_of, hold_of, number_of, pointer, whole_of
+from flexgen.runtime.path_inversion import array_of, hold_of, number_of, parameters_of, pointer, pointers, whole_of
 from flexgen.runtime.structs import filled, structs_of
 
 _TOLERANCE_NOT_MET = 1  # a status
@@ -23,9 +23,10 @@ _RESULTS = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
 
 @dataclass(frozen=True)
 class StreamEntries:
-    """The C functions of streams: size of the memory, start, update, limits; their structs and statuses.
+    """The C functions of streams: size of the memory, start, update, limits, parameters; structs and statuses.
 
-    ``name``: of the library; ``closed``: set where it is closed.
+    ``name``: of the library; ``model_parameters``: the run-time parameters of the model file; ``closed``: set where
+    the library is closed.
     """
 
     name: str
@@ -35,6 +36,8 @@ class StreamEntries:
     start: Callable[..., int]
     update: Callable[..., int]
     limits: Callable[..., int]
+    change: Callable[..., int] | None
+    model_parameters: np.ndarray
     failures: Mapping[int, tuple[type[FlexgenError], str]]
     again: tuple[Callable[..., Any], tuple[Any, ...]]  # these entries, found once more where a stream is unpickled
     closed: threading.Event = field(default_factory=threading.Event)
@@ -126,6 +129,7 @@ class Stream:
         tolerance: float,
         hold: str = "spline",
         delay: float = 0.0,
+        parameters: Any = None,
     ) -> None:
         self.intervals = whole_of("stream", "intervals", intervals)
         self.samples_per_interval = whole_of("stream", "samples_per_interval", samples_per_interval)
@@ -147,9 +151,15 @@ class Stream:
             )
         at = array_of("stream", "y", y, (self._sizes["n_t"],))
         q = array_of("stream", "q_start", q_start, (self._sizes["n_a"],))
+        held = parameters_of("stream", parameters, entries.model_parameters)
         self._memory = np.zeros(size)
         status = entries.start(
-            pointer(self._memory), ctypes.c_int64(size), ctypes.byref(options), pointer(at), pointer(q)
+            pointer(self._memory),
+            ctypes.c_int64(size),
+            ctypes.byref(options),
+            pointer(at),
+            *pointers(held),
+            pointer(q),
         )
         self._refuse(int(status))
         self._bind()
@@ -279,6 +289,32 @@ class Stream:
         finally:
             self._lock.release()
 
+    def set_parameters(self, parameters: Any) -> None:
+        """Change the run-time parameters, such as the payload; they hold from the next update on.
+
+        Change them at rest: the motor torques and the deflections of the gears go to the new equilibrium at once, and
+        updates may not be ``converged`` until the motion of the other coordinates has settled.
+
+        Parameters
+        ----------
+        parameters : array (n_p,)
+
+        Raises
+        ------
+        ArgumentError
+            Where the library has no run-time parameters, their number is another one, one is not finite, or the stream
+            has failed.
+        """
+        self._entries.refuse_closed()
+        values = parameters_of("stream", parameters, self._entries.model_parameters)
+        if not self._lock.acquire(blocking=False):
+            raise ArgumentError("stream: given parameters while an update runs, expected one after the other")
+        try:
+            assert self._entries.change is not None  # the library has parameters
+            self._refuse(int(self._entries.change(pointer(self._memory), pointer(values))))
+        finally:
+            self._lock.release()
+
     def _refuse(self, status: int) -> None:
         """Raise what a negative status means."""
         if status < 0:
@@ -291,6 +327,7 @@ def streams_of(
     found: Callable[[str], Any],
     failures: Mapping[int, tuple[type[FlexgenError], str]],
     again: tuple[Callable[..., Any], tuple[Any, ...]],
+    parameters: np.ndarray,
 ) -> StreamEntries | None:
     """What a library offers for streams, whose entry points are found by name; None where the manifest lists none."""
     names = ("stream_work", "stream_start", "stream_update", "stream_limits")
@@ -298,7 +335,10 @@ def streams_of(
         return None
     work, start, update, limits = (found(f"{manifest['name']}_{name}") for name in names)
     work.restype = ctypes.c_int64
-    return StreamEntries(manifest["name"], structs_of(manifest), work, start, update, limits, failures, again)
+    change = found(f"{manifest['name']}_stream_parameters") if parameters.size else None
+    return StreamEntries(
+        manifest["name"], structs_of(manifest), work, start, update, limits, change, parameters, failures, again
+    )
 
 
 def stream_again(

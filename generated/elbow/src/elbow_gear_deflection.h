@@ -140,7 +140,7 @@ static const real radau_A[3][3] = {{0.19681547722366044, -0.06553542585019839, 0
     {0.37640306270046725, 0.51248582618842161, 1.0 / 9.0}};
 
 /* The step of `deflection_step` for gears with a linear spring, p1 = f[0] p0 + sum_s f[1 + s] tau(c_s). */
-static inline void linear_steps(real h, const real *stiffness, real (*f)[4])
+static inline void linear_steps(real h, const real *stiffness, real (*f)[4], const real *space)
 {
     for (int i = 0; i < NG; ++i) {
         real a[3][7]; /* and four right sides */
@@ -148,14 +148,14 @@ static inline void linear_steps(real h, const real *stiffness, real (*f)[4])
         for (int column = 0; column < 4; ++column) {
             f[i][column] = 0.0;
         }
-        if (!gear_is_linear[i] || !(gear_damping[i] > 0.0)) {
+        if (!gear_is_linear[i] || !(damping_of(i, space) > 0.0)) {
             continue;
         }
         for (int s = 0; s < 3; ++s) {
             a[s][3] = 1.0;
             for (int t = 0; t < 3; ++t) {
-                a[s][t] = h * radau_A[s][t] * stiffness[i] / gear_damping[i] + (s == t ? 1.0 : 0.0);
-                a[s][4 + t] = h * radau_A[s][t] / gear_damping[i];
+                a[s][t] = h * radau_A[s][t] * stiffness[i] / damping_of(i, space) + (s == t ? 1.0 : 0.0);
+                a[s][4 + t] = h * radau_A[s][t] / damping_of(i, space);
             }
         }
         solved = solve_plain(&a[0][0], 3, 7);
@@ -171,7 +171,7 @@ static inline int deflection_step(real h, real (*linear)[4], real left[NG][3], r
     real torque[3][NG], x[3][NG], value[3][NG], stiffness[3][NG];
     int nonlinear = 0;
     for (int i = 0; i < NG; ++i) {
-        nonlinear |= !gear_is_rigid[i] && !gear_is_linear[i] && gear_damping[i] > 0.0;
+        nonlinear |= !gear_is_rigid[i] && !gear_is_linear[i] && damping_of(i, space) > 0.0;
     }
     for (int i = 0; i < NG; ++i) {
         for (int s = 0; s < 3; ++s) {
@@ -190,13 +190,13 @@ static inline int deflection_step(real h, real (*linear)[4], real left[NG][3], r
         }
         for (int i = 0; i < NG; ++i) {
             real a[3][4], size = 1e-3;
-            if (gear_is_rigid[i] || gear_is_linear[i] || !(gear_damping[i] > 0.0)) {
+            if (gear_is_rigid[i] || gear_is_linear[i] || !(damping_of(i, space) > 0.0)) {
                 continue;
             }
             for (int s = 0; s < 3; ++s) {
                 real sum = x[s][i] - p[i];
                 for (int t = 0; t < 3; ++t) {
-                    const real rate = h * radau_A[s][t] / gear_damping[i];
+                    const real rate = h * radau_A[s][t] / damping_of(i, space);
                     sum -= rate * (torque[t][i] - value[t][i]);
                     a[s][t] = rate * stiffness[t][i] + (s == t ? 1.0 : 0.0);
                 }
@@ -222,7 +222,7 @@ static inline int deflection_step(real h, real (*linear)[4], real left[NG][3], r
         }
     }
     for (int i = 0; i < NG; ++i) {
-        if (gear_is_linear[i] && gear_damping[i] > 0.0) { /* the same formula, solved before */
+        if (gear_is_linear[i] && damping_of(i, space) > 0.0) { /* the same formula, solved before */
             p[i] = linear[i][0] * p[i];
             for (int s = 0; s < 3; ++s) {
                 p[i] += linear[i][1 + s] * torque[s][i];
@@ -267,13 +267,13 @@ static inline int begin_gears(gears *g, real period, const real *deflection, rea
     g->period = period;
     g->slow = 0;
     for (int i = 0; i < NG; ++i) {
-        g->quick[i] = gear_is_rigid[i] || gear_damping[i] <= 5e-3 * period * fmin_1(least[i], far[i]);
+        g->quick[i] = gear_is_rigid[i] || damping_of(i, space) <= 5e-3 * period * fmin_1(least[i], far[i]);
         g->slow |= !g->quick[i];
         for (int j = 0; j < 3; ++j) {
             g->left[i][j] = g->right[i][j] = 0.0;
         }
     }
-    linear_steps(period, least, g->linear);
+    linear_steps(period, least, g->linear, space);
     copy(deflection, NG, g->now);
     return 1;
 }
@@ -292,16 +292,17 @@ static inline int advance_gears(gears *g, int first, const real *tau, real *spac
 }
 
 /* Time by which a deflection lags behind its static value [s]. */
-static inline real lag_time(int gear, real stiffness)
+static inline real lag_time(int gear, real stiffness, const real *space)
 {
-    return gear_is_rigid[gear] ? 0.0 : gear_damping[gear] / stiffness;
+    return gear_is_rigid[gear] ? 0.0 : damping_of(gear, space) / stiffness;
 }
 
 /* Deflections at this sample from the static ones at this sample and its neighbors. */
-static inline void lagged_deflections(const gears *g, const real *deflection, const real *stiffness, real *lagged)
+static inline void lagged_deflections(
+    const gears *g, const real *deflection, const real *stiffness, real *lagged, const real *space)
 {
     for (int i = 0; i < NG; ++i) {
-        const real lag = lag_time(i, stiffness[i]);
+        const real lag = lag_time(i, stiffness[i], space);
         lagged[i] = g->quick[i] ? deflection[i] - lag * derivative_of(deflection + i, NG, g->period) : g->now[i];
     }
 }

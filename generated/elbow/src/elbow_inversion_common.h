@@ -15,6 +15,7 @@ enum {
     NM = ELBOW_NM,
     NY = ELBOW_NY,
     NT = ELBOW_NT,
+    PARAMETERS = ELBOW_PARAMETERS, /* run-time parameters */
     POINTS = 8,
     STAGES = 3,
     REFERENCE = NT + 2 * NY /* numbers of a path sample: y, dy, ddy */
@@ -75,10 +76,16 @@ static inline void copy(const real *from, ptrdiff_t n, real *to)
     }
 }
 
-/* Workspace of the functions that are used here. */
+/* Workspace of the functions that are used here; the run-time parameters are stored behind it. */
 static inline ptrdiff_t function_work(void)
 {
-    return ELBOW_INVERSION_SPACE + 8;
+    return ELBOW_INVERSION_SPACE + 8 + ELBOW_PARAMETERS;
+}
+
+/* Store the run-time parameters where the functions that are called with this workspace find them. */
+static inline void keep_parameters(const real *parameters, real *space)
+{
+    copy(parameters, PARAMETERS, PARAMETERS_OF(space));
 }
 
 /* Room in the workspace, in numbers; whole vectors apart. */

@@ -118,13 +118,14 @@ static int solve_mesh(mesh *m, real tolerance, elbow_inversion_info *info, lq_sp
 
 #endif
 
-elbow_status elbow_invert(const elbow_path *p, const double q_start[ELBOW_NA], const elbow_inversion_options *options,
-    elbow_motion *motion, elbow_inversion_info *info, double *work, int64_t work_size)
+elbow_status elbow_invert(const elbow_path *p, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA],
+    const elbow_inversion_options *options, elbow_motion *motion, elbow_inversion_info *info, real *work,
+    int64_t work_size)
 {
     const int64_t wanted = p == NULL ? -1 : elbow_invert_work(p->n, options);
     whole_layout l;
     real q[NA];
-    int status = check_arguments(p, q_start, options, motion, info, work, work_size, wanted);
+    int status = check_arguments(p, GIVEN_PARAMETERS, q_start, options, motion, info, work, work_size, wanted);
     if (status != ELBOW_OK) {
         return (elbow_status)status;
     }
@@ -135,6 +136,7 @@ elbow_status elbow_invert(const elbow_path *p, const double q_start[ELBOW_NA], c
         lq_space *w;
         mesh m;
         l = lay_out(p->n, options, CONTROLS * WIDTH);
+        keep_parameters(GIVEN_PARAMETERS, work + l.space);
         own = lay_out_lq(&l);
         w = (lq_space *)(void *)(work + own.lq);
         m = mesh_in(&l, p, options, work);
@@ -157,6 +159,7 @@ elbow_status elbow_invert(const elbow_path *p, const double q_start[ELBOW_NA], c
     }
 #else
     l = lay_out(p->n, options, 0);
+    keep_parameters(GIVEN_PARAMETERS, work + l.space);
     status = equilibrium_at(p->y, q, NULL, work + l.space);
     if (status != ELBOW_OK) {
         return (elbow_status)status;

@@ -96,7 +96,7 @@ static inline int motors_at_nodes(real *s, const limits_layout *l, ptrdiff_t N, 
         const ptrdiff_t at = (k < 1 ? 1 : k > N - 1 ? N - 1 : k) * NG;
         const real *x = s + l->deflection + at;
         for (int i = 0; i < NG; ++i) {
-            const real lag = lag_time(i, stiffness[i]);
+            const real lag = lag_time(i, stiffness[i], space);
             s[l->lagged + k * NG + i] = s[l->deflection + k * NG + i] - lag * (x[NG + i] - x[i - NG]) / (2.0 * h);
         }
     }

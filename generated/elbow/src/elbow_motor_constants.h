@@ -9,6 +9,9 @@
 #include "elbow_private.h"
 
 #define ELBOW_POSE 0 /* the output is a pose: position, then rotation */
+#define ELBOW_PARAMETERS 0 /* run-time parameters, stored behind the workspace */
+#define ELBOW_INVERSION_SPACE 896 /* reals of workspace for the functions below */
+#define PARAMETERS_OF(space) ((space) + ELBOW_INVERSION_SPACE + 8)
 
 /* Indices of the coordinates with and without motor; q_m = eta q_g where no gear is deflected. */
 static const int i_g[ELBOW_NG] = {0, 1};
@@ -16,6 +19,11 @@ static const int i_e[1] = {0};
 static const int gear_is_rigid[ELBOW_NG] = {0, 0};
 static const int gear_is_linear[ELBOW_NG] = {1, 1};
 static const real gear_damping[ELBOW_NG] = {1400.0, 600.0}; /* arm side */
+static inline real damping_of(int gear, const real *space)
+{
+    (void)space;
+    return gear_damping[gear];
+}
 static const real eta[ELBOW_NM][ELBOW_NG] = {
     {267.42857142857144, 0.0},
     {0.0, 252.33333333333334}};
@@ -25,10 +33,16 @@ static const real eta_inverse[ELBOW_NG][ELBOW_NM] = {
 static const real rotor_inertia[ELBOW_NM] = {0.0118, 0.0118};
 
 /* The functions that the inversion uses, with a workspace that some of them do not need. */
-#define ELBOW_INVERSION_SPACE 896 /* reals */
+static const real no_parameters[1] = {0};
+#define PARAMETERS_ARGUMENT
+#define GIVEN_PARAMETERS no_parameters
 #define evaluate_output_constraint(q_a, v_a, target, y_err, W, Wdot_v, work) ((void)(work), elbow_output_constraint(q_a, v_a, target, y_err, W, Wdot_v))
+#define evaluate_output_constraint_batch(n, q_a, v_a, target, y_err, W, Wdot_v, work) elbow_output_constraint_batch(n, q_a, v_a, target, y_err, W, Wdot_v, work)
 #define evaluate_inversion_rows(q_a, v_a, a_a, tau_g, work) ((void)(work), elbow_inversion_rows(q_a, v_a, a_a, tau_g))
+#define evaluate_inversion_rows_batch(n, q_a, v_a, a_a, tau_g, work) elbow_inversion_rows_batch(n, q_a, v_a, a_a, tau_g, work)
 #define evaluate_gear_law(deflection, tau_p, dtau_p, work) ((void)(work), elbow_gear_law(deflection, tau_p, dtau_p))
+#define evaluate_gear_law_batch(n, deflection, tau_p, dtau_p, work) elbow_gear_law_batch(n, deflection, tau_p, dtau_p, work)
 #define evaluate_motor_friction(v_m, f_m, work) ((void)(work), elbow_motor_friction(v_m, f_m))
+#define evaluate_motor_friction_batch(n, v_m, f_m, work) elbow_motor_friction_batch(n, v_m, f_m, work)
 
 #endif

@@ -54,8 +54,8 @@ static inline int motors_at_sample(const gears *g, const real *tau, const real *
             once = derivative_of(deflection + i, NG, period);
             twice = second_derivative_of(deflection + i, NG, period);
         } else {
-            once = (tau[i] - value[i]) / gear_damping[i];
-            twice = (derivative_of(tau + i, NG, period) - stiffness[i] * once) / gear_damping[i];
+            once = (tau[i] - value[i]) / damping_of(i, space);
+            twice = (derivative_of(tau + i, NG, period) - stiffness[i] * once) / damping_of(i, space);
         }
         q[i] += deflection[i];
         v[i] += once;

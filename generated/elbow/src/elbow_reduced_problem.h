@@ -126,7 +126,7 @@ static inline int invert_points(problem_points *p)
 /* Error of the output, with W and the part of its acceleration that depends on velocities. */
 static inline void evaluate_constraint(problem_points *p, real *space)
 {
-    (void)elbow_output_constraint_batch(
+    (void)evaluate_output_constraint_batch(
         POINTS, &p->q[0][0], &p->v[0][0], &p->target[0][0], &p->error[0][0], &p->W[0][0][0], &p->bias[0][0], space);
 }
 
@@ -222,11 +222,11 @@ static inline int solve_kinematics(problem_points *p, real *space)
 static inline int evaluate_rows(problem_points *arm, real *space)
 {
 #if ELBOW_NE > 0
-    return inner_status(elbow_inversion_rows_batch(
+    return inner_status(evaluate_inversion_rows_batch(
         POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], &arm->row[0][0], space));
 #else
     return inner_status(
-        elbow_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space));
+        evaluate_inversion_rows_batch(POINTS, &arm->q[0][0], &arm->v[0][0], &arm->a[0][0], &arm->tau_g[0][0], space));
 #endif
 }
 
@@ -298,9 +298,9 @@ static inline void elastic_columns(points (*X)[NY], points (*T)[NY])
 /* Residual of the unactuated rows and their Jacobians K, D, A with respect to q_e, v_e, a_e on the path. */
 static inline int reduced_jacobians(problem_points *p, real *space)
 {
-    const int status = elbow_inversion_jacobians_batch(POINTS, &p->q[0][0], &p->v[0][0], &p->a[0][0], &p->y1_q[0][0][0],
-        &p->y2_q[0][0][0], &p->y2_v[0][0][0], &p->row[0][0], &p->row_q[0][0][0], &p->row_v[0][0][0], &p->row_a[0][0][0],
-        space);
+    const int status = evaluate_inversion_jacobians_batch(POINTS, &p->q[0][0], &p->v[0][0], &p->a[0][0],
+        &p->y1_q[0][0][0], &p->y2_q[0][0][0], &p->y2_v[0][0][0], &p->row[0][0], &p->row_q[0][0][0], &p->row_v[0][0][0],
+        &p->row_a[0][0][0], space);
     if (status != ELBOW_OK) {
         return inner_status(status);
     }

@@ -72,13 +72,14 @@ static int deflection_at_equilibrium(const real *q, real *deflection, real *spac
     return static_deflections(tau, 1, zero, deflection, stiffness, 0, space) ? ELBOW_OK : ELBOW_RESULT_NOT_FINITE;
 }
 
-elbow_status elbow_stream_start(double *stream, int64_t stream_size, const elbow_stream_options *options,
-    const double y[ELBOW_NT], const double q_start[ELBOW_NA])
+elbow_status elbow_stream_start(real *stream, int64_t stream_size, const elbow_stream_options *options,
+    const real y[ELBOW_NT], PARAMETERS_ARGUMENT const real q_start[ELBOW_NA])
 {
+    const real *parameters_given = GIVEN_PARAMETERS;
     layout l;
     real q[NA], *space;
     int status;
-    if (stream == NULL || options == NULL || y == NULL || q_start == NULL) {
+    if (stream == NULL || options == NULL || y == NULL || parameters_given == NULL || q_start == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
     if (!stream_sizes_fit(options) || !(options->period > 0.0 && options->period < 1e6) ||
@@ -90,7 +91,7 @@ elbow_status elbow_stream_start(double *stream, int64_t stream_size, const elbow
         return ELBOW_WORK_TOO_SMALL;
     }
     stream[STATE] = IS_EMPTY;
-    if (!is_finite(y, NT) || !is_finite(q_start, NA)) {
+    if (!is_finite(y, NT) || !is_finite(parameters_given, PARAMETERS) || !is_finite(q_start, NA)) {
         return ELBOW_INPUT_NOT_FINITE;
     }
 #if ELBOW_POSE
@@ -99,6 +100,7 @@ elbow_status elbow_stream_start(double *stream, int64_t stream_size, const elbow
     }
 #endif
     space = stream + l.space;
+    keep_parameters(parameters_given, space);
     copy(q_start, NA, q);
     stream[INTERVALS] = options->intervals;
     stream[SAMPLES_PER_INTERVAL] = options->samples_per_interval;
@@ -134,8 +136,27 @@ elbow_status elbow_stream_start(double *stream, int64_t stream_size, const elbow
     return (elbow_status)status;
 }
 
+#if ELBOW_PARAMETERS > 0
+elbow_status elbow_stream_parameters(real *stream, const real parameters[ELBOW_PARAMETERS])
+{
+    layout l;
+    if (stream == NULL || parameters == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (!is_running(stream)) {
+        return ELBOW_NOT_STARTED;
+    }
+    if (!is_finite(parameters, PARAMETERS)) {
+        return ELBOW_INPUT_NOT_FINITE;
+    }
+    l = layout_of(stream);
+    keep_parameters(parameters, stream + l.space);
+    return ELBOW_OK;
+}
+#endif
+
 elbow_status elbow_stream_limits(
-    double *stream, const double torque_max[ELBOW_NM], const double speed_max[ELBOW_NM], double deviation_max)
+    real *stream, const real torque_max[ELBOW_NM], const real speed_max[ELBOW_NM], real deviation_max)
 {
     layout l;
     limits_layout w;
@@ -185,8 +206,8 @@ static real *output_of(real *given, ptrdiff_t size, real **at)
     return given != NULL ? given : own;
 }
 
-elbow_status elbow_stream_update(double *stream, const double y[ELBOW_NT], const double dy[ELBOW_NY],
-    const double ddy[ELBOW_NY], elbow_motion *motion, elbow_stream_info *info)
+elbow_status elbow_stream_update(real *stream, const real y[ELBOW_NT], const real dy[ELBOW_NY],
+    const real ddy[ELBOW_NY], elbow_motion *motion, elbow_stream_info *info)
 {
     interval out;
     layout l;

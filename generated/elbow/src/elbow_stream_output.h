@@ -177,8 +177,16 @@ static inline int motors_in_interval(real *s, const layout *l, const interval *o
         if (evaluate_gear_law(s + l->deflection + k * NG, value, stiffness, space) != ELBOW_OK) {
             return ELBOW_RESULT_NOT_FINITE;
         }
-        lagged_deflections(&g, s + l->deflection + k * NG, stiffness, s + l->lagged + k * NG);
+        lagged_deflections(&g, s + l->deflection + k * NG, stiffness, s + l->lagged + k * NG, space);
     }
+#if ELBOW_PARAMETERS > 0
+    for (int i = 0; i < NG;
+        ++i) { /* after a change of its damping the deflection of a gear may have to be integrated */
+        if (g.quick[i]) {
+            s[l->now + i] = s[l->lagged + (BACK + samples_per_interval) * NG + i];
+        }
+    }
+#endif
     for (ptrdiff_t k = 0; k <= samples_per_interval + l->ahead; ++k) {
         const real *tau = s + l->tau + (k + BACK) * NG, *deflection = s + l->lagged + (k + BACK) * NG;
         const real *joint = s + l->joint + (k + BACK) * JOINT;

@@ -1,0 +1,68 @@
+"""Numbers of the model that the hand-written C uses: gears, motors and the kind of output."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexgen.model.elements import LinearSpring, RobotModel
+
+
+@dataclass(frozen=True)
+class MotorConstants:
+    """Gears, motors and the kind of output of a model.
+
+    Parameters
+    ----------
+    i_g, i_e : tuple of int
+        Indices in q_a of the actuated and of the unactuated coordinates.
+    eta, eta_inverse : tuple of tuple of float
+        ``q_m = eta q_g``, rows.
+    rotor_inertia : tuple of float
+        Motor side [kg m^2].
+    gear_damping : tuple of float
+        Arm side [N m s/rad, N s/m]; zero for rigid gears.
+    damping_factor : tuple of float
+        From the damping in the model file to that of the arm side: 1, or the gear ratio squared.
+    gears : tuple of str
+        Names of the actuated coordinates, which name the gears.
+    gear_is_rigid, gear_is_linear : tuple of bool
+    pose : bool
+        Whether the output is a pose.
+    """
+
+    i_g: tuple[int, ...]
+    i_e: tuple[int, ...]
+    eta: tuple[tuple[float, ...], ...]
+    eta_inverse: tuple[tuple[float, ...], ...]
+    rotor_inertia: tuple[float, ...]
+    gear_damping: tuple[float, ...]
+    damping_factor: tuple[float, ...]
+    gears: tuple[str, ...]
+    gear_is_rigid: tuple[bool, ...]
+    gear_is_linear: tuple[bool, ...]
+    pose: bool
+
+
+def motor_constants(model: RobotModel) -> MotorConstants:
+    """The `MotorConstants` of a model that can be inverted."""
+    from flexgen.mechanics.lagrangian import gears  # here, as it needs CasADi
+
+    def rows(A: np.ndarray) -> tuple[tuple[float, ...], ...]:
+        return tuple(tuple(float(x) for x in row) for row in A)
+
+    made = gears(model)
+    return MotorConstants(
+        i_g=model.i_g,
+        i_e=model.i_e,
+        eta=rows(model.eta),
+        eta_inverse=rows(np.linalg.inv(model.eta)),
+        rotor_inertia=tuple(float(motor.inertia) for motor in model.motors),
+        gear_damping=tuple(0.0 if gear.rigid else float(ratio**2 * gear.damping) for gear, ratio in made),
+        damping_factor=tuple(0.0 if gear.rigid else float(ratio**2) for gear, ratio in made),
+        gears=tuple(model.coordinates[i].name for i in model.i_g),
+        gear_is_rigid=tuple(gear.rigid for gear, _ in made),
+        gear_is_linear=tuple(isinstance(gear.spring, LinearSpring) for gear, _ in made),
+        pose=model.output.type == "tool_pose",
+    )

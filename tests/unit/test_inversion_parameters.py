@@ -1,0 +1,168 @@
+"""Run-time parameters in invert, bvp and stream: the results of a library in which the same values are constants."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from pathlib import Path as FilePath
+
+import numpy as np
+import pytest
+from inversion_cases import MODEL, PERIOD, given, samples
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.cli.main import main
+from flexgen.errors import ArgumentError
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.sampling import samples as path_samples
+from flexgen.paths.path import Path
+from flexgen.runtime.library import Library
+
+pytestmark = needs_compiler
+
+CHANGES = {
+    "payload": {"mass": 6.0, "com": [0.05, -0.02, 0.0]},
+    "element.arm1.dof.q1.gear.spring.stiffness": 3.2e5,
+    "element.arm2.dof.q2.gear.damping": 350.0,
+    "element.arm3.dof.q3.damping": 120.0,
+}
+ROUNDING = 1e-9  # of the largest value: the operations are in another order, and Newton's method stops at 1e-6
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> FilePath:
+    return tmp_path_factory.mktemp("parameters")
+
+
+@pytest.fixture(scope="module")
+def flexible(folder: FilePath) -> Library:
+    flexgen.generate(MODEL, directory=folder / "flexible", parameters=["payload", "stiffness", "damping"])
+    return flexgen.load(folder / "flexible")
+
+
+@pytest.fixture(scope="module")
+def baked(folder: FilePath) -> Library:
+    flexgen.generate(flexgen.read(MODEL, overrides=CHANGES), directory=folder / "baked")
+    return flexgen.load(folder / "baked")
+
+
+@pytest.fixture(scope="module")
+def values(flexible: Library) -> np.ndarray:
+    model = flexgen.read(MODEL, overrides=CHANGES)
+    derived = flexgen.derive(model, parameters=["payload", "stiffness", "damping"])
+    found = {p.name: p.value for p in derived.parameters}
+    return np.array([found[name] for name in flexible.parameter_names])
+
+
+def stream_torques(library: Library, **options) -> np.ndarray:
+    path, each = samples(), 5
+    stream = library.stream(
+        path["y"][0], path["q_start"], period=each * PERIOD, intervals=20, samples_per_interval=each, **options
+    )
+    last = len(path["y"]) - 1
+    found = []
+    for k in range(each, last + 20 * each, each):
+        at, moves = min(k, last), float(k <= last)
+        found.append(stream.update(path["y"][at], moves * path["dy"][at], moves * path["ddy"][at]).tau_m)
+    return np.concatenate(found)
+
+
+@pytest.mark.slow
+def test_six_axes(tmp_path):
+    """The payload of manutec_r3_24 as a run-time parameter and as a constant."""
+    model = flexgen.read("manutec_r3_24", overrides={"payload.mass": 12.0})
+    flexgen.generate("manutec_r3_24", directory=tmp_path / "flexible", parameters=["payload"])
+    flexgen.generate(model, directory=tmp_path / "baked")
+    flexible, baked = (flexgen.load(tmp_path / name) for name in ("flexible", "baked"))
+    values = np.array(flexible.parameters)
+    values[flexible.parameter_names.index("payload.mass")] = 12.0
+    equations = flexgen.derive("manutec_r3_24")
+    path = Path(equations, equations.model.move())
+    y = path_samples(Reduction(equations), path, PERIOD, 1001)
+    more = {"period": PERIOD, "q_start": path.q_start, "n_pre": 150, "n_post": 300, "samples_per_interval": 10}
+    want, other = baked.invert(*y, **more), flexible.invert(*y, **more)
+    found = flexible.invert(*y, **more, parameters=values)
+    size = np.abs(want.tau_m).max()
+    assert np.abs(found.tau_m - want.tau_m).max() < 1e-8 * size < 1e-3 * size < np.abs(other.tau_m - want.tau_m).max()
+
+
+@pytest.mark.parametrize("solver", ["invert", "bvp"])
+def test_whole_paths(flexible, baked, values, solver):
+    expected = getattr(baked, solver)(**given())
+    found = getattr(flexible, solver)(**given(), parameters=values)
+    for name in ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m"):
+        want = getattr(expected, name)
+        assert np.abs(getattr(found, name) - want).max() < ROUNDING * np.abs(want).max(), name
+    other = getattr(flexible, solver)(**given())
+    assert np.abs(other.tau_m - expected.tau_m).max() > 1e-2 * np.abs(expected.tau_m).max()
+
+
+def test_without_values_the_model_file_holds(flexible):
+    again = flexible.invert(**given(), parameters=flexible.parameters)
+    assert np.array_equal(flexible.invert(**given()).tau_m, again.tau_m)
+
+
+def test_streams(flexible, baked, values):
+    expected = stream_torques(baked)
+    found = stream_torques(flexible, parameters=values)
+    assert np.abs(found - expected).max() < ROUNDING * np.abs(expected).max()
+    assert np.abs(stream_torques(flexible) - expected).max() > 1e-2 * np.abs(expected).max()
+
+
+def test_parameters_of_a_stream_change_at_rest(flexible, baked, values):
+    """After a payload is gripped the stream has the torques of a stream that started with it."""
+    path, each = samples(), 5
+
+    def stream_at_rest(library: Library, **options):
+        return library.stream(
+            path["y"][0], path["q_start"], period=each * PERIOD, intervals=20, samples_per_interval=each, **options
+        )
+
+    def updates(stream, count: int) -> np.ndarray:
+        zero = np.zeros_like(path["dy"][0])
+        return np.concatenate([stream.update(path["y"][0], zero, zero).tau_m for _ in range(count)])
+
+    stream, with_payload = stream_at_rest(flexible), stream_at_rest(flexible, parameters=values)
+    before = updates(stream, 5)
+    for twin in (copy.copy(stream), pickle.loads(pickle.dumps(stream))):
+        twin.set_parameters(values)
+        after = updates(twin, 150)[-1]
+        held = updates(with_payload, 1)[-1]
+        assert np.abs(after - held).max() < 1e-5 * np.abs(held).max() < np.abs(held - before[-1]).max()
+    assert np.abs(updates(stream, 1)[-1] - before[-1]).max() < 1e-9
+
+
+def test_what_is_no_set_of_parameters_is_refused(flexible, baked, values):
+    for bad, words in ((values[:-1], "parameters: given shape"), (["a"] * len(values), "parameters: given")):
+        with pytest.raises(ArgumentError, match=words):
+            flexible.invert(**given(), parameters=bad)
+    with pytest.raises(ArgumentError, match="not finite"):
+        flexible.invert(**given(), parameters=values * np.nan)
+    with pytest.raises(ArgumentError, match="given to a library without run-time parameters"):
+        baked.invert(**given(), parameters=values)
+    path = samples()
+    with pytest.raises(ArgumentError, match="not finite"):
+        flexible.stream(path["y"][0], path["q_start"], period=5e-3, intervals=20, parameters=values + np.inf)
+
+
+def test_a_stream_of_a_closed_library_is_closed(folder, flexible):
+    library = flexgen.load(folder / "flexible")
+    path = samples()
+    stream = library.stream(path["y"][0], path["q_start"], period=5e-3, intervals=20)
+    library.close()
+    zero = np.zeros_like(path["dy"][0])
+    for call in (
+        lambda: stream.update(path["y"][0], zero, zero),
+        stream.limit,
+        lambda: stream.set_parameters(library.parameters),
+    ):
+        with pytest.raises(ArgumentError, match="library that was closed"):
+            call()
+
+
+def test_generate_names_what_is_missing(tmp_path, capfd):
+    assert main(["generate", "elbow", "--single", "--no-build", "--directory", str(tmp_path / "elbow")]) == 0
+    assert "invert, bvp and stream, because they are in double precision only" in " ".join(
+        capfd.readouterr().out.split()
+    )
