@@ -190,6 +190,15 @@ def begin(trajectory: Trajectory, end: float) -> float:
     return float(max(t[0], min(first, 0.0) - 0.06 * end))
 
 
+def finish(trajectory: Trajectory, end: float) -> float:
+    """End of plots over time [s]: shortly after the last visible change of torque, and after the path."""
+    t, tau = trajectory.time, trajectory["tau_m"]
+    away = np.abs(tau - tau[-1]) > 1e-3 * np.maximum(np.ptp(tau, axis=0), 1e-12)
+    changing = np.flatnonzero(away.any(axis=1))
+    last = t[changing[-1]] if len(changing) else end
+    return float(min(t[-1], max(last, end) + 0.1 * end))
+
+
 def time_axis(ax: Any, first: float, end: float, last: float, label: bool = True) -> None:
     """Set the limits of a time axis; mark start and end of the path, shade the time outside."""
     ax.set_xlim(first, last)

@@ -35,6 +35,7 @@ __all__ = [
     "torques",
 ]
 
+VISIBLE = 1e-3  # of the range of the torque: changes before the path that a panel on a linear axis shows
 EARLY = 1e-7  # of the range of the torque; smaller changes before the path are not drawn
 ROUNDING = 1e-12  # rad or m; smaller deflections are drawn as zero
 LEGEND = 2.9, 0.19  # inches: width, and height of an entry
@@ -389,6 +390,25 @@ def plot_solution(solution: Solution) -> Figure:
     return overview(derive(solution.model), solution.trajectory, solution.simulation, end=solution.move.duration)
 
 
+def _visible_early_torque(trajectory: Trajectory) -> bool:
+    """Whether the torque before the path is worth a panel of its own."""
+    away, span = cv.hold(trajectory)
+    return bool((away[trajectory.time <= 0] > VISIBLE * np.maximum(span, 1e-12)).any())
+
+
+def _before_the_path(ax: Any, equations: Equations, trajectory: Trajectory) -> None:
+    """Change of the motor torques from the equilibrium until the path starts."""
+    t, tau = trajectory.time, trajectory["tau_m"]
+    before = t <= 0
+    change = tau[before] - tau[0]
+    size = np.abs(change).max()
+    first = float(t[int(np.argmax((np.abs(change) > 1e-2 * size).any(axis=1)))])
+    for j in range(equations.model.n_m):
+        ax.plot(1e3 * t[before], change[:, j], color=cv.COLORS[j % 7], ls=cv.DASHES[j // 7 % 3])
+    ax.set_xlim(1.1e3 * first, 0.0)
+    ax.set(xlabel="time, ms", ylabel="change, N m", title="torques before the path starts at t = 0")
+
+
 @cv.styled
 def overview(
     equations: Equations, trajectory: Trajectory, simulation: Simulation | None = None, *, end: float | None = None
@@ -408,16 +428,21 @@ def overview(
         left.legend(handles=handles(model, drawn), loc="outside lower center", ncols=2)
     else:
         _outputs(left, equations, trajectory, simulation, window[1])
-    axes = right.subplots(2 if verified else 1, 1, squeeze=False)[:, 0]
+    first, stop, _ = window
+    window = first, stop, cv.finish(trajectory, stop)
+    early = _visible_early_torque(trajectory)
+    axes = right.subplots(1 + early + verified, 1, squeeze=False)[:, 0]
     t, tau = trajectory.time, trajectory["tau_m"]
     for j, motor in enumerate(model.motors):
         axes[0].plot(t, tau[:, j], color=cv.COLORS[j % 7], ls=cv.DASHES[j // 7 % 3], label=motor.name)
     axes[0].set(ylabel="torque, N m", title="motor torques, motor side")
     axes[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    if early:
+        _before_the_path(axes[1], equations, trajectory)
     if verified:
         values, unit, names, label = _error_parts(equations, simulation)[0]
-        _error_axis(axes[1], t, values, unit, names, label)
-        axes[1].set_title("simulated error from the reference")
-    for ax in axes:
+        _error_axis(axes[-1], t, values, unit, names, label)
+        axes[-1].set_title("simulated error from the reference")
+    for ax in axes[[0, -1]] if verified else axes[:1]:
         cv.time_axis(ax, *window, label=ax is axes[-1])
     return figure

@@ -391,14 +391,21 @@ def test_tables_of_tool_errors_name_what_they_measure(tmp_path):
     assert "is not part of this error" in text and "is part of this error" in text and "4.2 mm" in text
 
 
+def test_early_torque_has_a_panel_where_it_is_visible():
+    equations, solution = solved("planar5_nmp", "line")  # 3e-6 of the range of the torque
+    overview = figures_of.overview(equations, solution.trajectory, solution.simulation, end=0.5)
+    assert "torques before the path starts" not in canvas.svg(overview)
+
+
 def test_the_picture_of_the_readme_is_the_overview_of_today():
-    """Write it again with ``flexgen.solve("planar5_nmp").plot()`` and `flexgen.plots.canvas.save` after a change."""
+    """After a change: ``canvas.save(flexgen.solve("planar5_nmp@soft", "line").plot(), path)`` writes it again."""
 
     def words(text):
         found = re.findall(r"<!-- (.*?) -->", text)
         return [word for word in found if re.search("[a-z]{2}", word) and not word.startswith("largest ")]
 
-    equations, solution = solved("planar5_nmp", "line")
+    equations, solution = solved("planar5_nmp@soft", "line")
     now = canvas.svg(figures_of.overview(equations, solution.trajectory, solution.simulation, end=0.5))
-    stored = (ROOT / "models" / "pictures" / "planar5_nmp.svg").read_text(encoding="utf-8")
+    assert "torques before the path starts" in now
+    stored = (ROOT / "models" / "pictures" / "planar5_nmp_soft.svg").read_text(encoding="utf-8")
     assert words(now) == [word for word in words(stored) if word != "flexgen"] and len(words(now)) > 8
