@@ -9,8 +9,7 @@ x: motor torques, motor speeds and deflections. The Jacobian dx/dc is found by d
 paths; splines whose responses do not overlap share one inversion. Friction is not linear: it is added to the other
 torques at the speeds after the step. The modified path is inverted again, and the next program starts from that motion.
 
-Source: B. Stellato et al., Mathematical Programming Computation 12, 2020 (OSQP); J. Nocedal, S. Wright, Numerical
-Optimization, 2006, ch. 18 (sequential quadratic programming).
+Source: J. Nocedal, S. Wright, Numerical Optimization, 2006, ch. 18 (sequential quadratic programming).
 """
 
 from __future__ import annotations
@@ -18,10 +17,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import osqp
 import scipy.sparse as sp
 
-from flexgen.deadline import check_time, time_left
+from flexgen.deadline import check_time
 from flexgen.errors import SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.method_result import MethodResult
@@ -33,6 +31,7 @@ from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import reach
 from flexgen.numerics.evaluate import evaluate
+from flexgen.numerics.quadratic_program import solve_program
 from flexgen.runtime.library import Library
 from flexgen.runtime.path_inversion import Inversion
 
@@ -46,10 +45,8 @@ MARGIN = 2e-4  # of a bound: distance that the programs keep from it
 DECAYING = 5.0  # time constants of the zero dynamics until a response is negligible
 PUSH = 1.0  # m/s^2, rad/s^2: acceleration of the deviations whose responses are computed
 SMOOTH = 100.0  # rho, relative: cost of curvature of the shortest wave that the knots resolve
-CLOSE = 1e-5  # tolerance of OSQP
 PER_SPLINE = 3  # rows in the program between two knots, and peaks
 PRICE = 1e5  # cost of exceeding all bounds by 100 %; a deviation of 1 mm costs one
-PROGRAM_STEPS = 10_000
 NEAR = 0.7  # of a bound: rows with smaller values are not in the program at first
 SETTLED = 1e-2  # of the deviation: a program that changes it by less has converged
 POOR = 0.3  # of a violation: where more is left after a step the Jacobian is computed again
@@ -194,6 +191,12 @@ def enforce_limits(
     )
 
 
+def check_limits_at_rest(problem: InversionProblem) -> None:
+    """SolverError where the limits do not let the arm rest at an end of the path; nothing where there are no limits."""
+    if problem.limits is not None:
+        _Bounds(problem.equations, problem.limits).check_equilibrium(problem)
+
+
 def _horizon(
     problem: InversionProblem, unlimited: Inversion, library: Library, samples_per_interval: int, tolerance: float
 ) -> _Horizon:
@@ -312,6 +315,7 @@ def _step(
     n_m, b = bounds.n_m, followed.shape[1]
     rows = np.arange(followed.size).reshape(followed.shape)
     after, best, least = followed, np.zeros_like(c), np.inf
+    active = np.zeros((2, followed.size), dtype=bool)
     for _ in range(CHORDS):
         friction = np.zeros(followed.shape)
         friction[:, :n_m] = bounds.chords(followed, after)
@@ -319,7 +323,7 @@ def _step(
         speeds[:, :n_m] = rows[:, n_m : 2 * n_m]
         A = jacobian + sp.diags(friction.ravel()) @ jacobian[speeds.ravel()]
         A = sp.diags(np.tile(1.0 / bounds.size, len(followed))) @ A
-        step = _program(problem, horizon, c, bounds.values(followed), A.tocsr())
+        step = _program(problem, horizon, c, bounds.values(followed), A.tocsr(), active)
         after = followed + (jacobian @ step.ravel()).reshape(-1, b)
         over = float(np.abs(bounds.values(after)).max()) - 1.0
         if over < least:
@@ -330,9 +334,17 @@ def _step(
 
 
 def _program(
-    problem: InversionProblem, horizon: _Horizon, c: np.ndarray, values: np.ndarray, jacobian: sp.csr_matrix
+    problem: InversionProblem,
+    horizon: _Horizon,
+    c: np.ndarray,
+    values: np.ndarray,
+    jacobian: sp.csr_matrix,
+    active: np.ndarray,
 ) -> np.ndarray:
-    """The step (count, n_y) of the quadratic program for values with this Jacobian."""
+    """The step (count, n_y) of the quadratic program for values with this Jacobian.
+
+    ``active`` (2, n bounds): upper and lower bounds that are in the program; those that a step exceeds are added.
+    """
     deviations, (count, n_y) = horizon.deviations, c.shape
     unit = 1e-3 * min(1.0, reach(problem.equations))
     values_of, wave = deviations.basis[0], (deviations.spacing / np.pi) ** 4 * deviations.basis[4]
@@ -343,59 +355,37 @@ def _program(
     gradient = H @ (c.ravel() / unit)
     grid = np.zeros(values.shape, dtype=bool)
     grid[:: max(1, int(deviations.spacing / horizon.period / PER_SPLINE))] = True
-    active = (np.abs(x) > NEAR) & (grid | _peaks(values)).ravel()
-    while True:  # most bounds are never active: those that a step violates are added
-        step, over = _solved(H, gradient, A[active], x[active])
-        at = x + A @ step
-        broken = (np.abs(at) > 1.0 + over) & _peaks(at.reshape(values.shape)).ravel() & ~active
+    first = (grid | _peaks(values)).ravel()
+    active |= np.stack([(x > NEAR) & first, (x < -NEAR) & first])
+    while True:
+        upper, lower = active
+        rows, at = sp.vstack([A[upper], -A[lower]], format="csr"), np.concatenate([x[upper], -x[lower]])
+        step, over = _solved(H, gradient, rows, at)
+        after = x + A @ step
+        peaks = _peaks(after.reshape(values.shape)).ravel()
+        broken = np.stack([after > 1.0 + over, after < -1.0 - over]) & peaks & ~active
         if not broken.any():
             return step.reshape(count, n_y) * unit
         active |= broken
 
 
 def _solved(H: sp.csc_matrix, gradient: np.ndarray, A: sp.csr_matrix, x: np.ndarray) -> tuple[np.ndarray, float]:
-    """Step d of ``min d H d / 2 + gradient d`` with ``|x + A d| <= 1``; or ``1 + s`` with the least s, and that s."""
-    room = 1.0 - MARGIN
-    try:
-        return _osqp(H, gradient, A.tocsc(), -room - x, room - x), 0.0
-    except SolverError:  # no step keeps all: one more unknown, the largest violation, is minimized too
-        extra = sp.csr_matrix(np.ones((len(x), 1)))
-        rows = sp.bmat([[A, extra], [A, -extra], [None, sp.csr_matrix([[1.0]])]], format="csc")
-        free = np.full(len(x), np.inf)
-        found = _osqp(
-            sp.block_diag([H, sp.csc_matrix([[PRICE]])], format="csc"),
-            np.r_[gradient, PRICE],
-            rows,
-            np.r_[-room - x, -free, 0.0],
-            np.r_[free, room - x, np.inf],
-        )
-        return found[:-1], max(float(found[-1]), 0.0)
-
-
-def _osqp(H: sp.csc_matrix, gradient: np.ndarray, A: sp.csc_matrix, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """``min x H x / 2 + gradient x`` with ``low <= A x <= high``; SolverError where OSQP finds none."""
-    solver = osqp.OSQP()
-    solver.setup(
-        sp.triu(H, format="csc"),
-        gradient,
-        A,
-        low,
-        high,
-        verbose=False,
-        eps_abs=CLOSE,
-        eps_rel=CLOSE,
-        max_iter=PROGRAM_STEPS,
-        polishing=True,
-        check_dualgap=False,
-        time_limit=time_left(),
-    )
-    result = solver.solve(raise_error=False)
+    """Step d of ``min d H d / 2 + gradient d`` with ``x + A d <= 1``; or ``1 + s`` with the least s, and that s."""
     check_time("limits, quadratic program")
-    if result.info.status not in ("solved", "solved inaccurate") or not np.isfinite(result.x).all():
-        raise SolverError(
-            f"limits: OSQP ended with {result.info.status!r}; give the move more time or loosen the limits"
-        )
-    return result.x
+    room = 1.0 - MARGIN - x
+    found = solve_program(H, gradient, A, room)
+    if found is not None:
+        return found, 0.0
+    # No step keeps all: one more unknown, the largest violation, is minimized too.
+    one = sp.csr_matrix(np.ones((1, 1)))
+    found = solve_program(
+        sp.block_diag([H, PRICE * one], format="csc"),
+        np.r_[gradient, PRICE],
+        sp.bmat([[A, -sp.csr_matrix(np.ones((len(x), 1)))], [None, -one]], format="csr"),
+        np.r_[room, 0.0],
+    )
+    assert found is not None  # a violation that is large enough keeps all rows
+    return found[:-1], max(float(found[-1]), 0.0)
 
 
 def _peaks(values: np.ndarray) -> np.ndarray:

@@ -77,6 +77,9 @@ class Solution:
     plan_error_max : float or None [m or rad]
         Where limits keep the motion off its path: how far the simulated output is from the planned one, the larger of
         distance and angle.
+    path_distance_max_m : float or None [m]
+        Where limits keep the motion off its path: largest distance of the simulated tool from the path, whatever the
+        time. ``tool_error_max_m`` is the distance from the point of the path at the same time.
     intervals : int
         Of the solver's mesh; 0 for a method without mesh.
     details : mapping
@@ -105,6 +108,7 @@ class Solution:
     simulation: Simulation | None
     warnings: tuple[str, ...] = ()
     plan_error_max: float | None = None
+    path_distance_max_m: float | None = None
     intervals: int = 0
     details: Mapping[str, Any] = field(default_factory=dict)
     torque_command: TorqueCommand | None = None
@@ -139,7 +143,10 @@ class Solution:
         held = [measured(x, unit) for x, unit in zip(self._held_errors(), ("m", "rad"), strict=True) if x is not None]
         more = f", with {self.torque_command.title()} {' and '.join(held)}" if self.torque_command and held else ""
         if self.status == Status.LIMITS_ACTIVE:
-            return f"{what} up to {' and '.join(texts)} away from the path because limits are active{more}"
+            where = f"{' and '.join(texts)} from the reference at the same time"
+            if self.path_distance_max_m is not None:
+                where = f"{measured(self.path_distance_max_m, 'm')} from the path ({where})"
+            return f"{what} up to {where} because limits are active{more}"
         return f"{what} error in simulation up to {' and '.join(texts)}{more}"
 
     def _held_errors(self) -> tuple[float | None, float | None]:
@@ -209,7 +216,7 @@ class Solution:
         what = "output" if combined else "tool"
         measured = f"simulated {what} error, largest"
         if self.status == Status.LIMITS_ACTIVE:
-            measured = f"deviation of the {what} from the path (limits active), largest"
+            measured = f"distance of the {what} from the reference at the same time (limits active), largest"
         command, held_errors = self.torque_command, self._held_errors()
         held = f"simulated {what} error with the hold of the controller, largest"
         if command is not None:
@@ -231,6 +238,12 @@ class Solution:
             Figure("relative residual", self.residual_relative, "relative", "residual_relative"),
             Figure(measured, self.tool_error_max_m, "m", "tool_error_max_m"),
             Figure(measured, self.tool_error_max_rad, "rad", "tool_error_max_rad"),
+            Figure(
+                f"distance of the {what} from the path (limits active), largest",
+                self.path_distance_max_m,
+                "m",
+                "path_distance_max_m",
+            ),
             Figure(held, held_errors[0], "m", "held_error_max_m"),
             Figure(held, held_errors[1], "rad", "held_error_max_rad"),
             Figure(

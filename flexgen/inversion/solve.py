@@ -17,6 +17,7 @@ from flexgen.deadline import check_time, running
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.hold import Hold, with_hold
+from flexgen.inversion.limits import check_limits_at_rest
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, METHODS, NAMES, Method
 from flexgen.inversion.problem import INTERVALS, InversionProblem
@@ -243,9 +244,13 @@ def _further_methods(problem: InversionProblem, method: Method) -> tuple[Method,
 
 
 def _raise_path_error(problem: InversionProblem) -> None:
-    """SolverError where the arm has no equilibrium along the path: no finer mesh and no further method helps then."""
+    """SolverError where no finer mesh and no further method helps.
+
+    Then the arm has no equilibrium along the path, or the limits do not let it rest at an end of the path.
+    """
     for checked in ("windows", "equilibrium"):  # computed on the first use
         getattr(problem, checked)
+    check_limits_at_rest(problem)
 
 
 def _is_unreachable(problem: InversionProblem, failures: list[tuple[str, SolverError]]) -> bool:
@@ -322,7 +327,12 @@ def _refined(
             continue
         checked = verify_by_simulation(problem, solution)
         simulation, plan, worst = checked.simulation, checked.plan_error, checked.worst
-        solution = replace(solution, simulation=simulation, plan_error_max=None if plan is None else max(plan))
+        solution = replace(
+            solution,
+            simulation=simulation,
+            plan_error_max=None if plan is None else max(plan),
+            path_distance_max_m=checked.path_distance_m,
+        )
         reached.keep(solution, worst)
         if solution.status == Status.BASELINE:
             return solution

@@ -13,6 +13,7 @@ from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import reach
 from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.path_distance import distance_from_path
 from flexgen.simulation.hold import TorqueCommand
 from flexgen.simulation.simulate import Simulation, output_units, simulate, turn_angle
 
@@ -26,12 +27,15 @@ class Verification:
     simulation : Simulation
     plan_error : (float, float) or None [m], [rad]
         Where limits are active: how far the simulated output is from the planned one.
+    path_distance_m : float or None [m]
+        Where limits are active: largest distance of the simulated tool from the path, whatever the time.
     worst : float [rad, and m for each meter of reach, at most m]
         Largest error, from the planned output where limits are active.
     """
 
     simulation: Simulation
     plan_error: tuple[float, float] | None
+    path_distance_m: float | None
     worst: float
 
 
@@ -48,10 +52,13 @@ def verify_by_simulation(
         command=command,
         progress=problem.progress,
     )
-    plan = plan_error(problem.equations, solution, simulation) if solution.status == Status.LIMITS_ACTIVE else None
+    plan, distance = None, None
+    if solution.status == Status.LIMITS_ACTIVE:
+        plan = plan_error(problem.equations, solution, simulation)
+        distance = path_distance(problem.equations, solution, simulation)
     size = min(1.0, reach(problem.equations))
     in_m, in_rad = plan or (simulation.tool_error_max_m or 0.0, simulation.tool_error_max_rad or 0.0)
-    return Verification(simulation, plan, max(in_m / size, in_rad, simulation.window_gap))
+    return Verification(simulation, plan, distance, max(in_m / size, in_rad, simulation.window_gap))
 
 
 def plan_error(equations: Equations, solution: Solution, simulation: Simulation) -> tuple[float, float]:
@@ -64,3 +71,12 @@ def plan_error(equations: Equations, solution: Solution, simulation: Simulation)
         R, S = (evaluate(equations.function("forward_kinematics"), t["q_a"])[1] for t in both)
         in_rad = float(turn_angle(S, R).max())
     return in_m, in_rad
+
+
+def path_distance(equations: Equations, solution: Solution, simulation: Simulation) -> float | None:
+    """Largest distance [m] of the simulated tool from the path, whatever the time; None for other outputs."""
+    if equations.model.output.type == "combination":
+        return None
+    y = evaluate(equations.function("output"), simulation.trajectory["q_a"])[0]
+    path = solution.trajectory["y_ref"]
+    return float(distance_from_path(y.reshape(-1, path.shape[1]), path).max())

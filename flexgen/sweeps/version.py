@@ -14,7 +14,7 @@ import flexgen
 from flexgen.build.compiler import find_compiler
 from flexgen.errors import BuildError
 
-NUMERICAL = ("casadi", "numpy", "osqp", "scipy")  # their versions affect the last bits
+NUMERICAL = ("casadi", "numpy", "scipy")  # their versions affect the last bits
 X86 = platform.machine().lower() in ("x86_64", "amd64")
 SOURCES = (".py", ".c", ".h")  # of Python code and of C libraries
 

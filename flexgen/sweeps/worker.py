@@ -35,7 +35,7 @@ def run_shard(shard: Shard) -> Rows:
     if shard.code != own:
         raise WrongCode(
             f"sweep: given a worker with flexgen {own}, expected {shard.code}; all computers need the same flexgen, "
-            "casadi, numpy, osqp, scipy and C compiler (or none)"
+            "casadi, numpy, scipy and C compiler (or none)"
         )
     with _ALONE, reporting(False, "sweep"):  # a worker shows nothing
         done = Batches(shard, _equations).rows() if shard.options.get("batch") else {}

@@ -321,7 +321,7 @@ def test_active_limits_are_not_a_missed_tolerance():
     limited = replace(solution, status=Status.LIMITS_ACTIVE, simulation=simulation, plan_error_max=2e-9)
     text = " ".join(figures(solution_rows(limited)).split())
     assert "status limits active" in text
-    assert "deviation of the tool from the path (limits active), largest 12.5 mm" in text
+    assert "distance of the tool from the reference at the same time (limits active), largest 12.5 mm" in text
     assert "simulated error from the modified path, largest 2e-09 m or rad" in text
     strays = SimpleNamespace(
         status=Status.TOLERANCE_NOT_MET,

@@ -60,6 +60,25 @@ def test_the_modified_path_is_verified() -> None:
     assert solution.tool_error_max_m == pytest.approx(solution.details["deviation_max_m"], rel=1e-2)
 
 
+@pytest.mark.slow
+@needs_compiler
+def test_all_limits_of_a_six_axis_robot_are_kept_and_verified() -> None:
+    """A tenth of each motor torque and 3 % of each motor speed and deflection less than the path needs."""
+    free = flexgen.solve("manutec_r3_24", "line", verify=False, ignore_limits=True)
+    tau, v, q = (free.trajectory[name] for name in ("tau_m", "v_m", "q_a"))
+    elastic = np.abs(q[:, list(free.model.i_e)])
+    sag = 1.01 * np.maximum(elastic[0], elastic[-1])  # the arm has to rest at both ends
+    bounds = (0.9 * np.abs(tau).max(0), 0.97 * np.abs(v).max(0), np.maximum(0.97 * elastic.max(0), sag))
+    torque, speed, deflection = (tuple(map(float, x)) for x in bounds)
+    solution = flexgen.solve("manutec_r3_24", "line", limits=flexgen.Limits(torque, speed, deflection), time_limit=600)
+    assert solution.status == Status.LIMITS_ACTIVE and not solution.warnings
+    tau, v, q = (solution.trajectory[name] for name in ("tau_m", "v_m", "q_a"))
+    for values, bound in ((tau, torque), (v, speed), (q[:, list(free.model.i_e)], deflection)):
+        assert (np.abs(values).max(0) <= np.array(bound) * (1 + KEPT)).all()
+    assert solution.plan_error_max is not None and solution.plan_error_max < 1e-6
+    assert 1e-3 < solution.path_distance_max_m < solution.tool_error_max_m < 2e-2
+
+
 @needs_compiler
 def test_wide_limits_change_nothing() -> None:
     free = flexgen.solve("planar5_nmp", method="lq", mesh=0.01, verify=False)  # the mesh of the method with limits
@@ -75,6 +94,8 @@ def test_limits_that_cannot_be_kept_are_told() -> None:
         bounded("lq", torque=5.0)
     with pytest.raises(SolverError, match="no path deviation keeps them"):
         bounded("lq", speed=(1000.0, 20.0))
+    with pytest.raises(SolverError, match=r"^limits: motor m1 needs 8\.57 N m.*choose another path$"):
+        flexgen.solve("planar5_nmp", limits=flexgen.Limits(torque=(5.0, 30.0)))  # no finer mesh is tried
 
 
 @needs_compiler

@@ -48,7 +48,7 @@ def test_a_printed_solution_has_five_lines(solution):
 def test_the_printed_error_says_what_it_is(solution):
     assert "not measured" in str(replace(solution, simulation=None)).splitlines()[1]
     limited = str(replace(solution, status=Status.LIMITS_ACTIVE)).splitlines()
-    assert "away from the path because limits are active" in limited[1]
+    assert "from the reference at the same time because limits are active" in limited[1]
     warned = str(replace(solution, warnings=("one\nand more", "two", "three"))).splitlines()
     assert len(warned) == 5 and warned[4] == "  warnings: one and more (and 2 more in .warnings)"
 

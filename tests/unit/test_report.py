@@ -154,7 +154,10 @@ def test_report_of_a_limited_solution_with_warnings_and_library(tmp_path):
         write_report(equations, limited, tmp_path, generated=library, limits=Limits(torque=(26.0, np.inf)))
     )
     assert "limits active" in text and "The limits are active: the robot deviates from the path" in text
-    assert "deviation of the tool from the path (limits active)" in text and "simulated tool error" not in text
+    assert (
+        "distance of the tool from the reference at the same time (limits active)" in text
+        and "simulated tool error" not in text
+    )
     assert "modified path" not in text  # which was not measured
     assert "motor m1: <b>torque</b> & more" in text and "b" not in page.tags
     assert re.search(r"24\.48 / 26 ", text) and re.search(r"6\.\d+ / \N{EN DASH}", text)

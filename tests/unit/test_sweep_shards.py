@@ -182,7 +182,7 @@ def test_the_code_is_sources_packages_and_compiler(tmp_path, monkeypatch) -> Non
         (package / name).write_text("2", encoding="utf-8")
         found.append(code_version.__wrapped__())
     with monkeypatch.context() as patch:
-        patch.setattr(versions, "_installed", lambda package: "0" if package == "osqp" else _installed(package))
+        patch.setattr(versions, "_installed", lambda package: "0" if package == "scipy" else _installed(package))
         found.append(code_version.__wrapped__())
 
     def unusable(**_: object) -> None:
