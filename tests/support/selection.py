@@ -54,6 +54,7 @@ SLOW_CASES = {
     "laws/test_solve.py": {"manutec_r3-joints", "beam_arm-joints"},
     "unit/test_report.py": {"beam_arm-line", "manutec_r3-line"},
     "unit/test_solve_stages.py": {"1.0", "0.01"},
+    "unit/test_time_limit.py": {"bdf", "kunkel-mehrmann", "reduced"},
 }
 OTHER_MODELS = {path.stem for path in (ROOT / "models").glob("*.toml")} - QUICK_MODELS
 
