@@ -22,7 +22,7 @@ MODELS = Path(__file__).parents[2] / "models"
 # name: motors, actuated, non-actuated, degrees of freedom, variants
 COUNTS = {
     "planar5_mp": (2, 2, 1, 5, ("undamped",)),
-    "planar5_nmp": (2, 2, 1, 5, ("undamped",)),
+    "planar5_nmp": (2, 2, 1, 5, ("undamped", "soft")),
     "planar5_soft": (2, 2, 1, 5, ("undamped", "light")),
     "elbow": (2, 2, 0, 4, ("fjm", "rigid", "payload")),
     "four_mass": (1, 1, 2, 4, ("high", "low", "piecewise")),
