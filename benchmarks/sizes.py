@@ -22,6 +22,7 @@ from typing import Any
 
 from flexgen.build.compiler import REPRODUCIBLE
 from flexgen.build.generate import generate
+from flexgen.mechanics.signatures import INVERSION
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "tests" / "support"))
@@ -103,7 +104,7 @@ INTRODUCTION = """\
 Written by `python benchmarks/sizes.py`. Code: the whole file of a function, that is the entries for one point and for
 many with the mathematics of both. Stack and instructions: of the entry for one point, its callees included;
 instructions are counted by an emulator over one call. All at the reproducible flags. A dash: no compiler or emulator
-was available.
+was available. The last table is about streams in single precision on the same emulated Cortex-M7.
 """
 
 # --- code, stack, instructions ----------------------------------------------------------------------------------------
@@ -119,8 +120,18 @@ def costs(folder: Path, target: Target) -> dict[str, tuple[str, str, str]]:
             continue
         with tempfile.TemporaryDirectory() as work:
             symbol = f"{manifest['name']}_{f['name']}"
-            source = folder / f"{symbol}.c"
-            run(*target.compiler, *REPRODUCIBLE, "-fstack-usage", "-c", source, "-o", "f.o", folder=Path(work))
+            source = folder / "src" / f"{symbol}.c"
+            run(
+                *target.compiler,
+                *REPRODUCIBLE,
+                "-fstack-usage",
+                f"-I{folder}",
+                "-c",
+                source,
+                "-o",
+                "f.o",
+                folder=Path(work),
+            )
             sections = run("size", "f.o", folder=Path(work)).splitlines()[1].split()
             stack = stack_of_point(Path(work) / "f.su", symbol)
             count = instructions(folder, manifest, f, target, Path(work))
@@ -152,14 +163,14 @@ def program(manifest: dict[str, Any], f: dict[str, Any]) -> str:
         values = ", ".join(f"(({name}_real){0.1 + 0.03 * i:.2f})" for i in range(entries(p)))
         given = f" = {{{values}}}" if p in f["inputs"] else ""
         lines.append(f"static {name}_real port_{p['name']}[{entries(p)}]{given};")
-    arguments = ", ".join(f"port_{p['name']}" for p in (*f["inputs"], *f["outputs"]))
+    arguments = ", ".join([*(f"port_{p['name']}" for p in (*f["inputs"], *f["outputs"])), *["work"] * f["work"]])
     lines += [
-        f"static {name}_real work[{name.upper()}_{f['name'].upper()}_WORK];",
+        f"static {name}_real work[{name.upper()}_WORK];",
         "int main(void)",
         "{",
         "    volatile int status = 0;",
         "    for (int k = 0; k < CALLS; ++k) {",
-        f"        status = {name}_{f['name']}({arguments}, work);",
+        f"        status = {name}_{f['name']}({arguments});",
         "    }",
         "    _Exit(status);",
         "}",
@@ -188,11 +199,105 @@ def _sum(texts: list[str]) -> str:
     return "-" if "-" in texts else str(sum(map(int, texts)))
 
 
+# --- streams ----------------------------------------------------------------------------------------------------------
+STREAM_TEXT = """\
+A horizon of 20 intervals of 5 ms, a move of 0.3 s and the rest after it. Code: the stream and what it calls.
+Memory: of the stream. Instructions: of one update, on average and at most.
+"""
+STREAMS = ("planar5_nmp", "manutec_r3", "tests/support/robots/ur5_elastic.toml")
+INTERVALS = 20  # of the horizon
+SAMPLES = (1, 5)  # results per update
+STREAM_PROGRAM = """\
+#include "@_inversion.h"
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+/* The system timer counts down at 25 MHz; the emulator needs a nanosecond for each instruction: 40 per count. */
+static volatile uint32_t *const timer = (volatile uint32_t *)0xE000E010u;
+
+enum { MOVE = 60 };
+
+int main(void)
+{
+    @_real y[$_NT], next[$_NT], dy[$_NY] = {0}, ddy[$_NY] = {0};
+    const @_stream_options options = {%INTERVALS, %SAMPLES, 0.005f, 1e-3f, $_HOLD_SPLINE, 0.0f};
+    @_motion motion = {NULL, NULL, NULL, NULL, NULL, NULL, NULL};
+    @_stream_info info;
+    const int64_t size = @_stream_work(&options);
+    @_real *stream = malloc((size_t)size * sizeof(@_real));
+    uint32_t sum = 0, most = 0;
+    int status = stream == NULL ? -1 : home_output(y);
+    timer[1] = 0xFFFFFFu;
+    timer[2] = 0;
+    timer[0] = 5u;
+    status = status == 0 ? @_stream_start(stream, size, &options, y, @_home_q_a) : status;
+    for (int k = 1; k <= 2 * MOVE && status >= 0; ++k) { /* a move of 0.02 m along the first output */
+        const float s = k < MOVE ? (float)k / MOVE : 1.0f, T = 0.005f * MOVE;
+        uint32_t before, count;
+        for (int i = 0; i < $_NT; ++i) {
+            next[i] = y[i];
+        }
+        next[0] += 0.02f * s * s * s * (10.0f + s * (-15.0f + 6.0f * s));
+        dy[0] = 0.02f / T * 30.0f * s * s * (1.0f + s * (-2.0f + s));
+        ddy[0] = 0.02f / (T * T) * 60.0f * s * (1.0f + s * (-3.0f + 2.0f * s));
+        before = timer[2];
+        status = @_stream_update(stream, next, dy, ddy, &motion, &info);
+        count = (before - timer[2]) & 0xFFFFFFu;
+        sum += count / (2 * MOVE);
+        most = count > most ? count : most;
+    }
+    printf("%d %lu %lu %lu\\n", status, 40ul * sum, 40ul * most, (unsigned long)size * sizeof(@_real));
+    _Exit(0);
+}
+"""
+
+
+def streams(base: Path) -> str:
+    """Instructions of an update of a stream on a Cortex-M7, on average and at most over a move."""
+    target = TARGETS[-1]
+    head = ["stream", "intervals", "samples per update", "code kB", "memory kB", "instructions, mean", "at most"]
+    rows = []
+    for model in STREAMS:
+        name = Path(model).stem
+        folder = generate(model, base / "stream" / name, precision="single", build=False).directory
+        for samples in SAMPLES:
+            figures = ["-"] * 4
+            if shutil.which(target.compiler[0]) and shutil.which(target.emulator[0]):
+                figures = stream_costs(folder, name, samples, target)
+            rows.append([name, str(INTERVALS), str(samples), *figures])
+    return table(head, rows)
+
+
+def stream_costs(folder: Path, name: str, samples: int, target: Target) -> list[str]:
+    """Code and memory in kB, instructions of an update on average and at most."""
+    example = (folder / "example.c").read_text(encoding="ascii")
+    start = example.rindex("static", 0, example.index("home_output"))
+    home = example[start : example.index("\n}\n", start) + 3]
+    text = STREAM_PROGRAM.replace("@", name).replace("$", name.upper())
+    text = text.replace("%INTERVALS", str(INTERVALS)).replace("%SAMPLES", str(samples))
+    text = text.replace("int main(void)", f"{home}\nint main(void)")
+    used = (f"src/{name}_{f}.c" for f in ("stream", "forward_kinematics", *INVERSION))
+    sources = [folder / file for file in (f"src/{name}.c", *used) if (folder / file).exists()]
+    with tempfile.TemporaryDirectory() as work:
+        (Path(work) / "stream.c").write_text(text, encoding="ascii")
+        options = (*REPRODUCIBLE, f"-I{folder}")
+        run(*target.compiler, *options, "-c", *sources, folder=Path(work))
+        objects = sorted(Path(work).glob("*.o"))
+        code = int(run("size", "-t", *objects, folder=Path(work)).splitlines()[-1].split()[0])
+        run(*target.compiler, *options, "stream.c", *objects, *target.link, "-lm", "-o", "stream", folder=Path(work))
+        timed = (target.emulator[0], "-icount", "shift=0", *target.emulator[1:])
+        status, mean, most, memory = run(*timed, Path(work) / "stream", folder=Path(work)).split()
+    if int(status) < 0:
+        raise RuntimeError(f"{name}: the stream failed with status {status}")
+    return [f"{code / 1000:.0f}", f"{int(memory) / 1000:.0f}", f"{int(mean):,}", f"{int(most):,}"]
+
+
 # --- flags ------------------------------------------------------------------------------------------------------------
 
 TIMER = """\
 #define _POSIX_C_SOURCE 199309L
-#include "@.h"
+#include "@_batch.h"
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
@@ -228,14 +333,15 @@ def timer(manifest: dict[str, Any]) -> str:
         ports = [*f["inputs"], *f["outputs"]]
         call = f"{name}_{f['name']}"
         arguments = ", ".join(f"port_{p['name']}" for p in ports)
+        work = ", work" if f["work"] else ""
         text += "    {\n        double one = 1.0, many = 1.0, start;\n"
         text += "".join(f"        {name}_real *port_{p['name']} = filled({entries(p)} * {POINTS});\n" for p in ports)
         text += f"""\
-        {name}_real *work = filled({call}_batch_work() + {call}_work());
+        {name}_real *work = filled({name.upper()}_BATCH_WORK + {name.upper()}_WORK);
         for (int r = 0; r < 60; ++r) {{
             start = now();
             for (int k = 0; k < 100; ++k) {{
-                {call}({arguments}, work);
+                {call}({arguments}{work});
             }}
             one = now() - start < one ? now() - start : one;
             start = now();
@@ -252,14 +358,14 @@ def flags(model: str, base: Path) -> str:
     """Time to compile, size, and run time relative to that of the reproducible flags."""
     folder = generate(model, base / "flags", build=False).directory
     manifest = manifest_of(folder)
-    sources = sorted(path for path in folder.glob("*.c") if path.name != "example.c")
+    sources = sorted((folder / "src").glob("*.c"))
     measured: dict[tuple[str, ...], tuple[float, int, dict[str, tuple[float, float]]]] = {}
     for words in FLAGS:
         if shutil.which(words[0]) is None:
             continue
         with tempfile.TemporaryDirectory() as work:
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
-            run(words[0], "-std=c99", *words[1:], "-fno-math-errno", "-c", *sources, folder=Path(work))
+            run(words[0], "-std=c99", *words[1:], "-fno-math-errno", f"-I{folder}", "-c", *sources, folder=Path(work))
             after = resource.getrusage(resource.RUSAGE_CHILDREN)
             spent = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
             objects = sorted(Path(work).glob("*.o"))
@@ -289,6 +395,7 @@ def main(models: list[str]) -> None:
             f"## Flags, {Path(last).stem}\n\nRun times relative to those of the flags that `flexgen generate` uses.\n\n"
             + flags(last, Path(base))
         )
+        parts.append(f"## Streams on a Cortex-M7 in single precision\n\n{STREAM_TEXT}\n{streams(Path(base))}")
     text = "\n".join(parts)
     print(text)
     if not models:

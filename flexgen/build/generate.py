@@ -100,9 +100,10 @@ def generate(
         False: write the sources, compile nothing.
     functions : sequence of str, optional
         Only these functions; default: all that the model has. Inverse dynamics along paths and streams come
-        with all of them, in double precision, without parameters.
+        with all of them.
     precision : str
-        ``"double"`` or ``"single"``: the type of every number in the library.
+        ``"double"`` or ``"single"``: the type of every number in the library. `bvp` is only in libraries in double
+        precision.
     parameters : sequence of str
         Numbers of the model that shall be arguments of the functions: ``payload``, ``stiffness``, ``q2.damping`` and
         others, see `flexgen.mechanics.parameters`. Equations that are given bring their own.

@@ -18,7 +18,7 @@ from flexgen.numerics.evaluate import evaluate
 PERIOD = 5e-3  # s: of an update
 SAMPLES = 5  # per interval
 INTERVALS = 10  # of the shortest horizon
-TOLERANCE = PREVIEW_SHARE
+TOLERANCES = {"double": PREVIEW_SHARE, "single": 1e-3}
 _STEPS = 60  # of Newton's method, at most
 _SINGULAR = 1e-9  # rad/m: a pose where the output's Jacobian is singular
 
@@ -26,7 +26,7 @@ _SINGULAR = 1e-9  # rad/m: a pose where the output's Jacobian is singular
 def stream_defaults(model: RobotModel, spec: LibrarySpec) -> StreamDefaults | None:
     """Recommended options of a stream; None where the arm has no equilibrium or a singular pose at home.
 
-    The look-ahead is the `preview` of the slowest unstable zero for `TOLERANCE`, and at least `INTERVALS` updates.
+    The look-ahead is the `preview` of the slowest unstable zero for `PREVIEW_SHARE`, and at least `INTERVALS` updates.
 
     Parameters
     ----------
@@ -38,9 +38,11 @@ def stream_defaults(model: RobotModel, spec: LibrarySpec) -> StreamDefaults | No
     zero = slowest_unstable_zero(model, spec)
     if zero is None:
         return None
-    ahead = preview(1.0 / zero, TOLERANCE) if zero > 0 else 0.0
+    ahead = preview(1.0 / zero, PREVIEW_SHARE) if zero > 0 else 0.0
     intervals = min(max(INTERVALS, math.ceil(ahead / PERIOD - 1e-9)), INTERVALS_MAX)
-    return StreamDefaults(zero, intervals * PERIOD, PERIOD, intervals, SAMPLES, TOLERANCE)
+    return StreamDefaults(
+        zero, intervals * PERIOD, PERIOD, intervals, SAMPLES, TOLERANCES[spec.precision], PREVIEW_SHARE
+    )
 
 
 def slowest_unstable_zero(model: RobotModel, spec: LibrarySpec) -> float | None:

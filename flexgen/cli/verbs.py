@@ -242,9 +242,11 @@ def generate(args: Namespace, log: Progress) -> VerbResult:
     done = f"built in {library.seconds:.1f} s" if not library.cached else "written, not compiled"
     lines = [f"{title(robot)}: {done if library.written else 'nothing has changed'} in {library.directory}"]
     lines += ["", paragraph("functions: " + ", ".join(library.functions))]
-    reason = inversion_reason(robot, library.functions, "single" if args.single else "double")
+    reason = inversion_reason(robot, library.functions)
     if reason is not None:
         lines += ["", paragraph(f"not in this library: invert, bvp and stream, because {reason}")]
+    elif args.single and robot.n_e:
+        lines += ["", "not in this library: bvp, because it is in double precision only"]
     if library.written:
         lines += ["", *_written_files(library.files)]
     files = "\n".join(f"{path.stat().st_size:>9} bytes  {path}" for path in library.files)

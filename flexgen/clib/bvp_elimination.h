@@ -20,9 +20,9 @@
 
 enum {
     INTERVAL_ROWS = CONTROLS + STATES,
-    INTERVAL_WIDTH = (CONTROLS + 2 * STATES + 1 + 7) / 8 * 8, /* a_k, y_k, y_(k+1), right side */
+    INTERVAL_WIDTH = (CONTROLS + 2 * STATES + 1 + BLOCK - 1) / BLOCK * BLOCK, /* a_k, y_k, y_(k+1), right side */
     NODE_ROWS = 2 * STATES,
-    NODE_WIDTH = (2 * STATES + 1 + 7) / 8 * 8, /* y_k, y_(k+1), right side */
+    NODE_WIDTH = (2 * STATES + 1 + BLOCK - 1) / BLOCK * BLOCK, /* y_k, y_(k+1), right side */
     INTERVAL_FACTOR = CONTROLS * INTERVAL_WIDTH + STATES * NODE_WIDTH
 };
 

@@ -21,7 +21,7 @@ static inline int solve_square(real (*M)[NA], real *b, real *x)
     }
     for (int k = 0; k < NA; ++k) {
         const int best = pivot_row(&M[0][0], NA, NA, k);
-        if (!(fabs_1(M[best][k]) > 1e-12)) {
+        if (!(fabs_1(M[best][k]) > PRECISE(1e-12, 1e-6))) {
             return 0;
         }
         swap_rows(M[k], M[best], NA);
@@ -101,12 +101,13 @@ static inline int equilibrium_at(const real *target, real *q, real *scale, real 
         for (int i = 0; i < NA; ++i) {
             q[i] -= most > 0.5 ? 0.5 / most * x[i] : x[i];
         }
-        if (most < 1e-13 * (1.0 + largest(q, NA)) || (most < 1e-10 && before >= 0.0 && most >= before)) {
+        if (most < PRECISE(1e-13, 1e-6) * (1.0 + largest(q, NA)) ||
+            (most < PRECISE(1e-10, 1e-4) && before >= 0.0 && most >= before)) {
             return MODEL_OK;
         }
         before = most;
     }
-    return before < 1e-9 ? MODEL_OK : MODEL_UNREACHABLE;
+    return before < PRECISE(1e-9, 1e-3) ? MODEL_OK : MODEL_UNREACHABLE;
 }
 
 #endif

@@ -64,7 +64,7 @@ static inline int bracketed_deflection(const real *torque, real *deflection, rea
             if (!(next >= low[i] && next <= high[i])) {
                 next = 0.5 * (low[i] + high[i]);
             }
-            most = fmax_1(most, fabs_1(next - at[i]) - 4e-16 * fabs_1(at[i]));
+            most = fmax_1(most, fabs_1(next - at[i]) - PRECISE(4e-16, 2e-7) * fabs_1(at[i]));
             at[i] = next;
         }
         if (!(most > 0.0)) {
@@ -76,7 +76,7 @@ static inline int bracketed_deflection(const real *torque, real *deflection, rea
     }
     for (int i = 0; i < NG; ++i) {
         const real size = fabs_1(torque[i]) + fabs_1(stiffness[i] * at[i]);
-        if (!gear_is_rigid[i] && !(fabs_1(value[i] - torque[i]) <= 1e-12 * size)) {
+        if (!gear_is_rigid[i] && !(fabs_1(value[i] - torque[i]) <= PRECISE(1e-12, 1e-5) * size)) {
             return 0; /* no deflection carries this torque */
         }
         deflection[i] = at[i];
@@ -103,7 +103,7 @@ static inline int static_deflection(const real *torque, real *deflection, real *
             }
             change = (value[i] - torque[i]) / stiffness[i];
             at[i] -= change;
-            done = done && (gear_is_linear[i] || fabs_1(change) <= 1e-15 * fabs_1(at[i]));
+            done = done && (gear_is_linear[i] || fabs_1(change) <= PRECISE(1e-15, 3e-7) * fabs_1(at[i]));
         }
         if (!is_finite(at, NG)) {
             break;
@@ -211,22 +211,33 @@ static inline int deflection_step(real h, real (*linear)[4], real left[NG][3], r
                 most = fmax_1(most, fabs_1(a[s][3]) / size);
             }
         }
-        if (!(most > 1e-15)) {
+        if (!(most > PRECISE(1e-15, 3e-7))) {
             break;
         }
         if (step == SPRING_STEPS) {
-            if (!(most < 1e-12)) { /* more than rounding */
+            if (!(most < PRECISE(1e-12, 1e-5))) { /* more than rounding */
                 return 0;
             }
             break;
         }
     }
+#if BYTES != 8
+    if (evaluate_gear_law(p, value[0], stiffness[0], space) != MODEL_OK) {
+        return 0;
+    }
+#endif
     for (int i = 0; i < NG; ++i) {
         if (gear_is_linear[i] && damping_of(i, space) > 0.0) { /* the same formula, solved before */
+#if BYTES == 8
             p[i] = linear[i][0] * p[i];
             for (int s = 0; s < 3; ++s) {
                 p[i] += linear[i][1 + s] * torque[s][i];
             }
+#else /* the change: where the torque carries the spring the deflection keeps its digits */
+            for (int s = 0; s < 3; ++s) {
+                p[i] += linear[i][1 + s] * (torque[s][i] - value[0][i]);
+            }
+#endif
         } else {
             p[i] = x[2][i];
         }

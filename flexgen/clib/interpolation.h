@@ -22,8 +22,8 @@ static inline void bump(real x, int k, real out[3])
             power *= x;
         }
         out[0] += power * x * x;
-        out[1] += degree * power * x;
-        out[2] += degree * (degree - 1) * power;
+        out[1] += (real)degree * power * x;
+        out[2] += (real)(degree * (degree - 1)) * power;
     }
 }
 

@@ -10,30 +10,35 @@
 
 enum {
     COLUMNS = CONTROLS + STATES + 1, /* of a row; the last one: right side */
-    WIDTH = (COLUMNS + 7) / 8 * 8
+    WIDTH = (COLUMNS + BLOCK - 1) / BLOCK * BLOCK
 };
 
 /*
- * H[i][j] += sum_p weighed[p][i] rows[p][j], p < count, for i >= first and j >= i. Tiles of eight vectors, some rows of
- * H high and eight numbers wide, stay in registers for all p: by name, as not all compilers unroll loops over arrays.
+ * H[i][j] += sum_p weighed[p][i] rows[p][j], p < count, for i >= first and j >= i. Tiles of eight vectors, HIGH rows of
+ * H and WIDE columns, stay in registers for all p: by name, as not all compilers unroll loops over arrays.
  */
-#if LANES == 8
+#if LANES == BLOCK
+#define HIGH 8
 #define TILE(DO) DO(0, 0, 0) DO(1, 1, 0) DO(2, 2, 0) DO(3, 3, 0) DO(4, 4, 0) DO(5, 5, 0) DO(6, 6, 0) DO(7, 7, 0)
 #define TILE_ROWS(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7)
 #define TILE_VECTORS(DO) DO(0)
-#elif LANES == 4
+#elif 2 * LANES == BLOCK
+#define HIGH 4
 #define TILE(DO) DO(0, 0, 0) DO(1, 0, 1) DO(2, 1, 0) DO(3, 1, 1) DO(4, 2, 0) DO(5, 2, 1) DO(6, 3, 0) DO(7, 3, 1)
 #define TILE_ROWS(DO) DO(0) DO(1) DO(2) DO(3)
 #define TILE_VECTORS(DO) DO(0) DO(1)
-#elif LANES == 2
+#elif 4 * LANES == BLOCK
+#define HIGH 2
 #define TILE(DO) DO(0, 0, 0) DO(1, 0, 1) DO(2, 0, 2) DO(3, 0, 3) DO(4, 1, 0) DO(5, 1, 1) DO(6, 1, 2) DO(7, 1, 3)
 #define TILE_ROWS(DO) DO(0) DO(1)
 #define TILE_VECTORS(DO) DO(0) DO(1) DO(2) DO(3)
 #else
+#define HIGH 1
 #define TILE(DO) DO(0, 0, 0) DO(1, 0, 1) DO(2, 0, 2) DO(3, 0, 3) DO(4, 0, 4) DO(5, 0, 5) DO(6, 0, 6) DO(7, 0, 7)
 #define TILE_ROWS(DO) DO(0)
 #define TILE_VECTORS(DO) DO(0) DO(1) DO(2) DO(3) DO(4) DO(5) DO(6) DO(7)
 #endif
+#define WIDE (8 / HIGH * LANES)
 #define TILE_SUM(k, a, b) lanes sum##k = load_v(H + (i + a) * WIDTH + j + b * LANES);
 #define TILE_ROW(b) const lanes x##b = load_v(rows + p * WIDTH + j + b * LANES);
 #define TILE_WEIGHT(a) const lanes w##a = splat_v(weighed[p * WIDTH + i + a]);
@@ -45,8 +50,8 @@ static inline void add_outer_products(
 {
     int i = first;
     while (i < COLUMNS - 1) {
-        if (i % LANES == 0 && i + LANES <= COLUMNS) {
-            for (int j = i / 8 * 8; j < WIDTH; j += 8) {
+        if (i % HIGH == 0 && i + HIGH <= COLUMNS) {
+            for (int j = i / BLOCK * BLOCK; j < WIDTH; j += WIDE) {
                 TILE(TILE_SUM)
                 for (int p = 0; p < count; ++p) {
                     TILE_VECTORS(TILE_ROW)
@@ -55,9 +60,9 @@ static inline void add_outer_products(
                 }
                 TILE(TILE_STORE)
             }
-            i += LANES;
+            i += HIGH;
         } else {
-            for (int j = i / 8 * 8; j < WIDTH; j += LANES) {
+            for (int j = i / BLOCK * BLOCK; j < WIDTH; j += LANES) {
                 lanes sum = load_v(H + i * WIDTH + j);
                 for (int p = 0; p < count; ++p) {
                     sum += splat_v(weighed[p * WIDTH + i]) * load_v(rows + p * WIDTH + j);
@@ -68,6 +73,8 @@ static inline void add_outer_products(
         }
     }
 }
+#undef HIGH
+#undef WIDE
 #undef TILE
 #undef TILE_ROWS
 #undef TILE_VECTORS

@@ -25,6 +25,21 @@ static inline void quintic(real x, const real left[3], const real right[3], real
     out[2] = left[2] + x * (6.0 * a3 + x * (12.0 * a4 + x * 20.0 * a5));
 }
 
+/* A coordinate of the path between two samples of value, rate times period and second derivative times its square. */
+static inline void between_positions(real x, const real left[3], const real right[3], real out[3])
+{
+#if BYTES == 8
+    quintic(x, left, right, out);
+#else /* the quartic with these rates: a difference of positions has too few digits for accelerations */
+    const real d = right[1] - left[1];
+    const real a3 = d - (2.0 * left[2] + right[2]) / 3.0, a4 = 0.25 * (left[2] + right[2]) - 0.5 * d;
+    const real missing = (right[0] - left[0]) - (left[1] + 0.5 * left[2] + a3 + a4);
+    out[0] = left[0] + x * (left[1] + missing + x * (0.5 * left[2] + x * (a3 + x * a4)));
+    out[1] = left[1] + x * (left[2] + x * (3.0 * a3 + x * 4.0 * a4));
+    out[2] = left[2] + x * (6.0 * a3 + x * 12.0 * a4);
+#endif
+}
+
 #if MODEL_POSE
 /* a - (f x a) / 2 + (f x (f x a)) / 12: the inverse of the left Jacobian of a small rotation vector f, to f^4 / 720. */
 static inline void inverse_left_jacobian(const real *f, const real *a, real *out)
@@ -128,7 +143,7 @@ static inline void reference_at(const model_path *p, int k, real x, real *out)
             const real left[3] = {y0[i], T * v0[i], T * T * a0[i]};
             const real right[3] = {y1[i], T * v1[i], T * T * a1[i]};
             real q[3];
-            quintic(x, left, right, q);
+            between_positions(x, left, right, q);
             out[i] = q[0];
             out[NT + i] = q[1] / T;
             out[NT + NY + i] = q[2] / (T * T);
@@ -147,7 +162,7 @@ static inline void reference_at(const model_path *p, int k, real x, real *out)
                 const real left[3] = {0.0, T * v0[3 + i], T * T * a0[3 + i]};
                 const real right[3] = {f1[i], T * d1[i], T * T * e1[i]};
                 real q[3];
-                quintic(x, left, right, q);
+                between_positions(x, left, right, q);
                 f[i] = q[0];
                 d[i] = q[1] / T;
                 e[i] = q[2] / (T * T);
@@ -186,13 +201,13 @@ static inline int is_rotation(const real *R)
         for (int j = 0; j < 3; ++j) {
             const real *a = R + 3 * i, *b = R + 3 * j;
             const real dot = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-            if (!(fabs_1(dot - (i == j ? 1.0 : 0.0)) < 1e-6)) {
+            if (!(fabs_1(dot - (i == j ? 1.0 : 0.0)) < PRECISE(1e-6, 1e-5))) {
                 return 0;
             }
         }
         cross(R + 3 * i, R + 3 * ((i + 1) % 3), c);
         for (int j = 0; j < 3; ++j) {
-            if (!(fabs_1(c[j] - R[3 * ((i + 2) % 3) + j]) < 1e-6)) {
+            if (!(fabs_1(c[j] - R[3 * ((i + 2) % 3) + j]) < PRECISE(1e-6, 1e-5))) {
                 return 0;
             }
         }

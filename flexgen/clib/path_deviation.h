@@ -21,7 +21,7 @@ static inline void chain_step(const real *x, ptrdiff_t stride, real u, real tau,
         real term = 1.0, sum = 0.0;
         for (int j = i; j < CHAIN; ++j) {
             sum += term * x[j * stride];
-            term *= tau / (j - i + 1);
+            term *= tau / (real)(j - i + 1);
         }
         out[i * to] = sum + term * u;
     }

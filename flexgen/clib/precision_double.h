@@ -9,6 +9,8 @@
 typedef uint64_t bits; /* the unsigned integer of the width of a real */
 
 #define BYTES 8
+#define BLOCK 8 /* reals in 64 bytes: arrays are padded to it, and so many instants are evaluated together */
+#define PRECISE(fine, coarse) fine /* a threshold that depends on the precision */
 #define SIGN_BIT UINT64_C(0x8000000000000000)
 #define DIGITS 52 /* bits of the mantissa that are stored */
 #define ZERO 0.0

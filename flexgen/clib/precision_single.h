@@ -9,6 +9,8 @@
 typedef uint32_t bits; /* the unsigned integer of the width of a real */
 
 #define BYTES 4
+#define BLOCK 16 /* reals in 64 bytes: arrays are padded to it, and so many instants are evaluated together */
+#define PRECISE(fine, coarse) coarse /* a threshold that depends on the precision */
 #define SIGN_BIT UINT32_C(0x80000000)
 #define DIGITS 23 /* bits of the mantissa that are stored */
 #define ZERO 0.0f

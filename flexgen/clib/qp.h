@@ -17,7 +17,7 @@
 
 static const real equilibrium_of_springs = 1.6; /* over-relaxation */
 /* weight of the change per step, relative to the mean diagonal of H */
-static const real proximal_weight = 1e-9;
+static const real proximal_weight = PRECISE(1e-9, 1e-6);
 
 /* A quadratic program and its memory; all arrays belong to the caller. */
 typedef struct {
@@ -81,11 +81,11 @@ static inline int run_qp(qp *p, real price, int steps)
         size += p->A[i] * p->A[i];
     }
     /* scale of z: the mean length of the columns of A becomes one */
-    unit = size > 0.0 ? 1.0 / square_root(size / n) : 1.0;
+    unit = size > 0.0 ? 1.0 / square_root(size / (real)n) : 1.0;
     for (int i = 0; i < n; ++i) {
         cost += p->H[i * n + i] * unit * unit;
     }
-    cost = cost > 0.0 ? n / cost : 1.0; /* and the diagonal of H too */
+    cost = cost > 0.0 ? (real)n / cost : 1.0; /* and the diagonal of H too */
     for (int i = 0; i < n; ++i) {
         p->g[i] *= unit * cost;
         p->z[i] = 0.0;

@@ -96,8 +96,9 @@ static inline int invert_points(problem_points *p)
                     a[i][j] = select_v(larger, x, y);
                 }
             }
-            /* m and rad: a pose where a radian moves the output by less than a nanometer is singular; so is NaN */
-            bad += not_v(lt_v(splat_v(1e-9), fabs_v(a[k][k])));
+            /* m and rad: a pose where a radian moves the output by less than a nanometer (in single precision a
+               micrometer) is singular; so is NaN */
+            bad += not_v(lt_v(splat_v(PRECISE(1e-9, 1e-6)), fabs_v(a[k][k])));
             side *= splat_v(1.0) - 2.0 * lt_v(a[k][k], splat_v(0.0));
             pivot = splat_v(1.0) / a[k][k];
             for (int j = k + 1; j < 2 * NY; ++j) {
@@ -166,7 +167,8 @@ static inline real newton_step(problem_points *p)
 /* Whether the output is at its target, up to rounding. */
 static inline int is_on_target(const problem_points *p)
 {
-    return largest(&p->error[0][0], NY * POINTS) <= 1e-9 * (1.0 + largest(&p->target[0][0], NT * POINTS));
+    return largest(&p->error[0][0], NY * POINTS) <=
+           PRECISE(1e-9, 3e-6) * (1.0 + largest(&p->target[0][0], NT * POINTS));
 }
 
 /* The actuated coordinates that bring the output to its target, with their derivatives, for given unactuated ones. */
@@ -176,7 +178,7 @@ static inline int solve_kinematics(problem_points *p, real *space)
     real most, bound;
     int step = 0;
     evaluate_constraint(p, space);
-    do { /* Newton's method: after a step below a millionth the error is rounding */
+    do { /* Newton's method: after a small step the error is rounding */
         if (!invert_points(p)) {
             return MODEL_UNREACHABLE;
         }
@@ -186,7 +188,7 @@ static inline int solve_kinematics(problem_points *p, real *space)
             return MODEL_UNREACHABLE;
         }
         evaluate_constraint(p, space);
-    } while (most > 1e-6);
+    } while (most > PRECISE(1e-6, 3e-4));
     if (!invert_points(p)) {
         return MODEL_UNREACHABLE;
     }

@@ -13,7 +13,8 @@ static const real initial_weight = 1e-4; /* before the first of them */
 int64_t model_stream_work(const model_stream_options *options)
 {
     return options != NULL && stream_sizes_fit(options) ?
-               (int64_t)laid_out(options->intervals, options->samples_per_interval, options->hold, options->delay).end :
+               (int64_t)laid_out(options->intervals, options->samples_per_interval, (real)options->hold, options->delay)
+                   .end :
                -1;
 }
 
@@ -86,7 +87,7 @@ model_status model_stream_start(real *stream, int64_t stream_size, const model_s
         !(options->tolerance > 0.0 && options->tolerance < 1.0)) {
         return MODEL_BAD_ARGUMENT;
     }
-    l = laid_out(options->intervals, options->samples_per_interval, options->hold, options->delay);
+    l = laid_out(options->intervals, options->samples_per_interval, (real)options->hold, options->delay);
     if (stream_size < l.end) {
         return MODEL_WORK_TOO_SMALL;
     }
@@ -102,11 +103,11 @@ model_status model_stream_start(real *stream, int64_t stream_size, const model_s
     space = stream + l.space;
     keep_parameters(parameters_given, space);
     copy(q_start, NA, q);
-    stream[INTERVALS] = options->intervals;
-    stream[SAMPLES_PER_INTERVAL] = options->samples_per_interval;
+    stream[INTERVALS] = (real)options->intervals;
+    stream[SAMPLES_PER_INTERVAL] = (real)options->samples_per_interval;
     stream[PERIOD] = options->period;
     stream[TOLERANCE] = options->tolerance;
-    stream[HOLD] = options->hold;
+    stream[HOLD] = (real)options->hold;
     stream[DELAY] = options->delay;
     stream[SIDE] = 0.0; /* side of singular poses: not known before the first sample */
     stream[l.limits] = 0.0;

@@ -95,7 +95,7 @@ static inline layout laid_out(int intervals, int samples_per_interval, real hold
 static inline int stream_sizes_fit(const model_stream_options *o)
 {
     return o->intervals >= 1 && o->intervals <= MODEL_STREAM_INTERVALS_MAX && o->samples_per_interval >= 1 &&
-           o->samples_per_interval <= MODEL_STREAM_SAMPLES_MAX && hold_fits(o->hold, o->delay);
+           o->samples_per_interval <= MODEL_STREAM_SAMPLES_MAX && hold_fits((real)o->hold, o->delay);
 }
 
 /* Whether memory holds a stream that was started and has not failed; it may hold anything. */

@@ -86,9 +86,9 @@ static inline int guess_mesh(
         const int used = m->N * STAGES - at < POINTS ? m->N * STAGES - at : (int)POINTS;
         int status;
         for (int k = at; k < at + used; ++k) {
-            const real x = (k / STAGES + gauss_c[k % STAGES]) * samples_per_interval - n_pre;
+            const real x = ((real)(k / STAGES) + gauss_c[k % STAGES]) * (real)samples_per_interval - (real)n_pre;
             const int whole = (int)(x < 0.0 ? x - 1.0 : x);
-            reference_at(p, whole, x - whole, m->reference + (ptrdiff_t)k * REFERENCE);
+            reference_at(p, whole, x - (real)whole, m->reference + (ptrdiff_t)k * REFERENCE);
             for (int i = 0; i < NG; ++i) {
                 m->q_g[(ptrdiff_t)k * NG + i] = last[i];
             }
@@ -170,7 +170,7 @@ static inline model_status check_arguments(const model_path *p, const real *para
         return MODEL_NULL_ARGUMENT;
     }
     if (wanted < 0 || !(p->period > 0.0 && p->period < 1e6) || !(o->tolerance > 0.0 && o->tolerance < 1.0) ||
-        !hold_fits(o->hold, o->delay)) {
+        !hold_fits((real)o->hold, o->delay)) {
         return MODEL_BAD_ARGUMENT;
     }
     if (work_size < wanted) {
@@ -189,7 +189,7 @@ static inline mesh mesh_in(const whole_layout *l, const model_path *p, const mod
 {
     mesh m;
     m.N = (int)l->intervals;
-    m.h = o->samples_per_interval * p->period;
+    m.h = (real)o->samples_per_interval * p->period;
     m.y = work + l->y;
     m.a = work + l->a;
     m.q_g = work + l->q_g;
@@ -279,7 +279,7 @@ static inline int arm_at_samples(
             {
                 const ptrdiff_t interval = k / r->o->samples_per_interval < r->m->N ? k / r->o->samples_per_interval :
                                                                                       r->m->N - 1;
-                const real x = (real)(k - interval * r->o->samples_per_interval) / r->o->samples_per_interval;
+                const real x = (real)(k - interval * r->o->samples_per_interval) / (real)r->o->samples_per_interval;
                 load_between(r->m, r->a_node, &f, interval, x, arm, point);
             }
 #endif
@@ -450,7 +450,7 @@ static inline model_status finish(const model_path *p, const model_inversion_opt
         return (model_status)status;
     }
     if (r.tau_m != NULL) {
-        hold_torques(r.tau_m, r.samples, o->hold, o->delay);
+        hold_torques(r.tau_m, r.samples, (real)o->hold, o->delay);
     }
     info->kinematic_mismatch = kinematic_mismatch(&r);
     return info->residual_at_samples <= o->tolerance && info->kinematic_mismatch <= mismatch_max ?

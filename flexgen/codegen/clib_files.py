@@ -24,7 +24,7 @@ from flexgen.codegen.clib_table import (
 from flexgen.codegen.header import works
 from flexgen.codegen.motor_constants import MotorConstants
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
-from flexgen.codegen.stream_bounds import CALL, Linear, stream_operations, stream_size
+from flexgen.codegen.stream_bounds import BLOCK, CALL, Linear, stream_operations, stream_size
 from flexgen.errors import BuildError
 from flexgen.expressions.function_text import FunctionText, literal
 from flexgen.mechanics.signatures import INVERSION
@@ -38,6 +38,8 @@ _HOLD = (
     "period. invert, bvp and stream_update then give in tau_m the torques to send at the samples. All other results "
     "are those at the samples."
 )
+_COMMENT = re.compile(r"(/\*.*?\*/)", re.DOTALL)
+_LITERAL = re.compile(r"(?<![\w.])(?:\d+\.\d*(?:e[-+]?\d+)?|\d+e[-+]?\d+)(?![\w.])")  # of a double
 _WRITTEN = {"inversion.h", "motor_constants.h"}  # included by the fixed files, written for each library
 
 
@@ -51,10 +53,14 @@ def fixed_files() -> dict[str, str]:
     return {path.name: path.read_text(encoding="ascii") for path in sorted(found, key=lambda path: path.name)}
 
 
-def render(text: str, name: str) -> str:
-    """A fixed text with the library's name instead of ``model``."""
+def render(text: str, name: str, precision: str = "double") -> str:
+    """A fixed text with the library's name instead of ``model``, and its literals in this precision."""
     text = re.sub(r"\bmodel(?=[_:.])", name, text)
-    return re.sub(r"\bMODEL_", f"{name.upper()}_", text)
+    text = re.sub(r"\bMODEL_", f"{name.upper()}_", text)
+    if precision == "double":
+        return text
+    parts = _COMMENT.split(text)  # code and comments in turn
+    return "".join(_LITERAL.sub(r"\g<0>f", part) if i % 2 == 0 else part for i, part in enumerate(parts))
 
 
 def kernel_files(name: str, precision: str) -> dict[str, str]:
@@ -83,7 +89,7 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
     if not spec.c_functions or spec.motor_constants is None:
         return {}
     names = sorted(_included({function.file for function in spec.c_functions}))
-    out = {f"{spec.name}_{name}": render(fixed_files()[name], spec.name) for name in names}
+    out = {f"{spec.name}_{name}": render(fixed_files()[name], spec.name, spec.precision) for name in names}
     return {f"{spec.name}_motor_constants.h": constants_header(spec, spec.motor_constants, written), **out}
 
 
@@ -143,12 +149,13 @@ typedef enum {{ {holds} }} {name}_hold;
 def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Macros of the public header: recommended options of a stream, its memory, the operations of an update."""
     used = [f for f in spec.functions if f.name in INVERSION]
-    size = stream_size(spec.sizes, _space(spec, written) + len(spec.parameters))
+    block = BLOCK[spec.precision]
+    size = stream_size(spec.sizes, _space(spec, written) + len(spec.parameters), block)
     arithmetic = {}
     for f in used:
         text, entries = written[f.name], sum(port.size for port in (*f.inputs, *f.outputs))
         arithmetic[f.name] = text.operations + (CALL - 1) * text.calls + 2 * entries
-    most = stream_operations(spec.sizes, arithmetic)
+    most = stream_operations(spec.sizes, arithmetic, block)
 
     def linear(name: str, bound: Linear) -> str:
         arguments = "intervals, samples_per_interval"
@@ -171,18 +178,26 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
     if spec.stream is not None:
         d = spec.stream
         values = (
-            ("SLOWEST_UNSTABLE_ZERO", literal(d.slowest_unstable_zero), "[1/s] real part, home pose; 0: none"),
-            ("LOOK_AHEAD", literal(d.look_ahead), "[s] of a stream: time from a sample to the output that reaches it"),
-            ("STREAM_PERIOD", literal(d.period), "[s] from update to update"),
+            (
+                "SLOWEST_UNSTABLE_ZERO",
+                literal(d.slowest_unstable_zero, spec.precision),
+                "[1/s] real part, home pose; 0: none",
+            ),
+            (
+                "LOOK_AHEAD",
+                literal(d.look_ahead, spec.precision),
+                "[s] of a stream: time from a sample to the output that reaches it",
+            ),
+            ("STREAM_PERIOD", literal(d.period, spec.precision), "[s] from update to update"),
             ("STREAM_INTERVALS", str(d.intervals), "LOOK_AHEAD / STREAM_PERIOD"),
             ("STREAM_SAMPLES_PER_INTERVAL", str(d.samples_per_interval), "samples of the results per update"),
-            ("STREAM_TOLERANCE", literal(d.tolerance), "largest relative residual"),
+            ("STREAM_TOLERANCE", literal(d.tolerance, spec.precision), "largest relative residual"),
         )
         lines += [
             "\n/*\n",
             comment(
-                "Recommended options of a stream. The look-ahead is ln(1 / STREAM_TOLERANCE) time constants of the "
-                "slowest unstable zero at the home pose, and at least 10 intervals. For limits of the motors take "
+                f"Recommended options of a stream. The look-ahead is ln(1 / {d.share:g}) time constants of the slowest "
+                "unstable zero at the home pose, and at least 10 intervals. For limits of the motors take "
                 "twice as many intervals, and the time to brake."
             ),
             " */\n",
@@ -296,7 +311,7 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
 #define {prefix}_POSE {int(constants.pose)} /* the output is a pose: position, then rotation */
 #define {prefix}_PARAMETERS {len(spec.parameters)} /* run-time parameters, stored behind the workspace */
 #define {prefix}_INVERSION_SPACE {space} /* reals of workspace for the functions below */
-#define PARAMETERS_OF(space) ((space) + {prefix}_INVERSION_SPACE + 8)
+#define PARAMETERS_OF(space) ((space) + {prefix}_INVERSION_SPACE + BLOCK)
 
 /* Indices of the coordinates with and without motor; q_m = eta q_g where no gear is deflected. */
 {text}

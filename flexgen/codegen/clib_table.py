@@ -1,7 +1,8 @@
 """The hand-written functions of the library: their structs, arguments and descriptions.
 
-They come with every library in double precision of a model that can be inverted, with all functions of `INVERSION`.
-With run-time parameters they have one more argument. Their C is in ``flexgen/clib/``, see `flexgen.codegen.clib_files`.
+They come with every library of a model that can be inverted, with all functions of `INVERSION`; `bvp` only in double
+precision. With run-time parameters they have one more argument. Their C is in ``flexgen/clib/``, see
+`flexgen.codegen.clib_files`.
 """
 
 from __future__ import annotations
@@ -68,6 +69,8 @@ class CFunction:
         True: only for models with unactuated coordinates.
     parametrized : bool
         True: only for libraries with run-time parameters.
+    double : bool
+        True: only for libraries in double precision.
     """
 
     name: str
@@ -78,6 +81,7 @@ class CFunction:
     returns: str = "status"
     elastic: bool = False
     parametrized: bool = False
+    double: bool = False
 
     @property
     def signature(self) -> str:
@@ -95,7 +99,7 @@ _RATE = "its first time derivative; for a pose linear and angular velocity, worl
 _SECOND = "its second time derivative; for a pose linear and angular acceleration"
 _TOLERANCE = (
     "largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6, an "
-    "error of 1e-8 rad or m, is what flexgen solve uses"
+    "error of 1e-8 rad or m, is what flexgen solve uses (single precision: 1e-3)"
 )
 _N = "n_pre + n + n_post"
 _HOLD = (
@@ -191,13 +195,14 @@ STRUCTS: tuple[Struct, ...] = (
         "What stream_update reports.",
         (
             Field("residual", "real", (), "1", "residual of the unactuated rows, relative as the tolerance"),
-            Field("kinematic_mismatch", "real", (), "1", "as in inversion_info, limit 0.02"),
+            Field("kinematic_mismatch", "real", (), "1", "as in inversion_info, limit 0.02 (single precision: 0.25)"),
             Field(
                 "torque_step",
                 "real",
                 (),
                 "1",
-                "largest step of a motor torque from the interval before, relative to its largest value; limit 2e-4",
+                "largest step of a motor torque from the interval before, relative to its largest value; limit 2e-4 "
+                "(single precision: 5e-3)",
             ),
             Field(
                 "output_step_m",
@@ -257,15 +262,15 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "invert.c",
         "Inverse dynamics along a whole path: motion of arm and motors, and motor torques, for exact tracking of the "
         "output.",
-        "The output is at rest before the path and after it. The arm starts at equilibrium. Its unactuated coordinates "
-        "move before the path where zeros are unstable (n_pre), and after it until the stable zeros have decayed "
-        "(n_post). OK: the residual is within the tolerance on the mesh and at the samples, and the kinematic "
-        "mismatch is below 0.02. TOLERANCE_NOT_MET: the iteration converged on the mesh, but the result between its "
-        "nodes is not accurate: use a finer mesh, a smoother path, or another sampling period. Do not use the "
-        "results where the status is negative. BAD_ARGUMENT also means that the path does not begin and end at rest. "
-        "UNREACHABLE also means that no equilibrium was found from q_start. Without unactuated coordinates nothing "
-        "is solved and the residual is zero. Arrays are stored sample after sample: entry i of sample k is x[k * n_a "
-        "+ i].",
+        "The output is at rest before the path and after it. The arm starts at equilibrium. Its unactuated "
+        "coordinates move before the path where zeros are unstable (n_pre), and after it until the stable zeros have "
+        "decayed (n_post). OK: the residual is within the tolerance on the mesh and at the samples, and the "
+        "kinematic mismatch is below 0.02 (single precision: 0.25). TOLERANCE_NOT_MET: the iteration converged on "
+        "the mesh, but the result between its nodes is not accurate: use a finer mesh, a smoother path, or another "
+        "sampling period. Do not use the results where the status is negative. BAD_ARGUMENT also means that the path "
+        "does not begin and end at rest. UNREACHABLE also means that no equilibrium was found from q_start. Without "
+        "unactuated coordinates nothing is solved and the residual is zero. Arrays are stored sample after sample: "
+        "entry i of sample k is x[k * n_a + i].",
         (*_WHOLE, _size("invert")),
     ),
     CFunction(
@@ -276,18 +281,20 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         _WORK_OF,
         returns="size",
         elastic=True,
+        double=True,
     ),
     CFunction(
         "bvp",
         "bvp.c",
         "Inverse dynamics along a whole path as a two-point boundary value problem: an independent check of invert.",
         "Nothing is weighted, so the equations hold to rounding on the mesh. At the start the state may differ from "
-        "equilibrium in the unstable directions of the zero dynamics, at the end in the stable ones. This requires the "
-        "same number of unstable zeros at both ends (else ZEROS_CHANGE), no zero on the imaginary axis there "
+        "equilibrium in the unstable directions of the zero dynamics, at the end in the stable ones. This requires "
+        "the same number of unstable zeros at both ends (else ZEROS_CHANGE), no zero on the imaginary axis there "
         "(ZERO_ON_AXIS), and no zero that goes through infinity on the path (ZERO_AT_INFINITY). invert has none of "
         "these requirements.",
         (*_WHOLE, _size("bvp")),
         elastic=True,
+        double=True,
     ),
     CFunction(
         "stream_work",
@@ -319,14 +326,14 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "iteration of the solver, with a bounded number of operations. A sample that is refused (INPUT_NOT_FINITE, "
         "BAD_ARGUMENT, UNREACHABLE) changes nothing. After any other negative status the stream has failed, and "
         "later updates return NOT_STARTED. OK: in this interval the residual is within the tolerance, the kinematic "
-        "mismatch is below 0.02, and the motor torque continues that of the interval before within 2e-4 of its "
-        "largest value. TOLERANCE_NOT_MET: one of these three is too large; the cause in the info shows "
-        "which. Motion below 3e-8 m or rad within an interval and steps of the output below 1e-8 m or rad are not "
-        "counted. Reasons are a path that is not smooth, a horizon that is too short for the unstable zeros, a "
-        "sampling period that is too long or too short, or fewer than 7 samples in the rest of the horizon: "
-        "(intervals - 1) * samples_per_interval < 7 (with a hold 11, and the delay). TOLERANCE_NOT_MET and "
-        "LIMITS_ACTIVE are positive and come with results. To stop, repeat the last position with zero derivatives "
-        "until the results are at rest, at least for a whole horizon.",
+        "mismatch is below 0.02 (single precision: 0.25), and the motor torque continues that of the interval before "
+        "within 2e-4 (5e-3) of its largest value. TOLERANCE_NOT_MET: one of these three is too large; the cause in "
+        "the info shows which. Motion below 3e-8 m or rad (1e-5) within an interval and steps of the output below "
+        "1e-8 m or rad (1e-6) are not counted. Reasons are a path that is not smooth, a horizon that is too short "
+        "for the unstable zeros, a sampling period that is too long or too short, or fewer than 7 samples in the "
+        "rest of the horizon: (intervals - 1) * samples_per_interval < 7 (with a hold 11, and the delay). "
+        "TOLERANCE_NOT_MET and LIMITS_ACTIVE are positive and come with results. To stop, repeat the last position "
+        "with zero derivatives until the results are at rest, at least for a whole horizon.",
         (
             Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
             Field("y", "const real *", ("n_t",), "mixed", _OUTPUT),
@@ -361,8 +368,8 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "deviation, which decays when no limit is active. A limit that cannot be kept is exceeded: compare the "
         "torques with the limits. Where it is exceeded by a factor above 2.5 while the path is modified, the stream "
         "stops with LIMITS_INFEASIBLE. The path is modified only beyond the preview that the unstable zeros need; "
-        "HORIZON_TOO_SHORT: fewer than 4 intervals, or less than half of this preview beyond it. Limits may be changed "
-        "at any time. An infinite torque or speed is no limit.",
+        "HORIZON_TOO_SHORT: fewer than 4 intervals, or less than half of this preview beyond it. Limits may be "
+        "changed at any time. An infinite torque or speed is no limit.",
         (
             Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
             Field("torque_max", "const real *", ("n_m",), "N m", "largest motor torques, positive"),
@@ -377,21 +384,20 @@ def offered_c_functions(
     model: RobotModel, functions: Sequence[str], parameters: Sequence[object], precision: str
 ) -> tuple[CFunction, ...]:
     """The hand-written functions of a library with these functions and run-time parameters, in this precision."""
-    if inversion_reason(model, functions, precision) is not None:
+    if inversion_reason(model, functions) is not None:
         return ()
-    offered = (function for function in C_FUNCTIONS if model.n_e or not function.elastic)
+    offered = [f for f in C_FUNCTIONS if model.n_e or not f.elastic]
+    offered = [f for f in offered if precision == "double" or not f.double]
     if not parameters:
         return tuple(function for function in offered if not function.parametrized)
     return tuple(_with_parameters(function) for function in offered)
 
 
-def inversion_reason(model: RobotModel, functions: Sequence[str], precision: str) -> str | None:
-    """Why a library with these functions has no invert, bvp and stream; None where it has them."""
+def inversion_reason(model: RobotModel, functions: Sequence[str]) -> str | None:
+    """Why a library with these functions has no invert and stream; None where it has them."""
     obstacle = model.inversion_obstacle()
     if obstacle is not None:
         return obstacle
-    if precision != "double":
-        return f"they are in double precision only, the library is in {precision} precision"
     missing = [name for name in INVERSION if name in offered_functions(model) and name not in functions]
     return f"they need the functions {', '.join(missing)}, which were not chosen" if missing else None
 

@@ -86,6 +86,8 @@ def _block(spec: LibrarySpec, f: FunctionSpec, needs_work: bool) -> str:
 
 def _inversion(spec: LibrarySpec) -> str:
     """The functions of the example that invert a path and run a stream; the output stays at its home position."""
+    tolerance = {"double": 1e-6, "single": 1e-3}[spec.precision]
+    sampling, update, small, zero = (literal(x, spec.precision) for x in (0.001, 0.005, tolerance, 0.0))
     name, real = spec.name, f"{spec.name}_real"
     ny, nt, nm = (size_macro(spec, size) for size in ("n_y", "n_t", "n_m"))
     pose = spec.motor_constants is not None and spec.motor_constants.pose
@@ -100,8 +102,8 @@ enum {{ SAMPLES = 21, UPDATES = 10 }};
 static int invert_path(void)
 {{
     {real} y[SAMPLES * {nt}], zero[SAMPLES * {ny}] = {{0}}, tau_m[SAMPLES * {nm}];
-    const {name}_path path = {{SAMPLES, 0.001, y, zero, zero}};
-    const {name}_inversion_options options = {{0, 0, 5, 1e-6, {macro(spec, "HOLD_SPLINE")}, 0.0}};
+    const {name}_path path = {{SAMPLES, {sampling}, y, zero, zero}};
+    const {name}_inversion_options options = {{0, 0, 5, {small}, {macro(spec, "HOLD_SPLINE")}, {zero}}};
     {name}_motion motion = {{NULL, NULL, NULL, NULL, NULL, NULL, tau_m}};
     {name}_inversion_info info;
 {declared}    {name}_status status = home_output(y);
@@ -127,7 +129,7 @@ static int invert_path(void)
 static int run_stream(void)
 {{
     {real} y[{nt}], zero[{ny}] = {{0}}, tau_m[{nm}];
-    const {name}_stream_options options = {{10, 1, 0.005, 1e-6, {macro(spec, "HOLD_SPLINE")}, 0.0}};
+    const {name}_stream_options options = {{10, 1, {update}, {small}, {macro(spec, "HOLD_SPLINE")}, {zero}}};
     {name}_motion motion = {{NULL, NULL, NULL, NULL, NULL, NULL, tau_m}};
     {name}_stream_info info;
 {declared}    {name}_status status = home_output(y);

@@ -168,6 +168,8 @@ class StreamDefaults:
     intervals, samples_per_interval : int
     tolerance : float
         Largest relative residual.
+    share : float
+        Part of a change of the path that is still felt after the look-ahead.
     """
 
     slowest_unstable_zero: float
@@ -176,6 +178,7 @@ class StreamDefaults:
     intervals: int
     samples_per_interval: int
     tolerance: float
+    share: float
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-POINTS, STAGES, GROUP, PANEL = 8, 3, 8, 8
+BLOCK = {"double": 8, "single": 16}  # reals to which arrays are padded, and points that are evaluated together
+STAGES, GROUP, PANEL = 3, 8, 8
 MARGIN, LEVELS, LAST = 3, 3, 5
 BACK, PAST = 2 * MARGIN, 7  # PAST: with one sample per interval; fewer with more samples
 BLOCKS, CHAIN, QP_STEPS = 8, 5, 80
 AHEAD, BEFORE, TAPS = 4 + 4, 4, 10  # of a hold: samples ahead at most, samples before, weights
-ROUNDING = 7  # numbers by which an array may be rounded up
 CALL = 60  # operations of one call of sine and cosine, exp or tanh, at most
 KINEMATIC_PASSES = 27  # evaluations of the output constraint while the kinematics are solved, at most
 SPRING_PASSES, RADAU_PASSES = 8 + 1 + 200 + 60 + 1, 61  # evaluations of the gear law for one sample, at most
@@ -49,86 +49,87 @@ def _sizes(sizes: Mapping[str, int]) -> tuple[int, int, int, int, int, int]:
     return n_a, n_g, n_e, n_m, n_y, n_t
 
 
-def stream_size(sizes: Mapping[str, int], function_work: int) -> Linear:
+def stream_size(sizes: Mapping[str, int], function_work: int, block: int) -> Linear:
     """Reals of the memory of a stream, at most; ``function_work``: workspace of the functions that it calls."""
+    rounding = block - 1  # reals by which an array may be rounded up
     n_a, n_g, n_e, n_m, n_y, n_t = _sizes(sizes)
     reference, states, controls = n_t + 2 * n_y, 2 * n_e, STAGES * n_e
     columns = controls + states + 1
-    width = (columns + 7) // 8 * 8
+    width = (columns + block - 1) // block * block
     bounded, inputs = 2 * n_m + n_y, BLOCKS * n_y
 
     points = 3 * n_a + n_t + 2 * n_y + n_y + n_a * n_y + n_y + n_y * n_g + 1 + n_g
     if n_e:
         points += n_e + 3 * n_a * n_e + 3 * n_a * n_y + 4 * n_e * n_g + n_e * n_y + 3 * n_e * n_e
-    problem = POINTS * points
+    problem = block * points
     lq = GROUP * STAGES * n_e * (3 * n_e + 1) + controls * width + (columns + 1) * width + states * (states + 1)
 
     node = reference + CHAIN * n_y + 6 * n_g + CHAIN * BLOCKS + bounded * (7 + inputs)
-    limits = Linear(2 + bounded + 2 * inputs * inputs + 3 * inputs + node + 24 * ROUNDING, node, 0)
+    limits = Linear(2 + bounded + 2 * inputs * inputs + 3 * inputs + node + 24 * rounding, node, 0)
     window = 6 * n_g  # torque, deflection, lagged deflection; position, speed and acceleration
-    total = limits + Linear(8 + 6 * ROUNDING + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m)
-    total += Linear((2 * BACK + 1 + AHEAD) * window + 4 * ROUNDING, 0, window)
-    total += Linear((BEFORE + AHEAD + 1) * n_m + ROUNDING, 0, n_m)
-    total += Linear(n_g + (PAST + 1) * reference + 3 * ROUNDING, STAGES * (n_g + reference) + reference, 0)
-    total += Linear(problem + lq * (n_e > 0) + function_work + 8 + 2 * ROUNDING, 0, 0)
+    total = limits + Linear(block + 6 * rounding + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m)
+    total += Linear((2 * BACK + 1 + AHEAD) * window + 4 * rounding, 0, window)
+    total += Linear((BEFORE + AHEAD + 1) * n_m + rounding, 0, n_m)
+    total += Linear(n_g + (PAST + 1) * reference + 3 * rounding, STAGES * (n_g + reference) + reference, 0)
+    total += Linear(problem + lq * (n_e > 0) + function_work + block + 2 * rounding, 0, 0)
     if n_e:
         total += Linear((PAST + 1) * (states + n_e) + PAST * controls, states + controls + n_e, 0)
         total += Linear(n_e + LEVELS * LAST * n_e + states * states + states, controls * width + states, 0)
-        total += Linear(8 * ROUNDING, 0, 0)
+        total += Linear(8 * rounding, 0, 0)
     return total
 
 
-def stream_operations(sizes: Mapping[str, int], operations: Mapping[str, int]) -> Linear:
+def stream_operations(sizes: Mapping[str, int], operations: Mapping[str, int], block: int) -> Linear:
     """Additions, multiplications, divisions and comparisons of reals in one update, at most.
 
     ``operations``: of one point of each function that the inversion calls, with `CALL` for every call of the kernel.
     """
     n_a, n_g, n_e, n_m, n_y, n_t = _sizes(sizes)
-    kinematics = _kinematics(sizes, operations["output_constraint"])
-    rows = POINTS * operations["inversion_rows"]
+    kinematics = _kinematics(sizes, operations["output_constraint"], block)
+    rows = block * operations["inversion_rows"]
     gear, friction = operations["gear_law"] + 16 * n_g, operations["motor_friction"]
     path = 600 + 40 * (n_t + 2 * n_y)  # one instant of the path, interpolated, its small rotations included
     motors = gear + friction + n_g * (8 * n_m + 60) + 8 * n_m
     spring, radau = SPRING_PASSES * gear, RADAU_PASSES * (3 * operations["gear_law"] + 120 * n_g) + 120 * n_g
 
-    # the window of samples around the interval, in groups of POINTS
-    group = kinematics + rows + POINTS * (path + 200 * n_e + 8 * n_a)
-    window = Linear(group * (2 * BACK + 1 + AHEAD + POINTS) // POINTS + group, 0, group // POINTS + 1)
+    # the window of samples around the interval, in groups of points
+    group = kinematics + rows + block * (path + 200 * n_e + 8 * n_a)
+    window = Linear(group * (2 * BACK + 1 + AHEAD + block) // block + group, 0, group // block + 1)
     window += Linear(0, 0, 1).times(spring + gear + radau + 3 * motors + 60 * (n_a + n_g * n_m + n_m))
     window += Linear(600, 0, 2 * TAPS * n_m)  # hold: weights, and their use
     window += Linear(2 * BACK + 2 + AHEAD, 0, 0).times(spring + gear + radau + motors + 60 * (n_a + n_g * n_m + n_m))
-    total = window + Linear(kinematics + POINTS * path + 200 * n_g, 40 * (n_g + n_g * n_m + n_m), 0)
+    total = window + Linear(kinematics + block * path + 200 * n_g, 40 * (n_g + n_g * n_m + n_m), 0)
 
-    total += _limits(sizes, kinematics + rows, path, spring + motors)
+    total += _limits(sizes, kinematics + rows, path, spring + motors, block)
     if n_e:
-        reduced = _reduced(sizes, operations["inversion_jacobians"])
-        total += _lq(n_e, kinematics + reduced)
+        reduced = _reduced(sizes, operations["inversion_jacobians"], block)
+        total += _lq(n_e, kinematics + reduced, block)
         levels = LEVELS * (kinematics + reduced + LAST * (2 * n_e**3 + 40 * n_e * n_e))
         total += Linear(levels + 4 * (2 * n_e) ** 2, 60 * n_e, 0)
         total += Linear(reduced + 4 * n_e**2 * (n_e + n_y) + 20 * (n_g + n_e) * n_y * (n_e + n_g), 0, 0)
     return total
 
 
-def _kinematics(sizes: Mapping[str, int], constraint: int) -> int:
-    """Operations of solve_kinematics for POINTS instants."""
+def _kinematics(sizes: Mapping[str, int], constraint: int, block: int) -> int:
+    """Operations of solve_kinematics for a block of instants."""
     _, n_g, n_e, _, n_y, n_t = _sizes(sizes)
     inverse = n_y * (n_y * (4 + 12 * n_y) + 2 * n_y + 4 * n_y * n_y + 8)
     step = n_g * (2 * n_y + 6) + 4 * (n_y + n_t)
     rates = 2 * n_y * (2 * n_e + 2) + 4 * n_g * n_y
-    return POINTS * (KINEMATIC_PASSES * (constraint + inverse + step) + constraint + rates)
+    return block * (KINEMATIC_PASSES * (constraint + inverse + step) + constraint + rates)
 
 
-def _reduced(sizes: Mapping[str, int], jacobians: int) -> int:
-    """Operations of the Jacobians of the reduced problem at POINTS instants."""
+def _reduced(sizes: Mapping[str, int], jacobians: int, block: int) -> int:
+    """Operations of the Jacobians of the reduced problem at a block of instants."""
     _, n_g, n_e, _, n_y, _ = _sizes(sizes)
     products = 4 * n_e * n_g * n_y * 2 + 4 * n_e * n_y * n_g * 2
-    return POINTS * (jacobians + products + n_e * n_e * n_g * 14 + n_e * (3 * n_e + 1) + 2 * n_e)
+    return block * (jacobians + products + n_e * n_e * n_g * 14 + n_e * (3 * n_e + 1) + 2 * n_e)
 
 
-def _lq(n_e: int, point_group: int) -> Linear:
-    """Operations of a Gauss-Newton step over the horizon; ``point_group``: of POINTS Gauss points."""
+def _lq(n_e: int, point_group: int, block: int) -> Linear:
+    """Operations of a Gauss-Newton step over the horizon; ``point_group``: of a block of Gauss points."""
     states, controls = 2 * n_e, STAGES * n_e
-    width = (controls + states + 8) // 8 * 8
+    width = (controls + states + block) // block * block
     tall = controls + states + 9
     residual_rows = controls * (STAGES * 18 + controls * 6 + n_e * 8)
     outer = 2 * controls * tall * width
@@ -136,18 +137,18 @@ def _lq(n_e: int, point_group: int) -> Linear:
     elimination = outer + controls * width * (2 * PANEL + 4)
     step = 2 * controls * (controls + states + 2) + 60 * n_e + 10 * controls
     interval = residual_rows + outer + cost + elimination + step + 4 * states * states
-    groups = GROUP * STAGES // POINTS
+    groups = -(-GROUP * STAGES // block)
     return Linear(groups * point_group + 4 * states * states, groups * point_group // GROUP + 1 + interval, 0)
 
 
-def _limits(sizes: Mapping[str, int], group: int, path: int, motors: int) -> Linear:
-    """Operations that limits of the motors add; ``group``: motion and torques at POINTS nodes."""
+def _limits(sizes: Mapping[str, int], group: int, path: int, motors: int, block: int) -> Linear:
+    """Operations that limits of the motors add; ``group``: motion and torques at a block of nodes."""
     n_a, n_g, _, n_m, n_y, _ = _sizes(sizes)
     bounded, n = 2 * n_m + n_y, BLOCKS * n_y
-    node = group // POINTS + 1 + motors + 20 * (n_a + bounded) + (1 + STAGES) * (path + 300)
+    node = group // block + 1 + motors + 20 * (n_a + bounded) + (1 + STAGES) * (path + 300)
     node += BLOCKS * CHAIN * 8 * CHAIN + CHAIN * BLOCKS * n_y * (4 + 4 * BLOCKS) + CHAIN * n_y * BLOCKS * 4
     node += bounded * (n * (10 + 2 + 1 + n) + 40)  # rows of the program, scaled, and their squares
     node += bounded * QP_STEPS * (4 * n + 24)
-    once = group * (2 + -(-n_g // POINTS)) + motors + 4 * n * n * n + QP_STEPS * (4 * n * n + 8 * n) + 400 * n_y
+    once = group * (2 + -(-n_g // block)) + motors + 4 * n * n * n + QP_STEPS * (4 * n * n + 8 * n) + 400 * n_y
     once += n_g * n_y * (8 * n_g + 20 * n_m) + path
     return Linear(once + node, node, 8 * n_m)

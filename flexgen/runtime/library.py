@@ -21,7 +21,7 @@ from flexgen.runtime.arguments import PARAMETERS
 from flexgen.runtime.calls import Entries, Function
 from flexgen.runtime.files import AGAIN, trusted_bytes, trusted_folder, trusted_library
 from flexgen.runtime.identity import ABI_VERSION, REALS, entry_of, verify
-from flexgen.runtime.path_inversion import TOLERANCE, Inverter, inverter_of
+from flexgen.runtime.path_inversion import Inverter, inverter_of
 from flexgen.runtime.processor import missing_instruction_sets
 from flexgen.runtime.stream import Stream, StreamEntries, streams_of
 
@@ -29,8 +29,8 @@ FORMAT = 2
 
 _LIBRARY_FILE = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib)\Z")
 _INVERTS = (
-    "one in double precision, with all functions, of a model with as many outputs as motors and simplified motor "
-    "coupling"
+    "one with all functions (bvp: in double precision), of a model with as many outputs as motors and simplified "
+    "motor coupling"
 )
 
 
@@ -114,7 +114,7 @@ class Library:
         period: float,
         intervals: int,
         samples_per_interval: int = 1,
-        tolerance: float = TOLERANCE,
+        tolerance: float | None = None,
         hold: str = "spline",
         delay: float = 0.0,
         parameters: Any = None,
@@ -133,9 +133,9 @@ class Library:
             Intervals of the horizon, one per update.
         samples_per_interval : int
             Samples of the results per update.
-        tolerance : float
+        tolerance : float, optional
             Largest residual of the unactuated rows, relative to their torques at equilibrium; above it an interval is
-            not ``converged``.
+            not ``converged``. Default: 1e-6, in single precision 1e-3.
         hold : str
             What the drive does between two samples: ``"spline"``, ``"linear"`` or ``"zoh"``; ``tau_m`` is what to send.
         delay : float

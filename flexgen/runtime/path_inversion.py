@@ -18,7 +18,8 @@ from flexgen.runtime.arguments import address
 from flexgen.runtime.files import AGAIN
 from flexgen.runtime.structs import filled, structs_of
 
-TOLERANCE = 1e-6  # of whole paths: the residual of a deflection of 1e-8 rad or m
+TOLERANCE = 1e-6  # of whole paths and streams: the residual of a deflection of 1e-8 rad or m
+SINGLE_TOLERANCE = 1e-3  # the same in single precision: residuals of rounding are smaller
 _HOLDS, _DELAY_MAX = ("spline", "linear", "zoh"), 4  # numbered in C; samples
 _RESULTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
 
@@ -49,8 +50,8 @@ class Inversion:
     unstable_zeros_start, unstable_zeros_end : int
         Of `Library.bvp`: number of unstable zeros at the start and at the end; of `Library.invert` 0.
     converged : bool
-        Whether ``residual_at_samples`` is within the tolerance and ``kinematic_mismatch`` below 0.02. Without
-        unactuated coordinates the residual is zero, and only the kinematic mismatch is checked.
+        Whether ``residual_at_samples`` is within the tolerance and ``kinematic_mismatch`` below 0.02 (in single
+        precision 0.25). Without unactuated coordinates the residual is zero, and only the mismatch is checked.
     """
 
     q_a: np.ndarray
@@ -97,7 +98,7 @@ class Inverter:
         parameters: np.ndarray,
     ) -> None:
         self._name, self._sizes, self._structs = name, sizes, structs
-        self._parameters = parameters
+        self._parameters, self._real = parameters, parameters.dtype
         self._entry, self._work, self._failures = entry, work, failures
         self._function = function
         self._pool: list[np.ndarray] = []
@@ -114,7 +115,9 @@ class Inverter:
         return self._again
 
     def __repr__(self) -> str:
-        options = f"n_pre=0, n_post=0, samples_per_interval=1, tolerance={TOLERANCE:g}, hold='spline', delay=0"
+        options = (
+            f"n_pre=0, n_post=0, samples_per_interval=1, tolerance={tolerance_of(self._real):g}, hold='spline', delay=0"
+        )
         options += ", parameters=None" if self._parameters.size else ""
         return f"{self._function}(y, dy, ddy, *, period, q_start, {options})"
 
@@ -137,7 +140,7 @@ class Inverter:
         n_pre: int = 0,
         n_post: int = 0,
         samples_per_interval: int = 1,
-        tolerance: float = TOLERANCE,
+        tolerance: float | None = None,
         hold: str = "spline",
         delay: float = 0.0,
         parameters: Any = None,
@@ -159,9 +162,10 @@ class Inverter:
             Samples before the path and after it.
         samples_per_interval : int
             Samples per interval of the solver's mesh.
-        tolerance : float
+        tolerance : float, optional
             Largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m. The
-            default is that of `flexgen.solve`: an error of the deflections of 1e-8 rad or m.
+            default is 1e-6, that of `flexgen.solve`: an error of the deflections of 1e-8 rad or m. In single precision
+            it is 1e-3.
         hold : str
             What the drive does between two samples: ``"spline"``, ``"linear"`` or ``"zoh"``; ``tau_m`` is what to send.
         delay : float
@@ -183,11 +187,12 @@ class Inverter:
         self._refuse_closed()
         function = self._function
         given = self._samples(y, dy, ddy)
-        q = array_of(function, "q_start", q_start, (self._sizes["n_a"],))
+        q = array_of(function, "q_start", q_start, (self._sizes["n_a"],), self._real)
         counts = {"n_pre": n_pre, "n_post": n_post, "samples_per_interval": samples_per_interval}
         counts = {key: whole_of(function, key, value) for key, value in counts.items()}
         period = number_of(function, "period", period)
         held = hold_of(function, hold, delay)
+        tolerance = tolerance_of(self._real) if tolerance is None else tolerance
         options = {**counts, **held, "tolerance": number_of(function, "tolerance", tolerance)}
         return self._inverted(given, parameters_of(function, parameters, self._parameters), q, period, options)
 
@@ -244,13 +249,13 @@ class Inverter:
         n = len(y) if np.ndim(y) == 2 else -1
         n_y, n_t = self._sizes["n_y"], self._sizes["n_t"]
         columns = {"y": (y, n_t), "dy": (dy, n_y), "ddy": (ddy, n_y)}
-        return {key: array_of(self._function, key, x, (n, width)) for key, (x, width) in columns.items()}
+        return {key: array_of(self._function, key, x, (n, width), self._real) for key, (x, width) in columns.items()}
 
     def _results(self, total: int) -> dict[str, Any]:
         """Arrays for the results at all samples."""
         n_a, n_g, n_m = (self._sizes[key] for key in ("n_a", "n_g", "n_m"))
         widths = (n_a, n_a, n_a, n_g, n_m, n_m, n_m)
-        return {key: np.empty((total, width)) for key, width in zip(_RESULTS, widths, strict=True)}
+        return {key: np.empty((total, width), self._real) for key, width in zip(_RESULTS, widths, strict=True)}
 
     def _work_size(self, n: int, options: ctypes.Structure, counts: dict[str, int]) -> int:
         """Size of the workspace; ArgumentError where a count is out of range."""
@@ -268,8 +273,8 @@ class Inverter:
         try:
             kept = self._pool.pop()
         except IndexError:
-            kept = np.empty(0)
-        return kept if kept.size >= size else np.empty(size)
+            kept = np.empty(0, self._real)
+        return kept if kept.size >= size else np.empty(size, self._real)
 
 
 def inverter_of(
@@ -299,7 +304,7 @@ def parameters_of(function: str, given: Any, of_model: np.ndarray) -> np.ndarray
             f"{function}, parameters: given to a library without run-time parameters, expected one that was generated "
             "with parameters=[...] (--parameters)"
         )
-    return array_of(function, "parameters", given, of_model.shape)
+    return array_of(function, "parameters", given, of_model.shape, of_model.dtype)
 
 
 def pointers(parameters: np.ndarray) -> tuple[ctypes.c_void_p, ...]:
@@ -307,8 +312,13 @@ def pointers(parameters: np.ndarray) -> tuple[ctypes.c_void_p, ...]:
     return (pointer(parameters),) if parameters.size else ()
 
 
-def array_of(function: str, name: str, x: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """An argument as C reads it: double precision, row after row."""
+def tolerance_of(real: np.dtype[Any]) -> float:
+    """The tolerance of a call that names none."""
+    return TOLERANCE if real == np.float64 else SINGLE_TOLERANCE
+
+
+def array_of(function: str, name: str, x: Any, shape: tuple[int, ...], real: np.dtype[Any]) -> np.ndarray:
+    """An argument as C reads it: numbers of the library's precision, row after row."""
     try:
         array = np.asarray(x)
     except (ValueError, TypeError) as error:
@@ -320,7 +330,8 @@ def array_of(function: str, name: str, x: Any, shape: tuple[int, ...]) -> np.nda
         raise ArgumentError(
             f"{function}, {name}: given shape {array.shape}, expected ({', '.join(map(str, expected))})"
         )
-    return np.ascontiguousarray(array, dtype=np.float64)
+    with np.errstate(over="ignore"):  # what is too large becomes infinite, which C refuses
+        return np.ascontiguousarray(array, dtype=real)
 
 
 def whole_of(function: str, name: str, x: Any) -> int:
@@ -344,7 +355,7 @@ def hold_of(function: str, hold: Any, delay: Any) -> dict[str, Any]:
 
 
 def number_of(function: str, name: str, x: Any) -> float:
-    """An argument that is a double in C."""
+    """An argument that is a number in C."""
     if isinstance(x, bool) or not isinstance(x, int | float | np.integer | np.floating):
         raise ArgumentError(f"{function}, {name}: given {x!r}, expected a number")
     return float(x)

@@ -13,8 +13,17 @@ import numpy as np
 
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.files import AGAIN
-from flexgen.runtime.path_inversion import array_of, hold_of, number_of, parameters_of, pointer, pointers, whole_of
-from flexgen.runtime.structs import filled, structs_of
+from flexgen.runtime.path_inversion import (
+    array_of,
+    hold_of,
+    number_of,
+    parameters_of,
+    pointer,
+    pointers,
+    tolerance_of,
+    whole_of,
+)
+from flexgen.runtime.structs import REAL, filled, structs_of
 
 _TOLERANCE_NOT_MET = 1  # a status
 _CAUSES = ("", "residual", "kinematic mismatch", "horizon")  # of a tolerance that is not met, in the order of C
@@ -42,6 +51,11 @@ class StreamEntries:
     again: tuple[Callable[..., Any], tuple[Any, ...]]  # these entries, found once more where a stream is unpickled
     closed: threading.Event = field(default_factory=threading.Event)
 
+    @property
+    def real(self) -> np.dtype[Any]:
+        """The type of the library's numbers."""
+        return self.model_parameters.dtype
+
     def refuse_closed(self) -> None:
         """ArgumentError where the library is closed."""
         if self.closed.is_set():
@@ -64,9 +78,11 @@ class Interval:
         Residual of the unactuated rows, relative to their torques at equilibrium.
     kinematic_mismatch : float
         Largest difference between velocities and accelerations and the numerical derivatives of positions and
-        velocities at the samples, relative to their largest value within about a horizon; its limit is 0.02.
+        velocities at the samples, relative to their largest value within about a horizon; its limit is 0.02
+        (in single precision 0.25).
     torque_step : float
-        Largest step of a motor torque from the interval before, relative to its largest value; its limit is 2e-4.
+        Largest step of a motor torque from the interval before, relative to its largest value; its limit is 2e-4
+        (in single precision 5e-3).
     output_step_m, output_step_rad : float
         Step by which the output leaves the plan of the update before because the horizon is too short [m, rad]. The sum
         over the updates of a move estimates its error.
@@ -126,7 +142,7 @@ class Stream:
         period: float,
         intervals: int,
         samples_per_interval: int,
-        tolerance: float,
+        tolerance: float | None = None,
         hold: str = "spline",
         delay: float = 0.0,
         parameters: Any = None,
@@ -135,6 +151,8 @@ class Stream:
         self.samples_per_interval = whole_of("stream", "samples_per_interval", samples_per_interval)
         self.period = number_of("stream", "period", period)
         self._sizes, self._entries = dict(sizes), entries
+        real = entries.real
+        tolerance = tolerance_of(real) if tolerance is None else tolerance
         options = filled(
             entries.structs["stream_options"],
             intervals=self.intervals,
@@ -149,10 +167,10 @@ class Stream:
                 f"stream: given {self.intervals} intervals and {self.samples_per_interval} samples per interval, "
                 "expected 1 to 10000 and 1 to 1000"
             )
-        at = array_of("stream", "y", y, (self._sizes["n_t"],))
-        q = array_of("stream", "q_start", q_start, (self._sizes["n_a"],))
+        at = array_of("stream", "y", y, (self._sizes["n_t"],), real)
+        q = array_of("stream", "q_start", q_start, (self._sizes["n_a"],), real)
         held = parameters_of("stream", parameters, entries.model_parameters)
-        self._memory = np.zeros(size)
+        self._memory = np.zeros(size, real)
         status = entries.start(
             pointer(self._memory),
             ctypes.c_int64(size),
@@ -167,8 +185,9 @@ class Stream:
     def _bind(self) -> None:
         """Memory of the arguments of an update, and their addresses."""
         n_a, n_g, n_m = (self._sizes[key] for key in ("n_a", "n_g", "n_m"))
-        self._inputs = [np.zeros(self._sizes[key]) for key in ("n_t", "n_y", "n_y")]
-        self._outputs = [np.zeros((self.samples_per_interval, n)) for n in (n_a, n_a, n_g, n_m, n_m, n_m)]
+        real = self._entries.real
+        self._inputs = [np.zeros(self._sizes[key], real) for key in ("n_t", "n_y", "n_y")]
+        self._outputs = [np.zeros((self.samples_per_interval, n), real) for n in (n_a, n_a, n_g, n_m, n_m, n_m)]
         structs = self._entries.structs
         self._motion = filled(structs["motion"], **dict(zip(_RESULTS, self._outputs, strict=True)))
         self._info = structs["stream_info"]()
@@ -228,14 +247,16 @@ class Stream:
             Where the sample cannot be reached (nothing has changed), or the solver failed: then the stream has failed.
         """
         self._entries.refuse_closed()
-        for name, memory, x in zip(("y", "dy", "ddy"), self._inputs, (y, dy, ddy), strict=True):
+        given = [y, dy, ddy]
+        for i, (name, memory) in enumerate(zip(("y", "dy", "ddy"), self._inputs, strict=True)):
+            x = given[i]
             if type(x) is np.ndarray and x.shape == memory.shape and x.dtype == memory.dtype:
                 continue
-            array_of("stream", name, x, memory.shape)
+            given[i] = array_of("stream", name, x, memory.shape, memory.dtype)
         if not self._lock.acquire(blocking=False):
             raise ArgumentError("stream: given an update while another one runs, expected one after the other")
         try:
-            for memory, x in zip(self._inputs, (y, dy, ddy), strict=True):
+            for memory, x in zip(self._inputs, given, strict=True):
                 memory[...] = x
             status = int(self._entries.update(*self._arguments))
             self._refuse(status)
@@ -278,13 +299,14 @@ class Stream:
         self._entries.refuse_closed()
         n_m = self._sizes["n_m"]
         both = [
-            array_of("stream", name, np.full(n_m, np.inf) if x is None else x, (n_m,))
+            array_of("stream", name, np.full(n_m, np.inf) if x is None else x, (n_m,), self._entries.real)
             for name, x in (("torque", torque), ("speed", speed))
         ]
         if not self._lock.acquire(blocking=False):
             raise ArgumentError("stream: given limits while an update runs, expected one after the other")
         try:
-            most = ctypes.c_double(number_of("stream", "deviation", deviation))
+            real = REAL["double" if self._entries.real == np.float64 else "single"]
+            most = real(number_of("stream", "deviation", deviation))
             self._refuse(int(self._entries.limits(pointer(self._memory), *(pointer(x) for x in both), most)))
         finally:
             self._lock.release()

@@ -38,9 +38,8 @@ typedef enum { ELBOW_HOLD_SPLINE = 0, ELBOW_HOLD_LINEAR = 1, ELBOW_HOLD_ZOH = 2 
     (INT64_C(1870843) + INT64_C(81602) * (intervals) + INT64_C(45822) * (samples_per_interval))
 
 /*
- * Recommended options of a stream. The look-ahead is ln(1 / STREAM_TOLERANCE) time constants of the slowest unstable
- * zero at the home pose, and at least 10 intervals. For limits of the motors take twice as many intervals, and the
- * time to brake.
+ * Recommended options of a stream. The look-ahead is ln(1 / 1e-06) time constants of the slowest unstable zero at the
+ * home pose, and at least 10 intervals. For limits of the motors take twice as many intervals, and the time to brake.
  */
 #define ELBOW_SLOWEST_UNSTABLE_ZERO 0.0 /* [1/s] real part, home pose; 0: none */
 #define ELBOW_LOOK_AHEAD 0.05 /* [s] of a stream: time from a sample to the output that reaches it */
@@ -66,7 +65,7 @@ typedef struct {
     int n_post; /* samples after the path, in which stable zeros decay */
     int samples_per_interval; /* samples per interval of the mesh */
     /* largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6, an
-     * error of 1e-8 rad or m, is what flexgen solve uses */
+     * error of 1e-8 rad or m, is what flexgen solve uses (single precision: 1e-3) */
     elbow_real tolerance;
     /* what the drive does between two samples of tau_m, one of the enum; tau_m is then what to send at the samples */
     int hold;
@@ -103,7 +102,7 @@ typedef struct {
     int samples_per_interval; /* samples of the results per update, 1 to 1000 */
     elbow_real period; /* [s] time between two updates: the length of an interval */
     /* largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6, an
-     * error of 1e-8 rad or m, is what flexgen solve uses */
+     * error of 1e-8 rad or m, is what flexgen solve uses (single precision: 1e-3) */
     elbow_real tolerance;
     /* what the drive does between two samples of tau_m, one of the enum; tau_m is then what to send at the samples */
     int hold;
@@ -113,8 +112,9 @@ typedef struct {
 /* What stream_update reports. */
 typedef struct {
     elbow_real residual; /* residual of the unactuated rows, relative as the tolerance */
-    elbow_real kinematic_mismatch; /* as in inversion_info, limit 0.02 */
-    /* largest step of a motor torque from the interval before, relative to its largest value; limit 2e-4 */
+    elbow_real kinematic_mismatch; /* as in inversion_info, limit 0.02 (single precision: 0.25) */
+    /* largest step of a motor torque from the interval before, relative to its largest value; limit 2e-4 (single
+     * precision: 5e-3) */
     elbow_real torque_step;
     /* [m] distance by which the output leaves the plan before because the horizon is too short; the sum over the
      * updates of a move estimates its error */
@@ -144,12 +144,12 @@ int64_t elbow_invert_work(int n, const elbow_inversion_options *options);
  *
  * The output is at rest before the path and after it. The arm starts at equilibrium. Its unactuated coordinates move
  * before the path where zeros are unstable (n_pre), and after it until the stable zeros have decayed (n_post). OK: the
- * residual is within the tolerance on the mesh and at the samples, and the kinematic mismatch is below 0.02.
- * TOLERANCE_NOT_MET: the iteration converged on the mesh, but the result between its nodes is not accurate: use a
- * finer mesh, a smoother path, or another sampling period. Do not use the results where the status is negative.
- * BAD_ARGUMENT also means that the path does not begin and end at rest. UNREACHABLE also means that no equilibrium was
- * found from q_start. Without unactuated coordinates nothing is solved and the residual is zero. Arrays are stored
- * sample after sample: entry i of sample k is x[k * n_a + i]. Stack: at most 11264 bytes.
+ * residual is within the tolerance on the mesh and at the samples, and the kinematic mismatch is below 0.02 (single
+ * precision: 0.25). TOLERANCE_NOT_MET: the iteration converged on the mesh, but the result between its nodes is not
+ * accurate: use a finer mesh, a smoother path, or another sampling period. Do not use the results where the status is
+ * negative. BAD_ARGUMENT also means that the path does not begin and end at rest. UNREACHABLE also means that no
+ * equilibrium was found from q_start. Without unactuated coordinates nothing is solved and the residual is zero.
+ * Arrays are stored sample after sample: entry i of sample k is x[k * n_a + i]. Stack: at most 11264 bytes.
  *
  *   path                        samples of the output
  *   q_start   n_a       [mixed] initial guess of the equilibrium at the first sample
@@ -194,14 +194,15 @@ elbow_status elbow_stream_start(elbow_real *stream, int64_t stream_size, const e
  * The output reaches the sample after as many updates as the horizon has intervals. An update is one iteration of the
  * solver, with a bounded number of operations. A sample that is refused (INPUT_NOT_FINITE, BAD_ARGUMENT, UNREACHABLE)
  * changes nothing. After any other negative status the stream has failed, and later updates return NOT_STARTED. OK: in
- * this interval the residual is within the tolerance, the kinematic mismatch is below 0.02, and the motor torque
- * continues that of the interval before within 2e-4 of its largest value. TOLERANCE_NOT_MET: one of these three is too
- * large; the cause in the info shows which. Motion below 3e-8 m or rad within an interval and steps of the output
- * below 1e-8 m or rad are not counted. Reasons are a path that is not smooth, a horizon that is too short for the
- * unstable zeros, a sampling period that is too long or too short, or fewer than 7 samples in the rest of the horizon:
- * (intervals - 1) * samples_per_interval < 7 (with a hold 11, and the delay). TOLERANCE_NOT_MET and LIMITS_ACTIVE are
- * positive and come with results. To stop, repeat the last position with zero derivatives until the results are at
- * rest, at least for a whole horizon. Stack: at most 11264 bytes.
+ * this interval the residual is within the tolerance, the kinematic mismatch is below 0.02 (single precision: 0.25),
+ * and the motor torque continues that of the interval before within 2e-4 (5e-3) of its largest value.
+ * TOLERANCE_NOT_MET: one of these three is too large; the cause in the info shows which. Motion below 3e-8 m or rad
+ * (1e-5) within an interval and steps of the output below 1e-8 m or rad (1e-6) are not counted. Reasons are a path
+ * that is not smooth, a horizon that is too short for the unstable zeros, a sampling period that is too long or too
+ * short, or fewer than 7 samples in the rest of the horizon: (intervals - 1) * samples_per_interval < 7 (with a hold
+ * 11, and the delay). TOLERANCE_NOT_MET and LIMITS_ACTIVE are positive and come with results. To stop, repeat the last
+ * position with zero derivatives until the results are at rest, at least for a whole horizon. Stack: at most 11264
+ * bytes.
  *
  *   stream stream_work         memory of the stream
  *   y      n_t         [mixed] output; for a pose the position, then the rotation matrix by columns

@@ -153,7 +153,8 @@ def test_a_machine_without_double_precision_needs_none(name, tmp_path):
     run("arm-none-eabi-gcc", *M7, "-std=c99", "-O2", "-Wdouble-promotion", "-Werror", "-c", *files, folder=tmp_path)
     needed = run("arm-none-eabi-nm", "-u", *sorted(tmp_path.glob("*.o")), folder=tmp_path)
     needed = {line.split()[-1] for line in needed.splitlines() if " U " in line}
-    assert {symbol for symbol in needed if not symbol.startswith(f"{name}_")} <= {"memset", "memcpy", "memmove"}
+    allowed = {"memset", "memcpy", "memmove", "__aeabi_ldivmod"}  # the last one divides sizes, 64-bit integers
+    assert {symbol for symbol in needed if not symbol.startswith(f"{name}_")} <= allowed
 
 
 @pytest.mark.parametrize("target", TARGETS)

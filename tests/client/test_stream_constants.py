@@ -45,18 +45,21 @@ def spec(name: str) -> LibrarySpec:
 
 
 @cache
-def library(name: str) -> Generated:
+def library(name: str, precision: str = "double") -> Generated:
     """The library of what inverts a model, in one file."""
     functions = [f.name for f in spec(name).functions]
-    return generate(name, _folder() / f"{name}_stream", functions=functions, amalgamate=True)
+    folder = _folder() / f"{name}_stream_{precision}"
+    return generate(name, folder, functions=functions, amalgamate=True, precision=precision)
 
 
-def printed(name: str, body: str, tmp_path, compiler: str = CC, language: str = "-std=c99") -> list[list[int]]:
+def printed(
+    name: str, body: str, tmp_path, compiler: str = CC, language: str = "-std=c99", precision: str = "double"
+) -> list[list[int]]:
     """The numbers that a program prints, line by line; ``@`` stands for the name in capitals, ``$`` for it."""
     text = f'#include "{name}.h"\n#include <stdio.h>\n\nint main(void)\n{{\n{body}    return 0;\n}}\n'
     file = tmp_path / ("main.cpp" if "++" in language else "main.c")
     file.write_text(text.replace("@", name.upper()).replace("$", name))
-    folder = library(name).directory
+    folder = library(name, precision).directory
     words = [compiler, language, "-Wall", "-Wextra", "-Werror", f"-I{folder}", file, folder / f"lib{name}.a"]
     run(*words, "-lm", "-o", "program", folder=tmp_path)
     return [[int(word) for word in line.split()] for line in run(tmp_path / "program", folder=tmp_path).splitlines()]
@@ -79,15 +82,18 @@ def test_no_recommendation_at_a_singular_pose():
     assert stream_defaults(robot, made) is None
 
 
-@pytest.mark.parametrize("name", ["elbow", "planar5_nmp", "beam_arm"])
-def test_the_memory_is_enough_and_not_much_more(name, tmp_path):
+@pytest.mark.parametrize(
+    ("name", "precision"),
+    [("elbow", "double"), ("planar5_nmp", "double"), ("beam_arm", "double"), ("planar5_nmp", "single")],
+)
+def test_the_memory_is_enough_and_not_much_more(name, precision, tmp_path):
     lines = "".join(
         f"    {{\n        const $_stream_options o = {{{n}, {s}, 0.005, 1e-6, {hold}}};\n"
         f'        printf("%lld %lld\\n", (long long)$_stream_work(&o), (long long)@_STREAM_SIZE({n}, {s}));\n    }}\n'
         for n, s in GRID
         for hold in ("@_HOLD_SPLINE, 0.0", "@_HOLD_ZOH, @_HOLD_DELAY_MAX")
     )
-    for needed, macro in printed(name, lines, tmp_path):
+    for needed, macro in printed(name, lines, tmp_path, precision=precision):
         assert 0 < needed <= macro <= SPARE * needed + NUMBERS
 
 

@@ -4,35 +4,24 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 from emitted import ROOT, made, run, sources
 from inversion_cases import last_joint
+from stream_machine import AFTER, AHEAD, PARTS, UPDATE, Machine, error
 from toolchain import CC, STRICT, needs_compiler, tool
 
 from flexgen.analysis.zeros_along_path import zero_path
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import samples
-from flexgen.mechanics.equations import Equations, derive
-from flexgen.model.elements import RobotModel, SmoothSpring
+from flexgen.model.elements import SmoothSpring
 from flexgen.model.reader import read
-from flexgen.paths.path import Path
-from flexgen.ports import Port
-from flexgen.runtime.library import Library
-from flexgen.runtime.stream import Interval, Stream
-from flexgen.simulation.hold import TorqueCommand
-from flexgen.simulation.simulate import Simulation, output_labels, simulate
-from flexgen.trajectory import Trajectory
 
 pytestmark = needs_compiler
 
 PLANAR, SIX_AXES = "planar5_nmp", "manutec_r3_18"
-UPDATE, AHEAD, PARTS = 5e-3, 20, 5  # s, intervals, samples in each
-AFTER = 0.1  # s: how long a stream goes on behind the end of its path
 PLANAR_ERROR, SIX_AXES_ERROR = 1e-8, 1e-7  # m and rad: 1e-10 and 1e-9 were measured; a user is promised 1 and 5 um
 # What one sample per update leaves of the torque's second derivative: measured 0.12 um, with two samples 5 nm.
 ONE_PART_ERROR = 1e-6
@@ -41,78 +30,14 @@ ONE_PART_ERROR = 1e-6
 AGREES = 2e-5
 STIFF_AGREES = 1e-4  # the same for gears that stiffen, whose deflection is integrated: measured 7e-6
 MOST = 22.0  # N m: a bound that the path would pass by a tenth
-DIFFERENCES = 6  # samples beyond an interval that derivatives need
 SOFT = (1 / 300, 1 / 17)  # factors of stiffness and damping of the passive joint
 MICROMETER = 1e-6
 STILL = 1e-9  # N m and rad/s: what changes at rest is rounding
 
 
-class Machine:
-    """A model, its library, a path, and what they make of each other."""
-
-    def __init__(self, name: str | RobotModel, move: str | None) -> None:
-        self.equations: Equations = derive(name)
-        self.path = Path(self.equations, self.equations.model.move(move))
-        self.library: Library = inversion_library(self.equations, "lq")
-        self._reduction = Reduction(self.equations)
-
-    def samples(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Place, dy and its dy at instants."""
-        sample = self.path.sample(t)
-        return self._reduction.targets(sample), sample.derivative(1), sample.derivative(2)
-
-    def begun(self, ahead: int = AHEAD, samples_per_interval: int = PARTS, **hold: Any) -> Stream:
-        y = self.samples(np.zeros(1))[0][0]
-        return self.library.stream(
-            y, self.path.q_start, period=UPDATE, intervals=ahead, samples_per_interval=samples_per_interval, **hold
-        )
-
-    def simulation(
-        self, t: np.ndarray, results: dict[str, np.ndarray], hold: str = "", delay: float = 0.0
-    ) -> Simulation:
-        """What the full model does under the torques, from rest; ``delay`` in samples."""
-        model, sample = self.equations.model, self.path.sample(t)
-        arm, motors = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
-        labels = {"tau_m": motors, "q_a": arm, "q_m": motors, **output_labels(model)}
-        channels = {name: results[name] for name in ("tau_m", "q_a", "q_m")} | {"y_ref": sample.y[:, :, 0]}
-        if sample.R is not None:
-            channels["R_ref"] = sample.R.reshape(len(t), 9)
-        units = {"tau_m": "N m", "q_a": "rad or m", "q_m": "rad", "y_ref": "m", "R_ref": "-"}
-        ports = {name: Port(name, (x.shape[1],), units[name], name) for name, x in channels.items()}
-        trajectory = Trajectory(t, channels, ports, labels, {"model": model.name})
-        if not hold:
-            return simulate(self.equations, trajectory)
-        sample_time = (t[-1] - t[0]) / (len(t) - 1)
-        command = TorqueCommand(t, results["tau_m"], motors, hold, sample_time, delay * sample_time, {})
-        return simulate(self.equations, trajectory, command=command)
-
-    def updates(self, ahead: int = AHEAD, samples_per_interval: int = PARTS, **hold: Any) -> list[Interval]:
-        """The intervals of a stream along the path, and some time behind it."""
-        stream = self.begun(ahead, samples_per_interval, **hold)
-        n = int(np.ceil((self.path.duration + AFTER) / UPDATE)) + ahead
-        return [stream.update(*sample) for sample in zip(*self.samples(UPDATE * np.arange(1, n + 1)), strict=True)]
-
-    def followed(
-        self, ahead: int = AHEAD, samples_per_interval: int = PARTS, checked: bool = True, **hold: Any
-    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Instants and results of a stream along the path, and some time behind it."""
-        intervals = self.updates(ahead, samples_per_interval, **hold)
-        n = len(intervals)
-        few = (ahead - 1) * samples_per_interval < DIFFERENCES
-        assert not checked or few or all(interval.converged for interval in intervals)
-        names = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
-        t = np.arange(n * samples_per_interval) * UPDATE / samples_per_interval - (ahead - 1) * UPDATE
-        return t, {name: np.vstack([getattr(x, name) for x in intervals]) for name in names}
-
-
 @cache
 def machine(name: str = PLANAR, move: str | None = None) -> Machine:
     return Machine(name, move)
-
-
-def error(simulation: Simulation) -> float:
-    """Of the tool, in metres or rad, whichever is more."""
-    return max(simulation.tool_error_max_m or 0.0, simulation.tool_error_max_rad or 0.0)
 
 
 # --- judged by the full model -----------------------------------------------------------------------------------------

@@ -162,7 +162,8 @@ def test_a_stream_of_a_closed_library_is_closed(folder, flexible):
 
 
 def test_generate_names_what_is_missing(tmp_path, capfd):
-    assert main(["generate", "elbow", "--single", "--no-build", "--directory", str(tmp_path / "elbow")]) == 0
-    assert "invert, bvp and stream, because they are in double precision only" in " ".join(
-        capfd.readouterr().out.split()
-    )
+    model = ["generate", "planar5_nmp", "--no-build"]
+    assert main([*model, "--single", "--directory", str(tmp_path / "single")]) == 0
+    assert "not in this library: bvp, because it is in double precision only" in capfd.readouterr().out
+    assert main([*model, "--functions", "gravity", "--directory", str(tmp_path / "few")]) == 0
+    assert "invert, bvp and stream, because they need the functions" in " ".join(capfd.readouterr().out.split())

@@ -140,7 +140,7 @@ def test_a_library_without_it_says_so(tmp_path):
     from flexgen.build.generate import generate
 
     few = load(generate(MODEL, tmp_path / "few", functions=["gravity"]).directory)
-    with pytest.raises(ArgumentError, match="without invert, expected one in double precision"):
+    with pytest.raises(ArgumentError, match="without invert, expected one with all functions"):
         _ = few.invert
     with pytest.raises(ArgumentError, match="without streams"):
         few.stream(np.zeros(2), np.zeros(3), period=5e-3, intervals=10)

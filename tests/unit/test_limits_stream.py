@@ -45,6 +45,7 @@ SIX_AXES = [
 FOLLOWED = 2e-6  # m: of the simulated tool; a thousandth of a deviation may act on the motion of now
 
 SHIM = """\
+#define PRECISE(fine, coarse) fine
 #include <math.h>
 typedef double real;
 static inline real fabs_1(real x) { return fabs(x); }

@@ -50,8 +50,8 @@ static inline void hold_weights(real hold, real delay, int limited, real weight[
         for (int p = HOLD_NODES - 1; p >= 0; --p) {
             const real c = lagrange_120[i][p] / 120.0;
             value = value * x + c;
-            part = (part + c / (p + 1)) * x;
-            whole += c / (p + 1);
+            part = (part + c / (real)(p + 1)) * x;
+            whole += c / (real)(p + 1);
         }
         if (hold == (real)ELBOW_HOLD_ZOH) {
             v[i + 4] += whole - part;

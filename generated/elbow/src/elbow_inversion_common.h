@@ -16,7 +16,7 @@ enum {
     NY = ELBOW_NY,
     NT = ELBOW_NT,
     PARAMETERS = ELBOW_PARAMETERS, /* run-time parameters */
-    POINTS = 8,
+    POINTS = BLOCK,
     STAGES = 3,
     REFERENCE = NT + 2 * NY /* numbers of a path sample: y, dy, ddy */
 };
@@ -43,7 +43,7 @@ static inline real largest(const real *x, int n)
 static inline real square_root(real x)
 {
     real r = 1.0;
-    if (!(x > 0.0 && x < 1e300)) {
+    if (!(x > 0.0 && x < PRECISE(1e300, 1e37))) {
         return x;
     }
     while (r * r > 4.0 * x) {
@@ -79,7 +79,7 @@ static inline void copy(const real *from, ptrdiff_t n, real *to)
 /* Workspace of the functions that are used here; the run-time parameters are stored behind it. */
 static inline ptrdiff_t function_work(void)
 {
-    return ELBOW_INVERSION_SPACE + 8 + ELBOW_PARAMETERS;
+    return ELBOW_INVERSION_SPACE + BLOCK + ELBOW_PARAMETERS;
 }
 
 /* Store the run-time parameters where the functions that are called with this workspace find them. */
@@ -91,7 +91,7 @@ static inline void keep_parameters(const real *parameters, real *space)
 /* Room in the workspace, in numbers; whole vectors apart. */
 static inline int64_t padded(int64_t n)
 {
-    return (n + 7) / 8 * 8;
+    return (n + BLOCK - 1) / BLOCK * BLOCK;
 }
 
 #endif

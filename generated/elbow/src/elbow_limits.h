@@ -32,9 +32,9 @@ static const real considered_from = 0.5; /* nodes below this part of a limit are
 static const real overshoot_factor = 1.5;
 /* part of a change that one update makes, so that errors of the Jacobians are corrected */
 static const real step_share = 0.2;
-static const real deviation_zero = 1e-7;     /* m, rad: a smaller deviation is not reported */
-static const real deviation_decayed = 1e-11; /* m, rad: a smaller deviation only decays */
-static const real deviation_removed = 1e-20; /* m, rad: a smaller deviation becomes zero */
+static const real deviation_zero = PRECISE(1e-7, 1e-6);     /* m, rad: a smaller deviation is not reported */
+static const real deviation_decayed = PRECISE(1e-11, 1e-8); /* m, rad: a smaller deviation only decays */
+static const real deviation_removed = 1e-20;                /* m, rad: a smaller deviation becomes zero */
 /* weight of the input, and of the derivatives at the end, relative to the deviation */
 static const real smoothness_weight = 1e-1;
 static const real change_weight = 1e0; /* weight of a change of the input, against jumps from update to update */

@@ -28,9 +28,9 @@ enum {
 static const real scale_q = 1e-2; /* rad or m */
 static const real scale_v = 1.0;  /* rad/s or m/s */
 static const real scale_a = 1e3;  /* rad/s^2 or m/s^2 */
-static const real regularization = 1e-12;
+static const real regularization = PRECISE(1e-12, 1e-5);
 /* smallest cost to go that counts: a thousand times that of the regularization */
-static const real negligible_cost = 1e-9;
+static const real negligible_cost = PRECISE(1e-9, 1e-4);
 
 /* Memory of a step. */
 typedef struct {
@@ -201,7 +201,7 @@ static inline int eliminate(real *RESTRICT H, real *RESTRICT factor)
             real *row = rows + p * WIDTH;
             const int k = begin + p;
             real weight;
-            for (int j = k / 8 * 8; j < WIDTH; j += LANES) {
+            for (int j = k / BLOCK * BLOCK; j < WIDTH; j += LANES) {
                 lanes sum = load_v(H + k * WIDTH + j);
                 for (int r = 0; r < p; ++r) {
                     sum += splat_v(weighed[r * WIDTH + k]) * load_v(rows + r * WIDTH + j);
@@ -212,7 +212,7 @@ static inline int eliminate(real *RESTRICT H, real *RESTRICT factor)
                 return 0;
             }
             weight = -1.0 / row[k];
-            for (int j = k / 8 * 8; j < WIDTH; j += LANES) {
+            for (int j = k / BLOCK * BLOCK; j < WIDTH; j += LANES) {
                 store_v(weighed + p * WIDTH + j, splat_v(weight) * load_v(row + j));
             }
             row[k] = weight;

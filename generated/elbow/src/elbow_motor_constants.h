@@ -11,7 +11,7 @@
 #define ELBOW_POSE 0 /* the output is a pose: position, then rotation */
 #define ELBOW_PARAMETERS 0 /* run-time parameters, stored behind the workspace */
 #define ELBOW_INVERSION_SPACE 896 /* reals of workspace for the functions below */
-#define PARAMETERS_OF(space) ((space) + ELBOW_INVERSION_SPACE + 8)
+#define PARAMETERS_OF(space) ((space) + ELBOW_INVERSION_SPACE + BLOCK)
 
 /* Indices of the coordinates with and without motor; q_m = eta q_g where no gear is deflected. */
 static const int i_g[ELBOW_NG] = {0, 1};

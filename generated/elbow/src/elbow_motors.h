@@ -54,7 +54,9 @@ static inline int motors_at_sample(const gears *g, const real *tau, const real *
             once = derivative_of(deflection + i, NG, period);
             twice = second_derivative_of(deflection + i, NG, period);
         } else {
-            once = (tau[i] - value[i]) / damping_of(i, space);
+            real left = tau[i] - value[i];
+            left = fabs_1(left) <= PRECISE(0.0, 2e-7) * fabs_1(tau[i]) ? 0.0 : left; /* rounding is no motion */
+            once = left / damping_of(i, space);
             twice = (derivative_of(tau + i, NG, period) - stiffness[i] * once) / damping_of(i, space);
         }
         q[i] += deflection[i];

@@ -9,11 +9,11 @@
 
 enum { MEMORY_DECAYS = 4 }; /* time constants of the memory of the largest values, per horizon */
 
-static const real torque_step_max =
-    2e-4; /* of a motor torque from one interval to the next, relative to its largest value */
+static const real torque_step_max = PRECISE(
+    2e-4, 5e-3); /* of a motor torque from one interval to the next, relative to its largest value */
 
 /* m or rad: joints that move less within an interval are at rest; a smaller step of the output is none */
-static const real negligible_motion = 3e-8, negligible_step = 1e-8;
+static const real negligible_motion = PRECISE(3e-8, 1e-5), negligible_step = PRECISE(1e-8, 1e-6);
 
 /* Results of an update, sample after sample. */
 typedef struct {
@@ -46,7 +46,7 @@ static inline int arm_in_window(real *s, const layout *l, const interval *out, r
             const int k = at + (point < used ? point : used - 1) - BACK + (int)l->past * samples_per_interval;
             const int node = k / samples_per_interval < end ? k / samples_per_interval : end - 1;
             const real x = k / samples_per_interval < end ?
-                               (real)(k - node * samples_per_interval) / samples_per_interval :
+                               (real)(k - node * samples_per_interval) / (real)samples_per_interval :
                                1.0;
             real reference[REFERENCE];
             between_samples(s + l->nodes + node * (ptrdiff_t)REFERENCE, s[PERIOD], x, reference);
