@@ -319,6 +319,11 @@ def _add_solve_arguments(parser: _Parser) -> None:
         help="enforce the torque and speed limits of the model (methods lq, collocation, full)",
     )
     parser.add_argument("--accuracy", metavar="X", type=_positive, help="largest accepted output error [m and rad]")
+    parser.add_argument(
+        "--fixed-joint",
+        metavar="NAME",
+        help="of an arm with more motors than outputs: the joint that keeps its value in a move of the tool",
+    )
     _add_bounds_arguments(parser)
     parser.add_argument(
         "--hold",

@@ -114,8 +114,13 @@ def _solve_one(
         delay=args.delay,
         time_limit=args.time,
         ignore_limits=args.ignore_limits,
+        fixed_joint=args.fixed_joint,
         progress=log,
     )
+    if solution.model.output != equations.model.output:  # all joints, of an arm with more motors than outputs
+        from flexgen.mechanics.equations import derive
+
+        equations = derive(solution.model)
     data = solution.to_dict()
     lines = [f"{title(equations.model)}, move {solution.move.name}\n\n{figures(solution_rows(solution))}\n"]
     if out is not None:

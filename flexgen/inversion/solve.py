@@ -27,7 +27,8 @@ from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import Move, RobotModel
-from flexgen.paths.path import Path, named_move
+from flexgen.paths.path import named_move
+from flexgen.paths.redundancy import problem_of_move
 from flexgen.ports import Port
 from flexgen.progress import Choice, reported
 from flexgen.simulation.simulate import output_labels, output_units
@@ -61,6 +62,7 @@ def solve(
     delay: float = 0.0,
     time_limit: float | None = TIME_LIMIT,
     ignore_limits: bool = False,
+    fixed_joint: str | None = None,
     progress: Choice = None,
     options: Mapping[str, Any] | None = None,
 ) -> Solution:
@@ -72,14 +74,12 @@ def solve(
     move : str or Move, optional
         A move of the model file; default: its first.
     method : str
-        A name of `flexgen.inversion.method_table.METHODS`, or ``"auto"``, the default method: ``"full"`` for complete
-        motor coupling, gear springs with a kink, and limits of an arm with up to 8 coordinates (``"lq"`` of a larger
-        elastic one); else ``"closed-form"`` without non-actuated coordinates, and ``"lq"`` with them
-        (``"collocation"`` without a C compiler). If the default method fails or its verification does, finer meshes
-        are tried, and for a minute further methods: "bvp", "collocation", and "full" up to 8 coordinates.
+        A name of `flexgen.inversion.method_table.METHODS`, or ``"auto"``: "full" for complete motor coupling, springs
+        with a kink, and limits of an arm with up to 8 coordinates ("lq" of a larger elastic one); else "closed-form"
+        without non-actuated coordinates, and "lq" with them ("collocation" without a C compiler). If it fails, finer
+        meshes are tried, and for a minute further methods: "bvp", "collocation", and "full" up to 8 coordinates.
     preview : float, optional [s]
-        How long before the path the motion may begin; default: `flexgen.analysis.zeros.preview` of the slowest
-        unstable zero, at least 4 % of the move (of half a second, if it is longer) and at most 2 s.
+        How long before the path the motion may begin, at most 2 s; default: `flexgen.analysis.zeros.preview`.
     mesh : float, optional [s]
         Length of the intervals or steps; default: a hundredth of the move, at most 5 ms ("lq" and "bvp" 10 ms).
     limits : Limits, optional
@@ -90,20 +90,20 @@ def solve(
     accuracy : float [rad, and m for each meter of reach, at most m]
         Largest verified error of a solved move.
     hold : str
-        What the controller does between its ticks: ``"spline"`` through the torques, ``"linear"`` or ``"zoh"``
-        (zero-order hold). `Solution.torque_command` has the torques to send, verified with this hold.
+        What the controller does between its ticks: ``"spline"``, ``"linear"`` or ``"zoh"`` (zero-order hold).
+        `Solution.torque_command` has the torques to send, verified with this hold.
     sample_time, delay : float [s]
         Of the controller (default: 1 ms); from its tick to the instant at which the motor has the torque.
     time_limit : float or None [s]
-        After it, or Ctrl-C, the best solution so far is returned, "tolerance not met" with the reason in ``stopped``.
-        None or 0: no limit. The C library of a model, made once, does not count.
+        After it, or Ctrl-C, the best solution so far is returned, with the reason in ``stopped``; None or 0: no limit.
     ignore_limits : bool
         Exceeded limits of the model file are warnings only, not a status of their own ("limits exceeded").
+    fixed_joint : str, optional
+        Keeps its value in a move of the tool, of an arm with more motors than outputs: see `flexgen.paths.redundancy`.
     progress : callable or bool, optional
         Called with one line of text now and then; default: messages on a terminal and in a notebook; False: none.
     options : mapping, optional
-        Options of single methods: ``native`` (lq, bvp), ``order`` and ``richardson`` (bdf), ``order``
-        (discretized), ``rtol`` (reduced), ``rounds`` (quasistatic); see their modules.
+        Options of single methods, see their modules.
 
     Returns
     -------
@@ -120,8 +120,9 @@ def solve(
     with running(time_limit or None) as deadline:
         try:
             equations = _derived(model, log)
-            path, more = Path(equations, named_move(equations.model, move)), dict(options or {})
-            problem = InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, log, more)
+            equations, path = problem_of_move(equations, named_move(equations.model, move), fixed_joint, log)
+            given = (preview, mesh, limits, verify, accuracy, log, dict(options or {}))
+            problem = InversionProblem(equations, path, *given)
             solution = _within_limits(with_hold(problem, _found(problem, method, reached), controller), ignore_limits)
         except (Exception, KeyboardInterrupt) as error:
             solution = reached.ended(stage_of(error, deadline.interrupted), time_limit)

@@ -17,7 +17,7 @@ from flexgen.paths.sample_files import read_samples
 from flexgen.paths.segments import Arc, Line, Segment, circle_through
 from flexgen.paths.spline import SplineCurve
 from flexgen.paths.time_laws import Clock, Law, TimeLaw
-from flexgen.paths.timed_segments import Curve, TimedSegment, bounded_law, configuration_at_end
+from flexgen.paths.timed_segments import Curve, JointMotion, TimedSegment, bounded_law, configuration_at_end
 
 TYPES = ("tool_line", "tool_circle", "tool_polyline", "sampled", "joint", "output_line", "program")
 NO_ROTATION = np.zeros(3)
@@ -65,6 +65,8 @@ def plan_move(reference: Reference, move: Move) -> PlannedMove:
     SolverError
         The path leaves the workspace or passes a singular pose.
     """
+    if isinstance(move, JointMotion):
+        return PlannedMove(move.segments, np.array(move.start))
     return _Planner(reference, move).plan()
 
 

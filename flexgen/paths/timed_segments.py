@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from flexgen.errors import SolverError
+from flexgen.model.moves import Move
 from flexgen.paths.blended_curve import BlendedCurve
 from flexgen.paths.jets import JET, Attitude
 from flexgen.paths.joint_limits import InverseKinematics
@@ -77,6 +78,14 @@ class TimedSegment:
                 low, high = np.where(before, middle, low), np.where(before, high, middle)
             out.append(high)
         return self.start + np.unique(np.concatenate(out))
+
+
+@dataclass(frozen=True)
+class JointMotion(Move):
+    """A move that was planned before as a motion of the joints; ``rule``: in words, how the joints were chosen."""
+
+    segments: tuple[TimedSegment, ...] = ()
+    rule: str = ""
 
 
 def derivative_norms(space: str, x: np.ndarray, attitude: Attitude | None, radius: float) -> np.ndarray:

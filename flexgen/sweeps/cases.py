@@ -27,6 +27,7 @@ OPTIONS = (
     "accuracy",
     "time_limit",
     "ignore_limits",
+    "fixed_joint",
     "options",
     "batch",
 )  # of flexgen.solve, and one of the sweep
@@ -121,8 +122,8 @@ class Grid:
         Changes of the model file, dotted paths to values, as in `flexgen.read`; `combinations` makes them of lists.
     options : mapping
         The same for all cases: ``preview``, ``mesh``, ``verify``, ``accuracy``, ``time_limit`` (default: none),
-        ``ignore_limits``, ``options`` of `flexgen.solve`, and ``batch``: compute joint moves in closed form in
-        batches where that is possible and ``verify`` is False.
+        ``ignore_limits``, ``fixed_joint``, ``options`` of `flexgen.solve`, and ``batch``: compute joint moves in
+        closed form in batches where that is possible and ``verify`` is False.
 
     Cases are made on access: ``grid[17]``, ``len(grid)``, ``for case in grid``.
     """
