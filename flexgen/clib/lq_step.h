@@ -403,13 +403,10 @@ static inline int lq_preview(const mesh *m, const real *P, real felt, real *most
     return m->N + 1;
 }
 
-/* The step itself, forwards. */
-static inline void lq_step(mesh *m)
+/* The step itself, forwards. d: the change of the first node, scaled; it is overwritten. */
+static inline void lq_step(mesh *m, real d[STATES])
 {
-    real d[STATES], u[CONTROLS];
-    for (int i = 0; i < STATES; ++i) {
-        d[i] = 0.0;
-    }
+    real u[CONTROLS];
     for (int k = 0; k < m->N; ++k) {
         const real *factor = m->factor + (ptrdiff_t)k * CONTROLS * WIDTH;
         real *a = m->a + (ptrdiff_t)k * CONTROLS, *y = m->y + (ptrdiff_t)k * STATES;

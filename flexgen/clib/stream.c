@@ -1,7 +1,7 @@
 /* model: inverse dynamics on a moving horizon. Written by flexgen; see model_inversion.h. */
 #include "model_inversion.h"
 
-#include "model_stream_shift.h"
+#include "model_stream_moving.h"
 #include "model_stream_output.h"
 #include "model_equilibrium.h"
 
@@ -295,4 +295,65 @@ model_status model_stream_update(real *stream, const real y[MODEL_NT], const rea
         return MODEL_TOLERANCE_NOT_MET;
     }
     return limited ? MODEL_LIMITS_ACTIVE : MODEL_OK;
+}
+
+/* Whether all samples are finite, and all rotations are rotations and close to each other. */
+static model_status check_samples(const model_path *p)
+{
+    for (ptrdiff_t k = 0; k < p->n; ++k) {
+        if (!is_finite(p->y + k * NT, NT) || !is_finite(p->dy + k * NY, NY) || !is_finite(p->ddy + k * NY, NY)) {
+            return MODEL_INPUT_NOT_FINITE;
+        }
+    }
+#if MODEL_POSE
+    for (ptrdiff_t k = 0; k < p->n; ++k) {
+        const real *R = p->y + k * NT + 3;
+        if (!is_rotation(R) || (k > 0 && !are_near(R - NT, R))) {
+            return MODEL_BAD_ARGUMENT;
+        }
+    }
+#endif
+    return MODEL_OK;
+}
+
+model_status model_stream_start_moving(real *stream, int64_t stream_size, const model_stream_options *options,
+    const model_path *path, PARAMETERS_ARGUMENT const real q_start[MODEL_NA])
+{
+    model_motion none = {NULL, NULL, NULL, NULL, NULL, NULL, NULL};
+    model_stream_info info;
+    model_status status;
+    ptrdiff_t now;
+    layout l;
+    real q[NA];
+    if (stream == NULL || options == NULL || path == NULL || path->y == NULL || path->dy == NULL || path->ddy == NULL ||
+        q_start == NULL) {
+        return MODEL_NULL_ARGUMENT;
+    }
+    if (!stream_sizes_fit(options) || path->n != MODEL_STREAM_START_SAMPLES(options->intervals) ||
+        !(fabs_1(path->period - options->period) <= 1e-6 * options->period)) {
+        return MODEL_BAD_ARGUMENT;
+    }
+    status = check_samples(path);
+    if (status != MODEL_OK) {
+        return status;
+    }
+    now = path->n - 1 - SILENT_UPDATES - options->intervals;
+    status = model_stream_start(stream, stream_size, options, path->y + now * NT, PASSED_PARAMETERS q_start);
+    if (status != MODEL_OK) {
+        return status;
+    }
+    l = layout_of(stream);
+    joints_at_start(stream, &l, q);
+    status = (model_status)set_moving(stream, &l, path, now, q);
+    for (ptrdiff_t k = path->n - SILENT_UPDATES; k < path->n && status >= MODEL_OK; ++k) {
+        status = model_stream_update(stream, path->y + k * NT, path->dy + k * NY, path->ddy + k * NY, &none, &info);
+    }
+    if (status < MODEL_OK) {
+        stream[STATE] = IS_EMPTY;
+        return status;
+    }
+    for (int i = 0; i < MEASURES + NM; ++i) { /* largest values of the first updates are not those of the motion */
+        stream[l.most + i] = 0.0;
+    }
+    return MODEL_OK;
 }

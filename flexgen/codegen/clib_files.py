@@ -16,6 +16,7 @@ from flexgen.codegen.clib_table import (
     HOLDS,
     INTERVALS_MAX,
     SAMPLES_MAX,
+    START_SAMPLES,
     STRUCTS,
     CFunction,
     Field,
@@ -130,6 +131,7 @@ extern "C" {{
 #define {macro(spec, "STREAM_INTERVALS_MAX")} {INTERVALS_MAX} /* intervals of a horizon, at most */
 #define {macro(spec, "STREAM_SAMPLES_MAX")} {SAMPLES_MAX} /* samples per interval, at most */
 #define {macro(spec, "HOLD_DELAY_MAX")} {DELAY_MAX} /* delay of a hold in samples, at most */
+#define {macro(spec, "STREAM_START_SAMPLES")}(intervals) ((intervals) + {START_SAMPLES}) /* of stream_start_moving */
 
 /*
 {comment(_HOLD)} */
@@ -368,5 +370,7 @@ def _parameter_macros(spec: LibrarySpec) -> str:
     count = len(spec.parameters)
     argument = " const real *parameters," if count else ""
     given = "parameters" if count else "no_parameters"
+    passed = " parameters," if count else ""
     empty = "" if count else "static const real no_parameters[1] = {0};\n"
-    return f"{empty}#define PARAMETERS_ARGUMENT{argument}\n#define GIVEN_PARAMETERS {given}\n"
+    macros = {"PARAMETERS_ARGUMENT": argument, "GIVEN_PARAMETERS": f" {given}", "PASSED_PARAMETERS": passed}
+    return empty + "".join(f"#define {name}{text}\n" for name, text in macros.items())

@@ -15,6 +15,7 @@ from flexgen.model.elements import RobotModel
 
 INTERVALS_MAX, SAMPLES_MAX = 10_000, 1_000  # of a stream: intervals of its horizon, samples per interval
 DELAY_MAX = 4  # of the drive, in samples
+START_SAMPLES = 16  # that a stream needs beyond those of its horizon to start in motion
 HOLDS = ("spline", "linear", "zoh")  # what the drive does between two samples, numbered in C
 
 
@@ -341,6 +342,31 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
             Field("ddy", "const real *", ("n_y",), "mixed", _SECOND),
             Field("motion", "motion *", (), "", "results; N = samples_per_interval"),
             Field("info", "stream_info *", (), "", "what the solver reports"),
+        ),
+    ),
+    CFunction(
+        "stream_start_moving",
+        "stream.c",
+        "Start a stream in motion: from samples of a path that does not begin at rest.",
+        "The path has exactly intervals + 16 samples, one update apart. The next update takes the sample after the "
+        "last one and gives the interval that begins at sample 16, counted from 0. The unactuated coordinates move "
+        "as if the path had been like this before: in stable directions of the zero dynamics their motion is "
+        "quasi-static, in unstable ones the path ahead determines it. Where the arm moves in another way, the "
+        "difference decays with the stable zeros. The call takes the time of about 25 updates, so call it before the "
+        "first results are needed. BAD_ARGUMENT also means another number of samples or another period than that of "
+        "the options.",
+        (
+            Field("stream", "real *", ("stream_size",), "", "memory of the stream"),
+            Field("stream_size", "int64_t", (), "1", "its length, at least stream_work"),
+            Field("options", "const stream_options *", (), "", ""),
+            Field("path", "const path *", (), "", "samples of the output; the period is that of the options"),
+            Field(
+                "q_start",
+                "const real *",
+                ("n_a",),
+                "mixed",
+                "initial guess of the equilibrium at sample 7, counted from 0",
+            ),
         ),
     ),
     CFunction(

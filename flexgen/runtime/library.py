@@ -118,15 +118,18 @@ class Library:
         hold: str = "spline",
         delay: float = 0.0,
         parameters: Any = None,
+        dy: Any = None,
+        ddy: Any = None,
     ) -> Stream:
-        """Start inverse dynamics on a moving horizon, at rest at a given output.
+        """Start inverse dynamics on a moving horizon, at rest at a given output or in motion.
 
         Parameters
         ----------
         y : array (n_t,)
-            Output; for a pose the position [m], then the rotation matrix by columns.
+            Output; for a pose the position [m], then the rotation matrix by columns. In motion: array (intervals + 16,
+            n_t), one sample per update; the first update takes the next one and gives the interval from sample 16 on.
         q_start : array (n_a,)
-            Initial guess of the arm's equilibrium there [rad, m].
+            Initial guess of the arm's equilibrium there (in motion: at sample 7) [rad, m].
         period : float
             Time between two updates [s].
         intervals : int
@@ -143,6 +146,9 @@ class Library:
         parameters : array (n_p,), optional
             Run-time parameters, where the library has any; default: those of the model file. `Stream.set_parameters`
             changes them.
+        dy, ddy : array (intervals + 16, n_y), optional
+            First and second derivatives of the output, for a stream that starts in motion. Coordinates without motor
+            are then in quasi-static motion; what differs from it in the real arm decays with the stable zeros.
 
         Returns
         -------
@@ -172,6 +178,8 @@ class Library:
             hold=hold,
             delay=delay,
             parameters=parameters,
+            dy=dy,
+            ddy=ddy,
         )
 
     @property

@@ -27,6 +27,7 @@ from flexgen.runtime.structs import REAL, filled, structs_of
 
 _TOLERANCE_NOT_MET = 1  # a status
 _CAUSES = ("", "residual", "kinematic mismatch", "horizon")  # of a tolerance that is not met, in the order of C
+START_SAMPLES = 16  # beyond those of the horizon, of a stream that starts in motion
 _RESULTS = ("q_a", "v_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
@@ -43,6 +44,7 @@ class StreamEntries:
     structs: Mapping[str, type[ctypes.Structure]]
     work: Callable[..., int]
     start: Callable[..., int]
+    start_moving: Callable[..., int]
     update: Callable[..., int]
     limits: Callable[..., int]
     change: Callable[..., int] | None
@@ -146,6 +148,8 @@ class Stream:
         hold: str = "spline",
         delay: float = 0.0,
         parameters: Any = None,
+        dy: Any = None,
+        ddy: Any = None,
     ) -> None:
         self.intervals = whole_of("stream", "intervals", intervals)
         self.samples_per_interval = whole_of("stream", "samples_per_interval", samples_per_interval)
@@ -167,20 +171,27 @@ class Stream:
                 f"stream: given {self.intervals} intervals and {self.samples_per_interval} samples per interval, "
                 "expected 1 to 10000 and 1 to 1000"
             )
-        at = array_of("stream", "y", y, (self._sizes["n_t"],), real)
         q = array_of("stream", "q_start", q_start, (self._sizes["n_a"],), real)
         held = parameters_of("stream", parameters, entries.model_parameters)
         self._memory = np.zeros(size, real)
-        status = entries.start(
-            pointer(self._memory),
-            ctypes.c_int64(size),
-            ctypes.byref(options),
-            pointer(at),
-            *pointers(held),
-            pointer(q),
-        )
+        memory = (pointer(self._memory), ctypes.c_int64(size), ctypes.byref(options))
+        if dy is None and ddy is None:
+            at = array_of("stream", "y", y, (self._sizes["n_t"],), real)
+            status = entries.start(*memory, pointer(at), *pointers(held), pointer(q))
+        else:
+            path = self._samples(y, dy, ddy)
+            status = entries.start_moving(*memory, ctypes.byref(path), *pointers(held), pointer(q))
         self._refuse(int(status))
         self._bind()
+
+    def _samples(self, y: Any, dy: Any, ddy: Any) -> ctypes.Structure:
+        """The samples of the path of a stream that starts in motion."""
+        n = self.intervals + START_SAMPLES
+        widths = {"y": (y, "n_t"), "dy": (dy, "n_y"), "ddy": (ddy, "n_y")}
+        real, sizes = self._entries.real, self._sizes
+        arrays = {key: array_of("stream", key, x, (n, sizes[width]), real) for key, (x, width) in widths.items()}
+        self._past = arrays  # C reads them
+        return filled(self._entries.structs["path"], n=n, period=self.period, **arrays)
 
     def _bind(self) -> None:
         """Memory of the arguments of an update, and their addresses."""
@@ -352,14 +363,14 @@ def streams_of(
     parameters: np.ndarray,
 ) -> StreamEntries | None:
     """What a library offers for streams, whose entry points are found by name; None where the manifest lists none."""
-    names = ("stream_work", "stream_start", "stream_update", "stream_limits")
+    names = ("stream_work", "stream_start", "stream_start_moving", "stream_update", "stream_limits")
     if not set(names) <= {row["name"] for row in manifest.get("c_functions", ())}:
         return None
-    work, start, update, limits = (found(f"{manifest['name']}_{name}") for name in names)
+    work, start, moving, update, limits = (found(f"{manifest['name']}_{name}") for name in names)
     work.restype = ctypes.c_int64
     change = found(f"{manifest['name']}_stream_parameters") if parameters.size else None
     return StreamEntries(
-        manifest["name"], structs_of(manifest), work, start, update, limits, change, parameters, failures, again
+        manifest["name"], structs_of(manifest), work, start, moving, update, limits, change, parameters, failures, again
     )
 
 

@@ -18,6 +18,7 @@ extern "C" {
 #define ELBOW_STREAM_INTERVALS_MAX 10000 /* intervals of a horizon, at most */
 #define ELBOW_STREAM_SAMPLES_MAX 1000 /* samples per interval, at most */
 #define ELBOW_HOLD_DELAY_MAX 4 /* delay of a hold in samples, at most */
+#define ELBOW_STREAM_START_SAMPLES(intervals) ((intervals) + 16) /* of stream_start_moving */
 
 /*
  * What the drive does between two samples of the motor torque: HOLD_SPLINE follows a spline through them, HOLD_LINEAR
@@ -214,6 +215,26 @@ elbow_status elbow_stream_start(elbow_real *stream, int64_t stream_size, const e
 ELBOW_API
 elbow_status elbow_stream_update(elbow_real *stream, const elbow_real y[ELBOW_NT], const elbow_real dy[ELBOW_NY],
     const elbow_real ddy[ELBOW_NY], elbow_motion *motion, elbow_stream_info *info);
+
+/*
+ * Start a stream in motion: from samples of a path that does not begin at rest.
+ *
+ * The path has exactly intervals + 16 samples, one update apart. The next update takes the sample after the last one
+ * and gives the interval that begins at sample 16, counted from 0. The unactuated coordinates move as if the path had
+ * been like this before: in stable directions of the zero dynamics their motion is quasi-static, in unstable ones the
+ * path ahead determines it. Where the arm moves in another way, the difference decays with the stable zeros. The call
+ * takes the time of about 25 updates, so call it before the first results are needed. BAD_ARGUMENT also means another
+ * number of samples or another period than that of the options. Stack: at most 11264 bytes.
+ *
+ *   stream      stream_size         memory of the stream
+ *   stream_size             [1]     its length, at least stream_work
+ *   options                         see elbow_stream_options
+ *   path                            samples of the output; the period is that of the options
+ *   q_start     n_a         [mixed] initial guess of the equilibrium at sample 7, counted from 0
+ */
+ELBOW_API
+elbow_status elbow_stream_start_moving(elbow_real *stream, int64_t stream_size, const elbow_stream_options *options,
+    const elbow_path *path, const elbow_real q_start[ELBOW_NA]);
 
 /*
  * Set limits of the motors: the stream modifies the path ahead where a limit would be exceeded.

@@ -6,6 +6,7 @@ import ctypes
 from collections import Counter
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -38,6 +39,7 @@ from flexgen.inversion.status import Status
 from flexgen.mechanics.statics import reach
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
+from flexgen.runtime.stream import START_SAMPLES
 
 pytestmark = needs_compiler
 
@@ -324,6 +326,51 @@ def test_starts_that_fail_and_starts_again(made):
         options = filled(one.structs["stream_options"], intervals=counts[0], samples_per_interval=counts[1])
         assert one.function("stream_work", ctypes.c_int64)(ctypes.byref(options)) == -1
         assert NAMES[Streamed(one, *counts).start(y, q, 1e-3)] == "BAD_ARGUMENT"
+
+
+def moving_path(one: Target, first: int = 0) -> dict[str, Any]:
+    """What `stream_start_moving` needs, from the path of a target, whose last sample is repeated."""
+    k = [min(first + i, len(one.path["y"]) - 1) for i in range(INTERVALS + START_SAMPLES)]
+    samples = {key: np.array(one.path[key])[k] for key in ("y", "dy", "ddy")}
+    return {"n": len(k), "period": one.period, **samples}
+
+
+@pytest.mark.parametrize("name", ["planar5_nmp", "elbow", "four_mass"])
+def test_bad_paths_of_streams_that_start_in_motion(made, name):
+    """Each is refused; the memory around is untouched; a refused start leaves no stream that runs on a wrong path."""
+    one = made(name)
+    q, rng = one.path["q_start"], np.random.default_rng(SEED)
+    stream = Streamed(one, INTERVALS, PARTS)
+    for changes, expected in (
+        ({"n": INTERVALS + START_SAMPLES - 1}, "BAD_ARGUMENT"),
+        ({"n": 2**31 - 1}, "BAD_ARGUMENT"),
+        ({"n": -1}, "BAD_ARGUMENT"),
+        ({"period": np.nan}, "BAD_ARGUMENT"),
+        ({"period": 2 * one.period}, "BAD_ARGUMENT"),
+        ({"y": None}, "NULL_ARGUMENT"),
+        ({"dy": None}, "NULL_ARGUMENT"),
+        ({"ddy": None}, "NULL_ARGUMENT"),
+    ):
+        assert NAMES[stream.start_moving({**moving_path(one), **changes}, q, one.period)] == expected
+    assert NAMES[stream.start_moving(moving_path(one), None, one.period)] == "NULL_ARGUMENT"
+    for key in ("y", "dy", "ddy"):
+        path = moving_path(one)
+        path[key][rng.integers(len(path[key])), 0] = rng.choice([np.nan, np.inf])
+        assert NAMES[stream.start_moving(path, q, one.period)] == "INPUT_NOT_FINITE"
+    for _ in range(30):
+        path = moving_path(one, int(rng.integers(60)))
+        key, where = rng.choice(["y", "dy", "ddy"]), rng.integers(INTERVALS + START_SAMPLES)
+        path[key][where:] = path[key][where:] * rng.choice([1e3, 1e150, -1e6])
+        status = NAMES[stream.start_moving(path, q, one.period)]
+        assert not stream.spilled
+        if status == "OK":
+            answer = NAMES[stream.update(*sample(one, 1))]
+            assert answer not in FOUND or all(np.isfinite(x).all() for x in stream.results().values())
+        else:
+            assert status in {"UNREACHABLE", "NOT_CONVERGED", "RESULT_NOT_FINITE", "BAD_ARGUMENT", "INPUT_NOT_FINITE"}
+            assert NAMES[stream.update(*sample(one, 1))] == "NOT_STARTED"
+    assert NAMES[stream.start_moving(moving_path(one, 20), q, one.period)] == "OK"
+    assert NAMES[stream.update(*sample(one, 20 + INTERVALS + START_SAMPLES))] == "OK"
 
 
 @pytest.mark.parametrize("period", [1e-12, 1e-9, 1e-4, 1.0, 1e5])

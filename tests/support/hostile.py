@@ -213,6 +213,19 @@ class Streamed:
             *(pointer(None if x is None else np.ascontiguousarray(x, dtype=float)) for x in (y, q_start)),
         )
 
+    def start_moving(self, path: dict[str, Any], q_start: Any, period: float, tolerance: float = 1e-6) -> int:
+        """``path``: members of its struct; arrays or None."""
+        options = filled(self.target.structs["stream_options"], **self.counts, period=period, tolerance=tolerance)
+        kept = {key: np.ascontiguousarray(x, float) if isinstance(x, np.ndarray) else x for key, x in path.items()}
+        given = filled(self.target.structs["path"], **kept)
+        return self.target.function("stream_start_moving")(
+            pointer(self.memory),
+            ctypes.c_int64(self.size),
+            ctypes.byref(options),
+            ctypes.byref(given),
+            pointer(None if q_start is None else np.ascontiguousarray(q_start, dtype=float)),
+        )
+
     def update(self, y: Any, dy: Any, ddy: Any) -> int:
         given = [None if x is None else np.ascontiguousarray(x, dtype=float) for x in (y, dy, ddy)]
         where = (self.memory, *given, self.motion[0], self.info[0])

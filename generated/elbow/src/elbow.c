@@ -54,7 +54,7 @@ const char *elbow_digest(void)
 
 const char *elbow_interface(void)
 {
-    return "57e3d3ae1f51cb85cfa225293046da1965d576422bdda276f43e299f04c50c7b";
+    return "1bf6aa62d1eaba735b0c484d8b2ae4424ec5f717430df4e471df3e8e18079e4a";
 }
 
 int elbow_abi_version(void)

@@ -104,7 +104,10 @@ static int solve_mesh(mesh *m, real tolerance, elbow_inversion_info *info, lq_sp
         if (status != ELBOW_OK) {
             return status;
         }
-        lq_step(m);
+        {
+            real first[STATES] = {0.0};
+            lq_step(m, first);
+        }
         status = evaluate_residual(m, w, space);
         if (status != ELBOW_OK) {
             return status;

@@ -36,6 +36,7 @@ static const real rotor_inertia[ELBOW_NM] = {0.0118, 0.0118};
 static const real no_parameters[1] = {0};
 #define PARAMETERS_ARGUMENT
 #define GIVEN_PARAMETERS no_parameters
+#define PASSED_PARAMETERS
 #define evaluate_output_constraint(q_a, v_a, target, y_err, W, Wdot_v, work) ((void)(work), elbow_output_constraint(q_a, v_a, target, y_err, W, Wdot_v))
 #define evaluate_output_constraint_batch(n, q_a, v_a, target, y_err, W, Wdot_v, work) elbow_output_constraint_batch(n, q_a, v_a, target, y_err, W, Wdot_v, work)
 #define evaluate_inversion_rows(q_a, v_a, a_a, tau_g, work) ((void)(work), elbow_inversion_rows(q_a, v_a, a_a, tau_g))

@@ -1,7 +1,7 @@
 /* elbow: inverse dynamics on a moving horizon. Written by flexgen; see elbow_inversion.h. */
 #include "../elbow_inversion.h"
 
-#include "elbow_stream_shift.h"
+#include "elbow_stream_moving.h"
 #include "elbow_stream_output.h"
 #include "elbow_equilibrium.h"
 
@@ -295,4 +295,65 @@ elbow_status elbow_stream_update(real *stream, const real y[ELBOW_NT], const rea
         return ELBOW_TOLERANCE_NOT_MET;
     }
     return limited ? ELBOW_LIMITS_ACTIVE : ELBOW_OK;
+}
+
+/* Whether all samples are finite, and all rotations are rotations and close to each other. */
+static elbow_status check_samples(const elbow_path *p)
+{
+    for (ptrdiff_t k = 0; k < p->n; ++k) {
+        if (!is_finite(p->y + k * NT, NT) || !is_finite(p->dy + k * NY, NY) || !is_finite(p->ddy + k * NY, NY)) {
+            return ELBOW_INPUT_NOT_FINITE;
+        }
+    }
+#if ELBOW_POSE
+    for (ptrdiff_t k = 0; k < p->n; ++k) {
+        const real *R = p->y + k * NT + 3;
+        if (!is_rotation(R) || (k > 0 && !are_near(R - NT, R))) {
+            return ELBOW_BAD_ARGUMENT;
+        }
+    }
+#endif
+    return ELBOW_OK;
+}
+
+elbow_status elbow_stream_start_moving(real *stream, int64_t stream_size, const elbow_stream_options *options,
+    const elbow_path *path, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA])
+{
+    elbow_motion none = {NULL, NULL, NULL, NULL, NULL, NULL, NULL};
+    elbow_stream_info info;
+    elbow_status status;
+    ptrdiff_t now;
+    layout l;
+    real q[NA];
+    if (stream == NULL || options == NULL || path == NULL || path->y == NULL || path->dy == NULL || path->ddy == NULL ||
+        q_start == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (!stream_sizes_fit(options) || path->n != ELBOW_STREAM_START_SAMPLES(options->intervals) ||
+        !(fabs_1(path->period - options->period) <= 1e-6 * options->period)) {
+        return ELBOW_BAD_ARGUMENT;
+    }
+    status = check_samples(path);
+    if (status != ELBOW_OK) {
+        return status;
+    }
+    now = path->n - 1 - SILENT_UPDATES - options->intervals;
+    status = elbow_stream_start(stream, stream_size, options, path->y + now * NT, PASSED_PARAMETERS q_start);
+    if (status != ELBOW_OK) {
+        return status;
+    }
+    l = layout_of(stream);
+    joints_at_start(stream, &l, q);
+    status = (elbow_status)set_moving(stream, &l, path, now, q);
+    for (ptrdiff_t k = path->n - SILENT_UPDATES; k < path->n && status >= ELBOW_OK; ++k) {
+        status = elbow_stream_update(stream, path->y + k * NT, path->dy + k * NY, path->ddy + k * NY, &none, &info);
+    }
+    if (status < ELBOW_OK) {
+        stream[STATE] = IS_EMPTY;
+        return status;
+    }
+    for (int i = 0; i < MEASURES + NM; ++i) { /* largest values of the first updates are not those of the motion */
+        stream[l.most + i] = 0.0;
+    }
+    return ELBOW_OK;
 }

@@ -84,6 +84,7 @@ static inline int step_motion(real *s, const layout *l)
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
     mesh m = mesh_of(l, s);
     lq_space *lq = (lq_space *)(void *)(s + l->lq);
+    real first[STATES] = {0.0};
     int status;
     copy(s + l->y + STATES, (l->past + N) * STATES, s + l->y);
     copy(s + l->target_state + STATES, N * STATES, s + l->target_state);
@@ -98,7 +99,7 @@ static inline int step_motion(real *s, const layout *l)
     }
     if (status == ELBOW_OK) {
         copy(lq->P, STATES * STATES, s + l->cost);
-        lq_step(&m);
+        lq_step(&m, first);
     }
     return status;
 }
