@@ -1,11 +1,13 @@
 """The end of a solution: at equilibrium, where the motion after the path has decayed.
 
 After the path the output rests and the torques follow the motion of the stable zeros until it has decayed. The last
-sample is the equilibrium, whose torque a controller holds from there on. What is left of the motion moves the tool:
-by about the displacement of the output that the deflections still make, and by the velocity that they have, over the
-time that the torque is held.
+sample is the equilibrium, whose torque a controller holds from there on. What is left of the motion moves the tool: by
+about the displacement of the output that the deflections still make, and by the velocity that they have, over the time
+that the torque is held. Joints whose torque is held keep their momentum: their mean velocity is that of D v_e, even
+where the output does not depend on the deflections, as where the joints are the output.
 
-    size(t) = max over t' >= t of  max(|W_e (q_e - q_e,end)|, T_HELD |W_e v_e|),     dy/dt = W v_a
+    size(t) = max over t' >= t and X in {W_e, D} of  max(|X (q_e - q_e,end)|, T_HELD |X v_e|),     dy/dt = W v_a
+    D = W_g M_gg^-1 M_ge - W_e
 """
 
 from __future__ import annotations
@@ -65,14 +67,16 @@ def settled(problem: InversionProblem, found: Inversion) -> tuple[Inversion, tup
 def _left_over(problem: InversionProblem, found: Inversion, end: Equilibrium) -> np.ndarray:
     """``size`` at the samples after the path, (n_post,)."""
     equations, model = problem.equations, problem.equations.model
-    i_e = list(model.i_e)
+    i_g, i_e = list(model.i_g), list(model.i_e)
     target = np.zeros(model.output.target_size)
     W = evaluate(equations.function("output_constraint"), found.q_a[-1], 0.0 * found.q_a[-1], target)[1]
-    W_e = W.reshape(-1, model.n_a)[:, i_e]
+    W = W.reshape(-1, model.n_a)
+    M = evaluate(equations.function("mass_matrix"), found.q_a[-1])[0].reshape(model.n_a, model.n_a)
+    drift = W[:, i_g] @ np.linalg.solve(M[np.ix_(i_g, i_g)], M[np.ix_(i_g, i_e)]) - W[:, i_e]
     after = slice(len(found.q_a) - found.n_post, None)
-    moved = (found.q_a[after][:, i_e] - end.q_a[i_e]) @ W_e.T
-    speed = found.v_a[after][:, i_e] @ W_e.T
-    size = np.maximum(np.linalg.norm(moved, axis=1), HELD * np.linalg.norm(speed, axis=1))
+    deflections, speeds = found.q_a[after][:, i_e] - end.q_a[i_e], HELD * found.v_a[after][:, i_e]
+    sizes = [np.linalg.norm(x @ X.T, axis=1) for X in (W[:, i_e], drift) for x in (deflections, speeds)]
+    size = np.max(sizes, axis=0)
     return np.maximum.accumulate(size[::-1])[::-1]
 
 

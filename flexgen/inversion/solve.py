@@ -151,7 +151,14 @@ def _found(problem: InversionProblem, method: str, reached: Reached) -> Solution
     chosen = METHODS[_automatic(robot, problem.limits) if method == AUTO else method]
     _check_applies(chosen, robot, problem.limits)
     find = _automatic_solution if method == AUTO else _refined
-    reached.solution = find(problem, chosen, reached)
+    try:
+        reached.solution = find(problem, chosen, reached)
+    except SolverError as error:
+        joints = all(segment.space == "joint" for segment in problem.path.segments)
+        if not (joints and robot.output.type != "combination" and "singular pose" in str(error)):
+            raise
+        advice = 'joints pass singular poses of the tool: give the model an output of type "joint" for this move'
+        raise SolverError(f"{error}; {advice}") from error
     return reached.solution
 
 
@@ -338,13 +345,24 @@ def _refined(
         if solution.status == Status.BASELINE:
             return solution
         if worst <= problem.accuracy and simulation.energy_error <= ENERGY:
-            return solution
+            return _with_ripple(solution)
         if best is None or worst < least:  # on a finer mesh rounding may be larger
             best, least = replace(solution, status=Status.TOLERANCE_NOT_MET), worst
         if not last:
             problem.log(f"verified error {worst:.2e} is above {problem.accuracy:.0e}: halving the mesh")
     assert best is not None or failures  # there is one attempt at least
     return best
+
+
+def _with_ripple(solution: Solution) -> Solution:
+    """The verified solution, with a warning where the torque ripples between its samples."""
+    if solution.residual_relative <= RIPPLE:
+        return solution
+    text = (
+        f"the samples do not resolve the motor torques: relative residual {solution.residual_relative:.1e} between "
+        "them, although the tool follows; is the path close to a singular pose? A finer mesh resolves more"
+    )
+    return replace(solution, warnings=(*solution.warnings, text))
 
 
 def _residual_is_small(solution: Solution) -> bool:

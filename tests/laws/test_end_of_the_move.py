@@ -6,16 +6,22 @@ Lagrange, with the torque as a cubic spline of its own.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from inversion_cases import last_joint
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
 import flexgen
 from flexgen.inversion.problem import HELD
+from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.statics import equilibrium_at
+from flexgen.model.elements import Output
 from flexgen.model.moves import Move
+from flexgen.model.reader import read
 from flexgen.paths.path import Path
 
 NANOMETER = 1e-9
@@ -112,3 +118,15 @@ def test_a_mesh_that_resolves_a_fast_zero_ends_at_rest_too() -> None:
     """Unstable zeros of 2098 and 16 +- 249i 1/s, 98 um where the cost of the slow pair has not converged."""
     solution = flexgen.solve("manutec_r3_efjm", method="lq")
     assert solution.status is flexgen.Status.SOLVED and solution.tool_error_max_m < 5e-8 and not solution.warnings
+
+
+def test_joints_as_outputs_end_at_rest_too() -> None:
+    """The output does not depend on the deflection, but held torques do not stop the arm while it still swings."""
+    model = last_joint(read("planar5_nmp"), 0.01, 0.2)
+    rows = tuple(tuple(float(i == k) for k in range(model.n_a)) for i in model.i_g)
+    joints = replace(model, output=Output("combination", "", rows, "rad"))
+    move = Move("swing", "joint", (0.3, -1.1), end=(0.8, -0.8), duration=0.5, smoothness=5)
+    solution = flexgen.solve(joints, move, progress=False)
+    speed = np.abs(solution.trajectory["v_a"])
+    assert solution.status == Status.SOLVED and solution.trajectory.time[-1] > 1.0  # it was cut after 0.05 s
+    assert speed[-2].max() < 1e-6 < 1.0 < speed.max()

@@ -26,7 +26,7 @@ from flexgen.model.reader import read
 from flexgen.paths.path import Path as MovePath
 
 try:
-    from confirmation import confirm, holds
+    from confirmation import confirm, holds, is_false
 except ModuleNotFoundError:
     pytest.skip("the Python package pin is not installed", allow_module_level=True)
 
@@ -73,6 +73,8 @@ def test_a_generated_robot_is_solved_and_confirmed(tmp_path: Path) -> None:
     for name in ("tau_m", "q_a", "v_a", "q_m"):
         wrong = {**trajectory.channels, name: trajectory[name] * np.where(trajectory.time > 0.1, 1.001, 1.0)[:, None]}
         assert not holds(confirm(equations.model, dataclasses.replace(trajectory, channels=wrong))), name
+        wrong = {**wrong, name: trajectory[name] * np.where(trajectory.time > 0.1, 1.1, 1.0)[:, None]}
+        assert is_false(confirm(equations.model, dataclasses.replace(trajectory, channels=wrong))), name
 
 
 @needs_robots

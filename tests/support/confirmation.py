@@ -21,6 +21,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.trajectory import Trajectory
 
 KINEMATIC, RESIDUAL, OUTPUT = 1e-4, 1e-4, 1e-5
+GROSS = 1e-2
 SAMPLES, WINDOWS, LENGTH = 120, 4, 0.02  # LENGTH in s
 EDGE = 5  # samples at either end that the first two figures leave out
 SMALLEST = 1e-3  # of the largest force of a kind: rows that carry less are measured by it
@@ -43,6 +44,16 @@ def holds(figures: dict[str, float]) -> bool:
     """Whether the solution is confirmed."""
     bounds = {"kinematic": KINEMATIC, "residual": RESIDUAL, "output": OUTPUT, "windows": OUTPUT}
     return all(figures[name] <= bound for name, bound in bounds.items())
+
+
+def is_false(figures: dict[str, float]) -> bool:
+    """Whether a tool that is said to follow does not, or motion and torques contradict each other by a hundredth.
+
+    What is neither confirmed nor false is coarse: the tool follows, but samples between which a torque or an
+    acceleration changes fast differ from their derivatives by more than the bounds.
+    """
+    bounds = {"kinematic": GROSS, "residual": GROSS, "output": OUTPUT, "windows": OUTPUT}
+    return not all(figures[name] <= bound for name, bound in bounds.items())
 
 
 def kinematic_error(t: Trajectory) -> float:

@@ -25,6 +25,7 @@ MARGIN = 0.1  # of the range of a joint, kept free at either end
 POSES = 6  # at which the load of the joints is estimated
 TRIES = 400  # random starts of a tool line
 REGULAR = 0.08  # least singular value of the tool's Jacobian relative to the largest, lengths measured by the reach
+NEAR = 0.03  # the same for joint moves
 
 
 @dataclass(frozen=True)
@@ -278,8 +279,11 @@ def _move(rng: np.random.Generator, k: int, chain: _Chain, weights: np.ndarray |
         duration = rng.uniform(0.5, 1.5)
         what = f'type = "tool_line"\nstart_rad = {start}\ndisplacement = {displacement}'
         return f'[[move]]\nname = "m{k}"\n{what}\nduration = {duration:.3f}\n{end}'
-    first = rng.uniform(chain.lower, chain.upper)
-    last = np.clip(first + rng.uniform(-0.8, 0.8, chain.n), chain.lower, chain.upper)
+    for _ in range(TRIES):
+        first = rng.uniform(chain.lower, chain.upper)
+        last = np.clip(first + rng.uniform(-0.8, 0.8, chain.n), chain.lower, chain.upper)
+        if weights is not None or _is_away(chain, first, last):
+            break
     duration = max(0.4, rng.uniform(1.0, 2.0) * float(np.abs(last - first).max()))
     if weights is not None and k % 2 == 0:
         displacement = np.round(weights @ (last - first), 6).tolist()
@@ -304,6 +308,17 @@ def _line(rng: np.random.Generator, chain: _Chain) -> tuple[list[float], list[fl
         if _is_regular(chain, start, displacement, reach):
             return start.tolist(), displacement.tolist()
     raise FlexgenError(f"{chain.file.name}: no line of the tool was found in {TRIES} tries")
+
+
+def _is_away(chain: _Chain, first: np.ndarray, last: np.ndarray) -> bool:
+    """Whether a joint move of the rigid chain stays away from singular poses, where the tool cannot be the output."""
+    rows = slice(0, 6 if chain.family.tool == "tool_pose" else 3)
+    scale = np.r_[np.ones(3) / chain.reach(), np.ones(3)][rows]
+    for share in np.linspace(0.0, 1.0, 41):
+        sizes = np.linalg.svd(scale[:, None] * chain.pose(first + share * (last - first))[2][rows], compute_uv=False)
+        if sizes[-1] < NEAR * sizes[0]:
+            return False
+    return True
 
 
 def _is_regular(chain: _Chain, start: np.ndarray, displacement: np.ndarray, reach: float) -> bool:

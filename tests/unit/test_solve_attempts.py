@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -15,6 +16,7 @@ from flexgen.inversion.method_table import Method
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations, derive
+from flexgen.model.elements import Move, Output
 
 
 @pytest.fixture(scope="module")
@@ -98,3 +100,22 @@ def test_a_singular_pose_ends_the_attempts(equations: Equations, calls) -> None:
     with pytest.raises(SolverError, match="passes a singular pose; tried: lq, intervals of"):
         flexgen.solve(equations)
     assert names == ["lq"] * 3
+
+
+def test_a_joint_move_through_a_singular_pose_of_the_tool_gets_an_advice(equations: Equations) -> None:
+    """With joints as outputs it is solved."""
+    move = Move("through", "joint", (0.3, -0.6), end=(0.6, 0.6), duration=1.0, smoothness=5)
+    with pytest.raises(SolverError, match=r'singular pose.*give the model an output of type "joint" for this move'):
+        flexgen.solve(equations, move, progress=False)
+    model = equations.model
+    rows = tuple(tuple(float(i == k) for k in range(model.n_a)) for i in model.i_g)
+    joints = replace(model, output=Output("combination", "", rows, "rad"))
+    assert flexgen.solve(joints, move, progress=False).status == Status.SOLVED
+
+
+def test_a_torque_that_ripples_between_the_samples_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+    solved = flexgen.solve("elbow", progress=False)
+    assert solved.warnings == ()
+    monkeypatch.setattr(solve_module, "RIPPLE", solved.residual_relative / 2)
+    again = flexgen.solve("elbow", progress=False)
+    assert again.status == Status.SOLVED and "the samples do not resolve the motor torques" in again.warnings[0]
