@@ -7,11 +7,15 @@ import pytest
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.inversion.hold import Hold, torque_command
+from flexgen.inversion.problem import HELD
 from flexgen.model.elements import Move
 from flexgen.model.reader import read
+from flexgen.simulation.simulate import simulate
 
 pytest.importorskip("pinocchio")
 from end_of_move import errors
+from held_referee import confirmed_error
 
 pytestmark = needs_compiler
 
@@ -40,6 +44,7 @@ PAIRS = [
     ("manutec_r3_24", FIVE_BOUNDS),
 ]
 SHARE, SMALL = 0.05, 1e-8  # of the claimed error; m or rad
+PERIOD = 2e-3  # s: of a controller
 
 
 @pytest.mark.slow
@@ -51,3 +56,19 @@ def test_the_claimed_error_holds_to_half_a_second_after_the_end(name: str, move:
     found = max(errors(read(name), solution.trajectory))
     assert abs(found - claimed) <= SHARE * claimed + SMALL or max(found, claimed) <= SMALL, (found, claimed)
     assert np.abs(solution.trajectory["v_a"][-1]).max() < 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hold", ["zoh", "linear"])
+@pytest.mark.parametrize(("name", "move"), PAIRS, ids=[f"{name}@{getattr(m, 'name', m)}" for name, m in PAIRS])
+def test_the_claimed_error_holds_under_held_torques(name: str, move: str | Move, hold: str) -> None:
+    """The verification of what a controller sends, with a delay of 0.3 samples."""
+    equations = flexgen.derive(name)
+    solution = flexgen.solve(equations, move, hold=hold, sample_time=PERIOD, delay=0.3 * PERIOD)
+    assert solution.status == flexgen.Status.SOLVED and solution.torque_command is not None
+    command = torque_command(solution.trajectory, Hold(hold, PERIOD, 0.3 * PERIOD))
+    assert np.array_equal(command.values, solution.torque_command.values)
+    simulated = simulate(equations, solution.trajectory, held=HELD, command=command)
+    claimed = max(simulated.tool_error_max_m or 0.0, simulated.tool_error_max_rad or 0.0)
+    found = confirmed_error(solution, command, HELD)
+    assert abs(found - claimed) <= SHARE * claimed + SMALL or max(found, claimed) <= SMALL, (found, claimed)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from confirmation import output_error
-from pinocchio_referee import PinocchioReferee
-from scipy.integrate import quad, solve_ivp
+from held_referee import confirmed_error
+from scipy.integrate import quad
 from scipy.interpolate import make_interp_spline
 
 import flexgen
@@ -52,47 +49,6 @@ def error_of(problem: tuple[Equations, flexgen.Solution], command: TorqueCommand
     return found
 
 
-def confirmed_error(solution: flexgen.Solution, command: TorqueCommand) -> float:
-    """Largest tool error [m] under a command: Pinocchio's equations and scipy's integrator from edge to edge."""
-    model, t = solution.model, solution.trajectory
-    pin = PinocchioReferee(model)
-    n_a, n, i_m = model.n_a, model.dof, list(model.i_m)
-    arrivals, values = command.time + command.delay, command.values
-    spline = make_interp_spline(arrivals, values, k=5)
-
-    def applied(begin: float, end: float) -> Callable[[float], np.ndarray]:
-        k = int(np.searchsorted(arrivals, (begin + end) / 2)) - 1
-        if k + 1 == len(arrivals):
-            return lambda _: values[-1]
-        if command.hold == "linear":
-            share = np.diff(values, axis=0)[k] / np.diff(arrivals)[k]
-            return lambda s: values[k] + (s - arrivals[k]) * share
-        return (lambda _: values[k]) if command.hold == "zoh" else spline
-
-    time = np.append(t.time, t.time[-1] + np.linspace(0.0, AFTER, 51)[1:])
-    y_ref = np.append(t["y_ref"], np.repeat(t["y_ref"][-1:], 50, axis=0), axis=0)
-    edges = np.concatenate([time[:1], arrivals[(arrivals > time[0]) & (arrivals < time[-1])], time[-1:]])
-    edges = edges[np.append(np.diff(edges) > 1e-9, True)]
-    x = np.concatenate([t["q_a"][0], t["q_m"][0][i_m], np.zeros(n)])
-    worst = 0.0
-    for begin, end in itertools.pairwise(edges):
-        tau = applied(begin, end)
-
-        def rate(s: float, x: np.ndarray, tau: Callable[[float], np.ndarray] = tau) -> np.ndarray:
-            q_m, v_m = np.zeros(model.n_m), np.zeros(model.n_m)
-            q_m[i_m], v_m[i_m] = x[n_a:n], x[n + n_a :]
-            a_a, a_m = pin.forward_dynamics(x[:n_a], x[n : n + n_a], q_m, v_m, tau(s))
-            return np.concatenate([x[n:], a_a, a_m[i_m]])
-
-        at = np.flatnonzero((time > begin + 1e-9) & (time <= end + 1e-9))
-        found = solve_ivp(rate, (begin, end), x, method="DOP853", rtol=1e-9, atol=1e-11, dense_output=True)
-        if len(at):
-            states = found.sol(np.minimum(time[at], end))
-            worst = max(worst, float(output_error(pin, states[:n_a].T, y_ref[at], None).max()))
-        x = found.y[:, -1]
-    return worst
-
-
 @pytest.mark.parametrize(
     ("hold", "samples"),
     [
@@ -111,7 +67,7 @@ def test_the_verified_error_is_confirmed_by_pinocchio(
     solution = planar[1]
     command = with_samples(solution, hold) if samples else torque_command(solution.trajectory, hold)
     claimed = error_of(planar, command)
-    assert claimed == pytest.approx(confirmed_error(solution, command), rel=0.05, abs=MEASURABLE)
+    assert claimed == pytest.approx(confirmed_error(solution, command, AFTER), rel=0.05, abs=MEASURABLE)
 
 
 def test_a_held_sample_is_half_a_sample_late_and_the_values_to_send_are_not(
