@@ -70,7 +70,7 @@ def tool(model: RobotModel, q_a: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     return np.array(p), np.array(R), np.array(J)
 
 
-@pytest.mark.parametrize("gears", ["", GEARS], ids=["rigid", "elastic gears"])
+@pytest.mark.parametrize("gears", ["", pytest.param(GEARS, marks=pytest.mark.slow)], ids=["rigid", "elastic gears"])
 def test_the_tool_follows_the_line(gears):
     """The simulated joints, by Pinocchio: on the line, turned in proportion."""
     solution = solved(gears)
@@ -99,7 +99,7 @@ def test_the_joints_change_as_little_as_possible():
     assert np.abs((idle * other).sum(axis=1)).max() > 1e-2
 
 
-@pytest.mark.parametrize("name", ["panda_joint1", "panda_joint3"])
+@pytest.mark.parametrize("name", [pytest.param("panda_joint1", marks=pytest.mark.slow), "panda_joint3"])
 def test_a_joint_can_be_kept(name):
     solution = solved("", name)
     q = solution.trajectory["q_a"][:, int(name[-1]) - 1]
@@ -117,6 +117,7 @@ def test_a_joint_move_needs_no_rule():
     assert solution.model.output == expected.model.output
 
 
+@pytest.mark.slow
 def test_three_outputs_and_seven_motors():
     """Only the position of the tool: four joints are free."""
     line = replace(LINE, rotation=(0.0, 0.0, 0.0))
@@ -127,6 +128,7 @@ def test_three_outputs_and_seven_motors():
     assert (solution.trajectory["v_a"] ** 2).sum() < (turning**2).sum()
 
 
+@pytest.mark.slow
 def test_rounded_corners():
     """The tool of the undeflected arm is on the path of the move, with its speed and acceleration."""
     legs = (flexgen.MoveL((0.1, 0.0, 0.0), zone=0.03), flexgen.MoveL((0.0, 0.1, 0.0)))

@@ -53,7 +53,7 @@ def updates(stream: Stream, name: str, move: str | None, first: int, count: int)
     ("name", "move", "allowed"),
     [
         ("planar5_nmp", None, EXACT),
-        ("elbow", None, EXACT),
+        pytest.param("elbow", None, EXACT, marks=pytest.mark.slow),
         pytest.param("manutec_r3_24", "line", CLOSE, marks=pytest.mark.slow),
     ],
 )
