@@ -154,7 +154,7 @@ def test_bytes_depend_on_no_folder(tmp_path, monkeypatch):
 
 # --- symbols and warnings ---------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("level", ["-O0", "-O2"])
-@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+@pytest.mark.parametrize("compiler", ["gcc", pytest.param("clang", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", SMALL)
 def test_nothing_else_is_exported_and_nothing_else_is_needed(name, compiler, level, tmp_path):
     nm, compiler = tool("nm"), tool(compiler)

@@ -105,6 +105,7 @@ def test_the_last_samples_are_smooth() -> None:
     assert bend[-3:].max() < 3 * bend[-30:-3].max()
 
 
+@pytest.mark.slow
 def test_the_end_is_at_rest_on_a_fine_mesh() -> None:
     """The unstable zero of 271 1/s is slow in intervals of 0.05 ms, that of 708 1/s hides its cost."""
     trajectory = flexgen.solve("beam_arm", method="lq", mesh=5e-5, verify=False).trajectory

@@ -121,6 +121,7 @@ def test_a_second_number_after_other_options_is_no_part_of_them(run):
     assert status == 2 and "unknown arguments 0.02" in err
 
 
+@pytest.mark.slow
 def test_several_moves_are_solved(run, tmp_path):
     words = ["solve", "manutec_r3", "--no-verify", "--move", "line", "--move", "joints"]
     status, out, _ = run(*words, "--out", tmp_path / "m.csv", "--report", tmp_path / "r")

@@ -33,7 +33,9 @@ def data_of(name: str, verify: bool = False):
     return motion_data(equations, solution.trajectory, solution.simulation, solution.move.duration)
 
 
-@pytest.mark.parametrize("name", ["elbow", "planar5_nmp", "beam_arm", "manutec_r3"])
+@pytest.mark.parametrize(
+    "name", ["elbow", "planar5_nmp", "beam_arm", pytest.param("manutec_r3", marks=pytest.mark.slow)]
+)
 def test_the_poses_are_those_of_the_robot(name):
     equations, solution = solved(name)
     data, trajectory = data_of(name), solution.trajectory

@@ -87,7 +87,7 @@ def test_solution() -> None:
     assert same(solution, copied(solution))
 
 
-@pytest.mark.parametrize("model", ["planar5_nmp", "manutec_r3"])
+@pytest.mark.parametrize("model", ["planar5_nmp", pytest.param("manutec_r3", marks=pytest.mark.slow)])
 def test_verified_solution_and_its_simulation(model: str) -> None:
     solution = flexgen.solve(model, mesh=0.01)
     assert solution.simulation is not None

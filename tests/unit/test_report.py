@@ -354,7 +354,14 @@ def test_logarithmic_axes_have_labeled_ticks(low, high):
     assert len(labels) >= 2 and all(labels) and len(set(labels)) == len(labels)
 
 
-@pytest.mark.parametrize("name", ["elbow", "planar5_nmp", "beam_arm", "manutec_r3", "kr300", "four_mass@high"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "elbow",
+        "planar5_nmp",
+        *(pytest.param(x, marks=pytest.mark.slow) for x in ("beam_arm", "manutec_r3", "kr300", "four_mass@high")),
+    ],
+)
 def test_the_legend_of_the_robot_is_inside_and_covers_nothing(name):
     equations, solution = solved(name, None, verify=False)
     figure = figures_of.robot(equations, solution.trajectory, end=solution.move.duration)

@@ -26,7 +26,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize("name", ["index.html", "robot.svg"])
+@pytest.mark.parametrize("name", ["index.html", pytest.param("robot.svg", marks=pytest.mark.slow)])
 def test_files_of_others_are_not_replaced(tmp_path, solved, name):
     (tmp_path / name).write_text("<html>mine</html>\n")
     (tmp_path / "notes.txt").write_text("mine, too\n")
@@ -41,6 +41,7 @@ def test_files_of_others_are_not_replaced(tmp_path, solved, name):
     assert contents(tmp_path) == again and again["notes.txt"] == b"mine, too\n"
 
 
+@pytest.mark.slow
 def test_pictures_of_an_analysis_beside_a_report(tmp_path, solved):
     analysis = flexgen.analyze(solved[0])
     write_analysis(analysis, tmp_path)

@@ -54,7 +54,15 @@ def model_of(method: str) -> str:
 
 
 @needs_compiler
-@pytest.mark.parametrize("method", ["lq", "bvp", "collocation", "closed-form", "reduced", "bdf", "kunkel-mehrmann"])
+@pytest.mark.parametrize(
+    "method",
+    [
+        "lq",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("bvp", "collocation", "bdf", "kunkel-mehrmann")),
+        "closed-form",
+        "reduced",
+    ],
+)
 def test_a_solve_ends_at_its_time_limit_whenever_that_is(method: str, clock: Clock) -> None:
     """At some twenty instants of the computation: the best solution, marked, or an error; never a success."""
     count = reads(clock, method)

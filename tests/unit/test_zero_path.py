@@ -48,7 +48,7 @@ def verdict_along(arm: PlanarArm, plant: Break = lambda x: x) -> bool:
     return not is_unstable(roots[0]).any()
 
 
-@pytest.mark.parametrize("bent", [False, True])
+@pytest.mark.parametrize("bent", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_no_wrong_verdict_on_a_hundred_planar_arms(bent: bool) -> None:
     wrong, sides = 0, []
     for arm in arms(bent):
