@@ -110,7 +110,7 @@ def test_the_constants_are_constant_expressions(language, tmp_path):
     assert printed("planar5_nmp", body, tmp_path, compiler, language) == [[1]]
 
 
-@pytest.mark.parametrize("name", ["elbow", "planar5_nmp"])
+@pytest.mark.parametrize("name", ["elbow", pytest.param("planar5_nmp", marks=pytest.mark.slow)])
 def test_no_update_needs_more_operations_than_the_bound(name, tmp_path):
     """Counted by a number type of C++: short and long horizons, with limits that modify the path."""
     work = counting_program(library(name).directory, name, tmp_path)

@@ -276,6 +276,7 @@ def test_a_jump_of_the_path_is_never_called_exact(name, samples_per_interval):
 
 
 # --- the example in C -------------------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_the_stream_of_the_example_drives_a_robot(tmp_path):
     folder = made(PLANAR).directory
     files = [ROOT / "examples" / "stream.c", *sources(folder)]

@@ -178,6 +178,7 @@ def test_text_of_a_model_cannot_become_markup(tmp_path):
         assert all(not element.tag.endswith("script") for element in ET.parse(file).iter())
 
 
+@pytest.mark.slow
 def test_pictures_are_the_same_every_time_and_leave_no_trace(tmp_path):
     equations, solution = solved("planar5_nmp", "line")
     before = dict(matplotlib.rcParams)
@@ -231,6 +232,7 @@ def test_early_torque_has_a_panel_only_with_unstable_zeros():
     assert not any("before the path" in title for title in titles("four_mass@high", "step"))
 
 
+@pytest.mark.slow
 def test_end_of_the_path_is_read_from_the_reference():
     for name, move in CASES:
         equations, solution = solved(name, move)
@@ -386,6 +388,7 @@ def test_figures_of_the_page_do_not_repeat_its_title(monkeypatch, tmp_path):
     assert not any("elbow" in title for title in titles)
 
 
+@pytest.mark.slow
 def test_tables_of_tool_errors_name_what_they_measure(tmp_path):
     equations, solution = solved("elbow", None)
     row = {

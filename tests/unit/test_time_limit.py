@@ -57,8 +57,7 @@ def model_of(method: str) -> str:
 @pytest.mark.parametrize(
     "method",
     [
-        "lq",
-        *(pytest.param(name, marks=pytest.mark.slow) for name in ("bvp", "collocation", "bdf", "kunkel-mehrmann")),
+        *(pytest.param(x, marks=pytest.mark.slow) for x in ("lq", "bvp", "collocation", "bdf", "kunkel-mehrmann")),
         "closed-form",
         "reduced",
     ],
