@@ -106,6 +106,7 @@ def test_python_of_the_pages_runs(page, tmp_path):
         assert start in done.stdout, f"{line!r} is not in the output:\n{done.stdout}"
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page.read_text("utf-8"), "c")], ids=page_id)
 def test_c_of_the_pages_runs(page, tmp_path):
