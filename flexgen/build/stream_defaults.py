@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from flexgen.analysis.zeros import PREVIEW_SHARE, pencil_zeros, preview, time_constants
-from flexgen.codegen.clib_table import INTERVALS_MAX
+from flexgen.codegen.clib_table import INTERVALS_MAX, TOLERANCES
 from flexgen.codegen.spec import LibrarySpec, StreamDefaults
 from flexgen.expressions.routine import Expressions
 from flexgen.model.elements import RobotModel
@@ -18,7 +18,6 @@ from flexgen.numerics.evaluate import evaluate
 PERIOD = 5e-3  # s: of an update
 SAMPLES = 5  # per interval
 INTERVALS = 10  # of the shortest horizon
-TOLERANCES = {"double": PREVIEW_SHARE, "single": 1e-3}
 _STEPS = 60  # of Newton's method, at most
 _SINGULAR = 1e-9  # rad/m: a pose where the output's Jacobian is singular
 

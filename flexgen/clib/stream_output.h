@@ -9,8 +9,8 @@
 
 enum { MEMORY_DECAYS = 4 }; /* time constants of the memory of the largest values, per horizon */
 
-static const real torque_step_max = PRECISE(
-    2e-4, 5e-3); /* of a motor torque from one interval to the next, relative to its largest value */
+/* of a motor torque from one interval to the next, relative to its largest value */
+static const real torque_step_max = PRECISE(2e-4, 5e-3);
 
 /* m or rad: joints that move less within an interval are at rest; a smaller step of the output is none */
 static const real negligible_motion = PRECISE(3e-8, 1e-5), negligible_step = PRECISE(1e-8, 1e-6);

@@ -15,6 +15,7 @@ from flexgen.model.elements import RobotModel
 
 INTERVALS_MAX, SAMPLES_MAX = 10_000, 1_000  # of a stream: intervals of its horizon, samples per interval
 DELAY_MAX = 4  # of the drive, in samples
+TOLERANCES = {"double": 1e-6, "single": 1e-3}  # recommended relative residuals
 START_SAMPLES = 16  # that a stream needs beyond those of its horizon to start in motion
 HOLDS = ("spline", "linear", "zoh")  # what the drive does between two samples, numbered in C
 

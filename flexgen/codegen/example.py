@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from flexgen.codegen.c_text import count_of, macro, quoted, size_macro
+from flexgen.codegen.clib_table import TOLERANCES
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.expressions.function_text import FunctionText, literal
 
@@ -86,8 +87,8 @@ def _block(spec: LibrarySpec, f: FunctionSpec, needs_work: bool) -> str:
 
 def _inversion(spec: LibrarySpec) -> str:
     """The functions of the example that invert a path and run a stream; the output stays at its home position."""
-    tolerance = {"double": 1e-6, "single": 1e-3}[spec.precision]
-    sampling, update, small, zero = (literal(x, spec.precision) for x in (0.001, 0.005, tolerance, 0.0))
+    numbers = (0.001, 0.005, TOLERANCES[spec.precision], 0.0)
+    sampling, update, small, zero = (literal(x, spec.precision) for x in numbers)
     name, real = spec.name, f"{spec.name}_real"
     ny, nt, nm = (size_macro(spec, size) for size in ("n_y", "n_t", "n_m"))
     pose = spec.motor_constants is not None and spec.motor_constants.pose

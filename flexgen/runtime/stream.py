@@ -179,19 +179,18 @@ class Stream:
             at = array_of("stream", "y", y, (self._sizes["n_t"],), real)
             status = entries.start(*memory, pointer(at), *pointers(held), pointer(q))
         else:
-            path = self._samples(y, dy, ddy)
+            arrays = self._samples(y, dy, ddy)
+            path = filled(entries.structs["path"], n=self.intervals + START_SAMPLES, period=self.period, **arrays)
             status = entries.start_moving(*memory, ctypes.byref(path), *pointers(held), pointer(q))
         self._refuse(int(status))
         self._bind()
 
-    def _samples(self, y: Any, dy: Any, ddy: Any) -> ctypes.Structure:
-        """The samples of the path of a stream that starts in motion."""
+    def _samples(self, y: Any, dy: Any, ddy: Any) -> dict[str, np.ndarray]:
+        """The samples of the path of a stream that starts in motion, checked."""
         n = self.intervals + START_SAMPLES
         widths = {"y": (y, "n_t"), "dy": (dy, "n_y"), "ddy": (ddy, "n_y")}
         real, sizes = self._entries.real, self._sizes
-        arrays = {key: array_of("stream", key, x, (n, sizes[width]), real) for key, (x, width) in widths.items()}
-        self._past = arrays  # C reads them
-        return filled(self._entries.structs["path"], n=n, period=self.period, **arrays)
+        return {key: array_of("stream", key, x, (n, sizes[width]), real) for key, (x, width) in widths.items()}
 
     def _bind(self) -> None:
         """Memory of the arguments of an update, and their addresses."""

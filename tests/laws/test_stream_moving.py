@@ -10,6 +10,7 @@ import pytest
 from stream_machine import AFTER, AHEAD, PARTS, UPDATE, Machine, error
 from toolchain import needs_compiler
 
+from flexgen.codegen import clib_table
 from flexgen.errors import ArgumentError
 from flexgen.runtime.stream import START_SAMPLES, Interval, Stream
 
@@ -111,6 +112,11 @@ def test_it_starts_at_rest_too_and_can_be_copied():
     found = [stream.update(*(x[k] for x in samples)) for k in (1, 2, 3)]
     for interval, other in zip(found, expected, strict=False):
         assert np.abs(interval.tau_m - other.tau_m).max() < 1e-9
+
+
+def test_the_number_of_samples_is_that_of_the_c():
+    """Stated twice, because the runtime does not import the code generation."""
+    assert START_SAMPLES == clib_table.START_SAMPLES
 
 
 def test_what_is_refused():

@@ -8,8 +8,8 @@
 
 enum { MARGIN = 3 }; /* samples on either side that a derivative needs */
 
-static const real mismatch_max = PRECISE(
-    2e-2, 2.5e-1); /* largest kinematic mismatch of a status OK: beyond rounding and the corner of a filter */
+/* largest kinematic mismatch of a status OK: beyond rounding and the corner of a filter */
+static const real mismatch_max = PRECISE(2e-2, 2.5e-1);
 
 /* First and second derivative by seven samples, `stride` apart and `period` seconds; order six. */
 static inline real sixty_differences(const real *x, ptrdiff_t stride)
