@@ -83,6 +83,7 @@ def test_every_instruction_set_gives_the_bits_of_the_baseline(library, baseline,
     assert [key for key, x in expected.items() if not np.array_equal(x, found[key], equal_nan=True)] == []
 
 
+@pytest.mark.slow
 def test_contraction_is_seen(library, baseline):
     """Planted: a library whose products and sums are contracted has other bits."""
     compiler = find_compiler()

@@ -57,6 +57,7 @@ def test_without_elasticity_all_are_exact() -> None:
     assert _error(flexgen.solve("kr300", method="rigid")) > 1e-4
 
 
+@pytest.mark.slow
 def test_the_flexible_joint_baseline_is_the_closed_form() -> None:
     equations = flexgen.derive("elbow")
     closed = flexgen.solve(equations, "joints", verify=False).trajectory
@@ -121,6 +122,7 @@ def test_rotors_that_turn_with_their_carriers(method: str) -> None:
     assert _error(flexgen.solve(read("planar5_nmp", overrides=changes), method=method)) < 1e-2
 
 
+@pytest.mark.slow
 def test_a_wrong_sign_of_the_deflection_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: elements bent the other way."""
     right = baselines._deflected

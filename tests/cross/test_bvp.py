@@ -152,6 +152,7 @@ def test_what_lq_solves_and_it_does_not(model, words: str) -> None:
     assert lq.solve(problem, usual(problem)).details["residual"] < lq.TOLERANCE
 
 
+@pytest.mark.slow
 def test_near_the_flat_point_it_still_works() -> None:
     """With zeros at some +-10^5 1/s, a tool a few micrometres further out."""
     model = flat_arm()

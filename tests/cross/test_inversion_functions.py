@@ -274,6 +274,7 @@ def test_hand_written_c_has_the_librarys_name():
     assert "planar5_nmp_status planar5_nmp_invert(" in texts["planar5_nmp_inversion.h"]
 
 
+@pytest.mark.slow
 def test_motor_constants_are_those_of_the_model():
     constants = library_spec(equations_of("four_mass")).motor_constants
     model = equations_of("four_mass").model

@@ -141,6 +141,7 @@ def check_all(case) -> None:
             check(equations, name, given, values(fast, given))
 
 
+@pytest.mark.slow
 @hypothesis.given(cases())
 @hypothesis.settings(max_examples=3, deadline=None, derandomize=True)
 def test_random_robots(case):

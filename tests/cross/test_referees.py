@@ -81,6 +81,7 @@ def test_full(start, linear, coupling):
     on_robots(check_robot, FULL, 100 + start, linear=linear, coupling=coupling)
 
 
+@pytest.mark.slow
 def test_the_sample_has_everything():
     """The agreement above is worth what its robots contain."""
     models: list[RobotModel] = []
@@ -106,6 +107,7 @@ def test_the_sample_has_everything():
     assert max(model.n_a for model in models) > 12 and {1, 6} <= {model.n_g for model in models}
 
 
+@pytest.mark.slow
 def test_a_random_robot_is_read_from_its_file(tmp_path):
     """What the reader makes of a model file is the robot that was written: Pinocchio's and MuJoCo's is the original."""
 
@@ -144,6 +146,7 @@ def test_one_motor_behind_a_rigid_gear():
         check_robot(Case(robot, (state(robot, np.random.default_rng(1), "anywhere"),), True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["parallel", "chain"])
 def test_robots_that_once_were_wrong(name):
     """Random robots on which an earlier version of the recursive route lost all digits; one in a hundred did that."""

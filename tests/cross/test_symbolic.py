@@ -270,6 +270,7 @@ def test_shares_no_code_with_the_casadi_equations():
         assert "flexgen.mechanics" not in source and "flexgen.recursion" not in source
 
 
+@pytest.mark.slow
 def test_complete_coupling_depends_on_the_motors():
     found = closed("arm-complete")
     q, v, _, _, v_m, _ = next(states(found.model))

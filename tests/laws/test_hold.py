@@ -185,6 +185,7 @@ def test_a_solution_has_the_command_and_its_error_in_figures_and_texts() -> None
     assert unverified.torque_command is not None and unverified.held_simulation is None
 
 
+@pytest.mark.slow
 def test_an_unstable_open_loop_is_verified_in_windows_with_its_hold() -> None:
     solution = flexgen.solve(ROBOTS / "upright.toml", hold="zoh")
     run = solution.held_simulation

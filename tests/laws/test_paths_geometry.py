@@ -139,10 +139,12 @@ def corner_error(robot, start, exact_corner) -> float:
     )
 
 
+@pytest.mark.slow
 def test_corner_derivatives_are_exact(robot, start, exact_corner) -> None:
     assert corner_error(robot, start, exact_corner) < EXACT
 
 
+@pytest.mark.slow
 def test_a_wrong_arc_length_would_be_seen(robot, start, exact_corner, monkeypatch: pytest.MonkeyPatch) -> None:
     right = blended_curve.inverse_function
     factor = np.array([1, 1, 1, 1, 1, 1 + 1e-7])

@@ -144,6 +144,7 @@ def test_rounded_corners():
     assert np.abs(step).max() < 1e-3 * np.abs(q_g[:, :, 2]).max()
 
 
+@pytest.mark.slow
 def test_what_is_refused():
     with pytest.raises(ArgumentError, match="fixed_joint: given 'elbow', expected one of panda_joint1, "):
         solve(panda(), LINE, fixed_joint="elbow")

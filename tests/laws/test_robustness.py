@@ -43,6 +43,7 @@ def test_the_table_of_a_planar_arm() -> None:
     assert rigid["error_start_m"] > 1e-3 and rigid["error_moved_m"] < rigid["error_max_m"]
 
 
+@pytest.mark.slow
 def test_mass_errors_need_feedback() -> None:
     equations = flexgen.derive("planar5_mp")
     table = _table(equations, (Plant("heavy", mass=1.05),), methods=("collocation",))
@@ -86,6 +87,7 @@ def test_held_motors_are_the_inverse_of_held_joints() -> None:
         assert np.abs(again.q_a - rest.q_a).max() < SAME and np.abs(again.tau_m - rest.tau_m).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_a_feedback_of_the_wrong_sign_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: position feedback of the wrong sign; the motors drift off, and the row shows it."""
     equations = flexgen.derive("planar5_mp")

@@ -120,6 +120,7 @@ def test_a_wrong_torque_is_seen() -> None:
     assert (simulate(equations, dataclasses.replace(trajectory, channels=late)).tool_error_max_m or 0) > MICRON
 
 
+@pytest.mark.slow
 def test_a_sign_error_in_the_coriolis_term_is_seen() -> None:
     """Planted bug: the solver works with c reversed, the simulation does not."""
 

@@ -90,6 +90,7 @@ def soft_machine() -> tuple[Machine, float]:
     return found, zero_path(found.equations, found.path).preview_s
 
 
+@pytest.mark.slow
 def test_the_preview_of_the_analysis_is_enough_for_a_stream():
     soft, preview = soft_machine()
     assert 0.15 < preview < 0.5  # the unstable zero is near 50 1/s

@@ -199,6 +199,7 @@ def wrong_verdicts(arms: int, planted: float = 0.0) -> int:
     return wrong
 
 
+@pytest.mark.slow
 def test_no_verdict_is_wrong_on_either_side_of_the_flat_point() -> None:
     assert wrong_verdicts(100) == 0
 

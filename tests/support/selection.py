@@ -15,7 +15,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICK_MODELS = {"elbow", "planar5_nmp", "beam_arm", "manutec_r3"}
-# Folders (with a slash at the end) and files: convergence orders, cross compilers, sanitizers, the wheel.
+# Folders (with a slash at the end) and files: convergence orders, cross compilers, sanitizers, the wheel, libraries
+# that only one file needs.
 SLOW = (
     "order/",
     "client/test_cross_compile.py",
@@ -23,6 +24,7 @@ SLOW = (
     "client/test_hostile_sanitizers.py",
     "client/test_kernel_compilers.py",
     "client/test_wheel.py",
+    "unit/test_inversion_parameters.py",
 )
 # Files that read or analyze each model in some milliseconds.
 ANY_MODEL = (
@@ -34,8 +36,11 @@ ANY_MODEL = (
 )
 # Cases whose robot or method takes long, by a word of the id or the whole id.
 SLOW_CASES = {
-    "client/test_instruction_sets.py": {"beam_arm", "v2", "v3", "v4"},
-    "client/test_product.py": {"planar5_nmp-gcc--O0", "planar5_nmp-gcc--O2"},
+    "client/test_amalgamation.py": {"planar5_nmp", "single"},
+    "client/test_docs.py": {"docs/python.md", "docs/limits_and_streams.md", "docs/paths.md"},
+    "client/test_instruction_sets.py": {"beam_arm", "planar5_nmp", "v2", "v3", "v4"},
+    "client/test_product.py": {"planar5_nmp-gcc--O0", "planar5_nmp-gcc--O2", "elbow-gcc--O2"},
+    "client/test_stream_constants.py": {"elbow"},
     "cross/test_recursion.py": {
         "dense7",
         "dense12",
@@ -44,17 +49,35 @@ SLOW_CASES = {
         "panda",
         "synthetic_complete",
         "synthetic_mixed",
+        "synthetic_rigid",
         "synthetic_spinning",
     },
-    "cross/test_bvp.py": {"undamped", "zeros change"},
+    "cross/test_bvp.py": {"undamped", "zeros change", "flat", "clang", "wrong interval length", "rows swapped"},
     "cross/test_comparison.py": {"joints of both units"},
-    "cross/test_referees.py": {"any-simplified", "linear-complete", "linear-simplified"},
-    "cross/test_symbolic.py": {"skew", "arm-complete-rigid"},
+    "cross/test_end_of_path.py": {"lq"},
+    "cross/test_inversion_functions.py": {"ur5_elastic"},
+    "cross/test_referees.py": {
+        "any-simplified",
+        "any-complete",
+        "linear-complete",
+        "linear-simplified",
+        "ur5_elastic",
+        "panda",
+    },
+    "cross/test_symbolic.py": {"skew", "arm-complete", "arm-complete-rigid", "arm-simplified"},
+    "fuzz/test_fuzz.py": {"hang-takes more than 2.0 s"},
+    "laws/test_end_of_the_move.py": {"beam_arm"},
+    "laws/test_hold.py": {"hold1-False", "hold3-True"},
     "laws/test_paths_smoothness.py": {"lq-3", "bvp-2"},
+    "laws/test_recursion_planted.py": {"inverse_dynamics_derivatives", "mass_matrix"},
     "laws/test_solve.py": {"manutec_r3-joints", "beam_arm-joints"},
+    "published/test_analysis.py": {"manutec_r3_24", "manutec_r3_30"},
+    "unit/test_cli_comfort.py": {"words2"},
+    "unit/test_motion_page.py": {"beam_arm", "manutec_r3"},
     "unit/test_report.py": {"beam_arm-line", "manutec_r3-line"},
-    "unit/test_solve_stages.py": {"1.0", "0.01"},
-    "unit/test_time_limit.py": {"bdf", "kunkel-mehrmann", "reduced"},
+    "unit/test_solve_stages.py": {"1.0", "0.01", "1e-06"},
+    "unit/test_structure.py": {"manutec_r3_30"},
+    "unit/test_time_limit.py": {"bdf", "closed-form", "kunkel-mehrmann", "reduced"},
 }
 OTHER_MODELS = {path.stem for path in (ROOT / "models").glob("*.toml")} - QUICK_MODELS
 

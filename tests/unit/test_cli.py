@@ -251,6 +251,7 @@ def test_generate_some_functions(ask, tmp_path):
     assert status == 1 and data["error"].startswith("functions: given 'nothing', expected some of")
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_generate_with_options(ask, tmp_path):
     status, data, _ = ask(

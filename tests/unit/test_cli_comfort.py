@@ -148,6 +148,7 @@ def test_a_second_move_is_refused_elsewhere(run, verb):
 # --- details and log --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_verbose_shows_times_and_details(run):
     _, plain, short = run("solve", "elbow")
     status, out, err = run("solve", "elbow", "-v")
@@ -242,6 +243,7 @@ def test_failures_are_grouped_by_reason():
     assert groups == [{"reason": errors[0], "cases": [3, 8]}, {"reason": "no equilibrium", "cases": [5]}]
 
 
+@pytest.mark.slow
 def test_a_sweep_prints_the_reasons(run, tmp_path):
     grid = tmp_path / "grid.toml"
     grid.write_text(

@@ -161,6 +161,7 @@ def test_the_header_has_the_coupled_ratios():
     assert " *   m6: eta 0.5 (q5), -99.0 (q6); J_m 4.3e-05 kg m^2\n" in emit(spec)["manutec_r3.h"]
 
 
+@pytest.mark.slow
 def test_prototypes_break_between_arguments_only():
     for line in "\n".join(emit(library_spec(derive("manutec_r3_efjm"), ["forward_dynamics"])).values()).splitlines():
         assert not line.endswith("double") and not line.strip().startswith("*work"), line

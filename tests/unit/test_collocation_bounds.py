@@ -70,6 +70,7 @@ def test_collocation_keeps_bounds_too() -> None:
     assert np.array_equal(one.trajectory["tau_m"], other.trajectory["tau_m"])
 
 
+@pytest.mark.slow
 def test_bounds_that_do_not_act_change_nothing() -> None:
     equations = flexgen.derive("planar5_nmp")
     solution = flexgen.solve(equations, limits=limits_for(equations.model, torque=30.0, speed=400.0, deflection=1e-2))
@@ -105,6 +106,7 @@ def test_bernstein_coefficients_enclose_their_polynomials(stages: int) -> None:
         assert places[-1] == pytest.approx(curve[-1], abs=1e-12)
 
 
+@pytest.mark.slow
 def test_bounds_at_the_gauss_points_alone_are_passed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: what is bounded at some points of an interval is passed between them, here by a thousandth."""
 

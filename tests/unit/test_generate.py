@@ -32,6 +32,7 @@ X86 = platform.machine().lower() in ("x86_64", "amd64")
 pytestmark = needs_compiler
 
 
+@pytest.mark.slow
 def test_the_second_time_nothing_is_done():
     first = made("planar5_nmp")
     times = [path.stat().st_mtime_ns for path in first.files]

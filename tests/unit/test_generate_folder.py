@@ -127,6 +127,7 @@ def test_a_full_disk_leaves_the_directory(tmp_path, monkeypatch):
     assert contents(tmp_path / "old") == before and not (tmp_path / "new").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 def test_the_staging_folder_of_a_killed_run_is_removed_by_the_next(tmp_path):
     program = (

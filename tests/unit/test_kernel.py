@@ -67,6 +67,7 @@ def error_near_quarters(precision: str, edits: tuple[tuple[str, str], ...] = ())
 # --- the numbers ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @both
 def test_polynomials_are_the_best(precision):
     p = PRECISIONS[precision]
@@ -254,6 +255,7 @@ def test_functions_of_the_mathematical_library(precision):
 # --- planted bugs -----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @needs_compiler
 @needs_long_double
 def test_wrong_digit_is_noticed():
@@ -265,6 +267,7 @@ def test_wrong_digit_is_noticed():
     assert error(c, np.cos(x.astype(np.longdouble))) > SINCOS
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_lost_part_of_pi_is_noticed():
     assert error_near_quarters("double", (("3.5215598651832e-27", "0.0"),)) > SINCOS

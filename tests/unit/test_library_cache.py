@@ -104,6 +104,7 @@ def forgotten():
     inverters._built.cache_clear()
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_a_library_is_pruned_rebuilt_and_usable_all_the_while(tmp_path, monkeypatch, forgotten) -> None:
     monkeypatch.setenv("FLEXGEN_CACHE", str(tmp_path / "cache"))

@@ -72,6 +72,7 @@ def test_rigid_robots_are_not_exaggerated():
     assert data["factors"] == [1] or data["factor"] == 1
 
 
+@pytest.mark.slow
 def test_robots_without_extent_have_no_page(tmp_path):
     equations, solution = solved("four_mass@high")
     assert write_motion(equations, solution.trajectory, None, tmp_path, solution.move.duration) is None

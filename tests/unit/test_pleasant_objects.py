@@ -96,6 +96,7 @@ def test_every_method_of_an_upper_package_is_there():
         assert callable(getattr(cls, method.partition(".")[2]))
 
 
+@pytest.mark.slow
 def test_the_methods_import_nothing_before_they_are_called():
     code = (
         "import sys, flexgen; s = flexgen.solve('elbow', verify=False); print(s, s.plot)\n"
@@ -174,6 +175,7 @@ def test_units_of_a_solution_are_those_of_the_model(model):
     assert all(" or " not in column and "mixed" not in column for column in trajectory.columns())
 
 
+@pytest.mark.slow
 def test_a_trajectory_becomes_a_data_frame(solution, tmp_path):
     pandas = pytest.importorskip("pandas")
     trajectory = solution.trajectory

@@ -48,10 +48,12 @@ def test_a_terminal_shows_one_line_that_is_removed():
     assert shown.endswith("\r") and not shown.split("\r")[-2].strip()
 
 
+@pytest.mark.slow
 def test_progress_can_be_switched_off():
     assert on_a_terminal(CODE.format(arguments="progress=False")) == ("solved\n", "")
 
 
+@pytest.mark.slow
 def test_pipes_show_nothing_unless_asked():
     for arguments, shows in (("", False), ("progress=True", True)):
         code = CODE.format(arguments=arguments)

@@ -164,6 +164,7 @@ def test_report_of_a_limited_solution_with_warnings_and_library(tmp_path):
     assert "mass_matrix" in text and "planar5_nmp.c" in text and "a/planar5_nmp.c" not in text
 
 
+@pytest.mark.slow
 def test_text_of_a_model_cannot_become_markup(tmp_path):
     equations, solution = solved("planar5_nmp", "line", verify=False)
     evil = "<script>alert('x')</script><img src=x onerror=y>\" onload=\"z $\\frac$ </svg>"

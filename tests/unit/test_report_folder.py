@@ -26,7 +26,8 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize("name", ["index.html", pytest.param("robot.svg", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["index.html", "robot.svg"])
 def test_files_of_others_are_not_replaced(tmp_path, solved, name):
     (tmp_path / name).write_text("<html>mine</html>\n")
     (tmp_path / "notes.txt").write_text("mine, too\n")
@@ -66,6 +67,7 @@ def test_the_folder_is_checked_before_the_work(tmp_path, monkeypatch, capsys):
     check_folder(tmp_path / "new")
 
 
+@pytest.mark.slow
 def test_a_full_disk_leaves_the_old_page(tmp_path, solved, monkeypatch):
     write_report(*solved, tmp_path)
     before = contents(tmp_path)

@@ -94,6 +94,7 @@ def test_npz_files_that_lie_are_refused(tmp_path, robot, monkeypatch):
         refused(packed(file, {name: array_bytes(values)}), robot, expected)
 
 
+@pytest.mark.slow
 def test_the_memory_of_a_process_is_not_used_up(tmp_path, robot):
     """500 MB of zeros in a file of 0.5 MB: the largest size of this process stays where it was."""
     file = packed(tmp_path / "bomb.npz", {"q_g": claiming("(31250000, 2)")})

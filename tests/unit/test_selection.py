@@ -60,6 +60,7 @@ def test_every_room_has_a_quick_test():
     assert untouched(quick_files()) == []
 
 
+@pytest.mark.slow
 def test_a_room_without_a_quick_test_is_seen():
     assert untouched(path for path in quick_files() if "plots" not in imported_rooms(path)) == ["plots"]
 

@@ -90,6 +90,7 @@ def test_the_growth_is_the_simulated_one(upright: tuple[Equations, flexgen.Solut
     assert 10 < estimated < LARGEST_GROWTH
 
 
+@pytest.mark.slow
 def test_an_upright_arm_is_verified_in_windows(upright: tuple[Equations, flexgen.Solution]) -> None:
     equations, solution = upright
     simulation = solution.simulation
@@ -105,6 +106,7 @@ def test_an_upright_arm_is_verified_in_windows(upright: tuple[Equations, flexgen
     assert whole is not None and whole > 1e-5
 
 
+@pytest.mark.slow
 def test_windows_are_short_enough(upright: tuple[Equations, flexgen.Solution]) -> None:
     """In no window a perturbation grows by more than the limit."""
     equations, solution = upright
@@ -117,6 +119,7 @@ def test_windows_are_short_enough(upright: tuple[Equations, flexgen.Solution]) -
         assert found.largest < 1.5 * WINDOW_GROWTH < LARGEST_GROWTH
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [1e-3])
 def test_a_wrong_torque_is_refused_in_windows(
     upright: tuple[Equations, flexgen.Solution], error: float, monkeypatch: pytest.MonkeyPatch
@@ -135,6 +138,7 @@ def test_a_wrong_torque_is_refused_in_windows(
     assert solution.status == Status.TOLERANCE_NOT_MET
 
 
+@pytest.mark.slow
 def test_states_that_do_not_meet_are_an_error(upright: tuple[Equations, flexgen.Solution]) -> None:
     """A deflection that is wrong in the second half moves no output at first, but it does not meet the first half."""
     equations, solution = upright

@@ -102,6 +102,7 @@ def test_a_singular_pose_ends_the_attempts(equations: Equations, calls) -> None:
     assert names == ["lq"] * 3
 
 
+@pytest.mark.slow
 def test_a_joint_move_through_a_singular_pose_of_the_tool_gets_an_advice(equations: Equations) -> None:
     """With joints as outputs it is solved."""
     move = Move("through", "joint", (0.3, -0.6), end=(0.6, 0.6), duration=1.0, smoothness=5)

@@ -64,6 +64,7 @@ def coupled(model: RobotModel) -> RobotModel:
     return dataclasses.replace(model, motors=(first, dataclasses.replace(second, drives=drives, ratio=ratio)))
 
 
+@pytest.mark.slow
 @needs_compiler
 def test_six_axes_by_emitted_c_against_solve(tmp_path) -> None:
     equations = derive("manutec_r3")
@@ -164,6 +165,7 @@ def test_the_bits_of_one_two_and_seven_shards() -> None:
     assert len({table.digest for table in found}) == 1
 
 
+@pytest.mark.slow
 def test_what_goes_many_at_once_and_what_does_not() -> None:
     start, end = (0.1, 0.2), (0.4, -0.3)
     moves = (

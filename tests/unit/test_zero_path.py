@@ -48,7 +48,8 @@ def verdict_along(arm: PlanarArm, plant: Break = lambda x: x) -> bool:
     return not is_unstable(roots[0]).any()
 
 
-@pytest.mark.parametrize("bent", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("bent", [False, True])
 def test_no_wrong_verdict_on_a_hundred_planar_arms(bent: bool) -> None:
     wrong, sides = 0, []
     for arm in arms(bent):
@@ -64,6 +65,7 @@ def test_no_wrong_verdict_on_a_hundred_planar_arms(bent: bool) -> None:
     assert 30 <= sum(sides) <= 70
 
 
+@pytest.mark.slow
 def test_planted_bugs_give_wrong_verdicts() -> None:
     def other_way(arm: ArmLinearization) -> ArmLinearization:
         W = arm.W.copy()
