@@ -22,7 +22,8 @@ from flexgen.build.compiler import ISAS, Compiler, build_libraries, find_compile
 from flexgen.build.directory import MANIFEST, check_owned, clean, install, libraries, read_manifest, staging, unchanged
 from flexgen.build.packaging import packaging
 from flexgen.codegen.amalgamation import amalgamated
-from flexgen.codegen.clib_table import STRUCTS, signature_of
+from flexgen.codegen.clib_table import STRUCTS
+from flexgen.codegen.clib_types import signature_of
 from flexgen.codegen.spec import (
     ABI_VERSION,
     PRECISIONS,

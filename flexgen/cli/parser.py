@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from flexgen import __version__
-from flexgen.cli import completion, run, solve, sweep, verbs
+from flexgen.cli import completion, path, run, solve, sweep, verbs
 from flexgen.cli.printing import suggestion
 from flexgen.inversion.method_table import NAMES as METHOD_NAMES
 from flexgen.mechanics.signatures import TABLE
@@ -157,6 +157,7 @@ def build_parser() -> _Parser:
     _add_analyze_arguments(_add_verb(group, "analyze", verbs.analyze))
     _add_generate_arguments(_add_verb(group, "generate", verbs.generate))
     _add_solve_arguments(_add_verb(group, "solve", solve.solve))
+    _add_path_arguments(_add_verb(group, "path", path.path))
     sub = _add_verb(group, "simulate", solve.simulate)
     sub.add_argument("trajectory", metavar="TRAJECTORY", type=_path, help="file written by 'flexgen solve --out'")
     sub.add_argument("--out", metavar="FILE", type=_trajectory_file, help="write the simulated motion to this file")
@@ -359,6 +360,14 @@ def _add_bounds_arguments(parser: _Parser) -> None:
         default=120.0,
         help="time limit of each solve [s]: then, or after Ctrl-C, it ends with the best solution so far (exit status "
         "1, or 130); default: 120; 0: no limit",
+    )
+
+
+def _add_path_arguments(parser: _Parser) -> None:
+    parser.add_once("--move", metavar="NAME", help="a move or program of the model file; default: the first")
+    parser.add_argument("--moves", metavar="FILE", type=_path, help="read moves and programs from this TOML file")
+    parser.add_argument(
+        "--table", metavar="FILE", type=_path, help="write the path as a C header for MODEL_path_sample to this file"
     )
 
 

@@ -42,7 +42,7 @@ def solve(args: Namespace, log: Progress) -> VerbResult:
         from flexgen.inversion.bounds import limits_from_model
 
         limits = limits_from_model(equations.model)
-    moves = [_chosen_move(args.moves, name, equations.model) for name in args.move or [None]]
+    moves = [chosen_move(args.moves, name, equations.model) for name in args.move or [None]]
     _announce(args, equations.model, log)
     if not several:
         return _solve_one(args, equations, moves[0], limits, (args.out, args.report), log)
@@ -184,7 +184,7 @@ def _details(solution: Solution) -> str:
     return f"{figures(rows)}\n\n{meaning}" if rows else meaning
 
 
-def _chosen_move(file: Path | None, name: str | None, robot: RobotModel) -> Any:
+def chosen_move(file: Path | None, name: str | None, robot: RobotModel) -> Any:
     """The move or program with this name in a file of moves, or else in the model; None: the first."""
     if file is None:
         from flexgen.paths.path import named_move

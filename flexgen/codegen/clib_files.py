@@ -18,10 +18,8 @@ from flexgen.codegen.clib_table import (
     SAMPLES_MAX,
     START_SAMPLES,
     STRUCTS,
-    CFunction,
-    Field,
-    Struct,
 )
+from flexgen.codegen.clib_types import CFunction, Field, Struct
 from flexgen.codegen.header import works
 from flexgen.codegen.motor_constants import MotorConstants
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
@@ -240,7 +238,7 @@ def _described(spec: LibrarySpec, function: CFunction) -> str:
         )
         for a in function.arguments
     ]
-    width = [max(len(row[i]) for row in rows) for i in range(3)]
+    width = [max((len(row[i]) for row in rows), default=0) for i in range(3)]
     table = "".join(
         comment(" ".join(x.ljust(w) for x, w in zip(row, [*width, 0], strict=True)), " *   ") for row in rows
     )
@@ -248,10 +246,11 @@ def _described(spec: LibrarySpec, function: CFunction) -> str:
     if function.returns == "status":
         words += f"{' ' * bool(words)}Stack: at most {stack_bytes(spec)} bytes."
     notes = f" *\n{comment(words)}" if words else ""
-    arguments = ", ".join(_declared(spec, a, sized=True) for a in function.arguments)
+    arguments = ", ".join(_declared(spec, a, sized=True) for a in function.arguments) or "void"
     returned = f"{spec.name}_status" if function.returns == "status" else "int64_t"
     prototype = declaration(f"{returned} {spec.name}_{function.name}({arguments})")
-    return f"/*\n{comment(function.summary)}{notes} *\n{table} */\n{macro(spec, 'API')}\n{prototype};\n"
+    table = f" *\n{table}" if table else ""
+    return f"/*\n{comment(function.summary)}{notes}{table} */\n{macro(spec, 'API')}\n{prototype};\n"
 
 
 def stack_bytes(spec: LibrarySpec) -> int:

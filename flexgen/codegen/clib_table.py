@@ -8,8 +8,10 @@ precision. With run-time parameters they have one more argument. Their C is in `
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
+from flexgen.codegen.clib_types import CFunction, Field, Struct
+from flexgen.codegen.sampler_functions import SAMPLER_FUNCTIONS
 from flexgen.mechanics.signatures import INVERSION, offered_functions
 from flexgen.model.elements import RobotModel
 
@@ -18,83 +20,6 @@ DELAY_MAX = 4  # of the drive, in samples
 TOLERANCES = {"double": 1e-6, "single": 1e-3}  # recommended relative residuals
 START_SAMPLES = 16  # that a stream needs beyond those of its horizon to start in motion
 HOLDS = ("spline", "linear", "zoh")  # what the drive does between two samples, numbered in C
-
-
-@dataclass(frozen=True)
-class Field:
-    """A member of a struct, or an argument.
-
-    Parameters
-    ----------
-    name : str
-    kind : str
-        Type in C: ``"real"``, ``"int"``, ``"int64_t"``, ``"const real *"``, ``"real *"``, or a pointer to a struct of
-        the table, such as ``"const path *"``.
-    extents : tuple of str
-        Sizes of the array that a pointer to reals points to: of the library (``"n_a"``), of other fields (``"n"``), or
-        sums of these. Arrays are stored sample after sample: the last index runs fastest.
-    unit, doc : str
-    """
-
-    name: str
-    kind: str
-    extents: tuple[str, ...]
-    unit: str
-    doc: str
-
-
-@dataclass(frozen=True)
-class Struct:
-    """A struct of the public header, in C ``<library>_<name>``."""
-
-    name: str
-    doc: str
-    fields: tuple[Field, ...]
-
-
-@dataclass(frozen=True)
-class CFunction:
-    """A function of the hand-written C.
-
-    Parameters
-    ----------
-    name : str
-        In C ``<library>_<name>``.
-    file : str
-        The file of ``flexgen/clib/`` that defines it.
-    summary, notes : str
-        For the header: one sentence; paragraphs.
-    arguments : tuple of Field
-    returns : str
-        ``"status"``, or ``"size"``: a number of reals.
-    elastic : bool
-        True: only for models with unactuated coordinates.
-    parametrized : bool
-        True: only for libraries with run-time parameters.
-    double : bool
-        True: only for libraries in double precision.
-    """
-
-    name: str
-    file: str
-    summary: str
-    notes: str
-    arguments: tuple[Field, ...]
-    returns: str = "status"
-    elastic: bool = False
-    parametrized: bool = False
-    double: bool = False
-
-    @property
-    def signature(self) -> str:
-        """Names and types in one line, for the digest of the interface."""
-        return f"{self.name}({','.join(f'{a.kind} {a.name}' for a in self.arguments)}){self.returns}"
-
-
-def signature_of(struct: Struct) -> str:
-    """Names and types of the members in one line, for the digest of the interface."""
-    return f"struct {struct.name}{{{','.join(f'{f.kind} {f.name}' for f in struct.fields)}}}"
-
 
 _OUTPUT = "output; for a pose the position, then the rotation matrix by columns"
 _RATE = "its first time derivative; for a pose linear and angular velocity, world axes"
@@ -121,6 +46,7 @@ _HOLD = (
     ),
 )
 _PARAMETERS = "run-time parameters, listed in the header of the functions"
+_BEHIND_PARAMETERS = (("q_start", "const real *"), ("t", "real"))
 _GIVEN = Field("parameters", "const real *", ("n_p",), "mixed", _PARAMETERS)
 
 STRUCTS: tuple[Struct, ...] = (
@@ -404,6 +330,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
             Field("deviation_max", "real", (), "mixed", "largest deviation of each output, m or rad"),
         ),
     ),
+    *SAMPLER_FUNCTIONS,
 )
 
 
@@ -430,9 +357,9 @@ def inversion_reason(model: RobotModel, functions: Sequence[str]) -> str | None:
 
 
 def _with_parameters(function: CFunction) -> CFunction:
-    """The function with the run-time parameters as an argument, before the initial guess ``q_start``."""
-    names = [argument.name for argument in function.arguments]
-    if "q_start" not in names:
+    """The function with the run-time parameters as an argument, before its input ``q_start`` or ``t``."""
+    inputs = [k for k, a in enumerate(function.arguments) if (a.name, a.kind) in _BEHIND_PARAMETERS]
+    if not inputs:
         return function
-    at = names.index("q_start")
+    at = inputs[0]
     return replace(function, arguments=(*function.arguments[:at], _GIVEN, *function.arguments[at:]))

@@ -12,12 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexgen.codegen.clib_table import (
-    STRUCTS,
-    CFunction,
-    offered_c_functions,
-    signature_of,
-)
+from flexgen.codegen.clib_table import STRUCTS, offered_c_functions
+from flexgen.codegen.clib_types import CFunction, signature_of
 from flexgen.codegen.motor_constants import MotorConstants, motor_constants
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.signatures import FUNCTIONS, PORTS, TABLE, Row, offered_functions, port

@@ -72,7 +72,7 @@ class BlendedCurve:
         self.breaks = np.zeros(0)
 
     @cached_property
-    def _starts(self) -> list[tuple[np.ndarray, np.ndarray | None]]:
+    def poses(self) -> list[tuple[np.ndarray, np.ndarray | None]]:
         """Position and orientation before each segment, and after the last."""
         out = [(self.start, self.R_start)]
         for segment in self.segments:
@@ -86,7 +86,7 @@ class BlendedCurve:
     @property
     def end(self) -> tuple[np.ndarray, np.ndarray | None]:
         """Position (d) and orientation (3, 3) at the end."""
-        return self._starts[-1]
+        return self.poses[-1]
 
     @cached_property
     def sections(self) -> list[Section]:
@@ -99,13 +99,14 @@ class BlendedCurve:
             if straight > 1e-12 * segment.length:
                 out.append(Section(k, False, straight, start))
             if zones[k + 1] > 0:
-                table = self._tables[k]
+                table = self.tables[k]
                 length = 2 * zones[k + 1] if table is None else table.length
                 out.append(Section(k, True, length, float(self.ends[k]) - zones[k + 1]))
         return out
 
     @cached_property
-    def _tables(self) -> list[ArcTable | None]:
+    def tables(self) -> list[ArcTable | None]:
+        """Arc lengths of the corners; None where the parameter is not to become the arc length."""
         out: list[ArcTable | None] = []
         for k, zone in enumerate(self.zones):
             if zone == 0 or not (self.segments[k].by_arc_length and self.segments[k + 1].by_arc_length):
@@ -124,12 +125,13 @@ class BlendedCurve:
 
     def _speed(self, k: int, u: np.ndarray) -> np.ndarray:
         """|dp/du| (n,) in the corner at the end of segment k."""
-        return np.asarray(np.linalg.norm(self._corner(k, _identity(u)[:, :2], False)[0][:, :, 1], axis=1))
+        x = self._corner(k, _identity(u)[:, :2], False)[0][:, :, 1]
+        return np.sqrt(_summed(x * x))
 
     def _speed_squared(self, k: int, u: np.ndarray) -> np.ndarray:
         """Square of |dp/du| and its derivatives, (n, 5), in the corner at the end of segment k."""
         x = self._corner(k, _identity(u), False)[0][:, :, 1:]
-        return product(x, x).sum(axis=1)
+        return _summed(product(x, x))
 
     def _corner(self, k: int, u: np.ndarray, rotate: bool = True) -> tuple[np.ndarray, Attitude | None]:
         """Jet of the position, and orientation, in the corner after segment k, from the jet of the parameter."""
@@ -141,7 +143,7 @@ class BlendedCurve:
         remaining = compose(fall[:, None, :], u)[:, 0]
         first = -remaining
         first[:, 0] += before.length
-        position, R = self._starts[k]
+        position, R = self.poses[k]
         x = before.displacement(first) + after.displacement(covered)
         x[:, :, 0] += position
         if R is None or not rotate:
@@ -176,7 +178,7 @@ class BlendedCurve:
             else:
                 segment = self.segments[section.segment]
                 inner[:, 0] += section.start - (self.ends[section.segment] - segment.length)
-                position, before = self._starts[section.segment]
+                position, before = self.poses[section.segment]
                 moved = segment.displacement(inner)
                 moved[:, :, 0] += position
                 x[here] = moved
@@ -187,13 +189,21 @@ class BlendedCurve:
 
     def _parameter(self, section: Section, s: np.ndarray) -> np.ndarray:
         """Jet of the parameter in a corner from the jet of the arc length since its start."""
-        table = self._tables[section.segment]
+        table = self.tables[section.segment]
         if table is None:
             u = s.copy()
             u[:, 0] += section.start
             return u
         u = table.parameter(s[:, 0])
         return compose(inverse_function(u, square_root(self._speed_squared(section.segment, u)))[:, None, :], s)[:, 0]
+
+
+def _summed(x: np.ndarray) -> np.ndarray:
+    """Sums over the second axis, one entry after the other, as in C."""
+    total = x[:, 0]
+    for i in range(1, x.shape[1]):
+        total = total + x[:, i]
+    return total
 
 
 def _identity(u: np.ndarray) -> np.ndarray:

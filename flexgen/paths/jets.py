@@ -9,6 +9,8 @@ from math import comb
 
 import numpy as np
 
+from flexgen.paths.trigonometry import sine_cosine
+
 ORDER = 5  # highest derivative of the reference
 JET = ORDER + 1
 
@@ -75,7 +77,7 @@ def inverse_function(u: np.ndarray, slope: np.ndarray) -> np.ndarray:
 def rotation_quaternion(angle: np.ndarray, axis: np.ndarray) -> np.ndarray:
     """Jet (n, 4, k) of the unit quaternion (w, x, y, z) of a rotation by ``angle`` (n, k) about a fixed axis."""
     half = angle / 2
-    c, s = np.cos(half[:, 0]), np.sin(half[:, 0])
+    s, c = sine_cosine(half[:, 0])
     cycle = [np.stack(pair, axis=1) for pair in ((c, s), (-s, c), (-c, -s), (s, -c))]
     cosine_sine = np.stack(chain_rule([cycle[k % 4] for k in range(angle.shape[1])], half), axis=-1)
     return np.concatenate([cosine_sine[:, :1], cosine_sine[:, 1:] * axis[None, :, None]], axis=1)
@@ -132,8 +134,14 @@ def rotation_matrices(axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
     """Rotation matrices (n, 3, 3) about one unit axis."""
     x, y, z = axis
     hat = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    sine, versine = np.sin(angles)[:, None, None], 2 * np.sin(angles / 2)[:, None, None] ** 2
+    sine, half = sine_cosine(angles)[0][:, None, None], sine_cosine(angles / 2)[0][:, None, None]
+    versine = 2 * half**2
     return np.eye(3) + sine * hat + versine * (hat @ hat)
+
+
+def rotated(E: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Products (n, 3, 3) of the matrices ``E`` (n, 3, 3) and ``R`` (3, 3), with one order of operations everywhere."""
+    return E[:, :, 0, None] * R[0] + E[:, :, 1, None] * R[1] + E[:, :, 2, None] * R[2]
 
 
 def quaternion(R: np.ndarray) -> np.ndarray:

@@ -15,6 +15,7 @@ from flexgen.model.moves import Move
 from flexgen.paths.jets import ORDER, chain_rule
 from flexgen.paths.joint_limits import InverseKinematics
 from flexgen.paths.move_planner import plan_move
+from flexgen.paths.path_table import path_table
 from flexgen.paths.reference import PathSample, Reference
 from flexgen.paths.timed_segments import TimedSegment
 
@@ -64,6 +65,16 @@ class Path:
     def breaks(self) -> np.ndarray:
         """Instants at which a derivative up to order 5 may jump [s], including both ends."""
         return np.unique(np.concatenate([segment.breaks for segment in self.segments]))
+
+    def table(self) -> np.ndarray:
+        """The path as numbers (n,) that the sampler of the emitted C reads, see `flexgen.paths.path_table`.
+
+        Raises
+        ------
+        ArgumentError
+            A part of the path is a spline through samples.
+        """
+        return path_table(self.reference, self.segments, self.duration, self.q_start, self.move.name)
 
     def sample(self, t: np.ndarray) -> PathSample:
         """The reference at the instants ``t`` [s]."""

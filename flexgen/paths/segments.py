@@ -8,7 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
-from flexgen.paths.jets import Attitude, chain_rule, rotation_matrices, rotation_quaternion
+from flexgen.paths.jets import Attitude, chain_rule, rotated, rotation_matrices, rotation_quaternion
+from flexgen.paths.trigonometry import sine_cosine
 
 FLAT = 1e-9  # relative: three points are on a line, a radius or an axis is zero
 
@@ -88,7 +89,7 @@ class Arc:
     radius: float = 0.0  # m, scales the angle of rotation to a length
 
     @cached_property
-    def _arms(self) -> tuple[np.ndarray, np.ndarray]:
+    def arms(self) -> tuple[np.ndarray, np.ndarray]:
         """Radius vector at the start, and the same rotated by 90 deg about the axis [m]."""
         arm = -self.center + (self.center @ self.axis) * self.axis
         return arm, np.cross(self.axis, arm)
@@ -96,7 +97,7 @@ class Arc:
     @property
     def size(self) -> float:
         """Radius of the arc [m]."""
-        return float(np.linalg.norm(self._arms[0]))
+        return float(np.linalg.norm(self.arms[0]))
 
     @property
     def length(self) -> float:
@@ -111,17 +112,17 @@ class Arc:
     @property
     def total(self) -> np.ndarray:
         """Displacement from start to end [m]."""
-        a, b = self._arms
+        a, b = self.arms
         return (np.cos(self.angle) - 1) * a + np.sin(self.angle) * b
 
     def displacement(self, x: np.ndarray) -> np.ndarray:
         """Jet (n, 3, k) from the jet (n, k) of the parameter."""
-        a, b = self._arms
+        a, b = self.arms
         phi = x * (self.angle / self.length)
-        c, s = np.cos(phi[:, :1]), np.sin(phi[:, :1])
+        s, c = sine_cosine(phi[:, :1])
         cycle = [c * a + s * b, c * b - s * a, -c * a - s * b, s * a - c * b]
         out = np.stack(chain_rule([cycle[k % 4] for k in range(x.shape[1])], phi), axis=-1)
-        half = np.sin(phi[:, :1] / 2)  # 1 - cos without cancellation: the start is exact
+        half = sine_cosine(phi[:, :1] / 2)[0]  # 1 - cos without cancellation: the start is exact
         out[:, :, 0] = s * b - 2 * half**2 * a
         return out
 
@@ -139,7 +140,7 @@ def attitude_along(segment: Segment, x: np.ndarray, R: np.ndarray) -> Attitude:
     w = segment.rotation[None, :, None] * (x[:, None, 1:] / segment.length)
     if angle == 0:
         return np.broadcast_to(R, (len(x), 3, 3)), w
-    return rotation_matrices(segment.rotation / angle, x[:, 0] * (angle / segment.length)) @ R, w
+    return rotated(rotation_matrices(segment.rotation / angle, x[:, 0] * (angle / segment.length)), R), w
 
 
 def circle_through(via: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:

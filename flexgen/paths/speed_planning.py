@@ -45,15 +45,15 @@ class SpeedLaw:
     @property
     def duration(self) -> float:
         """Duration of all phases [s]."""
-        return float(self._starts[-1, 0]) * self.time_scale
+        return float(self.starts[-1, 0]) * self.time_scale
 
     @property
     def length(self) -> float:
         """Distance covered at the end."""
-        return float(self._starts[-1, 1])
+        return float(self.starts[-1, 1])
 
     @cached_property
-    def _starts(self) -> np.ndarray:
+    def starts(self) -> np.ndarray:
         """Time and distance at the start of each phase, and at the end, (m + 1, 2)."""
         increments = np.array([(phase.duration, phase.length) for phase in self.phases])
         return np.vstack([np.zeros((1, 2)), np.cumsum(increments, axis=0)])
@@ -61,8 +61,8 @@ class SpeedLaw:
     @property
     def breaks(self) -> np.ndarray:
         """Instants at which derivatives above ``smoothness`` may jump [s]."""
-        out = [self._starts[:, 0]]
-        for phase, (start, _) in zip(self.phases, self._starts[:-1], strict=True):
+        out = [self.starts[:, 0]]
+        for phase, (start, _) in zip(self.phases, self.starts[:-1], strict=True):
             if phase.step is not None:
                 out.append(start + phase.step.breaks)
         times = np.unique(np.concatenate(out))
@@ -76,7 +76,7 @@ class SpeedLaw:
     def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
         """Distance and its time derivatives at the instants ``t`` [s], shape (n, order + 1)."""
         x = np.asarray(t, dtype=float) / self.time_scale
-        starts, distances = self._starts.T
+        starts, distances = self.starts.T
         out = np.zeros((len(x), order + 1))
         out[:, 0] = np.where(x > 0, self.length, 0.0)
         inside = (x > 0) & (x < starts[-1])

@@ -64,7 +64,8 @@ class TimeLaw:
         return np.array([0.0, self.duration])
 
     @cached_property
-    def _law(self) -> np.polynomial.Polynomial:
+    def polynomial(self) -> np.polynomial.Polynomial:
+        """From 0 to 1 within 0 to 1."""
         k = self.smoothness
         scale = factorial(2 * k + 1) / factorial(k) ** 2
         coefficients = np.zeros(2 * k + 2)
@@ -74,7 +75,7 @@ class TimeLaw:
 
     def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
         """``s`` and its time derivatives at the instants ``t`` [s], shape (n, order + 1), 1/s^j in column j."""
-        law = self._law
+        law = self.polynomial
         u = np.clip(np.asarray(t, dtype=float) / self.duration, 0.0, 1.0)
         late = u > 0.5  # s(1 - u) = 1 - s(u): evaluating near zero keeps the digits
         x = np.where(late, 1.0 - u, u)
@@ -92,7 +93,7 @@ class TimeLaw:
     def with_integral(self, t: np.ndarray, order: int = 5) -> np.ndarray:
         """Integral of the law, the law and its derivatives at ``t`` in [0, duration], shape (n, order + 1)."""
         t = np.clip(t, 0.0, self.duration)
-        inner = self._law.integ()
+        inner = self.polynomial.integ()
         u = t / self.duration
         late = u > 0.5
         value = inner(np.where(late, 1.0 - u, u))

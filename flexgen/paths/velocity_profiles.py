@@ -61,7 +61,7 @@ class TrapezoidStep:
         return len(self.times) - 1
 
     @cached_property
-    def _polynomials(self) -> tuple[np.ndarray, np.ndarray]:
+    def polynomials(self) -> tuple[np.ndarray, np.ndarray]:
         """Knots of the first half, and the derivatives -1 (the integral) to p at each, (m, p + 2)."""
         p, end = len(self.times), self.duration
         corners = sorted(
@@ -87,12 +87,12 @@ class TrapezoidStep:
     @property
     def breaks(self) -> np.ndarray:
         """All instants at which the p-th derivative jumps."""
-        knots = self._polynomials[0]
+        knots = self.polynomials[0]
         return np.unique(np.concatenate([knots, self.duration - knots[::-1]]))
 
     def with_integral(self, t: np.ndarray, order: int = 5) -> np.ndarray:
         """Integral of the step, the step and its derivatives at ``t`` in [0, duration], shape (n, order + 1)."""
-        knots, values = self._polynomials
+        knots, values = self.polynomials
         end = self.duration
         t = np.clip(t, 0.0, end)
         late = t > end / 2

@@ -22,6 +22,7 @@ from flexgen.runtime.calls import Entries, Function
 from flexgen.runtime.files import AGAIN, trusted_bytes, trusted_folder, trusted_library
 from flexgen.runtime.identity import ABI_VERSION, REALS, entry_of, verify
 from flexgen.runtime.path_inversion import Inverter, inverter_of
+from flexgen.runtime.path_sampler import PathSampler, SamplerEntries, samplers_of
 from flexgen.runtime.processor import missing_instruction_sets
 from flexgen.runtime.stream import Stream, StreamEntries, streams_of
 
@@ -73,6 +74,7 @@ class Library:
         parameters: np.ndarray,
         inverters: Mapping[str, Inverter | None] | None = None,
         streams: StreamEntries | None = None,
+        samplers: SamplerEntries | None = None,
     ) -> None:
         self.name: str = manifest["name"]
         self.directory = directory
@@ -87,7 +89,7 @@ class Library:
         self.motors: tuple[str, ...] = tuple(manifest["motors"])
         self.states: tuple[str, ...] = tuple(manifest["states"])
         self._again = (str(directory.resolve()), manifest["build"]["sha256"])
-        self._inverters, self.streams = dict(inverters or {}), streams
+        self._inverters, self.streams, self.samplers = dict(inverters or {}), streams, samplers
         self._closed = False
 
     @property
@@ -105,6 +107,25 @@ class Library:
         if found is None:
             raise ArgumentError(f"{self.name}: given a library without {name}, expected {expected}")
         return found
+
+    def path_sampler(self, table: Any, *, parameters: Any = None) -> PathSampler:
+        """Samples of a planned path by the library: ``y, dy, ddy = sampler(t)``.
+
+        Parameters
+        ----------
+        table : array (n,)
+            Of `Path.table`.
+        parameters : array (n_p,), optional
+            Run-time parameters, where the library has any; default: those of the model file.
+
+        Raises
+        ------
+        ArgumentError
+            The library has no sampler or is closed, or the table is not one of this model.
+        """
+        if self.samplers is None:
+            raise ArgumentError(f"{self.name}: given a library without path_sample, expected {_INVERTS}")
+        return PathSampler(self.samplers, table, parameters)
 
     def stream(
         self,
@@ -200,8 +221,9 @@ class Library:
         for inverter in self._inverters.values():
             if inverter is not None:
                 inverter.close()
-        if self.streams is not None:
-            self.streams.closed.set()
+        for offered in (self.streams, self.samplers):
+            if offered is not None:
+                offered.closed.set()
 
     def __enter__(self) -> Library:
         return self
@@ -317,8 +339,10 @@ def _loaded(folder: Path, sha256: str | None) -> Library:
             )
             for kind in ("invert", "bvp")
         }
-        streams = streams_of(manifest, found, failures, (streams_again, (str(trusted), recorded)), parameters)
-        return Library(folder, manifest, functions, parameters, inverters, streams)
+        again = {what: (offered_again, (str(trusted), recorded, what)) for what in ("streams", "samplers")}
+        streams = streams_of(manifest, found, failures, again["streams"], parameters)
+        samplers = samplers_of(manifest, found, failures, again["samplers"], parameters)
+        return Library(folder, manifest, functions, parameters, inverters, streams, samplers)
     except BuildError as error:
         raise error if str(folder) in str(error) else BuildError(f"{folder}: {error}") from error
     except OSError as error:
@@ -379,12 +403,12 @@ def inverter_again(directory: str, sha256: str, kind: str) -> Inverter:
     return library.bvp if kind == "bvp" else library.invert
 
 
-def streams_again(directory: str, sha256: str) -> StreamEntries:
-    """What the library of a stream that was pickled offers; BuildError where another one is in its directory now."""
-    streams = library_again(directory, sha256).streams
-    if streams is None:
-        raise BuildError(f"{directory}: given a library without streams, expected {_INVERTS}")
-    return streams
+def offered_again(directory: str, sha256: str, what: str) -> Any:
+    """What the library of a pickled object offers; BuildError where another one is in its directory now."""
+    offered = getattr(library_again(directory, sha256), what)
+    if offered is None:
+        raise BuildError(f"{directory}: given a library without {what}, expected {_INVERTS}")
+    return offered
 
 
 def _function(

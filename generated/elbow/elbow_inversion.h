@@ -257,6 +257,47 @@ ELBOW_API
 elbow_status elbow_stream_limits(elbow_real *stream, const elbow_real torque_max[ELBOW_NM],
     const elbow_real speed_max[ELBOW_NM], elbow_real deviation_max);
 
+/*
+ * Duration of a planned path, and the joints at its start.
+ *
+ * BAD_ARGUMENT: the table is not one of this model, or it is damaged. Stack: at most 11264 bytes.
+ *
+ *   table      table_size [mixed] of flexgen path --table, or Path.table() in Python
+ *   table_size            [1]     its length
+ *   duration   1          [s]     time from rest to rest
+ *   q_start    n_a        [mixed] arm coordinates at the start, without deflections
+ */
+ELBOW_API
+elbow_status elbow_path_start(const elbow_real *table, int64_t table_size, elbow_real *duration,
+    elbow_real q_start[ELBOW_NA]);
+
+/*
+ * Length of the workspace of path_sample, in reals.
+ */
+ELBOW_API
+int64_t elbow_path_work(void);
+
+/*
+ * Sample of a planned path of lines, arcs, joint moves and blended programs at any time.
+ *
+ * The laws and curves are those of flexgen in Python: in double precision the samples have the same bits, those of
+ * joint moves up to the rounding of the kinematics. Before time 0 and after the duration the output is at rest. A call
+ * has a bounded number of operations and keeps nothing, so several streams may read one table. BAD_ARGUMENT: the table
+ * is not one of this model, or it is damaged. Stack: at most 11264 bytes.
+ *
+ *   table      table_size [mixed] of flexgen path --table, or Path.table() in Python
+ *   table_size            [1]     its length
+ *   t                     [s]     time since the start of the path
+ *   y          n_t        [mixed] output; for a pose the position, then the rotation matrix by columns
+ *   dy         n_y        [mixed] its first time derivative; for a pose linear and angular velocity
+ *   ddy        n_y        [mixed] its second time derivative
+ *   work       work_size          workspace
+ *   work_size             [1]     its length, at least path_work
+ */
+ELBOW_API
+elbow_status elbow_path_sample(const elbow_real *table, int64_t table_size, elbow_real t, elbow_real y[ELBOW_NT],
+    elbow_real dy[ELBOW_NY], elbow_real ddy[ELBOW_NY], elbow_real *work, int64_t work_size);
+
 #ifdef __cplusplus
 }
 #endif

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 from emitted import run, sources
 from hostile import OUTPUTS, SPOILERS, Target, call_of, invert, target
-from hostile_client import begin, bound, statuses, text, update, whole_path
+from hostile_client import SANITIZE, begin, bound, can_sanitize, statuses, text, update, whole_path
 from toolchain import CC, needs_compiler, tools
 
 from flexgen.codegen.spec import library_name
@@ -21,7 +19,6 @@ pytestmark = needs_compiler
 
 SEED = 4
 ROUNDS = 12  # of every kind of spoiled call: more than a thousand calls over all robots
-SANITIZE = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]
 STRICT = ["-std=c99", "-ffp-contract=off", "-fno-math-errno", "-Wall", "-Wextra", "-Werror"]
 LEVELS = ("-O0", "-O1", "-O2")
 
@@ -36,14 +33,6 @@ def made(tmp_path_factory):
         return target(name, folder / name, **options[name])
 
     return one
-
-
-@cache
-def can_sanitize(folder: Path) -> bool:
-    """Whether the compiler has both sanitizers, and programs with them start."""
-    (folder / "try.c").write_text("int main(void) { return 0; }\n", encoding="ascii")
-    built = subprocess.run([str(CC), *SANITIZE, "try.c", "-o", "try"], cwd=folder, capture_output=True, check=False)
-    return built.returncode == 0 and subprocess.run([folder / "try"], capture_output=True, check=False).returncode == 0
 
 
 def corpus(one: Target) -> tuple[list[list[float]], list[int | None]]:

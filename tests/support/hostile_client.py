@@ -7,10 +7,14 @@ with another exit status where anything is read or written that must not be.
 from __future__ import annotations
 
 import subprocess
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 from hostile import ARRAYS, OUTPUTS, STRUCTURES, Call, Target
+from toolchain import CC
+
+SANITIZE = ["-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer"]
 
 NULLS = (*ARRAYS, *OUTPUTS, "work", *STRUCTURES)
 
@@ -231,3 +235,11 @@ def statuses(command: list[str], records: list[list[float]], folder: Path) -> li
     said = done.stderr.decode(errors="replace")
     assert done.returncode == 0, (done.returncode, len(done.stdout.split()), len(records), said[:3000])
     return [int(word) for word in done.stdout.split()]
+
+
+@cache
+def can_sanitize(folder: Path) -> bool:
+    """Whether the compiler has both sanitizers, and programs with them start."""
+    (folder / "try.c").write_text("int main(void) { return 0; }\n", encoding="ascii")
+    built = subprocess.run([str(CC), *SANITIZE, "try.c", "-o", "try"], cwd=folder, capture_output=True, check=False)
+    return built.returncode == 0 and subprocess.run([folder / "try"], capture_output=True, check=False).returncode == 0

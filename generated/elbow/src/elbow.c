@@ -54,7 +54,7 @@ const char *elbow_digest(void)
 
 const char *elbow_interface(void)
 {
-    return "1bf6aa62d1eaba735b0c484d8b2ae4424ec5f717430df4e471df3e8e18079e4a";
+    return "041f9cb9596fa72280f13ef8a03f0df766985960ce9cf4e7c6672a2225d2eecf";
 }
 
 int elbow_abi_version(void)

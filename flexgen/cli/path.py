@@ -1,0 +1,47 @@
+"""The verb that plans a path: its segments, and the table that the path sampler of the emitted C reads."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+
+from flexgen.atomic_files import write_text
+from flexgen.cli.printing import number, table
+from flexgen.cli.solve import chosen_move
+from flexgen.cli.verbs import Progress, VerbResult, check_writable, read_model, writing
+
+
+def path(args: Namespace, log: Progress) -> VerbResult:
+    """Plan a path without solving: duration, segments, and a table of it for C."""
+    check_writable(args.table)
+    from flexgen.paths.path import plan
+
+    robot = read_model(args)
+    planned = plan(robot, chosen_move(args.moves, args.move, robot))
+    segments = [
+        {
+            "space": segment.space,
+            "start_s": segment.start,
+            "duration_s": segment.law.duration,
+            "smoothness": segment.smoothness,
+        }
+        for segment in planned.segments
+    ]
+    data = {
+        "model": robot.name,
+        "move": planned.move.name,
+        "duration_s": planned.duration,
+        "smoothness": planned.smoothness,
+        "q_start": planned.q_start.tolist(),
+        "segments": segments,
+    }
+    rows = [[k, s["space"], s["start_s"], s["duration_s"], s["smoothness"]] for k, s in enumerate(segments, 1)]
+    head = ("segment", "space", "start, s", "duration, s", "continuous derivatives")
+    text = f"{robot.name}, {planned.move.name}: {number(planned.duration)} s\n\n" + table(rows, head)
+    if args.table is not None:
+        from flexgen.codegen.path_header import path_header
+
+        with writing(args.table):
+            write_text(args.table, path_header(robot, planned.move.name, planned.table(), planned.duration))
+        data["table"] = str(args.table)
+        text += f"\n\nwrote {args.table}"
+    return VerbResult(data, text)

@@ -1,0 +1,81 @@
+"""Functions of the hand-written C: their structs and arguments, as they are listed in `flexgen.codegen.clib_table`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Field:
+    """A member of a struct, or an argument.
+
+    Parameters
+    ----------
+    name : str
+    kind : str
+        Type in C: ``"real"``, ``"int"``, ``"int64_t"``, ``"const real *"``, ``"real *"``, or a pointer to a struct of
+        the table, such as ``"const path *"``.
+    extents : tuple of str
+        Sizes of the array that a pointer to reals points to: of the library (``"n_a"``), of other fields (``"n"``), or
+        sums of these. Arrays are stored sample after sample: the last index runs fastest.
+    unit, doc : str
+    """
+
+    name: str
+    kind: str
+    extents: tuple[str, ...]
+    unit: str
+    doc: str
+
+
+@dataclass(frozen=True)
+class Struct:
+    """A struct of the public header, in C ``<library>_<name>``."""
+
+    name: str
+    doc: str
+    fields: tuple[Field, ...]
+
+
+@dataclass(frozen=True)
+class CFunction:
+    """A function of the hand-written C.
+
+    Parameters
+    ----------
+    name : str
+        In C ``<library>_<name>``.
+    file : str
+        The file of ``flexgen/clib/`` that defines it.
+    summary, notes : str
+        For the header: one sentence; paragraphs.
+    arguments : tuple of Field
+    returns : str
+        ``"status"``, or ``"size"``: a number of reals.
+    elastic : bool
+        True: only for models with unactuated coordinates.
+    parametrized : bool
+        True: only for libraries with run-time parameters.
+    double : bool
+        True: only for libraries in double precision.
+    """
+
+    name: str
+    file: str
+    summary: str
+    notes: str
+    arguments: tuple[Field, ...]
+    returns: str = "status"
+    elastic: bool = False
+    parametrized: bool = False
+    double: bool = False
+
+    @property
+    def signature(self) -> str:
+        """Names and types in one line, for the digest of the interface."""
+        return f"{self.name}({','.join(f'{a.kind} {a.name}' for a in self.arguments)}){self.returns}"
+
+
+def signature_of(struct: Struct) -> str:
+    """Names and types of the members in one line, for the digest of the interface."""
+    return f"struct {struct.name}{{{','.join(f'{f.kind} {f.name}' for f in struct.fields)}}}"
