@@ -4,7 +4,7 @@
 #include "model_path_curves.h"
 #include "model_reduced_problem.h"
 
-enum { LAYOUT = 1, TOOL = 0, JOINT = 2, SEGMENTS_MAX = 100000 };
+enum { TABLE_LAYOUT = 1, SPACE_TOOL = 0, SPACE_JOINT = 2, SEGMENTS_MAX = 100000 };
 
 /* What stands before the segments of a table. */
 typedef struct {
@@ -27,7 +27,7 @@ int64_t model_path_work(void)
 static int take_head(const real *table, int64_t size, table_head *head)
 {
     reader all = {table, table + size}, r;
-    if (!take_block(&all, &r) || all.at != all.end || take_count(&r, LAYOUT) != LAYOUT || take_count(&r, NT) != NT ||
+    if (!take_block(&all, &r) || all.at != all.end || take_count(&r, TABLE_LAYOUT) != TABLE_LAYOUT || take_count(&r, NT) != NT ||
         take_count(&r, NY) != NY || take_count(&r, NA) != NA) {
         return 0;
     }
@@ -134,7 +134,7 @@ static int outputs_of_curve(
 {
     (void)axes;
 #if MODEL_POSE
-    if (space != TOOL || dimensions != 3 || !p->is_pose) {
+    if (space != SPACE_TOOL || dimensions != 3 || !p->is_pose) {
         return 0;
     }
     for (int i = 0; i < 3; ++i) {
@@ -149,7 +149,7 @@ static int outputs_of_curve(
     }
 #else
     for (int i = 0; i < NY; ++i) {
-        const int from = space != TOOL ? i : axes[i] >= 0.0 && axes[i] < (real)dimensions ? (int)axes[i] : -1;
+        const int from = space != SPACE_TOOL ? i : axes[i] >= 0.0 && axes[i] < (real)dimensions ? (int)axes[i] : -1;
         if (from < 0 || from >= dimensions) {
             return 0;
         }
@@ -184,16 +184,16 @@ model_status model_path_sample(const real *table, int64_t table_size, PARAMETERS
         return MODEL_BAD_ARGUMENT;
     }
     start = take(&segment, 1);
-    space = take_count(&segment, JOINT);
+    space = take_count(&segment, SPACE_JOINT);
     if (start == NULL || space < 0 || !take_block(&segment, &law) || !take_block(&segment, &curve) ||
         !law_at(&law, t - *start, s)) {
         return MODEL_BAD_ARGUMENT;
     }
     dimensions = curve_at(&curve, s, &p);
-    if (dimensions < 1 || (space == JOINT && dimensions != NG)) {
+    if (dimensions < 1 || (space == SPACE_JOINT && dimensions != NG)) {
         return MODEL_BAD_ARGUMENT;
     }
-    if (space == JOINT) {
+    if (space == SPACE_JOINT) {
         keep_parameters(values, work + padded((int64_t)(sizeof(sampler_points) / sizeof(real))));
         outputs_of_joints(&p, y, dy, ddy, work);
     } else if (!outputs_of_curve(&p, dimensions, space, head.axes, y, dy, ddy)) {
