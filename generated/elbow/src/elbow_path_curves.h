@@ -25,6 +25,12 @@ static const real legendre_w[NODES] = {0.04717533638651141, 0.10693932599531907,
     0.20316742672306573, 0.2334925365383546, 0.2491470458134027, 0.2491470458134027, 0.2334925365383546,
     0.20316742672306573, 0.16007832854334642, 0.10693932599531907, 0.04717533638651141};
 
+/* Square root, rounded correctly in double precision; single precision needs no function of the C library for it. */
+static inline real exact_root(real x)
+{
+    return PRECISE(sqrt_1(x), square_root(x));
+}
+
 /* A point of a curve; for a pose the orientation by rows, and the angular velocity with its derivative. */
 typedef struct {
     real x[DIMENSIONS][JET];
@@ -274,7 +280,7 @@ static inline real corner_speed(const corner *c, int dimensions, real at)
     for (int i = 1; i < dimensions; ++i) {
         sum += x[i][1] * x[i][1];
     }
-    return sqrt_1(sum);
+    return exact_root(sum);
 }
 
 /* Arc length between two parameters. */
@@ -294,7 +300,7 @@ static inline void corner_parameter(const corner *c, int dimensions, const real 
     const int panel = last_below(c->lengths, c->count - 1, s[0]);
     const real low = c->knots[panel], high = c->knots[panel + 1], rest = s[0] - c->lengths[panel];
     real at = low + rest / (c->lengths[panel + 1] - c->lengths[panel]) * (high - low);
-    real x[DIMENSIONS][JET], square = 0.0, change = 0.0, f[JET], slope, slope_rate;
+    real x[DIMENSIONS][JET], squared = 0.0, changing = 0.0, f[JET], slope, slope_rate;
     for (int k = 0; k < ARC_STEPS; ++k) {
         const real step = (corner_length(c, dimensions, low, at) - rest) / corner_speed(c, dimensions, at);
         at = clipped(at - step, low, high);
@@ -307,11 +313,11 @@ static inline void corner_parameter(const corner *c, int dimensions, const real 
     f[2] = 0.0;
     corner_position(c, dimensions, f, x);
     for (int i = 0; i < dimensions; ++i) {
-        square = square + x[i][1] * x[i][1];
-        change = change + (x[i][1] * x[i][2] + x[i][2] * x[i][1]);
+        squared = squared + x[i][1] * x[i][1];
+        changing = changing + (x[i][1] * x[i][2] + x[i][2] * x[i][1]);
     }
-    slope = sqrt_1(square);
-    slope_rate = change / (2.0 * slope);
+    slope = exact_root(squared);
+    slope_rate = changing / (2.0 * slope);
     f[1] = 1.0 / slope;
     f[2] = f[1] * (-f[1] * (slope_rate * f[1]));
     composed(f, s, u);
