@@ -27,8 +27,8 @@ int64_t model_path_work(void)
 static int take_head(const real *table, int64_t size, table_head *head)
 {
     reader all = {table, table + size}, r;
-    if (!take_block(&all, &r) || all.at != all.end || take_count(&r, TABLE_LAYOUT) != TABLE_LAYOUT || take_count(&r, NT) != NT ||
-        take_count(&r, NY) != NY || take_count(&r, NA) != NA) {
+    if (!take_block(&all, &r) || all.at != all.end || take_count(&r, TABLE_LAYOUT) != TABLE_LAYOUT ||
+        take_count(&r, NT) != NT || take_count(&r, NY) != NY || take_count(&r, NA) != NA) {
         return 0;
     }
     head->segments = take_count(&r, SEGMENTS_MAX);

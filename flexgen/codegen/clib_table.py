@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flexgen.codegen.clib_types import CFunction, Field, Struct
+from flexgen.codegen.limited_functions import LIMITED_FUNCTIONS, LIMITS_STRUCT
 from flexgen.codegen.sampler_functions import SAMPLER_FUNCTIONS
 from flexgen.mechanics.signatures import INVERSION, offered_functions
 from flexgen.model.elements import RobotModel
@@ -103,10 +104,15 @@ STRUCTS: tuple[Struct, ...] = (
             ),
             Field("iterations", "int", (), "1", "Newton iterations"),
             Field("intervals", "int", (), "1", "intervals of the mesh"),
+            Field("deviation_m", "real", (), "m", "invert_limited: largest distance from the given path; else 0"),
+            Field("deviation_rad", "real", (), "rad", "the same of angles"),
+            Field("limit_excess", "real", (), "1", "invert_limited: largest violation of a limit, relative; else 0"),
+            Field("programs", "int", (), "1", "invert_limited: quadratic programs; else 0"),
             Field("unstable_zeros_start", "int", (), "1", "bvp: unstable zeros at the start of the path; else 0"),
             Field("unstable_zeros_end", "int", (), "1", "bvp: unstable zeros at its end; else 0"),
         ),
     ),
+    LIMITS_STRUCT,
     Struct(
         "stream_options",
         "Options of a stream.",
@@ -330,6 +336,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
             Field("deviation_max", "real", (), "mixed", "largest deviation of each output, m or rad"),
         ),
     ),
+    *LIMITED_FUNCTIONS,
     *SAMPLER_FUNCTIONS,
 )
 

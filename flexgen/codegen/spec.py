@@ -87,7 +87,7 @@ STATUSES = (
     Status(
         "LIMITS_INFEASIBLE",
         -14,
-        "the limits cannot be kept: one is exceeded by a factor above 2.5; increase the limits or slow down the path",
+        "the limits cannot be kept; increase them, slow down the path or give the motion more time",
         "SolverError",
     ),
     Status(

@@ -74,10 +74,10 @@ def solve(
     move : str or Move, optional
         A move of the model file; default: its first.
     method : str
-        A name of `flexgen.inversion.method_table.METHODS`, or ``"auto"``: "full" for complete motor coupling, springs
-        with a kink, and limits of an arm with up to 8 coordinates ("lq" of a larger elastic one); else "closed-form"
-        without non-actuated coordinates, and "lq" with them ("collocation" without a C compiler). If it fails, finer
-        meshes are tried, and for a minute further methods: "bvp", "collocation", and "full" up to 8 coordinates.
+        A name of `flexgen.inversion.method_table.METHODS`, or ``"auto"``: "full" for complete motor coupling and springs
+        with a kink; "lq" with limits ("full" without a C compiler); else "closed-form" without non-actuated coordinates,
+        and "lq" with them ("collocation" without a C compiler). If it fails, finer meshes are tried, and for a minute
+        further methods: "bvp", "collocation", and "full" up to 8 coordinates.
     preview : float, optional [s]
         How long before the path the motion may begin, at most 2 s; default: `flexgen.analysis.zeros.preview`.
     mesh : float, optional [s]
@@ -194,9 +194,9 @@ def _automatic(robot: RobotModel, limits: Limits | None) -> str:
 
     if robot.motor_coupling != "simplified" or has_kinks(robot):
         return "full"
-    inverts = robot.n_e > 0 and robot.inversion_obstacle() is None and has_compiler()
+    inverts = robot.inversion_obstacle() is None and has_compiler()
     if limits is not None:
-        return "lq" if inverts and robot.n_a > FULL_LARGEST else "full"
+        return "lq" if inverts else "full"
     if robot.n_e == 0:
         return "closed-form"
     return "lq" if inverts else "collocation"

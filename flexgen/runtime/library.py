@@ -21,6 +21,7 @@ from flexgen.runtime.arguments import PARAMETERS
 from flexgen.runtime.calls import Entries, Function
 from flexgen.runtime.files import AGAIN, trusted_bytes, trusted_folder, trusted_library
 from flexgen.runtime.identity import ABI_VERSION, REALS, entry_of, verify
+from flexgen.runtime.limited_inversion import LimitedInverter
 from flexgen.runtime.path_inversion import Inverter, inverter_of
 from flexgen.runtime.path_sampler import PathSampler, SamplerEntries, samplers_of
 from flexgen.runtime.processor import missing_instruction_sets
@@ -29,6 +30,7 @@ from flexgen.runtime.stream import Stream, StreamEntries, streams_of
 FORMAT = 2
 
 _LIBRARY_FILE = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib)\Z")
+_INVERTERS = {"invert": Inverter, "bvp": Inverter, "invert_limited": LimitedInverter}
 _INVERTS = (
     "one with all functions (bvp: in double precision), of a model with as many outputs as motors and simplified "
     "motor coupling"
@@ -101,6 +103,13 @@ class Library:
     def bvp(self) -> Inverter:
         """The same as a two-point boundary value problem; ArgumentError where the library has none."""
         return self._inverter("bvp", f"{_INVERTS}, of a model with coordinates without motor")
+
+    @property
+    def invert_limited(self) -> LimitedInverter:
+        """Inverse dynamics along whole paths within limits; ArgumentError where the library has none."""
+        found = self._inverter("invert_limited", f"{_INVERTS}, in double precision")
+        assert isinstance(found, LimitedInverter)
+        return found
 
     def _inverter(self, name: str, expected: str) -> Inverter:
         found = self._inverters.get(name)
@@ -333,13 +342,11 @@ def _loaded(folder: Path, sha256: str | None) -> Library:
             for f in manifest["functions"]
         }
         found = partial(entry_of, library)
+        again = {what: (offered_again, (str(trusted), recorded, what)) for what in (*_INVERTERS, "streams", "samplers")}
         inverters = {
-            kind: inverter_of(
-                manifest, found, failures, (inverter_again, (str(trusted), recorded, kind)), kind, parameters
-            )
-            for kind in ("invert", "bvp")
+            kind: inverter_of(manifest, found, failures, again[kind], kind, parameters, form)
+            for kind, form in _INVERTERS.items()
         }
-        again = {what: (offered_again, (str(trusted), recorded, what)) for what in ("streams", "samplers")}
         streams = streams_of(manifest, found, failures, again["streams"], parameters)
         samplers = samplers_of(manifest, found, failures, again["samplers"], parameters)
         return Library(folder, manifest, functions, parameters, inverters, streams, samplers)
@@ -395,12 +402,6 @@ def _parameters(library: ctypes.CDLL, manifest: dict[str, Any]) -> np.ndarray:
         entry(ctypes.c_void_p(values.ctypes.data))
     values.flags.writeable = False
     return values
-
-
-def inverter_again(directory: str, sha256: str, kind: str) -> Inverter:
-    """The inverter that was pickled; BuildError where another library is in its directory now."""
-    library = library_again(directory, sha256)
-    return library.bvp if kind == "bvp" else library.invert
 
 
 def offered_again(directory: str, sha256: str, what: str) -> Any:

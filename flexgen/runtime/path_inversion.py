@@ -52,6 +52,16 @@ class Inversion:
     converged : bool
         Whether ``residual_at_samples`` is within the tolerance and ``kinematic_mismatch`` below 0.02 (in single
         precision 0.25). Without unactuated coordinates the residual is zero, and only the mismatch is checked.
+    deviation_m, deviation_rad : float
+        Of `Library.invert_limited`: largest distance [m] and angle [rad] from the given path; else 0.
+    limit_excess : float
+        Of `Library.invert_limited`: largest violation of a limit, relative to it; else 0.
+    programs : int
+        Of `Library.invert_limited`: quadratic programs; else 0.
+    limits_active : bool
+        Of `Library.invert_limited`: whether the path was modified.
+    deviation : ndarray (n, n_y) or None
+        Of `Library.invert_limited`: deviation from the path at its samples [m, rad].
     """
 
     q_a: np.ndarray
@@ -72,6 +82,12 @@ class Inversion:
     unstable_zeros_start: int
     unstable_zeros_end: int
     converged: bool
+    deviation_m: float = 0.0
+    deviation_rad: float = 0.0
+    limit_excess: float = 0.0
+    programs: int = 0
+    limits_active: bool = False
+    deviation: np.ndarray | None = None
 
     @property
     def t(self) -> np.ndarray:
@@ -284,6 +300,7 @@ def inverter_of(
     again: tuple[Callable[..., Any], tuple[Any, ...]],
     function: str,
     parameters: np.ndarray,
+    form: type[Inverter],
 ) -> Inverter | None:
     """The `Inverter` of a library whose entry points are found by name; None where the manifest lists none."""
     name = manifest["name"]
@@ -292,7 +309,7 @@ def inverter_of(
     work = found(f"{name}_{function}_work")
     work.restype = ctypes.c_int64
     entry = found(f"{name}_{function}")
-    return Inverter(name, manifest["sizes"], structs_of(manifest), entry, work, failures, again, function, parameters)
+    return form(name, manifest["sizes"], structs_of(manifest), entry, work, failures, again, function, parameters)
 
 
 def parameters_of(function: str, given: Any, of_model: np.ndarray) -> np.ndarray:

@@ -77,7 +77,7 @@ typedef enum {
     ELBOW_ZERO_ON_AXIS = -12 /* a zero is on the imaginary axis at an end of the path; use invert (method lq) */,
     /* the horizon is too short to keep limits: use at least 4 intervals, and 1.5 times the preview of the zeros */
     ELBOW_HORIZON_TOO_SHORT = -13,
-    /* the limits cannot be kept: one is exceeded by a factor above 2.5; increase the limits or slow down the path */
+    /* the limits cannot be kept; increase them, slow down the path or give the motion more time */
     ELBOW_LIMITS_INFEASIBLE = -14,
     /* the residual, the kinematic mismatch or the torque step is above its tolerance; the info says which */
     ELBOW_TOLERANCE_NOT_MET = 1,

@@ -93,9 +93,22 @@ typedef struct {
     elbow_real kinematic_mismatch;
     int iterations; /* Newton iterations */
     int intervals; /* intervals of the mesh */
+    elbow_real deviation_m; /* [m] invert_limited: largest distance from the given path; else 0 */
+    elbow_real deviation_rad; /* [rad] the same of angles */
+    elbow_real limit_excess; /* invert_limited: largest violation of a limit, relative; else 0 */
+    int programs; /* invert_limited: quadratic programs; else 0 */
     int unstable_zeros_start; /* bvp: unstable zeros at the start of the path; else 0 */
     int unstable_zeros_end; /* bvp: unstable zeros at its end; else 0 */
 } elbow_inversion_info;
+
+/* Limits of invert_limited. A null member or an infinite entry is no limit. */
+typedef struct {
+    const elbow_real *torque_max; /* n_m [N m] largest motor torques, positive */
+    const elbow_real *speed_max; /* n_m [rad/s] largest motor speeds, positive */
+    const elbow_real *deflection_max; /* n_e [mixed] largest deflections of the unactuated coordinates */
+    int knot_samples; /* samples between two knots of the deviation; 0: a thirtieth of the path */
+    elbow_real *deviation; /* n x n_y [mixed] result: deviation from the path; not written if null */
+} elbow_inversion_limits;
 
 /* Options of a stream. */
 typedef struct {
@@ -256,6 +269,45 @@ elbow_status elbow_stream_start_moving(elbow_real *stream, int64_t stream_size, 
 ELBOW_API
 elbow_status elbow_stream_limits(elbow_real *stream, const elbow_real torque_max[ELBOW_NM],
     const elbow_real speed_max[ELBOW_NM], elbow_real deviation_max);
+
+/*
+ * Length of the workspace of invert_limited, in reals; -1 where an option is out of range.
+ *
+ * It depends on the number of limits: megabytes for a robot with six axes.
+ *
+ *   n        [1] samples of the path
+ *   options      see elbow_inversion_options
+ *   limits       see elbow_inversion_limits
+ */
+ELBOW_API
+int64_t elbow_invert_limited_work(int n, const elbow_inversion_options *options,
+    const elbow_inversion_limits *limits);
+
+/*
+ * Inverse dynamics along a whole path within limits of motor torques, motor speeds and deflections.
+ *
+ * Where the path itself keeps the limits, it is inverted as by invert (OK). Else the path is modified as little as
+ * possible: quadratic programs find a smooth deviation, and the modified path is inverted again until the limits are
+ * kept within 1e-3 of their values (LIMITS_ACTIVE, with the largest deviation in the info). The deviation is zero at
+ * the first and the last sample. A path that can only be driven more slowly needs time: repeat the first and the last
+ * sample with zero derivatives. Choose n_pre and n_post so that the motion before and after the samples has decayed.
+ * LIMITS_INFEASIBLE: the limits cannot be kept within this time, or not at rest at an end. The limits hold for the
+ * torque itself: with a hold, tau_m is what to send, which may exceed them a little. The call inverts the path some
+ * hundred times. Stack: at most 11264 bytes.
+ *
+ *   path                        samples of the output
+ *   q_start   n_a       [mixed] initial guess of the equilibrium at the first sample
+ *   options                     see elbow_inversion_options
+ *   limits                      see elbow_inversion_limits
+ *   motion                      results; N = n_pre + n + n_post
+ *   info                        what the solver reports
+ *   work      work_size         workspace
+ *   work_size           [1]     its length, at least invert_limited_work
+ */
+ELBOW_API
+elbow_status elbow_invert_limited(const elbow_path *path, const elbow_real q_start[ELBOW_NA],
+    const elbow_inversion_options *options, const elbow_inversion_limits *limits, elbow_motion *motion,
+    elbow_inversion_info *info, elbow_real *work, int64_t work_size);
 
 /*
  * Duration of a planned path, and the joints at its start.

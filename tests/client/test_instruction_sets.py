@@ -34,7 +34,7 @@ MODELS = ["planar5_nmp", "elbow", "beam_arm", "manutec_r3_18"]
 
 
 def arrays(library: Library) -> dict[str, np.ndarray]:
-    """Results of all functions of a library, for many points and for one, of invert, bvp and the stream."""
+    """Results of all functions at many points and at one, of invert, bvp, invert_limited and the stream."""
     rng = np.random.default_rng(1)
     out: dict[str, np.ndarray] = {}
     for name, function in library.functions.items():
@@ -50,6 +50,10 @@ def arrays(library: Library) -> dict[str, np.ndarray]:
     for solver in ("invert", "bvp") if equations.model.n_e else ("invert",):
         result = getattr(library, solver)(y, dy, ddy, period=period, q_start=path.q_start, **options)
         out |= {f"{solver} {key}": getattr(result, key) for key in MOTION}
+    bound = 0.99 * np.abs(result.v_m).max(axis=0)
+    limited = library.invert_limited(y, dy, ddy, period=period, q_start=path.q_start, speed_max=bound, **options)
+    out |= {f"invert_limited {key}": getattr(limited, key) for key in (*MOTION, "deviation")}
+    assert limited.limits_active
     stream = library.stream(y[0], path.q_start, period=4 * period, intervals=INTERVALS, samples_per_interval=4)
     rows = [stream.update(y[k], dy[k], ddy[k]) for k in range(4, SAMPLES, 4)]
     out |= {f"stream {key}": np.array([getattr(row, key) for row in rows]) for key in MOTION if key != "a_a"}

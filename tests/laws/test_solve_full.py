@@ -41,7 +41,7 @@ def test_torque_limits_are_kept_and_their_price_is_told() -> None:
     equations = flexgen.derive("planar5_nmp")
     free = flexgen.solve(equations, verify=False)
     bound = tuple(0.9 * np.abs(free.trajectory["tau_m"]).max(axis=0))
-    solution = flexgen.solve(equations, limits=Limits(torque=bound))
+    solution = flexgen.solve(equations, method="full", limits=Limits(torque=bound))
     assert solution.method == "full" and solution.status == Status.LIMITS_ACTIVE
     assert (np.abs(solution.trajectory["tau_m"]).max(axis=0) <= np.array(bound) * (1 + 1e-12)).all()
     assert solution.tool_error_max_m is not None and 1e-4 < solution.tool_error_max_m < 1e-2
@@ -52,7 +52,7 @@ def test_torque_limits_are_kept_and_their_price_is_told() -> None:
 @pytest.mark.slow
 def test_speed_limits_are_kept() -> None:
     equations = flexgen.derive("planar5_nmp")
-    solution = flexgen.solve(equations, limits=Limits(speed=(1000.0, 250.0)))
+    solution = flexgen.solve(equations, method="full", limits=Limits(speed=(1000.0, 250.0)))
     assert solution.status == Status.LIMITS_ACTIVE
     # bounded at the Gauss points; between them it may be passed by a trifle
     assert np.abs(solution.trajectory["v_m"][:, 1]).max() < 250.0 * 1.001

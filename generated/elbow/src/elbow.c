@@ -37,7 +37,7 @@ const char *elbow_status_text(int status)
     case ELBOW_HORIZON_TOO_SHORT:
         return "the horizon is too short to keep limits: use at least 4 intervals, and 1.5 times the preview of the zeros";
     case ELBOW_LIMITS_INFEASIBLE:
-        return "the limits cannot be kept: one is exceeded by a factor above 2.5; increase the limits or slow down the path";
+        return "the limits cannot be kept; increase them, slow down the path or give the motion more time";
     case ELBOW_TOLERANCE_NOT_MET:
         return "the residual, the kinematic mismatch or the torque step is above its tolerance; the info says which";
     case ELBOW_LIMITS_ACTIVE:
@@ -54,7 +54,7 @@ const char *elbow_digest(void)
 
 const char *elbow_interface(void)
 {
-    return "041f9cb9596fa72280f13ef8a03f0df766985960ce9cf4e7c6672a2225d2eecf";
+    return "516e08ffd67c01318069c783cec78a299c8e764a495c29a0c044f28a3592491c";
 }
 
 int elbow_abi_version(void)

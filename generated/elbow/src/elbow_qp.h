@@ -34,19 +34,19 @@ typedef struct {
     real violation; /* out: largest violation of the limits */
 } qp;
 
-/* K = L L' in the lower triangle, diagonal inverted; 0 where a pivot is not positive. */
-static inline int factor_qp(real *K, int n)
+/* K = L L' in the lower triangle, rows `stride` apart, diagonal inverted; 0 where a pivot is not positive. */
+static inline int factor_qp(real *K, int n, int stride)
 {
     for (int k = 0; k < n; ++k) {
         for (int i = k; i < n; ++i) {
-            real sum = K[i * n + k];
+            real sum = K[i * stride + k];
             for (int j = 0; j < k; ++j) {
-                sum -= K[i * n + j] * K[k * n + j];
+                sum -= K[i * stride + j] * K[k * stride + j];
             }
             if (i > k) {
-                K[i * n + k] = sum * K[k * n + k];
+                K[i * stride + k] = sum * K[k * stride + k];
             } else if (sum > 0.0) {
-                K[k * n + k] = 1.0 / square_root(sum);
+                K[k * stride + k] = 1.0 / square_root(sum);
             } else {
                 return 0;
             }
@@ -55,19 +55,19 @@ static inline int factor_qp(real *K, int n)
     return 1;
 }
 
-static inline void solve_qp(const real *K, int n, real *b)
+static inline void solve_qp(const real *K, int n, int stride, real *b)
 {
     for (int i = 0; i < n; ++i) {
         real sum = b[i];
         for (int j = 0; j < i; ++j) {
-            sum -= K[i * n + j] * b[j];
+            sum -= K[i * stride + j] * b[j];
         }
-        b[i] = sum * K[i * n + i];
+        b[i] = sum * K[i * stride + i];
     }
     for (int i = n - 1; i >= 0; --i) {
-        b[i] *= K[i * n + i];
+        b[i] *= K[i * stride + i];
         for (int j = 0; j < i; ++j) {
-            b[j] -= K[i * n + j] * b[i];
+            b[j] -= K[i * stride + j] * b[i];
         }
     }
 }
@@ -107,7 +107,7 @@ static inline int run_qp(qp *p, real price, int steps)
         p->y[r] *= cost;
         p->w[r] = fmin_1(fmax_1(0.0, -1.0 - p->x[r]), 1.0 - p->x[r]);
     }
-    if (!factor_qp(p->K, n)) {
+    if (!factor_qp(p->K, n, n)) {
         return 0;
     }
     price *= cost;
@@ -121,7 +121,7 @@ static inline int run_qp(qp *p, real price, int steps)
                 p->b[i] += pull * p->A[r * n + i];
             }
         }
-        solve_qp(p->K, n, p->b);
+        solve_qp(p->K, n, n, p->b);
         for (int i = 0; i < n; ++i) {
             p->z[i] = p->b[i];
         }

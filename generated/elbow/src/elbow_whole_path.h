@@ -179,6 +179,8 @@ static inline elbow_status check_arguments(const elbow_path *p, const real *para
     info->residual = info->residual_at_samples = info->kinematic_mismatch = (real)NAN;
     info->iterations = info->intervals = 0;
     info->unstable_zeros_start = info->unstable_zeros_end = 0;
+    info->deviation_m = info->deviation_rad = info->limit_excess = 0.0;
+    info->programs = 0;
     return check_path(p, parameters, q_start);
 }
 

@@ -1,0 +1,689 @@
+/* elbow: inverse dynamics along a whole path within limits. Written by flexgen; see elbow_inversion.h. */
+#include "../elbow_inversion.h"
+
+#include "elbow_deviation_spline.h"
+#include "elbow_interior_point.h"
+#include "elbow_whole_path.h"
+
+enum {
+    LIMITED_KINDS = 2 * NM + NE, /* limited quantities: motor torques and speeds, deflections */
+    PATH_KNOTS = 30,             /* intervals between knots over the path, where the caller does not choose */
+    NODES_PER_KNOT = 8,          /* instants at which the program sees the motion */
+    LIMITED_ROUNDS = 20,         /* programs, each followed by an inversion */
+    FRICTION_ROUNDS = 6,         /* programs until the friction agrees with the speeds after the step */
+    RESPONSE_PART = 3,           /* of the samples before and after the path, in which a response matters */
+    ROW_ROUNDS = 5,              /* programs until no other row is exceeded */
+    MORE_ROWS = 6                /* rows of a program, for each unknown */
+};
+
+static const real limit_slack = 1e-3;  /* of a limit: largest violation of a result */
+static const real least_margin = 2e-4; /* of a limit: distance that the programs keep from it */
+static const real margin_max = 4e-3;   /* more distance after a program whose linearization was not exact, at most */
+static const real rough_tolerance = 100.0; /* tolerance of the inversions inside, relative: responses need few digits */
+static const real coefficient_unit = 1e-3; /* m, rad: of the coefficients; a deviation of it costs about one */
+static const real curvature_weight = 100.0; /* cost of the curvature of the shortest wave that the knots resolve */
+static const real program_price = 1e5;      /* of exceeding all limits by 100 % */
+static const real near_limit = 0.7;         /* of a limit: rows below it are not in the program at first */
+static const real poor_progress = 0.7;      /* of a violation: where more is left, the responses are computed again */
+static const real hopeless_progress = 0.9;  /* of a violation: where more is left with new responses, it ends */
+static const real least_share = 0.2;        /* of a step */
+static const real settled_share = 1e-2;     /* of the deviation: a program that changes it by less has converged */
+static const real push_size = 1.0;          /* m/s^2, rad/s^2: acceleration of a deviation whose response is computed */
+
+/* Sizes and arrays of a call; the arrays are in the workspace. */
+typedef struct {
+    int n, samples, spacing, count, unknowns, stride, nodes, kinds, rows_max, width;
+    int kind[LIMITED_KINDS];   /* the limited quantities */
+    real limit[LIMITED_KINDS]; /* of all quantities */
+    real room;                 /* of a limit: distance that the program keeps from it */
+    real *y, *dy, *ddy;
+    real *q_a, *v_m, *tau_m; /* of an inversion, at all samples */
+    real *at_node, *trial;   /* nodes x LIMITED_KINDS: torques without friction, speeds, deflections */
+    real *extreme;  /* nodes x LIMITED_KINDS: relative to the limits, the largest of the samples around a node */
+    real *shown;    /* nodes x LIMITED_KINDS: the same, as the linear program sees it */
+    real *response; /* nodes x kinds x unknowns */
+    real *c, *step, *best, *tried; /* unknowns */
+    real *cost, *H, *g;
+    real *A, *x, *K, *z, *range, *of_rows; /* of the interior point method */
+    real *used;                            /* nodes x kinds x 2: rows of the program */
+    real *inner;                           /* workspace of invert */
+    int64_t inner_size, end;
+} limited_call;
+
+/*
+ * The quantities whose responses are needed: those with a limit, and the speeds of motors with a limit of the torque,
+ * for the friction. Returns their number.
+ */
+static int choose_kinds(const elbow_inversion_limits *limits, int kind[LIMITED_KINDS], real limit[LIMITED_KINDS])
+{
+    int count = 0;
+    for (int i = 0; i < LIMITED_KINDS; ++i) {
+        const real *of = i < NM ? limits->torque_max : i < 2 * NM ? limits->speed_max : limits->deflection_max;
+        limit[i] = of == NULL ? (real)INFINITY : of[i < NM ? i : i < 2 * NM ? i - NM : i - 2 * NM];
+        if (limit[i] < (real)INFINITY || (i >= NM && i < 2 * NM && limit[i - NM] < (real)INFINITY)) {
+            kind[count++] = i;
+        }
+    }
+    return count;
+}
+
+/* The sizes of a call and the positions of its arrays behind `work`; 0 where a size is out of range. */
+static int lay_out_limited(
+    int n, const elbow_inversion_options *o, const elbow_inversion_limits *limits, real *work, limited_call *m)
+{
+    const int64_t inner = elbow_invert_work(n, o);
+    int64_t at = 0, unknowns;
+    if (inner < 0 || limits->knot_samples < 0) {
+        return 0;
+    }
+    m->n = n;
+    m->samples = o->n_pre + n + o->n_post;
+    m->spacing = limits->knot_samples;
+    if (m->spacing == 0) {
+        const int least = 2 * o->samples_per_interval;
+        m->spacing = (n - 1) / PATH_KNOTS > least ? (n - 1) / PATH_KNOTS : least;
+    }
+    m->count = spline_count(n, m->spacing);
+    if (m->count < 1) {
+        return 0;
+    }
+    m->unknowns = m->count * NY;
+    unknowns = m->unknowns;
+    m->stride = m->spacing / NODES_PER_KNOT > 1 ? m->spacing / NODES_PER_KNOT : 1;
+    m->nodes = (m->samples - 1) / m->stride + 1;
+    m->kinds = choose_kinds(limits, m->kind, m->limit);
+    m->rows_max = MORE_ROWS * m->unknowns + 64;
+    m->width = (int)padded(unknowns + 1);
+#define PLACE(name, size) \
+    m->name = work + at; \
+    at += padded(size)
+    PLACE(y, (int64_t)n * NT);
+    PLACE(dy, (int64_t)n * NY);
+    PLACE(ddy, (int64_t)n * NY);
+    PLACE(q_a, (int64_t)m->samples * NA);
+    PLACE(v_m, (int64_t)m->samples * NM);
+    PLACE(tau_m, (int64_t)m->samples * NM);
+    PLACE(at_node, (int64_t)m->nodes * LIMITED_KINDS);
+    PLACE(trial, (int64_t)m->nodes * LIMITED_KINDS);
+    PLACE(extreme, (int64_t)m->nodes * LIMITED_KINDS);
+    PLACE(shown, (int64_t)m->nodes * LIMITED_KINDS);
+    PLACE(response, m->nodes * m->kinds * unknowns);
+    PLACE(c, unknowns);
+    PLACE(step, unknowns);
+    PLACE(best, unknowns);
+    PLACE(tried, unknowns);
+    PLACE(cost, (int64_t)m->count * m->count);
+    PLACE(H, unknowns * unknowns);
+    PLACE(g, unknowns);
+    PLACE(A, ((int64_t)m->rows_max + 1) * m->width);
+    PLACE(x, (int64_t)m->rows_max);
+    PLACE(K, (int64_t)m->width * m->width);
+    PLACE(z, 2 * (int64_t)m->width);
+    PLACE(range, 2 * ((int64_t)m->rows_max + 1)); /* of integers */
+    PLACE(of_rows, 6 * ((int64_t)m->rows_max + 1));
+    PLACE(used, (int64_t)m->nodes * LIMITED_KINDS * 2);
+#undef PLACE
+    m->inner = work + at;
+    m->inner_size = inner;
+    m->end = at + inner;
+    return unknowns <= 4000 && is_addressable(m->end);
+}
+
+int64_t elbow_invert_limited_work(int n, const elbow_inversion_options *options, const elbow_inversion_limits *limits)
+{
+    limited_call m;
+    real nothing[1];
+    return options != NULL && limits != NULL && n >= 2 && lay_out_limited(n, options, limits, nothing, &m) ? m.end : -1;
+}
+
+/* Whether all limits are positive; no NaN. */
+static int are_limits(const real *limits, int size)
+{
+    for (int i = 0; i < size && limits != NULL; ++i) {
+        if (!(limits[i] > 0.0)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* The path with the deviation of the coefficients. */
+static void deviate(const limited_call *m, const elbow_path *p, const real *c)
+{
+    for (int k = 0; k < m->n; ++k) {
+        real plan[REFERENCE], d[3 * NY], out[REFERENCE];
+        copy(p->y + k * (ptrdiff_t)NT, NT, plan);
+        copy(p->dy + k * (ptrdiff_t)NY, NY, plan + NT);
+        copy(p->ddy + k * (ptrdiff_t)NY, NY, plan + NT + NY);
+        deviation_at(c, m->count, m->spacing, p->period, k, d);
+        add_deviation(plan, d, 1.0, out);
+        copy(out, NT, m->y + k * (ptrdiff_t)NT);
+        copy(out + NT, NY, m->dy + k * (ptrdiff_t)NY);
+        copy(out + NT + NY, NY, m->ddy + k * (ptrdiff_t)NY);
+    }
+}
+
+/* The limited quantities at one sample: torques with or without friction, speeds, deflections. */
+static int quantities(const limited_call *m, int sample, int with_friction, real *out, real *space)
+{
+    real friction[NM];
+    const real *v = m->v_m + sample * (ptrdiff_t)NM;
+    if (evaluate_motor_friction(v, friction, space) != ELBOW_OK) {
+        return 0;
+    }
+    for (int i = 0; i < NM; ++i) {
+        out[i] = m->tau_m[sample * (ptrdiff_t)NM + i] - (with_friction ? 0.0 : friction[i]);
+        out[NM + i] = v[i];
+    }
+    for (int i = 0; i < NE; ++i) {
+        out[2 * NM + i] = m->q_a[sample * (ptrdiff_t)NA + i_e[i]];
+    }
+    return 1;
+}
+
+/* What the inversions inside need of the caller's arguments. */
+typedef struct {
+    const elbow_path *p;
+    const real *parameters, *q_start;
+    elbow_inversion_options options;
+    elbow_inversion_info *info;
+} inner_call;
+
+static elbow_status invert_deviated(
+    const limited_call *m, const inner_call *call, const elbow_inversion_options *o, elbow_motion *motion)
+{
+    const elbow_path deviated = {m->n, call->p->period, m->y, m->dy, m->ddy};
+#if ELBOW_PARAMETERS > 0
+    return elbow_invert(&deviated, call->parameters, call->q_start, o, motion, call->info, m->inner, m->inner_size);
+#else
+    return elbow_invert(&deviated, call->q_start, o, motion, call->info, m->inner, m->inner_size);
+#endif
+}
+
+/*
+ * Invert the path with the deviation c: quantities at the nodes, their largest values around the nodes, and the largest
+ * of all. A result that is only not accurate between the nodes of the mesh will do.
+ */
+static elbow_status follow_deviated(
+    limited_call *m, const inner_call *call, const real *c, real *at_node, real *extreme, real *worst)
+{
+    elbow_motion motion = {m->q_a, NULL, NULL, NULL, NULL, m->v_m, m->tau_m};
+    elbow_status status;
+    deviate(m, call->p, c);
+    status = invert_deviated(m, call, &call->options, &motion);
+    if (status < 0) {
+        return status;
+    }
+    *worst = 0.0;
+    keep_parameters(call->parameters, m->inner);
+    for (int node = 0; node < m->nodes; ++node) {
+        const int first = node * m->stride - m->stride / 2, last = first + m->stride;
+        if (!quantities(m, node * m->stride, 0, at_node + (ptrdiff_t)node * LIMITED_KINDS, m->inner)) {
+            return ELBOW_RESULT_NOT_FINITE;
+        }
+        for (int sample = first < 0 ? 0 : first; extreme != NULL && sample <= last && sample < m->samples; ++sample) {
+            real x[LIMITED_KINDS];
+            if (!quantities(m, sample, 1, x, m->inner)) {
+                return ELBOW_RESULT_NOT_FINITE;
+            }
+            for (int k = 0; k < m->kinds; ++k) {
+                real *most = extreme + (ptrdiff_t)node * LIMITED_KINDS + m->kind[k];
+                const real value = x[m->kind[k]] / m->limit[m->kind[k]];
+                if (sample <= 0 || sample == first || fabs_1(value) > fabs_1(*most)) {
+                    *most = value;
+                }
+                *worst = fmax_1(*worst, fabs_1(value) - 1.0);
+            }
+        }
+    }
+    return ELBOW_OK;
+}
+
+/*
+ * Responses of the quantities at the nodes to every coefficient, by differences of inversions. Splines far from each
+ * other share an inversion: the response to one of them is taken to last for a third of the samples before the path,
+ * which the caller chose for a motion that decays by many digits, and a third of those after it.
+ */
+static elbow_status find_responses(limited_call *m, const inner_call *call, real period)
+{
+    const int ahead = call->options.n_pre / RESPONSE_PART, behind = call->options.n_post / RESPONSE_PART;
+    const int wide = SPLINES * m->spacing + ahead + behind, apart = (wide + m->spacing - 1) / m->spacing;
+    const real push = push_size * ((real)m->spacing * period) * ((real)m->spacing * period);
+    for (int64_t i = 0; i < (int64_t)m->nodes * m->kinds * m->unknowns; ++i) {
+        m->response[i] = 0.0;
+    }
+    for (int j = 0; j < NY; ++j) {
+        for (int color = 0; color < apart && color < m->count; ++color) {
+            real unused;
+            elbow_status status;
+            copy(m->c, m->unknowns, m->tried);
+            for (int i = color; i < m->count; i += apart) {
+                m->tried[i * NY + j] += push;
+            }
+            status = follow_deviated(m, call, m->tried, m->trial, NULL, &unused);
+            if (status < 0) {
+                return status;
+            }
+            for (int i = color; i < m->count; i += apart) {
+                const int first = call->options.n_pre + i * m->spacing - ahead;
+                const int last = call->options.n_pre + (i + SPLINES) * m->spacing + behind;
+                for (int node = first / m->stride; node < m->nodes && node * m->stride <= last; ++node) {
+                    for (int k = 0; k < m->kinds; ++k) {
+                        const ptrdiff_t at = (ptrdiff_t)node * LIMITED_KINDS + m->kind[k];
+                        real *response = m->response + ((ptrdiff_t)node * m->kinds + k) * m->unknowns + i * NY + j;
+                        *response = (m->trial[at] - m->at_node[at]) / push;
+                    }
+                }
+            }
+        }
+    }
+    return ELBOW_OK;
+}
+
+/* Cost of the deviation: mean square and mean square of the fourth derivative, scaled so that `coefficient_unit` costs
+ * about one. */
+static void set_cost(const limited_call *m)
+{
+    const real wave = 1.0 / (9.869604401089358 * 9.869604401089358); /* 1/pi^4 */
+    for (int64_t i = 0; i < (int64_t)m->count * m->count; ++i) {
+        m->cost[i] = 0.0;
+    }
+    for (int sample = 0; sample < m->n; ++sample) {
+        const int interval = sample / m->spacing;
+        const real u = (real)(sample - interval * m->spacing) / (real)m->spacing;
+        real value[SPLINES], fourth[SPLINES];
+        spline_derivatives(0, u, value);
+        spline_derivatives(4, u, fourth);
+        for (int i = 0; i < SPLINES; ++i) {
+            for (int j = 0; j < SPLINES; ++j) {
+                const int a = interval - DEGREE + i, b = interval - DEGREE + j;
+                if (a >= 0 && a < m->count && b >= 0 && b < m->count) {
+                    m->cost[(ptrdiff_t)a * m->count + b] += (value[i] * value[j] + curvature_weight * wave * wave *
+                                                                                       fourth[i] * fourth[j]) *
+                                                            (real)m->count / (real)m->n;
+                }
+            }
+        }
+    }
+}
+
+/* Response of row (node, k) with friction: the torque's changes by the speed's times the secant of the friction.
+ */
+static void fill_response(const limited_call *m, int node, int k, const real *secants, real factor, real *out)
+{
+    const int kind = m->kind[k];
+    const real *row = m->response + ((ptrdiff_t)node * m->kinds + k) * m->unknowns;
+    for (int i = 0; i < m->unknowns; ++i) {
+        out[i] = factor * row[i];
+    }
+    if (kind < NM && secants[(ptrdiff_t)node * LIMITED_KINDS + kind] != 0.0) {
+        for (int l = 0; l < m->kinds; ++l) {
+            if (m->kind[l] == NM + kind) {
+                const real *speed = m->response + ((ptrdiff_t)node * m->kinds + l) * m->unknowns;
+                for (int i = 0; i < m->unknowns; ++i) {
+                    out[i] += factor * secants[(ptrdiff_t)node * LIMITED_KINDS + kind] * speed[i];
+                }
+            }
+        }
+    }
+}
+
+/* One row of the program: limit `side` (1 or -1) of row (node, k), at its present value. */
+static void add_row(const limited_call *m, interior_point *p, int node, int k, real side, const real *secants)
+{
+    real *a = m->A + (ptrdiff_t)p->rows * m->width;
+    int *range = (int *)(void *)m->range + 2 * (ptrdiff_t)p->rows;
+    fill_response(m, node, k, secants, side / m->limit[m->kind[k]] * coefficient_unit, a);
+    range[0] = range[1] = 0;
+    for (int i = 0; i < m->unknowns; ++i) {
+        if (fabs_1(a[i]) > 0.0) {
+            range[0] = range[1] > 0 ? range[0] : i;
+            range[1] = i + 1;
+        }
+    }
+    for (int i = m->unknowns; i < m->width; ++i) {
+        a[i] = 0.0;
+    }
+    m->x[p->rows] = side * m->extreme[(ptrdiff_t)node * LIMITED_KINDS + m->kind[k]] + m->room;
+    ++p->rows;
+}
+
+/* The row of s >= 0, behind the others. */
+static void close_rows(const limited_call *m, const interior_point *p)
+{
+    real *a = m->A + (ptrdiff_t)p->rows * m->width;
+    int *range = (int *)(void *)m->range + 2 * (ptrdiff_t)p->rows;
+    for (int i = 0; i < m->width; ++i) {
+        a[i] = 0.0;
+    }
+    range[0] = range[1] = 0;
+}
+
+/* Values of the rows after a step z, in units of their limits, as the linear program sees them. */
+static void show_rows(const limited_call *m, const real *z, const real *secants)
+{
+    for (int node = 0; node < m->nodes; ++node) {
+        for (int k = 0; k < m->kinds; ++k) {
+            const ptrdiff_t at = (ptrdiff_t)node * LIMITED_KINDS + m->kind[k];
+            const real *row = m->response + ((ptrdiff_t)node * m->kinds + k) * m->unknowns, *speed = NULL;
+            real sum = 0.0;
+            for (int l = 0; l < m->kinds && m->kind[k] < NM; ++l) {
+                speed = m->kind[l] == NM + m->kind[k] ? m->response + ((ptrdiff_t)node * m->kinds + l) * m->unknowns :
+                                                        speed;
+            }
+            for (int i = 0; i < m->unknowns; ++i) {
+                sum += (row[i] + (speed != NULL ? secants[at] * speed[i] : 0.0)) * z[i];
+            }
+            m->shown[at] = m->extreme[at] + sum * coefficient_unit / m->limit[m->kind[k]];
+        }
+    }
+}
+
+/* Cost and gradient of the program at the present deviation. */
+static void set_program(const limited_call *m)
+{
+    for (int i = 0; i < m->unknowns; ++i) {
+        real sum = 0.0;
+        for (int j = 0; j < m->unknowns; ++j) {
+            const real h = i % NY == j % NY ? m->cost[(ptrdiff_t)(i / NY) * m->count + j / NY] : 0.0;
+            m->H[(ptrdiff_t)i * m->unknowns + j] = h;
+            sum += h * m->c[j] / coefficient_unit;
+        }
+        m->g[i] = sum;
+    }
+}
+
+/* Whether a row is a local maximum in time; rows beside it follow it. Some rows in between count as maxima. */
+static int is_peak(const limited_call *m, int node, ptrdiff_t at)
+{
+    const real size = fabs_1(m->shown[at]);
+    return node % (NODES_PER_KNOT / 2) == 0 ||
+           ((node == 0 || size >= fabs_1(m->shown[at - LIMITED_KINDS])) &&
+               (node == m->nodes - 1 || size >= fabs_1(m->shown[at + LIMITED_KINDS])));
+}
+
+/* Which sides of the limits are in the program: those above `least` too. The number of all. */
+static int choose_rows(const limited_call *m, real least)
+{
+    const ptrdiff_t sides = (ptrdiff_t)m->nodes * m->kinds * 2;
+    int count = 0;
+    for (ptrdiff_t i = 0; i < sides; ++i) {
+        count += m->used[i] > 0.0;
+    }
+    for (int above = 0, most = m->rows_max - count; above < 50; ++above) { /* too many: the largest ones */
+        int added = 0;
+        for (int mark = 0; mark < 2; ++mark) {
+            for (ptrdiff_t i = 0; i < sides; ++i) {
+                const ptrdiff_t at = i / 2 / m->kinds * LIMITED_KINDS + m->kind[i / 2 % m->kinds];
+                const int chosen = !(m->used[i] > 0.0) && (i % 2 == 0 ? 1.0 : -1.0) * m->shown[at] > least &&
+                                   is_peak(m, (int)(i / 2 / m->kinds), at);
+                added += mark == 0 && chosen;
+                if (mark == 1 && chosen) {
+                    m->used[i] = 1.0;
+                }
+            }
+            if (added > most) {
+                break;
+            }
+        }
+        if (added <= most) {
+            return added;
+        }
+        least += 0.02 + 0.05 * least;
+    }
+    return 0;
+}
+
+/* The program with these secants of the friction: the step z [coefficient_unit]; 0 where it fails. */
+static int solve_program(const limited_call *m, const real *secants, real *z)
+{
+    const ptrdiff_t sides = (ptrdiff_t)m->nodes * m->kinds * 2, step = (ptrdiff_t)m->rows_max + 1;
+    real *r = m->of_rows;
+    interior_point p = {m->unknowns, 0, m->width, m->H, m->g, m->A, m->x, (const int *)(const void *)m->range,
+        program_price, m->z, m->K, m->z + m->width, r, r + step, r + 2 * step, r + 3 * step, r + 4 * step,
+        r + 5 * step};
+    for (int i = 0; i < m->unknowns; ++i) {
+        z[i] = 0.0;
+    }
+    for (int round = 0; round < ROW_ROUNDS; ++round) {
+        show_rows(m, z, secants);
+        if (choose_rows(m, round == 0 ? near_limit : 1.0) == 0 && round > 0) {
+            break;
+        }
+        p.rows = 0;
+        for (ptrdiff_t i = 0; i < sides; ++i) {
+            if (m->used[i] > 0.0) {
+                add_row(m, &p, (int)(i / 2 / m->kinds), (int)(i / 2 % m->kinds), i % 2 == 0 ? 1.0 : -1.0, secants);
+            }
+        }
+        close_rows(m, &p);
+        if (!solve_interior_point(&p)) {
+            return 0;
+        }
+        copy(m->z, m->unknowns, z);
+    }
+    return 1;
+}
+
+/*
+ * The step that keeps the limits of the linearized motion, with the friction at the speeds after the step; 0 where a
+ * program fails.
+ */
+static int find_step(const limited_call *m, real *space)
+{
+    real *secants = m->trial, least = (real)INFINITY; /* the responses are known: its memory is free */
+    for (ptrdiff_t i = 0; i < (ptrdiff_t)m->nodes * LIMITED_KINDS; ++i) {
+        secants[i] = 0.0;
+    }
+    for (int i = 0; i < m->unknowns; ++i) {
+        m->best[i] = 0.0;
+    }
+    for (ptrdiff_t i = 0; i < (ptrdiff_t)m->nodes * m->kinds * 2; ++i) {
+        m->used[i] = 0.0;
+    }
+    set_program(m);
+    for (int round = 0; round <= FRICTION_ROUNDS; ++round) {
+        real over = 0.0;
+        /* secants of the friction between the speeds now and those after the last step */
+        for (int node = 0; node < m->nodes; ++node) {
+            real v[NM], after[NM], f[NM], f_after[NM];
+            for (int i = 0; i < NM; ++i) {
+                v[i] = m->at_node[(ptrdiff_t)node * LIMITED_KINDS + NM + i];
+                after[i] = v[i];
+            }
+            for (int k = 0; k < m->kinds; ++k) {
+                const int motor = m->kind[k] - NM;
+                if (motor >= 0 && motor < NM) {
+                    const real *row = m->response + ((ptrdiff_t)node * m->kinds + k) * m->unknowns;
+                    real sum = 0.0;
+                    for (int i = 0; i < m->unknowns && round > 0; ++i) {
+                        sum += row[i] * m->step[i];
+                    }
+                    after[motor] += fabs_1(sum) < 1e-3 ? 1e-3 : sum;
+                }
+            }
+            if (evaluate_motor_friction(v, f, space) != ELBOW_OK ||
+                evaluate_motor_friction(after, f_after, space) != ELBOW_OK) {
+                return 0;
+            }
+            for (int i = 0; i < NM; ++i) {
+                const real d = after[i] - v[i];
+                real *secant = secants + (ptrdiff_t)node * LIMITED_KINDS + i, value = 0.0;
+                if (fabs_1(d) > 0.0) {
+                    value = (f_after[i] - f[i]) / d;
+                }
+                *secant = value;
+            }
+        }
+        if (round > 0) { /* how good the last step is with the friction at its speeds */
+            for (int i = 0; i < m->unknowns; ++i) {
+                m->tried[i] = m->step[i] / coefficient_unit;
+            }
+            show_rows(m, m->tried, secants);
+            for (int node = 0; node < m->nodes; ++node) {
+                for (int k = 0; k < m->kinds; ++k) {
+                    over = fmax_1(over, fabs_1(m->shown[(ptrdiff_t)node * LIMITED_KINDS + m->kind[k]]) - 1.0);
+                }
+            }
+            if (over < least) {
+                least = over;
+                copy(m->step, m->unknowns, m->best);
+            }
+            if (over <= 0.5 * limit_slack || round == FRICTION_ROUNDS) {
+                break;
+            }
+        }
+        if (!solve_program(m, secants, m->step)) {
+            return 0;
+        }
+        for (int i = 0; i < m->unknowns; ++i) {
+            m->step[i] *= coefficient_unit;
+        }
+    }
+    copy(m->best, m->unknowns, m->step);
+    return 1;
+}
+
+/* The smallest deviation that keeps the limits, in c, with the number of programs; its motion is the last followed. */
+static elbow_status modify_path_within(limited_call *m, const inner_call *call, real *worst, int *programs)
+{
+    elbow_status status = find_responses(m, call, call->p->period);
+    int fresh = 1;
+    m->room = least_margin;
+    for (*programs = 1; status == ELBOW_OK && *programs <= LIMITED_ROUNDS; ++*programs) {
+        real share = 1.0, over, most = 0.0, change = 0.0;
+        if (!find_step(m, m->inner)) {
+            return ELBOW_NOT_CONVERGED;
+        }
+        for (;;) {
+            for (int i = 0; i < m->unknowns; ++i) {
+                m->tried[i] = m->c[i] + share * m->step[i];
+            }
+            status = follow_deviated(m, call, m->tried, m->trial, m->shown, &over);
+            if ((status == ELBOW_OK && over <= fmax_1(*worst, limit_slack)) || share < least_share) {
+                break;
+            }
+            share *= 0.5;
+        }
+        if (status != ELBOW_OK) {
+            return status;
+        }
+        copy(m->tried, m->unknowns, m->c);
+        copy(m->trial, (ptrdiff_t)m->nodes * LIMITED_KINDS, m->at_node);
+        copy(m->shown, (ptrdiff_t)m->nodes * LIMITED_KINDS, m->extreme);
+        for (int i = 0; i < m->unknowns; ++i) {
+            most = fmax_1(most, fabs_1(m->c[i]));
+            change = fmax_1(change, fabs_1(m->step[i]));
+        }
+        if (over <= limit_slack && (change <= settled_share * most + 1e-6 || *worst <= limit_slack)) {
+            *worst = over;
+            return ELBOW_LIMITS_ACTIVE;
+        }
+        if (over > poor_progress * *worst && over > limit_slack) {
+            if (fresh && over > hopeless_progress * *worst) {
+                *worst = over;
+                return ELBOW_LIMITS_INFEASIBLE;
+            }
+            status = find_responses(m, call, call->p->period);
+            fresh = 1;
+        } else {
+            fresh = 0;
+        }
+        *worst = over;
+        m->room = least_margin + 0.5 * fmin_1(fmax_1(over, 0.0), margin_max);
+    }
+    --*programs;
+    return status != ELBOW_OK ? status : *worst <= limit_slack ? ELBOW_LIMITS_ACTIVE : ELBOW_LIMITS_INFEASIBLE;
+}
+
+/* Largest distance and angle of the deviation, and the deviation for the caller. */
+static void report_deviation(
+    const limited_call *m, const elbow_inversion_limits *limits, real period, elbow_inversion_info *info)
+{
+    info->deviation_m = info->deviation_rad = 0.0;
+    for (int k = 0; k < m->n; ++k) {
+        real d[3 * NY], size[2];
+        deviation_at(m->c, m->count, m->spacing, period, k, d);
+        size_of_deviation(d, size);
+        info->deviation_m = fmax_1(info->deviation_m, size[0]);
+        info->deviation_rad = fmax_1(info->deviation_rad, size[1]);
+        if (limits->deviation != NULL) {
+            copy(d, NY, limits->deviation + k * (ptrdiff_t)NY);
+        }
+    }
+}
+
+elbow_status elbow_invert_limited(const elbow_path *path, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA],
+    const elbow_inversion_options *options, const elbow_inversion_limits *limits, elbow_motion *motion,
+    elbow_inversion_info *info, real *work, int64_t work_size)
+{
+    const real *values = GIVEN_PARAMETERS;
+    limited_call m;
+    inner_call call;
+    elbow_status status, found;
+    real worst;
+    int programs = 0;
+    if (path == NULL || options == NULL || limits == NULL || motion == NULL || info == NULL || work == NULL ||
+        values == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (path->n < 2 || !are_limits(limits->torque_max, NM) || !are_limits(limits->speed_max, NM) ||
+        !are_limits(limits->deflection_max, NE) || !lay_out_limited(path->n, options, limits, work, &m)) {
+        return ELBOW_BAD_ARGUMENT;
+    }
+    if (work_size < m.end) {
+        return ELBOW_WORK_TOO_SMALL;
+    }
+    call.p = path;
+    call.parameters = values;
+    call.q_start = q_start;
+    call.options = *options;
+    call.options.hold = ELBOW_HOLD_SPLINE;
+    call.options.delay = 0.0;
+    call.options.tolerance = fmin_1(rough_tolerance * options->tolerance, PRECISE(1e-3, 1e-2));
+    call.info = info;
+    {
+        elbow_motion first = {NULL, NULL, NULL, NULL, NULL, NULL, NULL};
+        status = check_arguments(path, values, q_start, options, &first, info, work, m.inner_size, m.inner_size);
+        if (status != ELBOW_OK) {
+            return status;
+        }
+    }
+    for (int i = 0; i < m.unknowns; ++i) {
+        m.c[i] = 0.0;
+    }
+    status = follow_deviated(&m, &call, m.c, m.at_node, m.extreme, &worst);
+    if (status != ELBOW_OK) {
+        return status;
+    }
+    found = ELBOW_OK;
+    if (worst > limit_slack) {
+        real at_rest = 0.0;
+        for (int k = 0; k < LIMITED_KINDS; ++k) {
+            at_rest = fmax_1(at_rest, m.limit[k] < (real)INFINITY ? fabs_1(m.extreme[k]) : 0.0);
+            at_rest = fmax_1(at_rest,
+                m.limit[k] < (real)INFINITY ? fabs_1(m.extreme[(ptrdiff_t)(m.nodes - 1) * LIMITED_KINDS + k]) : 0.0);
+        }
+        info->limit_excess = at_rest - 1.0;
+        if (at_rest > 1.0 + limit_slack) {
+            return ELBOW_LIMITS_INFEASIBLE;
+        }
+        set_cost(&m);
+        found = modify_path_within(&m, &call, &worst, &programs);
+        info->limit_excess = worst;
+        info->programs = programs;
+        if (found < 0) {
+            return found;
+        }
+    }
+    deviate(&m, path, m.c);
+    status = invert_deviated(&m, &call, options, motion);
+    if (status == ELBOW_TOLERANCE_NOT_MET && found == ELBOW_LIMITS_ACTIVE &&
+        info->residual_at_samples <= call.options.tolerance && info->kinematic_mismatch <= mismatch_max) {
+        status = ELBOW_OK; /* a deviation is rougher than its path: the tolerance of the programs */
+    }
+    report_deviation(&m, limits, path->period, info);
+    info->limit_excess = worst > 0.0 ? worst : 0.0;
+    info->programs = programs;
+    return status == ELBOW_OK ? found : status;
+}

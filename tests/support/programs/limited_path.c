@@ -1,0 +1,58 @@
+/* Inverts a line within limits, all arrays in heap blocks of the exact size; prints the status of each call. */
+#include "planar5_nmp_inversion.h"
+
+#include "line.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { N = 901, BEFORE = 250, PRE = 40, POST = 60, TOTAL = PRE + N + POST };
+
+static double *block(size_t numbers)
+{
+    double *x = malloc(numbers * sizeof *x);
+    if (x == NULL) {
+        abort();
+    }
+    return x;
+}
+
+int main(void)
+{
+    static const double torque[][2] = {
+        {22.0, 22.0}, {30.0, 30.0}, {5.0, 30.0}, {20.0, INFINITY}, {-1.0, 1.0}, {NAN, 1.0}};
+    static const int knots[] = {16, 0, 100, 112, 900, -1};
+    double *y = block(2 * N), *dy = block(2 * N), *ddy = block(2 * N), *q_start = block(3), *bound = block(2);
+    double *tau_m = block(2 * TOTAL), *deviation = block(2 * N), *small = block((size_t)planar5_nmp_path_work());
+    double duration;
+    const planar5_nmp_path path = {N, 1e-3, y, dy, ddy};
+    planar5_nmp_motion motion = {NULL, NULL, NULL, NULL, NULL, NULL, tau_m};
+    if (planar5_nmp_path_start(planar5_nmp_path_line, PLANAR5_NMP_PATH_LINE_SIZE, &duration, q_start) != 0) {
+        return 9;
+    }
+    for (int k = 0; k < N; ++k) {
+        if (planar5_nmp_path_sample(planar5_nmp_path_line, PLANAR5_NMP_PATH_LINE_SIZE, 1e-3 * (k - BEFORE), y + 2 * k,
+                dy + 2 * k, ddy + 2 * k, small, planar5_nmp_path_work()) != 0) {
+            return 9;
+        }
+    }
+    for (size_t i = 0; i < sizeof torque / sizeof *torque; ++i) {
+        for (size_t j = 0; j < sizeof knots / sizeof *knots; ++j) {
+            planar5_nmp_inversion_options options = {PRE, POST, 5, 1e-6, PLANAR5_NMP_HOLD_ZOH, 1.0};
+            const planar5_nmp_inversion_limits limits = {bound, NULL, NULL, knots[j], j % 2 ? deviation : NULL};
+            planar5_nmp_inversion_info info;
+            int64_t size;
+            double *work;
+            memcpy(bound, torque[i], sizeof torque[i]);
+            size = planar5_nmp_invert_limited_work(N, &options, &limits);
+            work = block(size > 0 ? (size_t)size : 1);
+            printf(
+                "%d\n", (int)planar5_nmp_invert_limited(&path, q_start, &options, &limits, &motion, &info, work, size));
+            free(work);
+        }
+    }
+    free(y), free(dy), free(ddy), free(q_start), free(bound), free(tau_m), free(deviation), free(small);
+    return 0;
+}
