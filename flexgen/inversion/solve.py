@@ -74,10 +74,10 @@ def solve(
     move : str or Move, optional
         A move of the model file; default: its first.
     method : str
-        A name of `flexgen.inversion.method_table.METHODS`, or ``"auto"``: "full" for complete motor coupling and springs
-        with a kink; "lq" with limits ("full" without a C compiler); else "closed-form" without non-actuated coordinates,
-        and "lq" with them ("collocation" without a C compiler). If it fails, finer meshes are tried, and for a minute
-        further methods: "bvp", "collocation", and "full" up to 8 coordinates.
+        A name of `flexgen.inversion.method_table.METHODS`, or ``"auto"``: "full" for complete motor coupling and for
+        springs with a kink; "lq" with limits ("full" without a C compiler); else "closed-form" without non-actuated
+        coordinates, and "lq" with them ("collocation" without a C compiler). If it fails, finer meshes are tried, and
+        for a minute further methods: "bvp", "collocation", and "full" up to 8 coordinates.
     preview : float, optional [s]
         How long before the path the motion may begin, at most 2 s; default: `flexgen.analysis.zeros.preview`.
     mesh : float, optional [s]

@@ -229,7 +229,7 @@ def test_run_time_parameters_are_those_of_a_library_with_them_baked_in(tmp_path)
 
 @pytest.mark.slow
 def test_sanitizers_find_nothing(tmp_path) -> None:
-    """Limits that are active, wide, too small or no numbers; knots too close and too far; workspaces of the exact size."""
+    """Limits that are active, wide, too small or no numbers; knots too far apart; workspaces of the exact size."""
     if not can_sanitize(tmp_path):
         pytest.skip("the C compiler has no sanitizers; install the Debian package gcc or clang")
     folder = flexgen.generate("planar5_nmp", tmp_path / "library", build=False).directory
