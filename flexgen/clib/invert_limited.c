@@ -26,6 +26,7 @@ static const real program_price = 1e5;      /* of exceeding all limits by 100 % 
 static const real near_limit = 0.7;         /* of a limit: rows below it are not in the program at first */
 static const real poor_progress = 0.7;      /* of a violation: where more is left, the responses are computed again */
 static const real hopeless_progress = 0.9;  /* of a violation: where more is left with new responses, it ends */
+static const real least_change = 1e-3;      /* rad/s: of a speed, over which the friction is linearized */
 static const real least_share = 0.2;        /* of a step */
 static const real settled_share = 1e-2;     /* of the deviation: a program that changes it by less has converged */
 static const real push_size = 1.0;          /* m/s^2, rad/s^2: acceleration of a deviation whose response is computed */
@@ -67,7 +68,7 @@ static int choose_kinds(const model_inversion_limits *limits, int kind[LIMITED_K
     return count;
 }
 
-/* The sizes of a call and the positions of its arrays behind `work`; 0 where a size is out of range. */
+/* The sizes of a call and the positions of its arrays in `work`, if it is not null; 0 where a size is out of range. */
 static int lay_out_limited(
     int n, const model_inversion_options *o, const model_inversion_limits *limits, real *work, limited_call *m)
 {
@@ -95,7 +96,7 @@ static int lay_out_limited(
     m->rows_max = MORE_ROWS * m->unknowns + 64;
     m->width = (int)padded(unknowns + 1);
 #define PLACE(name, size) \
-    m->name = work + at; \
+    m->name = work == NULL ? NULL : work + at; \
     at += padded(size)
     PLACE(y, (int64_t)n * NT);
     PLACE(dy, (int64_t)n * NY);
@@ -123,7 +124,7 @@ static int lay_out_limited(
     PLACE(of_rows, 6 * ((int64_t)m->rows_max + 1));
     PLACE(used, (int64_t)m->nodes * LIMITED_KINDS * 2);
 #undef PLACE
-    m->inner = work + at;
+    m->inner = work == NULL ? NULL : work + at;
     m->inner_size = inner;
     m->end = at + inner;
     return unknowns <= 4000 && is_addressable(m->end);
@@ -132,8 +133,7 @@ static int lay_out_limited(
 int64_t model_invert_limited_work(int n, const model_inversion_options *options, const model_inversion_limits *limits)
 {
     limited_call m;
-    real nothing[1];
-    return options != NULL && limits != NULL && n >= 2 && lay_out_limited(n, options, limits, nothing, &m) ? m.end : -1;
+    return options != NULL && limits != NULL && n >= 2 && lay_out_limited(n, options, limits, NULL, &m) ? m.end : -1;
 }
 
 /* Whether all limits are positive; no NaN. */
@@ -217,7 +217,8 @@ static model_status follow_deviated(
     *worst = 0.0;
     keep_parameters(call->parameters, m->inner);
     for (int node = 0; node < m->nodes; ++node) {
-        const int first = node * m->stride - m->stride / 2, last = first + m->stride;
+        const int first = node * m->stride - m->stride / 2;
+        const int last = node == m->nodes - 1 ? m->samples - 1 : first + m->stride;
         if (!quantities(m, node * m->stride, 0, at_node + (ptrdiff_t)node * LIMITED_KINDS, m->inner)) {
             return MODEL_RESULT_NOT_FINITE;
         }
@@ -466,6 +467,43 @@ static int solve_program(const limited_call *m, const real *secants, real *z)
 }
 
 /*
+ * Secants of the friction at the nodes, between the speeds now and those after a step (null: none); 0 where a number is
+ * not finite.
+ */
+static int find_secants(const limited_call *m, const real *step, real *secants, real *space)
+{
+    for (int node = 0; node < m->nodes; ++node) {
+        real v[NM], after[NM], f[NM], f_after[NM];
+        copy(m->at_node + (ptrdiff_t)node * LIMITED_KINDS + NM, NM, v);
+        copy(v, NM, after);
+        for (int k = 0; k < m->kinds; ++k) {
+            const int motor = m->kind[k] - NM;
+            if (motor >= 0 && motor < NM) {
+                const real *row = m->response + ((ptrdiff_t)node * m->kinds + k) * m->unknowns;
+                real sum = 0.0;
+                for (int i = 0; i < m->unknowns && step != NULL; ++i) {
+                    sum += row[i] * step[i];
+                }
+                after[motor] += fabs_1(sum) < least_change ? least_change : sum;
+            }
+        }
+        if (evaluate_motor_friction(v, f, space) != MODEL_OK ||
+            evaluate_motor_friction(after, f_after, space) != MODEL_OK) {
+            return 0;
+        }
+        for (int i = 0; i < NM; ++i) {
+            const real d = after[i] - v[i];
+            real secant = 0.0;
+            if (fabs_1(d) > 0.0) {
+                secant = (f_after[i] - f[i]) / d;
+            }
+            secants[(ptrdiff_t)node * LIMITED_KINDS + i] = secant;
+        }
+    }
+    return 1;
+}
+
+/*
  * The step that keeps the limits of the linearized motion, with the friction at the speeds after the step; 0 where a
  * program fails.
  */
@@ -484,36 +522,8 @@ static int find_step(const limited_call *m, real *space)
     set_program(m);
     for (int round = 0; round <= FRICTION_ROUNDS; ++round) {
         real over = 0.0;
-        /* secants of the friction between the speeds now and those after the last step */
-        for (int node = 0; node < m->nodes; ++node) {
-            real v[NM], after[NM], f[NM], f_after[NM];
-            for (int i = 0; i < NM; ++i) {
-                v[i] = m->at_node[(ptrdiff_t)node * LIMITED_KINDS + NM + i];
-                after[i] = v[i];
-            }
-            for (int k = 0; k < m->kinds; ++k) {
-                const int motor = m->kind[k] - NM;
-                if (motor >= 0 && motor < NM) {
-                    const real *row = m->response + ((ptrdiff_t)node * m->kinds + k) * m->unknowns;
-                    real sum = 0.0;
-                    for (int i = 0; i < m->unknowns && round > 0; ++i) {
-                        sum += row[i] * m->step[i];
-                    }
-                    after[motor] += fabs_1(sum) < 1e-3 ? 1e-3 : sum;
-                }
-            }
-            if (evaluate_motor_friction(v, f, space) != MODEL_OK ||
-                evaluate_motor_friction(after, f_after, space) != MODEL_OK) {
-                return 0;
-            }
-            for (int i = 0; i < NM; ++i) {
-                const real d = after[i] - v[i];
-                real *secant = secants + (ptrdiff_t)node * LIMITED_KINDS + i, value = 0.0;
-                if (fabs_1(d) > 0.0) {
-                    value = (f_after[i] - f[i]) / d;
-                }
-                *secant = value;
-            }
+        if (!find_secants(m, round == 0 ? NULL : m->step, secants, space)) {
+            return 0;
         }
         if (round > 0) { /* how good the last step is with the friction at its speeds */
             for (int i = 0; i < m->unknowns; ++i) {
@@ -628,12 +638,13 @@ model_status model_invert_limited(const model_path *path, PARAMETERS_ARGUMENT co
         return MODEL_NULL_ARGUMENT;
     }
     if (path->n < 2 || !are_limits(limits->torque_max, NM) || !are_limits(limits->speed_max, NM) ||
-        !are_limits(limits->deflection_max, NE) || !lay_out_limited(path->n, options, limits, work, &m)) {
+        !are_limits(limits->deflection_max, NE) || !lay_out_limited(path->n, options, limits, NULL, &m)) {
         return MODEL_BAD_ARGUMENT;
     }
     if (work_size < m.end) {
         return MODEL_WORK_TOO_SMALL;
     }
+    (void)lay_out_limited(path->n, options, limits, work, &m);
     call.p = path;
     call.parameters = values;
     call.q_start = q_start;
