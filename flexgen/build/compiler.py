@@ -29,7 +29,7 @@ from flexgen.runtime.processor import INSTRUCTION_SETS
 REPRODUCIBLE = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-tree-vectorize", "-fno-math-errno")
 NATIVE = ("-std=c99", "-O3", "-march=native", "-ffp-contract=fast", "-fno-math-errno")
 # The whole-path solvers gain a tenth from -O3; the other sources gain nothing and take twice as long to compile.
-SOLVERS, SOLVER_LEVEL = ("invert.c", "invert_limited.c", "bvp.c", "stream.c"), "-O3"
+SOLVERS, SOLVER_LEVEL = ("invert.c", "bvp.c", "stream.c"), "-O3"
 # Instruction sets that a library can be compiled for; all give the same bits.
 ISAS = ("native", "x86-64", "x86-64-v2", "x86-64-v3", "x86-64-v4")
 SHARED = ("-fPIC", "-fvisibility=hidden")

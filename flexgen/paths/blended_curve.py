@@ -32,6 +32,7 @@ from flexgen.paths.jets import (
 )
 from flexgen.paths.segments import Segment, attitude_along, rotation_along
 from flexgen.paths.time_laws import TimeLaw
+from flexgen.paths.trigonometry import root
 
 BUMP = 4  # continuous derivatives of a'; those of the curve are one more
 PANELS = 24  # of the arc-length table of a corner
@@ -126,7 +127,7 @@ class BlendedCurve:
     def _speed(self, k: int, u: np.ndarray) -> np.ndarray:
         """|dp/du| (n,) in the corner at the end of segment k."""
         x = self._corner(k, _identity(u)[:, :2], False)[0][:, :, 1]
-        return np.sqrt(_summed(x * x))
+        return root(_summed(x * x))
 
     def _speed_squared(self, k: int, u: np.ndarray) -> np.ndarray:
         """Square of |dp/du| and its derivatives, (n, 5), in the corner at the end of segment k."""

@@ -9,7 +9,7 @@ from math import comb
 
 import numpy as np
 
-from flexgen.paths.trigonometry import sine_cosine
+from flexgen.paths.trigonometry import root, sine_cosine
 
 ORDER = 5  # highest derivative of the reference
 JET = ORDER + 1
@@ -57,7 +57,7 @@ def reciprocal(a: np.ndarray) -> np.ndarray:
 def square_root(a: np.ndarray) -> np.ndarray:
     """Jet of the square root of a positive quantity."""
     out = np.zeros_like(a)
-    out[..., 0] = np.sqrt(a[..., 0])
+    out[..., 0] = root(a[..., 0])
     for k in range(1, a.shape[-1]):
         inner = sum((comb(k, i) * out[..., i] * out[..., k - i] for i in range(1, k)), np.zeros_like(a[..., 0]))
         out[..., k] = (a[..., k] - inner) / (2 * out[..., 0])

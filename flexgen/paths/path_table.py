@@ -5,7 +5,7 @@ n numbers.
 
     path     length, LAYOUT, n_t, n_y, n_a, segments, duration, n_a x q_start, n_y x axis of the tool (0 to 2) of an
              output; then the segments
-    segment  length, start, space, law, curve
+    segment  length, start, duration, space, law, curve
     law      a polynomial, or: length, 2, time_scale, its powers 1 and 2, phases m, (m + 1) x start of a phase,
              (m + 1) x distance there, m x first speed, m x last speed; then m steps (a block of length 1: none)
     step     a polynomial, or: length, 1, duration, knots m, derivatives k, m x knot, m k x derivatives -1 to k - 2
@@ -73,7 +73,7 @@ def _segment(segment: TimedSegment, name: str) -> np.ndarray:
             f"table: given move {name}, a spline through samples, expected lines, arcs, joint moves or a program; "
             "sample it with Path.sample and store the samples"
         )
-    return _block(segment.start, SPACES[segment.space], _law(segment.law), _curve(segment.curve))
+    return _block(segment.start, segment.law.duration, SPACES[segment.space], _law(segment.law), _curve(segment.curve))
 
 
 def _law(law: Law) -> np.ndarray:

@@ -64,7 +64,10 @@ class TimedSegment:
 
     def at(self, t: np.ndarray) -> tuple[np.ndarray, Attitude | None]:
         """Time derivatives 0 to 5 of the position (n, d, 6), and the orientation, at the instants ``t`` [s]."""
-        return self.curve(self.law(np.asarray(t, dtype=float) - self.start, JET - 1))
+        t = np.asarray(t, dtype=float)
+        since, duration = t - self.start, self.law.duration
+        # at the end and after it: rest, whatever the rounding of the difference
+        return self.curve(self.law(np.where(t >= self.start + duration, since + duration, since), JET - 1))
 
     @property
     def breaks(self) -> np.ndarray:

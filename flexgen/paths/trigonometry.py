@@ -1,4 +1,4 @@
-"""Sine and cosine with the bits of the emitted C, so that a path has the same bits in Python and in the controller."""
+"""Sine, cosine and square root with the bits of the emitted C: a path has the same bits in Python and in C."""
 
 from __future__ import annotations
 
@@ -44,6 +44,21 @@ def sine_cosine(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     odd = quarter % 2.0 == 1.0
     sine, cosine = np.where(odd, c, s), np.where(odd, s, c)
     return np.where(quarter >= 2.0, -sine, sine), np.where((quarter == 1.0) | (quarter == 2.0), -cosine, cosine)
+
+
+def root(x: np.ndarray) -> np.ndarray:
+    """Square root by Newton's method, to rounding: `square_root` of the emitted C."""
+    x = np.asarray(x, dtype=float)
+    inside = (x > 0.0) & (x < 1e300)
+    known = np.where(inside, x, 1.0)
+    r = np.ones_like(known)
+    while (large := r * r > 4.0 * known).any():
+        r = np.where(large, 0.5 * r, r)
+    while (small := r * r < 0.25 * known).any():
+        r = np.where(small, 2.0 * r, r)
+    for _ in range(7):
+        r = 0.5 * (r + known / r)
+    return np.where(inside, r, x)
 
 
 def _polynomial(pairs: tuple[tuple[float, float], ...], z: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ from flexgen.inversion.reduced_problem import Reduction
 from flexgen.model.moves import Move, MoveC, MoveJ, MoveL, Program
 from flexgen.paths import blended_curve, time_laws
 from flexgen.paths.path import Path, plan
-from flexgen.paths.trigonometry import sine_cosine
+from flexgen.paths.trigonometry import root, sine_cosine
 from flexgen.runtime.library import Library
 from flexgen.runtime.path_sampler import PathSampler
 
@@ -161,6 +161,12 @@ def test_sine_and_cosine_are_right() -> None:
     assert np.isnan(sine_cosine(np.array([2e6, np.nan, np.inf]))).all()
 
 
+def test_square_roots_are_right() -> None:
+    x = np.random.default_rng(8).lognormal(0.0, 20.0, 20_000)
+    assert np.abs(root(x) / np.sqrt(x) - 1.0).max() <= 4.5e-16  # two units in the last place
+    assert root(np.array([0.0, 1.0, 4.0])).tolist() == [0.0, 1.0, 2.0]
+
+
 def test_a_stream_follows_the_samples_of_c() -> None:
     """A controller's loop: samples from the table into a stream, without Python's path."""
     path = case("planar5_nmp", "line")
@@ -191,6 +197,7 @@ def test_what_is_no_table_of_the_model_is_refused() -> None:
         emitted.path_sampler(table)(np.inf)
 
 
+@pytest.mark.slow
 def test_a_c_program_reads_the_header(tmp_path) -> None:
     """The header that the command line writes, included by a controller: bits of the samples."""
     header = tmp_path / "line.h"
@@ -272,6 +279,7 @@ def test_sanitizers_find_nothing_in_damaged_tables(tmp_path, bug: str | None) ->
         assert answer.stdout.split() == ["1200", "tables"]
 
 
+@pytest.mark.slow
 def test_single_precision_keeps_seven_digits(tmp_path) -> None:
     path = case("planar5_nmp", "line")
     made = flexgen.generate("planar5_nmp", tmp_path / "single", precision="single")
@@ -281,6 +289,7 @@ def test_single_precision_keeps_seven_digits(tmp_path) -> None:
         assert np.abs(found - expected).max() <= 2e-5 * max(1.0, np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_run_time_parameters_are_an_argument(tmp_path) -> None:
     """The payload does not move the tool: samples of a joint move are as without parameters, with any payload."""
     path = case("elbow", "joints")

@@ -25,12 +25,6 @@ static const real legendre_w[NODES] = {0.04717533638651141, 0.10693932599531907,
     0.20316742672306573, 0.2334925365383546, 0.2491470458134027, 0.2491470458134027, 0.2334925365383546,
     0.20316742672306573, 0.16007832854334642, 0.10693932599531907, 0.04717533638651141};
 
-/* Square root, rounded correctly in double precision; single precision needs no function of the C library for it. */
-static inline real exact_root(real x)
-{
-    return PRECISE(sqrt_1(x), square_root(x));
-}
-
 /* A point of a curve; for a pose the orientation by rows, and the angular velocity with its derivative. */
 typedef struct {
     real x[DIMENSIONS][JET];
@@ -280,7 +274,7 @@ static inline real corner_speed(const corner *c, int dimensions, real at)
     for (int i = 1; i < dimensions; ++i) {
         sum += x[i][1] * x[i][1];
     }
-    return exact_root(sum);
+    return square_root(sum);
 }
 
 /* Arc length between two parameters. */
@@ -316,7 +310,7 @@ static inline void corner_parameter(const corner *c, int dimensions, const real 
         squared = squared + x[i][1] * x[i][1];
         changing = changing + (x[i][1] * x[i][2] + x[i][2] * x[i][1]);
     }
-    slope = exact_root(squared);
+    slope = square_root(squared);
     slope_rate = changing / (2.0 * slope);
     f[1] = 1.0 / slope;
     f[2] = f[1] * (-f[1] * (slope_rate * f[1]));

@@ -167,7 +167,7 @@ elbow_status elbow_path_sample(const real *table, int64_t table_size, PARAMETERS
     const real *values = GIVEN_PARAMETERS;
     reader segment = {NULL, NULL}, law, curve;
     real s[JET];
-    const real *start;
+    const real *start; /* and duration */
     curve_point p;
     table_head head;
     int space, dimensions;
@@ -183,10 +183,10 @@ elbow_status elbow_path_sample(const real *table, int64_t table_size, PARAMETERS
     if (table_size < 1 || !take_head(table, table_size, &head) || !find_segment(&head, t, &segment)) {
         return ELBOW_BAD_ARGUMENT;
     }
-    start = take(&segment, 1);
+    start = take(&segment, 2);
     space = take_count(&segment, SPACE_JOINT);
     if (start == NULL || space < 0 || !take_block(&segment, &law) || !take_block(&segment, &curve) ||
-        !law_at(&law, t - *start, s)) {
+        !law_at(&law, t >= start[0] + start[1] ? (t - start[0]) + start[1] : t - start[0], s)) {
         return ELBOW_BAD_ARGUMENT;
     }
     dimensions = curve_at(&curve, s, &p);
