@@ -19,10 +19,12 @@ QUICK_MODELS = {"elbow", "planar5_nmp", "beam_arm", "manutec_r3"}
 # that only one file needs.
 SLOW = (
     "order/",
+    "client/test_amalgamation.py",
     "client/test_cross_compile.py",
     "client/test_hostile_inversion.py",
     "client/test_hostile_sanitizers.py",
     "client/test_kernel_compilers.py",
+    "client/test_stream_constants.py",
     "client/test_wheel.py",
     "unit/test_inversion_parameters.py",
 )
@@ -36,11 +38,9 @@ ANY_MODEL = (
 )
 # Cases whose robot or method takes long, by a word of the id or the whole id.
 SLOW_CASES = {
-    "client/test_amalgamation.py": {"elbow", "planar5_nmp", "single"},
     "client/test_docs.py": {"README.md", "docs/python.md", "docs/limits_and_streams.md", "docs/paths.md"},
     "client/test_instruction_sets.py": {"beam_arm", "elbow", "planar5_nmp", "v2", "v3", "v4"},
     "client/test_product.py": {"planar5_nmp-gcc--O0", "planar5_nmp-gcc--O2", "elbow-gcc--O2"},
-    "client/test_stream_constants.py": {"elbow", "beam_arm", "single"},
     "cross/test_recursion.py": {
         "dense7",
         "dense12",
@@ -69,7 +69,7 @@ SLOW_CASES = {
     "laws/test_end_of_the_move.py": {"beam_arm"},
     "laws/test_hold.py": {"hold1-False", "hold3-True"},
     "laws/test_paths_smoothness.py": {"lq-3", "bvp-2"},
-    "laws/test_recursion_planted.py": {"inverse_dynamics_derivatives", "mass_matrix"},
+    "laws/test_recursion_planted.py": {"bias", "forward_dynamics", "inverse_dynamics_derivatives", "mass_matrix"},
     "laws/test_solve.py": {"manutec_r3-joints", "beam_arm-joints"},
     "published/test_analysis.py": {"manutec_r3_24", "manutec_r3_30"},
     "unit/test_cli_comfort.py": {"words2"},
