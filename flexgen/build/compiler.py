@@ -214,7 +214,7 @@ def build_libraries(
     archiver = next((found for found in _ARCHIVERS if shutil.which(found)), None)
     if archiver is None:
         raise BuildError(f"ar: given none, expected one of {', '.join(_ARCHIVERS)} on the PATH; install binutils")
-    stored = Objects(compiler.identity, {file: (folder / file).read_bytes() for file in headers})
+    stored = Objects(compiler.identity, {file: (folder / file).read_bytes() for file in headers}, _flags_of)
     missing = [file for file in sources if fresh or not stored.fetch(folder / file)]
     workers = max(2, os.cpu_count() or 1)
     known = f", {len(sources) - len(missing)} known" * (len(missing) < len(sources))
@@ -222,8 +222,7 @@ def build_libraries(
     with ThreadPoolExecutor(max_workers=workers) as pool:
         jobs = {}
         for file in sorted(missing, key=lambda file: -_effort(folder, file)):  # the longest first
-            level = [SOLVER_LEVEL] * file.endswith(SOLVERS)
-            words = [*compiler.command, *compiler.flags, *level, "-c", file, "-o", _object(file)]
+            words = [*compiler.command, *compiler.flags, *_flags_of(file), "-c", file, "-o", _object(file)]
             jobs[file] = pool.submit(_run, "C compiler", words, folder, _object(file))
         try:
             for file, job in jobs.items():
@@ -253,6 +252,11 @@ def build_libraries(
         "identity": compiler.identity,
         "instruction_sets": list(compiler.instruction_sets),
     }
+
+
+def _flags_of(source: str) -> list[str]:
+    """Flags of one source only."""
+    return [SOLVER_LEVEL] * source.endswith(SOLVERS)
 
 
 def _object(source: str) -> str:

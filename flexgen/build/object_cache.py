@@ -13,7 +13,7 @@ import os
 import re
 import stat
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 
 from flexgen.errors import BuildError
@@ -33,11 +33,15 @@ class Objects:
         What the output depends on beside the text.
     headers : mapping of str to bytes
         Name and text of everything that the sources may include in quotation marks.
+    flags_of : callable, optional
+        The flags of one source, by its name, that `identity` does not have.
     """
 
-    def __init__(self, identity: str, headers: Mapping[str, bytes]) -> None:
+    def __init__(
+        self, identity: str, headers: Mapping[str, bytes], flags_of: Callable[[str], Sequence[str]] = lambda name: ()
+    ) -> None:
         self.folder = cache_folder()
-        self.identity = identity
+        self.identity, self.flags_of = identity, flags_of
         self.headers = {PurePosixPath(name).name: text for name, text in headers.items()}
 
     def fetch(self, source: Path) -> bool:
@@ -74,7 +78,7 @@ class Objects:
     def _key(self, source: Path) -> str:
         """Hash of everything that the object depends on; the name too, as objects hold it."""
         text = source.read_bytes()
-        digest = hashlib.sha256(self.identity.encode())
+        digest = hashlib.sha256("\0".join([self.identity, *self.flags_of(source.name)]).encode())
         for name in sorted(self._included(text)):
             digest.update(name.encode() + b"\0" + hashlib.sha256(self.headers[name]).digest())
         digest.update(source.name.encode() + b"\0" + text)

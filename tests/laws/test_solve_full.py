@@ -59,7 +59,7 @@ def test_speed_limits_are_kept() -> None:
 
 
 def test_limits_that_do_not_bind_change_nothing() -> None:
-    solution = flexgen.solve("planar5_nmp", limits=Limits(torque=(30.0, 10.0)))
+    solution = flexgen.solve("planar5_nmp", method="full", limits=Limits(torque=(30.0, 10.0)))
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < 2 * MICRON
 
 
@@ -68,12 +68,12 @@ def test_limits_of_the_model_file() -> None:
     with pytest.raises(ArgumentError, match="states none"):
         limits_from_model(read("planar5_mp"))
     with pytest.raises(ArgumentError, match="expected 2 positive numbers"):
-        flexgen.solve("planar5_mp", limits=Limits(torque=(1.0, -2.0)))
+        flexgen.solve("planar5_mp", method="full", limits=Limits(torque=(1.0, -2.0)))
 
 
 def test_limits_below_gravity_are_told() -> None:
     with pytest.raises(SolverError, match=r"motor m1 needs 8\.57 N m to hold the arm"):
-        flexgen.solve("planar5_nmp", limits=Limits(torque=(5.0, 6.0)))
+        flexgen.solve("planar5_nmp", method="full", limits=Limits(torque=(5.0, 6.0)))
 
 
 def test_gear_torque_channel_is_that_of_the_gears() -> None:

@@ -29,7 +29,7 @@ PLAN = 1e-7  # m: what the simulation of the polynomials differs from the plan b
 def test_torque_and_speed_together_are_planned_exactly() -> None:
     """Both bounds act here; read through samples by anything but the polynomials, the torque misses by 0.1 mm."""
     equations = flexgen.derive("planar5_nmp")
-    solution = flexgen.solve(equations, limits=limits_for(equations.model, torque=20.0, speed=100.0))
+    solution = flexgen.solve(equations, method="full", limits=limits_for(equations.model, torque=20.0, speed=100.0))
     assert solution.status == Status.LIMITS_ACTIVE
     assert solution.plan_error_max is not None and solution.plan_error_max < PLAN
     trajectory = solution.trajectory
@@ -54,7 +54,7 @@ def test_deflections_are_bounded() -> None:
     largest = float(np.abs(free["q_a"][:, 2]).max())
     rest = float(np.abs(free["q_a"][0, 2]))
     bound = rest + 0.5 * (largest - rest)
-    solution = flexgen.solve(equations, limits=Limits(deflection=(bound,)))
+    solution = flexgen.solve(equations, method="full", limits=Limits(deflection=(bound,)))
     assert solution.status == Status.LIMITS_ACTIVE
     assert np.abs(solution.trajectory["q_a"][:, 2]).max() < bound * (1 + BENT)
     assert solution.plan_error_max is not None and solution.plan_error_max < PLAN
@@ -73,7 +73,9 @@ def test_collocation_keeps_bounds_too() -> None:
 @pytest.mark.slow
 def test_bounds_that_do_not_act_change_nothing() -> None:
     equations = flexgen.derive("planar5_nmp")
-    solution = flexgen.solve(equations, limits=limits_for(equations.model, torque=30.0, speed=400.0, deflection=1e-2))
+    solution = flexgen.solve(
+        equations, method="full", limits=limits_for(equations.model, torque=30.0, speed=400.0, deflection=1e-2)
+    )
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < 2e-6
 
 
@@ -82,7 +84,7 @@ def test_bounds_behind_rigid_gears() -> None:
     equations = flexgen.derive("elbow@rigid")
     free = flexgen.solve(equations, verify=False).trajectory
     speed = 0.9 * float(np.abs(free["v_m"]).max())
-    solution = flexgen.solve(equations, limits=limits_for(equations.model, speed=speed))
+    solution = flexgen.solve(equations, method="full", limits=limits_for(equations.model, speed=speed))
     assert solution.status == Status.LIMITS_ACTIVE
     assert np.abs(solution.trajectory["v_m"]).max() < speed * (1 + 1e-5)
 

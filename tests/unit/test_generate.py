@@ -289,6 +289,9 @@ def test_an_object_depends_on_what_its_source_includes(tmp_path, objects):
     unknown = '#include "x.h"\n'
     assert keys(tmp_path, {**headers, "d.h": b""}, unknown) != keys(tmp_path, headers, unknown)
     assert Objects("other compiler", headers)._key(tmp_path / "one.c") != keys(tmp_path, headers, unknown)
+    assert Objects("compiler", headers, lambda name: ["-O3"])._key(tmp_path / "one.c") != keys(
+        tmp_path, headers, unknown
+    )
 
 
 @pytest.mark.parametrize("spoil", ["cut", "changed", "swapped", "empty"])
