@@ -30,7 +30,8 @@ POINTS, SAMPLES = 37, 401
 PRE, POST, EACH = 30, 60, 5  # samples before and after the path, samples per interval
 INTERVALS = 40  # of the stream
 MOTION = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
-MODELS = ["planar5_nmp", "elbow", "beam_arm", "manutec_r3_18"]
+LARGE = "manutec_r3_18"  # a minute of compilation for each instruction set
+MODELS = ["planar5_nmp", "elbow", "beam_arm", LARGE]
 
 
 def arrays(library: Library) -> dict[str, np.ndarray]:
@@ -79,8 +80,15 @@ def baseline(library):
     return cache(lambda model: arrays(library(model, "x86-64")))
 
 
-@pytest.mark.parametrize("isa", [isa for isa in ISAS if isa != "x86-64"])
-@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize(
+    ("model", "isa"),
+    [
+        pytest.param(model, isa, marks=[pytest.mark.full] * (model == LARGE and isa != "native"))
+        for model in MODELS
+        for isa in ISAS
+        if isa != "x86-64"
+    ],
+)
 def test_every_instruction_set_gives_the_bits_of_the_baseline(library, baseline, model, isa):
     expected, found = baseline(model), arrays(library(model, isa))
     assert expected.keys() == found.keys()

@@ -222,7 +222,7 @@ def test_every_shipped_move_is_solved(name: str, move: str) -> None:
     assert not solution.warnings, solution.warnings
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_the_other_move_with_twelve_elasticities() -> None:
     solution = flexgen.solve("manutec_r3_efjm", "joints", "collocation", time_limit=None)
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < MICRON / 10

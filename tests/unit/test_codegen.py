@@ -38,9 +38,13 @@ STATES = 200
 ROUNDING, ROUNDING_TIMES_CONDITION = 1e-11, 1e-9
 
 
+FULL = {"manutec_r3_24", "kr300_efjm"}  # one of the large ones, manutec_r3_30, is in the slow tests
 # Their larger relatives are compiled in the long run only: half a minute of two cores each.
 LARGE = {"manutec_r3_24", "manutec_r3_30", "kr300_efjm"}
-NAMES = [name if name in SMALL else pytest.param(name, marks=pytest.mark.slow) for name in model_names()]
+NAMES = [
+    name if name in SMALL else pytest.param(name, marks=pytest.mark.full if name in FULL else pytest.mark.slow)
+    for name in model_names()
+]
 
 
 @pytest.mark.parametrize("name", NAMES)
