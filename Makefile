@@ -57,8 +57,8 @@ test-slow: $(VENV)/.test           ## the other tests (about 20 minutes on two c
 	@echo "flexgen: slow tests, about 20 minutes on two cores"
 	@$(RUN_TESTS) -m 'slow and not full and not robots' $(PYTEST)
 
-test-full: $(VENV)/.test           ## what takes longer still: large random samples
-	@echo "flexgen: large random samples, about 30 minutes on two cores"
+test-full: $(VENV)/.test           ## what takes longer still: large random samples, large robots
+	@echo "flexgen: large random samples and robots, about 30 minutes on two cores"
 	@$(RUN_TESTS) -m full $(PYTEST)
 
 robots: $(VENV)/.test              ## 200 moves of elastic robots made from public URDF files
