@@ -38,7 +38,7 @@ STATES = 200
 ROUNDING, ROUNDING_TIMES_CONDITION = 1e-11, 1e-9
 
 
-# Large ones need half a minute of two cores each: one of them is compiled in the slow tests, the others in the full ones.
+# Large ones need half a minute of two cores each: the slow tests compile one of them, the full ones the others.
 LARGE = {"manutec_r3_24", "manutec_r3_30", "kr300_efjm"}
 FULL = LARGE - {"manutec_r3_30"}
 NAMES = [

@@ -15,7 +15,9 @@
 
 enum { IP_STEPS = 80 };
 
-static const real ip_accuracy = 1e-9;   /* of the limits, and of the price */
+static const real ip_accuracy = 1e-9;   /* of the limits */
+static const real ip_gap = 1e-13;       /* of the price: complementarity at the solution */
+static const real ip_gap_enough = 1e-9; /* the same, where the steps have no effect any more */
 static const real ip_boundary = 0.9995; /* part of the step to the boundary */
 
 /*
@@ -172,6 +174,7 @@ static inline real ip_longest(const interior_point *p)
 static inline int solve_interior_point(interior_point *p)
 {
     const int n = p->n, rows = p->rows + 1;
+    int good = 0;
     for (int i = 0; i <= n; ++i) {
         p->z[i] = 0.0;
     }
@@ -192,11 +195,12 @@ static inline int solve_interior_point(interior_point *p)
             off = fmax_1(off, fabs_1(p->primal[r]));
         }
         gap /= (real)rows;
-        if (gap * (real)rows <= ip_accuracy * p->price && off <= ip_accuracy) {
-            return is_finite(p->z, n + 1);
+        good = gap * (real)rows <= ip_gap_enough * p->price && off <= ip_accuracy && is_finite(p->z, n + 1);
+        if (good && gap * (real)rows <= ip_gap * p->price) {
+            return 1;
         }
         if (!ip_factor(p)) {
-            return 0;
+            return good;
         }
         for (int r = 0; r < rows; ++r) {
             p->scaled[r] = p->dual[r] * p->slack[r];
@@ -223,7 +227,7 @@ static inline int solve_interior_point(interior_point *p)
             p->dual[r] += length * p->d_dual[r];
         }
     }
-    return 0;
+    return good;
 }
 
 #endif
