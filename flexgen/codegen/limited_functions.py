@@ -24,7 +24,7 @@ LIMITED_FUNCTIONS = (
         "invert_limited_work",
         "invert_limited.c",
         "Length of the workspace of invert_limited, in reals; -1 where an option is out of range.",
-        "It depends on the number of limits: megabytes for a robot with six axes.",
+        "It depends on the number of limits: some tens of megabytes for a robot with six axes.",
         (Field("n", "int", (), "1", "samples of the path"), _OPTIONS, _LIMITS),
         returns="size",
         double=True,

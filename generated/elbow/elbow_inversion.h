@@ -273,7 +273,7 @@ elbow_status elbow_stream_limits(elbow_real *stream, const elbow_real torque_max
 /*
  * Length of the workspace of invert_limited, in reals; -1 where an option is out of range.
  *
- * It depends on the number of limits: megabytes for a robot with six axes.
+ * It depends on the number of limits: some tens of megabytes for a robot with six axes.
  *
  *   n        [1] samples of the path
  *   options      see elbow_inversion_options
