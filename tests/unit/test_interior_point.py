@@ -12,7 +12,7 @@ import numpy as np
 import osqp
 import pytest
 import scipy.sparse as sp
-from test_limits_stream import SHIM
+from clib_shim import SHIM
 from toolchain import needs_compiler
 
 from flexgen.build.compiler import find_compiler

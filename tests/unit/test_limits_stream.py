@@ -12,6 +12,7 @@ import numpy as np
 import osqp
 import pytest
 import scipy.sparse as sp
+from clib_shim import SHIM
 from toolchain import needs_compiler
 
 import flexgen
@@ -44,24 +45,6 @@ SIX_AXES = [
 ]
 FOLLOWED = 2e-6  # m: of the simulated tool; a thousandth of a deviation may act on the motion of now
 
-SHIM = """\
-#define PRECISE(fine, coarse) fine
-#include <math.h>
-typedef double real;
-static inline real fabs_1(real x) { return fabs(x); }
-static inline real square_root(real x) { return sqrt(x); }
-static inline real fmin_1(real a, real b) { return a < b ? a : b; }
-static inline real fmax_1(real a, real b) { return a > b ? a : b; }
-static inline int is_finite(const real *x, int n)
-{
-    for (int i = 0; i < n; ++i) {
-        if (!isfinite(x[i])) {
-            return 0;
-        }
-    }
-    return 1;
-}
-"""
 CALL = """\
 #include "model_qp.h"
 int run(int n, int rows, real *H, real *g, real *A, real *x, real *y, real *z, real *K, real *w, real *v, real *b,
