@@ -124,6 +124,7 @@ def test_cmake_takes_the_other_options(tmp_path):
     assert "-O2" not in flags and "-ffp-contract=off" in flags
 
 
+@pytest.mark.slow
 def test_a_plain_compiler_call_is_enough(tmp_path):
     run(
         CC,

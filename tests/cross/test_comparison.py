@@ -36,6 +36,7 @@ def test_each_model_is_better_than_the_simpler_one(beside) -> None:
     assert largest[0] > largest[1] > 10 * largest[2] > 100 * largest[3]
 
 
+@pytest.mark.slow
 def test_a_machine_without_elastic_coordinates_has_one_baseline() -> None:
     equations = derive("elbow")
     assert [s.method for s in compare_methods(equations, flexgen.solve(equations))] == ["rigid", "closed-form"]

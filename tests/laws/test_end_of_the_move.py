@@ -121,6 +121,7 @@ def test_a_mesh_that_resolves_a_fast_zero_ends_at_rest_too() -> None:
     assert solution.status is flexgen.Status.SOLVED and solution.tool_error_max_m < 5e-8 and not solution.warnings
 
 
+@pytest.mark.slow
 def test_joints_as_outputs_end_at_rest_too() -> None:
     """The output does not depend on the deflection, but held torques do not stop the arm while it still swings."""
     model = last_joint(read("planar5_nmp"), 0.01, 0.2)

@@ -109,6 +109,7 @@ def test_a_joint_can_be_kept(name):
     assert np.abs(p[1] - p[0] - LINE.displacement).max() < NANOMETER
 
 
+@pytest.mark.slow
 def test_a_joint_move_needs_no_rule():
     move = panda().model.move("joints")
     solution, expected = solve(panda(), move, progress=False), solve(PANDA, move, progress=False)

@@ -76,6 +76,7 @@ def test_limits_below_gravity_are_told() -> None:
         flexgen.solve("planar5_nmp", method="full", limits=Limits(torque=(5.0, 6.0)))
 
 
+@pytest.mark.slow
 def test_gear_torque_channel_is_that_of_the_gears() -> None:
     for name, changes in (("planar5_nmp", COMPLETE), ("elbow@rigid", {}), ("elbow", {})):
         equations = flexgen.derive(read(name, overrides=changes))

@@ -41,6 +41,7 @@ def test_the_second_time_nothing_is_done():
     assert [path.stat().st_mtime_ns for path in first.files] == times
 
 
+@pytest.mark.slow
 def test_a_cached_library_needs_no_casadi():
     folder = made("elbow").directory
     program = (

@@ -96,6 +96,7 @@ def test_the_page_needs_nothing_else_and_runs_no_text_of_a_model(tmp_path):
     assert write_motion(equations, trajectory, None, tmp_path, 1.0).read_text(encoding="utf-8") == text
 
 
+@pytest.mark.slow
 def test_reports_have_the_page_and_a_link_to_it(tmp_path):
     _, solution = solved("elbow")
     page = solution.report(tmp_path).read_text(encoding="utf-8")

@@ -119,6 +119,7 @@ def test_program() -> None:
     assert same(program, copied(program)) and copied(program) == program
 
 
+@pytest.mark.slow
 def test_tables_of_a_sweep() -> None:
     grid = flexgen.Grid(["elbow"], flexgen.random_moves(3), ["closed-form"], options={"verify": False})
     found = flexgen.sweep(grid, workers=0)

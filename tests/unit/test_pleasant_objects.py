@@ -84,6 +84,7 @@ def test_solutions_and_analyses_plot_themselves(solution):
         assert figure._repr_svg_().startswith("<svg")  # what a notebook shows
 
 
+@pytest.mark.slow
 def test_a_solution_writes_its_report(solution, tmp_path):
     path = solution.report(tmp_path / "r")
     assert path == tmp_path / "r" / "index.html" and "<svg" in path.read_text(encoding="utf-8")

@@ -117,6 +117,7 @@ def test_bounds_and_speeds_are_kept(seam, tour) -> None:
     assert speed[~on].max() > 0.22
 
 
+@pytest.mark.slow
 def test_joint_limits_of_the_model_are_kept(robot, tour) -> None:
     model = robot.model
     kinematics = InverseKinematics(robot)

@@ -246,6 +246,7 @@ def test_rigid_machine_has_no_deflections():
         figures_of.deflections(equations, solution.trajectory)
 
 
+@pytest.mark.slow
 def test_machines_without_extent_show_their_output():
     equations, solution = solved("four_mass@high", "step")
     figure = figures_of.robot(equations, solution.trajectory, solution.simulation)
@@ -253,6 +254,7 @@ def test_machines_without_extent_show_their_output():
     assert axes.get_ylabel() == "output, m"
 
 
+@pytest.mark.slow
 def test_analysis_is_written(tmp_path):
     analysis = flexgen.analyze("planar5_nmp", path=flexgen.plan("planar5_nmp"))
     path = analysis.report(tmp_path / "a")

@@ -43,6 +43,7 @@ def test_tables_keep_every_bit(tmp_path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.npz", "b.npz", "c.npz"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("pyarrow") is None, reason="no pyarrow; run: make setup-test")
 def test_parquet_has_types_and_units(tmp_path) -> None:
     from pyarrow import parquet
