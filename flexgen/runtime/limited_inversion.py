@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from dataclasses import replace
 from typing import Any
 
@@ -13,17 +12,13 @@ from flexgen.runtime.path_inversion import (
     Inversion,
     Inverter,
     array_of,
-    hold_of,
     number_of,
     parameters_of,
-    pointer,
-    pointers,
-    tolerance_of,
     whole_of,
 )
 from flexgen.runtime.structs import filled
 
-_LIMITS_ACTIVE, _LIMITS_INFEASIBLE = 2, -14  # statuses of the C
+_LIMITS_INFEASIBLE = -14  # a status of the C
 
 
 class LimitsInfeasibleError(SolverError):
@@ -39,6 +34,8 @@ class LimitedInverter(Inverter):
 
     It may be called from several threads, as `Inverter`.
     """
+
+    _fewest = "at least 9 knots on the path (knot_samples)"
 
     def __call__(
         self,
@@ -102,75 +99,16 @@ class LimitedInverter(Inverter):
                 limits[name] = array_of(function, name, x, (size,), self._real)
                 if not (limits[name] > 0).all():
                     raise ArgumentError(f"{function}, {name}: given {limits[name]}, expected positive numbers")
-        counts = {"n_pre": n_pre, "n_post": n_post, "samples_per_interval": samples_per_interval}
-        counts = {key: whole_of(function, key, value) for key, value in counts.items()}
-        tolerance = tolerance_of(self._real) if tolerance is None else tolerance
-        options = {**counts, **hold_of(function, hold, delay), "tolerance": number_of(function, "tolerance", tolerance)}
-        values = parameters_of(function, parameters, self._parameters)
-        return self._limited(
-            given,
-            values,
-            q,
-            number_of(function, "period", period),
-            options,
-            limits,
-            whole_of(function, "knot_samples", knot_samples),
-        )
+        options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay)
+        deviation = np.zeros_like(given["dy"])
+        knot_samples = whole_of(function, "knot_samples", knot_samples)
+        bounds = filled(self._structs["inversion_limits"], knot_samples=knot_samples, deviation=deviation, **limits)
+        values, period = parameters_of(function, parameters, self._parameters), number_of(function, "period", period)
+        return replace(self._inverted(given, values, q, period, options, bounds), deviation=deviation)
 
-    def _limited(
-        self,
-        given: dict[str, np.ndarray],
-        values: np.ndarray,
-        q_start: np.ndarray,
-        period: float,
-        options: dict[str, Any],
-        limits: dict[str, np.ndarray],
-        knot_samples: int,
-    ) -> Inversion:
-        """Call C with checked arguments."""
-        structs, n = self._structs, len(given["y"])
-        deviation = np.zeros((n, self._sizes["n_y"]), self._real)
-        chosen = filled(structs["inversion_options"], **options)
-        bounds = filled(structs["inversion_limits"], knot_samples=knot_samples, deviation=deviation, **limits)
-        size = int(self._work(ctypes.c_int(n), ctypes.byref(chosen), ctypes.byref(bounds)))
-        if size < 0:
-            raise ArgumentError(
-                f"{self._function}: given {n} samples, knot_samples {knot_samples} and {options}; expected at least 9 "
-                "knots on the path, n_pre and n_post at least 0, samples_per_interval at least 1, all at most a million"
-            )
-        work = self._workspace(size)
-        out = self._results(n + options["n_pre"] + options["n_post"])
-        path, motion = filled(structs["path"], n=n, period=period, **given), filled(structs["motion"], **out)
-        info = structs["inversion_info"](residual=np.nan)
-        status = int(
-            self._entry(
-                ctypes.byref(path),
-                *pointers(values),
-                pointer(q_start),
-                ctypes.byref(chosen),
-                ctypes.byref(bounds),
-                ctypes.byref(motion),
-                ctypes.byref(info),
-                pointer(work),
-                ctypes.c_int64(work.size),
-            )
-        )
-        self._pool.append(work)
-        reported: dict[str, Any] = {key: getattr(info, key) for key, *_ in structs["inversion_info"]._fields_}
+    def _check_status(self, status: int, reported: dict[str, Any]) -> None:
         if status == _LIMITS_INFEASIBLE:
-            raise LimitsInfeasibleError(
-                f"{self._function}: {self._failures[status][1]} (a limit is exceeded by {reported['limit_excess']:.2g} "
-                "of its value)",
-                reported["limit_excess"],
-            )
-        self._check_status(status, reported)
-        active = status == _LIMITS_ACTIVE
-        found = Inversion(
-            **out,
-            n_pre=options["n_pre"],
-            n_post=options["n_post"],
-            period=period,
-            converged=status == 0 or active,
-            **reported,
-        )
-        return replace(found, limits_active=active, deviation=deviation)
+            excess = reported["limit_excess"]
+            text = f"{self._failures[status][1]} (a limit is exceeded by {excess:.2g} of its value)"
+            raise LimitsInfeasibleError(f"{self._function}: {text}", excess)
+        super()._check_status(status, reported)

@@ -21,6 +21,7 @@ from flexgen.runtime.structs import filled, structs_of
 TOLERANCE = 1e-6  # of whole paths and streams: the residual of a deflection of 1e-8 rad or m
 SINGLE_TOLERANCE = 1e-3  # the same in single precision: residuals of rounding are smaller
 _HOLDS, _DELAY_MAX = ("spline", "linear", "zoh"), 4  # numbered in C; samples
+LIMITS_ACTIVE = 2  # a status of the C: of invert_limited only
 _RESULTS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m")
 
 
@@ -100,6 +101,8 @@ class Inverter:
 
     It may be called from several threads. Every call uses its own workspace, which is kept for later calls.
     """
+
+    _fewest = "at least 2 samples"
 
     def __init__(
         self,
@@ -204,13 +207,19 @@ class Inverter:
         function = self._function
         given = self._samples(y, dy, ddy)
         q = array_of(function, "q_start", q_start, (self._sizes["n_a"],), self._real)
-        counts = {"n_pre": n_pre, "n_post": n_post, "samples_per_interval": samples_per_interval}
-        counts = {key: whole_of(function, key, value) for key, value in counts.items()}
         period = number_of(function, "period", period)
-        held = hold_of(function, hold, delay)
-        tolerance = tolerance_of(self._real) if tolerance is None else tolerance
-        options = {**counts, **held, "tolerance": number_of(function, "tolerance", tolerance)}
+        options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay)
         return self._inverted(given, parameters_of(function, parameters, self._parameters), q, period, options)
+
+    def _options(
+        self, n_pre: Any, n_post: Any, samples_per_interval: Any, tolerance: Any, hold: Any, delay: Any
+    ) -> dict[str, Any]:
+        """The options of a call, checked."""
+        counts = {"n_pre": n_pre, "n_post": n_post, "samples_per_interval": samples_per_interval}
+        counts = {key: whole_of(self._function, key, value) for key, value in counts.items()}
+        tolerance = tolerance_of(self._real) if tolerance is None else tolerance
+        tolerance = number_of(self._function, "tolerance", tolerance)
+        return {**counts, **hold_of(self._function, hold, delay), "tolerance": tolerance}
 
     def _inverted(
         self,
@@ -219,12 +228,14 @@ class Inverter:
         q_start: np.ndarray,
         period: float,
         options: dict[str, Any],
+        *limits: ctypes.Structure,
     ) -> Inversion:
-        """Call C with checked arguments."""
+        """Call C with checked arguments; ``limits``: a further structure behind the options."""
         structs, n = self._structs, len(given["y"])
         counts = {name: options[name] for name in ("n_pre", "n_post", "samples_per_interval")}
         filled_options = filled(structs["inversion_options"], **options)
-        work = self._workspace(self._work_size(n, filled_options, counts))
+        further = tuple(ctypes.byref(x) for x in (filled_options, *limits))
+        work = self._workspace(self._work_size(n, further, counts))
         out = self._results(n + counts["n_pre"] + counts["n_post"])
         path, motion = filled(structs["path"], n=n, period=period, **given), filled(structs["motion"], **out)
         info = structs["inversion_info"](residual=np.nan)
@@ -233,7 +244,7 @@ class Inverter:
                 ctypes.byref(path),
                 *pointers(parameters),
                 pointer(q_start),
-                ctypes.byref(filled_options),
+                *further,
                 ctypes.byref(motion),
                 ctypes.byref(info),
                 pointer(work),
@@ -248,7 +259,8 @@ class Inverter:
             n_pre=counts["n_pre"],
             n_post=counts["n_post"],
             period=period,
-            converged=status == 0,
+            converged=status in (0, LIMITS_ACTIVE),
+            limits_active=status == LIMITS_ACTIVE,
             **reported,
         )
 
@@ -273,14 +285,14 @@ class Inverter:
         widths = (n_a, n_a, n_a, n_g, n_m, n_m, n_m)
         return {key: np.empty((total, width), self._real) for key, width in zip(_RESULTS, widths, strict=True)}
 
-    def _work_size(self, n: int, options: ctypes.Structure, counts: dict[str, int]) -> int:
+    def _work_size(self, n: int, options: tuple[Any, ...], counts: dict[str, int]) -> int:
         """Size of the workspace; ArgumentError where a count is out of range."""
-        size = int(self._work(ctypes.c_int(n), ctypes.byref(options)))
+        size = int(self._work(ctypes.c_int(n), *options))
         if size < 0:
             listed = ", ".join(f"{key} {value}" for key, value in counts.items())
             raise ArgumentError(
-                f"{self._function}: given {n} samples, {listed}; expected at least 2 samples, n_pre and n_post at "
-                "least 0, samples_per_interval at least 1, all at most a million"
+                f"{self._function}: given {n} samples, {listed}; expected {self._fewest}, n_pre and n_post at least 0, "
+                "samples_per_interval at least 1, all at most a million"
             )
         return size
 
