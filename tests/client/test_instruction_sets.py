@@ -83,7 +83,7 @@ def baseline(library):
 @pytest.mark.parametrize(
     ("model", "isa"),
     [
-        pytest.param(model, isa, marks=[pytest.mark.full] * (model == LARGE and isa != "native"))
+        pytest.param(model, isa, marks=[pytest.mark.full] * (model == LARGE))
         for model in MODELS
         for isa in ISAS
         if isa != "x86-64"

@@ -228,7 +228,7 @@ def test_the_other_move_with_twelve_elasticities() -> None:
     assert solution.status == Status.SOLVED and (solution.tool_error_max_m or 1) < MICRON / 10
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_the_referee_moves_the_tool_along_the_path() -> None:
     """The torque found, applied to Newton-Euler equations of another hand and integrated by another method."""
     model = read("planar5_nmp")

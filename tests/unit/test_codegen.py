@@ -39,8 +39,8 @@ ROUNDING, ROUNDING_TIMES_CONDITION = 1e-11, 1e-9
 
 
 # Large ones need half a minute of two cores each: the slow tests compile one of them, the full ones the others.
-LARGE = {"manutec_r3_24", "manutec_r3_30", "kr300_efjm"}
-FULL = LARGE - {"manutec_r3_30"}
+LARGE = {"manutec_r3_24", "manutec_r3_30", "kr300_efjm", "manutec_r3_efjm"}
+FULL = LARGE - {"manutec_r3_24"}
 NAMES = [
     name if name in SMALL else pytest.param(name, marks=pytest.mark.full if name in FULL else pytest.mark.slow)
     for name in model_names()

@@ -68,7 +68,7 @@ def stream_torques(library: Library, **options) -> np.ndarray:
     return np.concatenate(found)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_six_axes(tmp_path):
     """The payload of manutec_r3_24 as a run-time parameter and as a constant."""
     model = flexgen.read("manutec_r3_24", overrides={"payload.mass": 12.0})
