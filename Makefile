@@ -49,16 +49,16 @@ $(VENV)/.lint: $(VENV)/.installed
 	@touch $@
 
 # --- checks -----------------------------------------------------------------------------------------------------------
-test: $(VENV)/.test                ## the quick tests (about 4 minutes on two cores, 3 when run again)
-	@echo "flexgen: quick tests, about 4 minutes on two cores"
+test: $(VENV)/.test                ## the quick tests (about 3 minutes on two cores)
+	@echo "flexgen: quick tests, about 3 minutes on two cores"
 	@$(RUN_TESTS) -m 'not slow and not full and not robots' $(PYTEST)
 
-test-slow: $(VENV)/.test           ## the other tests (about 20 minutes on two cores)
-	@echo "flexgen: slow tests, about 20 minutes on two cores"
+test-slow: $(VENV)/.test           ## the other tests (about 18 minutes on two cores)
+	@echo "flexgen: slow tests, about 18 minutes on two cores"
 	@$(RUN_TESTS) -m 'slow and not full and not robots' $(PYTEST)
 
 test-full: $(VENV)/.test           ## what takes longer still: large random samples, large robots
-	@echo "flexgen: large random samples and robots, about 30 minutes on two cores"
+	@echo "flexgen: large random samples and robots, about 45 minutes on two cores"
 	@$(RUN_TESTS) -m full $(PYTEST)
 
 robots: $(VENV)/.test              ## 200 moves of elastic robots made from public URDF files

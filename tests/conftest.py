@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 import pytest
-from selection import ROOT, slow
+from selection import ROOT, full, slow
 
 from flexgen.build.object_cache import cache_folder
 from flexgen.errors import BuildError
@@ -19,8 +19,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         path = item.path.relative_to(ROOT / "tests").as_posix()
         case = getattr(item, "callspec", None)
-        if slow(path, "" if case is None else case.id):
+        words = "" if case is None else case.id
+        if slow(path, words):
             item.add_marker("slow")
+        if full(path, words):
+            item.add_marker("full")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -67,7 +67,7 @@ def test_closed_form_on_six_axes(move: str) -> None:
     assert errors_on_path(solution)[0] < MICRON / 10 and errors_on_path(solution)[1] < 1e-7
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_six_axes_with_twelve_elasticities() -> None:
     solution = flexgen.solve("manutec_r3_efjm", method="collocation")
     assert solution.status == Status.SOLVED

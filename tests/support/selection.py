@@ -4,7 +4,7 @@ A test is slow where
 
 - its folder or file stands in ``SLOW``,
 - it runs on a model that is not in ``QUICK_MODELS``, by the words of its id; files in ``ANY_MODEL`` are excepted,
-- its case stands in ``SLOW_CASES``,
+- its case stands in ``SLOW_CASES`` or ``FULL_CASES``,
 - it has ``@pytest.mark.slow``: for what the folder and the model do not say.
 """
 
@@ -79,7 +79,20 @@ SLOW_CASES = {
     "unit/test_structure.py": {"manutec_r3_30"},
     "unit/test_time_limit.py": {"bdf", "closed-form", "kunkel-mehrmann", "reduced"},
 }
+# Slow cases of a minute each, of which a shorter one stays: `make test-full` runs them.
+FULL_CASES = {
+    "client/test_cross_compile.py": {"abb_arm-double", "planar5_nmp-double"},
+    "client/test_product.py": {"planar5_nmp-double"},
+    "cross/test_inversion_accuracy.py": {"manutec_r3_30", "kr300_efjm"},
+    "laws/test_claimed_errors.py": {"manutec_r3_24@five bounds-zoh", "manutec_r3_24@five bounds-linear"},
+    "unit/test_time_limit.py": {"kunkel-mehrmann"},
+}
 OTHER_MODELS = {path.stem for path in (ROOT / "models").glob("*.toml")} - QUICK_MODELS
+
+
+def full(path: str, words: str) -> bool:
+    """Whether a case runs with the full tests only; parameters as of `slow`."""
+    return words in FULL_CASES.get(path, ())
 
 
 def slow(path: str, words: str) -> bool:
