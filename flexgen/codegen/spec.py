@@ -333,6 +333,12 @@ def library_spec(equations: Any, functions: Sequence[str] | None = None, *, prec
     parameters: tuple[Parameter, ...] = tuple(getattr(equations, "parameters", ()))
     if model.inversion_obstacle() is None:
         sizes |= {"n_y": model.output.size, "n_t": model.output.target_size}
+    for parameter in parameters:
+        if not parameter.run_time:
+            raise BuildError(
+                f"parameters: given {parameter.name!r}, expected payload, stiffness, damping or friction: rotors and "
+                "bodies are constants of a library; set them by overrides"
+            )
     if parameters:
         sizes["n_p"] = len(parameters)
     coordinates = tuple(c.name for c in model.coordinates)

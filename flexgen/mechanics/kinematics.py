@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from flexgen.mechanics.beam import ModalBeam, modal_beam
-from flexgen.model.elements import Body, Element, Placement, RobotModel
+from flexgen.model.elements import Body, Element, Matrix, Placement, RobotModel
 
 
 @dataclass(frozen=True)
@@ -76,9 +76,16 @@ def place(frame: Frame, placement: Placement) -> Frame:
     )
 
 
+def _matrix(rows: Matrix) -> ca.SX:
+    """A matrix of numbers, some of which may be symbols."""
+    if any(isinstance(x, ca.SX) for row in rows for x in row):
+        return ca.vertcat(*[ca.horzcat(*map(ca.SX, row)) for row in rows])
+    return ca.SX(ca.DM(np.array(rows)))
+
+
 def body_energies(frame: Frame, body: Body, gravity: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Kinetic and potential energy [J] of a body in its frame, and half the power of its drag [W]."""
-    com, inertia = ca.vertcat(*map(ca.SX, body.com)), ca.SX(ca.DM(np.array(body.inertia)))
+    com, inertia = ca.vertcat(*map(ca.SX, body.com)), _matrix(body.inertia)
     v_com = frame.v + ca.cross(frame.w, com)
     turning = ca.dot(frame.w, ca.mtimes(inertia, frame.w)) / 2
     kinetic = body.mass * ca.dot(v_com, v_com) / 2 + turning

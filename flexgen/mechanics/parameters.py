@@ -8,6 +8,10 @@ stiffness            every number of every spring: ``<coordinate>.stiffness``, `
 damping              of every gear and spring: ``<coordinate>.damping``
 friction             of every motor and joint: ``<motor>.viscous``, ``.coulomb`` ..., ``<coordinate>.viscous`` ...
 payload.mass, ...    a single number, or all of one kind of one part: ``q2.stiffness``, ``m1.friction``
+m1.viscous, ...      a single number of a friction law, also one that is zero in the file
+m1.inertia           inertia of a rotor; only by its own name, and not in generated libraries
+arm1.mass, ...       mass, ``com_x`` .. and ``inertia_xx``, ``inertia_xy`` .. of a body
+                     as inertias of rotors
 ==================== ==============================================================================================
 
 Units are those of the side where the number is stated: on the motor side angles, even where the joint is a translation.
@@ -15,7 +19,7 @@ Units are those of the side where the number is stated: on the motor side angles
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -33,12 +37,18 @@ _LINEAR = {"N m/rad": "N/m", "N m/rad^3": "N/m^3", "rad": "m", "N m s/rad": "N s
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of the model that may change at run time: name, value in the file, unit, meaning."""
+    """A number of the model that may change at run time: name, value in the file, unit, meaning.
+
+    ``key``: dotted path of the number in a model file, such as ``motor.m1.friction.viscous``. ``run_time``: whether a
+    generated library can take it as an argument.
+    """
 
     name: str
     value: float
     unit: str
     doc: str = ""
+    key: str = ""
+    run_time: bool = True
 
 
 @dataclass(frozen=True)
@@ -65,6 +75,20 @@ def parametrized(model: RobotModel, names: Sequence[str]) -> Parametrized:
     """
     if isinstance(names, str):
         raise ArgumentError(f"parameters: given the text {names!r}, expected a sequence of names")
+    chosen = select(model, names)
+    symbols = ca.SX.sym("parameters", len(chosen))
+    values = {parameter.name: symbols[k] for k, parameter in enumerate(chosen)}
+    return Parametrized(with_values(model, values), model, symbols, chosen)
+
+
+def select(model: RobotModel, names: Sequence[str]) -> tuple[Parameter, ...]:
+    """The numbers of a model that ``names`` stand for, in the order of the model; see the table above.
+
+    Raises
+    ------
+    ArgumentError
+        For a name that the model does not have; the message lists those that it has.
+    """
     every: list[tuple[Parameter, tuple[str, ...]]] = []
 
     def note(parameter: Parameter, *groups: str) -> Any:
@@ -72,18 +96,20 @@ def parametrized(model: RobotModel, names: Sequence[str]) -> Parametrized:
         return parameter.value
 
     _walk(model, note)
-    known = sorted({group for _, groups in every for group in groups})
+    known = {group for _, groups in every for group in groups}
     for name in names:
         if name not in known:
-            raise ArgumentError(f"parameters: given {name!r}, expected some of {', '.join(known)}")
-    chosen = [parameter for parameter, groups in every if any(name in groups for name in names)]
-    symbols = ca.SX.sym("parameters", len(chosen))
-    at = {parameter.name: symbols[k] for k, parameter in enumerate(chosen)}
+            # numbers in no group (zero in the file, inertias of rotors) are too many to list
+            listed = sorted(known - {parameter.name for parameter, groups in every if len(groups) == 1})
+            raise ArgumentError(f"parameters: given {name!r}, expected some of {', '.join(listed)}")
+    return tuple(parameter for parameter, groups in every if any(name in groups for name in names))
 
-    def put(parameter: Parameter, *groups: str) -> Any:
-        return at.get(parameter.name, parameter.value)
 
-    return Parametrized(_walk(model, put) if chosen else model, model, symbols, tuple(chosen))
+def with_values(model: RobotModel, values: Mapping[str, Any]) -> RobotModel:
+    """The model with other values of some numbers; the keys of ``values`` are names of parameters."""
+    if not values:
+        return model
+    return _walk(model, lambda parameter, *groups: values.get(parameter.name, parameter.value))
 
 
 Visit = Callable[..., Any]
@@ -103,74 +129,107 @@ def _linear(unit: str) -> str:
 def _walk(model: RobotModel, visit: Visit) -> RobotModel:
     """The model with every number that may be a parameter replaced by what the visitor returns."""
     elements = tuple(
-        replace(element, dofs=tuple(_dof(dof, visit) for dof in element.dofs)) if element.dofs else element
+        replace(
+            element,
+            dofs=tuple(_dof(dof, f"element.{element.name}.dof.{dof.name}", visit) for dof in element.dofs),
+            body=_body(element.body, element.name, visit),
+        )
         for element in model.elements
     )
     motors = tuple(_motor(motor, visit) for motor in model.motors)
     return replace(model, elements=elements, motors=motors, payload=_payload(model.payload, visit))
 
 
+def _body(body: Body, name: str, visit: Visit) -> Body:
+    """Ten numbers, each by its own name only."""
+
+    def number(kind: str, value: float, unit: str, key: str) -> Any:
+        key = f"element.{name}.body.{key}"
+        return visit(Parameter(f"{name}.{kind}", value, unit, f"body of {name}: {kind}", key, run_time=False))
+
+    mass = number("mass", body.mass, "kg", "mass")
+    com = tuple(
+        number(f"com_{axis}", x, "m", f"com.{k}") for k, (axis, x) in enumerate(zip("xyz", body.com, strict=True))
+    )
+    entries = {}
+    for k, (i, j) in enumerate(((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))):  # the order of a model file
+        kind = f"inertia_{'xyz'[i]}{'xyz'[j]}"
+        entries[i, j] = entries[j, i] = number(kind, body.inertia[i][j], "kg m^2", f"inertia.{k}")
+    inertia = tuple(tuple(entries[i, j] for j in range(3)) for i in range(3))
+    return replace(body, mass=mass, com=com, inertia=inertia)
+
+
 def _payload(payload: Body, visit: Visit) -> Body:
-    mass = visit(Parameter("payload.mass", payload.mass, "kg", "payload: mass"), "payload")
+    mass = visit(Parameter("payload.mass", payload.mass, "kg", "payload: mass", "payload.mass"), "payload")
     doc = (
         "payload: center of mass in the frame that the tool is attached to; "
         "its inertia about the center stays that of the file"
     )
     com = tuple(
-        visit(Parameter(f"payload.com_{axis}", x, "m", doc), "payload", "payload.com")
-        for axis, x in zip("xyz", payload.com, strict=True)
+        visit(Parameter(f"payload.com_{axis}", x, "m", doc, f"payload.com.{k}"), "payload", "payload.com")
+        for k, (axis, x) in enumerate(zip("xyz", payload.com, strict=True))
     )
     return replace(payload, mass=mass, com=com)
 
 
-def _dof(dof: Dof, visit: Visit) -> Dof:
+def _dof(dof: Dof, key: str, visit: Visit) -> Dof:
     units = _linear if dof.type == "translation" else _angular
     part = f"{dof.name}, arm side" if dof.gear is not None else dof.name
-    changes: dict[str, Any] = {"friction": _friction(dof.friction, dof.name, part, units, visit)}
+    changes: dict[str, Any] = {"friction": _friction(dof.friction, dof.name, part, units, key, visit)}
     if dof.gear is not None:
-        changes["gear"] = _gear(dof.gear, dof.name, units, visit)
+        changes["gear"] = _gear(dof.gear, dof.name, units, f"{key}.gear", visit)
     if dof.spring is not None:
-        changes["spring"] = _spring(dof.spring, dof.name, part, units, visit)
-        changes["damping"] = _damping(dof.damping, dof.name, part, units, visit)
+        changes["spring"] = _spring(dof.spring, dof.name, part, units, f"{key}.spring", visit)
+        changes["damping"] = _damping(dof.damping, dof.name, part, units, key, visit)
     return replace(dof, **changes)
 
 
-def _gear(gear: Gear, name: str, units: Units, visit: Visit) -> Gear:
+def _gear(gear: Gear, name: str, units: Units, key: str, visit: Visit) -> Gear:
     if gear.spring is None:
         return gear
     part, units = f"{name}, {gear.side} side", _angular if gear.side == "motor" else units
-    spring = _spring(gear.spring, name, part, units, visit)
-    return replace(gear, spring=spring, damping=_damping(gear.damping, name, part, units, visit))
+    spring = _spring(gear.spring, name, part, units, f"{key}.spring", visit)
+    return replace(gear, spring=spring, damping=_damping(gear.damping, name, part, units, key, visit))
 
 
-def _damping(value: float, name: str, part: str, units: Units, visit: Visit) -> Any:
-    return visit(Parameter(f"{name}.damping", value, units("N m s/rad"), f"damping of {part}"), "damping")
+def _damping(value: float, name: str, part: str, units: Units, key: str, visit: Visit) -> Any:
+    parameter = Parameter(f"{name}.damping", value, units("N m s/rad"), f"damping of {part}", f"{key}.damping")
+    return visit(parameter, "damping")
 
 
-def _spring(spring: Spring, name: str, part: str, units: Units, visit: Visit) -> Spring:
+def _spring(spring: Spring, name: str, part: str, units: Units, key: str, visit: Visit) -> Spring:
     def number(kind: str) -> Parameter:
-        return Parameter(f"{name}.{kind}", getattr(spring, kind), units(_SPRING_UNITS[kind]), f"spring of {part}")
+        unit = units(_SPRING_UNITS[kind])
+        return Parameter(f"{name}.{kind}", getattr(spring, kind), unit, f"spring of {part}", f"{key}.{kind}")
 
     return replace(spring, **{field.name: visit(number(field.name), "stiffness") for field in fields(spring)})
 
 
 def _motor(motor: Motor, visit: Visit) -> Motor:
-    return replace(
-        motor, friction=_friction(motor.friction, motor.name, f"motor {motor.name}, motor side", _angular, visit)
+    part, key = f"motor {motor.name}, motor side", f"motor.{motor.name}"
+    rotor = Parameter(
+        f"{motor.name}.inertia", motor.inertia, "kg m^2", f"rotor of {part}", f"{key}.inertia", run_time=False
     )
+    inertia = visit(rotor)
+    return replace(motor, inertia=inertia, friction=_friction(motor.friction, motor.name, part, _angular, key, visit))
 
 
-def _friction(friction: Friction, name: str, part: str, units: Units, visit: Visit) -> Friction:
-    """Only terms that the file has: a friction that is zero there costs nothing and stays zero."""
+def _friction(friction: Friction, name: str, part: str, units: Units, key: str, visit: Visit) -> Friction:
+    """Terms that are zero in the file belong to no group: they cost nothing and stay zero unless they are named."""
     return replace(
         friction,
         **{
             field.name: visit(
-                Parameter(f"{name}.{field.name}", value, units(field.metadata["unit"]), f"friction of {part}"),
-                "friction",
-                f"{name}.friction",
+                Parameter(
+                    f"{name}.{field.name}",
+                    value,
+                    units(field.metadata["unit"]),
+                    f"friction of {part}",
+                    f"{key}.friction.{field.name}",
+                ),
+                *(("friction", f"{name}.friction") if value != 0.0 else ()),
             )
             for field in fields(friction)
-            if (value := getattr(friction, field.name)) != 0.0
+            for value in (getattr(friction, field.name),)
         },
     )

@@ -20,6 +20,7 @@ _STRING = re.compile(
     re.DOTALL,
 )
 _SCALAR = re.compile(r"[^,\]}#\n]*")
+_LINE = re.compile(r"[^\n]*")
 
 
 @dataclass
@@ -63,7 +64,7 @@ def parse(text: str, file: str = "") -> Entry:
         given = f"text that is not TOML ({reason[:1].lower()}{reason[1:]})"
         raise TextError(line, given, "TOML 1.0") from None
     check_depth(data)
-    return _attach(data, (), _Scanner(text).lines, 1, file)
+    return _attach(data, (), Scanner(text).lines, 1, file)
 
 
 def check_depth(data: Any) -> None:
@@ -114,13 +115,21 @@ def _attach(data: Any, path: Path, lines: dict[Path, int], line: int, file: str)
     return Entry(data, line, file)
 
 
-class _Scanner:
-    """Finds the line of each key and list entry in text that is valid TOML; ``lines`` maps paths to lines."""
+class Scanner:
+    """Finds each key and list entry in text that is valid TOML.
+
+    ``lines``: path -> line of its key; ``spans``: path of a number, text, date or truth value -> first character and
+    the one after its last; ``braces``: path of an inline table -> place of its closing brace; ``headers``: path of a
+    table -> place of the end of its header's line.
+    """
 
     def __init__(self, text: str) -> None:
         self.text, self.pos = text, 0
         self.breaks = [match.start() for match in re.finditer("\n", text)]
         self.lines: dict[Path, int] = {}
+        self.spans: dict[Path, tuple[int, int]] = {}
+        self.braces: dict[Path, int] = {}
+        self.headers: dict[Path, int] = {}
         self.counts: dict[Path, int] = {}  # entries of each array of tables so far
         here: Path = ()
         while self.skip():
@@ -135,6 +144,7 @@ class _Scanner:
         return self.pos < len(self.text)
 
     def match(self, pattern: re.Pattern[str], pos: int) -> int:
+        """The end of what matches at a place, or the place itself."""
         found = pattern.match(self.text, pos)
         return pos if found is None else found.end()
 
@@ -145,6 +155,7 @@ class _Scanner:
             self.lines.setdefault(path[:n], line)
 
     def header(self) -> Path:
+        """Read the header of a table."""
         many = self.text.startswith("[[", self.pos)
         start = self.pos
         self.pos += 2 if many else 1
@@ -161,6 +172,7 @@ class _Scanner:
             path = (*path, self.counts[path] - 1)
         self.note(path)
         self.pos = end
+        self.headers[path] = self.match(_LINE, end)
         return path
 
     def keys(self) -> list[str]:
@@ -181,6 +193,7 @@ class _Scanner:
             self.pos += 1
 
     def pair(self, here: Path) -> None:
+        """Read a key and its value."""
         start = self.pos
         path = (*here, *self.keys())
         after, self.pos = self.pos + 1, start
@@ -189,10 +202,13 @@ class _Scanner:
         self.value(path)
 
     def value(self, path: Path) -> None:
+        """Read a value."""
         self.skip()
         first = self.text[self.pos]
+        start = self.pos
         if first in "\"'":
             self.pos = self.match(_STRING, self.pos)
+            self.spans[path] = (start, self.pos)
         elif first in "[{":
             self.pos += 1
             index = 0
@@ -208,6 +224,9 @@ class _Scanner:
                     self.note((*path, index))
                     self.value((*path, index))
                     index += 1
+            if first == "{":
+                self.braces[path] = self.pos
             self.pos += 1
         else:
             self.pos = self.match(_SCALAR, self.pos)
+            self.spans[path] = (start, start + len(self.text[start : self.pos].rstrip()))

@@ -1,0 +1,112 @@
+"""Change numbers in the text of a model file; comments, order and layout of all other lines stay."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, cast
+
+from flexgen.errors import ModelError
+from flexgen.model.checked_table import entry_name
+from flexgen.model.toml_lines import Entry, Path, Scanner, parse
+
+
+def with_numbers(
+    text: str, numbers: Mapping[str, float], file: str = "", sources: Mapping[str, str] | None = None
+) -> str:
+    """The text of a TOML file with some numbers replaced, or added where their table is there.
+
+    Parameters
+    ----------
+    text : str
+        A model file.
+    numbers : mapping
+        Dotted path -> value; an entry of a list by its name or index: ``element.arm1.dof.q1.gear.damping``.
+    file : str
+        Name of the file, for messages.
+    sources : mapping, optional
+        Dotted path -> a comment (one line) that is put at the end of the line of the number.
+
+    Raises
+    ------
+    ModelError
+        A path leads to no number, or a number is not finite.
+    """
+    text = text.replace("\r\n", "\n")
+    root, places = parse(text, file), Scanner(text)
+    edits: list[tuple[int, int, str]] = []
+    new: dict[Path, dict[str, Any]] = {}  # what is missing, by the table that it is missing in
+    notes: dict[int, list[str]] = {}
+    for dotted, value in numbers.items():
+        if not math.isfinite(value):
+            raise ModelError(file, 0, dotted, repr(value), "a finite number")
+        path, missing = _resolve(root, dotted, file)
+        if missing:
+            if path and path not in places.braces and path not in places.headers:
+                given = f"no {'.'.join(missing)}"
+                raise ModelError(file, places.lines.get(path, 0), dotted, given, "a table of the file that can have it")
+            at = places.braces.get(path, places.headers.get(path, len(text)))
+            inner = new.setdefault(path, {})
+            for word in missing[:-1]:
+                inner = inner.setdefault(word, {})
+            inner[missing[-1]] = float(value)
+        elif path in places.spans:
+            at, end = places.spans[path]
+            edits.append((at, end, repr(float(value))))
+        else:
+            raise ModelError(file, places.lines.get(path, 0), dotted, "a table or list", "a number")
+        if sources and dotted in sources and (path or not missing):
+            line_end = text.find("\n", at)
+            notes.setdefault(len(text) if line_end < 0 else line_end, []).append(sources[dotted])
+    for path, tables in new.items():
+        edits.append(_addition(text, places, path, tables))
+    edits += [(at, at, f"  # {'; '.join(dict.fromkeys(words))}") for at, words in notes.items()]
+    # from the end, so that places before an edit stay right; at one place a comment comes before new lines
+    for start, end, words in sorted(edits, key=lambda edit: (edit[0], not edit[2].startswith("  #")), reverse=True):
+        text = text[:start] + words + text[end:]
+    return text
+
+
+def _addition(text: str, places: Scanner, path: Path, tables: dict[str, Any]) -> tuple[int, int, str]:
+    """The edit that adds keys to a table."""
+    if not path:  # tables of the root, at the end
+        rows = [
+            f"\n[{name}]\n" + "".join(f"{k} = {_plain(x)}\n" for k, x in keys.items()) for name, keys in tables.items()
+        ]
+        return len(text), len(text), "".join(rows)
+    pairs = [f"{name} = {_plain(value)}" for name, value in tables.items()]
+    if path in places.braces:
+        start = len(text[: places.braces[path]].rstrip())
+        return start, start, ("" if text[start - 1] in "{," else ",") + " " + ", ".join(pairs)
+    return places.headers[path], places.headers[path], "".join(f"\n{pair}" for pair in pairs)
+
+
+def _plain(value: Any) -> str:
+    """A number, vector (keys are indices, missing entries zero) or table in TOML."""
+    if not isinstance(value, dict):
+        return repr(value)
+    if all(key.isdigit() for key in value):
+        return f"[{', '.join(repr(value.get(str(k), 0.0)) for k in range(3))}]"
+    return f"{{ {', '.join(f'{key} = {_plain(x)}' for key, x in value.items())} }}"
+
+
+def _resolve(root: Entry, dotted: str, file: str) -> tuple[Path, tuple[str, ...]]:
+    """The path of what is there, and the keys that are missing below it."""
+    here, path = root, cast(Path, ())
+    words = dotted.split(".")
+    for n, word in enumerate(words):
+        key: str | int | None
+        if isinstance(here.value, dict):
+            key = word if word in here.value else None
+        elif isinstance(here.value, list):
+            names = [entry_name(entry) for entry in here.value]
+            key = names.index(word) if word in names else int(word) if word.isdigit() else None
+            key = key if key is None or key < len(names) else None
+        else:
+            key = None
+        if key is None:
+            if isinstance(here.value, dict):
+                return path, tuple(words[n:])
+            raise ModelError(file, here.line, ".".join(words[: n + 1]), "nothing of this name", "a part of the model")
+        here, path = here.value[key], (*path, key)
+    return path, ()
