@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 from flexgen.build.compiler import find_compiler
-from flexgen.build.generate import MANIFEST, generate
+from flexgen.build.generate import MANIFEST, Generated, generate
 from flexgen.build.library_cache import mark_used, prune
 from flexgen.build.object_cache import cache_folder
 from flexgen.codegen.spec import library_name
@@ -60,8 +61,40 @@ def inversion_library(
     if reason is not None:
         raise ArgumentError(f"method {method}: {reason}; use --method full")
     check_time(f"method {method}")
+    functions = tuple(name for name in INVERSION if name != "inversion_jacobians" or model.n_e)
+    return library_with(model, functions, native=native, progress=progress)
+
+
+def library_with(
+    model: RobotModel,
+    functions: Sequence[str],
+    *,
+    parameters: Sequence[str] = (),
+    native: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> Library:
+    """The library of a model with some functions of the C library, made once for each model and kept in the cache.
+
+    Parameters
+    ----------
+    model : RobotModel
+    functions : sequence of str
+        Names of the functions.
+    parameters : sequence of str
+        Numbers of the model that are arguments of the functions.
+    native : bool
+        Compile for this processor: often faster, and the last digits depend on the processor.
+    progress : callable, optional
+        Called with one line of text before a long step.
+
+    Raises
+    ------
+    BuildError
+        There is no compiler, or it fails.
+    """
     with paused():
-        return _loaded(_Key(model), native, progress if progress is not None else _silent)
+        what = _What(tuple(functions), tuple(parameters), native)
+        return _loaded(_Key(model), what, progress if progress is not None else _silent)
 
 
 def _silent(line: str) -> None:
@@ -81,46 +114,58 @@ class _Key:
         return isinstance(other, _Key) and other.digest == self.digest
 
 
+@dataclass(frozen=True)
+class _What:
+    """What a library has: names of functions and run-time parameters, and whether it is for this processor only."""
+
+    functions: tuple[str, ...]
+    parameters: tuple[str, ...]
+    native: bool
+
+    def generate(self, model: RobotModel, folder: Path, progress: Callable[[str], None]) -> Generated:
+        """Generate the library, or find that it is there."""
+        return generate(
+            model, folder, functions=self.functions, parameters=self.parameters, native=self.native, progress=progress
+        )
+
+
 @lru_cache(maxsize=KEPT)
-def _built(key: _Key, native: bool) -> list[Library]:
+def _built(key: _Key, what: _What) -> list[Library]:
     """Holder of the library of a model, kept by this process."""
     return []
 
 
-def _loaded(key: _Key, native: bool, progress: Callable[[str], None]) -> Library:
-    holder = _built(key, native)
+def _loaded(key: _Key, what: _What, progress: Callable[[str], None]) -> Library:
+    holder = _built(key, what)
     if not holder:
         model = key.model
-        functions = [name for name in INVERSION if name != "inversion_jacobians" or model.n_e]
         root = cache_folder()
         processor = " ".join(sorted(instruction_sets() or ()))  # computers that share the cache can differ
-        mark = hashlib.sha256(f"{key.digest} {native} {processor}".encode()).hexdigest()[:16]
+        mark = hashlib.sha256(f"{key.digest} {what} {processor}".encode()).hexdigest()[:16]
         if root is None:
             with tempfile.TemporaryDirectory() as folder:
-                made = generate(model, Path(folder) / "library", functions=functions, native=native, progress=progress)
+                made = what.generate(model, Path(folder) / "library", progress)
                 holder.append(load(made.directory))
         else:
             target = root / "libraries" / f"{library_name(model)}-{mark}"
-            holder.append(_kept(model, target, functions, native, progress))
+            holder.append(_kept(model, target, what, progress))
     else:
         mark_used(holder[0].directory)
     return holder[0]
 
 
-def _kept(
-    model: RobotModel, target: Path, functions: list[str], native: bool, progress: Callable[[str], None]
-) -> Library:
+def _kept(model: RobotModel, target: Path, what: _What, progress: Callable[[str], None]) -> Library:
     """The library in a folder of the cache; generated where it is missing."""
     there = (target / MANIFEST).exists()
     mark_used(target)
     try:
-        made = generate(model, target, functions=functions, native=native, progress=progress)
+        made = what.generate(model, target, progress)
         library = load(made.directory)
     except (BuildError, OSError):
         if not there or (target / MANIFEST).exists():
             raise
         # another process removed it meanwhile; a new one is not removed
-        made = generate(model, target, functions=functions, native=native, progress=progress)
+        made = what.generate(model, target, progress)
         library = load(made.directory)
     if made.written:
         prune(target.parent)

@@ -195,6 +195,33 @@ def compare_plants(
     return out
 
 
+def tool_errors(
+    robot: Equations,
+    nominal: Equations,
+    solution: Solution,
+    control: str = "feedback",
+    bandwidth: Bandwidth | None = None,
+) -> dict[str, Any]:
+    """Errors of the tool of one robot under the torques of a solution, as in a row of `compare_plants`.
+
+    Parameters
+    ----------
+    robot : Equations
+        The robot that moves.
+    nominal : Equations
+        Of the model that the gains of the motor controllers come from.
+    solution : Solution
+    control : str
+        ``"feedforward"`` or ``"feedback"``.
+    bandwidth : Bandwidth, optional
+    """
+    if control not in CONTROLS:
+        raise ArgumentError(f"control: given {control!r}, expected {' or '.join(CONTROLS)}")
+    path = Path(nominal, solution.move)
+    gains = _gains(nominal, path, bandwidth or Bandwidth()) if control == "feedback" else None
+    return _Run(robot, path, solution.trajectory, float(solution.trajectory.time[-1]), gains).figures()
+
+
 def _gains(equations: Equations, path: Path, bandwidth: Bandwidth) -> tuple[np.ndarray, float, float]:
     """k_v (n_m) [N m s/rad], k_p and k_i [1/s]."""
     model = equations.model

@@ -136,6 +136,15 @@ class Function:
         self._pool.append(self._buffers())  # refused where closed
         return self._again
 
+    def batch_address(self) -> tuple[int, np.ndarray]:
+        """Address of the function for many points in C, and a workspace for it.
+
+        For C that calls it by itself, without the checks of a call from Python; the library must not be closed before.
+        """
+        where: Any = self._entries.batch
+        work = np.zeros(max(self._entries.batch_work(), 1), self._real)
+        return ctypes.cast(where, ctypes.c_void_p).value or 0, work
+
     def __call__(self, *args: Any, out: Any = None, **named: Any) -> Any:
         """Evaluate at one point or at many; see the class."""
         if named or len(args) != self._count:

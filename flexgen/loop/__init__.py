@@ -1,0 +1,1 @@
+"""The sampled closed loop around the emitted model: sensors, drives, hold, delay and noise."""
