@@ -48,7 +48,7 @@ FLOORS = {
     "inversion": 6,
     "sweeps": 7,
     "loop": 7,
-    "identify": 8,
+    "identification": 8,
     "control": 8,
     "export": 8,
     "plots": 9,
@@ -56,7 +56,7 @@ FLOORS = {
     "cli": 11,
     "__main__": 12,
 }
-SIBLINGS = ["identify", "control", "export"]  # applications on top of inversion: none imports another
+SIBLINGS = ["identification", "control", "export"]  # applications on top of inversion: none imports another
 
 WITHOUT_CASADI = ["errors", "ports", "trajectory", "model", "clib", "runtime", "cli", "__main__"]
 INSTANT = ["cli", "__main__"]  # behind --help: the standard library only

@@ -1,0 +1,1 @@
+"""Identification: from measurements of a robot to the parameters of its model."""

@@ -1,0 +1,220 @@
+"""Excitation: multisine references of the motor speeds, orthogonal over the motors, and the plan of an experiment.
+
+    w_ref,j(t) = sum_l A_lj cos(2 pi f_l t + phi_rlj + 2 pi j e / n_m)          experiment e of realization r
+
+Lines f_l are odd multiples of 1 over the period, spaced logarithmically; the phases phi are random. The phases of the
+n_m experiments of a realization differ by those of a discrete Fourier transform: with equal drives their inputs are
+orthogonal, so that the frequency responses of all motors are measured with all of them moving.
+
+Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, ch. 5; T. Dobrowiecki and J. Schoukens,
+Automatica 43(9), 2007 (orthogonal random-phase multisines).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.identification import files
+from flexgen.loop.closed_loop import Cascade, DriveHardware
+from flexgen.model.elements import RobotModel
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plan:
+    """An experiment: poses, references and drives.
+
+    Parameters
+    ----------
+    model : str
+        As `flexgen.read` takes it.
+    digest : str
+        Of the model's data.
+    motors : tuple of str
+    poses : array (k, n_m) [rad]
+        Motor angles, motor side, about which the robot moves.
+    lines : array of int (lines,)
+        Excited multiples of ``1 / period_s``.
+    period_s : float [s]
+    amplitudes : array (lines, n_m) [rad/s]
+        Of the motor speeds, motor side.
+    phases : array (realizations, lines, n_m) [rad]
+    periods, transients : int
+        Periods that are measured, and periods before them that are not.
+    hardware : DriveHardware
+    controller : Cascade
+    predicted : dict of str to float
+        Expected standard deviation of the logarithm of each parameter, where it was computed.
+    """
+
+    model: str
+    digest: str
+    motors: tuple[str, ...]
+    poses: np.ndarray
+    lines: np.ndarray
+    period_s: float
+    amplitudes: np.ndarray
+    phases: np.ndarray
+    periods: int
+    transients: int
+    hardware: DriveHardware
+    controller: Cascade
+    predicted: dict[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return (
+            f"<Plan {self.model}: {len(self.poses)} poses, {self.realizations} x {self.experiments} experiments of "
+            f"{self.transients} + {self.periods} periods of {self.period_s:g} s, {len(self.lines)} lines "
+            f"{self.frequencies[0]:.3g} .. {self.frequencies[-1]:.3g} Hz: {self.duration_s:.0f} s>"
+        )
+
+    @property
+    def experiments(self) -> int:
+        """Number of experiments in a realization: one for each motor."""
+        return len(self.motors)
+
+    @property
+    def realizations(self) -> int:
+        """Number of realizations of the random phases."""
+        return len(self.phases)
+
+    @property
+    def samples(self) -> int:
+        """Samples in a period."""
+        return round(self.period_s / self.hardware.sample_s)
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """Frequencies of the lines [Hz], (lines,)."""
+        return self.lines / self.period_s
+
+    @property
+    def duration_s(self) -> float:
+        """Time that the robot moves [s]."""
+        runs = len(self.poses) * self.realizations * self.experiments
+        return runs * (self.periods + self.transients) * self.period_s
+
+    @property
+    def speed_sd(self) -> np.ndarray:
+        """Standard deviation of the reference of each motor's speed [rad/s], (n_m,)."""
+        return np.sqrt((self.amplitudes**2).sum(axis=0) / 2)
+
+    def reference(self, realization: int, experiment: int) -> np.ndarray:
+        """Deviation of the motor angles from the pose over one period [rad], (samples, n_m)."""
+        w = 2 * np.pi * self.frequencies
+        t = np.arange(self.samples) * self.hardware.sample_s
+        turn = 2 * np.pi * np.arange(len(self.motors)) * experiment / self.experiments
+        phase = self.phases[realization] + turn
+        out = np.zeros((len(t), len(self.motors)))
+        for line in range(len(w)):  # angles are integrals of the speeds: sin(w t + phi) A / w
+            out += self.amplitudes[line] / w[line] * np.sin(w[line] * t[:, None] + phase[line])
+        return out
+
+    def save(self, path: str | Path) -> Path:
+        """Write an npz file, which `load` reads."""
+        return files.save(path, "plan", *self.data())
+
+    @classmethod
+    def load(cls, path: str | Path) -> Plan:
+        """Read a file of `save`; ArgumentError where it is none."""
+        return cls.from_data(
+            *files.load(
+                path,
+                "plan",
+                (
+                    "poses",
+                    "lines",
+                    "amplitudes",
+                    "phases",
+                    "position_gain",
+                    "speed_gain",
+                    "integral_gain",
+                    "torque_max",
+                ),
+            )
+        )
+
+    def data(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays and other data of a file."""
+        arrays = {
+            "poses": self.poses,
+            "lines": self.lines,
+            "amplitudes": self.amplitudes,
+            "phases": self.phases,
+            "position_gain": self.controller.position_gain,
+            "speed_gain": self.controller.speed_gain,
+            "integral_gain": self.controller.integral_gain,
+        }
+        hardware = {key: value for key, value in vars(self.hardware).items() if key != "torque_max_Nm"}
+        arrays["torque_max"] = np.array(self.hardware.torque_max_Nm)
+        meta = {
+            "model": self.model,
+            "digest": self.digest,
+            "motors": list(self.motors),
+            "period_s": self.period_s,
+            "periods": self.periods,
+            "transients": self.transients,
+            "hardware": hardware,
+            "predicted": self.predicted,
+        }
+        return arrays, meta
+
+    @classmethod
+    def from_data(cls, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> Plan:
+        """The plan with these data; the inverse of `data`."""
+        gains = [arrays[name] for name in ("position_gain", "speed_gain", "integral_gain")]
+        hardware = DriveHardware(**meta["hardware"], torque_max_Nm=tuple(arrays["torque_max"].tolist()))
+        return cls(
+            meta["model"], meta["digest"], tuple(meta["motors"]), arrays["poses"], arrays["lines"].astype(int),
+            float(meta["period_s"]), arrays["amplitudes"], arrays["phases"], int(meta["periods"]),
+            int(meta["transients"]), hardware, Cascade(*gains), dict(meta["predicted"]),
+        )  # fmt: skip
+
+
+def odd_lines(f_min: float, f_max: float, count: int, period_s: float) -> np.ndarray:
+    """At most ``count`` odd multiples of ``1 / period_s`` from ``f_min`` to ``f_max`` [Hz], spaced logarithmically.
+
+    Raises
+    ------
+    ArgumentError
+        There are none.
+    """
+    if not (0 < f_min < f_max and math.isfinite(f_max)):
+        raise ArgumentError(f"f_min, f_max: given {f_min!r}, {f_max!r}, expected 0 < f_min < f_max in Hz")
+    least, most = math.ceil(f_min * period_s - 1e-9), math.floor(f_max * period_s + 1e-9)
+    least, most = least + (least % 2 == 0), most - (most % 2 == 0)
+    lines = np.zeros(0, int)
+    for points in range(count, 10 * count):  # lines that fall together make room for others
+        if least > most:
+            break
+        wanted = np.geomspace(least, most, points)
+        found = np.clip(2 * np.round((wanted - 1) / 2).astype(int) + 1, least, most)
+        if len(np.unique(found)) > count:
+            break
+        lines = np.unique(found)
+    if len(lines) == 0:
+        raise ArgumentError(
+            f"period_s: given {period_s} s, which has no odd multiple of {1 / period_s:g} Hz between {f_min} and "
+            f"{f_max} Hz; take a longer period"
+        )
+    return lines
+
+
+def motor_speeds(model: RobotModel, speed: float | np.ndarray) -> np.ndarray:
+    """Motor-side speeds (n_m,) for a speed of each joint, arm side [rad/s or m/s]; one number: the same for all."""
+    given = np.broadcast_to(np.asarray(speed, dtype=float), (model.n_g,))
+    if not np.all(np.isfinite(given) & (given > 0)):
+        raise ArgumentError(f"speed_rms: given {speed!r}, expected a speed > 0 in rad/s or m/s, or one for each joint")
+    return np.sqrt((model.eta**2) @ given**2)
+
+
+def speed_amplitudes(frequencies: np.ndarray, speed: np.ndarray, exponent: float) -> np.ndarray:
+    """Amplitudes (lines, n_m) proportional to ``f^exponent``, with the given rms ``speed`` (n_m,)."""
+    shape = frequencies**exponent
+    shape = shape / np.sqrt((shape**2).sum() / 2)
+    return shape[:, None] * speed[None, :]

@@ -1,0 +1,203 @@
+"""`measure`: a simulated experiment. Robots under their drives follow the references of a plan; spectra are kept.
+
+    X(l) = 2/N sum_k x(t_k) exp(-j w_l t_k)          each period by itself
+
+Raw samples of an experiment take megabytes for each second of robot; the spectra at the excited lines are all that the
+frequency responses need. Raw samples are kept on demand, in the form in which recordings of real robots are read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.identification import files
+from flexgen.identification.excitation import Plan
+from flexgen.identification.local_model import LocalModel
+from flexgen.inversion.model_library import library_with
+from flexgen.loop.closed_loop import ClosedLoop
+from flexgen.model.elements import RobotModel
+from flexgen.model.reader import read
+from flexgen.progress import Choice, reported
+
+LANES = 48  # robots that are simulated together
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Experiment:
+    """Spectra of an experiment.
+
+    Parameters
+    ----------
+    plan : Plan
+    tau_m : complex array (k, realizations, experiments, periods, lines, n_m) [N m]
+        Of the torques, motor side.
+    q_m : complex array, the same shape [rad]
+        Of the measured motor angles.
+    speed_sd : array (k, n_m) [rad/s]
+        Standard deviation of the speeds of the motors.
+    saturated : array (k,)
+        Samples with a torque at its limit.
+    source : str
+        Where it comes from.
+    hold : str
+        Of the torques between samples: ``"zoh"`` or ``"none"``.
+    """
+
+    plan: Plan
+    tau_m: np.ndarray
+    q_m: np.ndarray
+    speed_sd: np.ndarray
+    saturated: np.ndarray
+    source: str = ""
+    hold: str = "zoh"
+
+    def __repr__(self) -> str:
+        return f"<Experiment {self.source or self.plan.model}: {self.plan!r}>"
+
+    def save(self, path: str | Path) -> Path:
+        """Write an npz file, which `load` reads."""
+        return files.save(path, "experiment", *self.data())
+
+    @classmethod
+    def load(cls, path: str | Path) -> Experiment:
+        """Read a file of `save`; ArgumentError where it is none."""
+        return cls.from_data(
+            *files.load(
+                path, "experiment", ("poses", "lines", "amplitudes", "phases", "tau_m", "q_m", "speed_sd", "saturated")
+            )
+        )
+
+    def data(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays and other data of a file."""
+        arrays, meta = self.plan.data()
+        own = {"tau_m": self.tau_m, "q_m": self.q_m, "speed_sd": self.speed_sd, "saturated": self.saturated}
+        return arrays | own, {
+            **meta,
+            "source": self.source,
+            "hold": self.hold,
+            "units": {"tau_m": "N m", "q_m": "rad"},
+            "side": "motor",
+        }
+
+    @classmethod
+    def from_data(cls, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> Experiment:
+        """The experiment with these data; the inverse of `data`."""
+        tau_m, q_m, speed_sd, saturated = (arrays[name] for name in ("tau_m", "q_m", "speed_sd", "saturated"))
+        return cls(
+            Plan.from_data(arrays, meta), tau_m, q_m, speed_sd, saturated, str(meta["source"]), str(meta["hold"])
+        )
+
+
+@reported("measure")
+def measure(
+    plan: Plan,
+    truth: RobotModel | str | Path | None = None,
+    *,
+    seed: int = 0,
+    steps: int | None = None,
+    raw: Callable[[int, int, int, np.ndarray, np.ndarray], None] | None = None,
+    progress: Choice = None,
+) -> Experiment:
+    """Simulate the experiment of a plan.
+
+    Parameters
+    ----------
+    plan : Plan
+    truth : RobotModel, str or Path, optional
+        The robot that is measured; default: the model of the plan.
+    seed : int
+        Of the noise.
+    steps : int, optional
+        Integration steps in a sample; default: by the fastest eigenvalue.
+    raw : callable, optional
+        Called with pose, realization, experiment, angles and torques (samples, n_m) of the measured periods.
+    progress : callable or bool, optional
+
+    Raises
+    ------
+    ArgumentError
+        The robot has other motors than the plan.
+    SolverError
+        The loop is unstable.
+    """
+    tell = progress if callable(progress) else None
+    given = plan.model if truth is None else truth
+    robot = given if isinstance(given, RobotModel) else read(given)
+    motors = tuple(motor.name for motor in robot.motors)
+    if motors != plan.motors:
+        raise ArgumentError(f"truth: given the motors {', '.join(motors)}, expected {', '.join(plan.motors)}")
+    library = library_with(robot, ("forward_dynamics",), progress=tell)
+    local = LocalModel(robot, ())
+    rest = local.rest(local.values, plan.poses)
+    rate = largest_rate(local, plan.poses)
+    shape = (len(plan.poses), plan.realizations, plan.experiments, plan.periods, len(plan.lines), robot.n_m)
+    tau, q = np.empty(shape, complex), np.empty(shape, complex)
+    square, saturated = np.zeros((len(plan.poses), robot.n_m)), np.zeros(len(plan.poses), np.int64)
+    runs = [(k, r, e) for k in range(shape[0]) for r in range(shape[1]) for e in range(shape[2])]
+    w = 2 * np.pi * plan.frequencies
+    for first in range(0, len(runs), LANES):
+        group = runs[first : first + LANES]
+        at = [k for k, _, _ in group]
+        poses = plan.poses[at]
+        loop = ClosedLoop(
+            robot, library, plan.hardware, plan.controller, rest.y[at, : robot.n_a], poses, rate,
+            seed=seed * 1_000_003 + first, steps=steps,
+        )  # fmt: skip
+        loop.hold(rest.tau_m[at])
+        reference = np.empty((plan.samples, len(group), 2 * robot.n_m))
+        for lane, (k, r, e) in enumerate(group):
+            reference[:, lane, : robot.n_m] = plan.poses[k] + plan.reference(r, e)
+            reference[:, lane, robot.n_m :] = rest.tau_m[k]
+        settle(loop, reference, plan.transients)
+        kept = []
+        for period, samples in enumerate(loop.periods(reference, plan.periods)):
+            for lane, (k, r, e) in enumerate(group):
+                tau[k, r, e, period] = spectrum(samples.tau_m[:, lane], plan.lines)
+                q[k, r, e, period] = spectrum(samples.q_m[:, lane], plan.lines)
+                square[k] += (w[:, None] ** 2 * np.abs(q[k, r, e, period]) ** 2).sum(axis=0) / 2
+            if raw is not None:
+                kept.append(samples)
+            if tell is not None:
+                done = (first + len(group) * (period + 1) / plan.periods) / len(runs)
+                tell(f"measure: {100 * done:.0f} % of {plan.duration_s:.0f} s of robot")
+        np.add.at(saturated, at, loop.saturated)
+        if raw is not None:
+            for lane, (k, r, e) in enumerate(group):
+                raw(k, r, e, *(np.concatenate([getattr(s, name)[:, lane] for s in kept]) for name in ("q_m", "tau_m")))
+    speed = np.sqrt(square / (shape[1] * shape[2] * shape[3]))
+    return Experiment(plan, tau, q, speed, saturated, f"simulation of {robot.name}")
+
+
+def settle(loop: ClosedLoop, reference: np.ndarray, periods: int) -> None:
+    """Run periods that are not measured: the reference (samples, lanes, 2 n_m) fades in over the first one."""
+    if periods == 0:
+        return
+    n_m = reference.shape[2] // 2
+    ramp = np.linspace(0.0, 1.0, len(reference))
+    weight = (ramp**3 * (10 - 15 * ramp + 6 * ramp**2))[:, None, None]  # smooth at both ends
+    poses = reference[:, :, :n_m].mean(axis=0)
+    fading = reference.copy()
+    fading[:, :, :n_m] = poses + weight * (reference[:, :, :n_m] - poses)
+    loop.run(fading, len(reference))
+    for _ in loop.periods(reference, periods - 1):
+        pass
+
+
+def spectrum(x: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Amplitudes (lines, n) of the Fourier series of one period of samples (N, n)."""
+    return 2.0 / len(x) * np.fft.rfft(x, axis=0)[lines]
+
+
+def largest_rate(local: LocalModel, poses: np.ndarray) -> float:
+    """Largest size of an eigenvalue [1/s] at the poses (k, n_m); friction as steep as at rest."""
+    M, D, K, _ = local.matrices(local.values, poses)
+    n = local.model.dof
+    lower = -np.linalg.solve(M, np.concatenate([K, D], axis=2))
+    upper = np.broadcast_to(np.hstack([np.zeros((n, n)), np.eye(n)]), (len(M), n, 2 * n))
+    return float(np.abs(np.linalg.eigvals(np.concatenate([upper, lower], axis=1))).max())

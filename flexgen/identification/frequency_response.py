@@ -1,0 +1,258 @@
+"""Frequency responses from spectra: `frf`, with the covariance of noise and of everything that changes with the input.
+
+    V_ep = Y_ep - G U_ep,   G = Y U^H (U U^H)^-1        (spectra of experiments e, averaged over the periods p)
+    C = sum V V^H / ((P - 1) n_e)                        covariance of the error of the outputs in one period
+    cov G_ab, G_cd = C_ac S_bd,   S = (U U^H)^-T / P     noise only
+
+Several realizations of the random phases show what noise does not: nonlinear distortion and friction change G from
+realization to realization (total covariance).
+
+Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, ch. 2, 4; E. Wernholt and S. Gunnarsson,
+IFAC 2008 (multivariable frequency responses of robots in closed loop).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.identification import files
+from flexgen.identification.experiment import Experiment
+
+AVERAGES = ("arithmetic", "harmonic", "logarithmic")
+REPEATS = 6.0  # a period that differs from the others by more than this times their scatter does not repeat
+LARGEST_DIFFERENCE = 0.1  # of the signal: above it such a period is an error, below it a warning
+LEAST_TOTAL = 3  # realizations for a total covariance
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Frf:
+    """Frequency responses from motor torques to motor accelerations at k poses, motor side.
+
+    Parameters
+    ----------
+    model : str
+        Of the plan.
+    motors : tuple of str
+        Inputs and outputs.
+    poses : array (k, n_m) [rad]
+    w : array (lines,) [rad/s]
+    G : complex array (k, lines, n_m, n_m) [rad/s^2 / (N m)]
+    UU : complex array (k, lines, n_m, n_m) [(N m)^2]
+        ``U U^H`` over all experiments.
+    C : complex array (k, lines, n_m, n_m) [(rad/s^2)^2]
+        Covariance of the error of the outputs in one period.
+    variance : array (k, lines, n_m, n_m)
+        Variance of each element of G by noise.
+    total : array (k, lines, n_m, n_m) or None
+        Variance of each element of G, distortion included; None with fewer than three realizations.
+    periods, experiments : int
+        Periods averaged, and experiments of all realizations at a pose.
+    sample_s, delay_s : float [s]
+        Hold of the torques (0: none) and their known delay.
+    speed_sd : array (k, n_m) [rad/s]
+    warnings : tuple of str
+    """
+
+    model: str
+    motors: tuple[str, ...]
+    poses: np.ndarray
+    w: np.ndarray
+    G: np.ndarray
+    UU: np.ndarray
+    C: np.ndarray
+    variance: np.ndarray
+    total: np.ndarray | None
+    periods: int
+    experiments: int
+    sample_s: float
+    delay_s: float
+    speed_sd: np.ndarray
+    warnings: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        hz = self.w / (2 * np.pi)
+        return (
+            f"<Frf {self.model}: {len(self.poses)} poses, {len(self.w)} lines {hz[0]:.3g} .. {hz[-1]:.3g} Hz, "
+            f"{len(self.motors)} x {len(self.motors)}>"
+        )
+
+    def relative_sd(self) -> float:
+        """Median of the standard deviation by noise over the size of the elements."""
+        return float(np.median(np.sqrt(self.variance) / np.maximum(np.abs(self.G), 1e-300)))
+
+    def save(self, path: str | Path) -> Path:
+        """Write an npz file, which `load` reads."""
+        return files.save(path, "frf", *self.data())
+
+    @classmethod
+    def load(cls, path: str | Path) -> Frf:
+        """Read a file of `save`; ArgumentError where it is none."""
+        return files.loaded(cls, path, "frf", "poses w G UU C variance speed_sd")
+
+    def data(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+        """Arrays and other data of a file."""
+        names = ["poses", "w", "G", "UU", "C", "variance", "speed_sd"] + ["total"] * (self.total is not None)
+        meta = {name: getattr(self, name) for name in ("model", "periods", "experiments", "sample_s", "delay_s")} | {
+            "motors": list(self.motors),
+            "warnings": list(self.warnings),
+        }
+        meta["units"] = {"G": "rad/s^2 / (N m)", "UU": "(N m)^2", "w": "rad/s", "poses": "rad"}
+        return {name: getattr(self, name) for name in names}, {**meta, "side": "motor"}
+
+    @classmethod
+    def from_data(cls, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> Frf:
+        """The responses with these data; the inverse of `data`."""
+        poses, w, G, UU, C, variance = (arrays[name] for name in ("poses", "w", "G", "UU", "C", "variance"))
+        n, shape = len(meta["motors"]), (len(poses), len(w))
+        if any(x.shape != (*shape, n, n) for x in (G, UU, C, variance)) or poses.shape != (shape[0], n):
+            raise ValueError("arrays of different sizes")
+        counts, times = (int(meta["periods"]), int(meta["experiments"])), (meta["sample_s"], meta["delay_s"])
+        return cls(
+            str(meta["model"]), tuple(meta["motors"]), poses, w, G, UU, C, variance, arrays.get("total"), *counts,
+            *times, arrays["speed_sd"], tuple(meta["warnings"]),
+        )  # fmt: skip
+
+
+def frf(experiment: Experiment, *, average: str = "arithmetic") -> Frf:
+    """Estimate the frequency responses of an experiment.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    average : str
+        Over the realizations: ``"arithmetic"``, ``"harmonic"`` (of the inverses) or ``"logarithmic"`` (of amplitude
+        and phase of each element).
+
+    Raises
+    ------
+    ArgumentError
+        Torques were limited, or a period does not repeat.
+    SolverError
+        The inputs of the experiments are not independent.
+    """
+    if average not in AVERAGES:
+        raise ArgumentError(f"average: given {average!r}, expected one of {', '.join(AVERAGES)}")
+    plan = experiment.plan
+    if np.any(experiment.saturated):
+        where = ", ".join(str(k + 1) for k in np.flatnonzero(experiment.saturated))
+        raise ArgumentError(
+            f"{experiment.source}: torques were at their limits at the poses {where}; a saturated motor is not linear: "
+            "take less speed_rms"
+        )
+    w = 2 * np.pi * plan.frequencies
+    n = len(plan.motors)
+    # (k, realizations, periods, lines, n_m, experiments)
+    U = experiment.tau_m.transpose(0, 1, 3, 4, 5, 2)
+    Y = -(w[:, None, None] ** 2) * experiment.q_m.transpose(0, 1, 3, 4, 5, 2)
+    warnings = _check_repeats(Y, experiment.source)
+    try:
+        found = estimate(U, Y, average)
+    except np.linalg.LinAlgError:
+        raise SolverError(
+            f"{experiment.source}: the torques of the experiments are not independent: expected at least {n} "
+            "experiments at each pose with different excitation"
+        ) from None
+    hold = plan.hardware.sample_s if experiment.hold == "zoh" else 0.0
+    R, P, E = U.shape[1], U.shape[2], U.shape[5]
+    total = found.total if R >= LEAST_TOTAL else None
+    return Frf(
+        plan.model, plan.motors, plan.poses, w, found.G, found.UU, found.C, found.variance, total, P, E * R, hold,
+        plan.hardware.delay_s, experiment.speed_sd, warnings,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Frequency responses ``G`` and their covariances; names and shapes as in `Frf`."""
+
+    G: np.ndarray
+    UU: np.ndarray
+    C: np.ndarray
+    variance: np.ndarray
+    total: np.ndarray | None
+
+
+def estimate(U: np.ndarray, Y: np.ndarray, average: str = "arithmetic") -> Estimate:
+    """Frequency responses from the spectra of inputs and outputs.
+
+    Parameters
+    ----------
+    U, Y : complex arrays (k, realizations, periods, lines, inputs or outputs, experiments)
+    average : str
+        Over the realizations; one of `AVERAGES`.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        The inputs of the experiments are not independent.
+    """
+    P, E, R = U.shape[2], U.shape[5], U.shape[1]
+    mean_U, mean_Y = U.mean(axis=2), Y.mean(axis=2)
+    weakest = np.linalg.svd(mean_U, compute_uv=False)[..., -1]
+    if U.shape[4] > E or np.any(weakest <= 1e-9 * np.abs(mean_U).max(axis=(-2, -1))):
+        raise np.linalg.LinAlgError("dependent inputs")
+    each = np.linalg.solve((mean_U @ _H(mean_U)).swapaxes(-1, -2), (mean_Y @ _H(mean_U)).swapaxes(-1, -2))
+    each = each.swapaxes(-1, -2)  # (k, realizations, lines, outputs, inputs)
+    V = Y - each[:, :, None] @ U
+    C = (V @ _H(V)).sum(axis=(1, 2)) / max((P - 1) * E * R, 1)
+    UU = (mean_U @ _H(mean_U)).sum(axis=1)
+    S = np.linalg.inv(UU) / P
+    variance = np.real(np.einsum("klaa->kla", C))[..., :, None] * np.real(np.einsum("klbb->klb", S))[..., None, :]
+    total = np.var(each, axis=1, ddof=1) / R if R > 1 else None
+    return Estimate(_average(each, average), UU, C, variance, total)
+
+
+def _H(x: np.ndarray) -> np.ndarray:
+    return x.conj().swapaxes(-1, -2)
+
+
+def _average(each: np.ndarray, average: str) -> np.ndarray:
+    """Mean over the realizations, axis 1."""
+    if average == "arithmetic" or each.shape[1] == 1:
+        return each.mean(axis=1)
+    if average == "harmonic":
+        return np.linalg.inv(np.linalg.inv(each).mean(axis=1))
+    reference = each.mean(axis=1, keepdims=True)
+    return np.exp(np.log(each / reference).mean(axis=1)) * reference[:, 0]
+
+
+def _check_repeats(Y: np.ndarray, source: str) -> tuple[str, ...]:
+    """Warnings on periods that are unlike the others: a transient, a drift, or lost samples; an error for large ones.
+
+    Compared by the size of all lines together, so that noise of single lines averages out.
+    """
+    P = Y.shape[2]
+    if P < 3:
+        return ()
+    away = Y - np.median(Y.real, axis=2, keepdims=True) - 1j * np.median(Y.imag, axis=2, keepdims=True)
+    size = np.sqrt((np.abs(away) ** 2).sum(axis=(3, 4)))  # (k, realizations, periods, experiments)
+    usual = np.median(size, axis=2, keepdims=True)
+    scale = np.sqrt((np.abs(Y) ** 2).sum(axis=(3, 4))).mean(axis=2, keepdims=True)
+    warnings = []
+    for k, r, p, e in np.argwhere(size > REPEATS * np.maximum(usual, 1e-3 * scale)).tolist():
+        part, others = size[k, r, p, e] / scale[k, r, 0, e], usual[k, r, 0, e] / scale[k, r, 0, e]
+        line = (
+            f"pose {k + 1}, realization {r + 1}, experiment {e + 1}: period {p + 1} differs from the others by "
+            f"{part:.2g} of the signal (the others by {others:.2g})"
+        )
+        if part > LARGEST_DIFFERENCE:
+            raise ArgumentError(f"{source}: {line}; leave out more transient periods, or look for lost samples")
+        warnings.append(line)
+    return tuple(warnings)
+
+
+def coherence(experiment: Experiment) -> np.ndarray:
+    """Multiple coherence of each output (k, lines, n_m): the part of its power that the torques explain."""
+    estimate = frf(experiment)
+    Y = -(estimate.w[:, None] ** 2) * experiment.q_m
+    power = (np.abs(Y) ** 2).mean(axis=(1, 2, 3))
+    noise = np.real(np.einsum("klaa->kla", estimate.C))
+    if not math.isfinite(power.sum()):
+        raise SolverError("coherence: the spectra are not finite")
+    return 1.0 - noise / np.maximum(power, 1e-300)

@@ -1,0 +1,273 @@
+"""`identify`: fit the physical parameters of a model to frequency responses at several poses.
+
+One vector of parameters for all poses; first element by element, then, where the noise explains the residuals, with
+weights from the structure of the noise. Several starts show whether the minimum is the global one.
+
+Source: E. Wernholt and S. Moberg, Automatica 47(6), 2011 (nonlinear gray-box identification using local models).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.identification.frequency_response import Frf
+from flexgen.identification.parameters import ParameterVector
+from flexgen.identification.plan import default_free
+from flexgen.identification.residuals import RESIDUALS, Residuals, over_lines
+from flexgen.identification.result import WEAK, FitStatus, Identified
+from flexgen.identification.trust_region import Fit, minimize
+from flexgen.model.elements import RobotModel
+from flexgen.model.reader import read
+from flexgen.progress import Choice, reported
+
+COST_LEAST, COST_MOST = 0.5, 2.0  # of a good fit, for one degree of freedom
+REWEIGHTINGS, NEIGHBORS = 4, 15  # fits with a model error, and lines over which it is averaged
+SMALL_ERROR = 1e-3  # a model error that is too small to mention
+SAME = 1e-3  # relative difference of costs at the same minimum
+SPREAD = 1.5  # further starts are off by up to this factor
+
+
+@reported("identify")
+def identify(
+    model: RobotModel | str | Path,
+    data: Frf,
+    *,
+    free: Sequence[str] | None = None,
+    fixed: Sequence[str] = (),
+    start: Mapping[str, float] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    priors: Mapping[str, float] | None = None,
+    ties: Mapping[str, str] | None = None,
+    residual: str = "nls",
+    structured: bool = True,
+    floor: float | None = None,
+    starts: int = 3,
+    spread: float = SPREAD,
+    seed: int = 0,
+    source: str = "",
+    progress: Choice = None,
+) -> Identified:
+    """Fit parameters of a model to frequency responses.
+
+    Parameters
+    ----------
+    model : RobotModel, str or Path
+    data : Frf
+    free : sequence of str, optional
+        Names of the parameters; see `flexgen.mechanics.parameters`, and ``delay``, ``torque_constant``. Default:
+        stiffness, damping, and the viscous frictions that the model has.
+    fixed, start, bounds, priors, ties
+        See `flexgen.identification.parameters.ParameterVector`.
+    residual : str
+        ``"nls"``: differences; ``"lls"``: differences of complex logarithms, less sensitive to bad start values.
+    structured : bool
+        End with weights from the structure of the noise, where the noise explains the residuals.
+    floor : float, optional
+        Model error as a part of ``|G|``, added to the standard deviations of the data; default: as much as the
+        residuals need.
+    starts : int
+        Number of searches: one from the start values, the others from random ones.
+    spread : float
+        The random start values are off by up to this factor.
+    seed : int
+    source : str
+        Of the data, for the new model file.
+    progress : callable or bool, optional
+
+    Returns
+    -------
+    Identified
+
+    Raises
+    ------
+    ArgumentError
+        A name is unknown, or the data belong to another robot.
+    SolverError
+        The model has no equilibrium at the poses of the data.
+    """
+    tell = progress if callable(progress) else None
+    robot = model if isinstance(model, RobotModel) else read(model)
+    _check(robot, data, residual, floor, starts, spread)
+    names = default_free(robot) if free is None else free
+    vector = ParameterVector(robot, names, fixed=fixed, start=start, bounds=bounds, priors=priors, ties=ties)
+    found = _fitted(vector, data, residual, structured, floor, (starts, spread, seed), tell)
+    return replace(found, source=source)
+
+
+def _fitted(
+    vector: ParameterVector,
+    data: Frf,
+    residual: str,
+    structured: bool,
+    floor: float | None,
+    starts: tuple[int, float, int],
+    tell: Callable[[str], None] | None,
+) -> Identified:
+    """The fit: element by element from several starts, then with a model error or with the structure of the noise."""
+    began = time.perf_counter()
+    residuals = Residuals(vector, data, residual, floor or 0.0)
+    degrees = max(residuals.count - len(vector) / 2, 1.0)  # complex residuals, real parameters
+    fits = _searches(vector, residuals, *starts, tell)
+    best = min(fits, key=lambda fit: fit.objective)
+    agreed = sum(fit.objective <= best.objective * (1 + SAME) + 1e-9 * degrees for fit in fits)
+    error = floor or 0.0
+    if floor is None and best.cost > COST_MOST * degrees:
+        error, residuals, best = _with_model_error(vector, data, residual, best, degrees, tell)
+    explained = data.total is None and error == 0.0 and COST_LEAST <= best.cost / degrees <= COST_MOST
+    if structured and explained and residual == "nls":
+        residuals, best = _with_structure(vector, data, residuals, best, degrees)
+    cost = best.cost / degrees
+    return Identified(
+        vector=vector,
+        x=best.x,
+        covariance=residuals.covariance(best.x, best.A),
+        status=_status(best, cost, error, data),
+        cost=cost,
+        model_error=error,
+        starts=len(fits),
+        agreed=agreed,
+        iterations=best.iterations,
+        at_bound=tuple(name for name, held in zip(vector.names, best.at_bound, strict=True) if held),
+        weak=weak_directions(vector, best.A),
+        data=data,
+        variance=residuals.variance,
+        weights=residuals.kind,
+        wall_s=time.perf_counter() - began,
+    )
+
+
+def _check(robot: RobotModel, data: Frf, residual: str, floor: float | None, starts: int, spread: float) -> None:
+    """ArgumentError where data or settings cannot be used."""
+    motors = tuple(motor.name for motor in robot.motors)
+    if motors != data.motors:
+        raise ArgumentError(
+            f"data: given the motors {', '.join(data.motors)}, expected {', '.join(motors)} in this order, those of "
+            f"{robot.name}"
+        )
+    if residual not in RESIDUALS:
+        raise ArgumentError(f"residual: given {residual!r}, expected one of {', '.join(RESIDUALS)}")
+    if not isinstance(starts, int) or starts < 1 or not spread >= 1.0:
+        raise ArgumentError(f"starts, spread: given {starts!r}, {spread!r}, expected numbers >= 1")
+    if floor is not None and not 0 <= floor < 1:
+        raise ArgumentError(f"floor: given {floor!r}, expected a part of |G| between 0 and 1")
+
+
+def _with_structure(
+    vector: ParameterVector, data: Frf, residuals: Residuals, best: Fit, degrees: float
+) -> tuple[Residuals, Fit]:
+    """The fit with weights from the structure of the noise, or the given one where the data have no such structure.
+
+    A transient or a wrong model breaks the structure: then the weights of single elements are the better ones.
+    """
+    polish = Residuals(vector, data)
+    polish.use_structure(best.x)
+    if polish.cost(best.x) > COST_MOST * degrees + 4 * len(vector):
+        return residuals, best
+    return polish, _search(vector, polish, best.x)
+
+
+def _search(vector: ParameterVector, residuals: Residuals, start: np.ndarray) -> Fit:
+    return minimize(residuals.sums, residuals.cost, start, vector.start, vector.prior_sd, vector.bounds)
+
+
+def _searches(
+    vector: ParameterVector,
+    residuals: Residuals,
+    starts: int,
+    spread: float,
+    seed: int,
+    tell: Callable[[str], None] | None,
+) -> list[Fit]:
+    """The search from the start values, and others from random ones; those without an equilibrium are left out."""
+    rng = np.random.default_rng(seed)
+    fits, reason = [], None
+    for k in range(starts):
+        away = rng.uniform(-1, 1, len(vector)) * np.log(spread) if k else np.zeros(len(vector))
+        log = np.array([u.scale == "log" for u in vector.unknowns])
+        if tell is not None:
+            tell(f"start {k + 1} of {starts}")
+        try:
+            fits.append(_search(vector, residuals, vector.start + np.where(log, away, 0.0)))
+        except SolverError as error:
+            reason = error
+    if not fits:
+        raise reason or SolverError("identify: no search was possible")
+    return fits
+
+
+def _with_model_error(
+    vector: ParameterVector,
+    data: Frf,
+    residual: str,
+    best: Fit,
+    degrees: float,
+    tell: Callable[[str], None] | None,
+) -> tuple[float, Residuals, Fit]:
+    """The size of the model error, the residuals with it in their weights, and their fit.
+
+    First one part of ``|G|`` for all elements, for which the cost is 1 for each degree of freedom. Then, for each
+    element by itself, what its residuals have beside the noise, averaged over neighboring lines: friction and missing
+    springs do not disturb all channels in the same way.
+    """
+    plain = Residuals(vector, data, residual)
+    noise, size = plain.variance, np.abs(data.G) ** 2
+    difference = np.abs(plain.response(best.x).G - data.G) ** 2
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if (difference / (noise + middle**2 * size)).sum() > degrees else (low, middle)
+    residuals = Residuals(vector, data, residual, high)
+    best = _search(vector, residuals, best.x)
+    error = high
+    for k in range(REWEIGHTINGS):
+        difference = np.abs(residuals.response(best.x).G - data.G) ** 2
+        extra = np.maximum(over_lines(difference - noise, NEIGHBORS), 0.0)
+        error = float(np.sqrt(np.median(extra / size)))
+        if tell is not None:
+            tell(f"model error {100 * error:.2g} % of the responses, fit {k + 1} of {REWEIGHTINGS}")
+        residuals = Residuals(vector, data, residual, extra=extra)
+        best = _search(vector, residuals, best.x)
+    return error, residuals, best
+
+
+def _status(fit: Fit, cost: float, error: float, data: Frf) -> FitStatus:
+    if not fit.converged:
+        return FitStatus.NOT_CONVERGED
+    if fit.at_bound.any():
+        return FitStatus.AT_BOUND
+    if error > SMALL_ERROR or cost > COST_MOST:
+        return FitStatus.MODEL_ERROR
+    # Responses without noise fit better than any noise allows, and rightly.
+    if cost < COST_LEAST and data.relative_sd() > 1e-7:
+        return FitStatus.NOISE_TOO_LARGE
+    return FitStatus.FITTED
+
+
+def weak_directions(vector: ParameterVector, A: np.ndarray) -> tuple[str, ...]:
+    """Sentences on combinations of parameters that the data do not determine: ``2 A`` is their information."""
+    log = np.array([u.scale == "log" for u in vector.unknowns])
+    scale = np.where(log, 1.0, vector.prior_sd)  # a unit for those without logarithm
+    values, vectors = np.linalg.eigh(2 * A * np.outer(scale, scale))
+    out = []
+    for value, direction in zip(values, vectors.T, strict=True):
+        sd = 1.0 / np.sqrt(max(value, 1e-300))
+        if sd < WEAK:
+            break
+        order = np.argsort(-np.abs(direction))
+        main = [k for k in order if abs(direction[k]) > 0.3][:4]
+        size = f"{100 * sd:.0f} %" if sd < 10 else "more than a factor of 10"
+        if len(main) == 1:
+            out.append(f"{vector.names[main[0]]} is not determined by the data (sd {size})")
+            continue
+        sign = np.sign(direction[main[0]])
+        up = [vector.names[k] for k in main if np.sign(direction[k]) == sign]
+        down = [vector.names[k] for k in main if np.sign(direction[k]) != sign]
+        words = f"{', '.join(up)} can change together" + (f", and {', '.join(down)} against them" if down else "")
+        out.append(f"{words} (sd {size})")
+    return tuple(out)

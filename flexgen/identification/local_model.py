@@ -1,0 +1,340 @@
+"""The linear model of a robot at rest as a function of its parameters: frequency responses with exact derivatives.
+
+    Z(w) X = B,    Z = -w^2 M + j w D + K,    G(w) = -w^2 h(w) exp(-j w t_d) C_m X k_t      [rad/s^2 / (N m)]
+
+from motor torques to motor accelerations, motor side, with the hold ``h = sinc(w T/2) exp(-j w T/2)``, the delay t_d
+and the torque constants k_t (1 where the drive is right). The robot rests at the motor angles of the pose:
+
+    r(y, p, tau_m) = 0,  C_m y = q_m0          (the motors' torques tau_m hold the pose)
+    dG/dp = w^2 h exp(-j w t_d) C_m Z^-1 (dZ/dp + sum_i dZ/dy_i dy_i/dp) X k_t
+
+Friction laws have no slope at rest that describes their motion. Where the speed of the motors is known, each law is
+replaced by the viscous friction of the same mean power, ``E[f(w) w] / E[w^2]``, w Gaussian (statistical linearization).
+
+Source: E. Wernholt and S. Moberg, IFAC 2008 (gray-box identification of robots from frequency responses); A. Gelb and
+W. Vander Velde, Multiple-Input Describing Functions, 1968 (statistical linearization).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+
+from flexgen.errors import SolverError
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.force_laws import friction_torque
+from flexgen.model.elements import Friction, RobotModel
+from flexgen.numerics.evaluate import evaluate
+
+NEWTON_STEPS = 50
+# Panels of the integral over a Gaussian speed in units of its deviation, fine near zero where friction has its step.
+_PANELS, _NODES = (0.0, 1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0, 2.0, 4.0, 8.0), 6
+
+
+@dataclass(frozen=True)
+class Rest:
+    """Poses at rest: coordinates ``y`` (k, n), holding torques ``tau_m`` (k, n_m), derivatives dy/dp (k, n, n_p)."""
+
+    y: np.ndarray
+    tau_m: np.ndarray
+    dy: np.ndarray
+
+
+@dataclass(frozen=True)
+class Response:
+    """Frequency responses ``G`` (k, lines, outputs, n_m) and derivatives ``dG`` (..., n_p), or None."""
+
+    G: np.ndarray
+    dG: np.ndarray | None
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What lies between the commanded torque and the motor.
+
+    Parameters
+    ----------
+    sample_s : float
+        Sample time of a torque that is held between samples [s]; 0: no hold.
+    delay_s : float
+        Delay of the torque behind the measurement of the motor angles [s].
+    torque_constants : tuple of float
+        Torque of each motor over the recorded one; empty: 1.
+    """
+
+    sample_s: float = 0.0
+    delay_s: float = 0.0
+    torque_constants: tuple[float, ...] = ()
+
+    def transfer(self, w: np.ndarray, n_m: int) -> np.ndarray:
+        """``h(w) exp(-j w t_d) k_t`` (lines, n_m)."""
+        half = w * self.sample_s / 2
+        hold = np.sinc(half / np.pi) * np.exp(-1j * (half + w * self.delay_s))
+        return hold[:, None] * np.array(self.torque_constants or (1.0,) * n_m)
+
+
+class LocalModel:
+    """Linear models of one robot at rest, for any pose and any values of its parameters.
+
+    Parameters
+    ----------
+    model : RobotModel
+    parameters : sequence of str
+        Names of the numbers that may change; see `flexgen.mechanics.parameters`.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the parameters, in the order of their values.
+    values : array (n_p,)
+        Those of the model.
+    """
+
+    def __init__(self, model: RobotModel, parameters: Sequence[str]) -> None:
+        self.equations = Equations(model, parameters)
+        self.model = model
+        self.names = tuple(parameter.name for parameter in self.equations.parameters)
+        self.values = np.array([parameter.value for parameter in self.equations.parameters])
+
+    @cached_property
+    def motor_rows(self) -> np.ndarray:
+        """``C_m`` (n_m, n): motor angles from y = (q_a, q_me)."""
+        model = self.model
+        rows = np.zeros((model.n_m, model.dof))
+        rows[:, list(model.i_g)] = model.eta
+        for k, j in enumerate(model.i_m):
+            rows[j] = 0.0
+            rows[j, model.n_a + k] = 1.0
+        return rows
+
+    @cached_property
+    def _static(self) -> ca.Function:
+        """(y, p, tau_m) -> residual at rest, and its derivatives in y, p and tau_m."""
+        e = self.equations
+        y, dy, ddy = e.y
+        r = ca.substitute(e.residual, ca.vertcat(dy, ddy), ca.SX.zeros(2 * dy.numel()))
+        p, tau = e.symbols, e.lagrangian.tau_m
+        derivatives = [ca.densify(ca.jacobian(r, x)) for x in (y, p, tau)]
+        return ca.Function("rest", [y, p, tau], [ca.densify(r), *derivatives])
+
+    def rest(self, values: np.ndarray, q_m: np.ndarray, start: np.ndarray | None = None) -> Rest:
+        """The robot at rest at the motor angles ``q_m`` (k, n_m); ``start`` (k, n): where the search begins.
+
+        Raises
+        ------
+        SolverError
+            No equilibrium is found.
+        """
+        model, C = self.model, self.motor_rows
+        n, m = model.dof, model.n_m
+        out = []
+        for k, angles in enumerate(q_m):
+            if start is not None:
+                y = start[k].copy()
+            else:
+                y = np.zeros(n)
+                y[list(model.i_g)] = np.linalg.solve(model.eta, angles)
+                y[model.n_a :] = angles[list(model.i_m)]
+            tau, best, stalled = np.zeros(m), np.inf, 0
+            for _ in range(NEWTON_STEPS):
+                r, r_y, r_p, r_tau = (np.array(x) for x in self._static(y, values, tau))
+                A = np.block([[r_y, r_tau], [C, np.zeros((m, m))]])
+                right = np.concatenate([r[:, 0], C @ y - angles])
+                scale = np.maximum(np.abs(A).max(axis=1), 1e-12)
+                error = float(np.abs(right / scale).max())
+                stalled = stalled + 1 if error >= 0.5 * best else 0
+                best = min(best, error)
+                if error < 1e-15 or (stalled > 2 and best < 1e-12):
+                    break
+                step = np.linalg.solve(A / scale[:, None], right / scale)
+                y, tau = y - step[:n], tau - step[n:]
+            if not best < 1e-9:
+                raise SolverError(
+                    f"equilibrium at pose {k + 1} (q_m = {np.round(angles, 4).tolist()} rad): not found, residual "
+                    f"{best:.1e}, expected below 1e-9; choose another pose, or parameters nearer to those of the model"
+                )
+            by_p = np.linalg.solve(A / scale[:, None], np.vstack([-r_p, np.zeros((m, r_p.shape[1]))]) / scale[:, None])
+            out.append((y, tau, by_p[:n]))
+        return Rest(*(np.array(x) for x in zip(*out, strict=True)))
+
+    @cached_property
+    def _matrices(self) -> tuple[ca.Function, ca.Function, dict[str, tuple[np.ndarray, np.ndarray]]]:
+        """(y, p, sd of speeds) -> M, D, K, B; the nonzero derivatives of M, D, K in p and y; where these stand."""
+        e = self.equations
+        y, dy, ddy = e.y
+        p = e.symbols
+        r, tau = e.residual, e.lagrangian.tau_m
+        still = ca.vertcat(dy, ddy, tau)
+        jacobians = [ca.jacobian(r, x) for x in (ddy, dy, y, tau)]
+        M, D, K, B = (ca.densify(ca.substitute(x, still, ca.SX.zeros(still.numel()))) for x in jacobians)
+        speed_sd = ca.SX.sym("speed_sd", self.model.n_m + self.model.n_a)
+        D = D + self._friction(dy, speed_sd)
+        stacked = ca.vertcat(ca.vec(M), ca.vec(D), ca.vec(K))
+        places, derivatives = {}, []
+        for name, x in (("p", p), ("y", y)):
+            J = ca.jacobian(stacked, x)
+            rows, columns = (np.array(index, dtype=int) for index in J.sparsity().get_triplet())
+            places[name] = (rows, columns)
+            derivatives.append(J[:].nz[:] if J.nnz() else ca.SX(0, 1))
+        inputs = [y, p, speed_sd]
+        return (
+            ca.Function("matrices", inputs, [M, D, K, -B]),
+            ca.Function("derivatives", inputs, [ca.vertcat(*[ca.vec(x) for x in derivatives])]),
+            places,
+        )
+
+    def _friction(self, dy: ca.SX, speed_sd: ca.SX) -> ca.SX:
+        """What the mean slope of all friction laws adds to the slope at rest, as a matrix (n, n)."""
+        model, C = self.equations.with_symbols, self.motor_rows
+        D = ca.SX.zeros(model.dof, model.dof)
+        laws = [(motor.friction, C[j], speed_sd[j]) for j, motor in enumerate(model.motors)]
+        for i, coordinate in enumerate(model.coordinates):
+            if coordinate.dof is not None:
+                laws.append((coordinate.dof.friction, np.eye(model.dof)[i], speed_sd[model.n_m + i]))
+        for friction, row, sd in laws:
+            if not _is_linear(friction):
+                D += mean_viscous_change(friction, sd) * ca.SX(ca.DM(np.outer(row, row)))
+        return D
+
+    def matrices(
+        self, values: np.ndarray, q_m: np.ndarray, speed_sd: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """``M, D, K`` (k, n, n) and ``B`` (k, n, n_m) of the linear models at the poses ``q_m`` (k, n_m)."""
+        rest = self.rest(values, q_m)
+        M, D, K, B = evaluate(self._matrices[0], rest.y, values, self._speeds(speed_sd, len(q_m)))
+        n = self.model.dof
+        return M.reshape(-1, n, n), D.reshape(-1, n, n), K.reshape(-1, n, n), B.reshape(-1, n, self.model.n_m)
+
+    def _speeds(self, speed_sd: np.ndarray | None, count: int) -> np.ndarray:
+        """Deviations of the speeds of motors and, from those, of the coordinates (k, n_m + n_a); zero: at rest."""
+        model = self.model
+        motors = np.zeros((count, model.n_m)) if speed_sd is None else np.broadcast_to(speed_sd, (count, model.n_m))
+        arm = np.zeros((count, model.n_a))
+        arm[:, list(model.i_g)] = np.sqrt((motors**2) @ (np.linalg.inv(model.eta).T ** 2))
+        return np.hstack([motors, arm])
+
+    def response(
+        self,
+        values: np.ndarray,
+        q_m: np.ndarray,
+        w: np.ndarray,
+        drive: Drive,
+        *,
+        speed_sd: np.ndarray | None = None,
+        derivatives: bool = True,
+        rest: Rest | None = None,
+    ) -> Response:
+        """Frequency responses from motor torques to motor accelerations.
+
+        Parameters
+        ----------
+        values : array (n_p,)
+        q_m : array (k, n_m) [rad]
+            Motor angles of the poses, motor side.
+        w : array (lines,) [rad/s]
+        drive : Drive
+        speed_sd : array (k, n_m) or (n_m,), optional [rad/s]
+            Standard deviation of the speed of each motor, motor side; for friction that is not viscous.
+        derivatives : bool
+            Also the derivatives in the parameters.
+        rest : Rest, optional
+            The poses at rest, where they are known.
+        """
+        rest = self.rest(values, q_m) if rest is None else rest
+        speeds = self._speeds(speed_sd, len(q_m))
+        function, by, _ = self._matrices
+        n, C = self.model.dof, self.motor_rows
+        M, D, K, B = (x.reshape(len(q_m), n, -1) for x in evaluate(function, rest.y, values, speeds))
+        transfer = drive.transfer(w, self.model.n_m)
+        s = 1j * w[:, None, None]
+        G, dG = [], []
+        changes = evaluate(by, rest.y, values, speeds)[0] if derivatives else None
+        for k in range(len(q_m)):
+            Z = s**2 * M[k] + s * D[k] + K[k]
+            # C Z^-1 from the transpose; X = Z^-1 B from the same factors
+            both = np.linalg.inv(Z)
+            left, right = C @ both, both @ B[k]
+            scale = -(w[:, None] ** 2) * transfer  # (lines, n_m)
+            G.append(C @ right * scale[:, None, :])
+            if changes is not None:
+                dG.append(self._derivative(changes[k], rest.dy[k], left, right * -scale[:, None, :], w))
+        return Response(np.array(G), np.array(dG) if derivatives else None)
+
+    def _derivative(
+        self, changes: np.ndarray, dy: np.ndarray, left: np.ndarray, right: np.ndarray, w: np.ndarray
+    ) -> np.ndarray:
+        """``left dZ/dp right`` (lines, outputs, n_m, n_p) for all parameters p at one pose."""
+        places = self._matrices[2]
+        n, n_p = self.model.dof, len(self.names)
+        factors = np.stack([-(w**2), 1j * w, np.ones_like(w)])  # of M, D, K
+        out = np.zeros((len(w), left.shape[1], right.shape[2], n_p), complex)
+        rows, columns = places["p"]
+        for e in range(len(rows)):  # an entry of M, D or K: a product of a column and a row
+            kind, entry = divmod(rows[e], n * n)
+            column, row = divmod(entry, n)
+            if changes[e] != 0.0:
+                outer = left[:, :, row, None] * right[:, None, column, :]
+                out[:, :, :, columns[e]] += (changes[e] * factors[kind])[:, None, None] * outer
+        # The pose moves with p: all of Z changes along dy/dp.
+        moved, at = places["y"]
+        if len(moved) == 0:
+            return out
+        used = np.flatnonzero(np.abs(dy).max(axis=1) > 0)
+        whole = np.zeros((3 * n * n, n))
+        whole[moved, at] = changes[len(rows) :]
+        along = whole[:, used].reshape(3, n, n, len(used)).transpose(0, 2, 1, 3)  # kind, row, column, direction
+        flat = along.reshape(3, n, n * len(used))
+        change = np.zeros((len(w), n, n * len(used)), complex)
+        for kind in range(3):
+            if np.any(flat[kind]):
+                change += factors[kind][:, None, None] * flat[kind]
+        # left (outputs, n) change (n, n directions) right (n, n_m)
+        half = (left @ change).reshape(len(w), left.shape[1], n, len(used))
+        directions = np.einsum("lacd,lcb->labd", half, right, optimize=True)
+        return out + directions @ dy[used]
+
+
+def mean_viscous_change(friction: Friction, sd: ca.SX) -> ca.SX:
+    """``E[f(w) w]/sd^2 - f'(0)`` for a Gaussian speed w with deviation ``sd``; zero at ``sd`` = 0."""
+    w = ca.SX.sym("w")
+    torque = friction_torque(friction, w)
+    others = [x for x in ca.symvar(torque) if not ca.is_equal(x, w)]
+    law = ca.Function("law", [w, *others], [torque, ca.gradient(torque, w)])
+    at_rest = law(0.0, *others)[1]
+    x, weights = _half_normal()
+    mean = ca.SX(0)
+    for node, weight in zip(x, weights, strict=True):
+        up, down = law(node * sd, *others)[0], law(-node * sd, *others)[0]
+        mean += weight * node * (up - down) / 2
+    safe = ca.if_else(sd > 0, sd, 1.0)
+    return ca.if_else(sd > 0, mean / safe - at_rest, 0.0)
+
+
+def _half_normal() -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights for the mean of an even function of a standard Gaussian: Gauss-Legendre on panels."""
+    t, a = np.polynomial.legendre.leggauss(_NODES)
+    x = np.concatenate([(lo + hi) / 2 + (hi - lo) / 2 * t for lo, hi in pairwise(_PANELS)])
+    weights = np.concatenate([(hi - lo) / 2 * a for lo, hi in pairwise(_PANELS)])
+    return x, weights * np.sqrt(2 / np.pi) * np.exp(-(x**2) / 2)
+
+
+def _is_linear(friction: Friction) -> bool:
+    """Whether a friction law is viscous, with an offset at most."""
+    return all(
+        not isinstance(x, ca.SX) and x == 0.0
+        for name, x in vars(friction).items()
+        if name not in ("viscous", "offset", "alpha", "beta")
+    )
+
+
+def with_drive(drive: Drive, changes: Mapping[str, float], motors: Sequence[str]) -> Drive:
+    """The drive with another delay (``delay``) or torque constants (``<motor>.torque_constant``)."""
+    constants = list(drive.torque_constants or (1.0,) * len(motors))
+    for j, name in enumerate(motors):
+        constants[j] = changes.get(f"{name}.torque_constant", constants[j])
+    return Drive(drive.sample_s, changes.get("delay", drive.delay_s), tuple(constants))

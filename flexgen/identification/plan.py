@@ -1,0 +1,257 @@
+"""`excite`: plan an experiment: drives, multisines and poses, with the accuracy that it will have."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from flexgen.analysis.linear import linearize
+from flexgen.errors import ArgumentError
+from flexgen.identification import operating_points
+from flexgen.identification.excitation import Plan, motor_speeds, odd_lines, speed_amplitudes
+from flexgen.identification.local_model import LocalModel
+from flexgen.identification.parameters import ParameterVector
+from flexgen.loop.closed_loop import Cascade, DriveHardware
+from flexgen.mechanics.equations import derive
+from flexgen.mechanics.statics import hold_joints
+from flexgen.model.digest import model_digest
+from flexgen.model.elements import RobotModel
+from flexgen.model.reader import read
+from flexgen.progress import Choice, reported
+
+BANDWIDTH = 8.0  # Hz, of the speed control
+POSITION_GAIN = 8.0  # 1/s
+CANDIDATES = 300
+FREE = ("stiffness", "damping")
+
+
+@reported("excite")
+def excite(
+    model: RobotModel | str | Path,
+    *,
+    poses: int | np.ndarray = 8,
+    criterion: str = "A",
+    free: Sequence[str] | None = None,
+    speed_rms: float | Sequence[float] = 0.05,
+    f_min: float | None = None,
+    f_max: float | None = None,
+    lines: int = 63,
+    spectrum: float = 0.5,
+    period_s: float = 4.0,
+    periods: int = 4,
+    transients: int = 1,
+    realizations: int = 1,
+    hardware: DriveHardware | None = None,
+    seed: int = 0,
+    progress: Choice = None,
+) -> Plan:
+    """Plan an experiment for the identification of a model's elastic parameters.
+
+    Parameters
+    ----------
+    model : RobotModel, str or Path
+    poses : int or array (k, n_g)
+        Number of poses to choose, or joint positions [rad or m].
+    criterion : str
+        ``"A"``: least sum of variances of the parameters; ``"D"``: least determinant; ``"random"``.
+    free : sequence of str, optional
+        Parameters whose accuracy counts; default: stiffness, damping, and viscous friction of every motor that has any.
+    speed_rms : float or sequence (n_g,) [rad/s or m/s]
+        Of the excitation, joint side.
+    f_min, f_max : float, optional [Hz]
+        Band; default: from an eighth of the lowest to 1.5 times the highest natural frequency of the elastic modes at
+        home, and at most a fifth of the sampling frequency.
+    lines : int
+        Number of excited frequencies, at most.
+    spectrum : float
+        Amplitudes of the speed rise with this power of the frequency.
+    period_s : float [s]
+    periods, transients, realizations : int
+        Periods measured, periods before them that are not, and realizations of the random phases.
+    hardware : DriveHardware, optional
+        Sample time, delay, noise and limits of the drives.
+    seed : int
+    progress : callable or bool, optional
+
+    Returns
+    -------
+    Plan
+        Its ``predicted`` has the expected standard deviation of the logarithm of each free parameter.
+
+    Raises
+    ------
+    ArgumentError
+        An argument is wrong, or the motion leaves the limits of joints or motors.
+    """
+    given = str(model) if not isinstance(model, RobotModel) else _name(model)
+    robot = model if isinstance(model, RobotModel) else read(model)
+    hardware = hardware or DriveHardware()
+    _check_counts(periods, transients, realizations)
+    low, high = _band(robot, f_min, f_max, hardware)
+    lines_ = odd_lines(low, high, lines, period_s)
+    speed = motor_speeds(robot, np.asarray(speed_rms, dtype=float))
+    plan = Plan(
+        model=given,
+        digest=model_digest(robot),
+        motors=tuple(motor.name for motor in robot.motors),
+        poses=np.zeros((0, robot.n_m)),
+        lines=lines_,
+        period_s=float(period_s),
+        amplitudes=speed_amplitudes(lines_ / period_s, speed, spectrum),
+        phases=np.random.default_rng(seed).uniform(0, 2 * np.pi, (realizations, len(lines_), robot.n_m)),
+        periods=periods,
+        transients=transients,
+        hardware=hardware,
+        controller=default_cascade(robot),
+    )
+    vector = ParameterVector(robot, default_free(robot) if free is None else free)
+    return _with_poses(plan, robot, vector, poses, criterion, seed, progress)
+
+
+def _check_counts(periods: int, transients: int, realizations: int) -> None:
+    counts = {"periods": (periods, 2), "transients": (transients, 0), "realizations": (realizations, 1)}
+    for name, (value, least) in counts.items():
+        if not isinstance(value, int) or value < least:
+            raise ArgumentError(f"{name}: given {value!r}, expected a whole number >= {least}")
+
+
+def default_free(model: RobotModel) -> list[str]:
+    """Stiffness and damping, and the viscous frictions that the model has."""
+    viscous = [f"{motor.name}.viscous" for motor in model.motors if motor.friction.viscous != 0.0]
+    return [*FREE, *viscous]
+
+
+def default_cascade(model: RobotModel) -> Cascade:
+    """Gains from the motor inertias with all springs stiff: 8 Hz of speed control, position gain 8 1/s."""
+    home = np.array(model.home)
+    equations = derive(model)
+    linear = linearize(equations, hold_joints(equations, home))
+    stiff = np.zeros((model.dof, model.n_m))
+    stiff[list(model.i_g)] = np.linalg.inv(model.eta)
+    for k, j in enumerate(model.i_m):
+        stiff[model.n_a + k, j] = 1.0
+    inertia = np.diag(stiff.T @ linear.M @ stiff)
+    n = model.n_m
+    return Cascade(np.full(n, POSITION_GAIN), inertia * 2 * np.pi * BANDWIDTH, np.zeros(n))
+
+
+def _band(model: RobotModel, f_min: float | None, f_max: float | None, hardware: DriveHardware) -> tuple[float, float]:
+    most = 0.2 / hardware.sample_s
+    if f_min is None or f_max is None:
+        equations = derive(model)
+        linear = linearize(equations, hold_joints(equations, np.array(model.home)))
+        squares = np.sort(np.abs(np.linalg.eigvals(np.linalg.solve(linear.M, linear.K))))[model.n_m :]
+        if len(squares) == 0:
+            raise ArgumentError(
+                f"f_min, f_max: the model {model.name} has no elastic natural frequency; name a band in Hz"
+            )
+        lowest, highest = np.sqrt(squares[[0, -1]]) / (2 * np.pi)
+        f_min = lowest / 8 if f_min is None else f_min
+        f_max = min(1.5 * highest, most) if f_max is None else f_max
+    if f_max > 0.45 / hardware.sample_s:
+        raise ArgumentError(
+            f"f_max: given {f_max} Hz, expected at most {0.45 / hardware.sample_s:.4g} Hz for a sample time of "
+            f"{hardware.sample_s} s"
+        )
+    return f_min, f_max
+
+
+def _with_poses(
+    plan: Plan,
+    model: RobotModel,
+    vector: ParameterVector,
+    poses: int | np.ndarray,
+    criterion: str,
+    seed: int,
+    progress: Choice,
+) -> Plan:
+    """The plan with its poses and what it predicts."""
+    tell = progress if callable(progress) else None
+    if isinstance(poses, int | np.integer):
+        if poses < 1 or criterion not in operating_points.CRITERIA:
+            expected = ", ".join(operating_points.CRITERIA)
+            raise ArgumentError(
+                f"poses, criterion: given {poses!r}, {criterion!r}, expected >= 1 and one of {expected}"
+            )
+        swing = _swing(plan)
+        offered = operating_points.candidates(model, CANDIDATES if criterion != "random" else int(poses), seed)
+        offered = offered[[_within(model, pose, swing) is None for pose in offered]]
+        if len(offered) == 0:
+            raise ArgumentError("speed_rms: the motion leaves the limits of the joints at every pose; expected less")
+        if criterion == "random":
+            plan = replace(plan, poses=offered)
+        else:
+            every = max(1, len(plan.lines) // 20)  # twenty lines tell which pose is better
+            F, used = operating_points.information(vector, plan, offered, every=every, progress=tell)
+            chosen = operating_points.choose(F, int(poses), vector, criterion)
+            plan = replace(plan, poses=offered[used[sorted(chosen)]])
+    else:
+        q_g = np.atleast_2d(np.asarray(poses, dtype=float))
+        if q_g.ndim != 2 or q_g.shape[1] != model.n_g or not np.isfinite(q_g).all():
+            raise ArgumentError(
+                f"poses: given an array of shape {q_g.shape}, expected (poses, {model.n_g}) in rad or m"
+            )
+        plan = replace(plan, poses=q_g @ model.eta.T)
+        for k, pose in enumerate(plan.poses):
+            reason = _within(model, pose, _swing(plan))
+            if reason is not None:
+                raise ArgumentError(f"pose {k + 1}: {reason}; take less speed_rms, a higher f_min, or another pose")
+    _check_speeds(plan, model)
+    F, _ = operating_points.information(vector, plan, plan.poses)
+    sd = np.sqrt(np.diag(operating_points.covariance(F.sum(axis=0), vector.prior_sd)))
+    return replace(plan, predicted=dict(zip(vector.names, sd.tolist(), strict=True)))
+
+
+def _swing(plan: Plan) -> np.ndarray:
+    """Largest deviation of each motor from the pose [rad], over all experiments, (n_m,)."""
+    found = [
+        np.abs(plan.reference(r, e)).max(axis=0) for r in range(plan.realizations) for e in range(plan.experiments)
+    ]
+    return np.max(found, axis=0)
+
+
+def _within(model: RobotModel, pose: np.ndarray, swing: np.ndarray) -> str | None:
+    """Why the motion about a pose leaves the joint limits, or None."""
+    inverse = np.linalg.inv(model.eta)
+    q, room = inverse @ pose, np.abs(inverse) @ swing
+    for k, i in enumerate(model.i_g):
+        dof = model.coordinates[i].dof
+        assert dof is not None
+        for limit, side in ((dof.lower, -1.0), (dof.upper, 1.0)):
+            if limit is not None and side * (q[k] + side * room[k] - limit) > 0:
+                return f"the motion of {dof.name} reaches {q[k] + side * room[k]:.4g}, expected within {limit:.4g}"
+    return None
+
+
+def _check_speeds(plan: Plan, model: RobotModel) -> None:
+    """ArgumentError where a motor or a joint would have to be faster than its limit."""
+    motors, joints = np.zeros(model.n_m), np.zeros(model.n_g)
+    inverse = np.linalg.inv(model.eta).T
+    for r in range(plan.realizations):
+        for e in range(plan.experiments):
+            q = plan.reference(r, e)
+            speed = np.diff(np.vstack([q, q[:1]]), axis=0) / plan.hardware.sample_s
+            motors = np.maximum(motors, np.abs(speed).max(axis=0))
+            joints = np.maximum(joints, np.abs(speed @ inverse).max(axis=0))
+    limits = [(f"motor {m.name}", m.speed_max, float(v)) for m, v in zip(model.motors, motors, strict=True)]
+    for i, v in zip(model.i_g, joints, strict=True):
+        dof = model.coordinates[i].dof
+        limits.append((f"joint {model.coordinates[i].name}", None if dof is None else dof.speed_max, float(v)))
+    for name, limit, largest in limits:
+        if limit is not None and largest > limit:
+            raise ArgumentError(
+                f"speed_rms: {name} would reach {largest:.4g}, expected at most {limit:.4g} (speed_max, rad/s or m/s); "
+                "take less speed_rms"
+            )
+
+
+def _name(model: RobotModel) -> str:
+    return (model.file or model.name) + (f"@{model.variant}" if model.variant else "")
+
+
+def local_model(vector: ParameterVector) -> LocalModel:
+    """The local model whose parameters are those of the vector that belong to the robot."""
+    return LocalModel(vector.model, vector.of_model)

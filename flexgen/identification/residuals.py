@@ -1,0 +1,202 @@
+"""Residuals of a parametric model against measured frequency responses, and their sums for the normal equations.
+
+===========  ======================================================================================================
+"nls"        ``r = (G(x) - G) / sd``, element by element
+"lls"        ``r = log(G(x) / G) / (sd / |G|)``, the complex logarithm
+"structured" ``r = L^-1 (G(x) - G) (U U^H)^(1/2) P^(1/2)``, ``L L^H = G S_u G^H + w^4 S_y``: the noise of torques and of
+             angles is white and independent, two variances for each motor
+===========  ======================================================================================================
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import nnls
+
+from flexgen.identification.frequency_response import Frf
+from flexgen.identification.local_model import Drive, LocalModel, Response, Rest
+from flexgen.identification.operating_points import along_x
+from flexgen.identification.parameters import ParameterVector
+from flexgen.identification.trust_region import Sums
+
+RESIDUALS = ("nls", "lls")
+LEAST_RELATIVE_SD = 1e-9  # of responses without noise
+SMOOTHED = 7  # lines over which a variance from few realizations is averaged
+
+
+class Residuals:
+    """The residuals of one set of responses, as functions of x.
+
+    Parameters
+    ----------
+    vector : ParameterVector
+    data : Frf
+    kind : str
+        ``"nls"`` or ``"lls"``.
+    floor : float
+        Model error: part of ``|G|`` that is added to the standard deviations.
+    extra : array (k, lines, n_m, n_m), optional
+        Variance of each element beside its noise.
+    """
+
+    def __init__(
+        self,
+        vector: ParameterVector,
+        data: Frf,
+        kind: str = "nls",
+        floor: float = 0.0,
+        extra: np.ndarray | None = None,
+    ) -> None:
+        self.vector, self.data, self.kind = vector, data, kind
+        self.local = LocalModel(vector.model, vector.of_model)
+        self.drive = Drive(data.sample_s, data.delay_s)
+        noise = data.variance if data.total is None else np.maximum(_smoothed(data.total, data.G), data.variance)
+        size = np.abs(data.G)
+        self.variance = noise + ((floor**2 + LEAST_RELATIVE_SD**2) * size**2) + (0.0 if extra is None else extra)
+        self._white: tuple[np.ndarray, np.ndarray] | None = None  # L^-1 and (U U^H)^(1/2) P^(1/2)
+        self._rest: tuple[np.ndarray, Rest] | None = None
+        self.count = data.G.size  # of complex residuals
+
+    def response(self, x: np.ndarray, derivatives: bool = False) -> Response:
+        """The model's responses, and their derivatives in x."""
+        named = self.vector.named(x)
+        values = np.array([named[name] for name in self.local.names])
+        if self._rest is None or not np.array_equal(self._rest[0], values):
+            start = None if self._rest is None else self._rest[1].y
+            self._rest = values, self.local.rest(values, self.data.poses, start)
+        drive = self.vector.drive_at(x, self.drive)
+        found = self.local.response(
+            values, self.data.poses, self.data.w, drive, speed_sd=self.data.speed_sd, derivatives=derivatives,
+            rest=self._rest[1],
+        )  # fmt: skip
+        if not derivatives:
+            return found
+        assert found.dG is not None
+        return Response(found.G, along_x(self.vector, self.local, x, found.G, found.dG, self.data.w))
+
+    def use_structure(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """From now on structured weights; returns the deviations of the spectra of torque and angle noise (n_m,).
+
+        The covariances come from the data; their structure from the responses at x.
+        """
+        G, w = self.response(x).G, self.data.w
+        torque, angle = noise_levels(self.data, G)
+        L = np.linalg.cholesky(structured_covariance(G, w, torque, angle))
+        white = np.linalg.inv(L)
+        self._white = white, np.linalg.cholesky(self.data.UU) * np.sqrt(self.data.periods)
+        self.kind = "structured"
+        return np.sqrt(torque), np.sqrt(angle)
+
+    def weighted(self, x: np.ndarray, derivatives: bool) -> tuple[np.ndarray, np.ndarray | None]:
+        """Residuals (k, lines, n_m, n_m) and their Jacobian (..., n)."""
+        found = self.response(x, derivatives)
+        G, dG = found.G, found.dG
+        if self.kind == "structured":
+            assert self._white is not None
+            left, right = self._white
+            r = left @ (G - self.data.G) @ right
+            J = None if dG is None else np.einsum("klia,klabp,klbj->klijp", left, dG, right, optimize=True)
+            return r, J
+        if self.kind == "lls":
+            weight = np.abs(self.data.G) / np.sqrt(self.variance)
+            return np.log(G / self.data.G) * weight, None if dG is None else dG * (weight / G)[..., None]
+        weight = 1.0 / np.sqrt(self.variance)
+        return (G - self.data.G) * weight, None if dG is None else dG * weight[..., None]
+
+    def cost(self, x: np.ndarray) -> float:
+        """Sum of the squares."""
+        return float((np.abs(self.weighted(x, False)[0]) ** 2).sum())
+
+    def sums(self, x: np.ndarray) -> Sums:
+        """Sum of the squares, ``Re J^H r``, ``Re J^H J``."""
+        r, J = self.weighted(x, True)
+        assert J is not None
+        flat, r = J.reshape(-1, J.shape[-1]), r.ravel()
+        real = np.vstack([flat.real, flat.imag])
+        return float((np.abs(r) ** 2).sum()), real.T @ np.concatenate([r.real, r.imag]), real.T @ real
+
+    def covariance(self, x: np.ndarray, A: np.ndarray) -> np.ndarray:
+        """Covariance (n, n) of x at the minimum: ``H (B/2 + W) H`` (sandwich), ``H = (A + W)^-1``.
+
+        ``A = Re J^H J``; W: information of the prior, whose center is as uncertain as it says. B has the covariances
+        between the elements of a response that the weights leave out.
+        """
+        prior = np.diag(self.vector.prior_sd**-2.0)
+        inverse = np.linalg.inv(A + prior)
+        if self.kind == "structured":
+            return inverse @ (0.5 * A + prior) @ inverse
+        _, J = self.weighted(x, True)
+        assert J is not None
+        if self.kind == "lls":
+            to_weight = 1.0 / np.abs(self.response(x).G)  # a small error of the logarithm, in sd of the element
+            to_weight = to_weight * np.abs(self.data.G) / np.sqrt(self.variance)
+        else:
+            to_weight = 1.0 / np.sqrt(self.variance)
+        Z = J * to_weight[..., None]
+        if self.data.total is not None:
+            flat = (Z * np.sqrt(self.variance)[..., None]).reshape(-1, J.shape[-1])
+        else:
+            Lc = np.linalg.cholesky(_regular(self.data.C))
+            Ls = np.linalg.cholesky(_regular(np.linalg.inv(self.data.UU).swapaxes(-1, -2) / self.data.periods))
+            flat = np.einsum("klai,klabp,klbj->klijp", Lc.conj(), Z, Ls.conj(), optimize=True)
+            flat = flat.reshape(-1, J.shape[-1])
+            beside = Z * np.sqrt(np.maximum(self.variance - self.data.variance, 0.0))[..., None]  # model error
+            flat = np.vstack([flat, beside.reshape(-1, J.shape[-1])])
+        B = np.real(flat.conj().T @ flat)
+        return inverse @ (0.5 * B + prior) @ inverse
+
+
+def noise_levels(data: Frf, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Variances of the spectra of torque and angle noise of each motor, (n_m,) each, from the covariances of the data.
+
+    Nonnegative least squares of ``C = G S_u G^H + w^4 S_y`` in units of C itself. Lines that fit worse than most count
+    less: transients that the noise leaves between the periods are not white.
+    """
+    n = G.shape[-1]
+    L = np.linalg.cholesky(_regular(data.C))
+    levels, trust = np.zeros(2 * n), np.ones((*G.shape[:2], 1, 1))
+    for _ in range(6):
+        white = np.linalg.inv(L) * np.sqrt(trust)
+        columns = []
+        for j in range(n):
+            g = white @ G[..., :, j : j + 1]
+            columns.append((g @ g.conj().swapaxes(-1, -2)).ravel())
+        for j in range(n):
+            g = white[..., :, j : j + 1] * data.w[:, None, None] ** 2
+            columns.append((g @ g.conj().swapaxes(-1, -2)).ravel())
+        target = (white @ data.C @ white.conj().swapaxes(-1, -2)).ravel()
+        M = np.array(columns).T
+        scale = np.linalg.norm(M, axis=0)
+        M = np.vstack([M.real, M.imag]) / scale
+        levels = nnls(M, np.concatenate([target.real, target.imag]))[0] / scale
+        L = np.linalg.cholesky(_regular(structured_covariance(G, data.w, levels[:n], levels[n:])))
+        white = np.linalg.inv(L)
+        misfit = np.linalg.norm(white @ data.C @ white.conj().swapaxes(-1, -2) - np.eye(n), axis=(-2, -1))
+        trust = np.minimum(1.0, np.median(misfit) / np.maximum(misfit, 1e-300))[..., None, None]
+    return levels[:n], levels[n:]
+
+
+def structured_covariance(G: np.ndarray, w: np.ndarray, torque: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """``G S_u G^H + w^4 S_y`` (k, lines, n_m, n_m)."""
+    return _regular((G * torque) @ G.conj().swapaxes(-1, -2) + (w[:, None, None] ** 4 * np.diag(angle)).astype(complex))
+
+
+def _regular(C: np.ndarray) -> np.ndarray:
+    """A covariance with a diagonal so little larger that it is positive definite for sure."""
+    size = np.real(np.einsum("...aa->...a", C))
+    least = np.maximum(size, 1e-12 * size.max(axis=-1, keepdims=True)) * 1e-9 + 1e-300
+    return C + least[..., None] * np.eye(C.shape[-1])
+
+
+def _smoothed(variance: np.ndarray, G: np.ndarray) -> np.ndarray:
+    """Variances averaged over neighboring lines, relative to ``|G|^2``."""
+    relative = variance / np.abs(G) ** 2
+    return over_lines(relative, SMOOTHED) * np.abs(G) ** 2
+
+
+def over_lines(x: np.ndarray, count: int) -> np.ndarray:
+    """Means over ``count`` neighboring lines, axis 1; fewer at the ends."""
+    out = np.empty_like(x)
+    for line in range(x.shape[1]):
+        out[:, line] = x[:, max(0, line - count // 2) : line + count // 2 + 1].mean(axis=1)
+    return out

@@ -1,0 +1,257 @@
+"""What an identification found: values with standard deviations, a status, weak directions, and the new model file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen import implementation
+from flexgen.atomic_files import write_text
+from flexgen.errors import ArgumentError, ModelError
+from flexgen.identification.frequency_response import Frf
+from flexgen.identification.parameters import ParameterVector, is_of_drive
+from flexgen.mechanics.parameters import select, with_values
+from flexgen.model.elements import RobotModel
+from flexgen.model.number_edit import with_numbers
+from flexgen.model.reader import parse_file, read
+
+WEAK = 0.5  # standard deviation of a logarithm above which the model keeps the value of its file
+
+
+class FitStatus(StrEnum):
+    """Status of an identification; a member is a string with a ``sentence`` and an ``advice``."""
+
+    sentence: str
+    advice: str
+
+    def __new__(cls, value: str, sentence: str, advice: str) -> FitStatus:
+        """A member with its texts."""
+        member = str.__new__(cls, value)
+        member._value_ = value
+        member.sentence, member.advice = sentence, advice
+        return member
+
+    FITTED = (
+        "fitted",
+        "The model agrees with the measurement within the noise.",
+        "Use the new model file. Masses and payload are not checked by a fit: what is wrong there is hidden in the "
+        "other parameters.",
+    )
+    MODEL_ERROR = (
+        "model error",
+        "The model differs from the measurement by more than the noise.",
+        "Look at the report: a missing spring, an unknown delay, the wrong hold of the torques, or friction. The "
+        "standard deviations include a model error of the size that was found.",
+    )
+    NOISE_TOO_LARGE = (
+        "noise too large",
+        "The model agrees with the measurement better than its noise allows: the variances of the data are too large.",
+        "Check how the variances were estimated: periods that differ by drift or by a transient make them large.",
+    )
+    AT_BOUND = (
+        "at a bound",
+        "At least one parameter is at its bound.",
+        "Check the start values and the bounds of the parameters that the table marks.",
+    )
+    NOT_CONVERGED = (
+        "not converged",
+        "The search for the best parameters did not come to an end.",
+        "Do not use the values; begin nearer to the truth, fix parameters that are weak, or take more starts.",
+    )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identified:
+    """Identified parameters.
+
+    Parameters
+    ----------
+    vector : ParameterVector
+    x : array (n,)
+    covariance : array (n, n)
+        Of x: of logarithms for parameters with the scale "log".
+    status : FitStatus
+    cost : float
+        Mean square of the weighted residuals, for one degree of freedom: 1 where model and noise are right.
+    model_error : float
+        Median part of ``|G|`` that the model does not explain; 0 where noise explains the residuals.
+    starts, agreed : int
+        Searches from different start values, and those that ended at the best cost.
+    iterations : int
+        Of the best search.
+    at_bound : tuple of str
+    weak : tuple of str
+        Sentences on directions that the data do not determine.
+    data : Frf
+        What was fitted.
+    variance : array (k, lines, n_m, n_m)
+        Of the elements of the responses: noise and model error.
+    weights : str
+        ``"structured"``, ``"nls"`` or ``"lls"``.
+    wall_s : float [s]
+    source : str
+        Of the data, for the new model file.
+    """
+
+    vector: ParameterVector
+    x: np.ndarray
+    covariance: np.ndarray
+    status: FitStatus
+    cost: float
+    model_error: float
+    starts: int
+    agreed: int
+    iterations: int
+    at_bound: tuple[str, ...]
+    weak: tuple[str, ...]
+    data: Frf
+    variance: np.ndarray
+    weights: str
+    wall_s: float
+    source: str = ""
+
+    def __repr__(self) -> str:
+        return (
+            f"<Identified {self.vector.model.name}: {self.status}, {len(self.vector)} parameters, "
+            f"cost {self.cost:.3g}, {self.agreed} of {self.starts} starts>"
+        )
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Name -> value; SI units, on the side where the model file states the number."""
+        return dict(zip(self.vector.names, self.vector.values(self.x).tolist(), strict=True))
+
+    @property
+    def sd(self) -> dict[str, float]:
+        """Name -> standard deviation: relative for parameters with the scale "log", else in the parameter's unit."""
+        return dict(zip(self.vector.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation matrix of x (n, n)."""
+        sd = np.sqrt(np.diag(self.covariance))
+        return self.covariance / np.outer(sd, sd)
+
+    def is_weak(self, name: str) -> bool:
+        """Whether the data do not determine a parameter: the model keeps the value of its file."""
+        unknown = self.vector.unknowns[self.vector.names.index(name)]
+        return unknown.scale == "log" and self.sd[name] > WEAK
+
+    def used(self) -> dict[str, float]:
+        """Name -> value of the numbers of the model that change: without weak ones and those of the drives."""
+        named = self.vector.named(self.x)
+        out = {}
+        for unknown in self.vector.unknowns:
+            if not self.is_weak(unknown.name):
+                out.update({name: named[name] for name in (unknown.name, *unknown.tied) if not is_of_drive(name)})
+        return out
+
+    @property
+    def model(self) -> RobotModel:
+        """The model with the identified values; weak parameters as they were."""
+        return with_values(self.vector.model, self.used())
+
+    def figures(self) -> dict[str, Any]:
+        """The result as plain data: status, cost, and a row for each parameter."""
+        sd = self.sd
+        rows = [
+            {
+                "name": u.name,
+                "value": self.values[u.name],
+                "unit": u.parameter.unit,
+                "sd": sd[u.name],
+                "sd_is_relative": u.scale == "log",
+                "start": u.start,
+                "in_file": u.parameter.value,
+                "at_bound": u.name in self.at_bound,
+                "weak": self.is_weak(u.name),
+                "description": u.parameter.doc,
+            }
+            for u in self.vector.unknowns
+        ]
+        return {
+            "status": str(self.status),
+            "sentence": self.status.sentence,
+            "advice": self.status.advice,
+            "cost_per_degree_of_freedom": self.cost,
+            "model_error": self.model_error,
+            "starts": self.starts,
+            "starts_at_best_cost": self.agreed,
+            "iterations": self.iterations,
+            "weights": self.weights,
+            "weak_directions": list(self.weak),
+            "wall_s": self.wall_s,
+            "parameters": rows,
+        }
+
+    def report(self, directory: str | Path) -> Path:
+        """Write a self-contained HTML page with tables and pictures into a folder; returns the page."""
+        page: Path = implementation("Identified.report")(self, directory)
+        return page
+
+    def verdict(
+        self, move: Any = None, *, truth: Any = None, samples: int = 10, control: str = "feedback", progress: Any = None
+    ) -> Any:
+        """Tool errors of feedforward with this model; see `flexgen.identification.verdict.verdict`."""
+        return implementation("Identified.verdict")(
+            self, move, truth=truth, samples=samples, control=control, progress=progress
+        )
+
+    def write(self, path: str | Path, model_file: str | Path | None = None) -> Path:
+        """Write the new model file: the text of the old one with other numbers, and their standard deviations.
+
+        Parameters
+        ----------
+        path : str or Path
+        model_file : str or Path, optional
+            The old file; default: that of the model.
+
+        Raises
+        ------
+        ArgumentError
+            The model is not from a ``.toml`` file with ``[[element]]`` tables.
+        ModelError
+            The numbers cannot be written there, because a variant sets them.
+        """
+        model = self.vector.model
+        old = Path(model_file or model.file)
+        if not old.is_file() or old.suffix != ".toml" or "urdf" in parse_file(old, str(old)).value:
+            raise ArgumentError(
+                f"model file: given {str(old)!r}, expected a .toml file with [[element]] tables; the numbers of other "
+                "models are in Identified.values and in --json"
+            )
+        text = old.read_text(encoding="utf-8")
+        text = written(text, model, self.used(), self.sd, self.source, str(old))
+        target = Path(path)
+        if target.suffix != ".toml":
+            raise ArgumentError(f"out: given {str(path)!r}, expected a name that ends in .toml")
+        write_text(target, text)
+        again = read(target, model.variant or None)
+        new = self.model
+        if (again.elements, again.motors, again.payload) != (new.elements, new.motors, new.payload):
+            raise ModelError(
+                str(target), 0, "file", f"numbers that the variant {model.variant!r} sets to others",
+                "a model without variant, or a variant that leaves the identified numbers alone",
+            )  # fmt: skip
+        return target
+
+
+def written(
+    text: str, model: RobotModel, values: Mapping[str, float], sd: Mapping[str, float], source: str, file: str
+) -> str:
+    """The text of a model file with the values of some parameters, each with a comment on its accuracy."""
+    chosen = select(model, sorted(values))
+    numbers = {p.key: values[p.name] for p in chosen}
+    notes = {p.key: f"{p.name}: sd {_percent(sd[p.name], p.name)}" for p in chosen if p.name in sd}
+    head = f"# Identified parameters ({source or 'measurement'}): each has its standard deviation in a comment.\n"
+    return head + with_numbers(text, numbers, file, notes)
+
+
+def _percent(sd: float, name: str) -> str:
+    signed = ".com_" in name or name.endswith(".offset")
+    return f"{sd:.2g}" if signed else f"{100 * sd:.2g} %"

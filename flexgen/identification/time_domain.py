@@ -1,0 +1,234 @@
+"""`refine`: fit parameters by simulation of the experiment on the nonlinear model (output error).
+
+    r = w^2 (Q(x) - Q) / sd            at the excited lines; Q: spectra of the motor angles in the closed loop
+
+Frequency responses are biased by friction and by springs that are not linear. Here the drives, references and the
+nonlinear model are simulated in C with the parameters x as arguments, without noise, and compared with the measured
+angles. That needs good start values (those of the frequency responses) and a known drive. Derivatives are forward
+differences in x.
+
+Source: L. Ljung, System Identification, 2nd ed. 1999, ch. 7 (output error).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from flexgen.deadline import check_time
+from flexgen.errors import ArgumentError
+from flexgen.identification.experiment import Experiment, largest_rate, settle, spectrum
+from flexgen.identification.graybox import COST_MOST, SMALL_ERROR, weak_directions
+from flexgen.identification.local_model import LocalModel, Rest
+from flexgen.identification.parameters import ParameterVector, is_of_drive
+from flexgen.identification.result import FitStatus, Identified
+from flexgen.identification.trust_region import Fit, Sums, minimize
+from flexgen.inversion.model_library import library_with
+from flexgen.loop.closed_loop import ClosedLoop
+from flexgen.mechanics.parameters import select
+from flexgen.progress import Choice, reported
+
+STEP = 1e-4  # of forward differences in x, mostly logarithms
+DISTANCE = 0.03  # standard deviations from the minimum where the search ends: forward differences show no more
+FRICTION = ("viscous", "coulomb", "beta")  # of each motor and joint that has them
+
+
+class Simulated:
+    """Spectra of the motor angles of an experiment as functions of the parameters x.
+
+    Parameters
+    ----------
+    vector : ParameterVector
+    experiment : Experiment
+    runs : sequence of (int, int, int)
+        Pose, realization and experiment of each robot that is simulated.
+    """
+
+    def __init__(
+        self,
+        vector: ParameterVector,
+        experiment: Experiment,
+        runs: Sequence[tuple[int, int, int]],
+        progress: Callable[[str], None] | None = None,
+    ) -> None:
+        self.vector, self.plan, self.runs, self.progress = vector, experiment.plan, tuple(runs), progress
+        plan = self.plan
+        names = vector.of_model
+        self.library = library_with(vector.model, ("forward_dynamics",), parameters=names, progress=progress)
+        self.local = LocalModel(vector.model, self.library.parameter_names)
+        self._rest: Rest | None = None
+        poses = plan.poses[[k for k, _, _ in self.runs]]
+        self.reference = np.zeros((plan.samples, len(self.runs), 2 * len(plan.motors)))
+        for lane, (k, r, e) in enumerate(self.runs):
+            self.reference[:, lane, : len(plan.motors)] = plan.poses[k] + plan.reference(r, e)
+        self.poses = poses
+        w2 = (2 * np.pi * plan.frequencies[:, None]) ** 2
+        measured = np.array([experiment.q_m[run] for run in self.runs])  # (runs, periods, lines, n_m)
+        self.measured = w2 * measured.mean(axis=1)
+        self.sd = _standard_deviation(w2 * measured)
+        self.quiet = replace(plan.hardware, encoder_noise_rad=0.0, encoder_resolution_rad=0.0, torque_noise_Nm=0.0)
+        rate = 1.5 * largest_rate(self.local, plan.poses)  # room for steeper friction than at the start
+        self.steps = max(1, int(np.ceil(rate * plan.hardware.sample_s)))
+        self.count, self.simulations = self.measured.size, 0
+
+    def spectra(self, x: np.ndarray) -> np.ndarray:
+        """``w^2 Q`` (runs, lines, n_m) of a period after the transients."""
+        check_time("identify")
+        plan, named = self.plan, self.vector.named(x)
+        values = np.array([named[name] for name in self.library.parameter_names])
+        start = None if self._rest is None else self._rest.y
+        rest = self.local.rest(values, self.poses, start)
+        self._rest = rest
+        n_a, n_m = self.vector.model.n_a, self.vector.model.n_m
+        loop = ClosedLoop(
+            self.vector.model, self.library, self.quiet, plan.controller, rest.y[:, :n_a], self.poses, 0.0,
+            steps=self.steps, parameters=values,
+        )  # fmt: skip
+        loop.hold(rest.tau_m)
+        self.reference[:, :, n_m:] = rest.tau_m
+        settle(loop, self.reference, max(plan.transients, 1))
+        q = loop.run(self.reference, plan.samples).q_m
+        self.simulations += 1
+        w2 = (2 * np.pi * plan.frequencies[:, None]) ** 2
+        return w2 * np.array([spectrum(q[:, lane], plan.lines) for lane in range(q.shape[1])])
+
+    def residual(self, x: np.ndarray) -> np.ndarray:
+        """Weighted residuals (runs, lines, n_m)."""
+        return (self.spectra(x) - self.measured) / self.sd
+
+    def cost(self, x: np.ndarray) -> float:
+        """Sum of their squares."""
+        return float((np.abs(self.residual(x)) ** 2).sum())
+
+    def sums(self, x: np.ndarray) -> Sums:
+        """Sum of the squares, ``Re J^H r``, ``Re J^H J``."""
+        r = self.residual(x).ravel()
+        J = np.empty((len(r), len(x)), complex)
+        for k in range(len(x)):
+            if self.progress is not None:
+                self.progress(f"simulation {self.simulations + 1}, {self.plan.duration_s:.0f} s of robot in the plan")
+            J[:, k] = (self.residual(x + STEP * (np.arange(len(x)) == k)).ravel() - r) / STEP
+        return float((np.abs(r) ** 2).sum()), np.real(J.conj().T @ r), np.real(J.conj().T @ J)
+
+
+@reported("refine")
+def refine(
+    found: Identified,
+    experiment: Experiment,
+    *,
+    free: Sequence[str] | None = None,
+    start: Mapping[str, float] | None = None,
+    runs: int = 1,
+    progress: Choice = None,
+) -> Identified:
+    """Refine identified parameters by simulation of the experiment on the nonlinear model.
+
+    Parameters
+    ----------
+    found : Identified
+        From the frequency responses of the same experiment; where the search begins.
+    experiment : Experiment
+    free : sequence of str, optional
+        Parameters; default: those of ``found``, and viscous and Coulomb friction of every motor and joint that has any,
+        with the width of its step (``beta``).
+    start : mapping, optional
+        Other values to begin with.
+    runs : int
+        Experiments that are simulated at each pose.
+    progress : callable or bool, optional
+
+    Returns
+    -------
+    Identified
+        Weights ``"time domain"``; its ``data`` are the frequency responses of ``found``.
+
+    Raises
+    ------
+    ArgumentError
+        The experiment is another one, or a parameter cannot be simulated.
+    """
+    began = time.perf_counter()
+    tell = progress if callable(progress) else None
+    plan, model = experiment.plan, found.vector.model
+    if plan.motors != found.data.motors or not np.array_equal(plan.poses, found.data.poses):
+        raise ArgumentError("experiment: given other motors or poses than those of the frequency responses")
+    if not isinstance(runs, int) or not 1 <= runs <= plan.experiments * plan.realizations:
+        most = plan.experiments * plan.realizations
+        raise ArgumentError(f"runs: given {runs!r}, expected 1 to {most}, the experiments at each pose")
+    names = list(found.vector.names) + _frictions(found) if free is None else list(free)
+    names = [name for name in dict.fromkeys(names) if not is_of_drive(name)]
+    for parameter in select(model, names):
+        if not parameter.run_time:
+            raise ArgumentError(f"free: given {parameter.name}, expected stiffness, damping, friction or payload")
+    begin = {name: value for name, value in found.used().items() if name in {p.name for p in select(model, names)}}
+    vector = ParameterVector(model, names, start=begin | dict(start or {}))
+    every = [(r, e) for r in range(plan.realizations) for e in range(plan.experiments)]
+    chosen = [(k, *every[(k + i) % len(every)]) for k in range(len(plan.poses)) for i in range(runs)]
+    simulated = Simulated(vector, experiment, chosen, tell)
+    fit = minimize(
+        simulated.sums, simulated.cost, vector.start, vector.start, vector.prior_sd, vector.bounds, distance=DISTANCE
+    )
+    degrees = max(simulated.count - len(vector) / 2, 1.0)
+    cost = fit.cost / degrees
+    prior = np.diag(vector.prior_sd**-2.0)
+    inverse = np.linalg.inv(fit.A + prior)
+    # A cost above one: what is left is no noise; the standard deviations grow with it.
+    covariance = inverse @ (0.5 * max(cost, 1.0) * fit.A + prior) @ inverse
+    return replace(
+        found,
+        vector=vector,
+        x=fit.x,
+        covariance=covariance,
+        status=_status(fit, cost, simulated),
+        cost=cost,
+        model_error=0.0,
+        starts=1,
+        agreed=1,
+        iterations=fit.iterations,
+        at_bound=tuple(name for name, held in zip(vector.names, fit.at_bound, strict=True) if held),
+        weak=weak_directions(vector, fit.A),
+        weights="time domain",
+        wall_s=time.perf_counter() - began,
+    )
+
+
+def _frictions(found: Identified) -> list[str]:
+    """Friction numbers of motors and joints that the model file has."""
+    model = found.vector.model
+    parts = [(motor.name, motor.friction) for motor in model.motors]
+    parts += [(c.name, c.dof.friction) for c in model.coordinates if c.dof is not None]
+    return [
+        f"{part}.{name}"
+        for part, friction in parts
+        for name in FRICTION
+        if getattr(friction, name, 0.0) > 0.0 and (name != "beta" or friction.coulomb > 0.0)
+    ]
+
+
+def _status(fit: Fit, cost: float, simulated: Simulated) -> FitStatus:
+    if not fit.converged:
+        return FitStatus.NOT_CONVERGED
+    if fit.at_bound.any():
+        return FitStatus.AT_BOUND
+    relative = np.linalg.norm(simulated.residual(fit.x) * simulated.sd) / np.linalg.norm(simulated.measured)
+    if cost > COST_MOST and relative > SMALL_ERROR:
+        return FitStatus.MODEL_ERROR
+    return FitStatus.FITTED
+
+
+def _standard_deviation(spectra: np.ndarray) -> np.ndarray:
+    """Deviation of the mean over the periods (1, lines, n_m), from all robots together and neighboring lines.
+
+    ``spectra`` (runs, periods, lines, n_m). Without noise: a small part of the signal, so that nothing is divided by
+    zero.
+    """
+    periods = spectra.shape[1]
+    variance = np.var(spectra, axis=1, ddof=1).mean(axis=0) / periods
+    smooth = np.empty_like(variance)
+    for line in range(len(variance)):
+        smooth[line] = variance[max(0, line - 3) : line + 4].mean(axis=0)
+    least = (1e-6 * np.sqrt((np.abs(spectra) ** 2).mean(axis=(0, 1)))) ** 2
+    return np.sqrt(smooth + least)[None]

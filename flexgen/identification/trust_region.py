@@ -1,0 +1,139 @@
+"""Nonlinear least squares by a trust region on the normal equations, with a Gaussian prior and bounds.
+
+    min  ||r(x)||^2 + sum ((x - x_0)/sd)^2,      g = Re J^H r + prior,  A = Re J^H J + prior
+
+The step is the minimum of the quadratic model within a sphere, from the eigenvalues of A. Residuals are summed into g
+and A by the caller, so that their Jacobian is never stored as a whole.
+
+Source: J. Nocedal and S. Wright, Numerical Optimization, 2nd ed. 2006, ch. 4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexgen.deadline import check_time
+from flexgen.errors import SolverError
+
+Sums = tuple[float, np.ndarray, np.ndarray]  # ||r||^2, Re J^H r, Re J^H J
+RADIUS, LARGEST_RADIUS = 0.5, 3.0  # of the step in x, mostly logarithms
+ITERATIONS = 100
+# Where to stop: distance to the minimum of the quadratic model over the standard deviation, and size of a step.
+DISTANCE_IN_SD, SMALL_STEP = 1e-3, 1e-9
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Result of a fit.
+
+    ``x`` (n,), ``cost``: ||r||^2 without the prior; ``objective``: with it; ``A`` (n, n): Re J^H J without the prior;
+    ``iterations``, ``converged``; ``at_bound`` (n,): parameters that a bound holds.
+    """
+
+    x: np.ndarray
+    cost: float
+    objective: float
+    A: np.ndarray
+    iterations: int
+    converged: bool
+    at_bound: np.ndarray
+
+
+def minimize(
+    sums: Callable[[np.ndarray], Sums],
+    cost: Callable[[np.ndarray], float],
+    start: np.ndarray,
+    center: np.ndarray,
+    prior_sd: np.ndarray,
+    bounds: tuple[np.ndarray, np.ndarray],
+    *,
+    distance: float = DISTANCE_IN_SD,
+) -> Fit:
+    """Minimize the sum of squares.
+
+    Parameters
+    ----------
+    sums, cost : callables
+        ``||r||^2`` with and without the sums of the normal equations. They may raise SolverError where the model has
+        no solution; such a step is refused.
+    start, center : arrays (n,)
+        Where the search begins, and the center of the prior.
+    prior_sd : array (n,)
+    bounds : (lower, upper), arrays (n,)
+    distance : float
+        Stop where the minimum of the quadratic model is nearer than this, in standard deviations.
+    """
+    lower, upper = bounds
+    weight = prior_sd**-2.0
+    x = np.clip(start, lower, upper)
+    value, g, A = sums(x)
+
+    def objective(at: np.ndarray, of: float) -> float:
+        return of + float(weight @ (at - center) ** 2)
+
+    radius, total, converged, n = RADIUS, objective(x, value), False, 0
+    held = np.zeros(len(x), bool)
+    for n in range(1, ITERATIONS + 1):  # noqa: B007, the number of iterations is a result
+        check_time("identify")
+        whole, matrix = g + weight * (x - center), A + np.diag(weight)
+        held = ((x <= lower) & (whole > 0)) | ((x >= upper) & (whole < 0))
+        free = ~held
+        if not free.any():
+            converged = True
+            break
+        step = np.zeros(len(x))
+        step[free] = _step(matrix[np.ix_(free, free)], whole[free], radius)
+        step = np.clip(x + step, lower, upper) - x
+        gain = -float(2 * whole @ step + step @ matrix @ step)  # of the objective, by the quadratic model
+        size = float(np.linalg.norm(step))
+        inner = np.ix_(free, free)
+        left = float(whole[free] @ np.linalg.lstsq(matrix[inner], whole[free], rcond=1e-14)[0])
+        if size < SMALL_STEP or left < distance**2:
+            converged = True
+            break
+        try:
+            new = cost(x + step)
+        except SolverError:
+            radius = size / 4
+            continue
+        ratio = (total - objective(x + step, new)) / gain if gain > 0 else -1.0
+        if not np.isfinite(ratio) or ratio < 1e-4:
+            radius = size / 4
+            if radius < SMALL_STEP:
+                converged = gain <= 1e-9 * total  # rounding: nothing left to gain
+                break
+            continue
+        x = x + step
+        value, g, A = sums(x)
+        total = objective(x, value)
+        if ratio > 0.75 and size > 0.8 * radius:
+            radius = min(2 * radius, LARGEST_RADIUS)
+        elif ratio < 0.25:
+            radius = size / 2
+    return Fit(x, value, total, A, n, converged, held)
+
+
+def _step(A: np.ndarray, g: np.ndarray, radius: float) -> np.ndarray:
+    """Minimum of ``2 g's + s'A s`` within ``||s|| <= radius``."""
+    values, vectors = np.linalg.eigh(A)
+    values = np.maximum(values, 1e-14 * values[-1])
+    along = vectors.T @ g
+    step = -along / values
+    if np.linalg.norm(step) <= radius:
+        return vectors @ step
+    low, high = 0.0, float(np.linalg.norm(along)) / radius
+    for _ in range(200):
+        shift = (low * high) ** 0.5 if low > 0 else high * 1e-3
+        step = -along / (values + shift)
+        if np.linalg.norm(step) > radius:
+            low = shift
+        else:
+            high = shift
+        if abs(np.linalg.norm(step) - radius) < 0.05 * radius or high - low < 1e-12 * high:
+            break
+        if low == 0.0 and high < 1e-300:
+            break
+    return vectors @ step

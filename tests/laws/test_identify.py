@@ -1,0 +1,284 @@
+"""Gray-box identification: what it finds, how sure it says to be, and what it does not claim."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from identification_cases import NOISY, another, exact_responses, poses_of, small_plan, without_coulomb
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.errors import ArgumentError, ModelError
+from flexgen.identification.local_model import Drive
+from flexgen.identification.result import FitStatus
+from flexgen.mechanics.parameters import select, with_values
+
+W = 2 * np.pi * np.geomspace(1.0, 120.0, 40)
+DRIVE = Drive(5e-4)
+FREE = ("stiffness", "damping")
+
+
+def truth_of(model, names=FREE):
+    return {p.name: p.value for p in select(model, names)}
+
+
+def errors(found, true):
+    """Errors of the logarithms."""
+    return {name: float(np.log(found.values[name] / value)) for name, value in true.items()}
+
+
+# --- exact data -------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", ["planar5_nmp", "manutec_r3", pytest.param("manutec_r3_18", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("residual", ["nls", "lls"])
+def test_exact_responses_give_exact_parameters(name, residual):
+    """From start values off by factors up to 3."""
+    truth = without_coulomb(name)
+    data = exact_responses(truth, poses_of(truth, 3), W, DRIVE)
+    start = another(truth, 3, np.log(3.0))
+    found = flexgen.identify(start, data, free=FREE, residual=residual, starts=2, spread=1.5, progress=False)
+    assert max(map(abs, errors(found, truth_of(truth)).values())) < 1e-6
+    assert found.agreed == found.starts == 2 and found.cost < 1e-6
+
+
+def test_delay_torque_constants_inertias_and_new_frictions_are_found():
+    """Terms that the file does not have, and those of the drives."""
+    plain = without_coulomb("planar5_nmp")
+    true = {"m1.viscous": 0.02, "m2.viscous": 0.01, "m1.inertia": 1.1 * plain.motors[0].inertia}
+    truth = with_values(plain, true)
+    drive = Drive(5e-4, 1.3e-4, (1.0, 0.97))
+    data = replace(exact_responses(truth, poses_of(truth, 3), W, drive), delay_s=0.0)
+    base = with_values(plain, {"m1.viscous": 0.0, "m2.viscous": 0.0})
+    free = [*FREE, "m1.viscous", "m2.viscous", "m1.inertia", "delay", "m2.torque_constant"]
+    found = flexgen.identify(
+        base, data, free=free, start={"m1.viscous": 5e-3, "m2.viscous": 5e-3}, starts=1, progress=False
+    )
+    for name, value in {**true, "delay": 1.3e-4, "m2.torque_constant": 0.97}.items():
+        assert found.values[name] == pytest.approx(value, rel=1e-5), name
+    left_out = flexgen.identify(base, data, free=FREE, starts=1, progress=False)
+    assert left_out.status == FitStatus.MODEL_ERROR and left_out.model_error > 0.01
+
+
+@pytest.mark.parametrize("bug", ["transposed", "damper", "spring missing", "hold"])
+def test_a_wrong_model_is_a_model_error(bug):
+    """Planted: what a fit cannot explain must not end as 'fitted'."""
+    truth = without_coulomb("planar5_nmp")
+    data = exact_responses(truth, poses_of(truth, 3), W, DRIVE)
+    model = truth
+    if bug == "transposed":
+        data = replace(data, G=data.G.conj())  # a phase of the wrong sign
+    if bug == "damper":
+        data = replace(data, G=data.G * (1 + 0.05j * np.eye(2)[0]))  # losses that no damper of the model has
+    if bug == "spring missing":
+        stiff = {"q3.stiffness": 1e9, "q3.damping": 1e3}
+        model = with_values(truth, stiff)
+    if bug == "hold":
+        data = replace(data, sample_s=0.0)
+    fixed = ["q3.stiffness", "q3.damping"] if bug == "spring missing" else []
+    found = flexgen.identify(model, data, free=FREE, fixed=fixed, starts=1, progress=False)
+    assert found.status in (FitStatus.MODEL_ERROR, FitStatus.AT_BOUND, FitStatus.NOT_CONVERGED)
+    assert found.status.sentence and found.status.advice
+
+
+def test_a_parameter_at_its_bound_is_named():
+    truth = without_coulomb("planar5_nmp")
+    data = exact_responses(truth, poses_of(truth, 2), W, DRIVE)
+    value = truth_of(truth)["q1.stiffness"]
+    found = flexgen.identify(
+        truth, data, free=FREE, start={"q1.stiffness": 2 * value}, bounds={"q1.stiffness": (1.5 * value, 3 * value)},
+        starts=1, floor=0.0, progress=False,
+    )  # fmt: skip
+    assert found.status == FitStatus.AT_BOUND and found.at_bound == ("q1.stiffness",)
+
+
+def test_what_the_data_do_not_show_is_said_and_left_alone(tmp_path):
+    """A motor friction far below what the band can show."""
+    truth = without_coulomb("planar5_nmp")
+    tiny = with_values(truth, {"m1.viscous": 1e-9})
+    data = exact_responses(tiny, poses_of(tiny, 2), W, DRIVE)
+    found = flexgen.identify(tiny, data, free=[*FREE, "m1.viscous"], starts=1, progress=False)
+    assert found.is_weak("m1.viscous") and any(line.startswith("m1.viscous is not") for line in found.weak)
+    assert "m1.viscous" not in found.used()
+    assert found.model.motors[0].friction.viscous == 1e-9
+
+
+def test_tied_parameters_keep_their_ratio():
+    truth = without_coulomb("planar5_nmp")
+    data = exact_responses(truth, poses_of(truth, 2), W, DRIVE)
+    base = with_values(
+        truth, {"q1.damping": 2 * truth_of(truth)["q1.damping"], "q2.damping": 2 * truth_of(truth)["q2.damping"]}
+    )
+    found = flexgen.identify(base, data, free=FREE, ties={"q2.damping": "q1.damping"}, starts=1, progress=False)
+    named = found.vector.named(found.x)
+    true = truth_of(truth)
+    assert named["q2.damping"] / named["q1.damping"] == pytest.approx(true["q2.damping"] / true["q1.damping"])
+    assert named["q1.damping"] == pytest.approx(true["q1.damping"], rel=1e-6)
+
+
+# --- experiments with noise -------------------------------------------------------------------------------------------
+@needs_compiler
+def test_an_experiment_gives_springs_within_their_standard_deviations(tmp_path):
+    """The whole chain: plan, experiment with noise on another robot, responses, fit, new model file."""
+    model = without_coulomb("planar5_nmp")
+    truth = another(model, 7)
+    plan = flexgen.excite(model, poses=4, speed_rms=0.02, hardware=NOISY, seed=2, progress=False)
+    data = flexgen.frf(flexgen.measure(plan, truth, seed=5, progress=False))
+    found = flexgen.identify(model, data, progress=False, source="test")
+    assert found.status == FitStatus.FITTED and found.weights == "structured" and found.agreed == 3
+    away = errors(found, truth_of(truth))
+    assert max(abs(away[name]) / found.sd[name] for name in away) < 4
+    assert max(abs(away[name]) for name in away if "stiffness" in name) < 5e-3
+    ratios = [found.sd[name] / plan.predicted[name] for name in away]  # predicted from the model, not from the truth
+    assert 0.5 < np.median(ratios) < 2
+    written = flexgen.read(found.write(tmp_path / "new.toml"))
+    assert written.elements == found.model.elements and written.motors[0].inertia == model.motors[0].inertia
+    text = (tmp_path / "new.toml").read_text()
+    assert "# q1.stiffness: sd " in text and "Identified parameters (test)" in text
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("name", "chains"),
+    [
+        pytest.param("planar5_nmp", 12, marks=pytest.mark.slow),
+        pytest.param("manutec_r3_18", 12, marks=pytest.mark.full),
+    ],
+)
+def test_standard_deviations_are_those_of_repeated_experiments(name, chains):
+    model = without_coulomb(name)
+    truth = another(model, 3)
+    plan = flexgen.excite(
+        model, poses=8 if name == "manutec_r3_18" else 4, speed_rms=0.02, hardware=NOISY, seed=2, progress=False
+    )
+    true, away, claimed, costs = truth_of(truth), [], [], []
+    elementwise = []
+    for chain in range(chains):
+        data = flexgen.frf(flexgen.measure(plan, truth, seed=chain, progress=False))
+        for structured, out in ((True, away), (False, elementwise)):
+            found = flexgen.identify(model, data, starts=1, structured=structured, progress=False)
+            assert found.status == FitStatus.FITTED
+            out.append(list(errors(found, true).values()))
+            if structured:
+                claimed.append([found.sd[p] for p in true])
+                costs.append(found.cost)
+    ratio = np.abs(np.array(away)) / np.array(claimed)
+    # The median of a Gaussian's size is 0.674 of its deviation.
+    assert 0.85 < np.median(ratio) / 0.674 < 1.25
+    bias = np.mean(away, axis=0) / (np.array(claimed).mean(axis=0) / np.sqrt(chains))
+    assert np.abs(bias).max() < 3.5  # the largest of 6 to 24 numbers
+    assert np.sqrt(np.mean(np.square(away))) < np.sqrt(np.mean(np.square(elementwise)))
+    assert 0.8 < np.mean(costs) < 1.2
+
+
+# --- what is refused --------------------------------------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def exact():
+    truth = without_coulomb("planar5_nmp")
+    return truth, exact_responses(truth, poses_of(truth, 2), W, DRIVE)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"free": ["stifness"]}, "parameters: given 'stifness', expected some of"),
+        ({"free": []}, "free: given no parameter"),
+        ({"free": ["m9.torque_constant"]}, "expected one of m1.torque_constant"),
+        ({"free": ["m1.coulomb"]}, r"start of m1.coulomb: given 0.0 N m, expected a number > 0"),
+        ({"start": {"q9.stiffness": 1.0}}, "start: given 'q9.stiffness', expected one of the free"),
+        ({"start": {"q1.stiffness": -1.0}}, "start of q1.stiffness: given -1.0"),
+        ({"bounds": {"q1.stiffness": (5.0, 1.0)}}, "bounds of q1.stiffness"),
+        ({"priors": {"q1.stiffness": 0.0}}, "prior of q1.stiffness"),
+        ({"ties": {"q2.damping": "q9.damping"}}, "ties: given 'q9.damping'"),
+        ({"residual": "huber"}, "residual: given 'huber', expected one of nls, lls"),
+        ({"floor": -0.1}, "floor: given -0.1"),
+        ({"starts": 0}, "starts, spread: given 0"),
+    ],
+)
+def test_wrong_arguments_are_refused(exact, arguments, words):
+    truth, data = exact
+    with pytest.raises(ArgumentError, match=words):
+        flexgen.identify(truth, data, progress=False, **arguments)
+
+
+def test_channels_in_another_order_are_refused(exact):
+    truth, data = exact
+    with pytest.raises(ArgumentError, match=r"data: given the motors m2, m1, expected m1, m2 in this order"):
+        flexgen.identify(truth, replace(data, motors=("m2", "m1")), progress=False)
+
+
+def test_a_variant_that_sets_an_identified_number_is_refused(tmp_path):
+    model = flexgen.read("four_mass@high")
+    data = exact_responses(model, np.zeros((1, 1)), W, DRIVE)
+    found = flexgen.identify(model, data, free=["stiffness", "damping"], starts=1, progress=False)
+    with pytest.raises((ModelError, ArgumentError), match=r"variant|no stiffness|expected"):
+        found.write(tmp_path / "new.toml")
+
+
+# --- refinement in the time domain ------------------------------------------------------------------------------------
+def with_friction(name):
+    """A model with Coulomb friction in its motors."""
+    model = flexgen.read(name)
+    if any(motor.friction.coulomb for motor in model.motors):
+        return model
+    return with_values(model, {f"{m.name}.{k}": x for m in model.motors for k, x in (("coulomb", 1.0), ("beta", 2.0))})
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["planar5_nmp", pytest.param("manutec_r3", marks=pytest.mark.slow)])
+def test_coulomb_friction_is_found_in_the_time_domain(name):
+    """Friction biases the frequency responses; the simulation of the experiment does not care."""
+    model = with_friction(name)
+    truth = another(model, 4, 0.2)
+    true = {f"{m.name}.coulomb": 1.2 * m.friction.coulomb for m in model.motors if m.friction.coulomb}
+    truth = with_values(truth, true)
+    plan = small_plan(model, poses_of(model, 3), hardware=NOISY, periods=3, speed_rms=0.1)
+    experiment = flexgen.measure(plan, truth, seed=1, progress=False)
+    coarse = flexgen.identify(model, flexgen.frf(experiment), starts=1, progress=False)
+    fine = flexgen.refine(coarse, experiment, progress=False)
+    assert coarse.status == FitStatus.MODEL_ERROR and fine.status == FitStatus.FITTED
+    springs = truth_of(truth, ["stiffness"])
+    before, after = (max(map(abs, errors(found, springs).values())) for found in (coarse, fine))
+    assert after < 1e-2 and before > 3 * after, (before, after)
+    away = errors(fine, true | springs)
+    assert max(abs(away[name]) for name in true) < 0.02
+    assert max(abs(away[name]) / fine.sd[name] for name in away) < 4.5
+    assert 0.5 < fine.cost < 2.0 and fine.weights == "time domain"
+    wrong = replace(
+        experiment, plan=replace(plan, controller=replace(plan.controller, speed_gain=1.1 * plan.controller.speed_gain))
+    )
+    other = flexgen.refine(coarse, wrong, progress=False)
+    assert other.cost > 2  # a drive that is not the one of the experiment is seen
+
+
+@needs_compiler
+def test_an_experiment_that_does_not_belong_to_the_fit_is_refused():
+    model = without_coulomb("planar5_nmp")
+    plan = small_plan(model, poses_of(model, 1), hardware=NOISY)
+    experiment = flexgen.measure(plan, model, progress=False)
+    found = flexgen.identify(model, flexgen.frf(experiment), starts=1, progress=False)
+    other = replace(experiment, plan=replace(plan, poses=plan.poses + 0.1))
+    with pytest.raises(ArgumentError, match="given other motors or poses"):
+        flexgen.refine(found, other, progress=False)
+    with pytest.raises(ArgumentError, match=r"runs: given 9, expected 1 to 2"):
+        flexgen.refine(found, experiment, runs=9, progress=False)
+    with pytest.raises(ArgumentError, match=r"free: given m1\.inertia, expected stiffness"):
+        flexgen.refine(found, experiment, free=["m1.inertia"], progress=False)
+
+
+# --- what it is worth -------------------------------------------------------------------------------------------------
+@needs_compiler
+@pytest.mark.slow
+def test_feedforward_with_the_identified_model_is_as_good_as_with_the_true_one():
+    """Also the distribution that is predicted without knowing the robot contains the error on the true one."""
+    model = without_coulomb("planar5_nmp")
+    truth = another(model, 7)
+    plan = small_plan(model, poses_of(model, 4), hardware=NOISY, periods=4, period_s=4.0)
+    found = flexgen.identify(model, flexgen.frf(flexgen.measure(plan, truth, progress=False)), starts=1, progress=False)
+    known = found.verdict("line", truth=truth, progress=False)
+    before, after, rigid = (known[name].error_m[0] for name in ("file", "identified", "rigid"))
+    assert after < 30e-6 and before > 20 * after and rigid > before
+    guessed = found.verdict("line", samples=6, progress=False)
+    assert guessed["identified"].quantile(0.0) / 5 < after < 5 * guessed["identified"].quantile(1.0)
+    with pytest.raises(ArgumentError, match="samples: given 0"):
+        found.verdict("line", samples=0, progress=False)

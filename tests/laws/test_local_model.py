@@ -1,0 +1,118 @@
+"""Linear models at rest: derivatives in the parameters, poses of rest, friction of the same mean power."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+import pytest
+from identification_cases import poses_of
+from scipy.integrate import quad
+
+import flexgen
+from flexgen.analysis.linear import linearize
+from flexgen.errors import SolverError
+from flexgen.identification.local_model import Drive, LocalModel, mean_viscous_change
+from flexgen.mechanics.statics import hold_joints
+from flexgen.model.elements import Friction
+
+W = 2 * np.pi * np.geomspace(1.0, 100.0, 12)
+DRIVE = Drive(5e-4, 2e-4)
+ELASTIC = [name for name in (m["name"] for m in flexgen.models()) if flexgen.read(name).dof > flexgen.read(name).n_m]
+
+
+def worst_slope(local: LocalModel, q_m: np.ndarray, speed_sd: np.ndarray | None) -> float:
+    """Largest difference between derivatives and central differences, over the largest derivative."""
+    values = np.where(local.values == 0, 1e-3, local.values)
+    exact = local.response(values, q_m, W, DRIVE, speed_sd=speed_sd).dG
+    assert exact is not None
+    worst = 0.0
+    for k, value in enumerate(values):
+        # The error of a central difference falls with the square of its step; rounding of nearly singular poses of
+        # rest rises with its inverse.
+        step = 1e-4 * abs(value)
+        up, down = (
+            local.response(np.where(np.arange(len(values)) == k, values + s * step, values), q_m, W, DRIVE,
+                           speed_sd=speed_sd, derivatives=False).G
+            for s in (1.0, -1.0)
+        )  # fmt: skip
+        difference = np.abs((up - down) / (2 * step) - exact[..., k]).max()
+        worst = max(worst, difference / max(np.abs(exact[..., k]).max(), 1e-300))
+    return worst
+
+
+@pytest.mark.parametrize("name", ELASTIC)
+def test_derivatives_are_those_of_central_differences(name):
+    model = flexgen.read(name)
+    speeds = np.full(model.n_m, 0.3)
+    names = ["stiffness", "damping", "friction"] if any(m.friction.viscous for m in model.motors) else ["stiffness"]
+    local = LocalModel(model, [*names, *(f"{m.name}.inertia" for m in model.motors)])
+    q_m = poses_of(model, 2, spread=0.2) @ model.eta.T
+    assert worst_slope(local, q_m, speeds) < 1e-5
+
+
+def test_a_pose_that_does_not_move_with_the_springs_is_noticed(monkeypatch):
+    """Payload and springs move the pose of rest: without that part the derivatives are wrong."""
+    model = flexgen.read("manutec_r3_18")
+    local = LocalModel(model, ["payload.mass", "t2y.stiffness"])
+    q_m = poses_of(model, 1, spread=0.2) @ model.eta.T
+    assert worst_slope(local, q_m, None) < 1e-5
+    real = LocalModel.rest
+
+    def still(self, values, q_m, start=None):
+        rest = real(self, values, q_m, start)
+        return type(rest)(rest.y, rest.tau_m, 0 * rest.dy)
+
+    monkeypatch.setattr(LocalModel, "rest", still)
+    assert worst_slope(local, q_m, None) > 1e-4
+
+
+@pytest.mark.parametrize("name", ["planar5_nmp", "elbow", "manutec_r3"])
+def test_the_linear_model_is_that_of_the_analysis(name):
+    """The same matrices as by `flexgen.analysis.linear`, whose pose of rest is found by other equations."""
+    equations = flexgen.derive(name)
+    model = equations.model
+    rest = hold_joints(equations, np.array(model.home))
+    linear = linearize(equations, rest)
+    local = LocalModel(model, ())
+    found = local.rest(local.values, rest.q_m[None])
+    assert np.allclose(found.y[0, : model.n_a], rest.q_a, atol=1e-9)
+    for a, b in zip(
+        local.matrices(local.values, rest.q_m[None]), (linear.M, linear.D, linear.K, linear.B), strict=True
+    ):
+        assert np.allclose(a[0], b, rtol=1e-7, atol=1e-9 * np.abs(b).max())
+
+
+@pytest.mark.parametrize(("beta", "sd"), [(10.0, 0.01), (10.0, 0.5), (300.0, 0.1), (1e4, 1.0)])
+def test_friction_has_the_same_mean_power(beta, sd):
+    """Against an adaptive integral; sharp steps included."""
+    law = Friction(viscous=0.3, coulomb=2.0, beta=beta, stribeck=0.5, alpha=20.0)
+    symbol = ca.SX.sym("sd")
+    change = float(ca.Function("f", [symbol], [mean_viscous_change(law, symbol)])(sd))
+
+    def torque(w):
+        return 0.3 * w + (2.0 + 0.5 / np.cosh(20.0 * w)) * np.tanh(beta * w)
+
+    def power(w):
+        return torque(w) * w * np.exp(-((w / sd) ** 2) / 2) / np.sqrt(2 * np.pi) / sd
+
+    edges = sorted({0.0, min(3 / beta, 8 * sd), min(20 / beta, 8 * sd), 8 * sd})
+    mean = 2 * sum(quad(power, a, b, epsabs=0, epsrel=1e-10)[0] for a, b in pairwise(edges))
+    at_rest = 0.3 + 2.5 * beta
+    assert change + at_rest == pytest.approx(mean / sd**2, rel=1e-5)
+
+
+def test_no_change_at_rest():
+    symbol = ca.SX.sym("sd")
+    change = ca.Function("f", [symbol], [mean_viscous_change(Friction(coulomb=1.0, beta=50.0), symbol)])
+    assert float(change(0.0)) == 0.0
+
+
+def test_an_equilibrium_that_is_not_found_is_an_error(monkeypatch):
+    """A search that is ended too early gives no model."""
+    monkeypatch.setattr("flexgen.identification.local_model.NEWTON_STEPS", 1)
+    model = flexgen.read("manutec_r3_18")
+    local = LocalModel(model, ())
+    with pytest.raises(SolverError, match=r"equilibrium at pose 1 .*expected below 1e-9; choose another pose"):
+        local.rest(local.values, (model.eta @ np.array(model.home))[None])

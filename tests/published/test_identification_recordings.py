@@ -1,0 +1,90 @@
+"""Identification from recordings of real machines: a motor bench and a fine steering mirror."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flexgen
+from flexgen.identification.frequency_response import estimate
+from flexgen.identification.recordings import read_experiment
+from flexgen.identification.result import FitStatus
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = ROOT.parent / "shared" / "data"
+BENCH = DATA / "motorbench" / "MultisineTypeA.mat"
+MIRROR = DATA / "fsm" / "u_300mV_train.npy"
+FREE = ["stiffness", "damping", "m1.viscous", "m1.inertia", "load.inertia_zz", "delay"]
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    if not BENCH.exists():
+        pytest.skip(f"no recording {BENCH.name}: a data set of the Hori-Fujimoto laboratory")
+    folder = tmp_path_factory.mktemp("bench")
+    for file in (ROOT / "examples" / "motor_bench").iterdir():
+        shutil.copy(file, folder)
+    shutil.copy(BENCH, folder)
+    return folder
+
+
+@pytest.mark.parametrize("residual", ["nls", "lls"])
+def test_the_motor_bench_has_its_known_parameters(bench, residual):
+    """A fit by other software: J_m 4.83e-3, J_l 4.71e-3, k 548, delay 0.106 ms; both within 2 %."""
+    data = flexgen.frf(read_experiment(bench / "recordings.toml"))
+    found = flexgen.identify(bench / "bench.toml", data, free=FREE, residual=residual, progress=False)
+    assert found.values["m1.inertia"] == pytest.approx(4.83e-3, rel=0.02)
+    assert found.values["load.inertia_zz"] == pytest.approx(4.71e-3, rel=0.02)
+    assert found.values["q1.stiffness"] == pytest.approx(548.0, rel=0.02)
+    assert 0.08e-3 < found.values["delay"] < 0.14e-3
+    assert (
+        found.status == FitStatus.MODEL_ERROR and 0.01 < found.model_error < 0.2
+    )  # friction, a coupling that is no spring
+    assert found.agreed == found.starts
+    assert data.warnings and "period 7 differs" in data.warnings[0]  # it does
+
+
+def test_the_first_period_of_the_bench_is_a_transient(bench, tmp_path):
+    for file in bench.iterdir():
+        shutil.copy(file, tmp_path)
+    text = (tmp_path / "recordings.toml").read_text().replace("transients = 1", "transients = 0")
+    (tmp_path / "recordings.toml").write_text(text)
+    with pytest.raises(flexgen.ArgumentError, match="period 1 differs from the others"):
+        flexgen.frf(read_experiment(tmp_path / "recordings.toml"))
+
+
+def test_a_wrong_hold_is_a_wrong_delay(bench, tmp_path):
+    """What the hold does not explain goes into the delay: half a sample of 0.4 ms."""
+    for file in bench.iterdir():
+        shutil.copy(file, tmp_path)
+    text = (tmp_path / "recordings.toml").read_text().replace('hold = "none"', 'hold = "zoh"')
+    (tmp_path / "recordings.toml").write_text(text)
+    found = flexgen.identify(
+        tmp_path / "bench.toml", flexgen.frf(read_experiment(tmp_path / "recordings.toml")), free=FREE, progress=False
+    )
+    assert found.values["delay"] == pytest.approx(0.11e-3 - 0.2e-3, abs=0.03e-3)
+
+
+def test_responses_of_a_steering_mirror():
+    """Against a plain average; noise and total deviations as published for the same records."""
+    if not MIRROR.exists():
+        pytest.skip(f"no recording {MIRROR.name}: M. Floren et al., fine steering mirror")
+    u, y = (np.load(MIRROR.with_name(f"{name}_300mV_train.npy")) for name in "uy")
+    samples = len(u)
+    U, Y = (2 / samples * np.fft.rfft(x, axis=0) for x in (u, y))  # (lines, channels, records, periods)
+    size = np.abs(U).max(axis=(1, 2, 3))
+    lines = np.flatnonzero(size > 0.1 * size.max())
+    blocks = [x[lines].reshape(len(lines), 3, 2, 3, 2).transpose(2, 4, 0, 1, 3)[None] for x in (U, Y)]
+    found = estimate(*blocks)
+    plain = np.zeros((2, len(lines), 3, 3), complex)
+    for block in range(2):
+        for k, line in enumerate(lines):
+            inputs, outputs = (x[line, :, 3 * block : 3 * block + 3, :].mean(axis=-1) for x in (U, Y))
+            plain[block, k] = outputs @ np.linalg.inv(inputs)
+    assert np.allclose(found.G[0], plain.mean(axis=0), rtol=1e-10, atol=1e-12 * np.abs(plain).max())
+    assert found.total is not None
+    assert np.median(np.sqrt(found.variance) / np.abs(found.G)) == pytest.approx(0.0022, rel=0.05)
+    assert np.median(np.sqrt(found.total) / np.abs(found.G)) == pytest.approx(0.029, rel=0.05)

@@ -1,0 +1,145 @@
+"""Recordings in files: what is read, and what is refused with file, channel and time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+import flexgen
+from flexgen.errors import ArgumentError, ModelError
+from flexgen.identification.recordings import read_experiment
+
+BENCH = Path(__file__).resolve().parents[2] / "examples" / "motor_bench" / "bench.toml"
+T = 1e-3
+TIME = np.arange(1000) * T
+TORQUE = np.sin(2 * np.pi * 10 * TIME) + 0.5 * np.cos(2 * np.pi * 30 * TIME)
+ANGLE = 0.01 * np.cos(2 * np.pi * 10 * TIME) + 0.001 * np.sin(2 * np.pi * 30 * TIME)
+
+TEXT = """\
+model = "bench.toml"
+period_s = 0.2
+hold = "zoh"
+
+[time]
+name = "t"
+unit = "s"
+
+[[torque]]
+motor = "m1"
+name = "current"
+unit = "A"
+constant = 0.5
+side = "motor"
+
+[[angle]]
+motor = "m1"
+name = "angle"
+unit = "rad"
+side = "motor"
+
+[[recording]]
+file = "run.npz"
+pose_rad = [0.0]
+"""
+
+
+def written(folder: Path, text: str = TEXT, **changes: np.ndarray) -> Path:
+    """The description, the model and the recording in a folder."""
+    (folder / "bench.toml").write_text(BENCH.read_text())
+    (folder / "recordings.toml").write_text(text)
+    arrays = {"t": TIME, "current": TORQUE, "angle": ANGLE} | changes
+    np.savez(folder / "run.npz", **arrays)
+    savemat(folder / "run.mat", {name: x.reshape(-1, 1) for name, x in arrays.items()})
+    rows = np.stack([np.resize(x, 1000) for x in arrays.values()], axis=1)
+    np.savetxt(folder / "run.csv", rows, delimiter=",", header=",".join(arrays), comments="", fmt="%.17g")
+    return folder / "recordings.toml"
+
+
+@pytest.mark.parametrize("ending", ["npz", "mat", "csv"])
+def test_spectra_of_a_recording(ending, tmp_path):
+    found = read_experiment(written(tmp_path, TEXT.replace("run.npz", f"run.{ending}")))
+    assert found.plan.lines.tolist() == [2, 6] and found.plan.periods == 5
+    assert found.tau_m.shape == (1, 1, 1, 5, 2, 1)
+    assert np.allclose(found.tau_m[0, 0, 0, 0, :, 0], [-0.5j, 0.25], atol=1e-12)
+    assert np.allclose(found.q_m[0, 0, 0, 3, :, 0], [0.01, -0.001j], atol=1e-12)
+    speed = np.sqrt((0.01 * 2 * np.pi * 10) ** 2 / 2 + (0.001 * 2 * np.pi * 30) ** 2 / 2)
+    assert found.speed_sd[0, 0] == pytest.approx(speed)
+    data = flexgen.frf(found)
+    assert data.sample_s == pytest.approx(T) and np.allclose(data.G[0, 0], -((2 * np.pi * 10) ** 2) * 0.01 / -0.5j)
+
+
+def test_units_and_sides_are_converted(tmp_path):
+    """Degrees on the arm side of a gear with ratio 50."""
+    text = TEXT.replace('unit = "rad"\nside = "motor"', 'unit = "deg"\nside = "arm"').replace(
+        'constant = 0.5\nside = "motor"', 'constant = 0.5\nside = "arm"'
+    )
+    file = written(tmp_path, text, angle=np.degrees(ANGLE))
+    (tmp_path / "bench.toml").write_text(BENCH.read_text().replace("ratio = 1", "ratio = 50"))
+    found = read_experiment(file)
+    assert np.allclose(found.q_m[0, 0, 0, 0, 0, 0], 50 * 0.01, atol=1e-10)
+    assert np.allclose(found.tau_m[0, 0, 0, 0, 0, 0], -0.5j / 50, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"angle": np.where(TIME[17] == TIME, np.nan, ANGLE)}, "channel 'angle': sample 17 is not a finite number"),
+        ({"t": np.where(TIME > 0.5, TIME + 0.01, TIME)}, r"time goes from 0\.5 to 0\.511 s at sample 500, .* lost"),
+        ({"t": TIME * 1e3}, "expected at least two periods|whole number"),
+        ({"t": -TIME}, "time goes from"),
+        ({"current": 0 * TORQUE}, r"torque of motor m1 \('current'\): the same value at all times"),
+        ({"angle": 0 * ANGLE + 1}, r"angle of motor m1 \('angle'\): the same value"),
+        ({"current": np.clip(TORQUE, -0.9, 0.9)}, r"at its limit of 0\.45 N m at t = .*: excite less"),
+        ({"angle": np.where(TIME > 0.3, ANGLE + 6.28, ANGLE)}, r"jumps by 6\.\d+ rad at t = 0\.3 s: the encoder wraps"),
+        ({"angle": ANGLE[:900]}, "given 900 samples, expected 1000"),
+        ({"angle": np.ones((1000, 2))}, r"channel 'angle': given shape \(1000, 2\), expected numbers"),
+    ],
+)
+def test_recordings_that_cannot_be_used_are_refused(changes, words, tmp_path):
+    with pytest.raises(ArgumentError, match=words):
+        read_experiment(written(tmp_path, **changes))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('unit = "rad"\n', "", r"recordings.toml:\d+:angle.*unit: given nothing"),
+        ('unit = "rad"', 'unit = "degrees"', "expected one of|deg"),
+        ('side = "motor"\n\n[[angle]]', "\n[[angle]]", "side: given nothing"),
+        ("constant = 0.5\n", "", "constant: given nothing, expected a number"),
+        ('motor = "m1"\nname = "angle"', 'motor = "m2"\nname = "angle"', "motor: given .m2.|expected .*m1"),
+        ('name = "angle"', 'name = "theta"', "given no channel 'theta', expected one of angle, current, t"),
+        ("pose_rad = [0.0]", "pose = [0.0]", "pose_rad or pose_deg"),
+        ("pose_rad = [0.0]", "pose_rad = [0.0, 1.0]", "pose_rad"),
+        ('file = "run.npz"', 'file = "none.npz"', "the path of a file"),
+        ("period_s = 0.2", "period_s = 0.20033", "whole number of samples in period_s"),
+        ("period_s = 0.2", "period_s = 0.9", "expected at least two periods of 900 samples"),
+        ('hold = "zoh"', 'hold = "foh"', "hold: given"),
+        ('hold = "zoh"', 'hold = "zoh"\nf_min = 31.0', "lines between f_min and f_max|above"),
+        ("[time]", "[clock]", "clock: given an unknown key"),
+    ],
+)
+def test_mistakes_in_the_description_are_named(old, new, words, tmp_path):
+    assert old in TEXT
+    with pytest.raises((ModelError, ArgumentError), match=words):
+        read_experiment(written(tmp_path, TEXT.replace(old, new)))
+
+
+def test_a_damaged_file_is_refused(tmp_path):
+    file = written(tmp_path)
+    (tmp_path / "run.npz").write_bytes(b"no archive")
+    with pytest.raises(ArgumentError, match=r"run\.npz"):
+        read_experiment(file)
+    file = written(tmp_path, TEXT.replace("run.npz", "run.mat"))
+    (tmp_path / "run.mat").write_bytes(b"no archive at all" * 20)
+    with pytest.raises(ArgumentError, match=r"run\.mat: cannot be read as a MAT file"):
+        read_experiment(file)
+    file = written(tmp_path, TEXT.replace("run.npz", "run.csv"))
+    (tmp_path / "run.csv").write_text("t,current,angle\n1,2\n3,4,5\n")
+    with pytest.raises(ArgumentError, match=r"run\.csv: cannot be read"):
+        read_experiment(file)
+    with pytest.raises(ArgumentError, match="which is not a file"):
+        read_experiment(tmp_path / "none.toml")
