@@ -6,17 +6,24 @@ Only the standard library and light modules are imported, so that help and usage
 from __future__ import annotations
 
 import argparse
-import math
 import re
 import shutil
 import textwrap
-import tomllib
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NoReturn
 
 from flexgen import __version__
-from flexgen.cli import completion, path, run, solve, sweep, verbs
+from flexgen.cli import completion, identify, path, run, solve, sweep, verbs
+from flexgen.cli.argument_types import (
+    file_path,
+    isa,
+    names,
+    not_negative,
+    numbers,
+    positive,
+    setting,
+    trajectory_file,
+)
 from flexgen.cli.printing import suggestion
 from flexgen.inversion.method_table import NAMES as METHOD_NAMES
 from flexgen.mechanics.signatures import TABLE
@@ -35,6 +42,7 @@ examples:
   flexgen generate arm.toml --native --single         for this processor, in single precision
   flexgen solve planar5_nmp --report reports/arm      motor torques of the first move, with report
   flexgen sweep examples/sweep.toml --out out/sweep   many cases, on all cores
+  flexgen identify arm.toml frf.npz --out new.toml    elastic parameters from frequency responses
   flexgen run                                         all steps for planar5_nmp
 
 'flexgen VERB --help' describes the options of a verb.
@@ -80,63 +88,6 @@ class _Parser(argparse.ArgumentParser):
         return [word for word in self._option_string_actions if word.startswith("--")]
 
 
-# --- types of arguments -----------------------------------------------------------------------------------------------
-
-
-def _numbers(text: str) -> list[float]:
-    try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = [math.nan]
-    if not all(math.isfinite(value) for value in values):
-        raise argparse.ArgumentTypeError(f"given {text!r}, expected numbers such as 0.3 -1.1 0 or 0.3,-1.1,0")
-    return values
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(word.strip() for word in text.split(","))
-
-
-def _positive(text: str) -> float:
-    value = _numbers(text)[0] if "," not in text else math.nan
-    if not value > 0:
-        raise argparse.ArgumentTypeError(f"given {text!r}, expected a positive number")
-    return value
-
-
-def _not_negative(text: str) -> float:
-    return 0.0 if re.fullmatch(r"\+?0*\.?0*", text) and "0" in text else _positive(text)
-
-
-def _trajectory_file(text: str) -> Path:
-    path = Path(text)
-    if path.suffix not in (".npz", ".csv"):
-        raise argparse.ArgumentTypeError(f"given {text!r}, expected a file name ending in .npz or .csv")
-    return path
-
-
-def _path(text: str) -> Path:
-    if not text or "\0" in text:
-        raise argparse.ArgumentTypeError(f"given {text!r}, expected a path")
-    return Path(text)
-
-
-def _isa(text: str) -> str:
-    return f"x86-64-{text}" if re.fullmatch(r"v\d", text) else text
-
-
-def _setting(text: str) -> tuple[str, Any]:
-    key, equals, value = text.partition("=")
-    try:
-        parsed = tomllib.loads(f"value = {value}")
-    except (tomllib.TOMLDecodeError, RecursionError):
-        parsed = {}
-    if not key.strip() or not equals or list(parsed) != ["value"]:
-        hint = "such as motor.m1.inertia=0.004 or 'output.axes=\"xy\"' (text in quotes)"
-        raise argparse.ArgumentTypeError(f"given {text!r}, expected KEY=VALUE with a TOML value, {hint}")
-    return key.strip(), parsed["value"]
-
-
 # --- verbs ------------------------------------------------------------------------------------------------------------
 
 
@@ -159,9 +110,10 @@ def build_parser() -> _Parser:
     _add_solve_arguments(_add_verb(group, "solve", solve.solve))
     _add_path_arguments(_add_verb(group, "path", path.path))
     sub = _add_verb(group, "simulate", solve.simulate)
-    sub.add_argument("trajectory", metavar="TRAJECTORY", type=_path, help="file written by 'flexgen solve --out'")
-    sub.add_argument("--out", metavar="FILE", type=_trajectory_file, help="write the simulated motion to this file")
+    sub.add_argument("trajectory", metavar="TRAJECTORY", type=file_path, help="file written by 'flexgen solve --out'")
+    sub.add_argument("--out", metavar="FILE", type=trajectory_file, help="write the simulated motion to this file")
     sweep.add_arguments(_add_verb(group, "sweep", verbs.sweep, model=False))
+    identify.add_verbs(group, _add_verb)
     _add_run_arguments(_add_verb(group, "run", run.run))
     sub = _add_verb(group, "completion", completion.completion, model=False)
     sub.add_argument("shell", metavar="SHELL", choices=completion.SHELLS, help=", ".join(completion.SHELLS))
@@ -216,7 +168,7 @@ def _add_verb(group: Any, name: str, action: Any, model: bool = True) -> _Parser
     amount = parser.add_mutually_exclusive_group()
     amount.add_argument("-q", "--quiet", action="store_true", help="no progress messages on standard error")
     amount.add_argument("-v", "--verbose", action="store_true", help="more details, and the time of each message")
-    parser.add_argument("--log", metavar="FILE", type=_path, help="append messages and results to this file")
+    parser.add_argument("--log", metavar="FILE", type=file_path, help="append messages and results to this file")
     if model:
         optional: dict[str, Any] = {"nargs": "?", "default": "planar5_nmp"} if name == "run" else {}
         default = "; default: planar5_nmp" if optional else ""
@@ -224,7 +176,7 @@ def _add_verb(group: Any, name: str, action: Any, model: bool = True) -> _Parser
         parser.add_argument(
             "--set",
             metavar="KEY=VALUE",
-            type=_setting,
+            type=setting,
             action="append",
             help="change a value of the model: dotted path of the key, TOML value; may be repeated",
         )
@@ -235,32 +187,34 @@ def _add_derive_arguments(parser: _Parser) -> None:
     kind = parser.add_mutually_exclusive_group()
     kind.add_argument("--text", action="store_true", help="equations as plain text (default for small models)")
     kind.add_argument("--latex", action="store_true", help="equations as a LaTeX document")
-    parser.add_argument("--out", metavar="FILE", type=_path, help="write the equations to this file (.tex: as LaTeX)")
+    parser.add_argument(
+        "--out", metavar="FILE", type=file_path, help="write the equations to this file (.tex: as LaTeX)"
+    )
 
 
 def _add_analyze_arguments(parser: _Parser) -> None:
     parser.add_argument(
-        "--pose", metavar="Q", type=_numbers, help="arm coordinates [rad or m], such as 0.3 -1.1 0; default: home"
+        "--pose", metavar="Q", type=numbers, help="arm coordinates [rad or m], such as 0.3 -1.1 0; default: home"
     )
     parser.add_once("--move", metavar="NAME", help="also analyze zeros and solvability along this move")
-    parser.add_argument("--report", metavar="DIR", type=_path, help="write a self-contained HTML page to DIR")
+    parser.add_argument("--report", metavar="DIR", type=file_path, help="write a self-contained HTML page to DIR")
 
 
 def _add_generate_arguments(parser: _Parser) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.epilog = f"functions:\n{_function_list()}"
-    parser.add_argument("--directory", metavar="DIR", type=_path, help="output directory; default: generated/MODEL")
+    parser.add_argument("--directory", metavar="DIR", type=file_path, help="output directory; default: generated/MODEL")
     parser.add_argument("--no-build", action="store_true", help="write the sources, do not compile")
     parser.add_argument(
         "--functions",
         metavar="NAME,NAME,...",
-        type=_names,
+        type=names,
         help="only these functions of the list below, without inversion of whole paths; default: all",
     )
     parser.add_argument(
         "--parameters",
         metavar="NAME,NAME,...",
-        type=_names,
+        type=names,
         default=(),
         help="model parameters that become arguments of the functions: payload, stiffness, damping, friction, "
         "q2.stiffness, ...",
@@ -273,7 +227,7 @@ def _add_generate_arguments(parser: _Parser) -> None:
         "--isa",
         metavar="ISA",
         default="native",
-        type=_isa,
+        type=isa,
         help="instruction set of the compiled libraries, same results for each: native (this processor, the default), "
         "x86-64, v2, v3 (AVX2) or v4 (AVX-512) for other computers",
     )
@@ -297,12 +251,12 @@ def _add_solve_arguments(parser: _Parser) -> None:
         help="a move or program of the model file; default: the first; given several times: all of them, with "
         "FILE_NAME and DIR/NAME as outputs",
     )
-    parser.add_argument("--moves", metavar="FILE", type=_path, help="read moves and programs from this TOML file")
+    parser.add_argument("--moves", metavar="FILE", type=file_path, help="read moves and programs from this TOML file")
     parser.add_argument("--method", choices=METHOD_NAMES, metavar="NAME", default="auto", help=METHOD)
     parser.add_argument(
-        "--out", metavar="FILE", type=_trajectory_file, help="write the trajectory to this file (.npz or .csv)"
+        "--out", metavar="FILE", type=trajectory_file, help="write the trajectory to this file (.npz or .csv)"
     )
-    parser.add_argument("--report", metavar="DIR", type=_path, help="write a self-contained HTML report to DIR")
+    parser.add_argument("--report", metavar="DIR", type=file_path, help="write a self-contained HTML report to DIR")
     parser.add_argument(
         "--robustness",
         action="store_true",
@@ -311,15 +265,15 @@ def _add_solve_arguments(parser: _Parser) -> None:
     )
     parser.add_argument("--no-verify", action="store_true", help="skip the verification by forward simulation")
     parser.add_argument(
-        "--preview", metavar="S", type=_not_negative, help="longest time that the motion may start before the path [s]"
+        "--preview", metavar="S", type=not_negative, help="longest time that the motion may start before the path [s]"
     )
-    parser.add_argument("--mesh", metavar="S", type=_positive, help="length of the mesh intervals [s]")
+    parser.add_argument("--mesh", metavar="S", type=positive, help="length of the mesh intervals [s]")
     parser.add_argument(
         "--limits",
         action="store_true",
         help="enforce the torque and speed limits of the model (methods lq, collocation, full)",
     )
-    parser.add_argument("--accuracy", metavar="X", type=_positive, help="largest accepted output error [m and rad]")
+    parser.add_argument("--accuracy", metavar="X", type=positive, help="largest accepted output error [m and rad]")
     parser.add_argument(
         "--fixed-joint",
         metavar="NAME",
@@ -335,12 +289,12 @@ def _add_solve_arguments(parser: _Parser) -> None:
         "torques to send are verified with it and written to FILE_command beside --out FILE",
     )
     parser.add_argument(
-        "--sample-time", metavar="S", type=_positive, help="sample time of the controller [s]; default: 0.001"
+        "--sample-time", metavar="S", type=positive, help="sample time of the controller [s]; default: 0.001"
     )
     parser.add_argument(
         "--delay",
         metavar="S",
-        type=_not_negative,
+        type=not_negative,
         default=0.0,
         help="time from a tick of the controller until the motor has the torque [s]; default: 0",
     )
@@ -356,7 +310,7 @@ def _add_bounds_arguments(parser: _Parser) -> None:
     parser.add_argument(
         "--time",
         metavar="SECONDS",
-        type=_not_negative,
+        type=not_negative,
         default=120.0,
         help="time limit of each solve [s]: then, or after Ctrl-C, it ends with the best solution so far (exit status "
         "1, or 130); default: 120; 0: no limit",
@@ -365,9 +319,12 @@ def _add_bounds_arguments(parser: _Parser) -> None:
 
 def _add_path_arguments(parser: _Parser) -> None:
     parser.add_once("--move", metavar="NAME", help="a move or program of the model file; default: the first")
-    parser.add_argument("--moves", metavar="FILE", type=_path, help="read moves and programs from this TOML file")
+    parser.add_argument("--moves", metavar="FILE", type=file_path, help="read moves and programs from this TOML file")
     parser.add_argument(
-        "--table", metavar="FILE", type=_path, help="write the path as a C header for MODEL_path_sample to this file"
+        "--table",
+        metavar="FILE",
+        type=file_path,
+        help="write the path as a C header for MODEL_path_sample to this file",
     )
 
 
@@ -375,5 +332,5 @@ def _add_run_arguments(parser: _Parser) -> None:
     parser.add_once("--move", metavar="NAME", help="a move or program of the model file; default: the first")
     parser.add_argument("--method", choices=METHOD_NAMES, metavar="NAME", default="auto", help=METHOD)
     _add_bounds_arguments(parser)
-    parser.add_argument("--directory", metavar="DIR", type=_path, help="of the C library; default: generated/MODEL")
-    parser.add_argument("--report", metavar="DIR", type=_path, help="of the report; default: reports/MODEL")
+    parser.add_argument("--directory", metavar="DIR", type=file_path, help="of the C library; default: generated/MODEL")
+    parser.add_argument("--report", metavar="DIR", type=file_path, help="of the report; default: reports/MODEL")

@@ -1,0 +1,72 @@
+"""Types of arguments of the command line: each turns a text into a value, or says what was expected."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+
+def numbers(text: str) -> list[float]:
+    """Numbers with commas between them."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = [math.nan]
+    if not all(math.isfinite(value) for value in values):
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected numbers such as 0.3 -1.1 0 or 0.3,-1.1,0")
+    return values
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Names with commas between them."""
+    return tuple(word.strip() for word in text.split(","))
+
+
+def positive(text: str) -> float:
+    """A number > 0."""
+    value = numbers(text)[0] if "," not in text else math.nan
+    if not value > 0:
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected a positive number")
+    return value
+
+
+def not_negative(text: str) -> float:
+    """A number >= 0."""
+    return 0.0 if re.fullmatch(r"\+?0*\.?0*", text) and "0" in text else positive(text)
+
+
+def trajectory_file(text: str) -> Path:
+    """A file name ending in .npz or .csv."""
+    path = Path(text)
+    if path.suffix not in (".npz", ".csv"):
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected a file name ending in .npz or .csv")
+    return path
+
+
+def file_path(text: str) -> Path:
+    """A path."""
+    if not text or "\0" in text:
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected a path")
+    return Path(text)
+
+
+def isa(text: str) -> str:
+    """An instruction set; ``v3`` stands for ``x86-64-v3``."""
+    return f"x86-64-{text}" if re.fullmatch(r"v\d", text) else text
+
+
+def setting(text: str) -> tuple[str, Any]:
+    """A key and its value in TOML."""
+    key, equals, value = text.partition("=")
+    try:
+        parsed = tomllib.loads(f"value = {value}")
+    except (tomllib.TOMLDecodeError, RecursionError):
+        parsed = {}
+    if not key.strip() or not equals or list(parsed) != ["value"]:
+        hint = "such as motor.m1.inertia=0.004 or 'output.axes=\"xy\"' (text in quotes)"
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected KEY=VALUE with a TOML value, {hint}")
+    return key.strip(), parsed["value"]

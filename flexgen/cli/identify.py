@@ -1,0 +1,385 @@
+"""The verbs of identification: excite, measure, frf, identify."""
+
+from __future__ import annotations
+
+import time
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from flexgen.cli.argument_types import file_path, names, not_negative, positive, setting
+from flexgen.cli.printing import number, paragraph, table
+from flexgen.cli.verbs import Progress, VerbResult, check_report, check_writable, read_model, writing
+from flexgen.errors import ArgumentError
+
+EVERY = 2.0  # s between progress messages
+
+
+FREE = (
+    "parameters: stiffness, damping, q1.stiffness, m1.viscous, delay, torque_constant, ...; default: stiffness, "
+    "damping and the viscous frictions of the model"
+)
+
+
+def throttled(log: Progress) -> Callable[[str], None]:
+    """Print a message now and then."""
+    last = time.monotonic()
+
+    def tell(text: str) -> None:
+        nonlocal last
+        if time.monotonic() - last > EVERY:
+            last = time.monotonic()
+            log(text)
+
+    return tell
+
+
+def excite(args: Namespace, log: Progress) -> VerbResult:
+    """Plan an experiment for identification: poses, multisines, expected accuracy."""
+    _check_npz(args.out)
+    from flexgen.identification.plan import excite as plan_experiment
+    from flexgen.loop.closed_loop import DriveHardware
+
+    model = read_model(args)
+    hardware = DriveHardware(
+        sample_s=args.sample_time or 5e-4,
+        delay_s=args.delay,
+        encoder_resolution_rad=args.encoder_resolution,
+        encoder_noise_rad=args.encoder_noise,
+        torque_noise_Nm=args.torque_noise,
+        torque_max_Nm=_limits(model),
+    )
+    plan = plan_experiment(
+        model,
+        poses=args.poses,
+        criterion=args.criterion,
+        free=args.free,
+        speed_rms=args.speed_rms,
+        f_min=args.f_min,
+        f_max=args.f_max,
+        lines=args.lines,
+        period_s=args.period,
+        periods=args.periods,
+        realizations=args.realizations,
+        hardware=hardware,
+        seed=args.seed,
+        progress=throttled(log),
+    )
+    with writing(args.out):
+        plan.save(args.out)
+    joints = (plan.poses @ _inverse(model).T).tolist()
+    rows = [[name, 100 * sd] for name, sd in plan.predicted.items()]
+    text = "\n".join(
+        [
+            f"{model.name}: {len(plan.poses)} poses, {plan.realizations * plan.experiments} experiments each, "
+            f"{len(plan.lines)} lines from {number(plan.frequencies[0])} to {number(plan.frequencies[-1])} Hz",
+            f"time of the robot: {number(plan.duration_s)} s",
+            "",
+            table(
+                [[k, *q] for k, q in enumerate(joints, 1)], ("pose", *(model.coordinates[i].name for i in model.i_g))
+            ),
+            "",
+            table(rows, ("parameter", "expected standard deviation, %")),
+            "",
+            f"wrote {args.out}",
+        ]
+    )
+    data = {
+        "model": model.name,
+        "plan": str(args.out),
+        "duration_s": plan.duration_s,
+        "frequencies_Hz": plan.frequencies.tolist(),
+        "poses": joints,
+        "expected_relative_sd": plan.predicted,
+    }
+    return VerbResult(data, text)
+
+
+def measure(args: Namespace, log: Progress) -> VerbResult:
+    """Simulate the experiment of a plan on a robot, with noise and drives."""
+    _check_npz(args.out)
+    from flexgen.identification.excitation import Plan
+    from flexgen.identification.experiment import measure as simulate
+
+    plan, robot = Plan.load(args.plan), read_model(args)
+    log(f"simulating {plan.duration_s:.0f} s of {robot.name}")
+    began = time.perf_counter()
+    experiment = simulate(plan, robot, seed=args.seed, progress=throttled(log))
+    wall = time.perf_counter() - began
+    with writing(args.out):
+        experiment.save(args.out)
+    text = (
+        f"{robot.name}: {number(plan.duration_s)} s of robot in {number(wall)} s\n\n"
+        + table(
+            [[k, *speed] for k, speed in enumerate(experiment.speed_sd.tolist(), 1)],
+            ("pose", *(f"{name}, rad/s rms" for name in plan.motors)),
+        )
+        + f"\n\nwrote {args.out}"
+    )
+    data = {
+        "model": robot.name,
+        "experiment": str(args.out),
+        "duration_s": plan.duration_s,
+        "wall_s": wall,
+        "speed_rms_rad_s": experiment.speed_sd.tolist(),
+        "samples_at_torque_limit": experiment.saturated.tolist(),
+    }
+    warnings = []
+    if experiment.saturated.any():
+        warnings.append("torques were at their limits: 'flexgen frf' refuses these data; take less --speed-rms")
+    return VerbResult(data, text, warnings=warnings)
+
+
+def frf(args: Namespace, log: Progress) -> VerbResult:
+    """Estimate frequency responses and their noise from an experiment."""
+    _check_npz(args.out)
+    check_report(args.report)
+    from flexgen.identification.experiment import Experiment
+    from flexgen.identification.frequency_response import frf as estimate
+    from flexgen.identification.recordings import is_description, read_experiment
+
+    if is_description(args.experiment):
+        log(f"reading the recordings of {args.experiment}")
+        experiment = read_experiment(args.experiment)
+    else:
+        experiment = Experiment.load(args.experiment)
+    found = estimate(experiment, average=args.average)
+    with writing(args.out):
+        found.save(args.out)
+    data: dict[str, Any] = {
+        "model": found.model,
+        "frf": str(args.out),
+        "poses": len(found.poses),
+        "lines": len(found.w),
+        "median_relative_sd": found.relative_sd(),
+    }
+    text = (
+        f"{found.model}: {len(found.poses)} poses, {len(found.w)} lines, {len(found.motors)} x {len(found.motors)}\n"
+        f"median standard deviation by noise: {number(100 * found.relative_sd())} %\n\nwrote {args.out}"
+    )
+    if args.report is not None:
+        from flexgen.reports.identification_page import write_responses
+
+        page = write_responses(found, args.report)
+        data["report"] = str(page)
+        text += f"\nwrote {page}"
+    return VerbResult(data, text, warnings=list(found.warnings))
+
+
+def identify(args: Namespace, log: Progress) -> VerbResult:
+    """Fit parameters of a model to frequency responses; write a new model file."""
+    check_writable(args.out)
+    check_report(args.report)
+    from flexgen.identification.frequency_response import Frf
+    from flexgen.identification.graybox import identify as fit
+    from flexgen.identification.result import FitStatus
+
+    model, data = read_model(args), Frf.load(args.frf)
+    found = fit(
+        model,
+        data,
+        free=args.free,
+        fixed=args.fixed,
+        start=_floats(args.start),
+        residual=args.residual,
+        floor=args.floor,
+        starts=args.starts,
+        source=str(args.frf),
+        progress=throttled(log),
+    )
+    if args.refine is not None:
+        found = _refined(found, args, log)
+    result = found.figures() | {"model": model.name}
+    rows = [
+        [
+            row["name"], row["value"], row["unit"], f"{100 * row['sd']:.2g} %" if row["sd_is_relative"] else row["sd"],
+            row["start"], "at its bound" if row["at_bound"] else "not determined" if row["weak"] else "",
+        ]
+        for row in result["parameters"]
+    ]  # fmt: skip
+    lines = [
+        f"{model.name}: {found.status}, cost {number(found.cost)} (1 expected), reached by {found.agreed} of "
+        f"{found.starts} starts, {number(found.wall_s)} s",
+        paragraph(f"{found.status.sentence} {found.status.advice}"),
+        "",
+        table(rows, ("parameter", "value", "unit", "sd", "start", "")),
+    ]
+    if found.model_error > 0:
+        lines.insert(1, f"model error: {number(100 * found.model_error)} % of the responses")
+    lines += ["", *(f"{line}." for line in found.weak)]
+    if args.move is not None and found.status != FitStatus.NOT_CONVERGED:
+        compared, words = _verdict(found, args, log)
+        result["tool_errors"] = compared
+        lines += ["", words, ""]
+    files = _write(found, args) if found.status != FitStatus.NOT_CONVERGED else []
+    result |= dict(files)
+    lines += [f"wrote {path}" for _, path in files]
+    problem = "" if found.status == FitStatus.FITTED else f"{found.status}: {found.status.sentence}"
+    return VerbResult(result, "\n".join(lines), problem=problem)
+
+
+def _refined(found: Any, args: Namespace, log: Progress) -> Any:
+    """The parameters refined by simulation of the experiment."""
+    from flexgen.identification.experiment import Experiment
+    from flexgen.identification.time_domain import refine
+
+    experiment = Experiment.load(args.refine)
+    log("refining by simulation: one to five minutes for six axes, seconds for planar arms")
+    return refine(found, experiment, progress=throttled(log))
+
+
+def _verdict(found: Any, args: Namespace, log: Progress) -> tuple[list[dict[str, Any]], str]:
+    """Tool errors of feedforward before and after: as data and as text."""
+    robot = "the robot of --truth" if args.truth else "robots drawn from the covariance"
+    log(f"tool errors of the move {args.move}: about a minute for six axes")
+    verdict = found.verdict(args.move, truth=args.truth, progress=throttled(log))
+    data: list[dict[str, Any]] = []
+    rows: list[list[Any]] = []
+    for row in verdict.rows:
+        entry: dict[str, Any] = {"model": row.model}
+        cells: list[Any] = [row.model]
+        for unit, key in (("m", "error_m"), ("rad", "error_rad")):
+            if getattr(row, key) is not None:
+                entry[key] = list(getattr(row, key))
+                cells += [1e6 * row.quantile(0.5, unit), 1e6 * row.quantile(0.95, unit)]
+        data.append(entry)
+        rows.append(cells)
+    head = ["torques of the model"]
+    for unit, key in (("um", "error_m"), ("urad", "error_rad")):
+        if getattr(verdict.rows[0], key) is not None:
+            head += [f"median, {unit}", f"95 %, {unit}"]
+    title = f"largest tool error of the move {verdict.move} with motor feedback, {verdict.robots} x {robot}:"
+    return data, f"{title}\n\n{table(rows, tuple(head))}"
+
+
+def _write(found: Any, args: Namespace) -> list[tuple[str, str]]:
+    """The new model file and the report, where they are asked for."""
+    out = []
+    if args.out is not None:
+        with writing(args.out):
+            out.append(("model_file", str(found.write(args.out))))
+    if args.report is not None:
+        out.append(("report", str(found.report(args.report))))
+    return out
+
+
+def _check_npz(path: Path) -> None:
+    if path.suffix != ".npz":
+        raise ArgumentError(f"--out: given {str(path)!r}, expected a file name ending in .npz")
+    check_writable(path)
+
+
+def _limits(model: Any) -> tuple[float, ...]:
+    """Torque limits of all motors; 0: none."""
+    return tuple(0.0 if motor.torque_max is None else motor.torque_max for motor in model.motors)
+
+
+def _inverse(model: Any) -> Any:
+    import numpy as np
+
+    return np.linalg.inv(model.eta)
+
+
+def _floats(settings: Any) -> dict[str, float]:
+    out = {}
+    for key, value in settings or ():
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ArgumentError(f"--start {key}: given {value!r}, expected a number")
+        out[key] = float(value)
+    return out
+
+
+# --- arguments ---
+def add_verbs(group: Any, add_verb: Callable[..., Any]) -> None:
+    """Add the verbs that plan, simulate and evaluate an experiment."""
+    _add_excite_arguments(add_verb(group, "excite", excite))
+    sub = add_verb(group, "measure", measure)
+    sub.add_argument("plan", metavar="PLAN", type=file_path, help="file written by 'flexgen excite'")
+    sub.add_argument("--seed", metavar="N", type=int, default=0, help="of the noise; default: 0")
+    sub.add_argument("--out", metavar="FILE", type=file_path, required=True, help="write the spectra to this .npz file")
+    sub = add_verb(group, "frf", frf, model=False)
+    sub.add_argument(
+        "experiment",
+        metavar="EXPERIMENT",
+        type=file_path,
+        help="file written by 'flexgen measure', or a .toml file that describes recordings",
+    )
+    averages = ("arithmetic", "harmonic", "logarithmic")
+    sub.add_argument("--average", choices=averages, metavar="NAME", default="arithmetic", help=", ".join(averages))
+    sub.add_argument(
+        "--out", metavar="FILE", type=file_path, required=True, help="write the responses to this .npz file"
+    )
+    sub.add_argument("--report", metavar="DIR", type=file_path, help="write a self-contained HTML page to DIR")
+    _add_identify_arguments(add_verb(group, "identify", identify))
+
+
+def _add_excite_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("--poses", metavar="N", type=int, default=8, help="number of poses to choose; default: 8")
+    parser.add_argument(
+        "--criterion",
+        choices=("A", "D", "random"),
+        metavar="NAME",
+        default="A",
+        help="of the best poses: A (least sum of variances, the default), D (least determinant) or random",
+    )
+    parser.add_argument("--free", metavar="NAME,NAME,...", type=names, help=FREE)
+    parser.add_argument(
+        "--speed-rms", metavar="V", type=positive, default=0.05, help="of each joint [rad/s or m/s]; default: 0.05"
+    )
+    parser.add_argument("--f-min", metavar="HZ", type=positive, help="lowest frequency [Hz]; default: from the modes")
+    parser.add_argument("--f-max", metavar="HZ", type=positive, help="highest frequency [Hz]; default: from the modes")
+    parser.add_argument("--lines", metavar="N", type=int, default=63, help="number of frequencies; default: 63")
+    parser.add_argument("--period", metavar="S", type=positive, default=4.0, help="of the excitation [s]; default: 4")
+    parser.add_argument("--periods", metavar="N", type=int, default=4, help="that are measured; default: 4")
+    parser.add_argument(
+        "--realizations", metavar="N", type=int, default=1, help="of the random phases; default: 1; 6 with friction"
+    )
+    parser.add_argument("--sample-time", metavar="S", type=positive, help="of the drives [s]; default: 0.0005")
+    parser.add_argument("--delay", metavar="S", type=not_negative, default=0.0, help="of the torques [s]; default: 0")
+    for name, unit in (("encoder-noise", "rad"), ("encoder-resolution", "rad"), ("torque-noise", "N m")):
+        parser.add_argument(
+            f"--{name}", metavar="X", type=not_negative, default=0.0, help=f"[{unit}, motor side]; default: 0"
+        )
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of phases and candidate poses; default: 0")
+    parser.add_argument("--out", metavar="FILE", type=file_path, required=True, help="write the plan to this .npz file")
+
+
+def _add_identify_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("frf", metavar="FRF", type=file_path, help="file written by 'flexgen frf'")
+    parser.add_argument("--free", metavar="NAME,NAME,...", type=names, help=FREE)
+    parser.add_argument("--fixed", metavar="NAME,NAME,...", type=names, default=(), help="parameters that stay")
+    parser.add_argument(
+        "--start", metavar="NAME=VALUE", type=setting, action="append", help="where the search begins; may be repeated"
+    )
+    parser.add_argument(
+        "--residual",
+        choices=("nls", "lls"),
+        metavar="NAME",
+        default="nls",
+        help="nls: differences (default); lls: of complex logarithms",
+    )
+    parser.add_argument(
+        "--floor",
+        metavar="X",
+        type=not_negative,
+        help="model error as a part of the responses, such as 0.02; default: as much as the residuals need",
+    )
+    parser.add_argument("--starts", metavar="N", type=int, default=3, help="number of searches; default: 3")
+    parser.add_argument(
+        "--refine",
+        metavar="EXPERIMENT",
+        type=file_path,
+        help="then fit the spectra of this experiment by simulation of the nonlinear model, frictions too",
+    )
+    parser.add_argument(
+        "--move", metavar="NAME", help="also print the tool error of feedforward in this move, before and after"
+    )
+    parser.add_argument(
+        "--truth",
+        metavar="MODEL",
+        help="with --move: the true robot of a simulated experiment; default: robots drawn "
+        "from the covariance of the parameters",
+    )
+    parser.add_argument("--out", metavar="FILE", type=file_path, help="write the new model file (.toml)")
+    parser.add_argument("--report", metavar="DIR", type=file_path, help="write a self-contained HTML report to DIR")

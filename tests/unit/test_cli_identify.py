@@ -1,0 +1,110 @@
+"""The verbs of identification on the command line: the whole chain, its files, its exit statuses."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.cli.main import main
+
+pytestmark = needs_compiler
+
+TRUTH = ["--set", "element.arm1.dof.q1.gear.spring.stiffness=2.0e5"]
+NOISE = ["--encoder-noise", "1e-4", "--torque-noise", "0.02"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Plan and experiment on a robot with one other spring."""
+    folder = tmp_path_factory.mktemp("identify")
+    words = ["excite", "planar5_nmp", "--poses", "3", "--period", "2", "--lines", "30", "--speed-rms", "0.02", *NOISE]
+    assert main([*words, "--out", str(folder / "plan.npz"), "-q"]) == 0
+    assert (
+        main(["measure", "planar5_nmp", str(folder / "plan.npz"), *TRUTH, "--out", str(folder / "data.npz"), "-q"]) == 0
+    )
+    assert main(["frf", str(folder / "data.npz"), "--out", str(folder / "frf.npz"), "-q"]) == 0
+    return folder
+
+
+def run(capsys, *words):
+    status = main([str(word) for word in words])
+    return status, capsys.readouterr()
+
+
+def test_a_spring_is_found_and_written(folder, capsys, tmp_path):
+    out, report = tmp_path / "new.toml", tmp_path / "report"
+    words = ["identify", "planar5_nmp", folder / "frf.npz", "--free", "stiffness,damping", "--out", out, "--json", "-q"]
+    status, printed = run(capsys, *words, "--report", report)
+    data = json.loads(printed.out)
+    assert status == 0 and data["status"] == "fitted" and data["model_file"] == str(out)
+    row = next(row for row in data["parameters"] if row["name"] == "q1.stiffness")
+    assert row["value"] == pytest.approx(2.0e5, rel=5e-3) and row["sd_is_relative"] and row["sd"] < 5e-3
+    dof = flexgen.read(out).elements[0].dofs[0]
+    assert dof.gear is not None and dof.gear.spring.stiffness == row["value"]
+    page = (report / "index.html").read_text()
+    assert "q1.stiffness" in page and "Natural frequencies at home" in page and page.count("<figure") == 6
+    assert (report / "residuals.png").stat().st_size > 10_000
+
+
+def test_text_names_units_and_accuracy(folder, capsys):
+    status, printed = run(capsys, "identify", "planar5_nmp", folder / "frf.npz", "--starts", "2", "-q")
+    assert status == 0 and "reached by 2 of 2 starts" in printed.out
+    assert "N m/rad" in printed.out and "sd" in printed.out
+
+
+def test_a_model_error_has_exit_status_one(folder, capsys):
+    """Two springs stay at wrong values."""
+    wrong = ["--set", "element.arm1.dof.q1.gear.spring.stiffness=1.5e5", "--fixed", "q1.stiffness,q1.damping"]
+    status, printed = run(capsys, "identify", "planar5_nmp", folder / "frf.npz", *wrong, "-q")
+    assert status == 1 and "model error" in printed.out and "model error" in printed.err
+
+
+def test_progress_is_on_standard_error(folder, capsys, tmp_path):
+    words = ["measure", "planar5_nmp", folder / "plan.npz", "--out", tmp_path / "data.npz", "--json"]
+    status, printed = run(capsys, *words)
+    assert status == 0 and "simulating 60 s of planar5_nmp" in printed.err
+    assert json.loads(printed.out)["duration_s"] == 60.0
+
+
+def test_measured_responses_have_a_report(folder, capsys, tmp_path):
+    words = ["frf", folder / "data.npz", "--out", tmp_path / "frf.npz", "--report", tmp_path / "report", "-q"]
+    assert run(capsys, *words)[0] == 0
+    assert (tmp_path / "report" / "index.html").read_text().count("<figure") == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["excite", "planar5_nmp", "--out", "plan.txt"],
+            "--out: given 'plan.txt', expected a file name ending in .npz",
+        ),
+        (["excite", "planar5_nmp", "--poses", "0", "--out", "p.npz"], "poses, criterion: given 0"),
+        (["excite", "manutec_r3", "--speed-rms", "2", "--out", "p.npz"], "speed_rms: joint q1 would reach"),
+        (["excite", "planar5_nmp", "--f-max", "5000", "--out", "p.npz"], "f_max: given 5000.0 Hz, expected at most"),
+        (["excite", "planar5_nmp", "--periods", "1", "--out", "p.npz"], "periods: given 1, expected a whole number"),
+        (["excite", "planar5_nmp", "--free", "weight", "--out", "p.npz"], "parameters: given 'weight'"),
+        (["measure", "planar5_nmp", "none.npz", "--out", "d.npz"], "plan none.npz: cannot be read"),
+        (["frf", "none.npz", "--out", "f.npz"], "experiment none.npz: cannot be read"),
+        (["identify", "planar5_nmp", "none.npz"], "frf none.npz: cannot be read"),
+    ],
+)
+def test_mistakes_are_named(words, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, printed = run(capsys, *words)
+    assert status == 1 and re.search(message, printed.err), printed.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_start_is_a_number(folder, capsys):
+    status, printed = run(capsys, "identify", "planar5_nmp", folder / "frf.npz", "--start", "q1.stiffness='soft'")
+    assert status == 1 and "--start q1.stiffness: given 'soft', expected a number" in printed.err
+
+
+def test_data_of_another_robot_are_refused(folder, capsys):
+    status, printed = run(capsys, "identify", "manutec_r3", folder / "frf.npz")
+    assert status == 1 and "data: given the motors m1, m2, expected" in printed.err
