@@ -27,6 +27,7 @@ from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
 
 COST_LEAST, COST_MOST = 0.5, 2.0  # of a good fit, for one degree of freedom
+AVERAGINGS = 3  # fits with springs averaged over the deflections that follow from the last fit
 REWEIGHTINGS, NEIGHBORS = 4, 15  # fits with a model error, and lines over which it is averaged
 SMALL_ERROR = 1e-3  # a model error that is too small to mention
 SAME = 1e-3  # relative difference of costs at the same minimum
@@ -112,13 +113,18 @@ def _fitted(
     """The fit: element by element from several starts, then with a model error or with the structure of the noise."""
     began = time.perf_counter()
     residuals = Residuals(vector, data, residual, floor or 0.0)
+    residuals.average_springs(vector.start)
     degrees = max(residuals.count - len(vector) / 2, 1.0)  # complex residuals, real parameters
     fits = _searches(vector, residuals, *starts, tell)
     best = min(fits, key=lambda fit: fit.objective)
     agreed = sum(fit.objective <= best.objective * (1 + SAME) + 1e-9 * degrees for fit in fits)
+    if residuals.local.springs:
+        for _ in range(AVERAGINGS):
+            residuals.average_springs(best.x)
+            best = _search(vector, residuals, best.x)
     error = floor or 0.0
     if floor is None and best.cost > COST_MOST * degrees:
-        error, residuals, best = _with_model_error(vector, data, residual, best, degrees, tell)
+        error, residuals, best = _with_model_error(vector, data, residuals, best, degrees, tell)
     explained = data.total is None and error == 0.0 and COST_LEAST <= best.cost / degrees <= COST_MOST
     if structured and explained and residual == "nls":
         residuals, best = _with_structure(vector, data, residuals, best, degrees)
@@ -137,6 +143,7 @@ def _fitted(
         weak=weak_directions(vector, best.A),
         data=data,
         variance=residuals.variance,
+        deflection_sd=residuals.deflection_sd,
         weights=residuals.kind,
         wall_s=time.perf_counter() - began,
     )
@@ -165,7 +172,7 @@ def _with_structure(
 
     A transient or a wrong model breaks the structure: then the weights of single elements are the better ones.
     """
-    polish = Residuals(vector, data)
+    polish = Residuals(vector, data, deflection_sd=residuals.deflection_sd)
     polish.use_structure(best.x)
     if polish.cost(best.x) > COST_MOST * degrees + 4 * len(vector):
         return residuals, best
@@ -204,7 +211,7 @@ def _searches(
 def _with_model_error(
     vector: ParameterVector,
     data: Frf,
-    residual: str,
+    plain: Residuals,
     best: Fit,
     degrees: float,
     tell: Callable[[str], None] | None,
@@ -215,14 +222,14 @@ def _with_model_error(
     element by itself, what its residuals have beside the noise, averaged over neighboring lines: friction and missing
     springs do not disturb all channels in the same way.
     """
-    plain = Residuals(vector, data, residual)
+    residual, averaged = plain.kind, plain.deflection_sd
     noise, size = plain.variance, np.abs(data.G) ** 2
     difference = np.abs(plain.response(best.x).G - data.G) ** 2
     low, high = 0.0, 1.0
     for _ in range(60):
         middle = (low + high) / 2
         low, high = (middle, high) if (difference / (noise + middle**2 * size)).sum() > degrees else (low, middle)
-    residuals = Residuals(vector, data, residual, high)
+    residuals = Residuals(vector, data, residual, high, deflection_sd=averaged)
     best = _search(vector, residuals, best.x)
     error = high
     for k in range(REWEIGHTINGS):
@@ -231,7 +238,7 @@ def _with_model_error(
         error = float(np.sqrt(np.median(extra / size)))
         if tell is not None:
             tell(f"model error {100 * error:.2g} % of the responses, fit {k + 1} of {REWEIGHTINGS}")
-        residuals = Residuals(vector, data, residual, extra=extra)
+        residuals = Residuals(vector, data, residual, extra=extra, deflection_sd=averaged)
         best = _search(vector, residuals, best.x)
     return error, residuals, best
 

@@ -10,6 +10,8 @@ and the torque constants k_t (1 where the drive is right). The robot rests at th
 
 Friction laws have no slope at rest that describes their motion. Where the speed of the motors is known, each law is
 replaced by the viscous friction of the same mean power, ``E[f(w) w] / E[w^2]``, w Gaussian (statistical linearization).
+Springs that are not linear are replaced in the same way: the torque ``E[tau(d + s)]`` at the mean deflection d, for a
+Gaussian deflection s about it, in the equations of rest and in the stiffness.
 
 Source: E. Wernholt and S. Moberg, IFAC 2008 (gray-box identification of robots from frequency responses); A. Gelb and
 W. Vander Velde, Multiple-Input Describing Functions, 1968 (statistical linearization).
@@ -27,8 +29,9 @@ import numpy as np
 
 from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.force_laws import friction_torque
-from flexgen.model.elements import Friction, RobotModel
+from flexgen.mechanics.force_laws import friction_torque, spring_torque
+from flexgen.mechanics.lagrangian import gears
+from flexgen.model.elements import Friction, LinearSpring, RobotModel, Spring
 from flexgen.numerics.evaluate import evaluate
 
 NEWTON_STEPS = 50
@@ -113,17 +116,62 @@ class LocalModel:
         return rows
 
     @cached_property
+    def springs(self) -> tuple[tuple[Spring, np.ndarray], ...]:
+        """Springs that are not linear, with their parameters as symbols, and the rows s of their deflection ``s y``."""
+        model, C = self.equations.with_symbols, self.motor_rows
+        theta, out = np.linalg.inv(model.eta) @ C, []
+        factors = iter(zip(gears(model), theta, strict=True))
+        for i, coordinate in enumerate(model.coordinates):
+            dof = coordinate.dof
+            row = np.zeros(model.dof)
+            row[i] = 1.0
+            spring = None if dof is None else dof.spring
+            if dof is not None and dof.gear is not None:
+                (gear, ratio), turned = next(factors)
+                spring, row = gear.spring, ratio * (turned - row)
+            if spring is not None and not isinstance(spring, LinearSpring):
+                out.append((spring, row))
+        return tuple(out)
+
+    @cached_property
+    def deflection_rows(self) -> np.ndarray:
+        """Rows of the deflections of `springs`, (springs, n)."""
+        return np.array([row for _, row in self.springs]).reshape(-1, self.model.dof)
+
+    def _averaged(self, residual: ca.SX, sd: ca.SX) -> ca.SX:
+        """The residual with the mean torques of springs that are not linear; ``sd``: of their deflections."""
+        y = self.equations.y[0]
+        for k, (spring, row) in enumerate(self.springs):
+            d = ca.mtimes(ca.SX(ca.DM(row)).T, y)
+            change = sum(
+                weight * (spring_torque(spring, d + sd[k] * node) - spring_torque(spring, d))
+                for node, weight in zip(*_normal(), strict=True)
+            )
+            residual = residual + ca.SX(ca.DM(row)) * change
+        return residual
+
+    @cached_property
     def _static(self) -> ca.Function:
-        """(y, p, tau_m) -> residual at rest, and its derivatives in y, p and tau_m."""
+        """(y, p, tau_m, sd of deflections) -> residual at rest, and its derivatives in y, p and tau_m."""
         e = self.equations
         y, dy, ddy = e.y
+        sd = ca.SX.sym("sd", len(self.springs))
         r = ca.substitute(e.residual, ca.vertcat(dy, ddy), ca.SX.zeros(2 * dy.numel()))
+        r = self._averaged(r, sd)
         p, tau = e.symbols, e.lagrangian.tau_m
         derivatives = [ca.densify(ca.jacobian(r, x)) for x in (y, p, tau)]
-        return ca.Function("rest", [y, p, tau], [ca.densify(r), *derivatives])
+        return ca.Function("rest", [y, p, tau, sd], [ca.densify(r), *derivatives])
 
-    def rest(self, values: np.ndarray, q_m: np.ndarray, start: np.ndarray | None = None) -> Rest:
+    def rest(
+        self,
+        values: np.ndarray,
+        q_m: np.ndarray,
+        start: np.ndarray | None = None,
+        deflection_sd: np.ndarray | None = None,
+    ) -> Rest:
         """The robot at rest at the motor angles ``q_m`` (k, n_m); ``start`` (k, n): where the search begins.
+
+        ``deflection_sd`` (k, springs): standard deviations of the deflections of `springs`, for their mean torques.
 
         Raises
         ------
@@ -132,6 +180,7 @@ class LocalModel:
         """
         model, C = self.model, self.motor_rows
         n, m = model.dof, model.n_m
+        spread = self._deflections(deflection_sd, len(q_m))
         out = []
         for k, angles in enumerate(q_m):
             if start is not None:
@@ -142,7 +191,7 @@ class LocalModel:
                 y[model.n_a :] = angles[list(model.i_m)]
             tau, best, stalled = np.zeros(m), np.inf, 0
             for _ in range(NEWTON_STEPS):
-                r, r_y, r_p, r_tau = (np.array(x) for x in self._static(y, values, tau))
+                r, r_y, r_p, r_tau = (np.array(x) for x in self._static(y, values, tau, spread[k]))
                 A = np.block([[r_y, r_tau], [C, np.zeros((m, m))]])
                 right = np.concatenate([r[:, 0], C @ y - angles])
                 scale = np.maximum(np.abs(A).max(axis=1), 1e-12)
@@ -164,16 +213,21 @@ class LocalModel:
 
     @cached_property
     def _matrices(self) -> tuple[ca.Function, ca.Function, dict[str, tuple[np.ndarray, np.ndarray]]]:
-        """(y, p, sd of speeds) -> M, D, K, B; the nonzero derivatives of M, D, K in p and y; where these stand."""
+        """(y, p, deviations) -> M, D, K, B; the nonzero derivatives of M, D, K in p and y; where these stand.
+
+        Deviations: of the speeds of motors and coordinates, then of the deflections of `springs`.
+        """
         e = self.equations
         y, dy, ddy = e.y
         p = e.symbols
-        r, tau = e.residual, e.lagrangian.tau_m
+        tau = e.lagrangian.tau_m
         still = ca.vertcat(dy, ddy, tau)
+        speeds = self.model.n_m + self.model.n_a
+        deviations = ca.SX.sym("deviations", speeds + len(self.springs))
+        r = self._averaged(e.residual, deviations[speeds:])
         jacobians = [ca.jacobian(r, x) for x in (ddy, dy, y, tau)]
         M, D, K, B = (ca.densify(ca.substitute(x, still, ca.SX.zeros(still.numel()))) for x in jacobians)
-        speed_sd = ca.SX.sym("speed_sd", self.model.n_m + self.model.n_a)
-        D = D + self._friction(dy, speed_sd)
+        D = D + self._friction(dy, deviations[:speeds])
         stacked = ca.vertcat(ca.vec(M), ca.vec(D), ca.vec(K))
         places, derivatives = {}, []
         for name, x in (("p", p), ("y", y)):
@@ -181,7 +235,7 @@ class LocalModel:
             rows, columns = (np.array(index, dtype=int) for index in J.sparsity().get_triplet())
             places[name] = (rows, columns)
             derivatives.append(J[:].nz[:] if J.nnz() else ca.SX(0, 1))
-        inputs = [y, p, speed_sd]
+        inputs = [y, p, deviations]
         return (
             ca.Function("matrices", inputs, [M, D, K, -B]),
             ca.Function("derivatives", inputs, [ca.vertcat(*[ca.vec(x) for x in derivatives])]),
@@ -202,11 +256,16 @@ class LocalModel:
         return D
 
     def matrices(
-        self, values: np.ndarray, q_m: np.ndarray, speed_sd: np.ndarray | None = None
+        self,
+        values: np.ndarray,
+        q_m: np.ndarray,
+        speed_sd: np.ndarray | None = None,
+        deflection_sd: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """``M, D, K`` (k, n, n) and ``B`` (k, n, n_m) of the linear models at the poses ``q_m`` (k, n_m)."""
-        rest = self.rest(values, q_m)
-        M, D, K, B = evaluate(self._matrices[0], rest.y, values, self._speeds(speed_sd, len(q_m)))
+        rest = self.rest(values, q_m, None, deflection_sd)
+        spread = np.hstack([self._speeds(speed_sd, len(q_m)), self._deflections(deflection_sd, len(q_m))])
+        M, D, K, B = evaluate(self._matrices[0], rest.y, values, spread)
         n = self.model.dof
         return M.reshape(-1, n, n), D.reshape(-1, n, n), K.reshape(-1, n, n), B.reshape(-1, n, self.model.n_m)
 
@@ -218,6 +277,35 @@ class LocalModel:
         arm[:, list(model.i_g)] = np.sqrt((motors**2) @ (np.linalg.inv(model.eta).T ** 2))
         return np.hstack([motors, arm])
 
+    def _deflections(self, deflection_sd: np.ndarray | None, count: int) -> np.ndarray:
+        """Deviations of the deflections of `springs` (k, springs); zero: at rest."""
+        shape = (count, len(self.springs))
+        return np.zeros(shape) if deflection_sd is None else np.broadcast_to(deflection_sd, shape)
+
+    def deflection_sd(
+        self,
+        values: np.ndarray,
+        q_m: np.ndarray,
+        w: np.ndarray,
+        drive: Drive,
+        UU: np.ndarray,
+        speed_sd: np.ndarray | None = None,
+        start: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Standard deviations of the deflections of `springs` (k, springs) under torques with the spectra of the data.
+
+        ``UU`` (k, lines, n_m, n_m): mean of ``U U^H`` over the experiments, U amplitudes; ``start``: deviations about
+        which the springs are averaged meanwhile.
+        """
+        M, D, K, B = self.matrices(values, q_m, speed_sd, start)
+        s = 1j * w[:, None, None]
+        out = np.zeros((len(q_m), len(self.springs)))
+        for k in range(len(q_m)):
+            X = self.deflection_rows @ np.linalg.solve(s**2 * M[k] + s * D[k] + K[k], B[k] + 0j)
+            X = X * drive.transfer(w, self.model.n_m)[:, None, :]
+            out[k] = np.sqrt(np.real(np.einsum("lai,lij,laj->a", X, UU[k], X.conj())) / 2)
+        return out
+
     def response(
         self,
         values: np.ndarray,
@@ -226,6 +314,7 @@ class LocalModel:
         drive: Drive,
         *,
         speed_sd: np.ndarray | None = None,
+        deflection_sd: np.ndarray | None = None,
         derivatives: bool = True,
         rest: Rest | None = None,
     ) -> Response:
@@ -240,13 +329,15 @@ class LocalModel:
         drive : Drive
         speed_sd : array (k, n_m) or (n_m,), optional [rad/s]
             Standard deviation of the speed of each motor, motor side; for friction that is not viscous.
+        deflection_sd : array (k, springs), optional [rad or m]
+            Standard deviation of the deflection of each spring of `springs`.
         derivatives : bool
             Also the derivatives in the parameters.
         rest : Rest, optional
             The poses at rest, where they are known.
         """
-        rest = self.rest(values, q_m) if rest is None else rest
-        speeds = self._speeds(speed_sd, len(q_m))
+        rest = self.rest(values, q_m, None, deflection_sd) if rest is None else rest
+        speeds = np.hstack([self._speeds(speed_sd, len(q_m)), self._deflections(deflection_sd, len(q_m))])
         function, by, _ = self._matrices
         n, C = self.model.dof, self.motor_rows
         M, D, K, B = (x.reshape(len(q_m), n, -1) for x in evaluate(function, rest.y, values, speeds))
@@ -313,6 +404,12 @@ def mean_viscous_change(friction: Friction, sd: ca.SX) -> ca.SX:
         mean += weight * node * (up - down) / 2
     safe = ca.if_else(sd > 0, sd, 1.0)
     return ca.if_else(sd > 0, mean / safe - at_rest, 0.0)
+
+
+def _normal() -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights for the mean over a standard Gaussian."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(15)
+    return nodes, weights / weights.sum()
 
 
 def _half_normal() -> tuple[np.ndarray, np.ndarray]:

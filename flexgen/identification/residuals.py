@@ -21,6 +21,7 @@ from flexgen.identification.trust_region import Sums
 
 RESIDUALS = ("nls", "lls")
 LEAST_RELATIVE_SD = 1e-9  # of responses without noise
+AVERAGINGS = 3  # of springs: the deflections depend on the stiffness and the reverse
 SMOOTHED = 7  # lines over which a variance from few realizations is averaged
 
 
@@ -37,6 +38,8 @@ class Residuals:
         Model error: part of ``|G|`` that is added to the standard deviations.
     extra : array (k, lines, n_m, n_m), optional
         Variance of each element beside its noise.
+    deflection_sd : array (k, springs), optional
+        Deviations over which springs that are not linear are averaged; see `average_springs`.
     """
 
     def __init__(
@@ -46,6 +49,7 @@ class Residuals:
         kind: str = "nls",
         floor: float = 0.0,
         extra: np.ndarray | None = None,
+        deflection_sd: np.ndarray | None = None,
     ) -> None:
         self.vector, self.data, self.kind = vector, data, kind
         self.local = LocalModel(vector.model, vector.of_model)
@@ -55,6 +59,8 @@ class Residuals:
         self.variance = noise + ((floor**2 + LEAST_RELATIVE_SD**2) * size**2) + (0.0 if extra is None else extra)
         self._white: tuple[np.ndarray, np.ndarray] | None = None  # L^-1 and (U U^H)^(1/2) P^(1/2)
         self._rest: tuple[np.ndarray, Rest] | None = None
+        none = np.zeros((len(data.poses), len(self.local.springs)))
+        self.deflection_sd = none if deflection_sd is None else deflection_sd
         self.count = data.G.size  # of complex residuals
 
     def response(self, x: np.ndarray, derivatives: bool = False) -> Response:
@@ -63,16 +69,30 @@ class Residuals:
         values = np.array([named[name] for name in self.local.names])
         if self._rest is None or not np.array_equal(self._rest[0], values):
             start = None if self._rest is None else self._rest[1].y
-            self._rest = values, self.local.rest(values, self.data.poses, start)
+            self._rest = values, self.local.rest(values, self.data.poses, start, self.deflection_sd)
         drive = self.vector.drive_at(x, self.drive)
         found = self.local.response(
-            values, self.data.poses, self.data.w, drive, speed_sd=self.data.speed_sd, derivatives=derivatives,
-            rest=self._rest[1],
+            values, self.data.poses, self.data.w, drive, speed_sd=self.data.speed_sd,
+            deflection_sd=self.deflection_sd, derivatives=derivatives, rest=self._rest[1],
         )  # fmt: skip
         if not derivatives:
             return found
         assert found.dG is not None
         return Response(found.G, along_x(self.vector, self.local, x, found.G, found.dG, self.data.w))
+
+    def average_springs(self, x: np.ndarray) -> None:
+        """Average springs that are not linear over the deflections that the torques of the data cause at x."""
+        if not self.local.springs:
+            return
+        named = self.vector.named(x)
+        values = np.array([named[name] for name in self.local.names])
+        UU = self.data.UU / self.data.experiments
+        for _ in range(AVERAGINGS):
+            self.deflection_sd = self.local.deflection_sd(
+                values, self.data.poses, self.data.w, self.vector.drive_at(x, self.drive), UU, self.data.speed_sd,
+                self.deflection_sd,
+            )  # fmt: skip
+        self._rest = None
 
     def use_structure(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """From now on structured weights; returns the deviations of the spectra of torque and angle noise (n_m,).

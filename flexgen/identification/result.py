@@ -91,6 +91,8 @@ class Identified:
         What was fitted.
     variance : array (k, lines, n_m, n_m)
         Of the elements of the responses: noise and model error.
+    deflection_sd : array (k, springs)
+        Standard deviations of the deflections of springs that are not linear, over which they were averaged.
     weights : str
         ``"structured"``, ``"nls"`` or ``"lls"``.
     wall_s : float [s]
@@ -111,6 +113,7 @@ class Identified:
     weak: tuple[str, ...]
     data: Frf
     variance: np.ndarray
+    deflection_sd: np.ndarray
     weights: str
     wall_s: float
     source: str = ""

@@ -38,7 +38,7 @@ def response_grid(data: Frf, identified: Identified | None = None, pose: int = 0
     axes = figure.subplots(n, n, sharex=True, sharey="row", squeeze=False)
     models: list[tuple[str, np.ndarray, dict[str, Any]]] = []
     if identified is not None:
-        residuals = Residuals(identified.vector, data)
+        residuals = Residuals(identified.vector, data, deflection_sd=identified.deflection_sd)
         for label, x, style in (
             ("start", identified.vector.start, {"color": cv.GREY, "ls": cv.DASHES[1], "lw": 1.0}),
             ("identified", identified.x, {"color": cv.RED, "lw": 1.2}),
@@ -77,7 +77,8 @@ def response_grid(data: Frf, identified: Identified | None = None, pose: int = 0
 def residual_plot(identified: Identified) -> Figure:
     """Differences between model and measurement over their standard deviations; noise alone gives the lines drawn."""
     data = identified.data
-    difference = Residuals(identified.vector, data).response(identified.x).G - data.G
+    residuals = Residuals(identified.vector, data, deflection_sd=identified.deflection_sd)
+    difference = residuals.response(identified.x).G - data.G
     size = np.abs(difference) / np.sqrt(identified.variance)
     hz = data.w / (2 * np.pi)
     figure = cv.new_figure(cv.WIDTH, 4.0, f"{data.model}: residuals over their standard deviations")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from flexgen.mechanics.parameters import select, with_values
 W = 2 * np.pi * np.geomspace(1.0, 120.0, 40)
 DRIVE = Drive(5e-4)
 FREE = ("stiffness", "damping")
+ROBOTS = Path(__file__).parents[1] / "support" / "robots"
 
 
 def truth_of(model, names=FREE):
@@ -249,6 +251,28 @@ def test_coulomb_friction_is_found_in_the_time_domain(name):
     )
     other = flexgen.refine(coarse, wrong, progress=False)
     assert other.cost > 2  # a drive that is not the one of the experiment is seen
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_gears_with_low_and_high_stiffness():
+    """Local models with averaged springs find the way; the simulation of the experiment gives the numbers."""
+    model = flexgen.read(str(ROBOTS / "two_smooth_gears.toml"))
+    rng = np.random.default_rng(0)
+    poses = np.column_stack([np.pi / 2 + rng.uniform(-0.6, 0.6, 12), rng.uniform(-0.8, 0.8, 12)])
+    drives = replace(NOISY, torque_noise_Nm=0.05)
+    plan = flexgen.excite(
+        model, poses=poses, speed_rms=0.02, periods=3, f_min=1.0, f_max=60.0, hardware=drives, transients=2,
+        realizations=3, progress=False,
+    )  # fmt: skip
+    experiment = flexgen.measure(plan, model, progress=False)
+    names = [f"{joint}.{kind}" for joint in ("q1", "q2") for kind in ("low", "high", "break_at")]
+    true = truth_of(model, names)
+    start = with_values(model, {name: value * np.exp(rng.uniform(-0.4, 0.4)) for name, value in true.items()})
+    coarse = flexgen.identify(start, flexgen.frf(experiment), progress=False)
+    fine = flexgen.refine(coarse, experiment, progress=False)
+    assert max(map(abs, errors(coarse, true).values())) < 0.3
+    assert max(map(abs, errors(fine, true).values())) < 5e-3 and fine.status == FitStatus.FITTED
 
 
 @needs_compiler

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -17,6 +18,7 @@ from flexgen.identification.local_model import Drive, LocalModel, mean_viscous_c
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.elements import Friction
 
+ROBOTS = Path(__file__).parents[1] / "support" / "robots"
 W = 2 * np.pi * np.geomspace(1.0, 100.0, 12)
 DRIVE = Drive(5e-4, 2e-4)
 ELASTIC = [name for name in (m["name"] for m in flexgen.models()) if flexgen.read(name).dof > flexgen.read(name).n_m]
@@ -101,6 +103,31 @@ def test_friction_has_the_same_mean_power(beta, sd):
     mean = 2 * sum(quad(power, a, b, epsabs=0, epsrel=1e-10)[0] for a, b in pairwise(edges))
     at_rest = 0.3 + 2.5 * beta
     assert change + at_rest == pytest.approx(mean / sd**2, rel=1e-5)
+
+
+def test_a_cubic_spring_is_averaged_in_closed_form():
+    """E tau = k d + k3 (d^3 + 3 d sd^2), its slope k + 3 k3 (d^2 + sd^2)."""
+    spring = {"type": "cubic", "stiffness": 10.0, "cubic": 1e5}
+    model = flexgen.read("four_mass", overrides={"element.mass1.dof.q1.gear.spring": spring})
+    local = LocalModel(model, ())
+    sd, q_m = 3e-3, np.zeros((1, 1))
+    plain, averaged = (local.matrices(local.values, q_m, None, x)[2][0] for x in (None, np.array([[sd]])))
+    row = local.deflection_rows[0]
+    assert np.allclose(averaged - plain, 3 * 1e5 * sd**2 * np.outer(row, row), rtol=1e-9)
+
+
+def test_derivatives_with_averaged_springs():
+    model = flexgen.read(str(ROBOTS / "two_smooth_gears.toml"))
+    local = LocalModel(model, ["stiffness", "damping"])
+    q_m = np.array([[1.2, 0.3], [2.0, -0.5]]) @ model.eta.T
+    sd = np.array([[2e-5, 1e-5], [1e-4, 5e-5]])
+    exact = local.response(local.values, q_m, W, DRIVE, deflection_sd=sd).dG
+    assert exact is not None
+    for k, value in enumerate(local.values):
+        moved = [np.where(np.arange(len(local.values)) == k, value * (1 + s * 1e-5), local.values) for s in (1, -1)]
+        up, down = (local.response(x, q_m, W, DRIVE, deflection_sd=sd, derivatives=False).G for x in moved)
+        difference = (up - down) / (2e-5 * value)
+        assert np.abs(difference - exact[..., k]).max() < 1e-4 * np.abs(exact[..., k]).max(), local.names[k]
 
 
 def test_no_change_at_rest():
