@@ -176,6 +176,8 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.identification.result import FitStatus
 
     model, data = read_model(args), Frf.load(args.frf)
+    if args.structure:
+        return _structure(model, data, args, log)
     found = fit(
         model,
         data,
@@ -216,6 +218,54 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     result |= dict(files)
     lines += [f"wrote {path}" for _, path in files]
     problem = "" if found.status == FitStatus.FITTED else f"{found.status}: {found.status.sentence}"
+    return VerbResult(result, "\n".join(lines), problem=problem)
+
+
+def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbResult:
+    """Which springs without motor the data ask for: a table, and the tables of new springs for the model file."""
+    from flexgen.identification.result import FitStatus
+    from flexgen.identification.structure import structure
+
+    if args.refine is not None or args.move is not None or args.out is not None:
+        raise ArgumentError("--structure: given with --refine, --move or --out, expected alone: it changes the model")
+    log("adding and removing springs: about a minute for six axes")
+    found = structure(model, data, fixed=args.fixed, progress=throttled(log))
+    rows = [
+        [c.kind, c.name, c.gain, "" if c.held_out is None else c.held_out, "kept" if c.kept else ""]
+        for c in found.changes
+    ]
+    status = found.identified.status
+    lines = [
+        f"{model.name}: added {', '.join(found.added) or 'nothing'}, removed {', '.join(found.removed) or 'nothing'}",
+        f"fit of the result: {status}, cost {number(found.identified.cost)} (1 expected)",
+        "",
+        table(rows, ("change", "coordinate", "gain of the criterion", "cost at held-out poses, ratio", "")),
+    ]
+    new = {dof.name: (e.name, dof) for e in found.model.elements for dof in e.dofs if dof.name in found.added}
+    for name, (element, dof) in new.items():
+        stiffness = getattr(dof.spring, "stiffness", 0.0)
+        lines += [
+            "",
+            f"for the model file, in the element {element} behind the joint {name.rpartition('_')[0]}:",
+            "",
+            "[[element.dof]]",
+            f'name = "{name}"',
+            'type = "rotation"',
+            f"axis = [{', '.join(f'{x:.6g}' for x in dof.axis)}]",
+            f'spring = {{ type = "linear", stiffness = {stiffness:.6g} }}',
+            f"damping = {dof.damping:.6g}",
+        ]
+    result = found.identified.figures() | {
+        "model": model.name,
+        "added": list(found.added),
+        "removed": list(found.removed),
+        "changes": [vars(change) for change in found.changes],
+    }
+    problem = "" if status == FitStatus.FITTED else f"{status}: {status.sentence}"
+    if args.report is not None:
+        page = str(found.identified.report(args.report))
+        result["report"] = page
+        lines += ["", f"wrote {page}"]
     return VerbResult(result, "\n".join(lines), problem=problem)
 
 
@@ -366,6 +416,11 @@ def _add_identify_arguments(parser: ArgumentParser) -> None:
         help="model error as a part of the responses, such as 0.02; default: as much as the residuals need",
     )
     parser.add_argument("--starts", metavar="N", type=int, default=3, help="number of searches; default: 3")
+    parser.add_argument(
+        "--structure",
+        action="store_true",
+        help="add and remove springs without motor as the data ask for, and print what is better",
+    )
     parser.add_argument(
         "--refine",
         metavar="EXPERIMENT",

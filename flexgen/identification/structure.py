@@ -1,0 +1,245 @@
+"""Which elasticities does a robot need? Springs without motor are added to a model and removed from it, one at a time.
+
+    criterion = 2 cost + n_p log(N)            (Bayesian information criterion; N: real residuals, n_p: parameters)
+
+Candidates to add are rotations about the two axes perpendicular to each joint, behind the joint (bearings and links);
+candidates to remove are the springs without motor of the model. A change is kept where the criterion falls, and where
+the cost also falls at poses that were not used for the fit.
+
+Source: G. Schwarz, Annals of Statistics 6(2), 1978.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.identification.frequency_response import Frf
+from flexgen.identification.graybox import identify
+from flexgen.identification.local_model import LocalModel
+from flexgen.identification.plan import default_free
+from flexgen.identification.residuals import Residuals
+from flexgen.identification.result import FitStatus, Identified
+from flexgen.model.elements import Dof, LinearSpring, RobotModel
+from flexgen.model.reader import read
+from flexgen.progress import Choice, reported
+
+FREQUENCIES = (12.0, 35.0, 90.0)  # Hz: of a new spring and the inertia that it carries, where its search begins
+DAMPING = 0.03  # of critical
+LEAST_GAIN = 10.0  # of the criterion: "very strong" by the usual words
+MOST_ROUNDS = 20
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change that was tried.
+
+    ``kind``: ``"add"`` or ``"remove"``; ``name``: of the coordinate; ``gain``: of the criterion, positive where the
+    changed model is better; ``held_out``: ratio of the costs at poses that were not fitted, below 1 where the changed
+    model is better, or None where it was not needed; ``kept``.
+    """
+
+    kind: str
+    name: str
+    gain: float
+    held_out: float | None
+    kept: bool
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Result of a search: the model with its springs, its fit, and all changes that were tried, in their order."""
+
+    model: RobotModel
+    identified: Identified
+    changes: tuple[Change, ...]
+
+    @property
+    def added(self) -> tuple[str, ...]:
+        """Names of the coordinates that were added."""
+        return tuple(change.name for change in self.changes if change.kept and change.kind == "add")
+
+    @property
+    def removed(self) -> tuple[str, ...]:
+        """Names of the coordinates that were removed."""
+        return tuple(change.name for change in self.changes if change.kept and change.kind == "remove")
+
+
+@reported("structure")
+def structure(
+    model: RobotModel | str | Path, data: Frf, *, fixed: Sequence[str] = (), progress: Choice = None
+) -> Structure:
+    """Search the springs without motor that the data ask for.
+
+    Parameters
+    ----------
+    model : RobotModel, str or Path
+        Where the search begins; a model with elastic gears only is allowed.
+    data : Frf
+        At two poses at least.
+    fixed : sequence of str
+        Coordinates that are not removed.
+    progress : callable or bool, optional
+
+    Returns
+    -------
+    Structure
+
+    Raises
+    ------
+    ArgumentError
+        The data have one pose only, or do not belong to the robot.
+    """
+    tell = progress if callable(progress) else _silent
+    robot = model if isinstance(model, RobotModel) else read(model)
+    if len(data.poses) < 2:
+        raise ArgumentError("structure: given data at one pose, expected two or more: some are held out")
+    now = _fit(robot, data)
+    changes: list[Change] = []
+    for _ in range(MOST_ROUNDS):
+        tried: list[tuple[Change, Identified]] = []
+        candidates = [("add", dof.name, changed) for dof, changed in additions(now.vector.model)]
+        candidates += [("remove", name, without(now.vector.model, name)) for name in _removable(robot, now, fixed)]
+        for k, (kind, name, changed) in enumerate(candidates):
+            tell(f"{kind} {name}: {k + 1} of {len(candidates)}")
+            best = _best(changed, name if kind == "add" else None, data)
+            if best is not None:
+                gain = criterion(now) - criterion(best)
+                tried.append((Change(kind, name, gain, None, False), best))
+        good = [(change, fit) for change, fit in tried if change.gain > LEAST_GAIN]
+        chosen = None
+        for change, fit in sorted(good, key=lambda pair: -pair[0].gain):
+            ratio = _held_out(now.vector.model, fit.vector.model, data)
+            kept = ratio < 1.0 or change.kind == "remove"
+            changes.append(replace(change, held_out=ratio, kept=kept))
+            if kept:
+                chosen = fit
+                break
+        names = {change.name for change in changes}
+        changes += [change for change, _ in tried if change.gain <= LEAST_GAIN and change.name not in names]
+        if chosen is None:
+            break
+        changes = [change for change in changes if change.kept or change.gain > LEAST_GAIN]
+        now = chosen
+    final = identify(now.model, data, starts=1, progress=False)
+    return Structure(now.model, final, tuple(changes))
+
+
+def criterion(found: Identified) -> float:
+    """``2 cost + n_p log(N)`` of a fit with the weights of single elements."""
+    count = found.data.G.size
+    return 2 * found.cost * max(count - len(found.vector) / 2, 1.0) + len(found.vector) * float(np.log(2 * count))
+
+
+def additions(model: RobotModel) -> list[tuple[Dof, RobotModel]]:
+    """Models with one more spring: rotations about the axes perpendicular to each joint that are not there yet."""
+    out = []
+    for e, element in enumerate(model.elements):
+        for at, dof in enumerate(element.dofs):
+            if dof.gear is None or dof.type != "rotation":
+                continue
+            for k, axis in enumerate(perpendicular(np.array(dof.axis))):
+                same = [d for d in element.dofs if d.spring is not None and d.type == "rotation"]
+                if any(abs(float(np.dot(d.axis, axis))) > 0.99 for d in same):
+                    continue
+                new = Dof(
+                    f"{dof.name}_{'uv'[k]}", "rotation", tuple(axis.tolist()), spring=LinearSpring(1.0), damping=1.0
+                )
+                dofs = (*element.dofs[: at + 1], new, *element.dofs[at + 1 :])
+                elements = (*model.elements[:e], replace(element, dofs=dofs), *model.elements[e + 1 :])
+                out.append((new, replace(model, elements=elements)))
+    return out
+
+
+def perpendicular(axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two unit vectors perpendicular to an axis and to each other; coordinate axes where the axis is one."""
+    first = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    first = first - axis * (axis @ first)
+    first = first / np.linalg.norm(first)
+    return first, np.cross(axis, first)
+
+
+def without(model: RobotModel, name: str) -> RobotModel:
+    """The model with a coordinate without motor stiff: left out."""
+    elements = tuple(replace(e, dofs=tuple(dof for dof in e.dofs if dof.name != name)) for e in model.elements)
+    return replace(model, elements=elements)
+
+
+def with_spring(model: RobotModel, name: str, stiffness: float, damping: float) -> RobotModel:
+    """The model with other numbers of a spring without motor."""
+    elements = tuple(
+        replace(
+            e,
+            dofs=tuple(
+                replace(d, spring=LinearSpring(stiffness), damping=damping) if d.name == name else d for d in e.dofs
+            ),
+        )
+        for e in model.elements
+    )
+    return replace(model, elements=elements)
+
+
+def _removable(robot: RobotModel, now: Identified, fixed: Sequence[str]) -> list[str]:
+    """Coordinates without motor of the model that was given, as far as they are still there and not fixed."""
+    there = {dof.name for e in now.vector.model.elements for dof in e.dofs if dof.spring is not None}
+    given = [dof.name for e in robot.elements for dof in e.dofs if dof.spring is not None]
+    return [name for name in given if name in there and name not in fixed]
+
+
+def _best(model: RobotModel, new: str | None, data: Frf) -> Identified | None:
+    """The best fit of a changed model; a new spring is searched from several stiffnesses."""
+    if new is None:
+        return _tried(model, data)
+    local = LocalModel(with_spring(model, new, 1e12, 1e6), ())
+    M = local.matrices(local.values, data.poses[:1])[0][0]
+    names = [c.name for c in model.coordinates]
+    inertia = float(M[names.index(new), names.index(new)])
+    fits = []
+    for hz in FREQUENCIES:
+        w = 2 * np.pi * hz
+        stiffness = inertia * w**2
+        fits.append(_tried(with_spring(model, new, stiffness, 2 * DAMPING * stiffness / w), data))
+    found = [fit for fit in fits if fit is not None]
+    return min(found, key=lambda fit: fit.cost) if found else None
+
+
+def _tried(model: RobotModel, data: Frf) -> Identified | None:
+    try:
+        found = _fit(model, data)
+    except (SolverError, np.linalg.LinAlgError):
+        return None
+    return None if found.status == FitStatus.NOT_CONVERGED else found
+
+
+def _fit(model: RobotModel, data: Frf) -> Identified:
+    """A fit with the weights of the noise alone, so that costs of different models compare."""
+    found = identify(model, data, free=default_free(model), starts=1, structured=False, floor=0.0, progress=False)
+    return replace(found, vector=found.vector)
+
+
+def _held_out(before: RobotModel, after: RobotModel, data: Frf) -> float:
+    """Cost at the second half of the poses of models fitted at the first, after over before."""
+    half = len(data.poses) // 2
+    first, second = (_part(data, poses) for poses in (slice(None, half), slice(half, None)))
+    costs = []
+    for model in (before, after):
+        try:
+            found = _fit(model, first)
+            costs.append(Residuals(found.vector, second).cost(found.x))
+        except SolverError:
+            costs.append(np.inf)
+    return float(costs[1] / costs[0]) if costs[0] > 0 else 1.0
+
+
+def _part(data: Frf, poses: slice) -> Frf:
+    """Some of the poses."""
+    arrays = {name: getattr(data, name)[poses] for name in ("poses", "G", "UU", "C", "variance", "speed_sd")}
+    return replace(data, **arrays, total=None if data.total is None else data.total[poses])
+
+
+def _silent(line: str) -> None:
+    """Do not log."""
