@@ -65,7 +65,7 @@ class ParameterVector:
     ----------
     model : RobotModel
     free : sequence of str
-        Names of what is identified, groups such as ``stiffness`` included.
+        Names of what is identified, groups such as ``stiffness`` included. Numbers of a group that are zero stay zero.
     fixed : sequence of str
         Names that stay as they are although a group in ``free`` has them.
     start : mapping, optional
@@ -101,6 +101,8 @@ class ParameterVector:
         held = {p.name for p in select(model, [n for n in fixed if n != DELAY and not n.endswith(CONSTANT)])}
         held |= {name for name in fixed if name == DELAY or name.endswith(CONSTANT)}
         parameters = [p for p in select(model, of_model) if p.name not in held and p.name not in ties]
+        # Of a group, what is zero stays zero: such as the cubic part of a spring that has none.
+        parameters = [p for p in parameters if p.value != 0.0 or p.name in of_model or p.name in start]
         parameters += [p for p in _drive_parameters(model, drive) if p.name not in held]
         known = {p.name for p in parameters}
         for what, names in (("start", start), ("bounds", bounds), ("priors", priors), ("ties", ties.values())):

@@ -24,6 +24,7 @@ from flexgen.progress import Choice, reported
 
 BANDWIDTH = 8.0  # Hz, of the speed control
 POSITION_GAIN = 8.0  # 1/s
+SAMPLED_GAIN = 0.3  # of speed gain times sample time over inertia; unstable at 1 to 2
 CANDIDATES = 300
 FREE = ("stiffness", "damping")
 
@@ -105,7 +106,7 @@ def excite(
         periods=periods,
         transients=transients,
         hardware=hardware,
-        controller=default_cascade(robot),
+        controller=default_cascade(robot, hardware.sample_s + hardware.delay_s),
     )
     vector = ParameterVector(robot, default_free(robot) if free is None else free)
     return _with_poses(plan, robot, vector, poses, criterion, seed, progress)
@@ -124,8 +125,12 @@ def default_free(model: RobotModel) -> list[str]:
     return [*FREE, *viscous]
 
 
-def default_cascade(model: RobotModel) -> Cascade:
-    """Gains from the motor inertias with all springs stiff: 8 Hz of speed control, position gain 8 1/s."""
+def default_cascade(model: RobotModel, sample_s: float = 5e-4) -> Cascade:
+    """Gains from the motor inertias with all springs stiff: 8 Hz of speed control, position gain 8 1/s.
+
+    Less where the inertia that a motor moves at high frequencies, with all springs soft, is so small that a sampled
+    control would be unstable; ``sample_s``: sample time and delay together.
+    """
     home = np.array(model.home)
     equations = derive(model)
     linear = linearize(equations, hold_joints(equations, home))
@@ -134,8 +139,10 @@ def default_cascade(model: RobotModel) -> Cascade:
     for k, j in enumerate(model.i_m):
         stiff[model.n_a + k, j] = 1.0
     inertia = np.diag(stiff.T @ linear.M @ stiff)
+    moved = 1.0 / np.diag(linear.C_m @ np.linalg.solve(linear.M, linear.B))
+    gain = np.minimum(inertia * 2 * np.pi * BANDWIDTH, SAMPLED_GAIN * moved / sample_s)
     n = model.n_m
-    return Cascade(np.full(n, POSITION_GAIN), inertia * 2 * np.pi * BANDWIDTH, np.zeros(n))
+    return Cascade(np.full(n, POSITION_GAIN), gain, np.zeros(n))
 
 
 def _band(model: RobotModel, f_min: float | None, f_max: float | None, hardware: DriveHardware) -> tuple[float, float]:

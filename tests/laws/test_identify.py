@@ -11,8 +11,9 @@ from identification_cases import NOISY, another, exact_responses, poses_of, smal
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.errors import ArgumentError, ModelError
+from flexgen.errors import ArgumentError, ModelError, SolverError
 from flexgen.identification.local_model import Drive
+from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.result import FitStatus
 from flexgen.mechanics.parameters import select, with_values
 
@@ -306,3 +307,23 @@ def test_feedforward_with_the_identified_model_is_as_good_as_with_the_true_one()
     assert guessed["identified"].quantile(0.0) / 5 < after < 5 * guessed["identified"].quantile(1.0)
     with pytest.raises(ArgumentError, match="samples: given 0"):
         found.verdict("line", samples=0, progress=False)
+
+
+def test_of_a_group_what_is_zero_stays_zero():
+    """The cubic part of the springs of abb_arm is zero: a group leaves it, its name frees it."""
+    model = flexgen.read("abb_arm")
+    names = ParameterVector(model, FREE).names
+    assert "q1.stiffness" in names and not any(name.endswith("cubic") for name in names)
+    assert "q1.cubic" in ParameterVector(model, [*FREE, "q1.cubic"], start={"q1.cubic": 1.0}).names
+
+
+@needs_compiler
+def test_the_drives_are_stable_where_little_inertia_follows_fast():
+    """Springs next to massless motors: at high frequencies a motor moves little."""
+    plan = flexgen.excite(
+        str(ROBOTS / "ur5_elastic.toml"), poses=1, lines=5, period_s=1.0, speed_rms=0.01, progress=False
+    )
+    assert np.isfinite(flexgen.measure(plan, progress=False).tau_m).all()
+    wild = replace(plan, controller=replace(plan.controller, speed_gain=30 * plan.controller.speed_gain))
+    with pytest.raises(SolverError, match="lower the gains"):
+        flexgen.measure(wild, progress=False)
