@@ -24,6 +24,8 @@ from flexgen.identification import files
 from flexgen.loop.closed_loop import Cascade, DriveHardware
 from flexgen.model.elements import RobotModel
 
+MOST_SAMPLES, MOST_PERIODS = 10_000_000, 100_000  # in a period; of one experiment
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan:
@@ -122,22 +124,8 @@ class Plan:
     @classmethod
     def load(cls, path: str | Path) -> Plan:
         """Read a file of `save`; ArgumentError where it is none."""
-        return cls.from_data(
-            *files.load(
-                path,
-                "plan",
-                (
-                    "poses",
-                    "lines",
-                    "amplitudes",
-                    "phases",
-                    "position_gain",
-                    "speed_gain",
-                    "integral_gain",
-                    "torque_max",
-                ),
-            )
-        )
+        names = "poses lines amplitudes phases position_gain speed_gain integral_gain torque_max"
+        return files.loaded(cls, path, "plan", names)
 
     def data(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and other data of a file."""
@@ -168,7 +156,22 @@ class Plan:
     def from_data(cls, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> Plan:
         """The plan with these data; the inverse of `data`."""
         gains = [arrays[name] for name in ("position_gain", "speed_gain", "integral_gain")]
-        hardware = DriveHardware(**meta["hardware"], torque_max_Nm=tuple(arrays["torque_max"].tolist()))
+        hardware = DriveHardware(**meta["hardware"], torque_max_Nm=tuple(arrays["torque_max"].ravel().tolist()))
+        n, lines, phases = len(meta["motors"]), arrays["lines"], arrays["phases"]
+        shapes = {
+            "poses": (arrays["poses"], (len(arrays["poses"]), n)),
+            "amplitudes": (arrays["amplitudes"], (len(lines), n)),
+            "phases": (phases, (len(phases), len(lines), n)),
+            **{f"gain {k}": (gain, (n,)) for k, gain in enumerate(gains)},
+        }
+        for name, (array, shape) in shapes.items():
+            if array.shape != shape or array.size == 0:
+                raise ValueError(f"{name}: given the shape {array.shape}, expected {shape}")
+        samples = float(meta["period_s"]) / hardware.sample_s
+        if not 2 <= samples <= MOST_SAMPLES or lines.ndim != 1 or not np.all((lines > 0) & (lines < samples / 2)):
+            raise ValueError(f"lines and period: expected lines below half of 2 to {MOST_SAMPLES} samples in a period")
+        if not 1 <= int(meta["periods"]) <= MOST_PERIODS or not 0 <= int(meta["transients"]) <= MOST_PERIODS:
+            raise ValueError(f"periods, transients: expected at most {MOST_PERIODS}")
         return cls(
             meta["model"], meta["digest"], tuple(meta["motors"]), arrays["poses"], arrays["lines"].astype(int),
             float(meta["period_s"]), arrays["amplitudes"], arrays["phases"], int(meta["periods"]),

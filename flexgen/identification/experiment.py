@@ -25,6 +25,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
 
+HOLDS = ("zoh", "none")
 LANES = 48  # robots that are simulated together
 
 
@@ -67,11 +68,7 @@ class Experiment:
     @classmethod
     def load(cls, path: str | Path) -> Experiment:
         """Read a file of `save`; ArgumentError where it is none."""
-        return cls.from_data(
-            *files.load(
-                path, "experiment", ("poses", "lines", "amplitudes", "phases", "tau_m", "q_m", "speed_sd", "saturated")
-            )
-        )
+        return files.loaded(cls, path, "experiment", "poses lines amplitudes phases tau_m q_m speed_sd saturated")
 
     def data(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and other data of a file."""
@@ -89,9 +86,14 @@ class Experiment:
     def from_data(cls, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> Experiment:
         """The experiment with these data; the inverse of `data`."""
         tau_m, q_m, speed_sd, saturated = (arrays[name] for name in ("tau_m", "q_m", "speed_sd", "saturated"))
-        return cls(
-            Plan.from_data(arrays, meta), tau_m, q_m, speed_sd, saturated, str(meta["source"]), str(meta["hold"])
-        )
+        plan = Plan.from_data(arrays, meta)
+        k, n, lines = len(plan.poses), len(plan.motors), len(plan.lines)
+        given = (k, *tau_m.shape[1:4], lines, n)
+        if tau_m.shape != given or q_m.shape != given or speed_sd.shape != (k, n) or saturated.shape != (k,):
+            raise ValueError("arrays of different sizes")
+        if tau_m.shape[3] != plan.periods or meta["hold"] not in HOLDS or tau_m.size == 0:
+            raise ValueError(f"periods and hold: expected {plan.periods} and one of {', '.join(HOLDS)}")
+        return cls(plan, tau_m, q_m, speed_sd, saturated, str(meta["source"]), str(meta["hold"]))
 
 
 @reported("measure")

@@ -19,7 +19,7 @@ from flexgen.npz_files import NpzError, read_npz
 T = TypeVar("T")
 
 FORMAT = 1
-SIZE_MAX = 4_000_000_000  # bytes
+SIZE_MAX = 500_000_000  # bytes
 
 
 def save(path: str | Path, kind: str, arrays: dict[str, np.ndarray], meta: dict[str, Any]) -> Path:
@@ -43,7 +43,7 @@ def loaded(kind_of: type[T], path: str | Path, kind: str, names: str) -> T:
     arrays, meta = load(path, kind, names.split())
     try:
         return kind_of.from_data(arrays, meta)  # type: ignore[attr-defined]
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise ArgumentError(f"{kind} {path}: damaged or incomplete ({error}), expected a file of flexgen") from None
 
 

@@ -27,6 +27,7 @@ from flexgen.identification.experiment import Experiment
 AVERAGES = ("arithmetic", "harmonic", "logarithmic")
 REPEATS = 6.0  # a period that differs from the others by more than this times their scatter does not repeat
 LARGEST_DIFFERENCE = 0.1  # of the signal: above it such a period is an error, below it a warning
+LARGEST = 1e100  # of a response or a variance in a file
 LEAST_TOTAL = 3  # realizations for a total covariance
 
 
@@ -112,7 +113,27 @@ class Frf:
         n, shape = len(meta["motors"]), (len(poses), len(w))
         if any(x.shape != (*shape, n, n) for x in (G, UU, C, variance)) or poses.shape != (shape[0], n):
             raise ValueError("arrays of different sizes")
-        counts, times = (int(meta["periods"]), int(meta["experiments"])), (meta["sample_s"], meta["delay_s"])
+        if G.size == 0 or np.any(w <= 0) or np.any(np.diff(w) <= 0) or np.any(variance < 0):
+            raise ValueError("expected rising frequencies > 0 and variances >= 0")
+        for name, x, least in (("UU", UU, 1e-14), ("C", C, -1e-9)):
+            size = np.abs(x).max(axis=(-2, -1))
+            skew = np.abs(x - _H(x)).max(axis=(-2, -1))
+            if np.any(skew > 1e-9 * size) or np.any(np.linalg.eigvalsh(x)[..., 0] < least * size):
+                raise ValueError(f"{name}: expected Hermitian matrices, positive definite")
+        if (
+            not np.all((np.abs(G) > 0) & (np.abs(G) < LARGEST))
+            or np.any(np.abs(UU) > LARGEST)
+            or np.any(np.abs(C) > LARGEST)
+        ):
+            raise ValueError(f"G, UU, C: expected numbers between 0 and {LARGEST:g}")
+        if arrays["speed_sd"].shape != (len(poses), n) or arrays.get("total", variance).shape != variance.shape:
+            raise ValueError("arrays of different sizes")
+        counts, times = (
+            (int(meta["periods"]), int(meta["experiments"])),
+            (float(meta["sample_s"]), float(meta["delay_s"])),
+        )
+        if min(*counts, 1 + min(times)) < 1 or not np.isfinite(times).all():
+            raise ValueError("periods, experiments, sample_s, delay_s: expected numbers > 0 and times >= 0")
         return cls(
             str(meta["model"]), tuple(meta["motors"]), poses, w, G, UU, C, variance, arrays.get("total"), *counts,
             *times, arrays["speed_sd"], tuple(meta["warnings"]),

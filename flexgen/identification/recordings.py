@@ -40,7 +40,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.identification.excitation import Plan
-from flexgen.identification.experiment import Experiment, spectrum
+from flexgen.identification.experiment import HOLDS, Experiment, spectrum
 from flexgen.loop.closed_loop import Cascade, DriveHardware
 from flexgen.model.checked_table import Table
 from flexgen.model.digest import model_digest
@@ -52,7 +52,7 @@ TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 ANGLE_UNITS = {"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180}
 TORQUE_UNITS = {"N m": 1.0, "A": 1.0}
 SIDES = ("motor", "arm")
-HOLDS, LINES = ("zoh", "none"), ("excited", "odd", "all")
+LINES = ("excited", "odd", "all")
 EXCITED = 0.02  # part of the largest amplitude
 JITTER = 0.05  # of a sample time: larger differences are lost samples
 WRAP = 1.0  # rad: a larger step between two samples, and far larger than all others, is an encoder that wraps
@@ -94,8 +94,11 @@ def read_experiment(path: str | Path) -> Experiment:
     root = Table(str(source), parse_file(source, str(source)), "")
     keys = "model period_s hold lines f_min f_max delay_s transients time torque angle recording".split()
     root.only(*keys)
-    beside = source.parent / root.text("model")
-    model = read(beside if beside.is_file() else root.text("model"))
+    try:
+        beside = source.parent / root.text("model")
+        model = read(beside if beside.is_file() else root.text("model"))
+    except (ArgumentError, OSError, ValueError) as error:
+        raise root.fail("model", f"a model that can be read ({error})") from None
     time = root.table("time")
     if time is None:
         raise root.fail("time", "a table with name and unit")
@@ -110,15 +113,24 @@ def read_experiment(path: str | Path) -> Experiment:
     for table in root.tables("recording"):
         table.only("file", "pose_rad", "pose_deg")
         joints = table.angles("pose", [model.coordinates[i].unit == "rad" for i in model.i_g])
-        file = source.parent / table.text("file")
-        if not file.is_file():
-            raise table.fail("file", "the path of a file, relative to this one")
+        file = _beside(source, table)
         recording = _Recording(file, clock, torques, angles, period, transients, model)
         steps.append(recording.sample_s)
         poses.setdefault(tuple(joints), []).append((recording.tau_m, recording.q_m))
     if max(steps) - min(steps) > 1e-9 * max(steps):
         raise ArgumentError(f"{source}: given recordings with sample times {sorted(set(steps))} s, expected one")
     return _experiment(root, model, poses, steps[0], source)
+
+
+def _beside(source: Path, table: Table) -> Path:
+    """The file of a recording, relative to the description."""
+    try:
+        file = source.parent / table.text("file")
+        if file.is_file():
+            return file
+    except (OSError, ValueError):  # a name that no file can have
+        pass
+    raise table.fail("file", "the path of a file, relative to this one")
 
 
 def _channels(root: Table, kind: str, units: dict[str, float], model: RobotModel) -> list[_Channel]:

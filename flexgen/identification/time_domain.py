@@ -155,6 +155,8 @@ def refine(
     plan, model = experiment.plan, found.vector.model
     if plan.motors != found.data.motors or not np.array_equal(plan.poses, found.data.poses):
         raise ArgumentError("experiment: given other motors or poses than those of the frequency responses")
+    if not plan.controller.speed_gain.any():
+        raise ArgumentError(f"experiment: the drives of {experiment.source} are not known, expected one of 'measure'")
     if not isinstance(runs, int) or not 1 <= runs <= plan.experiments * plan.realizations:
         most = plan.experiments * plan.realizations
         raise ArgumentError(f"runs: given {runs!r}, expected 1 to {most}, the experiments at each pose")

@@ -13,6 +13,7 @@ import numpy as np
 import flexgen
 from flexgen.build import generate
 from flexgen.build.directory import read_manifest
+from flexgen.identification.recordings import read_experiment
 from flexgen.paths.sample_files import read_samples
 from flexgen.ports import Port
 
@@ -144,6 +145,53 @@ def _known(path: Path) -> None:
         generate._result(path.parent, found, 0.0, cached=True, written=False)
 
 
+# --- identification ---------------------------------------------------------------------------------------------------
+
+
+def _identification_seeds(folder: Path) -> None:
+    """A plan, an experiment and responses of a planar arm; the spectra are random numbers."""
+    rng = np.random.default_rng(0)
+    plan = flexgen.excite("planar5_nmp", poses=[[0.3, -1.1]], lines=4, period_s=1.0, periods=3, progress=False)
+    shape = (1, 1, 2, 3, len(plan.lines), 2)
+    tau, q = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape) for _ in range(2))
+    tau[:], q[:] = tau[:, :, :, :1], q[:, :, :, :1]  # periods that repeat
+    experiment = flexgen.Experiment(plan, tau, q, np.ones((1, 2)), np.zeros(1, np.int64), "seed")
+    plan.save(folder / "plan.npz")
+    experiment.save(folder / "experiment.npz")
+    flexgen.frf(experiment).save(folder / "frf.npz")
+
+
+def _identification(path: Path) -> None:
+    """Each file is of one kind; what is read is used."""
+
+    def plan(file: Path) -> None:
+        found = flexgen.Plan.load(file)
+        if found.samples <= 100_000:
+            found.reference(0, 0)
+
+    def experiment(file: Path) -> None:
+        flexgen.frf(flexgen.Experiment.load(file))
+
+    def responses(file: Path) -> None:
+        found = flexgen.Frf.load(file)
+        found.relative_sd()
+        if len(found.poses) <= 4 and found.motors == ("m1", "m2"):
+            flexgen.identify("planar5_nmp", found, starts=1, progress=False)
+
+    _each([plan, experiment, responses], ["mutated", "seed", "equilibrium", "motors"], 1)(path)
+
+
+def _recording_seeds(folder: Path) -> None:
+    (folder / BESIDE).mkdir()
+    bench = ROOT / "examples" / "motor_bench"
+    shutil.copy(bench / "bench.toml", folder / BESIDE)
+    t = np.arange(4000) * 1e-3
+    torque = np.cos(2 * np.pi * 11 * t) + np.sin(2 * np.pi * 20 * t)
+    np.savez(folder / BESIDE / "run.npz", time=1e6 * t, iq_adx=torque, theta_mx=0.01 * np.roll(torque, 3))
+    text = (bench / "recordings.toml").read_text().replace("MultisineTypeA.mat", "run.npz").replace("250.0", "100.0")
+    (folder / "mutated.toml").write_text(text)
+
+
 _LIBRARY = ("cases", "libelbow")
 
 TARGETS = {
@@ -151,5 +199,9 @@ TARGETS = {
     "urdf": Target(_urdf_seeds, lambda folder: _urdf, ("mutated.urdf", "overlay.toml")),
     "path": Target(_path_seeds, _path_reader, ("mutated",)),
     "trajectory": Target(_trajectory_seeds, lambda folder: flexgen.Trajectory.load, ("mutated",)),
+    "identification": Target(
+        _identification_seeds, lambda folder: _identification, ("mutated", "seed", "equilibrium", "motors")
+    ),
+    "recordings": Target(_recording_seeds, lambda folder: read_experiment, ("mutated.toml", "bench.toml", "run.npz")),
     "manifest": Target(_manifest_seeds, lambda folder: _each([_known, _load], _LIBRARY, 2), _LIBRARY),
 }
