@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
+from flexgen import array_files
 from flexgen.errors import ArgumentError
-from flexgen.identification import files
 from flexgen.loop.closed_loop import Cascade, DriveHardware
 from flexgen.model.elements import RobotModel
 
@@ -119,13 +119,13 @@ class Plan:
 
     def save(self, path: str | Path) -> Path:
         """Write an npz file, which `load` reads."""
-        return files.save(path, "plan", *self.data())
+        return array_files.save(path, "plan", *self.data())
 
     @classmethod
     def load(cls, path: str | Path) -> Plan:
         """Read a file of `save`; ArgumentError where it is none."""
         names = "poses lines amplitudes phases position_gain speed_gain integral_gain torque_max"
-        return files.loaded(cls, path, "plan", names)
+        return array_files.loaded(cls, path, "plan", names)
 
     def data(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and other data of a file."""

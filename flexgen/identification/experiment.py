@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from flexgen import array_files
 from flexgen.errors import ArgumentError
-from flexgen.identification import files
 from flexgen.identification.excitation import Plan
 from flexgen.identification.local_model import LocalModel
 from flexgen.inversion.model_library import library_with
@@ -63,12 +63,12 @@ class Experiment:
 
     def save(self, path: str | Path) -> Path:
         """Write an npz file, which `load` reads."""
-        return files.save(path, "experiment", *self.data())
+        return array_files.save(path, "experiment", *self.data())
 
     @classmethod
     def load(cls, path: str | Path) -> Experiment:
         """Read a file of `save`; ArgumentError where it is none."""
-        return files.loaded(cls, path, "experiment", "poses lines amplitudes phases tau_m q_m speed_sd saturated")
+        return array_files.loaded(cls, path, "experiment", "poses lines amplitudes phases tau_m q_m speed_sd saturated")
 
     def data(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and other data of a file."""

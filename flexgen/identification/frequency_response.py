@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
+from flexgen import array_files
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.identification import files
 from flexgen.identification.experiment import Experiment
 
 AVERAGES = ("arithmetic", "harmonic", "logarithmic")
@@ -89,12 +89,12 @@ class Frf:
 
     def save(self, path: str | Path) -> Path:
         """Write an npz file, which `load` reads."""
-        return files.save(path, "frf", *self.data())
+        return array_files.save(path, "frf", *self.data())
 
     @classmethod
     def load(cls, path: str | Path) -> Frf:
         """Read a file of `save`; ArgumentError where it is none."""
-        return files.loaded(cls, path, "frf", "poses w G UU C variance speed_sd")
+        return array_files.loaded(cls, path, "frf", "poses w G UU C variance speed_sd")
 
     def data(self) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         """Arrays and other data of a file."""

@@ -21,9 +21,9 @@ from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.plan import default_free
 from flexgen.identification.residuals import RESIDUALS, Residuals, over_lines
 from flexgen.identification.result import WEAK, FitStatus, Identified
-from flexgen.identification.trust_region import Fit, minimize
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
+from flexgen.numerics.trust_region import Fit, minimize
 from flexgen.progress import Choice, reported
 
 COST_LEAST, COST_MOST = 0.5, 2.0  # of a good fit, for one degree of freedom

@@ -17,7 +17,7 @@ from flexgen.identification.frequency_response import Frf
 from flexgen.identification.local_model import Drive, LocalModel, Response, Rest
 from flexgen.identification.operating_points import along_x
 from flexgen.identification.parameters import ParameterVector
-from flexgen.identification.trust_region import Sums
+from flexgen.numerics.trust_region import Sums
 
 RESIDUALS = ("nls", "lls")
 LEAST_RELATIVE_SD = 1e-9  # of responses without noise

@@ -25,10 +25,10 @@ from flexgen.identification.graybox import COST_MOST, SMALL_ERROR, weak_directio
 from flexgen.identification.local_model import LocalModel, Rest
 from flexgen.identification.parameters import ParameterVector, is_of_drive
 from flexgen.identification.result import FitStatus, Identified
-from flexgen.identification.trust_region import Fit, Sums, minimize
 from flexgen.inversion.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop
 from flexgen.mechanics.parameters import select
+from flexgen.numerics.trust_region import Fit, Sums, minimize
 from flexgen.progress import Choice, reported
 
 STEP = 1e-4  # of forward differences in x, mostly logarithms

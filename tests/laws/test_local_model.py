@@ -62,8 +62,8 @@ def test_a_pose_that_does_not_move_with_the_springs_is_noticed(monkeypatch):
     assert worst_slope(local, q_m, None) < 1e-5
     real = LocalModel.rest
 
-    def still(self, values, q_m, start=None):
-        rest = real(self, values, q_m, start)
+    def still(self, values, q_m, *more):
+        rest = real(self, values, q_m, *more)
         return type(rest)(rest.y, rest.tau_m, 0 * rest.dy)
 
     monkeypatch.setattr(LocalModel, "rest", still)

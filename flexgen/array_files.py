@@ -1,4 +1,4 @@
-"""The npz files of identification: arrays, and a JSON text ``meta`` that says what they are.
+"""Npz files of arrays with a JSON text ``meta`` that says what they are.
 
 Complex arrays are stored as pairs of real and imaginary part, along a last axis of length two.
 """

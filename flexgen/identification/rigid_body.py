@@ -1,0 +1,403 @@
+"""Rigid-body parameters from the torques along recorded motions: regressor, base parameters, feasible fit.
+
+    tau_m = eta^-T Y(q, v, a) pi + J_m eta a + F phi,      pi: mass, mass x center of mass, inertia about the origin
+
+of each body (10 numbers, the payload in the last body); F: viscous friction, Coulomb friction, a constant and a change
+of the rotor's inertia for each motor, and functions of chosen joints for a counterbalance. The torques are linear in
+pi; only some combinations, the base parameters, can be determined. A fit by itself gives bodies that no matter can
+have: here the pseudo-inertia
+
+    P = [[tr(I)/2 1 - I, h], [h', m]] = L L'
+
+of each body is positive definite by its factor L, and the bodies of the model file are a weak prior.
+
+Source: M. Gautier and W. Khalil, IEEE TRA 6(3), 1990 (base parameters); P. Wensing, S. Kim and J.-J. Slotine, IEEE RA-L
+3(1), 2018 (pseudo-inertia); C. Rucker and P. Wensing, IEEE RA-L 7(2), 2022 (log-Cholesky parameters).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+from scipy.signal import savgol_filter
+
+from flexgen.errors import ArgumentError
+from flexgen.mechanics.equations import Equations
+from flexgen.model.elements import Body, Friction, Motor, RobotModel
+from flexgen.model.reader import read
+from flexgen.numerics.evaluate import evaluate
+from flexgen.numerics.trust_region import Sums, minimize
+
+WINDOW, ORDER = 31, 5  # samples and degree of the polynomials that speeds and accelerations are taken from
+COULOMB_SPEED = 5e-4  # rad/s or m/s, arm side: width of the Coulomb step
+MOVING = 0.01  # rad/s or m/s: slower samples are not judged, friction at standstill is not determined
+CORRELATED = 50  # samples that share one error: the errors of a model are not white
+PRIOR = 1.0  # relative deviation of the bodies of the model file
+RANK = 1e-9  # of singular values of base parameters
+_NAMES = ("mass", "com_x", "com_y", "com_z", "inertia_xx", "inertia_yy", "inertia_zz", "inertia_xy", "inertia_yz",
+          "inertia_xz")  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A recorded motion: ``t`` (n,) [s], ``q`` (n, n_g) [rad or m, joints], ``tau_m`` (n, n_m) [N m, motor side]."""
+
+    t: np.ndarray
+    q: np.ndarray
+    tau_m: np.ndarray
+
+    def __post_init__(self) -> None:
+        n = len(self.t)
+        if self.q.ndim != 2 or self.tau_m.ndim != 2 or len(self.q) != n or len(self.tau_m) != n or n <= WINDOW:
+            raise ArgumentError(
+                f"motion: given t {self.t.shape}, q {self.q.shape}, tau_m {self.tau_m.shape}, expected (n,), (n, n_g), "
+                f"(n, n_m) with n > {WINDOW}"
+            )
+        for name in ("t", "q", "tau_m"):
+            bad = np.argwhere(~np.isfinite(getattr(self, name)))
+            if len(bad):
+                raise ArgumentError(f"motion: {name} is not finite at sample {bad[0][0]}")
+        steps = np.diff(self.t)
+        if not np.all(np.abs(steps - np.median(steps)) < 0.05 * np.median(steps)):
+            k = int(np.argmax(np.abs(steps - np.median(steps))))
+            raise ArgumentError(
+                f"motion: the time goes from {self.t[k]:.6g} to {self.t[k + 1]:.6g} s, expected equal steps"
+            )
+
+    @cached_property
+    def derivatives(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Joints, speeds and accelerations (n, n_g), from polynomials over `WINDOW` samples."""
+        step = float(np.median(np.diff(self.t)))
+        q, v, a = (savgol_filter(self.q, WINDOW, ORDER, deriv=k, delta=step, axis=0) for k in range(3))
+        return q, v, a
+
+    @cached_property
+    def torques(self) -> np.ndarray:
+        """Torques (n, n_m) through the same filter as the motion: what is faster is not of a rigid body."""
+        out: np.ndarray = savgol_filter(self.tau_m, WINDOW, ORDER, axis=0)
+        return out
+
+
+class Regressor:
+    """``Y(q, v, a)`` of a chain of rigid bodies: torques of the arm for each of the 10 numbers of each body.
+
+    Parameters
+    ----------
+    model : RobotModel
+        Its gears are taken as rigid; springs without motor are refused.
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        if model.n_e:
+            raise ArgumentError(
+                f"model {model.name}: given {model.n_e} coordinates without motor, expected a rigid arm"
+            )
+        self.model = model
+        names = [f"{element.name}.{name}" for element in model.elements for name in _NAMES]
+        empty = replace(model, payload=Body())
+        equations = Equations(empty, names)
+        lag = equations.lagrangian
+        # The torques are linear in mass, mass x center and inertia about the origin: their derivatives in these at a
+        # body of mass 1 at its origin are those in mass, center and inertia about the center.
+        at = [1.0 if p.name.endswith(".mass") else 0.0 for p in equations.parameters]
+        Y = ca.substitute(ca.jacobian(equations.arm_left, equations.symbols), equations.symbols, ca.DM(at))
+        self._function = ca.Function("regressor", [lag.chain.q_a, lag.chain.v_a, lag.a_a], [ca.densify(Y)])
+        self.names = tuple(p.name for p in equations.parameters)
+
+    def __call__(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """The regressor at n states, (n, n_a, 10 bodies)."""
+        return evaluate(self._function, q, v, a)[0].reshape(-1, self.model.n_a, len(self.names))
+
+    def bodies(self, pi: np.ndarray) -> tuple[Body, ...]:
+        """Bodies with these numbers (10 bodies,)."""
+        return tuple(_body(row) for row in pi.reshape(-1, 10))
+
+    def of_model(self) -> np.ndarray:
+        """The numbers of the bodies of the model, payload in the last one, (10 bodies,)."""
+        rows = [_row(element.body) for element in self.model.elements]
+        rows[-1] = rows[-1] + _row(self.model.payload)
+        return np.concatenate(rows)
+
+    def base_parameters(self, states: int = 500, seed: int = 0) -> int:
+        """Number of combinations that any motion can determine: the rank at random states."""
+        rng = np.random.default_rng(seed)
+        Y = self(*(rng.uniform(-2, 2, (states, self.model.n_a)) for _ in range(3))).reshape(-1, len(self.names))
+        values = np.linalg.svd(Y / np.maximum(np.linalg.norm(Y, axis=0), 1e-300), compute_uv=False)
+        return int((values > RANK * values[0]).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class RigidFit:
+    """Result of `identify_rigid`.
+
+    ``model``: with the new bodies, rotors and frictions, without the counterbalance; ``file``: the model before; ``pi``
+    (10 bodies,); ``friction`` (n_m, columns): coefficients of each motor, motor side: viscous [N m s/rad of the joint],
+    Coulomb and constant [N m], rotor [N m s^2/rad of the joint], then those of the counterbalance [N m]; ``sd`` (n_m,)
+    [N m]: deviation of the torques from the model.
+    """
+
+    model: RobotModel
+    file: RobotModel
+    pi: np.ndarray
+    friction: np.ndarray
+    sd: np.ndarray
+    base_parameters: int
+    counterbalance: dict[str, int]
+
+    def torques(self, motion: Motion) -> np.ndarray:
+        """Torques of the motors along a motion (n, n_m) [N m], motor side."""
+        columns = _Columns(Regressor(self.file), [motion], self.counterbalance)
+        found: np.ndarray = columns.torques(self.pi, self.friction)[0]
+        return found
+
+    def relative_errors(self, motion: Motion) -> np.ndarray:
+        """Rms of the error over the standard deviation of the torque of each motor, of samples that move (n_m,).
+
+        Both through the filter of the motion.
+        """
+        moving = np.abs(motion.derivatives[1] @ self.model.eta.T) > MOVING * np.abs(self.model.eta).max(axis=1)
+        error = motion.torques - self.torques(motion)
+        return np.array(
+            [
+                np.sqrt(np.mean(error[rows, j] ** 2)) / np.std(motion.torques[rows, j]) if rows.any() else np.nan
+                for j, rows in enumerate(moving.T)
+            ]
+        )
+
+
+def identify_rigid(
+    model: RobotModel | str | Path,
+    motions: Sequence[Motion],
+    *,
+    counterbalance: Mapping[str, int] | None = None,
+    prior: float = PRIOR,
+) -> RigidFit:
+    """Fit bodies and friction of a rigid arm to recorded motions.
+
+    Parameters
+    ----------
+    model : RobotModel, str or Path
+        Its bodies are the prior, its rotors and gear ratios are kept.
+    motions : sequence of Motion
+    counterbalance : mapping, optional
+        Name of a joint -> number of harmonics of its angle that the torque of its motor may have beside gravity.
+    prior : float
+        Relative standard deviation of the bodies of the file.
+
+    Raises
+    ------
+    ArgumentError
+        The motions do not fit the robot.
+    """
+    robot = model if isinstance(model, RobotModel) else read(model)
+    regressor = Regressor(robot)
+    extra = dict(counterbalance or {})
+    joints = [robot.coordinates[i].name for i in robot.i_g]
+    for name, count in extra.items():
+        if name not in joints or not isinstance(count, int) or count < 1:
+            raise ArgumentError(
+                f"counterbalance: given {name!r}: {count!r}, expected one of {', '.join(joints)} and >= 1"
+            )
+    for motion in motions:
+        if motion.q.shape[1] != robot.n_g or motion.tau_m.shape[1] != robot.n_m:
+            raise ArgumentError(
+                f"motion: given {motion.q.shape[1]} joints and {motion.tau_m.shape[1]} motors, expected {robot.n_g}, "
+                f"{robot.n_m}"
+            )
+    if not motions or not prior > 0:
+        raise ArgumentError("motions, prior: expected at least one motion and a deviation > 0")
+    columns = _Columns(regressor, motions, extra)
+    pi = regressor.of_model()
+    sd = np.maximum(np.std(np.vstack([m.torques for m in motions]), axis=0), 1e-12)
+    friction = np.zeros((robot.n_m, columns.F[0].shape[2]))
+    for _ in range(4):  # the weights follow the errors
+        pi, friction = _fitted(columns, regressor.of_model(), pi, sd, prior)
+        error = np.vstack([m.torques - t for m, t in zip(motions, columns.torques(pi, friction), strict=True)])
+        sd = np.maximum(np.sqrt(np.mean(error**2, axis=0)), 1e-9 * sd)
+    bodies = regressor.bodies(pi)
+    elements = tuple(replace(e, body=body) for e, body in zip(robot.elements, bodies, strict=True))
+    fitted = replace(robot, elements=elements, payload=Body(), motors=_motors(robot, friction))
+    return RigidFit(fitted, robot, pi, friction, sd, regressor.base_parameters(), extra)
+
+
+def _motors(model: RobotModel, friction: np.ndarray) -> tuple[Motor, ...]:
+    """The motors with the friction and the inertia that were found; less than zero is no result."""
+    out = []
+    for j, motor in enumerate(model.motors):
+        ratio = float(np.abs(model.eta[j]).max())
+        viscous, coulomb, offset, rotor = friction[j, :4].tolist()
+        law = Friction(
+            viscous=max(viscous / ratio, 0.0),
+            coulomb=max(coulomb, 0.0),
+            beta=1.0 / (COULOMB_SPEED * ratio) if coulomb > 0 else 0.0,
+            offset=offset,
+        )
+        inertia = motor.inertia + rotor / ratio
+        out.append(replace(motor, friction=law, inertia=inertia if inertia > 0 else motor.inertia))
+    return tuple(out)
+
+
+class _Columns:
+    """Regressors of motions, motor side: of the bodies Y (n, n_m, 10 bodies), of the motors F (n, n_m, columns)."""
+
+    def __init__(self, regressor: Regressor, motions: Sequence[Motion], counterbalance: Mapping[str, int]) -> None:
+        model = regressor.model
+        inverse = np.linalg.inv(model.eta).T  # motor torques from arm torques
+        inertia = np.array([motor.inertia for motor in model.motors])
+        names = [model.coordinates[i].name for i in model.i_g]
+        most = max(counterbalance.values(), default=0)
+        self.motions = motions
+        self.Y, self.F, self.known = [], [], []
+        for motion in motions:
+            q, v, a = motion.derivatives
+            self.Y.append(np.einsum("ji,nip->njp", inverse, regressor(q, v, a)))
+            speed = v @ model.eta.T
+            scale = COULOMB_SPEED * np.abs(model.eta).max(axis=1)
+            ratio = np.abs(model.eta).max(axis=1)
+            rotor = a @ model.eta.T / ratio
+            columns = [speed / ratio, np.tanh(speed / scale), np.ones_like(speed), rotor]
+            for k in range(2, most + 2):
+                for function in (np.sin, np.cos):
+                    column = np.zeros_like(speed)
+                    for name, count in counterbalance.items():
+                        if k < count + 2:
+                            j = int(np.argmax(np.abs(model.eta[:, names.index(name)])))
+                            column[:, j] = function(k * q[:, names.index(name)])
+                    columns.append(column)
+            self.F.append(np.stack(columns, axis=2))
+            self.known.append(inertia * (a @ model.eta.T))
+
+    def torques(self, pi: np.ndarray, friction: np.ndarray) -> list[np.ndarray]:
+        """Torques of each motion (n, n_m)."""
+        return [
+            known + Y @ pi + np.einsum("njc,jc->nj", F, friction)
+            for Y, F, known in zip(self.Y, self.F, self.known, strict=True)
+        ]
+
+
+def _fitted(
+    columns: _Columns, file: np.ndarray, start: np.ndarray, sd: np.ndarray, prior: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Bodies and friction of least weighted squares; friction is eliminated, since the torques are linear in it."""
+    motors = len(sd)
+    Y, F, target = (np.concatenate(x) for x in (columns.Y, columns.F, columns.known))
+    target = np.concatenate([m.torques for m in columns.motions]) - target
+    weight = 1.0 / (sd * np.sqrt(CORRELATED))
+    reduced_Y, reduced_t, solvers = [], [], []
+    for j in range(motors):  # the part of rows that friction cannot explain
+        U, s, Vt = np.linalg.svd(F[:, j], full_matrices=False)
+        keep = s > 1e-9 * s[0]
+        U, solve = U[:, keep], (Vt[keep].T / s[keep]) @ U[:, keep].T
+        solvers.append(solve)
+        reduced_Y.append((Y[:, j] - U @ (U.T @ Y[:, j])) * weight[j])
+        reduced_t.append((target[:, j] - U @ (U.T @ target[:, j])) * weight[j])
+    big = np.vstack(reduced_Y)
+    N, b, c = big.T @ big, big.T @ np.concatenate(reduced_t), float(sum(t @ t for t in reduced_t))
+    scale = prior * _scales(file)
+    maps = _Feasible(len(file) // 10)
+
+    def sums(x: np.ndarray) -> Sums:
+        pi, J = maps.pi(x), maps.jacobian(x)
+        away = (pi - file) / scale
+        value = c - 2 * b @ pi + pi @ N @ pi + away @ away
+        gradient = N @ pi - b + away / scale
+        return float(value), J.T @ gradient, J.T @ (N + np.diag(scale**-2.0)) @ J
+
+    def cost(x: np.ndarray) -> float:
+        pi = maps.pi(x)
+        away = (pi - file) / scale
+        return float(c - 2 * b @ pi + pi @ N @ pi + away @ away)
+
+    x = maps.x(start)
+    free = np.full(len(x), np.inf)
+    fit = minimize(sums, cost, x, x, np.full(len(x), 1e3), (-free, free))
+    pi = maps.pi(fit.x)
+    friction = np.array([solvers[j] @ (target[:, j] - Y[:, j] @ pi) for j in range(motors)])
+    return pi, friction
+
+
+class _Feasible:
+    """Bodies with a positive definite pseudo-inertia: logarithms of the diagonal of L, and its lower entries."""
+
+    _LOWER = ((1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2))
+
+    def __init__(self, bodies: int) -> None:
+        x = ca.SX.sym("x", 10)
+        L = ca.SX.zeros(4, 4)
+        for k in range(4):
+            L[k, k] = ca.exp(x[k])
+        for k, (i, j) in enumerate(self._LOWER):
+            L[i, j] = x[4 + k]
+        P = ca.mtimes(L, L.T)
+        S = P[:3, :3]
+        inertia = ca.trace(S) * ca.SX.eye(3) - S
+        pi = ca.vertcat(
+            P[3, 3], P[0, 3], P[1, 3], P[2, 3], inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1],
+            inertia[1, 2], inertia[0, 2],
+        )  # fmt: skip
+        self.bodies = bodies
+        self._function = ca.Function("feasible", [x], [pi, ca.densify(ca.jacobian(pi, x))])
+
+    def pi(self, x: np.ndarray) -> np.ndarray:
+        """Numbers of the bodies (10 bodies,)."""
+        return evaluate(self._function, x.reshape(-1, 10))[0].ravel()
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Derivatives of `pi`, block diagonal."""
+        blocks = evaluate(self._function, x.reshape(-1, 10))[1].reshape(-1, 10, 10)
+        out = np.zeros((10 * self.bodies, 10 * self.bodies))
+        for k, block in enumerate(blocks):
+            out[10 * k : 10 * k + 10, 10 * k : 10 * k + 10] = block
+        return out
+
+    def x(self, pi: np.ndarray) -> np.ndarray:
+        """Parameters of bodies; one that no matter can have is made a little larger first."""
+        out = []
+        for row in pi.reshape(-1, 10):
+            P = pseudo_inertia(row)
+            values, vectors = np.linalg.eigh(P)
+            values = np.maximum(values, 1e-4 * max(values[-1], 1e-6))
+            L = np.linalg.cholesky((vectors * values) @ vectors.T)
+            out.append([*np.log(np.diag(L)), *(L[i, j] for i, j in self._LOWER)])
+        return np.array(out).ravel()
+
+
+def pseudo_inertia(row: np.ndarray) -> np.ndarray:
+    """The pseudo-inertia (4, 4) of a body with the numbers ``row`` (10,)."""
+    m, hx, hy, hz, xx, yy, zz, xy, yz, xz = row
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    P = np.zeros((4, 4))
+    P[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
+    P[:3, 3] = P[3, :3] = (hx, hy, hz)
+    P[3, 3] = m
+    return P
+
+
+def _row(body: Body) -> np.ndarray:
+    """The ten numbers of a body."""
+    c = np.array(body.com, dtype=float)
+    h = body.mass * c
+    I = np.array(body.inertia, dtype=float) + body.mass * (c @ c * np.eye(3) - np.outer(c, c))  # noqa: E741
+    return np.array([body.mass, *h, I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[1, 2], I[0, 2]])
+
+
+def _body(row: np.ndarray) -> Body:
+    """The body with these ten numbers."""
+    m, h = row[0], row[1:4]
+    c = h / m
+    xx, yy, zz, xy, yz, xz = row[4:]
+    I = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - m * (c @ c * np.eye(3) - np.outer(c, c))  # noqa: E741
+    return Body(float(m), tuple(c.tolist()), tuple(map(tuple, I.tolist())))
+
+
+def _scales(pi: np.ndarray) -> np.ndarray:
+    """Typical sizes of the ten numbers of each body: mass, mass x length, mass x length^2."""
+    rows = pi.reshape(-1, 10)
+    length = np.sqrt(np.maximum(rows[:, 4:7].sum(axis=1) / np.maximum(2 * rows[:, 0], 1e-9), 1e-4))
+    out = [rows[:, 0], *[rows[:, 0] * length] * 3, *[rows[:, 0] * length**2] * 6]
+    return np.maximum(np.stack(out, axis=1), 1e-6).ravel()

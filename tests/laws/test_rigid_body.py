@@ -1,0 +1,129 @@
+"""Rigid-body identification: regressor, base parameters, feasible bodies, and recordings of a KUKA KR300."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flexgen
+from flexgen.errors import ArgumentError
+from flexgen.identification.rigid_body import Motion, Regressor, identify_rigid, pseudo_inertia
+from flexgen.model.elements import Body
+from flexgen.numerics.evaluate import evaluate
+
+DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "kr300"
+HOME_DEG = np.array([0.0, -90.0, 90.0, 0.0, 0.0, 0.0])
+
+
+def states(n_a: int, count: int = 40, seed: int = 0):
+    rng = np.random.default_rng(seed)
+    return [rng.uniform(-1.5, 1.5, (count, n_a)) for _ in range(3)]
+
+
+@pytest.mark.parametrize("name", ["kr300", "elbow@rigid", "tests/support/robots/panda.toml"])
+def test_the_torques_are_linear_in_the_bodies(name):
+    """Against the inverse dynamics of the same model, which has its bodies as constants."""
+    model = flexgen.read(name)
+    regressor = Regressor(model)
+    q, v, a = states(model.n_a)
+    expected = evaluate(flexgen.derive(model).function("inverse_dynamics"), q, v, a)[0].reshape(len(q), -1)
+    found = regressor(q, v, a) @ regressor.of_model()
+    assert np.abs(found - expected).max() < 1e-12 * np.abs(expected).max()
+    transposed = regressor(q, v, -a) @ regressor.of_model()
+    assert np.abs(transposed - expected).max() > 1e-3 * np.abs(expected).max()
+
+
+def test_base_parameters_are_those_of_the_literature():
+    """Six joints, the first one vertical: 36 (M. Gautier and W. Khalil, 1990, for arms of this kind)."""
+    assert Regressor(flexgen.read("kr300")).base_parameters() == 36
+
+
+def recorded(model, seed: int = 0, noise: float = 0.0) -> Motion:
+    """A motion by sums of sines with the torques of a model, friction included."""
+    t = np.arange(1500) * 4e-3
+    rng = np.random.default_rng(seed)
+    w = 2 * np.pi * np.array([0.2, 0.37, 0.7])
+    amplitude, phase = rng.uniform(0.1, 0.5, (model.n_a, 3)), rng.uniform(0, 6, (model.n_a, 3))
+    angle = w[:, None] * t + phase[:, :, None]
+    q = (amplitude[:, :, None] * np.sin(angle)).sum(axis=1).T
+    v = (amplitude[:, :, None] * w[:, None] * np.cos(angle)).sum(axis=1).T
+    a = -(amplitude[:, :, None] * w[:, None] ** 2 * np.sin(angle)).sum(axis=1).T
+    arm = evaluate(flexgen.derive(model).function("inverse_dynamics"), q, v, a)[0].reshape(len(t), -1)
+    motor = np.array([m.inertia for m in model.motors]) * (a @ model.eta.T)
+    tau = np.linalg.solve(model.eta.T, arm.T).T + motor + 0.3 * v + 0.5 * np.tanh(v / 5e-4) + 0.1
+    return Motion(t, q, tau + noise * rng.standard_normal(tau.shape))
+
+
+def test_another_robot_is_found_and_its_bodies_are_possible():
+    """Torques on motions that were not used; bodies that no matter could have would be refused by the reader."""
+    model = flexgen.read("kr300")
+    rng = np.random.default_rng(3)
+    heavier = tuple(replace(e, body=_scaled(e.body, rng.uniform(0.7, 1.4))) for e in model.elements)
+    truth = replace(model, elements=heavier)
+    found = identify_rigid(model, [recorded(truth, k, noise=0.02) for k in range(3)])
+    held_out = recorded(truth, 9)
+    assert np.nanmax(found.relative_errors(held_out)) < 0.05  # axis 6 turns next to nothing
+    assert found.friction[:, 0] == pytest.approx(0.3, rel=0.1) and found.friction[:, 1] == pytest.approx(0.5, rel=0.1)
+    for row in found.pi.reshape(-1, 10):
+        assert np.linalg.eigvalsh(pseudo_inertia(row)).min() > 0
+    before = identify_rigid(model, [recorded(truth, k, noise=0.02) for k in range(3)], prior=1e-6)  # the file's bodies
+    for axis in (0, 1, 2):  # those that carry most
+        assert before.relative_errors(held_out)[axis] > 1.5 * found.relative_errors(held_out)[axis]
+
+
+def _scaled(body: Body, factor: float) -> Body:
+    inertia = tuple(tuple(x * factor for x in row) for row in body.inertia)
+    return replace(body, mass=body.mass * factor, inertia=inertia)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    files = [DATA / f"kr300_run_{name}.npz" for name in "AB"]
+    if not all(file.exists() for file in files):
+        pytest.skip("no recordings of the KR300 (J. Weigand et al., TU Kaiserslautern)")
+    out = []
+    for file in files:
+        data = np.load(file, allow_pickle=False)
+        out.append(Motion(data["t"], np.deg2rad(data["q_mot_deg"] + HOME_DEG[:, None]).T, data["tau_motor_Nm"].T))
+    return out
+
+
+def test_recordings_of_a_kr300(runs):
+    """Both runs: at most 17 % of the torque is unexplained on any axis of B, of samples that move."""
+    model = flexgen.read("kr300")
+    joint = model.coordinates[model.i_g[1]].name
+    found = identify_rigid(model, runs, counterbalance={joint: 2})
+    assert np.max(found.relative_errors(runs[1])) < 0.17
+    assert np.max(found.relative_errors(runs[0])) < 0.19
+    plain = identify_rigid(model, runs, prior=1e-6)
+    assert np.max(plain.relative_errors(runs[1])) > 0.25  # the bodies of the file and friction alone
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"q": np.zeros((5, 6))}, r"expected \(n,\), \(n, n_g\)"),
+        ({"tau_m": np.full((1500, 6), np.nan)}, "tau_m is not finite at sample 0"),
+        ({"t": np.arange(1500.0) ** 1.1}, "expected equal steps"),
+    ],
+)
+def test_motions_that_cannot_be_used_are_refused(change, words):
+    good = {"t": np.arange(1500) * 4e-3, "q": np.zeros((1500, 6)), "tau_m": np.zeros((1500, 6))}
+    with pytest.raises(ArgumentError, match=words):
+        Motion(**{**good, **change})
+
+
+def test_arguments_that_do_not_fit_are_refused():
+    model = flexgen.read("kr300")
+    motion = recorded(model)
+    with pytest.raises(ArgumentError, match="coordinates without motor, expected a rigid arm"):
+        Regressor(flexgen.read("kr300_efjm"))
+    with pytest.raises(ArgumentError, match="counterbalance: given 'q9'"):
+        identify_rigid(model, [motion], counterbalance={"q9": 1})
+    with pytest.raises(ArgumentError, match="given 6 joints and 6 motors, expected"):
+        identify_rigid("elbow@rigid", [motion])
+    with pytest.raises(ArgumentError, match="at least one motion"):
+        identify_rigid(model, [])
