@@ -2,7 +2,9 @@
 
     python benchmarks/identification.py [--quick]
 
-prints tables and writes them to benchmarks/identification.md. Robots are simulated, with encoder noise of 1e-4 rad and
+prints tables and writes them to benchmarks/identification.md.
+
+Robots are simulated, with encoder noise of 1e-4 rad and
 torque noise of 0.02 N m on the motor side; their springs and dampers differ from the model's by random factors. The
 experiments are planned, simulated and fitted by the verbs of flexgen. Times are of one core of this machine.
 """
@@ -211,7 +213,7 @@ def worth(quick: bool) -> str:
 def main(words: list[str]) -> None:
     """Measure, print and write the tables."""
     quick = "--quick" in words
-    parts = ["# Identification, measured", (__doc__ or "").split("\n\n", 2)[2].strip()]
+    parts = ["# Identification, measured", (__doc__ or "").split("\n\n")[-1].strip()]
     tables = [times, lambda q: agreement(), poses, fits, friction, worth]
     for make in tables:
         began = time.perf_counter()

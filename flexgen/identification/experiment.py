@@ -21,6 +21,7 @@ from flexgen.identification.excitation import Plan
 from flexgen.identification.local_model import LocalModel
 from flexgen.inversion.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop
+from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
@@ -131,6 +132,10 @@ def measure(
     tell = progress if callable(progress) else None
     given = plan.model if truth is None else truth
     robot = given if isinstance(given, RobotModel) else read(given)
+    if truth is None and model_digest(robot) != plan.digest:
+        raise ArgumentError(
+            f"truth: given none, and {plan.model} is another model than the one of the plan; name the robot to simulate"
+        )
     motors = tuple(motor.name for motor in robot.motors)
     if motors != plan.motors:
         raise ArgumentError(f"truth: given the motors {', '.join(motors)}, expected {', '.join(plan.motors)}")

@@ -200,7 +200,11 @@ class LocalModel:
                 best = min(best, error)
                 if error < 1e-15 or (stalled > 2 and best < 1e-12):
                     break
-                step = np.linalg.solve(A / scale[:, None], right / scale)
+                try:
+                    step = np.linalg.solve(A / scale[:, None], right / scale)
+                except np.linalg.LinAlgError:
+                    best = np.inf
+                    break
                 y, tau = y - step[:n], tau - step[n:]
             if not best < 1e-9:
                 raise SolverError(

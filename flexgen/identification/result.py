@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
@@ -233,15 +234,16 @@ class Identified:
         target = Path(path)
         if target.suffix != ".toml":
             raise ArgumentError(f"out: given {str(path)!r}, expected a name that ends in .toml")
-        write_text(target, text)
-        again = read(target, model.variant or None)
-        new = self.model
-        if (again.elements, again.motors, again.payload) != (new.elements, new.motors, new.payload):
-            raise ModelError(
-                str(target), 0, "file", f"numbers that the variant {model.variant!r} sets to others",
-                "a model without variant, or a variant that leaves the identified numbers alone",
-            )  # fmt: skip
-        return target
+        used = self.used()
+        with tempfile.TemporaryDirectory() as folder:  # what cannot be read again is not written
+            again = read(write_text(Path(folder) / "model.toml", text), model.variant or None)
+        for parameter in select(again, sorted(used)):
+            if parameter.value != used[parameter.name]:
+                raise ModelError(
+                    str(old), 0, parameter.key, f"a number that the variant {model.variant!r} sets to another one",
+                    "a model without variant, or a variant that leaves the identified numbers alone",
+                )  # fmt: skip
+        return write_text(target, text)
 
 
 def written(
@@ -251,7 +253,8 @@ def written(
     chosen = select(model, sorted(values))
     numbers = {p.key: values[p.name] for p in chosen}
     notes = {p.key: f"{p.name}: sd {_percent(sd[p.name], p.name)}" for p in chosen if p.name in sd}
-    head = f"# Identified parameters ({source or 'measurement'}): each has its standard deviation in a comment.\n"
+    shown = "".join(x if x.isprintable() else "?" for x in source)[:200] or "measurement"  # one line of a comment
+    head = f"# Identified parameters ({shown}): each has its standard deviation in a comment.\n"
     return head + with_numbers(text, numbers, file, notes)
 
 

@@ -118,6 +118,13 @@ def test_a_robot_with_other_motors_is_refused(experiment):
         flexgen.measure(experiment.plan, "manutec_r3", progress=False)
 
 
+def test_a_model_that_changed_since_the_plan_is_not_simulated_silently():
+    """The plan names a file; this model was changed in memory."""
+    plan = small_plan(another(without_coulomb("planar5_nmp"), 1), poses_of(without_coulomb("planar5_nmp"), 1))
+    with pytest.raises(ArgumentError, match="is another model than the one of the plan"):
+        flexgen.measure(plan, progress=False)
+
+
 def test_files_come_back_as_they_were(experiment, tmp_path):
     experiment.plan.save(tmp_path / "plan.npz")
     again = flexgen.Plan.load(tmp_path / "plan.npz")

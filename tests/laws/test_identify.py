@@ -136,6 +136,8 @@ def test_an_experiment_gives_springs_within_their_standard_deviations(tmp_path):
     assert 0.5 < np.median(ratios) < 2
     written = flexgen.read(found.write(tmp_path / "new.toml"))
     assert written.elements == found.model.elements and written.motors[0].inertia == model.motors[0].inertia
+    hostile = replace(found, source="x)\n[payload]\nmass = 9.0 #").write(tmp_path / "hostile.toml")
+    assert flexgen.read(hostile).payload == model.payload
     text = (tmp_path / "new.toml").read_text()
     assert "# q1.stiffness: sd " in text and "Identified parameters (test)" in text
 
