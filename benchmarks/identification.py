@@ -4,9 +4,9 @@
 
 prints tables and writes them to benchmarks/identification.md.
 
-Robots are simulated, with encoder noise of 1e-4 rad and
-torque noise of 0.02 N m on the motor side; their springs and dampers differ from the model's by random factors. The
-experiments are planned, simulated and fitted by the verbs of flexgen. Times are of one core of this machine.
+Robots are simulated, with encoder noise of 1e-4 rad and torque noise of 0.02 N m on the motor side; their springs and
+dampers differ from the model's by random factors. The experiments are planned, simulated and fitted by the verbs of
+flexgen. Times are of one core of this machine.
 """
 
 from __future__ import annotations
