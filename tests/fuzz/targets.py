@@ -13,7 +13,7 @@ import numpy as np
 import flexgen
 from flexgen.build import generate
 from flexgen.build.directory import read_manifest
-from flexgen.identification.recordings import read_experiment
+from flexgen.identification.recordings.experiment_file import read_experiment
 from flexgen.paths.sample_files import read_samples
 from flexgen.ports import Port
 

@@ -10,7 +10,8 @@ import pytest
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.identification.rigid_body import Motion, Regressor, identify_rigid, pseudo_inertia
+from flexgen.identification.recordings.gear_deflection import gear_deflection
+from flexgen.identification.recordings.rigid_body import Motion, Regressor, identify_rigid, pseudo_inertia
 from flexgen.model.elements import Body
 from flexgen.numerics.evaluate import evaluate
 
@@ -100,6 +101,48 @@ def test_recordings_of_a_kr300(runs):
     assert np.max(found.relative_errors(runs[0])) < 0.19
     plain = identify_rigid(model, runs, prior=1e-6)
     assert np.max(plain.relative_errors(runs[1])) > 0.25  # the bodies of the file and friction alone
+
+
+def test_gear_stiffness_of_a_kr300(runs):
+    """Link encoders of axes 1 to 3: skew near 3 ms, axes 2 and 3 with intervals, axis 1 not identifiable."""
+    model = flexgen.read("kr300")
+    joint = model.coordinates[model.i_g[1]].name
+    found = identify_rigid(model, runs, counterbalance={joint: 2})
+    data = [np.load(DATA / f"kr300_run_{name}.npz", allow_pickle=False) for name in "AB"]
+    results = []
+    for axis in range(3):
+        parts = [
+            (motion.derivatives[0][:, axis], np.deg2rad(d["q_se_deg"][axis] + HOME_DEG[axis]), tau[:, axis])
+            for motion, d, tau in zip(runs, data, [found.gear_torques(m) for m in runs], strict=True)
+        ]
+        q, link, tau = (np.concatenate(x) for x in zip(*parts, strict=True))
+        results.append(gear_deflection(np.arange(len(q)) * 4e-3, q, link, tau))
+    assert results[0].stiffness is None and "not identifiable" in results[0].sentence
+    for result, stiffness in zip(results[1:], (1.1e7, 6.4e6), strict=True):
+        assert result.stiffness is not None and result.interval[0] < result.stiffness < result.interval[1]
+        assert stiffness / 2 < result.stiffness < 2 * stiffness
+        assert 2.5e-3 < result.skew_s < 3.3e-3
+
+
+def test_a_known_deflection_is_found_and_noise_is_not():
+    """A spring, a skew and an offset; then noise alone."""
+    rng = np.random.default_rng(0)
+    t = np.arange(4000) * 4e-3
+    q = 0.5 * np.sin(2 * np.pi * 0.4 * t)
+    tau = 1e3 * np.sin(2 * np.pi * 0.7 * t + 1)
+    noise = 2e-6 * rng.standard_normal(len(t))
+    link = np.interp(t - 2e-3, t, q - tau / 1e7) - 1e-3 + noise
+    found = gear_deflection(t, q, link, tau)
+    assert found.stiffness == pytest.approx(1e7, rel=0.02) and found.skew_s == pytest.approx(2e-3, rel=0.02)
+    assert found.interval[0] < 1e7 < found.interval[1] and found.explained > 0.6
+    nothing = gear_deflection(t, q, q + 1e-3 * rng.standard_normal(len(t)), tau)
+    assert nothing.stiffness is None and nothing.interval[1] == np.inf
+    with pytest.raises(ArgumentError, match=r"expected 5\.0 s at least"):
+        gear_deflection(t[:500], q[:500], link[:500], tau[:500])
+    with pytest.raises(ArgumentError, match="expected four"):
+        gear_deflection(t, q, link[:-1], tau)
+    with pytest.raises(ArgumentError, match="not finite"):
+        gear_deflection(t, q, link * np.nan, tau)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 import flexgen
 from flexgen.identification.frequency_response import estimate
-from flexgen.identification.recordings import read_experiment
+from flexgen.identification.recordings.experiment_file import read_experiment
 from flexgen.identification.result import FitStatus
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,7 +10,7 @@ from scipy.io import savemat
 
 import flexgen
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.identification.recordings import read_experiment
+from flexgen.identification.recordings.experiment_file import read_experiment
 
 BENCH = Path(__file__).resolve().parents[2] / "examples" / "motor_bench" / "bench.toml"
 T = 1e-3

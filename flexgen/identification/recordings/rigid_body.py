@@ -155,6 +155,13 @@ class RigidFit:
         found: np.ndarray = columns.torques(self.pi, self.friction)[0]
         return found
 
+    def gear_torques(self, motion: Motion) -> np.ndarray:
+        """Torques through the gears (n, n_g), arm side: those of the motors less friction and rotors."""
+        columns = _Columns(Regressor(self.file), [motion], self.counterbalance)
+        friction = np.einsum("njc,jc->nj", columns.F[0][:, :, :4], self.friction[:, :4])  # a counterbalance is a load
+        out: np.ndarray = (motion.torques - columns.known[0] - friction) @ self.file.eta
+        return out
+
     def relative_errors(self, motion: Motion) -> np.ndarray:
         """Rms of the error over the standard deviation of the torque of each motor, of samples that move (n_m,).
 

@@ -1,0 +1,1 @@
+"""Recordings of real robots: files of experiments, bodies of rigid arms, deflections of gears."""
