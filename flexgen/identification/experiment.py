@@ -130,15 +130,7 @@ def measure(
         The loop is unstable.
     """
     tell = progress if callable(progress) else None
-    given = plan.model if truth is None else truth
-    robot = given if isinstance(given, RobotModel) else read(given)
-    if truth is None and model_digest(robot) != plan.digest:
-        raise ArgumentError(
-            f"truth: given none, and {plan.model} is another model than the one of the plan; name the robot to simulate"
-        )
-    motors = tuple(motor.name for motor in robot.motors)
-    if motors != plan.motors:
-        raise ArgumentError(f"truth: given the motors {', '.join(motors)}, expected {', '.join(plan.motors)}")
+    robot = _robot(plan, truth)
     library = library_with(robot, ("forward_dynamics",), progress=tell)
     local = LocalModel(robot, ())
     rest = local.rest(local.values, plan.poses)
@@ -179,6 +171,20 @@ def measure(
                 raw(k, r, e, *(np.concatenate([getattr(s, name)[:, lane] for s in kept]) for name in ("q_m", "tau_m")))
     speed = np.sqrt(square / (shape[1] * shape[2] * shape[3]))
     return Experiment(plan, tau, q, speed, saturated, f"simulation of {robot.name}")
+
+
+def _robot(plan: Plan, truth: RobotModel | str | Path | None) -> RobotModel:
+    """The robot that is simulated; ArgumentError where it is not the one of the plan."""
+    given = plan.model if truth is None else truth
+    robot = given if isinstance(given, RobotModel) else read(given)
+    if truth is None and model_digest(robot) != plan.digest:
+        raise ArgumentError(
+            f"truth: given none, and {plan.model} is another model than the one of the plan; name the robot to simulate"
+        )
+    motors = tuple(motor.name for motor in robot.motors)
+    if motors != plan.motors:
+        raise ArgumentError(f"truth: given the motors {', '.join(motors)}, expected {', '.join(plan.motors)}")
+    return robot
 
 
 def settle(loop: ClosedLoop, reference: np.ndarray, periods: int) -> None:
