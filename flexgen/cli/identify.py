@@ -99,13 +99,20 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
 def measure(args: Namespace, log: Progress) -> VerbResult:
     """Simulate the experiment of a plan on a robot, with noise and drives."""
     _check_npz(args.out)
+    check_writable(args.raw, folder=True)
     from flexgen.identification.excitation import Plan
     from flexgen.identification.experiment import measure as simulate
 
     plan, robot = Plan.load(args.plan), read_model(args)
     log(f"simulating {plan.duration_s:.0f} s of {robot.name}")
     began = time.perf_counter()
-    experiment = simulate(plan, robot, seed=args.seed, progress=throttled(log))
+    writer = None
+    if args.raw is not None:
+        from flexgen.identification.recordings.experiment_file import RecordingWriter
+
+        with writing(args.raw):
+            writer = RecordingWriter(args.raw, plan, robot)
+    experiment = simulate(plan, robot, seed=args.seed, raw=writer, progress=throttled(log))
     wall = time.perf_counter() - began
     with writing(args.out):
         experiment.save(args.out)
@@ -125,6 +132,9 @@ def measure(args: Namespace, log: Progress) -> VerbResult:
         "speed_rms_rad_s": experiment.speed_sd.tolist(),
         "samples_at_torque_limit": experiment.saturated.tolist(),
     }
+    if writer is not None:
+        data["recordings"] = str(writer.finish())
+        text += f"\nwrote {data['recordings']}, {len(writer.files)} files with all samples"
     warnings = []
     if experiment.saturated.any():
         warnings.append("torques were at their limits: 'flexgen frf' refuses these data; take less --speed-rms")
@@ -347,6 +357,9 @@ def add_verbs(group: Any, add_verb: Callable[..., Any]) -> None:
     sub = add_verb(group, "measure", measure)
     sub.add_argument("plan", metavar="PLAN", type=file_path, help="file written by 'flexgen excite'")
     sub.add_argument("--seed", metavar="N", type=int, default=0, help="of the noise; default: 0")
+    sub.add_argument(
+        "--raw", metavar="DIR", type=file_path, help="also write all samples, as recordings that 'flexgen frf' reads"
+    )
     sub.add_argument("--out", metavar="FILE", type=file_path, required=True, help="write the spectra to this .npz file")
     sub = add_verb(group, "frf", frf, model=False)
     sub.add_argument(

@@ -87,6 +87,31 @@ class Frf:
         """Median of the standard deviation by noise over the size of the elements."""
         return float(np.median(np.sqrt(self.variance) / np.maximum(np.abs(self.G), 1e-300)))
 
+    def to_control(self, pose: int = 0) -> Any:
+        """The responses at one pose as a ``FrequencyResponseData`` of the package python-control.
+
+        Inputs ``tau_m[...]`` [N m], outputs ``a_m[...]`` [rad/s^2], motor side; ``pose`` from 0.
+
+        Raises
+        ------
+        ArgumentError
+            There is no such pose, or the package control is not installed.
+        """
+        if not 0 <= pose < len(self.poses):
+            raise ArgumentError(f"pose: given {pose!r}, expected 0 to {len(self.poses) - 1}")
+        try:
+            import control
+        except ImportError:
+            raise ArgumentError(
+                "to_control: the package control is not installed; run: pip install 'flexgen-robotics[control]'"
+            ) from None
+        return control.frd(
+            self.G[pose].transpose(1, 2, 0),
+            self.w,
+            inputs=[f"tau_m[{name}]" for name in self.motors],
+            outputs=[f"a_m[{name}]" for name in self.motors],
+        )
+
     def save(self, path: str | Path) -> Path:
         """Write an npz file, which `load` reads."""
         return array_files.save(path, "frf", *self.data())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 
+import numpy as np
 import pytest
 from toolchain import needs_compiler
 
@@ -68,6 +69,28 @@ def test_progress_is_on_standard_error(folder, capsys, tmp_path):
     status, printed = run(capsys, *words)
     assert status == 0 and "simulating 60 s of planar5_nmp" in printed.err
     assert json.loads(printed.out)["duration_s"] == 60.0
+
+
+def test_raw_samples_are_recordings_that_can_be_read(folder, capsys, tmp_path):
+    """The same responses from the samples in files as from the spectra."""
+    words = ["measure", "planar5_nmp", folder / "plan.npz", "--out", tmp_path / "data.npz", "--raw", tmp_path / "raw"]
+    status, printed = run(capsys, *words, "-q")
+    assert status == 0 and "6 files with all samples" in printed.out
+    for source, out in ((tmp_path / "data.npz", "a.npz"), (tmp_path / "raw" / "recordings.toml", "b.npz")):
+        assert run(capsys, "frf", source, "--out", tmp_path / out, "-q")[0] == 0
+    a, b = (flexgen.Frf.load(tmp_path / name) for name in ("a.npz", "b.npz"))
+    assert np.allclose(a.poses, b.poses, atol=1e-12) and np.array_equal(a.w, b.w)
+    assert np.allclose(a.G, b.G, rtol=1e-9) and np.allclose(a.variance, b.variance, rtol=1e-6)
+
+
+def test_responses_for_python_control(folder):
+    control = pytest.importorskip("control")
+    data = flexgen.Frf.load(folder / "frf.npz")
+    found = data.to_control(1)
+    assert isinstance(found, control.FrequencyResponseData)
+    assert np.allclose(found(1j * data.w[3]), data.G[1, 3])
+    with pytest.raises(flexgen.ArgumentError, match="pose: given 3, expected 0 to 2"):
+        data.to_control(3)
 
 
 def test_measured_responses_have_a_report(folder, capsys, tmp_path):

@@ -3,7 +3,8 @@
     model = "bench.toml"                       as `flexgen.read` takes it; or a file beside this one
     period_s = 1.0                             of the excitation
     hold = "zoh"                               of the torques between samples: "zoh" or "none"
-    lines = "excited"                          or "odd", "all": which multiples of 1/period_s between f_min and f_max
+    lines = "excited"                          or "odd", "all": which multiples of 1/period_s between f_min and f_max;
+                                               or line_numbers = [5, 7, 11]: these multiples
 
     [time]
     name = "time"                              array of the file
@@ -32,12 +33,14 @@ is refused with file, channel and time.
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from flexgen.atomic_files import atomic_file, write_text
 from flexgen.errors import ArgumentError
 from flexgen.identification.excitation import Plan
 from flexgen.identification.experiment import HOLDS, Experiment, spectrum
@@ -92,7 +95,7 @@ def read_experiment(path: str | Path) -> Experiment:
     if not source.is_file():
         raise ArgumentError(f"experiment: given {str(path)!r}, which is not a file, expected a .toml or .npz file")
     root = Table(str(source), parse_file(source, str(source)), "")
-    keys = "model period_s hold lines f_min f_max delay_s transients time torque angle recording".split()
+    keys = "model period_s hold lines line_numbers f_min f_max delay_s transients time torque angle recording".split()
     root.only(*keys)
     try:
         beside = source.parent / root.text("model")
@@ -292,8 +295,16 @@ def _experiment(
 
 def _lines(root: Table, tau: np.ndarray, period: float) -> np.ndarray:
     """The excited multiples of ``1 / period``."""
-    which = root.choice("lines", LINES, "excited")
     samples = tau.shape[3]
+    if "line_numbers" in root:
+        if "lines" in root or "f_min" in root or "f_max" in root:
+            raise root.fail("line_numbers", "no lines, f_min or f_max beside it")
+        given = root.entries["line_numbers"].value
+        numbers = [entry.value for entry in given] if isinstance(given, list) else []
+        if not numbers or not all(isinstance(x, int) and 0 < x < samples / 2 for x in numbers):
+            raise root.fail("line_numbers", f"whole numbers from 1 to {(samples - 1) // 2}")
+        return np.unique(np.array(numbers))
+    which = root.choice("lines", LINES, "excited")
     low = root.number("f_min", 1.0 / period, above=0.0)
     high = root.number("f_max", 0.45 * samples / period, above=low)
     lines = np.arange(max(1, int(np.ceil(low * period - 1e-9))), int(high * period + 1e-9) + 1)
@@ -346,3 +357,54 @@ def _csv(file: Path) -> dict[str, Any]:
     if values.shape[1] != len(names) or len(set(names)) != len(names):
         raise ArgumentError(f"{file}: given {values.shape[1]} columns and the names {names}, expected one name each")
     return dict(zip(names, values.T, strict=True))
+
+
+class RecordingWriter:
+    """Writes the samples of a simulated experiment as recordings: a file for each, and their description.
+
+    Parameters
+    ----------
+    folder : Path
+        Made where it is missing.
+    plan : Plan
+    model : RobotModel
+        The model of the plan; its file is named in the description.
+
+    Call it with pose, realization, experiment, angles and torques (samples, n_m), as `measure` does; then `finish`.
+    """
+
+    def __init__(self, folder: Path, plan: Plan, model: RobotModel) -> None:
+        self.folder, self.plan, self.model = folder, plan, model
+        self.files: list[tuple[int, str]] = []
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def __call__(self, pose: int, realization: int, experiment: int, q_m: np.ndarray, tau_m: np.ndarray) -> None:
+        """Write one recording."""
+        name = f"pose{pose + 1}_realization{realization + 1}_experiment{experiment + 1}.npz"
+        arrays = {"t": np.arange(len(q_m)) * self.plan.hardware.sample_s}
+        for j in range(q_m.shape[1]):
+            arrays |= {f"tau_{j + 1}": tau_m[:, j], f"q_{j + 1}": q_m[:, j]}
+        with atomic_file(self.folder / name) as stream:
+            np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+        self.files.append((pose, name))
+
+    def finish(self) -> Path:
+        """Write the description ``recordings.toml``; returns its path."""
+        plan = self.plan
+        rows = [
+            f"model = {json.dumps(str(Path(self.model.file).resolve()))}",
+            f"period_s = {plan.period_s!r}",
+            'hold = "zoh"',
+            f"delay_s = {plan.hardware.delay_s!r}",
+            f"line_numbers = {plan.lines.tolist()}",
+            '\n[time]\nname = "t"\nunit = "s"',
+        ]
+        for kind, unit, letter in (("torque", "N m", "tau"), ("angle", "rad", "q")):
+            for j, motor in enumerate(plan.motors):
+                rows.append(
+                    f'\n[[{kind}]]\nmotor = "{motor}"\nname = "{letter}_{j + 1}"\nunit = "{unit}"\nside = "motor"'
+                )
+        joints = plan.poses @ np.linalg.inv(self.model.eta).T
+        for pose, name in self.files:
+            rows.append(f'\n[[recording]]\nfile = "{name}"\npose_rad = {joints[pose].tolist()}')
+        return write_text(self.folder / "recordings.toml", "\n".join(rows) + "\n")
