@@ -12,6 +12,7 @@ Optimum Experimental Designs, 2007 (exchange).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -121,8 +122,6 @@ def information(
 
 def plan_lines(plan: Plan, lines: slice) -> Plan:
     """The plan with some of its lines."""
-    from dataclasses import replace
-
     return replace(plan, lines=plan.lines[lines], amplitudes=plan.amplitudes[lines], phases=plan.phases[:, lines])
 
 

@@ -12,7 +12,6 @@ from flexgen.analysis.linear import linearize
 from flexgen.errors import ArgumentError
 from flexgen.identification import operating_points
 from flexgen.identification.excitation import Plan, motor_speeds, odd_lines, speed_amplitudes
-from flexgen.identification.local_model import LocalModel
 from flexgen.identification.parameters import ParameterVector
 from flexgen.loop.closed_loop import Cascade, DriveHardware
 from flexgen.mechanics.equations import derive
@@ -257,8 +256,3 @@ def _check_speeds(plan: Plan, model: RobotModel) -> None:
 
 def _name(model: RobotModel) -> str:
     return (model.file or model.name) + (f"@{model.variant}" if model.variant else "")
-
-
-def local_model(vector: ParameterVector) -> LocalModel:
-    """The local model whose parameters are those of the vector that belong to the robot."""
-    return LocalModel(vector.model, vector.of_model)

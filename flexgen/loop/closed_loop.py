@@ -151,7 +151,7 @@ class ClosedLoop:
         if used.shape != (len(library.parameter_names),) or not np.isfinite(used).all():
             raise ArgumentError(f"parameters: given {used.shape}, expected ({len(library.parameter_names)},), finite")
         self.model, self.hardware, self.lanes = model, hardware, lanes
-        self.steps = steps or _steps(hardware, rate)
+        self.steps = steps or integration_steps(hardware, rate)
         if self.steps > MOST_STEPS or rate * hardware.sample_s / self.steps > LARGEST_STEP_TIMES_RATE:
             raise ArgumentError(
                 f"steps: {self.steps} integration steps a sample of {hardware.sample_s} s, and the fastest eigenvalue "
@@ -253,7 +253,7 @@ class ClosedLoop:
             yield self.run(reference, len(reference))
 
 
-def _steps(hardware: DriveHardware, rate: float) -> int:
+def integration_steps(hardware: DriveHardware, rate: float) -> int:
     """Integration steps in a sample: short enough for the fastest eigenvalue, and the delay a whole number of them."""
     least = max(1, math.ceil(rate * hardware.sample_s / STEP_TIMES_RATE))
     part = hardware.delay_s / hardware.sample_s

@@ -237,7 +237,8 @@ def test_coulomb_friction_is_found_in_the_time_domain(name):
     truth = another(model, 4, 0.2)
     true = {f"{m.name}.coulomb": 1.2 * m.friction.coulomb for m in model.motors if m.friction.coulomb}
     truth = with_values(truth, true)
-    plan = small_plan(model, poses_of(model, 3), hardware=NOISY, periods=3, speed_rms=0.1)
+    drives = replace(NOISY, delay_s=1e-4)
+    plan = small_plan(model, poses_of(model, 3), hardware=drives, periods=3, speed_rms=0.1)
     experiment = flexgen.measure(plan, truth, seed=1, progress=False)
     coarse = flexgen.identify(model, flexgen.frf(experiment), starts=1, progress=False)
     fine = flexgen.refine(coarse, experiment, progress=False)
