@@ -10,7 +10,7 @@ from emitted import random_states
 from toolchain import needs_compiler
 
 from flexgen.build.generate import generate
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.parameters import parametrized
 from flexgen.model.elements import Dof, Element, Gear, LinearSpring
@@ -39,6 +39,12 @@ CASES = [
         {"motor.m1.friction.coulomb": 2.5, "motor.m1.friction.viscous": 0.02},
         {"m1.coulomb": 2.5, "m1.viscous": 0.02},
     ),
+    (  # terms of a friction law that the file does not have
+        "planar5_nmp",
+        ["m1.viscous", "m1.coulomb", "m1.beta"],
+        {"motor.m1.friction": {"viscous": 0.01, "coulomb": 0.7, "beta": 3.0}},
+        {"m1.viscous": 0.01, "m1.coulomb": 0.7, "m1.beta": 3.0},
+    ),
 ]
 
 
@@ -61,6 +67,17 @@ def test_run_time_values_are_as_good_as_baked_ones(name, names, overrides, chang
 @needs_compiler
 def test_run_time_values_of_some_functions_are_as_good_as_baked_ones(tmp_path):
     check_run_time_values(*CASES[0], tmp_path, functions=["gravity", "forward_dynamics", "mass_matrix"])
+
+
+@needs_compiler
+def test_frictions_that_the_file_does_not_have_are_parameters(tmp_path):
+    check_run_time_values(*CASES[2], tmp_path, functions=["forward_dynamics", "motor_friction"])
+
+
+@pytest.mark.parametrize("name", ["m1.inertia", "arm1.mass", "arm2.inertia_zz"])
+def test_rotors_and_bodies_are_constants_of_a_library(name, tmp_path):
+    with pytest.raises(BuildError, match="expected payload, stiffness, damping or friction"):
+        generate("planar5_nmp", tmp_path / "library", parameters=[name])
 
 
 def check_run_time_values(name, names, overrides, changes, tmp_path, functions=None):
