@@ -67,7 +67,7 @@ def response_grid(data: Frf, identified: Identified | None = None, pose: int = 0
         axes[a, 0].set_ylim(max(low / 3, top * 1e-5), 2 * top)
         cv.log_axis(axes[a, 0].yaxis, 5)
     figure.supxlabel("frequency, Hz", fontsize=9)
-    figure.supylabel("acceleration over torque, rad/s² / (N m), motor side", fontsize=9)
+    figure.supylabel("acceleration over torque, rad/(s² N m)", fontsize=9)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=3)
     return figure
