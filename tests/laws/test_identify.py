@@ -230,7 +230,7 @@ def with_friction(name):
 
 
 @needs_compiler
-@pytest.mark.parametrize("name", ["planar5_nmp", pytest.param("manutec_r3", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["planar5_nmp", pytest.param("manutec_r3", marks=pytest.mark.full)])
 def test_coulomb_friction_is_found_in_the_time_domain(name):
     """Friction biases the frequency responses; the simulation of the experiment does not care."""
     model = with_friction(name)

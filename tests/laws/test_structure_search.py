@@ -43,7 +43,7 @@ def test_a_spring_that_is_not_in_the_robot_is_removed():
     assert kept.removed == ()
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_the_missing_torsion_of_a_body_is_found(capsys, tmp_path):
     """manutec_r3_18 without the torsion of body 5 about y."""
     model = without_coulomb("manutec_r3_18")
