@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 import time
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from flexgen.cli.argument_types import file_path, names, not_negative, positive, setting
 from flexgen.cli.printing import number, paragraph, table
 from flexgen.cli.verbs import Progress, VerbResult, check_report, check_writable, read_model, writing
 from flexgen.errors import ArgumentError
 
 EVERY = 2.0  # s between progress messages
-
-
-FREE = (
-    "parameters: stiffness, damping, q1.stiffness, m1.viscous, delay, torque_constant, ...; default: stiffness, "
-    "damping and the viscous frictions of the model"
-)
 
 
 def throttled(log: Progress) -> Callable[[str], None]:
@@ -348,106 +341,3 @@ def _floats(settings: Any) -> dict[str, float]:
             raise ArgumentError(f"--start {key}: given {value!r}, expected a number")
         out[key] = float(value)
     return out
-
-
-# --- arguments ---
-def add_verbs(group: Any, add_verb: Callable[..., Any]) -> None:
-    """Add the verbs that plan, simulate and evaluate an experiment."""
-    _add_excite_arguments(add_verb(group, "excite", excite))
-    sub = add_verb(group, "measure", measure)
-    sub.add_argument("plan", metavar="PLAN", type=file_path, help="file written by 'flexgen excite'")
-    sub.add_argument("--seed", metavar="N", type=int, default=0, help="of the noise; default: 0")
-    sub.add_argument(
-        "--raw", metavar="DIR", type=file_path, help="also write all samples, as recordings that 'flexgen frf' reads"
-    )
-    sub.add_argument("--out", metavar="FILE", type=file_path, required=True, help="write the spectra to this .npz file")
-    sub = add_verb(group, "frf", frf, model=False)
-    sub.add_argument(
-        "experiment",
-        metavar="EXPERIMENT",
-        type=file_path,
-        help="file written by 'flexgen measure', or a .toml file that describes recordings",
-    )
-    averages = ("arithmetic", "harmonic", "logarithmic")
-    sub.add_argument("--average", choices=averages, metavar="NAME", default="arithmetic", help=", ".join(averages))
-    sub.add_argument(
-        "--out", metavar="FILE", type=file_path, required=True, help="write the responses to this .npz file"
-    )
-    sub.add_argument("--report", metavar="DIR", type=file_path, help="write a self-contained HTML page to DIR")
-    _add_identify_arguments(add_verb(group, "identify", identify))
-
-
-def _add_excite_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("--poses", metavar="N", type=int, default=8, help="number of poses to choose; default: 8")
-    parser.add_argument(
-        "--criterion",
-        choices=("A", "D", "random"),
-        metavar="NAME",
-        default="A",
-        help="of the best poses: A (least sum of variances, the default), D (least determinant) or random",
-    )
-    parser.add_argument("--free", metavar="NAME,NAME,...", type=names, help=FREE)
-    parser.add_argument(
-        "--speed-rms", metavar="V", type=positive, default=0.05, help="of each joint [rad/s or m/s]; default: 0.05"
-    )
-    parser.add_argument("--f-min", metavar="HZ", type=positive, help="lowest frequency [Hz]; default: from the modes")
-    parser.add_argument("--f-max", metavar="HZ", type=positive, help="highest frequency [Hz]; default: from the modes")
-    parser.add_argument("--lines", metavar="N", type=int, default=63, help="number of frequencies; default: 63")
-    parser.add_argument("--period", metavar="S", type=positive, default=4.0, help="of the excitation [s]; default: 4")
-    parser.add_argument("--periods", metavar="N", type=int, default=4, help="that are measured; default: 4")
-    parser.add_argument(
-        "--realizations", metavar="N", type=int, default=1, help="of the random phases; default: 1; 6 with friction"
-    )
-    parser.add_argument("--sample-time", metavar="S", type=positive, help="of the drives [s]; default: 0.0005")
-    parser.add_argument("--delay", metavar="S", type=not_negative, default=0.0, help="of the torques [s]; default: 0")
-    for name, unit in (("encoder-noise", "rad"), ("encoder-resolution", "rad"), ("torque-noise", "N m")):
-        parser.add_argument(
-            f"--{name}", metavar="X", type=not_negative, default=0.0, help=f"[{unit}, motor side]; default: 0"
-        )
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of phases and candidate poses; default: 0")
-    parser.add_argument("--out", metavar="FILE", type=file_path, required=True, help="write the plan to this .npz file")
-
-
-def _add_identify_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("frf", metavar="FRF", type=file_path, help="file written by 'flexgen frf'")
-    parser.add_argument("--free", metavar="NAME,NAME,...", type=names, help=FREE)
-    parser.add_argument("--fixed", metavar="NAME,NAME,...", type=names, default=(), help="parameters that stay")
-    parser.add_argument(
-        "--start", metavar="NAME=VALUE", type=setting, action="append", help="where the search begins; may be repeated"
-    )
-    parser.add_argument(
-        "--residual",
-        choices=("nls", "lls"),
-        metavar="NAME",
-        default="nls",
-        help="nls: differences (default); lls: of complex logarithms",
-    )
-    parser.add_argument(
-        "--floor",
-        metavar="X",
-        type=not_negative,
-        help="model error as a part of the responses, such as 0.02; default: as much as the residuals need",
-    )
-    parser.add_argument("--starts", metavar="N", type=int, default=3, help="number of searches; default: 3")
-    parser.add_argument(
-        "--structure",
-        action="store_true",
-        help="add and remove springs without motor as the data ask for, and print what is better",
-    )
-    parser.add_argument(
-        "--refine",
-        metavar="EXPERIMENT",
-        type=file_path,
-        help="then fit the spectra of this experiment by simulation of the nonlinear model, frictions too",
-    )
-    parser.add_argument(
-        "--move", metavar="NAME", help="also print the tool error of feedforward in this move, before and after"
-    )
-    parser.add_argument(
-        "--truth",
-        metavar="MODEL",
-        help="with --move: the true robot of a simulated experiment; default: robots drawn "
-        "from the covariance of the parameters",
-    )
-    parser.add_argument("--out", metavar="FILE", type=file_path, help="write the new model file (.toml)")
-    parser.add_argument("--report", metavar="DIR", type=file_path, help="write a self-contained HTML report to DIR")

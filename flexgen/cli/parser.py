@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from flexgen import __version__
-from flexgen.cli import completion, identify, path, run, solve, sweep, verbs
+from flexgen.cli import completion, identify_arguments, path, run, solve, sweep, verbs
 from flexgen.cli.argument_types import (
     file_path,
     isa,
@@ -113,7 +113,7 @@ def build_parser() -> _Parser:
     sub.add_argument("trajectory", metavar="TRAJECTORY", type=file_path, help="file written by 'flexgen solve --out'")
     sub.add_argument("--out", metavar="FILE", type=trajectory_file, help="write the simulated motion to this file")
     sweep.add_arguments(_add_verb(group, "sweep", verbs.sweep, model=False))
-    identify.add_verbs(group, _add_verb)
+    identify_arguments.add_verbs(group, _add_verb)
     _add_run_arguments(_add_verb(group, "run", run.run))
     sub = _add_verb(group, "completion", completion.completion, model=False)
     sub.add_argument("shell", metavar="SHELL", choices=completion.SHELLS, help=", ".join(completion.SHELLS))
