@@ -104,9 +104,24 @@ def _motion(equations: Equations, solution: Solution, analysis: Analysis | None,
         text = (
             "Error of the full model under this torque, from a forward simulation by an integrator that is independent "
             "of the solver."
-        )
+        ) + _after_the_samples(solution)
         out.append(Picture("errors", plots.errors(*given, end=end), text + limited))
     return out
+
+
+def _after_the_samples(solution: Solution) -> str:
+    """A sentence where the largest error is reached after the samples, so that plot and summary differ."""
+    simulation = solution.simulation
+    if simulation is None:
+        return ""
+    drawn = float(np.abs(simulation.trajectory["error"]).max())
+    errors = [x for x in (simulation.tool_error_max_m, simulation.tool_error_max_rad) if x is not None]
+    if max(errors, default=0.0) < 2 * drawn:  # components drawn, norms in the summary
+        return ""
+    return (
+        " The errors in the summary are larger: they also cover the time after the samples, in which the last torque "
+        "is held."
+    )
 
 
 def _early_torque(solution: Solution, analysis: Analysis | None) -> str:

@@ -413,6 +413,16 @@ def test_early_torque_has_a_panel_where_it_is_visible():
     assert "torques before the path starts" not in canvas.svg(overview)
 
 
+def test_an_error_after_the_samples_is_explained():
+    """manutec_r3 falls slowly under a held torque: 0.5 um half a second after the move, nothing visible in the plot."""
+    from flexgen.reports.pictures import _after_the_samples
+
+    solution = flexgen.solve("manutec_r3", "line", progress=False)
+    assert "they also cover the time after the samples" in _after_the_samples(solution)
+    assert _after_the_samples(flexgen.solve("planar5_nmp", "line", progress=False)) == ""
+    assert _after_the_samples(flexgen.solve("manutec_r3", "line", verify=False, progress=False)) == ""
+
+
 def test_the_picture_of_the_readme_is_the_overview_of_today():
     """After a change: ``canvas.save(flexgen.solve("planar5_nmp@soft", "line").plot(), path)`` writes it again."""
 
