@@ -321,6 +321,7 @@ def test_of_a_group_what_is_zero_stays_zero():
 
 
 @needs_compiler
+@pytest.mark.slow
 def test_the_drives_are_stable_where_little_inertia_follows_fast():
     """Springs next to massless motors: at high frequencies a motor moves little."""
     plan = flexgen.excite(

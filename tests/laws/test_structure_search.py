@@ -32,6 +32,7 @@ def test_no_spring_is_added_to_a_complete_model_and_none_is_removed():
     assert all(change.gain < 0 for change in found.changes)
 
 
+@pytest.mark.slow
 def test_a_spring_that_is_not_in_the_robot_is_removed():
     """The robot is stiff where the model has a spring of its third coordinate."""
     model = without_coulomb("planar5_nmp")

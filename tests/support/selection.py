@@ -38,7 +38,13 @@ ANY_MODEL = (
 )
 # Cases whose robot or method takes long, by a word of the id or the whole id.
 SLOW_CASES = {
-    "client/test_docs.py": {"README.md", "docs/python.md", "docs/limits_and_streams.md", "docs/paths.md"},
+    "client/test_docs.py": {
+        "README.md",
+        "docs/python.md",
+        "docs/limits_and_streams.md",
+        "docs/paths.md",
+        "docs/identification.md",
+    },
     "client/test_instruction_sets.py": {"beam_arm", "elbow", "planar5_nmp", "v2", "v3", "v4"},
     "client/test_product.py": {"planar5_nmp-gcc--O0", "planar5_nmp-gcc--O2", "elbow-gcc--O2"},
     "cross/test_recursion.py": {
