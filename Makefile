@@ -58,7 +58,7 @@ test-slow: $(VENV)/.test           ## the other tests (about 18 minutes on two c
 	@$(RUN_TESTS) -m 'slow and not full and not robots' $(PYTEST)
 
 test-full: $(VENV)/.test           ## what takes longer still: large random samples, large robots
-	@echo "flexgen: large random samples and robots, about 45 minutes on two cores"
+	@echo "flexgen: large random samples and robots, more than half an hour on two cores"
 	@$(RUN_TESTS) -m full $(PYTEST)
 
 robots: $(VENV)/.test              ## 200 moves of elastic robots made from public URDF files

@@ -96,7 +96,7 @@ def _add_identify_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--structure",
         action="store_true",
-        help="add and remove springs without motor as the data ask for, and print what is better",
+        help="add and remove springs without motor as the data ask for, and print the changes",
     )
     parser.add_argument(
         "--refine",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ import numpy as np
 from flexgen import implementation
 from flexgen.atomic_files import write_text
 from flexgen.errors import ArgumentError, ModelError
+from flexgen.explained_status import ExplainedStatus
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import ParameterVector, is_of_drive
 from flexgen.mechanics.parameters import select, with_values
@@ -24,18 +24,8 @@ from flexgen.model.reader import parse_file, read
 WEAK = 0.5  # standard deviation of a logarithm above which the model keeps the value of its file
 
 
-class FitStatus(StrEnum):
-    """Status of an identification; a member is a string with a ``sentence`` and an ``advice``."""
-
-    sentence: str
-    advice: str
-
-    def __new__(cls, value: str, sentence: str, advice: str) -> FitStatus:
-        """A member with its texts."""
-        member = str.__new__(cls, value)
-        member._value_ = value
-        member.sentence, member.advice = sentence, advice
-        return member
+class FitStatus(ExplainedStatus):
+    """Status of an identification."""
 
     FITTED = (
         "fitted",

@@ -52,7 +52,11 @@ class Change:
 
 @dataclass(frozen=True)
 class Structure:
-    """Result of a search: the model with its springs, its fit, and all changes that were tried, in their order."""
+    """Result of a search: the model with its springs, its fit, and the changes.
+
+    ``changes``: those that were kept, in their order, then those of the last round, none of which was better. A change
+    whose fit did not converge is left out.
+    """
 
     model: RobotModel
     identified: Identified
@@ -110,21 +114,19 @@ def structure(
             if best is not None:
                 gain = criterion(now) - criterion(best)
                 tried.append((Change(kind, name, gain, None, False), best))
-        good = [(change, fit) for change, fit in tried if change.gain > LEAST_GAIN]
-        chosen = None
-        for change, fit in sorted(good, key=lambda pair: -pair[0].gain):
-            ratio = _held_out(now.vector.model, fit.vector.model, data)
-            kept = ratio < 1.0 or change.kind == "remove"
-            changes.append(replace(change, held_out=ratio, kept=kept))
-            if kept:
-                chosen = fit
+        better, rejected = None, []
+        for change, fit in sorted(tried, key=lambda pair: -pair[0].gain):
+            if change.gain > LEAST_GAIN and change.kind == "add":
+                change = replace(change, held_out=_held_out(now.vector.model, fit.vector.model, data))
+            if change.gain > LEAST_GAIN and (change.held_out is None or change.held_out < 1.0):
+                changes.append(replace(change, kept=True))
+                better = fit
                 break
-        names = {change.name for change in changes}
-        changes += [change for change, _ in tried if change.gain <= LEAST_GAIN and change.name not in names]
-        if chosen is None:
+            rejected.append(change)
+        if better is None:
+            changes += rejected
             break
-        changes = [change for change in changes if change.kept or change.gain > LEAST_GAIN]
-        now = chosen
+        now = better
     final = identify(now.model, data, starts=1, progress=False)
     return Structure(now.model, final, tuple(changes))
 
@@ -217,8 +219,7 @@ def _tried(model: RobotModel, data: Frf) -> Identified | None:
 
 def _fit(model: RobotModel, data: Frf) -> Identified:
     """A fit with the weights of the noise alone, so that costs of different models compare."""
-    found = identify(model, data, free=default_free(model), starts=1, structured=False, floor=0.0, progress=False)
-    return replace(found, vector=found.vector)
+    return identify(model, data, free=default_free(model), starts=1, structured=False, floor=0.0, progress=False)
 
 
 def _held_out(before: RobotModel, after: RobotModel, data: Frf) -> float:

@@ -2,31 +2,11 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
+from flexgen.explained_status import ExplainedStatus
 
 
-class Status(StrEnum):
-    """Status of a solution.
-
-    A member is a string: ``str(status)`` and JSON give its value.
-
-    Attributes
-    ----------
-    sentence : str
-        What the status means.
-    advice : str
-        What to do next.
-    """
-
-    sentence: str
-    advice: str
-
-    def __new__(cls, value: str, sentence: str, advice: str) -> Status:
-        """A member with its texts."""
-        member = str.__new__(cls, value)
-        member._value_ = value
-        member.sentence, member.advice = sentence, advice
-        return member
+class Status(ExplainedStatus):
+    """Status of a solution."""
 
     SOLVED = (
         "solved",

@@ -216,7 +216,7 @@ def test_a_variant_that_sets_an_identified_number_is_refused(tmp_path):
     model = flexgen.read("four_mass@high")
     data = exact_responses(model, np.zeros((1, 1)), W, DRIVE)
     found = flexgen.identify(model, data, free=["stiffness", "damping"], starts=1, progress=False)
-    with pytest.raises((ModelError, ArgumentError), match=r"variant|no stiffness|expected"):
+    with pytest.raises((ModelError, ArgumentError), match=r"a number that the variant .high. sets to another one"):
         found.write(tmp_path / "new.toml")
 
 

@@ -27,6 +27,7 @@ FLOORS = {
     "atomic_files": 0,
     "deadline": 0,
     "errors": 0,
+    "explained_status": 0,
     "npz_files": 0,
     "ports": 0,
     "progress": 0,
