@@ -285,7 +285,7 @@ def _refined(found: Any, args: Namespace, log: Progress) -> Any:
 def _verdict(found: Any, args: Namespace, log: Progress) -> tuple[list[dict[str, Any]], str]:
     """Tool errors of feedforward before and after: as data and as text."""
     robot = "the robot of --truth" if args.truth else "robots drawn from the covariance"
-    log(f"tool errors of the move {args.move}: about a minute for six axes")
+    log(f"tool errors of the move {args.move}: a few minutes for six axes")
     verdict = found.verdict(args.move, truth=args.truth, progress=throttled(log))
     data: list[dict[str, Any]] = []
     rows: list[list[Any]] = []
