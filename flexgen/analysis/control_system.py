@@ -8,7 +8,7 @@ import numpy as np
 
 from flexgen.analysis.analyze import Analysis
 from flexgen.errors import ArgumentError
-from flexgen.simulation.simulate import output_labels
+from flexgen.model.output_columns import output_labels
 
 
 def control_system(analysis: Analysis) -> Any:

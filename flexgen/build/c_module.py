@@ -1,4 +1,4 @@
-"""Small hand-written C modules that are compiled when they are first used and kept in the user's cache."""
+"""Small C modules that are compiled when they are first used and kept in the user's cache."""
 
 from __future__ import annotations
 
@@ -8,12 +8,16 @@ import os
 import secrets
 import subprocess
 import tempfile
+from collections.abc import Callable
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 
 from flexgen.build.compiler import Compiler, find_compiler
 from flexgen.build.object_cache import cache_folder
 from flexgen.errors import BuildError
+
+MOST, LIMIT = 256, 128 * 2**20  # modules in the cache, and bytes of all of them
 
 
 @lru_cache(maxsize=16)
@@ -25,29 +29,86 @@ def c_module(source: Path) -> ctypes.CDLL:
     BuildError
         There is no compiler, or it fails.
     """
+    return ctypes.CDLL(str(compiled(source.stem, source.read_text())))
+
+
+def compiled(name: str, text: str, *, level: str = "", before: Callable[[], None] | None = None) -> Path:
+    """The path of the shared library of a C text.
+
+    Parameters
+    ----------
+    name : str
+        Of the file: letters, digits and underscores.
+    text : str
+    level : str
+        ``"-O0"`` to ``"-O3"``; default: that of the C libraries.
+    before : callable, optional
+        Called before the compiler runs, not where the library is in the cache. Without a cache it is written to a
+        temporary folder that stays until the program ends.
+
+    Raises
+    ------
+    BuildError
+        There is no compiler, or it fails.
+    """
     compiler = find_compiler()
     if compiler is None:
         raise BuildError("C compiler: given none, expected cc, gcc or clang on the PATH; install gcc")
-    text = source.read_bytes()
-    mark = hashlib.sha256(compiler.identity.encode() + b"\0" + text).hexdigest()[:32]
+    mark = hashlib.sha256("\0".join((compiler.identity, level, text)).encode()).hexdigest()[:32]
     root = cache_folder()
-    if root is None:
-        with tempfile.TemporaryDirectory() as folder:
-            return ctypes.CDLL(str(_compiled(source, Path(folder) / f"{source.stem}.so", compiler)))
-    kept = root / "modules"
+    kept = root / "modules" if root is not None else _temporary()
     kept.mkdir(mode=0o700, exist_ok=True)
-    made = kept / f"{source.stem}-{mark}.so"
-    if not made.exists():
-        _compiled(source, made, compiler)
-    return ctypes.CDLL(str(made))
+    made = kept / f"{name}-{mark}.so"
+    if made.exists():
+        with suppress(OSError):
+            os.utime(made)
+        return made
+    if before is not None:
+        before()
+    _compile(name, text, made, compiler, level)
+    _prune(kept, made)
+    return made
 
 
-def _compiled(source: Path, target: Path, compiler: Compiler) -> Path:
+@lru_cache(maxsize=1)
+def _temporary() -> Path:
+    holder = tempfile.TemporaryDirectory(prefix="flexgen-modules-")
+    _holders.append(holder)
+    return Path(holder.name)
+
+
+_holders: list[tempfile.TemporaryDirectory[str]] = []  # removed when the program ends
+
+
+def _compile(name: str, text: str, target: Path, compiler: Compiler, level: str) -> None:
     """Compile to a name of its own, then rename: another process never finds half a file."""
     own = target.with_name(f".{secrets.token_hex(8)}.so")
-    command = [*compiler.command, *compiler.flags, "-shared", "-o", str(own), str(source), "-lm"]
-    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
+    flags = [*compiler.flags, *([level] if level else []), "-shared", "-x", "c"]
+    done = subprocess.run(
+        [*compiler.command, *flags, "-o", str(own), "-", "-lm"],
+        input=text,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
+    )
     if done.returncode != 0:
-        raise BuildError(f"the C compiler failed on {source.name}:\n  {done.stderr.strip()[:500]}")
+        own.unlink(missing_ok=True)
+        raise BuildError(f"the C compiler failed on {name}.c:\n  {done.stderr.strip()[:500]}")
     os.replace(own, target)
-    return target
+
+
+def _prune(folder: Path, newest: Path) -> None:
+    """Remove the modules that were used least lately, beyond the limits; a loaded one stays in memory."""
+    entries = []
+    for path in folder.glob("*.so"):
+        with suppress(OSError):
+            facts = path.stat()
+            entries.append((facts.st_mtime, facts.st_size, path))
+    count, total = len(entries), sum(size for _, size, _ in entries)
+    for _, size, path in sorted(entries):
+        if count <= MOST and total <= LIMIT:
+            break
+        if path != newest:
+            path.unlink(missing_ok=True)
+            count, total = count - 1, total - size

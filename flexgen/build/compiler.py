@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +99,12 @@ def find_compiler(*, native: bool = False, openmp: bool = False, isa: str = "nat
     """
     if isa not in ISAS:
         raise BuildError(f"isa: given {isa!r}, expected one of {', '.join(ISAS)}")
+    return _found(native, openmp, isa, os.environ.get("CC"), os.environ.get("PATH"))
+
+
+@lru_cache(maxsize=16)  # asking the compiler takes longer than many a computation
+def _found(native: bool, openmp: bool, isa: str, cc: str | None, path: str | None) -> Compiler | None:
+    """The compiler in this environment."""
     chosen = _chosen()
     if chosen is None:
         return None

@@ -11,7 +11,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.mechanics.equations import Equations
-from flexgen.simulation.simulate import output_units
+from flexgen.model.output_columns import output_units
 
 BASELINES = ("rigid", "fjm", "quasistatic")
 

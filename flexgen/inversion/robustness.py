@@ -27,9 +27,9 @@ from flexgen.inversion.solution import Solution
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import Equilibrium, equilibrium_at
 from flexgen.model.elements import BacklashSpring, Body, CubicSpring, Element, LinearSpring, RobotModel, Spring
+from flexgen.model.output_columns import output_units
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
-from flexgen.simulation.simulate import output_units
 from flexgen.trajectory import Trajectory
 
 RTOL, ATOL = 1e-8, 1e-10  # a tenth of a micrometer; the measured errors are millimeters

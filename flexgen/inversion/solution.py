@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import BPoly
 
 from flexgen import implementation
 from flexgen.inversion.method_result import MethodResult
@@ -280,11 +279,6 @@ def _title(model: RobotModel) -> str:
     return f"{model.name}@{model.variant}" if model.variant else model.name
 
 
-def residual_max(equations: Equations, trajectory: Trajectory) -> float:
-    """Largest residual of the full equations of motion half way between the samples [N m or N], see `residual_rows`."""
-    return float(residual_rows(equations, trajectory).max())
-
-
 def residual_rows(equations: Equations, trajectory: Trajectory) -> np.ndarray:
     """Largest residual of each equation of motion, (dof,), half way between the samples [N m or N].
 
@@ -311,18 +305,27 @@ def _residual_rows(
     limited: bool = False,
 ) -> np.ndarray:
     middle = (t[:-1] + t[1:]) / 2
-    q_a, q_m = (BPoly.from_derivatives(t, np.stack(part, axis=1)) for part in (arm, motor))
+    h = np.diff(t)[:, None]
+    motion = [x for part in (arm, motor) for x in _half_way(h, *part)]
     tau = torque_curve(t, tau_m, limited=limited)(middle)
-    r_a, r_m = evaluate(
-        equations.function("residual"), *(q_a(middle, k) for k in range(3)), *(q_m(middle, k) for k in range(3)), tau
-    )
+    r_a, r_m = evaluate(equations.function("residual"), *motion, tau)
     n = len(middle)
     rows = np.hstack([r_a.reshape(n, -1), r_m.reshape(n, -1)[:, list(equations.model.i_m)]])
     return np.abs(rows).max(axis=0)
 
 
-def relative_residual(equations: Equations, trajectory: Trajectory) -> float:
-    """Largest of `residual_rows`, each relative to the largest torque in its row."""
+def _half_way(h: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, ...]:
+    """The quintic Hermite interpolant of samples and its two derivatives half way between them, (n - 1, n_q) each."""
+    q0, q1, v0, v1, a0, a1 = q[:-1], q[1:], v[:-1], v[1:], a[:-1], a[1:]
+    return (
+        (q0 + q1) / 2 + 5 * h / 32 * (v0 - v1) + h**2 / 64 * (a0 + a1),
+        15 / 8 * (q1 - q0) / h - 7 / 16 * (v0 + v1) + h / 32 * (a1 - a0),
+        3 / 2 * (v1 - v0) / h - (a0 + a1) / 4,
+    )
+
+
+def relative_residual(equations: Equations, trajectory: Trajectory, rows: np.ndarray) -> float:
+    """Largest of the `residual_rows` of a trajectory, each relative to the largest torque in its row."""
     robot = equations.model
     scale = np.zeros(robot.n_a)
     scale[list(robot.i_g)] = np.abs(trajectory["tau_g"]).max(axis=0)
@@ -332,7 +335,7 @@ def relative_residual(equations: Equations, trajectory: Trajectory) -> float:
     motors = np.abs(trajectory["tau_m"]).max(axis=0)[list(robot.i_m)]
     # a row with next to no torque is relative to the largest of its kind
     scales = [np.maximum(x, 1e-3 * x.max(initial=1e-9)) for x in (scale, motors)]
-    return float((residual_rows(equations, trajectory) / np.concatenate(scales)).max())
+    return float((rows / np.concatenate(scales)).max())
 
 
 def exceeded(robot: RobotModel, trajectory: Trajectory) -> tuple[str, ...]:

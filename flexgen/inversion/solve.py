@@ -22,16 +22,16 @@ from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, METHODS, NAMES, Method
 from flexgen.inversion.problem import INTERVALS, InversionProblem
 from flexgen.inversion.reached import Reached, stage_of
-from flexgen.inversion.solution import Solution, exceeded, has_kinks, relative_residual, residual_max
+from flexgen.inversion.solution import Solution, exceeded, has_kinks, relative_residual, residual_rows
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import Move, RobotModel
+from flexgen.model.output_columns import output_labels, output_units
 from flexgen.paths.path import named_move
 from flexgen.paths.redundancy import problem_of_move
 from flexgen.ports import Port
 from flexgen.progress import Choice, reported
-from flexgen.simulation.simulate import output_labels, output_units
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 
@@ -426,8 +426,8 @@ def make_solution(problem: InversionProblem, method: str, result: MethodResult) 
     """The solution of a problem from the result of a method, not verified yet; SolverError where it is not finite."""
     equations, path = problem.equations, problem.path
     trajectory = _trajectory(problem, result)
-    residual = residual_max(equations, trajectory)
-    if not np.isfinite(residual):
+    rows = residual_rows(equations, trajectory)
+    if not np.isfinite(rows).all():
         raise SolverError(f"method {method}: the result is not finite; try another --mesh or a smoother move")
     return Solution(
         model=equations.model,
@@ -436,8 +436,8 @@ def make_solution(problem: InversionProblem, method: str, result: MethodResult) 
         status=result.status,
         verdict=result.verdict,
         trajectory=trajectory,
-        residual_max_Nm=residual,
-        residual_relative=relative_residual(equations, trajectory),
+        residual_max_Nm=float(rows.max()),
+        residual_relative=relative_residual(equations, trajectory, rows),
         iterations=result.iterations,
         wall_s=0.0,
         cpu_s=0.0,

@@ -12,10 +12,11 @@ from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import reach
+from flexgen.model.output_columns import output_units
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path_distance import distance_from_path
 from flexgen.simulation.hold import TorqueCommand
-from flexgen.simulation.simulate import Simulation, output_units, simulate, turn_angle
+from flexgen.simulation.simulate import Simulation, simulate, turn_angle
 
 
 @dataclass(frozen=True)

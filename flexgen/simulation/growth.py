@@ -24,7 +24,7 @@ from flexgen.numerics.evaluate import evaluate
 
 LARGEST_GROWTH = 1e5  # from here on a forward simulation of the whole move is no verification
 WINDOW_GROWTH = 1e3  # in a window: errors of the states at its start grow to a few nanometres
-STEP, FEWEST, MOST = 5e-3, 50, 1000  # of the grid: its step [s], intervals
+STEP, FEWEST, MOST = 1e-2, 50, 1000  # of the grid: its step [s], intervals
 
 
 @dataclass(frozen=True)

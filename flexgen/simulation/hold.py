@@ -28,13 +28,13 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import PPoly, make_interp_spline
 from scipy.linalg import solve_banded
 
 from flexgen.errors import ArgumentError
 from flexgen.ports import Port
 from flexgen.simulation.hold_names import HOLDS
-from flexgen.simulation.torque_curve import torque_curve
+from flexgen.simulation.torque_curve import constant, spline, then_constant, torque_curve
 from flexgen.trajectory import Trajectory
 
 SAMPLE_TIME = 1e-3  # s
@@ -84,22 +84,21 @@ class TorqueCommand:
         arrivals = self.time + self.delay
         return arrivals[[0, -1]] if self.hold == "spline" else arrivals
 
-    def between(self, begin: float, end: float) -> Callable[[float], np.ndarray]:
-        """The torque of the motors (n_m,) as a function of an instant, from ``begin`` to ``end`` without edges between.
+    def between(self, begin: float, end: float) -> PPoly:
+        """The torque of the motors (n_m,), a polynomial of the instant from ``begin`` to ``end`` without edges between.
 
         Before the first edge it is the first torque, after the last one the last.
         """
         edges, values = self.edges, self.values
         k = int(np.searchsorted(edges, (begin + end) / 2)) - 1
         if k < 0 or k >= len(edges) - 1:
-            constant = values[0 if k < 0 else -1]
-            return lambda instant: constant
+            return constant(values[0 if k < 0 else -1], begin, end)
         if self.hold == "spline":
-            return make_interp_spline(self.time + self.delay, values, k=min(5, len(values) - 1))
+            return spline(self.time + self.delay, values)
         if self.hold == "zoh":
-            return lambda instant: values[k]
+            return constant(values[k], begin, end)
         rate = (values[k + 1] - values[k]) / (edges[k + 1] - edges[k])
-        return lambda instant: values[k] + (instant - edges[k]) * rate
+        return PPoly(np.stack([rate, values[k]])[:, None, :], edges[k : k + 2])
 
     def at(self, instants: np.ndarray) -> np.ndarray:
         """The torque of the motors (k, n_m) at instants (k,) [s]; at an edge that of the interval that begins there."""
@@ -126,7 +125,7 @@ class TorqueCommand:
         def integral(last: float, weight: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
             at, weights = leggauss(GAUSS_LONG)
             at = begin + (last - begin) * (at + 1) / 2
-            miss = np.array([torque(one) for one in at]) - curve(at)
+            miss = torque(at) - curve(at)
             return np.asarray((last - begin) / 2 * (weights * weight(at)) @ miss)
 
         return integral(instant, np.ones_like) - integral(end, lambda at: (end - at) / (end - begin))
@@ -218,8 +217,8 @@ def _is_number(value: Any) -> bool:
 
 def extended(t: np.ndarray, tau: np.ndarray, limited: bool) -> Callable[[np.ndarray], np.ndarray]:
     """The continuous torque, constant before its first and after its last sample."""
-    curve = torque_curve(t, tau, limited=limited)
-    return lambda instants: np.asarray(curve(np.clip(instants, t[0], t[-1])))
+    curve = then_constant(torque_curve(t, tau, limited=limited), tau[-1])
+    return lambda instants: np.asarray(curve(np.maximum(instants, t[0])))
 
 
 def _moments(

@@ -5,6 +5,9 @@ decayed long ago: sharp friction of a light rotor makes it take millions of eval
 evaluations for each second of motion, LSODA goes on from the state that was reached; it changes by itself between
 Adams methods and backward differentiation formulas, whose steps follow the motion alone.
 
+With a C compiler the explicit method and the right-hand side run in C, else in scipy and CasADi; the steps are the
+same.
+
 Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec. II.5 (DOP853);
 L. Petzold, SIAM J. Sci. Stat. Comput. 4(1), 1983 (LSODA).
 """
@@ -16,10 +19,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import DOP853, LSODA
+from scipy.integrate import DOP853, LSODA, OdeSolver
+from scipy.interpolate import PPoly
 
 from flexgen.deadline import check_time
 from flexgen.errors import SolverError
+from flexgen.simulation.compiled_rate import CompiledDop853, CompiledRate
 
 EVALUATIONS = 5_000_000  # a few minutes of the explicit method
 RATE = 1e6  # evaluations for each second of motion: above it the problem is stiff
@@ -32,15 +37,16 @@ EXPLICIT, IMPLICIT = "DOP853", "LSODA"
 
 @dataclass(frozen=True)
 class OpenLoop:
-    """The right-hand side ``x' = f(t, x)`` of the robot and its two observers, work and loss, which come last.
+    """The right-hand side ``x' = f(x, u(t))`` of the robot and its two observers, work and loss, which come last.
 
     ``rate(t, x)`` and ``jacobian(t, x)``: (n,) and (n, n), the rows and columns of the observers zero in the latter.
-    ``keep``: objects that must live as long as the functions.
+    ``compiled``: the rate in C, a function of state and torque; None: there is no compiler. ``torque``: u(t).
     """
 
     rate: Callable[[float, np.ndarray], np.ndarray]
     jacobian: Callable[[float, np.ndarray], np.ndarray]
-    keep: tuple[object, ...] = ()
+    compiled: CompiledRate | None
+    torque: PPoly
 
 
 @dataclass(frozen=True)
@@ -50,6 +56,38 @@ class Integration:
     states: np.ndarray
     evaluations: int
     method: str
+
+
+class _Scipy:
+    """A method of scipy; attributes and ``advance`` as those of `CompiledDop853`."""
+
+    def __init__(self, solver: OdeSolver, t: np.ndarray) -> None:
+        self.solver, self.instants, self.failure = solver, t, ""
+
+    @property
+    def t(self) -> float:
+        return float(self.solver.t)
+
+    @property
+    def y(self) -> np.ndarray:
+        return np.asarray(self.solver.y)
+
+    @property
+    def nfev(self) -> int:
+        return int(self.solver.nfev)
+
+    def advance(self, out: np.ndarray, k: int, most: int) -> int:
+        solver, t, until = self.solver, self.instants, self.nfev + most
+        while k < len(t) and solver.nfev < until:
+            message = solver.step()
+            if solver.status == "failed" or not np.isfinite(solver.y).all():
+                self.failure = message or "not finite"
+                break
+            dense = solver.dense_output()
+            while k < len(t) and t[k] <= solver.t:
+                out[k] = dense(t[k])
+                k += 1
+        return k
 
 
 def integrate(
@@ -82,28 +120,26 @@ def integrate(
     """
     out = np.empty((len(t), len(start)))
     out[0] = start
-    solver = DOP853(loop.rate, t[0], start, t[-1], rtol=rtol, atol=atol)
+    solver: CompiledDop853 | _Scipy = (
+        _Scipy(DOP853(loop.rate, t[0], start, t[-1], rtol=rtol, atol=atol), t)
+        if loop.compiled is None
+        else CompiledDop853(loop.compiled, loop.torque, t, start, rtol, atol)
+    )
     before, method, k, reported = 0, EXPLICIT, 1, time.perf_counter()
     mark = (float(t[0]), 0)
     while k < len(t):
         check_time(f"simulation at t = {solver.t:.6g} of {t[-1]:.6g} s")
-        message = solver.step()
-        if solver.status == "failed" or not np.isfinite(solver.y).all():
-            raise SolverError(
-                f"simulation: failed at t = {solver.t:.6g} s ({message or 'not finite'}); check torque and model"
-            )
-        dense = solver.dense_output()
-        while k < len(t) and t[k] <= solver.t:
-            out[k] = dense(t[k])
-            k += 1
-        evaluations = before + int(solver.nfev)
-        if method == EXPLICIT and solver.nfev - mark[1] >= BLOCK and k < len(t):
+        k = solver.advance(out, k, BLOCK)
+        if solver.failure:
+            raise SolverError(f"simulation: failed at t = {solver.t:.6g} s ({solver.failure}); check torque and model")
+        evaluations = before + solver.nfev
+        if method == EXPLICIT and k < len(t):
             if solver.nfev - mark[1] > RATE * (solver.t - mark[0]):
-                before, method, mark = evaluations, IMPLICIT, (float(solver.t), 0)
+                before, method, mark = evaluations, IMPLICIT, (solver.t, 0)
                 tight = {"rtol": max(rtol, RTOL_STIFF), "atol": np.maximum(atol, ATOL_STIFF)}
-                solver = LSODA(loop.rate, solver.t, solver.y, t[-1], jac=loop.jacobian, **tight)
+                solver = _Scipy(LSODA(loop.rate, solver.t, solver.y.copy(), t[-1], jac=loop.jacobian, **tight), t)
             else:
-                mark = (float(solver.t), int(solver.nfev))
+                mark = (solver.t, solver.nfev)
         elif method == IMPLICIT:
             mark = _check_advance(solver, mark, t)
         if evaluations > EVALUATIONS:
@@ -114,10 +150,10 @@ def integrate(
         if progress is not None and time.perf_counter() - reported > 1.0:
             reported = time.perf_counter()
             progress(f"simulation: t = {solver.t:7.3f} of {t[-1]:.3f} s, {evaluations} evaluations, {method}")
-    return Integration(out, before + int(solver.nfev), method)
+    return Integration(out, before + solver.nfev, method)
 
 
-def _check_advance(solver: LSODA, mark: tuple[float, int], t: np.ndarray) -> tuple[float, int]:
+def _check_advance(solver: CompiledDop853 | _Scipy, mark: tuple[float, int], t: np.ndarray) -> tuple[float, int]:
     """SolverError where the implicit method does not advance; else instant and evaluations of the last check."""
     if solver.nfev - mark[1] < PATIENCE and solver.nfev < EVALUATIONS_STIFF:
         return mark
@@ -127,4 +163,4 @@ def _check_advance(solver: LSODA, mark: tuple[float, int], t: np.ndarray) -> tup
             "implicit method: the equations of motion are stiff and their solution has steep layers; use a smaller "
             "beta of the friction, a larger rotor inertia, or a torque without jumps"
         )
-    return float(solver.t), int(solver.nfev)
+    return solver.t, solver.nfev

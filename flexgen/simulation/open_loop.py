@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
+from scipy.interpolate import PPoly
 
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
+from flexgen.simulation.compiled_rate import CompiledRate, compiled_rate
 from flexgen.simulation.integrators import EXPLICIT, OpenLoop, integrate
 
-TorqueInput = Callable[[float, float], Callable[[float], np.ndarray]]
+TorqueInput = Callable[[float, float], PPoly]
 
 ATOL_WORK = 1e-9  # J: work and loss are observers, they must not drive the step size below what the motion needs
 
@@ -59,7 +62,8 @@ def run_windows(
     t : array (n,) [s]
         Instants of the results.
     torque : callable
-        Motor torques (n_m,) as a function of the instant in a window, from the start and the end of the window.
+        Motor torques (n_m,) as a piecewise polynomial of the instant in a window, from the start and the end of the
+        window.
     starts : sequence of (int, array)
         Sample at which a window begins, and the state (q_a, q_me, v_a, v_me) that it begins with; None: the integrator
         starts again from the state that was reached, where the torque jumps or has a corner.
@@ -71,14 +75,13 @@ def run_windows(
     n = robot.dof
     side = np.ones(n)  # of the motors: rad at the motor for each rad at the arm
     side[robot.n_a :] = np.abs(robot.eta).max(axis=1)[list(robot.i_m)]
-    tau = torque(t[0], t[-1])
-    loop = open_loop(equations, lambda instant: tau(instant))
+    function, in_c = _rates(equations, progress)
     tolerances = np.concatenate([np.full(2 * n, atol), np.full(2, ATOL_WORK)])
     states, start_energy = np.empty((len(t), 2 * n + 2)), np.empty(len(t))
     gap, evaluations, integrator = 0.0, 0, EXPLICIT
     ends = [first for first, _ in starts[1:]] + [len(t) - 1]
     for (first, start), last in zip(starts, ends, strict=True):
-        tau = torque(t[first], t[last])
+        loop = open_loop(equations, function, in_c, torque(t[first], t[last]))
         begin = states[first].copy() if start is None else np.concatenate([start, np.zeros(2)])
         found = integrate(loop, begin, t[first : last + 1], rtol, tolerances, progress)
         own = slice(first + (first > 0), last + 1)
@@ -91,41 +94,49 @@ def run_windows(
     return Run(states, start_energy, gap, evaluations, integrator)
 
 
-def open_loop(equations: Equations, tau: Callable[[float], np.ndarray]) -> OpenLoop:
-    """The open loop with the states (q_a, q_me, v_a, v_me, work, loss)."""
+def open_loop(equations: Equations, function: ca.Function, in_c: CompiledRate | None, torque: PPoly) -> OpenLoop:
+    """The open loop with the states (q_a, q_me, v_a, v_me, work, loss).
+
+    ``function``, ``in_c``: its rate as a CasADi function of state and torque, and the same in C.
+    """
     robot = equations.model
     n_a, n, i_m = robot.n_a, robot.dof, list(robot.i_m)
     motors, speeds = np.zeros(robot.n_m), np.zeros(robot.n_m)
-    state, torque, out = np.zeros(2 * n), np.zeros(robot.n_m), np.zeros(2 * n + 2)
-    function = _rate(equations)
-    buffer, evaluate_rate = function.buffer()  # without the conversions of a call
-    buffer.set_arg(0, state.data)
-    buffer.set_arg(1, torque.data)
-    buffer.set_res(0, out.data)
 
     def rate(instant: float, x: np.ndarray) -> np.ndarray:
-        state[:], torque[:] = x[: 2 * n], tau(instant)
-        evaluate_rate()  # of `function`, which must live as long
-        return out.copy()
+        return np.asarray(function(x, torque(instant)), float).ravel()
 
     def jacobian(instant: float, x: np.ndarray) -> np.ndarray:
         motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a : 2 * n]
-        A, _ = equations.function("linearize")(x[:n_a], x[n : n + n_a], motors, speeds, tau(instant))
+        A, _ = equations.function("linearize")(x[:n_a], x[n : n + n_a], motors, speeds, torque(instant))
         return np.pad(np.array(A), (0, 2))
 
-    return OpenLoop(rate, jacobian, (function, buffer))
+    return OpenLoop(rate, jacobian, in_c, torque)
+
+
+_Known = WeakKeyDictionary[Equations, tuple[ca.Function, CompiledRate | None]]
+_known: _Known = WeakKeyDictionary()
+
+
+def _rates(equations: Equations, progress: Callable[[str], None] | None) -> tuple[ca.Function, CompiledRate | None]:
+    """The rate of a robot as a CasADi function, and in C."""
+    if equations not in _known:
+        function = _rate(equations)
+        _known[equations] = function, compiled_rate(function, progress)
+    return _known[equations]
 
 
 def _rate(equations: Equations) -> ca.Function:
-    """The derivative of the state and of both observers, a function of the state without them and of the torque."""
+    """The derivative of (q_a, q_me, v_a, v_me, work, loss) as a function of this state and the torque."""
     robot = equations.model
     n_a, n = robot.n_a, robot.dof
-    x, torque = ca.MX.sym("x", 2 * n), ca.MX.sym("tau_m", robot.n_m)
-    motors, speeds = ca.MX.zeros(robot.n_m), ca.MX.zeros(robot.n_m)
+    x, torque = ca.SX.sym("x", 2 * n + 2), ca.SX.sym("tau_m", robot.n_m)
+    motors, speeds = ca.SX.zeros(robot.n_m), ca.SX.zeros(robot.n_m)
     for k, j in enumerate(robot.i_m):
         motors[j], speeds[j] = x[n_a + k], x[n + n_a + k]
     power = equations.function("power")(x[:n_a], x[n : n + n_a], motors, speeds, torque)
-    return ca.Function("rate", [x, torque], [ca.vertcat(equations.function("state_rate")(x, torque), *power)])
+    rates = ca.vertcat(equations.function("state_rate")(x[: 2 * n], torque), *power)
+    return ca.Function("rate", [x, torque], [ca.cse(rates)])
 
 
 def _energy(equations: Equations, x: np.ndarray) -> float:

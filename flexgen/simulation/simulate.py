@@ -1,7 +1,7 @@
 """Forward simulation of the full model under a given motor torque: the verification of inverse dynamics.
 
 The integrator (explicit Runge-Kutta of order 8 by Dormand and Prince, tight tolerance; an implicit method for stiff
-problems) shares no code with the solvers.
+problems) and the Lagrange equations that it integrates share no code with the solvers.
 The torque is a quintic spline through the samples or, where limits are active, the polynomials that it was sampled
 from; if there are none, a monotone cubic that stays within the limits. Work and losses are integrated too. The energy
 balance
@@ -30,13 +30,14 @@ from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.statics import Equilibrium
 from flexgen.model.elements import RobotModel
+from flexgen.model.output_columns import output_labels, output_units
 from flexgen.numerics.evaluate import evaluate
 from flexgen.ports import Port
 from flexgen.progress import Choice, reported
 from flexgen.simulation.growth import LARGEST_GROWTH, Growth, Motion, growth_along
 from flexgen.simulation.hold import SAME, TorqueCommand, extended
 from flexgen.simulation.open_loop import TorqueInput, run_windows
-from flexgen.simulation.torque_curve import torque_curve
+from flexgen.simulation.torque_curve import then_constant, torque_curve
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 
@@ -69,7 +70,7 @@ class Simulation:
     window_gap : float [rad or m]
         Largest distance of a coordinate (motors: arm side) between the end of a window and the start of the next.
     integrator : str
-        Method of scipy.
+        ``DOP853``, or ``LSODA`` where the problem is stiff.
     """
 
     trajectory: Trajectory
@@ -91,27 +92,6 @@ class Simulation:
             f"{e:.3g} {u}" for e, u in ((self.tool_error_max_m, "m"), (self.tool_error_max_rad, "rad")) if e is not None
         ]
         return f"<Simulation {self.trajectory.meta.get('model', '')}: tool error {', '.join(errors) or 'not measured'}>"
-
-
-def output_labels(model: RobotModel) -> dict[str, tuple[str, ...]]:
-    """Labels of the columns of the reference: ``y_ref`` and, for a pose, ``R_ref`` (rows of the matrix)."""
-    output = model.output
-    if output.type == "combination":
-        return {"y_ref": tuple(f"y{k + 1}" for k in range(output.size))}
-    if output.type == "tool_position":
-        return {"y_ref": tuple(output.axes)}
-    return {"y_ref": tuple("xyz"), "R_ref": tuple(f"{r}{c}" for r in "xyz" for c in "xyz")}
-
-
-def output_units(model: RobotModel) -> tuple[str, ...]:
-    """Unit of each row of the output y, without the orientation of a pose: "m" or "rad"."""
-    output = model.output
-    if output.type != "combination":
-        return ("m",) * (3 if output.type == "tool_pose" else output.size)
-    if output.unit != "mixed":
-        return (output.unit,) * output.size
-    # rows of different units are joints: each row has the unit of its coordinate
-    return tuple(model.coordinates[int(np.argmax(np.abs(row)))].unit for row in output.weights)
 
 
 def _checked(model: RobotModel, data: Trajectory) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
@@ -326,12 +306,8 @@ def _with_ripple(
 def _held_curve(data: Trajectory, torque: np.ndarray) -> TorqueInput:
     """The motor torque at an instant, its last value after the end."""
     curve = torque_curve(data.time, torque, limited=data.meta.get("torque") == "limited")
-    end, last = data.time[-1], torque[-1]
-
-    def tau(instant: float) -> np.ndarray:
-        return np.asarray(curve(instant)) if instant < end else last
-
-    return lambda begin, finish: tau
+    held = then_constant(curve, torque[-1])
+    return lambda begin, finish: held
 
 
 def _with_held_end(

@@ -10,12 +10,13 @@ from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
+from flexgen.model.output_columns import output_labels
 from flexgen.paths.path import Path
 from flexgen.ports import Port
 from flexgen.runtime.library import Library
 from flexgen.runtime.stream import Interval, Stream
 from flexgen.simulation.hold import TorqueCommand
-from flexgen.simulation.simulate import Simulation, output_labels, simulate
+from flexgen.simulation.simulate import Simulation, simulate
 from flexgen.trajectory import Trajectory
 
 UPDATE, AHEAD, PARTS = 5e-3, 20, 5  # s, intervals, samples in each

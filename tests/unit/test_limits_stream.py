@@ -24,11 +24,12 @@ from flexgen.inversion import model_library as built
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import samples
+from flexgen.model.output_columns import output_labels
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.ports import Port
 from flexgen.runtime.stream import Interval
-from flexgen.simulation.simulate import output_labels, simulate
+from flexgen.simulation.simulate import simulate
 from flexgen.trajectory import Trajectory
 
 pytestmark = needs_compiler

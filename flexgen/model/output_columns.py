@@ -1,0 +1,28 @@
+"""Columns of the output of a robot in trajectories: labels and units."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from flexgen.model.elements import RobotModel
+
+
+def output_labels(model: RobotModel) -> dict[str, tuple[str, ...]]:
+    """Labels of the columns of the reference: ``y_ref`` and, for a pose, ``R_ref`` (rows of the matrix)."""
+    output = model.output
+    if output.type == "combination":
+        return {"y_ref": tuple(f"y{k + 1}" for k in range(output.size))}
+    if output.type == "tool_position":
+        return {"y_ref": tuple(output.axes)}
+    return {"y_ref": tuple("xyz"), "R_ref": tuple(f"{r}{c}" for r in "xyz" for c in "xyz")}
+
+
+def output_units(model: RobotModel) -> tuple[str, ...]:
+    """Unit of each row of the output y, without the orientation of a pose: "m" or "rad"."""
+    output = model.output
+    if output.type != "combination":
+        return ("m",) * (3 if output.type == "tool_pose" else output.size)
+    if output.unit != "mixed":
+        return (output.unit,) * output.size
+    # rows of different units are joints: each row has the unit of its coordinate
+    return tuple(model.coordinates[int(np.argmax(np.abs(row)))].unit for row in output.weights)

@@ -1,0 +1,182 @@
+"""The right-hand side of the definition's equations of motion in C, and the explicit integrator in C around it.
+
+CasADi writes the C of the Lagrange equations, so that nothing here is shared with the recursion, with the emitted
+library or with the solvers. It is compiled once for each model and kept in the user's cache.
+
+Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec. II.5 (DOP853).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from scipy.integrate import DOP853
+from scipy.interpolate import PPoly
+
+from flexgen.build.c_module import c_module, compiled
+from flexgen.build.compiler import find_compiler
+
+SOURCE = Path(__file__).with_name("dop853.c")
+FAST = 30_000  # operations: above it the compiler takes too long to optimize
+LONG = 5_000  # operations: above it the compiler takes a second or more
+DONE, MORE, STEP_TOO_SMALL, NOT_FINITE = range(4)
+STAGES, DENSE = 16, 7
+EXPORTED = '#ifdef __GNUC__\n#define CASADI_SYMBOL_EXPORT __attribute__((visibility("default")))\n#endif\n'
+
+
+class _Problem(ctypes.Structure):
+    _fields_ = [
+        ("rate", ctypes.c_void_p),
+        ("iw", ctypes.c_void_p),
+        ("w", ctypes.c_void_p),
+        *((name, ctypes.c_int64) for name in ("n", "n_u", "pieces", "k")),
+        *((name, ctypes.c_void_p) for name in ("breaks", "coefficients")),
+        ("rtol", ctypes.c_double),
+        *((name, ctypes.c_void_p) for name in ("atol", "A", "B", "C", "E3", "E5", "dense")),
+    ]
+
+
+class _Position(ctypes.Structure):
+    _fields_ = [
+        ("t", ctypes.c_double),
+        ("step", ctypes.c_double),
+        *((name, ctypes.c_int64) for name in ("evaluations", "piece", "begun")),
+        ("memory", ctypes.c_void_p),
+    ]
+
+
+@dataclass(frozen=True)
+class CompiledRate:
+    """The function ``rate(x, u) -> x'`` in C: its library, and its address and workspace."""
+
+    library: Path
+    pointer: int
+    integers: np.ndarray
+    reals: np.ndarray
+    keep: tuple[object, ...]
+
+
+def compiled_rate(rate: ca.Function, progress: Callable[[str], None] | None) -> CompiledRate | None:
+    """A CasADi function in C; None where there is no C compiler."""
+    if find_compiler() is None:
+        return None
+    size = rate.n_instructions()
+    generator = ca.CodeGenerator("rate", {"with_header": False})
+    generator.add(rate)
+
+    def announce() -> None:
+        if progress is not None and size > LONG:
+            progress(f"simulation: compiling the equations of motion, {size} operations")
+
+    library = compiled("rate", EXPORTED + generator.dump(), level="-O1" if size < FAST else "-O0", before=announce)
+    loaded = ctypes.CDLL(str(library))
+    pointer = ctypes.cast(loaded.rate, ctypes.c_void_p).value
+    assert pointer is not None
+    integers, reals = np.zeros(rate.sz_iw() + 1, np.int64), np.zeros(rate.sz_w() + 1)
+    return CompiledRate(library, pointer, integers, reals, (loaded,))
+
+
+class CompiledDop853:
+    """The explicit integrator in C: ``advance`` fills results block by block.
+
+    Parameters
+    ----------
+    rate : CompiledRate
+    torque : PPoly
+        The input, a piecewise polynomial.
+    t : array (n,) [s]
+        Instants of the results; the first is the start.
+    start : array (n_x,)
+    rtol : float
+    atol : array (n_x,)
+
+    Attributes
+    ----------
+    y : array (n_x,)
+        The state at ``t``.
+    failure : str
+        Why it stopped; empty: it did not.
+    """
+
+    def __init__(
+        self, rate: CompiledRate, torque: PPoly, t: np.ndarray, start: np.ndarray, rtol: float, atol: np.ndarray
+    ) -> None:
+        n, n_u = len(start), torque.c.shape[2]
+        extra = np.zeros((STAGES, STAGES))
+        extra[:12, :12] = DOP853.A
+        extra[13:, :] = DOP853.A_EXTRA
+        nodes = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])
+        arrays = {
+            "breaks": torque.x,
+            "coefficients": torque.c.transpose(1, 0, 2),
+            "atol": atol,
+            "A": extra,
+            "B": DOP853.B,
+            "C": nodes,
+            "E3": DOP853.E3,
+            "E5": DOP853.E5,
+            "dense": DOP853.D,
+        }
+        self._arrays = {name: np.ascontiguousarray(x, float) for name, x in arrays.items()}
+        self._instants = np.ascontiguousarray(t[1:], float)
+        self._memory = np.zeros((STAGES + 4 + DENSE) * n + n_u)
+        self._memory[:n] = start
+        self.y = self._memory[:n]
+        self._rate, self.failure, self._written = rate, "", ctypes.c_int64(0)
+        self._problem = _Problem(
+            rate=rate.pointer,
+            iw=rate.integers.ctypes.data,
+            w=rate.reals.ctypes.data,
+            n=n,
+            n_u=n_u,
+            pieces=torque.c.shape[1],
+            k=torque.c.shape[0],
+            rtol=rtol,
+            **{name: x.ctypes.data for name, x in self._arrays.items()},
+        )
+        self._position = _Position(t=t[0], memory=self._memory.ctypes.data)
+        self._advance = _advance()
+
+    @property
+    def t(self) -> float:
+        """Where the integration is [s]."""
+        return float(self._position.t)
+
+    @property
+    def nfev(self) -> int:
+        """Evaluations of the rate."""
+        return int(self._position.evaluations)
+
+    def advance(self, out: np.ndarray, k: int, most: int) -> int:
+        """Fill ``out`` from row ``k`` on for about ``most`` evaluations; the first row that is not filled yet."""
+        assert out.flags.c_contiguous and k == self._written.value + 1
+        status = self._advance(
+            ctypes.byref(self._problem),
+            ctypes.byref(self._position),
+            len(self._instants),
+            self._instants.ctypes.data,
+            out[1:].ctypes.data,
+            ctypes.byref(self._written),
+            most,
+        )
+        if status == STEP_TOO_SMALL:
+            self.failure = "Required step size is less than spacing between numbers."
+        elif status == NOT_FINITE:
+            self.failure = "not finite"
+        return int(self._written.value) + 1
+
+
+@lru_cache(maxsize=1)
+def _advance() -> Any:
+    function = c_module(SOURCE).simulation_advance
+    function.restype = ctypes.c_int
+    pointer, integer = ctypes.c_void_p, ctypes.c_int64
+    function.argtypes = [pointer, pointer, integer, pointer, pointer, pointer, integer]
+    return function
