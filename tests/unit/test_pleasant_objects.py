@@ -130,7 +130,8 @@ def test_interpolation_meets_the_samples_and_the_equations(solution):
     equations = derive("elbow")
     q, motors = [[one[f"{x}_{kind}"] for x in "qva"] for kind in "am"]
     rows = np.concatenate([r.ravel() for r in evaluate(equations.function("residual"), *q, *motors, one["tau_m"])])
-    assert np.abs(rows).max() <= 1.01 * solution.residual_max_Nm + 1e-9
+    rounding = 1e-9 * np.abs(trajectory["tau_g"]).max()  # of second derivatives over a short interval
+    assert np.abs(rows).max() <= 1.01 * solution.residual_max_Nm + rounding
     step = 1e-5
     low, high = (trajectory.at(float(t[7] + t[8]) / 2 + sign * step) for sign in (-1, 1))
     assert np.allclose((high["q_a"] - low["q_a"]) / (2 * step), one["v_a"], rtol=1e-6, atol=1e-9)
