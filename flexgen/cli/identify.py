@@ -54,6 +54,8 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
         lines=args.lines,
         period_s=args.period,
         periods=args.periods,
+        transients=args.transients,
+        sensors=args.sensors,
         realizations=args.realizations,
         hardware=hardware,
         seed=args.seed,
@@ -101,11 +103,11 @@ def measure(args: Namespace, log: Progress) -> VerbResult:
     began = time.perf_counter()
     writer = None
     if args.raw is not None:
-        from flexgen.identification.recordings.experiment_file import RecordingWriter
+        from flexgen.identification.recordings.recording_writer import RecordingWriter
 
         with writing(args.raw):
             writer = RecordingWriter(args.raw, plan, robot)
-    experiment = simulate(plan, robot, seed=args.seed, raw=writer, progress=throttled(log))
+    experiment = simulate(plan, robot, seed=args.seed, beside=args.beside, raw=writer, progress=throttled(log))
     wall = time.perf_counter() - began
     with writing(args.out):
         experiment.save(args.out)
@@ -147,7 +149,7 @@ def frf(args: Namespace, log: Progress) -> VerbResult:
         experiment = read_experiment(args.experiment)
     else:
         experiment = Experiment.load(args.experiment)
-    found = estimate(experiment, average=args.average)
+    found = estimate(experiment, average=args.average, transients=args.transients)
     with writing(args.out):
         found.save(args.out)
     data: dict[str, Any] = {
@@ -155,10 +157,11 @@ def frf(args: Namespace, log: Progress) -> VerbResult:
         "frf": str(args.out),
         "poses": len(found.poses),
         "lines": len(found.w),
+        "outputs": list(found.outputs),
         "median_relative_sd": found.relative_sd(),
     }
     text = (
-        f"{found.model}: {len(found.poses)} poses, {len(found.w)} lines, {len(found.motors)} x {len(found.motors)}\n"
+        f"{found.model}: {len(found.poses)} poses, {len(found.w)} lines, {len(found.outputs)} x {len(found.motors)}\n"
         f"median standard deviation by noise: {number(100 * found.relative_sd())} %\n\nwrote {args.out}"
     )
     if args.report is not None:

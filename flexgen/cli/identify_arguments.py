@@ -24,6 +24,9 @@ def add_verbs(group: Any, add_verb: Callable[..., Any]) -> None:
     sub.add_argument(
         "--raw", metavar="DIR", type=file_path, help="also write all samples, as recordings that 'flexgen frf' reads"
     )
+    sub.add_argument(
+        "--beside", action="store_true", help="also keep the spectra beside the lines, for 'flexgen frf --transients'"
+    )
     sub.add_argument("--out", metavar="FILE", type=file_path, required=True, help="write the spectra to this .npz file")
     sub = add_verb(group, "frf", frf, model=False)
     sub.add_argument(
@@ -32,8 +35,11 @@ def add_verbs(group: Any, add_verb: Callable[..., Any]) -> None:
         type=file_path,
         help="file written by 'flexgen measure', or a .toml file that describes recordings",
     )
-    averages = ("arithmetic", "harmonic", "logarithmic")
+    averages = ("arithmetic", "harmonic", "logarithmic", "h1")
     sub.add_argument("--average", choices=averages, metavar="NAME", default="arithmetic", help=", ".join(averages))
+    sub.add_argument(
+        "--transients", action="store_true", help="remove transients by local polynomials beside the lines"
+    )
     sub.add_argument(
         "--out", metavar="FILE", type=file_path, required=True, help="write the responses to this .npz file"
     )
@@ -59,6 +65,12 @@ def _add_excite_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--lines", metavar="N", type=int, default=63, help="number of frequencies; default: 63")
     parser.add_argument("--period", metavar="S", type=positive, default=4.0, help="of the excitation [s]; default: 4")
     parser.add_argument("--periods", metavar="N", type=int, default=4, help="that are measured; default: 4")
+    parser.add_argument(
+        "--transients", metavar="N", type=int, default=1, help="periods before them that are not; default: 1"
+    )
+    parser.add_argument(
+        "--sensors", metavar="NAME,NAME,...", type=names, help="channels of [[sensor]] tables; default: all"
+    )
     parser.add_argument(
         "--realizations", metavar="N", type=int, default=1, help="of the random phases; default: 1; 6 with friction"
     )

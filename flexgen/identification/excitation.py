@@ -50,6 +50,8 @@ class Plan:
         Periods that are measured, and periods before them that are not.
     hardware : DriveHardware
     controller : Cascade
+    sensors : tuple of str
+        Channels of sensors that are recorded too.
     predicted : dict of str to float
         Expected standard deviation of the logarithm of each parameter, where it was computed.
     """
@@ -67,6 +69,7 @@ class Plan:
     hardware: DriveHardware
     controller: Cascade
     predicted: dict[str, float] = field(default_factory=dict)
+    sensors: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return (
@@ -149,6 +152,7 @@ class Plan:
             "transients": self.transients,
             "hardware": hardware,
             "predicted": self.predicted,
+            "sensors": list(self.sensors),
         }
         return arrays, meta
 
@@ -176,6 +180,7 @@ class Plan:
             meta["model"], meta["digest"], tuple(meta["motors"]), arrays["poses"], arrays["lines"].astype(int),
             float(meta["period_s"]), arrays["amplitudes"], arrays["phases"], int(meta["periods"]),
             int(meta["transients"]), hardware, Cascade(*gains), dict(meta["predicted"]),
+            tuple(map(str, meta.get("sensors", ()))),
         )  # fmt: skip
 
 

@@ -1,9 +1,8 @@
 """`measure`: a simulated experiment. Robots under their drives follow the references of a plan; spectra are kept.
 
-    X(l) = 2/N sum_k x(t_k) exp(-j w_l t_k)          each period by itself
-
 Raw samples of an experiment take megabytes for each second of robot; the spectra at the excited lines are all that the
-frequency responses need. Raw samples are kept on demand, in the form in which recordings of real robots are read.
+frequency responses need, see `flexgen.identification.spectra`. Raw samples are kept on demand, in the form in which
+recordings of real robots are read.
 """
 
 from __future__ import annotations
@@ -19,8 +18,11 @@ from flexgen import array_files
 from flexgen.errors import ArgumentError
 from flexgen.identification.excitation import Plan
 from flexgen.identification.local_model import LocalModel
+from flexgen.identification.outputs import output_orders
+from flexgen.identification.sensor_simulation import SensorSignals
+from flexgen.identification.spectra import line_offsets, spectra_beside, spectrum
 from flexgen.inversion.model_library import library_with
-from flexgen.loop.closed_loop import ClosedLoop
+from flexgen.loop.closed_loop import ClosedLoop, Samples
 from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
@@ -49,6 +51,14 @@ class Experiment:
         Where it comes from.
     hold : str
         Of the torques between samples: ``"zoh"`` or ``"none"``.
+    signals : complex array (k, realizations, experiments, periods, lines, channels) or None
+        Of the sensor channels ``plan.sensors``, SI units.
+    offsets, beside : arrays (offsets,), (k, realizations, experiments, offsets, lines, 2 n_m + channels), or None
+        Spectra of torques, angles and signals of the whole record beside the lines, see `spectra`; None: not kept.
+    orders : tuple of int or None
+        Time derivatives from each sensor channel to an acceleration.
+    periodic : bool
+        False: the periods are windowed segments of a motion without period.
     """
 
     plan: Plan
@@ -58,6 +68,11 @@ class Experiment:
     saturated: np.ndarray
     source: str = ""
     hold: str = "zoh"
+    signals: np.ndarray | None = None
+    offsets: np.ndarray | None = None
+    beside: np.ndarray | None = None
+    orders: tuple[int, ...] | None = None
+    periodic: bool = True
 
     def __repr__(self) -> str:
         return f"<Experiment {self.source or self.plan.model}: {self.plan!r}>"
@@ -75,8 +90,12 @@ class Experiment:
         """Arrays and other data of a file."""
         arrays, meta = self.plan.data()
         own = {"tau_m": self.tau_m, "q_m": self.q_m, "speed_sd": self.speed_sd, "saturated": self.saturated}
+        more = {name: getattr(self, name) for name in ("signals", "offsets", "beside")}
+        own |= {name: x for name, x in more.items() if x is not None}
         return arrays | own, {
             **meta,
+            "periodic": self.periodic,
+            "orders": None if self.orders is None else list(self.orders),
             "source": self.source,
             "hold": self.hold,
             "units": {"tau_m": "N m", "q_m": "rad"},
@@ -94,7 +113,23 @@ class Experiment:
             raise ValueError("arrays of different sizes")
         if tau_m.shape[3] != plan.periods or meta["hold"] not in HOLDS or tau_m.size == 0:
             raise ValueError(f"periods and hold: expected {plan.periods} and one of {', '.join(HOLDS)}")
-        return cls(plan, tau_m, q_m, speed_sd, saturated, str(meta["source"]), str(meta["hold"]))
+        signals, offsets, beside = (arrays.get(name) for name in ("signals", "offsets", "beside"))
+        c = len(plan.sensors)
+        if (signals is None) != (c == 0) or (signals is not None and signals.shape != (*given[:-1], c)):
+            raise ValueError(f"signals: expected those of {c} sensor channels")
+        orders = tuple(map(int, meta.get("orders") or ())) or None
+        if (0 if orders is None else len(orders)) != c or not set(orders or ()) <= {0, 1, 2}:
+            raise ValueError(f"orders: expected {c} numbers from 0 to 2")
+        if (offsets is None) != (beside is None):
+            raise ValueError("offsets, beside: expected both or none")
+        if offsets is not None and beside is not None:
+            if offsets.ndim != 1 or beside.shape != (*given[:3], len(offsets), lines, 2 * n + c):
+                raise ValueError("offsets, beside: arrays of different sizes")
+            offsets = offsets.astype(int)
+        return cls(
+            plan, tau_m, q_m, speed_sd, saturated, str(meta["source"]), str(meta["hold"]), signals, offsets, beside,
+            orders, bool(meta.get("periodic", True)),
+        )  # fmt: skip
 
 
 @reported("measure")
@@ -104,7 +139,8 @@ def measure(
     *,
     seed: int = 0,
     steps: int | None = None,
-    raw: Callable[[int, int, int, np.ndarray, np.ndarray], None] | None = None,
+    beside: bool = False,
+    raw: Callable[[int, int, int, np.ndarray, np.ndarray, np.ndarray], None] | None = None,
     progress: Choice = None,
 ) -> Experiment:
     """Simulate the experiment of a plan.
@@ -118,14 +154,17 @@ def measure(
         Of the noise.
     steps : int, optional
         Integration steps in a sample; default: by the fastest eigenvalue.
+    beside : bool
+        Also keep the spectra beside the lines, from which `frf` finds transients.
     raw : callable, optional
-        Called with pose, realization, experiment, angles and torques (samples, n_m) of the measured periods.
+        Called with pose, realization, experiment, angles and torques (samples, n_m) and sensor signals (samples,
+        channels) of the measured periods.
     progress : callable or bool, optional
 
     Raises
     ------
     ArgumentError
-        The robot has other motors than the plan.
+        The robot has other motors than the plan, or not its sensors.
     SolverError
         The loop is unstable.
     """
@@ -136,10 +175,9 @@ def measure(
     rest = local.rest(local.values, plan.poses)
     rate = largest_rate(local, plan.poses)
     shape = (len(plan.poses), plan.realizations, plan.experiments, plan.periods, len(plan.lines), robot.n_m)
-    tau, q = np.empty(shape, complex), np.empty(shape, complex)
-    square, saturated = np.zeros((len(plan.poses), robot.n_m)), np.zeros(len(plan.poses), np.int64)
+    kept = _Spectra(plan, robot, SensorSignals(robot, plan, library, seed) if plan.sensors else None, beside)
+    saturated = np.zeros(len(plan.poses), np.int64)
     runs = [(k, r, e) for k in range(shape[0]) for r in range(shape[1]) for e in range(shape[2])]
-    w = 2 * np.pi * plan.frequencies
     for first in range(0, len(runs), LANES):
         group = runs[first : first + LANES]
         at = [k for k, _, _ in group]
@@ -154,23 +192,63 @@ def measure(
             reference[:, lane, : robot.n_m] = plan.poses[k] + plan.reference(r, e)
             reference[:, lane, robot.n_m :] = rest.tau_m[k]
         settle(loop, reference, plan.transients)
-        kept = []
-        for period, samples in enumerate(loop.periods(reference, plan.periods)):
-            for lane, (k, r, e) in enumerate(group):
-                tau[k, r, e, period] = spectrum(samples.tau_m[:, lane], plan.lines)
-                q[k, r, e, period] = spectrum(samples.q_m[:, lane], plan.lines)
-                square[k] += (w[:, None] ** 2 * np.abs(q[k, r, e, period]) ** 2).sum(axis=0) / 2
-            if raw is not None:
-                kept.append(samples)
+        recorded = []
+        for period, samples in enumerate(loop.periods(reference, plan.periods, motion=kept.sensors is not None)):
+            recorded.append(kept.add(group, period, samples, keep=raw is not None))
             if tell is not None:
                 done = (first + len(group) * (period + 1) / plan.periods) / len(runs)
                 tell(f"measure: {100 * done:.0f} % of {plan.duration_s:.0f} s of robot")
         np.add.at(saturated, at, loop.saturated)
         if raw is not None:
-            for lane, (k, r, e) in enumerate(group):
-                raw(k, r, e, *(np.concatenate([getattr(s, name)[:, lane] for s in kept]) for name in ("q_m", "tau_m")))
-    speed = np.sqrt(square / (shape[1] * shape[2] * shape[3]))
-    return Experiment(plan, tau, q, speed, saturated, f"simulation of {robot.name}")
+            for lane, run in enumerate(group):
+                raw(*run, *(np.concatenate([part[i][:, lane] for part in recorded]) for i in range(3)))
+    w = 2 * np.pi * plan.frequencies
+    speed = np.sqrt((np.abs(w[:, None] * kept.q_m) ** 2).sum(axis=-2).mean(axis=(1, 2, 3)) / 2)
+    return Experiment(
+        plan, kept.tau_m, kept.q_m, speed, saturated, f"simulation of {robot.name}", "zoh", kept.signals, kept.offsets,
+        kept.beside, tuple(output_orders(robot, plan.sensors)[robot.n_m :].tolist()) if plan.sensors else None,
+    )  # fmt: skip
+
+
+class _Spectra:
+    """The spectra of an experiment, filled period by period; names as in `Experiment`."""
+
+    def __init__(self, plan: Plan, robot: RobotModel, sensors: SensorSignals | None, beside: bool) -> None:
+        self.plan, self.sensors = plan, sensors
+        runs, n, c = (len(plan.poses), plan.realizations, plan.experiments), robot.n_m, len(plan.sensors)
+        shape = (*runs, plan.periods, len(plan.lines))
+        self.tau_m, self.q_m = np.empty((*shape, n), complex), np.empty((*shape, n), complex)
+        self.signals = np.empty((*shape, c), complex) if c else None
+        self.offsets = line_offsets(plan.lines, plan.periods) if beside else None
+        self.beside: np.ndarray | None = None
+        if self.offsets is not None:
+            if sensors is not None and max(sensors.steps) > 1:
+                raise ArgumentError("transients: given sensors that are slower than the drives, expected none of them")
+            self.beside = np.zeros((*runs, len(self.offsets), len(plan.lines), 2 * n + c), complex)
+        late = np.zeros(0) if sensors is None else sensors.delays
+        self._turn = np.exp(-2j * np.pi * plan.frequencies[:, None] * late)
+
+    def add(
+        self, group: list[tuple[int, int, int]], period: int, samples: Samples, keep: bool
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """One period of some runs; its samples of angles, torques and signals where they are kept."""
+        lines, empty = self.plan.lines, np.zeros((*samples.q_m.shape[:2], 0))
+        signals = empty
+        if self.sensors is not None and samples.motion is not None:
+            signals = self.sensors(samples.motion)
+        for lane, run in enumerate(group):
+            self.tau_m[*run, period] = spectrum(samples.tau_m[:, lane], lines)
+            self.q_m[*run, period] = spectrum(samples.q_m[:, lane], lines)
+            if self.sensors is not None and self.signals is not None:
+                for c, step in enumerate(self.sensors.steps):
+                    self.signals[*run, period, :, c] = spectrum(signals[::step, lane, c : c + 1], lines)[:, 0]
+                self.signals[*run, period] *= self._turn
+            if self.offsets is not None and self.beside is not None:
+                x = np.hstack([samples.tau_m[:, lane], samples.q_m[:, lane], signals[:, lane]])
+                found = spectra_beside(x, lines, self.offsets, period, self.plan.periods)
+                found[..., x.shape[1] - signals.shape[2] :] *= self._turn
+                self.beside[run] += found
+        return (samples.q_m, samples.tau_m, signals) if keep else (empty, empty, empty)
 
 
 def _robot(plan: Plan, truth: RobotModel | str | Path | None) -> RobotModel:
@@ -200,11 +278,6 @@ def settle(loop: ClosedLoop, reference: np.ndarray, periods: int) -> None:
     loop.run(fading, len(reference))
     for _ in loop.periods(reference, periods - 1):
         pass
-
-
-def spectrum(x: np.ndarray, lines: np.ndarray) -> np.ndarray:
-    """Amplitudes (lines, n) of the Fourier series of one period of samples (N, n)."""
-    return 2.0 / len(x) * np.fft.rfft(x, axis=0)[lines]
 
 
 def largest_rate(local: LocalModel, poses: np.ndarray) -> float:

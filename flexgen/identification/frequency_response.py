@@ -4,6 +4,10 @@
     C = sum V V^H / ((P - 1) n_e)                        covariance of the error of the outputs in one period
     cov G_ab, G_cd = C_ac S_bd,   S = (U U^H)^-T / P     noise only
 
+With a reference that is the same in each period this is the joint input-output method, G_yr G_ur^-1, without bias by
+noise in closed loop. For a motion without period there is H1 = S_yu S_uu^-1 over windowed segments (Welch's method),
+with bias.
+
 Several realizations of the random phases show what noise does not: nonlinear distortion and friction change G from
 realization to realization (total covariance).
 
@@ -23,34 +27,37 @@ import numpy as np
 from flexgen import array_files
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiment import Experiment
+from flexgen.identification.outputs import ANGLE
+from flexgen.identification.spectra import without_transients
 
-AVERAGES = ("arithmetic", "harmonic", "logarithmic")
+AVERAGES = ("arithmetic", "harmonic", "logarithmic", "h1")
 REPEATS = 6.0  # a period that differs from the others by more than this times their scatter does not repeat
 LARGEST_DIFFERENCE = 0.1  # of the signal: above it such a period is an error, below it a warning
 LARGEST = 1e100  # of a response or a variance in a file
+OVERLAP = 1 + 2 / 36  # variance of the mean over half overlapping Hann segments, over that of independent ones
 LEAST_TOTAL = 3  # realizations for a total covariance
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Frf:
-    """Frequency responses from motor torques to motor accelerations at k poses, motor side.
+    """Frequency responses from motor torques to accelerations of motors and sensors at k poses, motor side.
 
     Parameters
     ----------
     model : str
         Of the plan.
     motors : tuple of str
-        Inputs and outputs.
+        Inputs, and the first outputs.
     poses : array (k, n_m) [rad]
     w : array (lines,) [rad/s]
-    G : complex array (k, lines, n_m, n_m) [rad/s^2 / (N m)]
+    G : complex array (k, lines, outputs, n_m) [rad/s^2 / (N m) or m/s^2 / (N m)]
     UU : complex array (k, lines, n_m, n_m) [(N m)^2]
         ``U U^H`` over all experiments.
-    C : complex array (k, lines, n_m, n_m) [(rad/s^2)^2]
+    C : complex array (k, lines, outputs, outputs) [(rad/s^2)^2]
         Covariance of the error of the outputs in one period.
-    variance : array (k, lines, n_m, n_m)
+    variance : array (k, lines, outputs, n_m)
         Variance of each element of G by noise.
-    total : array (k, lines, n_m, n_m) or None
+    total : array (k, lines, outputs, n_m) or None
         Variance of each element of G, distortion included; None with fewer than three realizations.
     periods, experiments : int
         Periods averaged, and experiments of all realizations at a pose.
@@ -58,6 +65,10 @@ class Frf:
         Hold of the torques (0: none) and their known delay.
     speed_sd : array (k, n_m) [rad/s]
     warnings : tuple of str
+    sensors : tuple of str
+        Sensor channels, the outputs after the motors.
+    orders : tuple of int
+        Time derivatives from the signal of each channel to its acceleration.
     """
 
     model: str
@@ -75,12 +86,19 @@ class Frf:
     delay_s: float
     speed_sd: np.ndarray
     warnings: tuple[str, ...] = ()
+    sensors: tuple[str, ...] = ()
+    orders: tuple[int, ...] = ()
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs: motors, then sensor channels."""
+        return self.motors + self.sensors
 
     def __repr__(self) -> str:
         hz = self.w / (2 * np.pi)
         return (
             f"<Frf {self.model}: {len(self.poses)} poses, {len(self.w)} lines {hz[0]:.3g} .. {hz[-1]:.3g} Hz, "
-            f"{len(self.motors)} x {len(self.motors)}>"
+            f"{len(self.outputs)} x {len(self.motors)}>"
         )
 
     def relative_sd(self) -> float:
@@ -90,7 +108,8 @@ class Frf:
     def to_control(self, pose: int = 0) -> Any:
         """The responses at one pose as a ``FrequencyResponseData`` of the package python-control.
 
-        Inputs ``tau_m[...]`` [N m], outputs ``a_m[...]`` [rad/s^2], motor side; ``pose`` from 0.
+        Inputs ``tau_m[...]`` [N m], outputs ``a_m[...]`` [rad/s^2], motor side, and the sensor channels
+        as accelerations; ``pose`` from 0.
 
         Raises
         ------
@@ -109,7 +128,7 @@ class Frf:
             self.G[pose].transpose(1, 2, 0),
             self.w,
             inputs=[f"tau_m[{name}]" for name in self.motors],
-            outputs=[f"a_m[{name}]" for name in self.motors],
+            outputs=[f"a_m[{name}]" for name in self.motors] + list(self.sensors),
         )
 
     def save(self, path: str | Path) -> Path:
@@ -127,6 +146,8 @@ class Frf:
         meta = {name: getattr(self, name) for name in ("model", "periods", "experiments", "sample_s", "delay_s")} | {
             "motors": list(self.motors),
             "warnings": list(self.warnings),
+            "sensors": list(self.sensors),
+            "orders": list(self.orders),
         }
         meta["units"] = {"G": "rad/s^2 / (N m)", "UU": "(N m)^2", "w": "rad/s", "poses": "rad"}
         return {name: getattr(self, name) for name in names}, {**meta, "side": "motor"}
@@ -136,7 +157,11 @@ class Frf:
         """The responses with these data; the inverse of `data`."""
         poses, w, G, UU, C, variance = (arrays[name] for name in ("poses", "w", "G", "UU", "C", "variance"))
         n, shape = len(meta["motors"]), (len(poses), len(w))
-        if any(x.shape != (*shape, n, n) for x in (G, UU, C, variance)) or poses.shape != (shape[0], n):
+        sensors, orders = tuple(map(str, meta.get("sensors", ()))), tuple(map(int, meta.get("orders", ())))
+        m = n + len(sensors)
+        expected = {(*shape, m, n): (G, variance), (*shape, n, n): (UU,), (*shape, m, m): (C,)}
+        wrong = any(x.shape != size for size, arrays_ in expected.items() for x in arrays_)
+        if wrong or poses.shape != (shape[0], n) or len(orders) != len(sensors) or not set(orders) <= {0, 1, 2}:
             raise ValueError("arrays of different sizes")
         if G.size == 0 or np.any(w <= 0) or np.any(np.diff(w) <= 0) or np.any(variance < 0):
             raise ValueError("expected rising frequencies > 0 and variances >= 0")
@@ -161,56 +186,124 @@ class Frf:
             raise ValueError("periods, experiments, sample_s, delay_s: expected numbers > 0 and times >= 0")
         return cls(
             str(meta["model"]), tuple(meta["motors"]), poses, w, G, UU, C, variance, arrays.get("total"), *counts,
-            *times, arrays["speed_sd"], tuple(meta["warnings"]),
+            *times, arrays["speed_sd"], tuple(meta["warnings"]), sensors, orders,
         )  # fmt: skip
 
 
-def frf(experiment: Experiment, *, average: str = "arithmetic") -> Frf:
+def frf(experiment: Experiment, *, average: str = "arithmetic", transients: bool = False) -> Frf:
     """Estimate the frequency responses of an experiment.
 
     Parameters
     ----------
     experiment : Experiment
     average : str
-        Over the realizations: ``"arithmetic"``, ``"harmonic"`` (of the inverses) or ``"logarithmic"`` (of amplitude
-        and phase of each element).
+        Over the realizations: ``"arithmetic"``, ``"harmonic"`` (of the inverses), ``"logarithmic"`` (of amplitude and
+        phase of each element), or ``"h1"`` (least squares over all periods; noise of the torques makes it too small).
+    transients : bool
+        Remove transients by local polynomials; the experiment needs its spectra ``beside`` the lines.
 
     Raises
     ------
     ArgumentError
-        Torques were limited, or a period does not repeat.
+        Torques were limited, a period does not repeat, or there are no spectra beside the lines.
     SolverError
         The inputs of the experiments are not independent.
     """
-    if average not in AVERAGES:
-        raise ArgumentError(f"average: given {average!r}, expected one of {', '.join(AVERAGES)}")
+    _check(experiment, average, transients)
     plan = experiment.plan
-    if np.any(experiment.saturated):
-        where = ", ".join(str(k + 1) for k in np.flatnonzero(experiment.saturated))
-        raise ArgumentError(
-            f"{experiment.source}: torques were at their limits at the poses {where}; a saturated motor is not linear: "
-            "take less speed_rms"
-        )
     w = 2 * np.pi * plan.frequencies
     n = len(plan.motors)
-    # (k, realizations, periods, lines, n_m, experiments)
-    U = experiment.tau_m.transpose(0, 1, 3, 4, 5, 2)
-    Y = -(w[:, None, None] ** 2) * experiment.q_m.transpose(0, 1, 3, 4, 5, 2)
-    warnings = _check_repeats(Y, experiment.source)
+    U, Y = _inputs_outputs(experiment)
+    P = plan.periods
+    warnings: tuple[str, ...] = ()
+    spread, noise_periods = 1.0, 1
+    if not experiment.periodic:
+        average, spread = "h1", OVERLAP
+        warnings = (
+            f"the motion is not periodic: estimated from {P} windowed segments; leakage, and noise of the torques in "
+            "closed loop, bias the responses: prefer a periodic excitation",
+        )
+    elif not transients:
+        warnings = _check_repeats(Y[..., :n, :], experiment.source)
+    noise = None
+    if transients:
+        U, Y, noise, spread = _settled(experiment, U, Y)
+        noise_periods = P
     try:
-        found = estimate(U, Y, average)
+        found = estimate(U, Y, average, noise)
     except np.linalg.LinAlgError:
         raise SolverError(
             f"{experiment.source}: the torques of the experiments are not independent: expected at least {n} "
             "experiments at each pose with different excitation"
         ) from None
     hold = plan.hardware.sample_s if experiment.hold == "zoh" else 0.0
-    R, P, E = U.shape[1], U.shape[2], U.shape[5]
+    R, E = U.shape[1], U.shape[5]
     total = found.total if R >= LEAST_TOTAL else None
     return Frf(
-        plan.model, plan.motors, plan.poses, w, found.G, found.UU, found.C, found.variance, total, P, E * R, hold,
-        plan.hardware.delay_s, experiment.speed_sd, warnings,
+        plan.model, plan.motors, plan.poses, w, found.G, found.UU, noise_periods * found.C, spread * found.variance,
+        total, P, E * R, hold, plan.hardware.delay_s, experiment.speed_sd, warnings, plan.sensors,
+        _orders(experiment)[n:],
     )  # fmt: skip
+
+
+def _check(experiment: Experiment, average: str, transients: bool) -> None:
+    """ArgumentError where an experiment cannot be estimated in this way."""
+    if average not in AVERAGES:
+        raise ArgumentError(f"average: given {average!r}, expected one of {', '.join(AVERAGES)}")
+    if average == "harmonic" and experiment.plan.sensors:
+        raise ArgumentError("average: given 'harmonic' with sensors, expected as many outputs as motors; take another")
+    if np.any(experiment.saturated):
+        where = ", ".join(str(k + 1) for k in np.flatnonzero(experiment.saturated))
+        raise ArgumentError(
+            f"{experiment.source}: torques were at their limits at the poses {where}; a saturated motor is not linear: "
+            "take less speed_rms"
+        )
+    if experiment.signals is not None:
+        still = np.abs(experiment.signals).max(axis=tuple(range(5))) == 0.0
+        if still.any():
+            names = ", ".join(np.array(experiment.plan.sensors)[still])
+            raise ArgumentError(f"{experiment.source}: the sensor channels {names} do not move at all; leave them out")
+    if transients and (experiment.beside is None or not experiment.periodic):
+        raise ArgumentError(
+            f"transients: {experiment.source} has no spectra beside the lines; keep them with measure(beside=True) or "
+            "'flexgen measure --beside'; recordings of files have them where they have enough periods"
+        )
+
+
+def _orders(experiment: Experiment) -> tuple[int, ...]:
+    """Time derivatives from each output to an acceleration."""
+    plan = experiment.plan
+    if not plan.sensors:
+        return (ANGLE,) * len(plan.motors)
+    if experiment.orders is None:
+        raise ArgumentError(f"{experiment.source}: the kinds of the sensors are not known")
+    return (ANGLE,) * len(plan.motors) + tuple(experiment.orders)
+
+
+def _inputs_outputs(experiment: Experiment) -> tuple[np.ndarray, np.ndarray]:
+    """Spectra of torques and accelerations, (k, realizations, periods, lines, channels, experiments)."""
+    w = 2 * np.pi * experiment.plan.frequencies
+    outputs = [experiment.q_m] if experiment.signals is None else [experiment.q_m, experiment.signals]
+    Y = (1j * w[:, None]) ** np.array(_orders(experiment)) * np.concatenate(outputs, axis=-1)
+    return experiment.tau_m.transpose(0, 1, 3, 4, 5, 2), Y.transpose(0, 1, 3, 4, 5, 2)
+
+
+def _settled(
+    experiment: Experiment, U: np.ndarray, Y: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray], float]:
+    """Mean spectra without transients, as of one period; noise of the whole record, and the `spread` of `Settled`."""
+    offsets, beside, plan = experiment.offsets, experiment.beside, experiment.plan
+    assert offsets is not None and beside is not None
+    n = len(plan.motors)
+    s = 2j * np.pi * (plan.frequencies + offsets[:, None] / (plan.periods * plan.period_s))
+    near = beside.copy()
+    near[..., n:] *= s[..., None] ** np.array(_orders(experiment))
+    mean = np.concatenate([U.mean(axis=2), Y.mean(axis=2)], axis=-2).transpose(0, 1, 4, 2, 3)
+    found = without_transients(mean, near, offsets)
+    lines = found.lines.transpose(0, 1, 3, 4, 2)[:, :, None]
+    # mean square of the offsets: that of the noise
+    noise = found.noise.transpose(0, 1, 3, 4, 5, 2) / np.sqrt(found.freedom)
+    return lines[..., :n, :], lines[..., n:, :], (noise[..., :n, :], noise[..., n:, :]), found.spread
 
 
 @dataclass(frozen=True)
@@ -224,7 +317,12 @@ class Estimate:
     total: np.ndarray | None
 
 
-def estimate(U: np.ndarray, Y: np.ndarray, average: str = "arithmetic") -> Estimate:
+def estimate(
+    U: np.ndarray,
+    Y: np.ndarray,
+    average: str = "arithmetic",
+    noise: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Estimate:
     """Frequency responses from the spectra of inputs and outputs.
 
     Parameters
@@ -232,6 +330,9 @@ def estimate(U: np.ndarray, Y: np.ndarray, average: str = "arithmetic") -> Estim
     U, Y : complex arrays (k, realizations, periods, lines, inputs or outputs, experiments)
     average : str
         Over the realizations; one of `AVERAGES`.
+    noise : optional
+        Spectra of the noise of inputs and outputs in the mean of the periods, (k, realizations, samples, lines,
+        channels, experiments), whose sum of squares is its variance; default: from the differences of the periods.
 
     Raises
     ------
@@ -240,18 +341,29 @@ def estimate(U: np.ndarray, Y: np.ndarray, average: str = "arithmetic") -> Estim
     """
     P, E, R = U.shape[2], U.shape[5], U.shape[1]
     mean_U, mean_Y = U.mean(axis=2), Y.mean(axis=2)
+    if average == "h1":  # all periods by themselves
+        mean_U, mean_Y = (_side_by_side(x) for x in (U, Y))
     weakest = np.linalg.svd(mean_U, compute_uv=False)[..., -1]
-    if U.shape[4] > E or np.any(weakest <= 1e-9 * np.abs(mean_U).max(axis=(-2, -1))):
+    if U.shape[4] > mean_U.shape[-1] or np.any(weakest <= 1e-9 * np.abs(mean_U).max(axis=(-2, -1))):
         raise np.linalg.LinAlgError("dependent inputs")
     each = np.linalg.solve((mean_U @ _H(mean_U)).swapaxes(-1, -2), (mean_Y @ _H(mean_U)).swapaxes(-1, -2))
     each = each.swapaxes(-1, -2)  # (k, realizations, lines, outputs, inputs)
-    V = Y - each[:, :, None] @ U
-    C = (V @ _H(V)).sum(axis=(1, 2)) / max((P - 1) * E * R, 1)
-    UU = (mean_U @ _H(mean_U)).sum(axis=1)
-    S = np.linalg.inv(UU) / P
+    if noise is None:
+        V, count = Y - each[:, :, None] @ U, max((P - 1) * E * R, 1)
+    else:
+        V, count = noise[1] - each[:, :, None] @ noise[0], E * R
+    C = (V @ _H(V)).sum(axis=(1, 2)) / count
+    UU = (mean_U @ _H(mean_U)).sum(axis=1) / (P if average == "h1" else 1)
+    S = np.linalg.inv(UU) / (P if noise is None else 1)
     variance = np.real(np.einsum("klaa->kla", C))[..., :, None] * np.real(np.einsum("klbb->klb", S))[..., None, :]
     total = np.var(each, axis=1, ddof=1) / R if R > 1 else None
     return Estimate(_average(each, average), UU, C, variance, total)
+
+
+def _side_by_side(x: np.ndarray) -> np.ndarray:
+    """Periods as further experiments: (k, realizations, lines, channels, periods * experiments)."""
+    moved = x.transpose(0, 1, 3, 4, 2, 5)
+    return moved.reshape(*moved.shape[:4], -1)
 
 
 def _H(x: np.ndarray) -> np.ndarray:
@@ -260,7 +372,7 @@ def _H(x: np.ndarray) -> np.ndarray:
 
 def _average(each: np.ndarray, average: str) -> np.ndarray:
     """Mean over the realizations, axis 1."""
-    if average == "arithmetic" or each.shape[1] == 1:
+    if average in ("arithmetic", "h1") or each.shape[1] == 1:
         return each.mean(axis=1)
     if average == "harmonic":
         return np.linalg.inv(np.linalg.inv(each).mean(axis=1))
@@ -294,11 +406,11 @@ def _check_repeats(Y: np.ndarray, source: str) -> tuple[str, ...]:
 
 
 def coherence(experiment: Experiment) -> np.ndarray:
-    """Multiple coherence of each output (k, lines, n_m): the part of its power that the torques explain."""
+    """Multiple coherence of each output (k, lines, outputs): the part of its power that the torques explain."""
     estimate = frf(experiment)
-    Y = -(estimate.w[:, None] ** 2) * experiment.q_m
-    power = (np.abs(Y) ** 2).mean(axis=(1, 2, 3))
+    _, Y = _inputs_outputs(experiment)
+    power = (np.abs(Y) ** 2).mean(axis=(1, 2, 5))
     noise = np.real(np.einsum("klaa->kla", estimate.C))
     if not math.isfinite(power.sum()):
         raise SolverError("coherence: the spectra are not finite")
-    return 1.0 - noise / np.maximum(power, 1e-300)
+    return np.asarray(1.0 - noise / np.maximum(power, 1e-300))

@@ -2,8 +2,9 @@
 
     Z(w) X = B,    Z = -w^2 M + j w D + K,    G(w) = -w^2 h(w) exp(-j w t_d) C_m X k_t      [rad/s^2 / (N m)]
 
-from motor torques to motor accelerations, motor side, with the hold ``h = sinc(w T/2) exp(-j w T/2)``, the delay t_d
-and the torque constants k_t (1 where the drive is right). The robot rests at the motor angles of the pose:
+from motor torques to motor accelerations, motor side (sensors: see `flexgen.identification.outputs`), with the hold
+``h = sinc(w T/2) exp(-j w T/2)``, the delay t_d and the torque constants k_t (1 where the drive is right). The robot
+rests at the motor angles of the pose:
 
     r(y, p, tau_m) = 0,  C_m y = q_m0          (the motors' torques tau_m hold the pose)
     dG/dp = w^2 h exp(-j w t_d) C_m Z^-1 (dZ/dp + sum_i dZ/dy_i dy_i/dp) X k_t
@@ -28,6 +29,7 @@ import casadi as ca
 import numpy as np
 
 from flexgen.errors import SolverError
+from flexgen.identification.outputs import OutputRows
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.force_laws import friction_torque, spring_torque
 from flexgen.mechanics.lagrangian import gears
@@ -89,6 +91,8 @@ class LocalModel:
     model : RobotModel
     parameters : sequence of str
         Names of the numbers that may change; see `flexgen.mechanics.parameters`.
+    sensors : sequence of str
+        Names of sensor channels that are outputs too, after the motors.
 
     Attributes
     ----------
@@ -98,11 +102,12 @@ class LocalModel:
         Those of the model.
     """
 
-    def __init__(self, model: RobotModel, parameters: Sequence[str]) -> None:
+    def __init__(self, model: RobotModel, parameters: Sequence[str], sensors: Sequence[str] = ()) -> None:
         self.equations = Equations(model, parameters)
         self.model = model
         self.names = tuple(parameter.name for parameter in self.equations.parameters)
         self.values = np.array([parameter.value for parameter in self.equations.parameters])
+        self.outputs = OutputRows(self.equations, self.motor_rows, sensors)
 
     @cached_property
     def motor_rows(self) -> np.ndarray:
@@ -322,7 +327,7 @@ class LocalModel:
         derivatives: bool = True,
         rest: Rest | None = None,
     ) -> Response:
-        """Frequency responses from motor torques to motor accelerations.
+        """Frequency responses from motor torques to the accelerations of motors and sensors.
 
         Parameters
         ----------
@@ -343,21 +348,25 @@ class LocalModel:
         rest = self.rest(values, q_m, None, deflection_sd) if rest is None else rest
         speeds = np.hstack([self._speeds(speed_sd, len(q_m)), self._deflections(deflection_sd, len(q_m))])
         function, by, _ = self._matrices
-        n, C = self.model.dof, self.motor_rows
+        n = self.model.dof
         M, D, K, B = (x.reshape(len(q_m), n, -1) for x in evaluate(function, rest.y, values, speeds))
-        transfer = drive.transfer(w, self.model.n_m)
+        inward, outward = drive.transfer(w, self.model.n_m)[:, None, :], self.outputs.transfer(w)[:, :, None]
+        rows, drows = self.outputs.at(rest.y, rest.dy)
         s = 1j * w[:, None, None]
         G, dG = [], []
         changes = evaluate(by, rest.y, values, speeds)[0] if derivatives else None
         for k in range(len(q_m)):
             Z = s**2 * M[k] + s * D[k] + K[k]
-            # C Z^-1 from the transpose; X = Z^-1 B from the same factors
+            C = outward * (s**2 * rows[k, 0] + s * rows[k, 1] + rows[k, 2])
             both = np.linalg.inv(Z)
-            left, right = C @ both, both @ B[k]
-            scale = -(w[:, None] ** 2) * transfer  # (lines, n_m)
-            G.append(C @ right * scale[:, None, :])
-            if changes is not None:
-                dG.append(self._derivative(changes[k], rest.dy[k], left, right * -scale[:, None, :], w))
+            X = both @ B[k] * inward
+            G.append(C @ X)
+            if changes is None:
+                continue
+            dG.append(self._derivative(changes[k], rest.dy[k], C @ both, -X, w))
+            if drows[k].any():  # the rows of sensors move with the pose of rest
+                moved = np.einsum("ml,monp->lonp", np.stack([s**2, s, s**0])[..., 0, 0], drows[k])
+                dG[-1] += outward[..., None] * np.einsum("lonp,lnb->lobp", moved, X, optimize=True)
         return Response(np.array(G), np.array(dG) if derivatives else None)
 
     def _derivative(

@@ -1,9 +1,10 @@
 """Poses of an experiment: the information that each pose gives about the parameters, and the best set of poses.
 
-    F = 2 P sum_l sum_e Re (dG U_e)^H C^-1 (dG U_e),      C = G S_u G^H + w^4 S_y
+    F = 2 P sum_l sum_e Re (dG U_e)^H C^-1 (dG U_e),      C = G S_u G^H + w^(2 m) S_y
 
-U: spectra of the torques in the closed loop, S_u, S_y: spectra of the noise of torques and angles. The frictions are
-eliminated (Schur complement), because a friction that cannot be identified would otherwise decide alone.
+U: spectra of the torques in the closed loop, S_u, S_y: spectra of the noise of torques and outputs (motor angles: m =
+2). The frictions are eliminated (Schur complement), because a friction that cannot be identified would otherwise decide
+alone.
 
 Source: E. Wernholt and J. Lofberg, CDC 2007 (optimal operating points for robots); A. Atkinson, A. Donev and R. Tobias,
 Optimum Experimental Designs, 2007 (exchange).
@@ -19,6 +20,7 @@ import numpy as np
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.excitation import Plan
 from flexgen.identification.local_model import Drive, LocalModel
+from flexgen.identification.outputs import output_orders
 from flexgen.identification.parameters import ParameterVector, is_of_drive
 from flexgen.model.elements import RobotModel
 
@@ -55,14 +57,18 @@ def torque_spectra(G: np.ndarray, w: np.ndarray, plan: Plan) -> np.ndarray:
     return (shaped * (n * plan.amplitudes**2)[:, None, :]) @ shaped.conj().transpose(0, 2, 1)
 
 
-def noise_covariance(G: np.ndarray, w: np.ndarray, plan: Plan) -> np.ndarray:
-    """Covariance (lines, n_m, n_m) of the error of ``Y - G U`` in one period, from the noise of the drives."""
+def noise_covariance(G: np.ndarray, w: np.ndarray, plan: Plan, model: RobotModel) -> np.ndarray:
+    """Covariance (lines, n_o, n_o) of the error of ``Y - G U`` in one period, from the noise of drives and sensors."""
     hardware, n = plan.hardware, len(plan.motors)
     scale = 4.0 / plan.samples  # of a Fourier coefficient that is an amplitude
     angle = hardware.encoder_noise_rad**2 + hardware.encoder_resolution_rad**2 / 12
     # A drive without noise still rounds: what is predicted must stay finite.
     torque = max(hardware.torque_noise_Nm, 1e-9) ** 2
-    return scale * (torque * G @ G.conj().transpose(0, 2, 1) + (angle * w**4)[:, None, None] * np.eye(n))
+    of = {name: sensor for sensor in model.sensors for name in sensor.channels}
+    slower = {name: (of[name].sample_s or hardware.sample_s) / hardware.sample_s for name in plan.sensors}
+    output = np.array([angle] * n + [of[name].noise ** 2 * slower[name] for name in plan.sensors])
+    white = w[:, None] ** (2 * output_orders(model, plan.sensors)) * np.maximum(output, 1e-24)
+    return scale * (torque * G @ G.conj().transpose(0, 2, 1) + white[:, :, None] * np.eye(len(output)))
 
 
 def information(
@@ -93,7 +99,7 @@ def information(
     used : array of int (k',)
         Their indices.
     """
-    local = LocalModel(vector.model, vector.of_model)
+    local = LocalModel(vector.model, vector.of_model, plan.sensors)
     lines = slice(every // 2, None, every)
     w = 2 * np.pi * plan.frequencies[lines]
     thinned = plan_lines(plan, lines)
@@ -106,8 +112,8 @@ def information(
             continue
         assert response.dG is not None
         G, dG = response.G[0], along_x(vector, local, vector.start, response.G, response.dG, w)[0]
-        U = np.linalg.cholesky(torque_spectra(G, w, thinned))
-        L = np.linalg.cholesky(noise_covariance(G, w, thinned))
+        U = np.linalg.cholesky(torque_spectra(G[:, : len(plan.motors)], w, thinned))
+        L = np.linalg.cholesky(noise_covariance(G, w, thinned, vector.model))
         J = np.linalg.solve(L, np.einsum("labp,lbe->lape", dG, U).reshape(*L.shape[:2], -1))
         J = J.reshape(len(w), L.shape[1], len(vector), -1)
         flat = J.transpose(0, 1, 3, 2).reshape(-1, len(vector))

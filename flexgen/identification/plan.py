@@ -12,6 +12,7 @@ from flexgen.analysis.linear import linearize
 from flexgen.errors import ArgumentError
 from flexgen.identification import operating_points
 from flexgen.identification.excitation import Plan, motor_speeds, odd_lines, speed_amplitudes
+from flexgen.identification.outputs import channels, checked
 from flexgen.identification.parameters import ParameterVector
 from flexgen.loop.closed_loop import Cascade, DriveHardware
 from flexgen.mechanics.equations import derive
@@ -45,6 +46,7 @@ def excite(
     transients: int = 1,
     realizations: int = 1,
     hardware: DriveHardware | None = None,
+    sensors: Sequence[str] | None = None,
     seed: int = 0,
     progress: Choice = None,
 ) -> Plan:
@@ -73,6 +75,8 @@ def excite(
         Periods measured, periods before them that are not, and realizations of the random phases.
     hardware : DriveHardware, optional
         Sample time, delay, noise and limits of the drives.
+    sensors : sequence of str, optional
+        Channels of sensors of the model file that are recorded too; default: all.
     seed : int
     progress : callable or bool, optional
 
@@ -106,6 +110,7 @@ def excite(
         transients=transients,
         hardware=hardware,
         controller=default_cascade(robot, hardware.sample_s + hardware.delay_s),
+        sensors=checked(robot, channels(robot) if sensors is None else sensors),
     )
     vector = ParameterVector(robot, default_free(robot) if free is None else free)
     return _with_poses(plan, robot, vector, poses, criterion, seed, progress)

@@ -3,8 +3,8 @@
 ===========  ======================================================================================================
 "nls"        ``r = (G(x) - G) / sd``, element by element
 "lls"        ``r = log(G(x) / G) / (sd / |G|)``, the complex logarithm
-"structured" ``r = L^-1 (G(x) - G) (U U^H)^(1/2) P^(1/2)``, ``L L^H = G S_u G^H + w^4 S_y``: the noise of torques and of
-             angles is white and independent, two variances for each motor
+"structured" ``r = L^-1 (G(x) - G) (U U^H)^(1/2) P^(1/2)``, ``L L^H = G S_u G^H + w^(2 m) S_y``: the noise of torques
+             and of outputs is white and independent, one variance for each; m: derivatives up to an acceleration
 ===========  ======================================================================================================
 """
 
@@ -16,6 +16,7 @@ from scipy.optimize import nnls
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.local_model import Drive, LocalModel, Response, Rest
 from flexgen.identification.operating_points import along_x
+from flexgen.identification.outputs import ANGLE
 from flexgen.identification.parameters import ParameterVector
 from flexgen.numerics.trust_region import Sums
 
@@ -52,7 +53,7 @@ class Residuals:
         deflection_sd: np.ndarray | None = None,
     ) -> None:
         self.vector, self.data, self.kind = vector, data, kind
-        self.local = LocalModel(vector.model, vector.of_model)
+        self.local = LocalModel(vector.model, vector.of_model, data.sensors)
         self.drive = Drive(data.sample_s, data.delay_s)
         noise = data.variance if data.total is None else np.maximum(_smoothed(data.total, data.G), data.variance)
         size = np.abs(data.G)
@@ -100,12 +101,12 @@ class Residuals:
         The covariances come from the data; their structure from the responses at x.
         """
         G, w = self.response(x).G, self.data.w
-        torque, angle = noise_levels(self.data, G)
-        L = np.linalg.cholesky(structured_covariance(G, w, torque, angle))
+        torque, output = noise_levels(self.data, G)
+        L = np.linalg.cholesky(structured_covariance(G, output_powers(self.data, w), torque, output))
         white = np.linalg.inv(L)
         self._white = white, np.linalg.cholesky(self.data.UU) * np.sqrt(self.data.periods)
         self.kind = "structured"
-        return np.sqrt(torque), np.sqrt(angle)
+        return np.sqrt(torque), np.sqrt(output)
 
     def weighted(self, x: np.ndarray, derivatives: bool) -> tuple[np.ndarray, np.ndarray | None]:
         """Residuals (k, lines, n_m, n_m) and their Jacobian (..., n)."""
@@ -166,39 +167,47 @@ class Residuals:
         return inverse @ (0.5 * B + prior) @ inverse
 
 
-def noise_levels(data: Frf, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Variances of the spectra of torque and angle noise of each motor, (n_m,) each, from the covariances of the data.
+def output_powers(data: Frf, w: np.ndarray) -> np.ndarray:
+    """``w^(2 m)`` (lines, outputs)."""
+    orders = np.array([ANGLE] * len(data.motors) + list(data.orders))
+    return np.asarray(w[:, None] ** (2 * orders))
 
-    Nonnegative least squares of ``C = G S_u G^H + w^4 S_y`` in units of C itself. Lines that fit worse than most count
-    less: transients that the noise leaves between the periods are not white.
+
+def noise_levels(data: Frf, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Variances of the spectra of the noise of torques (n_m,) and outputs (n_o,), from the covariances of the data.
+
+    Nonnegative least squares of ``C = G S_u G^H + w^(2 m) S_y`` in units of C itself. Lines that fit worse than most
+    count less: transients that the noise leaves between the periods are not white.
     """
-    n = G.shape[-1]
+    n_o, n = G.shape[-2:]
+    powers = output_powers(data, data.w)
     L = np.linalg.cholesky(_regular(data.C))
-    levels, trust = np.zeros(2 * n), np.ones((*G.shape[:2], 1, 1))
+    levels, trust = np.zeros(n + n_o), np.ones((*G.shape[:2], 1, 1))
     for _ in range(6):
         white = np.linalg.inv(L) * np.sqrt(trust)
         columns = []
         for j in range(n):
             g = white @ G[..., :, j : j + 1]
             columns.append((g @ g.conj().swapaxes(-1, -2)).ravel())
-        for j in range(n):
-            g = white[..., :, j : j + 1] * data.w[:, None, None] ** 2
+        for j in range(n_o):
+            g = white[..., :, j : j + 1] * np.sqrt(powers[:, j, None, None])
             columns.append((g @ g.conj().swapaxes(-1, -2)).ravel())
         target = (white @ data.C @ white.conj().swapaxes(-1, -2)).ravel()
         M = np.array(columns).T
         scale = np.linalg.norm(M, axis=0)
         M = np.vstack([M.real, M.imag]) / scale
         levels = nnls(M, np.concatenate([target.real, target.imag]))[0] / scale
-        L = np.linalg.cholesky(_regular(structured_covariance(G, data.w, levels[:n], levels[n:])))
+        L = np.linalg.cholesky(_regular(structured_covariance(G, powers, levels[:n], levels[n:])))
         white = np.linalg.inv(L)
-        misfit = np.linalg.norm(white @ data.C @ white.conj().swapaxes(-1, -2) - np.eye(n), axis=(-2, -1))
+        misfit = np.linalg.norm(white @ data.C @ white.conj().swapaxes(-1, -2) - np.eye(n_o), axis=(-2, -1))
         trust = np.minimum(1.0, np.median(misfit) / np.maximum(misfit, 1e-300))[..., None, None]
     return levels[:n], levels[n:]
 
 
-def structured_covariance(G: np.ndarray, w: np.ndarray, torque: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """``G S_u G^H + w^4 S_y`` (k, lines, n_m, n_m)."""
-    return _regular((G * torque) @ G.conj().swapaxes(-1, -2) + (w[:, None, None] ** 4 * np.diag(angle)).astype(complex))
+def structured_covariance(G: np.ndarray, powers: np.ndarray, torque: np.ndarray, output: np.ndarray) -> np.ndarray:
+    """``G S_u G^H + w^(2 m) S_y`` (k, lines, n_o, n_o); ``powers``: w^(2 m) (lines, n_o)."""
+    white = (powers * output)[:, :, None] * np.eye(G.shape[-2])
+    return _regular((G * torque) @ G.conj().swapaxes(-1, -2) + white.astype(complex))
 
 
 def _regular(C: np.ndarray) -> np.ndarray:

@@ -20,11 +20,12 @@ import numpy as np
 
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
-from flexgen.identification.experiment import Experiment, largest_rate, settle, spectrum
+from flexgen.identification.experiment import Experiment, largest_rate, settle
 from flexgen.identification.graybox import COST_MOST, SMALL_ERROR, weak_directions
 from flexgen.identification.local_model import LocalModel, Rest
 from flexgen.identification.parameters import ParameterVector, is_of_drive
 from flexgen.identification.result import FitStatus, Identified
+from flexgen.identification.spectra import spectrum
 from flexgen.inversion.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop, integration_steps
 from flexgen.mechanics.parameters import select

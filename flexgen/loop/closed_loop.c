@@ -48,6 +48,7 @@ typedef struct {
     uint64_t *random;   /* four words for each lane, not all zero */
     int32_t *status;    /* of each lane */
     int64_t *saturated; /* samples at a torque limit, of each lane */
+    double *record;     /* null, or for each sample the state and the torque that acts: 2 n_a + 3 n_m rows of lanes */
 } loop_robots;
 
 /* The next 64 random bits: xoshiro256++ (D. Blackman and S. Vigna, 2019). */
@@ -182,6 +183,11 @@ LOOP_API int flexgen_loop_run(
     int failed = 0;
     for (int64_t k = 0; k < n; ++k) {
         const double *given = ref + (size_t)((first + k) % period) * lanes * n_ref;
+        if (r->record) {
+            size_t state = 2 * ((size_t)r->n_a + n_m) * lanes, torque = n_m * lanes;
+            memcpy(r->record + (size_t)k * (state + torque), r->state, state * sizeof(double));
+            memcpy(r->record + (size_t)k * (state + torque) + state, r->torque, torque * sizeof(double));
+        }
         for (int lane = 0; lane < r->lanes; ++lane) {
             double *shown = y + ((size_t)k * lanes + (size_t)lane) * n_m;
             double *commanded = u + ((size_t)k * lanes + (size_t)lane) * n_m;

@@ -93,10 +93,15 @@ class DriveHardware:
 
 @dataclass(frozen=True)
 class Samples:
-    """Measured angles ``q_m`` and commanded torques ``tau_m`` (samples, lanes, n_m), motor side."""
+    """Measured angles ``q_m`` and commanded torques ``tau_m`` (samples, lanes, n_m), motor side.
+
+    ``motion``: None, or (samples, 2 n_a + 3 n_m, lanes): q_a, v_a, q_m, v_m and the torque that acts just before the
+    new one.
+    """
 
     q_m: np.ndarray
     tau_m: np.ndarray
+    motion: np.ndarray | None = None
 
 
 class ClosedLoop:
@@ -192,7 +197,7 @@ class ClosedLoop:
             a["parameters"] if len(used) else None, a["work"],
             ctypes.cast(self._module.flexgen_loop_cascade, ctypes.c_void_p), a["memory"],
             self._arrays["memory"].shape[1], a["resolution"], a["angle_noise"], a["torque_noise"], a["torque_max"],
-            a["state"], a["torque"], a["scratch"], a["random"], a["status"], a["saturated"],
+            a["state"], a["torque"], a["scratch"], a["random"], a["status"], a["saturated"], None,
         )  # fmt: skip
         self._library = library  # it must live as long as the address of its function
 
@@ -211,7 +216,7 @@ class ClosedLoop:
         """Number of samples at a torque limit so far, (lanes,)."""
         return self._arrays["saturated"].copy()
 
-    def run(self, reference: np.ndarray, samples: int) -> Samples:
+    def run(self, reference: np.ndarray, samples: int, *, motion: bool = False) -> Samples:
         """Go on for some samples.
 
         Parameters
@@ -219,6 +224,8 @@ class ClosedLoop:
         reference : array (period, lanes, 2 n_m)
             Angles [rad] and feedforward torques [N m] of the motors at each sample, repeated periodically; sample 0 is
             the first of the whole run.
+        motion : bool
+            Also the motion at each sample.
 
         Raises
         ------
@@ -232,6 +239,8 @@ class ClosedLoop:
                 f"reference: given shape {reference.shape}, expected finite numbers (period, {self.lanes}, {2 * n_m})"
             )
         q_m, tau_m = (np.empty((samples, self.lanes, n_m)) for _ in range(2))
+        recorded = np.empty((samples, 2 * self.model.n_a + 3 * n_m, self.lanes)) if motion else None
+        self._robots.record = None if recorded is None else recorded.ctypes.data
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in (reference, q_m, tau_m)]
         failed = self._module.flexgen_loop_run(
             ctypes.byref(self._robots), ctypes.c_int64(self.sample), ctypes.c_int64(samples), pointers[0],
@@ -245,12 +254,12 @@ class ClosedLoop:
                 f"t = {self.sample * self.hardware.sample_s:.3f} s; lower the gains or the excitation, or take more "
                 f"integration steps a sample than {self.steps}"
             )
-        return Samples(q_m, tau_m)
+        return Samples(q_m, tau_m, recorded)
 
-    def periods(self, reference: np.ndarray, count: int) -> Iterator[Samples]:
+    def periods(self, reference: np.ndarray, count: int, *, motion: bool = False) -> Iterator[Samples]:
         """One period of the reference after the other."""
         for _ in range(count):
-            yield self.run(reference, len(reference))
+            yield self.run(reference, len(reference), motion=motion)
 
 
 def integration_steps(hardware: DriveHardware, rate: float) -> int:
@@ -272,7 +281,8 @@ class _Robots(ctypes.Structure):
         *[
             (name, ctypes.c_void_p)
             for name in (
-                "resolution angle_noise torque_noise torque_max state torque scratch random status saturated".split()
+                "resolution angle_noise torque_noise torque_max state torque scratch random status saturated "
+                "record".split()
             )
         ],
     ]

@@ -38,7 +38,7 @@ class Kinematics:
     [J], without the rotors. ``gravity``: their potential energy [J]. ``drag``: half the power that body drags dissipate
     [W]. ``spin``: angular velocity (3) of each element's body in its own axes, for the rotors that it carries.
     ``modal``: the integrals of each beam with the index of its first coordinate in q_a. ``points``: positions in the
-    world of the corner points of the chain, for drawing.
+    world of the corner points of the chain, for drawing. ``frames``: the frame of each element's body.
     """
 
     q_a: ca.SX
@@ -50,6 +50,7 @@ class Kinematics:
     spin: dict[str, ca.SX]
     modal: tuple[tuple[int, ModalBeam], ...]
     points: tuple[ca.SX, ...]
+    frames: dict[str, Frame]
 
 
 def cross_matrix(a: ca.SX) -> ca.SX:
@@ -157,7 +158,7 @@ def kinematics(model: RobotModel) -> Kinematics:
     gravity = ca.SX(ca.DM(model.gravity))
     frame = place(Frame(ca.SX.zeros(3), ca.SX.eye(3), ca.SX.zeros(3), ca.SX.zeros(3)), model.base)
     kinetic = potential = drag = ca.SX(0)
-    spin = {"base": ca.SX.zeros(3)}
+    spin, frames = {"base": ca.SX.zeros(3)}, {}
     modal: list[tuple[int, ModalBeam]] = []
     points = [frame.p]
     i = 0
@@ -171,7 +172,7 @@ def kinematics(model: RobotModel) -> Kinematics:
         points.append(frame.p)
         frame = place(frame, element.link)
         points.append(frame.p)
-        spin[element.name] = frame.w
+        spin[element.name], frames[element.name] = frame.w, frame
         terms = body_energies(frame, element.body, gravity)
         kinetic, potential, drag = kinetic + terms[0], potential + terms[1], drag + terms[2]
         if element.beam is not None:
@@ -197,4 +198,5 @@ def kinematics(model: RobotModel) -> Kinematics:
         spin=spin,
         modal=tuple(modal),
         points=tuple(points),
+        frames=frames,
     )

@@ -15,6 +15,7 @@ import numpy as np
 
 from flexgen.model.moves import Move as Move
 from flexgen.model.moves import Program
+from flexgen.model.sensors import Sensor
 
 Vector = tuple[float, ...]
 Matrix = tuple[tuple[float, ...], ...]
@@ -295,6 +296,7 @@ class RobotModel:
     file: str = ""
     programs: tuple[Program, ...] = ()
     text: str = ""  # canonical text of the data; caches use its hash
+    sensors: tuple[Sensor, ...] = ()
 
     def __repr__(self) -> str:
         title = f"{self.name}@{self.variant}" if self.variant else self.name

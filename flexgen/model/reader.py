@@ -18,6 +18,7 @@ from flexgen.model.checked_table import Table, closest, entry_name, show
 from flexgen.model.elements import Body, Output, Placement, RobotModel
 from flexgen.model.inertia import massless_coordinates
 from flexgen.model.overlay import expand
+from flexgen.model.sensors import read_sensors
 from flexgen.model.toml_lines import Entry
 from flexgen.model.urdf_source import from_here, plain_urdf
 from flexgen.ports import c_name_problem, identifier_problem
@@ -26,7 +27,7 @@ SIZE_MAX = 1_000_000  # bytes
 
 _KEYS = (
     "name description source gravity motor_coupling home_rad home_deg base element motor tool payload output move "
-    "program"
+    "program sensor"
 ).split()
 
 
@@ -295,6 +296,7 @@ def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
         output=target,
         home=task_tables.read_joint_position(root, "home", actuated),
         moves=given,
+        sensors=read_sensors(root, [element.name for element in chain], [(c.name, c.unit) for c in draft.coordinates]),
         programs=program_tables.read_programs(root, target, actuated, [move.name for move in given]),
         text=_canonical(root),
     )

@@ -30,12 +30,12 @@ def response_grid(data: Frf, identified: Identified | None = None, pose: int = 0
     pose : int
         From 0.
     """
-    n = len(data.motors)
+    n, rows = len(data.motors), len(data.outputs)
     hz = data.w / (2 * np.pi)
     width = max(cv.WIDTH, 1.9 * n)
     title = f"{data.model}: frequency responses at pose {pose + 1} of {len(data.poses)}"
-    figure = cv.new_figure(width, max(3.4, 1.45 * n + 0.9), title)
-    axes = figure.subplots(n, n, sharex=True, sharey="row", squeeze=False)
+    figure = cv.new_figure(width, max(3.4, 1.45 * rows + 0.9), title)
+    axes = figure.subplots(rows, n, sharex=True, sharey="row", squeeze=False)
     models: list[tuple[str, np.ndarray, dict[str, Any]]] = []
     if identified is not None:
         residuals = Residuals(identified.vector, data, deflection_sd=identified.deflection_sd)
@@ -45,7 +45,7 @@ def response_grid(data: Frf, identified: Identified | None = None, pose: int = 0
         ):
             models.append((label, np.abs(residuals.response(x).G[pose]), style))
     size, sd = np.abs(data.G[pose]), np.sqrt(data.variance[pose] / 2)  # of the amplitude: half of the complex variance
-    for a in range(n):
+    for a in range(rows):
         for b in range(n):
             ax = axes[a, b]
             band = [np.maximum(size[:, a, b] + s * QUANTILE * sd[:, a, b], 1e-3 * size[:, a, b]) for s in (-1, 1)]
@@ -59,15 +59,16 @@ def response_grid(data: Frf, identified: Identified | None = None, pose: int = 0
             if a == 0:
                 ax.set_title(f"torque {data.motors[b]}")
             if b == 0:
-                ax.set_ylabel(data.motors[a])
-            if a == n - 1:
+                ax.set_ylabel(data.outputs[a])
+            if a == rows - 1:
                 cv.log_axis(ax.xaxis, 4)
-    for a in range(n):  # the scale of a row is that of its largest response
+    for a in range(rows):  # the scale of a row is that of its largest response
         top, low = size[:, a].max(), np.percentile(size[:, a], 2)
         axes[a, 0].set_ylim(max(low / 3, top * 1e-5), 2 * top)
         cv.log_axis(axes[a, 0].yaxis, 5)
     figure.supxlabel("frequency, Hz", fontsize=9)
-    figure.supylabel("acceleration over torque, rad/(s² N m)", fontsize=9)
+    unit = "rad/(s² N m)" if rows == n else "rad/(s² N m) or m/(s² N m)"
+    figure.supylabel(f"acceleration over torque, {unit}", fontsize=9)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=3)
     return figure
@@ -83,9 +84,12 @@ def residual_plot(identified: Identified) -> Figure:
     hz = data.w / (2 * np.pi)
     figure = cv.new_figure(cv.WIDTH, 4.0, f"{data.model}: residuals over their standard deviations")
     ax = figure.add_subplot()
-    n, same = len(data.motors), np.eye(len(data.motors), dtype=bool)
+    n, same = len(data.motors), np.eye(len(data.outputs), len(data.motors), dtype=bool)
+    sensors = np.zeros_like(same)
+    sensors[n:] = True
     for chosen, label, color in (
-        (~same, "torque of another motor", cv.SKY),
+        (sensors, "sensors", cv.GREY),
+        (~same & ~sensors, "torque of another motor", cv.SKY),
         (same, "torque of the same motor", cv.BLUE),
     ):
         if chosen.any():

@@ -20,15 +20,13 @@ import numpy as np
 from scipy.integrate import DOP853
 from scipy.interpolate import PPoly
 
-from flexgen.build.c_module import c_module, compiled
+from flexgen.build.c_module import c_module
+from flexgen.build.casadi_module import casadi_module
 from flexgen.build.compiler import find_compiler
 
 SOURCE = Path(__file__).with_name("dop853.c")
-FAST = 30_000  # operations: above it the compiler takes too long to optimize
-LONG = 5_000  # operations: above it the compiler takes a second or more
 DONE, MORE, STEP_TOO_SMALL, NOT_FINITE = range(4)
 STAGES, DENSE = 16, 7
-EXPORTED = '#ifdef __GNUC__\n#define CASADI_SYMBOL_EXPORT __attribute__((visibility("default")))\n#endif\n'
 
 
 class _Problem(ctypes.Structure):
@@ -67,15 +65,7 @@ def compiled_rate(rate: ca.Function, progress: Callable[[str], None] | None) -> 
     """A CasADi function in C; None where there is no C compiler."""
     if find_compiler() is None:
         return None
-    size = rate.n_instructions()
-    generator = ca.CodeGenerator("rate", {"with_header": False})
-    generator.add(rate)
-
-    def announce() -> None:
-        if progress is not None and size > LONG:
-            progress(f"simulation: compiling the equations of motion, {size} operations")
-
-    library = compiled("rate", EXPORTED + generator.dump(), level="-O1" if size < FAST else "-O0", before=announce)
+    library = casadi_module(rate, None if progress is None else lambda line: progress(f"simulation: {line}"))
     loaded = ctypes.CDLL(str(library))
     pointer = ctypes.cast(loaded.rate, ctypes.c_void_p).value
     assert pointer is not None

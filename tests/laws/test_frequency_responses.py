@@ -53,7 +53,7 @@ def test_the_noise_is_the_one_predicted():
     found = np.mean([np.real(np.einsum("klaa->kla", run.C)) for run in runs], axis=0)
     local = LocalModel(model, ())
     G = local.response(local.values, plan.poses, runs[0].w, Drive(5e-4), derivatives=False).G
-    expected = np.array([np.real(np.einsum("laa->la", noise_covariance(g, runs[0].w, plan))) for g in G])
+    expected = np.array([np.real(np.einsum("laa->la", noise_covariance(g, runs[0].w, plan, model))) for g in G])
     ratio = found / expected
     assert 0.9 < np.median(ratio) < 1.15
     scatter = np.var([run.G for run in runs], axis=0, ddof=1)

@@ -3,6 +3,7 @@
     model = "bench.toml"                       as `flexgen.read` takes it; or a file beside this one
     period_s = 1.0                             of the excitation
     hold = "zoh"                               of the torques between samples: "zoh" or "none"
+    segment_s = 2.0                            instead of period_s, of a motion without period: of its segments
     lines = "excited"                          or "odd", "all": which multiples of 1/period_s between f_min and f_max;
                                                or line_numbers = [5, 7, 11]: these multiples
 
@@ -23,6 +24,11 @@
     unit = "rad"                               rad, deg, mrad
     side = "motor"
 
+    [[signal]]                                 optional, one for each channel of the model's sensors
+    sensor = "acc.x"
+    name = "acc_x"
+    unit = "m/s^2"                             one of its kind, as in the model file
+
     [[recording]]                              one for each file: .mat (version 5), .npz, or .csv with names in line 1
     file = "run1.mat"
     pose_rad = [0.0]                           joints; or pose_deg
@@ -33,24 +39,28 @@ is refused with file, channel and time.
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flexgen.atomic_files import atomic_file, write_text
 from flexgen.errors import ArgumentError
 from flexgen.identification.excitation import Plan
-from flexgen.identification.experiment import HOLDS, Experiment, spectrum
+from flexgen.identification.experiment import HOLDS, Experiment
+from flexgen.identification.outputs import output_orders
+from flexgen.identification.spectra import line_offsets, spectrum, windowed_spectrum
 from flexgen.loop.closed_loop import Cascade, DriveHardware
 from flexgen.model.checked_table import Table
 from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import parse_file, read
+from flexgen.model.sensors import UNITS
 from flexgen.npz_files import NpzError, read_npz
 
+KEYS = (
+    "model period_s segment_s hold lines line_numbers f_min f_max delay_s transients time torque angle signal recording"
+).split()
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 ANGLE_UNITS = {"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180}
 TORQUE_UNITS = {"N m": 1.0, "A": 1.0}
@@ -65,7 +75,7 @@ SIZE_MAX = 2_000_000_000  # bytes of a file
 
 @dataclass(frozen=True)
 class _Channel:
-    """An array of the files: motor, name in the files, and the factor to motor-side SI units."""
+    """An array of the files: motor or sensor channel, name in the files, and the factor to motor-side SI units."""
 
     motor: str
     name: str
@@ -95,8 +105,7 @@ def read_experiment(path: str | Path) -> Experiment:
     if not source.is_file():
         raise ArgumentError(f"experiment: given {str(path)!r}, which is not a file, expected a .toml or .npz file")
     root = Table(str(source), parse_file(source, str(source)), "")
-    keys = "model period_s hold lines line_numbers f_min f_max delay_s transients time torque angle recording".split()
-    root.only(*keys)
+    root.only(*KEYS)
     try:
         beside = source.parent / root.text("model")
         model = read(beside if beside.is_file() else root.text("model"))
@@ -109,20 +118,24 @@ def read_experiment(path: str | Path) -> Experiment:
     clock = _Channel("", time.text("name"), TIME_UNITS[time.choice("unit", tuple(TIME_UNITS))])
     torques = _channels(root, "torque", TORQUE_UNITS, model)
     angles = _channels(root, "angle", ANGLE_UNITS, model)
-    period = root.number("period_s", above=0.0)
+    signals = _signals(root, model)
+    periodic = "segment_s" not in root
+    if not periodic and ("period_s" in root or "transients" in root):
+        raise root.fail("segment_s", "either period_s, or segment_s without transients")
+    period = root.number("period_s" if periodic else "segment_s", above=0.0)
     transients = root.whole("transients", 0, 1000) if "transients" in root else 0
-    poses: dict[tuple[float, ...], list[tuple[np.ndarray, np.ndarray]]] = {}
+    poses: dict[tuple[float, ...], list[tuple[np.ndarray, ...]]] = {}
     steps = []
     for table in root.tables("recording"):
         table.only("file", "pose_rad", "pose_deg")
         joints = table.angles("pose", [model.coordinates[i].unit == "rad" for i in model.i_g])
         file = _beside(source, table)
-        recording = _Recording(file, clock, torques, angles, period, transients, model)
+        recording = _Recording(file, clock, (torques, angles, signals), period, transients, periodic, model)
         steps.append(recording.sample_s)
-        poses.setdefault(tuple(joints), []).append((recording.tau_m, recording.q_m))
+        poses.setdefault(tuple(joints), []).append(recording.columns)
     if max(steps) - min(steps) > 1e-9 * max(steps):
         raise ArgumentError(f"{source}: given recordings with sample times {sorted(set(steps))} s, expected one")
-    return _experiment(root, model, poses, steps[0], source)
+    return _experiment(root, model, poses, steps[0], source, tuple(signal.motor for signal in signals))
 
 
 def _beside(source: Path, table: Table) -> Path:
@@ -164,17 +177,36 @@ def _channels(root: Table, kind: str, units: dict[str, float], model: RobotModel
     return [found[motor] for motor in motors]
 
 
+def _signals(root: Table, model: RobotModel) -> list[_Channel]:
+    """The sensor channels in the order of the file."""
+    of = {name: sensor for sensor in model.sensors for name in sensor.channels}
+    found: list[_Channel] = []
+    for table in root.tables("signal", required=False):
+        table.only("sensor", "name", "unit")
+        if not of:
+            raise table.fail("sensor", "a channel of a [[sensor]] of the model; the model has none")
+        name = table.choice("sensor", tuple(of))
+        if name in [channel.motor for channel in found]:
+            raise table.fail("sensor", "one signal for each channel")
+        units = UNITS[of[name].type]
+        if of[name].type == "link_encoder":
+            units = {unit: x for unit, x in units.items() if (unit in ANGLE_UNITS) == (of[name].unit == "rad")}
+        unit = table.choice("unit", tuple(units))
+        found.append(_Channel(name, table.text("name"), units[unit]))
+    return found
+
+
 class _Recording:
-    """One file: ``tau_m``, ``q_m`` (periods, samples, n_m) on the motor side and ``sample_s``."""
+    """One file: ``columns``: torques, angles (motor side) and signals (periods, samples, n); and ``sample_s``."""
 
     def __init__(
         self,
         file: Path,
         clock: _Channel,
-        torques: list[_Channel],
-        angles: list[_Channel],
+        kinds: tuple[list[_Channel], list[_Channel], list[_Channel]],
         period_s: float,
         transients: int,
+        periodic: bool,
         model: RobotModel,
     ) -> None:
         self.file, self.arrays = file, _arrays(file)
@@ -194,11 +226,17 @@ class _Recording:
                 f"{transients} transient ones"
             )
         columns = []
-        for kind, channels in (("torque", torques), ("angle", angles)):
-            x = np.stack([self._column(channel) for channel in channels], axis=1)
+        for kind, channels in zip(("torque", "angle", "signal"), kinds, strict=True):
+            found = [self._column(channel) for channel in channels]
+            x = np.stack(found, axis=1) if found else np.zeros((len(self.t), 0))
             self._check(kind, channels, x, model)
-            columns.append(x[transients * samples : (transients + periods) * samples].reshape(periods, samples, -1))
-        self.tau_m, self.q_m = columns
+            if periodic:
+                whole_periods = x[transients * samples : (transients + periods) * samples]
+                columns.append(whole_periods.reshape(periods, samples, -1))
+            else:  # segments that overlap by half
+                starts = range(0, len(x) - samples + 1, max(samples // 2, 1))
+                columns.append(np.array([x[start : start + samples] for start in starts]))
+        self.columns = tuple(columns)
 
     def _column(self, channel: _Channel) -> np.ndarray:
         """A channel in SI units on the motor side."""
@@ -229,7 +267,8 @@ class _Recording:
     def _check(self, kind: str, channels: list[_Channel], x: np.ndarray, model: RobotModel) -> None:
         """ArgumentError for channels that do not move, wrap, are limited, or are shorter than the time."""
         for j, channel in enumerate(channels):
-            where = f"{self.file}: {kind} of motor {channel.motor} ({channel.name!r})"
+            of = "" if kind == "signal" else "motor "
+            where = f"{self.file}: {kind} of {of}{channel.motor} ({channel.name!r})"
             column = x[:, j]
             if len(column) != len(self.t):
                 raise ArgumentError(f"{where}: given {len(column)} samples, expected {len(self.t)} as of the time")
@@ -243,6 +282,8 @@ class _Recording:
                         f"{where}: jumps by {steps[k]:.3g} rad at t = {self.t[k]:.6g} s: the encoder wraps; unwrap it"
                     )
                 continue
+            if kind == "signal":
+                continue
             top = np.abs(column).max()
             limit = model.motors[j].torque_max
             at_top = np.abs(column) >= (1 - 1e-9) * top
@@ -255,9 +296,10 @@ class _Recording:
 def _experiment(
     root: Table,
     model: RobotModel,
-    poses: dict[tuple[float, ...], list[tuple[np.ndarray, np.ndarray]]],
+    poses: dict[tuple[float, ...], list[tuple[np.ndarray, ...]]],
     sample_s: float,
     source: Path,
+    sensors: tuple[str, ...],
 ) -> Experiment:
     """The spectra at the lines, (poses, 1, experiments, periods, lines, n_m)."""
     counts = {len(runs) for runs in poses.values()}
@@ -267,11 +309,17 @@ def _experiment(
     experiments, (periods, _) = counts.pop(), lengths.pop()
     if experiments < model.n_m:
         raise root.fail("recording", f"at least {model.n_m} recordings at each pose, one for each motor")
-    period = root.number("period_s", above=0.0)
-    tau, q = (np.array([[run[k] for run in runs] for runs in poses.values()]) for k in (0, 1))
+    periodic = "segment_s" not in root
+    period = root.number("period_s" if periodic else "segment_s", above=0.0)
+    # (poses, experiments, periods, samples, n)
+    tau, q, signals = (np.array([[run[k] for run in runs] for runs in poses.values()]) for k in range(3))
     lines = _lines(root, tau, period)
-    # (poses, realizations, experiments, periods, lines, n_m)
-    tau_m, q_m = (np.array([[[[spectrum(p, lines) for p in run] for run in runs]] for runs in x]) for x in (tau, q))
+    transformed = spectrum if periodic else windowed_spectrum
+    # (poses, realizations, experiments, periods, lines, n)
+    tau_m, q_m, found = (
+        np.array([[[[transformed(p, lines) for p in run] for run in runs]] for runs in x]) for x in (tau, q, signals)
+    )
+    offsets, beside = _beside_lines(np.concatenate([tau, q, signals], axis=-1), lines) if periodic else (None, None)
     w = 2 * np.pi * lines / period
     speed = np.sqrt((np.abs(w[:, None] * q_m) ** 2).sum(axis=-2).mean(axis=(1, 2, 3)) / 2)
     n = model.n_m
@@ -288,9 +336,26 @@ def _experiment(
         transients=0,
         hardware=DriveHardware(sample_s, root.number("delay_s", 0.0, least=0.0)),
         controller=Cascade(*np.zeros((3, n))),
+        sensors=sensors,
     )
     hold = root.choice("hold", HOLDS)
-    return Experiment(plan, tau_m, q_m, speed, np.zeros(len(poses), np.int64), str(source), hold)
+    orders = tuple(output_orders(model, sensors)[n:].tolist()) if sensors else None
+    return Experiment(
+        plan, tau_m, q_m, speed, np.zeros(len(poses), np.int64), str(source), hold, found if sensors else None, offsets,
+        beside, orders, periodic,
+    )  # fmt: skip
+
+
+def _beside_lines(x: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Offsets and spectra beside the lines of x (poses, experiments, periods, samples, n); None: too few periods."""
+    periods, samples = x.shape[2:4]
+    try:
+        offsets = line_offsets(lines, periods)
+    except ArgumentError:
+        return None, None
+    whole = 2.0 / (periods * samples) * np.fft.fft(x.reshape(*x.shape[:2], periods * samples, -1), axis=2)
+    at = periods * lines[None, :] + offsets[:, None]
+    return offsets, whole[:, :, at][:, None]
 
 
 def _lines(root: Table, tau: np.ndarray, period: float) -> np.ndarray:
@@ -357,54 +422,3 @@ def _csv(file: Path) -> dict[str, Any]:
     if values.shape[1] != len(names) or len(set(names)) != len(names):
         raise ArgumentError(f"{file}: given {values.shape[1]} columns and the names {names}, expected one name each")
     return dict(zip(names, values.T, strict=True))
-
-
-class RecordingWriter:
-    """Writes the samples of a simulated experiment as recordings: a file for each, and their description.
-
-    Parameters
-    ----------
-    folder : Path
-        Made where it is missing.
-    plan : Plan
-    model : RobotModel
-        The model of the plan; its file is named in the description.
-
-    Call it with pose, realization, experiment, angles and torques (samples, n_m), as `measure` does; then `finish`.
-    """
-
-    def __init__(self, folder: Path, plan: Plan, model: RobotModel) -> None:
-        self.folder, self.plan, self.model = folder, plan, model
-        self.files: list[tuple[int, str]] = []
-        folder.mkdir(parents=True, exist_ok=True)
-
-    def __call__(self, pose: int, realization: int, experiment: int, q_m: np.ndarray, tau_m: np.ndarray) -> None:
-        """Write one recording."""
-        name = f"pose{pose + 1}_realization{realization + 1}_experiment{experiment + 1}.npz"
-        arrays = {"t": np.arange(len(q_m)) * self.plan.hardware.sample_s}
-        for j in range(q_m.shape[1]):
-            arrays |= {f"tau_{j + 1}": tau_m[:, j], f"q_{j + 1}": q_m[:, j]}
-        with atomic_file(self.folder / name) as stream:
-            np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
-        self.files.append((pose, name))
-
-    def finish(self) -> Path:
-        """Write the description ``recordings.toml``; returns its path."""
-        plan = self.plan
-        rows = [
-            f"model = {json.dumps(str(Path(self.model.file).resolve()))}",
-            f"period_s = {plan.period_s!r}",
-            'hold = "zoh"',
-            f"delay_s = {plan.hardware.delay_s!r}",
-            f"line_numbers = {plan.lines.tolist()}",
-            '\n[time]\nname = "t"\nunit = "s"',
-        ]
-        for kind, unit, letter in (("torque", "N m", "tau"), ("angle", "rad", "q")):
-            for j, motor in enumerate(plan.motors):
-                rows.append(
-                    f'\n[[{kind}]]\nmotor = "{motor}"\nname = "{letter}_{j + 1}"\nunit = "{unit}"\nside = "motor"'
-                )
-        joints = plan.poses @ np.linalg.inv(self.model.eta).T
-        for pose, name in self.files:
-            rows.append(f'\n[[recording]]\nfile = "{name}"\npose_rad = {joints[pose].tolist()}')
-        return write_text(self.folder / "recordings.toml", "\n".join(rows) + "\n")

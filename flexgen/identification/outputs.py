@@ -1,0 +1,125 @@
+"""Outputs of frequency responses: motor angles, and the sensors of the model, all as accelerations.
+
+    Y_o(w) = (j w)^m exp(-j w t_o) S_o(w)
+    S_o = (s^2 C2 + s C1 + C0) X,    s = j w
+
+S_o: spectrum of the signal, t_o its delay, m = 2 for angles and positions, 1 for rates, 0 for accelerations; X:
+spectrum of the coordinates y about rest.
+
+``C2, C1, C0``: derivatives of the signal in the accelerations, velocities and coordinates at rest. The last one has the
+tilt of an accelerometer in the gravity field.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.sensors import sensor_signals
+from flexgen.model.elements import RobotModel
+from flexgen.numerics.evaluate import evaluate
+
+ANGLE = 2  # time derivatives from a motor angle to its acceleration
+
+
+def channels(model: RobotModel) -> tuple[str, ...]:
+    """Names of the channels of all sensors of a model."""
+    return tuple(name for sensor in model.sensors for name in sensor.channels)
+
+
+def output_orders(model: RobotModel, chosen: Sequence[str]) -> np.ndarray:
+    """Time derivatives from each output to an acceleration, (n_m + channels,)."""
+    known = {name: sensor.order for sensor in model.sensors for name in sensor.channels}
+    return np.array([ANGLE] * model.n_m + [known[name] for name in checked(model, chosen)])
+
+
+def output_units(model: RobotModel, chosen: Sequence[str]) -> tuple[str, ...]:
+    """Units of the outputs as accelerations."""
+    known: dict[str, str] = {}
+    for sensor in model.sensors:
+        unit = "rad/s^2" if sensor.unit in ("rad", "rad/s") else "m/s^2"
+        known |= dict.fromkeys(sensor.channels, unit)
+    return ("rad/s^2",) * model.n_m + tuple(known[name] for name in checked(model, chosen))
+
+
+def checked(model: RobotModel, chosen: Sequence[str]) -> tuple[str, ...]:
+    """The names of channels; ArgumentError for one that the model does not have."""
+    known = channels(model)
+    for name in chosen:
+        if name not in known:
+            listed = ", ".join(known) or "none: the model file has no [[sensor]]"
+            raise ArgumentError(f"sensor channel: given {name!r}, expected one of {listed}")
+    return tuple(chosen)
+
+
+class OutputRows:
+    """The rows of motors and of chosen sensor channels in the linear model at rest.
+
+    Parameters
+    ----------
+    equations : Equations
+    motor_rows : array (n_m, n)
+    chosen : sequence of str
+        Names of channels.
+    """
+
+    def __init__(self, equations: Equations, motor_rows: np.ndarray, chosen: Sequence[str]) -> None:
+        model = equations.model
+        self.motor_rows, self.names = motor_rows, checked(model, chosen)
+        known = channels(model)
+        self._index = [known.index(name) for name in self.names]
+        self.orders = output_orders(model, self.names)
+        late = {name: sensor.delay_s for sensor in model.sensors for name in sensor.channels}
+        self.delays = np.array([0.0] * model.n_m + [late[name] for name in self.names])
+        self._equations = equations
+
+    def __len__(self) -> int:
+        return len(self.orders)
+
+    def transfer(self, w: np.ndarray) -> np.ndarray:
+        """``(j w)^m exp(-j w t_o)`` (lines, outputs)."""
+        s = 1j * w[:, None]
+        return np.asarray(s**self.orders * np.exp(-s * self.delays))
+
+    def _function(self) -> ca.Function:
+        """y -> C2, C1, C0 (channels, n) each, and their derivatives in y, (3 * channels * n, n)."""
+        y, dy, ddy = self._equations.y
+        signals = sensor_signals(self._equations)[self._index]
+        still = ca.vertcat(dy, ddy)
+        zero = ca.SX.zeros(still.numel())
+        rows = [ca.densify(ca.substitute(ca.jacobian(signals, x), still, zero)) for x in (ddy, dy, y)]
+        stacked = ca.vertcat(*[ca.vec(row) for row in rows])
+        return ca.Function("rows", [y], [*rows, ca.densify(ca.jacobian(stacked, y))])
+
+    def at(self, y: np.ndarray, dy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rows at rest, and their derivatives in the parameters.
+
+        Parameters
+        ----------
+        y : array (k, n)
+            Coordinates at rest.
+        dy : array (k, n, n_p)
+            Their derivatives.
+
+        Returns
+        -------
+        rows : array (k, 3, outputs, n)
+            C2, C1, C0.
+        drows : array (k, 3, outputs, n, n_p)
+            Zero rows for the motors.
+        """
+        k, n = y.shape
+        rows, drows = np.zeros((k, 3, len(self), n)), np.zeros((k, 3, len(self), n, dy.shape[2]))
+        n_m = len(self.motor_rows)
+        rows[:, 2, :n_m] = self.motor_rows
+        if self.names:
+            c = len(self.names)
+            *found, by_y = evaluate(self._function(), y)
+            rows[:, :, n_m:] = np.stack([x.reshape(k, c, n) for x in found], axis=1)
+            # CasADi stacks columns: (3, n, channels)
+            drows[:, :, n_m:] = (by_y.reshape(k, 3 * n * c, n) @ dy).reshape(k, 3, n, c, -1).swapaxes(2, 3)
+        return rows, drows

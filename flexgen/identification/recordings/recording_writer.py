@@ -1,0 +1,70 @@
+"""Recordings of a simulated experiment: written in the form in which those of real robots are read."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from flexgen.atomic_files import atomic_file, write_text
+from flexgen.identification.excitation import Plan
+from flexgen.model.elements import RobotModel
+
+
+class RecordingWriter:
+    """Writes the samples of a simulated experiment as recordings: a file for each, and their description.
+
+    Parameters
+    ----------
+    folder : Path
+        Made where it is missing.
+    plan : Plan
+    model : RobotModel
+        The model of the plan; its file is named in the description.
+
+    Call it with pose, realization, experiment, angles and torques (samples, n_m) and signals (samples, channels), as
+    `measure` does; then `finish`.
+    """
+
+    def __init__(self, folder: Path, plan: Plan, model: RobotModel) -> None:
+        self.folder, self.plan, self.model = folder, plan, model
+        self.files: list[tuple[int, str]] = []
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def __call__(
+        self, pose: int, realization: int, experiment: int, q_m: np.ndarray, tau_m: np.ndarray, signals: np.ndarray
+    ) -> None:
+        """Write one recording."""
+        name = f"pose{pose + 1}_realization{realization + 1}_experiment{experiment + 1}.npz"
+        arrays = {"t": np.arange(len(q_m)) * self.plan.hardware.sample_s}
+        for j in range(q_m.shape[1]):
+            arrays |= {f"tau_{j + 1}": tau_m[:, j], f"q_{j + 1}": q_m[:, j]}
+        arrays |= {f"s_{c + 1}": signals[:, c] for c in range(signals.shape[1])}
+        with atomic_file(self.folder / name) as stream:
+            np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+        self.files.append((pose, name))
+
+    def finish(self) -> Path:
+        """Write the description ``recordings.toml``; returns its path."""
+        plan = self.plan
+        rows = [
+            f"model = {json.dumps(str(Path(self.model.file).resolve()))}",
+            f"period_s = {plan.period_s!r}",
+            'hold = "zoh"',
+            f"delay_s = {plan.hardware.delay_s!r}",
+            f"line_numbers = {plan.lines.tolist()}",
+            '\n[time]\nname = "t"\nunit = "s"',
+        ]
+        for kind, unit, letter in (("torque", "N m", "tau"), ("angle", "rad", "q")):
+            for j, motor in enumerate(plan.motors):
+                rows.append(
+                    f'\n[[{kind}]]\nmotor = "{motor}"\nname = "{letter}_{j + 1}"\nunit = "{unit}"\nside = "motor"'
+                )
+        units = {name: sensor.unit for sensor in self.model.sensors for name in sensor.channels}
+        for c, sensor in enumerate(plan.sensors):
+            rows.append(f'\n[[signal]]\nsensor = "{sensor}"\nname = "s_{c + 1}"\nunit = "{units[sensor]}"')
+        joints = plan.poses @ np.linalg.inv(self.model.eta).T
+        for pose, name in self.files:
+            rows.append(f'\n[[recording]]\nfile = "{name}"\npose_rad = {joints[pose].tolist()}')
+        return write_text(self.folder / "recordings.toml", "\n".join(rows) + "\n")

@@ -1,0 +1,102 @@
+"""Spectra of samples at the excited lines, and at the frequencies beside them.
+
+    X(l) = 2/N sum_k x(t_k) exp(-j w_l t_k)          one period of N samples
+
+A record of P periods has P - 1 frequencies between two multiples of 1/period, at which nothing is excited: what is
+found there is noise, and the transient of a motion that has not settled. Both are smooth functions of the frequency; at
+the line itself the transient is the value of a polynomial through its neighbors (local polynomial method).
+
+Source: R. Pintelon and J. Schoukens, System Identification, 2nd ed. 2012, sec. 7.3 (robust local polynomial method).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexgen.errors import ArgumentError
+
+MOST_OFFSETS = 4  # on each side of a line
+DEGREE = 2  # of the polynomial, with six offsets or more; else 1
+
+
+def spectrum(x: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """Amplitudes (lines, n) of the Fourier series of one period of samples (N, n)."""
+    return 2.0 / len(x) * np.fft.rfft(x, axis=0)[lines]
+
+
+def windowed_spectrum(x: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """The same of a segment without period, with a Hann window of mean square 1 and without its mean."""
+    window = np.hanning(len(x) + 1)[:-1]
+    window = window / np.sqrt((window**2).mean())
+    return spectrum((x - x.mean(axis=0)) * window[:, None], lines)
+
+
+def line_offsets(lines: np.ndarray, periods: int) -> np.ndarray:
+    """Offsets from the lines, in multiples of ``1 / (periods * period_s)``, at which nothing is excited.
+
+    Raises
+    ------
+    ArgumentError
+        There are fewer than two on each side.
+    """
+    excited = set((periods * lines).tolist())
+    free = [
+        d
+        for d in range(1, 4 * MOST_OFFSETS)
+        if all(periods * line + s * d not in excited for line in lines.tolist() for s in (-1, 1))
+        and d < periods * lines[0]
+    ]
+    if len(free) < 2:
+        raise ArgumentError(
+            f"transients: given {periods} periods and lines from {lines[0]} on, expected two unexcited frequencies or "
+            "more on each side of a line: measure more periods, or leave lines out"
+        )
+    chosen = np.array(free[:MOST_OFFSETS])
+    return np.concatenate([-chosen[::-1], chosen])
+
+
+def spectra_beside(x: np.ndarray, lines: np.ndarray, offsets: np.ndarray, period: int, periods: int) -> np.ndarray:
+    """What one period (N, n) adds to the spectra (offsets, lines, n) of the whole record beside the lines.
+
+    ``period``: its number, from 0, of ``periods``.
+    """
+    n = np.arange(len(x))
+    out = np.empty((len(offsets), len(lines), x.shape[1]), complex)
+    for k, d in enumerate(offsets):
+        turned = x * np.exp(-2j * np.pi * d * n / (periods * len(x)))[:, None]
+        out[k] = 2.0 / len(x) * np.fft.fft(turned, axis=0)[lines] * np.exp(-2j * np.pi * d * period / periods)
+    return out / periods
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Spectra without transients.
+
+    ``lines`` (..., lines, n); ``noise`` (..., offsets, lines, n) of the whole record, ``freedom`` of the offsets are
+    independent; ``spread``: variance at a line over that of the noise, since the transient is not known exactly.
+    """
+
+    lines: np.ndarray
+    noise: np.ndarray
+    freedom: int
+    spread: float
+
+
+def without_transients(lines: np.ndarray, beside: np.ndarray, offsets: np.ndarray) -> Settled:
+    """Subtract the transient that the spectra beside the lines show.
+
+    Parameters
+    ----------
+    lines : complex array (..., lines, n)
+        Of the whole record.
+    beside : complex array (..., offsets, lines, n)
+    offsets : array of int (offsets,)
+    """
+    degree = DEGREE if len(offsets) >= 2 * DEGREE + 2 else 1
+    A = offsets[:, None].astype(float) ** np.arange(degree + 1)
+    fit = np.linalg.pinv(A)  # (degree + 1, offsets)
+    transient = np.einsum("d,...dln->...ln", fit[0], beside)
+    smooth = np.einsum("ed,...dln->...eln", A @ fit, beside)
+    return Settled(lines - transient, beside - smooth, len(offsets) - degree - 1, 1.0 + float(fit[0] @ fit[0]))

@@ -1,0 +1,175 @@
+"""Frequency responses from motions that have not settled, that are averaged by H1, and that have no period."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from identification_cases import NOISY, poses_of, without_coulomb
+
+import flexgen
+from flexgen.errors import ArgumentError
+from flexgen.identification import frequency_response, spectra
+from flexgen.identification.experiment import Experiment
+from flexgen.identification.local_model import Drive, LocalModel
+from flexgen.identification.recordings.experiment_file import read_experiment
+from flexgen.identification.recordings.recording_writer import RecordingWriter
+from flexgen.identification.spectra import line_offsets, spectra_beside, without_transients
+from flexgen.loop.closed_loop import DriveHardware
+
+ROOT = Path(__file__).parents[2]
+
+
+def unsettled(hardware: DriveHardware, periods: int = 4, seed: int = 0) -> tuple[Experiment, np.ndarray]:
+    """An experiment that begins with its first period, and the responses of the settled robot without noise."""
+    model = without_coulomb("planar5_nmp")
+    plan = flexgen.excite(
+        model, poses=poses_of(model, 1), speed_rms=0.005, f_max=100.0, hardware=hardware, periods=periods, transients=0
+    )
+    quiet = replace(plan, transients=3, hardware=DriveHardware(hardware.sample_s))
+    return flexgen.measure(plan, model, beside=True, seed=seed), flexgen.frf(flexgen.measure(quiet, model)).G
+
+
+def test_transients_are_removed() -> None:
+    """What is left of the error is below one percent of the error without the removal."""
+    experiment, truth = unsettled(DriveHardware(5e-4))
+    removed = np.abs(flexgen.frf(experiment, transients=True).G - truth)
+    with_transients = flexgen.frf(experiment)
+    assert any("period 1 differs from the others" in line for line in with_transients.warnings)
+    left = np.abs(with_transients.G - truth)
+    assert np.median(left / np.abs(truth)) > 1e-3, "there must be a transient to remove"
+    assert np.sqrt((removed**2).sum() / (left**2).sum()) < 0.01
+    assert np.median(removed / left) < 0.01
+
+
+def test_a_removal_with_the_wrong_sign_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    experiment, truth = unsettled(DriveHardware(5e-4))
+    real = spectra.without_transients
+    monkeypatch.setattr(frequency_response, "without_transients", lambda lines, beside, at: real(lines, -beside, at))
+    wrong = np.abs(flexgen.frf(experiment, transients=True).G - truth)
+    assert np.median(wrong / np.abs(truth)) > 1e-3
+
+
+def test_the_noise_beside_the_lines_is_that_at_the_lines() -> None:
+    """Errors over predicted deviations: mean square 1, as of a settled experiment with as many periods."""
+    squares = []
+    for seed in range(6):
+        experiment, truth = unsettled(NOISY, seed=seed)
+        found = flexgen.frf(experiment, transients=True)
+        squares.append(np.abs(found.G - truth) ** 2 / found.variance)
+    assert 0.8 < np.mean(squares) < 1.2
+
+
+def test_spectra_beside_the_lines_are_those_of_the_whole_record() -> None:
+    rng = np.random.default_rng(0)
+    N, P, lines = 128, 3, np.array([3, 5, 11])
+    x = rng.normal(size=(P, N, 2))
+    offsets = line_offsets(lines, P)
+    summed = sum(spectra_beside(x[p], lines, offsets, p, P) for p in range(P))
+    whole = 2 / (P * N) * np.fft.fft(x.reshape(P * N, 2), axis=0)
+    assert np.allclose(summed, whole[P * lines[None] + offsets[:, None]], rtol=0, atol=1e-14)
+    assert not set((P * lines[None] + offsets[:, None]).ravel().tolist()) & set((P * lines).tolist())
+
+
+def test_a_quadratic_transient_is_removed_exactly() -> None:
+    offsets = np.array([-4, -3, -2, -1, 1, 2, 3, 4])
+    transient = 2.0 - 0.3j + (0.1 + 0.2j) * offsets + 0.05 * offsets**2
+    found = without_transients(np.full((1, 1), 7.0 + 2.0 - 0.3j), transient[:, None, None], offsets)
+    assert found.lines[0, 0] == pytest.approx(7.0, abs=1e-13) and np.abs(found.noise).max() < 1e-13
+    assert found.freedom == 5
+
+
+def test_too_few_periods_for_a_polynomial_are_refused() -> None:
+    with pytest.raises(ArgumentError, match="measure more periods"):
+        line_offsets(np.array([1, 2, 3]), 2)
+    model = without_coulomb("planar5_nmp")
+    plan = flexgen.excite(model, poses=poses_of(model, 1), speed_rms=0.005, f_max=100.0)
+    with pytest.raises(ArgumentError, match="no spectra beside the lines"):
+        flexgen.frf(flexgen.measure(plan, model), transients=True)
+
+
+def test_h1_without_noise_is_the_mean() -> None:
+    model = without_coulomb("planar5_nmp")
+    plan = flexgen.excite(model, poses=poses_of(model, 2), speed_rms=0.005, f_max=100.0, realizations=2)
+    experiment = flexgen.measure(plan, model)
+    mean, h1 = (flexgen.frf(experiment, average=name) for name in ("arithmetic", "h1"))
+    assert np.abs(mean.G - h1.G).max() < 1e-6 * np.abs(mean.G).max()
+    assert np.median(h1.variance / mean.variance) == pytest.approx(1.0, rel=0.05)
+
+
+def test_torque_noise_makes_h1_too_small() -> None:
+    """H1 = G S_uu / (S_uu + S_nn) where the noise of the recorded torques n does not move the robot."""
+    rng = np.random.default_rng(1)
+    shape = (1, 1, 64, 1, 1, 1)
+    U = np.ones(shape) + 0j
+    Y = 2.0 * U
+    noisy = U + 0.5 * (rng.normal(size=shape) + 1j * rng.normal(size=shape)) / np.sqrt(2)
+    assert abs(frequency_response.estimate(noisy, Y, "h1").G.item()) == pytest.approx(2 / 1.25, rel=0.15)
+    assert abs(frequency_response.estimate(noisy, Y).G.item()) == pytest.approx(2.0, rel=0.15)
+
+
+def recorded_without_period(folder: Path) -> tuple[Path, LocalModel]:
+    """A recording of `four_mass` under random torques, exact samples of the linear response."""
+    model = without_coulomb("four_mass")
+    local, n, T = LocalModel(model, ()), 2**17, 1e-3
+    w = 2 * np.pi * np.fft.rfftfreq(n, T)
+    rng = np.random.default_rng(2)
+    U = np.fft.rfft(rng.normal(size=n)) * (w > 2 * np.pi * 0.5) * (w < 2 * np.pi * 150)
+    G = np.zeros(len(w), complex)
+    G[1:] = local.response(local.values, np.zeros((1, 1)), w[1:], Drive(), derivatives=False).G[0, :, 0, 0]
+    G[1:] /= -(w[1:] ** 2)
+    noise = 1e-7 * rng.normal(size=n)
+    np.savez(folder / "run.npz", t=T * np.arange(n), u=np.fft.irfft(U, n), q=np.fft.irfft(G * U, n) + noise)
+    text = f"""
+model = {json.dumps(str(ROOT / "models" / "four_mass.toml"))}
+segment_s = 8.192
+hold = "none"
+lines = "all"
+f_min = 2.0
+f_max = 60.0
+[time]
+name = "t"
+unit = "s"
+[[torque]]
+motor = "m1"
+name = "u"
+unit = "N m"
+side = "motor"
+[[angle]]
+motor = "m1"
+name = "q"
+unit = "rad"
+side = "motor"
+[[recording]]
+file = "run.npz"
+pose_rad = [0.0]
+"""
+    path = folder / "run.toml"
+    path.write_text(text)
+    return path, local
+
+
+def test_a_motion_without_period_is_estimated_with_a_warning(tmp_path: Path) -> None:
+    path, local = recorded_without_period(tmp_path)
+    found = flexgen.frf(read_experiment(path))
+    assert any("not periodic" in line for line in found.warnings)
+    truth = local.response(local.values, np.zeros((1, 1)), found.w, Drive(), derivatives=False).G
+    error = np.abs(found.G - truth) / np.abs(truth)
+    assert np.median(error) < 0.02, "leakage of a Hann window, 31 segments"
+    assert np.quantile(error, 0.9) < 0.15
+
+
+def test_recordings_keep_the_spectra_beside_the_lines(tmp_path: Path) -> None:
+    model = without_coulomb("planar5_nmp")
+    plan = flexgen.excite(
+        model, poses=poses_of(model, 1), speed_rms=0.005, f_max=100.0, hardware=NOISY, periods=4, transients=0
+    )
+    writer = RecordingWriter(tmp_path / "raw", plan, model)
+    experiment = flexgen.measure(plan, model, beside=True, raw=writer)
+    again = read_experiment(writer.finish())
+    assert again.offsets is not None and (again.offsets == experiment.offsets).all()
+    first, second = (flexgen.frf(x, transients=True) for x in (experiment, again))
+    assert np.abs(first.G - second.G).max() < 1e-9 * np.abs(first.G).max()
