@@ -39,6 +39,19 @@ def not_negative(text: str) -> float:
     return 0.0 if re.fullmatch(r"\+?0*\.?0*", text) and "0" in text else positive(text)
 
 
+def spectrum(text: str) -> float | str:
+    """A power of the frequency, or ``optimal``."""
+    if text == "optimal":
+        return text
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected a number such as 0.5, or optimal")
+    return value
+
+
 def trajectory_file(text: str) -> Path:
     """A file name ending in .npz or .csv."""
     path = Path(text)

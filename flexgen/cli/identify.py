@@ -55,6 +55,7 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
         period_s=args.period,
         periods=args.periods,
         transients=args.transients,
+        spectrum=args.spectrum,
         sensors=args.sensors,
         realizations=args.realizations,
         hardware=hardware,

@@ -6,7 +6,7 @@ from argparse import ArgumentParser
 from collections.abc import Callable
 from typing import Any
 
-from flexgen.cli.argument_types import file_path, names, not_negative, positive, setting
+from flexgen.cli.argument_types import file_path, names, not_negative, positive, setting, spectrum
 from flexgen.cli.identify import excite, frf, identify, measure
 
 FREE = (
@@ -63,6 +63,14 @@ def _add_excite_arguments(parser: ArgumentParser) -> None:
     parser.add_argument("--f-min", metavar="HZ", type=positive, help="lowest frequency [Hz]; default: from the modes")
     parser.add_argument("--f-max", metavar="HZ", type=positive, help="highest frequency [Hz]; default: from the modes")
     parser.add_argument("--lines", metavar="N", type=int, default=63, help="number of frequencies; default: 63")
+    parser.add_argument(
+        "--spectrum",
+        metavar="POWER",
+        type=spectrum,
+        default=0.5,
+        help="speeds rise with this power of the frequency, or 'optimal': half of the power where it tells most; "
+        "default: 0.5",
+    )
     parser.add_argument("--period", metavar="S", type=positive, default=4.0, help="of the excitation [s]; default: 4")
     parser.add_argument("--periods", metavar="N", type=int, default=4, help="that are measured; default: 4")
     parser.add_argument(

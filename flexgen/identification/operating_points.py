@@ -100,30 +100,37 @@ def information(
         Their indices.
     """
     local = LocalModel(vector.model, vector.of_model, plan.sensors)
-    lines = slice(every // 2, None, every)
-    w = 2 * np.pi * plan.frequencies[lines]
-    thinned = plan_lines(plan, lines)
-    drive = vector.drive_at(vector.start, Drive(plan.hardware.sample_s, plan.hardware.delay_s))
+    thinned = plan_lines(plan, slice(every // 2, None, every))
     out, used = [], []
     for k, pose in enumerate(poses):
         try:
-            response = local.response(local.values, pose[None], w, drive, speed_sd=plan.speed_sd)
+            out.append(every * _by_line(vector, local, thinned, pose).sum(axis=0))
         except SolverError:
             continue
-        assert response.dG is not None
-        G, dG = response.G[0], along_x(vector, local, vector.start, response.G, response.dG, w)[0]
-        U = np.linalg.cholesky(torque_spectra(G[:, : len(plan.motors)], w, thinned))
-        L = np.linalg.cholesky(noise_covariance(G, w, thinned, vector.model))
-        J = np.linalg.solve(L, np.einsum("labp,lbe->lape", dG, U).reshape(*L.shape[:2], -1))
-        J = J.reshape(len(w), L.shape[1], len(vector), -1)
-        flat = J.transpose(0, 1, 3, 2).reshape(-1, len(vector))
-        out.append(2 * plan.periods * plan.realizations * every * np.real(flat.conj().T @ flat))
         used.append(k)
         if progress is not None:
             progress(f"pose {k + 1} of {len(poses)}")
     if not out:
         raise SolverError("poses: the robot can rest at none of them; check the limits of the joints")
     return np.array(out), np.array(used)
+
+
+def information_by_line(vector: ParameterVector, plan: Plan, pose: np.ndarray) -> np.ndarray:
+    """Information of each line (lines, n, n) at one pose (n_m,)."""
+    return _by_line(vector, LocalModel(vector.model, vector.of_model, plan.sensors), plan, pose)
+
+
+def _by_line(vector: ParameterVector, local: LocalModel, plan: Plan, pose: np.ndarray) -> np.ndarray:
+    w = 2 * np.pi * plan.frequencies
+    drive = vector.drive_at(vector.start, Drive(plan.hardware.sample_s, plan.hardware.delay_s))
+    response = local.response(local.values, pose[None], w, drive, speed_sd=plan.speed_sd)
+    assert response.dG is not None
+    G, dG = response.G[0], along_x(vector, local, vector.start, response.G, response.dG, w)[0]
+    U = np.linalg.cholesky(torque_spectra(G[:, : len(plan.motors)], w, plan))
+    L = np.linalg.cholesky(noise_covariance(G, w, plan, vector.model))
+    J = np.linalg.solve(L, np.einsum("labp,lbe->lape", dG, U).reshape(*L.shape[:2], -1))
+    J = J.reshape(len(w), L.shape[1], len(vector), -1).transpose(0, 2, 1, 3).reshape(len(w), len(vector), -1)
+    return np.asarray(2 * plan.periods * plan.realizations * np.real(J.conj() @ J.swapaxes(-1, -2)))
 
 
 def plan_lines(plan: Plan, lines: slice) -> Plan:
@@ -178,9 +185,7 @@ def choose(
         raise ArgumentError(f"criterion: given {criterion!r}, expected one of {', '.join(CRITERIA)}")
     if count > len(F):
         raise ArgumentError(f"poses: given {count}, expected at most {len(F)}, the number of candidates")
-    target = np.array([_counts(name, names) for name in vector.names])
-    if not target.any():
-        target[:] = True
+    target = counted(vector, names)
 
     def cost(total: np.ndarray) -> np.ndarray:
         block = covariance(total, vector.prior_sd)[..., target, :][..., target]
@@ -207,5 +212,7 @@ def choose(
     return chosen
 
 
-def _counts(name: str, names: Sequence[str] | None) -> bool:
-    return not name.endswith(FRICTIONS) if names is None else name in names
+def counted(vector: ParameterVector, names: Sequence[str] | None = None) -> np.ndarray:
+    """Which parameters count: the named ones, by default all but the frictions; all where there are no others."""
+    out = np.array([not n.endswith(FRICTIONS) if names is None else n in names for n in vector.names])
+    return out if out.any() else np.ones(len(out), bool)

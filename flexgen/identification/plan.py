@@ -12,6 +12,7 @@ from flexgen.analysis.linear import linearize
 from flexgen.errors import ArgumentError
 from flexgen.identification import operating_points
 from flexgen.identification.excitation import Plan, motor_speeds, odd_lines, speed_amplitudes
+from flexgen.identification.optimal_spectrum import with_optimal_spectrum
 from flexgen.identification.outputs import channels, checked
 from flexgen.identification.parameters import ParameterVector
 from flexgen.loop.closed_loop import Cascade, DriveHardware
@@ -27,6 +28,7 @@ POSITION_GAIN = 8.0  # 1/s
 SAMPLED_GAIN = 0.3  # of speed gain times sample time over inertia; unstable at 1 to 2
 CANDIDATES = 300
 FREE = ("stiffness", "damping")
+OPTIMAL = "optimal"
 
 
 @reported("excite")
@@ -40,7 +42,7 @@ def excite(
     f_min: float | None = None,
     f_max: float | None = None,
     lines: int = 63,
-    spectrum: float = 0.5,
+    spectrum: float | str = 0.5,
     period_s: float = 4.0,
     periods: int = 4,
     transients: int = 1,
@@ -60,16 +62,14 @@ def excite(
     criterion : str
         ``"A"``: least sum of variances of the parameters; ``"D"``: least determinant; ``"random"``.
     free : sequence of str, optional
-        Parameters whose accuracy counts; default: stiffness, damping, and viscous friction of every motor that has any.
+        Parameters whose accuracy counts; default: as of `identify`.
     speed_rms : float or sequence (n_g,) [rad/s or m/s]
         Of the excitation, joint side.
-    f_min, f_max : float, optional [Hz]
-        Band; default: from an eighth of the lowest to 1.5 times the highest natural frequency of the elastic modes at
-        home, and at most a fifth of the sampling frequency.
-    lines : int
-        Number of excited frequencies, at most.
-    spectrum : float
-        Amplitudes of the speed rise with this power of the frequency.
+    f_min, f_max, lines : optional [Hz]
+        Band and largest number of frequencies; default: from an eighth of the lowest to 1.5 times the highest natural
+        frequency of the elastic modes at home, and at most a fifth of the sampling frequency.
+    spectrum : float or "optimal"
+        Amplitudes of the speed rise with this power of the frequency; see `optimal_spectrum`.
     period_s : float [s]
     periods, transients, realizations : int
         Periods measured, periods before them that are not, and realizations of the random phases.
@@ -90,21 +90,17 @@ def excite(
     ArgumentError
         An argument is wrong, or the motion leaves the limits of joints or motors.
     """
-    given = str(model) if not isinstance(model, RobotModel) else _name(model)
-    robot = model if isinstance(model, RobotModel) else read(model)
-    hardware = hardware or DriveHardware()
+    robot, hardware = model if isinstance(model, RobotModel) else read(model), hardware or DriveHardware()
     _check_counts(periods, transients, realizations)
-    low, high = _band(robot, f_min, f_max, hardware)
-    lines_ = odd_lines(low, high, lines, period_s)
-    speed = motor_speeds(robot, np.asarray(speed_rms, dtype=float))
+    lines_ = odd_lines(*_band(robot, f_min, f_max, hardware), lines, period_s)
     plan = Plan(
-        model=given,
+        model=str(model) if not isinstance(model, RobotModel) else _name(model),
         digest=model_digest(robot),
         motors=tuple(motor.name for motor in robot.motors),
         poses=np.zeros((0, robot.n_m)),
         lines=lines_,
         period_s=float(period_s),
-        amplitudes=speed_amplitudes(lines_ / period_s, speed, spectrum),
+        amplitudes=_amplitudes(robot, lines_ / period_s, speed_rms, spectrum),
         phases=np.random.default_rng(seed).uniform(0, 2 * np.pi, (realizations, len(lines_), robot.n_m)),
         periods=periods,
         transients=transients,
@@ -112,8 +108,26 @@ def excite(
         controller=default_cascade(robot, hardware.sample_s + hardware.delay_s),
         sensors=checked(robot, channels(robot) if sensors is None else sensors),
     )
-    vector = ParameterVector(robot, default_free(robot) if free is None else free)
-    return _with_poses(plan, robot, vector, poses, criterion, seed, progress)
+    vector = ParameterVector(robot, free or default_free(robot))
+    plan = _with_poses(plan, robot, vector, poses, criterion, seed, progress)
+    return _predicted(_optimal(plan, robot, vector) if spectrum == OPTIMAL else plan, vector)
+
+
+def _amplitudes(
+    model: RobotModel, frequencies: np.ndarray, speed_rms: float | Sequence[float], spectrum: float | str
+) -> np.ndarray:
+    """Amplitudes (lines, n_m) of the motor speeds."""
+    if not isinstance(spectrum, int | float) and spectrum != OPTIMAL:
+        raise ArgumentError(f"spectrum: given {spectrum!r}, expected a power of the frequency, or {OPTIMAL!r}")
+    speed = motor_speeds(model, np.asarray(speed_rms, dtype=float))
+    return speed_amplitudes(frequencies, speed, 0.5 if isinstance(spectrum, str) else spectrum)
+
+
+def _optimal(plan: Plan, model: RobotModel, vector: ParameterVector) -> Plan:
+    """The plan with the optimal spectrum; ArgumentError where the motion leaves the limits."""
+    plan = with_optimal_spectrum(plan, vector)
+    _check_reach(plan, model)
+    return plan
 
 
 def _check_counts(periods: int, transients: int, realizations: int) -> None:
@@ -179,7 +193,7 @@ def _with_poses(
     seed: int,
     progress: Choice,
 ) -> Plan:
-    """The plan with its poses and what it predicts."""
+    """The plan with its poses."""
     tell = progress if callable(progress) else None
     if isinstance(poses, int | np.integer):
         if poses < 1 or criterion not in operating_points.CRITERIA:
@@ -206,11 +220,23 @@ def _with_poses(
                 f"poses: given an array of shape {q_g.shape}, expected (poses, {model.n_g}) in rad or m"
             )
         plan = replace(plan, poses=q_g @ model.eta.T)
-        for k, pose in enumerate(plan.poses):
-            reason = _within(model, pose, _swing(plan))
-            if reason is not None:
-                raise ArgumentError(f"pose {k + 1}: {reason}; take less speed_rms, a higher f_min, or another pose")
+        _check_reach(plan, model)
     _check_speeds(plan, model)
+    return plan
+
+
+def _check_reach(plan: Plan, model: RobotModel) -> None:
+    """ArgumentError where the motion leaves the limits of a joint."""
+    swing = _swing(plan)
+    for k, pose in enumerate(plan.poses):
+        reason = _within(model, pose, swing)
+        if reason is not None:
+            raise ArgumentError(f"pose {k + 1}: {reason}; take less speed_rms, a higher f_min, or another pose")
+    _check_speeds(plan, model)
+
+
+def _predicted(plan: Plan, vector: ParameterVector) -> Plan:
+    """The plan with the expected accuracy of the parameters."""
     F, _ = operating_points.information(vector, plan, plan.poses)
     sd = np.sqrt(np.diag(operating_points.covariance(F.sum(axis=0), vector.prior_sd)))
     return replace(plan, predicted=dict(zip(vector.names, sd.tolist(), strict=True)))
