@@ -143,7 +143,8 @@ def frf(args: Namespace, log: Progress) -> VerbResult:
     check_report(args.report)
     from flexgen.identification.experiment import Experiment
     from flexgen.identification.frequency_response import frf as estimate
-    from flexgen.identification.recordings.experiment_file import is_description, read_experiment
+    from flexgen.identification.recordings.description import is_description
+    from flexgen.identification.recordings.experiment_file import read_experiment
 
     if is_description(args.experiment):
         log(f"reading the recordings of {args.experiment}")
