@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from flexgen.cli.identify_motion import rigid, segments
 from flexgen.cli.printing import number, paragraph, table
 from flexgen.cli.verbs import Progress, VerbResult, check_report, check_writable, read_model, writing
 from flexgen.errors import ArgumentError
@@ -176,9 +177,13 @@ def frf(args: Namespace, log: Progress) -> VerbResult:
 
 
 def identify(args: Namespace, log: Progress) -> VerbResult:
-    """Fit parameters of a model to frequency responses; write a new model file."""
+    """Fit parameters of a model to frequency responses or to recorded motions; write a new model file."""
     check_writable(args.out)
     check_report(args.report)
+    if args.rigid or args.segments is not None:
+        return rigid(args, log) if args.rigid else segments(args, log)
+    if args.validate is not None or args.counterbalance:
+        raise ArgumentError("--validate, --counterbalance: given without --rigid or --segments, expected with them")
     from flexgen.identification.frequency_response import Frf
     from flexgen.identification.graybox import identify as fit
     from flexgen.identification.result import FitStatus

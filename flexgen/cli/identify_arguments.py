@@ -93,7 +93,31 @@ def _add_excite_arguments(parser: ArgumentParser) -> None:
 
 
 def _add_identify_arguments(parser: ArgumentParser) -> None:
-    parser.add_argument("frf", metavar="FRF", type=file_path, help="file written by 'flexgen frf'")
+    parser.add_argument(
+        "frf",
+        metavar="DATA",
+        type=file_path,
+        help="file written by 'flexgen frf'; with --rigid or --segments a .toml file that describes recordings",
+    )
+    parser.add_argument(
+        "--rigid", action="store_true", help="fit bodies, rotors and friction of a rigid arm to recorded motions"
+    )
+    parser.add_argument(
+        "--counterbalance",
+        metavar="JOINT=N",
+        type=setting,
+        action="append",
+        help="with --rigid: N harmonics of the angle of a joint in the torque of its motor; may be repeated",
+    )
+    parser.add_argument(
+        "--segments",
+        metavar="S",
+        type=positive,
+        help="fit the nonlinear model to recorded motions, in segments of this length [s]",
+    )
+    parser.add_argument(
+        "--validate", metavar="DATA", type=file_path, help="with --rigid or --segments: recordings that are not fitted"
+    )
     parser.add_argument("--free", metavar="NAME,NAME,...", type=names, help=FREE)
     parser.add_argument("--fixed", metavar="NAME,NAME,...", type=names, default=(), help="parameters that stay")
     parser.add_argument(

@@ -10,6 +10,8 @@ from flexgen.errors import ModelError
 from flexgen.model.checked_table import entry_name
 from flexgen.model.toml_lines import Entry, Path, Scanner, parse
 
+LONGEST = 6  # entries of a list of numbers: an inertia tensor
+
 
 def with_numbers(
     text: str, numbers: Mapping[str, float], file: str = "", sources: Mapping[str, str] | None = None
@@ -36,11 +38,15 @@ def with_numbers(
     root, places = parse(text, file), Scanner(text)
     edits: list[tuple[int, int, str]] = []
     new: dict[Path, dict[str, Any]] = {}  # what is missing, by the table that it is missing in
+    longer: dict[Path, dict[int, float]] = {}  # entries of lists that become longer
     notes: dict[int, list[str]] = {}
     for dotted, value in numbers.items():
         if not math.isfinite(value):
             raise ModelError(file, 0, dotted, repr(value), "a finite number")
         path, missing = _resolve(root, dotted, file)
+        if missing and (*path, 0) in places.spans:  # entries after the end of a list of numbers
+            longer.setdefault(path, {})[int(missing[0])] = float(value)
+            continue
         if missing:
             if path and path not in places.braces and path not in places.headers:
                 given = f"no {'.'.join(missing)}"
@@ -58,6 +64,11 @@ def with_numbers(
         if sources and dotted in sources and (path or not missing):
             line_end = text.find("\n", at)
             notes.setdefault(len(text) if line_end < 0 else line_end, []).append(sources[dotted])
+    for path, entries in longer.items():
+        last = max(place[-1] for place in places.spans if place[:-1] == path and isinstance(place[-1], int))
+        at = places.spans[*path, last][1]
+        more = [repr(entries.get(k, 0.0)) for k in range(last + 1, max(entries) + 1)]
+        edits.append((at, at, "".join(f", {number}" for number in more)))
     for path, tables in new.items():
         edits.append(_addition(text, places, path, tables))
     edits += [(at, at, f"  # {'; '.join(dict.fromkeys(words))}") for at, words in notes.items()]
@@ -101,7 +112,8 @@ def _resolve(root: Entry, dotted: str, file: str) -> tuple[Path, tuple[str, ...]
         elif isinstance(here.value, list):
             names = [entry_name(entry) for entry in here.value]
             key = names.index(word) if word in names else int(word) if word.isdigit() else None
-            key = key if key is None or key < len(names) else None
+            if isinstance(key, int) and len(names) <= key < LONGEST:
+                return path, (word,)
         else:
             key = None
         if key is None:

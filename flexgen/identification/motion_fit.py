@@ -1,0 +1,437 @@
+"""`fit_motion`: fit parameters to recorded torques and motions in the time domain (multiple shooting).
+
+    min over p and z_s:  sum_s |y_s(p, z_s) - y_s|^2 / sd^2,      z_s = (state at the start, constant torques)
+
+The record is cut into short segments s. In each of them the nonlinear model is simulated under the recorded torques
+from a start state of its own: errors cannot grow over a long record, the drive need not be known, and unstable or badly
+modeled slow motion does no harm. Start states and constant torques are eliminated segment by segment; constant torques
+take what lies outside of the model, such as the offset of a second encoder. Derivatives are differences.
+
+Of a periodic motion the mean of the periods is fitted. Deviations are those of a sandwich over the segments, since
+errors of neighboring samples are alike.
+
+Source: H. Bock, 1983 (multiple shooting); G. Golub and V. Pereyra, SIAM J. Numer. Anal. 10(2), 1973 (elimination);
+L. Ljung, System Identification, 2nd ed. 1999, sec. 16.5 (validation, whiteness).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from flexgen.atomic_files import write_text
+from flexgen.errors import ArgumentError
+from flexgen.identification.experiment import largest_rate
+from flexgen.identification.graybox import weak_directions
+from flexgen.identification.local_model import Drive, LocalModel
+from flexgen.identification.parameters import DELAY, ParameterVector, is_of_drive
+from flexgen.identification.recordings.description import Description, Recording, read_description
+from flexgen.identification.result import WEAK, FitStatus, written
+from flexgen.identification.segments import Segments
+from flexgen.mechanics.parameters import with_values
+from flexgen.model.elements import RobotModel
+from flexgen.model.reader import read
+from flexgen.numerics.trust_region import Sums, minimize
+from flexgen.progress import Choice, reported
+
+STEP = 1e-5  # of differences in the parameters, mostly logarithms
+RANK = 1e-7  # of singular values of start states that a segment determines, relative
+INNER = 3  # steps for the start states at each set of parameters
+STABLE = 0.5  # integration step times the fastest eigenvalue
+DISTANCE = 0.01  # standard deviations from the minimum where the search ends
+LEAST_SEGMENTS, LAGS = 4, 20
+POORLY_EXPLAINED = 50.0  # %: a fit below it is a model error
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MotionFit:
+    """Parameters from a motion.
+
+    Parameters
+    ----------
+    vector : ParameterVector
+    x : array (n,)
+    covariance : array (n, n)
+        Of x: of logarithms for parameters with the scale "log".
+    status : FitStatus
+    rms : tuple of float
+        Of the residuals of each output: motor angles [rad, motor side], then link encoders.
+    fit_percent : tuple of float
+        ``100 (1 - |y - y_model| / |y - mean|)`` of each output, mean over the segments.
+    held_out_percent : tuple of float
+        The same on recordings that were not fitted; empty: none.
+    white : tuple of float
+        Part of the autocorrelations of the residuals of each output (`LAGS` lags) within the 99 % band of white noise.
+    weak : tuple of str
+        Sentences on directions that the data do not determine.
+    segments, iterations : int
+    wall_s : float [s]
+    source : str
+    """
+
+    vector: ParameterVector
+    x: np.ndarray
+    covariance: np.ndarray
+    status: FitStatus
+    rms: tuple[float, ...]
+    fit_percent: tuple[float, ...]
+    held_out_percent: tuple[float, ...]
+    white: tuple[float, ...]
+    weak: tuple[str, ...]
+    segments: int
+    iterations: int
+    wall_s: float
+    source: str
+
+    def __repr__(self) -> str:
+        fit = ", ".join(f"{value:.1f} %" for value in self.fit_percent)
+        return f"<MotionFit {self.vector.model.name}: {self.status}, fit {fit}, {self.segments} segments>"
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Name -> value; SI units, on the side where the model file states the number."""
+        return dict(zip(self.vector.names, self.vector.values(self.x).tolist(), strict=True))
+
+    @property
+    def sd(self) -> dict[str, float]:
+        """Name -> standard deviation: relative for parameters with the scale "log", else in the parameter's unit."""
+        return dict(zip(self.vector.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    def used(self) -> dict[str, float]:
+        """Name -> value of the numbers of the model that the data determine."""
+        named, sd = self.vector.named(self.x), self.sd
+        out: dict[str, float] = {}
+        for unknown in self.vector.unknowns:
+            if unknown.scale == "linear" or sd[unknown.name] <= WEAK:
+                out |= {name: named[name] for name in (unknown.name, *unknown.tied) if not is_of_drive(name)}
+        return out
+
+    @property
+    def model(self) -> RobotModel:
+        """The model with the identified values; those that the data do not determine as they were."""
+        return with_values(self.vector.model, self.used())
+
+    def write(self, path: str | Path) -> Path:
+        """Write the new model file; see `Identified.write`."""
+        model = self.vector.model
+        old = Path(model.file)
+        if not old.is_file() or old.suffix != ".toml":
+            raise ArgumentError(f"model file: given {model.file!r}, expected a .toml file with [[element]] tables")
+        text = written(old.read_text(encoding="utf-8"), model, self.used(), self.sd, self.source, str(old))
+        return write_text(Path(path), text)
+
+
+class _Run:
+    """A recording, or the mean of its periods followed by one more of them; names as in `Recording`."""
+
+    def __init__(self, data: Description, recording: Recording) -> None:
+        root = data.root
+        self.t, self.tau_m, self.q_m, self.signals = recording.t, recording.tau_m, recording.q_m, recording.signals
+        self.own = len(self.t)  # samples at which a segment may begin
+        if "period_s" not in root:
+            return
+        samples = round(root.number("period_s", above=0.0) / recording.sample_s)
+        first = samples * (root.whole("transients", 0, 1000) if "transients" in root else 0)
+        periods = (len(self.t) - first) // samples
+        if samples < 2 or periods < 1:
+            raise ArgumentError(f"{recording.file}: given {len(self.t)} samples, expected a whole period")
+
+        def mean(x: np.ndarray) -> np.ndarray:
+            one = x[first : first + periods * samples].reshape(periods, samples, -1).mean(axis=0)
+            return np.vstack([one, one])
+
+        self.tau_m, self.q_m, self.signals = mean(self.tau_m), mean(self.q_m), mean(self.signals)
+        self.t, self.own = recording.sample_s * np.arange(2 * samples), samples
+
+
+class _Shooting:
+    """Residuals of all segments, and their sums with start states and constants eliminated."""
+
+    def __init__(self, vector: ParameterVector, data: Description, segment_s: float) -> None:
+        self.vector, self.model = vector, vector.model
+        self.local = LocalModel(vector.model, vector.of_model)
+        recordings = [_Run(data, recording) for _, recording in data.recordings]
+        self.sample_s = data.recordings[0][1].sample_s
+        self.samples = round(segment_s / self.sample_s)
+        if self.samples < 4:
+            raise ArgumentError(f"segment_s: given {segment_s} s, expected at least 4 samples of {self.sample_s:.3g} s")
+        hold = data.root.choice("hold", ("zoh", "none"))
+        self.zoh, self.delay = hold == "zoh", data.root.number("delay_s", 0.0, least=0.0)
+        self.rows, self.measured = self._outputs(data, recordings)
+        rate = largest_rate(self.local, recordings[0].q_m[:1])
+        self.steps = max(1, math.ceil(rate * self.sample_s / STABLE))
+        self.simulate = Segments(self.local, self.rows, self.sample_s, self.steps)
+        self.starts = [(r, k) for r, run in enumerate(recordings) for k in self._begins(run)]
+        if len(self.starts) < LEAST_SEGMENTS:
+            raise ArgumentError(
+                f"segment_s: given {segment_s} s, which makes {len(self.starts)} segments, expected at least "
+                f"{LEAST_SEGMENTS}: take shorter ones"
+            )
+        self._curves = [self._curve(run) for run in recordings]
+        self._times = [run.t[0] for run in recordings]
+        window = np.arange(self.samples + 1)
+        self.y = np.array([self.measured[r][k + window] for r, k in self.starts])  # (segments, samples + 1, n_y)
+        self.z = np.hstack([self._start_states(), np.zeros((len(self.starts), self.model.n_m))])
+        self.sd = np.maximum(1e-6 * np.std(self.y, axis=(0, 1)), 1e-300)
+        self.scale = self._scales()
+        self.Q = np.zeros((len(self.starts), self.y[0].size, 0))  # what start states explain, see `parts`
+
+    def _outputs(self, data: Description, recordings: Sequence[_Run]) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Rows of the outputs in y, and their records: motors, then link encoders."""
+        names = [c.name for c in self.model.coordinates]
+        of = {name: sensor for sensor in self.model.sensors for name in sensor.channels}
+        used = [c for c, name in enumerate(data.sensors) if of[name].type == "link_encoder"]
+        others = [name for name in data.sensors if of[name].type != "link_encoder"]
+        if others:
+            raise ArgumentError(f"signals: given {', '.join(others)}, expected link encoders only; leave others out")
+        links = np.zeros((len(used), self.model.dof))
+        for row, c in zip(links, used, strict=True):
+            row[names.index(of[data.sensors[c]].place)] = 1.0
+        rows = np.vstack([self.local.motor_rows, links])
+        return rows, [np.hstack([run.q_m, run.signals[:, used]]) for run in recordings]
+
+    def _begins(self, run: _Run) -> range:
+        return range(0, min(run.own, len(run.t) - self.samples), self.samples)
+
+    def _curve(self, run: _Run) -> object:
+        """The torques between the samples: held, or a quintic spline."""
+        return run.tau_m if self.zoh else make_interp_spline(run.t, run.tau_m, k=5)
+
+    def _start_states(self) -> np.ndarray:
+        """Joints as the motors, springs at rest; speeds by differences."""
+        model, out = self.model, np.zeros((len(self.starts), 2 * self.model.dof))
+        n_m = model.n_m
+        q = self.y[:, 0, :n_m]
+        v = (-3 * self.y[:, 0, :n_m] + 4 * self.y[:, 1, :n_m] - self.y[:, 2, :n_m]) / (2 * self.sample_s)
+        for at, motors in ((0, q), (model.dof, v)):
+            out[:, [at + i for i in model.i_g]] = motors @ np.linalg.inv(model.eta).T
+            out[:, at + model.n_a : at + model.dof] = motors[:, list(model.i_m)]
+        return out
+
+    def _scales(self) -> np.ndarray:
+        """Sizes of the entries of z, for differences: angles, speeds, torques."""
+        n = self.model.dof
+        angle = np.full(n, max(float(np.std(np.diff(self.y, axis=1))), 1e-9))
+        torque = np.maximum(np.std(np.vstack([self._torque(0.0)[:, :, 0].reshape(-1, self.model.n_m)]), axis=0), 1e-9)
+        return np.concatenate([angle, angle / self.sample_s, torque])
+
+    def _torque(self, delay: float) -> np.ndarray:
+        """Torques of all segments (segments, samples * steps, 3, n_m)."""
+        h = self.sample_s / self.steps
+        nodes = h * (np.arange(self.samples * self.steps)[:, None] + np.array([0.0, 0.5, 1.0]))
+        out = np.empty((len(self.starts), *nodes.shape, self.model.n_m))
+        for s, (r, k) in enumerate(self.starts):
+            curve = self._curves[r]
+            at = k * self.sample_s + nodes - delay
+            if isinstance(curve, np.ndarray):
+                middle = np.broadcast_to(at[:, 1:2], at.shape)  # one value within a step
+                index = np.floor(middle / self.sample_s).astype(int)
+                out[s] = curve[np.clip(index, 0, len(curve) - 1)]
+            else:
+                last = self._times[r] + self.sample_s * (len(self.measured[r]) - 1)
+                out[s] = curve(np.clip(self._times[r] + at, self._times[r], last))  # type: ignore[operator]
+        return out
+
+    def _of(self, x: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+        """Parameters of the model, delay, and torque constants (n_m,) at x."""
+        named = self.vector.named(x)
+        drive = self.vector.drive_at(x, Drive(0.0, self.delay))
+        constants = np.array(drive.torque_constants or (1.0,) * self.model.n_m)
+        return np.array([named[name] for name in self.local.names]), drive.delay_s, constants
+
+    def _run(self, points: Sequence[np.ndarray], z: Sequence[np.ndarray]) -> np.ndarray:
+        """Outputs (points, segments, samples + 1, n_y) for parameters x and segment unknowns z of each point."""
+        count, n = len(self.starts), 2 * self.model.dof
+        found = [self._of(x) for x in points]
+        delays = sorted({delay for _, delay, _ in found})
+        inputs = np.concatenate([self._torque(delay) for delay in delays])
+        constants = {tuple(c.tolist()) for _, _, c in found}
+        if len(constants) > 1 or not np.all(np.array(next(iter(constants))) == 1.0):
+            inputs = np.concatenate([self._torque(d) * c for _, d, c in found])
+            sets = np.arange(len(points) * count)
+        else:
+            sets = np.concatenate([delays.index(d) * count + np.arange(count) for _, d, _ in found])
+        flat = np.concatenate(z)
+        parameters = np.repeat([p for p, _, _ in found], count, axis=0)
+        out = self.simulate(flat[:, :n], inputs, sets, flat[:, n:], parameters)
+        return out.reshape(len(points), count, *out.shape[1:])
+
+    def _weighted(self, y: np.ndarray) -> np.ndarray:
+        """Residuals (..., segments, (samples + 1) n_y)."""
+        r = (y - self.y) / self.sd
+        return np.asarray(r.reshape(*r.shape[:-2], -1))
+
+    def _by_z(self, x: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals at z and their derivatives in z over its scale (segments, residuals, n_z)."""
+        n_z = z.shape[1]
+        moved = [z + STEP * self.scale * (np.arange(n_z) == k) for k in range(n_z)]
+        found = self._weighted(self._run([x] * (n_z + 1), [z, *moved]))
+        return found[0], np.moveaxis(found[1:] - found[0], 0, -1) / STEP
+
+    def settle(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals with the best start states, and their derivatives in these."""
+        for _ in range(INNER):
+            r, Jz = self._by_z(x, self.z)
+            size = np.maximum(np.linalg.norm(Jz, axis=1), 1e-300)[:, None, :]
+            U, values, Vt = np.linalg.svd(Jz / size, full_matrices=False)
+            inverse = np.where(values > RANK * values[:, :1], 1.0 / np.maximum(values, 1e-300), 0.0)
+            along = np.einsum("snk,sn->sk", U, r) * inverse
+            self.z = self.z - np.einsum("skj,sk->sj", Vt, along) / size[:, 0] * self.scale
+        return self._by_z(x, self.z)
+
+    def cost(self, x: np.ndarray) -> float:
+        """Sum of the squares at x."""
+        r, _ = self.settle(x)
+        return float((r**2).sum())
+
+    def parts(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Residuals (segments, N) and their derivatives in x with z eliminated (segments, N, n)."""
+        r, Jz = self.settle(x)
+        moved = [x + STEP * (np.arange(len(x)) == k) * self._unit(k) for k in range(len(x))]
+        base = self._weighted(self._run([x, *moved], [self.z] * (len(x) + 1)))
+        J = np.moveaxis(base[1:] - base[0], 0, -1) / (STEP * np.array([self._unit(k) for k in range(len(x))]))
+        self.Q = _basis(Jz)
+        return r, J - self.Q @ (self.Q.swapaxes(-1, -2) @ J)
+
+    def _unit(self, k: int) -> float:
+        """Size of a change of a parameter: 1 for logarithms, a sample for the delay."""
+        unknown = self.vector.unknowns[k]
+        return (
+            1.0 if unknown.scale == "log" else self.sample_s if unknown.name == DELAY else max(abs(unknown.start), 1e-3)
+        )
+
+    def sums(self, x: np.ndarray) -> Sums:
+        """Sum of the squares and normal equations."""
+        r, J = self.parts(x)
+        return float((r**2).sum()), np.einsum("snk,sn->k", J, r), np.einsum("snk,snl->kl", J, J)
+
+
+def _basis(Jz: np.ndarray) -> np.ndarray:
+    """Orthonormal columns (segments, residuals, n_z) that span those of Jz; zero where Jz has less rank."""
+    U, values, _ = np.linalg.svd(Jz / np.maximum(np.linalg.norm(Jz, axis=1), 1e-300)[:, None, :], full_matrices=False)
+    return np.asarray(U * (values > RANK * values[:, :1])[:, None, :])
+
+
+@reported("fit_motion")
+def fit_motion(
+    model: RobotModel | str | Path | None,
+    recordings: str | Path,
+    *,
+    free: Sequence[str],
+    fixed: Sequence[str] = (),
+    segment_s: float = 0.05,
+    start: Mapping[str, float] | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    priors: Mapping[str, float] | None = None,
+    validate: str | Path | None = None,
+    progress: Choice = None,
+) -> MotionFit:
+    """Fit parameters of a model to recorded torques and motions.
+
+    Parameters
+    ----------
+    model : RobotModel, str, Path or None
+        None: that of the description.
+    recordings : str or Path
+        A description, see `flexgen.identification.recordings.description`; motors and link encoders are used.
+    free, fixed, start, bounds, priors
+        See `flexgen.identification.parameters.ParameterVector`; also ``delay`` and ``torque_constant``.
+    segment_s : float [s]
+        Length of the segments: some periods of the lowest resonance.
+    validate : str or Path, optional
+        A description of recordings that are not fitted.
+    progress : callable or bool, optional
+
+    Raises
+    ------
+    ArgumentError
+        The recordings cannot be used, or a name is unknown.
+    SolverError
+        The simulation with the start values is not finite.
+    """
+    began = time.perf_counter()
+    data = read_description(recordings)
+    robot = data.model if model is None else model if isinstance(model, RobotModel) else read(model)
+    vector = ParameterVector(robot, free, fixed=fixed, start=start, bounds=bounds, priors=priors)
+    shooting = _Shooting(vector, data, segment_s)
+    tell = progress if callable(progress) else None
+    x, fit = vector.start, None
+    for round_ in range(3):  # the deviations of the outputs follow from the residuals
+        if tell is not None:
+            tell(f"fit {round_ + 1} of 3: {len(shooting.starts)} segments")
+        r, _ = shooting.settle(x)
+        each = (r.reshape(*shooting.y.shape) ** 2).mean(axis=(0, 1))
+        shooting.sd = shooting.sd * np.sqrt(np.maximum(each, 1e-300))
+        fit = minimize(shooting.sums, shooting.cost, x, vector.start, vector.prior_sd, vector.bounds, distance=DISTANCE)
+        x = fit.x
+    assert fit is not None
+    r, J = shooting.parts(x)
+    prior = np.diag(vector.prior_sd**-2.0)
+    inverse = np.linalg.inv(fit.A + prior)
+    scores = np.einsum("snk,sn->sk", J, r)
+    covariance = inverse @ (scores.T @ scores + prior) @ inverse
+    errors = r.reshape(*shooting.y.shape) * shooting.sd
+    held_out = () if validate is None else _validated(vector, x, validate, segment_s)
+    percent = _percent(shooting.y, errors)
+    status = FitStatus.FITTED
+    if not fit.converged:
+        status = FitStatus.NOT_CONVERGED
+    elif fit.at_bound.any():
+        status = FitStatus.AT_BOUND
+    elif min(percent) < POORLY_EXPLAINED:
+        status = FitStatus.MODEL_ERROR
+    return MotionFit(
+        vector=vector,
+        x=x,
+        covariance=covariance,
+        status=status,
+        rms=tuple(np.sqrt((errors**2).mean(axis=(0, 1))).tolist()),
+        fit_percent=percent,
+        held_out_percent=held_out,
+        white=whiteness(errors, shooting.Q),
+        weak=weak_directions(vector, fit.A / 2),
+        segments=len(shooting.starts),
+        iterations=fit.iterations,
+        wall_s=time.perf_counter() - began,
+        source=str(recordings),
+    )
+
+
+def _validated(vector: ParameterVector, x: np.ndarray, path: str | Path, segment_s: float) -> tuple[float, ...]:
+    """Fit in percent of recordings that were not fitted; their start states are free."""
+    other = _Shooting(vector, read_description(path), segment_s)
+    other.settle(x)
+    r, _ = other.settle(x)
+    return _percent(other.y, r.reshape(*other.y.shape) * other.sd)
+
+
+def _percent(y: np.ndarray, errors: np.ndarray) -> tuple[float, ...]:
+    """``100 (1 - |e| / |y - straight line|)`` of each output: slow motion is no merit of the model."""
+    n = np.arange(y.shape[1], dtype=float)
+    A = np.stack([np.ones_like(n), n], axis=1)
+    away = y - np.einsum("ab,sbj->saj", A @ np.linalg.pinv(A), y)
+    return tuple((100 * (1 - np.linalg.norm(errors, axis=(0, 1)) / np.linalg.norm(away, axis=(0, 1)))).tolist())
+
+
+def whiteness(errors: np.ndarray, Q: np.ndarray) -> tuple[float, ...]:
+    """Part of the autocorrelations of residuals (segments, samples, n_y) within the 99 % band of white noise.
+
+    ``Q`` (segments, samples * n_y, n_z): what was fitted in each segment; residuals are orthogonal to it, and so not
+    quite white even where the noise is.
+    """
+    P = Q.reshape(*errors.shape, -1)
+    count = errors.shape[0] * errors.shape[1]
+    power = (errors**2).sum(axis=(0, 1))
+    left = count - (P**2).sum(axis=(0, 1, 3))
+    inside = []
+    for lag in range(1, min(LAGS, errors.shape[1] - 1) + 1):
+        found = (errors[:, lag:] * errors[:, :-lag]).sum(axis=(0, 1)) / power
+        expected = -(P[:, lag:] * P[:, :-lag]).sum(axis=(0, 1, 3)) / left
+        inside.append(np.abs(found - expected) < 2.58 / math.sqrt(count))
+    return tuple(np.mean(inside, axis=0).tolist())

@@ -1,0 +1,157 @@
+"""Parameters from recorded motions in short segments: exact on simulated robots, refusals, and the integrator in C."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from identification_cases import another, poses_of
+from scipy.integrate import solve_ivp
+
+import flexgen
+from flexgen.errors import ArgumentError
+from flexgen.identification.excitation import Plan
+from flexgen.identification.local_model import LocalModel
+from flexgen.identification.motion_fit import fit_motion, whiteness
+from flexgen.identification.recordings.recording_writer import RecordingWriter
+from flexgen.identification.result import FitStatus
+from flexgen.identification.segments import Segments
+from flexgen.loop.closed_loop import DriveHardware
+from flexgen.model.elements import RobotModel
+
+FREE = ["stiffness", "damping"]
+
+
+def recorded(folder: Path, robot: RobotModel, noise: float = 0.0, *, seed: int = 0, encoder: bool = False) -> Path:
+    """A motion of a robot under its drives, as a description of recordings without period."""
+    model = flexgen.read("planar5_nmp")
+    if encoder:
+        sensor = {"name": "link", "type": "link_encoder", "coordinate": "q1", "unit": "rad", "noise": 0.01 * noise}
+        sensors = flexgen.read("planar5_nmp", overrides={"sensor": [sensor]}).sensors
+        model, robot = replace(model, sensors=sensors), replace(robot, sensors=sensors)
+    drives = DriveHardware(5e-4, encoder_noise_rad=noise)
+    plan: Plan = flexgen.excite(
+        model, poses=poses_of(model, 1), speed_rms=0.1, f_max=60.0, hardware=drives, period_s=1.0, periods=2
+    )
+    writer = RecordingWriter(folder, plan, model)
+    flexgen.measure(plan, robot, seed=seed, raw=writer)
+    path = writer.finish()
+    if encoder:
+        text = (Path(__file__).parents[2] / "models" / "planar5_nmp.toml").read_text()
+        text += '\n[[sensor]]\nname = "link"\ntype = "link_encoder"\ncoordinate = "q1"\nunit = "rad"\n'
+        (folder / "robot.toml").write_text(text)
+    rows = [line for line in path.read_text().splitlines() if not line.startswith(("period_s", "line_numbers"))]
+    if encoder:
+        rows[0] = 'model = "robot.toml"'
+    path.write_text("\n".join(rows))
+    return path
+
+
+@pytest.fixture(scope="module")
+def truth() -> RobotModel:
+    """Other springs and dampers than in the file."""
+    return another(flexgen.read("planar5_nmp"), seed=5)
+
+
+def test_parameters_of_a_motion_without_noise(truth: RobotModel, tmp_path: Path) -> None:
+    found = fit_motion(None, recorded(tmp_path, truth), free=[*FREE, "friction"], segment_s=0.05)
+    assert found.status == FitStatus.FITTED and min(found.fit_percent) > 99.99
+    exact = {p.name: p.value for p in flexgen.mechanics.parameters.select(truth, list(found.values))}
+    for name, value in found.values.items():
+        if name in found.used():
+            assert value == pytest.approx(exact[name], rel=1e-3), name
+    assert {"q1.stiffness", "q2.stiffness", "m1.viscous"} <= set(found.used())
+
+
+@pytest.mark.slow
+def test_errors_are_as_large_as_their_deviations(truth: RobotModel, tmp_path: Path) -> None:
+    exact = {p.name: p.value for p in flexgen.mechanics.parameters.select(truth, FREE)}
+    scores = []
+    for seed in range(4):
+        folder = tmp_path / str(seed)
+        found = fit_motion(None, recorded(folder, truth, 1e-4, seed=seed), free=FREE, segment_s=0.05)
+        scores.append([np.log(found.values[n] / exact[n]) / found.sd[n] for n in found.values])
+        assert min(found.white) > 0.8
+    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1.6
+
+
+@pytest.mark.slow
+def test_a_link_encoder_makes_stiffness_more_accurate(truth: RobotModel, tmp_path: Path) -> None:
+    sds = []
+    for encoder in (False, True):
+        folder = tmp_path / str(encoder)
+        found = fit_motion(None, recorded(folder, truth, 1e-4, encoder=encoder), free=FREE, segment_s=0.05)
+        exact = {p.name: p.value for p in flexgen.mechanics.parameters.select(truth, FREE)}
+        assert abs(np.log(found.values["q1.stiffness"] / exact["q1.stiffness"])) < 5 * found.sd["q1.stiffness"]
+        sds.append(found.sd["q1.stiffness"])
+        assert len(found.rms) == 2 + encoder
+    assert sds[1] < 0.9 * sds[0]
+
+
+@pytest.mark.slow
+def test_a_wrong_hold_shows_as_a_delay(truth: RobotModel, tmp_path: Path) -> None:
+    path = recorded(tmp_path, truth)
+    right = fit_motion(None, path, free=[*FREE, "delay"], segment_s=0.05)
+    assert abs(right.values["delay"]) < 2e-6
+    path.write_text(path.read_text().replace('hold = "zoh"', 'hold = "none"'))
+    wrong = fit_motion(None, path, free=[*FREE, "delay"], segment_s=0.05)
+    assert wrong.values["delay"] == pytest.approx(2.5e-4, abs=5e-5)  # half of a sample
+
+
+@pytest.mark.slow
+def test_held_out_recordings_show_a_wrong_model(truth: RobotModel, tmp_path: Path) -> None:
+    first, second = (recorded(tmp_path / name, truth, 1e-5, seed=k) for k, name in enumerate("ab"))
+    found = fit_motion(None, first, free=FREE, segment_s=0.05, validate=second)
+    stuck = fit_motion(None, first, free=["q1.damping"], segment_s=0.05, validate=second)
+    assert min(found.held_out_percent) > min(stuck.held_out_percent) + 1
+    assert min(stuck.white) < min(found.white)
+
+
+def test_segments_are_those_of_another_integrator() -> None:
+    model = flexgen.read("planar5_nmp")
+    local = LocalModel(model, ["q1.stiffness"])
+    segments = Segments(local, local.motor_rows, 1e-3, 16)
+    rng = np.random.default_rng(0)
+    start = 0.1 * rng.normal(size=(3, 2 * model.dof))
+    u = rng.normal(size=(2, 20 * 16, 3, model.n_m))
+    u[:, :, 1:] = u[:, :, :1]  # constant within a step
+    k = np.array([[500.0], [600.0], [700.0]])
+    offset = rng.normal(size=(3, model.n_m))
+    sets = np.array([0, 1, 1])
+    y = segments(start, u, sets, offset, k)
+    rate = local.equations.function("state_rate")
+    for lane in range(3):
+        x = start[lane]
+        for step in range(20 * 16):
+            tau = u[sets[lane], step, 0] + offset[lane]
+            x = solve_ivp(
+                lambda t, s, tau=tau, lane=lane: np.array(rate(s, tau, k[lane])).ravel(),
+                (0, 6.25e-5), x, rtol=1e-10, atol=1e-12,
+            ).y[:, -1]  # fmt: skip
+            if step % 16 == 15:
+                expected = local.motor_rows @ x[: model.dof]
+                assert y[lane, (step + 1) // 16] == pytest.approx(expected, rel=1e-6, abs=1e-8)
+
+
+def test_white_noise_is_white_and_a_sine_is_not() -> None:
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=(50, 100, 1))
+    none = np.zeros((50, 100, 0))
+    assert whiteness(noise, none)[0] > 0.9
+    assert whiteness(noise + np.sin(0.3 * np.arange(100))[None, :, None], none)[0] < 0.2
+    # Residuals of straight lines: their correlation is that of the lines that were taken off.
+    A = np.linalg.qr(np.vander(np.arange(100.0), 5))[0]
+    left = noise - np.einsum("nk,mk,smj->snj", A, A, noise)
+    assert whiteness(left, np.broadcast_to(A, (50, 100, 5)))[0] > 0.9 > whiteness(left, none)[0]
+
+
+def test_what_cannot_be_fitted_is_refused(truth: RobotModel, tmp_path: Path) -> None:
+    path = recorded(tmp_path, truth)
+    with pytest.raises(ArgumentError, match="expected at least 4 samples"):
+        fit_motion(None, path, free=FREE, segment_s=1e-3)
+    with pytest.raises(ArgumentError, match="take shorter ones"):
+        fit_motion(None, path, free=FREE, segment_s=1.9)
+    with pytest.raises(ArgumentError, match="free: given no parameter"):
+        fit_motion(None, path, free=[])
