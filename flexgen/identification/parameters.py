@@ -2,8 +2,9 @@
 
     theta = exp(x) (scale "log"), theta = x (scale "linear")
 
-Names are those of `flexgen.mechanics.parameters`, and two of the drives: ``delay`` [s] and
-``<motor>.torque_constant`` (torque of the motor over the recorded one).
+Names are those of `flexgen.mechanics.parameters`, and those of the drives: ``delay`` [s], ``<motor>.torque_constant``
+(torque of the motor over the recorded one), and the gains of `flexgen.loop.closed_loop.Cascade`:
+``<motor>.position_gain``, ``.speed_gain``, ``.integral_gain``, for fits in closed loop.
 """
 
 from __future__ import annotations
@@ -16,12 +17,14 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.identification.local_model import Drive, with_drive
+from flexgen.loop.closed_loop import Cascade
 from flexgen.mechanics.parameters import Parameter, select, with_values
 from flexgen.model.elements import RobotModel
 
 PRIOR_SD = 2.0  # of the logarithm, about the start: so weak that only directions without information feel it
 DELAY = "delay"
 CONSTANT = ".torque_constant"
+GAINS = {".position_gain": "1/s", ".speed_gain": "N m s/rad", ".integral_gain": "1/s"}
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,8 @@ class ParameterVector:
         Name -> standard deviation of the prior.
     ties : mapping, optional
         Name -> name of the free parameter that it follows by a constant factor, that of the start values.
+    controller : Cascade, optional
+        Of the drives, where their gains are parameters.
 
     Raises
     ------
@@ -93,17 +98,18 @@ class ParameterVector:
         bounds: Mapping[str, tuple[float, float]] | None = None,
         priors: Mapping[str, float] | None = None,
         ties: Mapping[str, str] | None = None,
+        controller: Cascade | None = None,
     ) -> None:
         self.model = model
         start, bounds, priors, ties = dict(start or {}), dict(bounds or {}), dict(priors or {}), dict(ties or {})
-        drive = [name for name in free if name == DELAY or name.endswith(CONSTANT) or name == CONSTANT[1:]]
+        drive = [name for name in free if is_of_drive(name)]
         of_model = [name for name in free if name not in drive]
-        held = {p.name for p in select(model, [n for n in fixed if n != DELAY and not n.endswith(CONSTANT)])}
-        held |= {name for name in fixed if name == DELAY or name.endswith(CONSTANT)}
+        held = {p.name for p in select(model, [name for name in fixed if not is_of_drive(name)])}
+        held |= {name for name in fixed if is_of_drive(name)}
         parameters = [p for p in select(model, of_model) if p.name not in held and p.name not in ties]
         # Of a group, what is zero stays zero: such as the cubic part of a spring that has none.
         parameters = [p for p in parameters if p.value != 0.0 or p.name in of_model or p.name in start]
-        parameters += [p for p in _drive_parameters(model, drive) if p.name not in held]
+        parameters += [p for p in _drive_parameters(model, drive, controller) if p.name not in held]
         known = {p.name for p in parameters}
         for what, names in (("start", start), ("bounds", bounds), ("priors", priors), ("ties", ties.values())):
             for name in names:
@@ -175,23 +181,41 @@ class ParameterVector:
 
 
 def is_of_drive(name: str) -> bool:
-    """Whether a parameter belongs to the drives and not to the model."""
-    return name == DELAY or name.endswith(CONSTANT)
+    """Whether a parameter belongs to the drives and not to the model; also names of groups, without a motor."""
+    return name == DELAY or f".{name}".endswith((CONSTANT, *GAINS))
 
 
-def _drive_parameters(model: RobotModel, names: Sequence[str]) -> list[Parameter]:
-    """Delay and torque constants."""
+def cascade_at(controller: Cascade, values: Mapping[str, float], motors: Sequence[str]) -> Cascade:
+    """The controller with other gains (``<motor>.speed_gain`` ...)."""
+    gains = {}
+    for kind in GAINS:
+        before = getattr(controller, kind[1:])
+        gains[kind[1:]] = np.array([values.get(motor + kind, old) for motor, old in zip(motors, before, strict=True)])
+    return Cascade(**gains)
+
+
+def _drive_parameters(model: RobotModel, names: Sequence[str], controller: Cascade | None) -> list[Parameter]:
+    """Delay, torque constants and gains."""
     out = []
-    known = {f"{motor.name}{CONSTANT}": motor.name for motor in model.motors}
+    motors = [motor.name for motor in model.motors]
+    known = {f"{motor}{kind}": (motor, kind) for kind in (CONSTANT, *GAINS) for motor in motors}
     for name in names:
         if name == DELAY:
             out.append(Parameter(DELAY, 0.0, "s", "delay of the torques behind the measured angles"))
             continue
-        chosen = list(known) if name == CONSTANT[1:] else [name]
+        chosen = [one for one, (_, kind) in known.items() if kind == f".{name}"] or [name]
         for one in chosen:
             if one not in known:
                 raise ArgumentError(f"free: given {one!r}, expected one of {', '.join(known)}")
-            out.append(Parameter(one, 1.0, "1", f"torque of motor {known[one]} over the recorded torque"))
+            motor, kind = known[one]
+            if kind == CONSTANT:
+                out.append(Parameter(one, 1.0, "1", f"torque of motor {motor} over the recorded torque"))
+                continue
+            if controller is None:
+                raise ArgumentError(f"free: given {one!r}, which only 'refine' can fit: it simulates the drives")
+            gain = float(getattr(controller, kind[1:])[motors.index(motor)])
+            if gain or chosen == [name]:  # of a group, what is zero stays zero
+                out.append(Parameter(one, gain, GAINS[kind], f"{kind[1:].replace('_', ' ')} of the drive of {motor}"))
     return out
 
 

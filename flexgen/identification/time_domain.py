@@ -23,7 +23,7 @@ from flexgen.errors import ArgumentError
 from flexgen.identification.experiment import Experiment, largest_rate, settle
 from flexgen.identification.graybox import COST_MOST, SMALL_ERROR, weak_directions
 from flexgen.identification.local_model import LocalModel, Rest
-from flexgen.identification.parameters import ParameterVector, is_of_drive
+from flexgen.identification.parameters import CONSTANT, DELAY, ParameterVector, cascade_at, is_of_drive
 from flexgen.identification.result import FitStatus, Identified
 from flexgen.identification.spectra import spectrum
 from flexgen.inversion.model_library import library_with
@@ -34,6 +34,7 @@ from flexgen.progress import Choice, reported
 
 STEP = 1e-4  # of forward differences in x, mostly logarithms
 DISTANCE = 0.03  # standard deviations from the minimum where the search ends: forward differences show no more
+NEAR = 0.01  # in x: derivatives that were taken nearer than this are used again
 FRICTION = ("viscous", "coulomb", "beta")  # of each motor and joint that has them
 
 
@@ -74,6 +75,7 @@ class Simulated:
         # As in the experiment; the method is stable for friction up to 2.7 times as steep as at the start.
         self.steps = integration_steps(plan.hardware, largest_rate(self.local, plan.poses))
         self.count, self.simulations = self.measured.size, 0
+        self._known: tuple[np.ndarray, np.ndarray] | None = None  # the last derivatives, and where they were taken
 
     def spectra(self, x: np.ndarray) -> np.ndarray:
         """``w^2 Q`` (runs, lines, n_m) of a period after the transients."""
@@ -84,8 +86,9 @@ class Simulated:
         rest = self.local.rest(values, self.poses, start)
         self._rest = rest
         n_a, n_m = self.vector.model.n_a, self.vector.model.n_m
+        controller = cascade_at(plan.controller, named, plan.motors)
         loop = ClosedLoop(
-            self.vector.model, self.library, self.quiet, plan.controller, rest.y[:, :n_a], self.poses, 0.0,
+            self.vector.model, self.library, self.quiet, controller, rest.y[:, :n_a], self.poses, 0.0,
             steps=self.steps, parameters=values,
         )  # fmt: skip
         loop.hold(rest.tau_m)
@@ -104,14 +107,21 @@ class Simulated:
         """Sum of their squares."""
         return float((np.abs(self.residual(x)) ** 2).sum())
 
-    def sums(self, x: np.ndarray) -> Sums:
-        """Sum of the squares, ``Re J^H r``, ``Re J^H J``."""
-        r = self.residual(x).ravel()
+    def _jacobian(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """Derivatives of the residuals r (n_r,) at x, (n_r, n)."""
         J = np.empty((len(r), len(x)), complex)
         for k in range(len(x)):
             if self.progress is not None:
                 self.progress(f"simulation {self.simulations + 1}, {self.plan.duration_s:.0f} s of robot in the plan")
             J[:, k] = (self.residual(x + STEP * (np.arange(len(x)) == k)).ravel() - r) / STEP
+        return J
+
+    def sums(self, x: np.ndarray) -> Sums:
+        """Sum of the squares, ``Re J^H r``, ``Re J^H J``."""
+        r = self.residual(x).ravel()
+        if self._known is None or np.abs(x - self._known[0]).max() > NEAR:
+            self._known = x.copy(), self._jacobian(x, r)
+        J = self._known[1]
         return float((np.abs(r) ** 2).sum()), np.real(J.conj().T @ r), np.real(J.conj().T @ J)
 
 
@@ -162,12 +172,13 @@ def refine(
         most = plan.experiments * plan.realizations
         raise ArgumentError(f"runs: given {runs!r}, expected 1 to {most}, the experiments at each pose")
     names = list(found.vector.names) + _frictions(found) if free is None else list(free)
-    names = [name for name in dict.fromkeys(names) if not is_of_drive(name)]
+    unknown = [name for name in dict.fromkeys(names) if name != DELAY and not f".{name}".endswith(CONSTANT)]
+    names = [name for name in unknown if not is_of_drive(name)]
     for parameter in select(model, names):
         if not parameter.run_time:
             raise ArgumentError(f"free: given {parameter.name}, expected stiffness, damping, friction or payload")
     begin = {name: value for name, value in found.used().items() if name in {p.name for p in select(model, names)}}
-    vector = ParameterVector(model, names, start=begin | dict(start or {}))
+    vector = ParameterVector(model, unknown, start=begin | dict(start or {}), controller=plan.controller)
     every = [(r, e) for r in range(plan.realizations) for e in range(plan.experiments)]
     chosen = [(k, *every[(k + i) % len(every)]) for k in range(len(plan.poses)) for i in range(runs)]
     simulated = Simulated(vector, experiment, chosen, tell)

@@ -255,6 +255,13 @@ def test_coulomb_friction_is_found_in_the_time_domain(name):
     )
     other = flexgen.refine(coarse, wrong, progress=False)
     assert other.cost > 2  # a drive that is not the one of the experiment is seen
+    gains = flexgen.refine(coarse, wrong, free=[*fine.vector.names, "speed_gain"], progress=False)
+    for motor, gain in zip(plan.motors, plan.controller.speed_gain, strict=True):
+        assert gains.values[f"{motor}.speed_gain"] == pytest.approx(gain, rel=5 * gains.sd[f"{motor}.speed_gain"])
+        assert gains.sd[f"{motor}.speed_gain"] < 0.01
+    assert gains.cost < 2.0 and not {f"{motor}.speed_gain" for motor in plan.motors} & set(gains.used())
+    with pytest.raises(ArgumentError, match="which only 'refine' can fit"):
+        flexgen.identify(model, flexgen.frf(experiment), free=["stiffness", "speed_gain"], progress=False)
 
 
 @needs_compiler

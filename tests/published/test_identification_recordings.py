@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import importlib.util
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 
 import flexgen
 from flexgen.identification.frequency_response import estimate
+from flexgen.identification.motion_fit import fit_motion
 from flexgen.identification.recordings.experiment_file import read_experiment
 from flexgen.identification.result import FitStatus
 
@@ -66,6 +69,44 @@ def test_a_wrong_hold_is_a_wrong_delay(bench, tmp_path):
         tmp_path / "bench.toml", flexgen.frf(read_experiment(tmp_path / "recordings.toml")), free=FREE, progress=False
     )
     assert found.values["delay"] == pytest.approx(0.11e-3 - 0.2e-3, abs=0.03e-3)
+
+
+def test_the_motor_bench_in_the_time_domain(bench):
+    """Segments of 50 ms with free start states: the same parameters without frequency responses."""
+    found = fit_motion(None, bench / "recordings.toml", free=FREE, segment_s=0.05, progress=False)
+    assert found.values["m1.inertia"] == pytest.approx(4.83e-3, rel=0.02)
+    assert found.values["load.inertia_zz"] == pytest.approx(4.71e-3, rel=0.02)
+    assert found.values["q1.stiffness"] == pytest.approx(548.0, rel=0.02)
+    assert 0.08e-3 < found.values["delay"] < 0.14e-3
+    assert found.fit_percent[0] > 95 and found.white[0] < 0.5  # friction that is not in the model
+
+
+@pytest.mark.parametrize(
+    ("script", "words", "expected"),
+    [
+        ("motor_bench/identify_bench.py", (), ("q1.stiffness", "fit of the motor angle")),
+        ("kr300/identify_kr300.py", (), ("36 base parameters", "q1: not identifiable", "q3: ")),
+        ("steering_mirror.py", ("u", "y", "out.svg"), ("noise: 0.217 %", "distortion: 2.89 %")),
+    ],
+)
+def test_examples_of_recordings(script, words, expected, tmp_path, capsys):
+    sources = {"motor_bench": [BENCH], "kr300": sorted(DATA.glob("kr300/*.npz")), "steering_mirror.py": [MIRROR]}
+    files = sources[script.partition("/")[0]]
+    if not files or not files[0].exists():
+        pytest.skip(f"no recordings for {script}")
+    for file in files:
+        shutil.copy(file, tmp_path)
+    arguments = [str(tmp_path)]
+    if words:
+        arguments = [str(MIRROR.with_name(f"{name}_300mV_train.npy")) for name in "uy"] + [str(tmp_path / "out.svg")]
+    spec = importlib.util.spec_from_file_location("example", ROOT / "examples" / script)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["example"] = module
+    spec.loader.exec_module(module)
+    module.main(arguments if words else tmp_path)
+    printed = capsys.readouterr().out
+    assert all(text in printed for text in expected), printed
+    assert list(tmp_path.glob("*.svg"))
 
 
 def test_responses_of_a_steering_mirror():
