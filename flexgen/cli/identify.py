@@ -32,7 +32,7 @@ def throttled(log: Progress) -> Callable[[str], None]:
 def excite(args: Namespace, log: Progress) -> VerbResult:
     """Plan an experiment for identification: poses, multisines, expected accuracy."""
     _check_npz(args.out)
-    from flexgen.identification.plan import excite as plan_experiment
+    from flexgen.identification.experiments.plan import excite as plan_experiment
     from flexgen.loop.closed_loop import DriveHardware
 
     model = read_model(args)
@@ -97,8 +97,8 @@ def measure(args: Namespace, log: Progress) -> VerbResult:
     """Simulate the experiment of a plan on a robot, with noise and drives."""
     _check_npz(args.out)
     check_writable(args.raw, folder=True)
-    from flexgen.identification.excitation import Plan
-    from flexgen.identification.experiment import measure as simulate
+    from flexgen.identification.experiments.excitation import Plan
+    from flexgen.identification.experiments.experiment import measure as simulate
 
     plan, robot = Plan.load(args.plan), read_model(args)
     log(f"simulating {plan.duration_s:.0f} s of {robot.name}")
@@ -142,7 +142,7 @@ def frf(args: Namespace, log: Progress) -> VerbResult:
     """Estimate frequency responses and their noise from an experiment."""
     _check_npz(args.out)
     check_report(args.report)
-    from flexgen.identification.experiment import Experiment
+    from flexgen.identification.experiments.experiment import Experiment
     from flexgen.identification.frequency_response import frf as estimate
     from flexgen.identification.recordings.description import is_description
     from flexgen.identification.recordings.experiment_file import read_experiment
@@ -284,7 +284,7 @@ def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbRes
 
 def _refined(found: Any, args: Namespace, log: Progress) -> Any:
     """The parameters refined by simulation of the experiment."""
-    from flexgen.identification.experiment import Experiment
+    from flexgen.identification.experiments.experiment import Experiment
     from flexgen.identification.time_domain import refine
 
     experiment = Experiment.load(args.refine)

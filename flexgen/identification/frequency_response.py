@@ -26,9 +26,9 @@ import numpy as np
 
 from flexgen import array_files
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.identification.experiment import Experiment
+from flexgen.identification.experiments.experiment import Experiment
+from flexgen.identification.experiments.spectra import without_transients
 from flexgen.identification.outputs import ANGLE
-from flexgen.identification.spectra import without_transients
 
 AVERAGES = ("arithmetic", "harmonic", "logarithmic", "h1")
 REPEATS = 6.0  # a period that differs from the others by more than this times their scatter does not repeat

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import ParameterVector
-from flexgen.identification.plan import default_free
 from flexgen.identification.residuals import RESIDUALS, Residuals, over_lines
 from flexgen.identification.result import WEAK, FitStatus, Identified
 from flexgen.model.elements import RobotModel

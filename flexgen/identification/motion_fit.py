@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,7 +27,7 @@ from scipy.interpolate import make_interp_spline
 
 from flexgen.atomic_files import write_text
 from flexgen.errors import ArgumentError
-from flexgen.identification.experiment import largest_rate
+from flexgen.identification.experiments.experiment import largest_rate
 from flexgen.identification.graybox import weak_directions
 from flexgen.identification.local_model import Drive, LocalModel
 from flexgen.identification.parameters import DELAY, ParameterVector, is_of_drive
@@ -37,11 +37,12 @@ from flexgen.identification.segments import Segments
 from flexgen.mechanics.parameters import with_values
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
-from flexgen.numerics.trust_region import Sums, minimize
+from flexgen.numerics.trust_region import Fit, Sums, minimize
 from flexgen.progress import Choice, reported
 
 STEP = 1e-5  # of differences in the parameters, mostly logarithms
 RANK = 1e-7  # of singular values of start states that a segment determines, relative
+ROUNDS = 3  # of fits with deviations from the residuals of the last one
 INNER = 3  # steps for the start states at each set of parameters
 STABLE = 0.5  # integration step times the fastest eigenvalue
 DISTANCE = 0.01  # standard deviations from the minimum where the search ends
@@ -339,7 +340,7 @@ def fit_motion(
     model : RobotModel, str, Path or None
         None: that of the description.
     recordings : str or Path
-        A description, see `flexgen.identification.recordings.description`; motors and link encoders are used.
+        See `flexgen.identification.recordings.description`; motors and link encoders are used.
     free, fixed, start, bounds, priors
         See `flexgen.identification.parameters.ParameterVector`; also ``delay`` and ``torque_constant``.
     segment_s : float [s]
@@ -360,17 +361,8 @@ def fit_motion(
     robot = data.model if model is None else model if isinstance(model, RobotModel) else read(model)
     vector = ParameterVector(robot, free, fixed=fixed, start=start, bounds=bounds, priors=priors)
     shooting = _Shooting(vector, data, segment_s)
-    tell = progress if callable(progress) else None
-    x, fit = vector.start, None
-    for round_ in range(3):  # the deviations of the outputs follow from the residuals
-        if tell is not None:
-            tell(f"fit {round_ + 1} of 3: {len(shooting.starts)} segments")
-        r, _ = shooting.settle(x)
-        each = (r.reshape(*shooting.y.shape) ** 2).mean(axis=(0, 1))
-        shooting.sd = shooting.sd * np.sqrt(np.maximum(each, 1e-300))
-        fit = minimize(shooting.sums, shooting.cost, x, vector.start, vector.prior_sd, vector.bounds, distance=DISTANCE)
-        x = fit.x
-    assert fit is not None
+    fit = _minimized(shooting, vector, progress if callable(progress) else None)
+    x = fit.x
     r, J = shooting.parts(x)
     prior = np.diag(vector.prior_sd**-2.0)
     inverse = np.linalg.inv(fit.A + prior)
@@ -379,18 +371,11 @@ def fit_motion(
     errors = r.reshape(*shooting.y.shape) * shooting.sd
     held_out = () if validate is None else _validated(vector, x, validate, segment_s)
     percent = _percent(shooting.y, errors)
-    status = FitStatus.FITTED
-    if not fit.converged:
-        status = FitStatus.NOT_CONVERGED
-    elif fit.at_bound.any():
-        status = FitStatus.AT_BOUND
-    elif min(percent) < POORLY_EXPLAINED:
-        status = FitStatus.MODEL_ERROR
     return MotionFit(
         vector=vector,
         x=x,
         covariance=covariance,
-        status=status,
+        status=_status(fit, percent),
         rms=tuple(np.sqrt((errors**2).mean(axis=(0, 1))).tolist()),
         fit_percent=percent,
         held_out_percent=held_out,
@@ -401,6 +386,29 @@ def fit_motion(
         wall_s=time.perf_counter() - began,
         source=str(recordings),
     )
+
+
+def _minimized(shooting: _Shooting, vector: ParameterVector, tell: Callable[[str], None] | None) -> Fit:
+    """The fit; the deviations of the outputs follow from the residuals of the last one."""
+    x, fit = vector.start, None
+    for k in range(ROUNDS):
+        if tell is not None:
+            tell(f"fit {k + 1} of {ROUNDS}: {len(shooting.starts)} segments")
+        r, _ = shooting.settle(x)
+        each = (r.reshape(*shooting.y.shape) ** 2).mean(axis=(0, 1))
+        shooting.sd = shooting.sd * np.sqrt(np.maximum(each, 1e-300))
+        fit = minimize(shooting.sums, shooting.cost, x, vector.start, vector.prior_sd, vector.bounds, distance=DISTANCE)
+        x = fit.x
+    assert fit is not None
+    return fit
+
+
+def _status(fit: Fit, percent: tuple[float, ...]) -> FitStatus:
+    if not fit.converged:
+        return FitStatus.NOT_CONVERGED
+    if fit.at_bound.any():
+        return FitStatus.AT_BOUND
+    return FitStatus.MODEL_ERROR if min(percent) < POORLY_EXPLAINED else FitStatus.FITTED
 
 
 def _validated(vector: ParameterVector, x: np.ndarray, path: str | Path, segment_s: float) -> tuple[float, ...]:

@@ -13,9 +13,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import nnls
 
+from flexgen.identification.experiments.operating_points import along_x
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.local_model import Drive, LocalModel, Response, Rest
-from flexgen.identification.operating_points import along_x
 from flexgen.identification.outputs import ANGLE
 from flexgen.identification.parameters import ParameterVector
 from flexgen.numerics.trust_region import Sums

@@ -20,12 +20,12 @@ import numpy as np
 
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
-from flexgen.identification.experiment import Experiment, largest_rate, settle
+from flexgen.identification.experiments.experiment import Experiment, largest_rate, settle
+from flexgen.identification.experiments.spectra import spectrum
 from flexgen.identification.graybox import COST_MOST, SMALL_ERROR, weak_directions
 from flexgen.identification.local_model import LocalModel, Rest
 from flexgen.identification.parameters import CONSTANT, DELAY, ParameterVector, cascade_at, is_of_drive
 from flexgen.identification.result import FitStatus, Identified
-from flexgen.identification.spectra import spectrum
 from flexgen.inversion.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop, integration_steps
 from flexgen.mechanics.parameters import select
@@ -143,8 +143,7 @@ def refine(
         From the frequency responses of the same experiment; where the search begins.
     experiment : Experiment
     free : sequence of str, optional
-        Parameters; default: those of ``found``, and viscous and Coulomb friction of every motor and joint that has any,
-        with the width of its step (``beta``).
+        Default: those of ``found``, and viscous and Coulomb friction and ``beta`` of motors and joints that have any.
     start : mapping, optional
         Other values to begin with.
     runs : int

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from flexgen.identification.experiments.operating_points import FRICTIONS
 from flexgen.identification.frequency_response import Frf
-from flexgen.identification.operating_points import FRICTIONS
 from flexgen.identification.residuals import Residuals
 from flexgen.identification.result import Identified
 from flexgen.plots import canvas as cv

@@ -11,9 +11,9 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.identification.experiment import largest_rate
+from flexgen.identification.experiments.experiment import largest_rate
+from flexgen.identification.experiments.plan import default_cascade
 from flexgen.identification.local_model import LocalModel
-from flexgen.identification.plan import default_cascade
 from flexgen.inversion.model_library import library_with
 from flexgen.loop.closed_loop import Cascade, ClosedLoop, DriveHardware
 from flexgen.model.elements import RobotModel

@@ -11,9 +11,9 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.identification.experiments.operating_points import noise_covariance
 from flexgen.identification.frequency_response import coherence
 from flexgen.identification.local_model import Drive, LocalModel
-from flexgen.identification.operating_points import noise_covariance
 from flexgen.loop.closed_loop import DriveHardware
 
 pytestmark = needs_compiler

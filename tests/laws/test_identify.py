@@ -269,21 +269,24 @@ def test_coulomb_friction_is_found_in_the_time_domain(name):
 def test_gears_with_low_and_high_stiffness():
     """Local models with averaged springs find the way; the simulation of the experiment gives the numbers."""
     model = flexgen.read(str(ROBOTS / "two_smooth_gears.toml"))
-    rng = np.random.default_rng(0)
-    poses = np.column_stack([np.pi / 2 + rng.uniform(-0.6, 0.6, 12), rng.uniform(-0.8, 0.8, 12)])
-    drives = replace(NOISY, torque_noise_Nm=0.05)
-    plan = flexgen.excite(
-        model, poses=poses, speed_rms=0.02, periods=3, f_min=1.0, f_max=60.0, hardware=drives, transients=2,
-        realizations=3, progress=False,
-    )  # fmt: skip
-    experiment = flexgen.measure(plan, model, progress=False)
     names = [f"{joint}.{kind}" for joint in ("q1", "q2") for kind in ("low", "high", "break_at")]
-    true = truth_of(model, names)
-    start = with_values(model, {name: value * np.exp(rng.uniform(-0.4, 0.4)) for name, value in true.items()})
-    coarse = flexgen.identify(start, flexgen.frf(experiment), progress=False)
-    fine = flexgen.refine(coarse, experiment, progress=False)
-    assert max(map(abs, errors(coarse, true).values())) < 0.3
-    assert max(map(abs, errors(fine, true).values())) < 5e-3 and fine.status == FitStatus.FITTED
+    true, rng = truth_of(model, names), np.random.default_rng(0)
+    friction = {f"{m.name}.{k}": x for m in model.motors for k, x in (("coulomb", 0.3), ("beta", 0.5))}
+    for robot, speed in ((model, 0.003), (with_values(model, friction), 0.02)):
+        drives = replace(NOISY, torque_noise_Nm=0.05)
+        plan = flexgen.excite(
+            robot, poses=12, free=names, speed_rms=speed, periods=4, f_min=1.0, f_max=60.0, hardware=drives,
+            transients=2, realizations=3, progress=False,
+        )  # fmt: skip
+        experiment = flexgen.measure(plan, robot, progress=False)
+        start = with_values(robot, {name: value * np.exp(rng.uniform(-0.3, 0.3)) for name, value in true.items()})
+        found = flexgen.identify(start, flexgen.frf(experiment), progress=False)
+        if robot is model:  # small motion at poses that twist the gears by different amounts
+            assert max(map(abs, errors(found, true).values())) < 0.03
+            continue
+        fine = flexgen.refine(found, experiment, progress=False)
+        assert max(map(abs, errors(fine, true).values())) < 3e-3 and fine.status == FitStatus.FITTED
+        assert errors(fine, {"m1.coulomb": 0.3, "m2.coulomb": 0.3})["m1.coulomb"] == pytest.approx(0.0, abs=0.02)
 
 
 @needs_compiler

@@ -12,7 +12,7 @@ from scipy.integrate import solve_ivp
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.identification.excitation import Plan
+from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.local_model import LocalModel
 from flexgen.identification.motion_fit import fit_motion, whiteness
 from flexgen.identification.recordings.recording_writer import RecordingWriter

@@ -8,10 +8,10 @@ from identification_cases import NOISY, poses_of, without_coulomb
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.identification.operating_points import covariance, information, information_by_line
-from flexgen.identification.optimal_spectrum import optimal_power
+from flexgen.identification.experiments.operating_points import covariance, information, information_by_line
+from flexgen.identification.experiments.optimal_spectrum import optimal_power
+from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.parameters import ParameterVector
-from flexgen.identification.plan import default_free
 
 
 def test_the_best_of_two_lines_in_closed_form() -> None:

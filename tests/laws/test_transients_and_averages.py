@@ -12,12 +12,13 @@ from identification_cases import NOISY, poses_of, without_coulomb
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.identification import frequency_response, spectra
-from flexgen.identification.experiment import Experiment
+from flexgen.identification import frequency_response
+from flexgen.identification.experiments import spectra
+from flexgen.identification.experiments.experiment import Experiment
+from flexgen.identification.experiments.spectra import line_offsets, spectra_beside, without_transients
 from flexgen.identification.local_model import Drive, LocalModel
 from flexgen.identification.recordings.experiment_file import read_experiment
 from flexgen.identification.recordings.recording_writer import RecordingWriter
-from flexgen.identification.spectra import line_offsets, spectra_beside, without_transients
 from flexgen.loop.closed_loop import DriveHardware
 
 ROOT = Path(__file__).parents[2]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 import flexgen
-from flexgen.identification.excitation import Plan
+from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.local_model import Drive, LocalModel
 from flexgen.loop.closed_loop import DriveHardware

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.errors import ArgumentError
-from flexgen.identification.excitation import Plan
-from flexgen.identification.experiment import HOLDS, Experiment
+from flexgen.identification.experiments.excitation import Plan
+from flexgen.identification.experiments.experiment import HOLDS, Experiment
+from flexgen.identification.experiments.spectra import line_offsets, spectrum, windowed_spectrum
 from flexgen.identification.outputs import output_orders
 from flexgen.identification.recordings.description import Description, Recording, read_description
-from flexgen.identification.spectra import line_offsets, spectrum, windowed_spectrum
 from flexgen.loop.closed_loop import Cascade, DriveHardware
 from flexgen.model.checked_table import Table
 from flexgen.model.digest import model_digest

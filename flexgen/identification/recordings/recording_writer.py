@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.atomic_files import atomic_file, write_text
-from flexgen.identification.excitation import Plan
+from flexgen.identification.experiments.excitation import Plan
 from flexgen.model.elements import RobotModel
 
 

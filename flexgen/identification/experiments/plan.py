@@ -10,9 +10,9 @@ import numpy as np
 
 from flexgen.analysis.linear import linearize
 from flexgen.errors import ArgumentError
-from flexgen.identification import operating_points
-from flexgen.identification.excitation import Plan, motor_speeds, odd_lines, speed_amplitudes
-from flexgen.identification.optimal_spectrum import with_optimal_spectrum
+from flexgen.identification.experiments import operating_points
+from flexgen.identification.experiments.excitation import Plan, motor_speeds, odd_lines, speed_amplitudes
+from flexgen.identification.experiments.optimal_spectrum import with_optimal_spectrum
 from flexgen.identification.outputs import channels, checked
 from flexgen.identification.parameters import ParameterVector
 from flexgen.loop.closed_loop import Cascade, DriveHardware

@@ -1,8 +1,8 @@
 """`measure`: a simulated experiment. Robots under their drives follow the references of a plan; spectra are kept.
 
 Raw samples of an experiment take megabytes for each second of robot; the spectra at the excited lines are all that the
-frequency responses need, see `flexgen.identification.spectra`. Raw samples are kept on demand, in the form in which
-recordings of real robots are read.
+frequency responses need, see `flexgen.identification.experiments.spectra`. Raw samples are kept on demand, in the form
+in which recordings of real robots are read.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ import numpy as np
 
 from flexgen import array_files
 from flexgen.errors import ArgumentError
-from flexgen.identification.excitation import Plan
+from flexgen.identification.experiments.excitation import Plan
+from flexgen.identification.experiments.sensor_simulation import SensorSignals
+from flexgen.identification.experiments.spectra import line_offsets, spectra_beside, spectrum
 from flexgen.identification.local_model import LocalModel
 from flexgen.identification.outputs import output_orders
-from flexgen.identification.sensor_simulation import SensorSignals
-from flexgen.identification.spectra import line_offsets, spectra_beside, spectrum
 from flexgen.inversion.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop, Samples
 from flexgen.model.digest import model_digest

@@ -7,7 +7,7 @@ import numpy as np
 
 from flexgen.build.casadi_module import in_c
 from flexgen.errors import ArgumentError
-from flexgen.identification.excitation import Plan
+from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.outputs import channels, checked
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.sensors import sensor_signals

@@ -17,8 +17,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexgen.identification.excitation import Plan
-from flexgen.identification.operating_points import counted, covariance, information_by_line
+from flexgen.identification.experiments.excitation import Plan
+from flexgen.identification.experiments.operating_points import counted, covariance, information_by_line
 from flexgen.identification.parameters import ParameterVector
 
 KEPT = 0.5  # part of the power that stays where it was

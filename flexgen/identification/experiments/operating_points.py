@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.identification.excitation import Plan
+from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.local_model import Drive, LocalModel
 from flexgen.identification.outputs import output_orders
 from flexgen.identification.parameters import ParameterVector, is_of_drive

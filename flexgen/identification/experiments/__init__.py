@@ -1,0 +1,1 @@
+"""Planned and simulated experiments, and their spectra."""
