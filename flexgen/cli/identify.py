@@ -203,9 +203,10 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
         source=str(args.frf),
         progress=throttled(log),
     )
+    validation: tuple[dict[str, Any], list[str]] = ({}, [])
     if args.refine is not None:
-        found = _refined(found, args, log)
-    result = found.figures() | {"model": model.name}
+        found, validation = _refined(found, args, log)
+    result = found.figures() | {"model": model.name} | validation[0]
     rows = [
         [
             row["name"], row["value"], row["unit"], f"{100 * row['sd']:.2g} %" if row["sd_is_relative"] else row["sd"],
@@ -222,6 +223,7 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     ]
     if found.model_error > 0:
         lines.insert(1, f"model error: {number(100 * found.model_error)} % of the responses")
+    lines += validation[1]
     lines += ["", *(f"{line}." for line in found.weak)]
     if args.move is not None and found.status != FitStatus.NOT_CONVERGED:
         compared, words = _verdict(found, args, log)
@@ -282,14 +284,30 @@ def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbRes
     return VerbResult(result, "\n".join(lines), problem=problem)
 
 
-def _refined(found: Any, args: Namespace, log: Progress) -> Any:
-    """The parameters refined by simulation of the experiment."""
+def _refined(found: Any, args: Namespace, log: Progress) -> tuple[Any, tuple[dict[str, Any], list[str]]]:
+    """The parameters refined by simulation of the experiment, and what other experiments say of them."""
     from flexgen.identification.experiments.experiment import Experiment
-    from flexgen.identification.time_domain import refine
+    from flexgen.identification.time_domain import refine, validate
 
     experiment = Experiment.load(args.refine)
     log("refining by simulation: one to five minutes for six axes, seconds for planar arms")
-    return refine(found, experiment, progress=throttled(log))
+    fine = refine(found, experiment, progress=throttled(log))
+    plan = experiment.plan
+    if plan.experiments * plan.realizations < 2:
+        return fine, ({}, [])
+    checked = validate(fine, experiment)
+    data = {"fit_percent": list(checked.fit_percent), "cost": checked.cost, "white": list(checked.white)}
+    rows = [
+        [name, fit, 100 * white]
+        for name, fit, white in zip(plan.motors, checked.fit_percent, checked.white, strict=True)
+    ]
+    lines = [
+        "",
+        f"simulation of experiments that were not used: cost {number(checked.cost)} (1 expected)",
+        "",
+        table(rows, ("motor", "fit, %", "white lags, %")),
+    ]
+    return fine, ({"validation": data}, lines)
 
 
 def _verdict(found: Any, args: Namespace, log: Progress) -> tuple[list[dict[str, Any]], str]:

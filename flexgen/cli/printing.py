@@ -224,6 +224,11 @@ def description_text(data: dict[str, Any]) -> str:
             ("motor", "drives", "ratio", "inertia kg m^2", "torque max N m", "speed max rad/s"),
         ),
     ]
+    if data["sensors"]:
+        rows = [
+            [s["name"], s["type"], s["place"], ", ".join(s["channels"]), s["unit"], s["noise"]] for s in data["sensors"]
+        ]
+        parts.append(table(rows, ("sensor", "type", "place", "channels", "unit", "noise")))
     if data["moves"]:
         rows = [[m["name"], m["type"], m["duration"], m["smoothness"]] for m in data["moves"]]
         parts.append(table(rows, ("move", "type", "duration s", "smoothness")))

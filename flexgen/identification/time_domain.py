@@ -14,12 +14,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
+from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import Experiment, largest_rate, settle
 from flexgen.identification.experiments.spectra import spectrum
 from flexgen.identification.graybox import COST_MOST, SMALL_ERROR, weak_directions
@@ -35,6 +36,7 @@ from flexgen.progress import Choice, reported
 STEP = 1e-4  # of forward differences in x, mostly logarithms
 DISTANCE = 0.03  # standard deviations from the minimum where the search ends: forward differences show no more
 NEAR = 0.01  # in x: derivatives that were taken nearer than this are used again
+LAGS = 20
 FRICTION = ("viscous", "coulomb", "beta")  # of each motor and joint that has them
 
 
@@ -178,9 +180,7 @@ def refine(
             raise ArgumentError(f"free: given {parameter.name}, expected stiffness, damping, friction or payload")
     begin = {name: value for name, value in found.used().items() if name in {p.name for p in select(model, names)}}
     vector = ParameterVector(model, unknown, start=begin | dict(start or {}), controller=plan.controller)
-    every = [(r, e) for r in range(plan.realizations) for e in range(plan.experiments)]
-    chosen = [(k, *every[(k + i) % len(every)]) for k in range(len(plan.poses)) for i in range(runs)]
-    simulated = Simulated(vector, experiment, chosen, tell)
+    simulated = Simulated(vector, experiment, _chosen(plan, 0, runs), tell)
     fit = minimize(
         simulated.sums, simulated.cost, vector.start, vector.start, vector.prior_sd, vector.bounds, distance=DISTANCE
     )
@@ -205,6 +205,64 @@ def refine(
         weak=weak_directions(vector, fit.A),
         weights="time domain",
         wall_s=time.perf_counter() - began,
+    )
+
+
+def _chosen(plan: Plan, first: int, count: int) -> list[tuple[int, int, int]]:
+    """At each pose ``count`` experiments, other ones from pose to pose; with other ``first`` other ones."""
+    every = [(r, e) for r in range(plan.realizations) for e in range(plan.experiments)]
+    return [(k, *every[(k + i) % len(every)]) for k in range(len(plan.poses)) for i in range(first, first + count)]
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Simulation of experiments that were not used.
+
+    ``fit_percent``: ``100 (1 - |Q(x) - Q| / |Q|)`` of the accelerations of each motor; ``cost``: mean square of the
+    weighted residuals, 1 where model and noise are right; ``white``: part of the correlations of the weighted residuals
+    between lines (lags 1 to `LAGS`) of each motor within the 99 % band of white noise.
+    """
+
+    fit_percent: tuple[float, ...]
+    cost: float
+    white: tuple[float, ...]
+
+
+def validate(found: Identified, experiment: Experiment, *, used: int = 1, progress: Choice = None) -> Validation:
+    """Simulate experiments that `refine` did not use, with the parameters that it found.
+
+    Parameters
+    ----------
+    found : Identified
+        Result of `refine`.
+    experiment : Experiment
+        With more than ``used`` experiments at each pose.
+    used : int
+        The ``runs`` of `refine`.
+    progress : callable or bool, optional
+
+    Raises
+    ------
+    ArgumentError
+        There are no further experiments.
+    """
+    plan = experiment.plan
+    if used >= plan.experiments * plan.realizations:
+        raise ArgumentError(f"used: given {used}, expected fewer than the {used} experiments at each pose")
+    tell = progress if callable(progress) else None
+    simulated = Simulated(found.vector, experiment, _chosen(plan, used, 1), tell)
+    r = simulated.residual(found.x)  # (runs, lines, n_m)
+    away, size = (np.linalg.norm(x, axis=(0, 1)) for x in (r * simulated.sd, simulated.measured))
+    power = (np.abs(r) ** 2).sum(axis=(0, 1))
+    count = r.shape[0] * r.shape[1]
+    lags = [
+        np.abs(np.real((r[:, lag:] * r[:, :-lag].conj()).sum(axis=(0, 1)))) / power
+        for lag in range(1, min(LAGS, r.shape[1] - 1) + 1)
+    ]
+    # the real part of a correlation of complex noise has half of its variance
+    white = (np.array(lags) < 2.58 / np.sqrt(2 * count)).mean(axis=0)
+    return Validation(
+        tuple((100 * (1 - away / size)).tolist()), float((np.abs(r) ** 2).sum() / r.size), tuple(white.tolist())
     )
 
 

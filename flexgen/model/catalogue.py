@@ -119,6 +119,19 @@ def describe(
         ],
         "coordinates": [_coordinate(c) for c in robot.coordinates],
         "motors": [_motor(m) for m in robot.motors],
+        "sensors": [
+            {
+                "name": s.name,
+                "type": s.type,
+                "place": s.place,
+                "channels": list(s.channels),
+                "unit": s.unit,
+                "noise": s.noise,
+                "sample_s": s.sample_s,
+                "delay_s": s.delay_s,
+            }
+            for s in robot.sensors
+        ],
         "output": {
             "type": robot.output.type,
             "size": robot.output.size,

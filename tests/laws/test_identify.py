@@ -15,6 +15,7 @@ from flexgen.errors import ArgumentError, ModelError, SolverError
 from flexgen.identification.local_model import Drive
 from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.result import FitStatus
+from flexgen.identification.time_domain import validate
 from flexgen.mechanics.parameters import select, with_values
 
 W = 2 * np.pi * np.geomspace(1.0, 120.0, 40)
@@ -250,6 +251,9 @@ def test_coulomb_friction_is_found_in_the_time_domain(name):
     assert max(abs(away[name]) for name in true) < 0.02
     assert max(abs(away[name]) / fine.sd[name] for name in away) < 4.5
     assert 0.5 < fine.cost < 2.0 and fine.weights == "time domain"
+    checked, before = validate(fine, experiment), validate(replace(fine, x=fine.vector.start), experiment)
+    assert min(checked.fit_percent) > 97 and 0.5 < checked.cost < 2.0 and max(checked.white) > 0.7
+    assert before.cost > 5 * checked.cost and min(before.fit_percent) < min(checked.fit_percent)
     wrong = replace(
         experiment, plan=replace(plan, controller=replace(plan.controller, speed_gain=1.1 * plan.controller.speed_gain))
     )
