@@ -5,13 +5,15 @@
 Frequency responses are biased by friction and by springs that are not linear. Here the drives, references and the
 nonlinear model are simulated in C with the parameters x as arguments, without noise, and compared with the measured
 angles. That needs good start values (those of the frequency responses) and a known drive. Derivatives are forward
-differences in x.
+differences in x. In a first search their simulations begin shortly before the measured period, in the state of the
+simulation at x; a second search ends with whole simulations.
 
 Source: L. Ljung, System Identification, 2nd ed. 1999, ch. 7 (output error).
 """
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,22 +23,24 @@ import numpy as np
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
-from flexgen.identification.experiments.experiment import Experiment, largest_rate, settle
+from flexgen.identification.experiments.experiment import Experiment, faded, largest_rate
 from flexgen.identification.experiments.spectra import spectrum
 from flexgen.identification.graybox import COST_MOST, SMALL_ERROR, weak_directions
 from flexgen.identification.local_model import LocalModel, Rest
 from flexgen.identification.parameters import CONSTANT, DELAY, ParameterVector, cascade_at, is_of_drive
 from flexgen.identification.result import FitStatus, Identified
 from flexgen.inversion.model_library import library_with
-from flexgen.loop.closed_loop import ClosedLoop, integration_steps
+from flexgen.loop.closed_loop import ClosedLoop, Snapshot, integration_steps
 from flexgen.mechanics.parameters import select
 from flexgen.numerics.trust_region import Fit, Sums, minimize
 from flexgen.progress import Choice, reported
 
 STEP = 1e-4  # of forward differences in x, mostly logarithms
 DISTANCE = 0.03  # standard deviations from the minimum where the search ends: forward differences show no more
-NEAR = 0.01  # in x: derivatives that were taken nearer than this are used again
+NEAR, LITTLE = 0.01, 0.01  # derivatives are used again after a step in x, or a relative change of the cost, below it
+SETTLED = 10.0  # time constants of the position control that simulations for derivatives begin before the period
 LAGS = 20
+ROUGH_DISTANCE = 0.3  # the same, of the first search
 FRICTION = ("viscous", "coulomb", "beta")  # of each motor and joint that has them
 
 
@@ -68,7 +72,10 @@ class Simulated:
         self.reference = np.zeros((plan.samples, len(self.runs), 2 * len(plan.motors)))
         for lane, (k, r, e) in enumerate(self.runs):
             self.reference[:, lane, : len(plan.motors)] = plan.poses[k] + plan.reference(r, e)
-        self.poses = poses
+        self.poses, self.fading = poses, faded(self.reference)
+        slowest = float(plan.controller.position_gain.min())
+        enough = SETTLED / slowest / plan.hardware.sample_s if slowest > 0 else plan.samples
+        self.last = min(plan.samples, max(plan.samples // 4, math.ceil(enough)))  # samples that derivatives settle
         w2 = (2 * np.pi * plan.frequencies[:, None]) ** 2
         measured = np.array([experiment.q_m[run] for run in self.runs])  # (runs, periods, lines, n_m)
         self.measured = w2 * measured.mean(axis=1)
@@ -77,10 +84,12 @@ class Simulated:
         # As in the experiment; the method is stable for friction up to 2.7 times as steep as at the start.
         self.steps = integration_steps(plan.hardware, largest_rate(self.local, plan.poses))
         self.count, self.simulations = self.measured.size, 0
-        self._known: tuple[np.ndarray, np.ndarray] | None = None  # the last derivatives, and where they were taken
+        self._known: tuple[np.ndarray, np.ndarray, float] | None = None  # the last derivatives, at which x and cost
+        self.whole = False  # whether simulations for derivatives have all transients
+        self._before: Snapshot | None = None  # of the last whole simulation, `last` samples before the measured period
 
-    def spectra(self, x: np.ndarray) -> np.ndarray:
-        """``w^2 Q`` (runs, lines, n_m) of a period after the transients."""
+    def spectra(self, x: np.ndarray, begin: Snapshot | None = None) -> np.ndarray:
+        """``w^2 Q`` (runs, lines, n_m) of a period after the transients; ``begin``: where these begin."""
         check_time("identify")
         plan, named = self.plan, self.vector.named(x)
         values = np.array([named[name] for name in self.library.parameter_names])
@@ -94,16 +103,29 @@ class Simulated:
             steps=self.steps, parameters=values,
         )  # fmt: skip
         loop.hold(rest.tau_m)
-        self.reference[:, :, n_m:] = rest.tau_m
-        settle(loop, self.reference, max(plan.transients, 1))
+        self.reference[:, :, n_m:] = self.fading[:, :, n_m:] = rest.tau_m
+        transients = max(plan.transients, 1)
+        if begin is None:
+            for k in range(transients):
+                rest_of_it = plan.samples - (self.last if k == transients - 1 else 0)
+                if rest_of_it:
+                    loop.run(self.reference if k else self.fading, rest_of_it)
+            self._before = loop.snapshot()
+        else:
+            loop.restore(begin)
+        loop.run(self.reference if transients > 1 else self.fading, self.last)
         q = loop.run(self.reference, plan.samples).q_m
         self.simulations += 1
         w2 = (2 * np.pi * plan.frequencies[:, None]) ** 2
         return w2 * np.array([spectrum(q[:, lane], plan.lines) for lane in range(q.shape[1])])
 
-    def residual(self, x: np.ndarray) -> np.ndarray:
+    def use_whole(self) -> None:
+        """From now on derivatives from whole simulations."""
+        self.whole, self._known = True, None
+
+    def residual(self, x: np.ndarray, begin: Snapshot | None = None) -> np.ndarray:
         """Weighted residuals (runs, lines, n_m)."""
-        return (self.spectra(x) - self.measured) / self.sd
+        return (self.spectra(x, begin) - self.measured) / self.sd
 
     def cost(self, x: np.ndarray) -> float:
         """Sum of their squares."""
@@ -111,20 +133,22 @@ class Simulated:
 
     def _jacobian(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
         """Derivatives of the residuals r (n_r,) at x, (n_r, n)."""
-        J = np.empty((len(r), len(x)), complex)
+        J, begin = np.empty((len(r), len(x)), complex), None if self.whole else self._before
         for k in range(len(x)):
             if self.progress is not None:
                 self.progress(f"simulation {self.simulations + 1}, {self.plan.duration_s:.0f} s of robot in the plan")
-            J[:, k] = (self.residual(x + STEP * (np.arange(len(x)) == k)).ravel() - r) / STEP
+            J[:, k] = (self.residual(x + STEP * (np.arange(len(x)) == k), begin).ravel() - r) / STEP
         return J
 
     def sums(self, x: np.ndarray) -> Sums:
         """Sum of the squares, ``Re J^H r``, ``Re J^H J``."""
         r = self.residual(x).ravel()
-        if self._known is None or np.abs(x - self._known[0]).max() > NEAR:
-            self._known = x.copy(), self._jacobian(x, r)
-        J = self._known[1]
-        return float((np.abs(r) ** 2).sum()), np.real(J.conj().T @ r), np.real(J.conj().T @ J)
+        cost = float((np.abs(r) ** 2).sum())
+        known = self._known
+        if known is None or (np.abs(x - known[0]).max() > NEAR and abs(cost - known[2]) > LITTLE * known[2]):
+            known = self._known = x.copy(), self._jacobian(x, r), cost
+        J = known[1]
+        return cost, np.real(J.conj().T @ r), np.real(J.conj().T @ J)
 
 
 @reported("refine")
@@ -181,9 +205,10 @@ def refine(
     begin = {name: value for name, value in found.used().items() if name in {p.name for p in select(model, names)}}
     vector = ParameterVector(model, unknown, start=begin | dict(start or {}), controller=plan.controller)
     simulated = Simulated(vector, experiment, _chosen(plan, 0, runs), tell)
-    fit = minimize(
-        simulated.sums, simulated.cost, vector.start, vector.start, vector.prior_sd, vector.bounds, distance=DISTANCE
-    )
+    settings = (vector.start, vector.prior_sd, vector.bounds)
+    rough = minimize(simulated.sums, simulated.cost, vector.start, *settings, distance=ROUGH_DISTANCE)
+    simulated.use_whole()
+    fit = minimize(simulated.sums, simulated.cost, rough.x, *settings, distance=DISTANCE)
     degrees = max(simulated.count - len(vector) / 2, 1.0)
     cost = fit.cost / degrees
     prior = np.diag(vector.prior_sd**-2.0)
@@ -200,7 +225,7 @@ def refine(
         model_error=0.0,
         starts=1,
         agreed=1,
-        iterations=fit.iterations,
+        iterations=rough.iterations + fit.iterations,
         at_bound=tuple(name for name, held in zip(vector.names, fit.at_bound, strict=True) if held),
         weak=weak_directions(vector, fit.A),
         weights="time domain",

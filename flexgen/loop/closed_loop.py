@@ -43,6 +43,11 @@ class Cascade:
     speed_gain: np.ndarray
     integral_gain: np.ndarray
 
+    @property
+    def fixed_memory(self) -> int:
+        """Bytes of the memory that the controller does not change: sizes and gains."""
+        return 8 * (2 + 3 * len(self.speed_gain))
+
     def memory(self, q_m: np.ndarray, sample_s: float) -> np.ndarray:
         """Memory of the controllers in C, (lanes, bytes), for robots that rest at ``q_m`` (lanes, n_m)."""
         n = q_m.shape[1]
@@ -102,6 +107,14 @@ class Samples:
     q_m: np.ndarray
     tau_m: np.ndarray
     motion: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """State of a `ClosedLoop` at a sample."""
+
+    sample: int
+    arrays: dict[str, np.ndarray]
 
 
 class ClosedLoop:
@@ -199,6 +212,7 @@ class ClosedLoop:
             self._arrays["memory"].shape[1], a["resolution"], a["angle_noise"], a["torque_noise"], a["torque_max"],
             a["state"], a["torque"], a["scratch"], a["random"], a["status"], a["saturated"], None,
         )  # fmt: skip
+        self._fixed_memory = controller.fixed_memory
         self._library = library  # it must live as long as the address of its function
 
     def hold(self, tau_m: np.ndarray) -> None:
@@ -210,6 +224,22 @@ class ClosedLoop:
         """``q_a, v_a, q_m, v_m`` now, (lanes, n) each."""
         n_a, n_m = self.model.n_a, self.model.n_m
         return tuple(x.T.copy() for x in np.split(self._arrays["state"], [n_a, 2 * n_a, 2 * n_a + n_m]))
+
+    def snapshot(self) -> Snapshot:
+        """All that changes in a run, for `restore`."""
+        return Snapshot(
+            self.sample, {name: self._arrays[name].copy() for name in ("state", "torque", "memory", "random")}
+        )
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Go on where another loop was; parameters of the robots and gains stay those of this one."""
+        self.sample = snapshot.sample
+        fixed = self._fixed_memory
+        for name, array in snapshot.arrays.items():
+            if name == "memory":
+                self._arrays[name][:, fixed:] = array[:, fixed:]
+            else:
+                self._arrays[name][:] = array
 
     @property
     def saturated(self) -> np.ndarray:

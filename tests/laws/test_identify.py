@@ -254,6 +254,17 @@ def test_coulomb_friction_is_found_in_the_time_domain(name):
     checked, before = validate(fine, experiment), validate(replace(fine, x=fine.vector.start), experiment)
     assert min(checked.fit_percent) > 97 and 0.5 < checked.cost < 2.0 and max(checked.white) > 0.7
     assert before.cost > 5 * checked.cost and min(before.fit_percent) < min(checked.fit_percent)
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_a_drive_that_is_not_known_well():
+    """Wrong gains are seen in the cost; as parameters they are found, and are not written to the model."""
+    model = with_friction("planar5_nmp")
+    plan = small_plan(model, poses_of(model, 3), hardware=NOISY, periods=3, speed_rms=0.1)
+    experiment = flexgen.measure(plan, another(model, 4, 0.2), seed=1, progress=False)
+    coarse = flexgen.identify(model, flexgen.frf(experiment), starts=1, progress=False)
+    fine = flexgen.refine(coarse, experiment, progress=False)
     wrong = replace(
         experiment, plan=replace(plan, controller=replace(plan.controller, speed_gain=1.1 * plan.controller.speed_gain))
     )

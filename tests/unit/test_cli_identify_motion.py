@@ -105,6 +105,7 @@ def test_segments_from_the_command_line(tmp_path, capsys):
     assert select(flexgen.read(new), ["q1.stiffness"])[0].value == pytest.approx(exact["q1.stiffness"], rel=2e-3)
 
 
+@pytest.mark.slow
 def test_sensors_and_transients_from_the_command_line(tmp_path, capsys):
     (tmp_path / "robot.toml").write_text(Path(flexgen.read("planar5_nmp").file).read_text() + SENSOR)
     robot, plan, data, frf = (str(tmp_path / name) for name in ("robot.toml", "plan.npz", "data.npz", "frf.npz"))

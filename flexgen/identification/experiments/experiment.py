@@ -269,15 +269,20 @@ def settle(loop: ClosedLoop, reference: np.ndarray, periods: int) -> None:
     """Run periods that are not measured: the reference (samples, lanes, 2 n_m) fades in over the first one."""
     if periods == 0:
         return
-    n_m = reference.shape[2] // 2
-    ramp = np.linspace(0.0, 1.0, len(reference))
-    weight = (ramp**3 * (10 - 15 * ramp + 6 * ramp**2))[:, None, None]  # smooth at both ends
-    poses = reference[:, :, :n_m].mean(axis=0)
-    fading = reference.copy()
-    fading[:, :, :n_m] = poses + weight * (reference[:, :, :n_m] - poses)
-    loop.run(fading, len(reference))
+    loop.run(faded(reference), len(reference))
     for _ in loop.periods(reference, periods - 1):
         pass
+
+
+def faded(reference: np.ndarray) -> np.ndarray:
+    """A period of the reference (samples, lanes, 2 n_m) that begins at rest, smooth at both ends."""
+    n_m = reference.shape[2] // 2
+    ramp = np.linspace(0.0, 1.0, len(reference))
+    weight = (ramp**3 * (10 - 15 * ramp + 6 * ramp**2))[:, None, None]
+    poses = reference[:, :, :n_m].mean(axis=0)
+    out = reference.copy()
+    out[:, :, :n_m] = poses + weight * (reference[:, :, :n_m] - poses)
+    return out
 
 
 def largest_rate(local: LocalModel, poses: np.ndarray) -> float:
