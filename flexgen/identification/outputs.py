@@ -51,8 +51,8 @@ def checked(model: RobotModel, chosen: Sequence[str]) -> tuple[str, ...]:
     known = channels(model)
     for name in chosen:
         if name not in known:
-            listed = ", ".join(known) or "none: the model file has no [[sensor]]"
-            raise ArgumentError(f"sensor channel: given {name!r}, expected one of {listed}")
+            listed = f"one of {', '.join(known)}" if known else "none: the model file has no [[sensor]]"
+            raise ArgumentError(f"sensor channel: given {name!r}, expected {listed}")
     return tuple(chosen)
 
 

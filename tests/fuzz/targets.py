@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,25 @@ from flexgen.ports import Port
 
 ROOT = Path(__file__).resolve().parents[2]
 BESIDE = "beside"  # a folder among the seeds: what lies beside a mutated file, unchanged
+
+SENSORS = """
+[[sensor]]
+name = "acc"
+type = "accelerometer"
+element = "tool"
+position = [0.0, 0.1, 0.0]
+axes = ["x", [1, 1, 0]]
+unit = "m/s^2"
+noise = 0.02
+sample_s = 5e-4
+delay_s = 1e-3
+
+[[sensor]]
+name = "link"
+type = "link_encoder"
+coordinate = "q1"
+unit = "deg"
+"""
 
 Reader = Callable[[Path], Any]
 
@@ -60,6 +79,8 @@ def _each(steps: Sequence[Reader], names: Sequence[str], needed: int) -> Reader:
 def _model_seeds(folder: Path) -> None:
     for path in sorted((ROOT / "models").glob("*.toml")):
         shutil.copy(path, folder)
+    planar = (ROOT / "models" / "planar5_nmp.toml").read_text(encoding="utf-8")
+    (folder / "planar5_sensors.toml").write_text(planar + SENSORS, encoding="utf-8")
     (folder / BESIDE).mkdir()
     shutil.copy(ROOT / "models" / "urdf_arm.urdf", folder / BESIDE)
 
@@ -156,6 +177,12 @@ def _identification_seeds(folder: Path) -> None:
     tau, q = (rng.standard_normal(shape) + 1j * rng.standard_normal(shape) for _ in range(2))
     tau[:], q[:] = tau[:, :, :, :1], q[:, :, :, :1]  # periods that repeat
     experiment = flexgen.Experiment(plan, tau, q, np.ones((1, 2)), np.zeros(1, np.int64), "seed")
+    sensed = replace(
+        experiment, plan=replace(plan, sensors=("acc.x",)), signals=q[..., :1], orders=(0,),
+        offsets=np.array([-2, -1, 1, 2]), beside=1e-3 * rng.standard_normal((1, 1, 2, 4, len(plan.lines), 5)) + 0j,
+    )  # fmt: skip
+    sensed.save(folder / "sensed.npz")
+    flexgen.frf(sensed).save(folder / "sensed_frf.npz")
     plan.save(folder / "plan.npz")
     experiment.save(folder / "experiment.npz")
     flexgen.frf(experiment).save(folder / "frf.npz")
@@ -170,15 +197,20 @@ def _identification(path: Path) -> None:
             found.reference(0, 0)
 
     def experiment(file: Path) -> None:
-        flexgen.frf(flexgen.Experiment.load(file))
+        found = flexgen.Experiment.load(file)
+        flexgen.frf(found)
+        if found.beside is not None:
+            flexgen.frf(found, transients=True)
 
     def responses(file: Path) -> None:
         found = flexgen.Frf.load(file)
         found.relative_sd()
         if len(found.poses) <= 4 and found.motors == ("m1", "m2"):
-            flexgen.identify("planar5_nmp", found, starts=1, progress=False)
+            sensor = {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2"}
+            robot = flexgen.read("planar5_nmp", overrides={"sensor": [sensor]})
+            flexgen.identify(robot, found, starts=1, progress=False)
 
-    _each([plan, experiment, responses], ["mutated", "seed", "equilibrium", "motors"], 1)(path)
+    _each([plan, experiment, responses], ["mutated", "seed", "equilibrium", "motors", "sensor channel"], 1)(path)
 
 
 def _recording_seeds(folder: Path) -> None:
@@ -190,6 +222,22 @@ def _recording_seeds(folder: Path) -> None:
     np.savez(folder / BESIDE / "run.npz", time=1e6 * t, iq_adx=torque, theta_mx=0.01 * np.roll(torque, 3))
     text = (bench / "recordings.toml").read_text().replace("MultisineTypeA.mat", "run.npz").replace("250.0", "100.0")
     (folder / "mutated.toml").write_text(text)
+    link = '\n[[sensor]]\nname = "link"\ntype = "link_encoder"\ncoordinate = "q1"\nunit = "rad"\n'
+    (folder / BESIDE / "linked.toml").write_text((bench / "bench.toml").read_text() + link)
+    signal = '[[signal]]\nsensor = "link"\nname = "both"\nindex = 1\nunit = "mrad"\noffset = 2.0\n\n[[recording]]'
+    np.savez(folder / BESIDE / "run.npz", time=1e6 * t, iq_adx=torque, theta_mx=0.01 * np.roll(torque, 3),
+             both=np.stack([torque, np.roll(torque, 4)]))  # fmt: skip
+    text = text.replace("bench.toml", "linked.toml").replace("[[recording]]", signal)
+    (folder / "signals.toml").write_text(
+        text.replace("period_s = 1.0", "segment_s = 0.5").replace("transients = 1", "")
+    )
+
+
+def _recordings(path: Path) -> None:
+    """What is read is used."""
+    experiment = read_experiment(path)
+    if experiment.tau_m.size <= 100_000:
+        flexgen.frf(experiment)
 
 
 _LIBRARY = ("cases", "libelbow")
@@ -200,8 +248,12 @@ TARGETS = {
     "path": Target(_path_seeds, _path_reader, ("mutated",)),
     "trajectory": Target(_trajectory_seeds, lambda folder: flexgen.Trajectory.load, ("mutated",)),
     "identification": Target(
-        _identification_seeds, lambda folder: _identification, ("mutated", "seed", "equilibrium", "motors")
+        _identification_seeds,
+        lambda folder: _identification,
+        ("mutated", "seed", "equilibrium", "motors", "sensor channel"),
     ),
-    "recordings": Target(_recording_seeds, lambda folder: read_experiment, ("mutated.toml", "bench.toml", "run.npz")),
+    "recordings": Target(
+        _recording_seeds, lambda folder: _recordings, ("mutated.toml", "bench.toml", "linked.toml", "run.npz")
+    ),
     "manifest": Target(_manifest_seeds, lambda folder: _each([_known, _load], _LIBRARY, 2), _LIBRARY),
 }

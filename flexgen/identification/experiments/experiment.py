@@ -28,6 +28,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
 
+LARGEST = 1e100  # of a spectrum in a file
 HOLDS = ("zoh", "none")
 LANES = 48  # robots that are simulated together
 
@@ -113,6 +114,9 @@ class Experiment:
             raise ValueError("arrays of different sizes")
         if tau_m.shape[3] != plan.periods or meta["hold"] not in HOLDS or tau_m.size == 0:
             raise ValueError(f"periods and hold: expected {plan.periods} and one of {', '.join(HOLDS)}")
+        for name in ("tau_m", "q_m", "signals", "beside"):
+            if name in arrays and np.abs(arrays[name]).max(initial=0.0) > LARGEST:
+                raise ValueError(f"{name}: expected numbers up to {LARGEST:g}")
         signals, offsets, beside = (arrays.get(name) for name in ("signals", "offsets", "beside"))
         c = len(plan.sensors)
         if (signals is None) != (c == 0) or (signals is not None and signals.shape != (*given[:-1], c)):
