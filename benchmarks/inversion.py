@@ -15,6 +15,7 @@ import inversion_table
 from inversion_generate import generate_rows
 from inversion_paths import QUICK, ROBOTS, path_rows
 from inversion_peers import MOVE, collocation_rows, opty_rows, scipy_row
+from inversion_solve import solve_rows
 from inversion_stream import stream_rows
 from peers_builds import HERE, Builds
 
@@ -46,8 +47,10 @@ def main() -> None:
     streams = [] if args.robots else stream_rows(builds, args.quick, say)
     say("generating")
     generated = [] if args.robots else generate_rows(args.quick, say)
+    say("solving")
+    solved = [] if args.robots else solve_rows(args.quick, say)
     machine = inversion_table.machine(builds)
-    table = inversion_table.full(paths, streams, peers, generated, machine)
+    table = inversion_table.full(paths, streams, peers, generated, solved, machine)
     print(table)
     if not (args.quick or args.robots):
         (HERE / "inversion.md").write_text(table)

@@ -10,6 +10,7 @@ import numpy as np
 from inversion_generate import WANTED_S, GenerateRow
 from inversion_paths import EXACT, MESHES, PathRow
 from inversion_peers import PeerRow
+from inversion_solve import SolveRow
 from inversion_stream import INTERVALS, PARTS, PERIOD, WANTED_M, WANTED_US, StreamRow
 from peers_builds import NATIVE, REPRODUCIBLE, Builds, package_version
 from peers_table import _cpu, _table
@@ -143,11 +144,30 @@ def generated(rows: Sequence[GenerateRow]) -> str:
     return _table(head, [[f"`{r.robot}`", r.build, f"{r.wall_s:.1f}", f"{r.processor_s:.1f}"] for r in rows])
 
 
+def solved(rows: Sequence[SolveRow]) -> str:
+    """Solving with verification."""
+    head = ["robot", "solve and verify, s", "of it simulation, s", "right-hand sides", "tool error"]
+    return _table(
+        head,
+        [
+            [
+                f"`{r.robot}`",
+                f"{r.wall_s:.2f}",
+                f"{r.simulation_s:.2f}",
+                str(r.evaluations),
+                f"{1e6 * r.error_m:.2g} um",
+            ]
+            for r in rows
+        ],
+    )
+
+
 def full(
     path_rows: Sequence[PathRow],
     stream_rows: Sequence[StreamRow],
     peer_rows: Sequence[PeerRow],
     generate_rows: Sequence[GenerateRow],
+    solve_rows: Sequence[SolveRow],
     machine_lines: Sequence[str],
 ) -> str:
     """Everything that was measured."""
@@ -193,7 +213,14 @@ everything.
 `flexgen.generate` with all functions, inversion and streaming, with an empty cache, in a process of its own; target: at
 most {WANTED_S:g} s on two cores. Processor time is that of all processes.
 
-{generated(generate_rows)}"""
+{generated(generate_rows)}
+## Solving and verifying
+
+`flexgen.solve` of the first move with a warm cache: derivation excluded, inversion by lq and verification by
+simulation of the full model (the Lagrange equations in C, Runge-Kutta of order 8, relative tolerance 1e-11) included.
+Wall time, the shortest of several calls.
+
+{solved(solve_rows)}"""
 
 
 def short(path_rows: Sequence[PathRow], stream_rows: Sequence[StreamRow], machine_lines: Sequence[str]) -> str:
