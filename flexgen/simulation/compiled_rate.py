@@ -23,6 +23,7 @@ from scipy.interpolate import PPoly
 from flexgen.build.c_module import c_module
 from flexgen.build.casadi_module import casadi_module
 from flexgen.build.compiler import find_compiler
+from flexgen.errors import BuildError
 
 SOURCE = Path(__file__).with_name("dop853.c")
 DONE, MORE, STEP_TOO_SMALL, NOT_FINITE = range(4)
@@ -52,25 +53,31 @@ class _Position(ctypes.Structure):
 
 @dataclass(frozen=True)
 class CompiledRate:
-    """The function ``rate(x, u) -> x'`` in C: its library, and its address and workspace."""
+    """The function ``rate(x, u) -> x'`` in C.
 
-    library: Path
-    pointer: int
-    integers: np.ndarray
-    reals: np.ndarray
-    keep: tuple[object, ...]
+    ``function``: for calls from Python; ``address`` of the C function; ``integers``, ``reals``: sizes of its workspace;
+    ``library``: loaded as long as this exists.
+    """
+
+    function: ca.Function
+    address: int
+    integers: int
+    reals: int
+    library: ctypes.CDLL
 
 
 def compiled_rate(rate: ca.Function, progress: Callable[[str], None] | None) -> CompiledRate | None:
-    """A CasADi function in C; None where there is no C compiler."""
-    if find_compiler() is None:
+    """A CasADi function with the name ``rate`` in C; None where there is no C compiler that works."""
+    try:
+        if find_compiler() is None:
+            return None
+        path = casadi_module(rate, None if progress is None else lambda line: progress(f"simulation: {line}"))
+    except BuildError:  # the results without C are the same
         return None
-    library = casadi_module(rate, None if progress is None else lambda line: progress(f"simulation: {line}"))
-    loaded = ctypes.CDLL(str(library))
-    pointer = ctypes.cast(loaded.rate, ctypes.c_void_p).value
-    assert pointer is not None
-    integers, reals = np.zeros(rate.sz_iw() + 1, np.int64), np.zeros(rate.sz_w() + 1)
-    return CompiledRate(library, pointer, integers, reals, (loaded,))
+    library = ctypes.CDLL(str(path))
+    address = ctypes.cast(library.rate, ctypes.c_void_p).value
+    assert address is not None
+    return CompiledRate(ca.external("rate", str(path)), address, rate.sz_iw(), rate.sz_w(), library)
 
 
 class CompiledDop853:
@@ -120,10 +127,11 @@ class CompiledDop853:
         self._memory[:n] = start
         self.y = self._memory[:n]
         self._rate, self.failure, self._written = rate, "", ctypes.c_int64(0)
+        self._work = np.zeros(rate.integers + 1, np.int64), np.zeros(rate.reals + 1)
         self._problem = _Problem(
-            rate=rate.pointer,
-            iw=rate.integers.ctypes.data,
-            w=rate.reals.ctypes.data,
+            rate=rate.address,
+            iw=self._work[0].ctypes.data,
+            w=self._work[1].ctypes.data,
             n=n,
             n_u=n_u,
             pieces=torque.c.shape[1],

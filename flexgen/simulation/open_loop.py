@@ -122,7 +122,8 @@ def _rates(equations: Equations, progress: Callable[[str], None] | None) -> tupl
     """The rate of a robot as a CasADi function, and in C."""
     if equations not in _known:
         function = _rate(equations)
-        _known[equations] = function, compiled_rate(function, progress)
+        in_c = compiled_rate(function, progress)
+        _known[equations] = function if in_c is None else in_c.function, in_c
     return _known[equations]
 
 
