@@ -37,10 +37,10 @@ from flexgen.progress import Choice, reported
 
 STEP = 1e-4  # of forward differences in x, mostly logarithms
 DISTANCE = 0.03  # standard deviations from the minimum where the search ends: forward differences show no more
-NEAR, LITTLE = 0.01, 0.01  # derivatives are used again after a step in x, or a relative change of the cost, below it
+NEAR, LITTLE = 0.01, 0.06  # derivatives are used again after a step in x, or a relative change of the cost, below it
 SETTLED = 10.0  # time constants of the position control that simulations for derivatives begin before the period
 LAGS = 20
-ROUGH_DISTANCE = 0.3  # the same, of the first search
+ROUGH_DISTANCE = 2.0  # the same, of the first search
 FRICTION = ("viscous", "coulomb", "beta")  # of each motor and joint that has them
 
 
