@@ -201,7 +201,8 @@ def worth(quick: bool) -> str:
     for name in ["planar5_nmp", *([] if quick else [ROBOT, "manutec_r3_24", "manutec_r3_30"])]:
         model = without_coulomb(name)
         truth = with_values(model, {p.name: 0.8 * p.value for p in select(model, ["stiffness"])})
-        plan = flexgen.excite(model, poses=POSES, speed_rms=0.02, hardware=NOISE, progress=False)
+        band = {} if name == "planar5_nmp" else BAND
+        plan = flexgen.excite(model, poses=POSES, speed_rms=0.02, hardware=NOISE, progress=False, **band)
         data = flexgen.frf(flexgen.measure(plan, truth, progress=False))
         found = flexgen.identify(model, data, starts=1, progress=False)
         verdict = found.verdict("line", truth=truth, progress=False)
