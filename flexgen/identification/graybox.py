@@ -20,7 +20,7 @@ from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.residuals import RESIDUALS, Residuals, over_lines
-from flexgen.identification.result import WEAK, FitStatus, Identified
+from flexgen.identification.result import WEAK, FitStatus, Identified, with_coulomb
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.numerics.trust_region import Fit, minimize
@@ -140,7 +140,7 @@ def _fitted(
         agreed=agreed,
         iterations=best.iterations,
         at_bound=tuple(name for name, held in zip(vector.names, best.at_bound, strict=True) if held),
-        weak=weak_directions(vector, best.A),
+        weak=(*weak_directions(vector, best.A), *_hidden(vector)),
         data=data,
         variance=residuals.variance,
         deflection_sd=residuals.deflection_sd,
@@ -254,6 +254,17 @@ def _status(fit: Fit, cost: float, error: float, data: Frf) -> FitStatus:
     if cost < COST_LEAST and data.relative_sd() > 1e-7:
         return FitStatus.NOISE_TOO_LARGE
     return FitStatus.FITTED
+
+
+def _hidden(vector: ParameterVector) -> tuple[str, ...]:
+    """A sentence on viscous frictions that stand beside Coulomb friction."""
+    names = [name for name in with_coulomb(vector.model) if name in vector.names]
+    if not names:
+        return ()
+    return (
+        f"frequency responses do not tell {', '.join(names)} from Coulomb friction: the values of the file are kept; "
+        "refine with the experiment",
+    )
 
 
 def weak_directions(vector: ParameterVector, A: np.ndarray) -> tuple[str, ...]:

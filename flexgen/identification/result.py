@@ -24,6 +24,16 @@ from flexgen.model.reader import parse_file, read
 WEAK = 0.5  # standard deviation of a logarithm above which the model keeps the value of its file
 
 
+TIME_DOMAIN = "time domain"  # weights of a result of `refine`
+
+
+def with_coulomb(model: RobotModel) -> tuple[str, ...]:
+    """Names of the viscous frictions of motors and joints whose friction has a Coulomb or Stribeck part too."""
+    parts = [(motor.name, motor.friction) for motor in model.motors]
+    parts += [(c.name, c.dof.friction) for c in model.coordinates if c.dof is not None]
+    return tuple(f"{name}.viscous" for name, law in parts if law.coulomb or law.stribeck)
+
+
 class FitStatus(ExplainedStatus):
     """Status of an identification."""
 
@@ -85,7 +95,7 @@ class Identified:
     deflection_sd : array (k, springs)
         Standard deviations of the deflections of springs that are not linear, over which they were averaged.
     weights : str
-        ``"structured"``, ``"nls"`` or ``"lls"``.
+        ``"structured"``, ``"nls"``, ``"lls"`` or ``"time domain"``.
     wall_s : float [s]
     source : str
         Of the data, for the new model file.
@@ -132,9 +142,14 @@ class Identified:
         return self.covariance / np.outer(sd, sd)
 
     def is_weak(self, name: str) -> bool:
-        """Whether the data do not determine a parameter: the model keeps the value of its file."""
+        """Whether the data do not determine a parameter: the model keeps the value of its file.
+
+        By its standard deviation, or because frequency responses show the mean slope of a friction law only: the
+        viscous friction beside Coulomb friction takes what is wrong in the latter.
+        """
         unknown = self.vector.unknowns[self.vector.names.index(name)]
-        return unknown.scale == "log" and self.sd[name] > WEAK
+        hidden = self.weights != TIME_DOMAIN and name in with_coulomb(self.vector.model)
+        return hidden or (unknown.scale == "log" and self.sd[name] > WEAK)
 
     def used(self) -> dict[str, float]:
         """Name -> value of the numbers of the model that change: without weak ones and those of the drives."""

@@ -28,7 +28,7 @@ from flexgen.identification.experiments.spectra import spectrum
 from flexgen.identification.graybox import COST_MOST, SMALL_ERROR, weak_directions
 from flexgen.identification.local_model import LocalModel, Rest
 from flexgen.identification.parameters import CONSTANT, DELAY, ParameterVector, cascade_at, is_of_drive
-from flexgen.identification.result import FitStatus, Identified
+from flexgen.identification.result import TIME_DOMAIN, FitStatus, Identified
 from flexgen.inversion.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop, Snapshot, integration_steps
 from flexgen.mechanics.parameters import select
@@ -228,7 +228,7 @@ def refine(
         iterations=rough.iterations + fit.iterations,
         at_bound=tuple(name for name, held in zip(vector.names, fit.at_bound, strict=True) if held),
         weak=weak_directions(vector, fit.A),
-        weights="time domain",
+        weights=TIME_DOMAIN,
         wall_s=time.perf_counter() - began,
     )
 
