@@ -25,7 +25,7 @@ from flexgen.model.checked_table import Table, closest
 UNITS = {
     "accelerometer": {"m/s^2": 1.0, "g": 9.80665},
     "gyro": {"rad/s": 1.0, "deg/s": 0.017453292519943295},
-    "link_encoder": {"rad": 1.0, "deg": 0.017453292519943295, "m": 1.0, "mm": 1e-3},
+    "link_encoder": {"rad": 1.0, "mrad": 1e-3, "deg": 0.017453292519943295, "m": 1.0, "mm": 1e-3},
     "tracker": {"m": 1.0, "mm": 1e-3},
 }
 ORDERS = {"accelerometer": 0, "gyro": 1, "link_encoder": 2, "tracker": 2}  # time derivatives up to an acceleration
@@ -115,7 +115,7 @@ def _sensor(table: Table, taken: list[str], elements: Sequence[str], coordinates
     place = TOOL
     if kind == "link_encoder":
         place = _known(table, "coordinate", list(coordinates))
-        units = ("rad", "deg") if coordinates[place] == "rad" else ("m", "mm")
+        units = ("rad", "mrad", "deg") if coordinates[place] == "rad" else ("m", "mm")
     else:
         axes, labels = _axes(table)
         if kind != "tracker":
