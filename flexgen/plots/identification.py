@@ -70,7 +70,7 @@ def response_grid(data: Frf, identified: Identified | None = None, pose: int = 0
     unit = "rad/(s² N m)" if rows == n else "rad/(s² N m) or m/(s² N m)"
     figure.supylabel(f"acceleration over torque, {unit}", fontsize=9)
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=3)
+    figure.legend(handles, labels, loc="outside lower right", ncols=3)
     return figure
 
 

@@ -244,6 +244,10 @@ def test_coulomb_friction_is_found_in_the_time_domain(name):
     coarse = flexgen.identify(model, flexgen.frf(experiment), starts=1, progress=False)
     fine = flexgen.refine(coarse, experiment, progress=False)
     assert coarse.status == FitStatus.MODEL_ERROR and fine.status == FitStatus.FITTED
+    # Frequency responses show the mean slope of a friction law: its viscous part is not used.
+    assert coarse.is_weak("m1.viscous") and "m1.viscous" not in coarse.used()
+    assert any("m1.viscous" in line and "Coulomb" in line for line in coarse.weak)
+    assert not fine.is_weak("m1.viscous") and "m1.viscous" in fine.used()
     springs = truth_of(truth, ["stiffness"])
     before, after = (max(map(abs, errors(found, springs).values())) for found in (coarse, fine))
     assert after < 1e-2 and before > 3 * after, (before, after)
