@@ -2,6 +2,9 @@
 
     r = w^2 (Q(x) - Q) / sd            at the excited lines; Q: spectra of the motor angles in the closed loop
 
+Noise moves the motors, and so smooths the step of a friction law: the mean change that it causes is simulated with
+noise of other seeds and added to the noise-free spectra.
+
 Frequency responses are biased by friction and by springs that are not linear. Here the drives, references and the
 nonlinear model are simulated in C with the parameters x as arguments, without noise, and compared with the measured
 angles. That needs good start values (those of the frequency responses) and a known drive. Derivatives are forward
@@ -40,6 +43,7 @@ DISTANCE = 0.03  # standard deviations from the minimum where the search ends: f
 NEAR, LITTLE = 0.01, 0.06  # derivatives are used again after a step in x, or a relative change of the cost, below it
 SETTLED = 10.0  # time constants of the position control that simulations for derivatives begin before the period
 LAGS = 20
+SEEDS, SEED = 16, 7_919_000  # simulations with noise, and the first of their seeds, unlike those of `measure`
 ROUGH_DISTANCE = 2.0  # the same, of the first search
 FRICTION = ("viscous", "coulomb", "beta")  # of each motor and joint that has them
 
@@ -83,13 +87,17 @@ class Simulated:
         self.quiet = replace(plan.hardware, encoder_noise_rad=0.0, encoder_resolution_rad=0.0, torque_noise_Nm=0.0)
         # As in the experiment; the method is stable for friction up to 2.7 times as steep as at the start.
         self.steps = integration_steps(plan.hardware, largest_rate(self.local, plan.poses))
+        self.shift = np.zeros_like(self.measured)  # by noise
         self.count, self.simulations = self.measured.size, 0
         self._known: tuple[np.ndarray, np.ndarray, float] | None = None  # the last derivatives, at which x and cost
         self.whole = False  # whether simulations for derivatives have all transients
         self._before: Snapshot | None = None  # of the last whole simulation, `last` samples before the measured period
 
-    def spectra(self, x: np.ndarray, begin: Snapshot | None = None) -> np.ndarray:
-        """``w^2 Q`` (runs, lines, n_m) of a period after the transients; ``begin``: where these begin."""
+    def spectra(self, x: np.ndarray, begin: Snapshot | None = None, noise: int | None = None) -> np.ndarray:
+        """``w^2 Q`` (runs, lines, n_m) of a period after the transients.
+
+        ``begin``: where these begin; ``noise``: seed of the noise of the drives; None: no noise.
+        """
         check_time("identify")
         plan, named = self.plan, self.vector.named(x)
         values = np.array([named[name] for name in self.library.parameter_names])
@@ -99,18 +107,19 @@ class Simulated:
         n_a, n_m = self.vector.model.n_a, self.vector.model.n_m
         controller = cascade_at(plan.controller, named, plan.motors)
         loop = ClosedLoop(
-            self.vector.model, self.library, self.quiet, controller, rest.y[:, :n_a], self.poses, 0.0,
-            steps=self.steps, parameters=values,
+            self.vector.model, self.library, self.quiet if noise is None else plan.hardware, controller,
+            rest.y[:, :n_a], self.poses, 0.0, seed=noise or 0, steps=self.steps, parameters=values,
         )  # fmt: skip
         loop.hold(rest.tau_m)
         self.reference[:, :, n_m:] = self.fading[:, :, n_m:] = rest.tau_m
         transients = max(plan.transients, 1)
-        if begin is None:
+        if begin is None or noise is not None:
             for k in range(transients):
                 rest_of_it = plan.samples - (self.last if k == transients - 1 else 0)
                 if rest_of_it:
                     loop.run(self.reference if k else self.fading, rest_of_it)
-            self._before = loop.snapshot()
+            if noise is None:
+                self._before = loop.snapshot()
         else:
             loop.restore(begin)
         loop.run(self.reference if transients > 1 else self.fading, self.last)
@@ -123,9 +132,20 @@ class Simulated:
         """From now on derivatives from whole simulations."""
         self.whole, self._known = True, None
 
+    def use_noise(self, x: np.ndarray) -> None:
+        """From now on with the mean change of the spectra by noise, as it is at x; its own error counts in `sd`."""
+        hardware = self.plan.hardware
+        if not (hardware.encoder_noise_rad or hardware.encoder_resolution_rad or hardware.torque_noise_Nm):
+            return
+        if self.progress is not None:
+            self.progress(f"change of the motion by noise: {SEEDS} simulations")
+        quiet = self.spectra(x)
+        self.shift = np.mean([self.spectra(x, noise=SEED + k) for k in range(SEEDS)], axis=0) - quiet
+        self.sd = self.sd * np.sqrt(1 + self.plan.periods / SEEDS)
+
     def residual(self, x: np.ndarray, begin: Snapshot | None = None) -> np.ndarray:
         """Weighted residuals (runs, lines, n_m)."""
-        return (self.spectra(x, begin) - self.measured) / self.sd
+        return (self.spectra(x, begin) + self.shift - self.measured) / self.sd
 
     def cost(self, x: np.ndarray) -> float:
         """Sum of their squares."""
@@ -207,6 +227,7 @@ def refine(
     simulated = Simulated(vector, experiment, _chosen(plan, 0, runs), tell)
     settings = (vector.start, vector.prior_sd, vector.bounds)
     rough = minimize(simulated.sums, simulated.cost, vector.start, *settings, distance=ROUGH_DISTANCE)
+    simulated.use_noise(rough.x)
     simulated.use_whole()
     fit = minimize(simulated.sums, simulated.cost, rough.x, *settings, distance=DISTANCE)
     degrees = max(simulated.count - len(vector) / 2, 1.0)
@@ -276,6 +297,7 @@ def validate(found: Identified, experiment: Experiment, *, used: int = 1, progre
         raise ArgumentError(f"used: given {used}, expected fewer than the {used} experiments at each pose")
     tell = progress if callable(progress) else None
     simulated = Simulated(found.vector, experiment, _chosen(plan, used, 1), tell)
+    simulated.use_noise(found.x)
     r = simulated.residual(found.x)  # (runs, lines, n_m)
     away, size = (np.linalg.norm(x, axis=(0, 1)) for x in (r * simulated.sd, simulated.measured))
     power = (np.abs(r) ** 2).sum(axis=(0, 1))
