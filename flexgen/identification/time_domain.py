@@ -8,8 +8,8 @@ noise of other seeds and added to the noise-free spectra.
 Frequency responses are biased by friction and by springs that are not linear. Here the drives, references and the
 nonlinear model are simulated in C with the parameters x as arguments, without noise, and compared with the measured
 angles. That needs good start values (those of the frequency responses) and a known drive. Derivatives are forward
-differences in x. In a first search their simulations begin shortly before the measured period, in the state of the
-simulation at x; a second search ends with whole simulations.
+differences in x: their simulations begin in the state of the simulation at x, in a first search shortly before the
+measured period, in a second one a period before it.
 
 Source: L. Ljung, System Identification, 2nd ed. 1999, ch. 7 (output error).
 """
@@ -90,8 +90,9 @@ class Simulated:
         self.shift = np.zeros_like(self.measured)  # by noise
         self.count, self.simulations = self.measured.size, 0
         self._known: tuple[np.ndarray, np.ndarray, float] | None = None  # the last derivatives, at which x and cost
-        self.whole = False  # whether simulations for derivatives have all transients
-        self._before: Snapshot | None = None  # of the last whole simulation, `last` samples before the measured period
+        self.whole = False  # whether simulations for derivatives begin a period before the measured one
+        # Of the last simulation at x: a period, and `last` samples, before the measured period.
+        self._before: tuple[Snapshot, Snapshot] | None = None
 
     def spectra(self, x: np.ndarray, begin: Snapshot | None = None, noise: int | None = None) -> np.ndarray:
         """``w^2 Q`` (runs, lines, n_m) of a period after the transients.
@@ -112,24 +113,25 @@ class Simulated:
         )  # fmt: skip
         loop.hold(rest.tau_m)
         self.reference[:, :, n_m:] = self.fading[:, :, n_m:] = rest.tau_m
-        transients = max(plan.transients, 1)
         if begin is None or noise is not None:
-            for k in range(transients):
-                rest_of_it = plan.samples - (self.last if k == transients - 1 else 0)
-                if rest_of_it:
-                    loop.run(self.reference if k else self.fading, rest_of_it)
+            # One period more than in the experiment, whose mean over its periods has less of the transient.
+            loop.run(self.fading, plan.samples)
+            for _ in range(max(plan.transients, 1) - 1):
+                loop.run(self.reference, plan.samples)
+            whole = loop.snapshot()
+            loop.run(self.reference, plan.samples - self.last)
             if noise is None:
-                self._before = loop.snapshot()
+                self._before = whole, loop.snapshot()
         else:
             loop.restore(begin)
-        loop.run(self.reference if transients > 1 else self.fading, self.last)
+        loop.run(self.reference, (max(plan.transients, 1) + 1) * plan.samples - loop.sample)
         q = loop.run(self.reference, plan.samples).q_m
         self.simulations += 1
         w2 = (2 * np.pi * plan.frequencies[:, None]) ** 2
         return w2 * np.array([spectrum(q[:, lane], plan.lines) for lane in range(q.shape[1])])
 
     def use_whole(self) -> None:
-        """From now on derivatives from whole simulations."""
+        """From now on derivatives from simulations that begin a period before the measured one."""
         self.whole, self._known = True, None
 
     def use_noise(self, x: np.ndarray) -> None:
@@ -153,7 +155,8 @@ class Simulated:
 
     def _jacobian(self, x: np.ndarray, r: np.ndarray) -> np.ndarray:
         """Derivatives of the residuals r (n_r,) at x, (n_r, n)."""
-        J, begin = np.empty((len(r), len(x)), complex), None if self.whole else self._before
+        assert self._before is not None
+        J, begin = np.empty((len(r), len(x)), complex), self._before[0 if self.whole else 1]
         for k in range(len(x)):
             if self.progress is not None:
                 self.progress(f"simulation {self.simulations + 1}, {self.plan.duration_s:.0f} s of robot in the plan")
