@@ -55,6 +55,7 @@ def truth() -> RobotModel:
     return another(flexgen.read("planar5_nmp"), seed=5)
 
 
+@pytest.mark.slow
 def test_parameters_of_a_motion_without_noise(truth: RobotModel, tmp_path: Path) -> None:
     found = fit_motion(None, recorded(tmp_path, truth), free=[*FREE, "friction"], segment_s=0.05)
     assert found.status == FitStatus.FITTED and min(found.fit_percent) > 99.99

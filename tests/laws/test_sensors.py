@@ -167,6 +167,7 @@ def test_measured_responses_of_sensors_are_those_of_the_linear_model() -> None:
     assert np.abs(found.G - without)[:, :, 5].max() > 0.1 * np.abs(exact[:, :, 5]).max()
 
 
+@pytest.mark.slow
 def test_sensors_make_parameters_more_accurate_by_as_much_as_predicted(tmp_path: Path) -> None:
     model = planar()
     errors, predicted = {}, {}

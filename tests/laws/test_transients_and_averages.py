@@ -54,6 +54,7 @@ def test_a_removal_with_the_wrong_sign_is_seen(monkeypatch: pytest.MonkeyPatch) 
     assert np.median(wrong / np.abs(truth)) > 1e-3
 
 
+@pytest.mark.slow
 def test_the_noise_beside_the_lines_is_that_at_the_lines() -> None:
     """Errors over predicted deviations: mean square 1, as of a settled experiment with as many periods."""
     squares = []

@@ -81,6 +81,7 @@ def test_the_motor_bench_in_the_time_domain(bench):
     assert found.fit_percent[0] > 95 and found.white[0] < 0.5  # friction that is not in the model
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("script", "words", "expected"),
     [
