@@ -153,7 +153,7 @@ def _lines(root: Table, tau: np.ndarray, period: float) -> np.ndarray:
         return np.unique(np.array(numbers))
     which = root.choice("lines", LINES, "excited")
     low = root.number("f_min", 1.0 / period, above=0.0)
-    high = root.number("f_max", 0.45 * samples / period, above=low)
+    high = min(root.number("f_max", 0.45 * samples / period, above=low), 0.5 * samples / period)
     lines = np.arange(max(1, int(np.ceil(low * period - 1e-9))), int(high * period + 1e-9) + 1)
     lines = lines[lines < samples / 2]
     if which == "odd":
