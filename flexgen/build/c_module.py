@@ -33,7 +33,7 @@ def c_module(source: Path) -> ctypes.CDLL:
 
 
 def compiled(name: str, text: str, *, level: str = "", before: Callable[[], None] | None = None) -> Path:
-    """The path of the shared library of a C text.
+    """The path of the shared library of a C text: in the user's cache, or in a folder of this program.
 
     Parameters
     ----------
@@ -43,8 +43,7 @@ def compiled(name: str, text: str, *, level: str = "", before: Callable[[], None
     level : str
         ``"-O0"`` to ``"-O3"``; default: that of the C libraries.
     before : callable, optional
-        Called before the compiler runs, not where the library is in the cache. Without a cache it is written to a
-        temporary folder that stays until the program ends.
+        Called before the compiler runs, not where the library is in the cache.
 
     Raises
     ------
@@ -56,7 +55,7 @@ def compiled(name: str, text: str, *, level: str = "", before: Callable[[], None
         raise BuildError("C compiler: given none, expected cc, gcc or clang on the PATH; install gcc")
     mark = hashlib.sha256("\0".join((compiler.identity, level, text)).encode()).hexdigest()[:32]
     root = cache_folder()
-    kept = root / "modules" if root is not None else _temporary()
+    kept = root / "modules" if root is not None else Path(_temporary().name)
     kept.mkdir(mode=0o700, exist_ok=True)
     made = kept / f"{name}-{mark}.so"
     if made.exists():
@@ -71,13 +70,9 @@ def compiled(name: str, text: str, *, level: str = "", before: Callable[[], None
 
 
 @lru_cache(maxsize=1)
-def _temporary() -> Path:
-    holder = tempfile.TemporaryDirectory(prefix="flexgen-modules-")
-    _holders.append(holder)
-    return Path(holder.name)
-
-
-_holders: list[tempfile.TemporaryDirectory[str]] = []  # removed when the program ends
+def _temporary() -> tempfile.TemporaryDirectory[str]:
+    """A folder that is removed when the program ends."""
+    return tempfile.TemporaryDirectory(prefix="flexgen-modules-")
 
 
 def _compile(name: str, text: str, target: Path, compiler: Compiler, level: str) -> None:

@@ -107,7 +107,7 @@ def segments(args: Namespace, log: Progress) -> VerbResult:
     values, sd = found.values, found.sd
     rows = [
         [u.name, values[u.name], u.parameter.unit, f"{100 * sd[u.name]:.2g} %" if u.scale == "log" else sd[u.name],
-         u.start, "" if u.scale == "linear" or u.name in found.used() or sd[u.name] < 0.5 else "not determined"]
+         u.start, "not determined" if found.is_weak(u.name) else ""]
         for u in found.vector.unknowns
     ]  # fmt: skip
     outputs = [motor.name for motor in model.motors]

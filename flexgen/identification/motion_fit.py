@@ -25,16 +25,14 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from flexgen.atomic_files import write_text
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.experiment import largest_rate
 from flexgen.identification.graybox import weak_directions
 from flexgen.identification.local_model import Drive, LocalModel
-from flexgen.identification.parameters import DELAY, ParameterVector, is_of_drive
+from flexgen.identification.parameters import DELAY, ParameterVector
 from flexgen.identification.recordings.description import Description, Recording, read_description
-from flexgen.identification.result import WEAK, FitStatus, written
+from flexgen.identification.result import Estimated, FitStatus
 from flexgen.identification.segments import Segments
-from flexgen.mechanics.parameters import with_values
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.numerics.trust_region import Fit, Sums, minimize
@@ -51,16 +49,11 @@ POORLY_EXPLAINED = 50.0  # %: a fit below it is a model error
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MotionFit:
-    """Parameters from a motion.
+class MotionFit(Estimated):
+    """Parameters from recorded motions; see also `Estimated`.
 
     Parameters
     ----------
-    vector : ParameterVector
-    x : array (n,)
-    covariance : array (n, n)
-        Of x: of logarithms for parameters with the scale "log".
-    status : FitStatus
     rms : tuple of float
         Of the residuals of each output: motor angles [rad, motor side], then link encoders.
     fit_percent : tuple of float
@@ -73,13 +66,8 @@ class MotionFit:
         Sentences on directions that the data do not determine.
     segments, iterations : int
     wall_s : float [s]
-    source : str
     """
 
-    vector: ParameterVector
-    x: np.ndarray
-    covariance: np.ndarray
-    status: FitStatus
     rms: tuple[float, ...]
     fit_percent: tuple[float, ...]
     held_out_percent: tuple[float, ...]
@@ -88,44 +76,10 @@ class MotionFit:
     segments: int
     iterations: int
     wall_s: float
-    source: str
 
     def __repr__(self) -> str:
         fit = ", ".join(f"{value:.1f} %" for value in self.fit_percent)
         return f"<MotionFit {self.vector.model.name}: {self.status}, fit {fit}, {self.segments} segments>"
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Name -> value; SI units, on the side where the model file states the number."""
-        return dict(zip(self.vector.names, self.vector.values(self.x).tolist(), strict=True))
-
-    @property
-    def sd(self) -> dict[str, float]:
-        """Name -> standard deviation: relative for parameters with the scale "log", else in the parameter's unit."""
-        return dict(zip(self.vector.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
-
-    def used(self) -> dict[str, float]:
-        """Name -> value of the numbers of the model that the data determine."""
-        named, sd = self.vector.named(self.x), self.sd
-        out: dict[str, float] = {}
-        for unknown in self.vector.unknowns:
-            if unknown.scale == "linear" or sd[unknown.name] <= WEAK:
-                out |= {name: named[name] for name in (unknown.name, *unknown.tied) if not is_of_drive(name)}
-        return out
-
-    @property
-    def model(self) -> RobotModel:
-        """The model with the identified values; those that the data do not determine as they were."""
-        return with_values(self.vector.model, self.used())
-
-    def write(self, path: str | Path) -> Path:
-        """Write the new model file; see `Identified.write`."""
-        model = self.vector.model
-        old = Path(model.file)
-        if not old.is_file() or old.suffix != ".toml":
-            raise ArgumentError(f"model file: given {model.file!r}, expected a .toml file with [[element]] tables")
-        text = written(old.read_text(encoding="utf-8"), model, self.used(), self.sd, self.source, str(old))
-        return write_text(Path(path), text)
 
 
 class _Run:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -67,8 +67,8 @@ class FitStatus(ExplainedStatus):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Identified:
-    """Identified parameters.
+class Estimated:
+    """Estimated parameters of a model.
 
     Parameters
     ----------
@@ -77,6 +77,72 @@ class Identified:
     covariance : array (n, n)
         Of x: of logarithms for parameters with the scale "log".
     status : FitStatus
+    """
+
+    vector: ParameterVector
+    x: np.ndarray
+    covariance: np.ndarray
+    status: FitStatus
+    source: str = field(default="", kw_only=True)  # of the data, for the new model file
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Name -> value; SI units, on the side where the model file states the number."""
+        return dict(zip(self.vector.names, self.vector.values(self.x).tolist(), strict=True))
+
+    @property
+    def sd(self) -> dict[str, float]:
+        """Name -> standard deviation: relative for parameters with the scale "log", else in the parameter's unit."""
+        return dict(zip(self.vector.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+
+    @property
+    def correlation(self) -> np.ndarray:
+        """Correlation matrix of x (n, n)."""
+        sd = np.sqrt(np.diag(self.covariance))
+        return self.covariance / np.outer(sd, sd)
+
+    def is_weak(self, name: str) -> bool:
+        """Whether the data do not determine a parameter: the model keeps the value of its file."""
+        unknown = self.vector.unknowns[self.vector.names.index(name)]
+        return unknown.scale == "log" and self.sd[name] > WEAK
+
+    def used(self) -> dict[str, float]:
+        """Name -> value of the numbers of the model that change: without weak ones and those of the drives."""
+        named = self.vector.named(self.x)
+        out = {}
+        for unknown in self.vector.unknowns:
+            if not self.is_weak(unknown.name):
+                out.update({name: named[name] for name in (unknown.name, *unknown.tied) if not is_of_drive(name)})
+        return out
+
+    @property
+    def model(self) -> RobotModel:
+        """The model with the identified values; weak parameters as they were."""
+        return with_values(self.vector.model, self.used())
+
+    def write(self, path: str | Path, model_file: str | Path | None = None) -> Path:
+        """Write the new model file: the text of the old one with other numbers, and their standard deviations.
+
+        Parameters
+        ----------
+        path : str or Path
+        model_file : str or Path, optional
+            The old file; default: that of the model.
+
+        Raises
+        ------
+        ArgumentError, ModelError
+            See `write_model`.
+        """
+        return write_model(path, self.vector.model, self.used(), self.sd, self.source, model_file)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identified(Estimated):
+    """Parameters identified from an experiment; see also `Estimated`.
+
+    Parameters
+    ----------
     cost : float
         Mean square of the weighted residuals, for one degree of freedom: 1 where model and noise are right.
     model_error : float
@@ -97,14 +163,8 @@ class Identified:
     weights : str
         ``"structured"``, ``"nls"``, ``"lls"`` or ``"time domain"``.
     wall_s : float [s]
-    source : str
-        Of the data, for the new model file.
     """
 
-    vector: ParameterVector
-    x: np.ndarray
-    covariance: np.ndarray
-    status: FitStatus
     cost: float
     model_error: float
     starts: int
@@ -117,7 +177,6 @@ class Identified:
     deflection_sd: np.ndarray
     weights: str
     wall_s: float
-    source: str = ""
 
     def __repr__(self) -> str:
         return (
@@ -125,45 +184,14 @@ class Identified:
             f"cost {self.cost:.3g}, {self.agreed} of {self.starts} starts>"
         )
 
-    @property
-    def values(self) -> dict[str, float]:
-        """Name -> value; SI units, on the side where the model file states the number."""
-        return dict(zip(self.vector.names, self.vector.values(self.x).tolist(), strict=True))
-
-    @property
-    def sd(self) -> dict[str, float]:
-        """Name -> standard deviation: relative for parameters with the scale "log", else in the parameter's unit."""
-        return dict(zip(self.vector.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
-
-    @property
-    def correlation(self) -> np.ndarray:
-        """Correlation matrix of x (n, n)."""
-        sd = np.sqrt(np.diag(self.covariance))
-        return self.covariance / np.outer(sd, sd)
-
     def is_weak(self, name: str) -> bool:
         """Whether the data do not determine a parameter: the model keeps the value of its file.
 
         By its standard deviation, or because frequency responses show the mean slope of a friction law only: the
         viscous friction beside Coulomb friction takes what is wrong in the latter.
         """
-        unknown = self.vector.unknowns[self.vector.names.index(name)]
         hidden = self.weights != TIME_DOMAIN and name in with_coulomb(self.vector.model)
-        return hidden or (unknown.scale == "log" and self.sd[name] > WEAK)
-
-    def used(self) -> dict[str, float]:
-        """Name -> value of the numbers of the model that change: without weak ones and those of the drives."""
-        named = self.vector.named(self.x)
-        out = {}
-        for unknown in self.vector.unknowns:
-            if not self.is_weak(unknown.name):
-                out.update({name: named[name] for name in (unknown.name, *unknown.tied) if not is_of_drive(name)})
-        return out
-
-    @property
-    def model(self) -> RobotModel:
-        """The model with the identified values; weak parameters as they were."""
-        return with_values(self.vector.model, self.used())
+        return hidden or super().is_weak(name)
 
     def figures(self) -> dict[str, Any]:
         """The result as plain data: status, cost, and a row for each parameter."""
@@ -211,44 +239,56 @@ class Identified:
             self, move, truth=truth, samples=samples, control=control, progress=progress
         )
 
-    def write(self, path: str | Path, model_file: str | Path | None = None) -> Path:
-        """Write the new model file: the text of the old one with other numbers, and their standard deviations.
 
-        Parameters
-        ----------
-        path : str or Path
-        model_file : str or Path, optional
-            The old file; default: that of the model.
+def write_model(
+    path: str | Path,
+    model: RobotModel,
+    values: Mapping[str, float],
+    sd: Mapping[str, float],
+    source: str,
+    model_file: str | Path | None = None,
+    head: str = "",
+) -> Path:
+    """Write a model file: the text of the old one with the values of some parameters and their standard deviations.
 
-        Raises
-        ------
-        ArgumentError
-            The model is not from a ``.toml`` file with ``[[element]]`` tables.
-        ModelError
-            The numbers cannot be written there, because a variant sets them.
-        """
-        model = self.vector.model
-        old = Path(model_file or model.file)
-        if not old.is_file() or old.suffix != ".toml" or "urdf" in parse_file(old, str(old)).value:
-            raise ArgumentError(
-                f"model file: given {str(old)!r}, expected a .toml file with [[element]] tables; the numbers of other "
-                "models are in Identified.values and in --json"
-            )
-        text = old.read_text(encoding="utf-8")
-        text = written(text, model, self.used(), self.sd, self.source, str(old))
-        target = Path(path)
-        if target.suffix != ".toml":
-            raise ArgumentError(f"out: given {str(path)!r}, expected a name that ends in .toml")
-        used = self.used()
-        with tempfile.TemporaryDirectory() as folder:  # what cannot be read again is not written
-            again = read(write_text(Path(folder) / "model.toml", text), model.variant or None)
-        for parameter in select(again, sorted(used)):
-            if parameter.value != used[parameter.name]:
-                raise ModelError(
-                    str(old), 0, parameter.key, f"a number that the variant {model.variant!r} sets to another one",
-                    "a model without variant, or a variant that leaves the identified numbers alone",
-                )  # fmt: skip
-        return write_text(target, text)
+    Parameters
+    ----------
+    path : str or Path
+    model : RobotModel
+    values, sd : mappings
+        By the names of parameters; deviations may be missing.
+    source : str
+        Of the data.
+    model_file : str or Path, optional
+        The old file; default: that of the model.
+    head : str
+        Lines of comments for the beginning.
+
+    Raises
+    ------
+    ArgumentError
+        The model is not from a ``.toml`` file with ``[[element]]`` tables.
+    ModelError
+        The numbers cannot be written there, because a variant sets them.
+    """
+    old, target = Path(model_file or model.file), Path(path)
+    if not old.is_file() or old.suffix != ".toml" or "urdf" in parse_file(old, str(old)).value:
+        raise ArgumentError(
+            f"model file: given {str(old)!r}, expected a .toml file with [[element]] tables; the numbers of other "
+            "models are in the values of the result and in --json"
+        )
+    if target.suffix != ".toml":
+        raise ArgumentError(f"out: given {str(path)!r}, expected a name that ends in .toml")
+    text = head + written(old.read_text(encoding="utf-8"), model, values, sd, source, str(old))
+    with tempfile.TemporaryDirectory() as folder:  # what cannot be read again is not written
+        again = read(write_text(Path(folder) / "model.toml", text), model.variant or None)
+    for parameter in select(again, sorted(values)):
+        if parameter.value != values[parameter.name]:
+            raise ModelError(
+                str(old), 0, parameter.key, f"a number that the variant {model.variant!r} sets to another one",
+                "a model without variant, or a variant that leaves the identified numbers alone",
+            )  # fmt: skip
+    return write_text(target, text)
 
 
 def written(

@@ -20,9 +20,9 @@ enum { DONE, MORE, STEP_TOO_SMALL, NOT_FINITE };
 typedef int (*function)(const double **arguments, double **results, long long *iw, double *w, int memory);
 
 typedef struct {
-    function rate;                       /* (x (n_inner), u (n_u)) -> x' (n) */
+    function rate;                       /* (x (n), u (n_u)) -> x' (n) */
     long long *iw;                       /* workspace of the function */
-    double *w;                           /* */
+    double *w;                           /* the same, reals */
     int64_t n, n_u;                      /* entries of the state and of the input */
     int64_t pieces, k;                   /* of the input: polynomials, and coefficients of each */
     const double *breaks, *coefficients; /* (pieces + 1), (pieces, k, n_u): highest power first, about the left break */

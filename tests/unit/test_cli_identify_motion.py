@@ -105,6 +105,21 @@ def test_segments_from_the_command_line(tmp_path, capsys):
     assert select(flexgen.read(new), ["q1.stiffness"])[0].value == pytest.approx(exact["q1.stiffness"], rel=2e-3)
 
 
+def test_numbers_that_a_variant_sets_are_not_written(tmp_path, capsys):
+    """The new file would not have the identified values in this variant; nothing is written."""
+    first = rigid_recordings(tmp_path, (0.0,))[0]
+    text = (tmp_path / "robot.toml").read_text()
+    set_mass = (
+        '\n[variant.heavy.set]\n"element.upper.body.mass" = 70.0\n"element.upper.dof.q1.gear" = { type = "rigid" }\n'
+    )
+    set_mass += '"element.fore.dof.q2.gear" = { type = "rigid" }\n'
+    (tmp_path / "robot.toml").write_text(text + "\n[variant.heavy]\n" + set_mass)
+    new = tmp_path / "new.toml"
+    robot = f"{tmp_path / 'robot.toml'}@heavy"
+    assert main(["identify", robot, str(first), "--rigid", "--out", str(new), "-q"]) == 1
+    assert "a number that the variant 'heavy' sets to another one" in capsys.readouterr().err and not new.exists()
+
+
 @pytest.mark.slow
 def test_sensors_and_transients_from_the_command_line(tmp_path, capsys):
     (tmp_path / "robot.toml").write_text(Path(flexgen.read("planar5_nmp").file).read_text() + SENSOR)

@@ -6,13 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from flexgen.atomic_files import write_text
 from flexgen.errors import ArgumentError
 from flexgen.identification.recordings.description import Description
 from flexgen.identification.recordings.rigid_body import Motion, RigidFit
-from flexgen.identification.result import written
+from flexgen.identification.result import write_model
 from flexgen.mechanics.parameters import select
-from flexgen.model.elements import RobotModel
 
 BODY = ("mass", "com_x", "com_y", "com_z", "inertia_xx", "inertia_yy", "inertia_zz", "inertia_xy", "inertia_yz",
         "inertia_xz")  # fmt: skip
@@ -43,19 +41,12 @@ def write_rigid(fit: RigidFit, path: str | Path, source: str) -> Path:
     ArgumentError
         The model is not from a ``.toml`` file with ``[[element]]`` tables, or has a payload with an inertia.
     """
-    model: RobotModel = fit.file
-    old = Path(model.file)
-    if not old.is_file() or old.suffix != ".toml":
-        raise ArgumentError(f"model file: given {model.file!r}, expected a .toml file with [[element]] tables")
-    if Path(path).suffix != ".toml":
-        raise ArgumentError(f"out: given {str(path)!r}, expected a name that ends in .toml")
-    if model.payload.mass:
+    if fit.file.payload.mass:
         raise ArgumentError(
             "model file: given a payload, expected none: the fit cannot tell it from the last body; remove [payload]"
         )
-    text = written(old.read_text(encoding="utf-8"), model, rigid_numbers(fit), {}, source, str(old))
-    note = (
+    head = (
         "# Bodies: only combinations of these numbers are determined; each body by itself may be another one.\n"
         "# A counterbalance is not in the model.\n"
     )
-    return write_text(Path(path), note + text)
+    return write_model(path, fit.file, rigid_numbers(fit), {}, source, head=head)
