@@ -14,6 +14,7 @@ from flexgen.mechanics.parameters import select
 
 BODY = ("mass", "com_x", "com_y", "com_z", "inertia_xx", "inertia_yy", "inertia_zz", "inertia_xy", "inertia_yz",
         "inertia_xz")  # fmt: skip
+ROUNDING = 1e-15  # kg, m, kg m^2: smaller numbers are rounding errors, and a model file has none below 1e-18
 FRICTION = ("viscous", "coulomb", "beta", "offset")
 
 
@@ -29,7 +30,7 @@ def rigid_numbers(fit: RigidFit) -> dict[str, float]:
     names = [f"{element.name}.{name}" for element in model.elements for name in BODY]
     names += [f"{motor.name}.{name}" for motor in model.motors for name in (*FRICTION, "inertia")]
     for parameter in select(model, names):
-        out[parameter.name] = parameter.value
+        out[parameter.name] = parameter.value if abs(parameter.value) > ROUNDING else 0.0
     return out
 
 
