@@ -290,7 +290,7 @@ def _refined(found: Any, args: Namespace, log: Progress) -> tuple[Any, tuple[dic
     from flexgen.identification.time_domain import refine, validate
 
     experiment = Experiment.load(args.refine)
-    log("refining by simulation: one to five minutes for six axes, seconds for planar arms")
+    log("refining by simulation: up to two minutes for six axes, seconds for planar arms")
     fine = refine(found, experiment, progress=throttled(log))
     plan = experiment.plan
     if plan.experiments * plan.realizations < 2:

@@ -57,7 +57,7 @@ class MotionFit(Estimated):
     rms : tuple of float
         Of the residuals of each output: motor angles [rad, motor side], then link encoders.
     fit_percent : tuple of float
-        ``100 (1 - |y - y_model| / |y - mean|)`` of each output, mean over the segments.
+        ``100 (1 - |y - y_model| / |y - line|)`` of each output; line: the best straight line of each segment.
     held_out_percent : tuple of float
         The same on recordings that were not fitted; empty: none.
     white : tuple of float
