@@ -38,7 +38,7 @@ int64_t model_bvp_work(int n, const model_inversion_options *options)
     if (options == NULL || !path_sizes_fit(n, options)) {
         return -1;
     }
-    l = lay_out(n, options, INTERVAL_FACTOR);
+    l = lay_out(n, options, INTERVAL_FACTOR, 0);
     end = lay_out_bvp(&l).end;
     return is_addressable(end) ? end : -1;
 }
@@ -123,7 +123,7 @@ model_status model_bvp(const model_path *p, PARAMETERS_ARGUMENT const real q_sta
         return (model_status)status;
     }
     copy(q_start, NA, q);
-    l = lay_out(p->n, options, INTERVAL_FACTOR);
+    l = lay_out(p->n, options, INTERVAL_FACTOR, 0);
     own = lay_out_bvp(&l);
     keep_parameters(GIVEN_PARAMETERS, work + l.space);
     b = (bvp_problem *)(void *)(work + own.problem);

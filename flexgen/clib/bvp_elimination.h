@@ -275,7 +275,7 @@ static inline void fill_end(real (*rows)[STATES], int count, const real *y, cons
 static inline int bvp_residual(bvp_problem *b, bvp_space *w, real *space)
 {
     mesh *m = &b->m;
-    const int status = evaluate_residual(m, &w->lq, space);
+    const int status = evaluate_residual(m, NULL, &w->lq, space);
     const real *end = m->y + (ptrdiff_t)m->N * STATES;
     if (status != MODEL_OK) {
         return status;
@@ -304,10 +304,11 @@ static inline int bvp_factor(bvp_problem *b, bvp_space *w, real *space)
     real *node = w->node;
     int sign = 0;
     b->turns = 0;
+    begin_points(&w->lq.arm);
     fill_end(b->first, b->from_start, m->y, b->equilibrium_start, node);
     for (int first = 0; first < m->N; first += GROUP) {
         const int count = m->N - first < GROUP ? m->N - first : (int)GROUP;
-        const int status = evaluate_group(m, first, count, &w->lq, space);
+        const int status = evaluate_group(m, first, count, w->lq.point, &w->lq, space);
         if (status != MODEL_OK) {
             return status;
         }
@@ -316,7 +317,12 @@ static inline int bvp_factor(bvp_problem *b, bvp_space *w, real *space)
             real *factor = m->factor + (ptrdiff_t)k * INTERVAL_FACTOR, *own = node + b->from_start * NODE_WIDTH;
             fill_interval(m, k, point, w);
             for (int s = 0; s < STAGES; ++s) {
-                const int this_one = sign_of(point + s * POINT + 2 * NE * NE);
+                real A[NE * NE];
+                int this_one;
+                for (int i = 0; i < NE; ++i) {
+                    copy(point + s * POINT + i * TRIPLE + 2 * NE, NE, A + i * NE);
+                }
+                this_one = sign_of(A);
                 b->turns |= this_one == 0 || (sign != 0 && this_one != sign);
                 sign = this_one;
             }

@@ -236,6 +236,7 @@ static inline int zero_dynamics_at(
             arm->a[i][l] = 0.0;
         }
     }
+    begin_points(arm);
     status = solve_kinematics(arm, space);
     if (status == MODEL_OK) {
         status = reduced_jacobians(arm, space);

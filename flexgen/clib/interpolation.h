@@ -27,46 +27,70 @@ static inline void bump(real x, int k, real out[3])
     }
 }
 
-/* Coordinates in an interval: the polynomial with value, two derivatives at its nodes and a_e at its Gauss points. */
+/*
+ * Coordinates in an interval: the polynomial with value, two derivatives at its nodes and a_e at its Gauss points. It
+ * is linear in y1 - y0, v0, v1, a0, a1 and the accelerations at the Gauss points.
+ */
+enum { TERMS = 5 + STAGES };
+
 typedef struct {
-    real inverse[STAGES][STAGES];
+    real bumps[STAGES][TERMS]; /* what each of them adds of each bump, for an interval of length 1 */
 } interpolant;
+
+/* The quintic of one of its terms: value and two derivatives at x. */
+static inline void quintic_term(int term, real x, real out[3])
+{
+    real left[3] = {0.0, 0.0, 0.0}, right[3] = {0.0, 0.0, 0.0};
+    if (term == 0) {
+        right[0] = 1.0;
+    } else if (term < 5) {
+        *(term % 2 == 1 ? left + (term + 1) / 2 : right + term / 2) = 1.0;
+    }
+    quintic(x, left, right, out);
+}
 
 static inline void prepare(interpolant *f)
 {
-    real a[STAGES][2 * STAGES];
+    real a[STAGES][STAGES + TERMS];
     for (int i = 0; i < STAGES; ++i) {
+        real out[3];
         for (int j = 0; j < STAGES; ++j) {
-            real out[3];
             bump(gauss_c[i], j, out);
             a[i][j] = out[2];
-            a[i][STAGES + j] = i == j ? 1.0 : 0.0;
+        }
+        for (int term = 0; term < TERMS; ++term) { /* what the quintic misses at the Gauss points */
+            quintic_term(term, gauss_c[i], out);
+            a[i][STAGES + term] = (term == 5 + i ? 1.0 : 0.0) - out[2];
         }
     }
-    (void)solve_plain(&a[0][0], STAGES, 2 * STAGES); /* regular */
+    (void)solve_plain(&a[0][0], STAGES, STAGES + TERMS); /* regular */
     for (int i = 0; i < STAGES; ++i) {
-        copy(a[i] + STAGES, STAGES, f->inverse[i]);
+        copy(a[i] + STAGES, TERMS, f->bumps[i]);
     }
 }
 
-/* Value and two derivatives, times h and h^2, at x of an interval of length h. */
-static inline void between(const interpolant *f, const real left[3], const real right[3], const real *a,
-    ptrdiff_t stride, real h, real x, real out[3])
+/* Weights of the terms in value, speed and acceleration at x, 0 <= x <= 1, of an interval of length h. */
+static inline void weights_at(const interpolant *f, real h, real x, real weight[3 * TERMS])
 {
-    real miss[STAGES], own[3];
+    static const int power[TERMS] = {0, 1, 1, 2, 2, 2, 2, 2}; /* of h that makes a term a position */
+    real bumps[STAGES][3];
     for (int i = 0; i < STAGES; ++i) {
-        quintic(gauss_c[i], left, right, own);
-        miss[i] = h * h * a[i * stride] - own[2];
+        bump(x, i, bumps[i]);
     }
-    quintic(x, left, right, out);
-    for (int i = 0; i < STAGES; ++i) {
-        real weight = 0.0;
-        for (int j = 0; j < STAGES; ++j) {
-            weight += f->inverse[i][j] * miss[j];
-        }
-        bump(x, i, own);
-        for (int j = 0; j < 3; ++j) {
-            out[j] += weight * own[j];
+    for (int term = 0; term < TERMS; ++term) {
+        real out[3];
+        quintic_term(term, x, out);
+        for (int order = 0; order < 3; ++order) {
+            for (int i = 0; i < STAGES; ++i) {
+                out[order] += f->bumps[i][term] * bumps[i][order];
+            }
+            for (int i = order; i < power[term]; ++i) {
+                out[order] *= h;
+            }
+            for (int i = power[term]; i < order; ++i) {
+                out[order] /= h;
+            }
+            weight[order * TERMS + term] = out[order];
         }
     }
 }
@@ -110,24 +134,55 @@ static inline void nodal_accelerations(const mesh *m, real *a_node)
     }
 }
 
-/* Unactuated coordinates, velocities and accelerations at x, 0 <= x <= 1, of an interval, into point l. */
+/* Unactuated coordinates, velocities and accelerations where an interval has these weights, into point l. */
 static inline void load_between(
-    const mesh *m, const real *a_node, const interpolant *f, ptrdiff_t interval, real x, problem_points *arm, int l)
+    const mesh *m, const real *a_node, const real *weight, ptrdiff_t interval, problem_points *arm, int l)
 {
-    const real h = m->h;
     const real *y0 = m->y + interval * STATES, *y1 = y0 + STATES;
-    const real *a0 = a_node + interval * NE, *a1 = a0 + NE;
-    real q[NE], v[NE], a[NE];
-    for (int i = 0; i < NE; ++i) {
-        const real left[3] = {y0[i], h * y0[NE + i], h * h * a0[i]};
-        const real right[3] = {y1[i], h * y1[NE + i], h * h * a1[i]};
-        real out[3];
-        between(f, left, right, m->a + interval * CONTROLS + i, NE, h, x, out);
-        q[i] = out[0];
-        v[i] = out[1] / h;
-        a[i] = out[2] / (h * h);
+    const real *a0 = a_node + interval * NE, *a1 = a0 + NE, *a = m->a + interval * CONTROLS;
+    real out[3][NE];
+    int i = 0;
+    while (i < NE) { /* the last vector begins earlier, so that it ends with the last coordinate */
+        if (NE >= LANES) {
+            const int at = i + LANES <= NE ? i : NE - LANES;
+            lanes term[TERMS];
+            term[0] = load_v(y1 + at) - load_v(y0 + at);
+            term[1] = load_v(y0 + NE + at);
+            term[2] = load_v(y1 + NE + at);
+            term[3] = load_v(a0 + at);
+            term[4] = load_v(a1 + at);
+            for (int s = 0; s < STAGES; ++s) {
+                term[5 + s] = load_v(a + s * NE + at);
+            }
+            for (int order = 0; order < 3; ++order) {
+                lanes sum = order == 0 ? load_v(y0 + at) : splat_v(0.0);
+                for (int j = 0; j < TERMS; ++j) {
+                    sum += splat_v(weight[order * TERMS + j]) * term[j];
+                }
+                store_v(out[order] + at, sum);
+            }
+            i += LANES;
+        } else {
+            real term[TERMS];
+            term[0] = y1[i] - y0[i];
+            term[1] = y0[NE + i];
+            term[2] = y1[NE + i];
+            term[3] = a0[i];
+            term[4] = a1[i];
+            for (int s = 0; s < STAGES; ++s) {
+                term[5 + s] = a[s * NE + i];
+            }
+            for (int order = 0; order < 3; ++order) {
+                real sum = order == 0 ? y0[i] : 0.0;
+                for (int j = 0; j < TERMS; ++j) {
+                    sum += weight[order * TERMS + j] * term[j];
+                }
+                out[order][i] = sum;
+            }
+            ++i;
+        }
     }
-    load_elastic(arm, l, q, v, a);
+    load_elastic(arm, l, out[0], out[1], out[2]);
 }
 
 #endif

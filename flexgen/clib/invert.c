@@ -2,17 +2,17 @@
 #include "model_inversion.h"
 
 #include "model_equilibrium.h"
-#include "model_lq_step.h"
+#include "model_lq_path.h"
 #include "model_whole_path.h"
 
-enum { END_INTERVALS = 8, SWEEPS = 40 }; /* intervals of a mesh at equilibrium after the path; sweeps over it */
-
 #if MODEL_NE > 0
+enum { SWEEPS = 40, SWEEP = 8 }; /* sweeps for the cost of an endless equilibrium; their intervals */
+
 static const real cost_change = 1e-2; /* from sweep to sweep, where the cost of an endless equilibrium has converged */
 
 /* Where the arrays of this solver are, after those of both. */
 typedef struct {
-    int64_t cost, y, a, q_g, reference, factor, lq, end;
+    int64_t cost, y, a, q_g, reference, steady_factor, steady_point, point, row, linear, lq, end;
 } lq_layout;
 
 static lq_layout lay_out_lq(const whole_layout *l)
@@ -20,11 +20,15 @@ static lq_layout lay_out_lq(const whole_layout *l)
     lq_layout own;
     int64_t at = l->end;
     TAKE(at, own.cost, STATES * STATES);
-    TAKE(at, own.y, (END_INTERVALS + 1) * STATES);
-    TAKE(at, own.a, END_INTERVALS * CONTROLS);
-    TAKE(at, own.q_g, END_INTERVALS * STAGES * NG);
-    TAKE(at, own.reference, END_INTERVALS * STAGES * REFERENCE);
-    TAKE(at, own.factor, END_INTERVALS * CONTROLS * WIDTH);
+    TAKE(at, own.y, 2 * STATES);
+    TAKE(at, own.a, CONTROLS);
+    TAKE(at, own.q_g, STAGES * NG);
+    TAKE(at, own.reference, STAGES * REFERENCE);
+    TAKE(at, own.steady_factor, CONTROLS * WIDTH);
+    TAKE(at, own.steady_point, STAGES * POINT + BLOCK);
+    TAKE(at, own.point, l->varying * STAGES * POINT + BLOCK);
+    TAKE(at, own.row, l->intervals * STAGES * NE);
+    TAKE(at, own.linear, l->intervals * CONTROLS);
     TAKE(at, own.lq, (int64_t)(sizeof(lq_space) / sizeof(real)));
     own.end = at;
     return own;
@@ -39,10 +43,10 @@ int64_t model_invert_work(int n, const model_inversion_options *options)
         return -1;
     }
 #if MODEL_NE > 0
-    l = lay_out(n, options, CONTROLS * WIDTH);
+    l = lay_out(n, options, CONTROLS * WIDTH, 1);
     end = lay_out_lq(&l).end;
 #else
-    l = lay_out(n, options, 0);
+    l = lay_out(n, options, 0, 0);
     end = l.end + padded((int64_t)(sizeof(problem_points) / sizeof(real)));
 #endif
     return is_addressable(end) ? end : -1;
@@ -53,6 +57,7 @@ int64_t model_invert_work(int n, const model_inversion_options *options)
 static int terminal_cost(
     mesh *m, const whole_layout *l, const lq_layout *own, const real *target, const real *q_start, real *work)
 {
+    lq_space *w = (lq_space *)(void *)(work + own->lq);
     const real *joints = m->q_g + ((ptrdiff_t)m->N * STAGES - 1) * NG;
     real q[NA], scale[NE], reference[REFERENCE] = {0.0};
     mesh hold = *m;
@@ -66,57 +71,30 @@ static int terminal_cost(
         return status;
     }
     copy(target, NT, reference);
-    hold.N = END_INTERVALS;
+    hold.N = 1;
     hold.y = work + own->y;
     hold.a = work + own->a;
     hold.q_g = work + own->q_g;
     hold.reference = work + own->reference;
-    hold.factor = work + own->factor;
-    for (int k = 0; k <= END_INTERVALS; ++k) {
-        for (int i = 0; i < NE; ++i) {
-            hold.y[k * STATES + i] = q[i_e[i]];
-            hold.y[k * STATES + NE + i] = 0.0;
-        }
+    hold.factor = work + own->steady_factor;
+    for (int i = 0; i < STATES; ++i) {
+        hold.y[i] = hold.y[STATES + i] = i < NE ? q[i_e[i % NE]] : 0.0;
     }
-    for (int k = 0; k < END_INTERVALS * CONTROLS; ++k) {
-        hold.a[k] = 0.0;
+    for (int i = 0; i < CONTROLS; ++i) {
+        hold.a[i] = 0.0;
     }
-    for (int k = 0; k < END_INTERVALS * STAGES; ++k) {
+    for (int k = 0; k < STAGES; ++k) {
         for (int i = 0; i < NG; ++i) {
             hold.q_g[k * NG + i] = q[i_g[i]];
         }
         copy(reference, REFERENCE, hold.reference + k * REFERENCE);
     }
-    status = lq_stationary_cost(&hold, m->N / END_INTERVALS > SWEEPS ? m->N / END_INTERVALS : SWEEPS, regularization,
-        cost_change, (lq_space *)(void *)(work + own->lq), work + l->space, work + own->cost);
+    status = lq_stationary_cost(&hold, SWEEP, m->N / SWEEP > SWEEPS ? m->N / SWEEP : SWEEPS, regularization,
+        cost_change, w, work + l->space, work + own->cost);
+    copy(w->point, STAGES * POINT, work + own->steady_point);
     m->end = work + own->cost;
     m->equilibrium = hold.y;
     return status;
-}
-
-/* The motion on the mesh by Gauss-Newton steps. */
-static int solve_mesh(mesh *m, real tolerance, model_inversion_info *info, lq_space *w, real *space)
-{
-    newton progress = {-1.0, 0, 0};
-    for (;;) {
-        int state, status = lq_factor(m, w, space);
-        info->iterations = progress.steps + 1;
-        if (status != MODEL_OK) {
-            return status;
-        }
-        {
-            real first[STATES] = {0.0};
-            lq_step(m, first);
-        }
-        status = evaluate_residual(m, w, space);
-        if (status != MODEL_OK) {
-            return status;
-        }
-        state = newton_state(&progress, m->residual, tolerance, 1e-2);
-        if (state != NEWTON_CONTINUES) {
-            return state == NEWTON_CONVERGED ? MODEL_OK : MODEL_NOT_CONVERGED;
-        }
-    }
 }
 
 #endif
@@ -138,7 +116,7 @@ model_status model_invert(const model_path *p, PARAMETERS_ARGUMENT const real q_
         lq_layout own;
         lq_space *w;
         mesh m;
-        l = lay_out(p->n, options, CONTROLS * WIDTH);
+        l = lay_out(p->n, options, CONTROLS * WIDTH, 1);
         keep_parameters(GIVEN_PARAMETERS, work + l.space);
         own = lay_out_lq(&l);
         w = (lq_space *)(void *)(work + own.lq);
@@ -151,7 +129,13 @@ model_status model_invert(const model_path *p, PARAMETERS_ARGUMENT const real q_
             status = terminal_cost(&m, &l, &own, p->y + (p->n - 1) * (ptrdiff_t)NT, q, work);
         }
         if (status == MODEL_OK) {
-            status = solve_mesh(&m, options->tolerance, info, w, work + l.space);
+            lq_path c;
+            c.point = work + own.point;
+            c.row = work + own.row;
+            c.linear = work + own.linear;
+            c.steady_point = work + own.steady_point;
+            c.steady_factor = work + own.steady_factor;
+            status = lq_path_solve(&m, &c, options->tolerance, info, w, work + l.space);
             info->residual = m.residual;
             info->intervals = m.N;
         }
@@ -161,7 +145,7 @@ model_status model_invert(const model_path *p, PARAMETERS_ARGUMENT const real q_
         return finish(p, options, &l, q, &m, &w->arm, motion, info, work);
     }
 #else
-    l = lay_out(p->n, options, 0);
+    l = lay_out(p->n, options, 0, 0);
     keep_parameters(GIVEN_PARAMETERS, work + l.space);
     status = equilibrium_at(p->y, q, NULL, work + l.space);
     if (status != MODEL_OK) {

@@ -121,23 +121,32 @@ static inline void rotate(const real *f, const real *R0, real *R)
 }
 #endif
 
+/* y, dy and ddy at sample k; the path is constant before the first and after the last sample. */
+static inline void reference_sample(const model_path *p, ptrdiff_t k, real *out)
+{
+    const ptrdiff_t at = k < 0 ? 0 : k >= p->n - 1 ? p->n - 1 : k;
+    copy(p->y + at * NT, NT, out);
+    if (k < 0 || k >= p->n - 1) {
+        for (int i = NT; i < REFERENCE; ++i) {
+            out[i] = 0.0;
+        }
+    } else {
+        copy(p->dy + at * NY, NY, out + NT);
+        copy(p->ddy + at * NY, NY, out + NT + NY);
+    }
+}
+
 /* y, dy and ddy at sample k + x, 0 <= x <= 1; the path is constant before the first and after the last sample. */
 static inline void reference_at(const model_path *p, int k, real x, real *out)
 {
     const real T = p->period;
-    int at = k;
+    const ptrdiff_t at = k;
     if (k < 0 || k >= p->n - 1) {
-        at = k < 0 ? 0 : p->n - 1;
-        copy(p->y + at * (ptrdiff_t)NT, NT, out);
-        for (int i = NT; i < REFERENCE; ++i) {
-            out[i] = 0.0;
-        }
-        return;
-    }
-    {
-        const real *y0 = p->y + at * (ptrdiff_t)NT, *y1 = y0 + NT;
-        const real *v0 = p->dy + at * (ptrdiff_t)NY, *v1 = v0 + NY;
-        const real *a0 = p->ddy + at * (ptrdiff_t)NY, *a1 = a0 + NY;
+        reference_sample(p, k, out);
+    } else {
+        const real *y0 = p->y + at * NT, *y1 = y0 + NT;
+        const real *v0 = p->dy + at * NY, *v1 = v0 + NY;
+        const real *a0 = p->ddy + at * NY, *a1 = a0 + NY;
         const int positions = MODEL_POSE ? 3 : NY;
         for (int i = 0; i < positions; ++i) {
             const real left[3] = {y0[i], T * v0[i], T * T * a0[i]};

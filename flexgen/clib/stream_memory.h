@@ -125,6 +125,7 @@ static inline mesh mesh_of(const layout *l, real *s)
     m.reference = s + l->reference;
     m.target_state = s + l->target_state;
     m.equilibrium = NULL;
+    m.varying = m.N;
     m.factor = s + l->factor;
     m.scale = s + l->scale;
     /*

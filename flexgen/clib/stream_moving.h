@@ -56,6 +56,7 @@ static inline int set_joints(real *s, const layout *l, const real *q)
     for (int i = 0; i < NG; ++i) {
         q_g[N * STAGES * NG + i] = last[i] = q[i_g[i]];
     }
+    begin_points(arm);
     for (ptrdiff_t k = 0; k < N * STAGES; ++k) { /* one after the other: each is the guess of the next */
         int status;
         for (int point = 0; point < POINTS; ++point) {

@@ -43,6 +43,7 @@ static inline int reach_next_sample(real *s, const layout *l, const real *next, 
         }
 #endif
     }
+    begin_points(arm);
     status = solve_kinematics(arm, s + l->space);
     if (status != MODEL_OK) {
         return status;

@@ -17,6 +17,7 @@ BLOCKS, CHAIN, QP_STEPS = 8, 5, 80
 AHEAD, BEFORE, TAPS = 4 + 4, 4, 10  # of a hold: samples ahead at most, samples before, weights
 CALL = 60  # operations of one call of sine and cosine, exp or tanh, at most
 KINEMATIC_PASSES = 27  # evaluations of the output constraint while the kinematics are solved, at most
+INVERSE_STEPS = 3  # refinements of an inverse before it is computed again
 SPRING_PASSES, RADAU_PASSES = 8 + 1 + 200 + 60 + 1, 61  # evaluations of the gear law for one sample, at most
 
 
@@ -58,11 +59,18 @@ def stream_size(sizes: Mapping[str, int], function_work: int, block: int) -> Lin
     width = (columns + block - 1) // block * block
     bounded, inputs = 2 * n_m + n_y, BLOCKS * n_y
 
-    points = 3 * n_a + n_t + 2 * n_y + n_y + n_a * n_y + n_y + n_y * n_g + 1 + n_g
+    points = 3 * n_a + n_t + 2 * n_y + n_y + n_a * n_y + n_y + n_y * n_g + 2 + n_g
     if n_e:
         points += n_e + 3 * n_a * n_e + 3 * n_a * n_y + 4 * n_e * n_g + n_e * n_y + 3 * n_e * n_e
     problem = block * points
-    lq = GROUP * STAGES * n_e * (3 * n_e + 1) + controls * width + (columns + 1) * width + states * (states + 1)
+    point = n_e * (3 * n_e + 1)
+    lq = (
+        max(GROUP * STAGES * point, STAGES * point + columns * width)
+        + controls * width
+        + block
+        + (columns + 1) * width
+        + states * (states + 1)
+    )
 
     node = reference + CHAIN * n_y + 6 * n_g + CHAIN * BLOCKS + bounded * (7 + inputs)
     limits = Linear(2 + bounded + 2 * inputs * inputs + 3 * inputs + node + 24 * rounding, node, 0)
@@ -93,7 +101,7 @@ def stream_operations(sizes: Mapping[str, int], operations: Mapping[str, int], b
     spring, radau = SPRING_PASSES * gear, RADAU_PASSES * (3 * operations["gear_law"] + 120 * n_g) + 120 * n_g
 
     # the window of samples around the interval, in groups of points
-    group = kinematics + rows + block * (path + 200 * n_e + 8 * n_a)
+    group = kinematics + rows + block * (path + 1500 + 60 * n_e + 12 * n_a)
     window = Linear(group * (2 * BACK + 1 + AHEAD + block) // block + group, 0, group // block + 1)
     window += Linear(0, 0, 1).times(spring + gear + radau + 3 * motors + 60 * (n_a + n_g * n_m + n_m))
     window += Linear(600, 0, 2 * TAPS * n_m)  # hold: weights, and their use
@@ -112,11 +120,12 @@ def stream_operations(sizes: Mapping[str, int], operations: Mapping[str, int], b
 
 def _kinematics(sizes: Mapping[str, int], constraint: int, block: int) -> int:
     """Operations of solve_kinematics for a block of instants."""
-    _, n_g, n_e, _, n_y, n_t = _sizes(sizes)
+    n_a, n_g, _, _, n_y, n_t = _sizes(sizes)
     inverse = n_y * (n_y * (4 + 12 * n_y) + 2 * n_y + 4 * n_y * n_y + 8)
     step = n_g * (2 * n_y + 6) + 4 * (n_y + n_t)
-    rates = 2 * n_y * (2 * n_e + 2) + 4 * n_g * n_y
-    return block * (KINEMATIC_PASSES * (constraint + inverse + step) + constraint + rates)
+    refined = INVERSE_STEPS * (4 * n_y**3 + 6 * n_y * n_y + 8 * n_y + 4)
+    rates = 2 * (n_y * (2 * n_a + 2) + 2 * n_g * n_y)
+    return block * (KINEMATIC_PASSES * (constraint + refined + inverse + step) + constraint + rates)
 
 
 def _reduced(sizes: Mapping[str, int], jacobians: int, block: int) -> int:
@@ -131,11 +140,11 @@ def _lq(n_e: int, point_group: int, block: int) -> Linear:
     states, controls = 2 * n_e, STAGES * n_e
     width = (controls + states + block) // block * block
     tall = controls + states + 9
-    residual_rows = controls * (STAGES * 18 + controls * 6 + n_e * 8)
+    residual_rows = controls * (STAGES + 2) * 5 * (n_e + 15) + 60 * STAGES
     outer = 2 * controls * tall * width
     cost = n_e * (STAGES * (controls * 14 + n_e * 16) + 40 * n_e + 60) + 40 * STAGES
     elimination = outer + controls * width * (2 * PANEL + 4)
-    step = 2 * controls * (controls + states + 2) + 60 * n_e + 10 * controls
+    step = 2 * controls * (width + 17) + 60 * n_e + 10 * controls
     interval = residual_rows + outer + cost + elimination + step + 4 * states * states
     groups = -(-GROUP * STAGES // block)
     return Linear(groups * point_group + 4 * states * states, groups * point_group // GROUP + 1 + interval, 0)

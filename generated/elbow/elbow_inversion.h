@@ -30,13 +30,13 @@ typedef enum { ELBOW_HOLD_SPLINE = 0, ELBOW_HOLD_LINEAR = 1, ELBOW_HOLD_ZOH = 2 
 
 /* Memory of a stream in reals, as a constant expression: at least stream_work. */
 #define ELBOW_STREAM_SIZE(intervals, samples_per_interval) \
-    (INT64_C(2529) + INT64_C(236) * (intervals) + INT64_C(26) * (samples_per_interval))
+    (INT64_C(2537) + INT64_C(236) * (intervals) + INT64_C(26) * (samples_per_interval))
 /*
  * Operations of one stream_update, at most: additions, multiplications, divisions and comparisons of reals, with every
  * iteration at its limit. A usual update needs a small part of them.
  */
 #define ELBOW_STREAM_OPERATIONS(intervals, samples_per_interval) \
-    (INT64_C(1870843) + INT64_C(81602) * (intervals) + INT64_C(45822) * (samples_per_interval))
+    (INT64_C(2358679) + INT64_C(87774) * (intervals) + INT64_C(53502) * (samples_per_interval))
 
 /*
  * Recommended options of a stream. The look-ahead is ln(1 / 1e-06) time constants of the slowest unstable zero at the

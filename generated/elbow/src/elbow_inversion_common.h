@@ -28,15 +28,49 @@ static const real gauss_A[STAGES][STAGES] = {{5.0 / 36.0, -0.035976667524938878,
     {0.30026319498086457, 2.0 / 9.0, -0.022485417203086778}, {0.26798833376246944, 0.48042111196938331, 5.0 / 36.0}};
 #endif
 
+/* The largest lane; where one is NaN it is overlooked. */
+static inline real largest_lane(const lanes x)
+{
+    real all[LANES];
+    store_v(all, x);
+    for (int half = LANES / 2; half > 0; half /= 2) {
+        for (int i = 0; i < half; ++i) {
+            all[i] = fmax_1(all[i], all[i + half]);
+        }
+    }
+    return all[0];
+}
+
+static inline real sum_lanes(const lanes x)
+{
+    real all[LANES];
+    store_v(all, x);
+    for (int half = LANES / 2; half > 0; half /= 2) {
+        for (int i = 0; i < half; ++i) {
+            all[i] += all[i + half];
+        }
+    }
+    return all[0];
+}
+
 /* The largest size; NaN where an entry is not finite, so that no comparison holds. */
 static inline real largest(const real *x, int n)
 {
-    real most = 0.0, zero = 0.0;
-    for (int i = 0; i < n; ++i) {
-        most = fmax_1(most, fabs_1(x[i]));
-        zero += 0.0 * x[i];
+    lanes most = splat_v(0.0), zero = splat_v(0.0);
+    real all, not_finite;
+    const int whole = n / LANES * LANES;
+    for (int i = 0; i < whole; i += LANES) {
+        const lanes at = load_v(x + i);
+        most = fmax_v(most, fabs_v(at));
+        zero += 0.0 * at;
     }
-    return most + zero;
+    all = whole > 0 ? largest_lane(most) : 0.0;
+    not_finite = whole > 0 ? sum_lanes(zero) : 0.0;
+    for (int i = whole; i < n; ++i) {
+        all = fmax_1(all, fabs_1(x[i]));
+        not_finite += 0.0 * x[i];
+    }
+    return all + not_finite;
 }
 
 /* Square root by Newton's method: the library needs no function of the C library for it. */

@@ -22,7 +22,11 @@ enum {
     RESIDUALS = STAGES * NE,
     GROUP = 8, /* intervals that are evaluated together */
     GROUP_POINTS = GROUP * STAGES,
-    POINT = NE * (3 * NE + 1) /* K, D, A by rows, R */
+    TRIPLE = 3 * NE,           /* rows of K, D and A, one after the other */
+    POINT = NE * (TRIPLE + 1), /* NE triples, then R */
+    GROUP_SIZE = GROUP_POINTS * POINT,
+    REST_SIZE = STAGES * POINT + COLUMNS * WIDTH, /* of an equilibrium: points of an interval, sum over its rows */
+    POINTS_SIZE = GROUP_SIZE > REST_SIZE ? GROUP_SIZE : REST_SIZE
 };
 
 static const real scale_q = 1e-2; /* rad or m */
@@ -35,14 +39,14 @@ static const real negligible_cost = PRECISE(1e-9, 1e-4);
 /* Memory of a step. */
 typedef struct {
     problem_points arm;
-    real point[GROUP_POINTS * POINT];
-    real J[RESIDUALS * WIDTH];
+    real point[POINTS_SIZE];
+    real J[RESIDUALS * WIDTH + BLOCK]; /* and room for the end of a vector */
     real H[(COLUMNS + 1) * WIDTH];
     real P[STATES * STATES], p[STATES];
 } lq_space;
 
-/* Residuals and Jacobians at the Gauss points of the intervals first ... first + count - 1. */
-static inline int evaluate_group(mesh *m, int first, int count, lq_space *w, real *space)
+/* Residuals and Jacobians at the Gauss points of the intervals first ... first + count - 1, POINT numbers for each. */
+static inline int evaluate_group(mesh *m, int first, int count, real *points_out, lq_space *w, real *space)
 {
     for (int at = 0; at < count * STAGES; at += POINTS) {
         const int begin = first * STAGES + at;
@@ -59,15 +63,15 @@ static inline int evaluate_group(mesh *m, int first, int count, lq_space *w, rea
             return status;
         }
         for (int l = 0; l < used; ++l) {
-            real *to = w->point + (ptrdiff_t)(at + l) * POINT;
+            real *to = points_out + (ptrdiff_t)(at + l) * POINT;
             for (int i = 0; i < NE; ++i) {
                 const real unit = 1.0 / m->scale[i];
                 for (int j = 0; j < NE; ++j) {
-                    to[i * NE + j] = unit * w->arm.K[j][i][l];
-                    to[(NE + i) * NE + j] = unit * w->arm.D[j][i][l];
-                    to[(2 * NE + i) * NE + j] = unit * w->arm.A[j][i][l];
+                    to[i * TRIPLE + j] = unit * w->arm.K[j][i][l];
+                    to[i * TRIPLE + NE + j] = unit * w->arm.D[j][i][l];
+                    to[i * TRIPLE + 2 * NE + j] = unit * w->arm.A[j][i][l];
                 }
-                to[3 * NE * NE + i] = unit * w->arm.row[i][l];
+                to[NE * TRIPLE + i] = unit * w->arm.row[i][l];
             }
             for (int i = 0; i < NG; ++i) {
                 m->q_g[(ptrdiff_t)(begin + l) * NG + i] = w->arm.q[i_g[i]][l];
@@ -77,11 +81,15 @@ static inline int evaluate_group(mesh *m, int first, int count, lq_space *w, rea
     return ELBOW_OK;
 }
 
-/* The largest residual at all Gauss points, without Jacobians; the joints are updated. */
-static inline int evaluate_residual(mesh *m, lq_space *w, real *space)
+/*
+ * The largest residual at all Gauss points, without Jacobians; the joints are updated. rows: NE residuals of each
+ * point; not written if null.
+ */
+static inline int evaluate_residual(mesh *m, real *rows, lq_space *w, real *space)
 {
     problem_points *arm = &w->arm;
     m->residual = 0.0;
+    begin_points(arm);
     for (int at = 0; at < m->N * STAGES; at += POINTS) {
         const int used = m->N * STAGES - at < POINTS ? m->N * STAGES - at : POINTS;
         int status;
@@ -97,7 +105,11 @@ static inline int evaluate_residual(mesh *m, lq_space *w, real *space)
         }
         for (int l = 0; l < used; ++l) {
             for (int i = 0; i < NE; ++i) {
-                m->residual = fmax_1(m->residual, fabs_1(arm->row[i][l]) / m->scale[i]);
+                const real row = arm->row[i][l] / m->scale[i];
+                m->residual = fmax_1(m->residual, fabs_1(row));
+                if (rows != NULL) {
+                    rows[(ptrdiff_t)(at + l) * NE + i] = row;
+                }
             }
             for (int i = 0; i < NG; ++i) {
                 m->q_g[(ptrdiff_t)(at + l) * NG + i] = arm->q[i_g[i]][l];
@@ -107,30 +119,50 @@ static inline int evaluate_residual(mesh *m, lq_space *w, real *space)
     return ELBOW_OK;
 }
 
+/* A row of J: `weights` times the rows of K, D and A; a vector may write beyond them, where the next block follows. */
+static inline void add_up_triple(const real *triple, const real *weights, real *row)
+{
+    const lanes of_K = splat_v(weights[0]), of_D = splat_v(weights[1]), of_A = splat_v(weights[2]);
+    for (int j = 0; j < NE; j += LANES) {
+        store_v(
+            row + j, of_K * load_v(triple + j) + of_D * load_v(triple + NE + j) + of_A * load_v(triple + 2 * NE + j));
+    }
+}
+
+/* Share of the accelerations of point t in speeds and positions of point s, times h and h^2. */
+static inline void stage_weights(real h, int s, int t, real *once, real *twice)
+{
+    *twice = 0.0;
+    for (int k = 0; k < STAGES; ++k) {
+        *twice += gauss_A[s][k] * gauss_A[k][t];
+    }
+    *once = h * gauss_A[s][t] * scale_a;
+    *twice *= h * h * scale_a;
+}
+
 /* Rows of the linearized residuals of one interval, in scaled unknowns (a, q, v) and right side. */
 static inline void interval_rows(const mesh *m, const real *point, real *J)
 {
     const real h = m->h;
     for (int s = 0; s < STAGES; ++s) {
-        const real *K = point + s * POINT, *D = K + NE * NE, *A = D + NE * NE, *R = A + NE * NE;
+        const real *at = point + s * POINT;
+        real weights[STAGES + 2][3] = {{0.0}};
+        for (int t = 0; t < STAGES; ++t) {
+            stage_weights(h, s, t, weights[t] + 1, weights[t]);
+        }
+        weights[s][2] = scale_a;
+        weights[STAGES][0] = scale_q;
+        weights[STAGES + 1][0] = scale_v * (h * gauss_c[s]);
+        weights[STAGES + 1][1] = scale_v;
         for (int i = 0; i < NE; ++i) {
             real *row = J + (s * NE + i) * WIDTH;
-            for (int t = 0; t < STAGES; ++t) {
-                const real once = h * gauss_A[s][t] * scale_a, own = s == t ? scale_a : 0.0;
-                real twice = 0.0;
-                for (int k = 0; k < STAGES; ++k) {
-                    twice += gauss_A[s][k] * gauss_A[k][t];
-                }
-                twice *= h * h * scale_a;
-                for (int j = 0; j < NE; ++j) {
-                    row[t * NE + j] = twice * K[i * NE + j] + once * D[i * NE + j] + own * A[i * NE + j];
-                }
+            for (int block = 0; block < STAGES + 2; ++block) {
+                add_up_triple(at + i * TRIPLE, weights[block], row + block * NE);
             }
-            for (int j = 0; j < NE; ++j) {
-                row[CONTROLS + j] = scale_q * K[i * NE + j];
-                row[CONTROLS + NE + j] = scale_v * (h * gauss_c[s] * K[i * NE + j] + D[i * NE + j]);
+            row[CONTROLS + STATES] = at[NE * TRIPLE + i];
+            for (int j = COLUMNS; j < WIDTH; ++j) {
+                row[j] = 0.0;
             }
-            row[CONTROLS + STATES] = R[i];
         }
     }
 }
@@ -222,6 +254,53 @@ static inline int eliminate(real *RESTRICT H, real *RESTRICT factor)
     return 1;
 }
 
+/* The factor of interval k, whose rows are in J, and the cost to go of its first node instead of that of its last. */
+static inline int factor_interval(const mesh *m, int k, lq_space *w, real *factor)
+{
+    add_cost_to_go(m, k, w, w->H);
+    if (!eliminate(w->H, factor)) {
+        return 0;
+    }
+    for (int i = 0; i < STATES; ++i) {
+        const real *row = w->H + (CONTROLS + i) * WIDTH + CONTROLS;
+        for (int j = i; j < STATES; ++j) {
+            w->P[i * STATES + j] = row[j];
+            w->P[j * STATES + i] = row[j];
+        }
+        w->p[i] = row[STATES];
+    }
+    return 1;
+}
+
+/*
+ * The factors of the intervals before `last`, backwards, from the cost to go of its first node. kept: what
+ * `evaluate_group` gives for all of them; NULL: it is not kept.
+ */
+static inline int lq_factor_before(mesh *m, int last, real *kept, lq_space *w, real *space)
+{
+    begin_points(&w->arm);
+    while (last > 0) {
+        const int first = last > GROUP ? last - GROUP : 0;
+        real *points_out = kept != NULL ? kept + (ptrdiff_t)first * STAGES * POINT : w->point;
+        const int status = evaluate_group(m, first, last - first, points_out, w, space);
+        if (status != ELBOW_OK) {
+            return status;
+        }
+        for (int k = last - 1; k >= first; --k) {
+            interval_rows(m, points_out + (ptrdiff_t)(k - first) * STAGES * POINT, w->J);
+            for (int i = 0; i < COLUMNS * WIDTH; ++i) {
+                w->H[i] = 0.0;
+            }
+            add_outer_products(w->H, w->J, w->J, RESIDUALS, 0);
+            if (!factor_interval(m, k, w, m->factor + (ptrdiff_t)k * CONTROLS * WIDTH)) {
+                return ELBOW_NOT_CONVERGED;
+            }
+        }
+        last = first;
+    }
+    return is_finite(w->p, STATES) ? ELBOW_OK : ELBOW_NOT_CONVERGED;
+}
+
 /* One Gauss-Newton step: the factors of all intervals, backwards. */
 static inline int lq_factor(mesh *m, lq_space *w, real *space)
 {
@@ -239,37 +318,7 @@ static inline int lq_factor(mesh *m, lq_space *w, real *space)
             }
         }
     }
-    for (int i = 0; i < RESIDUALS * WIDTH; ++i) {
-        w->J[i] = 0.0;
-    }
-    for (int last = m->N; last > 0;) {
-        const int first = last > GROUP ? last - GROUP : 0;
-        const int status = evaluate_group(m, first, last - first, w, space);
-        if (status != ELBOW_OK) {
-            return status;
-        }
-        for (int k = last - 1; k >= first; --k) {
-            interval_rows(m, w->point + (ptrdiff_t)(k - first) * STAGES * POINT, w->J);
-            for (int i = 0; i < COLUMNS * WIDTH; ++i) {
-                w->H[i] = 0.0;
-            }
-            add_outer_products(w->H, w->J, w->J, RESIDUALS, 0);
-            add_cost_to_go(m, k, w, w->H);
-            if (!eliminate(w->H, m->factor + (ptrdiff_t)k * CONTROLS * WIDTH)) {
-                return ELBOW_NOT_CONVERGED;
-            }
-            for (int i = 0; i < STATES; ++i) {
-                const real *row = w->H + (CONTROLS + i) * WIDTH + CONTROLS;
-                for (int j = i; j < STATES; ++j) {
-                    w->P[i * STATES + j] = row[j];
-                    w->P[j * STATES + i] = row[j];
-                }
-                w->p[i] = row[STATES];
-            }
-        }
-        last = first;
-    }
-    return is_finite(w->p, STATES) ? ELBOW_OK : ELBOW_NOT_CONVERGED;
+    return lq_factor_before(m, m->N, NULL, w, space);
 }
 
 /* Pivots of the elimination of the cost P: a small cost that large ones hide on the diagonal of P is seen in them. */
@@ -317,23 +366,43 @@ static inline int is_stationary(const real *P, const real *before, real change, 
 }
 
 /*
- * The cost to go of an endless equilibrium: close to zero for stable motions, large for unstable ones; by sweeps over a
- * mesh at equilibrium from a multiple `initial` of the unit matrix. It is the only condition at the end of a horizon.
- * The sweeps end where it has converged to the share `change`, or after `sweeps`.
+ * The cost to go of an endless equilibrium: close to zero for stable motions, large for unstable ones; by sweeps over
+ * `intervals` intervals like the first one of the mesh `hold`, from a multiple `initial` of the unit matrix. It is the
+ * only condition at the end of a horizon. The sweeps end where it has converged to the share `change`, or after
+ * `sweeps`. Left are the data of the interval in w->point and its factor in hold->factor.
  */
 static inline int lq_stationary_cost(
-    mesh *hold, int sweeps, real initial, real change, lq_space *w, real *space, real *cost)
+    mesh *hold, int intervals, int sweeps, real initial, real change, lq_space *w, real *space, real *cost)
 {
     cost_growth growth = {{0.0}, {0.0}};
-    for (int i = 0; i < STATES * STATES; ++i) {
-        cost[i] = i % (STATES + 1) == 0 ? initial : 0.0;
+    real *H = w->point + STAGES * POINT; /* sum over the rows of J; the space of other points is free */
+    int status;
+    begin_points(&w->arm);
+    status = evaluate_group(hold, 0, 1, w->point, w, space);
+    if (status != ELBOW_OK) {
+        return status;
     }
-    hold->end = cost;
-    for (int k = 0; k < sweeps; ++k) {
-        const int status = lq_factor(hold, w, space);
+    interval_rows(hold, w->point, w->J);
+    for (int i = 0; i < COLUMNS * WIDTH; ++i) {
+        H[i] = 0.0;
+    }
+    add_outer_products(H, w->J, w->J, RESIDUALS, 0);
+    for (int i = 0; i < STATES * STATES; ++i) {
+        cost[i] = w->P[i] = i % (STATES + 1) == 0 ? initial : 0.0;
+    }
+    for (int i = 0; i < STATES; ++i) {
+        w->p[i] = 0.0;
+    }
+    for (int sweep = 0; sweep < sweeps; ++sweep) {
         int settled;
-        if (status != ELBOW_OK) {
-            return status;
+        for (int k = 0; k < intervals; ++k) {
+            copy(H, COLUMNS * WIDTH, w->H);
+            if (!factor_interval(hold, 0, w, hold->factor)) {
+                return ELBOW_NOT_CONVERGED;
+            }
+        }
+        if (!is_finite(w->p, STATES)) {
+            return ELBOW_NOT_CONVERGED;
         }
         settled = is_stationary(w->P, cost, change, &growth);
         copy(w->P, STATES * STATES, cost);
@@ -344,20 +413,62 @@ static inline int lq_stationary_cost(
     return ELBOW_OK;
 }
 
-/* The controls u of an interval at a state d, both scaled; forced = 0: the response to the state alone. */
-static inline void lq_controls(const real *factor, real forced, const real *d, real *u)
+/* The sum of n products, in BLOCK parts that do not depend on the width of a vector; n: a multiple of BLOCK. */
+static inline real inner_product(const real *a, const real *b, int n)
 {
-    for (int i = CONTROLS - 1; i >= 0; --i) {
-        const real *row = factor + i * WIDTH;
-        real sum = forced * row[CONTROLS + STATES];
-        for (int j = i + 1; j < CONTROLS; ++j) {
-            sum += row[j] * u[j];
-        }
-        for (int j = 0; j < STATES; ++j) {
-            sum += row[CONTROLS + j] * d[j];
-        }
-        u[i] = sum * row[i];
+    real sums[BLOCK];
+    lanes parts[BLOCK / LANES];
+    for (int l = 0; l < BLOCK / LANES; ++l) {
+        parts[l] = splat_v(0.0);
     }
+    for (int i = 0; i < n; i += BLOCK) {
+        for (int l = 0; l < BLOCK / LANES; ++l) {
+            parts[l] += load_v(a + i + l * LANES) * load_v(b + i + l * LANES);
+        }
+    }
+    for (int l = 0; l < BLOCK / LANES; ++l) {
+        store_v(sums + l * LANES, parts[l]);
+    }
+    for (int half = BLOCK / 2; half > 0; half /= 2) {
+        for (int l = 0; l < half; ++l) {
+            sums[l] += sums[l + half];
+        }
+    }
+    return sums[0];
+}
+
+/*
+ * The controls of an interval at a state, both scaled: x holds 0 (CONTROLS), the state (STATES), 1, and zeros up to
+ * WIDTH; without the 1 it is the response to the state alone. The controls take the place of the first zeros. Right
+ * sides: the last column of the factor or, where given, `linear`.
+ */
+static inline void lq_controls(const real *factor, const real *linear, real *x)
+{
+    for (int end = (CONTROLS + BLOCK - 1) / BLOCK * BLOCK; end > 0; end -= BLOCK) {
+        const int last = end < CONTROLS ? end : CONTROLS;
+        real sums[BLOCK]; /* of what is known, for a block of rows that do not wait for each other */
+        for (int i = end - BLOCK; i < last; ++i) {
+            sums[i - end + BLOCK] = inner_product(factor + i * WIDTH + end, x + end, WIDTH - end);
+        }
+        for (int i = last - 1; i >= end - BLOCK; --i) {
+            const real *row = factor + i * WIDTH;
+            real sum = sums[i - end + BLOCK] + (linear != NULL ? linear[i] : 0.0);
+            for (int j = i + 1; j < end; ++j) {
+                sum += row[j] * x[j];
+            }
+            x[i] = sum * row[i];
+        }
+    }
+}
+
+/* The x of `lq_controls` for a state. */
+static inline void lq_state(const real *d, real forced, real *x)
+{
+    for (int i = 0; i < WIDTH; ++i) {
+        x[i] = 0.0;
+    }
+    copy(d, STATES, x + CONTROLS);
+    x[CONTROLS + STATES] = forced;
 }
 
 /*
@@ -371,7 +482,7 @@ static inline int lq_preview(const mesh *m, const real *P, real felt, real *most
         most[k] = 0.0;
     }
     for (int i = 0; i < STATES; ++i) {
-        real d[STATES] = {0.0}, u[CONTROLS];
+        real d[STATES] = {0.0}, x[WIDTH];
         d[i] = 1.0;
         for (int k = 0; k <= m->N; ++k) {
             real cost = 0.0, dy[STATES], da[CONTROLS], next[STATES];
@@ -385,9 +496,10 @@ static inline int lq_preview(const mesh *m, const real *P, real felt, real *most
             if (k == m->N) {
                 break;
             }
-            lq_controls(m->factor + (ptrdiff_t)k * CONTROLS * WIDTH, 0.0, d, u);
+            lq_state(d, 0.0, x);
+            lq_controls(m->factor + (ptrdiff_t)k * CONTROLS * WIDTH, NULL, x);
             for (int a = 0; a < CONTROLS; ++a) {
-                da[a] = u[a] * scale_a;
+                da[a] = x[a] * scale_a;
             }
             next_node(dy, da, m->h, next);
             for (int a = 0; a < STATES; ++a) {
@@ -403,41 +515,54 @@ static inline int lq_preview(const mesh *m, const real *P, real felt, real *most
     return m->N + 1;
 }
 
-/* The step itself, forwards. d: the change of the first node, scaled; it is overwritten. */
-static inline void lq_step(mesh *m, real d[STATES])
+/*
+ * The step in interval k, from the change d of its first node, scaled; d becomes that of its last node. Returned: its
+ * largest scaled control.
+ */
+static inline real step_interval(mesh *m, ptrdiff_t k, const real *factor, const real *linear, real d[STATES])
 {
-    real u[CONTROLS];
-    for (int k = 0; k < m->N; ++k) {
-        const real *factor = m->factor + (ptrdiff_t)k * CONTROLS * WIDTH;
-        real *a = m->a + (ptrdiff_t)k * CONTROLS, *y = m->y + (ptrdiff_t)k * STATES;
-        lq_controls(factor, 1.0, d, u);
-        {
-            real dy[STATES], da[CONTROLS], next[STATES];
-            for (int i = 0; i < NE; ++i) {
-                dy[i] = d[i] * scale_q;
-                dy[NE + i] = d[NE + i] * scale_v;
-            }
-            for (int i = 0; i < CONTROLS; ++i) {
-                da[i] = u[i] * scale_a;
-            }
-            next_node(dy, da, m->h, next);
-            for (int i = 0; i < STATES; ++i) {
-                y[i] += dy[i];
-            }
-            for (int i = 0; i < CONTROLS; ++i) {
-                a[i] += da[i];
-            }
-            for (int i = 0; i < NE; ++i) {
-                d[i] = next[i] / scale_q;
-                d[NE + i] = next[NE + i] / scale_v;
-            }
-        }
+    real *a = m->a + k * CONTROLS, *y = m->y + k * STATES;
+    real x[WIDTH], dy[STATES], da[CONTROLS], next[STATES];
+    lq_state(d, linear == NULL ? 1.0 : 0.0, x);
+    lq_controls(factor, linear, x);
+    for (int i = 0; i < NE; ++i) {
+        dy[i] = d[i] * scale_q;
+        dy[NE + i] = d[NE + i] * scale_v;
+    }
+    for (int i = 0; i < CONTROLS; ++i) {
+        da[i] = x[i] * scale_a;
+    }
+    next_node(dy, da, m->h, next);
+    for (int i = 0; i < STATES; ++i) {
+        y[i] += dy[i];
+    }
+    for (int i = 0; i < CONTROLS; ++i) {
+        a[i] += da[i];
     }
     for (int i = 0; i < NE; ++i) {
-        real *y = m->y + (ptrdiff_t)m->N * STATES;
+        d[i] = next[i] / scale_q;
+        d[NE + i] = next[NE + i] / scale_v;
+    }
+    return largest(x, CONTROLS);
+}
+
+/* The last part of a step: the change d of the last node, scaled. */
+static inline void step_last_node(mesh *m, const real d[STATES])
+{
+    real *y = m->y + (ptrdiff_t)m->N * STATES;
+    for (int i = 0; i < NE; ++i) {
         y[i] += d[i] * scale_q;
         y[NE + i] += d[NE + i] * scale_v;
     }
+}
+
+/* The step itself, forwards. d: the change of the first node, scaled; it is overwritten. */
+static inline void lq_step(mesh *m, real d[STATES])
+{
+    for (int k = 0; k < m->N; ++k) {
+        (void)step_interval(m, k, m->factor + (ptrdiff_t)k * CONTROLS * WIDTH, NULL, d);
+    }
+    step_last_node(m, d);
 }
 
 #endif

@@ -16,6 +16,7 @@ enum {
 /* Mesh and unknowns; all arrays belong to the caller. */
 typedef struct {
     int N;                   /* intervals */
+    int varying;             /* the intervals after so many are all at the end of the path, at rest */
     real h;                  /* their length */
     real *y;                 /* (N + 1) x STATES: at the nodes */
     real *a;                 /* N x STAGES x NE */

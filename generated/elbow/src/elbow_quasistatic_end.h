@@ -17,6 +17,7 @@ static inline int balance(
         load_elastic(&w->arm, l, q + node * NE, v[node], a[node]);
         load_joints(&w->arm, l, m->q_g + ((ptrdiff_t)m->N * STAGES - 1) * NG);
     }
+    begin_points(&w->arm);
     status = solve_kinematics(&w->arm, space);
     if (status == ELBOW_OK) {
         status = reduced_jacobians(&w->arm, space);

@@ -13,7 +13,15 @@
 
 #include "elbow_inversion_common.h"
 
-enum { KINEMATIC_STEPS = 25 };
+enum { KINEMATIC_STEPS = 25, INVERSE_STEPS = 3 };
+
+/* relative error of an inverse before a step that squares it */
+static const real accurate_inverse = PRECISE(1e-6, 1e-3);
+/* steps of the joints [rad or m]: after one below the first the inverse of the output Jacobian is nearly right, after
+   one below the second the position is known to rounding */
+static const real near_target = PRECISE(1e-5, 1e-3), at_target = PRECISE(1e-6, 1e-5);
+/* error of velocities [rad/s or m/s] that is rounding */
+static const real exact = PRECISE(1e-11, 1e-6);
 
 typedef real points[POINTS];
 
@@ -34,6 +42,7 @@ typedef struct {
     points S[NE][NG], Vq[NE][NG], Aq[NE][NG], Av[NE][NG], T[NE][NY];
     points K[NE][NE], D[NE][NE], A[NE][NE]; /* [column][row] */
 #endif
+    points known; /* the first: whether `inverse` is that of positions which may be near */
 } problem_points;
 
 /* Copy the path at one instant into point l. */
@@ -48,6 +57,50 @@ static inline void load_reference(problem_points *arm, int l, const real *refere
     }
 }
 
+/* Before the first use of the points in a call: no inverse is known. */
+static inline void begin_points(problem_points *p)
+{
+    p->known[0] = 0.0;
+}
+
+/* A quintic through the motion of the joints at two instants, from which later positions are guessed. */
+typedef struct {
+    real c[6][NG];  /* coefficients of the powers of x = (time - at) / apart */
+    real at, apart; /* [s] the later instant, and the time between both */
+} joint_motion;
+
+/* At rest, since ever. */
+static inline void joints_at_rest(const real *q, joint_motion *joints)
+{
+    joints->at = 0.0;
+    joints->apart = 1.0;
+    for (int i = 0; i < NG; ++i) {
+        joints->c[0][i] = q[i];
+        for (int k = 1; k < 6; ++k) {
+            joints->c[k][i] = 0.0;
+        }
+    }
+}
+
+/* Through the motion of points 0 and `last`, which are `apart` seconds apart; at: the time of the second. */
+static inline void keep_joints(const problem_points *arm, int last, real at, real apart, joint_motion *joints)
+{
+    joints->at = at;
+    joints->apart = apart;
+    for (int i = 0; i < NG; ++i) {
+        const real *q = arm->q[i_g[i]], *v = arm->v[i_g[i]], *a = arm->a[i_g[i]];
+        const real once = apart * v[last], twice = 0.5 * apart * apart * a[last];
+        const real miss_q = q[last] - q[0] - once + twice; /* of the lower terms at the first point */
+        const real miss_v = once - apart * v[0] - 2.0 * twice, miss_a = twice - 0.5 * apart * apart * a[0];
+        joints->c[0][i] = q[last];
+        joints->c[1][i] = once;
+        joints->c[2][i] = twice;
+        joints->c[3][i] = 10.0 * miss_q + 4.0 * miss_v - miss_a;
+        joints->c[4][i] = 15.0 * miss_q + 7.0 * miss_v - 2.0 * miss_a;
+        joints->c[5][i] = 6.0 * miss_q + 3.0 * miss_v - miss_a;
+    }
+}
+
 /* A guess of the joints into point l; `solve_kinematics` finds them and their derivatives. */
 static inline void load_joints(problem_points *arm, int l, const real *joints)
 {
@@ -55,6 +108,23 @@ static inline void load_joints(problem_points *arm, int l, const real *joints)
         arm->q[i_g[i]][l] = joints[i];
         arm->v[i_g[i]][l] = 0.0;
         arm->a[i_g[i]][l] = 0.0;
+    }
+}
+
+/* The same into all points from the quintic through earlier ones; not far beyond it. */
+static inline void load_later_joints(problem_points *arm, const joint_motion *joints, const real *time)
+{
+    EACH (l) {
+        const lanes x = fmin_v((load_v(time + l) - joints->at) / joints->apart, splat_v(2.0));
+        for (int i = 0; i < NG; ++i) {
+            lanes q = splat_v(joints->c[5][i]);
+            for (int k = 4; k >= 0; --k) {
+                q = q * x + joints->c[k][i];
+            }
+            store_v(&arm->q[i_g[i]][l], q);
+            store_v(&arm->v[i_g[i]][l], splat_v(0.0));
+            store_v(&arm->a[i_g[i]][l], splat_v(0.0));
+        }
     }
 }
 
@@ -131,20 +201,6 @@ static inline void evaluate_constraint(problem_points *p, real *space)
         POINTS, &p->q[0][0], &p->v[0][0], &p->target[0][0], &p->error[0][0], &p->W[0][0][0], &p->bias[0][0], space);
 }
 
-/* The actuated coordinates of `to` become inverse * y. */
-static inline void solve_actuated(const problem_points *p, points *y, points *to)
-{
-    for (int i = 0; i < NG; ++i) {
-        EACH (l) {
-            lanes sum = splat_v(0.0);
-            for (int j = 0; j < NY; ++j) {
-                sum += load_v(&p->inverse[j][i][l]) * load_v(&y[j][l]);
-            }
-            store_v(&to[i_g[i]][l], sum);
-        }
-    }
-}
-
 /* One Newton step of the actuated coordinates towards the target; the largest change. */
 static inline real newton_step(problem_points *p)
 {
@@ -160,63 +216,161 @@ static inline real newton_step(problem_points *p)
             zero += 0.0 * sum; /* a maximum overlooks NaN */
         }
     }
-    most += zero;
-    return largest((const real *)&most, LANES);
+    return largest_lane(most) + sum_lanes(zero);
 }
 
 /* Whether the output is at its target, up to rounding. */
 static inline int is_on_target(const problem_points *p)
 {
-    return largest(&p->error[0][0], NY * POINTS) <=
-           PRECISE(1e-9, 3e-6) * (1.0 + largest(&p->target[0][0], NT * POINTS));
+    const real error = largest(&p->error[0][0], NY * POINTS), rounding = PRECISE(1e-9, 3e-6);
+    return error <= rounding || error <= rounding * (1.0 + largest(&p->target[0][0], NT * POINTS));
 }
 
-/* The actuated coordinates that bring the output to its target, with their derivatives, for given unactuated ones. */
+/*
+ * One step of Newton and Schulz, X (2 - W X), for the inverse X of the actuated columns of W: where X belongs to a
+ * position near the present one, its relative error 1 - W X is squared. Returned: the norm of this error before the
+ * step. Where it is below 1, the determinants have the same sign at both positions.
+ */
+static inline real refine_inverse(problem_points *p)
+{
+    lanes most = splat_v(0.0);
+    EACH (l) {
+        lanes W[NY][NG], X[NG][NY], sums[NY];
+        for (int i = 0; i < NY; ++i) {
+            sums[i] = splat_v(0.0);
+            for (int j = 0; j < NG; ++j) {
+                W[i][j] = load_v(&p->W[i_g[j]][i][l]);
+                X[j][i] = load_v(&p->inverse[i][j][l]);
+            }
+        }
+        for (int j = 0; j < NY; ++j) { /* column by column */
+            lanes miss[NY];
+            for (int i = 0; i < NY; ++i) {
+                miss[i] = splat_v(i == j ? 1.0 : 0.0);
+                for (int k = 0; k < NG; ++k) {
+                    miss[i] -= W[i][k] * X[k][j];
+                }
+                sums[i] += fabs_v(miss[i]);
+            }
+            for (int i = 0; i < NG; ++i) {
+                lanes sum = X[i][j];
+                for (int k = 0; k < NY; ++k) {
+                    sum += X[i][k] * miss[k];
+                }
+                store_v(&p->inverse[j][i][l], sum);
+            }
+        }
+        for (int i = 0; i < NY; ++i) { /* NaN is as bad as a large error */
+            most = select_v(lt_v(sums[i], splat_v(1e3)), fmax_v(most, sums[i]), splat_v(1e3));
+        }
+    }
+    return largest_lane(most);
+}
+
+/* The inverse of the actuated columns of W, from that of the positions before where these are near; 0 as above. */
+static inline int update_inverse(problem_points *p)
+{
+    if (p->known[0] > 0.0) {
+        for (int step = 0; step < INVERSE_STEPS; ++step) {
+            const real miss = refine_inverse(p);
+            if (miss < accurate_inverse) {
+                return 1;
+            }
+            if (!(miss < 0.1)) {
+                break;
+            }
+        }
+    }
+    p->known[0] = invert_points(p) ? 1.0 : 0.0;
+    return p->known[0] > 0.0;
+}
+
+/* What velocities (or, with the bias, accelerations) of all coordinates lack to those of the path, times the inverse.
+ */
+static inline void correct_motion(problem_points *p, points *wanted, points *bias, points *motion)
+{
+    points rest[NY];
+    for (int j = 0; j < NY; ++j) {
+        EACH (l) {
+            lanes sum = load_v(&wanted[j][l]);
+            if (bias != NULL) {
+                sum -= load_v(&bias[j][l]);
+            }
+            for (int i = 0; i < NA; ++i) {
+                sum -= load_v(&p->W[i][j][l]) * load_v(&motion[i][l]);
+            }
+            store_v(&rest[j][l], sum);
+        }
+    }
+    for (int i = 0; i < NG; ++i) {
+        EACH (l) {
+            lanes sum = load_v(&motion[i_g[i]][l]);
+            for (int j = 0; j < NY; ++j) {
+                sum += load_v(&p->inverse[j][i][l]) * load_v(&rest[j][l]);
+            }
+            store_v(&motion[i_g[i]][l], sum);
+        }
+    }
+}
+
+/* The largest velocity of an unactuated coordinate. */
+static inline real fastest_elastic(const problem_points *p)
+{
+    real most = 0.0;
+#if ELBOW_NE > 0
+    for (int i = 0; i < NE; ++i) {
+        most = fmax_1(most, largest(&p->v[i_e[i]][0], POINTS));
+    }
+#else
+    (void)p;
+#endif
+    return most;
+}
+
+/*
+ * The actuated coordinates that bring the output to its target, with their derivatives, for given unactuated ones.
+ * Newton's method; close to the target the inverse of W is refined instead of computed again.
+ */
 static inline int solve_kinematics(problem_points *p, real *space)
 {
-    points equilibrium[NY];
-    real most, bound;
-    int step = 0;
+    real most, speed;
+    int step = 0, near;
+    speed = fmax_1(largest(&p->dy[0][0], NY * POINTS), fastest_elastic(p));
     evaluate_constraint(p, space);
-    do { /* Newton's method: after a small step the error is rounding */
-        if (!invert_points(p)) {
+    do {
+        /* rad and m: beyond it a step leads astray */
+        const real bound = 2.0 + 2.0 * largest(&p->error[0][0], NY * POINTS);
+        if (!update_inverse(p)) {
             return ELBOW_UNREACHABLE;
         }
-        bound = 2.0 + 2.0 * largest(&p->error[0][0], NY * POINTS); /* rad and m: beyond it a step leads astray */
         most = newton_step(p);
         if (!(most < bound) || ++step > KINEMATIC_STEPS) {
             return ELBOW_UNREACHABLE;
         }
-        evaluate_constraint(p, space);
-    } while (most > PRECISE(1e-6, 3e-4));
-    if (!invert_points(p)) {
-        return ELBOW_UNREACHABLE;
-    }
-    (void)newton_step(p);
-    for (int j = 0; j < NY; ++j) {
-        EACH (l) {
-            lanes sum = load_v(&p->dy[j][l]);
-            for (int i = 0; i < NE; ++i) {
-                sum -= load_v(&p->W[i_e[i]][j][l]) * load_v(&p->v[i_e[i]][l]);
-            }
-            store_v(&equilibrium[j][l], sum);
+        near = most <= near_target;
+        if (!near || most > at_target || most * speed > exact) {
+            evaluate_constraint(p, space);
+        }
+    } while (!near);
+    if (most > at_target || most * speed > exact) { /* the inverse is off by about `most`, the position by its square */
+        if (!update_inverse(p)) {
+            return ELBOW_UNREACHABLE;
+        }
+        most = newton_step(p);
+        if (most * speed > exact) {
+            evaluate_constraint(p, space);
         }
     }
-    solve_actuated(p, equilibrium, p->v);
+    correct_motion(p, p->dy, NULL, p->v);
     evaluate_constraint(p, space);
     if (!is_on_target(p)) {
         return ELBOW_UNREACHABLE;
     }
-    for (int j = 0; j < NY; ++j) {
-        EACH (l) {
-            lanes sum = load_v(&p->ddy[j][l]) - load_v(&p->bias[j][l]);
-            for (int i = 0; i < NE; ++i) {
-                sum -= load_v(&p->W[i_e[i]][j][l]) * load_v(&p->a[i_e[i]][l]);
-            }
-            store_v(&equilibrium[j][l], sum);
-        }
+    if (most > exact) {
+        (void)refine_inverse(p);
     }
-    solve_actuated(p, equilibrium, p->a);
+    correct_motion(p, p->dy, NULL, p->v);
+    correct_motion(p, p->ddy, p->bias, p->a);
     return ELBOW_OK;
 }
 

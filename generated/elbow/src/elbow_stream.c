@@ -123,10 +123,13 @@ elbow_status elbow_stream_start(real *stream, int64_t stream_size, const elbow_s
 #if ELBOW_NE > 0
     {
         mesh hold = mesh_of(&l, stream);
-        status = lq_stationary_cost(
-            &hold, SETTLING_SWEEPS, initial_weight, 0.0, (lq_space *)(void *)(stream + l.lq), space, stream + l.cost);
+        status = lq_stationary_cost(&hold, hold.N, SETTLING_SWEEPS, initial_weight, 0.0,
+            (lq_space *)(void *)(stream + l.lq), space, stream + l.cost);
         if (status != ELBOW_OK) {
             return (elbow_status)status;
+        }
+        for (ptrdiff_t k = 1; k < hold.N; ++k) { /* all intervals are like the first one */
+            copy(hold.factor, CONTROLS * WIDTH, hold.factor + k * CONTROLS * WIDTH);
         }
     }
 #endif

@@ -25,7 +25,10 @@ static inline int arm_in_window(real *s, const layout *l, const interval *out, r
 {
     const int samples_per_interval = (int)s[SAMPLES_PER_INTERVAL], intervals = (int)s[INTERVALS],
               end = (int)l->past + intervals;
-    real *joints_now = s + l->q_g + (ptrdiff_t)intervals * STAGES * NG, last[NG];
+    real *joints_now = s + l->q_g + (ptrdiff_t)intervals * STAGES * NG;
+    const real fine = s[PERIOD] / (real)samples_per_interval;
+    joint_motion last;
+    real time[POINTS];
     problem_points *arm = arm_of(l, s);
 #if ELBOW_NE > 0
     mesh m = mesh_of(l, s);
@@ -38,7 +41,8 @@ static inline int arm_in_window(real *s, const layout *l, const interval *out, r
 #endif
     *worst = 0.0;
     /* All samples from the present plan, the past too: derivatives must not contain steps between plans. */
-    copy(joints_now, NG, last);
+    joints_at_rest(joints_now, &last);
+    begin_points(arm);
     for (int at = 0; at < l->window; at += POINTS) {
         const int used = (int)(l->window - at < POINTS ? l->window - at : (ptrdiff_t)POINTS);
         int status;
@@ -51,11 +55,16 @@ static inline int arm_in_window(real *s, const layout *l, const interval *out, r
             real reference[REFERENCE];
             between_samples(s + l->nodes + node * (ptrdiff_t)REFERENCE, s[PERIOD], x, reference);
             load_reference(arm, point, reference);
-            load_joints(arm, point, last);
+            time[point] = (real)(at + (point < used ? point : used - 1)) * fine;
 #if ELBOW_NE > 0
-            load_between(&m, s + l->a_node, &f, node, x, arm, point);
+            {
+                real weight[3 * TERMS];
+                weights_at(&f, m.h, x, weight);
+                load_between(&m, s + l->a_node, weight, node, arm, point);
+            }
 #endif
         }
+        load_later_joints(arm, &last, time);
         status = evaluate_torques(arm, s + l->space);
         if (status != ELBOW_OK) {
             return status;
@@ -69,7 +78,6 @@ static inline int arm_in_window(real *s, const layout *l, const interval *out, r
             }
             for (int i = 0; i < NG; ++i) {
                 tau[i] = arm->tau_g[i][point];
-                last[i] = arm->q[i_g[i]][point];
                 joint[i] = arm->q[i_g[i]][point];
                 joint[NG + i] = arm->v[i_g[i]][point];
                 joint[2 * NG + i] = arm->a[i_g[i]][point];
@@ -83,13 +91,16 @@ static inline int arm_in_window(real *s, const layout *l, const interval *out, r
             }
             copy(tau, NG, out->tau_g + k * NG);
             if (k == samples_per_interval - 1) {
-                copy(last, NG, joints_now);
+                copy(joint, NG, joints_now);
             }
 #if ELBOW_NE > 0
             for (int i = 0; i < NE; ++i) {
                 *worst = fmax_1(*worst, fabs_1(arm->row[i][point]) / m.scale[i]);
             }
 #endif
+        }
+        if (used > 1) {
+            keep_joints(arm, used - 1, (real)(at + used - 1) * fine, (real)(used - 1) * fine, &last);
         }
     }
     return ELBOW_OK;

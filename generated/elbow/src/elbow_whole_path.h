@@ -65,11 +65,20 @@ static inline elbow_status check_path(const elbow_path *p, const real *parameter
 
 #if ELBOW_NE > 0
 
+/* The time of Gauss point k from the first node on. */
+static inline real time_of_point(const mesh *m, int k)
+{
+    return m->h * ((real)(k / STAGES) + gauss_c[k % STAGES]);
+}
+
 /* The path at the Gauss points, and joints that follow it while all nodes keep the deflections of the equilibrium q. */
 static inline int guess_mesh(
     mesh *m, const elbow_path *p, const real *q, int n_pre, int samples_per_interval, problem_points *arm, real *space)
 {
-    real last[NG];
+    /* The path of the last one is that of all others; so are the joints. */
+    const int solved = m->varying < m->N ? m->varying * STAGES + 1 : m->N * STAGES;
+    joint_motion last;
+    real joints[NG], time[POINTS];
     for (ptrdiff_t k = 0; k <= m->N; ++k) {
         for (int i = 0; i < NE; ++i) {
             m->y[k * STATES + i] = q[i_e[i]];
@@ -80,32 +89,44 @@ static inline int guess_mesh(
         m->a[k] = 0.0;
     }
     for (int i = 0; i < NG; ++i) {
-        last[i] = q[i_g[i]];
+        joints[i] = q[i_g[i]];
     }
-    for (int at = 0; at < m->N * STAGES; at += POINTS) {
-        const int used = m->N * STAGES - at < POINTS ? m->N * STAGES - at : (int)POINTS;
+    joints_at_rest(joints, &last);
+    begin_points(arm);
+    for (int at = 0; at < solved; at += POINTS) {
+        const int used = solved - at < POINTS ? solved - at : (int)POINTS;
         int status;
         for (int k = at; k < at + used; ++k) {
             const real x = ((real)(k / STAGES) + gauss_c[k % STAGES]) * (real)samples_per_interval - (real)n_pre;
             const int whole = (int)(x < 0.0 ? x - 1.0 : x);
             reference_at(p, whole, x - (real)whole, m->reference + (ptrdiff_t)k * REFERENCE);
             for (int i = 0; i < NG; ++i) {
-                m->q_g[(ptrdiff_t)k * NG + i] = last[i];
+                m->q_g[(ptrdiff_t)k * NG + i] = joints[i];
             }
         }
         for (int point = 0; point < POINTS; ++point) {
-            load_point(m, at + (point < used ? point : used - 1), arm, point);
+            const int k = at + (point < used ? point : used - 1);
+            load_point(m, k, arm, point);
+            time[point] = time_of_point(m, k);
         }
+        load_later_joints(arm, &last, time);
         status = solve_kinematics(arm, space);
         if (status != ELBOW_OK) {
             return status;
         }
         for (int k = 0; k < used; ++k) {
             for (int i = 0; i < NG; ++i) {
-                last[i] = arm->q[i_g[i]][k];
-                m->q_g[(ptrdiff_t)(at + k) * NG + i] = last[i];
+                m->q_g[(ptrdiff_t)(at + k) * NG + i] = arm->q[i_g[i]][k];
             }
         }
+        if (used > 1) {
+            const real now = time_of_point(m, at + used - 1);
+            keep_joints(arm, used - 1, now, now - time_of_point(m, at), &last);
+        }
+    }
+    for (ptrdiff_t k = solved; k < (ptrdiff_t)m->N * STAGES; ++k) {
+        copy(m->reference + (k - 1) * REFERENCE, REFERENCE, m->reference + k * REFERENCE);
+        copy(m->q_g + (k - 1) * NG, NG, m->q_g + k * NG);
     }
     return ELBOW_OK;
 }
@@ -114,8 +135,9 @@ static inline int guess_mesh(
 
 /* Where the arrays of both solvers are in the workspace, in reals from its start. */
 typedef struct {
-    int64_t samples, intervals;
-    int64_t tau, deflection, stiffness, lagged, q_a, v_a, a_a, v_m, y, a, a_node, q_g, reference, factor, scale, space;
+    int64_t samples, intervals, varying; /* varying: as in mesh */
+    int64_t tau, deflection, stiffness, lagged, q_a, v_a, a_a, v_m, y, a, a_node, q_g, reference, factor, scale,
+        weights, space;
     int64_t end; /* where the arrays of one solver begin */
 } whole_layout;
 
@@ -129,12 +151,16 @@ enum { BEYOND = 2 * MARGIN };
     (name) = (at); \
     (at) += padded(size)
 
-static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int64_t interval_factor)
+/* interval_factor: numbers of a factor; steady: the intervals after the path have none. */
+static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int64_t interval_factor, int steady)
 {
     whole_layout l;
     int64_t at = 0;
     l.samples = (int64_t)o->n_pre + n + o->n_post;
     l.intervals = (l.samples - 1 + BEYOND + o->samples_per_interval - 1) / o->samples_per_interval;
+    l.varying = steady ? ((int64_t)o->n_pre + n - 1 + o->samples_per_interval - 1) / o->samples_per_interval :
+                         l.intervals;
+    l.varying = l.varying < l.intervals ? l.varying : l.intervals;
     TAKE(at, l.tau, (MARGIN + l.samples + BEYOND) * NG);
     TAKE(at, l.deflection, (MARGIN + l.samples + BEYOND) * NG);
     TAKE(at, l.stiffness, (l.samples + BEYOND) * NG);
@@ -149,11 +175,12 @@ static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int6
     TAKE(at, l.a_node, (l.intervals + 1) * NE);
     TAKE(at, l.q_g, l.intervals * STAGES * NG);
     TAKE(at, l.reference, l.intervals * STAGES * REFERENCE);
-    TAKE(at, l.factor, l.intervals * interval_factor);
+    TAKE(at, l.factor, l.varying * interval_factor);
     TAKE(at, l.scale, NE);
+    TAKE(at, l.weights, ((int64_t)o->samples_per_interval + 1) * 3 * TERMS);
 #else
     (void)interval_factor;
-    l.y = l.a = l.a_node = l.q_g = l.reference = l.factor = l.scale = 0;
+    l.y = l.a = l.a_node = l.q_g = l.reference = l.factor = l.scale = l.weights = 0;
 #endif
     TAKE(at, l.space, function_work());
     l.end = at;
@@ -191,6 +218,7 @@ static inline mesh mesh_in(const whole_layout *l, const elbow_path *p, const elb
 {
     mesh m;
     m.N = (int)l->intervals;
+    m.varying = (int)l->varying;
     m.h = (real)o->samples_per_interval * p->period;
     m.y = work + l->y;
     m.a = work + l->a;
@@ -246,6 +274,7 @@ typedef struct {
 #if ELBOW_NE > 0
     const mesh *m;
     const real *a_node; /* accelerations at its nodes */
+    real *weights;      /* of the terms of the interpolation, at the samples of an interval */
 #endif
 } results;
 
@@ -257,35 +286,43 @@ static inline int arm_at_samples(
     const results *r, const real *q, const real *scale, problem_points *arm, real *space, real *worst)
 {
     const ptrdiff_t all = r->samples + BEYOND;
-    real last[NG], side = 0.0;
+    joint_motion last;
+    real joints[NG], time[POINTS], side = 0.0;
 #if ELBOW_NE > 0
+    const int samples_per_interval = r->o->samples_per_interval;
     interpolant f;
     prepare(&f);
+    for (ptrdiff_t k = 0; k <= samples_per_interval; ++k) {
+        weights_at(&f, r->m->h, (real)k / (real)samples_per_interval, r->weights + k * 3 * TERMS);
+    }
 #else
     (void)scale;
 #endif
     *worst = 0.0;
     for (int i = 0; i < NG; ++i) {
-        last[i] = q[i_g[i]];
+        joints[i] = q[i_g[i]];
     }
+    joints_at_rest(joints, &last);
+    begin_points(arm);
     for (ptrdiff_t at = 0; at < all; at += POINTS) {
         const int used = all - at < POINTS ? (int)(all - at) : (int)POINTS;
         int status;
         for (int point = 0; point < POINTS; ++point) {
             const ptrdiff_t k = at + (point < used ? point : used - 1);
             real reference[REFERENCE];
-            reference_at(r->p, (int)(k - r->o->n_pre), 0.0, reference);
+            reference_sample(r->p, k - r->o->n_pre, reference);
             load_reference(arm, point, reference);
-            load_joints(arm, point, last);
+            time[point] = (real)k * r->p->period;
 #if ELBOW_NE > 0
             {
-                const ptrdiff_t interval = k / r->o->samples_per_interval < r->m->N ? k / r->o->samples_per_interval :
-                                                                                      r->m->N - 1;
-                const real x = (real)(k - interval * r->o->samples_per_interval) / (real)r->o->samples_per_interval;
-                load_between(r->m, r->a_node, &f, interval, x, arm, point);
+                const ptrdiff_t interval = k / samples_per_interval < r->m->N ? k / samples_per_interval :
+                                                                                (ptrdiff_t)r->m->N - 1;
+                load_between(r->m, r->a_node, r->weights + (k - interval * samples_per_interval) * 3 * TERMS, interval,
+                    arm, point);
             }
 #endif
         }
+        load_later_joints(arm, &last, time);
         status = evaluate_torques(arm, space);
         if (status != ELBOW_OK) {
             return status;
@@ -306,13 +343,15 @@ static inline int arm_at_samples(
                     r->tau_g[(at + k) * NG + i] = arm->tau_g[i][k];
                 }
                 r->tau[(at + k + MARGIN) * NG + i] = arm->tau_g[i][k];
-                last[i] = arm->q[i_g[i]][k];
             }
 #if ELBOW_NE > 0
             for (int i = 0; i < NE && inside; ++i) {
                 *worst = fmax_1(*worst, fabs_1(arm->row[i][k]) / scale[i]);
             }
 #endif
+        }
+        if (used > 1) {
+            keep_joints(arm, used - 1, (real)(at + used - 1) * r->p->period, (real)(used - 1) * r->p->period, &last);
         }
     }
     return ELBOW_OK;
@@ -323,6 +362,50 @@ static inline void hold_start(real *x)
 {
     for (ptrdiff_t k = 0; k < MARGIN * NG; ++k) {
         x[k] = x[MARGIN * NG + k % NG];
+    }
+}
+
+/* Of each column of samples: its largest size, and the largest difference to the finite differences of another array.
+ */
+typedef struct {
+    real most[NA], off[NA]; /* off: times 60 periods */
+} column_maxima;
+
+/* The same of the columns of x, whose integrals are those of y; `columns`: a constant. */
+ELBOW_INLINE void add_column_maxima(
+    const real *y, const real *x, const int columns, ptrdiff_t samples, real sixty, column_maxima *out)
+{
+    const ptrdiff_t first = MARGIN * (ptrdiff_t)columns, last = (samples - MARGIN) * columns, all = samples * columns;
+    lanes most[NA], off[NA]; /* lane l of vector i: column (i LANES + l) modulo `columns` */
+    ptrdiff_t at = first;
+    for (int i = 0; i < columns; ++i) {
+        most[i] = off[i] = splat_v(0.0);
+    }
+    for (; at + columns * LANES <= last; at += columns * LANES) {
+        for (int i = 0; i < columns; ++i) {
+            const real *from = y + at + i * LANES;
+            const lanes now = load_v(x + at + i * LANES);
+            lanes sum = 45.0 * (load_v(from + columns) - load_v(from - columns));
+            sum -= 9.0 * (load_v(from + 2 * columns) - load_v(from - 2 * columns));
+            sum += load_v(from + 3 * columns) - load_v(from - 3 * columns);
+            most[i] = fmax_v(most[i], fabs_v(now));
+            off[i] = fmax_v(off[i], fabs_v(sum - sixty * now));
+        }
+    }
+    for (int i = 0; i < columns * LANES; ++i) {
+        out->most[i % columns] = fmax_1(out->most[i % columns], ((const real *)most)[i]);
+        out->off[i % columns] = fmax_1(out->off[i % columns], ((const real *)off)[i]);
+    }
+    for (; at < last; ++at) {
+        const int i = (int)(at % columns);
+        out->most[i] = fmax_1(out->most[i], fabs_1(x[at]));
+        out->off[i] = fmax_1(out->off[i], fabs_1(sixty_differences(y + at, columns) - sixty * x[at]));
+    }
+    for (at = 0; at < all; ++at) { /* the samples at the ends */
+        at = at == first && last > first ? last : at;
+        if (at < all) {
+            out->most[at % columns] = fmax_1(out->most[at % columns], fabs_1(x[at]));
+        }
     }
 }
 
@@ -337,35 +420,33 @@ static inline real kinematic_mismatch(const results *r)
 {
     const real sixty = 60.0 * r->p->period;
     real most[4] = {1e-6, 1e-6, 1e-9, 1e-6}, off[4] = {0.0, 0.0, 0.0, 0.0}, worst = 0.0; /* least that is measured */
-    for (ptrdiff_t k = 0; k < r->samples; ++k) {
-        const int inside = k >= MARGIN && k + MARGIN < r->samples;
-        for (int i = 0; i < NA; ++i) {
+    column_maxima of_v = {{0.0}, {0.0}}, of_q = {{0.0}, {0.0}}, of_motors = {{0.0}, {0.0}};
+    add_column_maxima(r->v_a, r->a_a, NA, r->samples, sixty, &of_v);
+    add_column_maxima(r->q_a, r->v_a, NA, r->samples, sixty, &of_q);
+    add_column_maxima(r->v_m, r->deflection + MARGIN * NG, NM, r->samples, sixty, &of_motors);
+    for (int i = 0; i < NA; ++i) {
+        most[0] = fmax_1(most[0], of_v.most[i]);
+        off[0] = fmax_1(off[0], of_v.off[i]);
+        most[2] = fmax_1(most[2], of_q.most[i]);
+        off[2] = fmax_1(off[2], of_q.off[i]);
+    }
+    for (int j = 0; j < NM; ++j) {
+        most[1] = fmax_1(most[1], of_motors.most[j]);
+        most[3] = fmax_1(most[3], rotor_inertia[j] * of_motors.most[j]);
+        off[1] = fmax_1(off[1], of_motors.off[j]);
+        off[3] = fmax_1(off[3], rotor_inertia[j] * of_motors.off[j]);
+    }
+    for (ptrdiff_t k = 0; k < r->samples && ELBOW_NE == 0; ++k) { /* the samples at the ends */
+        for (int i = 0; i < NA && (k < MARGIN || k + MARGIN >= r->samples); ++i) {
             real q[2 * MARGIN + 1], v[2 * MARGIN + 1];
-            const real a = r->a_a[k * NA + i];
             for (int j = 0; j <= 2 * MARGIN; ++j) {
                 const ptrdiff_t at = k + j - MARGIN;
                 const ptrdiff_t held = at < 0 ? 0 : at < r->samples ? at : r->samples - 1;
                 q[j] = r->q_a[held * NA + i];
                 v[j] = held == at ? r->v_a[at * NA + i] : 0.0;
             }
-            most[0] = fmax_1(most[0], fabs_1(a));
-            most[2] = fmax_1(most[2], fabs_1(v[MARGIN]));
-            if (inside || ELBOW_NE == 0) {
-                off[0] = fmax_1(off[0], fabs_1(sixty_differences(v + MARGIN, 1) - sixty * a));
-                off[2] = fmax_1(off[2], fabs_1(sixty_differences(q + MARGIN, 1) - sixty * v[MARGIN]));
-            }
-        }
-        for (int j = 0; j < NM; ++j) {
-            const real *v = r->v_m + k * NM + j;
-            real a = 0.0;
-            for (int i = 0; i < NG; ++i) {
-                a += eta[j][i] * r->deflection[(k + MARGIN) * NG + i];
-            }
-            most[1] = fmax_1(most[1], fabs_1(a));
-            most[3] = fmax_1(most[3], rotor_inertia[j] * fabs_1(a));
-            a = inside ? fabs_1(sixty_differences(v, NM) - sixty * a) : 0.0;
-            off[1] = fmax_1(off[1], a);
-            off[3] = fmax_1(off[3], rotor_inertia[j] * a);
+            off[0] = fmax_1(off[0], fabs_1(sixty_differences(v + MARGIN, 1) - sixty * r->a_a[k * NA + i]));
+            off[2] = fmax_1(off[2], fabs_1(sixty_differences(q + MARGIN, 1) - sixty * v[MARGIN]));
         }
     }
     for (int i = 0; i < 4; ++i) { /* accelerations of arm and motors, speeds of the arm, torques of the rotors */
@@ -409,8 +490,14 @@ static inline int motors_at_samples(const results *r, real *space)
                 r->v_m + k * NM, r->tau_m != NULL ? r->tau_m + k * NM : tau_m, space)) {
             return ELBOW_RESULT_NOT_FINITE;
         }
-        /* for the kinematic mismatch; the static deflections are not needed any more */
-        copy(a, NG, r->deflection + at);
+        /* accelerations of the motors, for the kinematic mismatch; the static deflections are not needed any more */
+        for (int j = 0; j < NM; ++j) {
+            real sum = 0.0;
+            for (int i = 0; i < NG; ++i) {
+                sum += eta[j][i] * a[i];
+            }
+            r->deflection[first + k * NM + j] = sum;
+        }
     }
     return ELBOW_OK;
 }
@@ -442,6 +529,7 @@ static inline elbow_status finish(const elbow_path *p, const elbow_inversion_opt
 #if ELBOW_NE > 0
     r.m = m;
     r.a_node = work + l->a_node;
+    r.weights = work + l->weights;
     nodal_accelerations(m, work + l->a_node);
 #endif
     status = arm_at_samples(&r, q, work + l->scale, arm, work + l->space, &info->residual_at_samples);
