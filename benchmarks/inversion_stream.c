@@ -17,13 +17,15 @@
 typedef struct {
     int intervals, samples_per_interval;
     double period, tolerance;
+    int hold;
+    double delay;
 } stream_options;
 typedef struct {
     double *q_a, *v_a, *a_a, *tau_g, *q_m, *v_m, *tau_m;
 } motion;
 typedef struct {
-    double residual, kinematic_mismatch, torque_step, deviation_m, deviation_rad;
-    int iterations, intervals, limits_active;
+    double residual, kinematic_mismatch, torque_step, output_step_m, output_step_rad, deviation_m, deviation_rad;
+    int iterations, intervals, cause, limits_active;
 } stream_info;
 
 typedef int64_t work_size(const stream_options *);
