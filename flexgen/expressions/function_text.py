@@ -166,7 +166,7 @@ def function_text(
 def _layout(program: Routine, outputs: Mapping[str, int]) -> Layout:
     """Places in the workspace of what a step computes for a later one."""
     solves = [step for step in program.steps if isinstance(step, Solve)]
-    strides = {s.matrix: s.n for s in solves} | {s.right: s.stride for s in solves}
+    strides = {s.matrix: s.matrix_stride for s in solves} | {s.right: s.stride for s in solves}
     sizes: dict[str, int] = {}
     for step in program.steps:
         if isinstance(step, Expressions):
@@ -178,7 +178,7 @@ def _layout(program: Routine, outputs: Mapping[str, int]) -> Layout:
     at = 0
     for name, size in sizes.items():
         places[name] = at
-        at += size
+        at += -(-size // 16) * 16  # all begin with a whole vector
     return Layout(places, strides, at)
 
 

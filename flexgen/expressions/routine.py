@@ -36,12 +36,12 @@ class Block:
 
 @dataclass(frozen=True)
 class Solve:
-    """``X = -A^-1 R`` with ``A`` symmetric positive definite, written as loops: L D L' and two substitutions.
+    """``X = -A^-1 R`` with ``A`` symmetric positive definite, written as loops: an elimination with R beside A, and a substitution.
 
     Parameters
     ----------
     matrix, right : str
-        Intermediate arrays ``A`` (n, n), of which the lower half is read, and ``R`` (n, columns).
+        Intermediate arrays ``A`` (n, n), of which the upper half is read, and ``R`` (n, columns).
     n, columns : int
         Sizes of R.
     unit : bool
@@ -70,8 +70,13 @@ class Solve:
 
     @property
     def stride(self) -> int:
-        """Entries between the rows of R in the workspace: a multiple of any number of lanes."""
-        return -(-self.width // 16) * 16
+        """Entries between the rows of R in the workspace."""
+        return _stride(self.width)
+
+    @property
+    def matrix_stride(self) -> int:
+        """The same between the rows of A."""
+        return _stride(self.n)
 
     @property
     def ports(self) -> tuple[str, ...]:
@@ -82,13 +87,19 @@ class Solve:
     def operations(self) -> int:
         """Arithmetic operations."""
         filled = sum(i - first for i, first in enumerate(self.profile))
-        factor = sum((i - first) ** 2 for i, first in enumerate(self.profile))
-        return factor + 2 * filled + (4 * filled + self.n) * self.width
+        factor = sum((i - first) * (2 * (self.n - i) + 1) for i, first in enumerate(self.profile))
+        below = self.n * (self.n - 1) // 2
+        return factor + below + (2 * filled + 2 * below + self.n) * self.width
 
     @property
     def depth(self) -> int:
         """Latency of the longest chain of operations in cycles, about: a pivot and two products after the other."""
         return 40 * self.n
+
+
+def _stride(width: int) -> int:
+    """Room for whole groups of four vectors of any width, so that few rows share the same lines of the cache."""
+    return -(-width // 64) * 64 + 16
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,9 @@ class Layout:
 def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int], rounding: str) -> str:
     """The C function of a `Solve`: factor, substitute, and write the solution to its ports.
 
-    L D L' by rows within the profile: ``w_ij = A_ij - sum_k w_ik L_jk``, ``L_ij = w_ij / d_j``, ``d_i = A_ii - sum_k
-    w_ik L_ik``. A pivot d_i below ``rounding`` times A_ii is noise: its reciprocal becomes NaN. The rows of R are then
-    combined as the factors demand.
+    U' D^-1 U by rows, R beside A: ``U_ik = A_ik - sum_j f_j U_jk`` and ``Y_ik = R_ik - sum_j f_j Y_jk`` with ``f_j = U_ji
+    / d_j`` for all j < i within the profile, ``d_i = U_ii``; then ``X_ik = Y_ik / d_i - sum_j (U_ij / d_i) X_jk`` for all
+    j > i. A pivot d_i below ``rounding`` times A_ii is noise: its reciprocal becomes NaN. Every sum stays in a register.
     """
     n, width = step.n, step.width
     ports = [port for port in outputs if port in step.ports]
@@ -33,14 +33,15 @@ def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int
     lines = [
         f"static const unsigned char first[{n}] = {{{', '.join(map(str, step.profile))}}};",
         f"T *const matrix = w + {layout.places[step.matrix]};",
+        "ROW *const upper = ROWS(matrix);",
         f"ROW *const rows = ROWS(w + {layout.places[step.right]});",
-        f"const int count = ROW_COUNT({width});",
-        f"T inverse[{n}];",
+        f"const int count = ROW_FOURS({width});",
+        f"T inverse[{n}], factor[{n}];",
         "ROW sum = ROW_OF(0);",
-        "int i, j, k;",
+        "int i, j, k, begin;",
     ]
     lines += _padded(step, layout)
-    lines += _factored(n, rounding)
+    lines += _eliminated(step, rounding)
     lines += _substituted(step)
     lines += _placed(step, layout, outputs)
     lines += [
@@ -57,74 +58,83 @@ def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int
 
 
 def _padded(step: Solve, layout: Layout) -> list[str]:
-    """Lines that fill the columns of the right side that are not computed."""
-    n, columns = step.n, step.columns
-    lines: list[str] = []
-    if step.unit or step.width < step.stride:
-        lines += [
-            f"for (i = 0; i < {n}; ++i) {{",
-            f"    for (j = {columns}; j < {step.stride}; ++j) {{",
-            f"        w[{layout.places[step.right]} + i * {step.stride} + j] = F(splat)(0);",
-            "    }",
-        ]
-        if step.unit:
-            lines.append(f"    w[{layout.places[step.right]} + i * {step.stride + 1} + {columns}] = F(splat)(-1);")
-        lines.append("}")
-    return lines
+    """Lines that fill what is not computed: the unit columns, and the ends of rows that are not whole vectors."""
+    n = step.n
+    right = f"w[{layout.places[step.right]} + i * {step.stride} + j]"
+    lines = [
+        f"for (i = 0; i < {n}; ++i) {{",
+        f"    for (j = {n}; j < ROW_END({n}); ++j) {{",
+        f"        matrix[i * {step.matrix_stride} + j] = F(splat)(0);",
+        "    }",
+        f"    for (j = {step.columns}; j < ROW_END({step.width}); ++j) {{",
+        f"        {right} = F(splat)(0);",
+        "    }",
+    ]
+    if step.unit:
+        lines.append(f"    w[{layout.places[step.right]} + i * {step.stride + 1} + {step.columns}] = F(splat)(-1);")
+    return [*lines, "}"]
 
 
-def _factored(n: int, rounding: str) -> list[str]:
-    """Lines that factor the matrix; reciprocals of the pivots in ``inverse``."""
+def _less(row: str, factor: str, other: str, begin: str, end: str, start: str = "x[k]") -> list[str]:
+    """Lines that take multiples of other rows from a row, four entries at a time: sums that do not wait for each other."""
+    places = ["k", "k + 1", "k + 2", "k + 3"]
+    return [
+        f"    for (k = {begin}; k < {end}; k += 4) {{",
+        *(f"        ROW rest{i} = {start.replace('k]', f'{place}]')};" for i, place in enumerate(places)),
+        f"        for ({other}) {{",
+        f"            const T times = {factor};",
+        *(f"            rest{i} -= times * {row.replace('k]', f'{place}]')};" for i, place in enumerate(places)),
+        "        }",
+        *(f"        x[{place}] = rest{i};" for i, place in enumerate(places)),
+        "    }",
+    ]
+
+
+def _eliminated(step: Solve, rounding: str) -> list[str]:
+    """Lines that factor the matrix; the factors f_j of row i in its lower half, the pivots' reciprocals in `inverse`."""
+    n, stride = step.n, step.matrix_stride
+    above = "j = first[i]; j < i; ++j"
     return [
         f"for (i = 0; i < {n}; ++i) {{",
-        f"    const T whole = matrix[i * {n + 1}];",
-        "    T d = whole;",
-        "    for (j = first[i]; j < i; ++j) {",
-        f"        T x = matrix[i * {n} + j];",
-        "        for (k = first[i] > first[j] ? first[i] : first[j]; k < j; ++k) {",
-        f"            x -= matrix[i * {n} + k] * matrix[j * {n} + k];",
-        "        }",
-        f"        matrix[i * {n} + j] = x;",
+        f"    ROW *const x = upper + i * ROW_COUNT({stride});",
+        f"    const T whole = matrix[i * {stride + 1}];",
+        f"    for ({above}) {{",
+        f"        factor[j] = matrix[j * {stride} + i] * inverse[j];",
         "    }",
-        "    for (j = first[i]; j < i; ++j) {",
-        f"        const T x = matrix[i * {n} + j];",
-        f"        matrix[i * {n} + j] = x * inverse[j];",
-        f"        d -= x * matrix[i * {n} + j];",
+        *_less(f"upper[j * ROW_COUNT({stride}) + k]", "factor[j]", above, "ROW_OF_COLUMN(i) / 4 * 4", f"ROW_FOURS({n})"),
+        f"    for ({above}) {{",
+        f"        matrix[i * {stride} + j] = factor[j];",
         "    }",
-        f"    inverse[i] = F(guarded)(F(splat)(1) / d, d, {rounding} * whole);",
+        f"    inverse[i] = F(guarded)(F(splat)(1) / matrix[i * {stride + 1}], matrix[i * {stride + 1}], "
+        f"{rounding} * whole);",
+        "}",
+        f"for (i = 0; i < {n}; ++i) {{",
+        f"    for (j = i + 1; j < {n}; ++j) {{",
+        f"        matrix[i * {stride} + j] = matrix[i * {stride} + j] * inverse[i];",
+        "    }",
         "}",
     ]
 
 
 def _substituted(step: Solve) -> list[str]:
-    """Lines that combine the rows of the right side as the factors demand."""
-    n = step.n
-    return [
+    """Lines that combine the rows of the right side as the factors demand: a few columns at a time stay in the cache."""
+    n, stride = step.n, step.matrix_stride
+    other, factor = f"rows[j * ROW_COUNT({step.stride}) + k]", f"matrix[i * {stride} + j]"
+    lines = [
         f"for (i = 0; i < {n}; ++i) {{",
         f"    ROW *const x = rows + i * ROW_COUNT({step.stride});",
-        "    for (j = first[i]; j < i; ++j) {",
-        f"        const T factor = matrix[i * {n} + j];",
-        f"        const ROW *const y = rows + j * ROW_COUNT({step.stride});",
-        "        for (k = 0; k < count; ++k) {",
-        "            x[k] -= factor * y[k];",
-        "        }",
-        "    }",
+        *_less(other, factor, "j = first[i]; j < i; ++j", "begin", "end"),
         "}",
         f"for (i = {n - 1}; i >= 0; --i) {{",
         f"    ROW *const x = rows + i * ROW_COUNT({step.stride});",
         "    const T pivot = inverse[i];",
-        "    for (k = 0; k < count; ++k) {",
-        "        x[k] *= pivot;",
-        "    }",
-        f"    for (j = i + 1; j < {n}; ++j) {{",
-        "        if (first[j] <= i) {",
-        f"            const T factor = matrix[j * {n} + i];",
-        f"            const ROW *const y = rows + j * ROW_COUNT({step.stride});",
-        "            for (k = 0; k < count; ++k) {",
-        "                x[k] -= factor * y[k];",
-        "            }",
-        "        }",
-        "    }",
+        *_less(other, factor, f"j = i + 1; j < {n}; ++j", "begin", "end", "pivot * x[k]"),
+        "}",
+    ]
+    return [
+        "for (begin = 0; begin < count; begin += ROW_BLOCK) {",
+        "    const int end = begin + ROW_BLOCK < count ? begin + ROW_BLOCK : count;",
+        *(f"    {line}" for line in lines),
         "}",
     ]
 
