@@ -57,13 +57,47 @@ static inline void gather_points(const real *x, int size, int count, ptrdiff_t s
     }
 }
 
-static inline void scatter_points(const real *x, int size, int count, ptrdiff_t stride, real *to, ptrdiff_t to_stride)
+/*
+ * Copy the results of some points to where they belong. past: past the cache, which results of many points would fill
+ * in vain; `end_scatter` makes them visible.
+ */
+static inline void scatter_points(
+    const real *x, int size, int count, ptrdiff_t stride, real *to, ptrdiff_t to_stride, int past)
 {
     for (int i = 0; i < size; ++i) {
-        for (int k = 0; k < count; ++k) {
-            to[i * to_stride + k] = x[i * stride + k];
+        const real *from = x + i * stride;
+        real *into = to + i * to_stride;
+        int k = 0;
+#if defined(MODEL_STREAMS)
+        if (past) {
+            for (; k < count && (uintptr_t)(into + k) % MODEL_VECTOR != 0; ++k) {
+                into[k] = from[k];
+            }
+            for (; k + LANES <= count; k += LANES) {
+                stream_v(into + k, load_v(from + k));
+            }
+        }
+#else
+        (void)past;
+#endif
+        for (; k + LANES <= count; k += LANES) {
+            store_v(into + k, load_v(from + k));
+        }
+        for (; k < count; ++k) {
+            into[k] = from[k];
         }
     }
+}
+
+static inline void end_scatter(int past)
+{
+#if defined(MODEL_STREAMS)
+    if (past) {
+        __builtin_ia32_sfence();
+    }
+#else
+    (void)past;
+#endif
 }
 
 #endif

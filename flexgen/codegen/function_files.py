@@ -10,6 +10,7 @@ from flexgen.codegen.spec import ABI_VERSION, STATUSES, FunctionSpec, LibrarySpe
 from flexgen.expressions.function_text import FunctionText, literal
 from flexgen.ports import Port
 
+PAST_CACHE = 2**23  # bytes of results that are written past the cache
 WAYS = 24  # lines that a set of the first cache may hold, about; more results at once push each other out
 
 
@@ -144,7 +145,9 @@ def _many_points(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> s
     return f"""\
 {batch_prototype(spec, f)}
 {{
-    /* Arrays are copied where columns of results share the same cache lines, and for the last points. */
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > {PAST_CACHE // sum(port.size for port in f.outputs)};
     const int collide = {_collide(f, spec)};
     const int groups = n < 0 ? 0 : n / {points} + (n % {points} != 0);
     int bad = 0;
@@ -183,6 +186,7 @@ def _many_points(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> s
             if (copied) {{
 {_scatter(spec, f, sizes)}            }}
         }}
+        end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }}
     return bad == 0 ? {macro(spec, "OK")} : {f.name}_failed({", ".join(names)}, n, n);
@@ -230,8 +234,8 @@ static SEPARATE {spec.name}_status {f.name}_failed({", ".join(parameters)}, int 
 def _collide(f: FunctionSpec, spec: LibrarySpec) -> str:
     """When to copy: a power of two of points, and more columns of results than a set of the first cache has ways."""
     if sum(port.size for port in f.outputs) <= WAYS:
-        return "0"
-    return f"n > {tile(f, spec.precision)} && (size_t)n * sizeof(real) % 1024 == 0"
+        return "past"
+    return f"past || (n > {tile(f, spec.precision)} && (size_t)n * sizeof(real) % 1024 == 0)"
 
 
 def _pointers(stored: list[Port], outputs: tuple[Port, ...]) -> str:
@@ -255,6 +259,6 @@ def _scatter(spec: LibrarySpec, f: FunctionSpec, sizes: Mapping[str, str]) -> st
     """Lines that copy the results of a group of points where they belong."""
     points, indent = tile(f, spec.precision), " " * 16
     return "".join(
-        f"{indent}scatter_points(at_{p.name}, {sizes[p.name]}, count, {points}, {p.name} + first, n);\n"
+        f"{indent}scatter_points(at_{p.name}, {sizes[p.name]}, count, {points}, {p.name} + first, n, past);\n"
         for p in f.outputs
     )

@@ -36,7 +36,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Solve:
-    """``X = -A^-1 R`` with ``A`` symmetric positive definite, written as loops: an elimination with R beside A, and a substitution.
+    """``X = -A^-1 R`` with ``A`` symmetric positive definite, written as loops: elimination and substitution.
 
     Parameters
     ----------

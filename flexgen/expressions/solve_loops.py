@@ -23,9 +23,11 @@ class Layout:
 def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int], rounding: str) -> str:
     """The C function of a `Solve`: factor, substitute, and write the solution to its ports.
 
-    U' D^-1 U by rows, R beside A: ``U_ik = A_ik - sum_j f_j U_jk`` and ``Y_ik = R_ik - sum_j f_j Y_jk`` with ``f_j = U_ji
-    / d_j`` for all j < i within the profile, ``d_i = U_ii``; then ``X_ik = Y_ik / d_i - sum_j (U_ij / d_i) X_jk`` for all
-    j > i. A pivot d_i below ``rounding`` times A_ii is noise: its reciprocal becomes NaN. Every sum stays in a register.
+    A = U' D^-1 U by rows: ``U_ik = A_ik - sum_j f_j U_jk`` and ``Y_ik = R_ik - sum_j f_j Y_jk`` with
+    ``f_j = U_ji / d_j`` for all j < i within the profile, ``d_i = U_ii``; then
+    ``X_ik = Y_ik / d_i - sum_j (U_ij / d_i) X_jk`` for all j > i.
+    A pivot d_i below ``rounding`` times A_ii is noise: its reciprocal becomes NaN. Every sum stays
+    in a register.
     """
     n, width = step.n, step.width
     ports = [port for port in outputs if port in step.ports]
@@ -76,7 +78,7 @@ def _padded(step: Solve, layout: Layout) -> list[str]:
 
 
 def _less(row: str, factor: str, other: str, begin: str, end: str, start: str = "x[k]") -> list[str]:
-    """Lines that take multiples of other rows from a row, four entries at a time: sums that do not wait for each other."""
+    """Lines that take multiples of other rows from a row: four sums at a time, which do not wait for each other."""
     places = ["k", "k + 1", "k + 2", "k + 3"]
     return [
         f"    for (k = {begin}; k < {end}; k += 4) {{",
@@ -91,7 +93,7 @@ def _less(row: str, factor: str, other: str, begin: str, end: str, start: str = 
 
 
 def _eliminated(step: Solve, rounding: str) -> list[str]:
-    """Lines that factor the matrix; the factors f_j of row i in its lower half, the pivots' reciprocals in `inverse`."""
+    """Lines that factor the matrix; the factors f_j of row i in its lower half, reciprocals of pivots in `inverse`."""
     n, stride = step.n, step.matrix_stride
     above = "j = first[i]; j < i; ++j"
     return [
@@ -101,7 +103,9 @@ def _eliminated(step: Solve, rounding: str) -> list[str]:
         f"    for ({above}) {{",
         f"        factor[j] = matrix[j * {stride} + i] * inverse[j];",
         "    }",
-        *_less(f"upper[j * ROW_COUNT({stride}) + k]", "factor[j]", above, "ROW_OF_COLUMN(i) / 4 * 4", f"ROW_FOURS({n})"),
+        *_less(
+            f"upper[j * ROW_COUNT({stride}) + k]", "factor[j]", above, "ROW_OF_COLUMN(i) / 4 * 4", f"ROW_FOURS({n})"
+        ),
         f"    for ({above}) {{",
         f"        matrix[i * {stride} + j] = factor[j];",
         "    }",
@@ -117,7 +121,7 @@ def _eliminated(step: Solve, rounding: str) -> list[str]:
 
 
 def _substituted(step: Solve) -> list[str]:
-    """Lines that combine the rows of the right side as the factors demand: a few columns at a time stay in the cache."""
+    """Lines that combine the rows of the right side as the factors demand, a few columns at a time."""
     n, stride = step.n, step.matrix_stride
     other, factor = f"rows[j * ROW_COUNT({step.stride}) + k]", f"matrix[i * {stride} + j]"
     lines = [

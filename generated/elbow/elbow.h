@@ -54,7 +54,7 @@ typedef double elbow_real;
 #define ELBOW_NX 8 /* states of the linearization */
 #define ELBOW_NY 2 /* outputs */
 #define ELBOW_NT 2 /* numbers of an output sample */
-#define ELBOW_WORK 84 /* reals of workspace, where a function needs one */
+#define ELBOW_WORK 672 /* reals of workspace, where a function needs one */
 
 /* Status of a call: 0 success, negative an error, positive a result with a warning. */
 typedef enum {
@@ -223,7 +223,7 @@ elbow_status elbow_arm_forward_dynamics(const elbow_real q_a[ELBOW_NA], const el
  *   out da_dq   n_a x n_a [mixed] unit of the row's acceleration per unit of the column's coordinate
  *   out da_dv   n_a x n_a [mixed] unit of the row's acceleration per unit of the column's velocity
  *   out da_dtau n_a x n_a [mixed] inverse of the mass matrix, symmetric
- * 116 operations, the longest chain about 296 cycles; stack of one point at most 1792 bytes
+ * 117 operations, the longest chain about 296 cycles; stack of one point at most 1792 bytes
  */
 ELBOW_API
 elbow_status elbow_arm_forward_derivatives(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
@@ -263,7 +263,7 @@ elbow_status elbow_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_
  *   in  tau_m n_m       [N m]   motor torques, motor side
  *   out A     n_x x n_x [mixed] unit of the row's x/s per unit of the column's x
  *   out B     n_x x n_m [mixed] unit of the row's x/s per N m
- * 183 operations, the longest chain about 376 cycles; stack of one point at most 2048 bytes
+ * 293 operations, the longest chain about 376 cycles; stack of one point at most 2048 bytes
  */
 ELBOW_API
 elbow_status elbow_linearize(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],

@@ -13,6 +13,7 @@ from handmade import VALUES, compiled, install, twist
 from toolchain import needs_compiler
 
 from flexgen.build.generate import generate
+from flexgen.codegen.function_files import PAST_CACHE
 from flexgen.codegen.spec import STATUSES
 from flexgen.errors import ArgumentError, BuildError, SolverError
 from flexgen.model.reader import read
@@ -67,6 +68,16 @@ def test_many_points_equal_single_points(name):
             held if isinstance(held, tuple) else [held], full if isinstance(full, tuple) else [full], strict=True
         ):
             assert np.array_equal(a, b)
+
+
+@pytest.mark.parametrize("n", [2**17, 120_007])
+def test_results_that_do_not_fit_the_cache_are_the_same(planar, n):
+    """From some megabytes of results on they are written past the cache, also where columns begin at odd addresses."""
+    function = planar.functions["mass_matrix"]
+    assert 2 * PAST_CACHE > n * 8 * sum(port.size for port in function.outputs) > PAST_CACHE
+    q_a = np.random.default_rng(3).normal(size=(n, 3))
+    parts = [function(q_a[k : k + 50_000]) for k in range(0, n, 50_000)]
+    assert np.array_equal(function(q_a), np.concatenate(parts))
 
 
 def test_no_points_give_empty_arrays(planar, hand):

@@ -48,8 +48,10 @@ elbow_status elbow_arm_forward_derivatives(const elbow_real q_a[ELBOW_NA], const
 elbow_status elbow_arm_forward_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *tau_a, elbow_real *da_dq, elbow_real *da_dv, elbow_real *da_dtau, elbow_real *work)
 {
-    /* Arrays are copied where columns of results share the same cache lines, and for the last points. */
-    const int collide = 0;
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > 699050;
+    const int collide = past;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {
@@ -84,7 +86,7 @@ elbow_status elbow_arm_forward_derivatives_batch(int n, const elbow_real *q_a, c
             real *at_da_dv = da_dv + first;
             real *at_da_dtau = da_dtau + first;
             if (copied) {
-                real *at = space + 38 * LANES;
+                real *at = space + 336 * LANES;
                 stride = 64;
                 gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
                 at_q_a = at;
@@ -105,11 +107,12 @@ elbow_status elbow_arm_forward_derivatives_batch(int n, const elbow_real *q_a, c
                 zero += arm_forward_derivatives_evaluate_v(at_q_a + k, at_v_a + k, at_tau_a + k, at_da_dq + k, at_da_dv + k, at_da_dtau + k, (lanes *)space, stride);
             }
             if (copied) {
-                scatter_points(at_da_dq, ELBOW_NA * ELBOW_NA, count, 64, da_dq + first, n);
-                scatter_points(at_da_dv, ELBOW_NA * ELBOW_NA, count, 64, da_dv + first, n);
-                scatter_points(at_da_dtau, ELBOW_NA * ELBOW_NA, count, 64, da_dtau + first, n);
+                scatter_points(at_da_dq, ELBOW_NA * ELBOW_NA, count, 64, da_dq + first, n, past);
+                scatter_points(at_da_dv, ELBOW_NA * ELBOW_NA, count, 64, da_dv + first, n, past);
+                scatter_points(at_da_dtau, ELBOW_NA * ELBOW_NA, count, 64, da_dtau + first, n, past);
             }
         }
+        end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
     return bad == 0 ? ELBOW_OK : arm_forward_derivatives_failed(q_a, v_a, tau_a, da_dq, da_dv, da_dtau, n, n);

@@ -86,36 +86,36 @@ SEPARATE static T F(arm_forward_derivatives_evaluate_2_1)(const real *RESTRICT q
     const T t50 = t25 - t49;
     const T t63 = 203.472375 * t38;
     const T t61 = t21 * t60;
-    w[24] = t61;
+    w[258] = t61;
     const T t14 = t7 - 496.00482796999995;
-    w[2] = -t14;
+    w[16] = -t14;
     const T t19 = t17 - 89.77680625;
-    w[4] = -t19;
-    w[3] = -t19;
+    w[96] = -t19;
+    w[17] = -t19;
     const T t40 = t38 * t39;
     const T t54 = t28 - t53;
     const T t30 = t26 + t29;
     const T t46 = t21 * t45;
     const T t51 = t21 * t50;
     const T t64 = t21 * t63;
-    w[9] = -t64;
+    w[179] = -t64;
     const T t41 = t1 * t40;
     const T t55 = t1 * t54;
     const T t31 = 88.46625 * t30;
-    w[22] = t31;
+    w[256] = t31;
     const T t65 = t61 - t64;
-    w[8] = t65;
+    w[178] = t65;
     const T t47 = t41 - t46;
     const T t56 = t51 + t55;
     const T t34 = t31 - t33;
-    w[6] = t34;
+    w[176] = t34;
     const T t48 = 1.15 * t47;
     const T t57 = 88.46625 * t56;
-    w[23] = t57;
+    w[257] = t57;
     const T t58 = t48 + t57;
-    w[7] = t58;
-    w[5] = F(splat)(89.77680625);
-    w[25] = F(splat)(0.0);
+    w[177] = t58;
+    w[97] = F(splat)(89.77680625);
+    w[259] = F(splat)(0.0);
     const T z66 = 0.0 * t61 + 0.0 * t64;
     const T z67 = 0.0 * t14 + 0.0 * t19;
     const T z68 = 0.0 * t65 + z66;
@@ -130,78 +130,116 @@ SEPARATE static T F(arm_forward_derivatives_evaluate_2_1)(const real *RESTRICT q
 SEPARATE static T F(arm_forward_derivatives_solve_3)(real *RESTRICT da_dq, real *RESTRICT da_dv, real *RESTRICT da_dtau, T *RESTRICT w STRIDE(ptrdiff_t n))
 {
     static const unsigned char first[2] = {0, 0};
-    T *const matrix = w + 2;
-    ROW *const rows = ROWS(w + 6);
-    const int count = ROW_COUNT(6);
-    T inverse[2];
+    T *const matrix = w + 16;
+    ROW *const upper = ROWS(matrix);
+    ROW *const rows = ROWS(w + 176);
+    const int count = ROW_FOURS(6);
+    T inverse[2], factor[2];
     ROW sum = ROW_OF(0);
-    int i, j, k;
+    int i, j, k, begin;
     for (i = 0; i < 2; ++i) {
-        for (j = 4; j < 16; ++j) {
-            w[6 + i * 16 + j] = F(splat)(0);
+        for (j = 2; j < ROW_END(2); ++j) {
+            matrix[i * 80 + j] = F(splat)(0);
         }
-        w[6 + i * 17 + 4] = F(splat)(-1);
+        for (j = 4; j < ROW_END(6); ++j) {
+            w[176 + i * 80 + j] = F(splat)(0);
+        }
+        w[176 + i * 81 + 4] = F(splat)(-1);
     }
     for (i = 0; i < 2; ++i) {
-        const T whole = matrix[i * 3];
-        T d = whole;
+        ROW *const x = upper + i * ROW_COUNT(80);
+        const T whole = matrix[i * 81];
         for (j = first[i]; j < i; ++j) {
-            T x = matrix[i * 2 + j];
-            for (k = first[i] > first[j] ? first[i] : first[j]; k < j; ++k) {
-                x -= matrix[i * 2 + k] * matrix[j * 2 + k];
+            factor[j] = matrix[j * 80 + i] * inverse[j];
+        }
+        for (k = ROW_OF_COLUMN(i) / 4 * 4; k < ROW_FOURS(2); k += 4) {
+            ROW rest0 = x[k];
+            ROW rest1 = x[k + 1];
+            ROW rest2 = x[k + 2];
+            ROW rest3 = x[k + 3];
+            for (j = first[i]; j < i; ++j) {
+                const T times = factor[j];
+                rest0 -= times * upper[j * ROW_COUNT(80) + k];
+                rest1 -= times * upper[j * ROW_COUNT(80) + k + 1];
+                rest2 -= times * upper[j * ROW_COUNT(80) + k + 2];
+                rest3 -= times * upper[j * ROW_COUNT(80) + k + 3];
             }
-            matrix[i * 2 + j] = x;
+            x[k] = rest0;
+            x[k + 1] = rest1;
+            x[k + 2] = rest2;
+            x[k + 3] = rest3;
         }
         for (j = first[i]; j < i; ++j) {
-            const T x = matrix[i * 2 + j];
-            matrix[i * 2 + j] = x * inverse[j];
-            d -= x * matrix[i * 2 + j];
+            matrix[i * 80 + j] = factor[j];
         }
-        inverse[i] = F(guarded)(F(splat)(1) / d, d, 4.440892098500626e-16 * whole);
+        inverse[i] = F(guarded)(F(splat)(1) / matrix[i * 81], matrix[i * 81], 4.440892098500626e-16 * whole);
     }
     for (i = 0; i < 2; ++i) {
-        ROW *const x = rows + i * ROW_COUNT(16);
-        for (j = first[i]; j < i; ++j) {
-            const T factor = matrix[i * 2 + j];
-            const ROW *const y = rows + j * ROW_COUNT(16);
-            for (k = 0; k < count; ++k) {
-                x[k] -= factor * y[k];
-            }
-        }
-    }
-    for (i = 1; i >= 0; --i) {
-        ROW *const x = rows + i * ROW_COUNT(16);
-        const T pivot = inverse[i];
-        for (k = 0; k < count; ++k) {
-            x[k] *= pivot;
-        }
         for (j = i + 1; j < 2; ++j) {
-            if (first[j] <= i) {
-                const T factor = matrix[j * 2 + i];
-                const ROW *const y = rows + j * ROW_COUNT(16);
-                for (k = 0; k < count; ++k) {
-                    x[k] -= factor * y[k];
+            matrix[i * 80 + j] = matrix[i * 80 + j] * inverse[i];
+        }
+    }
+    for (begin = 0; begin < count; begin += ROW_BLOCK) {
+        const int end = begin + ROW_BLOCK < count ? begin + ROW_BLOCK : count;
+        for (i = 0; i < 2; ++i) {
+            ROW *const x = rows + i * ROW_COUNT(80);
+            for (k = begin; k < end; k += 4) {
+                ROW rest0 = x[k];
+                ROW rest1 = x[k + 1];
+                ROW rest2 = x[k + 2];
+                ROW rest3 = x[k + 3];
+                for (j = first[i]; j < i; ++j) {
+                    const T times = matrix[i * 80 + j];
+                    rest0 -= times * rows[j * ROW_COUNT(80) + k];
+                    rest1 -= times * rows[j * ROW_COUNT(80) + k + 1];
+                    rest2 -= times * rows[j * ROW_COUNT(80) + k + 2];
+                    rest3 -= times * rows[j * ROW_COUNT(80) + k + 3];
                 }
+                x[k] = rest0;
+                x[k + 1] = rest1;
+                x[k + 2] = rest2;
+                x[k + 3] = rest3;
+            }
+        }
+        for (i = 1; i >= 0; --i) {
+            ROW *const x = rows + i * ROW_COUNT(80);
+            const T pivot = inverse[i];
+            for (k = begin; k < end; k += 4) {
+                ROW rest0 = pivot * x[k];
+                ROW rest1 = pivot * x[k + 1];
+                ROW rest2 = pivot * x[k + 2];
+                ROW rest3 = pivot * x[k + 3];
+                for (j = i + 1; j < 2; ++j) {
+                    const T times = matrix[i * 80 + j];
+                    rest0 -= times * rows[j * ROW_COUNT(80) + k];
+                    rest1 -= times * rows[j * ROW_COUNT(80) + k + 1];
+                    rest2 -= times * rows[j * ROW_COUNT(80) + k + 2];
+                    rest3 -= times * rows[j * ROW_COUNT(80) + k + 3];
+                }
+                x[k] = rest0;
+                x[k + 1] = rest1;
+                x[k + 2] = rest2;
+                x[k + 3] = rest3;
             }
         }
     }
     for (j = 0; j < 2; ++j) {
         for (i = 0; i < 2; ++i) {
-            OUT(da_dq, (j + 0) * 2 + 0 + i, F(splat)(0) - w[6 + i * 16 + j + 0]);
+            OUT(da_dq, (j + 0) * 2 + 0 + i, F(splat)(0) - w[176 + i * 80 + j + 0]);
         }
     }
     for (j = 0; j < 2; ++j) {
         for (i = 0; i < 2; ++i) {
-            OUT(da_dv, (j + 0) * 2 + 0 + i, F(splat)(0) - w[6 + i * 16 + j + 2]);
+            OUT(da_dv, (j + 0) * 2 + 0 + i, F(splat)(0) - w[176 + i * 80 + j + 2]);
         }
     }
     for (j = 0; j < 2; ++j) {
         for (i = 0; i < 2; ++i) {
-            OUT(da_dtau, (j + 0) * 2 + 0 + i, F(splat)(0) - w[6 + i * 16 + j + 4]);
+            OUT(da_dtau, (j + 0) * 2 + 0 + i, F(splat)(0) - w[176 + i * 80 + j + 4]);
         }
     }
     for (i = 0; i < 2; ++i) {
-        const ROW *const x = rows + i * ROW_COUNT(16);
+        const ROW *const x = rows + i * ROW_COUNT(80);
         for (k = 0; k < count; ++k) {
             sum += ZERO * x[k];
         }

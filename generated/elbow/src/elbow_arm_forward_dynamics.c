@@ -45,8 +45,10 @@ elbow_status elbow_arm_forward_dynamics(const elbow_real q_a[ELBOW_NA], const el
 elbow_status elbow_arm_forward_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *tau_a, elbow_real *a_a, elbow_real *work)
 {
-    /* Arrays are copied where columns of results share the same cache lines, and for the last points. */
-    const int collide = 0;
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > 4194304;
+    const int collide = past;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {
@@ -96,9 +98,10 @@ elbow_status elbow_arm_forward_dynamics_batch(int n, const elbow_real *q_a, cons
                 zero += arm_forward_dynamics_evaluate_v(at_q_a + k, at_v_a + k, at_tau_a + k, at_a_a + k, stride);
             }
             if (copied) {
-                scatter_points(at_a_a, ELBOW_NA, count, 64, a_a + first, n);
+                scatter_points(at_a_a, ELBOW_NA, count, 64, a_a + first, n, past);
             }
         }
+        end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
     return bad == 0 ? ELBOW_OK : arm_forward_dynamics_failed(q_a, v_a, tau_a, a_a, n, n);

@@ -43,8 +43,10 @@ elbow_status elbow_bias(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELB
 
 elbow_status elbow_bias_batch(int n, const elbow_real *q_a, const elbow_real *v_a, elbow_real *h, elbow_real *work)
 {
-    /* Arrays are copied where columns of results share the same cache lines, and for the last points. */
-    const int collide = 0;
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > 4194304;
+    const int collide = past;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {
@@ -90,9 +92,10 @@ elbow_status elbow_bias_batch(int n, const elbow_real *q_a, const elbow_real *v_
                 zero += bias_evaluate_v(at_q_a + k, at_v_a + k, at_h + k, stride);
             }
             if (copied) {
-                scatter_points(at_h, ELBOW_NA, count, 64, h + first, n);
+                scatter_points(at_h, ELBOW_NA, count, 64, h + first, n, past);
             }
         }
+        end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
     return bad == 0 ? ELBOW_OK : bias_failed(q_a, v_a, h, n, n);

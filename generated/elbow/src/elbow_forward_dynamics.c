@@ -48,8 +48,10 @@ elbow_status elbow_forward_dynamics_batch(int n, const elbow_real *q_a, const el
     const elbow_real *q_m, const elbow_real *v_m, const elbow_real *tau_m, elbow_real *a_a, elbow_real *a_m,
     elbow_real *work)
 {
-    /* Arrays are copied where columns of results share the same cache lines, and for the last points. */
-    const int collide = 0;
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > 2097152;
+    const int collide = past;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {
@@ -110,10 +112,11 @@ elbow_status elbow_forward_dynamics_batch(int n, const elbow_real *q_a, const el
                 zero += forward_dynamics_evaluate_v(at_q_a + k, at_v_a + k, at_q_m + k, at_v_m + k, at_tau_m + k, at_a_a + k, at_a_m + k, stride);
             }
             if (copied) {
-                scatter_points(at_a_a, ELBOW_NA, count, 64, a_a + first, n);
-                scatter_points(at_a_m, ELBOW_NM, count, 64, a_m + first, n);
+                scatter_points(at_a_a, ELBOW_NA, count, 64, a_a + first, n, past);
+                scatter_points(at_a_m, ELBOW_NM, count, 64, a_m + first, n, past);
             }
         }
+        end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
     return bad == 0 ? ELBOW_OK : forward_dynamics_failed(q_a, v_a, q_m, v_m, tau_m, a_a, a_m, n, n);

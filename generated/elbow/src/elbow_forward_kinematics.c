@@ -45,8 +45,10 @@ elbow_status elbow_forward_kinematics(const elbow_real q_a[ELBOW_NA], elbow_real
 elbow_status elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_real *p, elbow_real *R,
     elbow_real *work)
 {
-    /* Arrays are copied where columns of results share the same cache lines, and for the last points. */
-    const int collide = 0;
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > 699050;
+    const int collide = past;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {
@@ -91,10 +93,11 @@ elbow_status elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_
                 zero += forward_kinematics_evaluate_v(at_q_a + k, at_p + k, at_R + k, stride);
             }
             if (copied) {
-                scatter_points(at_p, 3, count, 64, p + first, n);
-                scatter_points(at_R, 3 * 3, count, 64, R + first, n);
+                scatter_points(at_p, 3, count, 64, p + first, n, past);
+                scatter_points(at_R, 3 * 3, count, 64, R + first, n, past);
             }
         }
+        end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
     return bad == 0 ? ELBOW_OK : forward_kinematics_failed(q_a, p, R, n, n);

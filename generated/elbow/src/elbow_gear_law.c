@@ -46,8 +46,10 @@ elbow_status elbow_gear_law(const elbow_real deflection[ELBOW_NG], elbow_real ta
 elbow_status elbow_gear_law_batch(int n, const elbow_real *deflection, elbow_real *tau_p, elbow_real *dtau_p,
     elbow_real *work)
 {
-    /* Arrays are copied where columns of results share the same cache lines, and for the last points. */
-    const int collide = 0;
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > 2097152;
+    const int collide = past;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {
@@ -92,10 +94,11 @@ elbow_status elbow_gear_law_batch(int n, const elbow_real *deflection, elbow_rea
                 zero += gear_law_evaluate_v(at_deflection + k, at_tau_p + k, at_dtau_p + k, stride);
             }
             if (copied) {
-                scatter_points(at_tau_p, ELBOW_NG, count, 64, tau_p + first, n);
-                scatter_points(at_dtau_p, ELBOW_NG, count, 64, dtau_p + first, n);
+                scatter_points(at_tau_p, ELBOW_NG, count, 64, tau_p + first, n, past);
+                scatter_points(at_dtau_p, ELBOW_NG, count, 64, dtau_p + first, n, past);
             }
         }
+        end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
     return bad == 0 ? ELBOW_OK : gear_law_failed(deflection, tau_p, dtau_p, n, n);

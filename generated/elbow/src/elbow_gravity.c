@@ -43,8 +43,10 @@ elbow_status elbow_gravity(const elbow_real q_a[ELBOW_NA], elbow_real g[ELBOW_NA
 
 elbow_status elbow_gravity_batch(int n, const elbow_real *q_a, elbow_real *g, elbow_real *work)
 {
-    /* Arrays are copied where columns of results share the same cache lines, and for the last points. */
-    const int collide = 0;
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > 4194304;
+    const int collide = past;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {
@@ -86,9 +88,10 @@ elbow_status elbow_gravity_batch(int n, const elbow_real *q_a, elbow_real *g, el
                 zero += gravity_evaluate_v(at_q_a + k, at_g + k, stride);
             }
             if (copied) {
-                scatter_points(at_g, ELBOW_NA, count, 64, g + first, n);
+                scatter_points(at_g, ELBOW_NA, count, 64, g + first, n, past);
             }
         }
+        end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
     return bad == 0 ? ELBOW_OK : gravity_failed(q_a, g, n, n);

@@ -48,8 +48,10 @@ elbow_status elbow_inverse_dynamics_derivatives(const elbow_real q_a[ELBOW_NA], 
 elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv, elbow_real *dtau_da, elbow_real *work)
 {
-    /* Arrays are copied where columns of results share the same cache lines, and for the last points. */
-    const int collide = 0;
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > 699050;
+    const int collide = past;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {
@@ -105,11 +107,12 @@ elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q
                 zero += inverse_dynamics_derivatives_evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_dtau_dq + k, at_dtau_dv + k, at_dtau_da + k, stride);
             }
             if (copied) {
-                scatter_points(at_dtau_dq, ELBOW_NA * ELBOW_NA, count, 64, dtau_dq + first, n);
-                scatter_points(at_dtau_dv, ELBOW_NA * ELBOW_NA, count, 64, dtau_dv + first, n);
-                scatter_points(at_dtau_da, ELBOW_NA * ELBOW_NA, count, 64, dtau_da + first, n);
+                scatter_points(at_dtau_dq, ELBOW_NA * ELBOW_NA, count, 64, dtau_dq + first, n, past);
+                scatter_points(at_dtau_dv, ELBOW_NA * ELBOW_NA, count, 64, dtau_dv + first, n, past);
+                scatter_points(at_dtau_da, ELBOW_NA * ELBOW_NA, count, 64, dtau_da + first, n, past);
             }
         }
+        end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
     return bad == 0 ? ELBOW_OK : inverse_dynamics_derivatives_failed(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, n, n);

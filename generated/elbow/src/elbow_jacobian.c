@@ -43,8 +43,10 @@ elbow_status elbow_jacobian(const elbow_real q_a[ELBOW_NA], elbow_real J[6 * ELB
 
 elbow_status elbow_jacobian_batch(int n, const elbow_real *q_a, elbow_real *J, elbow_real *work)
 {
-    /* Arrays are copied where columns of results share the same cache lines, and for the last points. */
-    const int collide = 0;
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > 699050;
+    const int collide = past;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {
@@ -86,9 +88,10 @@ elbow_status elbow_jacobian_batch(int n, const elbow_real *q_a, elbow_real *J, e
                 zero += jacobian_evaluate_v(at_q_a + k, at_J + k, stride);
             }
             if (copied) {
-                scatter_points(at_J, 6 * ELBOW_NA, count, 64, J + first, n);
+                scatter_points(at_J, 6 * ELBOW_NA, count, 64, J + first, n, past);
             }
         }
+        end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
     return bad == 0 ? ELBOW_OK : jacobian_failed(q_a, J, n, n);

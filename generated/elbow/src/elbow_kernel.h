@@ -211,6 +211,30 @@ static inline void store_v(real *p, const lanes x)
     *(lanes *)p = x;
 }
 
+/* Store at an address that is a multiple of ELBOW_VECTOR without reading the line into the cache. */
+#if defined(__x86_64__) && defined(__SSE2__)
+#define ELBOW_STREAMS
+typedef real lanes_aligned __attribute__((vector_size(ELBOW_VECTOR), may_alias));
+static inline void stream_v(real *p, const lanes x)
+{
+#if defined(__clang__)
+    __builtin_nontemporal_store((lanes_aligned)x, (lanes_aligned *)p);
+#elif BYTES == 8 && ELBOW_VECTOR == 64
+    __builtin_ia32_movntpd512(p, (lanes_aligned)x);
+#elif BYTES == 8 && ELBOW_VECTOR == 32
+    __builtin_ia32_movntpd256(p, (lanes_aligned)x);
+#elif BYTES == 8
+    __builtin_ia32_movntpd(p, (lanes_aligned)x);
+#elif ELBOW_VECTOR == 64
+    __builtin_ia32_movntps512(p, (lanes_aligned)x);
+#elif ELBOW_VECTOR == 32
+    __builtin_ia32_movntps256(p, (lanes_aligned)x);
+#else
+    __builtin_ia32_movntps(p, (lanes_aligned)x);
+#endif
+}
+#endif
+
 /* The same as load_v for numbers that were written one by one just before: they need not pass through memory. */
 ELBOW_INLINE lanes gather_v(const real *p)
 {

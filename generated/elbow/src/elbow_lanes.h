@@ -10,5 +10,9 @@
 #define ROW lanes
 #define ROWS(x) (x)
 #define ROW_COUNT(n) (n)
+#define ROW_OF_COLUMN(i) (i)
+#define ROW_FOURS(n) (((n) + 3) / 4 * 4)
+#define ROW_END(n) ROW_FOURS(n)
+#define ROW_BLOCK 8
 #define ROW_OF(x) splat_v(x)
 #define ROW_SUM(x) (x)

@@ -47,8 +47,10 @@ elbow_status elbow_linearize(const elbow_real q_a[ELBOW_NA], const elbow_real v_
 elbow_status elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *q_m,
     const elbow_real *v_m, const elbow_real *tau_m, elbow_real *A, elbow_real *B, elbow_real *work)
 {
-    /* Arrays are copied where columns of results share the same cache lines, and for the last points. */
-    const int collide = n > 64 && (size_t)n * sizeof(real) % 1024 == 0;
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > 104857;
+    const int collide = past || (n > 64 && (size_t)n * sizeof(real) % 1024 == 0);
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {
@@ -84,7 +86,7 @@ elbow_status elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_rea
             real *at_A = A + first;
             real *at_B = B + first;
             if (copied) {
-                real *at = space + 84 * LANES;
+                real *at = space + 672 * LANES;
                 stride = 64;
                 gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
                 at_q_a = at;
@@ -109,10 +111,11 @@ elbow_status elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_rea
                 zero += linearize_evaluate_v(at_q_a + k, at_v_a + k, at_q_m + k, at_v_m + k, at_tau_m + k, at_A + k, at_B + k, (lanes *)space, stride);
             }
             if (copied) {
-                scatter_points(at_A, ELBOW_NX * ELBOW_NX, count, 64, A + first, n);
-                scatter_points(at_B, ELBOW_NX * ELBOW_NM, count, 64, B + first, n);
+                scatter_points(at_A, ELBOW_NX * ELBOW_NX, count, 64, A + first, n, past);
+                scatter_points(at_B, ELBOW_NX * ELBOW_NM, count, 64, B + first, n, past);
             }
         }
+        end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
     return bad == 0 ? ELBOW_OK : linearize_failed(q_a, v_a, q_m, v_m, tau_m, A, B, n, n);

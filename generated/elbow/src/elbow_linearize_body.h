@@ -59,9 +59,9 @@ SEPARATE static T F(linearize_evaluate_1_1)(const real *RESTRICT q_a, const real
     const T t79 = t77 - t78;
     const T t45 = t27 + t44;
     const T t84 = 84.74576271186442 * t83;
-    w[3] = t84;
+    w[17] = t84;
     const T t80 = 84.74576271186442 * t79;
-    w[2] = t80;
+    w[16] = t80;
     const T t47 = t45 * t46;
     const T t52 = t47 + t51;
     const T t53 = 1.15 * t52;
@@ -113,14 +113,14 @@ SEPARATE static T F(linearize_evaluate_2_1)(const real *RESTRICT q_a, const real
     const T t49 = 88.46625 * t48;
     const T t54 = t26 - t53;
     const T t70 = t22 * t69;
-    w[40] = t70;
+    w[436] = t70;
     const T t72 = 203.472375 * t42;
     const T t36 = t34 - 7518900.0;
     const T t14 = t7 - 496.00482796999995;
-    w[4] = -t14;
+    w[32] = -t14;
     const T t19 = t17 - 89.77680625;
-    w[8] = -t19;
-    w[5] = -t19;
+    w[112] = -t19;
+    w[33] = -t19;
     const T t44 = t42 * t43;
     const T t58 = t29 - t57;
     const T t31 = t27 + t30;
@@ -128,69 +128,69 @@ SEPARATE static T F(linearize_evaluate_2_1)(const real *RESTRICT q_a, const real
     const T t55 = t22 * t54;
     const T t75 = t70 + 1400.0;
     const T t73 = t22 * t72;
-    w[25] = -t73;
+    w[357] = -t73;
     const T t45 = t1 * t44;
     const T t59 = t1 * t58;
     const T t32 = 88.46625 * t31;
-    w[36] = t32;
+    w[432] = t32;
     const T t76 = t73 - t75;
-    w[24] = -t76;
+    w[356] = -t76;
     const T t51 = t45 - t50;
     const T t60 = t55 + t59;
     const T t37 = t32 - t36;
-    w[20] = t37;
+    w[352] = t37;
     const T t52 = 1.15 * t51;
     const T t61 = 88.46625 * t60;
     const T t62 = t52 + t61;
-    w[21] = t62;
+    w[353] = t62;
     const T t64 = t61 + 4099900.0;
-    w[37] = t64;
-    w[12] = F(splat)(0.0);
-    w[16] = F(splat)(0.0);
-    w[13] = F(splat)(0.0);
-    w[17] = F(splat)(0.0);
-    w[6] = F(splat)(0.0);
-    w[10] = F(splat)(0.0);
-    w[18] = F(splat)(0.0);
-    w[7] = F(splat)(0.0);
-    w[11] = F(splat)(0.0);
-    w[15] = F(splat)(0.0);
-    w[68] = F(splat)(0.0);
-    w[53] = F(splat)(0.0);
-    w[38] = F(splat)(0.0);
-    w[70] = F(splat)(0.0);
-    w[23] = F(splat)(0.0);
-    w[55] = F(splat)(0.0);
-    w[72] = F(splat)(0.0);
-    w[57] = F(splat)(0.0);
-    w[42] = F(splat)(0.0);
-    w[74] = F(splat)(0.0);
-    w[27] = F(splat)(0.0);
-    w[59] = F(splat)(0.0);
-    w[28] = F(splat)(0.0);
-    w[44] = F(splat)(0.0);
-    w[76] = F(splat)(0.0);
-    w[29] = F(splat)(0.0);
-    w[45] = F(splat)(0.0);
-    w[61] = F(splat)(0.0);
-    w[9] = F(splat)(89.77680625);
-    w[14] = F(splat)(0.0118);
-    w[19] = F(splat)(0.0118);
-    w[52] = F(splat)((-28115.54487179487));
-    w[22] = F(splat)((-28115.54487179487));
-    w[69] = F(splat)((-16247.952443857332));
-    w[39] = F(splat)((-16247.952443857332));
-    w[54] = F(splat)(105.13291351632697);
-    w[71] = F(splat)(64.39082870749273);
-    w[56] = F(splat)((-5.235042735042735));
-    w[26] = F(splat)((-5.235042735042735));
-    w[41] = F(splat)(600.0);
-    w[73] = F(splat)((-2.3778071334214));
-    w[43] = F(splat)((-2.3778071334214));
-    w[58] = F(splat)(0.0195754803126598);
-    w[75] = F(splat)(0.009423277939582825);
-    w[60] = F(splat)((-1.0));
-    w[77] = F(splat)((-1.0));
+    w[433] = t64;
+    w[192] = F(splat)(0.0);
+    w[272] = F(splat)(0.0);
+    w[193] = F(splat)(0.0);
+    w[273] = F(splat)(0.0);
+    w[34] = F(splat)(0.0);
+    w[114] = F(splat)(0.0);
+    w[274] = F(splat)(0.0);
+    w[35] = F(splat)(0.0);
+    w[115] = F(splat)(0.0);
+    w[195] = F(splat)(0.0);
+    w[592] = F(splat)(0.0);
+    w[513] = F(splat)(0.0);
+    w[434] = F(splat)(0.0);
+    w[594] = F(splat)(0.0);
+    w[355] = F(splat)(0.0);
+    w[515] = F(splat)(0.0);
+    w[596] = F(splat)(0.0);
+    w[517] = F(splat)(0.0);
+    w[438] = F(splat)(0.0);
+    w[598] = F(splat)(0.0);
+    w[359] = F(splat)(0.0);
+    w[519] = F(splat)(0.0);
+    w[360] = F(splat)(0.0);
+    w[440] = F(splat)(0.0);
+    w[600] = F(splat)(0.0);
+    w[361] = F(splat)(0.0);
+    w[441] = F(splat)(0.0);
+    w[521] = F(splat)(0.0);
+    w[113] = F(splat)(89.77680625);
+    w[194] = F(splat)(0.0118);
+    w[275] = F(splat)(0.0118);
+    w[512] = F(splat)((-28115.54487179487));
+    w[354] = F(splat)((-28115.54487179487));
+    w[593] = F(splat)((-16247.952443857332));
+    w[435] = F(splat)((-16247.952443857332));
+    w[514] = F(splat)(105.13291351632697);
+    w[595] = F(splat)(64.39082870749273);
+    w[516] = F(splat)((-5.235042735042735));
+    w[358] = F(splat)((-5.235042735042735));
+    w[437] = F(splat)(600.0);
+    w[597] = F(splat)((-2.3778071334214));
+    w[439] = F(splat)((-2.3778071334214));
+    w[518] = F(splat)(0.0195754803126598);
+    w[599] = F(splat)(0.009423277939582825);
+    w[520] = F(splat)((-1.0));
+    w[601] = F(splat)((-1.0));
     const T z83 = 0.0 * t70 + 0.0 * t73;
     const T z84 = 0.0 * t14 + 0.0 * t19;
     const T z85 = z83 + 0.0 * t76;
@@ -205,57 +205,95 @@ SEPARATE static T F(linearize_evaluate_2_1)(const real *RESTRICT q_a, const real
 SEPARATE static T F(linearize_solve_3)(real *RESTRICT A, real *RESTRICT B, T *RESTRICT w STRIDE(ptrdiff_t n))
 {
     static const unsigned char first[4] = {0, 0, 2, 3};
-    T *const matrix = w + 4;
-    ROW *const rows = ROWS(w + 20);
-    const int count = ROW_COUNT(10);
-    T inverse[4];
+    T *const matrix = w + 32;
+    ROW *const upper = ROWS(matrix);
+    ROW *const rows = ROWS(w + 352);
+    const int count = ROW_FOURS(10);
+    T inverse[4], factor[4];
     ROW sum = ROW_OF(0);
-    int i, j, k;
+    int i, j, k, begin;
     for (i = 0; i < 4; ++i) {
-        for (j = 10; j < 16; ++j) {
-            w[20 + i * 16 + j] = F(splat)(0);
+        for (j = 4; j < ROW_END(4); ++j) {
+            matrix[i * 80 + j] = F(splat)(0);
+        }
+        for (j = 10; j < ROW_END(10); ++j) {
+            w[352 + i * 80 + j] = F(splat)(0);
         }
     }
     for (i = 0; i < 4; ++i) {
-        const T whole = matrix[i * 5];
-        T d = whole;
+        ROW *const x = upper + i * ROW_COUNT(80);
+        const T whole = matrix[i * 81];
         for (j = first[i]; j < i; ++j) {
-            T x = matrix[i * 4 + j];
-            for (k = first[i] > first[j] ? first[i] : first[j]; k < j; ++k) {
-                x -= matrix[i * 4 + k] * matrix[j * 4 + k];
+            factor[j] = matrix[j * 80 + i] * inverse[j];
+        }
+        for (k = ROW_OF_COLUMN(i) / 4 * 4; k < ROW_FOURS(4); k += 4) {
+            ROW rest0 = x[k];
+            ROW rest1 = x[k + 1];
+            ROW rest2 = x[k + 2];
+            ROW rest3 = x[k + 3];
+            for (j = first[i]; j < i; ++j) {
+                const T times = factor[j];
+                rest0 -= times * upper[j * ROW_COUNT(80) + k];
+                rest1 -= times * upper[j * ROW_COUNT(80) + k + 1];
+                rest2 -= times * upper[j * ROW_COUNT(80) + k + 2];
+                rest3 -= times * upper[j * ROW_COUNT(80) + k + 3];
             }
-            matrix[i * 4 + j] = x;
+            x[k] = rest0;
+            x[k + 1] = rest1;
+            x[k + 2] = rest2;
+            x[k + 3] = rest3;
         }
         for (j = first[i]; j < i; ++j) {
-            const T x = matrix[i * 4 + j];
-            matrix[i * 4 + j] = x * inverse[j];
-            d -= x * matrix[i * 4 + j];
+            matrix[i * 80 + j] = factor[j];
         }
-        inverse[i] = F(guarded)(F(splat)(1) / d, d, 8.881784197001252e-16 * whole);
+        inverse[i] = F(guarded)(F(splat)(1) / matrix[i * 81], matrix[i * 81], 8.881784197001252e-16 * whole);
     }
     for (i = 0; i < 4; ++i) {
-        ROW *const x = rows + i * ROW_COUNT(16);
-        for (j = first[i]; j < i; ++j) {
-            const T factor = matrix[i * 4 + j];
-            const ROW *const y = rows + j * ROW_COUNT(16);
-            for (k = 0; k < count; ++k) {
-                x[k] -= factor * y[k];
-            }
-        }
-    }
-    for (i = 3; i >= 0; --i) {
-        ROW *const x = rows + i * ROW_COUNT(16);
-        const T pivot = inverse[i];
-        for (k = 0; k < count; ++k) {
-            x[k] *= pivot;
-        }
         for (j = i + 1; j < 4; ++j) {
-            if (first[j] <= i) {
-                const T factor = matrix[j * 4 + i];
-                const ROW *const y = rows + j * ROW_COUNT(16);
-                for (k = 0; k < count; ++k) {
-                    x[k] -= factor * y[k];
+            matrix[i * 80 + j] = matrix[i * 80 + j] * inverse[i];
+        }
+    }
+    for (begin = 0; begin < count; begin += ROW_BLOCK) {
+        const int end = begin + ROW_BLOCK < count ? begin + ROW_BLOCK : count;
+        for (i = 0; i < 4; ++i) {
+            ROW *const x = rows + i * ROW_COUNT(80);
+            for (k = begin; k < end; k += 4) {
+                ROW rest0 = x[k];
+                ROW rest1 = x[k + 1];
+                ROW rest2 = x[k + 2];
+                ROW rest3 = x[k + 3];
+                for (j = first[i]; j < i; ++j) {
+                    const T times = matrix[i * 80 + j];
+                    rest0 -= times * rows[j * ROW_COUNT(80) + k];
+                    rest1 -= times * rows[j * ROW_COUNT(80) + k + 1];
+                    rest2 -= times * rows[j * ROW_COUNT(80) + k + 2];
+                    rest3 -= times * rows[j * ROW_COUNT(80) + k + 3];
                 }
+                x[k] = rest0;
+                x[k + 1] = rest1;
+                x[k + 2] = rest2;
+                x[k + 3] = rest3;
+            }
+        }
+        for (i = 3; i >= 0; --i) {
+            ROW *const x = rows + i * ROW_COUNT(80);
+            const T pivot = inverse[i];
+            for (k = begin; k < end; k += 4) {
+                ROW rest0 = pivot * x[k];
+                ROW rest1 = pivot * x[k + 1];
+                ROW rest2 = pivot * x[k + 2];
+                ROW rest3 = pivot * x[k + 3];
+                for (j = i + 1; j < 4; ++j) {
+                    const T times = matrix[i * 80 + j];
+                    rest0 -= times * rows[j * ROW_COUNT(80) + k];
+                    rest1 -= times * rows[j * ROW_COUNT(80) + k + 1];
+                    rest2 -= times * rows[j * ROW_COUNT(80) + k + 2];
+                    rest3 -= times * rows[j * ROW_COUNT(80) + k + 3];
+                }
+                x[k] = rest0;
+                x[k + 1] = rest1;
+                x[k + 2] = rest2;
+                x[k + 3] = rest3;
             }
         }
     }
@@ -264,7 +302,7 @@ SEPARATE static T F(linearize_solve_3)(real *RESTRICT A, real *RESTRICT B, T *RE
     }
     for (j = 0; j < 8; ++j) {
         for (i = 0; i < 4; ++i) {
-            OUT(A, (j + 0) * 8 + 4 + i, F(splat)(0) - w[20 + i * 16 + j + 0]);
+            OUT(A, (j + 0) * 8 + 4 + i, F(splat)(0) - w[352 + i * 80 + j + 0]);
         }
     }
     OUT(A, 32, F(splat)(1));
@@ -276,11 +314,11 @@ SEPARATE static T F(linearize_solve_3)(real *RESTRICT A, real *RESTRICT B, T *RE
     }
     for (j = 0; j < 2; ++j) {
         for (i = 0; i < 4; ++i) {
-            OUT(B, (j + 0) * 8 + 4 + i, F(splat)(0) - w[20 + i * 16 + j + 8]);
+            OUT(B, (j + 0) * 8 + 4 + i, F(splat)(0) - w[352 + i * 80 + j + 8]);
         }
     }
     for (i = 0; i < 4; ++i) {
-        const ROW *const x = rows + i * ROW_COUNT(16);
+        const ROW *const x = rows + i * ROW_COUNT(80);
         for (k = 0; k < count; ++k) {
             sum += ZERO * x[k];
         }

@@ -43,8 +43,10 @@ elbow_status elbow_mass_matrix(const elbow_real q_a[ELBOW_NA], elbow_real M[ELBO
 
 elbow_status elbow_mass_matrix_batch(int n, const elbow_real *q_a, elbow_real *M, elbow_real *work)
 {
-    /* Arrays are copied where columns of results share the same cache lines, and for the last points. */
-    const int collide = 0;
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > 2097152;
+    const int collide = past;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {
@@ -86,9 +88,10 @@ elbow_status elbow_mass_matrix_batch(int n, const elbow_real *q_a, elbow_real *M
                 zero += mass_matrix_evaluate_v(at_q_a + k, at_M + k, stride);
             }
             if (copied) {
-                scatter_points(at_M, ELBOW_NA * ELBOW_NA, count, 64, M + first, n);
+                scatter_points(at_M, ELBOW_NA * ELBOW_NA, count, 64, M + first, n, past);
             }
         }
+        end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
     return bad == 0 ? ELBOW_OK : mass_matrix_failed(q_a, M, n, n);

@@ -43,8 +43,10 @@ elbow_status elbow_motor_friction(const elbow_real v_m[ELBOW_NM], elbow_real f_m
 
 elbow_status elbow_motor_friction_batch(int n, const elbow_real *v_m, elbow_real *f_m, elbow_real *work)
 {
-    /* Arrays are copied where columns of results share the same cache lines, and for the last points. */
-    const int collide = 0;
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > 4194304;
+    const int collide = past;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {
@@ -86,9 +88,10 @@ elbow_status elbow_motor_friction_batch(int n, const elbow_real *v_m, elbow_real
                 zero += motor_friction_evaluate_v(at_v_m + k, at_f_m + k, stride);
             }
             if (copied) {
-                scatter_points(at_f_m, ELBOW_NM, count, 64, f_m + first, n);
+                scatter_points(at_f_m, ELBOW_NM, count, 64, f_m + first, n, past);
             }
         }
+        end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
     return bad == 0 ? ELBOW_OK : motor_friction_failed(v_m, f_m, n, n);

@@ -48,8 +48,10 @@ elbow_status elbow_output_constraint(const elbow_real q_a[ELBOW_NA], const elbow
 elbow_status elbow_output_constraint_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *target, elbow_real *y_err, elbow_real *W, elbow_real *Wdot_v, elbow_real *work)
 {
-    /* Arrays are copied where columns of results share the same cache lines, and for the last points. */
-    const int collide = 0;
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > 1048576;
+    const int collide = past;
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {
@@ -105,11 +107,12 @@ elbow_status elbow_output_constraint_batch(int n, const elbow_real *q_a, const e
                 zero += output_constraint_evaluate_v(at_q_a + k, at_v_a + k, at_target + k, at_y_err + k, at_W + k, at_Wdot_v + k, stride);
             }
             if (copied) {
-                scatter_points(at_y_err, ELBOW_NY, count, 64, y_err + first, n);
-                scatter_points(at_W, ELBOW_NY * ELBOW_NA, count, 64, W + first, n);
-                scatter_points(at_Wdot_v, ELBOW_NY, count, 64, Wdot_v + first, n);
+                scatter_points(at_y_err, ELBOW_NY, count, 64, y_err + first, n, past);
+                scatter_points(at_W, ELBOW_NY * ELBOW_NA, count, 64, W + first, n, past);
+                scatter_points(at_Wdot_v, ELBOW_NY, count, 64, Wdot_v + first, n, past);
             }
         }
+        end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
     return bad == 0 ? ELBOW_OK : output_constraint_failed(q_a, v_a, target, y_err, W, Wdot_v, n, n);

@@ -9,5 +9,9 @@
 #define ROW lanes
 #define ROWS(x) ((lanes *)(x))
 #define ROW_COUNT(n) (((n) + LANES - 1) / LANES)
+#define ROW_OF_COLUMN(i) ((i) / LANES)
+#define ROW_FOURS(n) ((ROW_COUNT(n) + 3) / 4 * 4)
+#define ROW_END(n) (ROW_FOURS(n) * LANES)
+#define ROW_BLOCK 64
 #define ROW_OF(x) splat_v(x)
 #define ROW_SUM(x) sum_v(x)

@@ -10,4 +10,8 @@
 #undef ROWS
 #undef ROW_COUNT
 #undef ROW_OF
+#undef ROW_BLOCK
+#undef ROW_OF_COLUMN
+#undef ROW_END
+#undef ROW_FOURS
 #undef ROW_SUM
