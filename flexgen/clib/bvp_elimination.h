@@ -308,7 +308,7 @@ static inline int bvp_factor(bvp_problem *b, bvp_space *w, real *space)
     fill_end(b->first, b->from_start, m->y, b->equilibrium_start, node);
     for (int first = 0; first < m->N; first += GROUP) {
         const int count = m->N - first < GROUP ? m->N - first : (int)GROUP;
-        const int status = evaluate_group(m, first, count, w->lq.point, &w->lq, space);
+        const int status = evaluate_group(m, first, NULL, count, w->lq.point, &w->lq, space);
         if (status != MODEL_OK) {
             return status;
         }

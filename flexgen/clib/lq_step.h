@@ -45,15 +45,37 @@ typedef struct {
     real P[STATES * STATES], p[STATES];
 } lq_space;
 
-/* Residuals and Jacobians at the Gauss points of the intervals first ... first + count - 1, POINT numbers for each. */
-static inline int evaluate_group(mesh *m, int first, int count, real *points_out, lq_space *w, real *space)
+/* Residuals and Jacobians of point l of `arm`, which is Gauss point k; the joints are updated. */
+static inline void keep_point(mesh *m, const problem_points *arm, int l, ptrdiff_t k, real *to)
+{
+    for (int i = 0; i < NE; ++i) {
+        const real unit = 1.0 / m->scale[i];
+        for (int j = 0; j < NE; ++j) {
+            to[i * TRIPLE + j] = unit * arm->K[j][i][l];
+            to[i * TRIPLE + NE + j] = unit * arm->D[j][i][l];
+            to[i * TRIPLE + 2 * NE + j] = unit * arm->A[j][i][l];
+        }
+        to[NE * TRIPLE + i] = unit * arm->row[i][l];
+    }
+    for (int i = 0; i < NG; ++i) {
+        m->q_g[k * NG + i] = arm->q[i_g[i]][l];
+    }
+}
+
+/*
+ * Residuals and Jacobians at the Gauss points of `count` intervals, POINT numbers for each: of first and the following
+ * ones, or of those in `list`, whose numbers go to their slots.
+ */
+static inline int evaluate_group(
+    mesh *m, int first, const int *list, int count, real *points_out, lq_space *w, real *space)
 {
     for (int at = 0; at < count * STAGES; at += POINTS) {
-        const int begin = first * STAGES + at;
         const int used = count * STAGES - at < POINTS ? count * STAGES - at : POINTS;
-        int status;
+        int which[POINTS], status;
         for (int l = 0; l < POINTS; ++l) {
-            load_point(m, begin + (l < used ? l : used - 1), &w->arm, l);
+            const int k = at + (l < used ? l : used - 1);
+            which[l] = list != NULL ? list[k / STAGES] * STAGES + k % STAGES : first * STAGES + k;
+            load_point(m, which[l], &w->arm, l);
         }
         status = solve_kinematics(&w->arm, space);
         if (status == MODEL_OK) {
@@ -63,19 +85,9 @@ static inline int evaluate_group(mesh *m, int first, int count, real *points_out
             return status;
         }
         for (int l = 0; l < used; ++l) {
-            real *to = points_out + (ptrdiff_t)(at + l) * POINT;
-            for (int i = 0; i < NE; ++i) {
-                const real unit = 1.0 / m->scale[i];
-                for (int j = 0; j < NE; ++j) {
-                    to[i * TRIPLE + j] = unit * w->arm.K[j][i][l];
-                    to[i * TRIPLE + NE + j] = unit * w->arm.D[j][i][l];
-                    to[i * TRIPLE + 2 * NE + j] = unit * w->arm.A[j][i][l];
-                }
-                to[NE * TRIPLE + i] = unit * w->arm.row[i][l];
-            }
-            for (int i = 0; i < NG; ++i) {
-                m->q_g[(ptrdiff_t)(begin + l) * NG + i] = w->arm.q[i_g[i]][l];
-            }
+            const ptrdiff_t to = list != NULL ? slot_of(m, which[l] / STAGES) * STAGES + which[l] % STAGES :
+                                                (ptrdiff_t)at + l;
+            keep_point(m, &w->arm, l, which[l], points_out + to * POINT);
         }
     }
     return MODEL_OK;
@@ -165,6 +177,16 @@ static inline void interval_rows(const mesh *m, const real *point, real *J)
             }
         }
     }
+}
+
+/* J' J of an interval. */
+static inline void sum_of_rows(const mesh *m, const real *point, real *J, real *H)
+{
+    interval_rows(m, point, J);
+    for (int i = 0; i < COLUMNS * WIDTH; ++i) {
+        H[i] = 0.0;
+    }
+    add_outer_products(H, J, J, RESIDUALS, 0);
 }
 
 /* Scaled distance of state i of node k from its target. */
@@ -282,17 +304,13 @@ static inline int lq_factor_before(mesh *m, int last, real *kept, lq_space *w, r
     while (last > 0) {
         const int first = last > GROUP ? last - GROUP : 0;
         real *points_out = kept != NULL ? kept + (ptrdiff_t)first * STAGES * POINT : w->point;
-        const int status = evaluate_group(m, first, last - first, points_out, w, space);
+        const int status = evaluate_group(m, first, NULL, last - first, points_out, w, space);
         if (status != MODEL_OK) {
             return status;
         }
         for (int k = last - 1; k >= first; --k) {
-            interval_rows(m, points_out + (ptrdiff_t)(k - first) * STAGES * POINT, w->J);
-            for (int i = 0; i < COLUMNS * WIDTH; ++i) {
-                w->H[i] = 0.0;
-            }
-            add_outer_products(w->H, w->J, w->J, RESIDUALS, 0);
-            if (!factor_interval(m, k, w, m->factor + (ptrdiff_t)k * CONTROLS * WIDTH)) {
+            sum_of_rows(m, points_out + (ptrdiff_t)(k - first) * STAGES * POINT, w->J, w->H);
+            if (!factor_interval(m, k, w, m->factor + slot_of(m, k) * CONTROLS * WIDTH)) {
                 return MODEL_NOT_CONVERGED;
             }
         }
@@ -378,15 +396,11 @@ static inline int lq_stationary_cost(
     real *H = w->point + STAGES * POINT; /* sum over the rows of J; the space of other points is free */
     int status;
     begin_points(&w->arm);
-    status = evaluate_group(hold, 0, 1, w->point, w, space);
+    status = evaluate_group(hold, 0, NULL, 1, w->point, w, space);
     if (status != MODEL_OK) {
         return status;
     }
-    interval_rows(hold, w->point, w->J);
-    for (int i = 0; i < COLUMNS * WIDTH; ++i) {
-        H[i] = 0.0;
-    }
-    add_outer_products(H, w->J, w->J, RESIDUALS, 0);
+    sum_of_rows(hold, w->point, w->J, H);
     for (int i = 0; i < STATES * STATES; ++i) {
         cost[i] = w->P[i] = i % (STATES + 1) == 0 ? initial : 0.0;
     }
@@ -461,6 +475,103 @@ static inline void lq_controls(const real *factor, const real *linear, real *x)
     }
 }
 
+/* What the linear terms of a step depend on, beside the factors; `slot_of` gives the number of an interval. */
+typedef struct {
+    const real *point;         /* varying x STAGES x POINT: K, D, A of the factors, and BLOCK more */
+    const real *steady_point;  /* STAGES x POINT, and BLOCK more: of the intervals that do not vary, if any */
+    const real *steady_factor; /* CONTROLS x WIDTH */
+    real *row;                 /* N x STAGES x NE: residuals */
+    real *linear;              /* N x CONTROLS: right sides of the factors */
+} lq_data;
+
+/* The factor of interval k. */
+static inline const real *factor_of(const mesh *m, const lq_data *c, ptrdiff_t k)
+{
+    return k < m->varying ? m->factor + slot_of(m, k) * CONTROLS * WIDTH : c->steady_factor;
+}
+
+/* Weights by `stage_weights` of all pairs of points. */
+typedef struct {
+    real once[STAGES][STAGES], twice[STAGES][STAGES];
+} pair_weights;
+
+/* J' R of an interval in its scaled unknowns. */
+static inline void lq_gradient(const pair_weights *weights, const real *point, const real *row, real h, real *g)
+{
+    for (int i = 0; i < WIDTH; ++i) {
+        g[i] = 0.0;
+    }
+    for (int s = 0; s < STAGES; ++s) {
+        const real *at = point + s * POINT, *R = row + s * NE;
+        real sums[TRIPLE + BLOCK]; /* K' R, D' R, A' R */
+        for (int j = 0; j < TRIPLE; j += LANES) {
+            lanes sum = splat_v(0.0);
+            for (int i = 0; i < NE; ++i) {
+                sum += splat_v(R[i]) * load_v(at + i * TRIPLE + j);
+            }
+            store_v(sums + j, sum);
+        }
+        for (int i = 0; i < NE; ++i) {
+            const real K = sums[i], D = sums[NE + i], A = sums[2 * NE + i];
+            for (int t = 0; t < STAGES; ++t) {
+                g[t * NE + i] += weights->twice[s][t] * K + weights->once[s][t] * D;
+            }
+            g[s * NE + i] += scale_a * A;
+            g[CONTROLS + i] += scale_q * K;
+            g[CONTROLS + NE + i] += scale_v * (h * gauss_c[s] * K + D);
+        }
+    }
+}
+
+/* The linear terms of a step with known factors, backwards; 0 where one is not finite. */
+static inline int lq_linear(const mesh *m, const lq_data *c)
+{
+    const real h = m->h, drift = h * scale_v / scale_q, *end = m->y + (ptrdiff_t)m->N * STATES;
+    real p[STATES], to_q[STAGES], to_v[STAGES];
+    pair_weights weights;
+    for (int j = 0; j < STAGES; ++j) {
+        to_q[j] = h * h * gauss_b[j] * (1.0 - gauss_c[j]) * scale_a / scale_q;
+        to_v[j] = h * gauss_b[j] * scale_a / scale_v;
+        for (int t = 0; t < STAGES; ++t) {
+            stage_weights(h, j, t, &weights.once[j][t], &weights.twice[j][t]);
+        }
+    }
+    for (int i = 0; i < STATES; ++i) {
+        p[i] = 0.0;
+        for (int j = 0; j < STATES; ++j) {
+            const real off = m->target_state != NULL ? target_distance(m, m->N, j) :
+                                                       (end[j] - m->equilibrium[j]) / (j < NE ? scale_q : scale_v);
+            p[i] += m->end[i * STATES + j] * off;
+        }
+    }
+    for (ptrdiff_t k = m->N - 1; k >= 0; --k) {
+        const real *factor = factor_of(m, c, k);
+        real g[WIDTH];
+        lq_gradient(&weights, k < m->varying ? c->point + slot_of(m, k) * STAGES * POINT : c->steady_point,
+            c->row + k * STAGES * NE, h, g);
+        for (int i = 0; i < NE; ++i) {
+            for (int s = 0; s < STAGES; ++s) {
+                g[s * NE + i] += to_q[s] * p[i] + to_v[s] * p[NE + i];
+            }
+            g[CONTROLS + i] += p[i];
+            g[CONTROLS + NE + i] += drift * p[i] + p[NE + i];
+        }
+        for (int i = 0; i < STATES && m->target_state != NULL; ++i) {
+            g[CONTROLS + i] += regularization * target_distance(m, k, i);
+        }
+        for (int i = 0; i < CONTROLS; ++i) { /* as `eliminate` does it with the last column */
+            const real *row = factor + i * WIDTH;
+            const real weighed = g[i] * row[i];
+            c->linear[k * CONTROLS + i] = g[i];
+            for (int j = i / BLOCK * BLOCK; j < WIDTH; j += LANES) {
+                store_v(g + j, load_v(g + j) + splat_v(weighed) * load_v(row + j));
+            }
+        }
+        copy(g + CONTROLS, STATES, p);
+    }
+    return is_finite(p, STATES);
+}
+
 /* The x of `lq_controls` for a state. */
 static inline void lq_state(const real *d, real forced, real *x)
 {
@@ -497,7 +608,7 @@ static inline int lq_preview(const mesh *m, const real *P, real felt, real *most
                 break;
             }
             lq_state(d, 0.0, x);
-            lq_controls(m->factor + (ptrdiff_t)k * CONTROLS * WIDTH, NULL, x);
+            lq_controls(m->factor + slot_of(m, k) * CONTROLS * WIDTH, NULL, x);
             for (int a = 0; a < CONTROLS; ++a) {
                 da[a] = x[a] * scale_a;
             }
@@ -560,9 +671,20 @@ static inline void step_last_node(mesh *m, const real d[STATES])
 static inline void lq_step(mesh *m, real d[STATES])
 {
     for (int k = 0; k < m->N; ++k) {
-        (void)step_interval(m, k, m->factor + (ptrdiff_t)k * CONTROLS * WIDTH, NULL, d);
+        (void)step_interval(m, k, m->factor + slot_of(m, k) * CONTROLS * WIDTH, NULL, d);
     }
     step_last_node(m, d);
+}
+
+/* The step itself, forwards, by factors and right sides; its largest scaled control. d: as in `lq_step`. */
+static inline real lq_data_step(mesh *m, const lq_data *c, real d[STATES])
+{
+    real most = 0.0;
+    for (ptrdiff_t k = 0; k < m->N; ++k) {
+        most = fmax_1(most, step_interval(m, k, factor_of(m, c, k), c->linear + k * CONTROLS, d));
+    }
+    step_last_node(m, d);
+    return most;
 }
 
 #endif

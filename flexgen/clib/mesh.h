@@ -25,10 +25,18 @@ typedef struct {
     real *target_state;      /* (N + 1) x STATES: targets of the nodes; NULL: their present states */
     const real *equilibrium; /* STATES: target of the last node where target_state is NULL; NULL: its present state */
     real *factor;            /* N x CONTROLS x WIDTH: rows of the elimination, pivots inverted on the diagonal */
+    int base;                /* where the factors begin: that of interval k is number (base + k) modulo N */
     real *scale;             /* NE: torque of a row */
     const real *end;         /* STATES x STATES: weight of the last node; NULL: the regularization */
     real residual;           /* out: largest |R / s_r| */
 } mesh;
+
+/* Number of what is stored for interval k. */
+static inline ptrdiff_t slot_of(const mesh *m, ptrdiff_t k)
+{
+    const ptrdiff_t at = m->base + k;
+    return at < m->N ? at : at - m->N;
+}
 
 /* Coordinates and speeds at a Gauss point from the node before and the accelerations of the interval. */
 static inline void stage_state(const real *y, const real *a, real h, int s, real *q, real *v)

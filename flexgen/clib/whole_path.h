@@ -227,6 +227,7 @@ static inline mesh mesh_in(const whole_layout *l, const model_path *p, const mod
     m.target_state = NULL;
     m.equilibrium = NULL;
     m.factor = work + l->factor;
+    m.base = 0;
     m.scale = work + l->scale;
     m.end = NULL;
     m.residual = (real)NAN;

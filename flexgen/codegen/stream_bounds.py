@@ -83,7 +83,8 @@ def stream_size(sizes: Mapping[str, int], function_work: int, block: int) -> Lin
     if n_e:
         total += Linear((PAST + 1) * (states + n_e) + PAST * controls, states + controls + n_e, 0)
         total += Linear(n_e + LEVELS * LAST * n_e + states * states + states, controls * width + states, 0)
-        total += Linear(8 * rounding, 0, 0)
+        total += Linear(block, STAGES * point + states * states + 2 * controls, 0)  # data of the factors
+        total += Linear(12 * rounding, 0, 0)
     return total
 
 
@@ -111,7 +112,7 @@ def stream_operations(sizes: Mapping[str, int], operations: Mapping[str, int], b
     total += _limits(sizes, kinematics + rows, path, spring + motors, block)
     if n_e:
         reduced = _reduced(sizes, operations["inversion_jacobians"], block)
-        total += _lq(n_e, kinematics + reduced, block)
+        total += _lq(n_e, kinematics + reduced, kinematics + rows, block)
         levels = LEVELS * (kinematics + reduced + LAST * (2 * n_e**3 + 40 * n_e * n_e))
         total += Linear(levels + 4 * (2 * n_e) ** 2, 60 * n_e, 0)
         total += Linear(reduced + 4 * n_e**2 * (n_e + n_y) + 20 * (n_g + n_e) * n_y * (n_e + n_g), 0, 0)
@@ -135,8 +136,9 @@ def _reduced(sizes: Mapping[str, int], jacobians: int, block: int) -> int:
     return block * (jacobians + products + n_e * n_e * n_g * 14 + n_e * (3 * n_e + 1) + 2 * n_e)
 
 
-def _lq(n_e: int, point_group: int, block: int) -> Linear:
-    """Operations of a Gauss-Newton step over the horizon; ``point_group``: of a block of Gauss points."""
+def _lq(n_e: int, point_group: int, row_group: int, block: int) -> Linear:
+    """Operations of a Gauss-Newton step over the horizon; ``point_group``: of a block of Gauss points with Jacobians,
+    ``row_group``: of one without."""
     states, controls = 2 * n_e, STAGES * n_e
     width = (controls + states + block) // block * block
     tall = controls + states + 9
@@ -145,9 +147,11 @@ def _lq(n_e: int, point_group: int, block: int) -> Linear:
     cost = n_e * (STAGES * (controls * 14 + n_e * 16) + 40 * n_e + 60) + 40 * STAGES
     elimination = outer + controls * width * (2 * PANEL + 4)
     step = 2 * controls * (width + 17) + 60 * n_e + 10 * controls
-    interval = residual_rows + outer + cost + elimination + step + 4 * states * states
+    gradient = STAGES * n_e * (6 * (n_e + 6) + 40) + 2 * controls * (width + 8) + 60 * n_e + 4 * width
+    interval = residual_rows + outer + cost + elimination + step + gradient + 4 * states * states
     groups = -(-GROUP * STAGES // block)
-    return Linear(groups * point_group + 4 * states * states, groups * point_group // GROUP + 1 + interval, 0)
+    all_points = point_group + row_group
+    return Linear(groups * all_points + 4 * states * states + 400, groups * all_points // GROUP + 1 + interval, 0)
 
 
 def _limits(sizes: Mapping[str, int], group: int, path: int, motors: int, block: int) -> Linear:

@@ -129,13 +129,13 @@ elbow_status elbow_invert(const elbow_path *p, PARAMETERS_ARGUMENT const real q_
             status = terminal_cost(&m, &l, &own, p->y + (p->n - 1) * (ptrdiff_t)NT, q, work);
         }
         if (status == ELBOW_OK) {
-            lq_path c;
+            lq_data c;
             c.point = work + own.point;
             c.row = work + own.row;
             c.linear = work + own.linear;
             c.steady_point = work + own.steady_point;
             c.steady_factor = work + own.steady_factor;
-            status = lq_path_solve(&m, &c, options->tolerance, info, w, work + l.space);
+            status = lq_path_solve(&m, work + own.point, &c, options->tolerance, info, w, work + l.space);
             info->residual = m.residual;
             info->intervals = m.N;
         }

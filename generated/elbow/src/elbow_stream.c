@@ -3,6 +3,7 @@
 
 #include "elbow_stream_moving.h"
 #include "elbow_stream_output.h"
+#include "elbow_stream_step.h"
 #include "elbow_equilibrium.h"
 
 enum { SETTLING_SWEEPS = 10 }; /* sweeps after which the cost of an endless equilibrium has converged */
@@ -109,6 +110,8 @@ elbow_status elbow_stream_start(real *stream, int64_t stream_size, const elbow_s
     stream[TOLERANCE] = options->tolerance;
     stream[HOLD] = (real)options->hold;
     stream[DELAY] = options->delay;
+    stream[BASE] = 0.0;
+    stream[STALE] = 1.0;
     stream[SIDE] = 0.0; /* side of singular poses: not known before the first sample */
     stream[l.limits] = 0.0;
     for (int i = 0; i < MEASURES + NM; ++i) {
@@ -154,6 +157,7 @@ elbow_status elbow_stream_parameters(real *stream, const real parameters[ELBOW_P
         return ELBOW_INPUT_NOT_FINITE;
     }
     l = layout_of(stream);
+    stream[STALE] = 1.0;
     keep_parameters(parameters, stream + l.space);
     return ELBOW_OK;
 }

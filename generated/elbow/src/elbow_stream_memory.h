@@ -32,7 +32,8 @@ enum {
 };
 
 /* The head. */
-enum { STATE, INTERVALS, SAMPLES_PER_INTERVAL, PERIOD, TOLERANCE, SIDE, HOLD, DELAY, HEAD };
+/* BASE: see mesh; STALE: 1 where the model or the motion has changed, so that no factor holds any more */
+enum { STATE, INTERVALS, SAMPLES_PER_INTERVAL, PERIOD, TOLERANCE, SIDE, HOLD, DELAY, BASE, STALE, HEAD };
 
 /* Positions of the arrays. */
 typedef struct {
@@ -43,7 +44,7 @@ typedef struct {
     ptrdiff_t output; /* results of an update that the caller does not want */
     ptrdiff_t last, tau, deflection, lagged, now, joint, most, expected, q_g, reference, nodes, lq, space, end;
     ptrdiff_t torque; /* motor torques that held ones depend on: HOLD_BEFORE samples, those of this update, ahead */
-    ptrdiff_t y, a, a_node, factor, scale, target_state, cost, levels;
+    ptrdiff_t y, a, a_node, factor, point, costs, row, linear, scale, target_state, cost, levels;
 } layout;
 
 static inline layout laid_out(int intervals, int samples_per_interval, real hold, real delay)
@@ -76,12 +77,17 @@ static inline layout laid_out(int intervals, int samples_per_interval, real hold
     PLACE(a, (l.past + intervals) * CONTROLS);
     PLACE(a_node, (l.past + intervals + 1) * NE);
     PLACE(factor, (ptrdiff_t)intervals * CONTROLS * WIDTH);
+    PLACE(point, (ptrdiff_t)intervals * STAGES * POINT + BLOCK); /* data of the factors, in the same order */
+    PLACE(costs, (ptrdiff_t)intervals * STATES * STATES);        /* costs to go of their first nodes */
+    PLACE(row, (ptrdiff_t)intervals * STAGES * NE);              /* residuals */
+    PLACE(linear, (ptrdiff_t)intervals * CONTROLS);              /* right sides of the factors */
     PLACE(scale, NE);
     PLACE(levels, LEVELS * LAST * NE);
     PLACE(cost, STATES * STATES);
     PLACE(target_state, ((ptrdiff_t)intervals + 1) * STATES);
     PLACE(lq, (ptrdiff_t)(sizeof(lq_space) / sizeof(real)));
 #else
+    l.point = l.costs = l.row = l.linear = 0;
     l.y = l.a = l.a_node = l.factor = l.scale = l.target_state = l.cost = l.levels = 0;
     PLACE(lq, (ptrdiff_t)(sizeof(problem_points) / sizeof(real)));
 #endif
@@ -127,6 +133,7 @@ static inline mesh mesh_of(const layout *l, real *s)
     m.equilibrium = NULL;
     m.varying = m.N;
     m.factor = s + l->factor;
+    m.base = (int)s[BASE];
     m.scale = s + l->scale;
     /*
      * The first node of the horizon cannot be changed. Its error grows like the unstable zeros and must have a cost at

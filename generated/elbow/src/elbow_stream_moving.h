@@ -12,6 +12,7 @@
 #ifndef ELBOW_STREAM_MOVING_H
 #define ELBOW_STREAM_MOVING_H
 
+#include "elbow_quasistatic_end.h"
 #include "elbow_stream_shift.h"
 
 /* Path nodes before now, as far back as the differences of any stream; updates whose results are not given. */
@@ -163,6 +164,7 @@ static inline int solve_horizon(real *s, const layout *l)
         }
     }
     copy(w->P, STATES * STATES, s + l->cost);
+    s[STALE] = 1.0; /* only the factors are known */
     return status;
 }
 

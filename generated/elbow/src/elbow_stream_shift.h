@@ -3,7 +3,6 @@
 #define ELBOW_STREAM_SHIFT_H
 
 #include "elbow_limit_lookahead.h"
-#include "elbow_quasistatic_end.h"
 
 /* The new interval: path and joints at its Gauss points, and its side of singular poses. */
 typedef struct {
@@ -77,33 +76,5 @@ static inline void shift_path(real *s, const layout *l, const real *next, const 
     copy(next, REFERENCE, nodes + (l->past + N) * REFERENCE);
     copy(next, REFERENCE, s + l->last);
 }
-
-#if ELBOW_NE > 0
-/* Shift the motion by one interval, and make one step of the solver. */
-static inline int step_motion(real *s, const layout *l)
-{
-    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
-    mesh m = mesh_of(l, s);
-    lq_space *lq = (lq_space *)(void *)(s + l->lq);
-    real first[STATES] = {0.0};
-    int status;
-    copy(s + l->y + STATES, (l->past + N) * STATES, s + l->y);
-    copy(s + l->target_state + STATES, N * STATES, s + l->target_state);
-    copy(s + l->a + CONTROLS, (l->past + N - 1) * CONTROLS, s + l->a);
-    for (int i = 0; i < CONTROLS; ++i) {
-        m.a[(N - 1) * CONTROLS + i] = 0.0;
-    }
-    next_node(m.y + (N - 1) * STATES, m.a + (N - 1) * CONTROLS, m.h, m.y + N * STATES);
-    status = quasistatic_motion(&m, lq, s + l->levels, s + l->nodes + (l->past + N) * REFERENCE, s + l->space);
-    if (status == ELBOW_OK) {
-        status = lq_factor(&m, lq, s + l->space);
-    }
-    if (status == ELBOW_OK) {
-        copy(lq->P, STATES * STATES, s + l->cost);
-        lq_step(&m, first);
-    }
-    return status;
-}
-#endif
 
 #endif
