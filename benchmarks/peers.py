@@ -1,4 +1,4 @@
-"""The emitted functions compared with the C++ of Pinocchio and the C of CasADi: nanoseconds per call, and ratios.
+"""The emitted functions compared with Pinocchio, MuJoCo and the C of CasADi: nanoseconds per call, and ratios.
 
     python benchmarks/peers.py [--quick] [--clang] [--docs] [--robots NAME ...]
 
@@ -21,8 +21,8 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import peers_table
-from peers_builds import AVX2, HERE, NATIVE, REPRODUCIBLE, Builds, Pinocchio, find_pinocchio
-from peers_robots import ROBOTS, pinocchio_text
+from peers_builds import AVX2, HERE, NATIVE, REPRODUCIBLE, Builds, Mujoco, Pinocchio, find_mujoco, find_pinocchio
+from peers_robots import ROBOTS, pinocchio_text, write_mujoco
 
 import flexgen
 from flexgen.codegen.spec import ABI_VERSION, FUNCTIONS, FunctionSpec, library_spec
@@ -83,7 +83,9 @@ def same_expression(spec: FunctionSpec) -> ca.Function | None:
     return steps[0].function if len(steps) == 1 and isinstance(steps[0], Expressions) else None
 
 
-def prepare(robot: str, builds: Builds, pinocchio: Pinocchio, args: argparse.Namespace) -> list[Prepared]:
+def prepare(
+    robot: str, builds: Builds, pinocchio: Pinocchio, mujoco: Mujoco, args: argparse.Namespace
+) -> list[Prepared]:
     """Derive and write everything of a robot, and start its compilations."""
     model = ROBOTS[robot]()
     folder = builds.folder / robot
@@ -102,6 +104,8 @@ def prepare(robot: str, builds: Builds, pinocchio: Pinocchio, args: argparse.Nam
     header = (folder / f"{spec.name}.h").read_text()
     sizes = re.findall(r"(\d+) operations, the longest chain about (\d+) cycles", header)
     text = builds.text(f"{robot}.txt", pinocchio_text(model))
+    if mujoco.folder is not None:
+        write_mujoco(model, builds.folder / f"{robot}.mjb")
     prepared = []
     for f in spec.functions:
         row = Prepared(Row(robot, f.name), model, f)
@@ -121,6 +125,8 @@ def prepare(robot: str, builds: Builds, pinocchio: Pinocchio, args: argparse.Nam
             avx2 = builds.submit(f"{symbol}_avx2", builds.cc, AVX2, sources, "-lm")
             row.candidates.append(("batch_avx2", "batch", avx2, f"{symbol}_batch", many))
         add_casadi(row, equations, builds, args.quick)
+        if mujoco.folder is not None and not f.name.endswith("derivatives"):  # it has only those by differences
+            row.candidates.append(("mujoco", "peer", mujoco.submit(builds), f.name, f"./{robot}.mjb"))
         if pinocchio.missing:
             continue
         for compiler, suffix in (("g++", ""), ("clang++", "_clang")) if args.clang else (("g++", ""),):
@@ -132,7 +138,7 @@ def prepare(robot: str, builds: Builds, pinocchio: Pinocchio, args: argparse.Nam
             file = pinocchio_side(builds, pinocchio, compiler, f.name)
             for name in QUANTITIES[f.name]:
                 label = ("pinocchio" + name.removeprefix(f.name).replace(":", "_")) if ":" in name else "pinocchio"
-                row.candidates.append((label + suffix, "pinocchio", file, name, f"./{text.name}"))
+                row.candidates.append((label + suffix, "peer", file, name, f"./{text.name}"))
     return prepared
 
 
@@ -176,15 +182,15 @@ def _renamed(function: ca.Function, name: str) -> ca.Function:
 
 
 def drop_failed(rows: list[Prepared], failed: dict[Path, str]) -> None:
-    """Take out the candidates that could not be compiled, if they are Pinocchio's; RuntimeError for any other file."""
+    """Take out the candidates that could not be compiled, if they are of a peer; RuntimeError for any other file."""
     for path, told in failed.items():
-        if not path.name.startswith("pinocchio"):
+        if not path.name.startswith(("pinocchio", "mujoco")):
             raise RuntimeError(told)
-        say(f"Pinocchio's columns stay empty, {path.name} could not be compiled:\n{told}")
+        say(f"A column stays empty, {path.name} could not be compiled:\n{told}")
     for row in rows:
         kept = [candidate for candidate in row.candidates if candidate[2] not in failed]
         if len(kept) < len(row.candidates):
-            row.row.notes.append("Pinocchio left out: it could not be compiled")
+            row.row.notes.append("Pinocchio or MuJoCo left out: it could not be compiled")
         row.candidates = kept
 
 
@@ -288,6 +294,9 @@ def main() -> None:
     pinocchio = find_pinocchio()
     for missing in pinocchio.missing:
         say(f"Pinocchio's column stays empty; missing: {missing}")
+    mujoco = find_mujoco()
+    if mujoco.folder is None:
+        say("MuJoCo's column stays empty; missing: pip install mujoco")
     left_out = [name for name in QUANTITIES if name not in FUNCTIONS]
     if left_out:
         say(f"not in the library, left out: {', '.join(left_out)}")
@@ -298,7 +307,7 @@ def main() -> None:
                 pinocchio_side(builds, pinocchio, compiler, quantity)
     rows: list[Prepared] = []
     for robot in args.robots or (CLOSER if args.quick else ROBOTS):
-        rows += prepare(robot, builds, pinocchio, args)
+        rows += prepare(robot, builds, pinocchio, mujoco, args)
     say("compiling what is left")
     drop_failed(rows, builds.wait())
     say(f"built after {time.perf_counter() - began:.0f} s; timing")

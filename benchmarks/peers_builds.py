@@ -127,6 +127,28 @@ def find_pinocchio() -> Pinocchio:
     return Pinocchio((prefix, eigen) if eigen is not None else (prefix,), tuple(missing))
 
 
+@dataclass(frozen=True)
+class Mujoco:
+    """Folder of MuJoCo's package, None where it is not installed; its shared library."""
+
+    folder: Path | None
+    library: Path | None
+
+    def submit(self, builds: Builds) -> Path:
+        """MuJoCo's side, compiled; the algorithms are those of the package's library."""
+        flags = (*"-std=c11 -O3 -march=native -fPIC -shared -I".split(), str(self.folder / "include"))  # type: ignore[operator]
+        assert self.library is not None
+        after = f"{self.library} -Wl,-rpath,{self.library.parent}"
+        return builds.submit("mujoco", builds.cc, flags, [HERE / "peers_mujoco.c"], after)
+
+
+def find_mujoco() -> Mujoco:
+    """The package mujoco of this environment."""
+    folder = Path(sysconfig.get_paths()["purelib"]) / "mujoco"
+    library = next(iter(sorted(folder.glob("libmujoco.*"))), None)
+    return Mujoco(folder if library is not None else None, library)
+
+
 def package_version(name: str) -> str:
     """Version of an installed package, "-" where there is none."""
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -52,6 +53,18 @@ ROBOTS: dict[str, Callable[[], RobotModel]] = {
     **{name: lambda name=name: flexgen.read(FOLDER / f"{name}.toml") for name in ("ur5", "panda", "ur5_elastic")},
     **{f"chain{n}": lambda n=n: chain(n) for n in (12, 18, 30)},
 }
+
+
+def write_mujoco(model: RobotModel, path: Path) -> None:
+    """Write a model as a binary file of MuJoCo, by the converter of the tests."""
+    import mujoco
+
+    sys.path.insert(0, str(FOLDER.parent))
+    from mujoco_referee import MujocoReferee
+
+    referee = MujocoReferee(model, rotors=False)
+    assert list(referee.at_q) == list(referee.at_v) == list(range(model.n_a))
+    mujoco.mj_saveModel(referee.m, str(path), None)
 
 
 def pinocchio_text(model: RobotModel) -> str:

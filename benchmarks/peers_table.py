@@ -112,6 +112,7 @@ def full(rows: Sequence[Any], wrappers: Sequence[Any], machine_lines: Sequence[s
         "batch_default": "of 4096, default build",
         "batch_avx2": "of 4096, AVX2",
         "pinocchio": "Pinocchio",
+        "mujoco": "MuJoCo",
         "casadi_same": "CasADi, same expression",
         "casadi_same_default": "the same, default flags",
         "casadi_lagrangian": "CasADi, Lagrangian",
@@ -123,7 +124,7 @@ def full(rows: Sequence[Any], wrappers: Sequence[Any], machine_lines: Sequence[s
     notes += [f"- {name}: not in the library, left out" for name in left_out]
     furthest = max((x for row in rows for x in row.deviation.values()), default=0.0)
     return f"""\
-# flexgen, Pinocchio and CasADi in one run
+# flexgen, Pinocchio, MuJoCo and CasADi in one run
 
 `make bench` writes this file. Times are of one machine and one run. Ratios are more portable than times.
 
@@ -132,8 +133,10 @@ def full(rows: Sequence[Any], wrappers: Sequence[Any], machine_lines: Sequence[s
 Each row is one process on one core. The programs are first compared at 64 random states (largest deviation of
 all rows: {furthest:.1e} of the largest result), then timed alternately in blocks of about 1.5 ms, with
 cycling states. The functions of flexgen are called as by a user, with their checks of pointers and of finite numbers;
-Pinocchio and CasADi check nothing. Batches are structures of arrays: of 4096 points, a power of two, where all arrays
-use the same cache sets; of 4000; of 200, which fit into the cache. Pinocchio fills half of a symmetric
+Pinocchio and CasADi check nothing. MuJoCo is the library of its package; mj_inverse and mj_forward do more than a user
+of these functions may need (contacts, energy, sensors, the factors of the mass matrix), and the mass matrix is its
+mj_kinematics, mj_comPos and mj_makeM. Batches are structures of arrays: of 4096 points, a power of two, where all
+arrays use the same cache sets; of 4000; of 200, which fit into the cache. Pinocchio fills half of a symmetric
 matrix, flexgen all of it. Pinocchio uses its special joints for axes along x, y and z, and the faster of its
 two conventions. The loop around the calls takes about 1.5 ns.
 
@@ -178,6 +181,7 @@ def _ratios(rows: Sequence[Any], clang: bool) -> str:
     wide = BATCH_FLOORS["avx512f"] if cpu_has("avx512f") else BATCH_FLOORS["avx2"]
     head = [
         "Pinocchio / flexgen",
+        "MuJoCo / flexgen",
         "CasADi, same expression / flexgen",
         "CasADi, Lagrangian / flexgen",
         "default build / native",
@@ -193,6 +197,7 @@ def _ratios(rows: Sequence[Any], clang: bool) -> str:
         key = (row.robot, row.quantity)
         cells = [
             _ratio(row, "pinocchio", "ours", PINOCCHIO_FLOORS.get(key)),
+            _ratio(row, "mujoco", "ours"),
             _ratio(row, "casadi_same", "ours", CASADI_FLOORS.get(key)),
             _ratio(row, "casadi_lagrangian", "ours"),
             _ratio(row, "ours_default", "ours"),

@@ -9,8 +9,8 @@
  *   blocks COUNT         milliseconds M         tolerance E
  *   candidate LABEL KIND LIBRARY SYMBOL EXTRA
  *     KIND point: the emitted function; batch: the emitted batch function, EXTRA soa/N or aos/N for N points; casadi: a
- *     function that CasADi emitted; pinocchio: peers_pinocchio.cpp, SYMBOL the quantity, EXTRA the model's file
- * Answers, a line for each candidate: LABEL, deviation from the first candidate, minimum and median of ns per
+ *     function that CasADi emitted; peer: peers_pinocchio.cpp or peers_mujoco.c, SYMBOL the quantity, EXTRA the model's
+ * file Answers, a line for each candidate: LABEL, deviation from the first candidate, minimum and median of ns per
  * evaluation.
  */
 #define _GNU_SOURCE
@@ -218,12 +218,12 @@ static void prepare(struct candidate *c, const char *library, const char *name, 
     if (opened == NULL) {
         fail("cannot load", dlerror());
     }
-    if (strcmp(c->kind, "pinocchio") == 0) {
+    if (strcmp(c->kind, "peer") == 0) {
         function *open = symbol(opened, "peer_open", 1);
         c->peer = ((void *(*)(const char *, const char *, const double *, int, int))open)(
             name, extra, states, n_states, total_in);
         if (c->peer == NULL) {
-            fail("Pinocchio's side does not have", name);
+            fail("this peer does not have", name);
         }
         c->peer_run = (void (*)(void *, long))symbol(opened, "peer_run", 1);
         c->peer_result = (void (*)(void *, int, double *))symbol(opened, "peer_result", 1);
