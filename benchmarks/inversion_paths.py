@@ -26,12 +26,12 @@ EXACT = 1e-6  # m and rad: what the tool may stray in simulation
 MESHES = (20e-3, 10e-3, 5e-3, 2.5e-3)  # s, tried in this order
 MOVES = ("line", "joints", "turning_line", "circle")
 ROBOTS = {  # and the target, ms per second of path
-    "planar5_mp": 0.5,
-    "planar5_nmp": 0.5,
-    "planar5_soft": 0.5,
-    "manutec_r3_18": 10.0,
-    "manutec_r3_24": 20.0,
-    "manutec_r3_30": 40.0,
+    "planar5_mp": 0.2,
+    "planar5_nmp": 0.2,
+    "planar5_soft": 0.2,
+    "manutec_r3_18": 1.2,
+    "manutec_r3_24": 2.0,
+    "manutec_r3_30": 3.8,
 }
 QUICK = ("planar5_nmp", "manutec_r3_18")
 METHODS = ("lq", *(("bvp",) if find_spec("flexgen.inversion.methods.bvp") else ()))
@@ -53,6 +53,7 @@ class PathRow:
     wanted_ms: float
     dof: int = 0
     duration: float = 0.0
+    motion_s: float = 0.0  # with what is before the path and after it, until the robot is at rest
     mesh_ms: float = 0.0
     intervals: int = 0
     iterations: int = 0
@@ -146,6 +147,7 @@ def path_row(robot: str, move: str, method: str, wanted: float) -> PathRow:
     native, native_call = inverted(robot, method, given, True)
     assert np.array_equal(default.tau_m, solution.trajectory["tau_m"]), "timed is not what was verified"
     row.duration = Path(equations, equations.model.move(move)).duration
+    row.motion_s = float(default.t[-1] - default.t[0])
     row.intervals, row.iterations = default.intervals, default.iterations
     row.default_ms, row.native_ms = (least_ms(each) / row.duration for each in (call, native_call))
     row.native_differs = float(np.abs(native.tau_m - default.tau_m).max() / np.abs(default.tau_m).max())
