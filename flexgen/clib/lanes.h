@@ -14,5 +14,9 @@
 #define ROW_FOURS(n) (((n) + 3) / 4 * 4)
 #define ROW_END(n) ROW_FOURS(n)
 #define ROW_BLOCK 8
+#define ROW_LANES 1
+#define ROWS_LEFT(i) 0
+#define ONE_POINT 0
+#define ROW_OUT(x, at, k, row) OUT(x, (at) + (k), row)
 #define ROW_OF(x) splat_v(x)
 #define ROW_SUM(x) (x)

@@ -19,7 +19,9 @@ enum { KINEMATIC_STEPS = 25, INVERSE_STEPS = 3 };
 static const real accurate_inverse = PRECISE(1e-6, 1e-3);
 /* steps of the joints [rad or m]: after one below the first the inverse of the output Jacobian is nearly right, after
    one below the second the position is known to rounding */
-static const real near_target = PRECISE(1e-5, 1e-3), at_target = PRECISE(1e-6, 1e-5);
+static const real step_near = PRECISE(1e-5, 1e-3), step_exact = PRECISE(1e-6, 1e-5);
+/* [rad or m] a guess further from the position before is none */
+static const real guess_max = 0.2;
 /* error of velocities [rad/s or m/s] that is rounding */
 static const real exact = PRECISE(1e-11, 1e-6);
 
@@ -121,6 +123,7 @@ static inline void load_later_joints(problem_points *arm, const joint_motion *jo
             for (int k = 4; k >= 0; --k) {
                 q = q * x + joints->c[k][i];
             }
+            q = select_v(lt_v(fabs_v(q - joints->c[0][i]), splat_v(guess_max)), q, splat_v(joints->c[0][i]));
             store_v(&arm->q[i_g[i]][l], q);
             store_v(&arm->v[i_g[i]][l], splat_v(0.0));
             store_v(&arm->a[i_g[i]][l], splat_v(0.0));
@@ -347,12 +350,13 @@ static inline int solve_kinematics(problem_points *p, real *space)
         if (!(most < bound) || ++step > KINEMATIC_STEPS) {
             return MODEL_UNREACHABLE;
         }
-        near = most <= near_target;
-        if (!near || most > at_target || most * speed > exact) {
+        near = most <= step_near;
+        if (!near || most > step_exact || most * speed > exact) {
             evaluate_constraint(p, space);
         }
     } while (!near);
-    if (most > at_target || most * speed > exact) { /* the inverse is off by about `most`, the position by its square */
+    if (most > step_exact ||
+        most * speed > exact) { /* the inverse is off by about `most`, the position by its square */
         if (!update_inverse(p)) {
             return MODEL_UNREACHABLE;
         }
@@ -372,6 +376,25 @@ static inline int solve_kinematics(problem_points *p, real *space)
     correct_motion(p, p->dy, NULL, p->v);
     correct_motion(p, p->ddy, p->bias, p->a);
     return MODEL_OK;
+}
+
+/*
+ * The same from a guess of the joints by their earlier motion; where Newton's method fails from it, from the positions
+ * before.
+ */
+static inline int follow_kinematics(problem_points *p, const joint_motion *joints, const real *time, real *space)
+{
+    int status;
+    load_later_joints(p, joints, time);
+    status = solve_kinematics(p, space);
+    if (status != MODEL_OK) {
+        for (int l = 0; l < POINTS; ++l) {
+            load_joints(p, l, joints->c[0]);
+        }
+        begin_points(p);
+        status = solve_kinematics(p, space);
+    }
+    return status;
 }
 
 /* Gear torques and residuals of POINTS instants whose motion is known. */

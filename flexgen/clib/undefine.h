@@ -10,6 +10,10 @@
 #undef ROWS
 #undef ROW_COUNT
 #undef ROW_OF
+#undef ROW_LANES
+#undef ROWS_LEFT
+#undef ROW_OUT
+#undef ONE_POINT
 #undef ROW_BLOCK
 #undef ROW_OF_COLUMN
 #undef ROW_END

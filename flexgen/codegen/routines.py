@@ -10,10 +10,12 @@ from typing import Any
 import casadi as ca
 
 from flexgen.errors import BuildError
-from flexgen.expressions.routine import Block, Expressions, Routine, Solve, profile
+from flexgen.expressions.routine import Block, Expressions, Products, Routine, Solve, profile
 from flexgen.ports import Port
-from flexgen.recursion.functions import fast_function
+from flexgen.recursion.functions import cost_of, fast_function
 
+LONG_CHAIN = 12  # coordinates from which a mass matrix may be shorter by products of vectors
+SHORTER = 0.9  # the share of operations from which it is
 PARAMETERS = "parameters"  # the port with the numbers that may change at run time
 
 
@@ -45,6 +47,13 @@ def program_of(name: str, equations: Any, inputs: tuple[Port, ...], outputs: tup
         solve = Solve("M", "R_a", n, 2 * n, True, profile(jacobians, "M"), blocks)
         forward = expanded("arm_forward_dynamics", mathematics_of(equations, "arm_forward_dynamics"))
         return Routine((Expressions(forward, pivots=True), Expressions(jacobians), solve))
+    if name == "mass_matrix" and model.n_a >= LONG_CHAIN:
+        vectors, n = fast_function(equations, "mass_vectors"), model.n_a
+        if vectors is not None:
+            products = Products("S", "F", 6, n, "M")
+            direct = cost_of(mathematics_of(equations, name)).operations
+            if cost_of(vectors).operations + products.operations < SHORTER * direct:
+                return Routine((Expressions(expanded("mass_vectors", vectors)), products))
     function = mathematics_of(equations, name)
     if PARAMETERS in function.name_in():
         inputs = (*inputs, parameters_port(equations))

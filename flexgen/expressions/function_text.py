@@ -17,10 +17,10 @@ import numpy as np
 
 from flexgen.expressions.graph import Graph, read_graph
 from flexgen.expressions.pivot_guards import EPSILON, guarded
-from flexgen.expressions.routine import Expressions, Routine, Solve
+from flexgen.expressions.routine import Expressions, Products, Routine, Solve
 from flexgen.expressions.schedule import ordered, written_order
 from flexgen.expressions.simplify import simplified
-from flexgen.expressions.solve_loops import Layout, solve_text
+from flexgen.expressions.solve_loops import Layout, extra_arrays, products_text, solve_text
 
 CHUNK = 500  # operations per C function: a compiler keeps values in registers, and is quick, where functions are short
 MARGIN = 500  # a function that is longer than a chunk by less than this stays in one piece
@@ -117,11 +117,15 @@ def function_text(
     work, stack, operations, depth, called = layout.size, 0, 0, 0, 0
     seen: set[tuple[str, int]] = set()  # entries of inputs that show in a result where they are not finite
     rights = [step.right for step in program.steps if isinstance(step, Solve)]
+    rights += [name for step in program.steps if isinstance(step, Products) for name in (step.left, step.right)]
     whole = False  # one function does it all
     for k, step in enumerate(program.steps):
-        if isinstance(step, Solve):
-            name = f"{prefix}solve_{k + 1}"
-            texts.append(solve_text(name, step, layout, outputs, literal(step.n * EPSILON[precision], precision)))
+        if not isinstance(step, Expressions):
+            name = f"{prefix}{'solve' if isinstance(step, Solve) else 'products'}_{k + 1}"
+            if isinstance(step, Solve):
+                texts.append(solve_text(name, step, layout, outputs, literal(step.n * EPSILON[precision], precision)))
+            else:
+                texts.append(products_text(name, step, layout))
             calls.append("zero += " + _call(name, [port for port in outputs if port in step.ports], workspace=True))
             operations += step.operations
             depth += step.depth
@@ -166,7 +170,9 @@ def function_text(
 def _layout(program: Routine, outputs: Mapping[str, int]) -> Layout:
     """Places in the workspace of what a step computes for a later one."""
     solves = [step for step in program.steps if isinstance(step, Solve)]
+    products = [step for step in program.steps if isinstance(step, Products)]
     strides = {s.matrix: s.matrix_stride for s in solves} | {s.right: s.stride for s in solves}
+    strides |= {name: step.stride for step in products for name in (step.left, step.right)}
     sizes: dict[str, int] = {}
     for step in program.steps:
         if isinstance(step, Expressions):
@@ -174,6 +180,8 @@ def _layout(program: Routine, outputs: Mapping[str, int]) -> Layout:
                 if name not in outputs:
                     rows = step.function.size1_out(i)
                     sizes[name] = rows * strides[name] if name in strides else step.function.numel_out(i)
+    for step in products:
+        sizes |= extra_arrays(step)
     places: dict[str, int] = {}
     at = 0
     for name, size in sizes.items():

@@ -97,6 +97,47 @@ class Solve:
         return 40 * self.n
 
 
+@dataclass(frozen=True)
+class Products:
+    """A symmetric matrix ``M_ij = sum_k S_ki F_kj`` for i <= j, written as loops.
+
+    Parameters
+    ----------
+    left, right : str
+        Intermediate arrays S and F, (rows, n).
+    rows, n : int
+        Their sizes.
+    port : str
+        The output M, (n, n).
+    """
+
+    left: str
+    right: str
+    rows: int
+    n: int
+    port: str
+
+    @property
+    def stride(self) -> int:
+        """Entries between the rows of S, F and M in the workspace."""
+        return _stride(self.n)
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """Outputs that it writes."""
+        return (self.port,)
+
+    @property
+    def operations(self) -> int:
+        """Arithmetic operations."""
+        return (2 * self.rows - 1) * self.n * (self.n + 1) // 2
+
+    @property
+    def depth(self) -> int:
+        """Latency of the longest chain of operations in cycles, about."""
+        return 8 * self.rows
+
+
 def _stride(width: int) -> int:
     """Room for whole groups of four vectors of any width, so that few rows share the same lines of the cache."""
     return -(-width // 64) * 64 + 16
@@ -106,7 +147,7 @@ def _stride(width: int) -> int:
 class Routine:
     """Steps in order; later ones may use the intermediate arrays of earlier ones."""
 
-    steps: tuple[Expressions | Solve, ...]
+    steps: tuple[Expressions | Solve | Products, ...]
 
 
 def profile(function: ca.Function, result: str) -> tuple[int, ...]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from flexgen.expressions.routine import Solve
+from flexgen.expressions.routine import Products, Solve
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,75 @@ def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int
     ]
     body = "".join(f"    {line}\n" for line in lines)
     return f"SEPARATE static T F({name})({parameters} STRIDE(ptrdiff_t n))\n{{\n{body}}}\n"
+
+
+def products_text(name: str, step: Products, layout: Layout) -> str:
+    """The C function of `Products`: rows of M, right of the diagonal from S_i and F, left of it from F_i and S.
+
+    For one point, what is left of the diagonal is computed as well where it fills whole vectors; the products are the
+    same, and so are the bits. A vector may end in the next row, which is written later; the last entry of all is alone.
+    """
+    n, stride, port = step.n, step.stride, step.port
+    S, F, M = (layout.places[key] for key in (step.left, step.right, _matrix_of(step)))
+
+    def total(terms: list[str]) -> str:
+        """The sum of the terms in pairs, so that few of them wait for each other."""
+        while len(terms) > 1:
+            pairs = [f"({' + '.join(terms[k : k + 2])})" for k in range(0, len(terms), 2)]
+            terms = pairs
+        return terms[0]
+
+    def row(vectors: int, numbers: int, begin: str, end: str) -> list[str]:
+        rows = range(step.rows)
+        products = total([f"x{k} * ROWS(w + {vectors + k * stride})[k]" for k in rows])
+        return [
+            "    {",
+            *(f"        const T x{k} = w[{numbers + k * stride} + i];" for k in rows),
+            f"        for (k = {begin}; k < {end}; ++k) {{",
+            f"            const ROW sum = {products};",
+            f"            ROW_OUT({port}, i * {n}, k, sum);",
+            "            if (!ONE_POINT) {",
+            f"                ROWS(w + {M} + i * {stride})[k] = sum;",
+            "            }",
+            "            check += ZERO * sum;",
+            "        }",
+            "    }",
+        ]
+
+    last = total([f"w[{S + k * stride + n - 1}] * w[{F + k * stride + n - 1}]" for k in range(step.rows)])
+    lines = [
+        "ROW check = ROW_OF(0);",
+        f"const T last = {last};",
+        "int i, j, k;",
+        f"for (i = 0; i < {step.rows}; ++i) {{",
+        f"    for (j = {n}; j < ROW_COUNT({n}) * ROW_LANES; ++j) {{",
+        f"        w[{S} + i * {stride} + j] = w[{F} + i * {stride} + j] = F(splat)(0);",
+        "    }",
+        "}",
+        f"for (i = 0; i < {n}; ++i) {{",
+        *row(S, F, "0", "ROWS_LEFT(i)"),
+        f"    if (i + 1 < {n}) {{",
+        *(f"    {line}" for line in row(F, S, "ROW_OF_COLUMN(i)", f"ROW_COUNT({n})")),
+        "    }",
+        "    for (j = ROWS_LEFT(i) * ROW_LANES; j < i; ++j) {",
+        f"        OUT({port}, i * {n} + j, ONE_POINT ? IN({port}, j * {n} + i) : w[{M} + j * {stride} + i]);",
+        "    }",
+        "}",
+        f"OUT({port}, {n * n - 1}, last);",
+        "return ROW_SUM(check) + ZERO * last;",
+    ]
+    body = "".join(f"    {line}\n" for line in lines)
+    return f"SEPARATE static T F({name})(real *RESTRICT {port}, T *RESTRICT w STRIDE(ptrdiff_t n))\n{{\n{body}}}\n"
+
+
+def _matrix_of(step: Products) -> str:
+    """Name of the matrix in the workspace."""
+    return f"rows of {step.port}"
+
+
+def extra_arrays(step: Products) -> dict[str, int]:
+    """Arrays of the workspace that a step needs for itself, with their sizes."""
+    return {_matrix_of(step): step.n * step.stride}
 
 
 def _padded(step: Solve, layout: Layout) -> list[str]:

@@ -13,7 +13,7 @@ from flexgen.expressions import graph as graphs
 from flexgen.expressions import simplify
 from flexgen.expressions.function_text import function_text, literal
 from flexgen.expressions.graph import Graph, read_graph
-from flexgen.expressions.routine import Block, Expressions, Routine, Solve, profile
+from flexgen.expressions.routine import Block, Expressions, Products, Routine, Solve, profile
 from flexgen.expressions.schedule import ordered, scheduled
 from flexgen.expressions.simplify import simplified
 from flexgen.ports import Port
@@ -293,6 +293,30 @@ def test_loops_solve(n, columns, unit, banded, flags, tmp_path):
         if unit:
             inverse = one[1].reshape(n, n, order="F")
             assert np.allclose(inverse @ matrix, np.eye(n), rtol=0, atol=1e-12)
+
+
+@needs_compiler
+@pytest.mark.parametrize("n", [2, 8, 19])
+@pytest.mark.parametrize("flags", [(), ("-march=native",), ("-DSMALL_NO_VECTORS",)])
+def test_products_fill_a_symmetric_matrix(n, flags, tmp_path):
+    """Bits for many points as for one; nothing behind the last entry is written."""
+    left, right = ca.SX.sym("left", 3, n), ca.SX.sym("right", 3, n)
+    f = ca.Function("g", [left, right], [2 * left, 1 * right], ["left", "right"], ["S", "F"])
+    program = Routine((Expressions(f), Products("S", "F", 3, n, "M")))
+    options = ("-std=c99", "-O2", "-ffp-contract=off", *flags)
+    library = Small(spec_of(program, ports_of(f)[0], (Port("M", (n, n), "1", ""),)), tmp_path, flags=options)
+    rng = np.random.default_rng(4)
+    S, F = rng.normal(size=(2, POINTS, 3, n))
+    status, (many,) = library.batch(*(x.transpose(0, 2, 1).reshape(POINTS, -1) for x in (S, F)))
+    assert status == 0
+    for k in range(POINTS):
+        status, (one,) = library.point(S[k], F[k])
+        assert status == 0 and np.array_equal(one, many[k])
+        upper = np.triu(2 * S[k].T @ F[k])
+        expected = upper + np.triu(upper, 1).T
+        assert np.allclose(one.reshape(n, n), expected, rtol=0, atol=1e-14 * np.abs(expected).max())
+    F[0, 0, n - 1] = np.inf
+    assert library.point(S[0], F[0])[0] != 0
 
 
 @needs_compiler

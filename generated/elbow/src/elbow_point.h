@@ -13,5 +13,9 @@
 #define ROW_FOURS(n) ((ROW_COUNT(n) + 3) / 4 * 4)
 #define ROW_END(n) (ROW_FOURS(n) * LANES)
 #define ROW_BLOCK 64
+#define ROW_LANES LANES
+#define ROWS_LEFT(i) ((i) / LANES)
+#define ONE_POINT 1
+#define ROW_OUT(x, at, k, row) store_v((x) + (at) + (k) * LANES, row)
 #define ROW_OF(x) splat_v(x)
 #define ROW_SUM(x) sum_v(x)

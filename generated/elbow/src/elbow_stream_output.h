@@ -64,8 +64,8 @@ static inline int arm_in_window(real *s, const layout *l, const interval *out, r
             }
 #endif
         }
-        load_later_joints(arm, &last, time);
-        status = evaluate_torques(arm, s + l->space);
+        status = follow_kinematics(arm, &last, time, s + l->space);
+        status = status == ELBOW_OK ? evaluate_rows(arm, s + l->space) : status;
         if (status != ELBOW_OK) {
             return status;
         }

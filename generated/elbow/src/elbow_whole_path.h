@@ -109,8 +109,7 @@ static inline int guess_mesh(
             load_point(m, k, arm, point);
             time[point] = time_of_point(m, k);
         }
-        load_later_joints(arm, &last, time);
-        status = solve_kinematics(arm, space);
+        status = follow_kinematics(arm, &last, time, space);
         if (status != ELBOW_OK) {
             return status;
         }
@@ -323,8 +322,8 @@ static inline int arm_at_samples(
             }
 #endif
         }
-        load_later_joints(arm, &last, time);
-        status = evaluate_torques(arm, space);
+        status = follow_kinematics(arm, &last, time, space);
+        status = status == ELBOW_OK ? evaluate_rows(arm, space) : status;
         if (status != ELBOW_OK) {
             return status;
         }
