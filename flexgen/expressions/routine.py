@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import casadi as ca
 
@@ -106,16 +107,22 @@ class Products:
     left, right : str
         Intermediate arrays S and F, (rows, n).
     rows, n : int
-        Their sizes.
+        Their sizes, n at least `LEAST`: a vector that begins in a row before the last one ends in M.
     port : str
         The output M, (n, n).
     """
+
+    LEAST: ClassVar[int] = 8
 
     left: str
     right: str
     rows: int
     n: int
     port: str
+
+    def __post_init__(self) -> None:
+        if self.n < self.LEAST:
+            raise ValueError(f"products: given {self.n} columns, expected at least {self.LEAST}")
 
     @property
     def stride(self) -> int:

@@ -45,6 +45,9 @@ def spec_of(program: Routine, inputs: tuple[Port, ...], outputs: tuple[Port, ...
     return dataclasses.replace(_elbow(), name="small", functions=(f,), precision=precision)
 
 
+BEHIND = 40  # numbers behind an array that are watched: more than a vector
+
+
 class Small:
     """The compiled library of one function, called by address: ``point`` and ``batch`` give (status, results)."""
 
@@ -62,11 +65,16 @@ class Small:
         self.real = np.dtype(np.float64 if spec.precision == "double" else np.float32)
 
     def _call(self, function, count, inputs, shapes):
-        work = np.zeros(self._work, self.real)
-        results = [np.full(shape, 7.0, self.real) for shape in shapes]
+        """Status and results; what is behind the workspace and behind each result must stay as it was."""
+        sizes = [self._work, *(int(np.prod(shape)) for shape in shapes)]
+        memory = [np.full(size + BEHIND, 7.0, self.real) for size in sizes]
+        memory[0][: self._work] = 0.0
+        work, results = memory[0], [x[:-BEHIND].reshape(shape) for x, shape in zip(memory[1:], shapes, strict=True)]
         # a function for one point takes the workspace only where it needs one; one argument more does no harm
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in (*inputs, *results, work)]
-        return function(*count, *pointers), results
+        status = function(*count, *pointers)
+        assert all((x[-BEHIND:] == 7.0).all() for x in memory), "written behind an array"
+        return status, results
 
     def point(self, *inputs):
         """At one point, arrays by columns."""
