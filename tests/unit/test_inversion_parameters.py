@@ -27,6 +27,7 @@ CHANGES = {
     "element.arm2.dof.q2.gear.damping": 350.0,
     "element.arm3.dof.q3.damping": 120.0,
 }
+KEPT = 1e-10  # of the largest torque: rounding, times what the horizon makes of it
 ROUNDING = 1e-9  # of the largest value: the operations are in another order, and Newton's method stops at 1e-6
 
 
@@ -55,7 +56,8 @@ def values(flexible: Library) -> np.ndarray:
     return np.array([found[name] for name in flexible.parameter_names])
 
 
-def stream_torques(library: Library, **options) -> np.ndarray:
+def stream_torques(library: Library, renewed: bool = False, **options) -> np.ndarray:
+    """Torques of a move; ``renewed``: the same parameters are set before each update, so that it keeps no factor."""
     path, each = samples(), 5
     stream = library.stream(
         path["y"][0], path["q_start"], period=each * PERIOD, intervals=20, samples_per_interval=each, **options
@@ -64,6 +66,8 @@ def stream_torques(library: Library, **options) -> np.ndarray:
     found = []
     for k in range(each, last + 20 * each, each):
         at, moves = min(k, last), float(k <= last)
+        if renewed:
+            stream.set_parameters(library.parameters)
         found.append(stream.update(path["y"][at], moves * path["dy"][at], moves * path["ddy"][at]).tau_m)
     return np.concatenate(found)
 
@@ -108,6 +112,13 @@ def test_streams(flexible, baked, values):
     found = stream_torques(flexible, parameters=values)
     assert np.abs(found - expected).max() < ROUNDING * np.abs(expected).max()
     assert np.abs(stream_torques(flexible) - expected).max() > 1e-2 * np.abs(expected).max()
+
+
+def test_factors_that_a_stream_keeps_do_not_change_its_torques(flexible):
+    """Updates that keep most factors of the update before, and updates that compute all of them again."""
+    kept, renewed = stream_torques(flexible), stream_torques(flexible, renewed=True)
+    assert not np.array_equal(kept, renewed)
+    assert np.abs(kept - renewed).max() < KEPT * np.abs(renewed).max()
 
 
 def test_parameters_of_a_stream_change_at_rest(flexible, baked, values):
