@@ -61,7 +61,7 @@ static int terminal_cost(
     const real *joints = m->q_g + ((ptrdiff_t)m->N * STAGES - 1) * NG;
     real q[NA], scale[NE], reference[REFERENCE] = {0.0};
     mesh hold = *m;
-    int status;
+    int status, is_exact;
     copy(q_start, NA, q);
     for (int i = 0; i < NG; ++i) {
         q[i_g[i]] = joints[i];
@@ -90,8 +90,9 @@ static int terminal_cost(
         copy(reference, REFERENCE, hold.reference + k * REFERENCE);
     }
     status = lq_stationary_cost(&hold, SWEEP, m->N / SWEEP > SWEEPS ? m->N / SWEEP : SWEEPS, regularization,
-        cost_change, w, work + l->space, work + own->cost);
+        cost_change, w, work + l->space, work + own->cost, &is_exact);
     copy(w->point, STAGES * POINT, work + own->steady_point);
+    m->varying = is_exact ? m->varying : m->N;
     m->end = work + own->cost;
     m->equilibrium = hold.y;
     return status;
@@ -135,7 +136,9 @@ model_status model_invert(const model_path *p, PARAMETERS_ARGUMENT const real q_
             c.linear = work + own.linear;
             c.steady_point = work + own.steady_point;
             c.steady_factor = work + own.steady_factor;
-            status = lq_path_solve(&m, work + own.point, &c, options->tolerance, info, w, work + l.space);
+            status = m.varying == (int)l.varying ?
+                         lq_path_solve(&m, work + own.point, &c, options->tolerance, info, w, work + l.space) :
+                         lq_path_solve_all(&m, options->tolerance, info, w, work + l.space);
             info->residual = m.residual;
             info->intervals = m.N;
         }

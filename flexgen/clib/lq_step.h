@@ -20,7 +20,8 @@
 enum {
     PANEL = 8,
     RESIDUALS = STAGES * NE,
-    GROUP = 8, /* intervals that are evaluated together */
+    GROUP = 8,        /* intervals that are evaluated together */
+    MORE_SWEEPS = 20, /* for an exact cost, beyond those for one that serves */
     GROUP_POINTS = GROUP * STAGES,
     TRIPLE = 3 * NE,           /* rows of K, D and A, one after the other */
     POINT = NE * (TRIPLE + 1), /* NE triples, then R */
@@ -35,6 +36,8 @@ static const real scale_a = 1e3;  /* rad/s^2 or m/s^2 */
 static const real regularization = PRECISE(1e-12, 1e-5);
 /* smallest cost to go that counts: a thousand times that of the regularization */
 static const real negligible_cost = PRECISE(1e-9, 1e-4);
+/* change of a cost in a sweep, relative to it, where all intervals after a path can have its factor */
+static const real converged_cost = PRECISE(1e-8, 1e-4);
 
 /* Memory of a step. */
 typedef struct {
@@ -366,17 +369,20 @@ typedef struct {
 /*
  * Whether the cost has converged: no diagonal entry of P changes by more than the share `change`, and no pivot by more
  * than that and by more than in the sweep before. The cost of a stable motion grows less and less; that of an unstable
- * one grows exponentially until it is large, for long where the intervals are short.
+ * one grows exponentially until it is large, for long where the intervals are short. exact_too: whether no pivot that
+ * counts changes by more than `converged_cost`; costs that much larger ones hide in rounding never get there.
  */
-static inline int is_stationary(const real *P, const real *before, real change, cost_growth *g)
+static inline int is_stationary(const real *P, const real *before, real change, cost_growth *g, int *exact_too)
 {
     int settled = 1;
     real pivots[STATES];
     cost_pivots(P, pivots);
+    *exact_too = 1;
     for (int i = 0; i < STATES; ++i) {
         const real added = pivots[i] - g->pivots[i];
         settled = settled && fabs_1(P[i * (STATES + 1)] - before[i * (STATES + 1)]) <= change * P[i * (STATES + 1)];
         settled = settled && !(added > change * pivots[i] && added > g->added[i]);
+        *exact_too = *exact_too && (pivots[i] <= negligible_cost || fabs_1(added) <= converged_cost * pivots[i]);
         g->pivots[i] = pivots[i];
         g->added[i] = added;
     }
@@ -386,13 +392,15 @@ static inline int is_stationary(const real *P, const real *before, real change, 
 /*
  * The cost to go of an endless equilibrium: close to zero for stable motions, large for unstable ones; by sweeps over
  * `intervals` intervals like the first one of the mesh `hold`, from a multiple `initial` of the unit matrix. It is the
- * only condition at the end of a horizon. The sweeps end where it has converged to the share `change`, or after
- * `sweeps`. Left are the data of the interval in w->point and its factor in hold->factor.
+ * only condition at the end of a horizon. The sweeps end where it has converged to the share `change` and, where they
+ * get there in MORE_SWEEPS, exactly, or after `sweeps`. Left are the data of the interval in w->point and its factor in
+ * hold->factor. is_exact: whether all intervals of an endless equilibrium can have this factor.
  */
-static inline int lq_stationary_cost(
-    mesh *hold, int intervals, int sweeps, real initial, real change, lq_space *w, real *space, real *cost)
+static inline int lq_stationary_cost(mesh *hold, int intervals, int sweeps, real initial, real change, lq_space *w,
+    real *space, real *cost, int *is_exact)
 {
     cost_growth growth = {{0.0}, {0.0}};
+    int settled_since = 0;
     real *H = w->point + STAGES * POINT; /* sum over the rows of J; the space of other points is free */
     int status;
     begin_points(&w->arm);
@@ -407,6 +415,7 @@ static inline int lq_stationary_cost(
     for (int i = 0; i < STATES; ++i) {
         w->p[i] = 0.0;
     }
+    *is_exact = 0;
     for (int sweep = 0; sweep < sweeps; ++sweep) {
         int settled;
         for (int k = 0; k < intervals; ++k) {
@@ -418,9 +427,10 @@ static inline int lq_stationary_cost(
         if (!is_finite(w->p, STATES)) {
             return MODEL_NOT_CONVERGED;
         }
-        settled = is_stationary(w->P, cost, change, &growth);
+        settled = is_stationary(w->P, cost, change, &growth, is_exact);
         copy(w->P, STATES * STATES, cost);
-        if (settled) {
+        settled_since = settled ? settled_since + 1 : 0;
+        if (settled && (*is_exact || settled_since > MORE_SWEEPS)) {
             break;
         }
     }

@@ -3,7 +3,8 @@
  *
  * A step is the solution of a linear-quadratic problem (see lq_step.h). Its factors hold for later steps too where the
  * motion has changed little: then only the linear terms are computed again. The intervals after the path are all close
- * to the same equilibrium, and share the factor of an endless one.
+ * to the same equilibrium, and share the factor of an endless one. Where the cost of that one is not exact, as unstable
+ * zeros of very different size hide each other, all factors are computed for every step.
  */
 #ifndef ELBOW_LQ_PATH_H
 #define ELBOW_LQ_PATH_H
@@ -101,6 +102,29 @@ static inline int lq_path_solve(
         must_factor = state == NEWTON_CONTINUES && before >= 0.0 && m->residual > 0.1 * before;
         progress.before = m->residual;
         last = size;
+    }
+}
+
+/* The same with all factors computed for every step. */
+static inline int lq_path_solve_all(mesh *m, real tolerance, elbow_inversion_info *info, lq_space *w, real *space)
+{
+    newton progress = {-1.0, 0, 0};
+    for (;;) {
+        real first[STATES] = {0.0};
+        int state, status = lq_factor(m, w, space);
+        info->iterations = progress.steps + 1;
+        if (status != ELBOW_OK) {
+            return status;
+        }
+        lq_step(m, first);
+        status = evaluate_residual(m, NULL, w, space);
+        if (status != ELBOW_OK) {
+            return status;
+        }
+        state = newton_state(&progress, m->residual, tolerance, 1e-2);
+        if (state != NEWTON_CONTINUES) {
+            return state == NEWTON_CONVERGED ? ELBOW_OK : ELBOW_NOT_CONVERGED;
+        }
     }
 }
 

@@ -150,7 +150,7 @@ enum { BEYOND = 2 * MARGIN };
     (name) = (at); \
     (at) += padded(size)
 
-/* interval_factor: numbers of a factor; steady: the intervals after the path have none. */
+/* interval_factor: numbers of a factor; steady: the intervals after the path may share one. */
 static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int64_t interval_factor, int steady)
 {
     whole_layout l;
@@ -174,7 +174,7 @@ static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int6
     TAKE(at, l.a_node, (l.intervals + 1) * NE);
     TAKE(at, l.q_g, l.intervals * STAGES * NG);
     TAKE(at, l.reference, l.intervals * STAGES * REFERENCE);
-    TAKE(at, l.factor, l.varying * interval_factor);
+    TAKE(at, l.factor, l.intervals * interval_factor);
     TAKE(at, l.scale, NE);
     TAKE(at, l.weights, ((int64_t)o->samples_per_interval + 1) * 3 * TERMS);
 #else
