@@ -36,8 +36,9 @@ static const real scale_a = 1e3;  /* rad/s^2 or m/s^2 */
 static const real regularization = PRECISE(1e-12, 1e-5);
 /* smallest cost to go that counts: a thousand times that of the regularization */
 static const real negligible_cost = PRECISE(1e-9, 1e-4);
-/* change of a cost in a sweep, relative to it, where all intervals after a path can have its factor */
-static const real converged_cost = PRECISE(1e-8, 1e-4);
+/* costs above the first are those of unstable motions; their largest relative change in a sweep where all intervals
+   after a path can have their factor */
+static const real counted_cost = PRECISE(1e-7, 1e-3), converged_cost = PRECISE(1e-7, 1e-3);
 
 /* Memory of a step. */
 typedef struct {
@@ -382,7 +383,7 @@ static inline int is_stationary(const real *P, const real *before, real change, 
         const real added = pivots[i] - g->pivots[i];
         settled = settled && fabs_1(P[i * (STATES + 1)] - before[i * (STATES + 1)]) <= change * P[i * (STATES + 1)];
         settled = settled && !(added > change * pivots[i] && added > g->added[i]);
-        *exact_too = *exact_too && (pivots[i] <= negligible_cost || fabs_1(added) <= converged_cost * pivots[i]);
+        *exact_too = *exact_too && (pivots[i] <= counted_cost || fabs_1(added) <= converged_cost * pivots[i]);
         g->pivots[i] = pivots[i];
         g->added[i] = added;
     }
