@@ -37,6 +37,7 @@ QUICK = ("planar5_nmp", "manutec_r3_18")
 METHODS = ("lq", *(("bvp",) if find_spec("flexgen.inversion.methods.bvp") else ()))
 SPAN = 1.0  # s: of processor time that a figure is the least of, at least; others on the machine come in bursts
 TIMES = 7  # calls, at least
+SAME = 1e-5  # of the largest torque: the tolerance of lq is 1e-6, and the motion may end at another time
 
 
 @dataclass
@@ -145,7 +146,10 @@ def path_row(robot: str, move: str, method: str, wanted: float) -> PathRow:
     given = arguments(equations, move, mesh)
     default, call = inverted(robot, method, given, False)
     native, native_call = inverted(robot, method, given, True)
-    assert np.array_equal(default.tau_m, solution.trajectory["tau_m"]), "timed is not what was verified"
+    found = solution.trajectory  # it begins and ends where the robot is at rest, perhaps at other times
+    same = np.array([np.interp(found.time, default.t, column) for column in default.tau_m.T]).T
+    difference = np.abs(same - found["tau_m"]).max() / np.abs(default.tau_m).max()
+    assert difference < SAME, f"timed is not what was verified: torques differ by {difference:.1e}"
     row.duration = Path(equations, equations.model.move(move)).duration
     row.motion_s = float(default.t[-1] - default.t[0])
     row.intervals, row.iterations = default.intervals, default.iterations
