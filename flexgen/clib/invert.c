@@ -61,7 +61,7 @@ static int terminal_cost(
     const real *joints = m->q_g + ((ptrdiff_t)m->N * STAGES - 1) * NG;
     real q[NA], scale[NE], reference[REFERENCE] = {0.0};
     mesh hold = *m;
-    int status, is_exact;
+    int status, is_exact = 0;
     copy(q_start, NA, q);
     for (int i = 0; i < NG; ++i) {
         q[i_g[i]] = joints[i];

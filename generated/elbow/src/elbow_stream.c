@@ -126,7 +126,7 @@ elbow_status elbow_stream_start(real *stream, int64_t stream_size, const elbow_s
 #if ELBOW_NE > 0
     {
         mesh hold = mesh_of(&l, stream);
-        int is_exact;
+        int is_exact = 0;
         status = lq_stationary_cost(&hold, hold.N, SETTLING_SWEEPS, initial_weight, 0.0,
             (lq_space *)(void *)(stream + l.lq), space, stream + l.cost, &is_exact);
         if (status != ELBOW_OK) {
