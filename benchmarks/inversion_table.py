@@ -192,7 +192,7 @@ after the path, gears and motors. Samples of the path are given. The mesh is the
 torques, of the default build, move the tool of the full model within 1 um and 1 urad of its path. The last column is
 the largest difference of the torques of the native build from them, relative to the largest torque. The motion begins
 before the path where zeros are unstable, and lasts until the robot is at rest: slow vibrations of six axes take
-seconds, which are inverted too. The targets were set for motions of 1.4 s per s of path.
+seconds, which are inverted too. The targets were set for motions of about 1.5 s per s of path.
 
 {paths(path_rows)}
 ## Streaming

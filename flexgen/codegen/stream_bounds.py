@@ -101,8 +101,8 @@ def stream_operations(sizes: Mapping[str, int], operations: Mapping[str, int], b
     motors = gear + friction + n_g * (8 * n_m + 60) + 8 * n_m
     spring, radau = SPRING_PASSES * gear, RADAU_PASSES * (3 * operations["gear_law"] + 120 * n_g) + 120 * n_g
 
-    # the window of samples around the interval, in groups of points
-    group = kinematics + rows + block * (path + 1500 + 60 * n_e + 12 * n_a)
+    # the window of samples around the interval, in groups of points; a guess that fails is made again
+    group = 2 * kinematics + rows + block * (path + 1500 + 60 * n_e + 12 * n_a)
     window = Linear(group * (2 * BACK + 1 + AHEAD + block) // block + group, 0, group // block + 1)
     window += Linear(0, 0, 1).times(spring + gear + radau + 3 * motors + 60 * (n_a + n_g * n_m + n_m))
     window += Linear(600, 0, 2 * TAPS * n_m)  # hold: weights, and their use

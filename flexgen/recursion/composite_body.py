@@ -75,6 +75,11 @@ def dot(a: Sequence[Scalar], b: Sequence[Scalar]) -> Scalar:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
+def combined(axes: Matrix, v: Sequence[Scalar]) -> Vector3:
+    """``sum_k v_k axes_k``."""
+    return [axes[0][i] * v[0] + axes[1][i] * v[1] + axes[2][i] * v[2] for i in (X, Y, Z)]
+
+
 def turned_back(turn: Turn, A: Matrix) -> Matrix:
     """A matrix of the frame of a joint in the axes of the frame before."""
     return turned(turned(A, X, Y, turn.cosine, turn.sine), Y, Z, *turn.twist)
@@ -140,12 +145,12 @@ def mass_vectors(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> tuple[Matrix,
     places: list[tuple[Matrix, Vector3]] = []
     for i, step in enumerate(steps):
         if i > 0 and step.twist is None:
-            at = plus(at, _along(axes, plus(step.way, [0.0, 0.0, step.slide])))
+            at = plus(at, combined(axes, plus(step.way, [0.0, 0.0, step.slide])))
         elif i > 0 and step.twist is not None:
             (c, s), (cosine, sine) = steps[i - 1].turn, step.twist
-            turned_axes = [_along(axes, [c, s, 0.0]), _along(axes, [-s, c, 0.0]), axes[Z]]
-            axes = [_along(turned_axes, v) for v in ([1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine])]
-            at = plus(plus(at, _along(turned_axes, step.way)), [step.slide * x for x in axes[Z]])
+            turned_axes = [combined(axes, [c, s, 0.0]), combined(axes, [-s, c, 0.0]), axes[Z]]
+            axes = [combined(turned_axes, v) for v in ([1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine])]
+            at = plus(plus(at, combined(turned_axes, step.way)), [step.slide * x for x in axes[Z]])
         places.append((axes, at))
     S: list[list[Scalar]] = []
     F: list[list[Scalar]] = []
@@ -159,15 +164,10 @@ def mass_vectors(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> tuple[Matrix,
         else:
             force, moment = [0.0, 0.0, body.mass], [h[Y], -h[X], 0.0]
             S.insert(0, [0.0, 0.0, 0.0, *axes[Z]])
-        force = _along(axes, force)
-        F.insert(0, [*plus(_along(axes, moment), cross(at, force)), *force])
+        force = combined(axes, force)
+        F.insert(0, [*plus(combined(axes, moment), cross(at, force)), *force])
         body = step.body_left(body)
     return [list(row) for row in zip(*S, strict=True)], [list(row) for row in zip(*F, strict=True)]
-
-
-def _along(axes: Matrix, v: Sequence[Scalar]) -> Vector3:
-    """``sum_k v_k axes_k``."""
-    return [axes[0][i] * v[0] + axes[1][i] * v[1] + axes[2][i] * v[2] for i in (X, Y, Z)]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from flexgen.recursion.composite_body import Matrix
+from flexgen.recursion.composite_body import Matrix, combined
 from flexgen.recursion.dh_chain import Chain
 from flexgen.recursion.newton_euler import Vector3, X, Y, Z, cross, plus, turn_by
 from flexgen.recursion.tape import Scalar, Tape
@@ -41,11 +41,6 @@ class _Group:
     def end(self) -> Vector3:
         """Where it ends, in the world."""
         return plus(plus(self.origin, combined(self.axes, self.step)), combined(self.turned, self.place))
-
-
-def combined(axes: Matrix, v: Sequence[Scalar]) -> Vector3:
-    """``sum_k v_k axes_k``."""
-    return [axes[0][i] * v[0] + axes[1][i] * v[1] + axes[2][i] * v[2] for i in (X, Y, Z)]
 
 
 def _rolled(turn: tuple[Scalar, Scalar], v: Sequence[Scalar]) -> Vector3:

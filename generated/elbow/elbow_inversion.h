@@ -36,7 +36,7 @@ typedef enum { ELBOW_HOLD_SPLINE = 0, ELBOW_HOLD_LINEAR = 1, ELBOW_HOLD_ZOH = 2 
  * iteration at its limit. A usual update needs a small part of them.
  */
 #define ELBOW_STREAM_OPERATIONS(intervals, samples_per_interval) \
-    (INT64_C(2358679) + INT64_C(87774) * (intervals) + INT64_C(53502) * (samples_per_interval))
+    (INT64_C(3089059) + INT64_C(87774) * (intervals) + INT64_C(73242) * (samples_per_interval))
 
 /*
  * Recommended options of a stream. The look-ahead is ln(1 / 1e-06) time constants of the slowest unstable zero at the
