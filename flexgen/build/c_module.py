@@ -21,15 +21,15 @@ MOST, LIMIT = 256, 128 * 2**20  # modules in the cache, and bytes of all of them
 
 
 @lru_cache(maxsize=16)
-def c_module(source: Path) -> ctypes.CDLL:
-    """The shared library of one C file of this package.
+def c_module(source: Path, option: str = "") -> ctypes.CDLL:
+    """The shared library of one C file of this package; ``option``: one more flag of the compiler.
 
     Raises
     ------
     BuildError
         There is no compiler, or it fails.
     """
-    return ctypes.CDLL(str(compiled(source.stem, source.read_text())))
+    return ctypes.CDLL(str(compiled(source.stem, source.read_text(), level=option)))
 
 
 def compiled(name: str, text: str, *, level: str = "", before: Callable[[], None] | None = None) -> Path:
@@ -41,7 +41,7 @@ def compiled(name: str, text: str, *, level: str = "", before: Callable[[], None
         Of the file: letters, digits and underscores.
     text : str
     level : str
-        ``"-O0"`` to ``"-O3"``; default: that of the C libraries.
+        One more flag, such as ``"-O0"``; default: those of the C libraries.
     before : callable, optional
         Called before the compiler runs, not where the library is in the cache.
 

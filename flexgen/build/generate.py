@@ -86,6 +86,7 @@ def generate(
     openmp: bool = False,
     isa: str = "native",
     amalgamate: bool = False,
+    per_point: bool = False,
     progress: Choice = None,
     force: bool = False,
 ) -> Generated:
@@ -118,6 +119,9 @@ def generate(
         ``"x86-64"``, ``"x86-64-v2"``, ``"x86-64-v3"`` (AVX2), ``"x86-64-v4"`` (AVX-512), for other computers.
     amalgamate : bool
         True: one header ``<name>.h`` and one source ``<name>.c`` instead of many files; the results have the same bits.
+    per_point : bool
+        True: functions for many points take one vector of parameters for each point, and not one for all. Such a
+        library has no inverse dynamics along paths and no streams.
     progress : callable or bool, optional
         Called with one line of text before each step; default: messages on a terminal and in a notebook; False: none.
     force : bool
@@ -142,7 +146,9 @@ def generate(
     _check_choices(precision, parameters, isa, equations)
     target = Path("generated", library_name(model)) if directory is None else _folder(directory)
     options = {"native": bool(native), "openmp": bool(openmp), "isa": isa}
-    request = _Request(model, equations, names, precision, tuple(parameters), bool(amalgamate), options, force)
+    request = _Request(
+        model, equations, names, precision, tuple(parameters), bool(amalgamate), bool(per_point), options, force
+    )
     return _generated(request, target, build, log, start)
 
 
@@ -156,6 +162,7 @@ class _Request:
     precision: str
     parameters: tuple[str, ...]
     amalgamate: bool
+    per_point: bool
     options: dict[str, Any]
     force: bool
 
@@ -233,7 +240,7 @@ def _written(request: _Request, digest: str, log: Callable[[str], None]) -> tupl
     log(f"writing {name}")
     from flexgen.codegen.emit import emit, function_texts
 
-    spec = library_spec(equations, request.names, precision=request.precision)
+    spec = library_spec(equations, request.names, precision=request.precision, per_point=request.per_point)
     if spec.c_functions:
         from flexgen.build.stream_defaults import stream_defaults
 
@@ -274,7 +281,7 @@ def _content_digest(request: _Request) -> str:
     decides whether there is something to compile.
     """
     own = request.equations is not None
-    choices = [request.names, request.precision, list(request.parameters), own, request.amalgamate]
+    choices = [request.names, request.precision, list(request.parameters), own, request.amalgamate, request.per_point]
     root = Path(__file__).resolve().parent.parent
     sources = [root / "ports.py", root / "model" / "digest.py", root / "model" / "elements.py"]
     for folder in ("analysis", "build", "codegen", "expressions", "mechanics", "numerics", "recursion"):
@@ -310,6 +317,7 @@ def _manifest(spec: LibrarySpec, digest: str, needs_work: Mapping[str, bool]) ->
         ],
         "motors": list(spec.motors),
         "states": list(spec.states),
+        "per_point": spec.per_point,
         "parameters": [asdict(parameter) for parameter in spec.parameters],
         "statuses": [asdict(status) for status in STATUSES],
         "functions": [

@@ -33,7 +33,7 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
     """Plan an experiment for identification: poses, multisines, expected accuracy."""
     _check_npz(args.out)
     from flexgen.identification.experiments.plan import excite as plan_experiment
-    from flexgen.loop.closed_loop import DriveHardware
+    from flexgen.loop.hardware import DriveHardware
 
     model = read_model(args)
     hardware = DriveHardware(

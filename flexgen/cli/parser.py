@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from flexgen import __version__
-from flexgen.cli import completion, identify_arguments, path, run, solve, sweep, verbs
+from flexgen.cli import completion, control_arguments, identify_arguments, path, run, solve, sweep, verbs
 from flexgen.cli.argument_types import (
     file_path,
     isa,
@@ -43,6 +43,8 @@ examples:
   flexgen solve planar5_nmp --report reports/arm      motor torques of the first move, with report
   flexgen sweep examples/sweep.toml --out out/sweep   many cases, on all cores
   flexgen identify arm.toml frf.npz --out new.toml    elastic parameters from frequency responses
+  flexgen control planar5_nmp --plant soft:stiffness=0.8   the move under a controller
+  flexgen score four_mass --controller all            benchmark of controllers
   flexgen run                                         all steps for planar5_nmp
 
 'flexgen VERB --help' describes the options of a verb.
@@ -114,6 +116,7 @@ def build_parser() -> _Parser:
     sub.add_argument("--out", metavar="FILE", type=trajectory_file, help="write the simulated motion to this file")
     sweep.add_arguments(_add_verb(group, "sweep", verbs.sweep, model=False))
     identify_arguments.add_verbs(group, _add_verb)
+    control_arguments.add_verbs(group, _add_verb)
     _add_run_arguments(_add_verb(group, "run", run.run))
     sub = _add_verb(group, "completion", completion.completion, model=False)
     sub.add_argument("shell", metavar="SHELL", choices=completion.SHELLS, help=", ".join(completion.SHELLS))

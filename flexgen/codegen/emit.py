@@ -76,7 +76,9 @@ def _written(spec: LibrarySpec, f: FunctionSpec) -> FunctionText:
     inputs, outputs = ({port.name: port.size for port in ports} for ports in (f.inputs, f.outputs))
     parameters = "parameters" if spec.parameters and "parameters" in inputs else None
     values = [parameter.value for parameter in spec.parameters]
-    return function_text(f.program, inputs, outputs, parameters, spec.precision, values, f"{f.name}_")
+    return function_text(
+        f.program, inputs, outputs, parameters, spec.precision, values, f"{f.name}_", shared=not spec.per_point
+    )
 
 
 def symbols(spec: LibrarySpec) -> tuple[str, ...]:

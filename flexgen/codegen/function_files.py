@@ -195,8 +195,8 @@ def _many_points(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> s
 
 
 def _shared(spec: LibrarySpec, port: Port) -> bool:
-    """True of the parameters: one array for all points."""
-    return bool(spec.parameters) and port.name == "parameters"
+    """True of the parameters where one array is for all points."""
+    return bool(spec.parameters) and not spec.per_point and port.name == "parameters"
 
 
 def _failed(spec: LibrarySpec, f: FunctionSpec, sizes: Mapping[str, str]) -> str:

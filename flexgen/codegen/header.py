@@ -19,6 +19,7 @@ SIZES = {
     "n_x": "states of the linearization",
     "n_y": "outputs",
     "n_t": "numbers of an output sample",
+    "n_s": "channels of the sensors",
     "n_p": "run-time parameters",
 }
 BYTES = {"double": 8, "single": 4}
@@ -237,7 +238,8 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
     if any(f.name == "linearize" for f in spec.functions):
         lines.append(f"  x: {states}")
     if spec.parameters:
-        lines += ["", "Run-time parameters, with the values of the model file:"]
+        batches = "; batches take one vector of them for each point" if spec.per_point else ""
+        lines += ["", f"Run-time parameters, with the values of the model file{batches}:"]
         for k, p in enumerate(spec.parameters):
             lines.append(f"  {k} {p.name} = {p.value!r} [{p.unit}]{'; ' if p.doc else ''}{p.doc}")
     flags = "-std=c99 -O2 -ffp-contract=off"

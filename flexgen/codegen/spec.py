@@ -188,7 +188,8 @@ class LibrarySpec:
     functions : tuple of FunctionSpec
         In the order of the header.
     sizes : dict of str to int
-        ``n_a``, ``n_g``, ``n_e``, ``n_m``, ``n_x``; ``n_y``, ``n_t`` where the model inverts; ``n_p`` with parameters.
+        ``n_a``, ``n_g``, ``n_e``, ``n_m``, ``n_x``; ``n_y``, ``n_t`` where the model inverts; ``n_s`` with sensors;
+        ``n_p`` with parameters.
     coordinates, coordinate_units : tuple of str
         Names and units ("rad" or "m") of ``q_a`` in chain order.
     motors : tuple of str
@@ -209,6 +210,8 @@ class LibrarySpec:
         ``"double"`` or ``"single"``: the type of every number in the library.
     parameters : tuple of Parameter
         Numbers that are arguments of the functions instead of constants.
+    per_point : bool
+        Batches take one vector of them for each point, and not one for all.
     c_functions : tuple of CFunction
         Hand-written functions that come with the library.
     motor_constants : MotorConstants, optional
@@ -233,6 +236,7 @@ class LibrarySpec:
     rotor_inertias: tuple[float, ...]
     precision: str = "double"
     parameters: tuple[Parameter, ...] = ()
+    per_point: bool = False
     c_functions: tuple[CFunction, ...] = ()
     motor_constants: MotorConstants | None = None
     constants: Constants = Constants()
@@ -249,6 +253,7 @@ class LibrarySpec:
             return "".join(f"{port.name}[{','.join(map(str, port.shape))}]" for port in ports)
 
         lines = [f"{f.name}({listed(f.inputs)})({listed(f.outputs)})\n" for f in self.functions]
+        lines += ["parameters for each point\n"] if self.per_point else []
         if self.c_functions:
             lines += [f"{signature_of(struct)}\n" for struct in STRUCTS]
         lines += [f"{function.signature}\n" for function in self.c_functions]
@@ -301,7 +306,9 @@ def chosen_functions(names: Sequence[str] | None, model: RobotModel) -> tuple[st
     return tuple(name for name in FUNCTIONS if name in names)
 
 
-def library_spec(equations: Any, functions: Sequence[str] | None = None, *, precision: str = "double") -> LibrarySpec:
+def library_spec(
+    equations: Any, functions: Sequence[str] | None = None, *, precision: str = "double", per_point: bool = False
+) -> LibrarySpec:
     """What the library of a model offers.
 
     Parameters
@@ -312,6 +319,8 @@ def library_spec(equations: Any, functions: Sequence[str] | None = None, *, prec
         Names of the functions wanted; all of `FUNCTIONS` where not given.
     precision : str
         ``"double"`` or ``"single"``.
+    per_point : bool
+        Batches take one vector of parameters for each point.
 
     Returns
     -------
@@ -333,12 +342,8 @@ def library_spec(equations: Any, functions: Sequence[str] | None = None, *, prec
     parameters: tuple[Parameter, ...] = tuple(getattr(equations, "parameters", ()))
     if model.inversion_obstacle() is None:
         sizes |= {"n_y": model.output.size, "n_t": model.output.target_size}
-    for parameter in parameters:
-        if not parameter.run_time:
-            raise BuildError(
-                f"parameters: given {parameter.name!r}, expected payload, stiffness, damping or friction: rotors and "
-                "bodies are constants of a library; set them by overrides"
-            )
+    if model.sensors:
+        sizes["n_s"] = sum(len(sensor.channels) for sensor in model.sensors)
     if parameters:
         sizes["n_p"] = len(parameters)
     coordinates = tuple(c.name for c in model.coordinates)
@@ -351,7 +356,14 @@ def library_spec(equations: Any, functions: Sequence[str] | None = None, *, prec
     q_a = np.zeros(model.n_a)
     q_a[list(model.i_g)] = model.home
     q_m = model.eta @ q_a[list(model.i_g)]
-    c_functions = offered_c_functions(model, names, parameters, precision)
+    c_functions = () if per_point else offered_c_functions(model, names, parameters, precision)
+    for parameter in parameters if c_functions else ():
+        if parameter.inertia:
+            raise BuildError(
+                f"parameters: given {parameter.name!r}, expected payload, stiffness, damping or friction: bodies and "
+                "rotors are constants of the inversion along paths; choose functions without it, or set them by "
+                "overrides"
+            )
     half = [*coordinates, *(motors[j] for j in model.i_m)]
     return LibrarySpec(
         name=library_name(model),
@@ -368,6 +380,7 @@ def library_spec(equations: Any, functions: Sequence[str] | None = None, *, prec
         rotor_inertias=tuple(float(m.inertia) for m in model.motors),
         precision=precision,
         parameters=parameters,
+        per_point=per_point,
         c_functions=c_functions,
         motor_constants=motor_constants(model) if c_functions else None,
         constants=_constants(model),

@@ -94,6 +94,7 @@ def function_text(
     precision: str = "double",
     values: Sequence[float] = (),
     prefix: str = "",
+    shared: bool = True,
 ) -> FunctionText:
     """C text of a program; BuildError names an operation that cannot be written.
 
@@ -103,14 +104,17 @@ def function_text(
     inputs, outputs : mapping of str to int
         Entries of each port, in the order of the arguments.
     parameters : str, optional
-        The input that holds the parameters: the same for all points of a batch.
+        The input that holds the parameters: the same for all points of a batch where ``shared``.
     precision : str
         ``"double"`` or ``"single"``.
     values : sequence of float
         Values of the parameters in the model file.
     prefix : str
         Begin of the names of the static functions, so that several functions fit into one C file.
+    shared : bool
+        False: the parameters are an input like the others, one vector for each point.
     """
+    common = parameters if shared else None
     layout = _layout(program, outputs)
     texts: list[str] = []
     calls: list[str] = []
@@ -134,7 +138,7 @@ def function_text(
         if step.pivots:
             given = {parameters: np.array(values)} if parameters is not None else {}
             graph = guarded(graph, step.function.name_in(), given, precision)
-        writer = _Writer(graph, step, layout, parameters, precision)
+        writer = _Writer(graph, step, layout, common, precision)
         pieces = writer.pieces()
         seen |= _seen(graph, step, {*outputs, *rights})
         whole = len(pieces) == len(program.steps) == 1
@@ -149,8 +153,8 @@ def function_text(
             name = f"{prefix}evaluate_{k + 1}_{i + 1}"
             ports = [port for port in (*inputs, *outputs) if port in piece.ports]
             kinds = [port for port in ports if port in inputs], [port for port in ports if port in outputs]
-            texts.append("SEPARATE " + _function(name, piece, *kinds, parameters))
-            calls.append("zero += " + _call(name, ports, piece.workspace, parameters))
+            texts.append("SEPARATE " + _function(name, piece, *kinds, common))
+            calls.append("zero += " + _call(name, ports, piece.workspace, common))
         work = max(work, writer.start + writer.spilled)
         operations, called = operations + graph.operations(), called + graph.calls()
         depth += max((graph.depth[r >> 1] for _, _, r in graph.outputs), default=0)
@@ -158,7 +162,7 @@ def function_text(
         zero = literal(0.0, precision)
         unread = [(port, e) for port, size in inputs.items() for e in range(size) if (port, e) not in seen]
         calls = [f"T zero = F(splat)({zero});", *calls]
-        calls += [f"zero += {zero} * {_access(port, e, parameters)};" for port, e in unread]
+        calls += [f"zero += {zero} * {_access(port, e, common)};" for port, e in unread]
         last = _Piece([*calls, "return zero;"], workspace=work > 0)
         texts.append(_function(f"{prefix}evaluate", last, [*inputs], [*outputs]))
     return FunctionText("\n".join(texts), work, operations, depth, stack, called)

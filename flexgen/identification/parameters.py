@@ -3,7 +3,7 @@
     theta = exp(x) (scale "log"), theta = x (scale "linear")
 
 Names are those of `flexgen.mechanics.parameters`, and those of the drives: ``delay`` [s], ``<motor>.torque_constant``
-(torque of the motor over the recorded one), and the gains of `flexgen.loop.closed_loop.Cascade`:
+(torque of the motor over the recorded one), and the gains of `flexgen.loop.controllers.Cascade`:
 ``<motor>.position_gain``, ``.speed_gain``, ``.integral_gain``, for fits in closed loop.
 """
 
@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.identification.local_model import Drive, with_drive
-from flexgen.loop.closed_loop import Cascade
+from flexgen.loop.controllers import Cascade
 from flexgen.mechanics.parameters import Parameter, select, with_values
 from flexgen.model.elements import RobotModel
 
@@ -187,11 +188,11 @@ def is_of_drive(name: str) -> bool:
 
 def cascade_at(controller: Cascade, values: Mapping[str, float], motors: Sequence[str]) -> Cascade:
     """The controller with other gains (``<motor>.speed_gain`` ...)."""
-    gains = {}
+    gains: dict[str, Any] = {}
     for kind in GAINS:
         before = getattr(controller, kind[1:])
         gains[kind[1:]] = np.array([values.get(motor + kind, old) for motor, old in zip(motors, before, strict=True)])
-    return Cascade(**gains)
+    return replace(controller, **gains)
 
 
 def _drive_parameters(model: RobotModel, names: Sequence[str], controller: Cascade | None) -> list[Parameter]:

@@ -223,7 +223,7 @@ def refine(
     unknown = [name for name in dict.fromkeys(names) if name != DELAY and not f".{name}".endswith(CONSTANT)]
     names = [name for name in unknown if not is_of_drive(name)]
     for parameter in select(model, names):
-        if not parameter.run_time:
+        if parameter.inertia:
             raise ArgumentError(f"free: given {parameter.name}, expected stiffness, damping, friction or payload")
     begin = {name: value for name, value in found.used().items() if name in {p.name for p in select(model, names)}}
     vector = ParameterVector(model, unknown, start=begin | dict(start or {}), controller=plan.controller)

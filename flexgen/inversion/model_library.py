@@ -70,6 +70,7 @@ def library_with(
     functions: Sequence[str],
     *,
     parameters: Sequence[str] = (),
+    per_point: bool = False,
     native: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Library:
@@ -82,6 +83,8 @@ def library_with(
         Names of the functions.
     parameters : sequence of str
         Numbers of the model that are arguments of the functions.
+    per_point : bool
+        Batches take one vector of them for each point.
     native : bool
         Compile for this processor: often faster, and the last digits depend on the processor.
     progress : callable, optional
@@ -93,7 +96,7 @@ def library_with(
         There is no compiler, or it fails.
     """
     with paused():
-        what = _What(tuple(functions), tuple(parameters), native)
+        what = _What(tuple(functions), tuple(parameters), native, per_point)
         return _loaded(_Key(model), what, progress if progress is not None else _silent)
 
 
@@ -121,11 +124,18 @@ class _What:
     functions: tuple[str, ...]
     parameters: tuple[str, ...]
     native: bool
+    per_point: bool = False
 
     def generate(self, model: RobotModel, folder: Path, progress: Callable[[str], None]) -> Generated:
         """Generate the library, or find that it is there."""
         return generate(
-            model, folder, functions=self.functions, parameters=self.parameters, native=self.native, progress=progress
+            model,
+            folder,
+            functions=self.functions,
+            parameters=self.parameters,
+            per_point=self.per_point,
+            native=self.native,
+            progress=progress,
         )
 
 

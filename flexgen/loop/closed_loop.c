@@ -1,12 +1,12 @@
 /*
- * The sampled closed loop of robots that share one model: measure, control, limit, hold, integrate.
+ * The sampled closed loop of robots that share one model: measure, control, limit, delay, hold, integrate.
  *
  * All robots (lanes) advance together, so that the model is evaluated by its batch function. Arrays of the state are
  * structures of arrays: entry i of lane k is x[i * lanes + k]; results for the caller are y[(sample * lanes + lane) *
  * channels + channel]. The same inputs give the same bits on every machine that contracts no products.
  *
  * Between samples the equations of motion are integrated by the classical Runge-Kutta method of order four in equal
- * steps. Torques change only between steps: the delay is a whole number of steps.
+ * steps. Torques and disturbances change only between steps: the delay is a whole number of steps.
  */
 #include <math.h>
 #include <stddef.h>
@@ -20,36 +20,74 @@
 #endif
 
 enum { LOOP_DONE = 0, LOOP_NOT_FINITE = 1, LOOP_CONTROLLER_FAILED = 2 };
+enum { LOOP_TOOL = 6 }; /* entries of a force and a torque on the tool */
 
+/* Functions of the model's library, for n points (with_n) or for one. The parameters come before the results where the
+   library has any. */
 typedef int (*loop_plant)(int n, const double *q_a, const double *v_a, const double *q_m, const double *v_m,
     const double *tau_m, double *a_a, double *a_m, double *work);
-
-/* The same of a library with run-time parameters. */
 typedef int (*loop_parametrized)(int n, const double *q_a, const double *v_a, const double *q_m, const double *v_m,
     const double *tau_m, const double *parameters, double *a_a, double *a_m, double *work);
+typedef int (*loop_pushed)(int n, const double *q_a, const double *v_a, const double *q_m, const double *v_m,
+    const double *tau_m, const double *f_tool, double *a_a, double *a_m, double *tau_g, double *work);
+typedef int (*loop_pushed_parametrized)(int n, const double *q_a, const double *v_a, const double *q_m,
+    const double *v_m, const double *tau_m, const double *f_tool, const double *parameters, double *a_a, double *a_m,
+    double *tau_g, double *work);
+typedef int (*loop_sensors)(int n, const double *q_a, const double *v_a, const double *a_a, double *y_s, double *work);
 
 /* u from the measured y and the reference of sample k; anything but 0 stops the robot's control. */
 typedef int (*loop_controller)(void *self, int64_t k, const double *y, const double *ref, double *u);
 
 typedef struct {
-    int32_t lanes, n_a, n_m, n_ref; /* n_ref: references of one robot and sample */
-    int32_t steps, delay_steps;     /* of the integrator a sample; delay of the torque, less than one sample */
+    int32_t lanes, n_a, n_m, n_g;
+    int32_t n_y, n_ref;         /* measured channels: motor angles, then sensors; references of a sample */
+    int32_t steps;              /* of the integrator a sample */
+    int32_t delay_steps, slots; /* of the torque: steps, less than a sample; memory of whole samples, 1 + the largest */
+    int32_t history;            /* largest delay of a channel [samples] */
+    int32_t disturbed;          /* lanes that the disturbances are given for: 0 (none), 1 (for all), lanes */
     double sample_s;
     void (*plant)(void);      /* loop_plant, or with parameters loop_parametrized */
-    const double *parameters; /* of the plant, the same for all lanes; null: it has none */
+    void (*pushed)(void);     /* loop_pushed, or with parameters loop_pushed_parametrized; or null */
+    void (*sensors)(void);    /* loop_sensors; null: there are none */
+    const double *parameters; /* of the plant: for all lanes or for each, as the library takes them */
     double *plant_work;
     loop_controller controller;
     unsigned char *memory; /* of the controllers, memory_size bytes for each lane */
     int64_t memory_size;
-    const double *resolution, *angle_noise, *torque_noise, *torque_max; /* (n_m); 0: none */
-    double *state;      /* q_a, v_a, q_m, v_m: 2 (n_a + n_m) rows of lanes */
-    double *torque;     /* torque that acts now, noise included (n_m rows of lanes) */
-    double *scratch;    /* 10 (n_a + n_m) + n_m rows of lanes */
-    uint64_t *random;   /* four words for each lane, not all zero */
-    int32_t *status;    /* of each lane */
-    int64_t *saturated; /* samples at a torque limit, of each lane */
-    double *record;     /* null, or for each sample the state and the torque that acts: 2 n_a + 3 n_m rows of lanes */
+    const double *resolution, *noise, *bias; /* (n_y); 0: none */
+    const int32_t *delay;                    /* whole samples from a measurement to its torque, of each lane */
+    const int32_t *late;                     /* delays of the channels [samples] (n_y) */
+    const double *gain;                      /* (lanes): factor of the feedback, 1 as a rule */
+    const double *torque_noise, *torque_max; /* (n_m); 0: none */
+    const double *disturbances;              /* (steps, n_m + 6, disturbed): motor torques, force on the tool */
+    const unsigned char *pushing;            /* (steps): whether a force acts on a tool */
+    double *state;                           /* q_a, v_a, q_m, v_m: 2 (n_a + n_m) rows of lanes */
+    double *torque;                          /* torque that acts now, noise included (n_m rows of lanes) */
+    double *pending;                         /* torques of the last samples, slots times n_m rows of lanes */
+    double *shown;                           /* what the channels measured, history + 1 slots of n_y rows of lanes */
+    double *scratch;                         /* 10 (n_a + n_m) + n_m + n_g + n_y + 6 rows of lanes */
+    uint64_t *random;                        /* four words for each lane, not all zero */
+    int32_t *status;                         /* of each lane */
+    int64_t *saturated;                      /* samples at a torque limit, of each lane */
+    double *record; /* null, or for each sample the state and the torque that acts: 2 n_a + 3 n_m rows of lanes */
 } loop_robots;
+
+/* Parts of the scratch memory. */
+typedef struct {
+    double *stages, *acting, *tau_g, *signals, *f_tool;
+} loop_parts;
+
+static loop_parts parts_of(const loop_robots *r)
+{
+    size_t lanes = (size_t)r->lanes, n_m = (size_t)r->n_m;
+    loop_parts p;
+    p.stages = r->scratch;
+    p.acting = p.stages + 10 * ((size_t)r->n_a + n_m) * lanes;
+    p.tau_g = p.acting + n_m * lanes;
+    p.signals = p.tau_g + (size_t)r->n_g * lanes;
+    p.f_tool = p.signals + (size_t)r->n_y * lanes;
+    return p;
+}
 
 /* The next 64 random bits: xoshiro256++ (D. Blackman and S. Vigna, 2019). */
 static uint64_t loop_bits(uint64_t *s)
@@ -74,56 +112,104 @@ static double loop_noise(uint64_t *s)
     return sum;
 }
 
-/* Rate of the state x under the torques that act. */
-static void loop_rate(const loop_robots *r, const double *x, double *dx)
+/* Accelerations at the state x under the torques that act. */
+static void loop_accelerations(
+    const loop_robots *r, const loop_parts *p, int push, const double *x, double *a_a, double *a_m)
 {
     size_t arm = (size_t)r->n_a * (size_t)r->lanes, motors = (size_t)r->n_m * (size_t)r->lanes;
-    const double *v_a = x + arm, *q_m = v_a + arm, *v_m = q_m + motors;
-    memcpy(dx, v_a, arm * sizeof *dx);
-    memcpy(dx + 2 * arm, v_m, motors * sizeof *dx);
+    const double *v_a = x + arm, *q_m = v_a + arm, *v_m = q_m + motors, *tau = r->disturbed ? p->acting : r->torque;
+    double *work = r->plant_work;
+    int n = r->lanes;
     /* the status is that of the first point that fails; whose state is not finite any more is found at the sample */
-    if (r->parameters) {
-        (void)((loop_parametrized)r->plant)(
-            r->lanes, x, v_a, q_m, v_m, r->torque, r->parameters, dx + arm, dx + 2 * arm + motors, r->plant_work);
+    if (push && r->parameters) {
+        (void)((loop_pushed_parametrized)r->pushed)(
+            n, x, v_a, q_m, v_m, tau, p->f_tool, r->parameters, a_a, a_m, p->tau_g, work);
+    } else if (push) {
+        (void)((loop_pushed)r->pushed)(n, x, v_a, q_m, v_m, tau, p->f_tool, a_a, a_m, p->tau_g, work);
+    } else if (r->parameters) {
+        (void)((loop_parametrized)r->plant)(n, x, v_a, q_m, v_m, tau, r->parameters, a_a, a_m, work);
     } else {
-        (void)((loop_plant)r->plant)(
-            r->lanes, x, v_a, q_m, v_m, r->torque, dx + arm, dx + 2 * arm + motors, r->plant_work);
+        (void)((loop_plant)r->plant)(n, x, v_a, q_m, v_m, tau, a_a, a_m, work);
     }
 }
 
+/* Rate of the state x under the torques that act. */
+static void loop_rate(const loop_robots *r, const loop_parts *p, int push, const double *x, double *dx)
+{
+    size_t arm = (size_t)r->n_a * (size_t)r->lanes, motors = (size_t)r->n_m * (size_t)r->lanes;
+    memcpy(dx, x + arm, arm * sizeof *dx);
+    memcpy(dx + 2 * arm, x + 2 * arm + motors, motors * sizeof *dx);
+    loop_accelerations(r, p, push, x, dx + arm, dx + 2 * arm + motors);
+}
+
+/* The disturbances of a step (of the part that is given); returns whether a force acts on a tool. */
+static int loop_disturb(const loop_robots *r, const loop_parts *p, size_t step)
+{
+    size_t lanes = (size_t)r->lanes, given = (size_t)r->disturbed, n_m = (size_t)r->n_m;
+    const double *d = r->disturbances + step * (n_m + LOOP_TOOL) * given;
+    for (size_t i = 0; i < (r->pushing[step] ? n_m + LOOP_TOOL : n_m); ++i) {
+        double *to = i < n_m ? p->acting + i * lanes : p->f_tool + (i - n_m) * lanes;
+        for (size_t lane = 0; lane < lanes; ++lane) {
+            double own = d[i * given + (given == 1 ? 0 : lane)];
+            to[lane] = i < n_m ? r->torque[i * lanes + lane] + own : own;
+        }
+    }
+    return r->pushing[step];
+}
+
 /* One step of the classical Runge-Kutta method. */
-static void loop_step(const loop_robots *r, double h)
+static void loop_step(const loop_robots *r, const loop_parts *p, int push, double h)
 {
     size_t n = 2 * ((size_t)r->n_a + (size_t)r->n_m) * (size_t)r->lanes;
-    double *x = r->state, *k1 = r->scratch, *k2 = k1 + n, *k3 = k2 + n, *k4 = k3 + n, *at = k4 + n;
-    loop_rate(r, x, k1);
+    double *x = r->state, *k1 = p->stages, *k2 = k1 + n, *k3 = k2 + n, *k4 = k3 + n, *at = k4 + n;
+    loop_rate(r, p, push, x, k1);
     for (size_t i = 0; i < n; ++i) {
         at[i] = x[i] + 0.5 * h * k1[i];
     }
-    loop_rate(r, at, k2);
+    loop_rate(r, p, push, at, k2);
     for (size_t i = 0; i < n; ++i) {
         at[i] = x[i] + 0.5 * h * k2[i];
     }
-    loop_rate(r, at, k3);
+    loop_rate(r, p, push, at, k3);
     for (size_t i = 0; i < n; ++i) {
         at[i] = x[i] + h * k3[i];
     }
-    loop_rate(r, at, k4);
+    loop_rate(r, p, push, at, k4);
     for (size_t i = 0; i < n; ++i) {
         x[i] += h / 6.0 * ((k1[i] + k4[i]) + 2.0 * (k2[i] + k3[i]));
     }
 }
 
-/* What the encoders of one robot show. */
-static void loop_measure(const loop_robots *r, int lane, double *y)
+/* Signals of the sensors of all robots under the torques that act just before the sample. */
+static void loop_signals(const loop_robots *r, const loop_parts *p, int push)
 {
-    const double *q_m = r->state + 2 * (size_t)r->n_a * (size_t)r->lanes;
-    for (int j = 0; j < r->n_m; ++j) {
-        double angle = q_m[(size_t)j * (size_t)r->lanes + (size_t)lane];
-        if (r->angle_noise[j] > 0.0) {
-            angle += r->angle_noise[j] * loop_noise(r->random + 4 * (size_t)lane);
+    size_t arm = (size_t)r->n_a * (size_t)r->lanes;
+    double *a_a = p->stages, *a_m = a_a + arm;
+    loop_accelerations(r, p, push, r->state, a_a, a_m);
+    (void)((loop_sensors)r->sensors)(r->lanes, r->state, r->state + arm, a_a, p->signals, r->plant_work);
+}
+
+/* What the channels of one robot show at sample k. */
+static void loop_measure(const loop_robots *r, const loop_parts *p, int lane, int64_t k, double *y)
+{
+    size_t lanes = (size_t)r->lanes, own = (size_t)lane, n_y = (size_t)r->n_y, slots = (size_t)r->history + 1;
+    const double *q_m = r->state + 2 * (size_t)r->n_a * lanes;
+    for (size_t j = 0; j < n_y; ++j) {
+        double value = j < (size_t)r->n_m ? q_m[j * lanes + own] : p->signals[(j - (size_t)r->n_m) * lanes + own];
+        if (r->noise[j] > 0.0) {
+            value += r->noise[j] * loop_noise(r->random + 4 * own);
         }
-        y[j] = r->resolution[j] > 0.0 ? floor(angle / r->resolution[j] + 0.5) * r->resolution[j] : angle;
+        value += r->bias[j];
+        y[j] = r->resolution[j] > 0.0 ? floor(value / r->resolution[j] + 0.5) * r->resolution[j] : value;
+        if (r->history > 0) {
+            if (k == 0) {
+                for (size_t slot = 0; slot < slots; ++slot) {
+                    r->shown[(slot * n_y + j) * lanes + own] = y[j];
+                }
+            }
+            r->shown[(((size_t)k % slots) * n_y + j) * lanes + own] = y[j];
+            y[j] = r->shown[((((size_t)k + slots - (size_t)r->late[j]) % slots) * n_y + j) * lanes + own];
+        }
     }
 }
 
@@ -138,7 +224,7 @@ static int loop_finite(const loop_robots *r, int lane)
     return 1;
 }
 
-/* Torque of one robot for the next interval: commanded and limited (u), and what acts (next, with noise). */
+/* Torque of one robot for a later interval: commanded and limited (u), and what will act (next, with noise). */
 static void loop_control(
     loop_robots *r, int lane, int64_t k, const double *y, const double *ref, double *u, double *next)
 {
@@ -151,7 +237,10 @@ static void loop_control(
         r->status[lane] = LOOP_CONTROLLER_FAILED;
     }
     for (int j = 0; j < r->n_m; ++j) {
-        double most = r->torque_max[j], noise = 0.0;
+        double most = r->torque_max[j], noise = 0.0, ahead = ref[r->n_y + j];
+        if (r->gain[lane] != 1.0) {
+            u[j] = ahead + r->gain[lane] * (u[j] - ahead);
+        }
         if (!isfinite(u[j]) || r->status[lane] != LOOP_DONE) {
             r->status[lane] = r->status[lane] == LOOP_DONE ? LOOP_CONTROLLER_FAILED : r->status[lane];
             u[j] = 0.0;
@@ -168,45 +257,75 @@ static void loop_control(
     r->saturated[lane] += limited;
 }
 
+/* Measure and control all robots at sample k; the torques go to next. */
+static void loop_sample(
+    loop_robots *r, const loop_parts *p, int push, int64_t k, const double *ref, double *y, double *u, double *next)
+{
+    size_t lanes = (size_t)r->lanes, n_m = (size_t)r->n_m;
+    for (int lane = 0; lane < r->lanes; ++lane) {
+        if (r->status[lane] == LOOP_DONE && !loop_finite(r, lane)) {
+            r->status[lane] = LOOP_NOT_FINITE;
+        }
+        if (r->status[lane] == LOOP_NOT_FINITE) { /* at rest at zero, so that the batch stays finite */
+            for (size_t i = 0; i < 2 * ((size_t)r->n_a + n_m); ++i) {
+                r->state[i * lanes + (size_t)lane] = 0.0;
+            }
+        }
+    }
+    if (r->sensors) {
+        loop_signals(r, p, push);
+    }
+    for (int lane = 0; lane < r->lanes; ++lane) {
+        size_t own = (size_t)lane;
+        loop_measure(r, p, lane, k, y + own * (size_t)r->n_y);
+        loop_control(r, lane, k, y + own * (size_t)r->n_y, ref + own * (size_t)r->n_ref, u + own * n_m, next);
+    }
+}
+
+/* The torques that begin to act: those of this sample, or of an earlier one. */
+static void loop_act(const loop_robots *r, size_t slot)
+{
+    size_t lanes = (size_t)r->lanes, n_m = (size_t)r->n_m, slots = (size_t)r->slots;
+    for (size_t lane = 0; lane < lanes; ++lane) {
+        const double *from = r->pending + (slot + slots - (size_t)r->delay[lane]) % slots * n_m * lanes;
+        for (size_t j = 0; j < n_m; ++j) {
+            r->torque[j * lanes + lane] = from[j * lanes + lane];
+        }
+    }
+}
+
 /*
  * Run samples first .. first + n - 1.
  *
- * ref: references of period samples, (period, lanes, n_ref), repeated; y, u: measured angles and commanded torques
- * (n, lanes, n_m). Returns the number of robots whose status is not LOOP_DONE; those keep their place in the arrays.
+ * ref: references of period samples, (period, lanes, n_ref), repeated; y, u: measured channels (n, lanes, n_y) and
+ * commanded torques (n, lanes, n_m). Disturbances are those of these samples. Returns the number of robots whose status
+ * is not LOOP_DONE; those keep their place in the arrays.
  */
 LOOP_API int flexgen_loop_run(
     loop_robots *r, int64_t first, int64_t n, const double *ref, int64_t period, double *y, double *u)
 {
-    size_t lanes = (size_t)r->lanes, n_m = (size_t)r->n_m, n_ref = (size_t)r->n_ref;
+    size_t lanes = (size_t)r->lanes, n_m = (size_t)r->n_m, steps = (size_t)r->steps;
+    size_t slots = (size_t)r->slots, torques = n_m * lanes;
     double h = r->sample_s / r->steps;
-    double *next = r->scratch + 10 * ((size_t)r->n_a + n_m) * lanes;
+    const loop_parts p = parts_of(r);
     int failed = 0;
     for (int64_t k = 0; k < n; ++k) {
-        const double *given = ref + (size_t)((first + k) % period) * lanes * n_ref;
+        const double *given = ref + (size_t)((first + k) % period) * lanes * (size_t)r->n_ref;
+        size_t slot = (size_t)(first + k) % slots;
+        int push = r->disturbed && loop_disturb(r, &p, (size_t)k * steps);
         if (r->record) {
-            size_t state = 2 * ((size_t)r->n_a + n_m) * lanes, torque = n_m * lanes;
-            memcpy(r->record + (size_t)k * (state + torque), r->state, state * sizeof(double));
-            memcpy(r->record + (size_t)k * (state + torque) + state, r->torque, torque * sizeof(double));
+            size_t state = 2 * ((size_t)r->n_a + n_m) * lanes;
+            memcpy(r->record + (size_t)k * (state + torques), r->state, state * sizeof(double));
+            memcpy(r->record + (size_t)k * (state + torques) + state, r->torque, torques * sizeof(double));
         }
-        for (int lane = 0; lane < r->lanes; ++lane) {
-            double *shown = y + ((size_t)k * lanes + (size_t)lane) * n_m;
-            double *commanded = u + ((size_t)k * lanes + (size_t)lane) * n_m;
-            if (r->status[lane] == LOOP_DONE && !loop_finite(r, lane)) {
-                r->status[lane] = LOOP_NOT_FINITE;
+        loop_sample(r, &p, push, first + k, given, y + (size_t)k * lanes * (size_t)r->n_y, u + (size_t)k * torques,
+            r->pending + slot * torques);
+        for (size_t step = 0; step < steps; ++step) {
+            if (step == (size_t)r->delay_steps) {
+                loop_act(r, slot);
             }
-            if (r->status[lane] == LOOP_NOT_FINITE) { /* at rest at zero, so that the batch stays finite */
-                for (size_t i = 0; i < 2 * ((size_t)r->n_a + n_m); ++i) {
-                    r->state[i * lanes + (size_t)lane] = 0.0;
-                }
-            }
-            loop_measure(r, lane, shown);
-            loop_control(r, lane, first + k, shown, given + (size_t)lane * n_ref, commanded, next);
-        }
-        for (int step = 0; step < r->steps; ++step) {
-            if (step == r->delay_steps) {
-                memcpy(r->torque, next, n_m * lanes * sizeof *next);
-            }
-            loop_step(r, h);
+            push = r->disturbed && loop_disturb(r, &p, (size_t)k * steps + step);
+            loop_step(r, &p, push, h);
         }
     }
     for (int lane = 0; lane < r->lanes; ++lane) {
@@ -216,32 +335,90 @@ LOOP_API int flexgen_loop_run(
 }
 
 /*
- * A drive with position and speed control (P-PI) and feedforward torque:
+ * A drive with position and speed control (P-PI), feedforward torque and filters of the feedback:
  *
- *     e = q_ref - q,   w = v_ref + k_p e - v,   u = tau_ff + k_v (w + k_i int w dt)
+ *     e = q_ref - q,   w = v_ref + k_p e - v,   u = tau_ff + F(z) k_v (w + k_i int w dt)
  *
  * v: difference of two samples of q; v_ref: the same difference of q_ref, so that the filter does not show. The
- * references of motor j are ref[j] (angle) and ref[n_m + j] (torque).
+ * references of motor j are ref[j] (angle) and ref[n_y + j] (torque). F: sections of order two,
+ * y = b0 x + s1,  s1 = b1 x - a1 y + s2,  s2 = b2 x - a2 y. While u is above its limit the integral does not grow.
  */
 typedef struct {
-    int64_t n_m;
+    int64_t n_m, n_y, sections;
     double sample_s;
-    /* then k_p, k_v, k_i, last q, last q_ref, integral: n_m each */
+    /* then k_p, k_v, k_i, u_max: n_m each; b0, b1, b2, a1, a2 of each section and motor: (sections, n_m, 5);
+       last q, last q_ref, integral: n_m each; s1, s2 of each section and motor: (sections, n_m, 2) */
 } loop_cascade;
 
 LOOP_API int flexgen_loop_cascade(void *self, int64_t k, const double *y, const double *ref, double *u)
 {
     loop_cascade *c = (loop_cascade *)self;
-    size_t n = (size_t)c->n_m;
-    double *k_p = (double *)(c + 1), *k_v = k_p + n, *k_i = k_v + n, *q = k_i + n, *q_ref = q + n, *sum = q_ref + n;
+    size_t n = (size_t)c->n_m, sections = (size_t)c->sections;
+    double *k_p = (double *)(c + 1), *k_v = k_p + n, *k_i = k_v + n, *most = k_i + n, *filter = most + n;
+    double *q = filter + 5 * sections * n, *q_ref = q + n, *sum = q_ref + n, *state = sum + n;
     (void)k;
     for (size_t j = 0; j < n; ++j) {
         double v = (y[j] - q[j]) / c->sample_s, v_ref = (ref[j] - q_ref[j]) / c->sample_s;
-        double w = v_ref + k_p[j] * (ref[j] - y[j]) - v;
+        double w = v_ref + k_p[j] * (ref[j] - y[j]) - v, x;
         sum[j] += w * c->sample_s;
-        u[j] = ref[n + j] + k_v[j] * (w + k_i[j] * sum[j]);
+        x = k_v[j] * (w + k_i[j] * sum[j]);
+        for (size_t i = 0; i < sections; ++i) {
+            const double *f = filter + 5 * (i * n + j);
+            double *s = state + 2 * (i * n + j), out = f[0] * x + s[0];
+            s[0] = f[1] * x - f[3] * out + s[1];
+            s[1] = f[2] * x - f[4] * out;
+            x = out;
+        }
+        u[j] = ref[(size_t)c->n_y + j] + x;
+        if (most[j] > 0.0 && fabs(u[j]) > most[j] && (u[j] > 0.0) == (w > 0.0)) {
+            sum[j] -= w * c->sample_s;
+        }
         q[j] = y[j];
         q_ref[j] = ref[j];
     }
+    return 0;
+}
+
+/*
+ * A linear controller about the reference, with matrices for each part of the motion:
+ *
+ *     e = y_ref - y,    u = tau_ff + C z + D e,    z <- A z + B e
+ *
+ * References: y_ref (n_y), then tau_ff (n_m); their first n_m entries are the motor angles. Part i is used for the
+ * samples from i * samples on, the last one to the end. The matrices are stored by rows, shared by all robots.
+ */
+typedef struct {
+    int64_t n_m, n_y, n_z, parts, samples;
+    const double *matrices; /* (parts): A, B, C, D */
+    /* then z (n_z), its next value (n_z) and e (n_y) */
+} loop_linear;
+
+static double dot(const double *a, const double *b, size_t n)
+{
+    double sum = 0.0;
+    for (size_t i = 0; i < n; ++i) {
+        sum += a[i] * b[i];
+    }
+    return sum;
+}
+
+LOOP_API int flexgen_loop_linear(void *self, int64_t k, const double *y, const double *ref, double *u)
+{
+    loop_linear *c = (loop_linear *)self;
+    size_t n_m = (size_t)c->n_m, n_y = (size_t)c->n_y, n_z = (size_t)c->n_z;
+    int64_t part = k / c->samples < c->parts ? k / c->samples : c->parts - 1;
+    const double *A = c->matrices + (size_t)part * (n_z + n_m) * (n_z + n_y), *B = A + n_z * n_z;
+    const double *C = B + n_z * n_y, *D = C + n_m * n_z;
+    double *z = (double *)(c + 1), *next = z + n_z, *e = next + n_z;
+    for (size_t i = 0; i < n_y; ++i) {
+        e[i] = ref[i] - y[i];
+    }
+    for (size_t i = 0; i < n_m; ++i) {
+        u[i] = ref[n_y + i] + (dot(C + i * n_z, z, n_z) + dot(D + i * n_y, e, n_y));
+    }
+    for (size_t i = 0; i < n_z; ++i) {
+        next[i] = dot(A + i * n_z, z, n_z) + dot(B + i * n_y, e, n_y);
+    }
+    memcpy(z, next, n_z * sizeof *z);
     return 0;
 }

@@ -1,10 +1,11 @@
 """Robots under a sampled controller, simulated in C: measure, control, limit, hold, integrate.
 
-    y_k = Q(q_m(t_k) + noise),    u_k = controller(k, y_k, ref_k),    tau_m(t) = sat(u_k) + noise,
-    t in [t_k + delay, t_(k+1) + delay)
+    y_k = Q((q_m, sensors)(t_k) + noise + bias),    u_k = controller(k, y_k, ref_k),
+    tau_m(t) = sat(u_k) + noise + disturbance(t),    t in [t_k + delay, t_(k+1) + delay)
 
-Several robots with the same model advance together. Between samples the model's forward dynamics is integrated by the
-classical Runge-Kutta method in equal steps, short enough for the fastest eigenvalue.
+Several robots with the same model advance together; they may have different run-time parameters. Between samples the
+model's forward dynamics is integrated by the classical Runge-Kutta method in equal steps, short enough for the fastest
+eigenvalue. Forces on the tool and disturbances of the motors are constant within a step.
 """
 
 from __future__ import annotations
@@ -13,92 +14,28 @@ import ctypes
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from flexgen.build.c_module import c_module
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.loop.controllers import loop_module
+from flexgen.loop.hardware import DriveHardware, SensorChannels
+from flexgen.loop.interface import Controller, Setup
 from flexgen.model.elements import RobotModel
 from flexgen.runtime.library import Library
 
-SOURCE = Path(__file__).with_name("closed_loop.c")
 STATUSES = ("done", "not finite", "controller failed")
 STEP_TIMES_RATE, LARGEST_STEP_TIMES_RATE = 1.0, 2.5  # of the Runge-Kutta method; stable below 2.78
 MOST_STEPS = 1000  # a sample
+MOST_DELAY = 64  # samples
+TOOL = 6  # entries of a force and a torque on the tool
 DELAY_ERROR = 1e-3  # of the sample time: largest difference between a delay and whole steps
 
 
 @dataclass(frozen=True)
-class Cascade:
-    """A drive with position and speed control (P-PI) and feedforward torque, motor side.
-
-        w = v_ref + position_gain (q_ref - q) - v,    u = tau_ff + speed_gain (w + integral_gain int w dt)
-
-    ``position_gain`` [1/s], ``speed_gain`` [N m s/rad], ``integral_gain`` [1/s]: (n_m,) each. The speed is the
-    difference of two samples of the measured angle, and the same difference of the reference.
-    """
-
-    position_gain: np.ndarray
-    speed_gain: np.ndarray
-    integral_gain: np.ndarray
-
-    @property
-    def fixed_memory(self) -> int:
-        """Bytes of the memory that the controller does not change: sizes and gains."""
-        return 8 * (2 + 3 * len(self.speed_gain))
-
-    def memory(self, q_m: np.ndarray, sample_s: float) -> np.ndarray:
-        """Memory of the controllers in C, (lanes, bytes), for robots that rest at ``q_m`` (lanes, n_m)."""
-        n = q_m.shape[1]
-        head = np.zeros((len(q_m), 2 + 6 * n))
-        head[:, 0] = np.array([n], np.int64).view(np.float64)[0]
-        head[:, 1] = sample_s
-        for k, gains in enumerate((self.position_gain, self.speed_gain, self.integral_gain)):
-            head[:, 2 + k * n : 2 + (k + 1) * n] = gains
-        head[:, 2 + 3 * n : 2 + 4 * n] = q_m
-        head[:, 2 + 4 * n : 2 + 5 * n] = q_m
-        return head.view(np.uint8)
-
-
-@dataclass(frozen=True)
-class DriveHardware:
-    """Sampling, sensors and limits of the drives, motor side.
-
-    Parameters
-    ----------
-    sample_s : float [s]
-    delay_s : float [s]
-        From the measurement to the torque; below ``sample_s``, and simulated by whole integration steps.
-    encoder_resolution_rad, encoder_noise_rad : float [rad]
-        Smallest difference that the encoders show, and standard deviation of white noise before it; 0: none.
-    torque_noise_Nm : float [N m]
-        Standard deviation of white noise on the torque of each interval; 0: none.
-    torque_max_Nm : tuple of float [N m]
-        Limits of the motors; empty: none.
-    """
-
-    sample_s: float = 5e-4
-    delay_s: float = 0.0
-    encoder_resolution_rad: float = 0.0
-    encoder_noise_rad: float = 0.0
-    torque_noise_Nm: float = 0.0
-    torque_max_Nm: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.sample_s) and self.sample_s > 0):
-            raise ArgumentError(f"sample_s: given {self.sample_s!r}, expected a time > 0 in s")
-        if not 0 <= self.delay_s < self.sample_s:
-            raise ArgumentError(f"delay_s: given {self.delay_s!r}, expected >= 0, below sample_s = {self.sample_s}")
-        for name in ("encoder_resolution_rad", "encoder_noise_rad", "torque_noise_Nm"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise ArgumentError(f"{name}: given {value!r}, expected a number >= 0")
-
-
-@dataclass(frozen=True)
 class Samples:
-    """Measured angles ``q_m`` and commanded torques ``tau_m`` (samples, lanes, n_m), motor side.
+    """Measured angles ``q_m`` and commanded torques ``tau_m`` (samples, lanes, n_m), motor side; signals of the sensors
+    ``sensors`` (samples, lanes, n_s).
 
     ``motion``: None, or (samples, 2 n_a + 3 n_m, lanes): q_a, v_a, q_m, v_m and the torque that acts just before the
     new one.
@@ -107,6 +44,7 @@ class Samples:
     q_m: np.ndarray
     tau_m: np.ndarray
     motion: np.ndarray | None = None
+    sensors: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,15 +56,16 @@ class Snapshot:
 
 
 class ClosedLoop:
-    """Robots under cascaded drives, in C.
+    """Robots under sampled controllers, in C.
 
     Parameters
     ----------
     model : RobotModel
     library : Library
-        With ``forward_dynamics``, of this model.
+        With ``forward_dynamics``, of this model; also ``forward_dynamics_tool_force`` where forces act on the tool, and
+        ``sensors``.
     hardware : DriveHardware
-    controller : Cascade
+    controller : Controller
     q_a, q_m : arrays (lanes, n_a), (lanes, n_m)
         Where the robots rest at the start.
     rate : float [1/s]
@@ -135,8 +74,17 @@ class ClosedLoop:
         Of the noise.
     steps : int, optional
         Integration steps in a sample; default: from ``rate``.
-    parameters : array (n_p,), optional
-        Run-time parameters, where the library has any; default: those of the model file.
+    parameters : array (n_p,) or (lanes, n_p), optional
+        Run-time parameters, where the library has any: for all robots, or for each where the library was made so;
+        default: those of the model file.
+    sensors : SensorChannels, optional
+        The robot's sensors are measured too; the library has ``sensors``.
+    delay_samples : int or array (lanes,)
+        Whole samples from a measurement to its torque, beside ``hardware.delay_s``.
+    arm_reference : bool
+        References hold ``v_m, q_a, v_a`` too.
+    gain : array (lanes,), optional
+        Factor of the feedback of each robot: torque minus feedforward; default: 1.
 
     Raises
     ------
@@ -149,7 +97,7 @@ class ClosedLoop:
         model: RobotModel,
         library: Library,
         hardware: DriveHardware,
-        controller: Cascade,
+        controller: Controller,
         q_a: np.ndarray,
         q_m: np.ndarray,
         rate: float,
@@ -157,6 +105,10 @@ class ClosedLoop:
         seed: int = 0,
         steps: int | None = None,
         parameters: np.ndarray | None = None,
+        sensors: SensorChannels | None = None,
+        delay_samples: int | np.ndarray = 0,
+        arm_reference: bool = False,
+        gain: np.ndarray | None = None,
     ) -> None:
         lanes, n_m, n_a = len(q_m), model.n_m, model.n_a
         if q_a.shape != (lanes, n_a) or q_m.shape != (lanes, n_m):
@@ -165,59 +117,112 @@ class ClosedLoop:
             )
         if library.precision != "double" or library.sizes["n_a"] != n_a:
             raise ArgumentError(f"library: given {library!r}, expected one of {model.name} in double precision")
-        used = np.array(library.parameters if parameters is None else parameters, dtype=float)
-        if used.shape != (len(library.parameter_names),) or not np.isfinite(used).all():
-            raise ArgumentError(f"parameters: given {used.shape}, expected ({len(library.parameter_names)},), finite")
+        late = np.broadcast_to(np.asarray(delay_samples, np.int32), (lanes,)).copy()
+        if np.any(late < 0) or np.any(late > MOST_DELAY):
+            raise ArgumentError(f"delay_samples: given {delay_samples!r}, expected 0 to {MOST_DELAY}")
         self.model, self.hardware, self.lanes = model, hardware, lanes
         self.steps = steps or integration_steps(hardware, rate)
-        if self.steps > MOST_STEPS or rate * hardware.sample_s / self.steps > LARGEST_STEP_TIMES_RATE:
-            raise ArgumentError(
-                f"steps: {self.steps} integration steps a sample of {hardware.sample_s} s, and the fastest eigenvalue "
-                f"is {rate:.3g} 1/s: expected at most {MOST_STEPS} and a step below {LARGEST_STEP_TIMES_RATE} over the "
-                "eigenvalue; use a smaller sample time, or smooth the friction (smaller beta)"
-            )
+        self._check_steps(rate)
         self.sample = 0
-        n = n_a + n_m
         delay = round(hardware.delay_s / hardware.sample_s * self.steps)
         if abs(delay / self.steps * hardware.sample_s - hardware.delay_s) > DELAY_ERROR * hardware.sample_s:
             raise ArgumentError(
                 f"delay_s: given {hardware.delay_s}, expected a whole number of integration steps of "
                 f"{hardware.sample_s / self.steps:.3g} s; take a multiple of a fraction of the sample time"
             )
-        plant, work = library.forward_dynamics.batch_address()
+        self.channels = SensorChannels.ideal(0) if sensors is None else sensors
+        if len(self.channels.noise) != (library.sizes.get("n_s", 0) if sensors is not None else 0):
+            raise ArgumentError(
+                f"sensors: given {len(self.channels.noise)} channels, expected {library.sizes.get('n_s', 0)}"
+            )
+        n_y = n_m + len(self.channels.noise)
+        self.setup = Setup(q_m, hardware.sample_s, n_a, n_y, n_y + n_m + ((n_m + 2 * n_a) if arm_reference else 0))
+        self._controller = controller.compiled(self.setup)
+        self._arrays = self._memory(q_a, self._parameters(library, parameters), seed, late)
+        self._arrays["gain"][:] = 1.0 if gain is None else gain
+        self._library = library  # it must live as long as the addresses of its functions
+        self._module = loop_module()
+        self._robots = self._structure(library, delay)
+
+    def _check_steps(self, rate: float) -> None:
+        hardware = self.hardware
+        if self.steps > MOST_STEPS or rate * hardware.sample_s / self.steps > LARGEST_STEP_TIMES_RATE:
+            raise ArgumentError(
+                f"steps: {self.steps} integration steps a sample of {hardware.sample_s} s, and the fastest eigenvalue "
+                f"is {rate:.3g} 1/s: expected at most {MOST_STEPS} and a step below {LARGEST_STEP_TIMES_RATE} over the "
+                "eigenvalue; use a smaller sample time, or smooth the friction (smaller beta)"
+            )
+
+    def _parameters(self, library: Library, given: np.ndarray | None) -> np.ndarray:
+        """The run-time parameters as the library reads them."""
+        n_p = len(library.parameter_names)
+        used = np.array(library.parameters if given is None else given, dtype=float)
+        each = library.per_point
+        if used.shape not in (((self.lanes, n_p), (n_p,)) if each else ((n_p,),)) or not np.isfinite(used).all():
+            raise ArgumentError(f"parameters: given {used.shape}, expected ({n_p},), finite")
+        return np.ascontiguousarray(np.broadcast_to(used, (self.lanes, n_p)).T) if each else used
+
+    def _memory(self, q_a: np.ndarray, parameters: np.ndarray, seed: int, late: np.ndarray) -> dict[str, np.ndarray]:
+        model, hardware, lanes, channels = self.model, self.hardware, self.lanes, self.channels
+        n_m, n_a, n_y = model.n_m, model.n_a, self.setup.n_y
         most = np.array(hardware.torque_max_Nm or (0.0,) * n_m)
         if most.shape != (n_m,):
             raise ArgumentError(f"torque_max_Nm: given {len(most)} numbers, expected one for each of {n_m} motors")
-        self._arrays = {
-            "work": work,
-            "parameters": used,
-            "memory": np.ascontiguousarray(controller.memory(q_m, hardware.sample_s)),
-            "resolution": np.full(n_m, hardware.encoder_resolution_rad),
-            "angle_noise": np.full(n_m, hardware.encoder_noise_rad),
+        own = np.full(n_m, hardware.encoder_noise_rad), np.full(n_m, hardware.encoder_resolution_rad)
+        delays = np.concatenate([np.zeros(n_m), channels.delay_samples]).astype(np.int32)
+        if delays.max() > MOST_DELAY:
+            raise ArgumentError(f"sensors, delay_samples: given {delays.max()}, expected at most {MOST_DELAY}")
+        n = n_a + n_m
+        rows = 10 * n + n_m + len(model.i_g) + n_y + TOOL
+        return {
+            "parameters": parameters,
+            "memory": self._controller.memory,
+            "resolution": np.concatenate([own[1], channels.resolution]),
+            "noise": np.concatenate([own[0], channels.noise]),
+            "bias": np.concatenate([np.zeros(n_m), channels.bias]),
+            "late": delays,
+            "gain": np.ones(lanes),
             "torque_noise": np.full(n_m, hardware.torque_noise_Nm),
             "torque_max": most,
-            "state": np.vstack([q_a.T, np.zeros((n_a, lanes)), q_m.T, np.zeros((n_m, lanes))]).copy(),
+            "state": np.vstack([q_a.T, np.zeros((n_a, lanes)), self.setup.q_m.T, np.zeros((n_m, lanes))]).copy(),
             "torque": np.zeros((n_m, lanes)),
-            "scratch": np.zeros((10 * n + n_m, lanes)),
+            "delay": late,
+            "pending": np.zeros((int(late.max()) + 1, n_m, lanes)),
+            "shown": np.zeros((int(delays.max()) + 1, n_y, lanes)),
+            "scratch": np.zeros((rows, lanes)),
             "random": _seeds(seed, lanes),
             "status": np.zeros(lanes, np.int32),
             "saturated": np.zeros(lanes, np.int64),
         }
-        self._module = c_module(SOURCE)
-        a = {name: ctypes.c_void_p(array.ctypes.data) for name, array in self._arrays.items()}
-        self._robots = _Robots(
-            lanes, n_a, n_m, 2 * n_m, self.steps, delay, hardware.sample_s, plant,
-            a["parameters"] if len(used) else None, a["work"],
-            ctypes.cast(self._module.flexgen_loop_cascade, ctypes.c_void_p), a["memory"],
-            self._arrays["memory"].shape[1], a["resolution"], a["angle_noise"], a["torque_noise"], a["torque_max"],
-            a["state"], a["torque"], a["scratch"], a["random"], a["status"], a["saturated"], None,
+
+    def _structure(self, library: Library, delay: int) -> _Robots:
+        names = ["forward_dynamics", "forward_dynamics_tool_force", "sensors"]
+        entries: list[int | None] = []
+        work = np.zeros(1)
+        for name in names:
+            function = library.functions.get(name)
+            address, own = function.batch_address() if function is not None else (None, work)
+            entries.append(address)
+            work = own if own.size > work.size else work
+        if entries[0] is None:
+            raise ArgumentError(f"library: given {library!r}, expected one with forward_dynamics")
+        self._arrays["work"] = work
+        at = {name: array.ctypes.data for name, array in self._arrays.items()}
+        if not library.parameter_names:
+            at["parameters"] = 0
+        kept = {name: at[name] or None for name in _ARRAYS}
+        return _Robots(
+            lanes=self.lanes, n_a=self.model.n_a, n_m=self.model.n_m, n_g=len(self.model.i_g), n_y=self.setup.n_y,
+            n_ref=self.setup.n_ref, steps=self.steps, delay_steps=delay, slots=len(self._arrays['pending']),
+            history=len(self._arrays["shown"]) - 1, disturbed=0, sample_s=self.hardware.sample_s, plant=entries[0],
+            pushed=entries[1], sensors=entries[2] if len(self.channels.noise) else None, plant_work=at["work"],
+            controller=self._controller.address, memory_size=self._controller.memory.shape[1], **kept,
         )  # fmt: skip
-        self._fixed_memory = controller.fixed_memory
-        self._library = library  # it must live as long as the address of its function
 
     def hold(self, tau_m: np.ndarray) -> None:
         """The torque (lanes, n_m) that acts before the first sample."""
         self._arrays["torque"][:] = tau_m.T
+        self._arrays["pending"][:] = tau_m.T
 
     @property
     def state(self) -> tuple[np.ndarray, ...]:
@@ -227,14 +232,12 @@ class ClosedLoop:
 
     def snapshot(self) -> Snapshot:
         """All that changes in a run, for `restore`."""
-        return Snapshot(
-            self.sample, {name: self._arrays[name].copy() for name in ("state", "torque", "memory", "random")}
-        )
+        return Snapshot(self.sample, {name: self._arrays[name].copy() for name in _CHANGING})
 
     def restore(self, snapshot: Snapshot) -> None:
         """Go on where another loop was; parameters of the robots and gains stay those of this one."""
         self.sample = snapshot.sample
-        fixed = self._fixed_memory
+        fixed = self._controller.fixed
         for name, array in snapshot.arrays.items():
             if name == "memory":
                 self._arrays[name][:, fixed:] = array[:, fixed:]
@@ -246,45 +249,86 @@ class ClosedLoop:
         """Number of samples at a torque limit so far, (lanes,)."""
         return self._arrays["saturated"].copy()
 
-    def run(self, reference: np.ndarray, samples: int, *, motion: bool = False) -> Samples:
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """Why each robot stopped; empty: it did not."""
+        return tuple(
+            "" if status == 0 else self._controller.errors.get(lane, STATUSES[status])
+            for lane, status in enumerate(self._arrays["status"])
+        )
+
+    def run(
+        self,
+        reference: np.ndarray,
+        samples: int,
+        *,
+        motion: bool = False,
+        disturbances: np.ndarray | None = None,
+        check: bool = True,
+    ) -> Samples:
         """Go on for some samples.
 
         Parameters
         ----------
-        reference : array (period, lanes, 2 n_m)
-            Angles [rad] and feedforward torques [N m] of the motors at each sample, repeated periodically; sample 0 is
-            the first of the whole run.
+        reference : array (period, lanes, n_ref)
+            Angles [rad], signals of the sensors and feedforward torques [N m] at each sample, see
+            `flexgen.loop.interface.Reference`, repeated periodically; sample 0 is the first of the whole run.
         motion : bool
             Also the motion at each sample.
+        disturbances : array (samples * steps, n_m + 6, 1 or lanes), optional
+            In each integration step: torques on the motors [N m], force [N] and torque [N m] on the tool, world axes.
+        check : bool
+            False: no error where a robot fails, see `failures`.
 
         Raises
         ------
         SolverError
             A robot's state is not finite, or its controller failed.
         """
-        n_m = self.model.n_m
+        n_m, n_ref, n_y = self.model.n_m, self.setup.n_ref, self.setup.n_y
         reference = np.ascontiguousarray(reference, dtype=float)
-        if reference.ndim != 3 or reference.shape[1:] != (self.lanes, 2 * n_m) or not np.isfinite(reference).all():
+        if reference.ndim != 3 or reference.shape[1:] != (self.lanes, n_ref) or not np.isfinite(reference).all():
             raise ArgumentError(
-                f"reference: given shape {reference.shape}, expected finite numbers (period, {self.lanes}, {2 * n_m})"
+                f"reference: given shape {reference.shape}, expected finite numbers (period, {self.lanes}, {n_ref})"
             )
-        q_m, tau_m = (np.empty((samples, self.lanes, n_m)) for _ in range(2))
+        y, tau_m = np.empty((samples, self.lanes, n_y)), np.empty((samples, self.lanes, n_m))
         recorded = np.empty((samples, 2 * self.model.n_a + 3 * n_m, self.lanes)) if motion else None
         self._robots.record = None if recorded is None else recorded.ctypes.data
-        pointers = [ctypes.c_void_p(x.ctypes.data) for x in (reference, q_m, tau_m)]
+        kept = self._disturb(disturbances, samples)
+        pointers = [ctypes.c_void_p(x.ctypes.data) for x in (reference, y, tau_m)]
         failed = self._module.flexgen_loop_run(
             ctypes.byref(self._robots), ctypes.c_int64(self.sample), ctypes.c_int64(samples), pointers[0],
             ctypes.c_int64(len(reference)), pointers[1], pointers[2],
         )  # fmt: skip
+        del kept
         self.sample += samples
-        if failed:
-            lane = int(np.flatnonzero(self._arrays["status"])[0])
+        if failed and check:
+            lane = next(lane for lane, reason in enumerate(self.failures) if reason)
             raise SolverError(
-                f"closed loop: robot {lane + 1} of {self.lanes}: {STATUSES[self._arrays['status'][lane]]} before "
+                f"closed loop: robot {lane + 1} of {self.lanes}: {self.failures[lane]} before "
                 f"t = {self.sample * self.hardware.sample_s:.3f} s; lower the gains or the excitation, or take more "
                 f"integration steps a sample than {self.steps}"
             )
-        return Samples(q_m, tau_m, recorded)
+        return Samples(y[:, :, :n_m], tau_m, recorded, y[:, :, n_m:])
+
+    def _disturb(self, given: np.ndarray | None, samples: int) -> tuple[np.ndarray, ...]:
+        """Give the disturbances to C; arrays that must live as long as the run."""
+        self._robots.disturbed = 0
+        if given is None:
+            return ()
+        rows, d = self.model.n_m + TOOL, np.ascontiguousarray(given, dtype=float)
+        if d.ndim != 3 or d.shape[:2] != (samples * self.steps, rows) or d.shape[2] not in (1, self.lanes):
+            raise ArgumentError(
+                f"disturbances: given shape {d.shape}, expected ({samples * self.steps}, {rows}, 1 or {self.lanes})"
+            )
+        if not np.isfinite(d).all():
+            raise ArgumentError("disturbances: given entries that are not finite, expected numbers")
+        pushing = np.ascontiguousarray(d[:, self.model.n_m :].any(axis=(1, 2)).astype(np.uint8))
+        if pushing.any() and not self._robots.pushed:
+            raise ArgumentError("disturbances: a force on the tool needs a library with forward_dynamics_tool_force")
+        self._robots.disturbed = d.shape[2]
+        self._robots.disturbances, self._robots.pushing = d.ctypes.data, pushing.ctypes.data
+        return d, pushing
 
     def periods(self, reference: np.ndarray, count: int, *, motion: bool = False) -> Iterator[Samples]:
         """One period of the reference after the other."""
@@ -300,19 +344,29 @@ def integration_steps(hardware: DriveHardware, rate: float) -> int:
     return next((n for n, error in errors.items() if error < DELAY_ERROR / 10), min(errors, key=errors.__getitem__))
 
 
+_ARRAYS = (
+    "parameters memory resolution noise bias late gain delay torque_noise torque_max state torque pending shown "
+    "scratch random status saturated"
+).split()
+_CHANGING = ("state", "torque", "pending", "shown", "memory", "random")
+
+
 class _Robots(ctypes.Structure):
     """``loop_robots`` of closed_loop.c."""
 
     _fields_ = [
-        *[(name, ctypes.c_int32) for name in ("lanes", "n_a", "n_m", "n_ref", "steps", "delay_steps")],
+        *[
+            (name, ctypes.c_int32)
+            for name in ("lanes n_a n_m n_g n_y n_ref steps delay_steps slots history disturbed".split())
+        ],
         ("sample_s", ctypes.c_double),
-        *[(name, ctypes.c_void_p) for name in ("plant", "parameters", "plant_work", "controller", "memory")],
+        *[(name, ctypes.c_void_p) for name in "plant pushed sensors parameters plant_work controller memory".split()],
         ("memory_size", ctypes.c_int64),
         *[
             (name, ctypes.c_void_p)
             for name in (
-                "resolution angle_noise torque_noise torque_max state torque scratch random status saturated "
-                "record".split()
+                "resolution noise bias delay late gain torque_noise torque_max disturbances pushing state torque "
+                "pending shown scratch random status saturated record".split()
             )
         ],
     ]

@@ -13,6 +13,7 @@ import casadi as ca
 
 from flexgen.mechanics.force_laws import friction_torque, spring_torque
 from flexgen.mechanics.lagrangian import gears
+from flexgen.mechanics.sensors import sensor_signals
 from flexgen.mechanics.system import Builder, Built, System, solve_symmetric
 
 STATE = ["q_a", "v_a", "q_m", "v_m", "tau_m"]
@@ -167,6 +168,30 @@ def forward_dynamics(system: System) -> Built:
     return symbols_of(system, STATE), STATE, outputs, ["a_a", "a_m"]
 
 
+def forward_dynamics_tool_force(system: System) -> Built:
+    """Accelerations under the motors' torques and a force on the tool, and the torques of the elastic gears."""
+    n_a, f_tool = system.model.n_a, ca.SX.sym("f_tool", 6)
+    pushed = ca.mtimes(jacobian(system)[2][0].T, f_tool)
+    acceleration = system.acceleration_under(ca.vertcat(pushed, ca.SX.zeros(system.model.dof - n_a)))
+    a_a, a_me = acceleration[:n_a], acceleration[n_a:]
+    outputs = [a_a, system.motor_accelerations(a_a, a_me), system.lagrangian.tau_g]
+    return [*symbols_of(system, STATE), f_tool], [*STATE, "f_tool"], outputs, ["a_a", "a_m", "tau_g"]
+
+
+def tool_motion(system: System) -> Built:
+    """Velocity and acceleration of the tool."""
+    names, chain = ["q_a", "v_a", "a_a"], system.lagrangian.chain
+    inputs, v_tool = symbols_of(system, names), ca.densify(tool_velocity(system))
+    states = ca.vertcat(chain.q_a, chain.v_a), ca.vertcat(chain.v_a, inputs[2])
+    return inputs, names, [v_tool, ca.jtimes(v_tool, *states)], ["v_tool", "a_tool"]
+
+
+def sensors(system: System) -> Built:
+    """Signals of the model's sensors."""
+    names = ["q_a", "v_a", "a_a"]
+    return symbols_of(system, names), names, [sensor_signals(system)], ["y_s"]
+
+
 def residual(system: System) -> Built:
     """Residuals of the equations of motion: of the arm's coordinates, then of the motors."""
     lag, n_a, n_m = system.lagrangian, system.model.n_a, system.model.n_m
@@ -206,6 +231,9 @@ BUILDERS: dict[str, Builder] = {
     "gear_torque": gear_torque,
     "elastic_torque": elastic_torque,
     "forward_dynamics": forward_dynamics,
+    "forward_dynamics_tool_force": forward_dynamics_tool_force,
+    "tool_motion": tool_motion,
+    "sensors": sensors,
     "residual": residual,
     "energy": energy,
     "power": power,

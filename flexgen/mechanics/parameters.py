@@ -9,9 +9,8 @@ damping              of every gear and spring: ``<coordinate>.damping``
 friction             of every motor and joint: ``<motor>.viscous``, ``.coulomb`` ..., ``<coordinate>.viscous`` ...
 payload.mass, ...    a single number, or all of one kind of one part: ``q2.stiffness``, ``m1.friction``
 m1.viscous, ...      a single number of a friction law, also one that is zero in the file
-m1.inertia           inertia of a rotor; only by its own name, and not in generated libraries
-arm1.mass, ...       mass, ``com_x`` .. and ``inertia_xx``, ``inertia_xy`` .. of a body
-                     as inertias of rotors
+m1.inertia           inertia of a rotor; only by its own name
+arm1.mass, ...       mass, ``com_x`` .. and ``inertia_xx``, ``inertia_xy`` .. of a body; only by their own names
 ==================== ==============================================================================================
 
 Units are those of the side where the number is stated: on the motor side angles, even where the joint is a translation.
@@ -39,8 +38,8 @@ _LINEAR = {"N m/rad": "N/m", "N m/rad^3": "N/m^3", "rad": "m", "N m s/rad": "N s
 class Parameter:
     """A number of the model that may change at run time: name, value in the file, unit, meaning.
 
-    ``key``: dotted path of the number in a model file, such as ``motor.m1.friction.viscous``. ``run_time``: whether a
-    generated library can take it as an argument.
+    ``key``: dotted path of the number in a model file, such as ``motor.m1.friction.viscous``. ``inertia``: whether it
+    belongs to a body or a rotor; then the functions are written from Lagrange's equations, without the recursions.
     """
 
     name: str
@@ -48,7 +47,7 @@ class Parameter:
     unit: str
     doc: str = ""
     key: str = ""
-    run_time: bool = True
+    inertia: bool = False
 
 
 @dataclass(frozen=True)
@@ -145,7 +144,7 @@ def _body(body: Body, name: str, visit: Visit) -> Body:
 
     def number(kind: str, value: float, unit: str, key: str) -> Any:
         key = f"element.{name}.body.{key}"
-        return visit(Parameter(f"{name}.{kind}", value, unit, f"body of {name}: {kind}", key, run_time=False))
+        return visit(Parameter(f"{name}.{kind}", value, unit, f"body of {name}: {kind}", key, inertia=True))
 
     mass = number("mass", body.mass, "kg", "mass")
     com = tuple(
@@ -208,7 +207,7 @@ def _spring(spring: Spring, name: str, part: str, units: Units, key: str, visit:
 def _motor(motor: Motor, visit: Visit) -> Motor:
     part, key = f"motor {motor.name}, motor side", f"motor.{motor.name}"
     rotor = Parameter(
-        f"{motor.name}.inertia", motor.inertia, "kg m^2", f"rotor of {part}", f"{key}.inertia", run_time=False
+        f"{motor.name}.inertia", motor.inertia, "kg m^2", f"rotor of {part}", f"{key}.inertia", inertia=True
     )
     inertia = visit(rotor)
     return replace(motor, inertia=inertia, friction=_friction(motor.friction, motor.name, part, _angular, key, visit))

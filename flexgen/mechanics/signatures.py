@@ -83,6 +83,27 @@ TABLE = (
         "a_a a_m",
     ),
     Row(
+        "forward_dynamics_tool_force",
+        "The same with a force and a torque on the tool, and the torques of the elastic gears; zero for rigid gears.",
+        "M a_a + c + g = tau_a + J' f_tool,  J_m a_m + f(v_m) + eta^-T tau_g = tau_m",
+        "q_a v_a q_m v_m tau_m f_tool",
+        "a_a a_m tau_g",
+    ),
+    Row(
+        "tool_motion",
+        "Velocity and acceleration of the tool, linear and angular, in world axes.",
+        "v_tool = J v_a,  a_tool = J a_a + J' v_a",
+        "q_a v_a a_a",
+        "v_tool a_tool",
+    ),
+    Row(
+        "sensors",
+        "Signals of the sensors of the model, in the order of the file, without noise.",
+        "accelerometer: axes' R' (p'' - gravity),  gyro: axes' omega,  link encoder: q_a,  tracker: axes' p",
+        "q_a v_a a_a",
+        "y_s",
+    ),
+    Row(
         "linearize",
         "Linearization of the forward dynamics in the state x = (q_a, q_m, v_a, v_m), "
         "of the motors only those behind elastic gears.",
@@ -202,6 +223,10 @@ PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "a_a": (("n_a",), "{q}/s^2", "arm accelerations"),
     "q_m": (("n_m",), "rad", "motor angles, motor side"),
     "v_m": (("n_m",), "rad/s", "motor speeds, motor side"),
+    "f_tool": (("6",), "mixed", "on the tool at its origin, world axes: force [N], then torque [N m]"),
+    "v_tool": (("6",), "mixed", "of the tool's origin [m/s], then angular velocity [rad/s], world axes"),
+    "a_tool": (("6",), "mixed", "of the tool's origin [m/s^2], then angular acceleration [rad/s^2], world axes"),
+    "y_s": (("n_s",), "mixed", "signals of the sensors: m/s^2, rad/s, rad or m"),
     "a_m": (("n_m",), "rad/s^2", "motor accelerations, motor side"),
     "tau_m": (("n_m",), "N m", "motor torques, motor side"),
     "tau_a": (("n_a",), "{tau}", "forces on the arm coordinates, arm side"),
@@ -314,4 +339,6 @@ def offered_functions(model: RobotModel) -> tuple[str, ...]:
     left_out = set() if model.inversion_obstacle() is None else set(INVERSION)
     if not model.i_e:
         left_out.add("inversion_jacobians")
+    if not model.sensors:
+        left_out.add("sensors")
     return tuple(name for name in FUNCTIONS if name not in left_out)

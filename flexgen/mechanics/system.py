@@ -89,8 +89,12 @@ class System:
     @cached_property
     def acceleration(self) -> ca.SX:
         """Accelerations of y (n,) from the equations of motion."""
+        return self.acceleration_under(ca.SX.zeros(self.model.dof))
+
+    def acceleration_under(self, more: ca.SX) -> ca.SX:
+        """The same with more forces (n,) on y."""
         bias = ca.substitute(self.left, self.y[2], ca.SX.zeros(self.y[2].shape))
-        return solve_symmetric(self.mass, self.lagrangian.forces - bias)
+        return solve_symmetric(self.mass, self.lagrangian.forces + more - bias)
 
     @cached_property
     def arm_left(self) -> ca.SX:

@@ -20,6 +20,7 @@ from flexgen.recursion.arm import Arm, Columns, arm_of, matrix_of, shortest_mass
 from flexgen.recursion.dh_chain import Chain, laid
 from flexgen.recursion.tape import Cost, Scalar, Tape
 
+_WHOLE = ("forward_dynamics", "forward_dynamics_tool_force", "residual_jacobians")  # with the motors
 TRIALS = 3  # states at which a robot is tested before the recursion is used for it
 AGREEMENT = 1e-9  # of the largest entry: far above rounding, far below errors that matter
 
@@ -60,13 +61,15 @@ def recursive_function(equations: Equations, name: str) -> ca.Function | None:
     -------
     casadi.Function or None
         None where there is no recursion: robots with beams, the whole robot where rotors turn with their carriers,
-        functions other than those of the table below, and accelerations of robots with a singular mass matrix (such as
-        a massless last link): a recursion would divide by zero.
+        functions other than those of the table below, robots whose bodies or rotors may change at run time, and
+        accelerations of robots with a singular mass matrix (such as a massless last link): a recursion would divide by
+        zero.
     """
     model = equations.model
-    carried = model.motor_coupling == "complete" and name in ("forward_dynamics", "residual_jacobians")
+    carried = model.motor_coupling == "complete" and name in _WHOLE
     carried = carried or (name in inversion_functions.BUILDERS and model.inversion_obstacle() is not None)
-    if name not in _BUILDERS or carried or any(element.beam is not None for element in model.elements):
+    inertias = any(parameter.inertia for parameter in equations.parameters)
+    if name not in _BUILDERS or carried or inertias or any(element.beam is not None for element in model.elements):
         return None
     arm = arm_of(equations)
     if name not in arm.functions:
@@ -235,14 +238,29 @@ def _arm_residual_jacobians(arm: Arm) -> Built:
 
 
 def _forward_dynamics(arm: Arm) -> Built:
+    a_a, a_m = _whole_accelerations(arm, arm.equations.lagrangian.forces[: arm.model.n_a])
+    names = ["q_a", "v_a", "q_m", "v_m", "tau_m"]
+    return arm.symbols(*names), names, [a_a, a_m], ["a_a", "a_m"]
+
+
+def _forward_dynamics_tool_force(arm: Arm) -> Built:
+    lagrangian, f_tool = arm.equations.lagrangian, ca.SX.sym("f_tool", 6)
+    pushed = ca.mtimes(_jacobian(arm)[2][0].T, f_tool)
+    a_a, a_m = _whole_accelerations(arm, lagrangian.forces[: arm.model.n_a] + pushed)
+    names = ["q_a", "v_a", "q_m", "v_m", "tau_m"]
+    outputs = [a_a, a_m, ca.densify(lagrangian.tau_g)]
+    return [*arm.symbols(*names), f_tool], [*names, "f_tool"], outputs, ["a_a", "a_m", "tau_g"]
+
+
+def _whole_accelerations(arm: Arm, on_arm: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Accelerations of arm and motors under forces on the arm's coordinates and those of the equations on motors."""
     model, forces = arm.model, arm.equations.lagrangian.forces
-    a_a = _accelerations(arm, forces[: model.n_a], arm.armature)
+    a_a = _accelerations(arm, on_arm, arm.armature)
     geared = ca.mtimes(ca.SX(ca.DM(model.eta)), ca.vertcat(*[a_a[i] for i in model.i_g]))
     a_m = [geared[j] for j in range(model.n_m)]
     for k, j in enumerate(model.i_m):
         a_m[j] = forces[model.n_a + k] * (1.0 / model.motors[j].inertia)
-    names = ["q_a", "v_a", "q_m", "v_m", "tau_m"]
-    return arm.symbols(*names), names, [a_a, ca.vertcat(ca.SX(0, 1), *a_m)], ["a_a", "a_m"]
+    return a_a, ca.vertcat(ca.SX(0, 1), *a_m)
 
 
 def _residual_jacobians(arm: Arm) -> Built:
@@ -277,6 +295,19 @@ def _jacobian(arm: Arm) -> Built:
     return inputs, ["q_a"], [matrix_of(tape.build([x for row in J for x in row]), arm.model.n_a)], ["J"]
 
 
+def _tool_motion(arm: Arm) -> Built:
+    names, tape = ["q_a", "v_a", "a_a"], Tape()
+    inputs = arm.symbols(*names)
+    q, v, a = vectors(tape, *inputs)
+    moving = kinematics.rates(tape, laid(arm.model, to_mass=False), q, v, a)
+    still: Scalar = 0.0
+    v_tool, a_tool = [still] * 6, list(moving.bias)
+    for (J, _, _), speed in zip(moving.columns, v, strict=True):
+        v_tool = [x + y * speed for x, y in zip(v_tool, J, strict=True)]
+    flat = tape.build([*v_tool, *a_tool])
+    return inputs, names, [ca.vertcat(*flat[:6]), ca.vertcat(*flat[6:])], ["v_tool", "a_tool"]
+
+
 _BUILDERS: dict[str, Callable[[Arm], Built]] = {
     "mass_matrix": _mass_matrix,
     "mass_vectors": _mass_vectors,
@@ -287,8 +318,10 @@ _BUILDERS: dict[str, Callable[[Arm], Built]] = {
     "arm_forward_dynamics": _arm_forward_dynamics,
     "arm_residual_jacobians": _arm_residual_jacobians,
     "forward_dynamics": _forward_dynamics,
+    "forward_dynamics_tool_force": _forward_dynamics_tool_force,
     "residual_jacobians": _residual_jacobians,
     "forward_kinematics": _forward_kinematics,
     "jacobian": _jacobian,
+    "tool_motion": _tool_motion,
     **inversion_functions.BUILDERS,
 }

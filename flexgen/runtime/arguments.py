@@ -57,13 +57,18 @@ def converted(x: np.ndarray, real: np.dtype, order: Any = "K") -> np.ndarray:
         return x.astype(real, order=order)
 
 
-def count_of_points(function: str, ports: Sequence[Port], arrays: Sequence[np.ndarray], most: int) -> int | None:
-    """How many points the arrays hold; None where all of them hold one; ArgumentError where shapes do not fit."""
+def count_of_points(
+    function: str, ports: Sequence[Port], arrays: Sequence[np.ndarray], most: int, shared: str = PARAMETERS
+) -> int | None:
+    """How many points the arrays hold; None where all of them hold one; ArgumentError where shapes do not fit.
+
+    ``shared``: name of the port with one vector for all points.
+    """
     count: int | None = None
     for port, x in zip(ports, arrays, strict=True):
         if x.shape == port.shape:
             continue
-        if port.name == PARAMETERS:
+        if port.name == shared:
             raise ArgumentError(
                 f"{function}, {port.name}: given shape {x.shape}, expected {port.shape}: one vector for all points"
             )
@@ -82,14 +87,14 @@ def count_of_points(function: str, ports: Sequence[Port], arrays: Sequence[np.nd
     return count
 
 
-def stored(port: Port, x: np.ndarray, count: int, real: np.dtype) -> np.ndarray:
+def stored(port: Port, x: np.ndarray, count: int, real: np.dtype, shared: str = PARAMETERS) -> np.ndarray:
     """The array as the batch reads it, a structure of arrays: entry after entry, in each the points side by side.
 
     That is the order of Fortran for the shape ``(N, n)`` or ``(N, rows, columns)``; an array that has it is not copied.
     """
     if x.shape != port.shape:
         return x if x.dtype is real and x.flags.f_contiguous and x.flags.aligned else converted(x, real, "F")
-    if port.name == PARAMETERS:
+    if port.name == shared:
         return np.ascontiguousarray(converted(x, real))
     held = np.empty((count, *port.shape), real, order="F")
     held[...] = converted(x, real)

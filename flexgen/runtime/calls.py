@@ -84,7 +84,8 @@ class Function:
     points, NaN where one failed.
 
     A library of single precision takes numbers of any precision, rounds them, and returns ``float32``.
-    ``parameters``, where the library has any, is one vector for all points, by default that of the model.
+    ``parameters``, where the library has any, is one vector for all points, by default that of the model; in a library
+    with parameters ``per_point`` also one for each point.
 
     Copies are the same function; pickled, it is loaded again from its directory, or refused where the library there is
     another one.
@@ -109,13 +110,14 @@ class Function:
         failures: Mapping[int, tuple[type[FlexgenError], str]],
         parameters: np.ndarray | None,
         again: tuple[Callable[..., Any], tuple[Any, ...]],
+        shared: str = PARAMETERS,
     ) -> None:
         self.name, self.summary, self.equation = name, summary, equation
         self.inputs, self.outputs = inputs, outputs
         self.__name__ = name
         self.__doc__ = _docstring(summary, equation, inputs, outputs)
         self._entries, self._real, self._failures, self._again = entries, real, failures, again
-        self._single = entries.single
+        self._single, self._shared = entries.single, shared
         self._results = None if len(outputs) == 1 else _results_type(name, tuple(port.name for port in outputs))
         self._shapes = [port.shape for port in inputs]
         self._parameters = parameters if any(port.name == PARAMETERS for port in inputs) else None
@@ -202,12 +204,14 @@ class Function:
     def _general(self, args: tuple[Any, ...], out: Any) -> Any:
         """Evaluate where an argument is no array of the library's type for one point."""
         arrays = [numbers(self.name, port, x) for port, x in zip(self.inputs, args, strict=True)]
-        count = count_of_points(self.name, self.inputs, arrays, _MOST_POINTS)
+        count = count_of_points(self.name, self.inputs, arrays, _MOST_POINTS, self._shared)
         if count is None:
             # A dtype that equals the library's may be another object: astype gives the array the library's.
             with np.errstate(over="ignore"):
                 return self(*(x.astype(self._real) for x in arrays), out=out)
-        memories = [stored(port, x, count, self._real) for port, x in zip(self.inputs, arrays, strict=True)]
+        memories = [
+            stored(port, x, count, self._real, self._shared) for port, x in zip(self.inputs, arrays, strict=True)
+        ]
         made = results(self.name, self.outputs, out, count, self._real)
         buffers = self._buffers()
         if buffers.batch_work.size < (work := self._entries.batch_work()):

@@ -14,7 +14,7 @@ from flexgen.runtime.files import AGAIN
 ABI_VERSION = 3
 REALS: dict[str, np.dtype[Any]] = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}
 
-_SIZES = ("n_a", "n_g", "n_e", "n_m", "n_x", "n_y", "n_t", "n_p")
+_SIZES = ("n_a", "n_g", "n_e", "n_m", "n_x", "n_y", "n_t", "n_s", "n_p")
 _MEANING = {
     "abi_version": "another version of the interface between Python and C",
     "digest": "the library of another model",
@@ -69,7 +69,8 @@ def entry_of(library: ctypes.CDLL, symbol: str) -> Any:
 def _signatures(manifest: dict[str, Any]) -> list[str]:
     """The lines that the library hashes: those of its functions, its structs and its fixed functions."""
     fixed = [f"{row['signature']}\n" for key in ("structs", "c_functions") for row in manifest.get(key, ())]
-    return [*map(_signature, manifest["functions"]), *fixed]
+    each = ["parameters for each point\n"] if manifest.get("per_point") else []
+    return [*map(_signature, manifest["functions"]), *each, *fixed]
 
 
 def _signature(described: dict[str, Any]) -> str:

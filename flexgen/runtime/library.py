@@ -59,11 +59,11 @@ class Library:
         By name, in the order of the header.
     sizes : mapping of str to int
         ``n_a``, ``n_g``, ``n_e``, ``n_m``, ``n_x``; ``n_y``, ``n_t`` (outputs, and numbers of a target of them) where
-        the model has as many outputs as motors; ``n_p`` where there are run-time parameters.
+        the model has as many outputs as motors; ``n_s`` with sensors; ``n_p`` with run-time parameters.
     parameters : ndarray
         Values of the run-time parameters in the model file, which calls use where they are given no others; read-only.
     parameter_names : tuple of str
-        What they are, in the same order.
+        What they are, in the same order; with ``per_point`` batches take them for each point.
     coordinates, units, motors, states : tuple of str
         Names and units of ``q_a``, names of ``q_m``, meaning of the state of ``linearize``.
     """
@@ -85,6 +85,7 @@ class Library:
         self.functions: Mapping[str, Function] = MappingProxyType(functions)
         self.sizes: Mapping[str, int] = MappingProxyType(dict(manifest["sizes"]))
         self.parameters = parameters
+        self.per_point: bool = bool(manifest.get("per_point"))
         self.parameter_names: tuple[str, ...] = tuple(p["name"] for p in manifest.get("parameters", ()))
         self.coordinates: tuple[str, ...] = tuple(c["name"] for c in manifest["coordinates"])
         self.units: tuple[str, ...] = tuple(c["unit"] for c in manifest["coordinates"])
@@ -445,4 +446,5 @@ def _function(
         failures,
         parameters,
         (function_again, again),
+        shared="" if manifest.get("per_point") else PARAMETERS,
     )

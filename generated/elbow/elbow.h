@@ -251,6 +251,43 @@ elbow_status elbow_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_
     elbow_real a_a[ELBOW_NA], elbow_real a_m[ELBOW_NM]);
 
 /*
+ * The same with a force and a torque on the tool, and the torques of the elastic gears; zero for rigid gears.
+ *
+ *   M a_a + c + g = tau_a + J' f_tool,  J_m a_m + f(v_m) + eta^-T tau_g = tau_m
+ *
+ *   in  q_a    n_a [rad]     arm coordinates in chain order
+ *   in  v_a    n_a [rad/s]   arm velocities
+ *   in  q_m    n_m [rad]     motor angles, motor side
+ *   in  v_m    n_m [rad/s]   motor speeds, motor side
+ *   in  tau_m  n_m [N m]     motor torques, motor side
+ *   in  f_tool 6   [mixed]   on the tool at its origin, world axes: force [N], then torque [N m]
+ *   out a_a    n_a [rad/s^2] arm accelerations
+ *   out a_m    n_m [rad/s^2] motor accelerations, motor side
+ *   out tau_g  n_g [N m]     torques of the gears on the arm, arm side
+ * 80 operations, the longest chain about 140 cycles; stack of one point at most 2304 bytes
+ */
+ELBOW_API
+elbow_status elbow_forward_dynamics_tool_force(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    const elbow_real q_m[ELBOW_NM], const elbow_real v_m[ELBOW_NM], const elbow_real tau_m[ELBOW_NM],
+    const elbow_real f_tool[6], elbow_real a_a[ELBOW_NA], elbow_real a_m[ELBOW_NM], elbow_real tau_g[ELBOW_NG]);
+
+/*
+ * Velocity and acceleration of the tool, linear and angular, in world axes.
+ *
+ *   v_tool = J v_a,  a_tool = J a_a + J' v_a
+ *
+ *   in  q_a    n_a [rad]     arm coordinates in chain order
+ *   in  v_a    n_a [rad/s]   arm velocities
+ *   in  a_a    n_a [rad/s^2] arm accelerations
+ *   out v_tool 6   [mixed]   of the tool's origin [m/s], then angular velocity [rad/s], world axes
+ *   out a_tool 6   [mixed]   of the tool's origin [m/s^2], then angular acceleration [rad/s^2], world axes
+ * 35 operations, the longest chain about 80 cycles; stack of one point at most 1792 bytes
+ */
+ELBOW_API
+elbow_status elbow_tool_motion(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    const elbow_real a_a[ELBOW_NA], elbow_real v_tool[6], elbow_real a_tool[6]);
+
+/*
  * Linearization of the forward dynamics in the state x = (q_a, q_m, v_a, v_m), of the motors only those behind elastic
  * gears.
  *

@@ -93,6 +93,21 @@ elbow_status elbow_forward_dynamics_batch(int n, const elbow_real *q_a, const el
     elbow_real *work);
 
 /*
+ * The same with a force and a torque on the tool, and the torques of the elastic gears; zero for rigid gears.
+ */
+ELBOW_API
+elbow_status elbow_forward_dynamics_tool_force_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *q_m, const elbow_real *v_m, const elbow_real *tau_m, const elbow_real *f_tool,
+    elbow_real *a_a, elbow_real *a_m, elbow_real *tau_g, elbow_real *work);
+
+/*
+ * Velocity and acceleration of the tool, linear and angular, in world axes.
+ */
+ELBOW_API
+elbow_status elbow_tool_motion_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *a_a,
+    elbow_real *v_tool, elbow_real *a_tool, elbow_real *work);
+
+/*
  * Linearization of the forward dynamics in the state x = (q_a, q_m, v_a, v_m), of the motors only those behind elastic
  * gears.
  */

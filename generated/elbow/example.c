@@ -229,6 +229,41 @@ int main(void)
         const elbow_real q_m[ELBOW_NM] = {140.0252725600022, (-88.0809495839805)};
         const elbow_real v_m[ELBOW_NM] = {0.0, 0.0};
         const elbow_real tau_m[ELBOW_NM] = {0.0, 0.0};
+        const elbow_real f_tool[6] = {0.0, 0.0, 0.0, 0.0, 0.0, 0.0};
+        elbow_real a_a[ELBOW_NA];
+        elbow_real a_m[ELBOW_NM];
+        elbow_real tau_g[ELBOW_NG];
+        status = elbow_forward_dynamics_tool_force(q_a, v_a, q_m, v_m, tau_m, f_tool, a_a, a_m, tau_g);
+        printf("forward_dynamics_tool_force: %s\n", elbow_status_text(status));
+        if (status == ELBOW_OK) {
+            show("a_a", "rad/s^2", a_a, ELBOW_NA, 1);
+            show("a_m", "rad/s^2", a_m, ELBOW_NM, 1);
+            show("tau_g", "N m", tau_g, ELBOW_NG, 1);
+        } else {
+            failed = 1;
+        }
+    }
+    {
+        const elbow_real q_a[ELBOW_NA] = {0.5235987755982988, (-0.3490658503988659)};
+        const elbow_real v_a[ELBOW_NA] = {0.0, 0.0};
+        const elbow_real a_a[ELBOW_NA] = {0.0, 0.0};
+        elbow_real v_tool[6];
+        elbow_real a_tool[6];
+        status = elbow_tool_motion(q_a, v_a, a_a, v_tool, a_tool);
+        printf("tool_motion: %s\n", elbow_status_text(status));
+        if (status == ELBOW_OK) {
+            show("v_tool", "mixed", v_tool, 6, 1);
+            show("a_tool", "mixed", a_tool, 6, 1);
+        } else {
+            failed = 1;
+        }
+    }
+    {
+        const elbow_real q_a[ELBOW_NA] = {0.5235987755982988, (-0.3490658503988659)};
+        const elbow_real v_a[ELBOW_NA] = {0.0, 0.0};
+        const elbow_real q_m[ELBOW_NM] = {140.0252725600022, (-88.0809495839805)};
+        const elbow_real v_m[ELBOW_NM] = {0.0, 0.0};
+        const elbow_real tau_m[ELBOW_NM] = {0.0, 0.0};
         elbow_real A[ELBOW_NX * ELBOW_NX];
         elbow_real B[ELBOW_NX * ELBOW_NM];
         elbow_real work[ELBOW_WORK];

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,13 +12,19 @@ from scipy.linalg import expm
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.errors import ArgumentError, SolverError
+from flexgen.build.compiler import find_compiler
+from flexgen.errors import ArgumentError, BuildError, SolverError
 from flexgen.identification.experiments.experiment import largest_rate
 from flexgen.identification.experiments.plan import default_cascade
 from flexgen.identification.local_model import LocalModel
 from flexgen.inversion.model_library import library_with
-from flexgen.loop.closed_loop import Cascade, ClosedLoop, DriveHardware
+from flexgen.loop.closed_loop import ClosedLoop
+from flexgen.loop.controllers import Cascade, Linear, LowPass, Notch
+from flexgen.loop.hardware import DriveHardware, SensorChannels
+from flexgen.loop.interface import HEADER, PlugIn, PythonController
+from flexgen.mechanics.equations import derive
 from flexgen.model.elements import RobotModel
+from flexgen.numerics.evaluate import evaluate
 
 pytestmark = needs_compiler
 
@@ -172,3 +180,326 @@ def test_wrong_arrays_are_refused():
         loop_of(model, DriveHardware(T, torque_max_Nm=(1.0,)))
     with pytest.raises(ArgumentError, match="use a smaller sample time"):
         loop_of(model, DriveHardware(0.4), steps=1)
+
+
+def linear_robot() -> tuple[np.ndarray, np.ndarray, RobotModel, LocalModel]:
+    """``A`` and ``B`` of the four masses with linear springs."""
+    model = flexgen.read("four_mass@high")
+    local = LocalModel(model, ())
+    M, D, K, B = (x[0] for x in local.matrices(local.values, np.zeros((1, 1))))
+    n = model.dof
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
+    return A, np.vstack([np.zeros((n, 1)), np.linalg.solve(M, B)]), model, local
+
+
+def constant(A: np.ndarray, B: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+    n, m = B.shape
+    whole = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * h)
+    return whole[:n, :n], whole[:n, n:]
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_a_delay_of_whole_samples_is_as_many_states_more(delay):
+    """A random linear controller: the loop against x+ = F x + G u with the torques under way as states."""
+    A, B, model, _ = linear_robot()
+    rng = np.random.default_rng(delay)
+    law = Linear(
+        0.3 * rng.standard_normal((2, 2)), rng.standard_normal((2, 1)), *(rng.standard_normal((1, k)) for k in (2, 1))
+    )
+    library = library_with(model, ("forward_dynamics",))
+    loop = ClosedLoop(
+        model, library, DriveHardware(T), law, np.zeros((1, 3)), np.zeros((1, 1)), 300.0, steps=16, delay_samples=delay
+    )
+    loop.hold(np.zeros((1, 1)))
+    samples = 300
+    reference = np.zeros((samples, 1, 2))
+    reference[:, 0, 0] = 0.1 * np.sin(30 * T * np.arange(samples))
+    found = loop.run(reference, samples)
+    phi, gamma = constant(A, B, T)
+    x, z, late = np.zeros(len(A)), np.zeros(2), [np.zeros(1)] * delay
+    for k in range(samples):
+        q = x[model.n_a]
+        e = np.array([reference[k, 0, 0] - q])
+        u = law.C @ z + law.D @ e
+        assert found.q_m[k, 0, 0] == pytest.approx(q, abs=1e-10)
+        assert found.tau_m[k, 0, 0] == pytest.approx(u[0], abs=1e-9)
+        z = law.A @ z + law.B @ e
+        late.append(u)
+        x = phi @ x + gamma @ late.pop(0)
+
+
+class Twin:
+    """A controller of this package, by its Python method."""
+
+    def __init__(self, law) -> None:
+        self.law = law
+
+    def reset(self) -> None:
+        self.law.reset()
+
+    def step(self, k, y, ref):
+        return self.law.step(k, y, ref)
+
+
+def laws(model: RobotModel) -> list:
+    n, rng = model.n_m, np.random.default_rng(0)
+    gains = default_cascade(model)
+    filtered = replace(
+        gains,
+        integral_gain=np.full(n, 3.0),
+        filters=(LowPass(80.0, 0.7), Notch(30.0, 0.2, 0.8)),
+        torque_max=np.full(n, 12.0),
+    )
+    parts = [0.2 * rng.standard_normal((3, *shape)) for shape in ((4, 4), (4, n), (n, 4), (n, n))]
+    return [gains, filtered, Linear(*parts, samples=70)]
+
+
+@pytest.mark.parametrize("k", range(3))
+def test_python_and_c_controllers_give_the_same_bits(k):
+    model = flexgen.read("planar5_nmp")
+    law = laws(model)[k]
+    if hasattr(law, "begin"):
+        law.begin(T)
+    hardware = DriveHardware(T, encoder_noise_rad=1e-4)
+    runs = []
+    for controller in (law, PythonController(Twin(law))):
+        loop, at_rest, _, _ = loop_of(model, hardware, lanes=2, controller=controller, seed=3)
+        runs.append(loop.run(moving(at_rest, 2, 400, 0.2), 400))
+    assert np.array_equal(runs[0].tau_m, runs[1].tau_m) and np.array_equal(runs[0].q_m, runs[1].q_m)
+
+
+def test_filters_have_their_frequency_responses():
+    """Sections at some frequencies against the continuous filter, its frequency axis bent by the bilinear transform."""
+    for f, b, a in (
+        (LowPass(50.0, 0.6), lambda s: 1.0, lambda s: s * s + 1.2 * s + 1),
+        (Notch(40.0, 0.1, 0.5), lambda s: s * s + 0.2 * s + 1, lambda s: s * s + 1.0 * s + 1),
+    ):
+        b0, b1, b2, a1, a2 = f.section(T)
+        for hz in (1.0, 20.0, f.frequency_hz, 200.0):
+            z = np.exp(-2j * np.pi * hz * T)
+            s = 1j * np.tan(np.pi * hz * T) / np.tan(np.pi * f.frequency_hz * T)
+            assert (b0 + b1 * z + b2 * z * z) / (1 + a1 * z + a2 * z * z) == pytest.approx(b(s) / a(s), rel=1e-9)
+    with pytest.raises(ArgumentError, match="half the sample rate"):
+        LowPass(1000.0).section(T)
+
+
+def test_each_robot_has_its_own_parameters():
+    """Stiffness and load by lane give the bits of robots that run alone."""
+    model = flexgen.read("planar5_nmp")
+    names = ("stiffness", "payload.mass")
+    library = library_with(model, ("forward_dynamics",), parameters=names, per_point=True)
+    values = np.tile(library.parameters, (3, 1))
+    values[1] *= 0.9
+    values[2, -1] = 2.0
+    q_m = np.tile(model.eta @ np.array(model.home), (3, 1))
+    q_a = np.zeros((3, model.n_a))
+    q_a[:, list(model.i_g)] = model.home
+
+    def run(lanes: list[int]) -> np.ndarray:
+        loop = ClosedLoop(
+            model, library, DriveHardware(T), default_cascade(model), q_a[lanes], q_m[lanes], 700.0,
+            parameters=values[lanes],
+        )  # fmt: skip
+        loop.hold(np.ones((len(lanes), 2)))
+        reference = np.tile(np.concatenate([q_m[:1], np.ones((1, 2))], axis=1), (50, len(lanes), 1))
+        return loop.run(reference, 50).q_m
+
+    together = run([0, 1, 2])
+    for lane in range(3):
+        assert np.array_equal(run([lane])[:, 0], together[:, lane])
+    assert np.abs(together[:, 0] - together[:, 1]).max() > 1e-6 < np.abs(together[:, 0] - together[:, 2]).max()
+
+
+def test_disturbances_act_where_and_when_they_should():
+    """A torque on the motor and a force on the tool of a linear robot against the matrix exponential, step by step."""
+    A, B, model, _ = linear_robot()
+    library = library_with(model, ("forward_dynamics", "forward_dynamics_tool_force"))
+    law, steps, samples = Linear(*(np.zeros(shape) for shape in ((0, 0), (0, 1), (1, 0), (1, 1)))), 8, 100
+    loop = ClosedLoop(model, library, DriveHardware(T), law, np.zeros((1, 3)), np.zeros((1, 1)), 300.0, steps=steps)
+    rng = np.random.default_rng(1)
+    table = np.zeros((samples * steps, 7, 1))
+    table[:400, 0] = rng.standard_normal((400, 1))
+    table[200:600, 6] = 500 * rng.standard_normal((400, 1))  # about z, as all axes
+    found = loop.run(np.zeros((1, 1, 2)), samples, disturbances=table)
+    M = derive(model).function("mass_matrix")(np.zeros(3)).full()
+    push = np.concatenate([np.zeros(model.dof), np.linalg.solve(M, np.ones(3)), [0.0]])[:, None]
+    phi, gamma = constant(A, np.hstack([B, push]), T / steps)
+    x = np.zeros(len(A))
+    for k in range(samples):
+        assert found.q_m[k, 0, 0] == pytest.approx(x[3], abs=1e-11)
+        for step in range(steps):
+            x = phi @ x + gamma @ table[k * steps + step, [0, 6], 0]
+    with pytest.raises(ArgumentError, match="needs a library with forward_dynamics_tool_force"):
+        other = ClosedLoop(
+            model, library_with(model, ("forward_dynamics",)), DriveHardware(T), law, np.zeros((1, 3)),
+            np.zeros((1, 1)), 300.0, steps=steps,
+        )  # fmt: skip
+        other.run(np.zeros((1, 1, 2)), samples, disturbances=table)
+
+
+def test_sensors_show_the_motion_with_bias_resolution_and_delay():
+    model = flexgen.read(
+        "planar5_nmp",
+        overrides={"sensor": [{"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2"}]},
+    )
+    library = library_with(model, ("forward_dynamics", "sensors"))
+    q_m = (model.eta @ np.array(model.home))[None]
+    local = LocalModel(model, ())
+    rest = local.rest(local.values, q_m)
+    c = library.sizes["n_s"]
+
+    def run(channels: SensorChannels) -> tuple[np.ndarray, np.ndarray]:
+        loop = ClosedLoop(
+            model,
+            library,
+            DriveHardware(T),
+            default_cascade(model),
+            rest.y[:, : model.n_a],
+            q_m,
+            700.0,
+            sensors=channels,
+        )
+        loop.hold(rest.tau_m)
+        reference = np.zeros((120, 1, 2 + c + 2))
+        reference[:, 0, :2] = q_m + 0.02 * (1 - np.cos(np.arange(120) * T * 60))[:, None]
+        reference[:, 0, 2 + c :] = rest.tau_m
+        found = loop.run(reference, 120, motion=True)
+        assert found.sensors is not None and found.motion is not None
+        return found.sensors[:, 0], found.motion[:, :, 0]
+
+    plain, motion = run(SensorChannels.ideal(c))
+    q_a, v_a, q, v, tau = np.split(motion, np.cumsum([model.n_a, model.n_a, 2, 2]), axis=1)
+    a_a = library.forward_dynamics(*map(np.ascontiguousarray, (q_a, v_a, q, v, tau))).a_a
+    exact = library.sensors(*map(np.ascontiguousarray, (q_a, v_a, a_a)))
+    assert np.array_equal(plain, exact)
+    at_rest = plain[0]
+    assert np.linalg.norm(at_rest) == pytest.approx(9.81, rel=1e-6)  # gravity
+    assert np.abs(plain - plain[0]).max() > 0.1
+    shown, _ = run(SensorChannels(np.zeros(c), np.full(c, 0.25), np.full(c, 0.5), np.full(c, 4)))
+    late = np.vstack([np.repeat(plain[:1], 4, axis=0), plain[:-4]])
+    assert np.allclose(shown, np.floor((late + 0.25) / 0.5 + 0.5) * 0.5)
+
+
+def test_the_energy_balance_of_a_run_closes():
+    """Work of the torques less losses is the change of the energy; the integral by the trapezoidal rule, order two."""
+    model = flexgen.read("planar5_nmp")
+    library, equations = library_with(model, ("forward_dynamics",)), derive(model)
+    misses = []
+    for steps in (1, 2):
+        h = T / steps
+        loop, at_rest, _, _ = loop_of(model, DriveHardware(h), controller=default_cascade(model))
+        t = np.arange(600 * steps) * h
+        reference = np.tile(at_rest, (len(t), 1, 1))
+        reference[:, 0, :2] += 0.2 * (1 - np.cos(2 * np.pi * 4 * t))[:, None]
+        found = loop.run(reference, len(t), motion=True)
+        assert found.motion is not None
+        q_a, v_a, q, v, _ = np.split(found.motion[:, :, 0], np.cumsum([model.n_a, model.n_a, 2, 2]), axis=1)
+        kinetic, potential = (x.ravel() for x in evaluate(equations.function("energy"), q_a, v_a, q, v))
+        loss = evaluate(equations.function("power"), q_a, v_a, q, v, found.tau_m[:, 0])[1].ravel()
+        work = (found.tau_m[:-1, 0] * np.diff(q, axis=0)).sum()  # the torque is constant between samples
+        lost = h * (loss[1:] + loss[:-1]).sum() / 2
+        energy = kinetic + potential
+        misses.append(abs(work - lost - (energy[-1] - energy[0])) / np.ptp(energy))
+    assert misses[0] < 2e-4 and misses[1] < 0.3 * misses[0], misses
+    del library
+
+
+BAD = {
+    "raises": ("raise ValueError('no')", "step 3 raised ValueError: no"),
+    "NaN": ("return u * np.nan", "expected finite torques"),
+    "size": ("return np.zeros(5)", r"returned shape \(5,\), expected \(2,\)"),
+    "text": ("return 'much'", "raised ValueError"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_controllers_that_misbehave_end_with_a_sentence(name):
+    body, words = BAD[name]
+    namespace = {"np": np}
+    exec(f"def act(u):\n    {body}\n", namespace)
+
+    class Bad:
+        def reset(self):
+            pass
+
+        def step(self, k, y, ref):
+            return namespace["act"](ref.tau_m) if k == 3 else ref.tau_m
+
+    loop, at_rest, _, _ = loop_of(flexgen.read("planar5_nmp"), DriveHardware(T), controller=PythonController(Bad()))
+    with pytest.raises(SolverError, match=words):
+        loop.run(at_rest[None], 10)
+
+
+def test_objects_without_the_interface_are_refused():
+    with pytest.raises(ArgumentError, match="without reset"):
+        PythonController(object())
+
+
+PLUGIN = """
+#include <string.h>
+#include "flexgen_controller.h"
+typedef struct { double q[16]; int n, n_y; double sample; } state;
+FLEXGEN_CONTROLLER int flexgen_controller_abi(void) { return %s; }
+FLEXGEN_CONTROLLER size_t flexgen_controller_size(const flexgen_controller_setup *s) { (void)s; return sizeof(state); }
+FLEXGEN_CONTROLLER int flexgen_controller_reset(void *self, const flexgen_controller_setup *s)
+{
+    state *c = (state *)self;
+    if (s->n_m > 16) return 7;
+    c->n = s->n_m; c->n_y = s->n_y; c->sample = s->sample_s;
+    memcpy(c->q, s->q_m, sizeof(double) * (size_t)s->n_m);
+    return %s;
+}
+FLEXGEN_CONTROLLER int flexgen_controller_step(void *self, int64_t k, const double *y, const double *ref, double *u)
+{
+    state *c = (state *)self;
+    (void)k;
+    for (int j = 0; j < c->n; ++j) {
+        u[j] = ref[c->n_y + j] + 20.0 * (ref[j] - y[j]) - 0.5 * ((y[j] - c->q[j]) / c->sample);
+        c->q[j] = y[j];
+    }
+    return 0;
+}
+"""
+
+
+class AsPlugIn:
+    """What the plug-in of these tests does."""
+
+    def reset(self) -> None:
+        self.q = None
+
+    def step(self, k, y, ref):
+        q = ref.q_m if self.q is None else self.q
+        self.q = y.q_m.copy()
+        return ref.tau_m + 20.0 * (ref.q_m - y.q_m) - 0.5 * ((y.q_m - q) / T)
+
+
+def plug_in(folder: Path, abi: int = 1, reset: int = 0) -> Path:
+    source, made = folder / "mine.c", folder / f"mine{abi}{reset}.so"
+    source.write_text(PLUGIN % (abi, reset))
+    flags = ["-O2", "-ffp-contract=off", "-shared", "-fPIC", f"-I{HEADER.parent}", "-Wall", "-Wextra", "-Werror"]
+    subprocess.run([*find_compiler().command, *flags, "-o", str(made), str(source)], check=True)
+    return made
+
+
+def test_a_plug_in_gives_the_bits_of_its_python_twin(tmp_path):
+    model = flexgen.read("planar5_nmp")
+    runs = []
+    for controller in (PlugIn(plug_in(tmp_path)), PythonController(AsPlugIn())):
+        loop, at_rest, _, _ = loop_of(model, DriveHardware(T), lanes=3, controller=controller)
+        runs.append(loop.run(moving(at_rest, 2, 200, 0.1), 200).tau_m)
+    assert np.array_equal(*runs)
+
+
+def test_plug_ins_of_another_version_or_without_functions_are_refused(tmp_path):
+    with pytest.raises(BuildError, match="given version 9 of the interface of controllers, expected 1"):
+        PlugIn(plug_in(tmp_path, abi=9))
+    refusing = PlugIn(plug_in(tmp_path, reset=4))
+    with pytest.raises(ArgumentError, match="its reset refused the robot with status 4"):
+        loop_of(flexgen.read("planar5_nmp"), DriveHardware(T), controller=refusing)
+    with pytest.raises(BuildError, match="not a shared library"):
+        PlugIn(tmp_path / "mine.c")
+    empty = tmp_path / "empty.so"
+    subprocess.run([*find_compiler().command, "-shared", "-fPIC", "-x", "c", "-o", str(empty), "/dev/null"], check=True)
+    with pytest.raises(BuildError, match="given no function flexgen_controller_abi"):
+        PlugIn(empty)

@@ -14,7 +14,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.operating_points import noise_covariance
 from flexgen.identification.frequency_response import coherence
 from flexgen.identification.local_model import Drive, LocalModel
-from flexgen.loop.closed_loop import DriveHardware
+from flexgen.loop.hardware import DriveHardware
 
 pytestmark = needs_compiler
 

@@ -18,7 +18,7 @@ from flexgen.identification.motion_fit import fit_motion, whiteness
 from flexgen.identification.recordings.recording_writer import RecordingWriter
 from flexgen.identification.result import FitStatus
 from flexgen.identification.segments import Segments
-from flexgen.loop.closed_loop import DriveHardware
+from flexgen.loop.hardware import DriveHardware
 from flexgen.model.elements import RobotModel
 
 FREE = ["stiffness", "damping"]

@@ -19,7 +19,7 @@ from flexgen.identification.experiments.spectra import line_offsets, spectra_bes
 from flexgen.identification.local_model import Drive, LocalModel
 from flexgen.identification.recordings.experiment_file import read_experiment
 from flexgen.identification.recordings.recording_writer import RecordingWriter
-from flexgen.loop.closed_loop import DriveHardware
+from flexgen.loop.hardware import DriveHardware
 
 ROOT = Path(__file__).parents[2]
 

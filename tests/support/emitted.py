@@ -63,6 +63,7 @@ def random_states(model, n: int) -> dict[str, np.ndarray]:
     x["tau_m"] = 10.0 * rng.normal(size=(n, model.n_m))
     x["tau_a"] = 100.0 * rng.normal(size=(n, model.n_a))
     x["tau_a"] = 10.0 * rng.normal(size=(n, model.n_a))
+    x["f_tool"] = 100.0 * rng.normal(size=(n, 6))
     x["target"] = rng.normal(size=(n, model.output.target_size))
     x["deflection"] = 1e-3 * rng.normal(size=(n, model.n_g))
     return x

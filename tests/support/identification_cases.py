@@ -10,7 +10,7 @@ import flexgen
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.local_model import Drive, LocalModel
-from flexgen.loop.closed_loop import DriveHardware
+from flexgen.loop.hardware import DriveHardware
 from flexgen.mechanics.parameters import select, with_values
 from flexgen.model.elements import RobotModel
 

@@ -51,14 +51,14 @@ FLOORS = {
     "sweeps": 8,
     "loop": 8,
     "identification": 9,
-    "control": 9,
+    "motion_control": 9,
     "export": 9,
     "plots": 10,
     "reports": 11,
     "cli": 12,
     "__main__": 13,
 }
-SIBLINGS = ["identification", "control", "export"]  # applications on top of inversion: none imports another
+SIBLINGS = ["identification", "motion_control", "export"]  # applications on top of inversion: none imports another
 
 WITHOUT_CASADI = ["errors", "ports", "trajectory", "model", "clib", "runtime", "cli", "__main__"]
 INSTANT = ["cli", "__main__"]  # behind --help: the standard library only

@@ -18,6 +18,7 @@ def differences(equations: Equations, row: Row) -> list[str]:
     n_x = 2 * model.dof
     sizes = {key: getattr(model, key) for key in ("n_a", "n_g", "n_e", "n_m")}
     sizes |= {"n": model.dof, "n_x": n_x, "n_y": model.output.size, "n_t": model.output.target_size}
+    sizes["n_s"] = sum(len(sensor.channels) for sensor in model.sensors)
     if row.name == "output" and model.output.type == "tool_pose":
         sizes["n_y"] = 3
     out = []

@@ -21,7 +21,8 @@ import numpy as np
 
 from flexgen import array_files
 from flexgen.errors import ArgumentError
-from flexgen.loop.closed_loop import Cascade, DriveHardware
+from flexgen.loop.controllers import Cascade
+from flexgen.loop.hardware import DriveHardware
 from flexgen.model.elements import RobotModel
 
 MOST_SAMPLES, MOST_PERIODS = 10_000_000, 100_000  # in a period; of one experiment
@@ -179,7 +180,7 @@ class Plan:
         return cls(
             meta["model"], meta["digest"], tuple(meta["motors"]), arrays["poses"], arrays["lines"].astype(int),
             float(meta["period_s"]), arrays["amplitudes"], arrays["phases"], int(meta["periods"]),
-            int(meta["transients"]), hardware, Cascade(*gains), dict(meta["predicted"]),
+            int(meta["transients"]), hardware, Cascade(gains[0], gains[1], gains[2]), dict(meta["predicted"]),
             tuple(map(str, meta.get("sensors", ()))),
         )  # fmt: skip
 

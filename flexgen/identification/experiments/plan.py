@@ -15,7 +15,8 @@ from flexgen.identification.experiments.excitation import Plan, motor_speeds, od
 from flexgen.identification.experiments.optimal_spectrum import with_optimal_spectrum
 from flexgen.identification.outputs import channels, checked
 from flexgen.identification.parameters import ParameterVector
-from flexgen.loop.closed_loop import Cascade, DriveHardware
+from flexgen.loop.controllers import Cascade
+from flexgen.loop.hardware import DriveHardware
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.digest import model_digest

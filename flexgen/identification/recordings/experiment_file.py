@@ -15,7 +15,8 @@ from flexgen.identification.experiments.experiment import HOLDS, Experiment
 from flexgen.identification.experiments.spectra import line_offsets, spectrum, windowed_spectrum
 from flexgen.identification.outputs import output_orders
 from flexgen.identification.recordings.description import Description, Recording, read_description
-from flexgen.loop.closed_loop import Cascade, DriveHardware
+from flexgen.loop.controllers import Cascade
+from flexgen.loop.hardware import DriveHardware
 from flexgen.model.checked_table import Table
 from flexgen.model.digest import model_digest
 

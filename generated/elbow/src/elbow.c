@@ -54,7 +54,7 @@ const char *elbow_digest(void)
 
 const char *elbow_interface(void)
 {
-    return "516e08ffd67c01318069c783cec78a299c8e764a495c29a0c044f28a3592491c";
+    return "266e179d295d6366e64fdf32a29c9ecbd3409acf0d7d1c8c1c769939f1a59609";
 }
 
 int elbow_abi_version(void)

@@ -1,0 +1,151 @@
+"""The verbs of control: control, score, tune."""
+
+from __future__ import annotations
+
+import time
+from argparse import Namespace
+from pathlib import Path
+from typing import Any
+
+from flexgen.cli.identify import throttled
+from flexgen.cli.printing import number, paragraph, table
+from flexgen.cli.verbs import Progress, VerbResult, check_report, check_writable, read_model, writing
+from flexgen.errors import ArgumentError
+
+
+def control(args: Namespace, log: Progress) -> VerbResult:
+    """Simulate a move in the closed loop with feedforward, for the model and robots that differ from it."""
+    check_report(args.report)
+    check_writable(args.out)
+    from flexgen.motion_control.control import control as simulate
+    from flexgen.motion_control.disturbances import Disturbance
+
+    model = read_model(args)
+    names = [name for name, _ in args.plant or ()]
+    if len(set(names)) != len(names):
+        raise ArgumentError(f"--plant: given {', '.join(names)}, expected different names")
+    run = simulate(
+        model,
+        args.move,
+        controller=args.controller,
+        sample_time=args.sample_time,
+        delay=args.delay,
+        plants=dict(args.plant or ()),
+        disturbances=[Disturbance(**given) for given in args.disturb or ()],
+        encoder_noise=args.encoder_noise,
+        encoder_resolution=args.encoder_resolution,
+        torque_limits=not args.no_limits,
+        seed=args.seed,
+        progress=throttled(log),
+    )
+    rows = []
+    for r in run.runs:
+        f = run.figures(r)
+        lengths = [1e3 * f[key] for key in ("error_max_m", "dynamic_error_max_m", "error_end_m")]
+        rows.append([r.name, *lengths, f["torque_max_Nm"], r.saturated, r.failure])
+    margins = run.margins()
+    text = [
+        f"{model.name}, move {run.solution.move.name}: {run.status}, controller {run.controller}, sample time "
+        f"{number(1e3 * args.sample_time)} ms, delay {number(1e3 * args.delay)} ms",
+        "",
+        table(
+            rows,
+            ("robot", "error, mm", "dynamic, mm", "at the end, mm", "torque, N m", "samples at the limit", "failure"),
+        ),
+    ]
+    if margins:
+        head = ("pose", "stable", "gain margin", "delay margin, ms")
+        text += ["", table([[k, str(m.stable), m.gain, 1e3 * m.delay_s] for k, m in margins.items()], head)]
+    if args.out is not None:
+        with writing(args.out):
+            run.trajectory().save(args.out)
+        text += ["", f"wrote {args.out}"]
+    if args.report is not None:
+        text += ["", f"wrote {run.report(args.report)}"]
+    data = run.to_dict() | {
+        "margins": {
+            k: {"stable": m.stable, "gain": _finite(m.gain), "delay_s": _finite(m.delay_s)} for k, m in margins.items()
+        },
+        "trajectory": None if args.out is None else str(args.out),
+    }
+    return VerbResult(data, "\n".join(text), problem="" if run.status == "done" else run.status)
+
+
+def score(args: Namespace, log: Progress) -> VerbResult:
+    """Score controllers in a benchmark: one axis with four masses, or an arm with two links."""
+    check_report(args.report)
+    from flexgen.motion_control.benchmarks.leaderboard import shipped
+    from flexgen.motion_control.benchmarks.scenario import scenario
+    from flexgen.motion_control.benchmarks.score import score as compute
+
+    chosen = scenario(args.scenario)
+    given: list[str] = []
+    for name in args.controller or ["reference"]:
+        own = [path.stem.removeprefix(f"{chosen.name}-") for path in shipped(chosen.name)]
+        given += ["reference", *own] if name == "all" else [name]
+    if args.report is not None and len(given) > 1:
+        raise ArgumentError(f"--report: given {len(given)} controllers, expected one")
+    tell, found = throttled(log), []
+    for name in given:
+        log(f"score: {name}")
+        found.append(compute(chosen, name, seed=args.seed, progress=tell))
+    rows = [
+        [
+            s.controller,
+            s.total if s.accepted else "refused",
+            *(s.parts.values() if s.accepted else [""] * (1 + len(chosen.sets))),
+        ]
+        for s in sorted(found, key=lambda s: s.total if s.accepted else float("inf"))
+    ]
+    text = [paragraph(chosen.title_line), "", table(rows, ("controller", "V", "nominal", *chosen.sets))]
+    for s in found:
+        text += ["", *(f"{s.controller} is refused: {reason}" for reason in s.refused)] if s.refused else []
+    if len(found) == 1 and found[0].accepted:
+        sets = list(chosen.sets)
+        lines = [
+            [row["measure"], row["unit"], row["weight"], *(row[key] for key in ("reference", "nominal", *sets))]
+            for row in found[0].table
+        ]
+        text += ["", table(lines, ("measure", "unit", "weight", "reference", "nominal", *sets))]
+    if args.report is not None:
+        text += ["", f"wrote {found[0].report(args.report)}"]
+    data: dict[str, Any] = {"scenario": chosen.name, "hash": chosen.digest, "scores": [s.to_dict() for s in found]}
+    refused = [s.controller for s in found if not s.accepted]
+    problem = f"refused: {', '.join(refused)}" if refused and len(found) == len(refused) else ""
+    return VerbResult(data, "\n".join(text), problem=problem)
+
+
+def tune(args: Namespace, log: Progress) -> VerbResult:
+    """Tune a P-PI cascade with filters on the score of a benchmark; write it to a file."""
+    out: Path = args.out
+    if out.suffix != ".toml":
+        raise ArgumentError(f"--out: given {str(out)!r}, expected a file .toml")
+    check_writable(out)
+    from flexgen.motion_control.benchmarks.tune import tune as improve
+
+    log(f"tune: {args.starts * args.evaluations} evaluations, about a third of a second each")
+    began = time.perf_counter()
+    tuned = improve(
+        args.scenario,
+        args.controller,
+        evaluations=args.evaluations,
+        starts=args.starts,
+        workers=args.workers,
+        seed=args.seed,
+        progress=throttled(log),
+    )
+    with writing(out):
+        tuned.save(out)
+    text = f"{tuned}\n  {number(time.perf_counter() - began)} s\nwrote {out}"
+    data = {
+        "score": tuned.score.to_dict(),
+        "start": tuned.start.to_dict(),
+        "evaluations": tuned.evaluations,
+        "history": list(tuned.history),
+        "controller": str(out),
+    }
+    return VerbResult(data, text, problem="" if tuned.score.accepted else "the tuned controller is refused")
+
+
+def _finite(x: float) -> float | None:
+    return x if x < float("inf") else None

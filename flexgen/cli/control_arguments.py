@@ -1,0 +1,139 @@
+"""Arguments of the verbs of control."""
+
+from __future__ import annotations
+
+import argparse
+import re
+from argparse import ArgumentParser
+from collections.abc import Callable
+from typing import Any
+
+from flexgen.cli.argument_types import file_path, not_negative, positive, trajectory_file
+from flexgen.cli.control import control, score, tune
+
+CONTROLLER = "a file .toml, .py (or file.py:Class) or a shared library"
+_DISTURBANCE = re.compile(
+    r"(?P<kind>\w+):(?P<where>[\w.]+)=(?P<size>[-+.\deE]+)@(?P<start>[-+]?[.\d]+(?:[eE][-+]?\d+)?)"
+    r"(?:\+(?P<length>[.\d]+(?:[eE][-+]?\d+)?))?(?:,(?P<low>[.\deE]+)-(?P<high>[.\deE]+))?\Z"
+)
+
+
+def plant(text: str) -> tuple[str, dict[str, float]]:
+    """``NAME:stiffness=0.8,payload=5``; without a name the text itself is the name."""
+    name, colon, rest = text.partition(":")
+    changes: dict[str, float] = {}
+    for item in (rest if colon else text).split(","):
+        key, equals, value = item.partition("=")
+        try:
+            changes[key.strip()] = float(value)
+        except ValueError:
+            equals = ""
+        if not equals or not key.strip():
+            raise argparse.ArgumentTypeError(f"given {text!r}, expected such as soft:stiffness=0.8,payload=5")
+    return (name if colon else text), changes
+
+
+def disturbance(text: str) -> dict[str, Any]:
+    """``KIND:WHERE=SIZE@START+LENGTH,LOW-HIGH``; length and frequencies where the kind has them."""
+    found = _DISTURBANCE.match(text)
+    try:
+        if found is None:
+            raise ValueError
+        band = (float(found["low"]), float(found["high"])) if found["low"] else None
+        return {
+            "kind": found["kind"],
+            "where": found["where"],
+            "size": float(found["size"]),
+            "start_s": float(found["start"]),
+            "length_s": float(found["length"]) if found["length"] else None,
+            "frequency_hz": band,
+        }
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"given {text!r}, expected such as step:m1=2@0.5, pulse:tool.x=300@0.4+0.02 or chirp:m1=1@0+2,0.5-30"
+        ) from None
+
+
+def add_verbs(group: Any, add_verb: Callable[..., Any]) -> None:
+    """Add the verbs that simulate, score and tune controllers."""
+    _add_control_arguments(add_verb(group, "control", control))
+    sub = add_verb(group, "score", score, model=False)
+    _add_scenario(sub)
+    sub.add_argument(
+        "--controller",
+        metavar="NAME",
+        action="append",
+        help="reference (the default), all (those that come with the benchmark), the name of one of them, "
+        f"{CONTROLLER}; may be repeated",
+    )
+    sub.add_argument("--seed", metavar="N", type=int, help="of the noise; default: that of the benchmark")
+    sub.add_argument("--report", metavar="DIR", type=file_path, help="write a self-contained HTML page to DIR")
+    sub = add_verb(group, "tune", tune, model=False)
+    _add_scenario(sub)
+    sub.add_argument(
+        "--controller",
+        metavar="NAME",
+        default="reference",
+        help=f"where to start: as for 'flexgen score', {CONTROLLER}",
+    )
+    sub.add_argument(
+        "--evaluations", metavar="N", type=int, default=200, help="of the score from a start; default: 200"
+    )
+    sub.add_argument("--starts", metavar="N", type=int, default=1, help="number of starts; default: 1")
+    sub.add_argument("--workers", metavar="N", type=int, default=1, help="number of processes; default: 1")
+    sub.add_argument("--seed", metavar="N", type=int, default=0, help="of the other starts; default: 0")
+    sub.add_argument("--out", metavar="FILE", type=file_path, required=True, help="write the controller to this file")
+
+
+def _add_scenario(parser: ArgumentParser) -> None:
+    parser.add_argument(
+        "scenario", metavar="SCENARIO", help="four_mass, two_link, or the path of a .toml file like theirs"
+    )
+
+
+def _add_control_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("--move", metavar="NAME", help="a move or program of the model file; default: the first")
+    parser.add_argument(
+        "--controller",
+        metavar="NAME",
+        default="ppi",
+        help=f"ppi (P-PI cascade, the default), ppi_notch, lqg, none (feedforward only), {CONTROLLER}",
+    )
+    parser.add_argument(
+        "--sample-time", metavar="S", type=positive, default=5e-4, help="of the controller [s]; default: 0.0005"
+    )
+    parser.add_argument(
+        "--delay", metavar="S", type=not_negative, default=0.0, help="from a measurement to its torque [s]; default: 0"
+    )
+    parser.add_argument(
+        "--plant",
+        metavar="NAME:KEY=X,...",
+        type=plant,
+        action="append",
+        help="another robot: factors of stiffness, damping, friction or a single number, payload in kg more; such as "
+        "soft:stiffness=0.8,payload=5; may be repeated",
+    )
+    parser.add_argument(
+        "--disturb",
+        metavar="KIND:WHERE=SIZE@START+LENGTH",
+        type=disturbance,
+        action="append",
+        help="step, pulse, ramp, chirp or noise on a motor [N m] or on the tool (tool.x [N], tool.rz [N m], world "
+        "axes), times in s; chirp and noise: ,LOW-HIGH in Hz; such as pulse:tool.x=300@0.4+0.02; may be repeated",
+    )
+    parser.add_argument(
+        "--encoder-noise", metavar="RAD", type=not_negative, default=0.0, help="of the motor angles [rad]; default: 0"
+    )
+    parser.add_argument(
+        "--encoder-resolution",
+        metavar="RAD",
+        type=not_negative,
+        default=0.0,
+        help="of the motor angles [rad]; default: 0",
+    )
+    parser.add_argument("--no-limits", action="store_true", help="do not limit the torques to those of the model file")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the noise; default: 0")
+    parser.add_argument(
+        "--out", metavar="FILE", type=trajectory_file, help="write motion, torques and errors of the model to this file"
+    )
+    parser.add_argument("--report", metavar="DIR", type=file_path, help="write a self-contained HTML page to DIR")

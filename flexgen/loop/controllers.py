@@ -1,0 +1,221 @@
+"""Controllers of the loop, each in C and once more in Python, with the same operations in the same order.
+
+Filters are sections of order two, sampled by the bilinear transform with the frequency in place.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from flexgen.build.c_module import c_module
+from flexgen.errors import ArgumentError
+from flexgen.loop.interface import Compiled, Measurement, Reference, Setup
+
+SOURCE = Path(__file__).with_name("closed_loop.c")
+
+
+@dataclass(frozen=True)
+class LowPass:
+    """``w^2 / (s^2 + 2 zeta w s + w^2)``; frequency [Hz], damping ratio."""
+
+    frequency_hz: float
+    damping: float = 0.7
+
+    def section(self, sample_s: float) -> tuple[float, ...]:
+        """``b0, b1, b2, a1, a2`` of the sampled filter; ArgumentError beyond half the sample rate."""
+        return _bilinear((0.0, 0.0, 1.0), (1.0, 2 * self.damping, 1.0), self.frequency_hz, sample_s)
+
+
+@dataclass(frozen=True)
+class Notch:
+    """``(s^2 + 2 zeta_n w s + w^2) / (s^2 + 2 zeta_d w s + w^2)``; frequency [Hz], damping ratios."""
+
+    frequency_hz: float
+    zero_damping: float = 0.1
+    pole_damping: float = 0.7
+
+    def section(self, sample_s: float) -> tuple[float, ...]:
+        """``b0, b1, b2, a1, a2`` of the sampled filter; ArgumentError beyond half the sample rate."""
+        zeros, poles = (1.0, 2 * self.zero_damping, 1.0), (1.0, 2 * self.pole_damping, 1.0)
+        return _bilinear(zeros, poles, self.frequency_hz, sample_s)
+
+
+def _bilinear(
+    b: tuple[float, float, float], a: tuple[float, float, float], frequency_hz: float, sample_s: float
+) -> tuple[float, ...]:
+    """A filter in ``s/w``, highest power first, sampled such that its response at w stays."""
+    if not 0 < frequency_hz < 0.5 / sample_s:
+        raise ArgumentError(
+            f"filter: given {frequency_hz} Hz, expected more than 0 and less than {0.5 / sample_s:.4g} Hz, half the "
+            "sample rate"
+        )
+    c = 1.0 / math.tan(math.pi * frequency_hz * sample_s)
+
+    def sampled(x: tuple[float, float, float]) -> tuple[float, float, float]:
+        return (
+            x[0] * c * c + x[1] * c + x[2], 2 * (x[2] - x[0] * c * c), x[0] * c * c - x[1] * c + x[2]
+        )  # fmt: skip
+
+    above, below = sampled(b), sampled(a)
+    return tuple(x / below[0] for x in (*above, *below[1:]))
+
+
+Filter = LowPass | Notch
+
+
+@dataclass(frozen=True)
+class Cascade:
+    """A drive with position and speed control (P-PI), feedforward torque and filters of the feedback, motor side.
+
+        w = v_ref + position_gain (q_ref - q) - v,    u = tau_ff + F(z) speed_gain (w + integral_gain int w dt)
+
+    ``position_gain`` [1/s], ``speed_gain`` [N m s/rad], ``integral_gain`` [1/s]: (n_m,) each. The speed is the
+    difference of two samples of the measured angle, and the same difference of the reference, so that a filter of the
+    speed alone does not show in the error. ``filters``: F, the same for all motors. ``torque_max`` (n_m,) [N m]: above
+    it the integral does not grow; None: no limit.
+    """
+
+    position_gain: np.ndarray
+    speed_gain: np.ndarray
+    integral_gain: np.ndarray
+    filters: tuple[Filter, ...] = ()
+    torque_max: np.ndarray | None = None
+    _state: dict[str, np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def _sections(self, sample_s: float) -> np.ndarray:
+        """(sections, n_m, 5)."""
+        rows = [np.tile(f.section(sample_s), (len(self.speed_gain), 1)) for f in self.filters]
+        return np.array(rows).reshape(len(self.filters), len(self.speed_gain), 5)
+
+    def compiled(self, setup: Setup) -> Compiled:
+        """The controller in C, for robots that rest at ``setup.q_m``."""
+        n, sections = setup.n_m, self._sections(setup.sample_s)
+        most = np.zeros(n) if self.torque_max is None else np.asarray(self.torque_max, dtype=float)
+        gains = [np.asarray(x, dtype=float) for x in (self.position_gain, self.speed_gain, self.integral_gain)]
+        for name, x in zip(("position_gain", "speed_gain", "integral_gain", "torque_max"), (*gains, most), strict=True):
+            if x.shape != (n,) or not np.isfinite(x).all():
+                raise ArgumentError(f"controller, {name}: given {x}, expected {n} finite numbers, one for each motor")
+        head = np.array([n, setup.n_y, len(sections)], np.int64).view(np.float64)
+        fixed = np.concatenate([head, [setup.sample_s], *gains, most, sections.ravel()])
+        memory = np.zeros((len(setup.q_m), len(fixed) + 3 * n + 2 * n * len(sections)))
+        memory[:, : len(fixed)] = fixed
+        for k in range(2):
+            memory[:, len(fixed) + k * n : len(fixed) + (k + 1) * n] = setup.q_m
+        return _in_c("flexgen_loop_cascade", memory, 8 * len(fixed))
+
+    def begin(self, sample_s: float) -> Cascade:
+        """The sample time, for `step` in Python."""
+        self._state["sample_s"] = np.array(sample_s)
+        self._state["sections"] = self._sections(sample_s)
+        return self
+
+    def reset(self) -> None:
+        """Begin at rest."""
+        for name in ("q", "q_ref", "sum", "filtered"):
+            self._state.pop(name, None)
+
+    def step(self, k: int, y: Measurement, ref: Reference) -> np.ndarray:
+        """Torques (n_m,) [N m]; `begin` first."""
+        s, n = self._state, len(self.speed_gain)
+        if "q" not in s:
+            s["q"], s["q_ref"], s["sum"] = ref.q_m.copy(), ref.q_m.copy(), np.zeros(n)
+            s["filtered"] = np.zeros((len(self.filters), n, 2))
+        h = float(s["sample_s"])
+        v, v_ref = (y.q_m - s["q"]) / h, (ref.q_m - s["q_ref"]) / h
+        w = v_ref + self.position_gain * (ref.q_m - y.q_m) - v
+        s["sum"] = s["sum"] + w * h
+        x = self.speed_gain * (w + self.integral_gain * s["sum"])
+        for f, own in zip(s["sections"], s["filtered"], strict=True):
+            out = f[:, 0] * x + own[:, 0]
+            own[:, 0] = f[:, 1] * x - f[:, 3] * out + own[:, 1]
+            own[:, 1] = f[:, 2] * x - f[:, 4] * out
+            x = out
+        u: np.ndarray = ref.tau_m + x
+        if self.torque_max is not None:
+            full = (self.torque_max > 0) & (np.abs(u) > self.torque_max) & ((u > 0) == (w > 0))
+            s["sum"] = np.where(full, s["sum"] - w * h, s["sum"])
+        s["q"], s["q_ref"] = y.q_m.copy(), ref.q_m.copy()
+        return u
+
+
+@dataclass(frozen=True)
+class Linear:
+    """A linear controller about the reference, with matrices for each part of the motion.
+
+        e = y_ref - y,    u = tau_ff + C z + D e,    z <- A z + B e
+
+    ``A`` (parts, n_z, n_z), ``B`` (parts, n_z, n_y), ``C`` (parts, n_m, n_z), ``D`` (parts, n_m, n_y): in each part,
+    of ``samples`` samples; the last one holds to the end. Without parts: (n_z, n_z) and so on.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    samples: int = 1
+    _state: dict[str, np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @property
+    def matrices(self) -> tuple[np.ndarray, ...]:
+        """``A, B, C, D`` with parts."""
+        return tuple(x[None] if x.ndim == 2 else x for x in map(np.asarray, (self.A, self.B, self.C, self.D)))
+
+    @property
+    def order(self) -> int:
+        """States."""
+        return int(self.matrices[0].shape[1])
+
+    def compiled(self, setup: Setup) -> Compiled:
+        """The controller in C; ArgumentError where the sizes do not fit the robot."""
+        A, B, C, D = self.matrices
+        n_z, n_y, n_m, parts = A.shape[1], setup.n_y, setup.n_m, len(A)
+        expected = ((parts, n_z, n_z), (parts, n_z, n_y), (parts, n_m, n_z), (parts, n_m, n_y))
+        for name, x, shape in zip("ABCD", (A, B, C, D), expected, strict=True):
+            if x.shape != shape or not np.isfinite(x).all():
+                raise ArgumentError(
+                    f"controller, {name}: given shape {x.shape}, expected finite numbers {shape}: parts, then "
+                    f"{n_z} states, {n_y} measured channels, {n_m} motors"
+                )
+        table = np.ascontiguousarray(np.concatenate([x.reshape(parts, -1) for x in (A, B, C, D)], axis=1), float)
+        head = np.array([n_m, n_y, n_z, parts, max(int(self.samples), 1), table.ctypes.data], np.int64)
+        memory = np.zeros((len(setup.q_m), len(head) + 2 * n_z + n_y))
+        memory[:, : len(head)] = head.view(np.float64)
+        return _in_c("flexgen_loop_linear", memory, 8 * len(head), table)
+
+    def reset(self) -> None:
+        """Begin with z = 0."""
+        self._state["z"] = np.zeros(self.order)
+
+    def step(self, k: int, y: Measurement, ref: Reference) -> np.ndarray:
+        """Torques (n_m,) [N m]."""
+        A, B, C, D = (x[min(k // self.samples, len(x) - 1)] for x in self.matrices)
+        e = np.concatenate([ref.q_m - y.q_m, ref.sensors - y.sensors])
+        z = self._state["z"]
+        u: np.ndarray = ref.tau_m + (_times(C, z) + _times(D, e))
+        self._state["z"] = _times(A, z) + _times(B, e)
+        return u
+
+
+def _times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """``A x`` summed from the first column to the last, as in C."""
+    out = np.zeros(len(A))
+    for column, entry in zip(A.T, x, strict=True):
+        out = out + column * entry
+    return out
+
+
+def loop_module() -> ctypes.CDLL:
+    """The loop in C; vectors of robots keep the bits, since nothing is summed over them."""
+    return c_module(SOURCE, "-ftree-vectorize")
+
+
+def _in_c(name: str, memory: np.ndarray, fixed: int, keep: object = None) -> Compiled:
+    module = loop_module()
+    address = ctypes.cast(module[name], ctypes.c_void_p).value
+    assert address is not None
+    return Compiled(address, np.ascontiguousarray(memory).view(np.uint8), fixed, {}, (module, keep))

@@ -1,0 +1,244 @@
+"""The interface of controllers: `reset`, `step(k, y, ref) -> u`, in Python, in C and as a plug-in.
+
+A controller that is written in Python is any object with these two methods:
+
+    class Mine:
+        def reset(self): ...
+        def step(self, k, y, ref):
+            return ref.tau_m + 20.0 * (ref.q_m - y.q_m)
+
+``y`` is a `Measurement`, ``ref`` a `Reference`; the result are the torques of the motors [N m], one for each. The loop
+copies the object once for each robot. Plug-ins in C: `flexgen_controller.h` beside this file.
+"""
+
+from __future__ import annotations
+
+import copy
+import ctypes
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from flexgen.errors import ArgumentError, BuildError
+
+ABI = 1
+HEADER = Path(__file__).with_name("flexgen_controller.h")
+SLOWEST = 1.0  # s: a step of a controller in Python that takes longer is refused
+MOST_MEMORY = 2**28  # bytes of a controller
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a controller knows of its robots.
+
+    ``q_m`` (lanes, n_m): motor angles at the start, at rest [rad]; ``sample_s`` [s]; ``n_a`` arm coordinates; ``n_y``
+    measured channels, motor angles first; ``n_ref`` entries of the reference of one sample.
+    """
+
+    q_m: np.ndarray
+    sample_s: float
+    n_a: int
+    n_y: int
+    n_ref: int
+
+    @property
+    def n_m(self) -> int:
+        """Motors."""
+        return self.q_m.shape[1]
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What the controller sees at a sample: ``q_m`` (n_m) [rad] and ``sensors`` (n_s)."""
+
+    q_m: np.ndarray
+    sensors: np.ndarray
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The planned motion at a sample.
+
+    ``q_m``, ``v_m`` (n_m): motors [rad, rad/s]; ``tau_m`` (n_m): mean of the feedforward torque over the interval in
+    which the new torque will act [N m]; ``sensors`` (n_s): what the sensors show on the planned motion; ``q_a``,
+    ``v_a`` (n_a): arm. Arrays of the loop without the planned motion of the arm are empty.
+    """
+
+    q_m: np.ndarray
+    sensors: np.ndarray
+    tau_m: np.ndarray
+    v_m: np.ndarray
+    q_a: np.ndarray
+    v_a: np.ndarray
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A controller as the loop in C calls it.
+
+    ``address`` of the function ``step``; ``memory`` (lanes, bytes); ``fixed``: bytes at its begin that do not change;
+    ``errors``: why the controller of a lane failed, by lane; ``keep``: what must live as long.
+    """
+
+    address: int
+    memory: np.ndarray
+    fixed: int
+    errors: dict[int, str]
+    keep: Any
+
+
+class Controller(Protocol):
+    """What every controller of this package has."""
+
+    def compiled(self, setup: Setup) -> Compiled:
+        """The controller in C, one for each robot."""
+        ...
+
+
+_STEP = ctypes.CFUNCTYPE(
+    ctypes.c_int, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p
+)
+
+
+def reference_of(x: np.ndarray, setup: Setup) -> Reference:
+    """The parts of a reference (n_ref,), as views."""
+    n_m, n_y, n_a = setup.n_m, setup.n_y, setup.n_a
+    ends = np.cumsum([n_m, n_y - n_m, n_m, n_m, n_a])
+    return Reference(*np.split(x, ends)[:6])
+
+
+class PythonController:
+    """A controller that is an object of Python.
+
+    Parameters
+    ----------
+    controller : object
+        With ``reset()`` and ``step(k, y, ref) -> u``; it is copied for each robot.
+
+    Raises
+    ------
+    ArgumentError
+        It has not these methods, or cannot be copied.
+    """
+
+    def __init__(self, controller: Any) -> None:
+        for name in ("reset", "step"):
+            if not callable(getattr(controller, name, None)):
+                raise ArgumentError(
+                    f"controller: given {type(controller).__name__} without {name}(), expected an object with reset() "
+                    "and step(k, y, ref) -> torques"
+                )
+        self.controller = controller
+
+    def compiled(self, setup: Setup) -> Compiled:
+        """The object's methods as a function that C calls."""
+        lanes, n_m, n_y = len(setup.q_m), setup.n_m, setup.n_y
+        try:
+            own = [copy.deepcopy(self.controller) for _ in range(lanes)]
+            for controller in own:
+                controller.reset()
+        except Exception as error:
+            raise ArgumentError(f"controller: reset() failed: {type(error).__name__}: {error}") from error
+        errors: dict[int, str] = {}
+        y, ref = np.zeros(n_y), np.zeros(setup.n_ref)
+        measurement, reference = Measurement(*np.split(y, [n_m])), reference_of(ref, setup)
+
+        def step(memory: int, k: int, at_y: int, at_ref: int, at_u: int) -> int:
+            lane = ctypes.c_int64.from_address(memory).value
+            ctypes.memmove(y.ctypes.data, at_y, y.nbytes)
+            ctypes.memmove(ref.ctypes.data, at_ref, ref.nbytes)
+            begin = time.perf_counter()
+            try:
+                u = np.asarray(own[lane].step(k, measurement, reference), dtype=float)
+            except Exception as error:
+                errors[lane] = f"step {k} raised {type(error).__name__}: {error}"
+                return 1
+            seconds = time.perf_counter() - begin
+            if u.shape != (n_m,):
+                errors[lane] = f"step {k} returned shape {u.shape}, expected ({n_m},)"
+            elif not np.isfinite(u).all():
+                errors[lane] = f"step {k} returned {u}, expected finite torques"
+            elif seconds > SLOWEST:
+                errors[lane] = f"step {k} took {seconds:.2f} s, expected less than {SLOWEST} s"
+            if lane in errors:
+                return 1
+            u = np.ascontiguousarray(u)
+            ctypes.memmove(at_u, u.ctypes.data, u.nbytes)
+            return 0
+
+        entry = _STEP(step)
+        address = ctypes.cast(entry, ctypes.c_void_p).value
+        assert address is not None
+        return Compiled(
+            address, np.arange(lanes, dtype=np.int64)[:, None].copy().view(np.uint8), 8, errors, (entry, own)
+        )
+
+
+class _CSetup(ctypes.Structure):
+    """``flexgen_controller_setup``."""
+
+    _fields_ = [
+        *[(name, ctypes.c_int32) for name in ("n_a", "n_m", "n_y", "n_ref")],
+        ("sample_s", ctypes.c_double),
+        ("q_m", ctypes.c_void_p),
+    ]
+
+
+class PlugIn:
+    """A controller in a shared library; see `flexgen_controller.h`.
+
+    Parameters
+    ----------
+    path : str or Path
+
+    Raises
+    ------
+    BuildError
+        The library cannot be loaded, lacks a function, or is for another version of the interface.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        try:
+            self._library = ctypes.CDLL(str(self.path.resolve()))
+        except OSError as error:
+            raise BuildError(f"{path}: not a shared library of this computer: {error}") from error
+        found = {}
+        for name in ("abi", "size", "reset", "step"):
+            symbol = f"flexgen_controller_{name}"
+            try:
+                found[name] = self._library[symbol]
+            except AttributeError:
+                raise BuildError(f"{path}: given no function {symbol}, expected those of {HEADER.name}") from None
+        abi = int(found["abi"]())
+        if abi != ABI:
+            raise BuildError(
+                f"{path}: given version {abi} of the interface of controllers, expected {ABI}; recompile it"
+            )
+        found["size"].restype = ctypes.c_size_t
+        self._size, self._reset, self._step = found["size"], found["reset"], found["step"]
+
+    def compiled(self, setup: Setup) -> Compiled:
+        """The functions of the library, each robot with its own memory."""
+
+        def of(lane: int) -> _CSetup:
+            return _CSetup(setup.n_a, setup.n_m, setup.n_y, setup.n_ref, setup.sample_s, angles[lane].ctypes.data)
+
+        angles = np.ascontiguousarray(setup.q_m, dtype=float)
+        size = int(self._size(ctypes.byref(of(0))))
+        if size > MOST_MEMORY:
+            raise ArgumentError(f"{self.path}: given {size} bytes of memory, expected at most {MOST_MEMORY}")
+        memory = np.zeros((len(angles), -(-max(size, 8) // 16) * 2)).view(np.uint8)
+        for lane, own in enumerate(memory):
+            status = int(self._reset(ctypes.c_void_p(own.ctypes.data), ctypes.byref(of(lane))))
+            if status != 0:
+                raise ArgumentError(
+                    f"{self.path}: its reset refused the robot with status {status} ({setup.n_m} motors, {setup.n_y} "
+                    f"measured channels, {setup.sample_s} s)"
+                )
+        address = ctypes.cast(self._step, ctypes.c_void_p).value
+        assert address is not None
+        return Compiled(address, memory, 0, {}, self._library)

@@ -1,0 +1,1 @@
+"""Benchmarks of robot controllers: frozen scenarios, their measures and scores."""

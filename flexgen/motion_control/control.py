@@ -1,0 +1,266 @@
+"""A move in the closed loop: feedforward by inverse dynamics, a sampled controller, robots that differ from the model.
+
+Every robot starts at rest with the motors where the move begins, at its own equilibrium, and holds this position before
+the motion. The static part of the output error is that at rest before and after the motion; between them it changes in
+proportion to time along the path. The dynamic part is the rest.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.deadline import check_time
+from flexgen.errors import ArgumentError
+from flexgen.inversion.model_library import library_with
+from flexgen.inversion.solution import Solution
+from flexgen.inversion.solve import solve
+from flexgen.loop.closed_loop import ClosedLoop
+from flexgen.loop.hardware import DriveHardware, SensorChannels
+from flexgen.loop.interface import Controller
+from flexgen.mechanics.equations import derive
+from flexgen.model.elements import Move, RobotModel
+from flexgen.model.reader import read
+from flexgen.motion_control.controllers import controller_of
+from flexgen.motion_control.disturbances import Disturbance, disturbance_table
+from flexgen.motion_control.plants import NOMINAL, LocalDynamics, Plants, plants_of
+from flexgen.motion_control.reference import MotionReference, motion_reference
+from flexgen.motion_control.result import ControlRun, PlantRun, output_errors
+from flexgen.progress import Choice, reported
+
+HOLD_S = 0.8  # at rest before the motion: integrators settle
+AFTER_S = 0.5
+SAMPLE_S = 5e-4
+CHUNK = 2000  # samples between two progress messages
+POINTS = PARTS = 40  # of the reference where eigenvalues are computed, and parts with gains of their own
+TOOL_FORCE = "forward_dynamics_tool_force"
+HALVED = 2  # integration steps of the check: twice as many
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a closed loop is made from, ready to run with any controller."""
+
+    model: RobotModel
+    solution: Solution
+    plants: Plants
+    reference: MotionReference
+    hardware: DriveHardware
+    delay_samples: int
+    disturbances: Mapping[int, Sequence[Disturbance]]
+    library: Any
+    rests: tuple[tuple[np.ndarray, np.ndarray], ...]
+    rate: float
+    seed: int
+
+
+@reported("control")
+def control(
+    model: str | Path | RobotModel,
+    move: str | Move | None = None,
+    *,
+    controller: Any = "ppi",
+    sample_time: float = SAMPLE_S,
+    delay: float = 0.0,
+    plants: Mapping[str, Mapping[str, float]] | None = None,
+    disturbances: Sequence[Disturbance] | Mapping[str, Sequence[Disturbance]] = (),
+    encoder_noise: float = 0.0,
+    encoder_resolution: float = 0.0,
+    torque_limits: bool = True,
+    seed: int = 0,
+    solution: Solution | None = None,
+    progress: Choice = None,
+) -> ControlRun:
+    """Simulate a move under a sampled controller with feedforward torques, for the model and for robots that differ.
+
+    Parameters
+    ----------
+    model : name, path or RobotModel
+    move : str or Move, optional
+        A move of the model file; default: its first.
+    controller : str or object
+        ``"ppi"`` (P-PI cascade, the default), ``"ppi_notch"``, ``"lqg"``, ``"none"`` (feedforward only), a path of a
+        ``.toml`` or ``.py`` file (``file.py:Class``) or of a shared library, a `Cascade` or `Linear`, an object with
+        ``reset()`` and ``step(k, y, ref) -> u``, or a system of python-control.
+    sample_time : float [s]
+    delay : float [s]
+        From the measurement to the torque.
+    plants : mapping of str to changes, optional
+        Other robots by name, such as ``{"soft": {"stiffness": 0.8}, "loaded": {"payload": 5.0}}``: see
+        `flexgen.motion_control.plants`. The model itself is simulated too.
+    disturbances : sequence of Disturbance, or mapping from plants' names to them
+        On all robots, or on those named.
+    encoder_noise, encoder_resolution : float [rad]
+        Standard deviation of white noise, and smallest difference, of the motor angles.
+    torque_limits : bool
+        The torques are limited to those of the model file.
+    seed : int
+        Of the noise.
+    solution : Solution, optional
+        The move solved before; default: `flexgen.solve` with its default method.
+    progress : callable or bool, optional
+
+    Returns
+    -------
+    ControlRun
+
+    Raises
+    ------
+    ArgumentError
+        An argument is out of range, or the controller does not fit.
+    SolverError
+        The move has no solution, or a robot no equilibrium.
+    """
+    tell = progress if callable(progress) else None
+    case = control_case(
+        model, move, sample_time=sample_time, delay=delay, plants=plants, disturbances=disturbances,
+        encoder_noise=encoder_noise, encoder_resolution=encoder_resolution, torque_limits=torque_limits, seed=seed,
+        solution=solution, progress=tell,
+    )  # fmt: skip
+    samples = -(-len(case.reference.time) // PARTS)
+    parts = case.reference.parts(samples)
+    chosen, name = controller_of(controller, case.model, sample_time, delay, parts, samples)
+    return run_case(case, chosen, name, progress=tell)
+
+
+def control_case(
+    model: str | Path | RobotModel,
+    move: str | Move | None = None,
+    *,
+    sample_time: float = SAMPLE_S,
+    delay: float = 0.0,
+    plants: Mapping[str, Mapping[str, float]] | None = None,
+    disturbances: Sequence[Disturbance] | Mapping[str, Sequence[Disturbance]] = (),
+    encoder_noise: float = 0.0,
+    encoder_resolution: float = 0.0,
+    torque_limits: bool = True,
+    seed: int = 0,
+    solution: Solution | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Case:
+    """The same without a controller: solve the move, make the robots, find where they rest; see `control`."""
+    tell = progress or (lambda line: None)
+    robot = model if isinstance(model, RobotModel) else read(model)
+    _check_times(sample_time, delay)
+    if solution is None:
+        tell("solving the move")
+        solution = solve(robot, move, progress=progress)
+    chosen = plants_of(robot, {NOMINAL: {}, **(plants or {})})
+    of_lane = _of_lanes(disturbances, chosen.names)
+    names = tuple(p.name for p in chosen.parameters)
+    forced = any(d.where.startswith("tool.") for given in of_lane.values() for d in given)
+    functions = ["forward_dynamics", *([TOOL_FORCE] if forced else []), *(["sensors"] if robot.sensors else [])]
+    library = library_with(robot, functions, parameters=names, per_point=bool(names), progress=progress)
+    reference = motion_reference(solution, sample_time, delay, library, before_s=HOLD_S, after_s=AFTER_S)
+    equations = derive(robot, names)
+    local = LocalDynamics(equations)
+    start, at = reference.motion["q_m"][0], reference.motion["q_a"][0]
+    rests = tuple(local.rest(start, values, at) for values in chosen.values)
+    limits = tuple(m.torque_max or 0.0 for m in robot.motors) if torque_limits else ()
+    whole = int(delay / sample_time + 1e-9)
+    rest = delay - whole * sample_time
+    hardware = DriveHardware(
+        sample_time, rest if rest > 1e-9 * sample_time else 0.0, encoder_resolution, encoder_noise, 0.0, limits
+    )
+    points = reference.points(np.unique(np.linspace(0, len(reference.time) - 1, POINTS).astype(int)))
+    rate = max(local.largest_rate(points, values) for values in chosen.values)
+    return Case(robot, solution, chosen, reference, hardware, whole, of_lane, library, rests, rate, seed)
+
+
+def run_case(
+    case: Case,
+    controller: Controller,
+    name: str,
+    *,
+    steps: int | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> ControlRun:
+    """Simulate all robots of a case under a controller."""
+    reference, robot = case.reference, case.model
+    lanes, n = len(case.plants.names), len(reference.time)
+    q_a, tau = (np.array(x) for x in zip(*case.rests, strict=True))
+    q_m = np.tile(reference.motion["q_m"][0], (lanes, 1))
+    loop = ClosedLoop(
+        robot, case.library, case.hardware, controller, q_a, q_m, case.rate, seed=case.seed, steps=steps,
+        parameters=case.plants.values if case.plants.parameters else None,
+        sensors=_channels(robot, case.hardware.sample_s) if robot.sensors else None,
+        delay_samples=case.delay_samples, arm_reference=True,
+    )  # fmt: skip
+    loop.hold(tau)
+    rows = np.ascontiguousarray(np.broadcast_to(reference.rows()[:, None], (n, lanes, loop.setup.n_ref)))
+    step_s = case.hardware.sample_s / loop.steps
+    motions, torques = [], []
+    began = time.perf_counter()
+    for first in range(0, n, CHUNK):
+        check_time("control")
+        count = min(CHUNK, n - first)
+        instants = reference.time[first] + step_s * (np.arange(count * loop.steps) + 0.5)
+        names = [m.name for m in robot.motors]
+        table = disturbance_table(case.disturbances, names, instants, lanes, case.seed)
+        found = loop.run(rows, count, motion=True, disturbances=table, check=False)
+        assert found.motion is not None
+        motions.append(found.motion)
+        torques.append(found.tau_m)
+        if progress is not None:
+            progress(
+                f"simulating {lanes} robots, {100 * (first + count) / n:.0f} % of {n * case.hardware.sample_s:.1f} s"
+            )
+    seconds = time.perf_counter() - began
+    motion, tau_m = np.concatenate(motions), np.concatenate(torques)
+    ends = np.cumsum([robot.n_a, robot.n_a, robot.n_m, robot.n_m])
+    equations = derive(robot)
+    runs = []
+    for lane, plant in enumerate(case.plants.names):
+        arm, _, motors, _, _ = np.split(motion[:, :, lane], ends, axis=1)
+        error, turn = output_errors(equations, reference, np.ascontiguousarray(arm))
+        runs.append(
+            PlantRun(plant, arm, motors, tau_m[:, lane], error, turn, int(loop.saturated[lane]), loop.failures[lane])
+        )
+    return ControlRun(
+        robot, case.solution, name, controller, reference, case.hardware, case.delay_samples, tuple(runs), loop.steps,
+        seconds,
+    )  # fmt: skip
+
+
+def _channels(robot: RobotModel, sample_s: float) -> SensorChannels:
+    """The sensors of the model file; ArgumentError where one is slower than the drives."""
+    noise, late = [], []
+    for sensor in robot.sensors:
+        if sensor.sample_s is not None and abs(sensor.sample_s - sample_s) > 1e-9 * sample_s:
+            raise ArgumentError(
+                f"sensor {sensor.name}: given sample_s = {sensor.sample_s} s, expected {sample_s} s as the controller"
+            )
+        whole = round(sensor.delay_s / sample_s)
+        if abs(whole * sample_s - sensor.delay_s) > 1e-6 * sample_s:
+            raise ArgumentError(
+                f"sensor {sensor.name}: given delay_s = {sensor.delay_s} s, expected a multiple of {sample_s} s"
+            )
+        noise += [sensor.noise] * len(sensor.channels)
+        late += [whole] * len(sensor.channels)
+    none = np.zeros(len(noise))
+    return SensorChannels(np.array(noise), none, none, np.array(late, int))
+
+
+def _of_lanes(
+    given: Sequence[Disturbance] | Mapping[str, Sequence[Disturbance]], names: Sequence[str]
+) -> dict[int, tuple[Disturbance, ...]]:
+    """Disturbances of each robot by its number."""
+    if isinstance(given, Mapping):
+        unknown = [name for name in given if name not in names]
+        if unknown:
+            raise ArgumentError(f"disturbances: given plant {unknown[0]!r}, expected one of {', '.join(names)}")
+        return {k: tuple(given.get(name, ())) for k, name in enumerate(names)}
+    return {k: tuple(given) for k in range(len(names))}
+
+
+def _check_times(sample_time: float, delay: float) -> None:
+    """ArgumentError where the times of a controller are out of range."""
+    if not (np.isfinite(sample_time) and 1e-6 <= sample_time <= 1.0):
+        raise ArgumentError(f"sample_time: given {sample_time!r}, expected 1e-6 to 1 s")
+    if not (np.isfinite(delay) and 0 <= delay <= 64 * sample_time):
+        raise ArgumentError(f"delay: given {delay!r}, expected 0 to 64 samples of {sample_time} s")

@@ -1,0 +1,174 @@
+"""Robots that differ from the model: their numbers, where they rest, and their fastest eigenvalue.
+
+A change is a factor on a number of the model (``q2.stiffness``), or on all numbers of a kind:
+
+=========== =========================================================================================
+stiffness   stiffnesses of all springs (not break positions and gaps)
+damping     of all gears and springs
+friction    all friction torques (not speeds of friction laws)
+payload     mass that is added to the payload [kg], at its center of mass
+=========== =========================================================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.linearization import second_order_matrices
+from flexgen.mechanics.parameters import Parameter, select
+from flexgen.model.elements import RobotModel
+from flexgen.numerics.evaluate import evaluate
+
+NOMINAL = "nominal"
+KINDS = ("stiffness", "damping", "friction", "payload")
+LARGEST_FACTOR, LARGEST_LOAD = 100.0, 1e5  # kg
+NEWTON_STEPS, CLOSE = 50, 1e-12
+_FORCES = ("N m", "N", "N m s/rad", "N s/m", "N m/rad", "N/m", "N m/rad^3", "N/m^3")
+
+
+@dataclass(frozen=True)
+class Plants:
+    """Robots of one model with other numbers.
+
+    ``names`` (lanes); ``parameters``: the numbers that differ, in the order of the model; ``values`` (lanes, n_p).
+    """
+
+    names: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+    values: np.ndarray
+
+
+def plants_of(model: RobotModel, changes: Mapping[str, Mapping[str, float]]) -> Plants:
+    """The robots that are asked for, by name; see the table of this module.
+
+    Raises
+    ------
+    ArgumentError
+        The model does not have such a number, or a factor is out of range.
+    """
+    numbers = {name: _numbers(model, name, given) for name, given in changes.items()}
+    used = {parameter for values in numbers.values() for parameter in values}
+    parameters = tuple(p for p in select(model, sorted(used))) if used else ()
+    values = np.array([[own.get(p.name, p.value) for p in parameters] for own in numbers.values()])
+    return Plants(tuple(numbers), parameters, values.reshape(len(numbers), len(parameters)))
+
+
+def _numbers(model: RobotModel, plant: str, changes: Mapping[str, Any]) -> dict[str, float]:
+    """Values of the numbers that a plant changes."""
+    out: dict[str, float] = {}
+    for key, given in changes.items():
+        what = f"plant {plant}, {key}"
+        if isinstance(given, bool) or not isinstance(given, int | float) or not np.isfinite(given):
+            raise ArgumentError(f"{what}: given {given!r}, expected a number")
+        if key == "payload":
+            mass = select(model, ["payload.mass"])[0]
+            if not -mass.value <= given <= LARGEST_LOAD:
+                raise ArgumentError(
+                    f"{what}: given {given} kg, expected {-mass.value:g} to {LARGEST_LOAD:g} kg to add to the payload"
+                )
+            out["payload.mass"] = mass.value + given
+            continue
+        if not 0 <= given <= LARGEST_FACTOR:
+            raise ArgumentError(f"{what}: given the factor {given}, expected 0 to {LARGEST_FACTOR:g}")
+        known = _known(model, key)
+        if not known:
+            raise ArgumentError(f"{what}: the model {model.name} has no number of this kind")
+        for parameter in known:
+            if key not in KINDS or parameter.unit in _FORCES:
+                out[parameter.name] = parameter.value * given
+    return out
+
+
+def _known(model: RobotModel, key: str) -> tuple[Parameter, ...]:
+    try:
+        return select(model, [key])
+    except ArgumentError:
+        if key in KINDS:
+            return ()
+        raise
+
+
+def motor_rows(model: RobotModel) -> np.ndarray:
+    """``C_m`` (n_m, n): motor angles from the coordinates ``y = (q_a, q_m of the motors behind elastic gears)``."""
+    C = np.zeros((model.n_m, model.dof))
+    elastic = list(model.i_m)
+    for j in range(model.n_m):
+        if j in elastic:
+            C[j, model.n_a + elastic.index(j)] = 1.0
+        else:
+            C[j, list(model.i_g)] = model.eta[j]
+    return C
+
+
+class LocalDynamics:
+    """Rest and linearization of a model whose numbers may differ, motor angles given.
+
+    Parameters
+    ----------
+    equations : Equations
+        With the numbers as parameters.
+    """
+
+    def __init__(self, equations: Equations) -> None:
+        self.equations, self.model = equations, equations.model
+        self._jacobians = equations.function("residual_jacobians")
+        self._residual = equations.function("residual")
+        self._C = motor_rows(self.model)
+
+    def rest(self, q_m: np.ndarray, values: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Arm angles (n_a,) and holding torques (n_m,) with the motors at ``q_m``, from a start ``q_a`` by Newton.
+
+        SolverError where there is no equilibrium near the start.
+        """
+        model, n_m, n = self.model, self.model.n_m, self.model.dof
+        y = np.concatenate([start, q_m[list(model.i_m)]])
+        tau = np.zeros(n_m)
+        for _ in range(NEWTON_STEPS):
+            arguments = self._motion(y[None], q_m, tau)
+            r_a, r_m = evaluate(self._residual, *arguments, *self._given(self._residual, values))
+            R = evaluate(self._jacobians, *arguments, *self._given(self._jacobians, values))[1].reshape(n, -1)
+            r = np.concatenate([r_a.ravel(), r_m.ravel()[list(model.i_m)]])
+            A = np.block([[R[:, :n], R[:, 2 * n :]], [self._C, np.zeros((n_m, n_m))]])
+            try:
+                step = np.linalg.solve(A, np.concatenate([r, self._C @ y - q_m]))
+            except np.linalg.LinAlgError:
+                break
+            y, tau = y - step[:n], tau - step[n:]
+            if np.abs(step[:n]).max() < CLOSE * (1.0 + np.abs(y).max()):
+                return y[: model.n_a], tau
+        raise SolverError(
+            f"{self.model.name}: no equilibrium found with the motors at {np.round(q_m, 4).tolist()} rad; the springs "
+            "are too soft for the load there"
+        )
+
+    def matrices(
+        self, motion: Sequence[np.ndarray], values: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """``M, D, K`` (k, n, n) and ``B`` (k, n, n_m) along a motion ``q_a v_a a_a q_m v_m a_m tau_m`` (k, ...)."""
+        found = evaluate(self._jacobians, *motion, *self._given(self._jacobians, values))
+        return second_order_matrices(*found)
+
+    def largest_rate(self, motion: Sequence[np.ndarray], values: np.ndarray) -> float:
+        """Largest size of an eigenvalue along a motion [1/s]."""
+        M, D, K, _ = self.matrices(motion, values)
+        n = self.model.dof
+        lower = -np.linalg.solve(M, np.concatenate([K, D], axis=2))
+        upper = np.broadcast_to(np.hstack([np.zeros((n, n)), np.eye(n)]), (len(M), n, 2 * n))
+        return float(np.abs(np.linalg.eigvals(np.concatenate([upper, lower], axis=1))).max())
+
+    def _motion(self, y: np.ndarray, q_m: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, ...]:
+        k, n_a, n_m = len(y), self.model.n_a, self.model.n_m
+        arm, motors = np.zeros((k, n_a)), np.zeros((k, n_m))
+        angles = np.tile(q_m, (k, 1))
+        angles[:, list(self.model.i_m)] = y[:, n_a:]
+        return y[:, :n_a], arm, arm, angles, motors, motors, np.tile(tau, (k, 1))
+
+    def _given(self, function: ca.Function, values: np.ndarray) -> tuple[np.ndarray, ...]:
+        return (values,) if "parameters" in function.name_in() else ()

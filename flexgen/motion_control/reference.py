@@ -1,0 +1,98 @@
+"""The planned motion as references of a sampled controller.
+
+Torques are held between samples, so that they are those of `flexgen.simulation.hold`: the mean over the interval in
+which each acts, less a twelfth of its second difference. The speed of the motors is not a reference of the drives: they
+take the same difference of samples from the reference as from the measurement.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.inversion.solution import Solution
+from flexgen.runtime.library import Library
+from flexgen.simulation.hold import held_torque
+from flexgen.trajectory import Trajectory
+
+MOTION = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
+MOST_SAMPLES = 2_000_000
+
+
+@dataclass(frozen=True)
+class MotionReference:
+    """References at the samples of a controller.
+
+    ``time`` (n,) [s], zero where the path begins; motion ``q_a v_a a_a`` (n, n_a), ``q_m v_m a_m`` (n, n_m), exact
+    torque ``tau_m`` (n, n_m) at the samples, torque to send ``held`` (n, n_m), sensors ``y_s`` (n, n_s), output
+    ``y_ref`` (n, n_y), ``R_ref`` (n, 9) or None; ``begin``, ``end``: of the motion, ``path_end`` [s].
+    """
+
+    time: np.ndarray
+    motion: dict[str, np.ndarray]
+    held: np.ndarray
+    y_s: np.ndarray
+    y_ref: np.ndarray
+    R_ref: np.ndarray | None
+    begin: float
+    end: float
+    path_end: float
+
+    def points(self, at: np.ndarray) -> tuple[np.ndarray, ...]:
+        """The motion ``q_a v_a a_a q_m v_m a_m tau_m`` at some samples."""
+        return tuple(self.motion[name][at] for name in MOTION)
+
+    def parts(self, samples: int) -> tuple[np.ndarray, ...]:
+        """The motion in the middle of each part of ``samples`` samples."""
+        return self.points(np.minimum(np.arange(0, len(self.time), samples) + samples // 2, len(self.time) - 1))
+
+    def rows(self) -> np.ndarray:
+        """All references of a sample side by side, (n, n_ref); see `flexgen.loop.interface.Reference`."""
+        m = self.motion
+        return np.hstack([m["q_m"], self.y_s, self.held, m["v_m"], m["q_a"], m["v_a"]])
+
+
+def motion_reference(
+    solution: Solution, sample_s: float, delay_s: float, library: Library, *, before_s: float, after_s: float
+) -> MotionReference:
+    """References for a controller with a sample time and a delay from the measurement to the torque.
+
+    Parameters
+    ----------
+    solution : Solution
+    sample_s, delay_s : float [s]
+    library : Library
+        With ``sensors`` where the model has any.
+    before_s, after_s : float [s]
+        At rest before and after the motion.
+    """
+    trajectory = solution.trajectory
+    first, last = float(trajectory.time[0]), float(trajectory.time[-1])
+    before, after = int(np.ceil(before_s / sample_s)), int(np.ceil(after_s / sample_s))
+    count = before + int(np.ceil((last - first) / sample_s)) + after + 1
+    if count > MOST_SAMPLES:
+        raise ArgumentError(f"sample_time: given {sample_s} s, which makes {count} samples, expected {MOST_SAMPLES}")
+    time = first + sample_s * (np.arange(count) - before)
+    motion = trajectory.at(np.clip(time, first, last))
+    moving = (time >= first) & (time <= last)
+    for name in ("v_a", "a_a", "v_m", "a_m"):
+        motion[name] = np.where(moving[:, None], motion[name], 0.0)
+    y_s = np.zeros((count, library.sizes.get("n_s", 0)))
+    if "sensors" in library.functions:
+        y_s = np.ascontiguousarray(library.sensors(motion["q_a"], motion["v_a"], motion["a_a"]))
+    held = _held(trajectory, time, sample_s, delay_s)
+    path_end = float(solution.move.duration or 0.0)
+    return MotionReference(time, motion, held, y_s, motion["y_ref"], motion.get("R_ref"), first, last, path_end)
+
+
+def _held(trajectory: Trajectory, time: np.ndarray, sample_s: float, delay_s: float) -> np.ndarray:
+    """Torques to send at the samples (n, n_m)."""
+    tau, first = trajectory["tau_m"], float(trajectory.time[0])
+    limited = trajectory.meta.get("torque") == "limited"
+    ticks, values = held_torque(trajectory.time, tau, "zoh", sample_s, delay_s, limited=limited)
+    begin = round((ticks[0] - first) / sample_s)
+    at = np.round((time - first) / sample_s).astype(int) - begin
+    held = values[at.clip(0, len(values) - 1)]
+    return np.asarray(np.where((at < 0)[:, None], tau[0], held))

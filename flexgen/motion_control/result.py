@@ -1,0 +1,267 @@
+"""What a closed loop did: the motion of every robot, its output errors and torques."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen import implementation
+from flexgen.errors import ArgumentError
+from flexgen.inversion.solution import Solution, measured
+from flexgen.loop.hardware import DriveHardware
+from flexgen.loop.interface import Controller
+from flexgen.mechanics.equations import Equations
+from flexgen.model.elements import RobotModel
+from flexgen.model.output_columns import output_labels, output_units
+from flexgen.motion_control.margins import LoopAtPose, Margins, loops_at
+from flexgen.motion_control.plants import NOMINAL
+from flexgen.motion_control.reference import MotionReference
+from flexgen.numerics.evaluate import evaluate
+from flexgen.ports import Port
+from flexgen.simulation.simulate import turn_angle
+from flexgen.trajectory import Trajectory
+
+
+@dataclass(frozen=True, repr=False)
+class PlantRun:
+    """One robot in the loop.
+
+    Attributes
+    ----------
+    name : str
+    q_a, q_m : arrays (n, n_a), (n, n_m) [rad, m]
+        At the samples.
+    tau_m : array (n, n_m) [N m]
+        Commanded torques.
+    error : array (n, n_y) [m, or rad for rotations of a combination]
+        Output minus reference.
+    turn : array (n,) or None [rad]
+        Angle between tool and reference, where the output is a pose.
+    saturated : int
+        Samples at a torque limit.
+    failure : str
+        Why it stopped; empty: it did not.
+    """
+
+    name: str
+    q_a: np.ndarray
+    q_m: np.ndarray
+    tau_m: np.ndarray
+    error: np.ndarray
+    turn: np.ndarray | None
+    saturated: int
+    failure: str
+
+
+@dataclass(frozen=True, repr=False)
+class ControlRun:
+    """Result of `flexgen.control`: the model and the other robots under one controller.
+
+    Attributes
+    ----------
+    model : RobotModel
+    solution : Solution
+        The feedforward.
+    controller : str
+        Its name.
+    law : Controller
+    reference : MotionReference
+    hardware : DriveHardware
+    delay_samples : int
+        Whole samples of the delay; the rest is ``hardware.delay_s``.
+    runs : tuple of PlantRun
+        The first is the model.
+    steps : int
+        Integration steps in a sample.
+    wall_s : float [s]
+        Of the simulation.
+    """
+
+    model: RobotModel
+    solution: Solution
+    controller: str
+    law: Controller
+    reference: MotionReference
+    hardware: DriveHardware
+    delay_samples: int
+    runs: tuple[PlantRun, ...]
+    steps: int
+    wall_s: float
+
+    def __repr__(self) -> str:
+        return f"<ControlRun {self.model.name}, {self.controller}: {len(self.runs)} robots, {self.status}>"
+
+    def __str__(self) -> str:
+        """One line for each robot."""
+        late = f", delay {1e3 * self.delay_s:.4g} ms" if self.delay_s else ""
+        lines = [
+            f"{self.model.name}, move {self.solution.move.name}: controller {self.controller} at "
+            f"{1e3 * self.hardware.sample_s:.4g} ms{late}: {self.status}"
+        ]
+        for run in self.runs:
+            row = self.figures(run)
+            errors = [measured(row[key], "m") for key in ("error_max_m", "dynamic_error_max_m")]
+            text = run.failure or (
+                f"error up to {errors[0]}, dynamic {errors[1]}, torque up to {row['torque_max_Nm']:.4g} N m"
+            )
+            full = f", {run.saturated} samples at the torque limit" if run.saturated and not run.failure else ""
+            lines.append(f"  {run.name}: {text}{full}")
+        return "\n".join(lines)
+
+    @property
+    def status(self) -> str:
+        """``done``, or that of the first robot that failed."""
+        return next((f"failed: {run.name}: {run.failure}" for run in self.runs if run.failure), "done")
+
+    @property
+    def nominal(self) -> PlantRun:
+        """The robot that is as the model says."""
+        return self.runs[0]
+
+    def __getitem__(self, name: str) -> PlantRun:
+        for run in self.runs:
+            if run.name == name:
+                return run
+        raise ArgumentError(f"plant: given {name!r}, expected one of {', '.join(run.name for run in self.runs)}")
+
+    @property
+    def tool_error_max_m(self) -> float:
+        """Largest distance of the model's output from its reference [m]; NaN where it failed."""
+        return float(self.figures(self.nominal)["error_max_m"])
+
+    @property
+    def worst(self) -> PlantRun:
+        """The robot with the largest dynamic error; the first that failed where one did."""
+        failed = [run for run in self.runs if run.failure]
+        return failed[0] if failed else max(self.runs, key=lambda run: self.figures(run)["dynamic_error_max_m"])
+
+    def distance(self, run: PlantRun) -> np.ndarray:
+        """Distance of a robot's output from its reference at the samples (n,) [m]."""
+        return np.asarray(np.linalg.norm(run.error[:, self._metres], axis=1))
+
+    def dynamic(self, run: PlantRun) -> np.ndarray:
+        """The same without the static errors at start and end, (n,) [m]."""
+        reference, e = self.reference, run.error[:, self._metres]
+        start = int(np.searchsorted(reference.time, reference.begin)) - 1
+        share = np.clip(reference.time / max(reference.path_end, 1e-12), 0.0, 1.0)[:, None]
+        static = (1 - share) * e[max(start, 0)] + share * e[-1]
+        moving = reference.time >= reference.begin
+        return np.asarray(np.linalg.norm(e - static, axis=1) * moving)
+
+    @property
+    def _metres(self) -> list[int]:
+        """Columns of the output that are lengths; all where none is."""
+        units = output_units(self.model)
+        chosen = [k for k, unit in enumerate(units) if unit == "m"]
+        return chosen or list(range(len(units)))
+
+    def figures(self, run: PlantRun) -> dict[str, Any]:
+        """Largest errors and torques of a robot, SI units; NaN where it failed."""
+        moving = self.reference.time >= self.reference.begin
+        distance, dynamic = self.distance(run), self.dynamic(run)
+        start = int(np.searchsorted(self.reference.time, self.reference.begin)) - 1
+        turn = None if run.turn is None else float(run.turn[moving].max())
+        values: dict[str, Any] = {
+            "error_max_m": float(distance[moving].max()),
+            "error_end_m": float(distance[-1]),
+            "static_error_start_m": float(distance[max(start, 0)]),
+            "dynamic_error_max_m": float(dynamic.max()),
+            "turn_max_rad": turn,
+            "torque_max_Nm": float(np.abs(run.tau_m).max()),
+        }
+        if run.failure:
+            values = dict.fromkeys(values, float("nan"))
+        return {"plant": run.name, **values, "saturated_samples": run.saturated, "failure": run.failure}
+
+    def trajectory(self, name: str = NOMINAL) -> Trajectory:
+        """Motion, torques and errors of a robot at the samples of the controller."""
+        run, robot = self[name], self.model
+        coordinates, motors = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)
+        units = output_units(robot)
+        rows = {
+            "q_a": (run.q_a, coordinates, "rad or m", "arm coordinates", tuple(c.unit for c in robot.coordinates)),
+            "q_m": (run.q_m, motors, "rad", "motor angles, motor side", ()),
+            "tau_m": (run.tau_m, motors, "N m", "commanded torques, motor side", ()),
+            "tau_ff": (self.reference.held, motors, "N m", "feedforward torques, motor side", ()),
+            "error": (
+                run.error,
+                output_labels(robot)["y_ref"],
+                "rad or m",
+                "output minus reference",
+                tuple(units),
+            ),
+        }
+        ports = {}
+        for key, (x, _, unit, doc, own) in rows.items():
+            ports[key] = Port(key, (x.shape[1],), own[0] if len(set(own)) == 1 else unit, doc)
+        meta = {"model": robot.name, "variant": robot.variant, "kind": "closed loop", "controller": self.controller}
+        return Trajectory(
+            self.reference.time,
+            {key: row[0] for key, row in rows.items()},
+            ports,
+            {key: row[1] for key, row in rows.items()},
+            meta | {"plant": name},
+            {key: row[4] for key, row in rows.items() if row[4]},
+        )
+
+    @property
+    def delay_s(self) -> float:
+        """From a measurement to its torque [s]."""
+        return self.delay_samples * self.hardware.sample_s + self.hardware.delay_s
+
+    def loops(self) -> dict[str, LoopAtPose]:
+        """The linear loops where the motion begins, half way and where it ends; empty for a law that is not linear."""
+        reference = self.reference
+        times = {"begin": reference.begin, "middle": reference.path_end / 2, "end": reference.end}
+        at = np.searchsorted(reference.time, list(times.values())).clip(0, len(reference.time) - 1)
+        found = loops_at(self.model, self.law, self.hardware.sample_s, self.delay_s, reference.points(at), at)
+        return dict(zip(times, found, strict=False))
+
+    def margins(self) -> dict[str, Margins]:
+        """Stability margins at these poses."""
+        return {name: loop.margins() for name, loop in self.loops().items()}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures as JSON types, SI units."""
+        return {
+            "model": self.model.name,
+            "variant": self.model.variant,
+            "move": self.solution.move.name,
+            "controller": self.controller,
+            "sample_time_s": self.hardware.sample_s,
+            "delay_s": self.delay_s,
+            "integration_steps": self.steps,
+            "simulated_s": float(self.reference.time[-1] - self.reference.time[0]),
+            "wall_s": self.wall_s,
+            "status": self.status,
+            "plants": [{k: _plain(v) for k, v in self.figures(run).items()} for run in self.runs],
+        }
+
+    def plot(self) -> Any:
+        """A matplotlib Figure: output errors and torques of all robots."""
+        return implementation("ControlRun.plot")(self)
+
+    def report(self, folder: str | Path) -> Path:
+        """Write a page with the figures and pictures to a folder; return its path."""
+        page: Path = implementation("ControlRun.report")(self, folder)
+        return page
+
+
+def _plain(value: Any) -> Any:
+    """None for NaN, which JSON does not have."""
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def output_errors(
+    equations: Equations, reference: MotionReference, q_a: np.ndarray
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Output minus reference (n, n_y), and the angle between tool and reference (n,) for a pose."""
+    y = evaluate(equations.function("output"), q_a)[0].reshape(len(q_a), -1)
+    turn = None
+    if reference.R_ref is not None:
+        R = evaluate(equations.function("forward_kinematics"), q_a)[1]
+        turn = turn_angle(R, reference.R_ref.reshape(-1, 3, 3))
+    return y - reference.y_ref, turn

@@ -1,0 +1,120 @@
+"""Plots of closed loops: errors and torques of all robots, Bode and Nyquist plots, scores of benchmarks."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from flexgen.motion_control.benchmarks.score import Score
+from flexgen.motion_control.result import ControlRun
+from flexgen.plots import canvas as cv
+
+COLORS = (cv.BLUE, cv.RED, cv.GREEN, cv.ORANGE, cv.PURPLE, cv.SKY, cv.GREY)
+
+
+@cv.styled
+def plot_control(run: ControlRun) -> Figure:
+    """Distance of the output from its reference in time, all robots; below it the motor torques of the model."""
+    title = f"{cv.title_of(run.model)}: move {run.solution.move.name} under controller {run.controller}"
+    figure = cv.new_figure(cv.WIDTH, 5.4, title)
+    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1.0))
+    time = run.reference.time
+    good = [r for r in run.runs if not r.failure]
+    largest = max((float(run.distance(r).max()) for r in good), default=1.0)
+    factor, unit = cv.prefixed(largest, "m")
+    for k, r in enumerate(run.runs):
+        color = COLORS[k % len(COLORS)]
+        if r.failure:
+            top.plot([], [], color=color, label=f"{r.name}: {r.failure}")
+            continue
+        top.plot(time, factor * run.distance(r), color=color, lw=1.8 if k == 0 else 1.1, label=r.name)
+    if len(good) > 1:
+        stack = np.array([factor * run.distance(r) for r in good])
+        top.fill_between(time, stack.min(axis=0), stack.max(axis=0), color=cv.SKY, alpha=0.15, lw=0)
+    top.set_ylabel(f"output error, {unit}")
+    top.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    for ax in (top, bottom):
+        ax.axvspan(0.0, run.reference.path_end, color=cv.GREY, alpha=0.08, lw=0)
+        ax.set_xlim(max(time[0], run.reference.begin - 0.2), time[-1])
+    for j, motor in enumerate(run.model.motors):
+        color = COLORS[j % len(COLORS)]
+        bottom.plot(time, run.nominal.tau_m[:, j], color=color, lw=1.0, label=motor.name)
+    bottom.set_ylabel("torque of the model, N m")
+    bottom.set_xlabel("time, s (grey: path)")
+    bottom.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    return figure
+
+
+@cv.styled
+def plot_loops(run: ControlRun) -> Figure | None:
+    """Largest and smallest loop gain over frequency, and the Nyquist plot; None for a controller that is not linear."""
+    loops = run.loops()
+    if not loops:
+        return None
+    title = f"{cv.title_of(run.model)}: linear loops under {run.controller}"
+    figure = cv.new_figure(cv.WIDTH, 3.8, title)
+    bode, nyquist = figure.subplots(1, 2)
+    for k, (name, loop) in enumerate(loops.items()):
+        found, color = loop.response(0.1), COLORS[k % len(COLORS)]
+        bode.plot(found.hz, found.gains[:, 0], color=color, label=name)
+        if found.gains.shape[1] > 1:
+            bode.plot(found.hz, found.gains[:, -1], color=color, ls=cv.DASHES[1], lw=1.0)
+        # A logarithmic radius shows both the surroundings of the origin and the low frequencies.
+        z = found.nyquist
+        z = z / np.abs(z) * np.log1p(np.abs(z))
+        nyquist.plot(z.real, z.imag, color=color, lw=1.0)
+    bode.axhline(1.0, color=cv.INK, lw=0.7)
+    bode.set_xscale("log")
+    bode.set_yscale("log")
+    for axis in (bode.xaxis, bode.yaxis):
+        cv.log_axis(axis)
+    bode.set_xlabel("frequency, Hz")
+    bode.set_ylabel("singular values of the loop gain\n(largest; dashed: smallest)")
+    bode.legend()
+    nyquist.plot([0.0], [0.0], "+", color=cv.INK, ms=9)
+    nyquist.set_aspect("equal", adjustable="datalim")
+    nyquist.set_title("det(1 + L), radius log(1 + r)")
+    return figure
+
+
+@cv.styled
+def plot_score(score: Score) -> Figure:
+    """The nominal run, measures over those of the reference controller, and the scores of all robots."""
+    s = score.scenario
+    figure = cv.new_figure(cv.WIDTH, 7.4, f"{s.name} version {s.version}: controller {score.controller}")
+    run, bars, robots = figure.subplots(3, 1, height_ratios=(1.2, 1.6, 0.9))
+    z = score.traces["z"]
+    time = s.sample_s * np.arange(len(z))
+    for k, output in enumerate(s.outputs):
+        run.plot(time, z[:, k], color=COLORS[k], lw=0.8, label=output.name)
+    for k, d in enumerate(s.disturbances):
+        end = min(d.end_s, s.duration_s) if np.isfinite(d.end_s) else d.start_s + 0.05
+        run.axvspan(d.start_s, max(end, d.start_s + 0.05), color=COLORS[(k + 2) % len(COLORS)], alpha=0.15, lw=0)
+    run.set_xlabel("time, s (colored: disturbances)")
+    run.set_ylabel(", ".join(dict.fromkeys(f"{o.name}, {o.unit}" for o in s.outputs)))
+    run.set_title("nominal robot")
+    if len(s.outputs) > 1:
+        run.legend()
+    _bars(bars, score)
+    names = [name.replace(", ", " ") for name in s.plants.names]
+    at = np.arange(len(names))
+    robots.bar(at, score.each if score.accepted else np.zeros(len(names)), color=cv.BLUE)
+    robots.axhline(1.0, color=cv.INK, lw=0.7)
+    robots.set_xticks(at, names, rotation=60, ha="right", fontsize=7)
+    robots.set_title("score of each robot" if score.accepted else "refused: no score")
+    return figure
+
+
+def _bars(ax: Any, score: Score) -> None:
+    """Measures of the nominal robot, and the largest of all robots, over those of the reference."""
+    ratios = score.values / score.reference
+    at = np.arange(len(score.measures))
+    ax.barh(at, ratios.max(axis=0), color=cv.SKY, alpha=0.6, label="worst robot")
+    ax.barh(at, ratios[0], color=cv.BLUE, height=0.5, label="nominal")
+    ax.axvline(1.0, color=cv.INK, lw=0.7)
+    ax.set_yticks(at, [measure.name for measure in score.measures], fontsize=6.5)
+    ax.invert_yaxis()
+    ax.set_xlabel("measure over that of the reference controller")
+    ax.legend(loc="lower right")

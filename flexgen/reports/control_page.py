@@ -1,0 +1,162 @@
+"""Reports of closed loops and of benchmarks: self-contained HTML pages with tables and plots."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+
+import numpy as np
+
+from flexgen.atomic_files import write_text
+from flexgen.motion_control.benchmarks.score import Score
+from flexgen.motion_control.plants import NOMINAL
+from flexgen.motion_control.result import ControlRun
+from flexgen.plots import canvas
+from flexgen.plots import control as plots
+from flexgen.reports.folder import PAGE, check_folder, foot
+from flexgen.reports.html import figure_element, head, html_table, number
+from flexgen.reports.pictures import Picture
+
+
+def write_control(run: ControlRun, directory: str | Path) -> Path:
+    """Write ``index.html`` with errors, torques and margins of a closed loop; each plot also as svg and png file.
+
+    Raises
+    ------
+    ArgumentError
+        The folder has files of another program under these names, or cannot be written.
+    """
+    drawn = [
+        Picture(
+            "errors",
+            plots.plot_control(run),
+            "Above: distance of the output from its reference, with the band of all robots. Below: torques of the "
+            "motors of the model, feedforward and feedback.",
+        )
+    ]
+    loops = plots.plot_loops(run)
+    if loops is not None:
+        drawn.append(
+            Picture(
+                "loops",
+                loops,
+                "The sampled loop linearized where the motion begins, half way and where it ends. Left: singular "
+                "values of the loop gain from motor torques to motor torques. Right: Nyquist plot of det(1 + L); the "
+                "distance from the cross is that from instability.",
+            )
+        )
+    title = f"{canvas.title_of(run.model)}: closed loop"
+    bad = "" if run.status == "done" else " bad"
+    facts = [
+        ("status", f'<span class="status{bad}">{html.escape(run.status)}</span>', ""),
+        ("controller", html.escape(run.controller), ""),
+        ("move", html.escape(run.solution.move.name), ""),
+        ("sample time", number(1e3 * run.hardware.sample_s), "ms"),
+        ("delay from the measurement to the torque", number(1e3 * run.delay_s), "ms"),
+        ("noise of the motor angles", number(run.hardware.encoder_noise_rad), "rad"),
+        ("integration steps in a sample", f"{run.steps}", ""),
+        ("simulated time", number(len(run.runs) * float(np.ptp(run.reference.time))), "s"),
+        ("time of the simulation", number(run.wall_s), "s"),
+    ]
+    parts = [
+        head(title),
+        f'<h1>{html.escape(title)}</h1>\n<p class="sub">{html.escape(run.model.description)}.</p>\n',
+        "<h2>Loop</h2>\n",
+        html_table(("quantity", "value", "unit"), facts, (1,)),
+        "<h2>Errors</h2>\n",
+        _errors(run),
+        _margins(run),
+    ]
+    return _page(Path(directory), parts, drawn)
+
+
+def _errors(run: ControlRun) -> str:
+    rows = []
+    for r in run.runs:
+        f = run.figures(r)
+        keys = ("error_max_m", "dynamic_error_max_m", "static_error_start_m", "error_end_m")
+        values = ["-" if r.failure else number(1e3 * f[key]) for key in keys]
+        torque = "-" if r.failure else number(f["torque_max_Nm"])
+        rows.append((html.escape(r.name), *values, torque, str(r.saturated), html.escape(r.failure)))
+    columns = (
+        "robot", "largest, mm", "largest dynamic, mm", "at rest before, mm", "at rest after, mm", "torque, N m",
+        "samples at the limit", "failure",
+    )  # fmt: skip
+    words = (
+        "<p>Static errors are those at rest before and after the motion, of a robot with other springs or load; the "
+        "dynamic error is what remains when they are taken off along the path.</p>\n"
+    )
+    return html_table(columns, rows, range(1, 7)) + words
+
+
+def _margins(run: ControlRun) -> str:
+    found = run.margins()
+    if not found:
+        return "<p>The controller is not linear: no margins.</p>\n"
+
+    def finite(x: float) -> str:
+        return number(x) if np.isfinite(x) else "none found"
+
+    rows = []
+    for name, m in found.items():
+        margins = finite(m.gain), finite(1e3 * m.delay_s)
+        rows.append((name, "yes" if m.stable else "no", number(m.largest_eigenvalue, 5), *margins))
+    columns = ("pose", "stable", "largest eigenvalue", "gain margin, factor", "delay margin, ms")
+    return "<h2>Margins of the linear loop</h2>\n" + html_table(columns, rows, range(2, 5))
+
+
+def write_score(score: Score, directory: str | Path) -> Path:
+    """Write ``index.html`` with the score of a controller in a benchmark; each plot also as svg and png file.
+
+    Raises
+    ------
+    ArgumentError
+        The folder has files of another program under these names, or cannot be written.
+    """
+    s = score.scenario
+    title = f"{s.title}: {score.controller}"
+    told = (
+        f"<p><b>V = {score.total:.4f}</b> ("
+        + ", ".join(f"{html.escape(name)} {value:.4f}" for name, value in score.parts.items())
+        + "); the reference controller has about 1, smaller is better.</p>\n"
+        if score.accepted
+        else '<p><span class="status bad">refused, no score</span></p>\n<ul>'
+        + "".join(f"<li>{html.escape(reason)}</li>" for reason in score.refused)
+        + "</ul>\n"
+    )
+    parts = [
+        head(title),
+        f'<h1>{html.escape(title)}</h1>\n<p class="sub">{html.escape(s.title_line)}</p>\n',
+        f"<p>Published: {html.escape(s.published)}</p>\n<p>Of this project: {html.escape(s.ours)}</p>\n",
+        told,
+    ]
+    if score.accepted:
+        sets = list(s.sets)
+        rows = [
+            (
+                html.escape(row["measure"]),
+                row["unit"],
+                f"{row['weight']:.3f}",
+                *(number(row[key]) for key in ("reference", NOMINAL, *sets)),
+            )
+            for row in score.table
+        ]
+        columns = ("measure", "unit", "weight", "reference", NOMINAL, *(f"worst of {name}" for name in sets))
+        parts += ["<h2>Measures</h2>\n", html_table(columns, rows, range(2, len(columns)))]
+    drawn = [
+        Picture(
+            "score",
+            plots.plot_score(score),
+            "Above: the outputs of the nominal robot. Middle: measures over those of the reference controller. Below: "
+            "score of every robot.",
+        )
+    ]
+    return _page(Path(directory), parts, drawn)
+
+
+def _page(directory: Path, parts: list[str], drawn: list[Picture]) -> Path:
+    check_folder(directory, [PAGE, *(f"{picture.name}.{end}" for picture in drawn for end in ("svg", "png"))])
+    figures = "".join(figure_element(picture, directory) for picture in drawn)
+    for picture in drawn:
+        canvas.save(picture.figure, directory / f"{picture.name}.png")
+    return write_text(directory / PAGE, "".join([*parts, "<h2>Plots</h2>\n", figures, foot()]))

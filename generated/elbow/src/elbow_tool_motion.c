@@ -1,0 +1,115 @@
+/* elbow: tool_motion. Written by flexgen; see elbow.h. */
+#include "../elbow_batch.h"
+
+#include "elbow_private.h"
+
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+
+#include "elbow_point.h"
+#include "elbow_tool_motion_body.h"
+
+#include "elbow_lanes.h"
+#include "elbow_tool_motion_body.h"
+
+/* Status of the first of n points that failed; the results of all that did become NaN. */
+static SEPARATE elbow_status tool_motion_failed(const real *q_a, const real *v_a, const real *a_a, real *v_tool, real *a_tool, int n, ptrdiff_t stride)
+{
+    elbow_status first = ELBOW_OK;
+    for (int k = 0; k < n; ++k) {
+        const int known = all_finite(q_a + k, ELBOW_NA, stride) && all_finite(v_a + k, ELBOW_NA, stride) && all_finite(a_a + k, ELBOW_NA, stride);
+        if (known && all_finite(v_tool + k, 6, stride) && all_finite(a_tool + k, 6, stride)) {
+            continue;
+        }
+        if (first == ELBOW_OK) {
+            first = known ? ELBOW_RESULT_NOT_FINITE : ELBOW_INPUT_NOT_FINITE;
+        }
+        set_nan(v_tool + k, 6, stride);
+        set_nan(a_tool + k, 6, stride);
+    }
+    return first;
+}
+
+elbow_status elbow_tool_motion(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    const elbow_real a_a[ELBOW_NA], elbow_real v_tool[6], elbow_real a_tool[6])
+{
+    if (q_a == NULL || v_a == NULL || a_a == NULL || v_tool == NULL || a_tool == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (tool_motion_evaluate_1(q_a, v_a, a_a, v_tool, a_tool) == 0) {
+        return ELBOW_OK;
+    }
+    return tool_motion_failed(q_a, v_a, a_a, v_tool, a_tool, 1, 1);
+}
+
+elbow_status elbow_tool_motion_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *a_a,
+    elbow_real *v_tool, elbow_real *a_tool, elbow_real *work)
+{
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > 699050;
+    const int collide = past;
+    const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
+    int bad = 0;
+    if (n < 0) {
+        return ELBOW_BAD_COUNT;
+    }
+    if (q_a == NULL || v_a == NULL || a_a == NULL || v_tool == NULL || a_tool == NULL || work == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+#ifdef _OPENMP
+#pragma omp parallel reduction(+ : bad) if (groups > 8 && omp_get_level() == 0)
+#endif
+    {
+#ifdef _OPENMP
+        real *const space = work + omp_get_thread_num() * (ptrdiff_t)ELBOW_BATCH_WORK;
+#else
+        real *const space = work;
+#endif
+        lanes zero = splat_v(0);
+        int group;
+#ifdef _OPENMP
+#pragma omp for schedule(static)
+#endif
+        for (group = 0; group < groups; ++group) {
+            const int first = group * 64;
+            const int count = n - first < 64 ? n - first : 64;
+            const int copied = collide || count % LANES != 0;
+            ptrdiff_t stride = n;
+            const real *at_q_a = q_a + first;
+            const real *at_v_a = v_a + first;
+            const real *at_a_a = a_a + first;
+            real *at_v_tool = v_tool + first;
+            real *at_a_tool = a_tool + first;
+            if (copied) {
+                real *at = space + 0 * LANES;
+                stride = 64;
+                gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
+                at_q_a = at;
+                at += ELBOW_NA * 64;
+                gather_points(at_v_a, ELBOW_NA, count, n, at, 64);
+                at_v_a = at;
+                at += ELBOW_NA * 64;
+                gather_points(at_a_a, ELBOW_NA, count, n, at, 64);
+                at_a_a = at;
+                at += ELBOW_NA * 64;
+                at_v_tool = at;
+                at += 6 * 64;
+                at_a_tool = at;
+            }
+            for (int k = 0; k < count; k += LANES) {
+                zero += tool_motion_evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_v_tool + k, at_a_tool + k, stride);
+            }
+            if (copied) {
+                scatter_points(at_v_tool, 6, count, 64, v_tool + first, n, past);
+                scatter_points(at_a_tool, 6, count, 64, a_tool + first, n, past);
+            }
+        }
+        end_scatter(past);
+        bad += sum_v(zero) == 0 ? 0 : 1;
+    }
+    return bad == 0 ? ELBOW_OK : tool_motion_failed(q_a, v_a, a_a, v_tool, a_tool, n, n);
+}
+
+#include "elbow_undefine.h"

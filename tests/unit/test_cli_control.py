@@ -1,0 +1,78 @@
+"""The verbs control, score and tune on the command line."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from toolchain import needs_compiler
+
+from flexgen.cli.main import main
+
+pytestmark = needs_compiler
+
+
+def test_control_prints_a_table_and_writes_what_is_asked(tmp_path, capsys):
+    words = ["control", "planar5_nmp", "--plant", "soft:stiffness=0.8", "--plant", "payload=2", "--delay", "5e-4"]
+    words += ["--disturb", "pulse:tool.x=100@0.2+0.02", "--encoder-noise", "1e-5", "--out", str(tmp_path / "run.csv")]
+    assert main([*words, "--report", str(tmp_path / "page"), "-q"]) == 0
+    text = capsys.readouterr().out
+    assert "soft" in text and "payload=2" in text and "gain margin" in text
+    assert (tmp_path / "run.csv").exists() and (tmp_path / "page" / "index.html").exists()
+
+
+def test_control_in_json(capsys):
+    assert main(["control", "planar5_nmp", "--json", "-q", "--controller", "none"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert (
+        data["status"] == "done"
+        and data["plants"][0]["error_max_m"] < 1e-4
+        and data["controller"] == "feedforward only"
+    )
+
+
+def test_an_unstable_loop_fails(tmp_path, capsys):
+    (tmp_path / "hot.toml").write_text('type = "cascade"\nposition_gain = [900.0, 900.0]\n'
+                                       "speed_gain = [900.0, 900.0]\nintegral_gain = [0.0, 0.0]\n")  # fmt: skip
+    words = ["control", "planar5_nmp", "-q", "--no-limits", "--controller", str(tmp_path / "hot.toml")]
+    assert main([*words, "--encoder-noise", "1e-4"]) == 1
+    assert "failed: nominal" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--plant", "soft"], "given 'soft', expected such as soft:stiffness=0.8"),
+        (["--plant", "soft:stiffness"], "expected such as"),
+        (["--disturb", "step"], "given 'step', expected such as step:m1=2@0.5"),
+        (["--disturb", "step:m1=x@0"], "expected such as"),
+        (["--plant", "a:stiffness=1", "--plant", "a:stiffness=2"], "expected different names"),
+        (["--controller", "best"], "given 'best', expected one of ppi"),
+    ],
+)
+def test_wrong_words_are_told(words, said, capsys):
+    assert main(["control", "planar5_nmp", "-q", *words]) in (1, 2)
+    assert said in capsys.readouterr().err
+
+
+def test_score_and_its_refusals(tmp_path, capsys):
+    assert main(["score", "four_mass", "-q", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["scores"][0]["score"] == pytest.approx(1.023, abs=1e-3) and len(data["hash"]) == 64
+    (tmp_path / "hot.toml").write_text(
+        'type = "cascade"\nposition_gain = [12.0]\nspeed_gain = [4.0]\nintegral_gain = [6.0]\n'
+    )
+    assert main(["score", "four_mass", "-q", "--controller", "ppi", "--controller", str(tmp_path / "hot.toml")]) == 0
+    text = capsys.readouterr().out
+    assert "refused" in text and "hot.toml is refused:" in text and text.index("ppi ") < text.index("hot.toml ")
+    assert main(["score", "four_mass", "-q", "--controller", str(tmp_path / "hot.toml")]) == 1
+    capsys.readouterr()
+    assert main(["score", "five_mass", "-q"]) == 1
+    assert "given 'five_mass', expected four_mass, two_link" in capsys.readouterr().err
+
+
+def test_tune_writes_a_controller(tmp_path, capsys):
+    out = tmp_path / "mine.toml"
+    assert main(["tune", "four_mass", "-q", "--evaluations", "5", "--out", str(out)]) == 0
+    assert "evaluations" in capsys.readouterr().out and 'type = "cascade"' in out.read_text()
+    assert main(["tune", "four_mass", "-q", "--evaluations", "5", "--out", str(tmp_path / "mine.json")]) == 1
