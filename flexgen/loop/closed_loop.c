@@ -28,6 +28,10 @@ typedef int (*loop_plant)(int n, const double *q_a, const double *v_a, const dou
     const double *tau_m, double *a_a, double *a_m, double *work);
 typedef int (*loop_parametrized)(int n, const double *q_a, const double *v_a, const double *q_m, const double *v_m,
     const double *tau_m, const double *parameters, double *a_a, double *a_m, double *work);
+typedef int (*loop_one)(const double *q_a, const double *v_a, const double *q_m, const double *v_m, const double *tau_m,
+    double *a_a, double *a_m, double *work);
+typedef int (*loop_one_plain)(const double *q_a, const double *v_a, const double *q_m, const double *v_m,
+    const double *tau_m, double *a_a, double *a_m);
 typedef int (*loop_pushed)(int n, const double *q_a, const double *v_a, const double *q_m, const double *v_m,
     const double *tau_m, const double *f_tool, double *a_a, double *a_m, double *tau_g, double *work);
 typedef int (*loop_pushed_parametrized)(int n, const double *q_a, const double *v_a, const double *q_m,
@@ -46,10 +50,12 @@ typedef struct {
     int32_t history;            /* largest delay of a channel [samples] */
     int32_t disturbed;          /* lanes that the disturbances are given for: 0 (none), 1 (for all), lanes */
     double sample_s;
-    void (*plant)(void);      /* loop_plant, or with parameters loop_parametrized */
-    void (*pushed)(void);     /* loop_pushed, or with parameters loop_pushed_parametrized; or null */
-    void (*sensors)(void);    /* loop_sensors; null: there are none */
+    void (*plant)(void);   /* loop_plant, or with parameters loop_parametrized */
+    void (*one)(void);     /* for a single robot: the plant for one point, loop_one, or without work loop_one_plain */
+    void (*pushed)(void);  /* loop_pushed, or with parameters loop_pushed_parametrized; or null */
+    void (*sensors)(void); /* loop_sensors; null: there are none */
     const double *parameters; /* of the plant: for all lanes or for each, as the library takes them */
+    double *one_work;
     double *plant_work;
     loop_controller controller;
     unsigned char *memory; /* of the controllers, memory_size bytes for each lane */
@@ -126,6 +132,10 @@ static void loop_accelerations(
             n, x, v_a, q_m, v_m, tau, p->f_tool, r->parameters, a_a, a_m, p->tau_g, work);
     } else if (push) {
         (void)((loop_pushed)r->pushed)(n, x, v_a, q_m, v_m, tau, p->f_tool, a_a, a_m, p->tau_g, work);
+    } else if (r->one && r->one_work) {
+        (void)((loop_one)r->one)(x, v_a, q_m, v_m, tau, a_a, a_m, r->one_work);
+    } else if (r->one) {
+        (void)((loop_one_plain)r->one)(x, v_a, q_m, v_m, tau, a_a, a_m);
     } else if (r->parameters) {
         (void)((loop_parametrized)r->plant)(n, x, v_a, q_m, v_m, tau, r->parameters, a_a, a_m, work);
     } else {

@@ -207,6 +207,11 @@ class ClosedLoop:
         if entries[0] is None:
             raise ArgumentError(f"library: given {library!r}, expected one with forward_dynamics")
         self._arrays["work"] = work
+        one, one_work = None, None  # a single robot without parameters: the function for one point is faster
+        if self.lanes == 1 and not library.parameter_names:
+            one, own = library.forward_dynamics.single_address()
+            self._arrays["one_work"] = own
+            one_work = own.ctypes.data if own.size else None
         at = {name: array.ctypes.data for name, array in self._arrays.items()}
         if not library.parameter_names:
             at["parameters"] = 0
@@ -216,6 +221,7 @@ class ClosedLoop:
             n_ref=self.setup.n_ref, steps=self.steps, delay_steps=delay, slots=len(self._arrays['pending']),
             history=len(self._arrays["shown"]) - 1, disturbed=0, sample_s=self.hardware.sample_s, plant=entries[0],
             pushed=entries[1], sensors=entries[2] if len(self.channels.noise) else None, plant_work=at["work"],
+            one=one, one_work=one_work,
             controller=self._controller.address, memory_size=self._controller.memory.shape[1], **kept,
         )  # fmt: skip
 
@@ -360,7 +366,10 @@ class _Robots(ctypes.Structure):
             for name in ("lanes n_a n_m n_g n_y n_ref steps delay_steps slots history disturbed".split())
         ],
         ("sample_s", ctypes.c_double),
-        *[(name, ctypes.c_void_p) for name in "plant pushed sensors parameters plant_work controller memory".split()],
+        *[
+            (name, ctypes.c_void_p)
+            for name in "plant one pushed sensors parameters one_work plant_work controller memory".split()
+        ],
         ("memory_size", ctypes.c_int64),
         *[
             (name, ctypes.c_void_p)

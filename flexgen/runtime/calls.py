@@ -147,6 +147,11 @@ class Function:
         work = np.zeros(max(self._entries.batch_work(), 1), self._real)
         return ctypes.cast(where, ctypes.c_void_p).value or 0, work
 
+    def single_address(self) -> tuple[int, np.ndarray]:
+        """The same for one point; the workspace is empty where the function takes none."""
+        where: Any = self._entries.single
+        return ctypes.cast(where, ctypes.c_void_p).value or 0, np.zeros(self._entries.work, self._real)
+
     def __call__(self, *args: Any, out: Any = None, **named: Any) -> Any:
         """Evaluate at one point or at many; see the class."""
         if named or len(args) != self._count:

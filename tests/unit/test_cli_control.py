@@ -60,7 +60,7 @@ def test_score_and_its_refusals(tmp_path, capsys):
     data = json.loads(capsys.readouterr().out)
     assert data["scores"][0]["score"] == pytest.approx(1.023, abs=1e-3) and len(data["hash"]) == 64
     (tmp_path / "hot.toml").write_text(
-        'type = "cascade"\nposition_gain = [12.0]\nspeed_gain = [4.0]\nintegral_gain = [6.0]\n'
+        'type = "cascade"\nposition_gain = [12.0]\nspeed_gain = [25.0]\nintegral_gain = [6.0]\n'
     )
     assert main(["score", "four_mass", "-q", "--controller", "ppi", "--controller", str(tmp_path / "hot.toml")]) == 0
     text = capsys.readouterr().out
