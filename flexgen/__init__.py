@@ -31,6 +31,7 @@ _VERBS = {
     "fit_motion": "flexgen.identification.motion_fit",
     "control": "flexgen.motion_control.control",
     "tune": "flexgen.motion_control.benchmarks.tune",
+    "learn": "flexgen.motion_control.learn",
     "score": "flexgen.motion_control.benchmarks.score",
 }
 _NOUNS = {
@@ -43,6 +44,7 @@ _NOUNS = {
     "Grid": "flexgen.sweeps.cases",
     "Identified": "flexgen.identification.result",
     "LQG": "flexgen.motion_control.lq",
+    "Learned": "flexgen.motion_control.learn",
     "Limits": "flexgen.inversion.bounds",
     "Linear": "flexgen.loop.controllers",
     "LowPass": "flexgen.loop.controllers",
@@ -75,6 +77,8 @@ _METHODS = {
     "ControlRun.report": ("flexgen.reports.control_page", "write_control"),
     "Identified.verdict": ("flexgen.identification.verdict", "verdict"),
     "Identified.report": ("flexgen.reports.identification_page", "write_identification"),
+    "Learned.plot": ("flexgen.plots.control", "plot_learned"),
+    "Learned.report": ("flexgen.reports.control_page", "write_learned"),
     "Score.plot": ("flexgen.plots.control", "plot_score"),
     "Score.report": ("flexgen.reports.control_page", "write_score"),
     "Solution.plot": ("flexgen.plots.solution", "plot_solution"),

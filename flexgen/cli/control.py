@@ -1,4 +1,4 @@
-"""The verbs of control: control, score, tune."""
+"""The verbs of control: control, learn, score, tune."""
 
 from __future__ import annotations
 
@@ -69,6 +69,40 @@ def control(args: Namespace, log: Progress) -> VerbResult:
         "trajectory": None if args.out is None else str(args.out),
     }
     return VerbResult(data, "\n".join(text), problem="" if run.status == "done" else run.status)
+
+
+def learn(args: Namespace, log: Progress) -> VerbResult:
+    """Learn the path of a robot that differs from its model, in simulation, from its tool error."""
+    check_report(args.report)
+    check_writable(args.out)
+    from flexgen.motion_control.learn import learn as iterate
+
+    model = read_model(args)
+    learned = iterate(
+        model,
+        args.move,
+        plant=args.plant[1] if args.plant else None,
+        iterations=args.iterations,
+        gain=args.gain,
+        frequency_hz=args.frequency,
+        controller=args.controller,
+        sample_time=args.sample_time,
+        delay=args.delay,
+        encoder_noise=args.encoder_noise,
+        seed=args.seed,
+        progress=log,
+    )
+    text = [str(learned)]
+    if args.out is not None:
+        with writing(args.out):
+            learned.trajectory.save(args.out)
+        text += ["", f"wrote {args.out}"]
+    if args.report is not None:
+        text += ["", f"wrote {learned.report(args.report)}"]
+    failed = learned.errors_m[0] == float("inf")
+    data = learned.to_dict() | {"trajectory": None if args.out is None else str(args.out)}
+    data["errors_max_m"] = [_finite(e) for e in learned.errors_m]
+    return VerbResult(data, "\n".join(text), problem="the robot fails without correction" if failed else "")
 
 
 def score(args: Namespace, log: Progress) -> VerbResult:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from flexgen.cli.argument_types import file_path, not_negative, positive, trajectory_file
-from flexgen.cli.control import control, score, tune
+from flexgen.cli.control import control, learn, score, tune
 
 CONTROLLER = "a file .toml, .py (or file.py:Class) or a shared library"
 _DISTURBANCE = re.compile(
@@ -57,6 +57,7 @@ def disturbance(text: str) -> dict[str, Any]:
 def add_verbs(group: Any, add_verb: Callable[..., Any]) -> None:
     """Add the verbs that simulate, score and tune controllers."""
     _add_control_arguments(add_verb(group, "control", control))
+    _add_learn_arguments(add_verb(group, "learn", learn))
     sub = add_verb(group, "score", score, model=False)
     _add_scenario(sub)
     sub.add_argument(
@@ -91,7 +92,8 @@ def _add_scenario(parser: ArgumentParser) -> None:
     )
 
 
-def _add_control_arguments(parser: ArgumentParser) -> None:
+def _add_loop_arguments(parser: ArgumentParser) -> None:
+    """Move, controller, sample time and delay, noise."""
     parser.add_argument("--move", metavar="NAME", help="a move or program of the model file; default: the first")
     parser.add_argument(
         "--controller",
@@ -105,6 +107,36 @@ def _add_control_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--delay", metavar="S", type=not_negative, default=0.0, help="from a measurement to its torque [s]; default: 0"
     )
+    parser.add_argument(
+        "--encoder-noise", metavar="RAD", type=not_negative, default=0.0, help="of the motor angles [rad]; default: 0"
+    )
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the noise; default: 0")
+    parser.add_argument("--report", metavar="DIR", type=file_path, help="write a self-contained HTML page to DIR")
+
+
+def _add_learn_arguments(parser: ArgumentParser) -> None:
+    _add_loop_arguments(parser)
+    parser.add_argument(
+        "--plant",
+        metavar="KEY=X,...",
+        type=plant,
+        help="the robot: factors of stiffness, damping, friction or a single number, payload in kg more; such as "
+        "stiffness=0.8,payload=5; default: as the model",
+    )
+    parser.add_argument("--iterations", metavar="N", type=int, default=6, help="at most; default: 6")
+    parser.add_argument("--gain", metavar="X", type=positive, default=1.0, help="of the correction; default: 1")
+    parser.add_argument(
+        "--frequency",
+        metavar="HZ",
+        type=positive,
+        help="of the low pass; default: 0.7 of the lowest natural frequency with locked motors",
+    )
+    help_out = "write motion, torques and errors of the best iteration to this file"
+    parser.add_argument("--out", metavar="FILE", type=trajectory_file, help=help_out)
+
+
+def _add_control_arguments(parser: ArgumentParser) -> None:
+    _add_loop_arguments(parser)
     parser.add_argument(
         "--plant",
         metavar="NAME:KEY=X,...",
@@ -122,9 +154,6 @@ def _add_control_arguments(parser: ArgumentParser) -> None:
         "axes), times in s; chirp and noise: ,LOW-HIGH in Hz; such as pulse:tool.x=300@0.4+0.02; may be repeated",
     )
     parser.add_argument(
-        "--encoder-noise", metavar="RAD", type=not_negative, default=0.0, help="of the motor angles [rad]; default: 0"
-    )
-    parser.add_argument(
         "--encoder-resolution",
         metavar="RAD",
         type=not_negative,
@@ -132,8 +161,6 @@ def _add_control_arguments(parser: ArgumentParser) -> None:
         help="of the motor angles [rad]; default: 0",
     )
     parser.add_argument("--no-limits", action="store_true", help="do not limit the torques to those of the model file")
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the noise; default: 0")
     parser.add_argument(
         "--out", metavar="FILE", type=trajectory_file, help="write motion, torques and errors of the model to this file"
     )
-    parser.add_argument("--report", metavar="DIR", type=file_path, help="write a self-contained HTML page to DIR")

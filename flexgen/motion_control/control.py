@@ -7,10 +7,10 @@ proportion to time along the path. The dynamic part is the rest.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path as FilePath
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -23,14 +23,15 @@ from flexgen.inversion.solve import solve
 from flexgen.loop.closed_loop import ClosedLoop
 from flexgen.loop.hardware import DriveHardware, SensorChannels
 from flexgen.loop.interface import Controller
-from flexgen.mechanics.equations import derive
+from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.reader import read
 from flexgen.motion_control.controllers import controller_of
 from flexgen.motion_control.disturbances import Disturbance, disturbance_table
 from flexgen.motion_control.plants import NOMINAL, LocalDynamics, Plants, plants_of
-from flexgen.motion_control.reference import MotionReference, motion_reference
+from flexgen.motion_control.reference import MotionReference, motion_reference, time_grid
 from flexgen.motion_control.result import ControlRun, PlantRun, output_errors
+from flexgen.paths.path import Path
 from flexgen.progress import Choice, reported
 
 HOLD_S = 0.8  # at rest before the motion: integrators settle
@@ -39,7 +40,6 @@ SAMPLE_S = 5e-4
 CHUNK = 2000  # samples between two progress messages
 POINTS = PARTS = 40  # of the reference where eigenvalues are computed, and parts with gains of their own
 TOOL_FORCE = "forward_dynamics_tool_force"
-HALVED = 2  # integration steps of the check: twice as many
 
 
 @dataclass(frozen=True)
@@ -57,11 +57,12 @@ class Case:
     rests: tuple[tuple[np.ndarray, np.ndarray], ...]
     rate: float
     seed: int
+    equations: Equations
 
 
 @reported("control")
 def control(
-    model: str | Path | RobotModel,
+    model: str | FilePath | RobotModel,
     move: str | Move | None = None,
     *,
     controller: Any = "ppi",
@@ -129,7 +130,7 @@ def control(
 
 
 def control_case(
-    model: str | Path | RobotModel,
+    model: str | FilePath | RobotModel,
     move: str | Move | None = None,
     *,
     sample_time: float = SAMPLE_S,
@@ -156,9 +157,13 @@ def control_case(
     forced = any(d.where.startswith("tool.") for given in of_lane.values() for d in given)
     functions = ["forward_dynamics", *([TOOL_FORCE] if forced else []), *(["sensors"] if robot.sensors else [])]
     library = library_with(robot, functions, parameters=names, per_point=bool(names), progress=progress)
-    reference = motion_reference(solution, sample_time, delay, library, before_s=HOLD_S, after_s=AFTER_S)
-    equations = derive(robot, names)
-    local = LocalDynamics(equations)
+    nominal = derive(robot)
+    path = Path(nominal, solution.move)
+    trajectory = solution.trajectory
+    span = float(trajectory.time[0]), float(trajectory.time[-1])
+    time = time_grid(*span, sample_time, HOLD_S, AFTER_S)
+    reference = motion_reference(trajectory, path, sample_time, delay, library, time)
+    local = LocalDynamics(derive(robot, names))
     start, at = reference.motion["q_m"][0], reference.motion["q_a"][0]
     rests = tuple(local.rest(start, values, at) for values in chosen.values)
     limits = tuple(m.torque_max or 0.0 for m in robot.motors) if torque_limits else ()
@@ -169,7 +174,7 @@ def control_case(
     )
     points = reference.points(np.unique(np.linspace(0, len(reference.time) - 1, POINTS).astype(int)))
     rate = max(local.largest_rate(points, values) for values in chosen.values)
-    return Case(robot, solution, chosen, reference, hardware, whole, of_lane, library, rests, rate, seed)
+    return Case(robot, solution, chosen, reference, hardware, whole, of_lane, library, rests, rate, seed, nominal)
 
 
 def run_case(
@@ -195,7 +200,7 @@ def run_case(
     rows = np.ascontiguousarray(np.broadcast_to(reference.rows()[:, None], (n, lanes, loop.setup.n_ref)))
     step_s = case.hardware.sample_s / loop.steps
     motions, torques = [], []
-    began = time.perf_counter()
+    began = perf_counter()
     for first in range(0, n, CHUNK):
         check_time("control")
         count = min(CHUNK, n - first)
@@ -210,14 +215,13 @@ def run_case(
             progress(
                 f"simulating {lanes} robots, {100 * (first + count) / n:.0f} % of {n * case.hardware.sample_s:.1f} s"
             )
-    seconds = time.perf_counter() - began
+    seconds = perf_counter() - began
     motion, tau_m = np.concatenate(motions), np.concatenate(torques)
     ends = np.cumsum([robot.n_a, robot.n_a, robot.n_m, robot.n_m])
-    equations = derive(robot)
     runs = []
     for lane, plant in enumerate(case.plants.names):
         arm, _, motors, _, _ = np.split(motion[:, :, lane], ends, axis=1)
-        error, turn = output_errors(equations, reference, np.ascontiguousarray(arm))
+        error, turn = output_errors(case.equations, reference, np.ascontiguousarray(arm))
         runs.append(
             PlantRun(plant, arm, motors, tau_m[:, lane], error, turn, int(loop.saturated[lane]), loop.failures[lane])
         )

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexgen.errors import ArgumentError
-from flexgen.inversion.solution import Solution
+from flexgen.paths.path import Path
 from flexgen.runtime.library import Library
 from flexgen.simulation.hold import held_torque
 from flexgen.trajectory import Trajectory
@@ -54,37 +54,44 @@ class MotionReference:
         return np.hstack([m["q_m"], self.y_s, self.held, m["v_m"], m["q_a"], m["v_a"]])
 
 
+def time_grid(first: float, last: float, sample_s: float, before_s: float, after_s: float) -> np.ndarray:
+    """Samples of a controller (n,) [s] around a motion from ``first`` to ``last``, at rest before and after it."""
+    before, after = int(np.ceil(before_s / sample_s)), int(np.ceil(after_s / sample_s))
+    count = before + int(np.ceil((last - first) / sample_s)) + after + 1
+    if count > MOST_SAMPLES:
+        raise ArgumentError(f"sample_time: given {sample_s} s, which makes {count} samples, expected {MOST_SAMPLES}")
+    return first + sample_s * (np.arange(count) - before)
+
+
 def motion_reference(
-    solution: Solution, sample_s: float, delay_s: float, library: Library, *, before_s: float, after_s: float
+    trajectory: Trajectory, path: Path, sample_s: float, delay_s: float, library: Library, time: np.ndarray
 ) -> MotionReference:
     """References for a controller with a sample time and a delay from the measurement to the torque.
 
     Parameters
     ----------
-    solution : Solution
+    trajectory : Trajectory
+        Motion ``q_a v_a a_a q_m v_m a_m`` and torques ``tau_m``; at rest before and after it.
+    path : Path
+        That the output is compared with.
     sample_s, delay_s : float [s]
     library : Library
         With ``sensors`` where the model has any.
-    before_s, after_s : float [s]
-        At rest before and after the motion.
+    time : array (n,) [s]
+        The samples; the motion begins at one of them.
     """
-    trajectory = solution.trajectory
     first, last = float(trajectory.time[0]), float(trajectory.time[-1])
-    before, after = int(np.ceil(before_s / sample_s)), int(np.ceil(after_s / sample_s))
-    count = before + int(np.ceil((last - first) / sample_s)) + after + 1
-    if count > MOST_SAMPLES:
-        raise ArgumentError(f"sample_time: given {sample_s} s, which makes {count} samples, expected {MOST_SAMPLES}")
-    time = first + sample_s * (np.arange(count) - before)
     motion = trajectory.at(np.clip(time, first, last))
     moving = (time >= first) & (time <= last)
     for name in ("v_a", "a_a", "v_m", "a_m"):
         motion[name] = np.where(moving[:, None], motion[name], 0.0)
-    y_s = np.zeros((count, library.sizes.get("n_s", 0)))
+    y_s = np.zeros((len(time), library.sizes.get("n_s", 0)))
     if "sensors" in library.functions:
         y_s = np.ascontiguousarray(library.sensors(motion["q_a"], motion["v_a"], motion["a_a"]))
     held = _held(trajectory, time, sample_s, delay_s)
-    path_end = float(solution.move.duration or 0.0)
-    return MotionReference(time, motion, held, y_s, motion["y_ref"], motion.get("R_ref"), first, last, path_end)
+    wanted = path.sample(time)
+    R_ref = None if wanted.R is None else wanted.R.reshape(len(time), 9)
+    return MotionReference(time, motion, held, y_s, wanted.y[:, :, 0], R_ref, first, last, path.duration)
 
 
 def _held(trajectory: Trajectory, time: np.ndarray, sample_s: float, delay_s: float) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from flexgen.motion_control.benchmarks.score import Score
+from flexgen.motion_control.learn import Learned
 from flexgen.motion_control.result import ControlRun
 from flexgen.plots import canvas as cv
 
@@ -118,3 +119,34 @@ def _bars(ax: Any, score: Score) -> None:
     ax.invert_yaxis()
     ax.set_xlabel("measure over that of the reference controller")
     ax.legend(loc="lower right")
+
+
+@cv.styled
+def plot_learned(learned: Learned) -> Figure:
+    """Largest error of every iteration, errors in time without correction and in the best one, and the correction."""
+    first, best = learned.runs[0], learned.runs[learned.best]
+    figure = cv.new_figure(cv.WIDTH, 6.0, f"{cv.title_of(first.model)}: learning of move {first.solution.move.name}")
+    top, middle, bottom = figure.subplots(3, 1, height_ratios=(1.0, 1.2, 1.0))
+    errors = 1e3 * np.array(learned.errors_m)
+    top.semilogy(np.arange(len(errors)), errors, "o-", color=cv.BLUE)
+    top.plot([learned.best], [errors[learned.best]], "o", color=cv.RED, label="best")
+    top.set_xlabel("iteration")
+    top.set_ylabel("largest error, mm")
+    top.xaxis.get_major_locator().set_params(integer=True)
+    cv.log_axis(top.yaxis)
+    top.legend()
+    for run, color, label in ((first, cv.GREY, "before learning"), (best, cv.BLUE, f"iteration {learned.best}")):
+        middle.plot(run.reference.time, 1e3 * run.distance(run[learned.plant]), color=color, label=label)
+    middle.set_ylabel("error, mm")
+    middle.legend()
+    correction = learned.corrections[learned.best]
+    columns = correction[:, : min(3, correction.shape[1])]
+    for k, x in enumerate(columns.T):
+        bottom.plot(learned.time, 1e3 * x, color=COLORS[k], label=f"output {k + 1}")
+    bottom.set_ylabel("correction, mm")
+    bottom.set_xlabel("time, s (grey: path)")
+    bottom.legend()
+    for ax in (middle, bottom):
+        ax.axvspan(0.0, first.reference.path_end, color=cv.GREY, alpha=0.08, lw=0)
+        ax.set_xlim(learned.time[0], learned.time[-1])
+    return figure

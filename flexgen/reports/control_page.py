@@ -9,6 +9,7 @@ import numpy as np
 
 from flexgen.atomic_files import write_text
 from flexgen.motion_control.benchmarks.score import Score
+from flexgen.motion_control.learn import Learned
 from flexgen.motion_control.plants import NOMINAL
 from flexgen.motion_control.result import ControlRun
 from flexgen.plots import canvas
@@ -160,3 +161,39 @@ def _page(directory: Path, parts: list[str], drawn: list[Picture]) -> Path:
     for picture in drawn:
         canvas.save(picture.figure, directory / f"{picture.name}.png")
     return write_text(directory / PAGE, "".join([*parts, "<h2>Plots</h2>\n", figures, foot()]))
+
+
+def write_learned(learned: Learned, directory: str | Path) -> Path:
+    """Write ``index.html`` with the iterations of a learned path; each plot also as svg and png file.
+
+    Raises
+    ------
+    ArgumentError
+        The folder has files of another program under these names, or cannot be written.
+    """
+    run = learned.runs[0]
+    title = f"{canvas.title_of(run.model)}: learning of move {run.solution.move.name}"
+    rows = []
+    for k, (r, correction) in enumerate(zip(learned.runs, learned.corrections, strict=True)):
+        f = r.figures(r[learned.plant])
+        failed = r[learned.plant].failure
+        values = ["-", "-", "-"] if failed else [
+            number(1e3 * f["error_max_m"]), number(1e3 * f["dynamic_error_max_m"]), number(f["torque_max_Nm"])
+        ]  # fmt: skip
+        largest = number(1e3 * float(np.abs(correction[:, :3]).max()))
+        rows.append((f"{k}{', best' if k == learned.best else ''}", *values, largest, html.escape(failed)))
+    columns = ("iteration", "error, mm", "dynamic error, mm", "torque, N m", "largest correction, mm", "failure")
+    words = (
+        f"<p>Low pass of the correction {number(learned.frequency_hz)} Hz, forwards and backwards, gain "
+        f"{number(learned.gain)}. {html.escape(learned.stopped)}</p>\n"
+    )
+    parts = [head(title), f"<h1>{html.escape(title)}</h1>\n", words, html_table(columns, rows, range(1, 5))]
+    drawn = [
+        Picture(
+            "learning",
+            plots.plot_learned(learned),
+            "Above: largest error of every iteration. Middle: error in time. Below: correction of the commanded path "
+            "in the best iteration.",
+        )
+    ]
+    return _page(Path(directory), parts, drawn)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BPoly, make_interp_spline
+from scipy.interpolate import PPoly, make_interp_spline
 
 from flexgen.errors import ArgumentError
 from flexgen.simulation.torque_curve import torque_curve
@@ -45,7 +45,7 @@ def interpolate(trajectory: Trajectory, t: Any) -> dict[str, np.ndarray]:
     for names in MOTIONS:
         given = [name for name in names if name in trajectory]
         if given[:1] == [names[0]] and given == list(names[: len(given)]):
-            curve = BPoly.from_derivatives(grid, np.stack([trajectory[name] for name in given], axis=1))
+            curve = _hermite(grid, [trajectory[name] for name in given])
             found |= {name: np.asarray(curve(at, order)) for order, name in enumerate(given)}
     for name in trajectory:
         if name == "tau_m":
@@ -54,3 +54,28 @@ def interpolate(trajectory: Trajectory, t: Any) -> dict[str, np.ndarray]:
         elif name not in found:
             found[name] = np.asarray(make_interp_spline(grid, trajectory[name], k=min(DEGREE, len(grid) - 1))(at))
     return {name: found[name] for name in trajectory}
+
+
+def _hermite(t: np.ndarray, x: list[np.ndarray]) -> PPoly:
+    """Polynomials of least degree through samples of a motion: values, and where given first and second derivatives.
+
+    Degree 1, 3 or 5 in the time since the left sample.
+    """
+    h = np.diff(t)[:, None]
+    low = [x[k][:-1] / (1.0, 1.0, 2.0)[k] for k in range(len(x))]
+    # What the part of low degree misses at the right sample: value, first and second derivative.
+    miss = x[0][1:] - sum(c * h**k for k, c in enumerate(low))
+    if len(x) == 1:
+        high = [miss / h]
+    elif len(x) == 2:
+        rate = (x[1][1:] - low[1]) * h
+        high = [(3 * miss - rate) / h**2, (rate - 2 * miss) / h**3]
+    else:
+        rate = (x[1][1:] - low[1] - 2 * low[2] * h) * h
+        bend = (x[2][1:] - 2 * low[2]) * h**2 / 2
+        high = [
+            (10 * miss - 4 * rate + bend) / h**3,
+            (-15 * miss + 7 * rate - 2 * bend) / h**4,
+            (6 * miss - 3 * rate + bend) / h**5,
+        ]
+    return PPoly(np.stack([*high[::-1], *low[::-1]]), t)

@@ -1,0 +1,333 @@
+"""Iterative learning of a path: the commanded path is corrected by the measured error, and inverted again.
+
+    y_cmd <- y_cmd - gain Q e,      e = y - y_ref of the robot, Q a low pass forwards and backwards
+
+Every iteration inverts the whole corrected path with the model: feedforward torques and references of the motors change
+together. The window of learning begins before the path and ends after it, since the motion of elastic robots does. Q is
+blended to constants at both ends of the window, where the robot is at rest. A correction beyond the natural frequencies
+of the robot makes learning diverge: the default frequency of Q is 0.7 of the lowest one of the model with locked
+motors. The best iteration is kept; learning ends when the error grows.
+
+Source: cf. S. Arimoto et al., J. Robotic Systems 1(2), 1984; S. Moberg, Modeling and Control of Flexible Manipulators,
+2010.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, filtfilt
+from scipy.spatial.transform import Rotation
+
+from flexgen import implementation
+from flexgen.errors import ArgumentError, FlexgenError
+from flexgen.inversion.model_library import inversion_library
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.sampling import grid, time_derivative
+from flexgen.inversion.solution import Solution, measured
+from flexgen.mechanics.equations import derive
+from flexgen.model.elements import Move, RobotModel
+from flexgen.motion_control.control import AFTER_S, HOLD_S, SAMPLE_S, Case, control_case, run_case
+from flexgen.motion_control.controllers import controller_of
+from flexgen.motion_control.gains import lowest_locked_hz
+from flexgen.motion_control.plants import LocalDynamics
+from flexgen.motion_control.reference import motion_reference, time_grid
+from flexgen.motion_control.result import ControlRun
+from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.path import Path
+from flexgen.ports import Port
+from flexgen.progress import Choice, reported
+from flexgen.runtime.path_inversion import Inversion
+from flexgen.trajectory import Trajectory
+
+ITERATIONS = 6
+SHARE = 0.7  # of the lowest locked frequency
+EARLY_S, LATE_S, BLEND_S = 0.15, 0.35, 0.1  # window around the path, and its ends where Q becomes constant
+DEGREE = 7  # of the spline through the corrections
+MESH_S = 1e-2  # of the inversion
+GROWS = 1.05  # an error that is that much larger than the best ends learning
+SETTLED = 2e-2  # of the error before learning: changes below it are noise
+
+
+@dataclass(frozen=True, repr=False)
+class Learned:
+    """Result of `flexgen.learn`.
+
+    Attributes
+    ----------
+    runs : tuple of ControlRun
+        Of each iteration, the first without correction.
+    corrections : tuple of arrays (n, n_y)
+        Of the commanded path in each iteration [m, rad], at ``time``.
+    time : array (n,) [s]
+        Zero where the path begins.
+    best : int
+        The iteration with the smallest error.
+    frequency_hz, gain : float
+        Of Q, and of the correction.
+    plant : str
+    stopped : str
+        Why it ended before the last iteration; empty: it did not.
+    """
+
+    runs: tuple[ControlRun, ...]
+    corrections: tuple[np.ndarray, ...]
+    time: np.ndarray
+    best: int
+    frequency_hz: float
+    gain: float
+    plant: str
+    stopped: str
+
+    @property
+    def errors_m(self) -> tuple[float, ...]:
+        """Largest error of each iteration, at rest included [m]."""
+        return tuple(_largest(run, self.plant) for run in self.runs)
+
+    def __repr__(self) -> str:
+        first, best = (measured(e, "m") for e in (self.errors_m[0], min(self.errors_m)))
+        return f"<Learned {self.runs[0].model.name}: {first} -> {best}>"
+
+    def __str__(self) -> str:
+        """The errors of all iterations."""
+        rows = [f"  {k}: {measured(e, 'm')}{' (best)' if k == self.best else ''}" for k, e in enumerate(self.errors_m)]
+        head = (
+            f"{self.runs[0].model.name}, move {self.runs[0].solution.move.name}: largest error of "
+            f"each iteration, Q {self.frequency_hz:.3g} Hz, gain {self.gain:g}"
+        )
+        return "\n".join([head, *rows, *([f"  {self.stopped}"] if self.stopped else [])])
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Motion and torques of the best iteration, of the robot that learned."""
+        return self.runs[self.best].trajectory(self.plant)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures as JSON types, SI units."""
+        return {
+            "model": self.runs[0].model.name,
+            "move": self.runs[0].solution.move.name,
+            "plant": self.plant,
+            "controller": self.runs[0].controller,
+            "frequency_hz": self.frequency_hz,
+            "gain": self.gain,
+            "errors_max_m": list(self.errors_m),
+            "best": self.best,
+            "stopped": self.stopped,
+        }
+
+    def plot(self) -> Any:
+        """A matplotlib Figure: errors of the iterations, and the correction of the path."""
+        return implementation("Learned.plot")(self)
+
+    def report(self, folder: str | FilePath) -> FilePath:
+        """Write a page with the figures and pictures to a folder; return its path."""
+        page: FilePath = implementation("Learned.report")(self, folder)
+        return page
+
+
+@reported("learn")
+def learn(
+    model: str | FilePath | RobotModel,
+    move: str | Move | None = None,
+    *,
+    plant: Mapping[str, float] | None = None,
+    iterations: int = ITERATIONS,
+    gain: float = 1.0,
+    frequency_hz: float | None = None,
+    controller: Any = "ppi",
+    sample_time: float = SAMPLE_S,
+    delay: float = 0.0,
+    encoder_noise: float = 0.0,
+    seed: int = 0,
+    solution: Solution | None = None,
+    progress: Choice = None,
+) -> Learned:
+    """Learn the path of a robot that differs from its model, in simulation, from its tool error.
+
+    Parameters
+    ----------
+    model : name, path or RobotModel
+    move : str or Move, optional
+        A move of the model file; default: its first.
+    plant : mapping, optional
+        Changes of the robot, such as ``{"stiffness": 0.8}``, see `flexgen.motion_control.plants`; default: none.
+    iterations : int
+        At most.
+    gain : float
+        Of the correction; 0.5 learns more slowly and bears larger differences.
+    frequency_hz : float, optional [Hz]
+        Of Q; default: 0.7 of the lowest natural frequency of the model with locked motors.
+    controller, sample_time, delay, encoder_noise, seed, solution
+        As for `flexgen.control`; every iteration has other noise.
+    progress : callable or bool, optional
+
+    Returns
+    -------
+    Learned
+
+    Raises
+    ------
+    ArgumentError
+        An argument is out of range, or the model has no inversion in C.
+    SolverError
+        The move has no solution, or the robot fails in the first iteration.
+    """
+    tell = progress if callable(progress) else (lambda line: None)
+    if isinstance(iterations, bool) or not isinstance(iterations, int) or not 1 <= iterations <= 1000:
+        raise ArgumentError(f"iterations: given {iterations!r}, expected 1 to 1000")
+    if not (np.isfinite(gain) and 0 < gain <= 2):
+        raise ArgumentError(f"gain: given {gain!r}, expected more than 0, at most 2")
+    name = "robot"
+    case = control_case(
+        model, move, sample_time=sample_time, delay=delay, plants={name: dict(plant or {})},
+        encoder_noise=encoder_noise, seed=seed, solution=solution, progress=progress if callable(progress) else None,
+    )  # fmt: skip
+    commanded = _Commanded(case, sample_time, delay, tell)
+    motion = case.reference.points(np.array([0]))
+    low = frequency_hz if frequency_hz is not None else SHARE * (lowest_locked_hz(case.model, motion) or 10.0)
+    if not (np.isfinite(low) and 0 < low < 0.45 / commanded.period):
+        most = 0.45 / commanded.period
+        raise ArgumentError(f"frequency_hz: given {low!r}, expected more than 0, below {most:.4g} Hz")
+    law, title = controller_of(controller, case.model, sample_time, delay, motion)
+    runs: list[ControlRun] = []
+    corrections = [np.zeros((len(commanded.time), case.model.output.size))]
+    best, stopped = 0, ""
+    for k in range(iterations + 1):
+        try:
+            corrected = commanded.case(corrections[-1], seed + k)
+        except FlexgenError as failure:
+            stopped = f"iteration {k}: the corrected path cannot be inverted ({failure})"
+            corrections.pop()
+            break
+        runs.append(run_case(corrected, law, title))
+        error_max = _largest(runs[-1], name)
+        tell(f"iteration {k}: largest error {measured(error_max, 'm')}")
+        if k == 0 and not np.isfinite(error_max):
+            break
+        if error_max < _largest(runs[best], name):
+            best = k
+        grown = error_max - GROWS * _largest(runs[best], name)
+        if not np.isfinite(error_max) or grown > SETTLED * _largest(runs[0], name):
+            stopped = f"iteration {k}: the error grows; the best iteration is {best}"
+            break
+        if k < iterations:
+            error = commanded.error(runs[-1], name)
+            corrections.append(corrections[-1] - gain * commanded.filtered(error, low))
+    return Learned(
+        tuple(runs), tuple(corrections[: len(runs)]), commanded.time, best, float(low), float(gain), name, stopped
+    )
+
+
+def _largest(run: ControlRun, plant: str) -> float:
+    """Largest error of a robot [m]; infinite where it failed."""
+    found = run.figures(run[plant])["error_max_m"]
+    return float(found) if np.isfinite(found) else float("inf")
+
+
+class _Commanded:
+    """Corrected paths of a move and their feedforward."""
+
+    def __init__(self, case: Case, sample_s: float, delay_s: float, tell: Callable[[str], None]) -> None:
+        self._case, self.sample_s, self.delay_s = case, sample_s, delay_s
+        self.equations = derive(case.model)
+        self.path = Path(self.equations, case.solution.move)
+        problem = InversionProblem(self.equations, self.path)
+        _, self.period, self.samples_per_interval, self.n_pre, self.n_post = grid(problem, MESH_S)
+        self.library = inversion_library(self.equations, "lq", progress=tell)
+        count = int(np.ceil((self.path.duration + EARLY_S + LATE_S) / self.period)) + 1
+        self.time = -EARLY_S + self.period * np.arange(count)
+        self._reduction = Reduction(self.equations)
+        sample = self.path.sample(self.time)
+        self._y = self._reduction.targets(sample)
+        self._rates = sample.derivative(1), sample.derivative(2)
+        self._R = sample.R
+        self._local = LocalDynamics(derive(case.model, tuple(p.name for p in case.plants.parameters)))
+        first, last = self.time[0] - self.n_pre * self.period, self.time[-1] + self.n_post * self.period
+        before = self.sample_s * np.ceil(HOLD_S / self.sample_s)
+        self._grid = time_grid(first, last, self.sample_s, before, AFTER_S)
+
+    def case(self, correction: np.ndarray, seed: int) -> Case:
+        """The case with the feedforward of a corrected path; its errors are those from the path itself."""
+        case = self._case
+        y, dy, ddy = self._corrected(correction)
+        found = self.library.invert(
+            y, dy, ddy, period=self.period, q_start=self.path.q_start, n_pre=self.n_pre, n_post=self.n_post,
+            samples_per_interval=self.samples_per_interval,
+        )  # fmt: skip
+        trajectory = _trajectory(found, self.time[0], case.model)
+        reference = motion_reference(trajectory, self.path, self.sample_s, self.delay_s, case.library, self._grid)
+        start, at = reference.motion["q_m"][0], reference.motion["q_a"][0]
+        rests = tuple(self._local.rest(start, values, at) for values in case.plants.values)
+        return replace(case, reference=reference, rests=rests, seed=seed)
+
+    def _corrected(self, correction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Samples of the corrected path and of its rates."""
+        zero = [(order, np.zeros(correction.shape[1])) for order in range(1, (DEGREE + 1) // 2)]
+        spline = make_interp_spline(self.time, correction, k=DEGREE, bc_type=(zero, zero))
+        d, dd, ddd = (np.asarray(spline(self.time, order)) for order in range(3))
+        dy, ddy = self._rates
+        if self._R is None:
+            return tuple(np.ascontiguousarray(x) for x in (self._y + d, dy + dd, ddy + ddd))  # type: ignore[return-value]
+        turn = Rotation.from_rotvec(d[:, 3:])
+        R = turn.as_matrix() @ self._R
+        w = _left_jacobian(d[:, 3:], dd[:, 3:]) + turn.apply(dy[:, 3:])
+        y = np.hstack([self._y[:, :3] + d[:, :3], R.transpose(0, 2, 1).reshape(len(R), 9)])
+        dw = time_derivative(w, self.period)
+        return (
+            np.ascontiguousarray(y),
+            np.ascontiguousarray(np.hstack([dy[:, :3] + dd[:, :3], w])),
+            np.ascontiguousarray(np.hstack([ddy[:, :3] + ddd[:, :3], dw])),
+        )
+
+    def error(self, run: ControlRun, plant: str) -> np.ndarray:
+        """Error of a robot's output at the samples of the path (n, n_y); of a pose the rotation vector too."""
+        r = run[plant]
+        e = r.error
+        if run.reference.R_ref is not None:
+            R = evaluate(self.equations.function("forward_kinematics"), r.q_a)[1]
+            off = R @ run.reference.R_ref.reshape(-1, 3, 3).transpose(0, 2, 1)
+            e = np.hstack([e, Rotation.from_matrix(off).as_rotvec()])
+        return np.stack([np.interp(self.time, run.reference.time, x) for x in e.T], axis=1)
+
+    def filtered(self, error: np.ndarray, frequency_hz: float) -> np.ndarray:
+        """``Q e``: low pass forwards and backwards, constant at both ends of the window."""
+        b, a = butter(2, 2 * frequency_hz * self.period)
+        pad = min(len(error) - 1, round(1.0 / (frequency_hz * self.period)))
+        smooth = filtfilt(b, a, error, axis=0, padlen=pad)
+        blend = max(2, round(BLEND_S / self.period))
+        ramp = np.linspace(0.0, 1.0, blend)
+        ramp = ramp**4 * (35 - 84 * ramp + 70 * ramp**2 - 20 * ramp**3)
+        weight = np.ones(len(error))
+        weight[:blend], weight[-blend:] = ramp, ramp[::-1]
+        first, last = error[: blend // 2].mean(axis=0), error[-(blend // 2) :].mean(axis=0)
+        ends = np.where((np.arange(len(error)) < len(error) // 2)[:, None], first, last)
+        return np.asarray(weight[:, None] * smooth + (1 - weight[:, None]) * ends)
+
+
+def _left_jacobian(r: np.ndarray, dr: np.ndarray) -> np.ndarray:
+    """Angular velocity (n, 3) in the fixed frame of the rotation with rotation vector r and its rate dr (n, 3)."""
+    angle = np.linalg.norm(r, axis=1)[:, None]
+    small = angle < 1e-4
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
+    b = np.where(small, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
+    once = np.cross(r, dr)
+    return dr + a * once + b * np.cross(r, once)
+
+
+def _trajectory(found: Inversion, begin: float, model: RobotModel) -> Trajectory:
+    """The motion of an inversion as a trajectory whose path begins at ``begin`` [s]."""
+    channels = {
+        name: getattr(found, name) for name in ("q_a", "v_a", "a_a", "q_m", "v_m", "tau_m")
+    } | {"a_m": time_derivative(found.v_m, found.period)}  # fmt: skip
+    order = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
+    labels = {name: tuple(map(str, range(channels[name].shape[1]))) for name in order}
+    ports = {name: Port(name, (channels[name].shape[1],), "", "") for name in order}
+    return Trajectory(found.t + begin, {name: channels[name] for name in order}, ports, labels, {"model": model.name})

@@ -1,0 +1,92 @@
+"""Learning of a path: how far it gets, that nothing is learned from the model itself, that it never ends worse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.cli.main import main
+from flexgen.errors import ArgumentError
+from flexgen.motion_control.learn import _left_jacobian
+
+pytestmark = needs_compiler
+
+
+@pytest.fixture(scope="module")
+def solution():
+    return flexgen.solve("planar5_nmp", progress=False)
+
+
+def test_a_soft_robot_is_learned_in_two_iterations(solution, tmp_path):
+    found = flexgen.learn(
+        "planar5_nmp", plant={"stiffness": 0.8}, solution=solution, iterations=3, sample_time=1e-3, progress=False
+    )
+    assert found.errors_m[0] > 1.5e-3 and found.errors_m[2] <= 2e-5
+    assert found.best == int(np.argmin(found.errors_m))
+    assert found.trajectory["q_a"].shape[1] == 3
+    page = found.report(tmp_path / "page").read_text()
+    assert "iteration" in page and (tmp_path / "page" / "learning.png").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "after", "limit"), [("manutec_r3_18", 2, 2e-5), ("manutec_r3_24", 5, 3e-5)])
+def test_six_axes_are_learned(name, after, limit):
+    found = flexgen.learn(name, plant={"stiffness": 0.8}, iterations=after, sample_time=1e-3, progress=False)
+    assert min(found.errors_m[: after + 1]) <= limit
+
+
+def test_nothing_is_learned_from_the_model_itself(solution):
+    """No correction above a hundredth of a micrometer: the error of the feedforward."""
+    found = flexgen.learn("planar5_nmp", solution=solution, iterations=3, progress=False)
+    assert max(np.abs(c).max() for c in found.corrections) < 1e-8
+    assert max(found.errors_m) < 1e-7
+
+
+def test_corrections_of_noise_are_no_larger_than_the_noise(solution):
+    """1e-4 rad at the motors moves the tool by micrometers."""
+    found = flexgen.learn("planar5_nmp", solution=solution, iterations=3, encoder_noise=1e-4, progress=False)
+    assert max(found.errors_m) < 2e-5 and max(np.abs(c).max() for c in found.corrections) < 2e-5
+
+
+@pytest.mark.parametrize(("frequency", "gain"), [(40.0, 2.0), (25.0, 1.9)])
+def test_learning_that_diverges_ends_with_its_best(solution, frequency, gain):
+    found = flexgen.learn(
+        "planar5_nmp", plant={"stiffness": 0.6, "payload": 3.0}, solution=solution, iterations=12, gain=gain,
+        frequency_hz=frequency, progress=False,
+    )  # fmt: skip
+    assert found.stopped and found.errors_m[found.best] == min(found.errors_m)
+    assert len(found.runs) < 13
+
+
+def test_angular_velocity_of_a_rotation_vector():
+    rng = np.random.default_rng(0)
+    for size in (1e-6, 0.3, 2.0):
+        r, dr = size * rng.normal(size=(5, 3)), rng.normal(size=(5, 3))
+        h = 1e-6
+        R = [Rotation.from_rotvec(r + s * h * dr).as_matrix() for s in (-1, 0, 1)]
+        spin = (R[2] - R[0]) / (2 * h) @ R[1].transpose(0, 2, 1)
+        w = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
+        assert np.allclose(_left_jacobian(r, dr), w, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"iterations": 0}, "iterations: given 0"),
+        ({"gain": 3.0}, "gain: given 3.0"),
+        ({"frequency_hz": 1e4}, "frequency_hz: given 10000.0"),
+        ({"plant": {"stifness": 0.5}}, "given 'stifness'"),
+    ],
+)
+def test_wrong_arguments_are_refused(solution, arguments, words):
+    with pytest.raises(ArgumentError, match=words):
+        flexgen.learn("planar5_nmp", solution=solution, progress=False, **arguments)
+
+
+def test_learning_on_the_command_line(tmp_path, capsys):
+    words = ["learn", "planar5_nmp", "-q", "--plant", "stiffness=0.8", "--iterations", "1"]
+    assert main([*words, "--out", str(tmp_path / "best.csv")]) == 0
+    assert "(best)" in capsys.readouterr().out and (tmp_path / "best.csv").exists()
