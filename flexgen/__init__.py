@@ -31,6 +31,7 @@ _VERBS = {
     "fit_motion": "flexgen.identification.motion_fit",
     "control": "flexgen.motion_control.control",
     "tune": "flexgen.motion_control.benchmarks.tune",
+    "fastest": "flexgen.motion_control.minimum_time",
     "learn": "flexgen.motion_control.learn",
     "score": "flexgen.motion_control.benchmarks.score",
 }
@@ -40,6 +41,7 @@ _NOUNS = {
     "Disturbance": "flexgen.motion_control.disturbances",
     "DriveHardware": "flexgen.loop.hardware",
     "Experiment": "flexgen.identification.experiments.experiment",
+    "Fastest": "flexgen.motion_control.minimum_time",
     "Frf": "flexgen.identification.frequency_response",
     "Grid": "flexgen.sweeps.cases",
     "Identified": "flexgen.identification.result",

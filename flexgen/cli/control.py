@@ -1,4 +1,4 @@
-"""The verbs of control: control, learn, score, tune."""
+"""The verbs of control: control, learn, fastest, score, tune."""
 
 from __future__ import annotations
 
@@ -183,3 +183,34 @@ def tune(args: Namespace, log: Progress) -> VerbResult:
 
 def _finite(x: float) -> float | None:
     return x if x < float("inf") else None
+
+
+def fastest(args: Namespace, log: Progress) -> VerbResult:
+    """Find the fastest time law of a move within the limits, by exact inverse dynamics; solve and verify it."""
+    check_report(args.report)
+    check_writable(args.out)
+    from flexgen.inversion.bounds import limits_for
+    from flexgen.motion_control.minimum_time import fastest as search
+
+    model = read_model(args)
+    own = {"torque": args.torque, "speed": args.speed}
+    numbers = {key: list(x) if len(x) > 1 else x[0] for key, x in own.items() if x is not None}
+    found = search(
+        model,
+        args.move,
+        limits=limits_for(model, **numbers) if numbers else None,
+        torque_rate=args.torque_rate,
+        vibration=args.vibration,
+        coefficients=args.coefficients,
+        progress=throttled(log),
+    )
+    text = [str(found)]
+    if args.out is not None:
+        with writing(args.out):
+            found.solution.trajectory.save(args.out)
+        text += ["", f"wrote {args.out}"]
+    if args.report is not None:
+        text += ["", f"wrote {found.solution.report(args.report)}"]
+    data = found.to_dict() | {"trajectory": None if args.out is None else str(args.out)}
+    solved = found.solution.status.value in ("solved", "limits exceeded")
+    return VerbResult(data, "\n".join(text), problem="" if solved else f"the fastest move is {found.solution.status}")

@@ -8,8 +8,8 @@ from argparse import ArgumentParser
 from collections.abc import Callable
 from typing import Any
 
-from flexgen.cli.argument_types import file_path, not_negative, positive, trajectory_file
-from flexgen.cli.control import control, learn, score, tune
+from flexgen.cli.argument_types import file_path, not_negative, numbers, positive, trajectory_file
+from flexgen.cli.control import control, fastest, learn, score, tune
 
 CONTROLLER = "a file .toml, .py (or file.py:Class) or a shared library"
 _DISTURBANCE = re.compile(
@@ -58,6 +58,7 @@ def add_verbs(group: Any, add_verb: Callable[..., Any]) -> None:
     """Add the verbs that simulate, score and tune controllers."""
     _add_control_arguments(add_verb(group, "control", control))
     _add_learn_arguments(add_verb(group, "learn", learn))
+    _add_fastest_arguments(add_verb(group, "fastest", fastest))
     sub = add_verb(group, "score", score, model=False)
     _add_scenario(sub)
     sub.add_argument(
@@ -112,6 +113,35 @@ def _add_loop_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the noise; default: 0")
     parser.add_argument("--report", metavar="DIR", type=file_path, help="write a self-contained HTML page to DIR")
+
+
+def _add_fastest_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("--move", metavar="NAME", help="a move of the model file, not a program; default: the first")
+    parser.add_argument(
+        "--torque",
+        metavar="X,...",
+        type=numbers,
+        help="limits of the motor torques [N m], one for all or one for each; default: those of the model file, and "
+        "where it has none the largest torque of the move as it is given",
+    )
+    parser.add_argument("--speed", metavar="X,...", type=numbers, help="the same of the motor speeds [rad/s]")
+    parser.add_argument(
+        "--torque-rate",
+        metavar="X",
+        type=positive,
+        help="bound of the rates of the torques, as a multiple of the largest one of the move as it is given",
+    )
+    parser.add_argument(
+        "--vibration",
+        metavar="M",
+        type=positive,
+        help="bound of the vibration after the path [m], of robots with 10 %% less and more stiffness under control",
+    )
+    parser.add_argument(
+        "--coefficients", metavar="N", type=int, default=16, help="of the time law, 4 to 60; default: 16"
+    )
+    parser.add_argument("--out", metavar="FILE", type=trajectory_file, help="write the trajectory to this file")
+    parser.add_argument("--report", metavar="DIR", type=file_path, help="write a self-contained HTML report to DIR")
 
 
 def _add_learn_arguments(parser: ArgumentParser) -> None:

@@ -108,7 +108,8 @@ class Move:
     the unit of the coordinates], with ``duration`` 0: the duration is computed such that the limits of the joints hold
     too. With a profile, ``smoothness`` 0 means that the derivative before the last bounded one is trapezoidal (two
     bounds: the speed, three: the acceleration, ...); another value means polynomial changes of speed. A rotation of the
-    tool by an angle is counted as a path length of ``radius`` [m] times the angle.
+    tool by an angle is counted as a path length of ``radius`` [m] times the angle. Or ``duration`` and ``timing``:
+    inner coefficients of a spline as time law, see `flexgen.paths.time_laws.SplineLaw`.
     """
 
     name: str
@@ -127,6 +128,7 @@ class Move:
     degree: int = 7
     profile: Vector = ()
     radius: float = RADIUS
+    timing: Vector = ()
     where: Where | None = field(default=None, compare=False, repr=False)
 
 

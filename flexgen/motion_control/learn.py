@@ -37,13 +37,11 @@ from flexgen.motion_control.control import AFTER_S, HOLD_S, SAMPLE_S, Case, cont
 from flexgen.motion_control.controllers import controller_of
 from flexgen.motion_control.gains import lowest_locked_hz
 from flexgen.motion_control.plants import LocalDynamics
-from flexgen.motion_control.reference import motion_reference, time_grid
+from flexgen.motion_control.reference import motion_reference, time_grid, trajectory_of
 from flexgen.motion_control.result import ControlRun
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
-from flexgen.ports import Port
 from flexgen.progress import Choice, reported
-from flexgen.runtime.path_inversion import Inversion
 from flexgen.trajectory import Trajectory
 
 ITERATIONS = 6
@@ -196,20 +194,39 @@ def learn(
         most = 0.45 / commanded.period
         raise ArgumentError(f"frequency_hz: given {low!r}, expected more than 0, below {most:.4g} Hz")
     law, title = controller_of(controller, case.model, sample_time, delay, motion)
+    runs, corrections, best, stopped = _iterated(
+        commanded, lambda corrected: run_case(corrected, law, title), name, iterations, gain, low, seed, tell
+    )
+    return Learned(runs, corrections, commanded.time, best, float(low), float(gain), name, stopped)
+
+
+def _iterated(
+    commanded: _Commanded,
+    run: Callable[[Case], ControlRun],
+    name: str,
+    iterations: int,
+    gain: float,
+    low: float,
+    seed: int,
+    tell: Callable[[str], None],
+) -> tuple[tuple[ControlRun, ...], tuple[np.ndarray, ...], int, str]:
+    """Runs and corrections of the iterations, the best one, and why they ended before the last."""
     runs: list[ControlRun] = []
-    corrections = [np.zeros((len(commanded.time), case.model.output.size))]
+    corrections = [np.zeros((len(commanded.time), commanded.outputs))]
     best, stopped = 0, ""
     for k in range(iterations + 1):
         try:
             corrected = commanded.case(corrections[-1], seed + k)
         except FlexgenError as failure:
+            if k == 0:
+                raise
             stopped = f"iteration {k}: the corrected path cannot be inverted ({failure})"
-            corrections.pop()
             break
-        runs.append(run_case(corrected, law, title))
+        runs.append(run(corrected))
         error_max = _largest(runs[-1], name)
         tell(f"iteration {k}: largest error {measured(error_max, 'm')}")
         if k == 0 and not np.isfinite(error_max):
+            stopped = "the robot fails without correction"
             break
         if error_max < _largest(runs[best], name):
             best = k
@@ -220,9 +237,7 @@ def learn(
         if k < iterations:
             error = commanded.error(runs[-1], name)
             corrections.append(corrections[-1] - gain * commanded.filtered(error, low))
-    return Learned(
-        tuple(runs), tuple(corrections[: len(runs)]), commanded.time, best, float(low), float(gain), name, stopped
-    )
+    return tuple(runs), tuple(corrections[: len(runs)]), best, stopped
 
 
 def _largest(run: ControlRun, plant: str) -> float:
@@ -236,7 +251,7 @@ class _Commanded:
 
     def __init__(self, case: Case, sample_s: float, delay_s: float, tell: Callable[[str], None]) -> None:
         self._case, self.sample_s, self.delay_s = case, sample_s, delay_s
-        self.equations = derive(case.model)
+        self.equations, self.outputs = case.equations, case.model.output.size
         self.path = Path(self.equations, case.solution.move)
         problem = InversionProblem(self.equations, self.path)
         _, self.period, self.samples_per_interval, self.n_pre, self.n_post = grid(problem, MESH_S)
@@ -261,7 +276,7 @@ class _Commanded:
             y, dy, ddy, period=self.period, q_start=self.path.q_start, n_pre=self.n_pre, n_post=self.n_post,
             samples_per_interval=self.samples_per_interval,
         )  # fmt: skip
-        trajectory = _trajectory(found, self.time[0], case.model)
+        trajectory = trajectory_of(found, self.time[0], case.model.name)
         reference = motion_reference(trajectory, self.path, self.sample_s, self.delay_s, case.library, self._grid)
         start, at = reference.motion["q_m"][0], reference.motion["q_a"][0]
         rests = tuple(self._local.rest(start, values, at) for values in case.plants.values)
@@ -320,14 +335,3 @@ def _left_jacobian(r: np.ndarray, dr: np.ndarray) -> np.ndarray:
     b = np.where(small, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
     once = np.cross(r, dr)
     return dr + a * once + b * np.cross(r, once)
-
-
-def _trajectory(found: Inversion, begin: float, model: RobotModel) -> Trajectory:
-    """The motion of an inversion as a trajectory whose path begins at ``begin`` [s]."""
-    channels = {
-        name: getattr(found, name) for name in ("q_a", "v_a", "a_a", "q_m", "v_m", "tau_m")
-    } | {"a_m": time_derivative(found.v_m, found.period)}  # fmt: skip
-    order = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
-    labels = {name: tuple(map(str, range(channels[name].shape[1]))) for name in order}
-    ports = {name: Port(name, (channels[name].shape[1],), "", "") for name in order}
-    return Trajectory(found.t + begin, {name: channels[name] for name in order}, ports, labels, {"model": model.name})

@@ -12,8 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexgen.errors import ArgumentError
+from flexgen.inversion.sampling import time_derivative
 from flexgen.paths.path import Path
+from flexgen.ports import Port
 from flexgen.runtime.library import Library
+from flexgen.runtime.path_inversion import Inversion
 from flexgen.simulation.hold import held_torque
 from flexgen.trajectory import Trajectory
 
@@ -88,13 +91,13 @@ def motion_reference(
     y_s = np.zeros((len(time), library.sizes.get("n_s", 0)))
     if "sensors" in library.functions:
         y_s = np.ascontiguousarray(library.sensors(motion["q_a"], motion["v_a"], motion["a_a"]))
-    held = _held(trajectory, time, sample_s, delay_s)
+    held = held_torques(trajectory, time, sample_s, delay_s)
     wanted = path.sample(time)
     R_ref = None if wanted.R is None else wanted.R.reshape(len(time), 9)
     return MotionReference(time, motion, held, y_s, wanted.y[:, :, 0], R_ref, first, last, path.duration)
 
 
-def _held(trajectory: Trajectory, time: np.ndarray, sample_s: float, delay_s: float) -> np.ndarray:
+def held_torques(trajectory: Trajectory, time: np.ndarray, sample_s: float, delay_s: float) -> np.ndarray:
     """Torques to send at the samples (n, n_m)."""
     tau, first = trajectory["tau_m"], float(trajectory.time[0])
     limited = trajectory.meta.get("torque") == "limited"
@@ -103,3 +106,14 @@ def _held(trajectory: Trajectory, time: np.ndarray, sample_s: float, delay_s: fl
     at = np.round((time - first) / sample_s).astype(int) - begin
     held = values[at.clip(0, len(values) - 1)]
     return np.asarray(np.where((at < 0)[:, None], tau[0], held))
+
+
+def trajectory_of(found: Inversion, begin: float, name: str) -> Trajectory:
+    """The motion of an inversion as a trajectory whose path begins at ``begin`` [s]."""
+    channels = {
+        name: getattr(found, name) for name in ("q_a", "v_a", "a_a", "q_m", "v_m", "tau_m")
+    } | {"a_m": time_derivative(found.v_m, found.period)}  # fmt: skip
+    order = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
+    labels = {name: tuple(map(str, range(channels[name].shape[1]))) for name in order}
+    ports = {name: Port(name, (channels[name].shape[1],), "", "") for name in order}
+    return Trajectory(found.t + begin, {name: channels[name] for name in order}, ports, labels, {"model": name})

@@ -16,7 +16,7 @@ from flexgen.paths.reference import Reference
 from flexgen.paths.sample_files import read_samples
 from flexgen.paths.segments import Arc, Line, Segment, circle_through
 from flexgen.paths.spline import SplineCurve
-from flexgen.paths.time_laws import Clock, Law, TimeLaw
+from flexgen.paths.time_laws import Clock, Law, SplineLaw, TimeLaw
 from flexgen.paths.timed_segments import Curve, JointMotion, TimedSegment, bounded_law, configuration_at_end
 
 TYPES = ("tool_line", "tool_circle", "tool_polyline", "sampled", "joint", "output_line", "program")
@@ -142,6 +142,8 @@ class _Planner:
     def _law(self, space: str, curve: Curve, speeds: list[float] | None = None) -> Law:
         move = self.move
         if not move.profile:
+            if move.timing:
+                return SplineLaw(move.duration, move.timing, curve.length)
             return TimeLaw(move.duration, move.smoothness, curve.length)
         return bounded_law(
             self.reference, space, curve, tuple(move.profile), move.smoothness, move.radius, self.q_g, speeds

@@ -34,7 +34,7 @@ from flexgen.paths.jets import quaternion
 from flexgen.paths.reference import Reference
 from flexgen.paths.segments import Arc, Line, Segment
 from flexgen.paths.speed_planning import SpeedLaw
-from flexgen.paths.time_laws import Law, TimeLaw
+from flexgen.paths.time_laws import Law, SplineLaw, TimeLaw
 from flexgen.paths.timed_segments import TimedSegment
 from flexgen.paths.velocity_profiles import SpeedStep, TrapezoidStep
 
@@ -79,6 +79,11 @@ def _segment(segment: TimedSegment, name: str) -> np.ndarray:
 def _law(law: Law) -> np.ndarray:
     if isinstance(law, TimeLaw):
         return _polynomial(law)
+    if isinstance(law, SplineLaw):
+        raise ArgumentError(
+            "path table: given a move with a spline as time law (timing), expected a duration or a profile; the "
+            "sampler in C has no splines: send samples to the stream"
+        )
     assert isinstance(law, SpeedLaw)
     starts, distances = law.starts.T
     first, last = np.array([(phase.first, phase.last) for phase in law.phases]).T

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from math import comb, factorial
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
+from scipy.interpolate import BSpline
 
 from flexgen.errors import ArgumentError
 
@@ -99,6 +100,56 @@ class TimeLaw:
         value = inner(np.where(late, 1.0 - u, u))
         area = self.duration * np.where(late, u - 0.5 + value, value)
         return np.column_stack([self.length * area, self(t, order - 1)])
+
+
+@dataclass(frozen=True)
+class SplineLaw:
+    """A B-spline of degree 7 from 0 to ``length``, at rest with five derivatives zero at both ends.
+
+    ``inner``: its coefficients between the first six, which are 0, and the last six, which are 1; where they do not
+    decrease, neither does the distance. The knots are equidistant: six derivatives are continuous inside.
+    """
+
+    duration: float
+    inner: tuple[float, ...]
+    length: float = 1.0
+
+    DEGREE: ClassVar[int] = 7
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.duration) and self.duration > 0):
+            raise ArgumentError(f"duration: given {self.duration}, expected a time > 0 [s]")
+        if not 1 <= len(self.inner) <= 200 or not np.isfinite(self.inner).all():
+            raise ArgumentError(f"timing: given {len(self.inner)} coefficients, expected 1 to 200 finite numbers")
+
+    @property
+    def smoothness(self) -> int:
+        """Five derivatives vanish at both ends."""
+        return 5
+
+    @property
+    def breaks(self) -> np.ndarray:
+        """The two ends; inside, derivatives up to order six are continuous."""
+        return np.array([0.0, self.duration])
+
+    @cached_property
+    def spline(self) -> BSpline:
+        """From 0 to 1 within 0 to 1."""
+        ends, k = 6, self.DEGREE
+        c = np.concatenate([np.zeros(ends), self.inner, np.ones(ends)])
+        knots = np.concatenate([np.zeros(k), np.linspace(0.0, 1.0, len(c) - k + 1), np.ones(k)])
+        return BSpline(knots, c, k)
+
+    def __call__(self, t: np.ndarray, order: int = 5) -> np.ndarray:
+        """``s`` and its time derivatives at the instants ``t`` [s], shape (n, order + 1), 1/s^j in column j."""
+        t = np.asarray(t, dtype=float)
+        u = np.clip(t / self.duration, 0.0, 1.0)
+        inside = (t > 0) & (t < self.duration)
+        out = np.zeros((len(u), order + 1))
+        out[:, 0] = np.where(u >= 1.0, 1.0, self.spline(u))
+        for j in range(1, order + 1):
+            out[:, j] = np.where(inside, self.spline(u, j) / self.duration**j, 0.0)
+        return out if self.length == 1.0 else self.length * out
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,132 @@
+"""The fastest time law: against closed forms, published optima, exact limits, and robots that swing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion.bounds import Limits
+from flexgen.mechanics.equations import derive
+from flexgen.motion_control.rigid_time import rigid_time
+from flexgen.paths import path as paths
+from flexgen.paths.time_laws import SplineLaw
+
+pytestmark = needs_compiler
+
+TWO_MASS = Path(__file__).resolve().parents[1] / "support" / "robots" / "two_mass.toml"
+
+
+@pytest.fixture(scope="module")
+def planar():
+    return flexgen.fastest("planar5_nmp", progress=False)
+
+
+def test_the_planar_arm_is_as_fast_as_its_torques_allow(planar):
+    """0.36 s instead of 0.5 s within the largest torques of the given law; verified by simulation."""
+    torque = np.abs(planar.solution.trajectory["tau_m"]).max(axis=0)
+    given = np.abs(planar.default.trajectory["tau_m"]).max(axis=0)
+    assert planar.duration_s <= 0.36 and planar.excess <= 5e-4
+    assert np.all(torque <= given * (1 + 5e-4))
+    assert planar.solution.status.value == "solved" and planar.solution.tool_error_max_m < 1e-7
+    assert planar.rigid_s < planar.duration_s
+    assert planar.vibration_m["soft"] > 10 * planar.default_vibration_m["soft"]  # the price
+
+
+def test_two_masses_against_their_minimum_time():
+    """Torques that jump need 0.098881 s (closed form), a rigid shaft 0.096954 s; continuous ones a tenth more."""
+    found = flexgen.fastest(TWO_MASS, progress=False)
+    J, y, u = 0.047, 0.5, 10.0
+    assert found.rigid_s == pytest.approx(2 * np.sqrt(y * J / u), rel=1e-6)
+    assert 0.098881 < found.duration_s < 1.1 * 0.098881
+    assert found.excess <= 5e-4
+
+
+def test_a_rigid_robot_needs_what_its_closed_form_says():
+    """A speed limit: acceleration, constant speed, deceleration."""
+    model = flexgen.read(TWO_MASS)
+    path = paths.Path(derive(model), model.moves["turn"] if isinstance(model.moves, dict) else model.moves[0])
+    J, y, u, v = 0.047, 0.5, 10.0, 6.0
+    expected = y / v + v * J / u
+    assert rigid_time(path, np.array([u]), np.array([v])) == pytest.approx(expected, rel=2e-3)
+    heavy = flexgen.read("elbow")
+    weak = paths.Path(derive(heavy), heavy.moves[0])
+    assert np.isnan(rigid_time(weak, np.full(2, 0.1), np.full(2, np.inf)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["manutec_r3_18", "manutec_r3_24"])
+def test_six_axes_save_more_than_a_quarter(name):
+    default = flexgen.solve(name, progress=False)
+    limits = Limits(torque=tuple(np.abs(default.trajectory["tau_m"]).max(axis=0)))
+    found = flexgen.fastest(name, limits=limits, progress=False)
+    assert found.duration_s <= 0.72 and found.excess <= 5e-4
+    assert found.solution.tool_error_max_m < 1e-6
+
+
+@pytest.mark.slow
+def test_less_vibration_costs_a_little_time(planar):
+    """A third of the vibration of soft robots for at most 8 % more time; seen by another simulation."""
+    allowed = planar.vibration_m["soft"] / 3
+    found = flexgen.fastest("planar5_nmp", vibration=allowed, progress=False)
+    assert found.duration_s <= 1.08 * planar.duration_s and found.excess <= 5e-4
+    assert max(found.vibration_m.values()) <= 1.05 * allowed
+    swings = []
+    for solution in (planar.solution, found.solution):
+        run = flexgen.control("planar5_nmp", plants={"soft": {"stiffness": 0.9}}, solution=solution, progress=False)
+        after = run.reference.time >= run.reference.path_end
+        error = run["soft"].error - run["soft"].error[-1]
+        swings.append(np.linalg.norm(error[after], axis=1).max())
+    assert swings[1] <= 0.45 * swings[0]
+
+
+def test_a_bound_of_the_rates_is_kept_and_costs_time(planar):
+    found = flexgen.fastest("planar5_nmp", torque_rate=1.5, progress=False)
+    rates = []
+    for solution in (found.default, found.solution):
+        t = solution.trajectory
+        rates.append(np.abs(np.gradient(t["tau_m"], t.time, axis=0)).max(axis=0))
+    assert np.all(rates[1] <= 1.51 * rates[0]) and found.duration_s > planar.duration_s
+
+
+def test_a_spline_law_is_at_rest_at_both_ends():
+    law = SplineLaw(0.7, tuple(np.linspace(0.1, 0.9, 9)), 2.0)
+    ends = law(np.array([0.0, 1e-9, 0.7 - 1e-9, 0.7, 1.0]))
+    assert np.allclose(ends[:, 0], [0, 0, 2, 2, 2], atol=1e-12) and np.abs(ends[:, 1:5]).max() < 1e-6
+    assert np.abs(ends[:, 5]).max() < 1e-6 * np.abs(law(np.linspace(0, 0.7, 99))[:, 5]).max()
+    t = np.linspace(0.05, 0.65, 7)
+    h = 1e-6
+    numeric = (law(t + h)[:, :5] - law(t - h)[:, :5]) / (2 * h)
+    assert np.allclose(law(t)[:, 1:], numeric, rtol=1e-5, atol=1e-4)
+    with pytest.raises(ArgumentError, match="timing: given 0 coefficients"):
+        SplineLaw(1.0, ())
+
+
+def test_a_move_with_a_timing_is_a_move_like_others(planar):
+    """The same torques again, and no table for the sampler in C."""
+    again = flexgen.solve("planar5_nmp", planar.move, ignore_limits=True, progress=False)
+    assert np.array_equal(again.trajectory["tau_m"], planar.solution.trajectory["tau_m"])
+    with pytest.raises(ArgumentError, match="spline as time law"):
+        flexgen.plan("planar5_nmp", planar.move).table()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"coefficients": 2}, "coefficients: given 2"),
+        ({"torque_rate": -1.0}, "torque_rate: given -1.0"),
+        ({"vibration": 0.0}, "vibration: given 0.0"),
+    ],
+)
+def test_wrong_arguments_are_refused(arguments, words):
+    with pytest.raises(ArgumentError, match=words):
+        flexgen.fastest("planar5_nmp", progress=False, **arguments)
+
+
+def test_limits_below_the_weight_are_refused():
+    with pytest.raises(SolverError, match="cannot be kept on this path at any speed"):
+        flexgen.fastest("planar5_nmp", limits=Limits(torque=(2.0, 2.0)), progress=False)
