@@ -69,7 +69,7 @@ fuzz: $(VENV)/.test                ## 10,000 mutated files for each reader of fi
 	@echo "flexgen: mutated files, about 5 minutes on two cores"
 	@$(RUN_TESTS) -m fuzz tests/fuzz $(PYTEST)
 
-C_FILES := $(wildcard flexgen/clib/*.[ch] flexgen/loop/*.c flexgen/simulation/*.c flexgen/identification/*.c examples/*.[ch] benchmarks/*.[ch] tests/support/*/*.[ch])
+C_FILES := $(wildcard flexgen/clib/*.[ch] flexgen/loop/*.[ch] flexgen/simulation/*.c flexgen/identification/*.c examples/*.[ch] benchmarks/*.[ch] tests/support/*/*.[ch])
 
 lint: $(VENV)/.lint                ## check format and style
 	$(BIN)/ruff format --check .
@@ -89,6 +89,7 @@ bench: $(VENV)/.test               ## time C and inverse dynamics against others
 	@echo "flexgen: benchmarks, more than an hour; BENCH=--quick takes some minutes"
 	$(BIN)/python benchmarks/peers.py $(BENCH)
 	$(BIN)/python benchmarks/inversion.py $(BENCH)
+	$(BIN)/python benchmarks/control.py $(BENCH)
 
 golden: $(VENV)/.installed         ## write the sources in generated/elbow again; a test compares them
 	$(BIN)/python cli.py generate elbow --no-build --force

@@ -98,18 +98,16 @@ class Move:
       within the ``zone`` of each leg;
     * ``"sampled"``: a spline of ``degree`` through the samples in ``file``; ``start`` is only the initial guess of the
       inverse kinematics, and not needed if the file contains joint positions;
-    * ``"joint"``: from ``start`` to ``end`` in the actuated coordinates;
-    * ``"output_line"``: the outputs move by ``displacement`` [their unit].
-
-    ``start`` and ``end`` are actuated coordinates [rad or m].
+    * ``"joint"``: from ``start`` to ``end`` in the actuated coordinates [rad or m];
+    * ``"output_line"``: the outputs move by ``displacement`` [their unit]; ``start`` is that of the joints.
 
     Time: either ``duration`` [s] and ``smoothness`` k, a polynomial time law with k continuous derivatives, all zero at
     both ends; or ``profile``, bounds on speed, acceleration, jerk, snap, ... along the path [m/s^j for the tool, else
     the unit of the coordinates], with ``duration`` 0: the duration is computed such that the limits of the joints hold
     too. With a profile, ``smoothness`` 0 means that the derivative before the last bounded one is trapezoidal (two
     bounds: the speed, three: the acceleration, ...); another value means polynomial changes of speed. A rotation of the
-    tool by an angle is counted as a path length of ``radius`` [m] times the angle. Or ``duration`` and ``timing``:
-    inner coefficients of a spline as time law, see `flexgen.paths.time_laws.SplineLaw`.
+    tool by an angle is counted as a path length of ``radius`` [m] times the angle. Or ``duration`` and ``timing``, see
+    `flexgen.paths.time_laws.SplineLaw`.
     """
 
     name: str
