@@ -32,11 +32,13 @@ _VERBS = {
     "control": "flexgen.motion_control.control",
     "tune": "flexgen.motion_control.benchmarks.tune",
     "fastest": "flexgen.motion_control.minimum_time",
+    "identify_load": "flexgen.motion_control.payload",
     "learn": "flexgen.motion_control.learn",
     "score": "flexgen.motion_control.benchmarks.score",
 }
 _NOUNS = {
     "Cascade": "flexgen.loop.controllers",
+    "CollisionDetector": "flexgen.motion_control.collision",
     "ControlRun": "flexgen.motion_control.result",
     "Disturbance": "flexgen.motion_control.disturbances",
     "DriveHardware": "flexgen.loop.hardware",
@@ -48,6 +50,7 @@ _NOUNS = {
     "LQG": "flexgen.motion_control.lq",
     "Learned": "flexgen.motion_control.learn",
     "Limits": "flexgen.inversion.bounds",
+    "Load": "flexgen.motion_control.payload",
     "Linear": "flexgen.loop.controllers",
     "LowPass": "flexgen.loop.controllers",
     "Move": "flexgen.model.moves",

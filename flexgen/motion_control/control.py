@@ -199,7 +199,7 @@ def run_case(
     loop.hold(tau)
     rows = np.ascontiguousarray(np.broadcast_to(reference.rows()[:, None], (n, lanes, loop.setup.n_ref)))
     step_s = case.hardware.sample_s / loop.steps
-    motions, torques = [], []
+    motions, torques, shown = [], [], []
     began = perf_counter()
     for first in range(0, n, CHUNK):
         check_time("control")
@@ -211,20 +211,20 @@ def run_case(
         assert found.motion is not None
         motions.append(found.motion)
         torques.append(found.tau_m)
+        shown.append(found.q_m)
         if progress is not None:
             progress(
                 f"simulating {lanes} robots, {100 * (first + count) / n:.0f} % of {n * case.hardware.sample_s:.1f} s"
             )
     seconds = perf_counter() - began
-    motion, tau_m = np.concatenate(motions), np.concatenate(torques)
+    motion, tau_m, q_m = (np.concatenate(x) for x in (motions, torques, shown))
     ends = np.cumsum([robot.n_a, robot.n_a, robot.n_m, robot.n_m])
     runs = []
     for lane, plant in enumerate(case.plants.names):
         arm, _, motors, _, _ = np.split(motion[:, :, lane], ends, axis=1)
         error, turn = output_errors(case.equations, reference, np.ascontiguousarray(arm))
-        runs.append(
-            PlantRun(plant, arm, motors, tau_m[:, lane], error, turn, int(loop.saturated[lane]), loop.failures[lane])
-        )
+        stopped = int(loop.saturated[lane]), loop.failures[lane]
+        runs.append(PlantRun(plant, arm, motors, tau_m[:, lane], error, turn, *stopped, q_m[:, lane]))
     return ControlRun(
         robot, case.solution, name, controller, reference, case.hardware, case.delay_samples, tuple(runs), loop.steps,
         seconds,

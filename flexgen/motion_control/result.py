@@ -44,6 +44,8 @@ class PlantRun:
         Samples at a torque limit.
     failure : str
         Why it stopped; empty: it did not.
+    measured : array (n, n_m) [rad]
+        What the encoders showed.
     """
 
     name: str
@@ -54,6 +56,7 @@ class PlantRun:
     turn: np.ndarray | None
     saturated: int
     failure: str
+    measured: np.ndarray
 
 
 @dataclass(frozen=True, repr=False)

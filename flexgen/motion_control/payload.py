@@ -1,0 +1,192 @@
+"""Load at the tool from one motion: mass and center of mass with their standard deviations.
+
+The torques of the gears follow from the motors, those that the robot needs from its equations with a load (m, c):
+
+    eta' (tau_m - J_m a_m - f(v_m)) = [M(q_a; m, c) a_a + c + g]_g,      all low-passed forwards and backwards
+
+Gears and links deflect: q_g = eta^-1 q_m - tau_g/k, and the coordinates without motor rest where their springs hold the
+forces of the motion. A rigid model would put these deflections into the load. Gauss-Newton in (m, c); the covariance
+follows from the residuals, whose correlation in time is that of the low pass.
+
+Source: cf. P. Khosla, T. Kanade, IEEE CDC 1985 (parameters of loads from torques).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+
+import numpy as np
+from scipy.signal import butter, filtfilt
+
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.statics import gear_deflection
+from flexgen.model.elements import RobotModel
+from flexgen.model.reader import read
+from flexgen.numerics.evaluate import evaluate
+from flexgen.trajectory import Trajectory
+
+LOW_PASS_HZ = 8.0
+STEPS, CLOSE = 20, 1e-9
+DEFLECTION_STEPS = 3  # deflections change the torques by little, these change the deflections by less
+ENDS = 0.5  # s at both ends of a record that the low pass spoils
+FEWEST = 200  # samples
+
+
+@dataclass(frozen=True)
+class Load:
+    """A load: ``mass`` [kg] and ``com`` (3,) [m] in the frame that the tool is attached to, with standard deviations.
+
+    ``total_mass``, ``total_com``: of the load together with the payload of the model file. ``residual_Nm``: root mean
+    square of what is left of the gear torques (n_g,), arm side.
+    """
+
+    mass: float
+    mass_sd: float
+    com: np.ndarray
+    com_sd: np.ndarray
+    total_mass: float
+    total_com: np.ndarray
+    residual_Nm: np.ndarray
+
+    def __str__(self) -> str:
+        """Mass and center of mass."""
+        com = ", ".join(f"{1e3 * x:.1f} +- {1e3 * s:.1f}" for x, s in zip(self.com, self.com_sd, strict=True))
+        return f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass {com} mm"
+
+
+def identify_load(
+    model: str | FilePath | RobotModel, record: Trajectory, *, low_pass_hz: float = LOW_PASS_HZ, rigid: bool = False
+) -> Load:
+    """The load of a robot from a record of its motors.
+
+    Parameters
+    ----------
+    model : name, path or RobotModel
+        Without the load, or with another one as payload.
+    record : Trajectory
+        Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, on an equidistant grid, as of `ControlRun.trajectory`.
+    low_pass_hz : float [Hz]
+        Of torques and motion; below the natural frequencies.
+    rigid : bool
+        True: without deflections, for comparison.
+
+    Raises
+    ------
+    ArgumentError
+        The record is too short, is not equidistant, or is of other motors.
+    SolverError
+        The motion does not determine the load.
+    """
+    robot = model if isinstance(model, RobotModel) else read(model)
+    return _Estimate(robot, record, low_pass_hz, rigid).solve()
+
+
+class _Estimate:
+    """Filtered torques and motion, and the residuals of a load."""
+
+    def __init__(self, robot: RobotModel, record: Trajectory, low_pass_hz: float, rigid: bool) -> None:
+        time, step = record.time, np.diff(record.time)
+        h = float(step.mean())
+        if len(time) < FEWEST or np.abs(step - h).max() > 1e-6 * h:
+            raise ArgumentError(f"record: given {len(time)} samples, expected at least {FEWEST}, equidistant")
+        for name in ("q_m", "tau_m"):
+            if record[name].shape[1] != robot.n_m:
+                raise ArgumentError(f"record: given {record[name].shape[1]} columns of {name}, expected {robot.n_m}")
+        if not 0 < low_pass_hz < 0.2 / h:
+            raise ArgumentError(f"low_pass_hz: given {low_pass_hz!r}, expected more than 0, below {0.2 / h:.4g} Hz")
+        self.robot, self.h, self.rigid = robot, h, rigid
+        self._filter = butter(2, 2 * low_pass_hz * h)
+        self.kept = slice(round(ENDS / h), -round(ENDS / h))
+        q_m = record["q_m"]
+        v_m = np.gradient(self._smooth(q_m), h, axis=0)
+        a_m = np.gradient(v_m, h, axis=0)
+        self.names = ("payload.mass", "payload.com_x", "payload.com_y", "payload.com_z")
+        self.equations: Equations = derive(robot, self.names)
+        friction = evaluate(self.equations.function("motor_friction"), np.gradient(q_m, h, axis=0))[0]
+        inertia = np.array([m.inertia for m in robot.motors])
+        needed = self._smooth(record["tau_m"] - friction.reshape(q_m.shape)) - inertia * a_m
+        self.tau_g = needed @ robot.eta
+        self.to_arm = np.linalg.inv(robot.eta).T
+        self.q_m = self._smooth(q_m)
+        self.effective = len(time[self.kept]) * min(1.0, 2.5 * low_pass_hz * h)  # independent samples
+
+    def _smooth(self, x: np.ndarray) -> np.ndarray:
+        return np.asarray(filtfilt(*self._filter, x, axis=0))
+
+    def motion(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Arm coordinates with deflections, velocities and accelerations (n, n_a), for a load."""
+        robot, i_g, i_e = self.robot, list(self.robot.i_g), list(self.robot.i_e)
+        q = np.zeros((len(self.q_m), robot.n_a))
+        q[:, i_g] = self.q_m @ self.to_arm
+        if not self.rigid:
+            nominal = derive(robot)
+            q[:, i_g] -= gear_deflection(nominal, self.tau_g).reshape(len(q), -1)
+            if i_e:
+                stiffness = self._stiffness(nominal)
+                for _ in range(DEFLECTION_STEPS):
+                    v = self._rate(q)
+                    forces = self.forces(q, v, self._rate(v), values)[:, i_e]
+                    q[:, i_e] = -self._smooth(forces) / stiffness
+        v = self._rate(q)
+        return q, v, self._rate(v)
+
+    def _rate(self, x: np.ndarray) -> np.ndarray:
+        return np.asarray(np.gradient(x, self.h, axis=0))
+
+    def _stiffness(self, nominal: Equations) -> np.ndarray:
+        """Stiffness of the springs without motor at rest (n_e,)."""
+        zero, step = np.zeros((1, self.robot.n_a)), 1e-6
+        out = []
+        for i in self.robot.i_e:
+            moved = zero.copy()
+            moved[0, i] = step
+            tau = evaluate(nominal.function("elastic_torque"), moved, zero)[0].ravel()
+            out.append(-tau[list(self.robot.i_e).index(i)] / step)
+        return np.array(out)
+
+    def forces(self, q: np.ndarray, v: np.ndarray, a: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Forces that the arm needs (n, n_a)."""
+        return evaluate(self.equations.function("inverse_dynamics"), q, v, a, values)[0].reshape(q.shape)
+
+    def solve(self) -> Load:
+        """Gauss-Newton in mass and center of mass of the whole payload."""
+        start = np.array([p.value for p in self.equations.parameters])
+        x = np.concatenate([[start[0] + 1.0], start[1:]])
+        scale = np.abs(self.tau_g[self.kept]).max(axis=0)
+        scale = np.maximum(scale, 1e-3 * scale.max())
+        friction = evaluate(derive(self.robot).function("arm_forces"), *self.motion(x)[:2])[0].reshape(
+            -1, self.robot.n_a
+        )
+
+        def residual(x: np.ndarray) -> np.ndarray:
+            tau = self.forces(*self.motion(x), x) - friction
+            return np.asarray((tau[self.kept][:, list(self.robot.i_g)] - self.tau_g[self.kept]) / scale)
+
+        J = np.zeros(0)
+        for _ in range(STEPS):
+            r = residual(x)
+            columns = []
+            for k, size in enumerate((1e-3, 1e-4, 1e-4, 1e-4)):
+                columns.append((residual(x + size * (np.arange(4) == k)) - r).ravel() / size)
+            J = np.stack(columns, axis=1)
+            if np.linalg.cond(J / np.maximum(np.linalg.norm(J, axis=0), 1e-300)) > 1e6:
+                raise SolverError(
+                    "load: the motion does not determine mass and center of mass; turn the tool in the motion"
+                )
+            step = np.linalg.lstsq(J, -r.ravel(), rcond=None)[0]
+            step[1:] = np.clip(step[1:], -0.5, 0.5)
+            x = x + step
+            x[0] = max(x[0], 1e-6)
+            if np.abs(step).max() < CLOSE * (1 + np.abs(x).max()):
+                break
+        r = residual(x)
+        count = self.effective * r.shape[1]
+        covariance = np.linalg.inv(J.T @ J) * float((r**2).mean()) * r.size / max(count - 4, 1.0)
+        mass = x[0] - start[0]
+        com = (x[0] * x[1:] - start[0] * start[1:]) / mass if abs(mass) > 1e-9 else np.full(3, np.nan)
+        sd = np.sqrt(np.diag(covariance))
+        share = x[0] / abs(mass) if abs(mass) > 1e-9 else np.nan
+        left = np.sqrt((r**2).mean(axis=0)) * scale
+        return Load(float(mass), float(sd[0]), com, share * sd[1:], float(x[0]), x[1:], left)

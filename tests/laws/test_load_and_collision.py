@@ -1,0 +1,124 @@
+"""Loads and collisions from motor angles and torques, in simulated closed loops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.mechanics.equations import derive
+
+pytestmark = needs_compiler
+
+H = 1e-3
+
+
+def record(name: str, plant: dict, noise: float = 1e-4, move: str | None = None):
+    run = flexgen.control(
+        name, move, plants={"robot": plant}, sample_time=H, encoder_noise=noise, torque_limits=False, progress=False
+    )
+    return run.trajectory("robot")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("stiffness", [0.8, 1.0, 1.2])
+def test_a_load_is_found_in_spite_of_wrong_springs(stiffness):
+    """Two percent of the mass, 10 mm of the center of mass; without deflections the mass is further off."""
+    data = record("manutec_r3_18", {"payload": 20.0, "stiffness": stiffness})
+    found = flexgen.identify_load("manutec_r3_18", data)
+    com = flexgen.read("manutec_r3_18").payload.com
+    assert found.mass == pytest.approx(20.0, rel=0.02)
+    assert np.abs(found.com - com).max() < 0.01
+    stiff = flexgen.identify_load("manutec_r3_18", data, rigid=True)
+    assert abs(found.mass - 20.0) < 0.5 * abs(stiff.mass - 20.0)
+
+
+def test_the_error_is_within_three_standard_deviations():
+    """Noise of the torques, and what the filters leave of friction; the y of a planar arm is not determined at all."""
+    with pytest.raises(SolverError, match="does not determine"):
+        flexgen.identify_load("elbow", record("elbow", {"payload": 50.0}, move="joints"))
+    data, rng = record("manutec_r3", {"payload": 8.0}), np.random.default_rng(0)
+    noisy = {key: np.array(data[key]) for key in data}
+    noisy["tau_m"] = noisy["tau_m"] + 0.05 * rng.standard_normal(noisy["tau_m"].shape)
+    found = flexgen.identify_load(
+        "manutec_r3", type(data)(data.time, noisy, data.ports, data.labels, data.meta, data.units)
+    )
+    assert abs(found.mass - 8.0) < min(0.2, 3 * found.mass_sd)
+    assert np.all(np.abs(found.com - flexgen.read("manutec_r3").payload.com) < 3 * found.com_sd)
+
+
+def test_records_that_do_not_fit_are_refused():
+    data = record("planar5_nmp", {})
+    with pytest.raises(ArgumentError, match="given 2 columns of q_m, expected 6"):
+        flexgen.identify_load("manutec_r3", data)
+    with pytest.raises(ArgumentError, match="low_pass_hz: given 500"):
+        flexgen.identify_load("planar5_nmp", data, low_pass_hz=500)
+
+
+def runs(name: str, count: int, seed: int, solution, pushes=None):
+    rng = np.random.default_rng(seed)
+    heavy = flexgen.read(name).payload.mass > 1
+    plants = {
+        f"robot {k}": {"stiffness": float(rng.uniform(0.9, 1.1)), "payload": float(rng.uniform(-1 if heavy else 0, 1))}
+        for k in range(count)
+    }
+    disturbances = dict(zip(plants, pushes, strict=True)) if pushes else {}
+    return flexgen.control(
+        name, plants=plants, disturbances=disturbances, sample_time=H, encoder_noise=1e-5, seed=seed, solution=solution,
+        progress=False,
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+def test_pushes_are_found_in_time_and_nothing_else():
+    """100 N within 20 ms, none missed of 100; no alarm in 100 other runs."""
+    name = "manutec_r3_18"
+    solution = flexgen.solve(name, progress=False)
+    detector = flexgen.CollisionDetector(flexgen.read(name), H)
+    detector.calibrate([(r.measured, r.tau_m) for r in runs(name, 60, 1, solution).runs])
+    free = runs(name, 100, 2, solution)
+    assert [detector.detect(r.measured, r.tau_m).sample for r in free.runs] == [None] * 101
+    rng = np.random.default_rng(3)
+    starts = np.round(rng.uniform(0.1, 0.9, 100) * free.reference.path_end / H) * H
+    axes = rng.choice(["tool.x", "tool.y", "tool.z"], 100)
+    pushed = [[flexgen.Disturbance("step", a, 100.0, t)] for a, t in zip(axes, starts, strict=True)]
+    hit = runs(name, 100, 3, solution, pushed)
+    late = []
+    for run, start in zip(hit.runs[1:], starts, strict=True):
+        sample = detector.detect(run.measured, run.tau_m).sample
+        assert sample is not None
+        late.append(hit.reference.time[sample] - start)
+    assert min(late) > 0 and max(late) <= 0.02
+
+
+def test_the_residual_is_a_low_pass_of_the_push():
+    """A rigid robot without noise: zero without contact, and then J' f on the motor side through 1/(1 + s/w)."""
+    name = "elbow@rigid"
+    solution = flexgen.solve(name, progress=False)
+    push = flexgen.Disturbance("step", "tool.x", 200.0, 0.3)
+    run = flexgen.control(
+        name, plants={"hit": {}}, disturbances={"hit": [push]}, sample_time=2e-4, solution=solution, progress=False
+    )
+    model = flexgen.read(name)
+    detector = flexgen.CollisionDetector(model, 2e-4, 15.0)
+    quiet, loud = (detector.detect(r.measured, r.tau_m).residual for r in run.runs)
+    since = run.reference.time - 0.3
+    J = np.array([derive(model).function("jacobian")(q).full()[:3] for q in run["hit"].q_a[::50]])
+    rise = 1 - np.exp(-2 * np.pi * 15 * np.maximum(since[::50], 0))
+    expected = 200.0 * J[:, 0, :] @ np.linalg.inv(model.eta) * rise[:, None]
+    size = np.abs(expected).max()
+    # The speed is a difference of samples, late by half of one: an error of first order in the sample time.
+    assert np.abs(quiet).max() < 0.04 * size
+    assert np.abs(loud[::50] - expected).max() < 0.06 * size
+
+
+def test_wrong_records_are_refused():
+    detector = flexgen.CollisionDetector(flexgen.read("elbow"), H)
+    with pytest.raises(ArgumentError, match=r"given shapes \(9, 3\)"):
+        detector.detect(np.zeros((9, 3)), np.zeros((9, 3)))
+    with pytest.raises(ArgumentError, match="given none with motion"):
+        detector.calibrate([])
+    with pytest.raises(ArgumentError, match="bandwidth_hz: given 1000"):
+        flexgen.CollisionDetector(flexgen.read("elbow"), H, 1000)
