@@ -33,12 +33,14 @@ _VERBS = {
     "tune": "flexgen.motion_control.benchmarks.tune",
     "fastest": "flexgen.motion_control.minimum_time",
     "identify_load": "flexgen.motion_control.payload",
+    "kinematics": "flexgen.motion_control.kinematics",
     "learn": "flexgen.motion_control.learn",
     "score": "flexgen.motion_control.benchmarks.score",
 }
 _NOUNS = {
     "Cascade": "flexgen.loop.controllers",
     "CollisionDetector": "flexgen.motion_control.collision",
+    "Configuration": "flexgen.motion_control.kinematics",
     "ControlRun": "flexgen.motion_control.result",
     "Disturbance": "flexgen.motion_control.disturbances",
     "DriveHardware": "flexgen.loop.hardware",

@@ -1,4 +1,4 @@
-"""The verbs of control: control, learn, fastest, score, tune."""
+"""The verbs of control: control, learn, fastest, score, tune, kinematics."""
 
 from __future__ import annotations
 
@@ -214,3 +214,53 @@ def fastest(args: Namespace, log: Progress) -> VerbResult:
     data = found.to_dict() | {"trajectory": None if args.out is None else str(args.out)}
     solved = found.solution.status.value in ("solved", "limits exceeded")
     return VerbResult(data, "\n".join(text), problem="" if solved else f"the fastest move is {found.solution.status}")
+
+
+def kinematics(args: Namespace, log: Progress) -> VerbResult:
+    """Find all joint configurations of a six-axis arm that bring the tool to a pose."""
+    import numpy as np
+    from scipy.spatial.transform import Rotation
+
+    from flexgen.motion_control.kinematics import kinematics as search
+
+    model = read_model(args)
+    joints = [model.coordinates[i] for i in model.i_g]
+    if (args.joints is None) == (args.position is None):
+        raise ArgumentError("kinematics: expected either --joints or --position (and --rotation)")
+    if args.joints is not None:
+        if len(args.joints) != len(joints):
+            raise ArgumentError(f"--joints: given {len(args.joints)} numbers, expected {len(joints)}")
+        from flexgen.inversion.model_library import library_with
+
+        library = library_with(model, ("forward_kinematics", "jacobian"), progress=log)
+        full = np.zeros(model.n_a)
+        full[list(model.i_g)] = args.joints
+        position, rotation = (np.asarray(x) for x in library.forward_kinematics(full))
+    else:
+        turn = args.rotation or [0.0, 0.0, 0.0]
+        if len(args.position) != 3 or len(turn) != 3:
+            raise ArgumentError("--position, --rotation: expected three numbers each")
+        position, rotation = np.array(args.position), Rotation.from_rotvec(turn).as_matrix()
+    fixed = dict(args.fixed or ())
+    found = search(model, position, rotation, fixed=fixed, sag=args.sag)
+    head = (*(f"{c.name}, {c.unit}" for c in joints), "in limits", "branch", "singularity distance")
+    rows = [[*map(float, c.q), "yes" if c.within_limits else "no", f"{c.branch:+d}", c.distance] for c in found]
+    vector = Rotation.from_matrix(rotation).as_rotvec()
+    where = f"position {np.round(position, 6).tolist()} m, rotation vector {np.round(vector, 6).tolist()} rad"
+    text = f"{model.name}: {len(found)} configurations at {where}\n\n{table(rows, head)}" if found else ""
+    data = {
+        "model": model.name,
+        "position_m": position.tolist(),
+        "rotation": rotation.tolist(),
+        "configurations": [
+            {
+                "q": c.q.tolist(),
+                "error": c.error,
+                "within_limits": c.within_limits,
+                "branch": c.branch,
+                "singularity_distance": c.distance,
+            }
+            for c in found
+        ],
+    }
+    return VerbResult(data, text, problem="" if found else f"the pose cannot be reached: {where}")

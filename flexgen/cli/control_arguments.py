@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 from flexgen.cli.argument_types import file_path, not_negative, numbers, positive, trajectory_file
-from flexgen.cli.control import control, fastest, learn, score, tune
+from flexgen.cli.control import control, fastest, kinematics, learn, score, tune
 
 CONTROLLER = "a file .toml, .py (or file.py:Class) or a shared library"
 _DISTURBANCE = re.compile(
@@ -59,6 +59,7 @@ def add_verbs(group: Any, add_verb: Callable[..., Any]) -> None:
     _add_control_arguments(add_verb(group, "control", control))
     _add_learn_arguments(add_verb(group, "learn", learn))
     _add_fastest_arguments(add_verb(group, "fastest", fastest))
+    _add_kinematics_arguments(add_verb(group, "kinematics", kinematics))
     sub = add_verb(group, "score", score, model=False)
     _add_scenario(sub)
     sub.add_argument(
@@ -113,6 +114,28 @@ def _add_loop_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the noise; default: 0")
     parser.add_argument("--report", metavar="DIR", type=file_path, help="write a self-contained HTML page to DIR")
+
+
+def joint_value(text: str) -> tuple[str, float]:
+    """``NAME=X``."""
+    name, equals, value = text.partition("=")
+    try:
+        if not (name and equals):
+            raise ValueError
+        return name, float(value)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected such as q3=0.5") from None
+
+
+def _add_kinematics_arguments(parser: ArgumentParser) -> None:
+    parser.add_argument("--joints", metavar="Q,...", type=numbers, help="the pose is that of these joints [rad or m]")
+    parser.add_argument("--position", metavar="X,Y,Z", type=numbers, help="of the tool in the world [m]")
+    help_rotation = "rotation vector of the tool in the world [rad]; default: 0,0,0"
+    parser.add_argument("--rotation", metavar="X,Y,Z", type=numbers, help=help_rotation)
+    help_fixed = "a joint of a redundant arm that keeps a value [rad or m]; may be repeated"
+    parser.add_argument("--fixed", metavar="NAME=X", type=joint_value, action="append", help=help_fixed)
+    help_sag = "the elastic robot at rest under gravity reaches the pose"
+    parser.add_argument("--sag", action="store_true", help=help_sag)
 
 
 def _add_fastest_arguments(parser: ArgumentParser) -> None:

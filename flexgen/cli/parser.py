@@ -31,7 +31,11 @@ from flexgen.simulation.hold_names import HOLDS
 
 MODEL = "name in models/ or path of a .toml file, optionally with @variant; or FILE.urdf#BASE:TIP"
 METHOD = f"method of inverse dynamics: {', '.join(METHOD_NAMES)}; default: auto"
-NUMERIC_OPTIONS = ("--pose", "--preview", "--mesh", "--accuracy", "--sample-time", "--delay", "--time")
+NUMERIC_OPTIONS = (
+    "--pose", "--preview", "--mesh", "--accuracy", "--sample-time", "--delay", "--time", "--joints", "--position",
+    "--rotation",
+)  # fmt: skip
+SEVERAL_NUMBERS = ("--pose", "--joints", "--position", "--rotation")
 _NUMBERS = re.compile(r"[-+]?\.?\d[-+.,\deE]*\Z")  # one number, or several with commas
 
 EXAMPLES = """\
@@ -152,7 +156,7 @@ def _join_numbers(words: Sequence[str]) -> list[str]:
     while k < len(words):
         option, k = words[k], k + 1
         values: list[str] = []
-        while option in NUMERIC_OPTIONS and k < len(words) and (not values or option == "--pose"):
+        while option in NUMERIC_OPTIONS and k < len(words) and (not values or option in SEVERAL_NUMBERS):
             if not _NUMBERS.match(words[k]):
                 break
             values.append(words[k])
