@@ -20,7 +20,7 @@ import numpy as np
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.controllers import loop_module
 from flexgen.loop.hardware import DriveHardware, SensorChannels
-from flexgen.loop.interface import Controller, Setup
+from flexgen.loop.interface import INTERRUPTED, Controller, Setup
 from flexgen.model.elements import RobotModel
 from flexgen.runtime.library import Library
 
@@ -308,6 +308,8 @@ class ClosedLoop:
         )  # fmt: skip
         del kept
         self.sample += samples
+        if INTERRUPTED in self._controller.errors.values():
+            raise KeyboardInterrupt
         if failed and check:
             lane = next(lane for lane, reason in enumerate(self.failures) if reason)
             raise SolverError(

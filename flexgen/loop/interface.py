@@ -26,6 +26,7 @@ from flexgen.errors import ArgumentError, BuildError
 
 ABI = 1
 HEADER = Path(__file__).with_name("flexgen_controller.h")
+INTERRUPTED = "interrupted"
 SLOWEST = 1.0  # s: a step of a controller in Python that takes longer is refused
 MOST_MEMORY = 2**28  # bytes of a controller
 
@@ -153,6 +154,9 @@ class PythonController:
             begin = time.perf_counter()
             try:
                 u = np.asarray(own[lane].step(k, measurement, reference), dtype=float)
+            except KeyboardInterrupt:  # C cannot pass it on
+                errors[lane] = INTERRUPTED
+                return 1
             except Exception as error:
                 errors[lane] = f"step {k} raised {type(error).__name__}: {error}"
                 return 1

@@ -430,53 +430,46 @@ def test_controllers_that_misbehave_end_with_a_sentence(name):
         loop.run(at_rest[None], 10)
 
 
+def test_ctrl_c_in_a_controller_ends_the_run():
+    class Interrupted:
+        def reset(self):
+            pass
+
+        def step(self, k, y, ref):
+            raise KeyboardInterrupt
+
+    loop, at_rest, _, _ = loop_of(
+        flexgen.read("planar5_nmp"), DriveHardware(T), controller=PythonController(Interrupted())
+    )
+    with pytest.raises(KeyboardInterrupt):
+        loop.run(at_rest[None], 10, check=False)
+
+
 def test_objects_without_the_interface_are_refused():
     with pytest.raises(ArgumentError, match="without reset"):
         PythonController(object())
 
 
-PLUGIN = """
-#include <string.h>
-#include "flexgen_controller.h"
-typedef struct { double q[16]; int n, n_y; double sample; } state;
-FLEXGEN_CONTROLLER int flexgen_controller_abi(void) { return %s; }
-FLEXGEN_CONTROLLER size_t flexgen_controller_size(const flexgen_controller_setup *s) { (void)s; return sizeof(state); }
-FLEXGEN_CONTROLLER int flexgen_controller_reset(void *self, const flexgen_controller_setup *s)
-{
-    state *c = (state *)self;
-    if (s->n_m > 16) return 7;
-    c->n = s->n_m; c->n_y = s->n_y; c->sample = s->sample_s;
-    memcpy(c->q, s->q_m, sizeof(double) * (size_t)s->n_m);
-    return %s;
-}
-FLEXGEN_CONTROLLER int flexgen_controller_step(void *self, int64_t k, const double *y, const double *ref, double *u)
-{
-    state *c = (state *)self;
-    (void)k;
-    for (int j = 0; j < c->n; ++j) {
-        u[j] = ref[c->n_y + j] + 20.0 * (ref[j] - y[j]) - 0.5 * ((y[j] - c->q[j]) / c->sample);
-        c->q[j] = y[j];
-    }
-    return 0;
-}
-"""
-
-
 class AsPlugIn:
-    """What the plug-in of these tests does."""
+    """What the plug-in of the examples does."""
 
     def reset(self) -> None:
         self.q = None
 
     def step(self, k, y, ref):
-        q = ref.q_m if self.q is None else self.q
-        self.q = y.q_m.copy()
-        return ref.tau_m + 20.0 * (ref.q_m - y.q_m) - 0.5 * ((y.q_m - q) / T)
+        q, q_ref = (ref.q_m, ref.q_m) if self.q is None else self.q
+        self.q = y.q_m.copy(), ref.q_m.copy()
+        return ref.tau_m + 20.0 * (ref.q_m - y.q_m) + 0.5 * ((ref.q_m - q_ref) / T - (y.q_m - q) / T)
 
 
-def plug_in(folder: Path, abi: int = 1, reset: int = 0) -> Path:
-    source, made = folder / "mine.c", folder / f"mine{abi}{reset}.so"
-    source.write_text(PLUGIN % (abi, reset))
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "controller_plugin.c"
+
+
+def plug_in(folder: Path, abi: str = "FLEXGEN_CONTROLLER_ABI", reset: str = "setup->n_m > MOTORS") -> Path:
+    """The example as a shared library, with another version or another result of its reset."""
+    source, made = folder / "mine.c", folder / f"mine{len(abi)}{len(reset)}.so"
+    text = EXAMPLE.read_text().replace("return FLEXGEN_CONTROLLER_ABI;", f"return {abi};")
+    source.write_text(text.replace("setup->n_m > MOTORS", reset))
     flags = ["-O2", "-ffp-contract=off", "-shared", "-fPIC", f"-I{HEADER.parent}", "-Wall", "-Wextra", "-Werror"]
     subprocess.run([*find_compiler().command, *flags, "-o", str(made), str(source)], check=True)
     return made
@@ -493,9 +486,9 @@ def test_a_plug_in_gives_the_bits_of_its_python_twin(tmp_path):
 
 def test_plug_ins_of_another_version_or_without_functions_are_refused(tmp_path):
     with pytest.raises(BuildError, match="given version 9 of the interface of controllers, expected 1"):
-        PlugIn(plug_in(tmp_path, abi=9))
-    refusing = PlugIn(plug_in(tmp_path, reset=4))
-    with pytest.raises(ArgumentError, match="its reset refused the robot with status 4"):
+        PlugIn(plug_in(tmp_path, abi="9"))
+    refusing = PlugIn(plug_in(tmp_path, reset="setup->n_m > 1"))
+    with pytest.raises(ArgumentError, match="its reset refused the robot with status 1"):
         loop_of(flexgen.read("planar5_nmp"), DriveHardware(T), controller=refusing)
     with pytest.raises(BuildError, match="not a shared library"):
         PlugIn(tmp_path / "mine.c")
