@@ -1,0 +1,92 @@
+"""Sampled linear models, their regulators and filters: against fine steps, sweeps and recursions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from flexgen.errors import SolverError
+from flexgen.loop.controllers import Cascade, LowPass, Notch
+from flexgen.loop.interface import Measurement, Reference
+from flexgen.motion_control.lq import LQG, riccati
+from flexgen.motion_control.margins import as_linear
+from flexgen.motion_control.sampled_model import held, sampled
+
+H = 1e-3
+
+
+def oscillator() -> tuple[np.ndarray, np.ndarray]:
+    """Two masses, a spring and a damper, two torques."""
+    M, K, D = np.diag([1.0, 2.0]), 400.0 * np.array([[1, -1], [-1, 1]]), 0.5 * np.array([[1, -1], [-1, 1]])
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
+    return A, np.vstack([np.zeros((2, 2)), np.linalg.inv(M)])
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.3, 1.0, 1.3, 2.0, 3.75])
+def test_delays_are_states(delay):
+    """Random torques through the sampled model, and in a hundred steps a sample with the delay itself."""
+    A, B = oscillator()
+    F, G = sampled(A, B, H, delay * H)
+    rng, parts = np.random.default_rng(0), 100
+    u = rng.standard_normal((40, 2))
+    x, fine = np.zeros(len(F)), np.zeros(4)
+    phi, gamma = expm(A * H / parts), held(A, B, H / parts, 0.0)[1]
+    for k in range(40):
+        assert np.allclose(x[:4], fine, atol=1e-12)
+        x = F @ x + G @ u[k]
+        for step in range(parts):
+            sent = int(np.floor((k * parts + step - round(delay * parts)) / parts))
+            fine = phi @ fine + gamma @ (u[sent] if sent >= 0 else np.zeros(2))
+
+
+def test_the_regulator_is_the_limit_of_a_sweep():
+    """Riccati's recursion backwards over a constant model against the algebraic solution."""
+    A, B = oscillator()
+    F, G = sampled(A, B, H, H)
+    Q, R = np.eye(len(F)), 0.1 * np.eye(2)
+    P = np.zeros_like(Q)
+    for _ in range(20000):
+        K = np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F)
+        P = Q + F.T @ P @ (F - G @ K)
+    assert np.allclose(P, riccati(F, G, Q, R), rtol=1e-8)
+
+
+def test_the_constant_gain_is_the_limit_of_the_filter():
+    """The covariance of a time-varying Kalman filter goes to that of the stationary one."""
+    A, B = oscillator()
+    F, G = sampled(A, B, H, 0.0)
+    C, W, V = np.eye(4)[:2], G @ G.T + 1e-12 * np.eye(4), 1e-6 * np.eye(2)
+    P = np.eye(4)
+    for _ in range(20000):
+        M = P @ C.T @ np.linalg.inv(C @ P @ C.T + V)
+        P = F @ (P - M @ C @ P) @ F.T + W
+    assert np.allclose(P, riccati(F.T, C.T, W, V), rtol=1e-6, atol=1e-12)
+
+
+def test_no_solution_is_an_error():
+    with pytest.raises(SolverError, match="Riccati equation has no solution"):
+        riccati(np.diag([2.0, 0.5]), np.array([[0.0], [1.0]]), np.eye(2), np.eye(1))
+
+
+def test_a_cascade_is_its_linear_form():
+    """Random errors through both, filters and integral parts included."""
+    law = Cascade(
+        np.array([10.0, 20.0]), np.array([3.0, 2.0]), np.array([1.0, 4.0]), (LowPass(60.0, 0.7), Notch(25.0, 0.2, 0.8))
+    )
+    linear = as_linear(law.begin(H), H, 2)
+    assert linear is not None
+    law.reset()
+    linear.reset()
+    rng, none = np.random.default_rng(0), np.zeros(0)
+    still = np.zeros(2)
+    for k in range(100):
+        q = rng.standard_normal(2) if k else still
+        y, ref = Measurement(q, none), Reference(still, none, still, still, none, none)
+        assert np.allclose(law.step(k, y, ref), linear.step(k, y, ref), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("arguments", [{"rho": 0.0}, {"encoder_noise": -1.0}, {"torque_noise": float("nan")}])
+def test_wrong_weights_are_refused(arguments):
+    with pytest.raises(ValueError, match=f"{next(iter(arguments))}: given"):
+        LQG(**arguments)
