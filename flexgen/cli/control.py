@@ -243,8 +243,13 @@ def kinematics(args: Namespace, log: Progress) -> VerbResult:
         position, rotation = np.array(args.position), Rotation.from_rotvec(turn).as_matrix()
     fixed = dict(args.fixed or ())
     found = search(model, position, rotation, fixed=fixed, sag=args.sag)
-    head = (*(f"{c.name}, {c.unit}" for c in joints), "in limits", "branch", "singularity distance")
-    rows = [[*map(float, c.q), "yes" if c.within_limits else "no", f"{c.branch:+d}", c.distance] for c in found]
+    head = (*(f"{c.name}, {c.unit}" for c in joints), "in limits", "shoulder elbow wrist", "singularity distance")
+    rows = []
+    for c in found:
+        flags = " ".join(f"{sign:+d}" for sign in c.flags)
+        rows.append(
+            [*map(float, c.q), "yes" if c.within_limits else "no", flags, f"{c.distance:.3g} {c.nearest_singularity}"]
+        )
     vector = Rotation.from_matrix(rotation).as_rotvec()
     where = f"position {np.round(position, 6).tolist()} m, rotation vector {np.round(vector, 6).tolist()} rad"
     text = f"{model.name}: {len(found)} configurations at {where}\n\n{table(rows, head)}" if found else ""
@@ -258,6 +263,8 @@ def kinematics(args: Namespace, log: Progress) -> VerbResult:
                 "error": c.error,
                 "within_limits": c.within_limits,
                 "branch": c.branch,
+                "flags": list(c.flags),
+                "parts": c.parts,
                 "singularity_distance": c.distance,
             }
             for c in found

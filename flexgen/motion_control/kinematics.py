@@ -59,6 +59,11 @@ class Configuration:
         Sign of the Jacobian's determinant: configurations with other signs are separated by a singularity.
     distance : float
         From singularity: smallest over largest singular value of the Jacobian, lengths over the reach.
+    parts : dict of str to float
+        Of an arm with six rotations, signed numbers that vanish where it is singular: ``shoulder``, distance of the
+        wrist from the plane of the first two axes over the reach; ``elbow``, sine of the angle between upper arm and
+        forearm; ``wrist``, volume that the directions of the last three axes span. The same signs mean the same configuration:
+        front or back, elbow up or down, wrist flipped or not.
     """
 
     q: np.ndarray
@@ -66,6 +71,17 @@ class Configuration:
     within_limits: bool
     branch: int
     distance: float
+    parts: dict[str, float]
+
+    @property
+    def flags(self) -> tuple[int, ...]:
+        """Signs of shoulder, elbow and wrist; empty for other arms."""
+        return tuple(1 if x >= 0 else -1 for x in self.parts.values())
+
+    @property
+    def nearest_singularity(self) -> str:
+        """The part that is closest to its singularity; empty for other arms."""
+        return min(self.parts, key=lambda name: abs(self.parts[name])) if self.parts else ""
 
 
 def kinematics(
@@ -122,6 +138,32 @@ def kinematics(
     home = np.array(robot.home)
     made = [solver.configuration(goal, q, sag) for q in found]
     return tuple(sorted(made, key=lambda c: float(np.abs(c.q - home).max())))
+
+
+def arm_parts(J: np.ndarray) -> dict[str, float]:
+    """Shoulder, elbow and wrist from the Jacobian (6, 6) of six rotations, lengths over the reach; see `Configuration`.
+
+    A column (v, z) is the velocity of the tool and the direction of the axis, whose point next to the tool is z x v off.
+    """
+    z = J[3:].T
+    c = np.cross(z, J[:3].T)
+    wrist_4, wrist_5 = _next_to(c[3], z[3], c[4], z[4]), _next_to(c[4], z[4], c[5], z[5])
+    upper, fore = np.cross(z[1], c[2] - c[1]), np.cross(z[1], wrist_4 - c[2])  # across the second axis
+    size = max(float(np.linalg.norm(upper) * np.linalg.norm(fore)), 1e-12)
+    return {
+        "shoulder": float(np.linalg.det(np.stack([z[0], wrist_5 - c[0], z[1]]))),
+        "elbow": float(z[1] @ np.cross(upper, fore)) / size,
+        "wrist": float(np.linalg.det(z[3:])),
+    }
+
+
+def _next_to(c: np.ndarray, z: np.ndarray, other: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """The point of the line through c along z that is next to another line."""
+    across = np.cross(z, direction)
+    square = float(across @ across)
+    if square < 1e-12:
+        return c
+    return np.asarray(c + z * float(np.cross(other - c, direction) @ across) / square)
 
 
 @lru_cache(maxsize=16)
@@ -298,7 +340,8 @@ class _Solver:
             inside = inside and bool(low <= placed[k] <= high)
         error = self._miss(goal, self._deflected(placed) if sag else full)
         branch = int(np.sign(np.linalg.det(J)))
-        return Configuration(placed, error, inside, branch, float(singular[-1] / singular[0]))
+        parts = arm_parts(J) if self.rotary.all() else {}
+        return Configuration(placed, error, inside, branch, float(singular[-1] / singular[0]), parts)
 
     def _miss(self, goal: np.ndarray, full: np.ndarray) -> float:
         p, R = self.library.forward_kinematics(full)

@@ -95,8 +95,27 @@ def test_configurations_tell_limits_branch_and_singularity():
     assert max(c.error for c in found) < 1e-12 and min(c.distance for c in found) > 1e-3
     near = np.array([0.3, -1.1, 1.0, 0.4, 1e-5, -0.2])  # the wrist is nearly stretched
     p, R = library.forward_kinematics(near)
-    assert min(c.distance for c in flexgen.kinematics(model, p, R)) < 1e-4
+    closest = min(flexgen.kinematics(model, p, R), key=lambda c: c.distance)
+    assert closest.distance < 1e-4 and closest.nearest_singularity == "wrist"
     assert flexgen.kinematics(model, np.array([50.0, 0.0, 0.0]), np.eye(3)) == ()
+
+
+@pytest.mark.parametrize("name", ["kr300", "manutec_r3", str(ROBOTS / "ur5.toml")])
+def test_eight_configurations_have_eight_flags(name):
+    """Random poses with eight solutions; parts vanish where the Jacobian is singular."""
+    model, rng = flexgen.read(name), np.random.default_rng(2)
+    solver, eights = _solver(model, ()), 0
+    for _ in range(30):
+        full = rng.uniform(-np.pi, np.pi, 6)
+        p, R = solver.library.forward_kinematics(full)
+        found = flexgen.kinematics(model, p, R)
+        for c in found:
+            smallest = min(abs(x) for x in c.parts.values())
+            assert smallest < 100 * c.distance and c.distance < 100 * smallest
+        if len(found) == 8:
+            eights += 1
+            assert len({c.flags for c in found}) == 8
+    assert eights > 10
 
 
 def test_the_elastic_robot_reaches_the_pose_at_rest():
