@@ -247,9 +247,8 @@ def kinematics(args: Namespace, log: Progress) -> VerbResult:
     rows = []
     for c in found:
         flags = " ".join(f"{sign:+d}" for sign in c.flags)
-        rows.append(
-            [*map(float, c.q), "yes" if c.within_limits else "no", flags, f"{c.distance:.3g} {c.nearest_singularity}"]
-        )
+        inside, near = "yes" if c.within_limits else "no", f"{c.distance:.3g} {c.nearest_singularity}"
+        rows.append([*map(float, c.q), inside, flags, near])
     vector = Rotation.from_matrix(rotation).as_rotvec()
     where = f"position {np.round(position, 6).tolist()} m, rotation vector {np.round(vector, 6).tolist()} rad"
     text = f"{model.name}: {len(found)} configurations at {where}\n\n{table(rows, head)}" if found else ""

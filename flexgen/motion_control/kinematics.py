@@ -62,8 +62,8 @@ class Configuration:
     parts : dict of str to float
         Of an arm with six rotations, signed numbers that vanish where it is singular: ``shoulder``, distance of the
         wrist from the plane of the first two axes over the reach; ``elbow``, sine of the angle between upper arm and
-        forearm; ``wrist``, volume that the directions of the last three axes span. The same signs mean the same configuration:
-        front or back, elbow up or down, wrist flipped or not.
+        forearm; ``wrist``, volume that the directions of the last three axes span. The same signs mean the same
+        configuration: front or back, elbow up or down, wrist flipped or not.
     """
 
     q: np.ndarray
@@ -143,7 +143,7 @@ def kinematics(
 def arm_parts(J: np.ndarray) -> dict[str, float]:
     """Shoulder, elbow and wrist from the Jacobian (6, 6) of six rotations, lengths over the reach; see `Configuration`.
 
-    A column (v, z) is the velocity of the tool and the direction of the axis, whose point next to the tool is z x v off.
+    A column (v, z): velocity of the tool and direction of the axis, whose point next to the tool is z x v from it.
     """
     z = J[3:].T
     c = np.cross(z, J[:3].T)
