@@ -395,21 +395,26 @@ LOOP_API int flexgen_loop_cascade(void *self, int64_t k, const double *y, const 
  *     e = y_ref - y,    u = tau_ff + C z + D e,    z <- A z + B e
  *
  * References: y_ref (n_y), then tau_ff (n_m); their first n_m entries are the motor angles. Part i is used for the
- * samples from i * samples on, the last one to the end. The matrices are stored by rows, shared by all robots.
+ * samples from i * samples on, the last one to the end. The matrices are stored by columns, shared by all robots.
  */
 typedef struct {
     int64_t n_m, n_y, n_z, parts, samples;
     const double *matrices; /* (parts): A, B, C, D */
-    /* then z (n_z), its next value (n_z) and e (n_y) */
+    /* then z (n_z), its next value (n_z), e (n_y), and two sums (n_z + n_m) */
 } loop_linear;
 
-static double dot(const double *a, const double *b, size_t n)
+/* out = A x, summed from the first column to the last; A by columns, so that all rows are summed side by side. */
+static void times(const double *A, const double *x, size_t rows, size_t columns, double *restrict out)
 {
-    double sum = 0.0;
-    for (size_t i = 0; i < n; ++i) {
-        sum += a[i] * b[i];
+    for (size_t i = 0; i < rows; ++i) {
+        out[i] = 0.0;
     }
-    return sum;
+    for (size_t j = 0; j < columns; ++j) {
+        const double *a = A + j * rows, factor = x[j];
+        for (size_t i = 0; i < rows; ++i) {
+            out[i] += a[i] * factor;
+        }
+    }
 }
 
 LOOP_API int flexgen_loop_linear(void *self, int64_t k, const double *y, const double *ref, double *u)
@@ -419,15 +424,19 @@ LOOP_API int flexgen_loop_linear(void *self, int64_t k, const double *y, const d
     int64_t part = k / c->samples < c->parts ? k / c->samples : c->parts - 1;
     const double *A = c->matrices + (size_t)part * (n_z + n_m) * (n_z + n_y), *B = A + n_z * n_z;
     const double *C = B + n_z * n_y, *D = C + n_m * n_z;
-    double *z = (double *)(c + 1), *next = z + n_z, *e = next + n_z;
+    double *z = (double *)(c + 1), *next = z + n_z, *e = next + n_z, *first = e + n_y, *second = first + n_z + n_m;
     for (size_t i = 0; i < n_y; ++i) {
         e[i] = ref[i] - y[i];
     }
+    times(C, z, n_m, n_z, first);
+    times(D, e, n_m, n_y, second);
     for (size_t i = 0; i < n_m; ++i) {
-        u[i] = ref[n_y + i] + (dot(C + i * n_z, z, n_z) + dot(D + i * n_y, e, n_y));
+        u[i] = ref[n_y + i] + (first[i] + second[i]);
     }
+    times(A, z, n_z, n_z, first);
+    times(B, e, n_z, n_y, second);
     for (size_t i = 0; i < n_z; ++i) {
-        next[i] = dot(A + i * n_z, z, n_z) + dot(B + i * n_y, e, n_y);
+        next[i] = first[i] + second[i];
     }
     memcpy(z, next, n_z * sizeof *z);
     return 0;

@@ -181,9 +181,10 @@ class Linear:
                     f"controller, {name}: given shape {x.shape}, expected finite numbers {shape}: parts, then "
                     f"{n_z} states, {n_y} measured channels, {n_m} motors"
                 )
-        table = np.ascontiguousarray(np.concatenate([x.reshape(parts, -1) for x in (A, B, C, D)], axis=1), float)
+        columns = [x.transpose(0, 2, 1).reshape(parts, -1) for x in (A, B, C, D)]
+        table = np.ascontiguousarray(np.concatenate(columns, axis=1), float)
         head = np.array([n_m, n_y, n_z, parts, max(int(self.samples), 1), table.ctypes.data], np.int64)
-        memory = np.zeros((len(setup.q_m), len(head) + 2 * n_z + n_y))
+        memory = np.zeros((len(setup.q_m), len(head) + 4 * n_z + n_y + 2 * n_m))
         memory[:, : len(head)] = head.view(np.float64)
         return _in_c("flexgen_loop_linear", memory, 8 * len(head), table)
 
