@@ -57,7 +57,7 @@ class TimeSearch:
         self.model, self.tell, self.n = model, tell, coefficients
         equations = derive(model)
         self.path = Path(equations, default.move)
-        if len(self.path.segments) != 1 or isinstance(self.path.segments[0].curve, type(None)):
+        if len(self.path.segments) != 1:
             raise ArgumentError(f"move {default.move.name}: given one of several segments, expected a single one")
         if default.move.type in ("sampled", "program"):
             raise ArgumentError(
@@ -129,7 +129,9 @@ class TimeSearch:
         parts = [(found.tau_m, self._bounds[0]), (found.v_m, self._bounds[1])]
         parts.append((found.q_a[:, list(self.model.i_e)], self._bounds[2]))
         parts.append((np.diff(found.tau_m, axis=0) / period, self._rate))
-        values = [self._resampled(a, b, found.n_pre, count) for a, b in parts]
+        every = slice(None)  # the last check looks at all samples
+        at = every if finer > 1 else self._instants(len(found.tau_m), found.n_pre)
+        values = [(a[at][:, np.isfinite(b)] / b[np.isfinite(b)]).ravel() for a, b in parts]
         self._found = found
         return np.concatenate(values)
 
@@ -147,11 +149,10 @@ class TimeSearch:
         timed.duration = float(x[0])
         return timed
 
-    def _resampled(self, a: np.ndarray, bound: np.ndarray, n_pre: int, count: int) -> np.ndarray:
-        """Values over their bounds at as many instants for every duration: the path and as long again around it."""
-        used = np.isfinite(bound)
-        rows = np.clip(np.arange(n_pre - count // 2, n_pre + count + 1 + count // 2), 0, len(a) - 1)
-        return np.asarray((a[rows][:, used] / bound[used]).ravel())
+    def _instants(self, samples: int, n_pre: int) -> np.ndarray:
+        """As many samples for every duration: those of the path, and half as many before and after it."""
+        half = SAMPLES // 2
+        return np.clip(np.arange(n_pre - half, n_pre + SAMPLES + 1 + half), 0, samples - 2)
 
     def vibrations(self, solution: Solution) -> dict[str, float]:
         """Largest vibration after the path of robots with less and more stiffness [m]."""
@@ -177,9 +178,10 @@ class TimeSearch:
         def merit(x: np.ndarray, g: np.ndarray) -> float:
             return float(x[0] / scale + EXACT * max(np.abs(g).max() - 1.0, 0.0))
 
+        G: np.ndarray | None = None
         while self.programs < MOST and trust > SMALLEST and idle < 3:
             check_time("fastest")
-            G = self._slopes(x, g)
+            G = self._slopes(x, g) if G is None else G
             step = self._program(x, g, G, trust, scale)
             self.programs += 1
             if step is None:
@@ -189,7 +191,7 @@ class TimeSearch:
             tried = self._tried(other)
             gain = -np.inf if tried is None else merit(x, g) - merit(other, tried)
             if tried is not None and gain > 0:
-                x, g = other, tried
+                x, g, G = other, tried, None
                 history.append(float(x[0]))
                 trust = min(trust * GROW, 0.5)
                 idle = idle + 1 if gain < NEARLY else 0
