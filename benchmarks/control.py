@@ -1,4 +1,4 @@
-"""Closed loops, benchmarks, learning and minimum time: writes benchmarks/control.md (some minutes).
+"""Closed loops, benchmarks, learning and minimum time: writes benchmarks/control.md (two minutes).
 
 Speeds are the best of several runs in this process; everything else is deterministic.
 """
