@@ -34,7 +34,7 @@ from flexgen.motion_control.result import ControlRun, PlantRun, output_errors
 from flexgen.paths.path import Path
 from flexgen.progress import Choice, reported
 
-HOLD_S = 0.8  # at rest before the motion: integrators settle
+HOLD_S = 2.0  # at rest before the motion: integral parts settle
 AFTER_S = 0.5
 SAMPLE_S = 5e-4
 CHUNK = 2000  # samples between two progress messages

@@ -46,7 +46,8 @@ from flexgen.trajectory import Trajectory
 
 ITERATIONS = 6
 SHARE = 0.7  # of the lowest locked frequency
-EARLY_S, LATE_S, BLEND_S = 0.15, 0.35, 0.1  # window around the path, and its ends where Q becomes constant
+EARLY_S, BLEND_S = 0.15, 0.1  # begin of the window before the path; its ends, where Q becomes constant
+LATE_S = 1.5  # end of the window after the path: integral parts have settled under another load
 DEGREE = 7  # of the spline through the corrections
 MESH_S = 1e-2  # of the inversion
 GROWS = 1.05  # an error that is that much larger than the best ends learning
