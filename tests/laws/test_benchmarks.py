@@ -71,6 +71,7 @@ def test_the_reference_controller_has_its_score():
     assert found.total == flexgen.score("four_mass", progress=False).total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "best"), [("four_mass", 0.79), ("two_link", 0.45)])
 def test_the_best_controllers_that_come_with_it(name, best):
     totals = []
@@ -208,6 +209,7 @@ def test_numbers_of_a_cascade_go_there_and_back(tmp_path):
     assert np.array_equal(back.speed_gain, law.speed_gain) and back.filters == law.filters
 
 
+@pytest.mark.slow
 def test_tuning_improves_and_writes_what_it_found(tmp_path):
     found = flexgen.tune("four_mass", evaluations=12, progress=False)
     assert found.score.accepted and found.score.total < found.start.total - 0.02
@@ -220,6 +222,7 @@ def test_tuning_improves_and_writes_what_it_found(tmp_path):
         flexgen.tune("two_link", "lqg")
 
 
+@pytest.mark.slow
 def test_a_page_of_a_score(tmp_path):
     page = flexgen.score("four_mass", "ppi", progress=False).report(tmp_path / "page").read_text()
     assert "V = 0.7" in page and "Published:" in page and (tmp_path / "page" / "score.png").exists()

@@ -118,6 +118,7 @@ def test_eight_configurations_have_eight_flags(name):
     assert eights > 10
 
 
+@pytest.mark.slow
 def test_the_elastic_robot_reaches_the_pose_at_rest():
     """Motors at the found joints: the robot at rest, from its equations of motion, has its tool at the pose."""
     from flexgen.mechanics.equations import derive

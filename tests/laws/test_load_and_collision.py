@@ -35,6 +35,7 @@ def test_a_load_is_found_in_spite_of_wrong_springs(stiffness):
     assert abs(found.mass - 20.0) < 0.5 * abs(stiff.mass - 20.0)
 
 
+@pytest.mark.slow
 def test_the_error_is_within_three_standard_deviations():
     """Noise of the torques, and what the filters leave of friction; the y of a planar arm is not determined at all."""
     with pytest.raises(SolverError, match="does not determine"):
@@ -93,6 +94,7 @@ def test_pushes_are_found_in_time_and_nothing_else():
     assert min(late) > 0 and max(late) <= 0.02
 
 
+@pytest.mark.slow
 def test_the_residual_is_a_low_pass_of_the_push():
     """A rigid robot without noise: zero without contact, and then J' f on the motor side through 1/(1 + s/w)."""
     name = "elbow@rigid"

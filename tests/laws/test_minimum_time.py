@@ -84,6 +84,7 @@ def test_less_vibration_costs_a_little_time(planar):
     assert swings[1] <= 0.45 * swings[0]
 
 
+@pytest.mark.slow
 def test_a_bound_of_the_rates_is_kept_and_costs_time(planar):
     found = flexgen.fastest("planar5_nmp", torque_rate=1.5, progress=False)
     rates = []

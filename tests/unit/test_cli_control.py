@@ -71,6 +71,7 @@ def test_score_and_its_refusals(tmp_path, capsys):
     assert "given 'five_mass', expected four_mass, two_link" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_tune_writes_a_controller(tmp_path, capsys):
     out = tmp_path / "mine.toml"
     assert main(["tune", "four_mass", "-q", "--evaluations", "5", "--out", str(out)]) == 0
