@@ -283,6 +283,7 @@ def test_filters_have_their_frequency_responses():
         LowPass(1000.0).section(T)
 
 
+@pytest.mark.slow
 def test_each_robot_has_its_own_parameters():
     """Stiffness and load by lane give the bits of robots that run alone."""
     model = flexgen.read("planar5_nmp")
@@ -484,6 +485,7 @@ def test_a_plug_in_gives_the_bits_of_its_python_twin(tmp_path):
     assert np.array_equal(*runs)
 
 
+@pytest.mark.slow
 def test_plug_ins_of_another_version_or_without_functions_are_refused(tmp_path):
     with pytest.raises(BuildError, match="given version 9 of the interface of controllers, expected 1"):
         PlugIn(plug_in(tmp_path, abi="9"))

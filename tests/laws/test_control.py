@@ -74,6 +74,7 @@ def test_a_wrong_reference_is_seen(case, planted):
     assert found.tool_error_max_m > 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [2e-4, 5e-4, 1.3e-3])
 def test_delays_are_in_the_feedforward(delay):
     found = flexgen.control(MODEL, delay=delay, progress=False)
@@ -95,6 +96,7 @@ def test_other_robots_rest_where_their_springs_hold_them(case):
     assert figures["dynamic_error_max_m"] > 0 and figures["static_error_start_m"] > 1e-5
 
 
+@pytest.mark.slow
 def test_a_load_sags_as_statics_say():
     """Half a kilogram more, motors held: the tool sags by the compliance of the linear model, to first order."""
     at_the_tool = {"payload": {"mass": 0.1, "com": [0.45, 0.0, 0.0]}}
@@ -239,6 +241,7 @@ def test_an_unstable_loop_is_told_and_not_an_error(case):
     assert "failed" in str(found)
 
 
+@pytest.mark.slow
 def test_a_run_has_a_trajectory_and_a_page(case, tmp_path):
     found = flexgen.control(MODEL, plants={"soft": {"stiffness": 0.8}}, solution=case.solution, progress=False)
     saved = found.trajectory("soft").save(tmp_path / "run.csv")

@@ -45,12 +45,14 @@ def test_nothing_is_learned_from_the_model_itself(solution):
     assert max(found.errors_m) < 1e-7
 
 
+@pytest.mark.slow
 def test_corrections_of_noise_are_no_larger_than_the_noise(solution):
     """1e-4 rad at the motors moves the tool by micrometers."""
     found = flexgen.learn("planar5_nmp", solution=solution, iterations=3, encoder_noise=1e-4, progress=False)
     assert max(found.errors_m) < 2e-5 and max(np.abs(c).max() for c in found.corrections) < 2e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("frequency", "gain"), [(40.0, 2.0), (25.0, 1.9)])
 def test_learning_that_diverges_ends_with_its_best(solution, frequency, gain):
     found = flexgen.learn(
@@ -86,6 +88,7 @@ def test_wrong_arguments_are_refused(solution, arguments, words):
         flexgen.learn("planar5_nmp", solution=solution, progress=False, **arguments)
 
 
+@pytest.mark.slow
 def test_learning_on_the_command_line(tmp_path, capsys):
     words = ["learn", "planar5_nmp", "-q", "--plant", "stiffness=0.8", "--iterations", "1"]
     assert main([*words, "--out", str(tmp_path / "best.csv")]) == 0

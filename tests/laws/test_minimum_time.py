@@ -37,6 +37,7 @@ def test_the_planar_arm_is_as_fast_as_its_torques_allow(planar):
     assert planar.vibration_m["soft"] > 10 * planar.default_vibration_m["soft"]  # the price
 
 
+@pytest.mark.slow
 def test_two_masses_against_their_minimum_time():
     """Torques that jump need 0.098881 s (closed form), a rigid shaft 0.096954 s; continuous ones a tenth more."""
     found = flexgen.fastest(TWO_MASS, progress=False)
@@ -46,6 +47,7 @@ def test_two_masses_against_their_minimum_time():
     assert found.excess <= 5e-4
 
 
+@pytest.mark.slow
 def test_a_rigid_robot_needs_what_its_closed_form_says():
     """A speed limit: acceleration, constant speed, deceleration."""
     model = flexgen.read(TWO_MASS)
@@ -128,6 +130,7 @@ def test_wrong_arguments_are_refused(arguments, words):
         flexgen.fastest("planar5_nmp", progress=False, **arguments)
 
 
+@pytest.mark.slow
 def test_limits_below_the_weight_are_refused():
     with pytest.raises(SolverError, match="cannot be kept on this path at any speed"):
         flexgen.fastest("planar5_nmp", limits=Limits(torque=(2.0, 2.0)), progress=False)
