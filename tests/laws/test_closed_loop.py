@@ -2,55 +2,27 @@
 
 from __future__ import annotations
 
-import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from closed_loops import T, loop_of, moving
 from scipy.linalg import expm
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.build.compiler import find_compiler
-from flexgen.errors import ArgumentError, BuildError, SolverError
-from flexgen.identification.experiments.experiment import largest_rate
+from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.plan import default_cascade
 from flexgen.identification.local_model import LocalModel
 from flexgen.inversion.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop
-from flexgen.loop.controllers import Cascade, Linear, LowPass, Notch
+from flexgen.loop.controllers import Cascade, Linear
 from flexgen.loop.hardware import DriveHardware, SensorChannels
-from flexgen.loop.interface import HEADER, PlugIn, PythonController
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 
 pytestmark = needs_compiler
-
-T = 5e-4
-
-
-def loop_of(model: RobotModel, hardware: DriveHardware, lanes: int = 1, controller: Cascade | None = None, **more):
-    """A loop at home, its feedforward included in the reference that comes with it."""
-    local = LocalModel(model, ())
-    q_m = np.tile(model.eta @ np.array(model.home), (lanes, 1))
-    rest = local.rest(local.values, q_m)
-    library = library_with(model, ("forward_dynamics",))
-    cascade = controller or default_cascade(model)
-    rate = largest_rate(local, q_m)
-    loop = ClosedLoop(model, library, hardware, cascade, rest.y[:, : model.n_a], q_m, rate, **more)
-    loop.hold(rest.tau_m)
-    return loop, np.concatenate([q_m, rest.tau_m], axis=1), local, rest
-
-
-def moving(at_rest: np.ndarray, n_m: int, samples: int, size: float = 0.05) -> np.ndarray:
-    """References that start at rest and swing, one lane like the other but for the size."""
-    t = np.arange(samples) * T
-    swing = size * (1 - np.cos(2 * np.pi * 4.0 * t))
-    reference = np.tile(at_rest, (samples, 1, 1))
-    reference[:, :, :n_m] += swing[:, None, None] * (1 + 0.1 * np.arange(len(at_rest)))[:, None]
-    return reference
 
 
 @pytest.mark.parametrize("delay", [0, 3])
@@ -228,61 +200,6 @@ def test_a_delay_of_whole_samples_is_as_many_states_more(delay):
         x = phi @ x + gamma @ late.pop(0)
 
 
-class Twin:
-    """A controller of this package, by its Python method."""
-
-    def __init__(self, law) -> None:
-        self.law = law
-
-    def reset(self) -> None:
-        self.law.reset()
-
-    def step(self, k, y, ref):
-        return self.law.step(k, y, ref)
-
-
-def laws(model: RobotModel) -> list:
-    n, rng = model.n_m, np.random.default_rng(0)
-    gains = default_cascade(model)
-    filtered = replace(
-        gains,
-        integral_gain=np.full(n, 3.0),
-        filters=(LowPass(80.0, 0.7), Notch(30.0, 0.2, 0.8)),
-        torque_max=np.full(n, 12.0),
-    )
-    parts = [0.2 * rng.standard_normal((3, *shape)) for shape in ((4, 4), (4, n), (n, 4), (n, n))]
-    return [gains, filtered, Linear(*parts, samples=70)]
-
-
-@pytest.mark.parametrize("k", range(3))
-def test_python_and_c_controllers_give_the_same_bits(k):
-    model = flexgen.read("planar5_nmp")
-    law = laws(model)[k]
-    if hasattr(law, "begin"):
-        law.begin(T)
-    hardware = DriveHardware(T, encoder_noise_rad=1e-4)
-    runs = []
-    for controller in (law, PythonController(Twin(law))):
-        loop, at_rest, _, _ = loop_of(model, hardware, lanes=2, controller=controller, seed=3)
-        runs.append(loop.run(moving(at_rest, 2, 400, 0.2), 400))
-    assert np.array_equal(runs[0].tau_m, runs[1].tau_m) and np.array_equal(runs[0].q_m, runs[1].q_m)
-
-
-def test_filters_have_their_frequency_responses():
-    """Sections at some frequencies against the continuous filter, its frequency axis bent by the bilinear transform."""
-    for f, b, a in (
-        (LowPass(50.0, 0.6), lambda s: 1.0, lambda s: s * s + 1.2 * s + 1),
-        (Notch(40.0, 0.1, 0.5), lambda s: s * s + 0.2 * s + 1, lambda s: s * s + 1.0 * s + 1),
-    ):
-        b0, b1, b2, a1, a2 = f.section(T)
-        for hz in (1.0, 20.0, f.frequency_hz, 200.0):
-            z = np.exp(-2j * np.pi * hz * T)
-            s = 1j * np.tan(np.pi * hz * T) / np.tan(np.pi * f.frequency_hz * T)
-            assert (b0 + b1 * z + b2 * z * z) / (1 + a1 * z + a2 * z * z) == pytest.approx(b(s) / a(s), rel=1e-9)
-    with pytest.raises(ArgumentError, match="half the sample rate"):
-        LowPass(1000.0).section(T)
-
-
 @pytest.mark.slow
 def test_each_robot_has_its_own_parameters():
     """Stiffness and load by lane give the bits of robots that run alone."""
@@ -403,98 +320,3 @@ def test_the_energy_balance_of_a_run_closes():
         misses.append(abs(work - lost - (energy[-1] - energy[0])) / np.ptp(energy))
     assert misses[0] < 2e-4 and misses[1] < 0.3 * misses[0], misses
     del library
-
-
-BAD = {
-    "raises": ("raise ValueError('no')", "step 3 raised ValueError: no"),
-    "NaN": ("return u * np.nan", "expected finite torques"),
-    "size": ("return np.zeros(5)", r"returned shape \(5,\), expected \(2,\)"),
-    "text": ("return 'much'", "raised ValueError"),
-}
-
-
-@pytest.mark.parametrize("name", BAD)
-def test_controllers_that_misbehave_end_with_a_sentence(name):
-    body, words = BAD[name]
-    namespace = {"np": np}
-    exec(f"def act(u):\n    {body}\n", namespace)
-
-    class Bad:
-        def reset(self):
-            pass
-
-        def step(self, k, y, ref):
-            return namespace["act"](ref.tau_m) if k == 3 else ref.tau_m
-
-    loop, at_rest, _, _ = loop_of(flexgen.read("planar5_nmp"), DriveHardware(T), controller=PythonController(Bad()))
-    with pytest.raises(SolverError, match=words):
-        loop.run(at_rest[None], 10)
-
-
-def test_ctrl_c_in_a_controller_ends_the_run():
-    class Interrupted:
-        def reset(self):
-            pass
-
-        def step(self, k, y, ref):
-            raise KeyboardInterrupt
-
-    loop, at_rest, _, _ = loop_of(
-        flexgen.read("planar5_nmp"), DriveHardware(T), controller=PythonController(Interrupted())
-    )
-    with pytest.raises(KeyboardInterrupt):
-        loop.run(at_rest[None], 10, check=False)
-
-
-def test_objects_without_the_interface_are_refused():
-    with pytest.raises(ArgumentError, match="without reset"):
-        PythonController(object())
-
-
-class AsPlugIn:
-    """What the plug-in of the examples does."""
-
-    def reset(self) -> None:
-        self.q = None
-
-    def step(self, k, y, ref):
-        q, q_ref = (ref.q_m, ref.q_m) if self.q is None else self.q
-        self.q = y.q_m.copy(), ref.q_m.copy()
-        return ref.tau_m + 20.0 * (ref.q_m - y.q_m) + 0.5 * ((ref.q_m - q_ref) / T - (y.q_m - q) / T)
-
-
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "controller_plugin.c"
-
-
-def plug_in(folder: Path, abi: str = "FLEXGEN_CONTROLLER_ABI", reset: str = "setup->n_m > MOTORS") -> Path:
-    """The example as a shared library, with another version or another result of its reset."""
-    source, made = folder / "mine.c", folder / f"mine{len(abi)}{len(reset)}.so"
-    text = EXAMPLE.read_text().replace("return FLEXGEN_CONTROLLER_ABI;", f"return {abi};")
-    source.write_text(text.replace("setup->n_m > MOTORS", reset))
-    flags = ["-O2", "-ffp-contract=off", "-shared", "-fPIC", f"-I{HEADER.parent}", "-Wall", "-Wextra", "-Werror"]
-    subprocess.run([*find_compiler().command, *flags, "-o", str(made), str(source)], check=True)
-    return made
-
-
-def test_a_plug_in_gives_the_bits_of_its_python_twin(tmp_path):
-    model = flexgen.read("planar5_nmp")
-    runs = []
-    for controller in (PlugIn(plug_in(tmp_path)), PythonController(AsPlugIn())):
-        loop, at_rest, _, _ = loop_of(model, DriveHardware(T), lanes=3, controller=controller)
-        runs.append(loop.run(moving(at_rest, 2, 200, 0.1), 200).tau_m)
-    assert np.array_equal(*runs)
-
-
-@pytest.mark.slow
-def test_plug_ins_of_another_version_or_without_functions_are_refused(tmp_path):
-    with pytest.raises(BuildError, match="given version 9 of the interface of controllers, expected 1"):
-        PlugIn(plug_in(tmp_path, abi="9"))
-    refusing = PlugIn(plug_in(tmp_path, reset="setup->n_m > 1"))
-    with pytest.raises(ArgumentError, match="its reset refused the robot with status 1"):
-        loop_of(flexgen.read("planar5_nmp"), DriveHardware(T), controller=refusing)
-    with pytest.raises(BuildError, match="not a shared library"):
-        PlugIn(tmp_path / "mine.c")
-    empty = tmp_path / "empty.so"
-    subprocess.run([*find_compiler().command, "-shared", "-fPIC", "-x", "c", "-o", str(empty), "/dev/null"], check=True)
-    with pytest.raises(BuildError, match="given no function flexgen_controller_abi"):
-        PlugIn(empty)
