@@ -110,6 +110,12 @@ class _Estimate:
         self.tau_g = needed @ robot.eta
         self.to_arm = np.linalg.inv(robot.eta).T
         self.q_m = self._smooth(q_m)
+        self.nominal = derive(robot)
+        self.q_geared = np.zeros((len(q_m), robot.n_a))  # arm angles behind the gears; they do not depend on the load
+        self.q_geared[:, list(robot.i_g)] = self.q_m @ self.to_arm
+        if not rigid:
+            self.q_geared[:, list(robot.i_g)] -= gear_deflection(self.nominal, self.tau_g).reshape(len(q_m), -1)
+            self.stiffness = self._stiffness()
         self.effective = len(time[self.kept]) * min(1.0, 2.5 * low_pass_hz * h)  # independent samples
 
     def _smooth(self, x: np.ndarray) -> np.ndarray:
@@ -117,32 +123,26 @@ class _Estimate:
 
     def motion(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Arm coordinates with deflections, velocities and accelerations (n, n_a), for a load."""
-        robot, i_g, i_e = self.robot, list(self.robot.i_g), list(self.robot.i_e)
-        q = np.zeros((len(self.q_m), robot.n_a))
-        q[:, i_g] = self.q_m @ self.to_arm
-        if not self.rigid:
-            nominal = derive(robot)
-            q[:, i_g] -= gear_deflection(nominal, self.tau_g).reshape(len(q), -1)
-            if i_e:
-                stiffness = self._stiffness(nominal)
-                for _ in range(DEFLECTION_STEPS):
-                    v = self._rate(q)
-                    forces = self.forces(q, v, self._rate(v), values)[:, i_e]
-                    q[:, i_e] = -self._smooth(forces) / stiffness
+        q, i_e = self.q_geared.copy(), list(self.robot.i_e)
+        if i_e and not self.rigid:
+            for _ in range(DEFLECTION_STEPS):
+                v = self._rate(q)
+                forces = self.forces(q, v, self._rate(v), values)[:, i_e]
+                q[:, i_e] = -self._smooth(forces) / self.stiffness
         v = self._rate(q)
         return q, v, self._rate(v)
 
     def _rate(self, x: np.ndarray) -> np.ndarray:
         return np.asarray(np.gradient(x, self.h, axis=0))
 
-    def _stiffness(self, nominal: Equations) -> np.ndarray:
+    def _stiffness(self) -> np.ndarray:
         """Stiffness of the springs without motor at rest (n_e,)."""
         zero, step = np.zeros((1, self.robot.n_a)), 1e-6
         out = []
         for i in self.robot.i_e:
             moved = zero.copy()
             moved[0, i] = step
-            tau = evaluate(nominal.function("elastic_torque"), moved, zero)[0].ravel()
+            tau = evaluate(self.nominal.function("elastic_torque"), moved, zero)[0].ravel()
             out.append(-tau[list(self.robot.i_e).index(i)] / step)
         return np.array(out)
 
@@ -156,15 +156,12 @@ class _Estimate:
         x = np.concatenate([[start[0] + 1.0], start[1:]])
         scale = np.abs(self.tau_g[self.kept]).max(axis=0)
         scale = np.maximum(scale, 1e-3 * scale.max())
-        friction = evaluate(derive(self.robot).function("arm_forces"), *self.motion(x)[:2])[0].reshape(
-            -1, self.robot.n_a
-        )
+        friction = evaluate(self.nominal.function("arm_forces"), *self.motion(x)[:2])[0].reshape(-1, self.robot.n_a)
 
         def residual(x: np.ndarray) -> np.ndarray:
             tau = self.forces(*self.motion(x), x) - friction
             return np.asarray((tau[self.kept][:, list(self.robot.i_g)] - self.tau_g[self.kept]) / scale)
 
-        J = np.zeros(0)
         for _ in range(STEPS):
             r = residual(x)
             columns = []
