@@ -72,18 +72,19 @@ class Analysis:
         page: Path = implementation("Analysis.report")(self, folder)
         return page
 
-    def to_control(self) -> Any:
+    def to_control(self, *, units: bool = False) -> Any:
         """A StateSpace of the package python-control: the robot linearized about this equilibrium.
 
         Inputs are the motor torques ``tau_m[...]`` [N m], outputs the declared output ``y[...]`` and the motor angles
-        ``q_m[...]``, states the coordinates and their speeds; all are deviations from the equilibrium.
+        ``q_m[...]``, states the coordinates and their speeds; all are deviations from the equilibrium. With ``units``
+        each name ends in its unit, as the columns of a trajectory: ``tau_m[m1] N m``.
 
         Raises
         ------
         ArgumentError
             The package control is not installed.
         """
-        return implementation("Analysis.to_control")(self)
+        return implementation("Analysis.to_control")(self, units)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON types, SI units; complex numbers as ``[re, im]``."""

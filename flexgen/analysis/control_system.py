@@ -8,10 +8,10 @@ import numpy as np
 
 from flexgen.analysis.analyze import Analysis
 from flexgen.errors import ArgumentError
-from flexgen.model.output_columns import output_labels
+from flexgen.model.output_columns import output_labels, output_units
 
 
-def control_system(analysis: Analysis) -> Any:
+def control_system(analysis: Analysis, units: bool = False) -> Any:
     """The linearization of an analysis as a ``control.StateSpace``; see `flexgen.analysis.analyze.Analysis.to_control`.
 
     States x = (q_a, q_m of the motors behind elastic gears, and their derivatives), inputs tau_m, outputs (y, q_m), as
@@ -19,7 +19,8 @@ def control_system(analysis: Analysis) -> Any:
 
         x' = A x + B u,    y = C x
 
-    Of an output that is a pose, y has the position and the small rotation of the tool (world axes).
+    Of an output that is a pose, y has the position and the small rotation of the tool (world axes). With ``units`` the
+    names of the signals end in their units.
 
     Raises
     ------
@@ -40,13 +41,20 @@ def control_system(analysis: Analysis) -> Any:
     labels = list(output_labels(model)["y_ref"])
     if model.output.type == "tool_pose":
         labels += [f"rot_{axis}" for axis in "xyz"]
-    return control.ss(
-        A,
-        B,
-        np.hstack([C, np.zeros_like(C)]),
-        np.zeros((len(C), B.shape[1])),
-        states=[*positions, *(f"d_{name}" for name in positions)],
-        inputs=[f"tau_m[{name}]" for name in motors],
-        outputs=[*(f"y[{label}]" for label in labels), *(f"q_m[{name}]" for name in motors)],
-        name=model.name,
-    )
+    names = {
+        "states": [*positions, *(f"d_{name}" for name in positions)],
+        "inputs": [f"tau_m[{name}]" for name in motors],
+        "outputs": [*(f"y[{label}]" for label in labels), *(f"q_m[{name}]" for name in motors)],
+    }
+    if units:
+        angles = [c.unit for c in model.coordinates] + ["rad"] * len(model.i_m)
+        of_y = list(output_units(model))
+        of_y += ["rad"] * (len(labels) - len(of_y))
+        of = {
+            "states": [*angles, *(f"{unit}/s" for unit in angles)],
+            "inputs": ["N m"] * len(motors),
+            "outputs": [*of_y, *["rad"] * len(motors)],
+        }
+        names = {key: [f"{n} {u}" for n, u in zip(words, of[key], strict=True)] for key, words in names.items()}
+    D = np.zeros((len(C), B.shape[1]))
+    return control.ss(A, B, np.hstack([C, np.zeros_like(C)]), D, name=model.name, **names)

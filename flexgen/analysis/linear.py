@@ -61,7 +61,8 @@ def linearize(equations: Equations, rest: Equilibrium) -> LinearModel:
     M, D, K, B = second_order_matrices(M[0], R[0])
     W = np.zeros((model.output.size, model.dof))
     symbol = equations.lagrangian.chain.q_a
-    W[:, : model.n_a] = evaluate(ca.Function("W", [symbol], [output_map(equations).rate]), rest.q_a)[0][0]
+    rate = evaluate(ca.Function("W", [symbol], [output_map(equations).rate]), rest.q_a)[0][0]
+    W[:, : model.n_a] = rate.reshape(W.shape[0], model.n_a)  # a column comes back as a vector
     C_m = np.zeros((model.n_m, model.dof))
     C_m[:, list(model.i_g)] = model.eta
     for k, j in enumerate(model.i_m):

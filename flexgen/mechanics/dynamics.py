@@ -192,6 +192,13 @@ def sensors(system: System) -> Built:
     return symbols_of(system, names), names, [sensor_signals(system)], ["y_s"]
 
 
+def sensor_derivatives(system: System) -> Built:
+    """First derivatives of these signals."""
+    inputs, names, (signals,), _ = sensors(system)
+    outputs = [ca.densify(ca.jacobian(signals, x)) for x in inputs]
+    return inputs, names, outputs, ["dys_dq", "dys_dv", "dys_da"]
+
+
 def residual(system: System) -> Built:
     """Residuals of the equations of motion: of the arm's coordinates, then of the motors."""
     lag, n_a, n_m = system.lagrangian, system.model.n_a, system.model.n_m
@@ -234,6 +241,7 @@ BUILDERS: dict[str, Builder] = {
     "forward_dynamics_tool_force": forward_dynamics_tool_force,
     "tool_motion": tool_motion,
     "sensors": sensors,
+    "sensor_derivatives": sensor_derivatives,
     "residual": residual,
     "energy": energy,
     "power": power,

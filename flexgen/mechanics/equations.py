@@ -9,21 +9,24 @@ from pathlib import Path
 import casadi as ca
 
 from flexgen.errors import ArgumentError
-from flexgen.mechanics import dynamics, inversion_functions, linearization
+from flexgen.mechanics import dynamics, flexible_joint, inversion_functions, linearization
+from flexgen.mechanics.implicit_dae import ImplicitDae, implicit_dae
 from flexgen.mechanics.signatures import PYTHON_TABLE, TABLE, reference
 from flexgen.mechanics.system import Builder, System
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 
-BUILDERS: dict[str, Builder] = dynamics.BUILDERS | linearization.BUILDERS | inversion_functions.BUILDERS
+BUILDERS: dict[str, Builder] = (
+    dynamics.BUILDERS | linearization.BUILDERS | inversion_functions.BUILDERS | flexible_joint.BUILDERS
+)
 
 
 class Equations(System):  # noqa: D101, its docstring is made from the table
     __doc__ = f"""Equations of motion of one model; each function is built when it is first used.
 
-    `function` gives these functions, with sizes as in the model, SI units, and arm quantities on the arm side:
+    `function` gives these functions, with sizes as in the model, SI units, and arm quantities on the arm side::
 
-{textwrap.indent(reference([row for row in (*TABLE, *PYTHON_TABLE) if row.name in BUILDERS]), "    ")}
+{textwrap.indent(reference([row for row in (*TABLE, *PYTHON_TABLE) if row.name in BUILDERS]), 8 * " ")}
 
     ``x = (q_a, q_me, v_a, v_me)`` with ``q_me`` the motors behind elastic gears. Entries of ``q_m``, ``v_m``, ``a_m``
     behind rigid gears are ignored as inputs (they follow their joints) and returned filled in. ``r`` (n): residual of
@@ -48,6 +51,14 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
                 raise ArgumentError(f"function: given {name!r}, expected one of {', '.join(BUILDERS)}")
             self._functions[name] = self.build(name, *BUILDERS[name](self))
         return self._functions[name]
+
+    def dae(self) -> ImplicitDae:
+        """The equations of motion as one implicit DAE ``F(xdot, x, z, u) = 0`` with names and units.
+
+        ``x = (q_a, q_me, v_a, v_me)``, ``z`` = (gear torques, output), ``u = tau_m``; see
+        `flexgen.mechanics.implicit_dae`.
+        """
+        return implicit_dae(self)
 
 
 def derive(model: str | Path | RobotModel, parameters: Sequence[str] = ()) -> Equations:

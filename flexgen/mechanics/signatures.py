@@ -104,12 +104,34 @@ TABLE = (
         "y_s",
     ),
     Row(
+        "sensor_derivatives",
+        "First derivatives of the signals of the sensors.",
+        "d y_s = dys_dq d q_a + dys_dv d v_a + dys_da d a_a",
+        "q_a v_a a_a",
+        "dys_dq dys_dv dys_da",
+    ),
+    Row(
         "linearize",
         "Linearization of the forward dynamics in the state x = (q_a, q_m, v_a, v_m), "
         "of the motors only those behind elastic gears.",
         "d(dx/dt) = A dx + B d(tau_m)",
         "q_a v_a q_m v_m tau_m",
         "A B",
+    ),
+    Row(
+        "flexible_joint_motion",
+        "Acceleration and jerk of an arm with elastic joints from its state, without damping of the gears.",
+        "M a_a + c + g - f = T,  T = spring(eta^-1 q_m - q_a);  j_a = d a_a/dt",
+        "q_a v_a q_m v_m",
+        "a_a j_a",
+    ),
+    Row(
+        "flexible_joint_torque",
+        "Torques of the motors that give an arm with elastic joints a fourth derivative of its coordinates, without "
+        "damping of the gears.",
+        "tau_m = J_m eta (a_a + d'') + f(v_m) + eta^-T T,  spring(d)'' = (M a_a + c + g - f)''",
+        "q_a v_a a_a j_a s_a q_m v_m",
+        "tau_m",
     ),
     Row(
         "output_constraint",
@@ -215,18 +237,24 @@ PYTHON_TABLE = (  # of Equations only, not emitted as C
 
 FUNCTIONS = tuple(row.name for row in TABLE)
 INVERSION = FUNCTIONS[FUNCTIONS.index("output_constraint") :]  # of models whose output determines the motors' motion
+FLEXIBLE_JOINT = ("flexible_joint_motion", "flexible_joint_torque")  # of arms with elastic joints
 
 # name: sizes, unit (templates: see _unit), meaning
 PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "q_a": (("n_a",), "{q}", "arm coordinates in chain order"),
     "v_a": (("n_a",), "{q}/s", "arm velocities"),
     "a_a": (("n_a",), "{q}/s^2", "arm accelerations"),
+    "j_a": (("n_a",), "{q}/s^3", "arm jerks"),
+    "s_a": (("n_a",), "{q}/s^4", "fourth time derivatives of the arm coordinates"),
     "q_m": (("n_m",), "rad", "motor angles, motor side"),
     "v_m": (("n_m",), "rad/s", "motor speeds, motor side"),
     "f_tool": (("6",), "mixed", "on the tool at its origin, world axes: force [N], then torque [N m]"),
     "v_tool": (("6",), "mixed", "of the tool's origin [m/s], then angular velocity [rad/s], world axes"),
     "a_tool": (("6",), "mixed", "of the tool's origin [m/s^2], then angular acceleration [rad/s^2], world axes"),
     "y_s": (("n_s",), "mixed", "signals of the sensors: m/s^2, rad/s, rad or m"),
+    "dys_dq": (("n_s", "n_a"), "mixed", "unit of the row's signal per unit of the column's coordinate"),
+    "dys_dv": (("n_s", "n_a"), "mixed", "unit of the row's signal per unit of the column's velocity"),
+    "dys_da": (("n_s", "n_a"), "mixed", "unit of the row's signal per unit of the column's acceleration"),
     "a_m": (("n_m",), "rad/s^2", "motor accelerations, motor side"),
     "tau_m": (("n_m",), "N m", "motor torques, motor side"),
     "tau_a": (("n_a",), "{tau}", "forces on the arm coordinates, arm side"),
@@ -335,10 +363,17 @@ def port(name: str, model: RobotModel, sizes: dict[str, int]) -> Port:
 
 
 def offered_functions(model: RobotModel) -> tuple[str, ...]:
-    """The functions that a model's library can have: those of `INVERSION` only where the model inverts."""
+    """The functions that a model's library can have.
+
+    Those of `INVERSION` only where the model inverts, those of `FLEXIBLE_JOINT` for arms with elastic joints.
+    """
+    from flexgen.mechanics.elastic_joints import flexible_joint_obstacle  # (it needs numpy, the names here do not)
+
     left_out = set() if model.inversion_obstacle() is None else set(INVERSION)
     if not model.i_e:
         left_out.add("inversion_jacobians")
     if not model.sensors:
-        left_out.add("sensors")
+        left_out |= {"sensors", "sensor_derivatives"}
+    if flexible_joint_obstacle(model) is not None:
+        left_out.update(FLEXIBLE_JOINT)
     return tuple(name for name in FUNCTIONS if name not in left_out)

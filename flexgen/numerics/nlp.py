@@ -16,18 +16,24 @@ Progress = Callable[[str], None]
 
 BUILDING = "IPOPT, building the nonlinear program"
 
+WARM = 1e-6  # barrier and distance from bounds where IPOPT starts near a solution
 TOLERANCE = 1e-10  # on scaled constraints: an error of 1e-10 rad is 0.1 nm a meter away
 
 
 @dataclass(frozen=True)
 class NlpResult:
-    """Result of IPOPT: its ``status``, whether that is a success, iterations, largest violation, x."""
+    """Result of IPOPT: its ``status``, whether that is a success, iterations, largest violation, x.
+
+    ``g``: values of the constraints; ``multipliers``: of the bounds of x and of g, for a warm start.
+    """
 
     status: str
     success: bool
     iterations: int
     violation: float
     x: np.ndarray
+    g: np.ndarray
+    multipliers: tuple[np.ndarray, np.ndarray]
 
 
 class _Watch(ca.Callback):
@@ -66,46 +72,65 @@ def _violation(values: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> floa
     return float(np.max(np.maximum(np.maximum(lower - values, values - upper), 0.0), initial=0.0))
 
 
-def solve_nlp(
-    x: ca.MX,
-    cost: ca.MX,
-    g: ca.MX,
-    jacobian: ca.MX | None,
-    hessian: ca.MX | None,
-    guess: np.ndarray,
-    *,
-    bounds_x: tuple[np.ndarray, np.ndarray] | None = None,
-    bounds_g: tuple[np.ndarray, np.ndarray] | None = None,
-    progress: Progress | None = None,
-    max_iterations: int = 200,
-    tolerance: float = TOLERANCE,
-) -> NlpResult:
-    """Minimize ``cost`` subject to ``bounds_g`` (default: g = 0) and ``bounds_x``.
-
-    ``jacobian``: of g, where it is known, else by coloring; ``hessian``: of the Lagrangian (upper triangle)
-    where an approximation serves, else exact. OutOfTime where a time limit ends first, see `flexgen.deadline`.
-    """
-    check_time(BUILDING)
-    n_g = g.shape[0]
-    options: dict[str, Any] = {
+def _options(max_iterations: int, tolerance: float, optimality: float) -> dict[str, Any]:
+    """Options of IPOPT."""
+    return {
         "print_time": False,
         "ipopt.print_level": 0,
         "ipopt.sb": "yes",
         "ipopt.max_iter": max_iterations,
-        "ipopt.tol": tolerance,
+        "ipopt.tol": optimality,
         "ipopt.constr_viol_tol": tolerance,
         "ipopt.acceptable_iter": 0,
         "ipopt.nlp_scaling_method": "none",
         "ipopt.linear_solver": "mumps",
         "ipopt.mumps_mem_percent": 200,
         "error_on_fail": False,
+        "no_nlp_grad": True,  # not needed here, and compiled functions have no such derivatives
     }
+
+
+def solve_nlp(
+    x: ca.MX,
+    cost: ca.MX,
+    g: ca.MX,
+    jacobian: ca.MX | None,
+    hessian: ca.MX | Callable[[ca.MX, ca.MX], ca.MX] | None,
+    guess: np.ndarray,
+    *,
+    gradient: ca.MX | None = None,
+    multipliers: tuple[np.ndarray, np.ndarray] | None = None,
+    bounds_x: tuple[np.ndarray, np.ndarray] | None = None,
+    bounds_g: tuple[np.ndarray, np.ndarray] | None = None,
+    progress: Progress | None = None,
+    max_iterations: int = 200,
+    tolerance: float = TOLERANCE,
+    optimality: float | None = None,
+) -> NlpResult:
+    """Minimize ``cost`` subject to ``bounds_g`` (default: g = 0) and ``bounds_x``.
+
+    ``jacobian``: of g, where it is known, else by coloring; ``hessian``: of the Lagrangian (upper triangle)
+    where an approximation serves, or a function of the multipliers of cost and constraints that gives it, else exact.
+    ``gradient``: of the cost, else by differentiation. ``multipliers``: of a solution nearby, whose x is the guess.
+    ``tolerance``: of the constraints; ``optimality``: of the conditions of a minimum, default the same.
+    OutOfTime where a time limit ends first, see `flexgen.deadline`.
+    """
+    check_time(BUILDING)
+    n_g = g.shape[0]
+    options = _options(max_iterations, tolerance, optimality or tolerance)
     p = ca.MX.sym("p", 0)
     if jacobian is not None:
         options["jac_g"] = ca.Function("nlp_jac_g", [x, p], [g, jacobian])
     if hessian is not None:
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", n_g)
-        options["hess_lag"] = ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], [lam_f * ca.triu(hessian)])
+        of_lagrangian = hessian(lam_f, lam_g) if callable(hessian) else lam_f * ca.triu(hessian)
+        options["hess_lag"] = ca.Function("nlp_hess_l", [x, p, lam_f, lam_g], [of_lagrangian])
+    if gradient is not None:
+        options["grad_f"] = ca.Function("nlp_grad_f", [x, p], [cost, gradient])
+    if multipliers is not None:
+        near = {"warm_start_init_point": "yes", "mu_init": WARM, "warm_start_bound_push": WARM}
+        near |= {"warm_start_mult_bound_push": WARM, "warm_start_slack_bound_push": WARM}
+        options |= {f"ipopt.{name}": value for name, value in near.items()}
     lower, upper = (np.broadcast_to(bound, n_g) for bound in (bounds_g or (0.0, 0.0)))
     watch = None
     if progress is not None:
@@ -117,6 +142,8 @@ def solve_nlp(
     arguments: dict[str, Any] = {"x0": guess, "lbg": lower, "ubg": upper}
     if bounds_x is not None:
         arguments["lbx"], arguments["ubx"] = bounds_x
+    if multipliers is not None:
+        arguments["lam_x0"], arguments["lam_g0"] = multipliers
     try:
         answer = solver(**arguments)
     except Exception:  # CasADi reports Ctrl-C as an error of its own
@@ -134,4 +161,6 @@ def solve_nlp(
         iterations=int(stats["iter_count"]),
         violation=violation,
         x=np.array(answer["x"]).ravel(),
+        g=np.array(answer["g"]).ravel(),
+        multipliers=(np.array(answer["lam_x"]).ravel(), np.array(answer["lam_g"]).ravel()),
     )

@@ -71,3 +71,8 @@ def radau(stages: int) -> Tableau:
     inner = legendre.Legendre.basis(stages) - legendre.Legendre.basis(stages - 1)
     roots = np.sort(np.real(inner.roots()))
     return _tableau(f"Radau IIA {stages}", np.append((roots[:-1] + 1) / 2, 1.0), 2 * stages - 1)
+
+
+def lobatto() -> Tableau:
+    """Lobatto IIIA collocation at both ends and the middle, order 4: the method of Hermite and Simpson."""
+    return _tableau("Lobatto IIIA 3", np.array([0.0, 0.5, 1.0]), 4)

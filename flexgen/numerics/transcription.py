@@ -88,13 +88,7 @@ class Transcription:
         n, s = self.n, self.s
         z = ca.SX.sym("z", (2 + s) * n + self.n_w)
         row, h = ca.SX.sym("row", 1 + 3 * s), ca.SX.sym("h")
-        y, dy, ddy = z[:n] + h * row[0] * z[n : 2 * n], z[n : 2 * n], ca.SX.zeros(n)
-        for j in range(s):
-            a = z[(2 + j) * n : (3 + j) * n]
-            dy = dy + h * row[1 + j] * a
-            y = y + h**2 * row[1 + s + j] * a
-            ddy = ddy + row[1 + 2 * s + j] * a
-        return z, row, h, (y, dy, ddy), z[(2 + s) * n :]
+        return z, row, h, motion_at(z, row, h, n, s), z[(2 + s) * n :]
 
     @cached_property
     def parameters(self) -> list[np.ndarray]:
@@ -187,3 +181,17 @@ class Transcription:
         entries = ca.vertcat(ca.vec(slopes), ca.DM(fixed.data)) * ca.DM(scale_g[all_rows] * scale_x[all_cols])
         pattern = ca.Sparsity.triplet(m * count + between.shape[0], self.size, all_rows.tolist(), all_cols.tolist())
         return g, ca.MX(pattern, entries[order.tolist()]), scale
+
+
+def motion_at(z: ca.SX, row: ca.SX, h: ca.SX, n: int, s: int) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """(y, y', y'') at an instant of an interval of length h: ``z`` begins with (y, y' at its start, s accelerations).
+
+    ``row`` (1 + 3 s,): the instant in the interval, then the weights of the accelerations for y', y and y''.
+    """
+    y, dy, ddy = z[:n] + h * row[0] * z[n : 2 * n], z[n : 2 * n], ca.SX.zeros(n)
+    for j in range(s):
+        a = z[(2 + j) * n : (3 + j) * n]
+        dy = dy + h * row[1 + j] * a
+        y = y + h**2 * row[1 + s + j] * a
+        ddy = ddy + row[1 + 2 * s + j] * a
+    return y, dy, ddy

@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 
 from flexgen import array_files
+from flexgen.analysis import second_order
+from flexgen.build.model_library import library_with
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.sensor_simulation import SensorSignals
 from flexgen.identification.experiments.spectra import line_offsets, spectra_beside, spectrum
 from flexgen.identification.local_model import LocalModel
 from flexgen.identification.outputs import output_orders
-from flexgen.inversion.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop, Samples
 from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
@@ -291,8 +292,4 @@ def faded(reference: np.ndarray) -> np.ndarray:
 
 def largest_rate(local: LocalModel, poses: np.ndarray) -> float:
     """Largest size of an eigenvalue [1/s] at the poses (k, n_m); friction as steep as at rest."""
-    M, D, K, _ = local.matrices(local.values, poses)
-    n = local.model.dof
-    lower = -np.linalg.solve(M, np.concatenate([K, D], axis=2))
-    upper = np.broadcast_to(np.hstack([np.zeros((n, n)), np.eye(n)]), (len(M), n, 2 * n))
-    return float(np.abs(np.linalg.eigvals(np.concatenate([upper, lower], axis=1))).max())
+    return second_order.largest_rate(*local.matrices(local.values, poses)[:3])

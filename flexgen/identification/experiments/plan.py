@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.analysis.linear import linearize
+from flexgen.analysis.second_order import motor_inertias
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments import operating_points
 from flexgen.identification.experiments.excitation import Plan, motor_speeds, odd_lines, speed_amplitudes
@@ -153,12 +154,7 @@ def default_cascade(model: RobotModel, sample_s: float = 5e-4) -> Cascade:
     home = np.array(model.home)
     equations = derive(model)
     linear = linearize(equations, hold_joints(equations, home))
-    stiff = np.zeros((model.dof, model.n_m))
-    stiff[list(model.i_g)] = np.linalg.inv(model.eta)
-    for k, j in enumerate(model.i_m):
-        stiff[model.n_a + k, j] = 1.0
-    inertia = np.diag(stiff.T @ linear.M @ stiff)
-    moved = 1.0 / np.diag(linear.C_m @ np.linalg.solve(linear.M, linear.B))
+    inertia, moved = motor_inertias(model, linear.M, linear.B, linear.C_m)
     gain = np.minimum(inertia * 2 * np.pi * BANDWIDTH, SAMPLED_GAIN * moved / sample_s)
     n = model.n_m
     return Cascade(np.full(n, POSITION_GAIN), gain, np.zeros(n))
