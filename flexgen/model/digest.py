@@ -18,13 +18,16 @@ def model_digest(model: RobotModel) -> str:
     return hashlib.sha256(_canonical(model, without=without).encode()).hexdigest()
 
 
+NEWER = ("target", "configuration", "turns")  # left out where empty: digests from before there were these fields stay
+
+
 def _canonical(value: Any, without: tuple[str, ...] = ()) -> str:
     """Text that determines the data: names and values of fields, exact numbers. Does not depend on ``__repr__``."""
     if is_dataclass(value):
         inner = (
             f"{f.name}={_canonical(getattr(value, f.name))}"
             for f in fields(value)
-            if f.compare and f.name not in without
+            if f.compare and f.name not in without and not (f.name in NEWER and getattr(value, f.name) in (None, ()))
         )
         return f"{type(value).__name__}({', '.join(inner)})"
     if isinstance(value, tuple | list):

@@ -32,19 +32,40 @@ class Where:
 
 
 @dataclass(frozen=True)
+class PoseTarget:
+    """A pose of the tool as the end of a joint move, for arms with six actuated joints.
+
+    ``position`` [m] and ``orientation`` (a rotation matrix) in world axes. ``configuration``: signs (+1, -1) of
+    shoulder, elbow and wrist of the joints that reach it, as the flags of `flexgen.kinematics`; empty: there must be
+    only one within the limits of the joints. ``turns``: whole turns of each actuated coordinate beyond an angle within
+    half a turn of zero; empty: the turns, within the limits, that are closest to the start of the move.
+    """
+
+    position: Vector
+    orientation: Matrix
+    configuration: tuple[int, ...] = ()
+    turns: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:  # lists and arrays of whole numbers too
+        for name in ("configuration", "turns"):
+            object.__setattr__(self, name, tuple(int(x) if x == int(x) else x for x in getattr(self, name)))
+
+
+@dataclass(frozen=True)
 class MoveJ:
-    """Straight line in the actuated coordinates to ``end`` [rad or m].
+    """Straight line in the actuated coordinates to ``end`` [rad or m], or to the pose ``target`` of the tool.
 
     ``speed`` [rad/s or m/s] is that of the fastest coordinate (None: that of the program). ``zone`` [rad or m]:
     distance to the end at which the rounded corner begins, measured in the coordinate that moves farthest; 0: stop.
     ``pause`` [s]: time at rest at the end.
     """
 
-    end: Vector
+    end: Vector = ()
     speed: float | None = None
     zone: float = 0.0
     pause: float = 0.0
     where: Where | None = field(default=None, compare=False, repr=False)
+    target: PoseTarget | None = None
     space: ClassVar[str] = "joint"
 
 
@@ -55,7 +76,8 @@ class MoveL:
     The tool rotates by the rotation vector ``rotation`` [rad, world axes], or to ``orientation`` (a rotation matrix),
     about a fixed axis, in proportion to the path length. ``speed`` [m/s] (None: that of the program or move). ``zone``
     [m]: distance to the end at which the rounded corner begins; 0: the robot stops. ``pause`` [s]: time at rest at the
-    end.
+    end. ``configuration``: signs of shoulder, elbow and wrist that the joints must have at the end (a line cannot
+    change them); empty: any.
     """
 
     displacement: Vector = ()
@@ -66,6 +88,7 @@ class MoveL:
     zone: float = 0.0
     pause: float = 0.0
     where: Where | None = field(default=None, compare=False, repr=False)
+    configuration: tuple[int, ...] = ()
     space: ClassVar[str] = "tool"
 
 
@@ -98,7 +121,7 @@ class Move:
       within the ``zone`` of each leg;
     * ``"sampled"``: a spline of ``degree`` through the samples in ``file``; ``start`` is only the initial guess of the
       inverse kinematics, and not needed if the file contains joint positions;
-    * ``"joint"``: from ``start`` to ``end`` in the actuated coordinates [rad or m];
+    * ``"joint"``: from ``start`` to ``end`` in the actuated coordinates [rad or m], or to the pose ``target``;
     * ``"output_line"``: the outputs move by ``displacement`` [their unit]; ``start`` is that of the joints.
 
     Time: either ``duration`` [s] and ``smoothness`` k, a polynomial time law with k continuous derivatives, all zero at
@@ -127,6 +150,7 @@ class Move:
     profile: Vector = ()
     radius: float = RADIUS
     timing: Vector = ()
+    target: PoseTarget | None = None
     where: Where | None = field(default=None, compare=False, repr=False)
 
 

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.model import component_tables, program_tables, task_tables, toml_lines
+from flexgen.model import component_tables, task_tables, toml_lines
 from flexgen.model.checked_table import Table, closest, entry_name, show
 from flexgen.model.elements import Body, Output, Placement, RobotModel
 from flexgen.model.inertia import massless_coordinates
 from flexgen.model.overlay import expand
+from flexgen.model.programs.tables import read_programs
 from flexgen.model.sensors import read_sensors
 from flexgen.model.toml_lines import Entry
 from flexgen.model.urdf_source import from_here, plain_urdf
@@ -297,7 +298,7 @@ def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
         home=task_tables.read_joint_position(root, "home", actuated),
         moves=given,
         sensors=read_sensors(root, [element.name for element in chain], [(c.name, c.unit) for c in draft.coordinates]),
-        programs=program_tables.read_programs(root, target, actuated, [move.name for move in given]),
+        programs=read_programs(root, target, actuated, [move.name for move in given]),
         text=_canonical(root),
     )
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from flexgen.errors import ArgumentError
-from flexgen.model import program_tables, task_tables
+from flexgen.model import task_tables
 from flexgen.model.checked_table import Table
 from flexgen.model.elements import RobotModel
 from flexgen.model.moves import Move
+from flexgen.model.programs.tables import read_programs
 from flexgen.model.reader import parse_file
 from flexgen.model.urdf_source import from_here
 
@@ -46,7 +47,7 @@ def read_moves(file: str | Path, model: RobotModel) -> tuple[Move, ...]:
     root.only("move", "program")
     actuated = [model.coordinates[i] for i in model.i_g]
     moves = task_tables.read_moves(root, model.output, actuated)
-    listed = program_tables.read_programs(root, model.output, actuated, [move.name for move in moves])
+    listed = read_programs(root, model.output, actuated, [move.name for move in moves])
     if not moves and not listed:
         raise root.fail("program", "one or more [[move]] or [[program]] tables")
     return (*moves, *listed)

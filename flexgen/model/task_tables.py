@@ -11,6 +11,7 @@ import numpy as np
 from flexgen.model.checked_table import Table, closest
 from flexgen.model.elements import ZERO, Coordinate, Output
 from flexgen.model.moves import DEGREES, RADIUS, Move, MoveC, MoveL, Where
+from flexgen.model.programs.targets import POSE_KEYS, read_target
 
 PROFILE_MAX = 8  # number of bounds: the speed and seven of its derivatives
 
@@ -151,7 +152,7 @@ def read_moves(root: Table, target: Output, actuated: Sequence[Coordinate]) -> t
         "tool_circle": ("center", "axis", "angle_rad", "angle_deg", *turning),
         "tool_polyline": ("legs", "radius"),
         "sampled": ("file", "degree", "radius"),
-        "joint": ("end_rad", "end_deg"),
+        "joint": ("end_rad", "end_deg", *POSE_KEYS),
         "output_line": ("displacement",),
     }
     out: list[Move] = []
@@ -183,7 +184,9 @@ def read_moves(root: Table, target: Output, actuated: Sequence[Coordinate]) -> t
                 raise table.fail("degree", "one of " + ", ".join(map(str, DEGREES)))
             move = replace(move, file=_samples(table), degree=degree)
         elif kind == "joint":
-            move = replace(move, end=read_joint_position(table, "end", actuated))
+            pose = read_target(table, actuated)
+            end = () if pose is not None else read_joint_position(table, "end", actuated)
+            move = replace(move, end=end, target=pose)
         else:
             move = replace(move, displacement=table.vector("displacement", target.size, what="one number per output"))
         out.append(move)

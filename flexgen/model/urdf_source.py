@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import sysconfig
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -34,6 +35,27 @@ def find_urdf(table: Table, folder: Path) -> tuple[Path, str]:
         expected = f"a file of a package found in {SEARCHED}" if text.startswith(PACKAGE) else "the path of a URDF file"
         raise table.fail("file", expected, f"{show(text)}, which is not a file")
     return path, from_here(path)
+
+
+def source_files(model_file: str) -> list[Path]:
+    """The existing files that a robot was read from: its model file or URDF file, and the URDF file of an overlay.
+
+    Parameters
+    ----------
+    model_file : str
+        As in `RobotModel.file`.
+    """
+    head, _, _ = model_file.rpartition("#")
+    own = _found(head if _is_urdf(head) else model_file, Path()) if model_file else None
+    if own is None:
+        return []
+    try:
+        table = tomllib.loads(own.read_text(encoding="utf-8-sig")).get("urdf") if own.suffix == ".toml" else None
+    except (OSError, ValueError):  # it changed since it was read
+        table = None
+    text = table.get("file") if isinstance(table, dict) else None
+    under = _found(text, own.parent) if isinstance(text, str) else None
+    return [own] if under is None else [own, under]
 
 
 def _found(text: str, folder: Path) -> Path | None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from flexgen.errors import ArgumentError, ModelError, SolverError
+from flexgen.inverse_kinematics.targets import Failure, check_configuration, joints_of_target
 from flexgen.model.moves import DEGREES, Move, MoveC, MoveJ, MoveL, Program, Step, Where
 from flexgen.paths.blended_curve import MIN_CORNER_SPEED, BlendedCurve
 from flexgen.paths.jets import axis_angle, quaternion, rotation_matrices, rotation_vector
@@ -154,7 +156,7 @@ class _Planner:
         move = self.move
         speeds: list[float] | None = None
         if move.type == "joint":
-            end = self._numbers("end", move.end, self.model.n_g)
+            end = self._end(move, partial(wrong, move.where, self.name), self.q_g)
             space, start, R = "joint", self.q_g, None
             segments: list[Segment] = [Line(end - self.q_g, NO_ROTATION, largest=True)]
         elif move.type == "output_line":
@@ -182,6 +184,16 @@ class _Planner:
                 "a move with a displacement or rotation, or a duration instead of a profile",
             )
         return space, BlendedCurve(start, self._pose(R), segments, []), speeds
+
+    def _end(self, step: Move | MoveJ, fail: Failure, before: np.ndarray) -> np.ndarray:
+        """The actuated coordinates (n_g,) at the end of a joint move, which may be given by the pose of the tool."""
+        if step.target is not None:
+            if step.end:
+                raise fail("end", step.end, "either end or target")
+            return joints_of_target(self.model, step.target, before, fail)
+        if len(step.end) != self.model.n_g or not np.isfinite(step.end).all():
+            raise fail("end", step.end, f"{self.model.n_g} finite numbers")
+        return np.array(step.end, dtype=float)
 
     def _pose(self, R: np.ndarray | None) -> np.ndarray | None:
         """The orientation if it is part of the output, else None."""
@@ -349,8 +361,11 @@ class _Planner:
             group = program.steps[first : k + 1]
             segment = self._group(program, group, first, q_g, position, R, time)
             segments.append(segment)
-            if any(isinstance(later, MoveJ) for later in program.steps[k + 1 :]) or limited:
+            if limited or any(isinstance(x, MoveJ) or x.configuration for x in (*group, *program.steps[k + 1 :])):
                 q_g = configuration_at_end(self.reference, segment, q_g)
+            for number, own in enumerate(group, first):
+                if isinstance(own, MoveL) and own.configuration:
+                    check_configuration(self.model, q_g, own.configuration, partial(self._step_wrong, own, number))
             x, attitude = segment.at(np.array([segment.start + segment.law.duration]))
             if segment.space == "joint":
                 position, R = self.reference.tool_pose(x[0, :, 0])
@@ -400,11 +415,11 @@ class _Planner:
         here, orientation_here = start, R
         for k, step in enumerate(group, first):
             if isinstance(step, MoveJ):
-                if len(step.end) != self.model.n_g or not np.isfinite(step.end).all():
-                    raise self._step_wrong(step, k, "end", step.end, f"{self.model.n_g} finite numbers")
-                segment: Segment = Line(np.array(step.end) - here, NO_ROTATION, largest=True)
+                end = self._end(step, partial(self._step_wrong, step, k), here)
+                segment: Segment = Line(end - here, NO_ROTATION, largest=True)
                 if not segment.total.any():
-                    raise self._step_wrong(step, k, "end", step.end, "an end different from the start of the step")
+                    key, given = ("position", step.target.position) if step.target else ("end", step.end)
+                    raise self._step_wrong(step, k, key, given, "an end different from the start of the step")
             else:
                 segment = self._segment(step, k, here, orientation_here, program.radius)
                 axis, angle = axis_angle(segment.rotation)

@@ -21,16 +21,16 @@ import numpy as np
 from scipy.stats import qmc
 
 from flexgen.build.c_module import c_module
+from flexgen.build.model_library import library_with
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.model_library import library_with
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.statics import gear_deflection
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
-from flexgen.simulation.simulate import turn_angle
+from flexgen.numerics.rotations import turn_angle
 
-SOURCE = Path(__file__).with_name("inverse_kinematics.c")
+SOURCE = Path(__file__).with_name("search.c")
 STARTS = 128  # side by side
 STEPS, POLISH = 14, 5
 ROUNDS, FRUITLESS = 12, 2  # at most; rounds without a new solution before the search ends
@@ -140,6 +140,14 @@ def kinematics(
     return tuple(sorted(made, key=lambda c: float(np.abs(c.q - home).max())))
 
 
+def configuration_at(model: RobotModel, q_g: np.ndarray) -> Configuration:
+    """What is known about the joints (n_g,) [rad or m] of an arm with six actuated coordinates, without deflections."""
+    solver, full = _solver(model, ()), np.zeros(model.n_a)
+    full[list(model.i_g)] = q_g
+    p, R = solver.library.forward_kinematics(full)
+    return solver.configuration(np.concatenate([np.asarray(p), np.asarray(R).ravel()]), np.asarray(q_g, float), False)
+
+
 def arm_parts(J: np.ndarray) -> dict[str, float]:
     """Shoulder, elbow and wrist from the Jacobian (6, 6) of six rotations, lengths over the reach; see `Configuration`.
 
@@ -172,7 +180,7 @@ def _solver(model: RobotModel, fixed: tuple[tuple[str, float], ...]) -> _Solver:
 
 
 class _Problem(ctypes.Structure):
-    """``ik_problem`` of inverse_kinematics.c."""
+    """``ik_problem`` of search.c."""
 
     _fields_ = [
         ("n", ctypes.c_int32),

@@ -9,14 +9,15 @@ from flexgen.model.checked_table import Table
 from flexgen.model.component_tables import rotation_matrix
 from flexgen.model.elements import Coordinate, Matrix, Output
 from flexgen.model.moves import MoveC, MoveJ, MoveL, Program, Step
+from flexgen.model.programs.targets import POSE_KEYS, read_configuration, read_target
 from flexgen.model.task_tables import position_in_file, read_joint_position, read_profile, read_radius, read_rotation
 
 _TOOL = ("tool_position", "tool_pose")
 _ENDS = ("displacement", "position", "rotation_rad", "rotation_deg", "rpy_rad", "rpy_deg", "speed", "zone", "pause")
 _KEYS = {
-    "MoveJ": ("end_rad", "end_deg", "speed_rad", "speed_deg", "zone_rad", "zone_deg", "pause"),
-    "MoveL": _ENDS,
-    "MoveC": ("via", *_ENDS),
+    "MoveJ": ("end_rad", "end_deg", *POSE_KEYS, "speed_rad", "speed_deg", "zone_rad", "zone_deg", "pause"),
+    "MoveL": (*_ENDS, "configuration"),
+    "MoveC": ("via", *_ENDS, "configuration"),
 }
 
 
@@ -104,6 +105,7 @@ def _step(table: Table, target: Output, actuated: Sequence[Coordinate]) -> Step:
     speed, zone = table.optional("speed", above=0.0), table.number("zone", 0.0, least=0.0)
     place = {"position": end} if absolute else {"displacement": end}
     given = {"rotation": rotated, "orientation": orientation, "speed": speed, "zone": zone, "pause": pause, **place}
+    given["configuration"] = read_configuration(table)
     if kind == "MoveL":
         return MoveL(where=position_in_file(table), **given)  # type: ignore[arg-type]
     via = table.vector("via", 3, what=f"m, {origin}")
@@ -120,9 +122,9 @@ def _joints(table: Table, actuated: Sequence[Coordinate], pause: float) -> MoveJ
         value = table.number(key, least=0.0) if stem == "zone" else table.number(key, above=0.0)
         return math.radians(value) if key.endswith("_deg") else value
 
-    return MoveJ(
-        read_joint_position(table, "end", actuated), size("speed"), size("zone") or 0.0, pause, position_in_file(table)
-    )
+    target = read_target(table, actuated)
+    end = () if target is not None else read_joint_position(table, "end", actuated)
+    return MoveJ(end, size("speed"), size("zone") or 0.0, pause, position_in_file(table), target)
 
 
 def _orientation(table: Table, target: Output) -> Matrix:
