@@ -21,18 +21,20 @@ MOST, LIMIT = 256, 128 * 2**20  # modules in the cache, and bytes of all of them
 
 
 @lru_cache(maxsize=16)
-def c_module(source: Path, option: str = "") -> ctypes.CDLL:
-    """The shared library of one C file of this package; ``option``: one more flag of the compiler.
+def c_module(source: Path, option: str = "", *, native: bool = False) -> ctypes.CDLL:
+    """The shared library of one C file of this package; ``option``: more flags; ``native``: for this processor.
 
     Raises
     ------
     BuildError
         There is no compiler, or it fails.
     """
-    return ctypes.CDLL(str(compiled(source.stem, source.read_text(), level=option)))
+    return ctypes.CDLL(str(compiled(source.stem, source.read_text(), level=option, native=native)))
 
 
-def compiled(name: str, text: str, *, level: str = "", before: Callable[[], None] | None = None) -> Path:
+def compiled(
+    name: str, text: str, *, level: str = "", native: bool = False, before: Callable[[], None] | None = None
+) -> Path:
     """The path of the shared library of a C text: in the user's cache, or in a folder of this program.
 
     Parameters
@@ -41,7 +43,9 @@ def compiled(name: str, text: str, *, level: str = "", before: Callable[[], None
         Of the file: letters, digits and underscores.
     text : str
     level : str
-        One more flag, such as ``"-O0"``; default: those of the C libraries.
+        More flags, such as ``"-O0"``; default: those of the C libraries.
+    native : bool
+        Compile for this processor: often faster, and the last digits depend on the processor.
     before : callable, optional
         Called before the compiler runs, not where the library is in the cache.
 
@@ -50,7 +54,7 @@ def compiled(name: str, text: str, *, level: str = "", before: Callable[[], None
     BuildError
         There is no compiler, or it fails.
     """
-    compiler = find_compiler()
+    compiler = find_compiler(native=native)
     if compiler is None:
         raise BuildError("C compiler: given none, expected cc, gcc or clang on the PATH; install gcc")
     mark = hashlib.sha256("\0".join((compiler.identity, level, text)).encode()).hexdigest()[:32]
@@ -78,7 +82,7 @@ def _temporary() -> tempfile.TemporaryDirectory[str]:
 def _compile(name: str, text: str, target: Path, compiler: Compiler, level: str) -> None:
     """Compile to a name of its own, then rename: another process never finds half a file."""
     own = target.with_name(f".{secrets.token_hex(8)}.so")
-    flags = [*compiler.flags, *([level] if level else []), "-shared", "-x", "c"]
+    flags = [*compiler.flags, *level.split(), "-shared", "-x", "c"]
     done = subprocess.run(
         [*compiler.command, *flags, "-o", str(own), "-", "-lm"],
         input=text,

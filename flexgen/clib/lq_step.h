@@ -97,39 +97,49 @@ static inline int evaluate_group(
     return MODEL_OK;
 }
 
+/* The same for the residuals of POINTS Gauss points from `at` on, without Jacobians; see `evaluate_residual`. */
+static inline int evaluate_residual_at(mesh *m, int at, real *rows, lq_space *w, real *space)
+{
+    problem_points *arm = &w->arm;
+    const int used = m->N * STAGES - at < POINTS ? m->N * STAGES - at : POINTS;
+    int status;
+    for (int l = 0; l < POINTS; ++l) {
+        load_point(m, at + (l < used ? l : used - 1), arm, l);
+    }
+    status = solve_kinematics(arm, space);
+    if (status == MODEL_OK) {
+        status = evaluate_rows(arm, space);
+    }
+    if (status != MODEL_OK) {
+        return status;
+    }
+    for (int l = 0; l < used; ++l) {
+        for (int i = 0; i < NE; ++i) {
+            const real row = arm->row[i][l] / m->scale[i];
+            m->residual = fmax_1(m->residual, fabs_1(row));
+            if (rows != NULL) {
+                rows[(ptrdiff_t)(at + l) * NE + i] = row;
+            }
+        }
+        for (int i = 0; i < NG; ++i) {
+            m->q_g[(ptrdiff_t)(at + l) * NG + i] = arm->q[i_g[i]][l];
+        }
+    }
+    return MODEL_OK;
+}
+
 /*
  * The largest residual at all Gauss points, without Jacobians; the joints are updated. rows: NE residuals of each
  * point; not written if null.
  */
 static inline int evaluate_residual(mesh *m, real *rows, lq_space *w, real *space)
 {
-    problem_points *arm = &w->arm;
     m->residual = 0.0;
-    begin_points(arm);
+    begin_points(&w->arm);
     for (int at = 0; at < m->N * STAGES; at += POINTS) {
-        const int used = m->N * STAGES - at < POINTS ? m->N * STAGES - at : POINTS;
-        int status;
-        for (int l = 0; l < POINTS; ++l) {
-            load_point(m, at + (l < used ? l : used - 1), arm, l);
-        }
-        status = solve_kinematics(arm, space);
-        if (status == MODEL_OK) {
-            status = evaluate_rows(arm, space);
-        }
+        const int status = evaluate_residual_at(m, at, rows, w, space);
         if (status != MODEL_OK) {
             return status;
-        }
-        for (int l = 0; l < used; ++l) {
-            for (int i = 0; i < NE; ++i) {
-                const real row = arm->row[i][l] / m->scale[i];
-                m->residual = fmax_1(m->residual, fabs_1(row));
-                if (rows != NULL) {
-                    rows[(ptrdiff_t)(at + l) * NE + i] = row;
-                }
-            }
-            for (int i = 0; i < NG; ++i) {
-                m->q_g[(ptrdiff_t)(at + l) * NG + i] = arm->q[i_g[i]][l];
-            }
         }
     }
     return MODEL_OK;

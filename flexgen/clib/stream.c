@@ -2,8 +2,7 @@
 #include "model_inversion.h"
 
 #include "model_stream_moving.h"
-#include "model_stream_output.h"
-#include "model_stream_step.h"
+#include "model_stream_parts.h"
 #include "model_equilibrium.h"
 
 enum { SETTLING_SWEEPS = 10 }; /* sweeps after which the cost of an endless equilibrium has converged */
@@ -112,6 +111,7 @@ model_status model_stream_start(real *stream, int64_t stream_size, const model_s
     stream[DELAY] = options->delay;
     stream[BASE] = 0.0;
     stream[STALE] = 1.0;
+    stream[PART] = (real)NO_UPDATE;
     stream[SIDE] = 0.0; /* side of singular poses: not known before the first sample */
     stream[l.limits] = 0.0;
     for (int i = 0; i < MEASURES + NM; ++i) {
@@ -144,6 +144,12 @@ model_status model_stream_start(real *stream, int64_t stream_size, const model_s
     return (model_status)status;
 }
 
+/* Whether an update has begun and not ended. */
+static int has_begun(const real *stream)
+{
+    return stream[PART] > (real)NO_UPDATE;
+}
+
 #if MODEL_PARAMETERS > 0
 model_status model_stream_parameters(real *stream, const real parameters[MODEL_PARAMETERS])
 {
@@ -153,6 +159,9 @@ model_status model_stream_parameters(real *stream, const real parameters[MODEL_P
     }
     if (!is_running(stream)) {
         return MODEL_NOT_STARTED;
+    }
+    if (has_begun(stream)) {
+        return MODEL_BAD_ARGUMENT;
     }
     if (!is_finite(parameters, PARAMETERS)) {
         return MODEL_INPUT_NOT_FINITE;
@@ -178,7 +187,7 @@ model_status model_stream_limits(
         return MODEL_NOT_STARTED;
     }
     N = (ptrdiff_t)stream[INTERVALS];
-    if (!(deviation_max > 0.0 && deviation_max < 1e6)) {
+    if (has_begun(stream) || !(deviation_max > 0.0 && deviation_max < 1e6)) {
         return MODEL_BAD_ARGUMENT;
     }
     for (int i = 0; i < NM; ++i) {
@@ -207,34 +216,24 @@ static model_status failed(real *stream, int status)
     return status == MODEL_UNREACHABLE ? MODEL_NOT_CONVERGED : (model_status)status;
 }
 
-/* An array of the caller, or room for it in the memory of the stream, from `*at` on. */
-static real *output_of(real *given, ptrdiff_t size, real **at)
+model_status model_stream_begin(real *stream, const real y[MODEL_NT], const real dy[MODEL_NY], const real ddy[MODEL_NY])
 {
-    real *own = *at;
-    *at += size;
-    return given != NULL ? given : own;
-}
-
-model_status model_stream_update(real *stream, const real y[MODEL_NT], const real dy[MODEL_NY],
-    const real ddy[MODEL_NY], model_motion *motion, model_stream_info *info)
-{
-    interval out;
     layout l;
-    real own[REFERENCE], next[REFERENCE], deviation[DEVIATION], off[2] = {0.0, 0.0}, worst, step = 0.0, *at;
-    real output_step[2] = {0.0, 0.0};
+    real own[REFERENCE], next[REFERENCE], deviation[DEVIATION];
     next_interval arrived;
-    ptrdiff_t n;
-    int has_limits, limited = 0, status;
-    if (stream == NULL || y == NULL || dy == NULL || ddy == NULL || motion == NULL || info == NULL) {
+    int has_limits, status;
+    if (stream == NULL || y == NULL || dy == NULL || ddy == NULL) {
         return MODEL_NULL_ARGUMENT;
     }
     if (!is_running(stream)) {
         return MODEL_NOT_STARTED;
     }
+    if (has_begun(stream)) {
+        return MODEL_BAD_ARGUMENT;
+    }
     if (!is_finite(y, NT) || !is_finite(dy, NY) || !is_finite(ddy, NY)) {
         return MODEL_INPUT_NOT_FINITE;
     }
-    n = (ptrdiff_t)stream[SAMPLES_PER_INTERVAL];
     l = layout_of(stream);
 #if MODEL_POSE
     if (!is_rotation(y + 3) || !are_near(stream + l.last + 3, y + 3)) {
@@ -253,56 +252,99 @@ model_status model_stream_update(real *stream, const real y[MODEL_NT], const rea
     if (status != MODEL_OK) {
         return (model_status)status; /* the sample is refused, and nothing has changed */
     }
-    at = stream + l.output;
-    out.q_a = output_of(motion->q_a, n * NA, &at);
-    out.v_a = output_of(motion->v_a, n * NA, &at);
-    out.tau_g = output_of(motion->tau_g, n * NG, &at);
-    out.q_m = output_of(motion->q_m, n * NM, &at);
-    out.v_m = output_of(motion->v_m, n * NM, &at);
-    out.tau_m = output_of(motion->tau_m, n * NM, &at);
-    info->iterations = 1;
-    info->intervals = (int)stream[INTERVALS];
     shift_path(stream, &l, next, &arrived);
     if (has_limits) {
         shift_limits(stream, &l, own, deviation);
     }
-#if MODEL_NE > 0
-    status = step_motion(stream, &l);
-#endif
-    if (status == MODEL_OK) {
-        status = arm_in_window(stream, &l, &out, &worst);
+    for (int i = PART; i < HEAD; ++i) {
+        stream[i] = 0.0;
     }
-    if (status == MODEL_OK) {
-        status = motors_in_interval(stream, &l, &out, &step, output_step);
+    stream[PART] = (real)(NO_UPDATE + 1);
+    return MODEL_OK;
+}
+
+model_status model_stream_advance(real *stream, int parts)
+{
+    layout l;
+    int status;
+    if (stream == NULL) {
+        return MODEL_NULL_ARGUMENT;
     }
+    if (!is_running(stream) || !has_begun(stream)) {
+        return MODEL_NOT_STARTED;
+    }
+    if (parts < 1) {
+        return MODEL_BAD_ARGUMENT;
+    }
+    l = layout_of(stream);
+    status = do_parts(stream, &l, parts);
+    return status == MODEL_OK ? MODEL_OK : failed(stream, status);
+}
+
+/* Copy results where the caller wants them. */
+static void give(const real *from, ptrdiff_t size, real *to)
+{
+    if (to != NULL) {
+        copy(from, size, to);
+    }
+}
+
+model_status model_stream_finish(real *stream, model_motion *motion, model_stream_info *info)
+{
+    layout l;
+    interval out;
+    ptrdiff_t n;
+    int status;
+    if (stream == NULL || motion == NULL || info == NULL) {
+        return MODEL_NULL_ARGUMENT;
+    }
+    if (!is_running(stream) || !has_begun(stream)) {
+        return MODEL_NOT_STARTED;
+    }
+    l = layout_of(stream);
+    status = do_parts(stream, &l, 1);
     if (status != MODEL_OK) {
         return failed(stream, status);
     }
-    info->residual = worst;
-    info->kinematic_mismatch = kinematic_mismatch_now(stream, &l);
-    info->torque_step = step;
-    info->output_step_m = output_step[0];
-    info->output_step_rad = output_step[1];
-    if (has_limits) {
-        int ends;
-        limited = is_limited(stream, &l, out.v_m, out.tau_m, off, &ends);
-        status = ends ? MODEL_LIMITS_INFEASIBLE : apply_limits(stream, &l);
-        if (status != MODEL_OK) {
-            return failed(stream, status);
-        }
-    }
-    info->deviation_m = off[0];
-    info->deviation_rad = off[1];
-    info->limits_active = limited;
+    n = (ptrdiff_t)stream[SAMPLES_PER_INTERVAL];
+    out = results_in(stream, &l);
+    give(out.q_a, n * NA, motion->q_a);
+    give(out.v_a, n * NA, motion->v_a);
+    give(out.tau_g, n * NG, motion->tau_g);
+    give(out.q_m, n * NM, motion->q_m);
+    give(out.v_m, n * NM, motion->v_m);
+    give(out.tau_m, n * NM, motion->tau_m);
+    stream[PART] = (real)NO_UPDATE;
+    info->iterations = 1;
+    info->intervals = (int)stream[INTERVALS];
+    info->residual = stream[RESIDUAL];
+    info->kinematic_mismatch = stream[MISMATCH];
+    info->torque_step = stream[TORQUE_STEP];
+    info->output_step_m = stream[OUTPUT_STEP];
+    info->output_step_rad = stream[OUTPUT_STEP + 1];
+    info->deviation_m = stream[OFF];
+    info->deviation_rad = stream[OFF + 1];
+    info->limits_active = stream[LIMITED] > 0.0;
     /* one cause: a short horizon makes the residual large too */
-    info->cause = !(step <= torque_step_max) ? 3 : !(worst <= stream[TOLERANCE]) ? 1 : 0;
+    info->cause = !(info->torque_step <= torque_step_max) ? 3 : !(info->residual <= stream[TOLERANCE]) ? 1 : 0;
     if (info->cause == 0 && !(info->kinematic_mismatch <= mismatch_max)) {
         info->cause = 2;
     }
     if (info->cause != 0) {
         return MODEL_TOLERANCE_NOT_MET;
     }
-    return limited ? MODEL_LIMITS_ACTIVE : MODEL_OK;
+    return info->limits_active ? MODEL_LIMITS_ACTIVE : MODEL_OK;
+}
+
+model_status model_stream_update(real *stream, const real y[MODEL_NT], const real dy[MODEL_NY],
+    const real ddy[MODEL_NY], model_motion *motion, model_stream_info *info)
+{
+    model_status status;
+    if (motion == NULL || info == NULL) {
+        return MODEL_NULL_ARGUMENT;
+    }
+    status = model_stream_begin(stream, y, dy, ddy);
+    return status == MODEL_OK ? model_stream_finish(stream, motion, info) : status;
 }
 
 /* Whether all samples are finite, and all rotations are rotations and close to each other. */

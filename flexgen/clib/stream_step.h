@@ -1,5 +1,5 @@
 /*
- * model: one Gauss-Newton step of the motion over the horizon; private to the stream.
+ * model: one Gauss-Newton step of the motion over the horizon, in parts; private to the stream.
  *
  * Between two updates most intervals of the horizon only become one interval older: their Jacobians, factors and costs
  * to go are kept, and only those of some intervals are computed again, of more at the end of the horizon, where the
@@ -41,45 +41,37 @@ static inline int refreshed(int N, int all, int *next, int *list)
     return count;
 }
 
-/* Jacobians, factors and costs to go of some intervals or of all. */
-static inline int refresh_factors(real *s, const layout *l, mesh *m, int all, lq_space *w)
+/* Residuals and Jacobians of the intervals in `list`. */
+static inline int refresh_points(real *s, const layout *l, const int *list, int count)
 {
-    int next = 0, list[GROUP];
-    begin_points(&w->arm);
-    for (;;) {
-        const int count = refreshed(m->N, all, &next, list);
-        const int status = evaluate_group(m, 0, list, count, s + l->point, w, s + l->space);
-        if (status != MODEL_OK) {
-            return status;
-        }
-        for (int i = 0; i < count; ++i) {
-            const ptrdiff_t slot = slot_of(m, list[i]);
-            copy(list[i] == m->N - 1 ? m->end : s + l->costs + slot_of(m, list[i] + 1) * STATES * STATES,
-                STATES * STATES, w->P);
-            for (int j = 0; j < STATES; ++j) {
-                w->p[j] = 0.0;
-            }
-            sum_of_rows(m, s + l->point + slot * STAGES * POINT, w->J, w->H);
-            if (!factor_interval(m, list[i], w, m->factor + slot * CONTROLS * WIDTH) || !is_finite(w->p, STATES)) {
-                return MODEL_NOT_CONVERGED;
-            }
-            copy(w->P, STATES * STATES, s + l->costs + slot * STATES * STATES);
-        }
-        if (count < GROUP) {
-            return MODEL_OK;
-        }
-    }
+    mesh m = mesh_of(l, s);
+    return evaluate_group(&m, 0, list, count, s + l->point, (lq_space *)(void *)(s + l->lq), s + l->space);
 }
 
-/* Shift the motion by one interval, and make one step of the solver. */
-static inline int step_motion(real *s, const layout *l)
+/* The factor and the cost to go of interval k whose Jacobians are known. */
+static inline int refresh_factor(real *s, const layout *l, int k)
+{
+    lq_space *w = (lq_space *)(void *)(s + l->lq);
+    const mesh m = mesh_of(l, s);
+    const ptrdiff_t slot = slot_of(&m, k);
+    copy(k == m.N - 1 ? m.end : s + l->costs + slot_of(&m, k + 1) * STATES * STATES, STATES * STATES, w->P);
+    for (int j = 0; j < STATES; ++j) {
+        w->p[j] = 0.0;
+    }
+    sum_of_rows(&m, s + l->point + slot * STAGES * POINT, w->J, w->H);
+    if (!factor_interval(&m, k, w, m.factor + slot * CONTROLS * WIDTH) || !is_finite(w->p, STATES)) {
+        return MODEL_NOT_CONVERGED;
+    }
+    copy(w->P, STATES * STATES, s + l->costs + slot * STATES * STATES);
+    return MODEL_OK;
+}
+
+/* Shift the motion by one interval, with the quasi-static motion at its new end. */
+static inline int shift_motion(real *s, const layout *l)
 {
     const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
     lq_space *w = (lq_space *)(void *)(s + l->lq);
-    const lq_data data = {s + l->point, NULL, NULL, s + l->row, s + l->linear};
-    real first[STATES] = {0.0};
     mesh m;
-    int status;
     s[BASE] = s[BASE] + 1.0 < s[INTERVALS] ? s[BASE] + 1.0 : 0.0;
     m = mesh_of(l, s);
     copy(s + l->y + STATES, (l->past + N) * STATES, s + l->y);
@@ -89,23 +81,43 @@ static inline int step_motion(real *s, const layout *l)
         m.a[(N - 1) * CONTROLS + i] = 0.0;
     }
     next_node(m.y + (N - 1) * STATES, m.a + (N - 1) * CONTROLS, m.h, m.y + N * STATES);
-    status = quasistatic_motion(&m, w, s + l->levels, s + l->nodes + (l->past + N) * REFERENCE, s + l->space);
-    if (status == MODEL_OK) {
-        status = evaluate_residual(&m, s + l->row, w, s + l->space);
+    return quasistatic_motion(&m, w, s + l->levels, s + l->nodes + (l->past + N) * REFERENCE, s + l->space);
+}
+
+/* Residuals of POINTS Gauss points of the horizon; after the last ones, whether all factors are computed again. */
+static inline int residual_part(real *s, const layout *l, int at)
+{
+    lq_space *w = (lq_space *)(void *)(s + l->lq);
+    mesh m = mesh_of(l, s);
+    int status;
+    if (at == 0) {
+        begin_points(&w->arm);
     }
-    if (status == MODEL_OK) {
-        const int all = s[STALE] > 0.0 || !(residual_before(s + l->row, N / 2) <= stale_share * s[TOLERANCE]);
-        status = refresh_factors(s, l, &m, all, w);
-        s[STALE] = 0.0;
-    }
-    if (status == MODEL_OK && !lq_linear(&m, &data)) {
-        status = MODEL_NOT_CONVERGED;
-    }
-    if (status == MODEL_OK) {
-        (void)lq_data_step(&m, &data, first);
-        copy(s + l->costs + slot_of(&m, 0) * STATES * STATES, STATES * STATES, s + l->cost);
+    status = evaluate_residual_at(&m, at, s + l->row, w, s + l->space);
+    if (status == MODEL_OK && at + POINTS >= m.N * STAGES &&
+        !(residual_before(s + l->row, m.N / 2) <= stale_share * s[TOLERANCE])) {
+        s[STALE] = 1.0;
     }
     return status;
+}
+
+/* The linear terms of the step, backwards, with the factors as they are now. */
+static inline int linear_part(real *s, const layout *l)
+{
+    const lq_data data = {s + l->point, NULL, NULL, s + l->row, s + l->linear};
+    const mesh m = mesh_of(l, s);
+    s[STALE] = 0.0;
+    return lq_linear(&m, &data) ? MODEL_OK : MODEL_NOT_CONVERGED;
+}
+
+/* The step, forwards. */
+static inline void step_part(real *s, const layout *l)
+{
+    const lq_data data = {s + l->point, NULL, NULL, s + l->row, s + l->linear};
+    real first[STATES] = {0.0};
+    mesh m = mesh_of(l, s);
+    (void)lq_data_step(&m, &data, first);
+    copy(s + l->costs + slot_of(&m, 0) * STATES * STATES, STATES * STATES, s + l->cost);
 }
 
 #endif

@@ -278,6 +278,45 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         ),
     ),
     CFunction(
+        "stream_begin",
+        "stream.c",
+        "Begin an update that is done in parts: take the path sample at the end of the horizon.",
+        "For controllers whose sampling period is shorter than the time of an update: stream_begin, then "
+        "stream_advance in as many sampling periods as there are, then stream_finish. The results have the bits of "
+        "stream_update. A sample that is refused (INPUT_NOT_FINITE, BAD_ARGUMENT, UNREACHABLE) changes nothing. "
+        "BAD_ARGUMENT also means that an update has begun and was not finished; between stream_begin and "
+        "stream_finish stream_update, stream_limits and stream_parameters return it too.",
+        (
+            Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
+            Field("y", "const real *", ("n_t",), "mixed", _OUTPUT),
+            Field("dy", "const real *", ("n_y",), "mixed", _RATE),
+            Field("ddy", "const real *", ("n_y",), "mixed", _SECOND),
+        ),
+    ),
+    CFunction(
+        "stream_advance",
+        "stream.c",
+        "Do a part of an update that has begun: 1/parts of what is left.",
+        "An update in five sampling periods: parts = 5, 4, 3, 2, 1. The shares are equal up to the smallest part that "
+        "is done at once, about a seventh of an update. After a negative status other than NULL_ARGUMENT, BAD_ARGUMENT "
+        "and NOT_STARTED (no update has begun) the stream has failed.",
+        (
+            Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
+            Field("parts", "int", (), "1", "at least 1; 1: all that is left"),
+        ),
+    ),
+    CFunction(
+        "stream_finish",
+        "stream.c",
+        "Do what is left of an update that has begun; give motion and torques of the interval.",
+        "Statuses and results are those of stream_update. NOT_STARTED: no update has begun, or the stream has failed.",
+        (
+            Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
+            Field("motion", "motion *", (), "", "results; N = samples_per_interval"),
+            Field("info", "stream_info *", (), "", "what the solver reports"),
+        ),
+    ),
+    CFunction(
         "stream_start_moving",
         "stream.c",
         "Start a stream in motion: from samples of a path that does not begin at rest.",

@@ -7,6 +7,7 @@ import re
 import numpy as np
 
 from flexgen.codegen.c_text import comment
+from flexgen.codegen.sampler_functions import SAMPLER_FUNCTIONS
 from flexgen.codegen.spec import library_name
 from flexgen.expressions.function_text import literal
 from flexgen.model.elements import RobotModel
@@ -29,10 +30,13 @@ def path_header(model: RobotModel, name: str, table: np.ndarray, duration: float
     Returns
     -------
     str
-        C text: the array ``<library>_path_<name>`` and its length; other characters of the name become underscores.
+        C text: the array ``<library>_path_<name>`` and its length; other characters of the name become underscores, and
+        a name that would be that of a function of the library gets one more.
     """
     library = library_name(model)
-    array = f"{library}_path_{re.sub(r'[^A-Za-z0-9_]', '_', name)}"
+    plain = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    taken = f"path_{plain}" in {function.name for function in SAMPLER_FUNCTIONS}
+    array = f"{library}_path_{plain}{'_' if taken else ''}"
     guard, size = f"{array}_H".upper(), f"{array}_SIZE".upper()
     numbers = [literal(float(x), "double") for x in table]
     rows = [", ".join(numbers[k : k + PER_LINE]) for k in range(0, len(numbers), PER_LINE)]

@@ -16,7 +16,8 @@ from flexgen.codegen.clib_table import STRUCTS, offered_c_functions
 from flexgen.codegen.clib_types import CFunction, signature_of
 from flexgen.codegen.motor_constants import MotorConstants, motor_constants
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.mechanics.signatures import FUNCTIONS, PORTS, TABLE, Row, offered_functions, port
+from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
+from flexgen.mechanics.signatures import FLEXIBLE_JOINT, FUNCTIONS, PORTS, TABLE, Row, offered_functions, port
 from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.ports import Port, c_name_problem, identifier_problem
@@ -300,6 +301,8 @@ def chosen_functions(names: Sequence[str] | None, model: RobotModel) -> tuple[st
             raise ArgumentError(f"functions: given {name!r}, expected some of {', '.join(FUNCTIONS)}")
         if name not in offered:
             reason = model.inversion_obstacle() or f"model {model.name} has no coordinates without motor"
+            if name in FLEXIBLE_JOINT:
+                reason = flexible_joint_obstacle(model) or reason
             raise ArgumentError(f"functions: given {name!r}, but {reason}; expected some of {', '.join(offered)}")
     if not names:
         raise ArgumentError("functions: given none, expected at least one name, or None for all of them")

@@ -14,6 +14,7 @@ STAGES, GROUP, PANEL = 3, 8, 8
 MARGIN, LEVELS, LAST = 3, 3, 5
 BACK, PAST = 2 * MARGIN, 7  # PAST: with one sample per interval; fewer with more samples
 BLOCKS, CHAIN, QP_STEPS = 8, 5, 80
+HEAD = 21  # numbers before the arrays
 AHEAD, BEFORE, TAPS = 4 + 4, 4, 10  # of a hold: samples ahead at most, samples before, weights
 CALL = 60  # operations of one call of sine and cosine, exp or tanh, at most
 KINEMATIC_PASSES = 27  # evaluations of the output constraint while the kinematics are solved, at most
@@ -75,7 +76,7 @@ def stream_size(sizes: Mapping[str, int], function_work: int, block: int) -> Lin
     node = reference + CHAIN * n_y + 6 * n_g + CHAIN * BLOCKS + bounded * (7 + inputs)
     limits = Linear(2 + bounded + 2 * inputs * inputs + 3 * inputs + node + 24 * rounding, node, 0)
     window = 6 * n_g  # torque, deflection, lagged deflection; position, speed and acceleration
-    total = limits + Linear(block + 6 * rounding + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m)
+    total = limits + Linear(HEAD + 7 * rounding + reference + 2 * n_g + 5 + 2 * n_m, 0, 2 * n_a + n_g + 3 * n_m)
     total += Linear((2 * BACK + 1 + AHEAD) * window + 4 * rounding, 0, window)
     total += Linear((BEFORE + AHEAD + 1) * n_m + rounding, 0, n_m)
     total += Linear(n_g + (PAST + 1) * reference + 3 * rounding, STAGES * (n_g + reference) + reference, 0)

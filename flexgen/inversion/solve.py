@@ -6,12 +6,12 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib import import_module
-from numbers import Real
 from pathlib import Path as FilePath
 from typing import Any, overload
 
 import numpy as np
 
+from flexgen import implementation
 from flexgen.codegen.spec import STATUSES
 from flexgen.deadline import check_time, running
 from flexgen.errors import ArgumentError, SolverError
@@ -19,10 +19,11 @@ from flexgen.inversion.bounds import Limits
 from flexgen.inversion.hold import Hold, with_hold
 from flexgen.inversion.limits import check_limits_at_rest
 from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.method_table import AUTO, METHODS, NAMES, Method
+from flexgen.inversion.method_table import AUTO, METHODS, Method
 from flexgen.inversion.problem import INTERVALS, InversionProblem
 from flexgen.inversion.reached import Reached, stage_of
 from flexgen.inversion.solution import Solution, exceeded, has_kinks, relative_residual, residual_rows
+from flexgen.inversion.solve_arguments import check_arguments
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
 from flexgen.mechanics.equations import Equations, derive
@@ -63,6 +64,7 @@ def solve(
     time_limit: float | None = TIME_LIMIT,
     ignore_limits: bool = False,
     fixed_joint: str | None = None,
+    fastest: bool = False,
     progress: Choice = None,
     options: Mapping[str, Any] | None = None,
 ) -> Solution:
@@ -100,14 +102,12 @@ def solve(
         Exceeded limits of the model file are warnings only, not a status of their own ("limits exceeded").
     fixed_joint : str, optional
         Keeps its value in a move of the tool, of an arm with more motors than outputs: see `flexgen.paths.redundancy`.
+    fastest : bool
+        With the fastest time law within ``limits``; `flexgen.fastest` has further options and figures.
     progress : callable or bool, optional
         Called with one line of text now and then; default: messages on a terminal and in a notebook; False: none.
     options : mapping, optional
         Options of single methods, see their modules.
-
-    Returns
-    -------
-    Solution
 
     Raises
     ------
@@ -115,15 +115,14 @@ def solve(
         Unknown move or method, or a method that does not apply; no solution: the text gives reason and what to try.
     """
     began, log = (time.perf_counter(), time.process_time()), progress if callable(progress) else None
-    _check_arguments(method, preview, mesh, accuracy, time_limit, limits)
+    check_arguments(method, preview, mesh, accuracy, time_limit, limits)
     controller, reached = Hold(hold, sample_time, delay), Reached()
+    given = preview, mesh, limits, verify, accuracy, log, dict(options or {})
     with running(time_limit or None) as deadline:
         try:
-            equations = _derived(model, log)
-            equations, path = problem_of_move(equations, named_move(equations.model, move), fixed_joint, log)
-            given = (preview, mesh, limits, verify, accuracy, log, dict(options or {}))
-            problem = InversionProblem(equations, path, *given)
-            solution = _within_limits(with_hold(problem, _found(problem, method, reached), controller), ignore_limits)
+            problem = _problem(model, move, fixed_joint, fastest, given)
+            solution = with_hold(problem, _found(problem, method, reached), controller)
+            solution = _within_limits(solution, ignore_limits or fastest)
         except (Exception, KeyboardInterrupt) as error:
             solution = reached.ended(stage_of(error, deadline.interrupted), time_limit)
     return replace(solution, wall_s=time.perf_counter() - began[0], cpu_s=time.process_time() - began[1])
@@ -134,6 +133,22 @@ def _within_limits(solution: Solution, ignore: bool) -> Solution:
     if ignore or solution.status != Status.SOLVED or not exceeded(solution.model, solution.trajectory):
         return solution
     return replace(solution, status=Status.LIMITS_EXCEEDED)
+
+
+def _problem(
+    model: str | FilePath | RobotModel | Equations,
+    move: str | Move | None,
+    fixed_joint: str | None,
+    fastest: bool,
+    given: tuple[Any, ...],
+) -> InversionProblem:
+    """The problem of a move, or of its fastest time law, which keeps the limits; ``given``: from ``preview`` on."""
+    preview, mesh, limits, verify, accuracy, log, options = given
+    equations = _derived(model, log)
+    if fastest:
+        move, limits = implementation("Move.fastest")(equations.model, move, limits, log or False), None
+    equations, path = problem_of_move(equations, named_move(equations.model, move), fixed_joint, log)
+    return InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, log, options)
 
 
 def _derived(model: str | FilePath | RobotModel | Equations, log: Callable[[str], None] | None) -> Equations:
@@ -160,32 +175,6 @@ def _found(problem: InversionProblem, method: str, reached: Reached) -> Solution
         advice = 'joints pass singular poses of the tool: give the model an output of type "joint" for this move'
         raise SolverError(f"{error}; {advice}") from error
     return reached.solution
-
-
-def _check_arguments(
-    method: str,
-    preview: float | None,
-    mesh: float | None,
-    accuracy: float,
-    time_limit: float | None,
-    limits: Limits | None,
-) -> None:
-    """ArgumentError where an argument of `solve` has a wrong type or value."""
-    if method not in NAMES:
-        raise ArgumentError(f"method: given {method!r}, expected one of {', '.join(NAMES)}")
-    expected = {
-        "preview": "zero or a positive time in s",
-        "mesh": "a positive time in s",
-        "accuracy": "a positive length",
-        "time_limit": "a positive time in s; None or 0: no limit",
-    }
-    for name, value in zip(expected, (preview, mesh, accuracy, time_limit), strict=True):
-        if value is None or (name in ("preview", "time_limit") and value == 0):
-            continue
-        if not isinstance(value, Real) or isinstance(value, bool) or not (np.isfinite(value) and value > 0):
-            raise ArgumentError(f"{name}: given {value!r}, expected {expected[name]}")
-    if limits is not None and not isinstance(limits, Limits):
-        raise ArgumentError(f"limits: given {limits!r}, expected flexgen.Limits(torque=..., speed=...)")
 
 
 def _automatic(robot: RobotModel, limits: Limits | None) -> str:

@@ -14,9 +14,10 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import reach
 from flexgen.model.output_columns import output_units
 from flexgen.numerics.evaluate import evaluate
+from flexgen.numerics.rotations import turn_angle
 from flexgen.paths.path_distance import distance_from_path
 from flexgen.simulation.hold import TorqueCommand
-from flexgen.simulation.simulate import Simulation, simulate, turn_angle
+from flexgen.simulation.simulate import Simulation, simulate
 
 
 @dataclass(frozen=True)

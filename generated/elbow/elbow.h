@@ -308,6 +308,45 @@ elbow_status elbow_linearize(const elbow_real q_a[ELBOW_NA], const elbow_real v_
     elbow_real A[ELBOW_NX * ELBOW_NX], elbow_real B[ELBOW_NX * ELBOW_NM], elbow_real *work);
 
 /*
+ * Acceleration and jerk of an arm with elastic joints from its state, without damping of the gears.
+ *
+ *   M a_a + c + g - f = T,  T = spring(eta^-1 q_m - q_a);  j_a = d a_a/dt
+ *
+ *   in  q_a n_a [rad]     arm coordinates in chain order
+ *   in  v_a n_a [rad/s]   arm velocities
+ *   in  q_m n_m [rad]     motor angles, motor side
+ *   in  v_m n_m [rad/s]   motor speeds, motor side
+ *   out a_a n_a [rad/s^2] arm accelerations
+ *   out j_a n_a [rad/s^3] arm jerks
+ * 161 operations, the longest chain about 200 cycles; stack of one point at most 2816 bytes
+ */
+ELBOW_API
+elbow_status elbow_flexible_joint_motion(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    const elbow_real q_m[ELBOW_NM], const elbow_real v_m[ELBOW_NM], elbow_real a_a[ELBOW_NA],
+    elbow_real j_a[ELBOW_NA]);
+
+/*
+ * Torques of the motors that give an arm with elastic joints a fourth derivative of its coordinates, without damping
+ * of the gears.
+ *
+ *   tau_m = J_m eta (a_a + d'') + f(v_m) + eta^-T T,  spring(d)'' = (M a_a + c + g - f)''
+ *
+ *   in  q_a   n_a [rad]     arm coordinates in chain order
+ *   in  v_a   n_a [rad/s]   arm velocities
+ *   in  a_a   n_a [rad/s^2] arm accelerations
+ *   in  j_a   n_a [rad/s^3] arm jerks
+ *   in  s_a   n_a [rad/s^4] fourth time derivatives of the arm coordinates
+ *   in  q_m   n_m [rad]     motor angles, motor side
+ *   in  v_m   n_m [rad/s]   motor speeds, motor side
+ *   out tau_m n_m [N m]     motor torques, motor side
+ * 208 operations, the longest chain about 132 cycles; stack of one point at most 3328 bytes
+ */
+ELBOW_API
+elbow_status elbow_flexible_joint_torque(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    const elbow_real a_a[ELBOW_NA], const elbow_real j_a[ELBOW_NA], const elbow_real s_a[ELBOW_NA],
+    const elbow_real q_m[ELBOW_NM], const elbow_real v_m[ELBOW_NM], elbow_real tau_m[ELBOW_NM]);
+
+/*
  * How far the output is from a target, and the map W from speeds to rates of the output.
  *
  *   y_err = y(q_a) - target,  dy/dt = W(q_a) v_a,  d2y/dt2 = W a_a + Wdot_v

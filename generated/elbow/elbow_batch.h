@@ -116,6 +116,22 @@ elbow_status elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_rea
     const elbow_real *v_m, const elbow_real *tau_m, elbow_real *A, elbow_real *B, elbow_real *work);
 
 /*
+ * Acceleration and jerk of an arm with elastic joints from its state, without damping of the gears.
+ */
+ELBOW_API
+elbow_status elbow_flexible_joint_motion_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *q_m, const elbow_real *v_m, elbow_real *a_a, elbow_real *j_a, elbow_real *work);
+
+/*
+ * Torques of the motors that give an arm with elastic joints a fourth derivative of its coordinates, without damping
+ * of the gears.
+ */
+ELBOW_API
+elbow_status elbow_flexible_joint_torque_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *a_a, const elbow_real *j_a, const elbow_real *s_a, const elbow_real *q_m,
+    const elbow_real *v_m, elbow_real *tau_m, elbow_real *work);
+
+/*
  * How far the output is from a target, and the map W from speeds to rates of the output.
  */
 ELBOW_API

@@ -30,7 +30,7 @@ typedef enum { ELBOW_HOLD_SPLINE = 0, ELBOW_HOLD_LINEAR = 1, ELBOW_HOLD_ZOH = 2 
 
 /* Memory of a stream in reals, as a constant expression: at least stream_work. */
 #define ELBOW_STREAM_SIZE(intervals, samples_per_interval) \
-    (INT64_C(2537) + INT64_C(236) * (intervals) + INT64_C(26) * (samples_per_interval))
+    (INT64_C(2557) + INT64_C(236) * (intervals) + INT64_C(26) * (samples_per_interval))
 /*
  * Operations of one stream_update, at most: additions, multiplications, divisions and comparisons of reals, with every
  * iteration at its limit. A usual update needs a small part of them.
@@ -228,6 +228,50 @@ elbow_status elbow_stream_start(elbow_real *stream, int64_t stream_size, const e
 ELBOW_API
 elbow_status elbow_stream_update(elbow_real *stream, const elbow_real y[ELBOW_NT], const elbow_real dy[ELBOW_NY],
     const elbow_real ddy[ELBOW_NY], elbow_motion *motion, elbow_stream_info *info);
+
+/*
+ * Begin an update that is done in parts: take the path sample at the end of the horizon.
+ *
+ * For controllers whose sampling period is shorter than the time of an update: stream_begin, then stream_advance in as
+ * many sampling periods as there are, then stream_finish. The results have the bits of stream_update. A sample that is
+ * refused (INPUT_NOT_FINITE, BAD_ARGUMENT, UNREACHABLE) changes nothing. BAD_ARGUMENT also means that an update has
+ * begun and was not finished; between stream_begin and stream_finish stream_update, stream_limits and
+ * stream_parameters return it too. Stack: at most 11264 bytes.
+ *
+ *   stream stream_work         memory of the stream
+ *   y      n_t         [mixed] output; for a pose the position, then the rotation matrix by columns
+ *   dy     n_y         [mixed] its first time derivative; for a pose linear and angular velocity, world axes
+ *   ddy    n_y         [mixed] its second time derivative; for a pose linear and angular acceleration
+ */
+ELBOW_API
+elbow_status elbow_stream_begin(elbow_real *stream, const elbow_real y[ELBOW_NT], const elbow_real dy[ELBOW_NY],
+    const elbow_real ddy[ELBOW_NY]);
+
+/*
+ * Do a part of an update that has begun: 1/parts of what is left.
+ *
+ * An update in five sampling periods: parts = 5, 4, 3, 2, 1. The shares are equal up to the smallest part that is done
+ * at once, about a seventh of an update. After a negative status other than NULL_ARGUMENT, BAD_ARGUMENT and
+ * NOT_STARTED (no update has begun) the stream has failed. Stack: at most 11264 bytes.
+ *
+ *   stream stream_work     memory of the stream
+ *   parts              [1] at least 1; 1: all that is left
+ */
+ELBOW_API
+elbow_status elbow_stream_advance(elbow_real *stream, int parts);
+
+/*
+ * Do what is left of an update that has begun; give motion and torques of the interval.
+ *
+ * Statuses and results are those of stream_update. NOT_STARTED: no update has begun, or the stream has failed. Stack:
+ * at most 11264 bytes.
+ *
+ *   stream stream_work  memory of the stream
+ *   motion              results; N = samples_per_interval
+ *   info                what the solver reports
+ */
+ELBOW_API
+elbow_status elbow_stream_finish(elbow_real *stream, elbow_motion *motion, elbow_stream_info *info);
 
 /*
  * Start a stream in motion: from samples of a path that does not begin at rest.

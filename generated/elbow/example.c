@@ -279,6 +279,39 @@ int main(void)
     {
         const elbow_real q_a[ELBOW_NA] = {0.5235987755982988, (-0.3490658503988659)};
         const elbow_real v_a[ELBOW_NA] = {0.0, 0.0};
+        const elbow_real q_m[ELBOW_NM] = {140.0252725600022, (-88.0809495839805)};
+        const elbow_real v_m[ELBOW_NM] = {0.0, 0.0};
+        elbow_real a_a[ELBOW_NA];
+        elbow_real j_a[ELBOW_NA];
+        status = elbow_flexible_joint_motion(q_a, v_a, q_m, v_m, a_a, j_a);
+        printf("flexible_joint_motion: %s\n", elbow_status_text(status));
+        if (status == ELBOW_OK) {
+            show("a_a", "rad/s^2", a_a, ELBOW_NA, 1);
+            show("j_a", "rad/s^3", j_a, ELBOW_NA, 1);
+        } else {
+            failed = 1;
+        }
+    }
+    {
+        const elbow_real q_a[ELBOW_NA] = {0.5235987755982988, (-0.3490658503988659)};
+        const elbow_real v_a[ELBOW_NA] = {0.0, 0.0};
+        const elbow_real a_a[ELBOW_NA] = {0.0, 0.0};
+        const elbow_real j_a[ELBOW_NA] = {0.0, 0.0};
+        const elbow_real s_a[ELBOW_NA] = {0.0, 0.0};
+        const elbow_real q_m[ELBOW_NM] = {140.0252725600022, (-88.0809495839805)};
+        const elbow_real v_m[ELBOW_NM] = {0.0, 0.0};
+        elbow_real tau_m[ELBOW_NM];
+        status = elbow_flexible_joint_torque(q_a, v_a, a_a, j_a, s_a, q_m, v_m, tau_m);
+        printf("flexible_joint_torque: %s\n", elbow_status_text(status));
+        if (status == ELBOW_OK) {
+            show("tau_m", "N m", tau_m, ELBOW_NM, 1);
+        } else {
+            failed = 1;
+        }
+    }
+    {
+        const elbow_real q_a[ELBOW_NA] = {0.5235987755982988, (-0.3490658503988659)};
+        const elbow_real v_a[ELBOW_NA] = {0.0, 0.0};
         const elbow_real target[ELBOW_NT] = {0.0, 0.0};
         elbow_real y_err[ELBOW_NY];
         elbow_real W[ELBOW_NY * ELBOW_NA];

@@ -54,7 +54,7 @@ const char *elbow_digest(void)
 
 const char *elbow_interface(void)
 {
-    return "266e179d295d6366e64fdf32a29c9ecbd3409acf0d7d1c8c1c769939f1a59609";
+    return "c6d7221f35a13f18724d381b7055e4377cba066dbf6365aafb7e0a13329bff6e";
 }
 
 int elbow_abi_version(void)

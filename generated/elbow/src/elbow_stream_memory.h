@@ -33,7 +33,29 @@ enum {
 
 /* The head. */
 /* BASE: see mesh; STALE: 1 where the model or the motion has changed, so that no factor holds any more */
-enum { STATE, INTERVALS, SAMPLES_PER_INTERVAL, PERIOD, TOLERANCE, SIDE, HOLD, DELAY, BASE, STALE, HEAD };
+/* PART, AT, WITHIN: what an update that has begun does next, see stream_parts.h; the rest: its results so far */
+enum {
+    STATE,
+    INTERVALS,
+    SAMPLES_PER_INTERVAL,
+    PERIOD,
+    TOLERANCE,
+    SIDE,
+    HOLD,
+    DELAY,
+    BASE,
+    STALE,
+    PART,
+    AT,
+    WITHIN,
+    RESIDUAL,
+    MISMATCH,
+    TORQUE_STEP,
+    OUTPUT_STEP,           /* [m], then [rad] */
+    OFF = OUTPUT_STEP + 2, /* deviation from the given path [m], then [rad] */
+    LIMITED = OFF + 2,
+    HEAD
+};
 
 /* Positions of the arrays. */
 typedef struct {

@@ -1,0 +1,37 @@
+"""Checks of the arguments of `flexgen.solve`."""
+
+from __future__ import annotations
+
+from numbers import Real
+
+import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.inversion.bounds import Limits
+from flexgen.inversion.method_table import NAMES
+
+
+def check_arguments(
+    method: str,
+    preview: float | None,
+    mesh: float | None,
+    accuracy: float,
+    time_limit: float | None,
+    limits: Limits | None,
+) -> None:
+    """ArgumentError where an argument of `solve` has a wrong type or value."""
+    if method not in NAMES:
+        raise ArgumentError(f"method: given {method!r}, expected one of {', '.join(NAMES)}")
+    expected = {
+        "preview": "zero or a positive time in s",
+        "mesh": "a positive time in s",
+        "accuracy": "a positive length",
+        "time_limit": "a positive time in s; None or 0: no limit",
+    }
+    for name, value in zip(expected, (preview, mesh, accuracy, time_limit), strict=True):
+        if value is None or (name in ("preview", "time_limit") and value == 0):
+            continue
+        if not isinstance(value, Real) or isinstance(value, bool) or not (np.isfinite(value) and value > 0):
+            raise ArgumentError(f"{name}: given {value!r}, expected {expected[name]}")
+    if limits is not None and not isinstance(limits, Limits):
+        raise ArgumentError(f"limits: given {limits!r}, expected flexgen.Limits(torque=..., speed=...)")

@@ -1,0 +1,120 @@
+/* elbow: flexible_joint_motion. Written by flexgen; see elbow.h. */
+#include "../elbow_batch.h"
+
+#include "elbow_private.h"
+
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+
+#include "elbow_point.h"
+#include "elbow_flexible_joint_motion_body.h"
+
+#include "elbow_lanes.h"
+#include "elbow_flexible_joint_motion_body.h"
+
+/* Status of the first of n points that failed; the results of all that did become NaN. */
+static SEPARATE elbow_status flexible_joint_motion_failed(const real *q_a, const real *v_a, const real *q_m, const real *v_m, real *a_a, real *j_a, int n, ptrdiff_t stride)
+{
+    elbow_status first = ELBOW_OK;
+    for (int k = 0; k < n; ++k) {
+        const int known = all_finite(q_a + k, ELBOW_NA, stride) && all_finite(v_a + k, ELBOW_NA, stride) && all_finite(q_m + k, ELBOW_NM, stride) && all_finite(v_m + k, ELBOW_NM, stride);
+        if (known && all_finite(a_a + k, ELBOW_NA, stride) && all_finite(j_a + k, ELBOW_NA, stride)) {
+            continue;
+        }
+        if (first == ELBOW_OK) {
+            first = known ? ELBOW_RESULT_NOT_FINITE : ELBOW_INPUT_NOT_FINITE;
+        }
+        set_nan(a_a + k, ELBOW_NA, stride);
+        set_nan(j_a + k, ELBOW_NA, stride);
+    }
+    return first;
+}
+
+elbow_status elbow_flexible_joint_motion(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
+    const elbow_real q_m[ELBOW_NM], const elbow_real v_m[ELBOW_NM], elbow_real a_a[ELBOW_NA],
+    elbow_real j_a[ELBOW_NA])
+{
+    if (q_a == NULL || v_a == NULL || q_m == NULL || v_m == NULL || a_a == NULL || j_a == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+    if (flexible_joint_motion_evaluate_1(q_a, v_a, q_m, v_m, a_a, j_a) == 0) {
+        return ELBOW_OK;
+    }
+    return flexible_joint_motion_failed(q_a, v_a, q_m, v_m, a_a, j_a, 1, 1);
+}
+
+elbow_status elbow_flexible_joint_motion_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *q_m, const elbow_real *v_m, elbow_real *a_a, elbow_real *j_a, elbow_real *work)
+{
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > 2097152;
+    const int collide = past;
+    const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
+    int bad = 0;
+    if (n < 0) {
+        return ELBOW_BAD_COUNT;
+    }
+    if (q_a == NULL || v_a == NULL || q_m == NULL || v_m == NULL || a_a == NULL || j_a == NULL || work == NULL) {
+        return ELBOW_NULL_ARGUMENT;
+    }
+#ifdef _OPENMP
+#pragma omp parallel reduction(+ : bad) if (groups > 8 && omp_get_level() == 0)
+#endif
+    {
+#ifdef _OPENMP
+        real *const space = work + omp_get_thread_num() * (ptrdiff_t)ELBOW_BATCH_WORK;
+#else
+        real *const space = work;
+#endif
+        lanes zero = splat_v(0);
+        int group;
+#ifdef _OPENMP
+#pragma omp for schedule(static)
+#endif
+        for (group = 0; group < groups; ++group) {
+            const int first = group * 64;
+            const int count = n - first < 64 ? n - first : 64;
+            const int copied = collide || count % LANES != 0;
+            ptrdiff_t stride = n;
+            const real *at_q_a = q_a + first;
+            const real *at_v_a = v_a + first;
+            const real *at_q_m = q_m + first;
+            const real *at_v_m = v_m + first;
+            real *at_a_a = a_a + first;
+            real *at_j_a = j_a + first;
+            if (copied) {
+                real *at = space + 0 * LANES;
+                stride = 64;
+                gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
+                at_q_a = at;
+                at += ELBOW_NA * 64;
+                gather_points(at_v_a, ELBOW_NA, count, n, at, 64);
+                at_v_a = at;
+                at += ELBOW_NA * 64;
+                gather_points(at_q_m, ELBOW_NM, count, n, at, 64);
+                at_q_m = at;
+                at += ELBOW_NM * 64;
+                gather_points(at_v_m, ELBOW_NM, count, n, at, 64);
+                at_v_m = at;
+                at += ELBOW_NM * 64;
+                at_a_a = at;
+                at += ELBOW_NA * 64;
+                at_j_a = at;
+            }
+            for (int k = 0; k < count; k += LANES) {
+                zero += flexible_joint_motion_evaluate_v(at_q_a + k, at_v_a + k, at_q_m + k, at_v_m + k, at_a_a + k, at_j_a + k, stride);
+            }
+            if (copied) {
+                scatter_points(at_a_a, ELBOW_NA, count, 64, a_a + first, n, past);
+                scatter_points(at_j_a, ELBOW_NA, count, 64, j_a + first, n, past);
+            }
+        }
+        end_scatter(past);
+        bad += sum_v(zero) == 0 ? 0 : 1;
+    }
+    return bad == 0 ? ELBOW_OK : flexible_joint_motion_failed(q_a, v_a, q_m, v_m, a_a, j_a, n, n);
+}
+
+#include "elbow_undefine.h"
