@@ -44,7 +44,8 @@ typedef int (*loop_controller)(void *self, int64_t k, const double *y, const dou
 
 typedef struct {
     int32_t lanes, n_a, n_m, n_g;
-    int32_t n_y, n_ref;         /* measured channels: motor angles, then sensors; references of a sample */
+    int32_t n_y, n_ref;         /* measured channels: motor angles, sensors, states; references of a sample */
+    int32_t states;             /* channels of the exact state q_a, v_a, q_m, v_m at the end: all or none */
     int32_t steps;              /* of the integrator a sample */
     int32_t delay_steps, slots; /* of the torque: steps, less than a sample; memory of whole samples, 1 + the largest */
     int32_t history;            /* largest delay of a channel [samples] */
@@ -75,7 +76,9 @@ typedef struct {
     uint64_t *random;                        /* four words for each lane, not all zero */
     int32_t *status;                         /* of each lane */
     int64_t *saturated;                      /* samples at a torque limit, of each lane */
-    double *record; /* null, or for each sample the state and the torque that acts: 2 n_a + 3 n_m rows of lanes */
+    double *record;       /* null, or for each sample the state and the torque that acts: 2 n_a + 3 n_m rows of lanes */
+    volatile int64_t now; /* the sample, for another thread that looks whether a controller returns */
+    volatile int32_t stop; /* not zero: another thread asks to end before the next sample */
 } loop_robots;
 
 /* Parts of the scratch memory. */
@@ -203,9 +206,12 @@ static void loop_signals(const loop_robots *r, const loop_parts *p, int push)
 static void loop_measure(const loop_robots *r, const loop_parts *p, int lane, int64_t k, double *y)
 {
     size_t lanes = (size_t)r->lanes, own = (size_t)lane, n_y = (size_t)r->n_y, slots = (size_t)r->history + 1;
+    size_t states = (size_t)r->states;
     const double *q_m = r->state + 2 * (size_t)r->n_a * lanes;
     for (size_t j = 0; j < n_y; ++j) {
-        double value = j < (size_t)r->n_m ? q_m[j * lanes + own] : p->signals[(j - (size_t)r->n_m) * lanes + own];
+        double value = j < (size_t)r->n_m ? q_m[j * lanes + own] :
+                       j < n_y - states   ? p->signals[(j - (size_t)r->n_m) * lanes + own] :
+                                            r->state[(j + states - n_y) * lanes + own];
         if (r->noise[j] > 0.0) {
             value += r->noise[j] * loop_noise(r->random + 4 * own);
         }
@@ -322,6 +328,10 @@ LOOP_API int flexgen_loop_run(
     for (int64_t k = 0; k < n; ++k) {
         const double *given = ref + (size_t)((first + k) % period) * lanes * (size_t)r->n_ref;
         size_t slot = (size_t)(first + k) % slots;
+        r->now = first + k;
+        if (r->stop) {
+            break;
+        }
         int push = r->disturbed && loop_disturb(r, &p, (size_t)k * steps);
         if (r->record) {
             size_t state = 2 * ((size_t)r->n_a + n_m) * lanes;

@@ -1,6 +1,6 @@
 """Robots under a sampled controller, simulated in C: measure, control, limit, hold, integrate.
 
-    y_k = Q((q_m, sensors)(t_k) + noise + bias),    u_k = controller(k, y_k, ref_k),
+    y_k = Q((q_m, sensors)(t_k) + noise + bias), on request also the exact state,    u_k = controller(k, y_k, ref_k),
     tau_m(t) = sat(u_k) + noise + disturbance(t),    t in [t_k + delay, t_(k+1) + delay)
 
 Several robots with the same model advance together; they may have different run-time parameters. Between samples the
@@ -12,8 +12,11 @@ from __future__ import annotations
 
 import ctypes
 import math
+import threading
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +32,7 @@ STEP_TIMES_RATE, LARGEST_STEP_TIMES_RATE = 1.0, 2.5  # of the Runge-Kutta method
 MOST_STEPS = 1000  # a sample
 MOST_DELAY = 64  # samples
 TOOL = 6  # entries of a force and a torque on the tool
+POLL_S, LONGEST_STEP_S = 0.05, 5.0  # of a plug-in
 DELAY_ERROR = 1e-3  # of the sample time: largest difference between a delay and whole steps
 
 
@@ -85,6 +89,8 @@ class ClosedLoop:
         References hold ``v_m, q_a, v_a`` too.
     gain : array (lanes,), optional
         Factor of the feedback of each robot: torque minus feedforward; default: 1.
+    exact_state : bool
+        The controller measures ``q_a, v_a, q_m, v_m`` without noise too, as the last channels.
 
     Raises
     ------
@@ -109,6 +115,7 @@ class ClosedLoop:
         delay_samples: int | np.ndarray = 0,
         arm_reference: bool = False,
         gain: np.ndarray | None = None,
+        exact_state: bool = False,
     ) -> None:
         lanes, n_m, n_a = len(q_m), model.n_m, model.n_a
         if q_a.shape != (lanes, n_a) or q_m.shape != (lanes, n_m):
@@ -135,7 +142,8 @@ class ClosedLoop:
             raise ArgumentError(
                 f"sensors: given {len(self.channels.noise)} channels, expected {library.sizes.get('n_s', 0)}"
             )
-        n_y = n_m + len(self.channels.noise)
+        self.states = 2 * (n_a + n_m) if exact_state else 0
+        n_y = n_m + len(self.channels.noise) + self.states
         self.setup = Setup(q_m, hardware.sample_s, n_a, n_y, n_y + n_m + ((n_m + 2 * n_a) if arm_reference else 0))
         self._controller = controller.compiled(self.setup)
         self._arrays = self._memory(q_a, self._parameters(library, parameters), seed, late)
@@ -169,7 +177,8 @@ class ClosedLoop:
         if most.shape != (n_m,):
             raise ArgumentError(f"torque_max_Nm: given {len(most)} numbers, expected one for each of {n_m} motors")
         own = np.full(n_m, hardware.encoder_noise_rad), np.full(n_m, hardware.encoder_resolution_rad)
-        delays = np.concatenate([np.zeros(n_m), channels.delay_samples]).astype(np.int32)
+        exact = np.zeros(self.states)
+        delays = np.concatenate([np.zeros(n_m), channels.delay_samples, exact]).astype(np.int32)
         if delays.max() > MOST_DELAY:
             raise ArgumentError(f"sensors, delay_samples: given {delays.max()}, expected at most {MOST_DELAY}")
         n = n_a + n_m
@@ -177,9 +186,9 @@ class ClosedLoop:
         return {
             "parameters": parameters,
             "memory": self._controller.memory,
-            "resolution": np.concatenate([own[1], channels.resolution]),
-            "noise": np.concatenate([own[0], channels.noise]),
-            "bias": np.concatenate([np.zeros(n_m), channels.bias]),
+            "resolution": np.concatenate([own[1], channels.resolution, exact]),
+            "noise": np.concatenate([own[0], channels.noise, exact]),
+            "bias": np.concatenate([np.zeros(n_m), channels.bias, exact]),
             "late": delays,
             "gain": np.ones(lanes),
             "torque_noise": np.full(n_m, hardware.torque_noise_Nm),
@@ -218,8 +227,9 @@ class ClosedLoop:
         kept = {name: at[name] or None for name in _ARRAYS}
         return _Robots(
             lanes=self.lanes, n_a=self.model.n_a, n_m=self.model.n_m, n_g=len(self.model.i_g), n_y=self.setup.n_y,
-            n_ref=self.setup.n_ref, steps=self.steps, delay_steps=delay, slots=len(self._arrays['pending']),
-            history=len(self._arrays["shown"]) - 1, disturbed=0, sample_s=self.hardware.sample_s, plant=entries[0],
+            n_ref=self.setup.n_ref, states=self.states, steps=self.steps, delay_steps=delay,
+            slots=len(self._arrays["pending"]), history=len(self._arrays["shown"]) - 1, disturbed=0,
+            sample_s=self.hardware.sample_s, plant=entries[0],
             pushed=entries[1], sensors=entries[2] if len(self.channels.noise) else None, plant_work=at["work"],
             one=one, one_work=one_work,
             controller=self._controller.address, memory_size=self._controller.memory.shape[1], **kept,
@@ -302,11 +312,15 @@ class ClosedLoop:
         self._robots.record = None if recorded is None else recorded.ctypes.data
         kept = self._disturb(disturbances, samples)
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in (reference, y, tau_m)]
-        failed = self._module.flexgen_loop_run(
+        arguments = (
             ctypes.byref(self._robots), ctypes.c_int64(self.sample), ctypes.c_int64(samples), pointers[0],
             ctypes.c_int64(len(reference)), pointers[1], pointers[2],
         )  # fmt: skip
-        del kept
+        used = (reference, y, tau_m, recorded, kept)
+        if self._controller.foreign:
+            failed = self._watched(arguments, used)
+        else:
+            failed = self._module.flexgen_loop_run(*arguments)
         self.sample += samples
         if INTERRUPTED in self._controller.errors.values():
             raise KeyboardInterrupt
@@ -318,6 +332,32 @@ class ClosedLoop:
                 f"integration steps a sample than {self.steps}"
             )
         return Samples(y[:, :, :n_m], tau_m, recorded, y[:, :, n_m:])
+
+    def _watched(self, arguments: tuple[Any, ...], used: tuple[Any, ...]) -> int:
+        """The run in a thread of its own: a controller that does not return is left there, with all arrays ``used``."""
+        result: list[int] = []
+
+        def run(kept: tuple[Any, ...] = (self, used)) -> None:  # they live as long as the thread
+            result.append(self._module.flexgen_loop_run(*arguments))
+
+        thread = threading.Thread(target=run, name="controller", daemon=True)
+        thread.start()
+        seen, since = -1, time.monotonic()
+        try:
+            while thread.is_alive():
+                thread.join(POLL_S)
+                if self._robots.now != seen:
+                    seen, since = self._robots.now, time.monotonic()
+                elif time.monotonic() - since > LONGEST_STEP_S and thread.is_alive():
+                    raise SolverError(
+                        f"closed loop: the plug-in has not returned from its step {seen} for {LONGEST_STEP_S:g} s; its "
+                        "thread cannot be stopped and goes on until this program ends"
+                    )
+        except BaseException:  # Ctrl-C too
+            self._robots.stop = 1
+            thread.join(POLL_S)
+            raise
+        return result[0]
 
     def _disturb(self, given: np.ndarray | None, samples: int) -> tuple[np.ndarray, ...]:
         """Give the disturbances to C; arrays that must live as long as the run."""
@@ -365,7 +405,7 @@ class _Robots(ctypes.Structure):
     _fields_ = [
         *[
             (name, ctypes.c_int32)
-            for name in ("lanes n_a n_m n_g n_y n_ref steps delay_steps slots history disturbed".split())
+            for name in ("lanes n_a n_m n_g n_y n_ref states steps delay_steps slots history disturbed".split())
         ],
         ("sample_s", ctypes.c_double),
         *[
@@ -380,6 +420,8 @@ class _Robots(ctypes.Structure):
                 "pending shown scratch random status saturated record".split()
             )
         ],
+        ("now", ctypes.c_int64),
+        ("stop", ctypes.c_int32),
     ]
 
 

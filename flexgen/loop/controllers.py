@@ -197,12 +197,12 @@ class Linear:
         A, B, C, D = (x[min(k // self.samples, len(x) - 1)] for x in self.matrices)
         e = np.concatenate([ref.q_m - y.q_m, ref.sensors - y.sensors])
         z = self._state["z"]
-        u: np.ndarray = ref.tau_m + (_times(C, z) + _times(D, e))
-        self._state["z"] = _times(A, z) + _times(B, e)
+        u: np.ndarray = ref.tau_m + (times(C, z) + times(D, e))
+        self._state["z"] = times(A, z) + times(B, e)
         return u
 
 
-def _times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
     """``A x`` summed from the first column to the last, as in C."""
     out = np.zeros(len(A))
     for column, entry in zip(A.T, x, strict=True):

@@ -81,7 +81,8 @@ class Compiled:
     """A controller as the loop in C calls it.
 
     ``address`` of the function ``step``; ``memory`` (lanes, bytes); ``fixed``: bytes at its begin that do not change;
-    ``errors``: why the controller of a lane failed, by lane; ``keep``: what must live as long.
+    ``errors``: why the controller of a lane failed, by lane; ``keep``: what must live as long; ``foreign``: it is
+    compiled code of a user, which may not return.
     """
 
     address: int
@@ -89,6 +90,7 @@ class Compiled:
     fixed: int
     errors: dict[int, str]
     keep: Any
+    foreign: bool = False
 
 
 class Controller(Protocol):
@@ -245,4 +247,4 @@ class PlugIn:
                 )
         address = ctypes.cast(self._step, ctypes.c_void_p).value
         assert address is not None
-        return Compiled(address, memory, 0, {}, self._library)
+        return Compiled(address, memory, 0, {}, self._library, foreign=True)

@@ -147,6 +147,44 @@ class TorqueCommand:
         return self.trajectory().save(path)
 
 
+def command_in(
+    time: np.ndarray, values: np.ndarray, labels: tuple[str, ...], meta: Mapping[str, Any]
+) -> TorqueCommand | None:
+    """The torques that a controller sent, where a trajectory states how its drive held them.
+
+    Parameters
+    ----------
+    time : array (n,) [s]
+        Ticks of the controller.
+    values : array (n, n_m) [N m]
+    labels : tuple of str
+        Names of the motors.
+    meta : mapping
+        Of the trajectory: ``hold``, and with ``"linear"`` or ``"zoh"`` also ``sample_time`` and ``delay`` [s].
+
+    Returns
+    -------
+    TorqueCommand or None
+        None: no hold is stated, the torque is continuous.
+
+    Raises
+    ------
+    ArgumentError
+        Hold, sample time or delay are out of range, or the instants are not one sample time apart.
+    """
+    hold = meta.get("hold")
+    if hold is None or hold == "spline":
+        return None
+    sample_time, delay = meta.get("sample_time"), meta.get("delay", 0.0)
+    check_hold(hold, sample_time, delay)
+    if sample_time is None or np.abs(np.diff(time) - sample_time).max() > 1e-6 * sample_time:
+        raise ArgumentError(
+            f"trajectory: given torques held for the sample time {sample_time!r} s at other instants, expected rows "
+            "one sample time apart"
+        )
+    return TorqueCommand(time, values, labels, hold, float(sample_time), float(delay), {})
+
+
 def held_torque(
     t: np.ndarray, tau: np.ndarray, hold: str, sample_time: float, delay: float = 0.0, *, limited: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -32,11 +32,13 @@ from flexgen.mechanics.statics import Equilibrium
 from flexgen.model.elements import RobotModel
 from flexgen.model.output_columns import output_labels, output_units
 from flexgen.numerics.evaluate import evaluate
+from flexgen.numerics.rotations import turn_angle
 from flexgen.ports import Port
 from flexgen.progress import Choice, reported
 from flexgen.simulation.growth import LARGEST_GROWTH, Growth, Motion, growth_along
-from flexgen.simulation.hold import SAME, TorqueCommand, extended
+from flexgen.simulation.hold import SAME, TorqueCommand, command_in, extended
 from flexgen.simulation.open_loop import TorqueInput, run_windows
+from flexgen.simulation.start import start_state
 from flexgen.simulation.torque_curve import then_constant, torque_curve
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
@@ -94,13 +96,14 @@ class Simulation:
         return f"<Simulation {self.trajectory.meta.get('model', '')}: tool error {', '.join(errors) or 'not measured'}>"
 
 
-def _checked(model: RobotModel, data: Trajectory) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+def _checked(
+    model: RobotModel, data: Trajectory, moving: bool = False
+) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """The channels that a simulation needs, with columns in the order of the model, and warnings."""
-    names_a, names_m = tuple(c.name for c in model.coordinates), tuple(m.name for m in model.motors)
-    of_a = {c.name: c.unit for c in model.coordinates}
+    names_m, of_a = tuple(m.name for m in model.motors), {c.name: c.unit for c in model.coordinates}
     wanted = {
         "tau_m": (names_m, dict.fromkeys(names_m, "N m")),
-        "q_a": (names_a, of_a),
+        "q_a": (tuple(of_a), of_a),
         "q_m": (names_m, dict.fromkeys(names_m, "rad")),
     }
     found = {}
@@ -132,7 +135,7 @@ def _checked(model: RobotModel, data: Trajectory) -> tuple[dict[str, np.ndarray]
             )
         found[name] = data[name][:, [data.labels[name].index(label) for label in labels]]
     warnings = []
-    if "v_a" in data.channels and np.abs(data["v_a"][0]).max() > 1e-6:
+    if not moving and "v_a" in data.channels and np.abs(data["v_a"][0]).max() > 1e-6:
         warnings.append("the trajectory does not start at rest; the simulation does: expect an error at the start")
     for key, own in (("model", model.name), ("variant", model.variant)):
         other = data.meta.get(key, own)
@@ -151,6 +154,7 @@ def simulate(
     windows: bool = False,
     held: float = 0.0,
     command: TorqueCommand | None = None,
+    moving: bool = False,
     progress: Choice = None,
 ) -> Simulation:
     """Simulate the full model from equilibrium under the torque of a trajectory.
@@ -159,21 +163,21 @@ def simulate(
     ----------
     model : name, path, RobotModel or Equations
     trajectory : Trajectory or path
-        Channels ``tau_m`` (n, n_m) [N m, motor side], and ``q_a``, ``q_m``, whose first samples are the
-        equilibrium at the start; with ``y_ref`` (and ``R_ref``) the error of the output is computed.
+        Channels ``tau_m`` (n, n_m) [N m, motor side; held where the meta data state it], and ``q_a``, ``q_m``, whose
+        first samples are the equilibrium at the start; with ``y_ref`` (and ``R_ref``) the output's error is computed.
     start : Equilibrium, optional
         Equilibrium at the start; default: the first sample of the trajectory.
     rtol : float
         Relative tolerance of the integrator.
     windows : bool
         Verify a solution of this model. If perturbations of the open loop grow by more than 1e5 over the move, restart
-        from states of the trajectory, so that the growth in each window is at most 1e3. Without the channels
-        ``v_a a_a v_m a_m`` there is a single window.
+        from states of the trajectory (channels ``v_a a_a v_m a_m``): the growth in each window is at most 1e3.
     held : float
-        How long [s] the last torque is held after the trajectory; the errors and the energy cover this time, the
-        trajectory of the simulation does not.
+        How long [s] the last torque is held after the trajectory; errors and energy cover this time.
     command : TorqueCommand, optional
-        The torques that a controller sends, see `Solution.torque_command`, instead of those of the trajectory.
+        The torques that a controller sends instead of those of the trajectory, see `Solution.torque_command`.
+    moving : bool
+        Start with the speeds of the first sample, not at rest.
 
     Returns
     -------
@@ -190,21 +194,20 @@ def simulate(
     _check_choices(trajectory, rtol, held)
     data = trajectory if isinstance(trajectory, Trajectory) else Trajectory.load(trajectory)
     began, robot = time.perf_counter(), equations.model
-    given, warnings = _checked(robot, data)
-    torque = _held_curve(data, given["tau_m"]) if command is None else _checked_command(robot, command)
+    given, warnings = _checked(robot, data, moving)
+    torque, command = _torque(robot, data, given["tau_m"], command)
     t, given = _with_held_end(data.time, given, held)
     applied = given["tau_m"] if command is None else command.at(t)
-    first_a, first_m = (given["q_a"][0], given["q_m"][0]) if start is None else (start.q_a, start.q_m)
     n_a, i_m, n = robot.n_a, list(robot.i_m), robot.dof
     motion = _motion(robot, data, t, given) if windows else None
     growth = None if motion is None else growth_along(equations, motion)
-    start_state = np.concatenate([first_a, first_m[i_m], np.zeros(n)])
-    starts = _starts(start_state, motion, growth, i_m, len(data.time) - 1 if held > 0.0 else None)
+    begin = start_state(robot, data, given, start, moving)
+    starts = _starts(begin, motion, growth, i_m, len(data.time) - 1 if held > 0.0 else None)
     instants, own, starts = _with_edges(t, _with_ripple(equations, data, t, starts, command), command)
     run = run_windows(equations, instants, torque, starts, rtol, ATOL, progress if callable(progress) else None)
-    states, wall = run.states[own], time.perf_counter() - began
+    states = run.states[own]
     q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
-    q_m, v_m = q_a[:, list(robot.i_g)] @ robot.eta.T, v_a[:, list(robot.i_g)] @ robot.eta.T
+    q_m, v_m = (part[:, list(robot.i_g)] @ robot.eta.T for part in (q_a, v_a))
     q_m[:, i_m], v_m[:, i_m] = states[:, n_a:n], states[:, n + n_a : 2 * n]
     in_m, in_rad, recorded = _recorded(equations, data, {**given, "tau_m": applied}, (q_a, v_a, q_m, v_m))
     return Simulation(
@@ -215,7 +218,7 @@ def simulate(
         torque_max_Nm=float(np.abs(applied).max()),
         speed_max_rad_s=float(np.abs(v_m).max()),
         evaluations=run.evaluations,
-        wall_s=wall,
+        wall_s=time.perf_counter() - began,
         warnings=(*warnings, *_growth_warning(growth)),
         windows=sum(state is not None for _, state in starts),
         growth=None if growth is None else growth.largest,
@@ -247,6 +250,14 @@ def _starts(
     if corner is not None:
         starts = sorted([*starts, (corner, None)], key=lambda one: (one[0], one[1] is not None))
     return starts
+
+
+def _torque(
+    robot: RobotModel, data: Trajectory, tau_m: np.ndarray, command: TorqueCommand | None
+) -> tuple[TorqueInput, TorqueCommand | None]:
+    """The torque that acts, and what a controller sends for it: as given, or as the trajectory states; or None."""
+    sent = command or command_in(data.time, tau_m, tuple(motor.name for motor in robot.motors), data.meta)
+    return _held_curve(data, tau_m) if sent is None else _checked_command(robot, sent), sent
 
 
 def _checked_command(robot: RobotModel, command: TorqueCommand) -> TorqueInput:
@@ -412,10 +423,3 @@ def _turn_error(equations: Equations, data: dict[str, np.ndarray], q_a: np.ndarr
     """Angle between the tool and its reference orientation, (n,) [rad]."""
     R = evaluate(equations.function("forward_kinematics"), q_a)[1]
     return turn_angle(R, data["R_ref"].reshape(-1, 3, 3))
-
-
-def turn_angle(R: np.ndarray, R_ref: np.ndarray) -> np.ndarray:
-    """Angle (n,) [rad] between two orientations (n, 3, 3), accurate for small angles too."""
-    E = R @ R_ref.transpose(0, 2, 1)
-    axial = np.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], axis=1)
-    return np.arctan2(np.linalg.norm(axial, axis=1) / 2, (np.trace(E, axis1=1, axis2=2) - 1) / 2)
