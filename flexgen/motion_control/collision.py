@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.build.c_module import c_module
+from flexgen.build.model_library import library_with
 from flexgen.errors import ArgumentError
-from flexgen.inversion.model_library import library_with
 from flexgen.model.elements import RobotModel
 
 SOURCE = Path(__file__).with_name("collision.c")

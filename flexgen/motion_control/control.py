@@ -15,12 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.build.model_library import library_with
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
-from flexgen.inversion.model_library import library_with
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.loop.closed_loop import ClosedLoop
+from flexgen.loop.controllers import Linear
 from flexgen.loop.hardware import DriveHardware, SensorChannels
 from flexgen.loop.interface import Controller
 from flexgen.mechanics.equations import Equations, derive
@@ -28,6 +29,8 @@ from flexgen.model.elements import Move, RobotModel
 from flexgen.model.reader import read
 from flexgen.motion_control.controllers import controller_of
 from flexgen.motion_control.disturbances import Disturbance, disturbance_table
+from flexgen.motion_control.laws.law import ModelLaw
+from flexgen.motion_control.laws.motion import LawMotion
 from flexgen.motion_control.plants import NOMINAL, LocalDynamics, Plants, plants_of
 from flexgen.motion_control.reference import MotionReference, motion_reference, time_grid
 from flexgen.motion_control.result import ControlRun, PlantRun, output_errors
@@ -58,6 +61,24 @@ class Case:
     rate: float
     seed: int
     equations: Equations
+    exact_state: bool = False
+
+    @property
+    def sample_time(self) -> float:
+        """Of the controller [s]."""
+        return self.hardware.sample_s
+
+    @property
+    def delay(self) -> float:
+        """From the measurement to the torque [s]."""
+        return self.delay_samples * self.hardware.sample_s + self.hardware.delay_s
+
+    def law_motion(self) -> LawMotion:
+        """What a law that evaluates the model knows of the motion."""
+        return LawMotion(
+            self.model, self.equations, self.solution.trajectory, self.reference, self.sample_time, self.delay,
+            self.exact_state, self.rate,
+        )  # fmt: skip
 
 
 @reported("control")
@@ -73,6 +94,7 @@ def control(
     encoder_noise: float = 0.0,
     encoder_resolution: float = 0.0,
     torque_limits: bool = True,
+    exact_state: bool = False,
     seed: int = 0,
     solution: Solution | None = None,
     progress: Choice = None,
@@ -86,8 +108,9 @@ def control(
         A move of the model file; default: its first.
     controller : str or object
         ``"ppi"`` (P-PI cascade, the default), ``"ppi_notch"``, ``"lqg"``, ``"none"`` (feedforward only), a path of a
-        ``.toml`` or ``.py`` file (``file.py:Class``) or of a shared library, a `Cascade` or `Linear`, an object with
-        ``reset()`` and ``step(k, y, ref) -> u``, or a system of python-control.
+        ``.toml`` or ``.py`` file (``file.py:Class``) or of a shared library, a `Cascade` or `Linear`, a law that
+        evaluates the model (`flexgen.FeedbackLinearisation`, `ComputedTorque`, `TomeiPD`, `JointTorqueFeedback`, `LQ`),
+        an object with ``reset()`` and ``step(k, y, ref) -> u``, or a system of python-control.
     sample_time : float [s]
     delay : float [s]
         From the measurement to the torque.
@@ -100,6 +123,8 @@ def control(
         Standard deviation of white noise, and smallest difference, of the motor angles.
     torque_limits : bool
         The torques are limited to those of the model file.
+    exact_state : bool
+        The controller measures the state ``q_a, v_a, q_m, v_m`` without noise too, after the sensors: for studies.
     seed : int
         Of the noise.
     solution : Solution, optional
@@ -120,13 +145,33 @@ def control(
     tell = progress if callable(progress) else None
     case = control_case(
         model, move, sample_time=sample_time, delay=delay, plants=plants, disturbances=disturbances,
-        encoder_noise=encoder_noise, encoder_resolution=encoder_resolution, torque_limits=torque_limits, seed=seed,
-        solution=solution, progress=tell,
+        encoder_noise=encoder_noise, encoder_resolution=encoder_resolution, torque_limits=torque_limits,
+        exact_state=exact_state, seed=seed, solution=solution, progress=tell,
     )  # fmt: skip
+    chosen, name = case_controller(case, controller)
+    return run_case(case, chosen, name, progress=tell)
+
+
+def case_controller(case: Case, controller: Any) -> tuple[Controller, str]:
+    """The controller for a case from what `control` takes, and its name."""
     samples = -(-len(case.reference.time) // PARTS)
     parts = case.reference.parts(samples)
-    chosen, name = controller_of(controller, case.model, sample_time, delay, parts, samples)
-    return run_case(case, chosen, name, progress=tell)
+    chosen, name = controller_of(controller, case.model, case.sample_time, case.delay, parts, samples)
+    if isinstance(chosen, ModelLaw):
+        return chosen.bound(case.law_motion()), chosen.title
+    if case.exact_state and isinstance(chosen, Linear):
+        chosen = _beside_the_state(chosen, case.model)
+    return chosen, name
+
+
+def _beside_the_state(controller: Linear, model: RobotModel) -> Linear:
+    """A linear controller of motor angles and sensors, in a loop that measures the exact state after them."""
+    A, B, C, D = controller.matrices
+    used, states = model.n_m + sum(len(s.channels) for s in model.sensors), 2 * (model.n_a + model.n_m)
+    if not B.shape[-1] == D.shape[-1] == used:
+        return controller
+    B, D = (np.concatenate([x, np.zeros((*x.shape[:2], states))], axis=2) for x in (B, D))
+    return Linear(A, B, C, D, controller.samples)
 
 
 def control_case(
@@ -140,6 +185,7 @@ def control_case(
     encoder_noise: float = 0.0,
     encoder_resolution: float = 0.0,
     torque_limits: bool = True,
+    exact_state: bool = False,
     seed: int = 0,
     solution: Solution | None = None,
     progress: Callable[[str], None] | None = None,
@@ -174,7 +220,9 @@ def control_case(
     )
     points = reference.points(np.unique(np.linspace(0, len(reference.time) - 1, POINTS).astype(int)))
     rate = max(local.largest_rate(points, values) for values in chosen.values)
-    return Case(robot, solution, chosen, reference, hardware, whole, of_lane, library, rests, rate, seed, nominal)
+    return Case(
+        robot, solution, chosen, reference, hardware, whole, of_lane, library, rests, rate, seed, nominal, exact_state
+    )
 
 
 def run_case(
@@ -194,12 +242,13 @@ def run_case(
         robot, case.library, case.hardware, controller, q_a, q_m, case.rate, seed=case.seed, steps=steps,
         parameters=case.plants.values if case.plants.parameters else None,
         sensors=_channels(robot, case.hardware.sample_s) if robot.sensors else None,
-        delay_samples=case.delay_samples, arm_reference=True,
+        delay_samples=case.delay_samples, arm_reference=True, exact_state=case.exact_state,
     )  # fmt: skip
     loop.hold(tau)
-    rows = np.ascontiguousarray(np.broadcast_to(reference.rows()[:, None], (n, lanes, loop.setup.n_ref)))
+    known = reference.rows(case.exact_state)
+    rows = np.ascontiguousarray(np.broadcast_to(known[:, None], (n, lanes, loop.setup.n_ref)))
     step_s = case.hardware.sample_s / loop.steps
-    motions, torques, shown = [], [], []
+    motions, torques, shown, signals = [], [], [], []
     began = perf_counter()
     for first in range(0, n, CHUNK):
         check_time("control")
@@ -212,19 +261,20 @@ def run_case(
         motions.append(found.motion)
         torques.append(found.tau_m)
         shown.append(found.q_m)
+        signals.append(found.sensors if found.sensors is not None else np.zeros((count, lanes, 0)))
         if progress is not None:
             progress(
                 f"simulating {lanes} robots, {100 * (first + count) / n:.0f} % of {n * case.hardware.sample_s:.1f} s"
             )
     seconds = perf_counter() - began
-    motion, tau_m, q_m = (np.concatenate(x) for x in (motions, torques, shown))
+    motion, tau_m, q_m, y_s = (np.concatenate(x) for x in (motions, torques, shown, signals))
     ends = np.cumsum([robot.n_a, robot.n_a, robot.n_m, robot.n_m])
     runs = []
     for lane, plant in enumerate(case.plants.names):
         arm, _, motors, _, _ = np.split(motion[:, :, lane], ends, axis=1)
         error, turn = output_errors(case.equations, reference, np.ascontiguousarray(arm))
         stopped = int(loop.saturated[lane]), loop.failures[lane]
-        runs.append(PlantRun(plant, arm, motors, tau_m[:, lane], error, turn, *stopped, q_m[:, lane]))
+        runs.append(PlantRun(plant, arm, motors, tau_m[:, lane], error, turn, *stopped, q_m[:, lane], y_s[:, lane]))
     return ControlRun(
         robot, case.solution, name, controller, reference, case.hardware, case.delay_samples, tuple(runs), loop.steps,
         seconds,

@@ -2,9 +2,12 @@
 
 A table has a ``type``:
 
-ppi         ``position_hz``, ``speed_hz``, ``integral_hz``, and filters ``[[low_pass]]``, ``[[notch]]``
-cascade     the same with ``position_gain`` [1/s], ``speed_gain`` [N m s/rad], ``integral_gain`` [1/s] of each motor
-linear      matrices ``A``, ``B``, ``C``, ``D`` from ``y_ref - y`` to torques, sampled; rows in brackets
+ppi           ``position_hz``, ``speed_hz``, ``integral_hz``, and filters ``[[low_pass]]``, ``[[notch]]``
+cascade       the same with ``position_gain`` [1/s], ``speed_gain`` [N m s/rad], ``integral_gain`` [1/s] of each motor
+loop_shaping  ``crossover_hz``, ``integral_hz``, ``low_pass_hz``, ``factor``: H-infinity loop shaping
+linear        matrices ``A``, ``B``, ``C``, ``D`` from ``y_ref - y`` to torques, sampled; rows in brackets
+
+and the laws of `flexgen.motion_control.laws.catalogue`.
 """
 
 from __future__ import annotations
@@ -22,15 +25,19 @@ from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, Filter, Linear, LowPass, Notch
 from flexgen.loop.interface import PlugIn, PythonController
 from flexgen.motion_control.gains import PPI
+from flexgen.motion_control.laws.catalogue import LAWS, law_of_table
+from flexgen.motion_control.laws.loop_shaping import LoopShaping
 
 LIBRARIES = (".so", ".dylib", ".dll")
+TABLES = ("ppi", "cascade", "loop_shaping", "linear")
 LARGEST_FILE = 2**24  # bytes
 _FREQUENCIES = ("position_hz", "speed_hz", "integral_hz")
+_SHAPING = ("crossover_hz", "integral_hz", "low_pass_hz", "factor")
 _GAINS = ("position_gain", "speed_gain", "integral_gain")
 
 
 def file_controller(text: str) -> Any:
-    """What a file holds: a `PPI`, `Cascade` or `Linear`, an object of Python, a plug-in; None for other names.
+    """What a file holds: a `PPI`, `Cascade`, `Linear` or law, an object of Python, a plug-in; None for other names.
 
     Raises
     ------
@@ -40,7 +47,14 @@ def file_controller(text: str) -> Any:
         A shared library cannot be loaded.
     """
     if text.endswith(".toml"):
-        return table_controller(read_table(Path(text)), Path(text))
+        path = Path(text)
+        table = read_table(path)
+        kind = table.get("type")
+        if isinstance(kind, str) and kind in LAWS:
+            return law_of_table(table, path)
+        if kind not in TABLES:
+            raise ArgumentError(f"{path}, type: given {kind!r}, expected one of {', '.join((*TABLES, *LAWS))}")
+        return table_controller(table, path)
     if text.endswith(LIBRARIES):
         return PlugIn(text)
     if text.endswith(".py") or ".py:" in text:
@@ -58,7 +72,7 @@ def read_table(path: Path) -> dict[str, Any]:
         raise ArgumentError(f"{path}: cannot be read as TOML: {error}") from error
 
 
-def table_controller(table: Mapping[str, Any], path: Path) -> PPI | Cascade | Linear:
+def table_controller(table: Mapping[str, Any], path: Path) -> PPI | Cascade | Linear | LoopShaping:
     """The controller of a table; see the text of this module."""
     kind = table.get("type")
     if kind == "ppi":
@@ -71,9 +85,13 @@ def table_controller(table: Mapping[str, Any], path: Path) -> PPI | Cascade | Li
         if len({len(x) for x in gains}) != 1:
             raise ArgumentError(f"{path}: given gains of different lengths, expected one for each motor")
         return Cascade(gains[0], gains[1], gains[2], _filters(table, path))
+    if kind == "loop_shaping":
+        _only(table, {"type", *_SHAPING, "description"}, path)
+        shape: dict[str, Any] = {key: _number(table[key], path, key) for key in _SHAPING if key in table}
+        return LoopShaping(**shape)
     if kind == "linear":
         return _linear(table, path)
-    raise ArgumentError(f"{path}, type: given {kind!r}, expected ppi, cascade or linear")
+    raise ArgumentError(f"{path}, type: given {kind!r}, expected ppi, cascade, loop_shaping or linear")
 
 
 def _filters(table: Mapping[str, Any], path: Path) -> tuple[Filter, ...]:

@@ -14,6 +14,8 @@ from flexgen.loop.interface import Compiled, Controller, PlugIn, PythonControlle
 from flexgen.model.elements import RobotModel
 from flexgen.motion_control.controller_files import file_controller, is_system, system_controller
 from flexgen.motion_control.gains import PID, PPI, lowest_locked_hz
+from flexgen.motion_control.laws.law import ModelLaw
+from flexgen.motion_control.laws.loop_shaping import LoopShaping
 from flexgen.motion_control.lq import LQG
 
 BUILT_IN = ("ppi", "ppi_notch", "lqg", "none")
@@ -63,8 +65,12 @@ def controller_of(
         return given.cascade(model, late, begin), _ppi_name(given, model, begin) if name in ("PPI", "ppi") else name
     if isinstance(given, LQG):
         return given.linear(model, sample_time, delay, motion, samples), name.lower()
+    if isinstance(given, LoopShaping):
+        return given.linear(model, sample_time, delay, [x[:1] for x in motion]), name
     if isinstance(given, PID):
         return given.cascade(), name
+    if isinstance(given, ModelLaw):
+        return given, name
     if isinstance(given, Cascade | Linear | PlugIn | PythonController | FeedforwardOnly):
         return given, name
     if is_system(given):

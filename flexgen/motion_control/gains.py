@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexgen.analysis import second_order
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, Filter
 from flexgen.mechanics.equations import derive
@@ -110,12 +111,7 @@ class PID:
 def motor_inertias(model: RobotModel, motion: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Inertias that the motors move at a pose: with all springs stiff, and soft, (n_m,) each [kg m^2]."""
     M, _, _, B = (x[0] for x in LocalDynamics(derive(model)).matrices(motion, np.zeros(0)))
-    stiff = np.zeros((model.dof, model.n_m))
-    stiff[list(model.i_g)] = np.linalg.inv(model.eta)
-    for k, j in enumerate(model.i_m):
-        stiff[model.n_a + k, j] = 1.0
-    moved = 1.0 / np.diag(motor_rows(model) @ np.linalg.solve(M, B))
-    return np.diag(stiff.T @ M @ stiff), moved
+    return second_order.motor_inertias(model, M, B, motor_rows(model))
 
 
 def lowest_locked_hz(model: RobotModel, motion: Sequence[np.ndarray]) -> float:

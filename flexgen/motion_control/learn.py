@@ -8,6 +8,10 @@ blended to constants at both ends of the window, where the robot is at rest. A c
 of the robot makes learning diverge: the default frequency of Q is 0.7 of the lowest one of the model with locked
 motors. The best iteration is kept; learning ends when the error grows.
 
+The error is measured by a tracker of the tool, or estimated from accelerometers and motor angles by a smoother along
+the path. Estimates are noisy: the gain of iteration k is divided by k + 1, so that all of them are averaged.
+Accelerometers do not show the error that the robot has at rest before the path, the sag of its springs.
+
 Source: cf. S. Arimoto et al., J. Robotic Systems 1(2), 1984; S. Moberg, Modeling and Control of Flexible Manipulators,
 2010.
 """
@@ -33,12 +37,16 @@ from flexgen.inversion.sampling import grid, time_derivative
 from flexgen.inversion.solution import Solution, measured
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import Move, RobotModel
+from flexgen.model.reader import read
 from flexgen.motion_control.control import AFTER_S, HOLD_S, SAMPLE_S, Case, control_case, run_case
 from flexgen.motion_control.controllers import controller_of
 from flexgen.motion_control.gains import lowest_locked_hz
+from flexgen.motion_control.observers.channels import ACCELEROMETER as TOOL_ACCELEROMETER
+from flexgen.motion_control.observers.channels import MOTORS, Channels, channels_of
+from flexgen.motion_control.observers.smoother import PathSmoother, acting
 from flexgen.motion_control.plants import LocalDynamics
 from flexgen.motion_control.reference import motion_reference, time_grid, trajectory_of
-from flexgen.motion_control.result import ControlRun
+from flexgen.motion_control.result import ControlRun, output_errors
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.progress import Choice, reported
@@ -51,6 +59,7 @@ LATE_S = 1.5  # end of the window after the path: integral parts have settled un
 DEGREE = 7  # of the spline through the corrections
 MESH_S = 1e-2  # of the inversion
 GROWS = 1.05  # an error that is that much larger than the best ends learning
+TRACKER, ACCELEROMETER = MEASURED_BY = ("tracker", "accelerometer")
 SETTLED = 2e-2  # of the error before learning: changes below it are noise
 
 
@@ -73,6 +82,10 @@ class Learned:
     plant : str
     stopped : str
         Why it ended before the last iteration; empty: it did not.
+    measured_by : str
+        ``"tracker"`` or ``"accelerometer"``.
+    measured_m : tuple of float [m]
+        Largest measured error of each iteration; of the tracker ``errors_m``. It decides on the best iteration.
     """
 
     runs: tuple[ControlRun, ...]
@@ -83,6 +96,14 @@ class Learned:
     gain: float
     plant: str
     stopped: str
+    measured_by: str
+    measured_m: tuple[float, ...]
+
+    @property
+    def dynamic_errors_m(self) -> tuple[float, ...]:
+        """The same without the errors at rest at start and end [m]."""
+        found = [run.figures(run[self.plant])["dynamic_error_max_m"] for run in self.runs]
+        return tuple(float(x) if np.isfinite(x) else float("inf") for x in found)
 
     @property
     def errors_m(self) -> tuple[float, ...]:
@@ -90,12 +111,16 @@ class Learned:
         return tuple(_largest(run, self.plant) for run in self.runs)
 
     def __repr__(self) -> str:
-        first, best = (measured(e, "m") for e in (self.errors_m[0], min(self.errors_m)))
+        first, best = (measured(e, "m") for e in (self.errors_m[0], self.errors_m[self.best]))
         return f"<Learned {self.runs[0].model.name}: {first} -> {best}>"
 
     def __str__(self) -> str:
         """The errors of all iterations."""
         rows = [f"  {k}: {measured(e, 'm')}{' (best)' if k == self.best else ''}" for k, e in enumerate(self.errors_m)]
+        if self.measured_by != TRACKER:
+            parts = zip(self.dynamic_errors_m, self.measured_m, strict=True)
+            more = [f", dynamic {measured(d, 'm')}, estimated {measured(e, 'm')}" for d, e in parts]
+            rows = [row + text for row, text in zip(rows, more, strict=True)]
         head = (
             f"{self.runs[0].model.name}, move {self.runs[0].solution.move.name}: largest error of "
             f"each iteration, Q {self.frequency_hz:.3g} Hz, gain {self.gain:g}"
@@ -116,7 +141,10 @@ class Learned:
             "controller": self.runs[0].controller,
             "frequency_hz": self.frequency_hz,
             "gain": self.gain,
+            "measured_by": self.measured_by,
             "errors_max_m": list(self.errors_m),
+            "dynamic_errors_max_m": list(self.dynamic_errors_m),
+            "measured_errors_max_m": list(self.measured_m),
             "best": self.best,
             "stopped": self.stopped,
         }
@@ -140,6 +168,7 @@ def learn(
     iterations: int = ITERATIONS,
     gain: float = 1.0,
     frequency_hz: float | None = None,
+    measured_by: str = TRACKER,
     controller: Any = "ppi",
     sample_time: float = SAMPLE_S,
     delay: float = 0.0,
@@ -148,7 +177,7 @@ def learn(
     solution: Solution | None = None,
     progress: Choice = None,
 ) -> Learned:
-    """Learn the path of a robot that differs from its model, in simulation, from its tool error.
+    """Learn the path of a robot that differs from its model, in simulation, from its measured tool error.
 
     Parameters
     ----------
@@ -163,6 +192,9 @@ def learn(
         Of the correction; 0.5 learns more slowly and bears larger differences.
     frequency_hz : float, optional [Hz]
         Of Q; default: 0.7 of the lowest natural frequency of the model with locked motors.
+    measured_by : str
+        ``"tracker"``: of the tool, without error; ``"accelerometer"``: those of the model file, or one at the tool
+        with noise of 0.05 m/s^2, and motor angles. The errors at rest are not learned then.
     controller, sample_time, delay, encoder_noise, seed, solution
         As for `flexgen.control`; every iteration has other noise.
     progress : callable or bool, optional
@@ -183,9 +215,15 @@ def learn(
         raise ArgumentError(f"iterations: given {iterations!r}, expected 1 to 1000")
     if not (np.isfinite(gain) and 0 < gain <= 2):
         raise ArgumentError(f"gain: given {gain!r}, expected more than 0, at most 2")
+    if measured_by not in MEASURED_BY:
+        raise ArgumentError(f"measured_by: given {measured_by!r}, expected one of {', '.join(MEASURED_BY)}")
     name = "robot"
+    channels = None
+    if measured_by == ACCELEROMETER:
+        channels = _accelerometers(model if isinstance(model, RobotModel) else read(model), encoder_noise)
     case = control_case(
-        model, move, sample_time=sample_time, delay=delay, plants={name: dict(plant or {})},
+        model if channels is None else channels.model, move, sample_time=sample_time, delay=delay,
+        plants={name: dict(plant or {})},
         encoder_noise=encoder_noise, seed=seed, solution=solution, progress=progress if callable(progress) else None,
     )  # fmt: skip
     commanded = _Commanded(case, sample_time, delay, tell)
@@ -195,26 +233,29 @@ def learn(
         most = 0.45 / commanded.period
         raise ArgumentError(f"frequency_hz: given {low!r}, expected more than 0, below {most:.4g} Hz")
     law, title = controller_of(controller, case.model, sample_time, delay, motion)
-    runs, corrections, best, stopped = _iterated(
-        commanded, lambda corrected: run_case(corrected, law, title), name, iterations, gain, low, seed, tell
-    )
-    return Learned(runs, corrections, commanded.time, best, float(low), float(gain), name, stopped)
+    seen = _plain if channels is None else _Smoothed(case, channels, name)
+    runs, corrections, best, stopped, shown = _iterated(
+        commanded, lambda corrected: run_case(corrected, law, title), seen, name, iterations, gain, low, seed, tell
+    )  # fmt: skip
+    return Learned(runs, corrections, commanded.time, best, float(low), float(gain), name, stopped, measured_by, shown)
 
 
 def _iterated(
     commanded: _Commanded,
     run: Callable[[Case], ControlRun],
+    seen: Callable[[ControlRun], ControlRun],
     name: str,
     iterations: int,
     gain: float,
     low: float,
     seed: int,
     tell: Callable[[str], None],
-) -> tuple[tuple[ControlRun, ...], tuple[np.ndarray, ...], int, str]:
-    """Runs and corrections of the iterations, the best one, and why they ended before the last."""
+) -> tuple[tuple[ControlRun, ...], tuple[np.ndarray, ...], int, str, tuple[float, ...]]:
+    """Runs, corrections, best iteration, why they ended before the last, and errors as they were measured."""
     runs: list[ControlRun] = []
+    errors: list[float] = []
     corrections = [np.zeros((len(commanded.time), commanded.outputs))]
-    best, stopped = 0, ""
+    best, stopped, noisy = 0, "", seen is not _plain
     for k in range(iterations + 1):
         try:
             corrected = commanded.case(corrections[-1], seed + k)
@@ -224,21 +265,62 @@ def _iterated(
             stopped = f"iteration {k}: the corrected path cannot be inverted ({failure})"
             break
         runs.append(run(corrected))
-        error_max = _largest(runs[-1], name)
-        tell(f"iteration {k}: largest error {measured(error_max, 'm')}")
-        if k == 0 and not np.isfinite(error_max):
+        shown = seen(runs[-1])
+        errors.append(_largest(shown, name))
+        tell(f"iteration {k}: largest error {measured(errors[-1], 'm')}")
+        if k == 0 and not np.isfinite(errors[0]):
             stopped = "the robot fails without correction"
             break
-        if error_max < _largest(runs[best], name):
+        if errors[-1] < errors[best]:
             best = k
-        grown = error_max - GROWS * _largest(runs[best], name)
-        if not np.isfinite(error_max) or grown > SETTLED * _largest(runs[0], name):
+        grown = errors[-1] > GROWS * errors[0] if noisy else errors[-1] - GROWS * errors[best] > SETTLED * errors[0]
+        if not np.isfinite(errors[-1]) or grown:
             stopped = f"iteration {k}: the error grows; the best iteration is {best}"
             break
         if k < iterations:
-            error = commanded.error(runs[-1], name)
-            corrections.append(corrections[-1] - gain * commanded.filtered(error, low))
-    return tuple(runs), tuple(corrections[: len(runs)]), best, stopped
+            error = commanded.error(shown, name)
+            share = gain / (k + 1) if noisy else gain
+            corrections.append(corrections[-1] - share * commanded.filtered(error, low))
+    return tuple(runs), tuple(corrections[: len(runs)]), best, stopped, tuple(errors)
+
+
+def _accelerometers(model: RobotModel, encoder_noise: float) -> Channels:
+    """Motor angles and all accelerometers of a model; one at the tool where it has none."""
+    own = [sensor.name for sensor in model.sensors if sensor.type == "accelerometer"]
+    noise = {MOTORS: encoder_noise} if encoder_noise > 0 else {}
+    found = channels_of(model, (MOTORS, *(own or [TOOL_ACCELEROMETER])), noise)
+    return found if not own else replace(found, model=model, index=_places(model, found))
+
+
+def _places(model: RobotModel, channels: Channels) -> np.ndarray:
+    """Numbers of the channels among motors and all sensors of a model."""
+    names = [*(m.name for m in model.motors), *(channel for sensor in model.sensors for channel in sensor.channels)]
+    return np.array([names.index(name) for name in channels.names])
+
+
+def _plain(run: ControlRun) -> ControlRun:
+    """What a tracker of the tool measures: the error itself."""
+    return run
+
+
+class _Smoothed:
+    """What accelerometers and motor angles tell of a run: the arm's motion by the smoother, and its error."""
+
+    def __init__(self, case: Case, channels: Channels, name: str) -> None:
+        self._case, self._channels, self._name = case, channels, name
+        self._smoother = PathSmoother(channels, case.reference, case.hardware.sample_s)
+
+    def __call__(self, run: ControlRun) -> ControlRun:
+        robot, reference, hardware = run[self._name], run.reference, run.hardware
+        if robot.failure:
+            return run
+        dy = np.hstack([robot.measured - reference.motion["q_m"], robot.sensors - reference.y_s])
+        late = run.delay_samples, hardware.delay_s / hardware.sample_s
+        du = acting(robot.tau_m - reference.held, *late)
+        q_a = reference.motion["q_a"] + self._smoother.deviation(dy[:, self._channels.index], du)
+        error, turn = output_errors(self._case.equations, reference, np.ascontiguousarray(q_a))
+        shown = replace(robot, q_a=q_a, error=error, turn=turn)
+        return replace(run, runs=tuple(shown if r is robot else r for r in run.runs))
 
 
 def _largest(run: ControlRun, plant: str) -> float:

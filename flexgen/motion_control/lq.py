@@ -86,8 +86,7 @@ class _Design:
     def __init__(self, model: RobotModel, sample_s: float, delay_s: float, options: LQG) -> None:
         self.model, self.sample_s, self.delay_s, self.options = model, sample_s, delay_s, options
         self.poses = PoseModels(model)
-        limits = np.array([m.torque_max or 0.0 for m in model.motors])
-        self.u_max = np.where(limits > 0, limits, max(limits.max(initial=0.0), 1.0))
+        self.u_max = torque_scale(model)
         own = [SENSOR_NOISE * s.noise for s in model.sensors for _ in s.channels]
         used = [max(x, LEAST_NOISE) if options.sensors else NOT_USED for x in own]
         self.noise = np.array([options.encoder_noise] * model.n_m + used) ** 2
@@ -98,7 +97,7 @@ class _Design:
         at, h, options = self.poses.at(motion), self.sample_s, self.options
         F, G = sampled(at.A, at.B, h, self.delay_s)
         n, n_m, size = len(at.A), self.model.n_m, len(F)
-        gain = self._feedback(at, F, G)
+        gain = regulator(at, F, G, options.rho, self.u_max)
         whole = size + n_m  # and the disturbances
         full = np.zeros((whole, whole))
         full[:size, :size], full[size:, size:] = F, np.eye(n_m)
@@ -117,17 +116,24 @@ class _Design:
         closed = full - drive @ feedback
         return closed @ kept, -closed @ M, -feedback @ kept, feedback @ M
 
-    def _feedback(self, at: PoseModel, F: np.ndarray, G: np.ndarray) -> np.ndarray:
-        """Gain of the regulator on the state with the torques under way."""
-        n, size = len(at.A), len(F)
-        weight = at.W.T @ at.W / OUTPUT_SCALE**2
-        Q = np.zeros((size, size))
-        Q[: n // 2, : n // 2] = weight
-        Q[n // 2 : n, n // 2 : n] = weight * SPEED_WEIGHT_S**2
-        Q += REGULAR * np.trace(Q) / size * np.eye(size)
-        R = self.options.rho * np.diag(1.0 / self.u_max**2)
-        P = riccati(F, G, Q, R)
-        return np.asarray(np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F))
+
+def regulator(at: PoseModel, F: np.ndarray, G: np.ndarray, rho: float, u_max: np.ndarray) -> np.ndarray:
+    """Gain (n_m, size) of the regulator on the state with the torques under way; see the text of this module."""
+    n, size = len(at.A), len(F)
+    weight = at.W.T @ at.W / OUTPUT_SCALE**2
+    Q = np.zeros((size, size))
+    Q[: n // 2, : n // 2] = weight
+    Q[n // 2 : n, n // 2 : n] = weight * SPEED_WEIGHT_S**2
+    Q += REGULAR * np.trace(Q) / size * np.eye(size)
+    R = rho * np.diag(1.0 / u_max**2)
+    P = riccati(F, G, Q, R)
+    return np.asarray(np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F))
+
+
+def torque_scale(model: RobotModel) -> np.ndarray:
+    """Largest torques of the motors (n_m,) [N m]; 1 N m where the model file has none."""
+    limits = np.array([m.torque_max or 0.0 for m in model.motors])
+    return np.where(limits > 0, limits, max(limits.max(initial=0.0), 1.0))
 
 
 def riccati(F: np.ndarray, G: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.ndarray:

@@ -9,13 +9,14 @@ L(z)              loop gain from torques to torques; Nyquist: det(1 + L) circles
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from flexgen.loop.controllers import Cascade, Linear
 from flexgen.model.elements import RobotModel
+from flexgen.motion_control.plants import motor_rows
 from flexgen.motion_control.sampled_model import PoseModel, PoseModels, sampled
 
 LARGEST_GAIN, GAINS = 100.0, 60
@@ -140,6 +141,12 @@ def _first(stable: Callable[[float], bool], start: float, values: Sequence[float
     return float("inf")
 
 
+def state_rows(model: RobotModel) -> np.ndarray:
+    """The channels ``q_a, v_a, q_m, v_m`` of the exact state from dx = (dy, dy'), y as in `motor_rows`."""
+    angles = (np.eye(model.n_a, model.dof), motor_rows(model))
+    return np.vstack([np.kron(part, rows) for rows in angles for part in np.eye(2)[:, None]])
+
+
 def loops_at(
     model: RobotModel,
     controller: Any,
@@ -159,5 +166,7 @@ def loops_at(
         if isinstance(controller, Linear):
             A, B, C, D = (x[min(int(samples[k]) // controller.samples, len(x) - 1)] for x in controller.matrices)
             linear = Linear(A, B, C, D)
+            if D.shape[1] > len(at.C):
+                at = replace(at, C=np.vstack([at.C, state_rows(model)]))
         out.append(LoopAtPose(at, linear, sample_s, delay_s))
     return out

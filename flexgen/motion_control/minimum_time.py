@@ -195,3 +195,10 @@ def fastest(
         search.vibrations(found), search.vibrations(default), search.excess(x), coefficients, search.programs,
         search.inversions, seconds[1], seconds[0], tuple(history),
     )  # fmt: skip
+
+
+def fastest_move(
+    model: str | FilePath | RobotModel, move: str | Move | None, limits: Limits | None, progress: Choice
+) -> Move:
+    """The move with its fastest time law; `flexgen.solve` calls it."""
+    return fastest(model, move, limits=limits, progress=progress).move

@@ -29,6 +29,7 @@ from flexgen.trajectory import Trajectory
 
 LOW_PASS_HZ = 8.0
 STEPS, CLOSE = 20, 1e-9
+NOT_CLOSE = 1e-4  # a last step that is larger, relative, changes digits that a user reads
 DEFLECTION_STEPS = 3  # deflections change the torques by little, these change the deflections by less
 ENDS = 0.5  # s at both ends of a record that the low pass spoils
 FEWEST = 200  # samples
@@ -77,7 +78,7 @@ def identify_load(
     ArgumentError
         The record is too short, is not equidistant, or is of other motors.
     SolverError
-        The motion does not determine the load.
+        The motion does not determine the load, or no load was found.
     """
     robot = model if isinstance(model, RobotModel) else read(model)
     return _Estimate(robot, record, low_pass_hz, rigid).solve()
@@ -176,8 +177,14 @@ class _Estimate:
             step[1:] = np.clip(step[1:], -0.5, 0.5)
             x = x + step
             x[0] = max(x[0], 1e-6)
-            if np.abs(step).max() < CLOSE * (1 + np.abs(x).max()):
+            change = np.abs(step).max() / (1 + np.abs(x).max())
+            if change < CLOSE:
                 break
+        if not change < NOT_CLOSE:
+            raise SolverError(
+                f"load: no solution in {STEPS} steps, the last changed the load by {change:.1e}; does the record "
+                f"belong to the model {self.robot.name}?"
+            )
         r = residual(x)
         count = self.effective * r.shape[1]
         covariance = np.linalg.inv(J.T @ J) * float((r**2).mean()) * r.size / max(count - 4, 1.0)

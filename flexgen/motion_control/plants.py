@@ -19,6 +19,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from flexgen.analysis import second_order
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.linearization import second_order_matrices
@@ -157,11 +158,7 @@ class LocalDynamics:
 
     def largest_rate(self, motion: Sequence[np.ndarray], values: np.ndarray) -> float:
         """Largest size of an eigenvalue along a motion [1/s]."""
-        M, D, K, _ = self.matrices(motion, values)
-        n = self.model.dof
-        lower = -np.linalg.solve(M, np.concatenate([K, D], axis=2))
-        upper = np.broadcast_to(np.hstack([np.zeros((n, n)), np.eye(n)]), (len(M), n, 2 * n))
-        return float(np.abs(np.linalg.eigvals(np.concatenate([upper, lower], axis=1))).max())
+        return second_order.largest_rate(*self.matrices(motion, values)[:3])
 
     def _motion(self, y: np.ndarray, q_m: np.ndarray, tau: np.ndarray) -> tuple[np.ndarray, ...]:
         k, n_a, n_m = len(y), self.model.n_a, self.model.n_m

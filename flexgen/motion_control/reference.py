@@ -51,10 +51,14 @@ class MotionReference:
         """The motion in the middle of each part of ``samples`` samples."""
         return self.points(np.minimum(np.arange(0, len(self.time), samples) + samples // 2, len(self.time) - 1))
 
-    def rows(self) -> np.ndarray:
-        """All references of a sample side by side, (n, n_ref); see `flexgen.loop.interface.Reference`."""
+    def rows(self, exact_state: bool = False) -> np.ndarray:
+        """All references of a sample side by side, (n, n_ref); see `flexgen.loop.interface.Reference`.
+
+        With the exact state among the channels: ``q_a, v_a, q_m, v_m`` after the sensors.
+        """
         m = self.motion
-        return np.hstack([m["q_m"], self.y_s, self.held, m["v_m"], m["q_a"], m["v_a"]])
+        state = [m[name] for name in ("q_a", "v_a", "q_m", "v_m")] if exact_state else []
+        return np.hstack([m["q_m"], self.y_s, *state, self.held, m["v_m"], m["q_a"], m["v_a"]])
 
 
 def time_grid(first: float, last: float, sample_s: float, before_s: float, after_s: float) -> np.ndarray:

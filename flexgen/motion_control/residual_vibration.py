@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from flexgen.inversion.model_library import library_with
+from flexgen.build.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware

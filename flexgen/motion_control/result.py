@@ -20,8 +20,8 @@ from flexgen.motion_control.margins import LoopAtPose, Margins, loops_at
 from flexgen.motion_control.plants import NOMINAL
 from flexgen.motion_control.reference import MotionReference
 from flexgen.numerics.evaluate import evaluate
+from flexgen.numerics.rotations import turn_angle
 from flexgen.ports import Port
-from flexgen.simulation.simulate import turn_angle
 from flexgen.trajectory import Trajectory
 
 
@@ -46,6 +46,8 @@ class PlantRun:
         Why it stopped; empty: it did not.
     measured : array (n, n_m) [rad]
         What the encoders showed.
+    sensors : array (n, n_s)
+        What the sensors of the model file showed.
     """
 
     name: str
@@ -57,6 +59,7 @@ class PlantRun:
     saturated: int
     failure: str
     measured: np.ndarray
+    sensors: np.ndarray
 
 
 @dataclass(frozen=True, repr=False)

@@ -23,14 +23,19 @@ from flexgen.numerics.evaluate import evaluate
 class PoseModel:
     """The linear model at a pose.
 
-    ``A`` (n, n), ``B`` (n, n_m), ``push`` (n, 3): force on the tool; ``C`` (n_m + n_s, n): motor angles and sensors
-    (without what the torque itself does to an accelerometer: springs are between); ``W`` (n_y, n): output.
+    ``A`` (n, n), ``B`` (n, n_m), ``push`` (n, 3): force on the tool, ``arm`` (n, n_a + n_k): forces on the arm's
+    coordinates, then torques of the n_k elastic gears on arm and motor; ``C`` (n_m + n_s, n): motor angles and sensors,
+    ``D`` (n_m + n_s, n_m), ``D_arm`` (n_m + n_s, n_a + n_k): what the torques and forces themselves do to
+    accelerometers; ``W`` (n_y, n): output.
     """
 
     A: np.ndarray
     B: np.ndarray
     push: np.ndarray
+    arm: np.ndarray
     C: np.ndarray
+    D: np.ndarray
+    D_arm: np.ndarray
     W: np.ndarray
 
 
@@ -42,7 +47,7 @@ class PoseModels:
         equations = derive(model)
         self._local = LocalDynamics(equations)
         self._output, self._tool = _output_jacobian(equations), equations.function("jacobian")
-        self._sensors = _sensor_jacobians(equations) if model.sensors else None
+        self._sensors = equations.function("sensor_derivatives") if model.sensors else None
 
     def at(self, motion: Sequence[np.ndarray]) -> PoseModel:
         """The model at one point ``q_a v_a a_a q_m v_m a_m tau_m`` (1, ...) of a motion."""
@@ -54,15 +59,27 @@ class PoseModels:
         J = np.zeros((3, n))
         J[:, :n_a] = evaluate(self._tool, motion[0])[0].reshape(6, n_a)[:3]
         push = np.vstack([np.zeros((n, 3)), inverse @ J.T])
+        geared, twist = elastic_gears(model), np.linalg.inv(model.eta)[:, list(model.i_m)]
+        which = [model.i_g.index(i) for i in geared]
+        pairs = inverse[:, geared] - inverse[:, n_a:] @ twist[which].T  # deflection: eta^-1 q_m - q_a
+        arm = np.vstack([np.zeros((n, n_a + len(geared))), np.hstack([inverse[:, :n_a], pairs])])
         C = np.hstack([motor_rows(model), np.zeros((model.n_m, n))])
+        D, D_arm = np.zeros((model.n_m, model.n_m)), np.zeros((model.n_m, arm.shape[1]))
         if self._sensors is not None:
             by_q, by_v, by_a = (x.reshape(-1, n_a) for x in evaluate(self._sensors, *motion[:3]))
             rows = np.zeros((len(by_q), 2 * n))
             rows[:, :n_a], rows[:, n : n + n_a] = by_q, by_v
             C = np.vstack([C, rows + by_a @ A[n : n + n_a]])
+            D, D_arm = np.vstack([D, by_a @ B[n : n + n_a]]), np.vstack([D_arm, by_a @ arm[n : n + n_a]])
         W = np.zeros((model.output.size, n))
         W[:, :n_a] = evaluate(self._output, motion[0])[0].reshape(model.output.size, n_a)
-        return PoseModel(A, B, push, C, W)
+        return PoseModel(A, B, push, arm, C, D, D_arm, W)
+
+
+def elastic_gears(model: RobotModel) -> list[int]:
+    """Arm coordinates that are driven through elastic gears."""
+    twist = np.linalg.inv(model.eta)[:, list(model.i_m)]
+    return [i for i, row in zip(model.i_g, twist, strict=True) if np.any(row)]
 
 
 def held(A: np.ndarray, B: np.ndarray, sample_s: float, rest_s: float) -> tuple[np.ndarray, np.ndarray]:
@@ -113,11 +130,3 @@ def _output_jacobian(equations: Equations) -> ca.Function:
     J = equations.function("jacobian")(q)
     rows = list(range(6)) if model.output.type == "tool_pose" else ["xyz".index(x) for x in model.output.axes]
     return ca.Function("W", [q], [ca.densify(J[rows, :])])
-
-
-def _sensor_jacobians(equations: Equations) -> ca.Function:
-    """Derivatives of the sensors' signals in q_a, v_a and a_a."""
-    signals = equations.function("sensors").expand()
-    arguments = [ca.SX.sym(name, equations.model.n_a) for name in ("q", "v", "a")]
-    y = signals(*arguments)
-    return ca.Function("sensor_jacobians", arguments, [ca.densify(ca.jacobian(y, x)) for x in arguments])

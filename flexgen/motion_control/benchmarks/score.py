@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from flexgen import implementation
+from flexgen.build.model_library import library_with
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
-from flexgen.inversion.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop
 from flexgen.loop.hardware import DriveHardware
 from flexgen.loop.interface import Controller

@@ -10,6 +10,7 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
@@ -27,6 +28,7 @@ from flexgen.motion_control.benchmarks.measures import measures_of
 from flexgen.motion_control.benchmarks.scenario import Scenario, scenario
 from flexgen.motion_control.benchmarks.score import Bench, Score, reference_measures, score
 from flexgen.progress import Choice, reported
+from flexgen.sweeps.executors import with_executor
 
 REFUSED = 10.0  # value of a refused controller, and more for every reason
 SPREAD, FIRST = 0.6, 0.25  # of the logarithms: distance of other starts, size of the first simplex
@@ -65,6 +67,7 @@ def tune(
     evaluations: int = 200,
     starts: int = 1,
     workers: int = 1,
+    executor: Any = None,
     seed: int = 0,
     progress: Choice = None,
 ) -> Tuned:
@@ -81,6 +84,9 @@ def tune(
         Simplices: the first begins at the controller, the others at random beside it.
     workers : int
         Processes.
+    executor : optional
+        Computes the starts in place of own processes, as in `flexgen.sweep`: one of concurrent.futures, or a Client of
+        dask.distributed.
     seed : int
         Of the other starts.
     progress : callable or bool, optional
@@ -88,12 +94,14 @@ def tune(
     Raises
     ------
     ArgumentError
-        The controller is no cascade, or a number is out of range.
+        The controller is no cascade, a number is out of range, or the executor has no ``submit``.
     """
     tell = progress if callable(progress) else None
     for key, value, most in (("evaluations", evaluations, MOST), ("starts", starts, 1000), ("workers", workers, 512)):
         if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
             raise ArgumentError(f"{key}: given {value!r}, expected 1 to {most}")
+    if executor is not None and not hasattr(executor, "submit") and not hasattr(executor, "get_executor"):
+        raise ArgumentError(f"executor: given {executor!r}, expected an object with submit(function, argument)")
     chosen = name if isinstance(name, Scenario) else scenario(name)
     bench = Bench(chosen)
     made, _ = scenario_controller(controller, chosen, bench.motion)
@@ -102,18 +110,19 @@ def tune(
             f"controller: given {type(made).__name__}, expected a P-PI cascade with its filters to tune"
         )
     x = numbers_of(made)
+    if not len(x):
+        raise ArgumentError(
+            "controller: given a cascade whose gains are all zero and that has no filter, expected one to tune"
+        )
+    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        raise ArgumentError(f"seed: given {seed!r}, expected a whole number from 0 on")
     rng = np.random.default_rng(seed)
     begins = [x, *(x + SPREAD * rng.standard_normal(len(x)) for _ in range(starts - 1))]
-    jobs = [(chosen, made, begin, evaluations) for begin in begins]
-    if min(workers, starts) == 1:
-        found = [_search(*job, tell) for job in jobs]
+    jobs = [_Job(k, chosen, made, begin, evaluations) for k, begin in enumerate(begins)]
+    if executor is None and min(workers, starts) == 1:
+        found = [job.search(tell) for job in jobs]
     else:
-        with ProcessPoolExecutor(min(workers, starts), mp_context=get_context("spawn")) as pool:
-            found = []
-            for k, result in enumerate(pool.map(_job, jobs)):
-                found.append(result)
-                if tell is not None:
-                    tell(f"{k + 1} of {starts} starts, best {min(f[1] for f in found):.4f}")
+        found = _in_parallel(jobs, min(workers, starts), executor, tell)
     best = min(found, key=lambda f: f[1])
     controller = with_numbers(made, best[0])
     done = score(chosen, controller, progress=False)
@@ -121,15 +130,45 @@ def tune(
     return Tuned(controller, done, score(chosen, made, progress=False), tuple(best[2]), sum(f[3] for f in found))
 
 
-def _job(job: tuple[Scenario, Cascade, np.ndarray, int]) -> tuple[np.ndarray, float, list[float], int]:
+Found = tuple[np.ndarray, float, list[float], int]  # best numbers, their value, the history, evaluations
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One start."""
+
+    number: int
+    scenario: Scenario
+    controller: Cascade
+    begin: np.ndarray
+    evaluations: int
+
+    def search(self, tell: Callable[[str], None] | None) -> Found:
+        return _search(self.scenario, self.controller, self.begin, self.evaluations, tell)
+
+
+def _work(job: _Job) -> Found:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    return _search(*job, None)
+    return job.search(None)
+
+
+def _in_parallel(jobs: list[_Job], workers: int, executor: Any, tell: Callable[[str], None] | None) -> list[Found]:
+    """The starts in the order of their numbers, in other processes."""
+    found: dict[int, Found] = {}
+    with ExitStack() as stack:
+        if executor is None:
+            executor = stack.enter_context(ProcessPoolExecutor(workers, mp_context=get_context("spawn")))
+        for job, result in stack.enter_context(closing(with_executor(jobs, executor, None, _work))):
+            found[job.number] = result
+            if tell is not None:
+                tell(f"{len(found)} of {len(jobs)} starts, best {min(f[1] for f in found.values()):.4f}")
+    return [found[job.number] for job in jobs]
 
 
 def _search(
     chosen: Scenario, made: Cascade, begin: np.ndarray, evaluations: int, tell: Callable[[str], None] | None
-) -> tuple[np.ndarray, float, list[float], int]:
-    """Best numbers, their value, the history, and the number of evaluations."""
+) -> Found:
+    """The best of a simplex from a start."""
     bench, units = Bench(chosen), reference_measures(chosen)
     weights = np.array([measure.weight for measure in measures_of(chosen)])
     history: list[float] = []

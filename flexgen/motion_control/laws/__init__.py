@@ -1,0 +1,1 @@
+"""Feedback laws that are designed from a model of the robot."""
