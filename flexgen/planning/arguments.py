@@ -1,0 +1,91 @@
+"""Checks of the arguments of planned motions."""
+
+from __future__ import annotations
+
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError
+
+HESSIANS = ("auto", "exact", "gauss-newton")
+MOST = 5000  # intervals of a mesh
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a real number and not NaN."""
+    return isinstance(value, Real) and not isinstance(value, bool) and not np.isnan(float(value))
+
+
+def check_positive(name: str, value: Any) -> None:
+    """ArgumentError unless the value is a positive number."""
+    if not is_number(value) or not 0 < value < np.inf:
+        raise ArgumentError(f"{name}: given {value!r}, expected a positive number")
+
+
+def check_not_negative(name: str, value: Any, unit: str = "") -> None:
+    """ArgumentError unless the value is a finite number >= 0."""
+    if not is_number(value) or not 0 <= value < np.inf:
+        raise ArgumentError(f"{name}: given {value!r}, expected a finite number >= 0{unit}")
+
+
+def check_count(name: str, value: Any) -> None:
+    """ArgumentError unless the value is a positive whole number."""
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise ArgumentError(f"{name}: given {value!r}, expected a positive whole number")
+
+
+def check_solve(hessian: Any, accuracy: Any, max_iterations: Any, time_limit: Any, compiled: Any) -> None:
+    """ArgumentError where an argument of `PlanProblem.solve` is out of range."""
+    if hessian not in HESSIANS:
+        raise ArgumentError(f"hessian: given {hessian!r}, expected one of {', '.join(HESSIANS)}")
+    check_positive("accuracy", accuracy)
+    check_count("max_iterations", max_iterations)
+    if time_limit is not None:
+        check_not_negative("time_limit", time_limit, ", in s; None or 0: no limit")
+    if compiled is not None and not isinstance(compiled, bool):
+        raise ArgumentError(f"compiled: given {compiled!r}, expected True, False or None")
+
+
+def check_parameter(name: Any, known: list[str], lower: Any, upper: Any, guess: Any) -> None:
+    """ArgumentError unless an unknown number has a new name, and a finite guess within its bounds."""
+    if not isinstance(name, str) or not name:
+        raise ArgumentError(f"parameter: given the name {name!r}, expected a text")
+    if name in known:
+        raise ArgumentError(f"parameter {name}: there is one of this name already, expected another name")
+    if not all(map(is_number, (lower, upper, guess))) or not np.isfinite(guess) or not lower <= guess <= upper:
+        raise ArgumentError(f"parameter {name}: given guess {guess!r}, expected a number from {lower} to {upper}")
+
+
+def numbers_of(value: Any, text: str) -> np.ndarray:
+    """The value as an array; ArgumentError with the text where it is none of finite numbers."""
+    try:
+        array = np.asarray(value, float)
+    except (TypeError, ValueError):
+        raise ArgumentError(text) from None
+    if not np.isfinite(array).all():
+        raise ArgumentError(text)
+    return array
+
+
+def mesh_nodes(mesh: Any, duration: float) -> np.ndarray:
+    """Nodes from 0 to 1 of a mesh: a number of intervals, their length [s], or relative nodes."""
+    if isinstance(mesh, bool | str | bytes) or mesh is None:
+        raise ArgumentError(f"mesh: given {mesh!r}, expected a number of intervals, a length in s or relative nodes")
+    if isinstance(mesh, int | np.integer):
+        count: float = int(mesh)
+    elif isinstance(mesh, float):
+        check_positive("mesh", mesh)
+        count = float(np.ceil(duration / float(mesh) - 1e-9)) if mesh * MOST > duration / 2 else np.inf
+    else:
+        text = f"mesh: given {mesh!r}, expected increasing relative nodes from 0 to 1"
+        nodes = numbers_of(mesh, text)
+        if nodes.ndim != 1 or len(nodes) < 2 or not (np.diff(nodes) > 0).all():
+            raise ArgumentError(text)
+        if not np.allclose(nodes[[0, -1]], [0, 1]):
+            raise ArgumentError(text)
+        return np.r_[0.0, nodes[1:-1], 1.0]
+    if not 1 <= count <= MOST:
+        raise ArgumentError(f"mesh: given {mesh!r}, which makes {count} intervals, expected 1 to {MOST}")
+    return np.linspace(0.0, 1.0, int(count) + 1)

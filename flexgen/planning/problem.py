@@ -1,0 +1,429 @@
+"""Optimal control of a robot with costs, constraints and bounds of the user: the transcription as an object.
+
+    minimize    sum of integrals of costs + costs at the ends
+    subject to  the equations of motion at the collocation points, constraints and bounds of the user
+
+The states are polynomials on the intervals of a mesh: Gauss (3 points, order 6), Radau IIA (3 points, order 5) or
+Hermite-Simpson (Lobatto, order 4). IPOPT solves the sparse program with exact derivatives. The result is simulated
+with an integrator and equations that share no code with it.
+
+Source: J. Betts, Practical Methods for Optimal Control and Estimation Using Nonlinear Programming, 2010, ch. 4;
+L. Biegler, Nonlinear Programming, 2010, ch. 10.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path as FilePath
+
+import casadi as ca
+import numpy as np
+
+from flexgen.deadline import running
+from flexgen.errors import ArgumentError
+from flexgen.inversion.bounds import Limits
+from flexgen.inversion.solution import Solution
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.outputs import output_map
+from flexgen.mechanics.quasistatic import targets
+from flexgen.model.elements import Move, RobotModel
+from flexgen.numerics.nlp import NlpResult, solve_nlp
+from flexgen.numerics.tableaus import Tableau, gauss, lobatto, radau
+from flexgen.numerics.transcription import Transcription
+from flexgen.paths.path import Path, named_move
+from flexgen.planning import guesses, reference_curve
+from flexgen.planning.arguments import check_parameter, check_positive, check_solve, mesh_nodes
+from flexgen.planning.blocks import Program, check_finite, program
+from flexgen.planning.nodal import general_part
+from flexgen.planning.obstacles import Obstacle, Sphere, distance_rows
+from flexgen.planning.phase import Phase
+from flexgen.planning.result import planned_solution
+from flexgen.planning.start import Parameter, check_rest, scales, start_of
+from flexgen.planning.transcribe import Layout, blocks_of, links
+from flexgen.progress import Choice, reported
+from flexgen.trajectory import Trajectory
+
+SCHEMES: dict[str, Callable[[], Tableau]] = {
+    "gauss3": lambda: gauss(3), "radau": lambda: radau(3), "hermite-simpson": lobatto,
+}  # fmt: skip
+Rest = tuple[int, str, np.ndarray, float | None]  # phase, end, coordinates, path parameter where it is known
+TIMINGS = ("given", "free")
+INTERVALS = 50
+EXACT_UP_TO = 8  # coordinates: above it the curvature of the constraints costs more than it saves
+ACCURACY = 1e-5  # rad, and m for each meter of reach: largest error of the simulation of a solved problem
+TOLERANCE = 1e-9  # of IPOPT, on scaled constraints
+OPTIMALITY = 1e-7  # of the conditions of a minimum, scaled
+ITERATIONS = 500
+TOUCH, EXCESS = 1e-3, 1e-2  # m, and of a ball's radius: deepest contact between the collocation points
+SAME = 1e-9  # rad or m: ends of two phases that are as close are one
+BETWEEN = 0.1  # of the tolerance of a path: left for what the output does between the collocation points
+
+
+class PlanProblem(Phase):
+    """An optimal control problem of a robot; made by `flexgen.plan_problem`.
+
+    The problem is its own first phase: signals, costs, constraints and bounds are those of `Phase`.
+
+    Attributes
+    ----------
+    phases : list of Phase
+    path : Path
+        Of the move: its ends, and the reference of the output.
+    """
+
+    def __init__(
+        self, equations: Equations, path: Path, mesh: np.ndarray, table: Tableau, timing: str, limits: Limits | None,
+        model_limits: bool,
+    ) -> None:  # fmt: skip
+        self.path, self.timing, self._table = path, timing, table
+        self._limits, self._model_limits = limits, model_limits
+        self._n = equations.model.dof + (timing == "free")
+        with_path = timing == "free"
+        super().__init__(
+            equations, Transcription(mesh, table, self._n, equations.model.n_m), path.duration, number=0,
+            tracked=not with_path, with_path=with_path,
+        )  # fmt: skip
+        self.y_start, self.y_end = guesses.ends_of(equations, path)
+        self.parameters: list[Parameter] = []
+        self._everywhere: list[Callable[[Phase], None]] = []  # what holds in the phases added afterwards as well
+        self._periodic = False
+        self._warm: NlpResult | None = None
+        self._warm_x = np.zeros(0)
+        self._apply_limits(self)
+
+    # --- phases, parameters, path -----------------------------------------------------------------------------------
+    def then(self, duration: float, mesh: int | float | Sequence[float] = INTERVALS) -> Phase:
+        """Add a phase after the last one; the state is continuous, the torque may jump.
+
+        The end of the problem moves to the end of the new phase; `avoid` and `follow` hold there as well.
+        """
+        check_positive("duration", duration)
+        nodes = mesh_nodes(mesh, float(duration))
+        transcription = Transcription(nodes, self._table, self._n, self.equations.model.n_m)
+        last = self.phases[-1]
+        phase = Phase(
+            self.equations, transcription, float(duration), number=len(self.phases), tracked=self.timing != "free",
+            with_path=self.timing == "free",
+        )  # fmt: skip
+        phase.phases, phase.unknowns = self.phases, self.unknowns
+        phase.y_end, last.y_end = last.y_end, None
+        phase.torque_continuous = self.torque_continuous
+        self.phases.append(phase)
+        self._apply_limits(phase)
+        for state in self._everywhere:
+            state(phase)
+        return phase
+
+    def parameter(self, name: str, lower: float = -np.inf, upper: float = np.inf, guess: float = 0.0) -> ca.SX:
+        """An unknown number within bounds, for costs and constraints."""
+        known = [unknown.name().removeprefix("p:") for unknown in self.unknowns]
+        check_parameter(name, known, lower, upper, guess)
+        symbol = ca.SX.sym(f"p:{name}")
+        self.unknowns.append(symbol)
+        self.parameters.append(Parameter(symbol, float(lower), float(upper), float(guess)))
+        return symbol
+
+    @property
+    def keeps_model_limits(self) -> bool:
+        """Whether the limits of the model file are bounds."""
+        return self._model_limits
+
+    @property
+    def tracks(self) -> bool:
+        """Whether a cost or a constraint depends on the reference, or the path parameter is free."""
+        if self.timing == "free":
+            return True
+        for phase in self.phases:
+            content = phase.content
+            used = [row.value for rows in content.rows.values() for row in rows] + content.squares
+            used += [cost for costs in content.costs.values() for cost in costs]
+            if ca.depends_on(ca.veccat(ca.SX(0), *used), phase.signals.reference):
+                return True
+        return False
+
+    @property
+    def output_error(self) -> ca.SX:
+        """Output less target (n_y,), of the first phase; of a pose the sine of the angle times the axis comes last."""
+        return self.error_of(self)
+
+    def error_of(self, phase: Phase) -> ca.SX:
+        """Output less target (n_y,) at an instant of a phase."""
+        out = output_map(self.equations)
+        target = phase.signals.reference
+        if self.timing == "free":
+            target = reference_curve.curve(self.path, phase["s"])
+        symbols = ca.vertcat(self.equations.lagrangian.chain.q_a, out.target)
+        return ca.substitute(out.error, symbols, ca.vertcat(phase["q_a"], target))
+
+    def follow(self, tolerance: float = ACCURACY) -> None:
+        """Keep the output within ``tolerance`` [m, rad] of the path in all phases, each row by itself.
+
+        Phases that are added afterwards count as well.
+        """
+        check_positive("tolerance", tolerance)
+        inner = (1 - BETWEEN) * tolerance
+
+        def state(phase: Phase) -> None:
+            error = self.error_of(phase)
+            phase.subject_to(error, -inner, inner, name="distance from the path", slack=BETWEEN * tolerance)
+
+        self._in_all_phases(state)
+
+    def avoid(self, *obstacles: Obstacle, margin: float = 0.0, samples: int = 2) -> None:
+        """Keep the arm out of obstacles in all phases, those that are added afterwards included.
+
+        Parameters
+        ----------
+        *obstacles : Sphere or HalfSpace
+        margin : float [m]
+            Distance to keep: the radius of the links.
+        samples : int
+            Points on each link; the corners of the chain count as well.
+        """
+
+        def state(phase: Phase) -> None:
+            stated = [distance_rows(self.equations, phase["q_a"], x, margin, samples) for x in obstacles]
+            for k, (obstacle, rows) in enumerate(zip(obstacles, stated, strict=True)):
+                kind = "sphere" if isinstance(obstacle, Sphere) else "half-space"
+                name, slack = obstacle.name or f"{kind} {k + 1}", TOUCH
+                if isinstance(obstacle, Sphere):
+                    slack = min(TOUCH, EXCESS * (obstacle.radius + margin))
+                phase.subject_to(rows, 0.0, np.inf, name=name, slack=slack)
+
+        self._in_all_phases(state)
+
+    def _in_all_phases(self, state: Callable[[Phase], None]) -> None:
+        for phase in self.phases:
+            state(phase)
+        self._everywhere.append(state)
+
+    def periodic(self) -> None:
+        """Let the motion end in the state in which it starts; both ends become free."""
+        self._periodic = True
+        self.y_start = self.phases[-1].y_end = None
+
+    def _apply_limits(self, phase: Phase) -> None:
+        """Bounds from the limits of the model file, or those given."""
+        model = self.equations.model
+        given = self._limits or Limits()
+        torque, speed = given.arrays(model.n_m)
+        deflection = given.deflections(model.n_e)
+        if self._model_limits:
+            own = [np.array([getattr(m, x) or np.inf for m in model.motors]) for x in ("torque_max", "speed_max")]
+            torque = torque if given.torque is not None else own[0]
+            speed = speed if given.speed is not None else own[1]
+        for name, size in (("tau_m", torque), ("v_m", speed), ("elastic_deflection", deflection)):
+            if len(size) and np.isfinite(size).any():
+                phase.bound(name, -size, size)
+        if not self._model_limits:
+            return
+        for c in model.coordinates:
+            dof = c.dof
+            if dof is None:
+                continue
+            if dof.lower is not None or dof.upper is not None:
+                phase.bound(f"q_a[{dof.name}]", dof.lower, dof.upper)
+            for name, limit in (("v_a", dof.speed_max), ("a_a", dof.acceleration_max)):
+                if limit is not None:
+                    phase.bound(f"{name}[{dof.name}]", -limit, limit)
+
+    # --- solution ---------------------------------------------------------------------------------------------------
+    @reported("plan")
+    def solve(
+        self,
+        *,
+        guess: str | Solution | Trajectory | None = None,
+        warm: bool = False,
+        hessian: str = "auto",
+        verify: bool = True,
+        accuracy: float = ACCURACY,
+        compiled: bool | None = None,
+        max_iterations: int = ITERATIONS,
+        time_limit: float | None = None,
+        progress: Choice = None,
+    ) -> Solution:
+        """Solve the problem and simulate the solution.
+
+        Parameters
+        ----------
+        guess : str, Solution or Trajectory, optional
+            ``"rest"``: a slow motion between the ends; ``"lq"``: the inversion of the move, the default where the path
+            parameter is free.
+        warm : bool
+            Start from the last solution of this problem, with its multipliers; sizes must be the same.
+        hessian : str
+            ``"exact"``, ``"gauss-newton"`` (no curvature of constraints), ``"auto"``: exact up to 8 coordinates.
+        verify : bool
+            Simulate the full model under the planned torque.
+        accuracy : float [rad, and m for each meter of reach, at most m]
+            Largest distance of the simulated output from the planned one.
+        compiled : bool, optional
+            Whether compiled C evaluates the program; default: where it pays, see `COMPILE_FROM`.
+        max_iterations : int
+            Of IPOPT.
+        time_limit : float, optional [s]
+            None or 0: no limit.
+        progress : callable or bool, optional
+
+        Returns
+        -------
+        Solution
+            "solved" where IPOPT converged and the simulation agrees, else "tolerance not met"; ``verdict`` has the
+            largest violated constraint.
+
+        Raises
+        ------
+        ArgumentError
+            An argument is out of range.
+        SolverError
+            A constraint does not hold at rest at an end, or IPOPT ends with numbers that are not finite.
+        """
+        check_solve(hessian, accuracy, max_iterations, time_limit, compiled)
+        began = time.perf_counter(), time.process_time()
+        told = progress if callable(progress) else None
+        layout = Layout(tuple(self.phases), tuple(parameter.symbol for parameter in self.parameters))
+        exact = hessian == "exact" or (hessian == "auto" and self.equations.model.dof <= EXACT_UP_TO)
+        rests = self._rests()
+        for number, where, rest, s in rests:
+            check_rest(self.phases[number], rest, where, s)
+        with running(time_limit or None):
+            start = self._start(layout, guess)
+            multipliers = None
+            if warm:
+                if self._warm is None or len(self._warm.x) != layout.size:
+                    raise ArgumentError("warm: there is no solution of a problem of this size, expected solve() before")
+                start = self._warm_x
+            scale = scales(layout, self.parameters, start)
+            made = self._program(layout, scale, start, exact, compiled)
+            check_finite(made, start / scale)
+            if warm and self._warm is not None and len(self._warm.multipliers[1]) == len(made.lower):
+                multipliers = self._warm.multipliers
+            found = solve_nlp(
+                made.x, made.cost, made.g, made.jacobian, made.hessian, start / scale, gradient=made.gradient,
+                multipliers=multipliers, bounds_x=self._bounds(layout, scale, rests), bounds_g=(made.lower, made.upper),
+                progress=told, max_iterations=max_iterations, tolerance=TOLERANCE,
+                optimality=OPTIMALITY,
+            )  # fmt: skip
+            x = found.x * scale
+            if found.success:
+                self._warm, self._warm_x = found, x
+            return planned_solution(self, layout, made, found, x, accuracy, verify, began, told)
+
+    def reference_at(self, phase: Phase) -> Callable[[np.ndarray], np.ndarray]:
+        """Targets (k, n_t) of the output at relative times of a phase, by its given duration."""
+        if not phase.signals.reference.numel():
+            return lambda sigma: np.zeros((len(sigma), 0))
+        start = sum(other.given_duration for other in self.phases[: phase.number])
+        return lambda sigma: targets(self.path.sample(start + phase.given_duration * np.asarray(sigma)))
+
+    def _program(
+        self, layout: Layout, scale: np.ndarray, start: np.ndarray, exact: bool, compiled: bool | None
+    ) -> Program:
+        blocks = [b for phase in self.phases for b in blocks_of(layout, phase, self.reference_at(phase), exact)]
+        joined, matrix, names = links(layout, self._periodic)
+        size = np.maximum(abs(matrix) @ scale, 1e-300) if len(names) else np.zeros(0)
+        nodal = [item for phase in self.phases for item in phase.content.nodal]
+        general, bounds = (None, None) if not nodal else general_part(layout, nodal)
+        limit = {None: COMPILE_FROM, True: 0.0, False: np.inf}[compiled]
+        return program(layout.size, [*blocks, *joined], (matrix, names, 1 / size), scale, start, general, bounds, limit)
+
+    def _start(self, layout: Layout, guess: str | Solution | Trajectory | None) -> np.ndarray:
+        """The unknowns where the search starts."""
+        ends = guesses.ends_of(self.equations, self.path)
+        ends = _or(self.y_start, ends[0]), _or(self.phases[-1].y_end, ends[1])
+        free = self.timing == "free"
+        return start_of(layout, self.path, ends, guess, self.parameters, free=free)
+
+    def _rests(self) -> list[Rest]:
+        """Where the arm is at rest: phase, end, coordinates, and the path parameter at both ends of the problem."""
+        out: list[Rest] = []
+        free, last = self.timing == "free", len(self.phases) - 1
+        for number, phase in enumerate(self.phases):
+            before = self.phases[number - 1].y_end if number else None
+            if phase.y_start is not None and before is not None:
+                if np.abs(phase.y_start - before).max() > SAME:
+                    raise ArgumentError(
+                        f"start_at: given another start of phase {number} than the end of phase {number - 1}; state one"
+                    )
+            elif phase.y_start is not None:
+                out.append((number, "start", phase.y_start, 0.0 if free and number == 0 else None))
+            if phase.y_end is not None:
+                out.append((number, "end", phase.y_end, 1.0 if free and number == last else None))
+        return out
+
+    def _bounds(self, layout: Layout, scale: np.ndarray, rests: list[Rest]) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of the scaled unknowns: rest at the ends, durations, parameters."""
+        lower, upper = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
+        for number, where, rest, s in rests:
+            y, dy = layout.node(number, 0 if where == "start" else -1).reshape(2, self._n)
+            known = len(rest) if s is None else self._n  # within the problem the path parameter is free
+            lower[y[:known]] = upper[y[:known]] = rest if s is None else np.r_[rest, s]
+            lower[dy[:known]] = upper[dy[:known]] = 0.0
+        limits = [phase.duration_bounds for phase in self.phases] + [(p.lower, p.upper) for p in self.parameters]
+        lower[layout.theta], upper[layout.theta] = np.array(limits, float).T
+        return lower / scale, upper / scale
+
+
+COMPILE_FROM = 1e6  # operations times instants: below it the compiler takes longer than it saves
+
+
+def _or(value: np.ndarray | None, other: np.ndarray) -> np.ndarray:
+    return other if value is None else value
+
+
+def plan_problem(
+    model: str | FilePath | RobotModel | Equations,
+    move: str | Move | None = None,
+    *,
+    mesh: int | float | Sequence[float] = INTERVALS,
+    scheme: str = "gauss3",
+    timing: str = "given",
+    limits: Limits | bool | None = None,
+) -> PlanProblem:
+    """An optimal control problem of a robot, to which costs, constraints and bounds are added.
+
+    Parameters
+    ----------
+    model : name, path, RobotModel or Equations
+    move : str or Move, optional
+        A move of the model file; default: its first. The motion starts and ends at rest in the equilibria at its ends,
+        takes its time, and is otherwise free. See `PlanProblem.start_at`, `end_at`, `free_time`.
+    mesh : int, float or sequence
+        Number of intervals, their length [s], or nodes from 0 to 1.
+    scheme : str
+        ``"gauss3"``, ``"radau"`` or ``"hermite-simpson"``.
+    timing : str
+        ``"given"``: ``problem.reference`` is the target of the output by the time law of the move. ``"free"``: the path
+        parameter ``problem["s"]`` from 0 to 1 is an unknown, and `PlanProblem.follow` keeps the output on the path.
+    limits : Limits or bool, optional
+        Bounds of torques, speeds and deflections; default: those of the model file, and those of its joints. False:
+        none.
+
+    Returns
+    -------
+    PlanProblem
+
+    Raises
+    ------
+    ArgumentError, ModelError
+        An argument is out of range.
+    SolverError
+        The ends of the move have no equilibrium.
+    """
+    if scheme not in SCHEMES:
+        raise ArgumentError(f"scheme: given {scheme!r}, expected one of {', '.join(SCHEMES)}")
+    if timing not in TIMINGS:
+        raise ArgumentError(f"timing: given {timing!r}, expected one of {', '.join(TIMINGS)}")
+    if limits is not None and not isinstance(limits, bool | Limits):
+        raise ArgumentError(f"limits: given {limits!r}, expected flexgen.Limits(torque=..., speed=...) or False")
+    equations = model if isinstance(model, Equations) else derive(model)
+    path = Path(equations, named_move(equations.model, move))
+    if timing == "free":
+        reference_curve.path_by_parameter(path)
+    given = limits if isinstance(limits, Limits) else None
+    problem = PlanProblem(
+        equations, path, mesh_nodes(mesh, path.duration), SCHEMES[scheme](), timing, given, limits is not False
+    )
+    problem.torque_continuous = scheme == "hermite-simpson"
+    return problem
