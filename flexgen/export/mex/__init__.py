@@ -1,0 +1,1 @@
+"""Functions of an emitted library for MATLAB and GNU Octave: `export_mex`."""

@@ -1,0 +1,1 @@
+"""Function blocks of IEC 61131-3 around an emitted library: `export_plcopen`."""

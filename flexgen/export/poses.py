@@ -1,0 +1,60 @@
+"""Poses for robot descriptions: chained placements, quaternions, roll-pitch-yaw angles."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from flexgen.model.elements import Placement
+
+
+def chained(first: Placement, second: Placement) -> Placement:
+    """The pose of a frame that is placed at ``second`` in a frame placed at ``first``."""
+    R = np.array(first.rotation)
+    position = np.array(first.position) + R @ np.array(second.position)
+    turned = R @ np.array(second.rotation)
+    return Placement(tuple(position.tolist()), tuple(map(tuple, turned.tolist())))
+
+
+def pose_attributes(place: Placement) -> dict[str, np.ndarray]:
+    """Position and quaternion as attributes of an MJCF element."""
+    return {"pos": np.array(place.position), "quat": quaternion(np.array(place.rotation))}
+
+
+def frame_about(axis: np.ndarray) -> np.ndarray:
+    """A rotation matrix whose z axis is this unit vector."""
+    x = np.eye(3)[int(np.argmin(np.abs(axis)))]
+    x = x - (x @ axis) * axis
+    x = x / np.linalg.norm(x)
+    return np.column_stack([x, np.cross(axis, x), axis])
+
+
+def quaternion(R: np.ndarray) -> np.ndarray:
+    """The unit quaternion (w, x, y, z) of a rotation matrix, from its largest component (S. W. Shepperd, 1978)."""
+    trace = float(np.trace(R))
+    squares = np.array([trace, R[0, 0], R[1, 1], R[2, 2]])
+    k = int(np.argmax(squares))
+    skew = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    if k == 0:
+        q = np.array([1.0 + trace, *skew])
+    else:
+        i = k - 1
+        q = np.zeros(4)
+        q[0] = skew[i]
+        q[1:] = R[i] + R[:, i]
+        q[k] = 1.0 + 2 * R[i, i] - trace
+    q = q / np.linalg.norm(q)
+    return q if q[0] >= 0.0 else -q
+
+
+def roll_pitch_yaw(R: np.ndarray) -> np.ndarray:
+    """Angles with ``R = Rz(yaw) Ry(pitch) Rx(roll)`` [rad]; at a pitch of 90 degrees with an arbitrary yaw.
+
+    The yaw is taken out first, so that roll and pitch are exact however small the cosine of the pitch is.
+    """
+    cosine = math.hypot(R[0, 0], R[1, 0])
+    yaw = math.atan2(R[1, 0], R[0, 0]) if cosine > 0.0 else 0.0
+    c, s = math.cos(yaw), math.sin(yaw)
+    rest = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) @ R  # Ry(pitch) Rx(roll)
+    return np.array([math.atan2(-rest[1, 2], rest[1, 1]), math.atan2(-R[2, 0], rest[0, 0]), yaw])

@@ -1,0 +1,336 @@
+// Written by flexgen; see the header.
+#include "flexgen_model/stream_controller.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <exception>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include <pluginlib/class_list_macros.hpp>
+
+#include "flexgen_model/arm.hpp"
+
+namespace flexgen_model
+{
+namespace
+{
+
+constexpr double NOT_A_NUMBER = std::numeric_limits<double>::quiet_NaN();
+
+// A sample that the stream refuses changes nothing in it.
+bool refused(int status)
+{
+    return status == MODEL_INPUT_NOT_FINITE || status == MODEL_BAD_ARGUMENT || status == MODEL_UNREACHABLE;
+}
+
+bool finite(const std::vector<double> &x)
+{
+    return std::all_of(x.begin(), x.end(), [](double entry) { return std::isfinite(entry); });
+}
+
+} // namespace
+
+controller_interface::CallbackReturn StreamController::on_init()
+{
+    try {
+        auto_declare<std::vector<std::string>>("joints", std::vector<std::string>(MOTORS.begin(), MOTORS.end()));
+        for (const char *name : {"position_gain", "speed_gain", "integral_gain"}) {
+            auto_declare<std::vector<double>>(name, std::vector<double>());
+        }
+        auto_declare<std::vector<double>>("torque_max", std::vector<double>(MODEL_NM, 0.0));
+        auto_declare<std::vector<double>>("gear_ratio", std::vector<double>(MODEL_NM, 1.0));
+        auto_declare<std::vector<double>>("offset", std::vector<double>(MODEL_NM, 0.0));
+        auto_declare<std::vector<double>>(
+            "start_output", std::vector<double>(START_OUTPUT.begin(), START_OUTPUT.end()));
+        auto_declare<std::vector<double>>("q_start", std::vector<double>(model_home_q_a, model_home_q_a + MODEL_NA));
+        auto_declare<double>("start_tolerance", START_TOLERANCE);
+        auto_declare<double>("period", MODEL_STREAM_PERIOD);
+        auto_declare<int>("intervals", MODEL_STREAM_INTERVALS);
+        auto_declare<int>("samples_per_interval", MODEL_STREAM_SAMPLES_PER_INTERVAL);
+        auto_declare<double>("tolerance", MODEL_STREAM_TOLERANCE);
+        auto_declare<double>("delay", 0.0);
+        auto_declare<int>("queue", 1000);
+    } catch (const std::exception &error) {
+        RCLCPP_ERROR(get_node()->get_logger(), "parameters: %s", error.what());
+        return controller_interface::CallbackReturn::ERROR;
+    }
+    return controller_interface::CallbackReturn::SUCCESS;
+}
+
+bool StreamController::read_parameters()
+{
+    const auto node = get_node();
+    const auto logger = node->get_logger();
+    const auto list = [&](const char *name, std::size_t size, bool not_negative) {
+        auto x = node->get_parameter(name).as_double_array();
+        const bool good = x.size() == size && finite(x) &&
+                          (!not_negative || std::all_of(x.begin(), x.end(), [](double entry) { return entry >= 0.0; }));
+        if (!good) {
+            RCLCPP_ERROR(logger, "parameter %s: expected %zu finite numbers%s, given %zu numbers", name, size,
+                not_negative ? " >= 0" : "", x.size());
+            x.clear();
+        }
+        return x;
+    };
+    joints_ = node->get_parameter("joints").as_string_array();
+    if (joints_.size() != MODEL_NM) {
+        RCLCPP_ERROR(
+            logger, "parameter joints: expected %d names, one for each motor, given %zu", MODEL_NM, joints_.size());
+        return false;
+    }
+    const auto copy = [&](const char *name, bool not_negative, Motors &to) {
+        const auto x = list(name, MODEL_NM, not_negative);
+        if (x.empty()) {
+            return false;
+        }
+        std::copy(x.begin(), x.end(), to.begin());
+        return true;
+    };
+    if (!copy("position_gain", true, cascade_.position_gain) || !copy("speed_gain", true, cascade_.speed_gain) ||
+        !copy("integral_gain", true, cascade_.integral_gain) || !copy("torque_max", true, cascade_.torque_max) ||
+        !copy("gear_ratio", false, gear_ratio_) || !copy("offset", false, offset_)) {
+        return false;
+    }
+    if (std::any_of(gear_ratio_.begin(), gear_ratio_.end(), [](double ratio) { return ratio == 0.0; })) {
+        RCLCPP_ERROR(logger, "parameter gear_ratio: expected numbers other than 0");
+        return false;
+    }
+    start_output_ = list("start_output", MODEL_NT, false);
+    q_start_ = list("q_start", MODEL_NA, false);
+    start_tolerance_ = node->get_parameter("start_tolerance").as_double();
+    options_.period = node->get_parameter("period").as_double();
+    options_.intervals = static_cast<int>(node->get_parameter("intervals").as_int());
+    options_.samples_per_interval = static_cast<int>(node->get_parameter("samples_per_interval").as_int());
+    options_.tolerance = node->get_parameter("tolerance").as_double();
+    options_.hold = MODEL_HOLD_ZOH;
+    options_.delay = node->get_parameter("delay").as_double();
+    return !start_output_.empty() && !q_start_.empty();
+}
+
+controller_interface::CallbackReturn StreamController::on_configure(const rclcpp_lifecycle::State &)
+{
+    const auto logger = get_node()->get_logger();
+    if (!read_parameters()) {
+        return controller_interface::CallbackReturn::FAILURE;
+    }
+    const int64_t size = model_stream_work(&options_);
+    if (size < 0) {
+        RCLCPP_ERROR(
+            logger, "parameters intervals, samples_per_interval, delay: %s", model_status_text(MODEL_BAD_ARGUMENT));
+        return controller_interface::CallbackReturn::FAILURE;
+    }
+    cascade_.sample_time = options_.period / options_.samples_per_interval;
+    const double rate = get_update_rate();
+    if (!(std::abs(rate * cascade_.sample_time - 1.0) < 1e-6)) {
+        RCLCPP_ERROR(logger,
+            "parameters period, samples_per_interval: given %g s and %d, which need an update rate of %g Hz; that of "
+            "the controller is %g Hz",
+            options_.period, options_.samples_per_interval, 1.0 / cascade_.sample_time, rate);
+        return controller_interface::CallbackReturn::FAILURE;
+    }
+    const int64_t queue = get_node()->get_parameter("queue").as_int();
+    if (queue < 1) {
+        RCLCPP_ERROR(logger, "parameter queue: expected at least 1 sample");
+        return controller_interface::CallbackReturn::FAILURE;
+    }
+    memory_.assign(static_cast<std::size_t>(size), 0.0);
+    q_m_.assign(static_cast<std::size_t>(options_.samples_per_interval) * MODEL_NM, 0.0);
+    tau_m_.assign(q_m_.size(), 0.0);
+    queue_.resize(static_cast<std::size_t>(queue));
+    subscription_ = get_node()->create_subscription<std_msgs::msg::Float64MultiArray>(
+        "~/reference", rclcpp::SystemDefaultsQoS(), [this](const std_msgs::msg::Float64MultiArray::SharedPtr message) {
+            if (!enqueue(message->data)) {
+                RCLCPP_WARN(get_node()->get_logger(),
+                    "reference: given %zu numbers, expected a multiple of %d, and room in the queue for %zu samples: "
+                    "the message is ignored",
+                    message->data.size(), SAMPLE, queue_.room());
+            }
+        });
+    return controller_interface::CallbackReturn::SUCCESS;
+}
+
+bool StreamController::enqueue(const std::vector<double> &samples)
+{
+    const std::size_t n = samples.size() / SAMPLE;
+    if (n == 0 || samples.size() % SAMPLE != 0 || n > queue_.room() || is_in_chained_mode()) {
+        return false;
+    }
+    for (std::size_t k = 0; k < n; ++k) {
+        queue_.push(samples.data() + k * SAMPLE);
+    }
+    return true;
+}
+
+controller_interface::InterfaceConfiguration StreamController::command_interface_configuration() const
+{
+    controller_interface::InterfaceConfiguration out{
+        controller_interface::interface_configuration_type::INDIVIDUAL, {}};
+    for (const auto &joint : joints_) {
+        out.names.push_back(joint + "/effort");
+    }
+    return out;
+}
+
+controller_interface::InterfaceConfiguration StreamController::state_interface_configuration() const
+{
+    controller_interface::InterfaceConfiguration out{
+        controller_interface::interface_configuration_type::INDIVIDUAL, {}};
+    for (const auto &joint : joints_) {
+        out.names.push_back(joint + "/position");
+    }
+    return out;
+}
+
+std::vector<hardware_interface::CommandInterface> StreamController::on_export_reference_interfaces()
+{
+    reference_interfaces_.assign(SAMPLE, NOT_A_NUMBER);
+    std::vector<hardware_interface::CommandInterface> out;
+    out.reserve(SAMPLE);
+    for (int i = 0; i < SAMPLE; ++i) {
+        const int order = i < MODEL_NT ? 0 : i < MODEL_NT + MODEL_NY ? 1 : 2;
+        const int entry = order == 0 ? i : order == 1 ? i - MODEL_NT : i - MODEL_NT - MODEL_NY;
+        const char *const names[] = {"y_", "dy_", "ddy_"};
+        out.emplace_back(std::string(get_node()->get_name()) + "/output", names[order] + std::to_string(entry),
+            &reference_interfaces_[static_cast<std::size_t>(i)]);
+    }
+    return out;
+}
+
+bool StreamController::on_set_chained_mode(bool)
+{
+    return true;
+}
+
+bool StreamController::measure()
+{
+    for (std::size_t j = 0; j < MODEL_NM; ++j) {
+        const auto position = state_interfaces_[j].get_optional();
+        if (!position.has_value() || !std::isfinite(*position)) {
+            return false;
+        }
+        measured_[j] = gear_ratio_[j] * *position + offset_[j];
+    }
+    return true;
+}
+
+// The hardware keeps the last effort: without this the motors would go on with it.
+bool StreamController::release_motors()
+{
+    bool written = true;
+    for (auto &effort : command_interfaces_) {
+        written = effort.set_value(0.0) && written;
+    }
+    return written;
+}
+
+controller_interface::CallbackReturn StreamController::on_activate(const rclcpp_lifecycle::State &)
+{
+    const auto logger = get_node()->get_logger();
+    if (state_interfaces_.size() != MODEL_NM || command_interfaces_.size() != MODEL_NM || !measure()) {
+        RCLCPP_ERROR(logger, "interfaces: expected %d finite positions and %d efforts", MODEL_NM, MODEL_NM);
+        return controller_interface::CallbackReturn::FAILURE;
+    }
+    std::fill(held_.begin(), held_.end(), 0.0);
+    std::copy(start_output_.begin(), start_output_.end(), held_.begin());
+    int status = model_stream_start(
+        memory_.data(), static_cast<int64_t>(memory_.size()), &options_, held_.data(), q_start_.data());
+    std::fill(reference_interfaces_.begin(), reference_interfaces_.end(), NOT_A_NUMBER);
+    queue_.clear();
+    if (status == MODEL_OK) {
+        status = begin_interval(); // at rest: where the motors should be
+    }
+    warnings_ = missing_ = 0;
+    if (status < 0) {
+        RCLCPP_ERROR(logger, "start of the stream: %s", model_status_text(status));
+        return controller_interface::CallbackReturn::FAILURE;
+    }
+    Motors q_m{};
+    for (std::size_t j = 0; j < MODEL_NM; ++j) {
+        q_m[j] = q_m_[j];
+        if (!(std::abs(measured_[j] - q_m[j]) <= start_tolerance_)) {
+            RCLCPP_ERROR(logger,
+                "%s: motor angle %g rad, at the start of the stream %g rad: move the robot there first",
+                joints_[j].c_str(), measured_[j], q_m[j]);
+            return controller_interface::CallbackReturn::FAILURE;
+        }
+    }
+    cascade_.reset(measured_, q_m);
+    part_ = 0;
+    return controller_interface::CallbackReturn::SUCCESS;
+}
+
+controller_interface::CallbackReturn StreamController::on_deactivate(const rclcpp_lifecycle::State &)
+{
+    if (!release_motors()) {
+        RCLCPP_ERROR(get_node()->get_logger(), "interfaces: the efforts cannot be set to 0");
+    }
+    if (warnings_ + missing_ > 0) {
+        RCLCPP_WARN(get_node()->get_logger(), "%llu intervals with a warning of the stream, %llu without a new sample",
+            static_cast<unsigned long long>(warnings_), static_cast<unsigned long long>(missing_));
+    }
+    return controller_interface::CallbackReturn::SUCCESS;
+}
+
+controller_interface::return_type StreamController::update_reference_from_subscribers(
+    const rclcpp::Time &, const rclcpp::Duration &)
+{
+    if (part_ == 0) {
+        queue_.pop(reference_interfaces_.data());
+    }
+    return controller_interface::return_type::OK;
+}
+
+// Take a sample, and compute the interval that begins now.
+int StreamController::begin_interval()
+{
+    model_motion motion{};
+    motion.q_m = q_m_.data();
+    motion.tau_m = tau_m_.data();
+    double *const sample = reference_interfaces_.data();
+    int status = MODEL_BAD_ARGUMENT;
+    if (finite(reference_interfaces_) && reference_interfaces_.size() == SAMPLE) {
+        status = model_stream_update(
+            memory_.data(), sample, sample + MODEL_NT, sample + MODEL_NT + MODEL_NY, &motion, &info_);
+        if (!refused(status)) {
+            std::copy(sample, sample + MODEL_NT, held_.begin());
+        }
+    }
+    if (refused(status)) {
+        ++missing_;
+        status = model_stream_update(
+            memory_.data(), held_.data(), held_.data() + MODEL_NT, held_.data() + MODEL_NT + MODEL_NY, &motion, &info_);
+    }
+    std::fill(reference_interfaces_.begin(), reference_interfaces_.end(), NOT_A_NUMBER);
+    warnings_ += status > 0;
+    return status;
+}
+
+controller_interface::return_type StreamController::update_and_write_commands(
+    const rclcpp::Time &, const rclcpp::Duration &)
+{
+    if (!measure() || (part_ == 0 && begin_interval() < 0)) {
+        release_motors();
+        return controller_interface::return_type::ERROR;
+    }
+    Motors q_ref{}, tau_ff{};
+    const std::size_t at = static_cast<std::size_t>(part_) * MODEL_NM;
+    std::copy_n(q_m_.begin() + static_cast<std::ptrdiff_t>(at), MODEL_NM, q_ref.begin());
+    std::copy_n(tau_m_.begin() + static_cast<std::ptrdiff_t>(at), MODEL_NM, tau_ff.begin());
+    const Motors tau = cascade_.step(measured_, q_ref, tau_ff);
+    bool written = true;
+    for (std::size_t j = 0; j < MODEL_NM; ++j) {
+        written = command_interfaces_[j].set_value(gear_ratio_[j] * tau[j]) && written;
+    }
+    if (!written) {
+        release_motors();
+        return controller_interface::return_type::ERROR;
+    }
+    part_ = (part_ + 1) % options_.samples_per_interval;
+    return controller_interface::return_type::OK;
+}
+
+} // namespace flexgen_model
+
+PLUGINLIB_EXPORT_CLASS(flexgen_model::StreamController, controller_interface::ChainableControllerInterface)

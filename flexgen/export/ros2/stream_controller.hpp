@@ -1,0 +1,88 @@
+// Inverse dynamics of a stream with P-PI control of the motors, as a chainable controller. Written by flexgen.
+#ifndef FLEXGEN_MODEL__STREAM_CONTROLLER_HPP_
+#define FLEXGEN_MODEL__STREAM_CONTROLLER_HPP_
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <controller_interface/chainable_controller_interface.hpp>
+#include <rclcpp/rclcpp.hpp>
+#include <rclcpp_lifecycle/state.hpp>
+#include <std_msgs/msg/float64_multi_array.hpp>
+
+#include "flexgen_model/cascade.hpp"
+#include "flexgen_model/model.h"
+#include "flexgen_model/sample_queue.hpp"
+
+namespace flexgen_model
+{
+
+// A sample of the path has the output, its first and its second time derivative: y, dy, ddy. The output reaches it
+// `intervals` intervals later. An interval of the stream has `samples_per_interval` updates of the controller, and
+// takes one sample at its first update: in chained mode from the reference interfaces, else from the topic ~/reference,
+// whose messages have one or more samples. Where there is none, or not all of its numbers are finite, the output stays
+// where it is: end a path at rest.
+//
+// Where update returns an error, and where the controller is deactivated, the efforts are set to 0.
+//
+// update neither allocates nor waits, and has a bounded number of operations.
+class StreamController : public controller_interface::ChainableControllerInterface
+{
+  public:
+    static constexpr int SAMPLE = MODEL_NT + 2 * MODEL_NY; // numbers of a sample
+
+    controller_interface::InterfaceConfiguration command_interface_configuration() const override;
+    controller_interface::InterfaceConfiguration state_interface_configuration() const override;
+    controller_interface::CallbackReturn on_init() override;
+    controller_interface::CallbackReturn on_configure(const rclcpp_lifecycle::State &previous_state) override;
+    controller_interface::CallbackReturn on_activate(const rclcpp_lifecycle::State &previous_state) override;
+    controller_interface::CallbackReturn on_deactivate(const rclcpp_lifecycle::State &previous_state) override;
+    controller_interface::return_type update_and_write_commands(
+        const rclcpp::Time &time, const rclcpp::Duration &period) override;
+
+    // Put the samples of a message in the queue: false, and none of them, where the size is wrong or there is no room.
+    bool enqueue(const std::vector<double> &samples);
+
+    // Of the last interval.
+    const model_stream_info &info() const
+    {
+        return info_;
+    }
+
+  protected:
+    std::vector<hardware_interface::CommandInterface> on_export_reference_interfaces() override;
+    bool on_set_chained_mode(bool chained_mode) override;
+    controller_interface::return_type update_reference_from_subscribers(
+        const rclcpp::Time &time, const rclcpp::Duration &period) override;
+
+  private:
+    using Motors = std::array<double, MODEL_NM>;
+
+    bool read_parameters();
+    bool measure();
+    bool release_motors();
+    int begin_interval();
+
+    std::vector<std::string> joints_;
+    Motors gear_ratio_{}, offset_{}, measured_{};
+    double start_tolerance_ = 0.0;
+    std::vector<double> start_output_, q_start_;
+    model_stream_options options_{};
+    Cascade<MODEL_NM> cascade_;
+
+    std::vector<double> memory_, q_m_, tau_m_; // of the stream; of an interval
+    std::array<double, SAMPLE> held_{};        // the last sample, at rest
+    model_stream_info info_{};
+    int part_ = 0; // of the interval
+    std::uint64_t warnings_ = 0, missing_ = 0;
+
+    SampleQueue<SAMPLE> queue_;
+    rclcpp::Subscription<std_msgs::msg::Float64MultiArray>::SharedPtr subscription_;
+};
+
+} // namespace flexgen_model
+
+#endif // FLEXGEN_MODEL__STREAM_CONTROLLER_HPP_

@@ -1,0 +1,1 @@
+"""Blocks of Simulink around an emitted library: `export_simulink`."""
