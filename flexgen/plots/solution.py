@@ -417,9 +417,8 @@ def overview(
     model, window = equations.model, _window(equations, trajectory, end)
     drawn = scene(equations, trajectory, simulation, window[1])
     verified = simulation is not None and "error" in simulation.trajectory.channels
-    figure = cv.new_figure(
-        11.0, 4.6, _title(equations, trajectory, "inverse dynamics, verified" if verified else "inverse dynamics")
-    )
+    what = "planned motion" if trajectory.meta.get("kind") == "plan" else "inverse dynamics"
+    figure = cv.new_figure(11.0, 4.6, _title(equations, trajectory, f"{what}, verified" if verified else what))
     halves: Any = figure.subfigures(1, 2, width_ratios=[1.0, 1.15])
     left, right = halves
     if drawn.views:

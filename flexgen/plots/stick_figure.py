@@ -135,6 +135,11 @@ def chain_parts(model: RobotModel) -> tuple[list[tuple[int, str]], list[int]]:
     return joints, beams
 
 
+def joint_style(kind: str) -> dict[str, Any]:
+    """Options of matplotlib for the marker of a kind of joint, as `chain_parts` names it."""
+    return _KINDS[kind][1]
+
+
 def _kinds_of(dofs: Any) -> list[str]:
     """Kinds of joints of some degrees of freedom, motor joints first."""
     found = {"free" if d.gear is None else "rigid" if d.gear.rigid else "elastic" for d in dofs}

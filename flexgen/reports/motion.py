@@ -63,13 +63,22 @@ def write_motion(
         return None
     directory = Path(directory)
     check_folder(directory, (PAGE,))
+    return write_text(directory / PAGE, motion_text(data, motion_title(equations, trajectory)))
+
+
+def motion_title(equations: Equations, trajectory: Trajectory) -> str:
+    """Robot and move."""
     move = trajectory.meta.get("move")
-    title = f"{title_of(equations.model)}{f', move {move}' if move else ''}"
+    return f"{title_of(equations.model)}{f', move {move}' if move else ''}"
+
+
+def motion_text(data: dict[str, Any], title: str) -> str:
+    """The page of the data of `motion_data`."""
     text = files("flexgen.reports").joinpath("motion_page.html").read_text(encoding="utf-8")
     encoded = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     for mark, value in (("@TITLE@", html.escape(title)), ("@FOOT@", foot()), ("@DATA@", encoded)):
         text = text.replace(mark, value)
-    return write_text(directory / PAGE, text)
+    return text
 
 
 def motion_data(
