@@ -143,8 +143,35 @@ class Trajectory:
         table = np.column_stack([self.channels[name] for name in self.ports])
         return pandas.DataFrame(table, index=pandas.Index(self.time, name="time s"), columns=self.columns())
 
+    def to_xarray(self) -> Any:
+        """A xarray.Dataset: a variable for each channel over ``time`` [s] and the labels of its columns.
+
+        The dimension of the columns is ``NAME_column``; ``attrs`` of a variable: ``units`` (one text, or a list where
+        the columns differ) and ``long_name``; of the dataset: the meta data.
+
+        Raises
+        ------
+        ArgumentError
+            The package xarray is not installed.
+        """
+        try:
+            import xarray
+        except ImportError:
+            raise ArgumentError("to_xarray: the package xarray is not installed; run: pip install xarray") from None
+        variables, columns = {}, {}
+        for name, port in self.ports.items():
+            units = self.units[name]
+            unit = units[0] if len(set(units)) == 1 else list(units)
+            variables[name] = (("time", f"{name}_column"), self.channels[name], {"units": unit, "long_name": port.doc})
+            columns[f"{name}_column"] = list(self.labels[name])
+        time = ("time", self.time, {"units": "s"})
+        return xarray.Dataset(variables, coords={"time": time, **columns}, attrs=dict(self.meta))
+
     def save(self, path: str | Path) -> Path:
         """Write to ``path``: ``.npz`` with all data, ``.csv`` with a column for each scalar, ``name[label] unit``.
+
+        ``.mat``: for MATLAB and Octave, which `load` does not read: ``time`` (n, 1), the channels (n, width), the
+        structures ``labels`` and ``units`` with the names and units of their columns, and ``meta`` in JSON.
 
         The file is complete or as it was before, whatever happens (a full disk, a killed process). ArgumentError where
         it cannot be written.

@@ -1,4 +1,4 @@
-"""Trajectories in files: ``.npz`` with all data, or ``.csv`` with one column for each scalar.
+"""Trajectories in files: ``.npz`` with all data, ``.csv`` with one column for each scalar, ``.mat`` for MATLAB.
 
 A csv file has four parts: a comment with the meta data in JSON, the names of the columns (``name[label] unit``, first
 ``time s``), a row of numbers for each instant, and a comment with the number of rows, by which a file that was cut is
@@ -15,7 +15,7 @@ from array import array
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, BinaryIO, TextIO
 
 import numpy as np
 
@@ -77,11 +77,14 @@ def write(
     ArgumentError
         The name has another ending, the path is no regular file, or it cannot be written.
     """
-    if path.suffix not in (".npz", ".csv"):
-        raise ArgumentError(f"trajectory file: given {path.name!r}, expected a name that ends in .npz or .csv")
+    if path.suffix not in (".npz", ".csv", ".mat"):
+        raise ArgumentError(f"trajectory file: given {path.name!r}, expected a name that ends in .npz, .csv or .mat")
     if path.exists() and not path.is_file():
         raise ArgumentError(f"trajectory file: given {str(path)!r}, expected a new name or a regular file")
     with atomic_file(path) as stream:
+        if path.suffix == ".mat":
+            _write_mat(stream, time, {k: channels[k] for k in ports}, labels, units, meta)
+            return
         if path.suffix == ".npz":
             head = {
                 "meta": dict(meta),
@@ -100,6 +103,32 @@ def write(
         writer.writerows([[repr(float(x)) for x in row] for row in table])
         text.write(f"# rows: {len(table)}\n")
         text.detach()
+
+
+def _write_mat(
+    stream: BinaryIO,
+    time: np.ndarray,
+    channels: Mapping[str, np.ndarray],
+    labels: Mapping[str, tuple[str, ...]],
+    units: Mapping[str, tuple[str, ...]],
+    meta: Mapping[str, Any],
+) -> None:
+    """Write a MAT file (version 5) for MATLAB and Octave.
+
+    ``time`` (n, 1) [s], each channel (n, width) under its name, ``labels`` and ``units``: structures of cell arrays of
+    the columns by channel, ``meta``: the meta data in JSON.
+    """
+    from scipy.io import savemat
+
+    def cells(words: Mapping[str, tuple[str, ...]]) -> dict[str, np.ndarray]:
+        out = {}
+        for name in channels:
+            out[name] = np.empty((1, len(words[name])), dtype=object)
+            out[name][0, :] = words[name]
+        return out
+
+    data = {"time": np.asarray(time)[:, None], **channels, "labels": cells(labels), "units": cells(units)}
+    savemat(stream, {**data, "meta": json.dumps(dict(meta))}, do_compression=True, long_field_names=True)
 
 
 def read(path: Path) -> Content:

@@ -53,10 +53,10 @@ def spectrum(text: str) -> float | str:
 
 
 def trajectory_file(text: str) -> Path:
-    """A file name ending in .npz or .csv."""
+    """A file name ending in .npz, .csv or .mat."""
     path = Path(text)
-    if path.suffix not in (".npz", ".csv"):
-        raise argparse.ArgumentTypeError(f"given {text!r}, expected a file name ending in .npz or .csv")
+    if path.suffix not in (".npz", ".csv", ".mat"):
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected a file name ending in .npz, .csv or .mat")
     return path
 
 

@@ -35,6 +35,7 @@ def control(args: Namespace, log: Progress) -> VerbResult:
         encoder_noise=args.encoder_noise,
         encoder_resolution=args.encoder_resolution,
         torque_limits=not args.no_limits,
+        exact_state=args.exact_state,
         seed=args.seed,
         progress=throttled(log),
     )
@@ -72,7 +73,7 @@ def control(args: Namespace, log: Progress) -> VerbResult:
 
 
 def learn(args: Namespace, log: Progress) -> VerbResult:
-    """Learn the path of a robot that differs from its model, in simulation, from its tool error."""
+    """Learn the path of a robot that differs from its model, in simulation, from its measured tool error."""
     check_report(args.report)
     check_writable(args.out)
     from flexgen.motion_control.learn import learn as iterate
@@ -85,6 +86,7 @@ def learn(args: Namespace, log: Progress) -> VerbResult:
         iterations=args.iterations,
         gain=args.gain,
         frequency_hz=args.frequency,
+        measured_by=args.measured_by,
         controller=args.controller,
         sample_time=args.sample_time,
         delay=args.delay,
@@ -101,7 +103,8 @@ def learn(args: Namespace, log: Progress) -> VerbResult:
         text += ["", f"wrote {learned.report(args.report)}"]
     failed = learned.errors_m[0] == float("inf")
     data = learned.to_dict() | {"trajectory": None if args.out is None else str(args.out)}
-    data["errors_max_m"] = [_finite(e) for e in learned.errors_m]
+    for key in ("errors_max_m", "dynamic_errors_max_m", "measured_errors_max_m"):
+        data[key] = [_finite(e) for e in data[key]]
     return VerbResult(data, "\n".join(text), problem="the robot fails without correction" if failed else "")
 
 
@@ -221,7 +224,7 @@ def kinematics(args: Namespace, log: Progress) -> VerbResult:
     import numpy as np
     from scipy.spatial.transform import Rotation
 
-    from flexgen.motion_control.kinematics import kinematics as search
+    from flexgen.inverse_kinematics.search import kinematics as search
 
     model = read_model(args)
     joints = [model.coordinates[i] for i in model.i_g]
@@ -230,7 +233,7 @@ def kinematics(args: Namespace, log: Progress) -> VerbResult:
     if args.joints is not None:
         if len(args.joints) != len(joints):
             raise ArgumentError(f"--joints: given {len(args.joints)} numbers, expected {len(joints)}")
-        from flexgen.inversion.model_library import library_with
+        from flexgen.build.model_library import library_with
 
         library = library_with(model, ("forward_kinematics", "jacobian"), progress=log)
         full = np.zeros(model.n_a)

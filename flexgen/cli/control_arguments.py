@@ -184,6 +184,13 @@ def _add_learn_arguments(parser: ArgumentParser) -> None:
         type=positive,
         help="of the low pass; default: 0.7 of the lowest natural frequency with locked motors",
     )
+    parser.add_argument(
+        "--measured-by",
+        choices=("tracker", "accelerometer"),
+        default="tracker",
+        help="the tool error: by a tracker, or estimated from accelerometers and motor angles, which do not show "
+        "errors at rest; default: tracker",
+    )
     help_out = "write motion, torques and errors of the best iteration to this file"
     parser.add_argument("--out", metavar="FILE", type=trajectory_file, help=help_out)
 
@@ -214,6 +221,9 @@ def _add_control_arguments(parser: ArgumentParser) -> None:
         help="of the motor angles [rad]; default: 0",
     )
     parser.add_argument("--no-limits", action="store_true", help="do not limit the torques to those of the model file")
+    parser.add_argument(
+        "--exact-state", action="store_true", help="the controller measures angles and speeds of arm and motors exactly"
+    )
     parser.add_argument(
         "--out", metavar="FILE", type=trajectory_file, help="write motion, torques and errors of the model to this file"
     )

@@ -13,7 +13,18 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from flexgen import __version__
-from flexgen.cli import completion, control_arguments, identify_arguments, path, run, solve, sweep, verbs
+from flexgen.cli import (
+    completion,
+    control_arguments,
+    export_arguments,
+    export_exchange,
+    identify_arguments,
+    path,
+    run,
+    solve,
+    sweep,
+    verbs,
+)
 from flexgen.cli.argument_types import (
     file_path,
     isa,
@@ -121,6 +132,8 @@ def build_parser() -> _Parser:
     sweep.add_arguments(_add_verb(group, "sweep", verbs.sweep, model=False))
     identify_arguments.add_verbs(group, _add_verb)
     control_arguments.add_verbs(group, _add_verb)
+    export_arguments.add_verbs(group, _add_verb)
+    export_exchange.add_verbs(group, _add_verb)
     _add_run_arguments(_add_verb(group, "run", run.run))
     sub = _add_verb(group, "completion", completion.completion, model=False)
     sub.add_argument("shell", metavar="SHELL", choices=completion.SHELLS, help=", ".join(completion.SHELLS))
@@ -261,7 +274,7 @@ def _add_solve_arguments(parser: _Parser) -> None:
     parser.add_argument("--moves", metavar="FILE", type=file_path, help="read moves and programs from this TOML file")
     parser.add_argument("--method", choices=METHOD_NAMES, metavar="NAME", default="auto", help=METHOD)
     parser.add_argument(
-        "--out", metavar="FILE", type=trajectory_file, help="write the trajectory to this file (.npz or .csv)"
+        "--out", metavar="FILE", type=trajectory_file, help="write the trajectory to this file (.npz, .csv or .mat)"
     )
     parser.add_argument("--report", metavar="DIR", type=file_path, help="write a self-contained HTML report to DIR")
     parser.add_argument(
@@ -279,6 +292,11 @@ def _add_solve_arguments(parser: _Parser) -> None:
         "--limits",
         action="store_true",
         help="enforce the torque and speed limits of the model (methods lq, collocation, full)",
+    )
+    parser.add_argument(
+        "--fastest",
+        action="store_true",
+        help="with the fastest time law within the limits; 'flexgen fastest' has further options",
     )
     parser.add_argument("--accuracy", metavar="X", type=positive, help="largest accepted output error [m and rad]")
     parser.add_argument(

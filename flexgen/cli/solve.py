@@ -115,6 +115,7 @@ def _solve_one(
         time_limit=args.time,
         ignore_limits=args.ignore_limits,
         fixed_joint=args.fixed_joint,
+        fastest=args.fastest,
         progress=log,
     )
     if solution.model.output != equations.model.output:  # all joints, of an arm with more motors than outputs

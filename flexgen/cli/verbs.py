@@ -182,9 +182,9 @@ def derive(args: Namespace, log: Progress) -> VerbResult:
 def _function_names(robot: RobotModel) -> list[str]:
     """The functions that the equations of a model have."""
     from flexgen.mechanics.equations import BUILDERS
-    from flexgen.mechanics.signatures import INVERSION, offered_functions
+    from flexgen.mechanics.signatures import FUNCTIONS, INVERSION, offered_functions
 
-    missing = set(INVERSION) - set(offered_functions(robot))
+    missing = {*INVERSION, *FUNCTIONS} - set(offered_functions(robot))
     return [name for name in BUILDERS if name not in missing]
 
 

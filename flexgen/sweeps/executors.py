@@ -11,13 +11,15 @@ from concurrent import futures
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from itertools import islice
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from flexgen.errors import FlexgenError, SolverError
 from flexgen.sweeps.jobs import Rows, Shard, failed
 
 Work = Callable[[Shard], Rows]
 Done = Generator[tuple[Shard, Rows], None, None]
+JobT = TypeVar("JobT", bound="Numbered")
+ResultT = TypeVar("ResultT")
 
 IN_FLIGHT = 32  # shards submitted at once to an executor of unknown size
 ATTEMPTS = 2  # of a shard whose worker was lost
@@ -62,13 +64,24 @@ def in_pool(shards: Iterable[Shard], workers: int, work: Work) -> Done:
             yield shard, _isolated(shard, work)
 
 
-def with_executor(shards: Iterable[Shard], executor: Any, in_flight: int | None, work: Work) -> Done:
+class Numbered(Protocol):
+    """What is submitted: it has a number."""
+
+    @property
+    def number(self) -> int:
+        """For messages."""
+        ...
+
+
+def with_executor(
+    shards: Iterable[JobT], executor: Any, in_flight: int | None, work: Callable[[JobT], ResultT]
+) -> Generator[tuple[JobT, ResultT], None, None]:
     """With ``executor.submit(work, shard)``, which returns futures with ``done``, ``result`` and ``cancel``."""
     if hasattr(executor, "get_executor"):  # a Client of dask.distributed
         executor = executor.get_executor()
     most = in_flight or 2 * (getattr(executor, "_max_workers", None) or IN_FLIGHT // 2)
     todo = iter(shards)
-    running: dict[Any, tuple[Shard, int]] = {}
+    running: dict[Any, tuple[JobT, int]] = {}
     try:
         while True:
             running |= {executor.submit(work, shard): (shard, 1) for shard in islice(todo, most - len(running))}
