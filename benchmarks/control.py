@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+from control_parts.observers import learned_errors, observer_errors, observer_times
 
 import flexgen
 from flexgen.inversion.bounds import Limits
@@ -143,8 +144,37 @@ def fastest(names: Iterable[str]) -> str:
     return table(head, rows)
 
 
+def observers(names: Iterable[str]) -> list[str]:
+    """The sections of the observers."""
+    head = ("model", "states", "outputs", "observer", "us a step", "over one forward dynamics")
+    errors = ("model", "robot", "reference", "extended", "constant gain", "extended, acc.", "constant gain, acc.")
+    learned = ("model", "measured by", "largest error of each iteration", "dynamic", "measured", "best")
+    names = list(names)
+    return [
+        "## Observers\n\nC for this processor, one core, the least of 400 rounds of 20 steps; in the last column over "
+        "one call of the emitted forward dynamics in the same rounds.\n\n" + table(head, observer_times(names)),
+        "## What observers see\n\nLargest error [mm] of the tool's place: of the reference, and as estimated from "
+        "motor angles (noise 1e-4 rad) without and with an accelerometer at the tool (0.05 m/s^2). P-PI 10/40/0.5 Hz, "
+        "1 ms; 300 N on the tool for 20 ms.\n\n" + table(errors, observer_errors(names)),
+        "## Learning from accelerometers\n\nStiffness -20 %, P-PI at 1 ms, the same noises; errors in mm. The "
+        "accelerometer does not show the error at rest, and its estimates are noisy.\n\n"
+        + table(learned, learned_errors(names)),
+    ]
+
+
+def replaced(text: str, sections: Iterable[str]) -> str:
+    """A page with some sections written again, or added at its end."""
+    parts = text.split("\n## ")
+    found = {part.partition("\n")[0]: part.rstrip("\n") for part in parts[1:]}
+    found |= {s.removeprefix("## ").partition("\n")[0]: s.removeprefix("## ").rstrip("\n") for s in sections}
+    return parts[0] + "".join(f"\n## {part}\n" for part in found.values())
+
+
 def main() -> None:
-    """Write the page."""
+    """Write the page; ``--observers``: only the sections of the observers."""
+    if "--observers" in sys.argv:
+        TARGET.write_text(replaced(TARGET.read_text(), observers(ROBOTS)))
+        return
     quick = "--quick" in sys.argv
     robots = ROBOTS[:1] if quick else ROBOTS
     machine = f"{platform.machine()}, Python {platform.python_version()}, one core, shared machine."
@@ -162,6 +192,7 @@ def main() -> None:
         f"## Learning\n\n{learned}\n\n{learning(robots)}",
         "## Minimum time\n\nThe first move of each model within the largest torques of its given law.\n\n"
         + fastest(robots),
+        *observers(robots),
     ]
     text = "\n".join(parts)
     if quick:
