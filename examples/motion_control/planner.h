@@ -1,0 +1,147 @@
+/*
+ * The path planner of motion_control.c: interpolator and stream.
+ *
+ * The interpolator samples the path of the program every 5 ms, a horizon ahead. The stream turns the samples into motor
+ * angles, speeds and torques at 1 kHz. One update of the stream takes longer than a cycle should: it is done in five
+ * parts, one in each cycle. The results go into a ring buffer, from which the controller takes one sample per cycle;
+ * `READY` samples stay in it, so that the controller can brake along the path. In the last cycle of an update it has
+ * taken `PARTS - 1` of them, and if this update fails, none follow: it may use the samples up to k + READY - PARTS.
+ */
+#ifndef PLANNER_H
+#define PLANNER_H
+
+#include "robot.h"
+
+#include <math.h>
+#include <string.h>
+
+enum {
+    NA = SIZE(NA),
+    NG = SIZE(NG),
+    NM = SIZE(NM),
+    NY = SIZE(NY),
+    NT = SIZE(NT),
+    PARTS = 5,                /* cycles per update */
+    READY = 6 * PARTS,        /* samples that are ready ahead of the controller */
+    RING = READY + 2 * PARTS, /* samples of the buffer */
+    MEMORY = (int)SIZE(STREAM_SIZE)(INTERVALS, PARTS),
+    WORK = 2 * SIZE(BATCH_WORK), /* enough for the interpolator and for all functions of one point */
+    NOT_IN_BUFFER = -1000        /* a status of this program, beside those of the library */
+};
+
+static const double CYCLE = 1e-3; /* s */
+static const double LATE = 1.0;   /* cycles from a measurement to the torque */
+
+typedef struct {
+    double memory[MEMORY], work[WORK];
+    double q_m[RING][NM], v_m[RING][NM], tau_m[RING][NM];
+    double q_start[NA];     /* arm coordinates at the start, with their deflections */
+    int64_t updates, ready; /* updates that have begun; samples that were written */
+    int64_t warnings;       /* updates with TOLERANCE_NOT_MET */
+    CALL(status) status;    /* negative: the stream has failed, no sample follows */
+} planner;
+
+/* Time of the path at sample k of the stream [s]: the path begins after a horizon. */
+static double path_time(int64_t k)
+{
+    return CYCLE * (double)(k - (INTERVALS - 1) * PARTS);
+}
+
+/* The path sample at the end of the horizon goes to the stream. */
+static void begin_update(planner *p)
+{
+    double y[NT], dy[NY], ddy[NY];
+    p->updates += 1;
+    p->status = CALL(path_sample)(path_table, path_size, CYCLE * PARTS * (double)p->updates, y, dy, ddy, p->work, WORK);
+    if (p->status >= SIZE(OK)) {
+        p->status = CALL(stream_begin)(p->memory, y, dy, ddy);
+    }
+}
+
+/* The samples of an update that is complete go to the ring buffer. */
+static void finish_update(planner *p)
+{
+    double q_a[PARTS * NA], q_m[PARTS * NM], v_m[PARTS * NM], tau_m[PARTS * NM];
+    CALL(motion) motion = {q_a, NULL, NULL, NULL, q_m, v_m, tau_m};
+    CALL(stream_info) info;
+    p->status = CALL(stream_finish)(p->memory, &motion, &info);
+    if (p->status < SIZE(OK)) {
+        return;
+    }
+    if (p->ready == 0) {
+        memcpy(p->q_start, q_a, sizeof p->q_start);
+    }
+    p->warnings += p->status == SIZE(TOLERANCE_NOT_MET);
+    for (int i = 0; i < PARTS; ++i, ++p->ready) {
+        memcpy(p->q_m[p->ready % RING], q_m + i * NM, sizeof p->q_m[0]);
+        memcpy(p->v_m[p->ready % RING], v_m + i * NM, sizeof p->v_m[0]);
+        memcpy(p->tau_m[p->ready % RING], tau_m + i * NM, sizeof p->tau_m[0]);
+    }
+}
+
+/* Start at rest where the path begins, with READY samples in the buffer. */
+static CALL(status) start_planner(planner *p)
+{
+    const CALL(stream_options) options = {INTERVALS, PARTS, PARTS * CYCLE, TOLERANCE, SIZE(HOLD_ZOH), LATE};
+    double y[NT], dy[NY], ddy[NY], q_start[NA], duration;
+    memset(p, 0, sizeof *p);
+    if (CALL(path_work)() > WORK || CALL(stream_work)(&options) > MEMORY) {
+        return SIZE(WORK_TOO_SMALL);
+    }
+    p->status = CALL(path_start)(path_table, path_size, &duration, q_start);
+    if (p->status == SIZE(OK)) {
+        p->status = CALL(path_sample)(path_table, path_size, 0.0, y, dy, ddy, p->work, WORK);
+    }
+    if (p->status == SIZE(OK)) {
+        p->status = CALL(stream_start)(p->memory, MEMORY, &options, y, q_start);
+    }
+    while (p->status >= SIZE(OK) && p->ready < READY) {
+        begin_update(p);
+        if (p->status >= SIZE(OK)) {
+            finish_update(p);
+        }
+    }
+    return p->status;
+}
+
+/* In cycle k: one part of the update whose samples are complete at the end of its fifth cycle. */
+static void advance_planner(planner *p, int64_t k)
+{
+    const int part = (int)(k % PARTS);
+    if (p->status < SIZE(OK)) {
+        return;
+    }
+    if (part == 0) {
+        begin_update(p);
+    }
+    if (p->status >= SIZE(OK)) {
+        p->status = CALL(stream_advance)(p->memory, PARTS - part);
+    }
+    if (p->status >= SIZE(OK) && part == PARTS - 1) {
+        finish_update(p);
+    }
+}
+
+/*
+ * Motor angles at the time s [samples], between samples of the buffer, and their first and second derivative with
+ * respect to s: a cubic through angles and speeds. NOT_IN_BUFFER, and no result, where the buffer does not have both.
+ */
+static int motors_between(const planner *p, double s, double *q, double *dq, double *ddq)
+{
+    const int64_t k = (int64_t)floor(s);
+    const double x = s - (double)k;
+    if (k < 0 || k < p->ready - RING || k + 1 >= p->ready) {
+        return NOT_IN_BUFFER;
+    }
+    for (int j = 0; j < NM; ++j) {
+        const double a = p->q_m[k % RING][j], b = p->q_m[(k + 1) % RING][j];
+        const double u = CYCLE * p->v_m[k % RING][j], w = CYCLE * p->v_m[(k + 1) % RING][j];
+        const double c = 3.0 * (b - a) - 2.0 * u - w, d = u + w - 2.0 * (b - a);
+        q[j] = a + x * (u + x * (c + x * d));
+        dq[j] = u + x * (2.0 * c + 3.0 * x * d);
+        ddq[j] = 2.0 * c + 6.0 * x * d;
+    }
+    return SIZE(OK);
+}
+
+#endif
