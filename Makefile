@@ -16,7 +16,7 @@ TEST_CACHE := build/test-cache
 # Two workers use both cores: BLAS with threads of its own would make them wait for each other.
 RUN_TESTS = FLEXGEN_TEST_CACHE=$(CURDIR)/$(TEST_CACHE) OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
-.PHONY: run help setup setup-test setup-lint setup-dev test test-slow test-full robots fuzz lint format types bench golden clean
+.PHONY: run help setup setup-test setup-lint setup-dev test test-slow test-full robots fuzz lint format types docs gallery bench dist sbom golden clean
 
 run: $(VENV)/.installed            ## solve the example planar5_nmp (the default target)
 	$(BIN)/python cli.py run planar5_nmp
@@ -48,13 +48,17 @@ $(VENV)/.lint: $(VENV)/.installed
 	$(INSTALL) '.[lint]'
 	@touch $@
 
+$(VENV)/.docs: $(VENV)/.installed
+	$(INSTALL) '.[docs]'
+	@touch $@
+
 # --- checks -----------------------------------------------------------------------------------------------------------
-test: $(VENV)/.test                ## the quick tests (about 3 minutes on two cores)
-	@echo "flexgen: quick tests, about 3 minutes on two cores"
+test: $(VENV)/.test                ## the quick tests (about 4 minutes on two cores)
+	@echo "flexgen: quick tests, about 4 minutes on two cores"
 	@$(RUN_TESTS) -m 'not slow and not full and not robots' $(PYTEST)
 
-test-slow: $(VENV)/.test           ## the other tests (about 18 minutes on two cores)
-	@echo "flexgen: slow tests, about 18 minutes on two cores"
+test-slow: $(VENV)/.test           ## the other tests (about 25 minutes on two cores)
+	@echo "flexgen: slow tests, about 25 minutes on two cores"
 	@$(RUN_TESTS) -m 'slow and not full and not robots' $(PYTEST)
 
 test-full: $(VENV)/.test           ## what takes longer still: large random samples, large robots
@@ -69,7 +73,7 @@ fuzz: $(VENV)/.test                ## 10,000 mutated files for each reader of fi
 	@echo "flexgen: mutated files, about 5 minutes on two cores"
 	@$(RUN_TESTS) -m fuzz tests/fuzz $(PYTEST)
 
-C_FILES := $(wildcard flexgen/clib/*.[ch] flexgen/loop/*.[ch] flexgen/simulation/*.c flexgen/identification/*.c flexgen/motion_control/*.c examples/*.[ch] benchmarks/*.[ch] tests/support/*/*.[ch])
+C_FILES := $(wildcard flexgen/clib/*.[ch] flexgen/loop/*.[ch] flexgen/simulation/*.c flexgen/identification/*.c flexgen/motion_control/*.c flexgen/motion_control/*/*.c flexgen/inverse_kinematics/*.c flexgen/export/*/*.[ch] flexgen/export/fmu/c/*.[ch] examples/*.[ch] examples/motion_control/*.h examples/motion_control/*/*.h benchmarks/*.[ch] tests/support/*/*.[ch])
 
 lint: $(VENV)/.lint                ## check format and style
 	$(BIN)/ruff format --check .
@@ -84,12 +88,25 @@ format: $(VENV)/.lint              ## write the format and the fixes of ruff
 types: $(VENV)/.lint               ## check the static types
 	$(BIN)/mypy
 
+# --- documentation ----------------------------------------------------------------------------------------------------
+docs: $(VENV)/.docs                ## build the site: build/docs/index.html, with the gallery where it was built
+	$(BIN)/python docs/build_site.py build/docs
+
+gallery: $(VENV)/.installed        ## run all scripts of the gallery: build/gallery/index.html, two minutes
+	$(BIN)/python examples/gallery/build.py build/gallery
+
 # --- others -----------------------------------------------------------------------------------------------------------
 bench: $(VENV)/.test               ## time C and inverse dynamics against others: benchmarks/*.md (BENCH=--quick)
 	@echo "flexgen: benchmarks, more than an hour; BENCH=--quick takes some minutes"
 	$(BIN)/python benchmarks/peers.py $(BENCH)
 	$(BIN)/python benchmarks/inversion.py $(BENCH)
 	$(BIN)/python benchmarks/control.py $(BENCH)
+
+dist: $(VENV)/.test                ## write sdist and wheel to dist/; the same sources give the same bytes
+	$(BIN)/python .ci/dist.py dist
+
+sbom: $(VENV)/.installed           ## write the bill of materials dist/sbom.cdx.json: what running needs, CycloneDX
+	$(BIN)/python .ci/sbom.py dist/sbom.cdx.json
 
 golden: $(VENV)/.installed         ## write the sources in generated/elbow again; a test compares them
 	$(BIN)/python cli.py generate elbow --no-build --force
