@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import re
 import shutil
 import subprocess
@@ -191,6 +192,13 @@ def test_contributing_names_every_room_and_only_files_that_exist():
 @pytest.mark.parametrize("page", PROSE, ids=page_id)
 def test_words_are_plain(page):
     assert private_words(page.read_text(encoding="utf-8")) == []
+
+
+def test_words_of_the_notebooks_are_plain():
+    for file in sorted((ROOT / "examples" / "notebooks").glob("*.ipynb")):
+        cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
+        text = "\n\n".join("".join(cell["source"]) for cell in cells if cell["cell_type"] == "markdown")
+        assert len(text) > 200 and private_words(text) == [], file.name
 
 
 def test_readme_is_short():

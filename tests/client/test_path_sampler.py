@@ -17,6 +17,7 @@ from hostile_client import SANITIZE, can_sanitize
 from toolchain import CC, needs_compiler
 
 import flexgen
+from flexgen.codegen.path_header import path_header
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.reduced_problem import Reduction
@@ -309,3 +310,10 @@ def test_the_table_of_a_planned_path_is_that_of_its_move() -> None:
     path = case("planar5_nmp", "line")
     again = plan("planar5_nmp", replace(path.move))
     assert np.array_equal(again.table(), path.table())
+
+
+@pytest.mark.parametrize("name", ["work", "start", "sample"])
+def test_a_path_with_the_name_of_a_function_has_another_name_in_c(name: str) -> None:
+    text = path_header(flexgen.read("planar5_nmp"), name, np.array([1.0]), 1.0)
+    assert f" planar5_nmp_path_{name}_[PLANAR5_NMP_PATH_{name.upper()}__SIZE]" in text
+    assert " planar5_nmp_path_worked[" in path_header(flexgen.read("planar5_nmp"), "worked", np.array([1.0]), 1.0)

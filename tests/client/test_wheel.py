@@ -1,4 +1,4 @@
-"""The wheel: what it contains, and that it works in an empty environment."""
+"""Wheel and sdist: what they contain, that their bytes repeat, and that the wheel works in an empty environment."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tarfile
 import venv
 import zipfile
 from importlib.metadata import version
@@ -29,14 +30,27 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
     clone = folder / "clone"
     hidden = shutil.ignore_patterns("__pycache__", "*.egg-info")
-    for name in ("flexgen", "models"):
+    for name in ("flexgen", "models", "examples", ".ci"):
         shutil.copytree(ROOT / name, clone / name, ignore=hidden)
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, clone)
-    options = ["--no-deps", "--no-build-isolation", "--no-index", "--quiet"]
-    subprocess.run([sys.executable, "-m", "pip", "wheel", *options, "-w", folder, clone], check=True)
+    return built(clone, folder / "dist", 0o022)
+
+
+def built(clone: Path, folder: Path, umask: int) -> Path:
+    """The wheel that `.ci/dist.py` writes, beside the sdist."""
+    environment = os.environ | {"SOURCE_DATE_EPOCH": "1700000000"}
+    command = [sys.executable, clone / ".ci" / "dist.py", folder]
+    done = subprocess.run(command, env=environment, umask=umask, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
     (made,) = folder.glob("*.whl")
     return made
+
+
+def examples() -> set[str]:
+    """All files of examples/ that are part of the project."""
+    files = (path for path in (ROOT / "examples").rglob("*") if path.is_file())
+    return {path.relative_to(ROOT).as_posix() for path in files if "__pycache__" not in path.parts}
 
 
 def test_it_contains_all_that_is_in_the_packages(wheel: Path) -> None:
@@ -46,9 +60,35 @@ def test_it_contains_all_that_is_in_the_packages(wheel: Path) -> None:
     expected = {path.relative_to(ROOT).as_posix() for path in (ROOT / "flexgen").rglob("*") if path.is_file()}
     expected = {name for name in expected if "__pycache__" not in name}
     expected |= {f"flexgen/models/{path.name}" for path in (ROOT / "models").iterdir() if path.is_file()}
+    data = f"flexgen_robotics-{flexgen.__version__}.data/data/share/flexgen/"
+    expected |= {data + name for name in examples()}
     assert {name for name in names if not name.partition("/")[0].endswith(".dist-info")} == expected
     assert "flexgen/py.typed" in names and "flexgen/models/elbow.toml" in names
     assert any(name.startswith("flexgen/clib/") and name.endswith(".c") for name in names)
+
+
+def test_the_sdist_contains_all_that_the_wheel_needs(wheel: Path) -> None:
+    (archive,) = wheel.parent.glob("*.tar.gz")
+    with tarfile.open(archive) as opened:
+        names = {name.partition("/")[2] for name in opened.getnames()}
+    with zipfile.ZipFile(wheel) as made:
+        packaged = {name for name in made.namelist() if name.startswith("flexgen/") and "/models/" not in name}
+    assert packaged | examples() | {"pyproject.toml", "LICENSE", "README.md", "models/elbow.toml"} <= names
+
+
+def test_the_bytes_of_both_repeat(wheel: Path) -> None:
+    """From sources with other times, by a user with another umask, in another folder."""
+    other = wheel.parents[1] / "elsewhere" / "clone"
+    shutil.copytree(wheel.parents[1] / "clone", other)
+    for path in other.rglob("*"):
+        os.utime(path, (1.6e9, 1.6e9))
+    again = built(other, other.parent / "dist", 0o077)
+    for first, second in zip(sorted(wheel.parent.iterdir()), sorted(again.parent.iterdir()), strict=True):
+        assert first.name == second.name and first.read_bytes() == second.read_bytes()
+    source = other / "flexgen" / "errors.py"
+    source.write_text(source.read_text("utf-8") + "\n", "utf-8")  # planted: another source
+    changed = built(other, other.parent / "changed", 0o022)
+    assert changed.read_bytes() != again.read_bytes()
 
 
 def test_it_works_in_an_empty_environment(wheel: Path, tmp_path: Path) -> None:
@@ -57,10 +97,11 @@ def test_it_works_in_an_empty_environment(wheel: Path, tmp_path: Path) -> None:
     venv.create(place, symlinks=True)
     python = place / "bin" / "python"
     options = ["--no-deps", "--no-index", "--quiet"]
-    subprocess.run([sys.executable, "-m", "pip", "--python", python, "install", *options, wheel], check=True)
+    environment = {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
+    command = [sys.executable, "-m", "pip", "--python", python, "install", *options, wheel]
+    subprocess.run(command, env=environment, check=True)
     (packages,) = place.glob("lib/python*/site-packages")
     (packages / "dependencies.pth").write_text(f"{Path(np.__file__).parents[1]}\n")
-    environment = {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
 
     def call(*words: object) -> str:
         command = [str(word) for word in words]
@@ -77,3 +118,7 @@ def test_it_works_in_an_empty_environment(wheel: Path, tmp_path: Path) -> None:
     call(command, "generate", "elbow", "--no-build")
     made = tmp_path / "generated" / "elbow"
     assert {"elbow.h", "manifest.json"} <= {path.name for path in made.iterdir()}
+    shared = place / "share" / "flexgen"
+    assert {path.relative_to(shared).as_posix() for path in shared.rglob("*") if path.is_file()} == examples()
+    output = call(python, shared / "examples" / "gallery" / "flexible_link.py", tmp_path / "pictures")
+    assert "12.365" in output and (tmp_path / "pictures" / "flexible_link.svg").exists()

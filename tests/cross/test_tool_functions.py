@@ -9,6 +9,7 @@ from emitted import random_states
 from mujoco_referee import MujocoReferee
 
 import flexgen
+from flexgen.inversion.model_library import library_with
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.parameters import with_values
 from flexgen.recursion.functions import fast_function, recursive_function
@@ -121,3 +122,23 @@ def test_sensors_of_the_library_are_the_graphs():
     assert np.allclose(signals[:3], R.T @ (a[:3] - np.array(model.gravity)), atol=1e-10)
     assert np.isclose(signals[3], (R.T @ v[3:])[2], atol=1e-12)
     assert np.allclose(signals[4:], p.ravel(), atol=1e-12)
+
+
+def test_derivatives_of_the_sensors_are_those_of_central_differences():
+    """Steps of 1e-5: rounding 1e-10 and the error of second order 1e-9 stay below 1e-6 of the largest entries."""
+    sensors = [
+        {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2"},
+        {"name": "rate", "type": "gyro", "element": "tool", "axes": ["z"], "unit": "rad/s"},
+        {"name": "place", "type": "tracker", "unit": "m"},
+    ]
+    model = flexgen.read("planar5_nmp", overrides={"sensor": sensors})
+    library = library_with(model, ["sensors", "sensor_derivatives"])
+    x = [random_states(model, 1)[key][0] for key in ("q_a", "v_a", "a_a")]
+    found = library.sensor_derivatives(*x)
+    for k, exact in enumerate(found):
+        for i in range(model.n_a):
+            up, down = (
+                [y + s * 1e-5 * (np.arange(model.n_a) == i) * (j == k) for j, y in enumerate(x)] for s in (1, -1)
+            )
+            numeric = (library.sensors(*up) - library.sensors(*down)) / 2e-5
+            assert np.abs(numeric - exact[:, i]).max() < 1e-6 * max(1.0, np.abs(exact).max())

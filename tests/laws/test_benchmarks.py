@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -74,11 +75,13 @@ def test_the_reference_controller_has_its_score():
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "best"), [("four_mass", 0.79), ("two_link", 0.45)])
 def test_the_best_controllers_that_come_with_it(name, best):
-    totals = []
+    """Of four_mass the LQG is refused: it has no margin against a larger gain."""
+    totals = {}
     for path in shipped(name):
         found = flexgen.score(name, path.stem.removeprefix(f"{name}-"), progress=False)
-        totals.append(found.total if found.accepted else np.inf)
-    assert len(totals) >= 3 and min(totals) <= best
+        totals[found.controller] = found.total if found.accepted else np.inf
+    assert len(totals) == 5 and min(totals.values()) <= best
+    assert [key for key, value in totals.items() if value > 3] == (["lqg"] if name == "four_mass" else [])
 
 
 def test_measures_of_a_known_signal():
@@ -164,7 +167,7 @@ def test_a_controller_that_raises_is_refused():
         ("delay_s = 5e-4", "delay_s = 7e-4", "a multiple of the sample time"),
         ('names = ["mass2.inertia_zz"]', 'names = ["mass9.inertia_zz"]', "mass9.inertia_zz"),
         ("torque_max_Nm = [20.0]", "torque_max_Nm = [20.0, 3.0]", "1 motors"),
-        ('type = "cascade"', 'type = "fuzzy"', "given 'fuzzy', expected ppi, cascade or linear"),
+        ('type = "cascade"', 'type = "fuzzy"', "given 'fuzzy', expected ppi, cascade, loop_shaping or linear"),
         ("[score]", "[score", "cannot be read as TOML"),
     ],
 )
@@ -218,6 +221,8 @@ def test_tuning_improves_and_writes_what_it_found(tmp_path):
     assert again.total == found.score.total
     with pytest.raises(ArgumentError, match="evaluations: given 0"):
         flexgen.tune("four_mass", evaluations=0)
+    with pytest.raises(ArgumentError, match="executor: given 'me', expected an object with submit"):
+        flexgen.tune("four_mass", executor="me")
     with pytest.raises(ArgumentError, match="given Linear, expected a P-PI cascade"):
         flexgen.tune("two_link", "lqg")
 
@@ -226,3 +231,13 @@ def test_tuning_improves_and_writes_what_it_found(tmp_path):
 def test_a_page_of_a_score(tmp_path):
     page = flexgen.score("four_mass", "ppi", progress=False).report(tmp_path / "page").read_text()
     assert "V = 0.7" in page and "Published:" in page and (tmp_path / "page" / "score.png").exists()
+
+
+@pytest.mark.slow
+def test_starts_are_tuned_by_any_executor():
+    """The same result as one after the other, from threads; the second start is another one."""
+    alone = flexgen.tune("four_mass", evaluations=6, starts=2, progress=False)
+    with ThreadPoolExecutor(2) as executor:
+        shared = flexgen.tune("four_mass", evaluations=6, starts=2, executor=executor, progress=False)
+    assert shared.score.total == alone.score.total and shared.evaluations == alone.evaluations
+    assert np.array_equal(numbers_of(shared.controller), numbers_of(alone.controller))

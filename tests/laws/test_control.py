@@ -9,8 +9,8 @@ import pytest
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.build.model_library import library_with
 from flexgen.errors import ArgumentError
-from flexgen.inversion.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware

@@ -230,6 +230,7 @@ def with_friction(name):
     return with_values(model, {f"{m.name}.{k}": x for m in model.motors for k, x in (("coulomb", 1.0), ("beta", 2.0))})
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("name", ["planar5_nmp", pytest.param("manutec_r3", marks=pytest.mark.full)])
 def test_coulomb_friction_is_found_in_the_time_domain(name):

@@ -12,7 +12,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError
-from flexgen.motion_control.kinematics import _solver
+from flexgen.inverse_kinematics.search import _solver
 
 pytestmark = needs_compiler
 

@@ -58,6 +58,15 @@ def test_records_that_do_not_fit_are_refused():
         flexgen.identify_load("planar5_nmp", data, low_pass_hz=500)
 
 
+@pytest.mark.slow
+def test_a_search_that_has_not_ended_is_no_result(monkeypatch):
+    """Were the last step not looked at, the load after one step would be returned: 1 kg beside the right one."""
+    data = record("manutec_r3", {"payload": 8.0})
+    monkeypatch.setattr("flexgen.motion_control.payload.STEPS", 1)
+    with pytest.raises(SolverError, match=r"no solution in 1 steps.*manutec_r3"):
+        flexgen.identify_load("manutec_r3", data)
+
+
 def runs(name: str, count: int, seed: int, solution, pushes=None):
     rng = np.random.default_rng(seed)
     heavy = flexgen.read(name).payload.mass > 1

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import gc
 import subprocess
+import threading
+import time
+import weakref
 from dataclasses import replace
 from pathlib import Path
 
@@ -156,6 +160,54 @@ def test_a_plug_in_gives_the_bits_of_its_python_twin(tmp_path):
         loop, at_rest, _, _ = loop_of(model, DriveHardware(T), lanes=3, controller=controller)
         runs.append(loop.run(moving(at_rest, 2, 200, 0.1), 200).tau_m)
     assert np.array_equal(*runs)
+
+
+def test_a_plug_in_that_does_not_return_is_left(tmp_path, monkeypatch):
+    """Its step waits at sample 7 for half a minute; the run ends with a sentence after 0.3 s, other loops go on."""
+    source, made = tmp_path / "slow.c", tmp_path / "slow.so"
+    text = EXAMPLE.read_text().replace("(void)k;", "if (k == 7) sleep(30);")
+    source.write_text(f"#include <unistd.h>\n{text}")
+    flags = ["-O2", "-shared", "-fPIC", f"-I{HEADER.parent}"]
+    subprocess.run([*find_compiler().command, *flags, "-o", str(made), str(source)], check=True)
+    monkeypatch.setattr("flexgen.loop.closed_loop.LONGEST_STEP_S", 0.3)
+    loop, at_rest, _, _ = loop_of(flexgen.read("planar5_nmp"), DriveHardware(T), controller=PlugIn(made))
+    with pytest.raises(SolverError, match=r"has not returned from its step 7 for 0.3 s"):
+        loop.run(moving(at_rest, 2, 20, 0.1), 20)
+    good, at_rest, _, _ = loop_of(flexgen.read("planar5_nmp"), DriveHardware(T), controller=PlugIn(plug_in(tmp_path)))
+    assert np.isfinite(good.run(moving(at_rest, 2, 20, 0.1), 20).tau_m).all()
+
+
+def test_an_interrupted_plug_in_has_its_arrays_and_stops(tmp_path, monkeypatch):
+    """Ctrl-C in a step of 0.6 s: the arrays are not freed before the thread has ended, which it does after the step."""
+    source, made = tmp_path / "slow.c", tmp_path / "slow.so"
+    source.write_text(
+        f"#include <unistd.h>\n{EXAMPLE.read_text().replace('(void)k;', 'usleep(600000 + 0 * (unsigned)k);')}"
+    )
+    flags = ["-O2", "-shared", "-fPIC", f"-I{HEADER.parent}"]
+    subprocess.run([*find_compiler().command, *flags, "-o", str(made), str(source)], check=True)
+    loop, at_rest, _, _ = loop_of(flexgen.read("planar5_nmp"), DriveHardware(T), controller=PlugIn(made))
+    reference = np.ascontiguousarray(moving(at_rest, 2, 20, 0.1), dtype=float)
+    freed = weakref.finalize(reference, lambda: None)
+    polls, before = iter(range(100)), set(threading.enumerate())
+
+    def interrupted(self, timeout=None):
+        if next(polls) == 2:
+            raise KeyboardInterrupt
+        time.sleep(0.05)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("threading.Thread.join", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            loop.run(reference, 60_000)
+    (thread,) = set(threading.enumerate()) - before
+    del reference
+    gc.collect()
+    assert freed.alive  # the thread has it
+    thread.join(5.0)
+    assert not thread.is_alive()  # it stopped after a sample, not after 60,000
+    del loop, thread
+    gc.collect()
+    assert not freed.alive
 
 
 @pytest.mark.slow

@@ -96,6 +96,12 @@ def test_a_bound_of_the_rates_is_kept_and_costs_time(planar):
     assert np.all(rates[1] <= 1.51 * rates[0]) and found.duration_s > planar.duration_s
 
 
+@pytest.mark.slow
+def test_solve_takes_the_fastest_time_law(planar):
+    solution = flexgen.solve("planar5_nmp", fastest=True, progress=False)
+    assert solution.status == flexgen.Status.SOLVED and solution.move.timing == planar.move.timing
+
+
 def test_a_spline_law_is_at_rest_at_both_ends():
     law = SplineLaw(0.7, tuple(np.linspace(0.1, 0.9, 9)), 2.0)
     ends = law(np.array([0.0, 1e-9, 0.7 - 1e-9, 0.7, 1.0]))

@@ -12,8 +12,8 @@ import pytest
 from inversion_cases import last_joint, question
 from toolchain import needs_compiler
 
+from flexgen.build import model_library
 from flexgen.codegen import clib_files
-from flexgen.inversion import model_library
 from flexgen.inversion.methods import bvp, lq
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read

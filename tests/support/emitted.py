@@ -66,6 +66,7 @@ def random_states(model, n: int) -> dict[str, np.ndarray]:
     x["f_tool"] = 100.0 * rng.normal(size=(n, 6))
     x["target"] = rng.normal(size=(n, model.output.target_size))
     x["deflection"] = 1e-3 * rng.normal(size=(n, model.n_g))
+    x["j_a"], x["s_a"] = 50.0 * rng.normal(size=(n, model.n_a)), 500.0 * rng.normal(size=(n, model.n_a))
     return x
 
 

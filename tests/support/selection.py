@@ -26,6 +26,7 @@ SLOW = (
     "client/test_kernel_compilers.py",
     "client/test_stream_constants.py",
     "client/test_wheel.py",
+    "fuzz/test_fuzz.py",
     "unit/test_inversion_parameters.py",
 )
 # Files that read or analyze each model in some milliseconds.
@@ -44,8 +45,21 @@ SLOW_CASES = {
         "docs/limits_and_streams.md",
         "docs/paths.md",
         "docs/identification.md",
+        "docs/five_minutes.md",
+        "docs/cluster.md",
+        "docs/concepts.md",
+        "docs/control.md",
+        "docs/equations.md",
+        "docs/matlab.md",
+        "docs/plc.md",
+        "docs/ros2.md",
+        "docs/theory.md",
+        "docs/exchange.md",
+        "docs/fmu.md",
+        "docs/planning.md",
     },
     "client/test_instruction_sets.py": {"beam_arm", "elbow", "planar5_nmp", "v2", "v3", "v4"},
+    "client/test_notebooks.py": {"first_robot"},
     "client/test_product.py": {"planar5_nmp-gcc--O0", "planar5_nmp-gcc--O2", "elbow-gcc--O2"},
     "cross/test_recursion.py": {
         "dense7",
@@ -60,6 +74,7 @@ SLOW_CASES = {
     },
     "cross/test_bvp.py": {"undamped", "zeros change", "flat", "clang", "wrong interval length", "rows swapped"},
     "cross/test_comparison.py": {"joints of both units"},
+    "cross/test_cross.py": {"synthetic_beam", "synthetic_complete", "synthetic_mixed", "synthetic_spinning"},
     "cross/test_end_of_path.py": {"lq"},
     "cross/test_inversion_functions.py": {"ur5_elastic"},
     "cross/test_referees.py": {
@@ -71,15 +86,16 @@ SLOW_CASES = {
         "panda",
     },
     "cross/test_symbolic.py": {"skew", "arm-complete", "arm-complete-rigid", "arm-simplified"},
-    "fuzz/test_fuzz.py": {"hang-takes more than 2.0 s"},
     "laws/test_end_of_the_move.py": {"beam_arm"},
     "laws/test_hold.py": {"hold1-False", "hold3-True"},
+    "laws/test_laws.py": {"synthetic_beam", "synthetic_complete", "synthetic_mixed", "synthetic_spinning"},
     "laws/test_paths_smoothness.py": {"lq-3", "bvp-2"},
     "laws/test_recursion_planted.py": {"bias", "forward_dynamics", "inverse_dynamics_derivatives", "mass_matrix"},
     "laws/test_solve.py": {"manutec_r3-joints", "beam_arm-joints"},
     "published/test_analysis.py": {"manutec_r3_24", "manutec_r3_30"},
     "unit/test_cli_comfort.py": {"words2"},
     "unit/test_motion_page.py": {"beam_arm", "manutec_r3"},
+    "unit/test_recursion_steps.py": {"dense7", "dense12", "sliding8", "synthetic_mixed", "synthetic_complete"},
     "unit/test_report.py": {"beam_arm-line", "manutec_r3-line"},
     "unit/test_solve_stages.py": {"1.0", "0.01", "1e-06"},
     "unit/test_structure.py": {"manutec_r3_30"},
@@ -88,8 +104,17 @@ SLOW_CASES = {
 # Slow cases of a minute each, of which a shorter one stays: `make test-full` runs them.
 FULL_CASES = {
     "client/test_cross_compile.py": {"abb_arm-double", "planar5_nmp-double"},
+    "client/test_fmu_import.py": {"manutec_r3_24"},
+    "client/test_gallery.py": {"feedback_linearization", "minimum_phase", "models_compared"},
+    "client/test_motion_control.py": {"gcc with sanitizers"},
+    "client/test_notebooks.py": {"benchmark_f", "feedback_study", "identify", "learning"},
     "client/test_product.py": {"planar5_nmp-double"},
     "cross/test_inversion_accuracy.py": {"manutec_r3_30", "kr300_efjm"},
+    "cross/test_mujoco_export.py": {"simplified", "complete"},
+    "cross/test_urdf_export.py": {"simplified", "complete"},
+    "laws/test_fmu_plant.py": {"manutec_r3_24"},
+    "laws/test_fmu_sampled.py": {"elbow", "four_mass"},
+    "laws/test_observers.py": {"outputs5"},
     "laws/test_claimed_errors.py": {"manutec_r3_24@five bounds-zoh", "manutec_r3_24@five bounds-linear"},
     "unit/test_time_limit.py": {"kunkel-mehrmann"},
 }
@@ -98,7 +123,7 @@ OTHER_MODELS = {path.stem for path in (ROOT / "models").glob("*.toml")} - QUICK_
 
 def full(path: str, words: str) -> bool:
     """Whether a case runs with the full tests only; parameters as of `slow`."""
-    return words in FULL_CASES.get(path, ())
+    return not {words, *re.split(r"[-@]", words)}.isdisjoint(FULL_CASES.get(path, ()))
 
 
 def slow(path: str, words: str) -> bool:

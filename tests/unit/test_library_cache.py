@@ -12,8 +12,8 @@ import pytest
 from toolchain import needs_compiler
 
 from flexgen.build import library_cache
+from flexgen.build import model_library as inverters
 from flexgen.build.library_cache import IN_USE, mark_used, prune
-from flexgen.inversion import model_library as inverters
 from flexgen.inversion.model_library import inversion_library
 from flexgen.mechanics.equations import derive
 

@@ -119,7 +119,7 @@ def test_the_script_draws_plays_and_stops(tmp_path, name):
     assert played["texts"]["play"] == "" and played["value"] > data["time"][0]
     stopped = run([["play", None, None, "click"], ["frame", None, 0, None], ["frame", None, 1000, None]])
     assert stopped["texts"]["play"] == "Play" and stopped["value"] == data["time"][0]
-    found = run([["slider", "value", late, "input"], ["factor", "value", 0, "change"]])
+    found = run([["slider", "value", late, "input"], ["factor", "value", 0, "input"]])
     assert found["texts"]["clock"] == f"{late:.3f} s" and found["texts"]["play"] == "Play"
     texts = [next(call[1] for call in drawing if call[0] == "fillText") for drawing in found["drawings"]]
     if data["factor"] > 1:
@@ -129,5 +129,9 @@ def test_the_script_draws_plays_and_stops(tmp_path, name):
     x, y = [call for call in found["drawings"][2] if call[0] == "arc"][-1][1:3]
     last = [call for call in found["drawings"][2] if call[0] == "lineTo"]
     assert 0 < x < 800 and 0 < y < 500 and [x, y] in [call[1:3] for call in last]
+    if len(data["factors"]) > 2:  # between two factors of the data
+        found = run([["factor", "value", 1.5, "input"]])
+        low, high = data["factors"][1:3]
+        assert found["texts"]["size"] == f"\u00d7 {(low + high) / 2:g}"
     numbers = [value for drawing in found["drawings"] for call in drawing for value in call if value is None]
     assert numbers == []  # JSON writes NaN as null

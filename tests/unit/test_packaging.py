@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import tomllib
@@ -49,12 +50,33 @@ def test_a_file_without_a_pattern_is_seen():
 def test_extras_are_those_of_the_makefile():
     """Running needs no extra; tests and lint install their own."""
     assert set(SETTINGS["project"]["optional-dependencies"]) == {
-        *("parquet", "distributed", "pandas", "control", "test", "lint", "dev")
+        *("parquet", "distributed", "pandas", "xarray", "control", "docs", "notebooks", "fmi", "test", "lint", "dev")
     }
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
-    assert set(re.findall(r"'\.\[(\w+)\]'", makefile)) == {"test", "lint"}
+    assert set(re.findall(r"'\.\[(\w+)\]'", makefile)) == {"test", "docs", "lint"}
     for heavy in ("mujoco", "pin", "dask", "pyarrow", "pytest", "ruff", "mypy"):
         assert not any(re.match(rf"{heavy}\b", word) for word in SETTINGS["project"]["dependencies"])
+
+
+def test_every_example_is_in_the_sdist_and_the_wheel():
+    data = SETTINGS["tool"]["setuptools"]["data-files"]
+    taken = {path for patterns in data.values() for pattern in patterns for path in ROOT.glob(pattern)}
+    there = {path for path in (ROOT / "examples").rglob("*") if path.is_file() and "__pycache__" not in path.parts}
+    assert sorted(path.relative_to(ROOT).as_posix() for path in there ^ taken) == []
+    for folder, patterns in data.items():  # an example stays in its folder
+        assert {f"share/flexgen/{pattern.rpartition('/')[0]}" for pattern in patterns} == {folder}
+
+
+def test_the_container_copies_what_the_wheel_needs():
+    """The image is not built here: every file that it copies exists, and its parts are named as in the Makefile."""
+    text = (ROOT / ".devcontainer" / "Dockerfile").read_text(encoding="utf-8")
+    copied = {word for line in re.findall(r"^COPY (.*) \S+$", text, re.MULTILINE) for word in line.split()}
+    assert all((ROOT / name).exists() for name in copied)
+    assert {"pyproject.toml", "README.md", "LICENSE", "flexgen", "models", "examples"} <= copied
+    settings = json.loads((ROOT / ".devcontainer" / "devcontainer.json").read_text(encoding="utf-8"))
+    assert settings["build"]["target"] in re.findall(r"^FROM \S+ AS (\w+)$", text, re.MULTILINE)
+    (target,) = re.findall(r"^make ([\w-]+)$", settings["postCreateCommand"])
+    assert f"\n{target}:" in (ROOT / "Makefile").read_text(encoding="utf-8")
 
 
 def test_help_lists_every_target():

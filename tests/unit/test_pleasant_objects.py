@@ -93,6 +93,8 @@ def test_a_solution_writes_its_report(solution, tmp_path):
 def test_every_method_of_an_upper_package_is_there():
     for method, (module, name) in flexgen._METHODS.items():
         assert callable(getattr(importlib.import_module(module), name)), method
+        if method == "Move.fastest":  # (of `flexgen.solve`, not a method)
+            continue
         cls = getattr(flexgen, method.partition(".")[0], None) or flexgen.analyze("elbow").__class__
         assert callable(getattr(cls, method.partition(".")[2]))
 
@@ -195,6 +197,28 @@ def test_without_pandas_the_error_names_it(solution, monkeypatch):
         solution.to_dataframe()
 
 
+@pytest.mark.slow
+def test_a_trajectory_becomes_a_dataset(solution):
+    pytest.importorskip("xarray")
+    trajectory = solution.trajectory
+    data = trajectory.to_xarray()
+    assert data.attrs == trajectory.meta and data.time.attrs == {"units": "s"}
+    assert np.array_equal(data.time, trajectory.time) and set(data.data_vars) == set(trajectory)
+    for name in trajectory:
+        assert np.array_equal(data[name], trajectory[name])
+        assert list(data[f"{name}_column"].values) == list(trajectory.labels[name])
+        assert data[name].attrs["long_name"] == trajectory.ports[name].doc
+    motor = trajectory.labels["tau_m"][0]
+    assert np.array_equal(data.tau_m.sel(tau_m_column=motor), trajectory["tau_m"][:, 0])
+    assert data.tau_m.attrs["units"] == "N m"
+
+
+def test_without_xarray_the_error_names_it(solution, monkeypatch):
+    without(monkeypatch, "xarray")
+    with pytest.raises(ArgumentError, match="the package xarray is not installed; run: pip install xarray"):
+        solution.trajectory.to_xarray()
+
+
 # --- python-control ---------------------------------------------------------------------------------------------------
 
 
@@ -216,6 +240,13 @@ def test_the_control_system_has_the_poles_and_the_response(name):
     assert system.output_labels[-model.n_m :] == [f"q_m[{m}]" for m in motors]
     assert system.state_labels[: model.n_a] == [f"q_a[{c.name}]" for c in model.coordinates]
     assert all(label.startswith("d_q_") for label in system.state_labels[model.dof :])
+    named = analysis.to_control(units=True)
+    plain = [system.input_labels, system.output_labels, system.state_labels]
+    for words, bare in zip([named.input_labels, named.output_labels, named.state_labels], plain, strict=True):
+        assert all(word.startswith(f"{name} ") for word, name in zip(words, bare, strict=True))
+    assert named.input_labels[0].endswith("] N m") and named.output_labels[-1].endswith("] rad")
+    assert named.state_labels[0] == f"{system.state_labels[0]} {model.coordinates[0].unit}"
+    assert named.state_labels[model.dof].endswith(f" {model.coordinates[0].unit}/s")
     w = 2 * np.pi * np.array([0.5, 5.0, 50.0])
     C = np.vstack([analysis.linear.W, analysis.linear.C_m])
     expected = analysis.linear.response(w, C)

@@ -6,7 +6,15 @@ import casadi as ca
 import pytest
 
 from flexgen.mechanics.equations import BUILDERS, Equations, derive
-from flexgen.mechanics.signatures import PORTS, PYTHON_PORTS, PYTHON_TABLE, TABLE, Row
+from flexgen.mechanics.signatures import (
+    FLEXIBLE_JOINT,
+    PORTS,
+    PYTHON_PORTS,
+    PYTHON_TABLE,
+    TABLE,
+    Row,
+    offered_functions,
+)
 
 IN_C_ONLY = {"arm_forward_derivatives"}  # emitted from two others
 ROWS = {row.name: row for row in (*TABLE, *PYTHON_TABLE) if row.name not in IN_C_ONLY}
@@ -52,7 +60,9 @@ def test_every_function_has_one_row_and_stands_in_the_docstring() -> None:
 @pytest.mark.parametrize("model", ["elbow", "planar5_nmp", "beam_arm", "manutec_r3_18", "kr300_efjm"])
 def test_rows_have_the_names_and_shapes_of_the_functions(model: str) -> None:
     equations = derive(model)
-    assert [text for row in ROWS.values() for text in differences(equations, row)] == []
+    left_out = set(FLEXIBLE_JOINT) - set(offered_functions(equations.model))
+    rows = [row for name, row in ROWS.items() if name not in left_out]
+    assert [text for row in rows for text in differences(equations, row)] == []
 
 
 def test_wrong_rows_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:

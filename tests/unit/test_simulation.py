@@ -86,3 +86,13 @@ def test_trajectories_are_regular_files(tmp_path) -> None:  # type: ignore[no-un
         Trajectory.load(tmp_path / "pipe.npz")
     with pytest.raises(ArgumentError, match="expected a new name or a regular file"):
         flexgen.solve("elbow", verify=False).trajectory.save(tmp_path / "pipe.npz")
+
+
+def test_speeds_of_the_start_have_their_units():
+    """Were the units not looked at, deg/s would be taken as rad/s: an error of meters."""
+    trajectory = flexgen.solve("elbow", verify=False, progress=False).trajectory
+    ports = {name: dataclasses.replace(p, unit="deg/s") if name == "v_a" else p for name, p in trajectory.ports.items()}
+    wrong = dataclasses.replace(trajectory, ports=ports, units={})
+    with pytest.raises(ArgumentError, match=r"moving: given v_a in deg/s, expected rad/s \(column"):
+        flexgen.simulate("elbow", wrong, moving=True, progress=False)
+    assert flexgen.simulate("elbow", trajectory, moving=True, progress=False).tool_error_max_m < 1e-6

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -198,3 +199,29 @@ def test_a_full_disk_leaves_the_old_file(tmp_path, trajectory, suffix):
     text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert "which cannot be written (File too large)" in text and "a file that was there is unchanged" in text
     assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_mat_file_has_channels_names_and_units(tmp_path, trajectory):
+    from scipy.io import loadmat
+
+    path = trajectory.save(tmp_path / "a.mat")
+    data = loadmat(path)
+    assert np.array_equal(data["time"][:, 0], trajectory.time)
+    for name in trajectory:
+        assert np.array_equal(data[name], trajectory[name])
+        for key, words in (("labels", trajectory.labels), ("units", trajectory.units)):
+            assert [str(cell[0]) for cell in data[key][name][0, 0][0]] == list(words[name])
+    assert json.loads(str(data["meta"][0])) == trajectory.meta
+    with pytest.raises(ArgumentError, match="no trajectory of flexgen"):
+        type(trajectory).load(path)
+
+
+@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="no octave-cli: install the Debian package octave")
+@pytest.mark.slow
+def test_octave_reads_the_mat_file(tmp_path, trajectory):
+    trajectory.save(tmp_path / "a.mat")
+    code = "d = load('a.mat'); printf('%.17g %s %s\\n', d.q_a(end, 1), d.labels.q_a{1}, d.units.q_a{1})"
+    done = subprocess.run(["octave-cli", "--eval", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    value, label, unit = done.stdout.strip().split(maxsplit=2)
+    assert float(value) == trajectory["q_a"][-1, 0]
+    assert (label, unit) == (trajectory.labels["q_a"][0], trajectory.units["q_a"][0])

@@ -1,0 +1,382 @@
+"""The ROS 2 package: it compiles against stub headers, and gives the bits of the library and of the Python controller.
+
+The headers in tests/support/ros2_stubs have the signatures of the public interfaces. Nothing here runs ROS 2.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import shutil
+import subprocess
+import sysconfig
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from emitted import loaded
+from exports import library_object, without_streams
+from toolchain import needs_compiler, tool
+
+import flexgen
+from flexgen.cli.main import main
+from flexgen.codegen.clib_files import render
+from flexgen.errors import ArgumentError, BuildError
+from flexgen.export.emitted import emitted
+from flexgen.export.selftest.golden import output_at
+from flexgen.export.selftest.motion import targets
+from flexgen.loop.controllers import Cascade
+
+STUBS = Path(__file__).resolve().parents[1] / "support" / "ros2_stubs"
+STRICT = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-O0"]
+NAME, ROS = "planar5_nmp", "flexgen_planar5_nmp"
+N_M, N_A = 2, 3
+
+
+def eigen() -> Path:
+    """The folder with eigen3/Eigen; skips the test where it is missing."""
+    for folder in (Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix" / "include", Path("/usr/include")):
+        if (folder / "eigen3" / "Eigen" / "Core").exists():
+            return folder
+    pytest.skip("no Eigen; install the Python package cmeel-eigen or the Debian package libeigen3-dev")
+
+
+def compiled(folder: Path, *sources: Path, flags: tuple[str, ...] = ()) -> list[str]:
+    """Object files of C++ sources of a package."""
+    out = []
+    include = ["-isystem", eigen(), "-isystem", eigen() / "eigen3", "-I", STUBS]
+    include += ["-I", folder / "include", "-I", folder / "include" / ROS]
+    for source in sources:
+        out.append(str(folder / f"{source.stem}.o"))
+        command = [tool("g++"), *STRICT, *flags, '-DFIRST_MOTOR="m1"', *include, "-c", source, "-o", out[-1]]
+        subprocess.run(command, check=True)
+    return out
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory):
+    """The package of planar5_nmp."""
+    folder = tmp_path_factory.mktemp("ros2")
+    flexgen.export_ros2(NAME, folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def driver(package):
+    """A program that drives plugin and controller."""
+    text = (STUBS / "drive.cpp").read_text(encoding="ascii")
+    (package / "drive.cpp").write_text(render(text, NAME).replace("flexgen_model", ROS))
+    sources = (package / "src" / "inverse_dynamics.cpp", package / "src" / "stream_controller.cpp")
+    objects = compiled(package, *sources, package / "drive.cpp")
+    subprocess.run([tool("g++"), *objects, library_object(NAME)[1], "-o", package / "drive"], check=True)
+    return package / "drive"
+
+
+def drive(program: Path, mode: str, numbers: np.ndarray, expected: int = 0) -> np.ndarray:
+    """What the program writes."""
+    run = subprocess.run([program, mode], input=np.asarray(numbers, float).tobytes(), capture_output=True, check=False)
+    assert run.returncode == expected, run.stderr.decode()
+    return np.frombuffer(run.stdout)
+
+
+# --- the plugin -------------------------------------------------------------------------------------------------------
+@needs_compiler
+@pytest.mark.slow
+def test_the_plugin_has_the_bits_of_the_library(driver):
+    library, rng = loaded(NAME), np.random.default_rng(3)
+    n = 20
+    q, v, a, wrench = (rng.normal(size=(n, k)) for k in (N_A, N_A, N_A, 6))
+    out = drive(driver, "plugin", np.hstack([q, v, a, wrench])).reshape(n, -1)
+    parts = np.split(out, np.cumsum([N_A] * 6), axis=1)
+    torques, with_wrench, c, g, f, external, M = parts
+    assert np.array_equal(torques, [library.inverse_dynamics(*x) for x in zip(q, v, a, strict=True)])
+    assert np.array_equal(g, [library.gravity(x) for x in q])
+    assert np.array_equal(M.reshape(n, N_A, N_A).transpose(0, 2, 1), [library.mass_matrix(x) for x in q])
+    # sums in the program and in numpy may be in another order
+    near = {"rtol": 1e-13, "atol": 1e-11}
+    assert np.allclose(c, np.array([library.bias(*x) for x in zip(q, v, strict=True)]) - g, **near)
+    J = np.array([library.jacobian(x) for x in q])
+    assert np.allclose(external, np.einsum("kij,ki->kj", J, wrench), **near)
+    assert np.allclose(with_wrench, torques + external, **near)
+    eta = flexgen.read(NAME).eta
+    friction = np.array([eta.T @ library.motor_friction(eta @ x[:N_M]) for x in v])
+    assert np.abs(friction).max() > 0 or not f.any()
+    assert np.allclose(f[:, :N_M], friction, **near) and not f[:, N_M:].any()
+
+
+# --- the controller ---------------------------------------------------------------------------------------------------
+PARTS, PERIOD, INTERVALS = 5, 0.005, 10
+
+
+def gains(torque_max: float = 0.0) -> Cascade:
+    given = (np.array(x) for x in ([9.0, 11.0], [0.8, 0.5], [2.0, 3.0]))
+    return Cascade(*given, torque_max=np.full(2, torque_max))
+
+
+def reference_run(cascade, samples, positions, missing=()):
+    """The same in Python: the efforts at every update."""
+    library = loaded(NAME)
+    q_a, zero = np.append(flexgen.read(NAME).home, 0.0), np.zeros(2)
+    y0 = output_at(flexgen.derive(NAME), q_a)  # where the controller starts
+    options = {"period": PERIOD, "intervals": INTERVALS, "samples_per_interval": PARTS, "hold": "zoh"}
+    stream = library.stream(y0, q_a, **options)
+    interval = stream.update(y0, zero, zero)
+    rest = interval.q_m[0].copy()
+    cascade.begin(PERIOD / PARTS)
+    cascade.reset()
+    held, out = y0, []
+    for k, offset in enumerate(positions):
+        if k % PARTS == 0:
+            y, dy, ddy = (x[k // PARTS] for x in samples)
+            if k // PARTS in missing:
+                y, dy, ddy = held, zero, zero
+            interval = stream.update(y, dy, ddy)
+            held = y
+        part = k % PARTS
+        q_m, tau_m = interval.q_m[part], interval.tau_m[part]
+        if k == 0:  # at rest, where the stream starts
+            cascade.step(0, SimpleNamespace(q_m=rest), SimpleNamespace(q_m=rest, tau_m=tau_m))
+        u = cascade.step(k, SimpleNamespace(q_m=rest + offset), SimpleNamespace(q_m=q_m, tau_m=tau_m))
+        most = cascade.torque_max
+        out.append(np.clip(u, -most, most) if most is not None and (most > 0).all() else u)
+    return np.array(out), rest
+
+
+def path_samples(n):
+    path = flexgen.plan(NAME)
+    sample = path.sample(np.maximum(np.arange(n) - 1, 0) * PERIOD)
+    return targets(sample), sample.derivative(1), sample.derivative(2)
+
+
+def controller_input(cascade, samples, positions, rest, *, chained, missing=(), tolerance=1e-3, start=None):
+    n = len(positions)
+    rows = [[float(chained), 50.0, float(n)]]
+    rows += [cascade.position_gain, cascade.speed_gain, cascade.integral_gain, cascade.torque_max, [tolerance]]
+    rows += [rest if start is None else start]
+    for k, offset in enumerate(positions):
+        at = k // PARTS
+        given = float(k % PARTS == 0 and at not in missing)
+        rows += [rest + offset, [given], *(x[at] for x in samples)]
+    return np.concatenate([np.asarray(row, float) for row in rows])
+
+
+@needs_compiler
+@pytest.mark.slow
+@pytest.mark.parametrize("chained", [True, False])
+@pytest.mark.parametrize(("torque_max", "missing"), [(0.0, ()), (8.0, ()), (0.0, (60, 61, 90))])
+def test_the_controller_has_the_bits_of_python_and_allocates_nothing(driver, chained, torque_max, missing):
+    cascade, n = gains(torque_max), 130
+    samples = path_samples(n)
+    rng = np.random.default_rng(5)
+    positions = np.cumsum(1e-3 * rng.normal(size=(n * PARTS, N_M)), axis=0)
+    expected, rest = reference_run(cascade, samples, positions, missing)
+    given = controller_input(cascade, samples, positions, rest, chained=chained, missing=missing)
+    out = drive(driver, "controller", given)
+    assert out[-1] == 0, f"{out[-1]:.0f} allocations in {n * PARTS} updates"
+    efforts = out[:-1].reshape(-1, N_M)
+    assert np.array_equal(efforts, expected)
+    assert np.abs(efforts).max() > (7.9 if torque_max else 10.0)  # the robot moves, and the limit is reached
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_a_planted_error_of_the_controller_is_seen(package, driver, tmp_path):
+    """The torque of the next sample instead of this one."""
+    text = (package / "src" / "stream_controller.cpp").read_text(encoding="ascii")
+    changed = text.replace("tau_m_.begin() + static_cast<std::ptrdiff_t>(at)", "tau_m_.begin()")
+    assert changed != text
+    (tmp_path / "stream_controller.cpp").write_text(changed)
+    for folder in ("include", "src"):
+        (tmp_path / folder).symlink_to(package / folder)
+    objects = compiled(tmp_path, tmp_path / "stream_controller.cpp")
+    objects += [str(package / f"{stem}.o") for stem in ("inverse_dynamics", "drive")]
+    subprocess.run([tool("g++"), *objects, library_object(NAME)[1], "-o", tmp_path / "drive"], check=True)
+    cascade, samples, positions = gains(), path_samples(130), np.zeros((650, N_M))
+    expected, rest = reference_run(cascade, samples, positions)
+    out = drive(tmp_path / "drive", "controller", controller_input(cascade, samples, positions, rest, chained=True))
+    assert not np.array_equal(out[:-1].reshape(-1, N_M), expected)
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_the_controller_refuses_another_start_pose(driver):
+    cascade, samples, positions = gains(), path_samples(2), np.zeros((5, N_M))
+    _, rest = reference_run(cascade, samples, positions)
+    away = controller_input(cascade, samples, positions, rest, chained=True, start=rest + np.array([0.0, 2e-3]))
+    run = subprocess.run([driver, "controller"], input=away.tobytes(), capture_output=True, check=False)
+    assert run.returncode == 10 and b"move the robot there first" in run.stderr
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_a_difference_at_the_start_is_no_speed(driver):
+    """The robot rests beside the planned start: u - tau_ff = -k_s k_p d (1 + k_i t), t since the activation."""
+    cascade, n, away = gains(), 130, np.array([4e-4, -7e-4])
+    samples, offsets = path_samples(n), np.zeros((n * PARTS, N_M))
+    expected, rest = reference_run(cascade, samples, offsets)
+    given = controller_input(cascade, samples, offsets + away, rest, chained=True, start=rest + away)
+    efforts = drive(driver, "controller", given)[:-1].reshape(-1, N_M)
+    t = PERIOD / PARTS * np.arange(1, n * PARTS + 1)[:, None]
+    shift = -cascade.speed_gain * cascade.position_gain * away * (1.0 + cascade.integral_gain * t)
+    # angles of about 1 rad differ by 1e-16 rad, which is 1e-13 N m after the division by 1 ms
+    assert np.allclose(efforts - expected, shift, rtol=0, atol=1e-10)
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_an_error_of_an_update_sets_the_efforts_to_zero(driver):
+    """The program returns 11 where they are 0 after an error, 12 where not; after the deactivation it returns 13."""
+    cascade, samples, positions = gains(), path_samples(4), np.zeros((20, N_M))
+    _, rest = reference_run(cascade, samples, positions)
+    positions[12, 1] = np.nan  # the sensor fails
+    efforts = drive(driver, "controller", controller_input(cascade, samples, positions, rest, chained=True), 11)
+    assert efforts.size == 12 * N_M and np.abs(efforts[-N_M:]).max() > 1.0
+
+
+@needs_compiler
+@pytest.mark.slow
+def test_the_test_of_the_package_passes_and_sees_a_wrong_torque(package, driver, tmp_path):
+    """`test/test_plugin.cpp` compares with Lagrange's equations."""
+    for wrong in (False, True):
+        objects = compiled(package, package / "test" / "test_plugin.cpp")
+        objects += [str(package / "inverse_dynamics.o"), str(library_object(NAME)[1])]
+        subprocess.run([tool("g++"), *objects, "-o", tmp_path / "run"], check=True)
+        assert subprocess.run([tmp_path / "run"], capture_output=True, check=False).returncode == (3 if wrong else 0)
+        header = package / "include" / ROS / "arm.hpp"
+        kept = header.read_text(encoding="ascii")
+        if not wrong:
+            torques = re.search(r"HOME_TORQUES = \{(.*)\}", kept)[1]
+            shifted = ", ".join(repr(float(x) + 1e-5) for x in torques.split(","))
+            header.write_text(kept.replace(torques, shifted), encoding="ascii")
+        else:
+            header.write_text(kept.replace(shifted, torques), encoding="ascii")
+
+
+# --- the files --------------------------------------------------------------------------------------------------------
+def test_the_files_are_well_formed_and_complete(package):
+    import yaml
+
+    texts = {p.relative_to(package).as_posix(): p.read_text("ascii") for p in package.rglob("*") if p.suffix != ".o"
+             and p.is_file() and p.name != "drive"}  # fmt: skip
+    for file, text in texts.items():
+        if file == "drive.cpp":
+            continue
+        assert not re.search(r"@[A-Z_]+ ?@|flexgen_model|FLEXGEN_MODEL|\bmodel_|\bMODEL_", text), file
+        if file.endswith(".xml"):
+            ElementTree.fromstring(text)
+    ast.parse(texts["launch/stream_controller.launch.py"])
+    config = yaml.safe_load(texts["config/controller.yaml"])
+    assert config["controller_manager"]["ros__parameters"]["update_rate"] == 1000
+    parameters = config["stream_controller"]["ros__parameters"]
+    assert parameters["joints"] == ["m1", "m2"] and "speed_gain" not in parameters
+    assert set(re.findall(r'auto_declare<[\w:<>]+>\(\s*"(\w+)"', texts["src/stream_controller.cpp"])) >= set(parameters)
+    tree = ElementTree.fromstring(texts["package.xml"])
+    needed = {e.text for e in tree.iter("depend")}
+    used = set(re.findall(r"find_package\((\w+) REQUIRED", texts["CMakeLists.txt"]))
+    assert {x for x in used if not x.startswith("ament") and x != "Eigen3"} == needed - {"eigen"}
+    for name, base in (("InverseDynamics", "inverse_dynamics"), ("StreamController", "stream_controller")):
+        file = f"{'inverse_dynamics' if base == 'inverse_dynamics' else 'controller'}_plugin.xml"
+        (declared,) = ElementTree.fromstring(texts[file]).iter("class")
+        exported = re.search(r"PLUGINLIB_EXPORT_CLASS\(\s*([\w:]+),\s*([\w:]+)\)", texts[f"src/{base}.cpp"])
+        assert exported.groups() == (declared.get("type"), declared.get("base_class_type"))
+        assert declared.get("name") == f"{ROS}/{name}"
+        assert f"add_library({ElementTree.fromstring(texts[file]).get('path')} SHARED" in texts["CMakeLists.txt"]
+
+
+def test_gains_names_and_the_plugin_alone(tmp_path):
+    import yaml
+
+    flexgen.export_ros2(NAME, tmp_path / "a", package="my_arm", gains=gains(), maintainer='<"A" & B>', license_name="X")
+    config = yaml.safe_load((tmp_path / "a" / "config" / "controller.yaml").read_text())
+    assert config["stream_controller"]["ros__parameters"]["speed_gain"] == [0.8, 0.5]
+    tree = ElementTree.parse(tmp_path / "a" / "package.xml")
+    assert tree.findtext("maintainer") == '<"A" & B>' and tree.findtext("name") == "my_arm"
+    assert "namespace my_arm" in (tmp_path / "a" / "src" / "inverse_dynamics.cpp").read_text()
+    flexgen.export_ros2(NAME, tmp_path / "b", controller=False)
+    files = {path.name for path in (tmp_path / "b").rglob("*")}
+    assert "inverse_dynamics.cpp" in files and "stream_controller.cpp" not in files
+    assert "std_msgs" not in (tmp_path / "b" / "package.xml").read_text()
+
+
+@pytest.mark.parametrize("package", ["Arm", "arm__x", "2arm", "arm;rm -rf", "a" * 61, "arm_", 3])
+def test_names_of_packages_are_checked(package, tmp_path):
+    with pytest.raises(BuildError, match=r"package: given .*expected small letters"):
+        flexgen.export_ros2(NAME, tmp_path, package=package)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("package", ["class", "and_eq", "co_await", "std", "unix", "rclcpp", "eigen"])
+def test_words_of_cpp_and_needed_packages_are_refused(package, tmp_path):
+    with pytest.raises(BuildError, match=rf"package: given '{package}', which is .*'{package}_dynamics'"):
+        flexgen.export_ros2(NAME, tmp_path, package=package)
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_name_is_taken_for_a_name_of_the_templates(tmp_path):
+    """Names as in the templates give the same files as other names, but for the names."""
+
+    def renamed(text: str) -> str:
+        return text.replace(NAME, "flexgen_model").replace(NAME.upper(), "FLEXGEN_MODEL")
+
+    given = emitted(NAME, streams=True)
+    library = replace(given, name="flexgen_model", header=renamed(given.header), source=renamed(given.source))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("flexgen.export.ros2.export.emitted", lambda *_, **__: library)
+        flexgen.export_ros2(NAME, tmp_path / "a", package="model", maintainer="flexgen_model @RATE@")
+    flexgen.export_ros2(NAME, tmp_path / "b", package="zzz", maintainer="somebody")
+    for path in (p for p in (tmp_path / "a").rglob("*") if p.is_file() and p.name != "flexgen_export.json"):
+        relative = path.relative_to(tmp_path / "a").as_posix()
+        other = relative.replace("include/model", "include/zzz").replace("flexgen_model", NAME)
+        text = renamed((tmp_path / "b" / other).read_text("ascii")).replace("zzz", "model").replace("ZZZ", "MODEL")
+        assert path.read_text("ascii") == text.replace("somebody", "flexgen_model @RATE@"), relative
+
+
+def test_wrong_arguments(tmp_path):
+    with pytest.raises(ArgumentError, match="email: given 'x'"):
+        flexgen.export_ros2(NAME, tmp_path, email="x")
+    with pytest.raises(ArgumentError, match=r"gains, speed_gain: given .*expected 2 numbers"):
+        flexgen.export_ros2(NAME, tmp_path, gains=Cascade(np.ones(2), np.ones(3), np.ones(2)))
+    with pytest.raises(ArgumentError, match="given without a controller"):
+        flexgen.export_ros2(NAME, tmp_path, controller=False, gains=gains())
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_model_without_streams_is_refused(tmp_path):
+    model = without_streams()
+    with pytest.raises(ArgumentError, match=r"given a robot without streams, because"):
+        flexgen.export_ros2(model, tmp_path)
+    assert not list(tmp_path.iterdir())
+    flexgen.export_ros2(model, tmp_path, controller=False)
+
+
+def test_the_command_line(tmp_path, capsys):
+    assert main(["export", "ros2", NAME, "--directory", str(tmp_path), "-q"]) == 0
+    assert "stream_controller.cpp" in capsys.readouterr().out
+    assert "speed_gain: [" in (tmp_path / "config" / "controller.yaml").read_text()  # of a P-PI cascade
+    assert main(["export", "ros2", NAME, "--directory", str(tmp_path), "--package", "A", "-q"]) == 1
+    assert "small letters" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_cmake_builds_the_plugin_and_the_controller(package, tmp_path):
+    """With packages of the same names that have only their targets and functions; the library is left out."""
+    cmake = tool("cmake")
+    source = tmp_path / "package"
+    shutil.copytree(package, source, ignore=shutil.ignore_patterns("*.o", "drive*"))
+    (source / "src" / f"{NAME}.c").write_text(f'#include "{NAME}.h"\n', encoding="ascii")
+    definitions = {"CMAKE_PREFIX_PATH": STUBS / "cmake", "STUBS": STUBS, "EIGEN": eigen(), "CMAKE_CXX_FLAGS": "-O0"}
+    words = [f"-D{key}={value}" for key, value in definitions.items()]
+    run = [cmake, "-S", source, "-B", tmp_path / "build", "-Wno-dev", "-DBUILD_TESTING=OFF", *words]
+    subprocess.run(run, check=True, capture_output=True)
+    subprocess.run([cmake, "--build", tmp_path / "build"], check=True, capture_output=True)
+    for name in ("inverse_dynamics", "stream_controller"):
+        assert (tmp_path / "build" / f"lib{ROS}_{name}.so").exists()
+    calls = (tmp_path / "build" / "ament_calls.txt").read_text().splitlines()
+    assert calls == [
+        "inverse_dynamics_interface inverse_dynamics_plugin.xml",
+        "controller_interface controller_plugin.xml",
+        "ament_package",
+    ]

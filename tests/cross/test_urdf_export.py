@@ -1,0 +1,357 @@
+"""The URDF file and the overlay of a robot: read back, the equations are the same; Pinocchio reads the rigid robot."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, Phase, given, seed, settings
+from random_robots import Case, cases
+
+import flexgen
+from flexgen.atomic_files import write_text
+from flexgen.cli.main import main
+from flexgen.errors import ArgumentError, ModelError
+from flexgen.export import urdf as urdf_module
+from flexgen.export.poses import roll_pitch_yaw
+from flexgen.export.urdf import export_urdf
+from flexgen.model.component_tables import rotation_matrix
+from flexgen.model.elements import (
+    BacklashSpring,
+    Body,
+    CubicSpring,
+    Friction,
+    PiecewiseSpring,
+    Placement,
+    RobotModel,
+    SmoothSpring,
+)
+from flexgen.model.reader import model_names
+from flexgen.numerics.evaluate import evaluate
+
+pin = pytest.importorskip("pinocchio", reason="no pin; run: make setup-test")
+
+# Relative to the largest entry: the numbers of the files have all digits, but angles and products of rotations round.
+SAME = 1e-12
+# Pinocchio computes with other recursions: rounding times the number of bodies.
+RIGID = 1e-12
+REFUSED = {"beam_arm": "beam", "four_mass": "rotational_drag"}
+
+
+def all_models() -> list[str]:
+    return [f"{n}@{v}" if v else n for n in model_names() for v in ("", *flexgen.read(n).variants)]
+
+
+def difference(model: RobotModel, again: RobotModel, count: int = 3, forward: bool = True) -> float:
+    """Largest relative difference of the functions of two models at random states, with the forward dynamics or not."""
+    a, b = flexgen.derive(model), flexgen.derive(again)
+    rng = np.random.default_rng(3)
+    worst = 0.0
+    for _ in range(count):
+        q, v, acceleration = rng.uniform(-1.0, 1.0, (3, model.n_a))
+        q_m = model.eta @ q[list(model.i_g)] + 0.01 * rng.uniform(-1.0, 1.0, model.n_m) * np.abs(model.eta).max(axis=1)
+        v_m, tau = rng.uniform(-1.0, 1.0, (2, model.n_m))
+        calls = {
+            "inverse_dynamics": (q, v, acceleration),
+            "forward_dynamics": (q, v, q_m, v_m, tau),
+            "forward_kinematics": (q,),
+            "mass_matrix": (q,),
+            "output": (q,),
+        }
+        if not forward:
+            del calls["forward_dynamics"]
+        for name, at in calls.items():
+            for one, other in zip(evaluate(a.function(name), *at), evaluate(b.function(name), *at), strict=True):
+                worst = max(worst, float(np.abs(one - other).max() / (np.abs(one).max() or 1.0)))
+    return worst
+
+
+def rigid_difference(model: RobotModel, path: Path, count: int = 3) -> float:
+    """Largest relative difference of the joint torques from Pinocchio's; all other coordinates are at rest."""
+    robot = pin.buildModelFromUrdf(str(path))
+    names = list(robot.names)[1:]
+    at = {c.name: i for i, c in enumerate(model.coordinates)}
+    robot.gravity.linear = np.array(model.base.rotation).T @ np.array(model.gravity)
+    data = robot.createData()
+    equations = flexgen.derive(model)
+    rng = np.random.default_rng(4)
+    worst = 0.0
+    rows = [at[name] for name in names]
+    for _ in range(count):
+        q, v, a = np.zeros((3, model.n_a))
+        q[rows], v[rows], a[rows] = rng.uniform(-1.0, 1.0, (3, len(rows)))
+        theirs_q = np.zeros(robot.nq)
+        for k, name in enumerate(names, 1):
+            joint, value = robot.joints[k], q[at[name]]
+            theirs_q[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else [np.cos(value), np.sin(value)]
+        order = [robot.joints[k].idx_v for k in range(1, len(names) + 1)]
+        theirs_v, theirs_a = np.zeros((2, robot.nv))
+        theirs_v[order], theirs_a[order] = v[rows], a[rows]
+        theirs = pin.rnea(robot, data, theirs_q, theirs_v, theirs_a)[order]
+        # payload and rotors are in the overlay; in complete coupling, rotors at rest are part of the arm
+        lifted = replace(model, payload=Body(), motor_coupling="simplified")
+        ours = evaluate(flexgen.derive(lifted).function("inverse_dynamics"), q, v, a)[0][0][rows]
+        worst = max(worst, float(np.abs(ours - theirs).max() / np.abs(ours).max()))
+        tip = robot.getFrameId(flexgen.read(path.with_suffix(".toml")).elements[-1].name)
+        pin.framesForwardKinematics(robot, data, theirs_q)
+        base = pin.SE3(np.array(model.base.rotation), np.array(model.base.position))
+        tool = base * data.oMf[tip] * pin.SE3(np.array(model.tool.rotation), np.array(model.tool.position))
+        p, R = evaluate(equations.function("forward_kinematics"), q)
+        worst = max(worst, float(np.abs(tool.translation - p[0]).max()), float(np.abs(tool.rotation - R[0]).max()))
+    return worst
+
+
+# --- round trip and Pinocchio -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", all_models())
+def test_round_trip(name, tmp_path):
+    model = flexgen.read(name)
+    path = tmp_path / "arm.urdf"
+    refused = REFUSED.get(model.name)
+    if refused:
+        with pytest.raises(ModelError, match=refused):
+            export_urdf(model, path)
+        assert list(tmp_path.iterdir()) == []
+        return
+    assert export_urdf(model, path) == (path, tmp_path / "arm.toml")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["arm.toml", "arm.urdf"]
+    again = flexgen.read(tmp_path / "arm.toml")
+    assert difference(model, again) < SAME
+    same = ("name", "description", "source", "gravity", "base", "tool", "payload", "output", "home", "motor_coupling")
+    assert all(getattr(model, key) == getattr(again, key) for key in same)
+    assert model.motors == again.motors and model.coordinates == tuple(
+        replace(c, dof=replace(c.dof, axis=o.dof.axis), element=o.element)
+        for c, o in zip(again.coordinates, model.coordinates, strict=True)
+    )
+    assert [move.name for move in model.moves] == [move.name for move in again.moves]
+    assert model.sensors == again.sensors
+    assert rigid_difference(model, path) < RIGID
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("coupling", ["simplified", "complete"])
+def test_random_robots(coupling, tmp_path):
+    """General placements, several actuated degrees of freedom in an element, coupled wrists, carried rotors."""
+    compared = []
+
+    def check(case: Case) -> None:
+        model = case.model
+        try:
+            path, overlay = export_urdf(model, tmp_path / "arm.urdf")
+        except ModelError as reason:
+            assert re.search("rotational_drag|does not move relative|without moving any mass", str(reason))
+            return
+        again = flexgen.read(overlay)
+        compared.append(difference(model, again, 2, forward=False))
+        assert difference(model, again, 2) < 1e-9  # the condition of a mass matrix of these robots is up to 1e6
+        assert compared[-1] < 10 * SAME and rigid_difference(model, path, 2) < 10 * RIGID
+
+    quiet = {"database": None, "deadline": None, "suppress_health_check": list(HealthCheck), "print_blob": False}
+    settings(max_examples=12, phases=(Phase.generate,), **quiet)(
+        seed(2)(given(cases(linear=True, coupling=coupling))(check))
+    )()
+    assert len(compared) >= 6
+
+
+@pytest.mark.parametrize(
+    "spring",
+    [
+        CubicSpring(1e5, 4e8),
+        SmoothSpring(5e4, 4e5, 2e-3),
+        PiecewiseSpring(5e4, 4e5, 2e-3),
+        BacklashSpring(1e5, 1e-3, 1e-4),
+    ],
+    ids=lambda spring: type(spring).__name__,
+)
+def test_springs_and_frictions(spring, tmp_path):
+    model = flexgen.read("planar5_nmp")
+    friction = Friction(1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+    elements = []
+    for element in model.elements:
+        (dof,) = element.dofs
+        dof = replace(dof, spring=spring) if dof.gear is None else replace(dof, gear=replace(dof.gear, spring=spring))
+        elements.append(replace(element, dofs=(replace(dof, friction=friction),)))
+    motors = tuple(replace(motor, friction=friction) for motor in model.motors)
+    model = replace(model, elements=tuple(elements), motors=motors)
+    _, overlay = export_urdf(model, tmp_path / "arm.urdf")
+    assert difference(model, flexgen.read(overlay)) < SAME
+
+
+def test_link_frames_and_sensors(tmp_path):
+    """Placements ``link`` with a rotation and a position: bodies, sensors and the tip stay where they are."""
+    model = flexgen.read("planar5_nmp")
+    turned = Placement((0.1, -0.2, 0.3), rotation_matrix((0.3, -0.7, 1.1), False))
+    elements = tuple(replace(element, link=turned) for element in model.elements)
+    base = Placement((1.0, 2.0, 3.0), rotation_matrix((0.1, 0.2, 0.3), False))
+    model = replace(model, elements=elements, base=base)
+    sensors = flexgen.read(
+        "planar5_nmp",
+        overrides={
+            "sensor": [
+                {"name": "acc", "type": "accelerometer", "element": "arm2", "unit": "g", "position": [0.1, 0.2, 0.3]},
+                {"name": "laser", "type": "tracker", "unit": "mm", "axes": [[1, 1, 0], "z"]},
+                {"name": "enc", "type": "link_encoder", "coordinate": "q3", "unit": "deg", "sample_s": 1e-3},
+            ]
+        },
+    ).sensors
+    model = replace(model, sensors=sensors)
+    path, overlay = export_urdf(model, tmp_path / "arm.urdf")
+    again = flexgen.read(overlay)
+    assert difference(model, again) < SAME and rigid_difference(model, path) < RIGID
+    rng = np.random.default_rng(0)
+    q, v, a = rng.uniform(-1.0, 1.0, (3, model.n_a))
+    ours, theirs = (
+        [value.ravel() for value in evaluate(flexgen.derive(m).function("sensors"), q, v, a)] for m in (model, again)
+    )
+    for one, other in zip(ours, theirs, strict=True):
+        assert np.abs(one - other).max() < SAME * max(1.0, np.abs(one).max())
+
+
+def test_planted_bugs(tmp_path):
+    model = flexgen.read("manutec_r3")
+    path, overlay = export_urdf(model, tmp_path / "arm.urdf")
+    good = path.read_text()
+    assert rigid_difference(model, path) < RIGID
+    for pattern, other in (
+        (r'(<link name="body2">\s*<inertial>\s*<origin xyz=")0.172', r"\g<1>0.1720001"),
+        (r'(<joint name="q2".*?<origin xyz="[^"]*" rpy=")0 0 0', r"\g<1>0 0 1e-6"),
+        (r'ixy="-0.46"', 'ixy="-0.4600001"'),
+    ):
+        bad, count = re.subn(pattern, other, good, flags=re.DOTALL)
+        assert count == 1
+        path.write_text(bad)
+        assert rigid_difference(model, path) > 10 * RIGID
+        assert difference(model, flexgen.read(overlay)) > 10 * SAME
+
+
+# --- details ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("pitch", [0.0, 0.4, np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, 1.5707963, np.pi])
+def test_roll_pitch_yaw(pitch):
+    rng = np.random.default_rng(1)
+    for roll, yaw in [(0.0, 0.0), (np.pi, np.pi / 2), *rng.uniform(-np.pi, np.pi, (20, 2))]:
+        R = np.array(rotation_matrix((roll, pitch, yaw), False))
+        found = np.array(rotation_matrix(tuple(roll_pitch_yaw(R)), False))
+        assert np.abs(found - R).max() < 4e-15
+
+
+def test_changed_moves_are_refused(tmp_path):
+    model = flexgen.read("elbow")
+    longer = replace(model, moves=(replace(model.moves[0], duration=9.0), *model.moves[1:]))
+    with pytest.raises(ArgumentError, match="moves that are not those of its file"):
+        export_urdf(longer, tmp_path / "arm.urdf")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_names_that_are_no_identifiers_are_refused(tmp_path):
+    model = flexgen.read("elbow")
+    first = replace(model.elements[0], name='a"<b>&')
+    with pytest.raises(ModelError, match=r"element\.name: given .*expected a letter followed by"):
+        export_urdf(replace(model, elements=(first, *model.elements[1:])), tmp_path / "arm.urdf")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_errors_name_the_file_that_would_be_written(tmp_path):
+    """A first body without mass: the coordinate moves nothing, which the reader of URDF files refuses."""
+    model = flexgen.read("elbow@rigid")
+    light = tuple(replace(element, body=Body()) for element in model.elements)
+    motors = tuple(replace(motor, inertia=0.0) for motor in model.motors)
+    with pytest.raises(ModelError, match=r"arm\.urdf:\d+:joint") as caught:
+        export_urdf(replace(model, elements=light, motors=motors, payload=Body()), tmp_path / "arm.urdf")
+    assert "staging" not in str(caught.value)
+
+
+def test_samples_of_a_move_are_found_from_another_folder(tmp_path):
+    rows = "".join(f"{k / 10},{1.0 + 0.01 * k},{-0.3}\n" for k in range(11))
+    (tmp_path / "track.csv").write_text("t,x,y\n" + rows)
+    text = (Path(__file__).parents[2] / "models" / "planar5_nmp.toml").read_text()
+    text += '\n[[move]]\nname = "track"\ntype = "sampled"\nfile = "track.csv"\nstart_rad = [0.3, -1.1]\n'
+    (tmp_path / "arm.toml").write_text(text)
+    _, overlay = export_urdf(tmp_path / "arm.toml", tmp_path / "out" / "arm.urdf")
+    assert Path(flexgen.read(overlay).moves[-1].file).samefile(tmp_path / "track.csv")
+
+
+def test_numbers_changed_in_python_are_written(tmp_path):
+    model = flexgen.read("elbow")
+    motors = tuple(replace(motor, inertia=2 * motor.inertia) for motor in model.motors)
+    loaded = replace(model, motors=motors, payload=Body(3.0, (0.1, 0.0, 0.0)))
+    _, overlay = export_urdf(loaded, tmp_path / "arm.urdf")
+    assert difference(loaded, flexgen.read(overlay)) < SAME < difference(model, flexgen.read(overlay))
+
+
+def test_command_line(tmp_path, capsys):
+    out = tmp_path / "deep" / "arm.urdf"
+    assert main(["export", "urdf", "elbow", "--out", str(out), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["overlay"] == str(out.with_suffix(".toml"))
+    assert main(["export", "urdf", "elbow", "--out", str(tmp_path / "arm.xml")]) == 1
+    assert "ends in .urdf" in capsys.readouterr().err
+
+
+# --- files that are there ---------------------------------------------------------------------------------------------
+
+
+def test_the_files_of_the_robot_are_not_replaced(tmp_path, monkeypatch, capsys):
+    """Its model file, its URDF file, and the URDF file of its overlay, also by another name of the same file."""
+    text = (Path(__file__).parents[2] / "models" / "elbow.toml").read_text()
+    own = tmp_path / "elbow.toml"
+    own.write_text(text)
+    monkeypatch.chdir(tmp_path)
+    assert main(["export", "urdf", "elbow.toml@rigid", "--out", "elbow.urdf"]) == 1
+    assert "from which the robot was read" in capsys.readouterr().err
+    (tmp_path / "other.toml").symlink_to(own)
+    with pytest.raises(ArgumentError, match=r"'other\.toml', from which the robot was read"):
+        export_urdf("elbow.toml", "other.urdf")
+    assert own.read_text() == text and sorted(p.name for p in tmp_path.iterdir()) == ["elbow.toml", "other.toml"]
+
+    path, overlay = export_urdf("elbow.toml", tmp_path / "out" / "arm.urdf")
+    before = path.read_bytes(), overlay.read_bytes()
+    assert export_urdf("elbow.toml", path) == (path, overlay)  # what flexgen wrote is replaced
+    assert (path.read_bytes(), overlay.read_bytes()) == before
+    tip = re.search(r'tip = "(\w+)"', overlay.read_text()).group(1)
+    overlay.rename(tmp_path / "out" / "mine.toml")
+    for robot in ("out/mine.toml", f"out/arm.urdf#base_link:{tip}"):
+        with pytest.raises(ArgumentError, match=r"arm\.urdf', from which the robot was read"):
+            export_urdf(robot, path)
+    assert path.read_bytes() == before[0]
+
+
+def test_an_overlay_that_flexgen_did_not_write_is_not_replaced(tmp_path):
+    (tmp_path / "arm.toml").write_text('name = "written by flexgen"\n')
+    with pytest.raises(ArgumentError, match="a file that flexgen did not write"):
+        export_urdf("elbow", tmp_path / "arm.urdf")
+    assert [p.name for p in tmp_path.iterdir()] == ["arm.toml"]
+
+
+def test_both_files_are_checked_before_one_is_written(tmp_path, monkeypatch):
+    (tmp_path / "arm.toml").mkdir()
+    with pytest.raises(ArgumentError, match=r"overlay would be .*arm\.toml', which is a directory"):
+        export_urdf("elbow", tmp_path / "arm.urdf")
+    assert not (tmp_path / "arm.urdf").exists()
+    (tmp_path / "b.urdf").mkdir()
+    with pytest.raises(ArgumentError, match="which is a directory"):
+        export_urdf("elbow", tmp_path / "b.urdf")
+    monkeypatch.setattr(os, "access", lambda path, mode: False)  # (the tests may run as root)
+    with pytest.raises(ArgumentError, match="a folder that you may write"):
+        export_urdf("elbow", tmp_path / "c.urdf")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["arm.toml", "b.urdf"]
+
+
+def test_the_overlay_is_written_first(tmp_path, monkeypatch):
+    """Where the second file fails there is no URDF file without its gears and motors."""
+
+    def written(path, text):
+        if Path(path).suffix == ".urdf":
+            raise ArgumentError("output: no space")
+        return write_text(path, text)
+
+    monkeypatch.setattr(urdf_module, "write_text", written)
+    with pytest.raises(ArgumentError, match="no space"):
+        export_urdf("elbow", tmp_path / "arm.urdf")
+    assert [p.name for p in tmp_path.iterdir()] == ["arm.toml"]

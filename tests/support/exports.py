@@ -1,0 +1,47 @@
+"""Exports for the tests: the emitted library of planar5_nmp in two files, compiled once."""
+
+from __future__ import annotations
+
+import atexit
+import shutil
+import subprocess
+import tempfile
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+from toolchain import tool
+
+import flexgen
+from flexgen.export.emitted import Emitted, emitted
+from flexgen.model.elements import RobotModel
+
+PLAIN = ["-std=c99", "-O0", "-ffp-contract=off", "-fPIC"]  # the library's own warnings are tested elsewhere
+
+
+@cache
+def folder() -> Path:
+    """A folder for the session."""
+    made = tempfile.mkdtemp(prefix="flexgen-exports-")
+    atexit.register(shutil.rmtree, made, ignore_errors=True)
+    return Path(made)
+
+
+@cache
+def library_object(name: str, precision: str = "double") -> tuple[Emitted, Path]:
+    """The emitted library of a model, and its object file."""
+    library = emitted(name, precision=precision)
+    place = folder() / f"{name}-{precision}"
+    place.mkdir()
+    for file, text in library.texts().items():
+        (place / file).write_text(text, encoding="ascii")
+    subprocess.run([tool("gcc"), *PLAIN, "-c", f"{library.name}.c"], cwd=place, check=True)
+    return library, place / f"{library.name}.o"
+
+
+def without_streams() -> RobotModel:
+    """The model elbow with rotors that turn with their carriers."""
+    model = flexgen.read("elbow")
+    carriers = zip(model.motors, ("base", "upper"), strict=True)
+    motors = tuple(replace(motor, axis=(0.0, 1.0, 0.0), carrier=carrier) for motor, carrier in carriers)
+    return replace(model, motors=motors, motor_coupling="complete")

@@ -1,0 +1,1 @@
+# ament_add_gtest is in ament_cmakeConfig.cmake.

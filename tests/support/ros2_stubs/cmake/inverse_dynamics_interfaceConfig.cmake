@@ -1,0 +1,2 @@
+add_library(inverse_dynamics_interface::inverse_dynamics_interface_lib INTERFACE IMPORTED)
+set_target_properties(inverse_dynamics_interface::inverse_dynamics_interface_lib PROPERTIES INTERFACE_INCLUDE_DIRECTORIES "${STUBS}")

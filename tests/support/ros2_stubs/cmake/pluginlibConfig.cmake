@@ -1,0 +1,8 @@
+add_library(pluginlib::pluginlib INTERFACE IMPORTED)
+set_target_properties(pluginlib::pluginlib PROPERTIES INTERFACE_INCLUDE_DIRECTORIES "${STUBS}")
+function(pluginlib_export_plugin_description_file base file)
+  if(NOT EXISTS "${CMAKE_CURRENT_SOURCE_DIR}/${file}")
+    message(FATAL_ERROR "no ${file}")
+  endif()
+  file(APPEND "${CMAKE_BINARY_DIR}/ament_calls.txt" "${base} ${file}\n")
+endfunction()

@@ -1,0 +1,4 @@
+#ifndef STUB_RCLCPP_EXCEPTIONS_HPP
+#define STUB_RCLCPP_EXCEPTIONS_HPP
+#include <stdexcept>
+#endif

@@ -1,0 +1,222 @@
+"""The files of an FMU: same bytes, escaped texts, no names of the model in its C; wrong arguments; the command."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import xml.etree.ElementTree as ET
+import zipfile
+from dataclasses import replace
+
+import fmus
+import pytest
+
+import flexgen
+from flexgen.cli.main import main
+from flexgen.errors import ArgumentError, BuildError, ModelError
+from flexgen.export.fmu import export as export_module
+from flexgen.export.fmu.description import element
+
+
+def files_of(path):
+    with zipfile.ZipFile(path) as archive:
+        assert archive.testzip() is None
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def sources_of(tmp_path, model="four_mass", **options):
+    path = tmp_path / "sources.fmu"
+    flexgen.export_fmu(model, path, binary=False, **options)
+    return files_of(path)
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_the_same_input_gives_the_same_bytes(version, tmp_path):
+    a = flexgen.export_fmu("four_mass", tmp_path / "a.fmu", binary=False, version=version)
+    b = flexgen.export_fmu("four_mass", tmp_path / "b.fmu", binary=False, version=version)
+    assert a.path.read_bytes() == b.path.read_bytes() and a.token == b.token
+    c = flexgen.export_fmu("four_mass", tmp_path / "c.fmu", binary=False, version=version, step=1e-5)
+    assert c.token != a.token  # another content, another token
+    with zipfile.ZipFile(a.path) as archive:
+        assert {info.date_time for info in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("block", ["plant", "controller"])
+def test_with_a_binary_too(block, tmp_path):
+    given = {"controller": fmus.cascade(1)} if block == "controller" else {}
+    paths = [flexgen.export_fmu("four_mass", tmp_path / f"{k}.fmu", block=block, **given).path for k in "ab"]
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+    assert str(tmp_path).encode() not in b"".join(files_of(paths[0]).values())
+
+
+def test_what_is_in_it(tmp_path):
+    names = set(sources_of(tmp_path))
+    assert {"modelDescription.xml", "sources/four_mass.c", "sources/four_mass.h",
+            "sources/flexgen_fmu_fmi2.c", "sources/flexgen_fmu_config.h", "sources/flexgen_fmu_core.h",
+            "sources/flexgen_fmu_plant.h", "documentation/licenses/license.txt"} <= names  # fmt: skip
+    assert not any(name.startswith("binaries") for name in names)
+    assert "sources/buildDescription.xml" in sources_of(tmp_path, version="3.0")
+
+
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+def test_texts_of_the_model_are_escaped(version, tmp_path):
+    """A description with the characters of XML is read back as it was, and is nowhere in the C."""
+    text = '<a href="x">\'&amp;\n*/ #include "evil.h" \u00e9'
+    model = replace(flexgen.read("four_mass"), description=text)
+    files = sources_of(tmp_path, model, version=version)
+    root = ET.fromstring(files["modelDescription.xml"])
+    assert root.get("description") == text
+    assert not any(b"evil" in data for name, data in files.items() if name.endswith((".c", ".h")))
+
+
+def test_control_characters_do_not_break_the_description():
+    line = "\n".join(element("A", {"b": "x\x00\x1f\ud800y"}))
+    assert ET.fromstring(line).get("b") == "x???y"
+
+
+def test_names_of_motors_are_not_in_the_hand_written_c(tmp_path):
+    model = flexgen.read("four_mass")
+    (motor,) = model.motors
+    model = replace(model, motors=(replace(motor, name="unusual_motor"),))
+    files = sources_of(tmp_path, model)
+    own = [name for name in files if name.endswith((".c", ".h")) and "four_mass" not in name]
+    assert len(own) >= 6 and not any(b"unusual_motor" in files[name] for name in own)
+    assert b"motor.unusual_motor.torque" in files["modelDescription.xml"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"version": "1.0"}, "version: given '1.0', expected one of 2.0, 3.0"),
+        ({"block": "robot"}, "block: given 'robot', expected one of plant, feedforward, controller"),
+        ({"method": "euler"}, "method: given 'euler', expected one of rk4, sdirk4"),
+        ({"step": 0.0}, "step: given 0.0, expected a time"),
+        ({"step": float("nan")}, "step: given nan"),
+        ({"block": "controller", "controller": fmus.cascade(1), "sample_time": "fast"}, "sample_time: given 'fast'"),
+        ({"block": "controller"}, "controller: given NoneType, expected a flexgen.Cascade"),
+        ({"sample_time": 1e-3}, "sample_time: given one for the block 'plant', expected it with block='controller'"),
+        ({"look_ahead": 0.05}, "look_ahead: given one for the block 'plant'"),
+        ({"block": "feedforward", "method": "rk4"}, "method: given one for the block 'feedforward'"),
+        ({"block": "feedforward", "sample_time": 1e-3}, "sample_time: given one for the block 'feedforward'"),
+        ({"block": "controller", "controller": fmus.cascade(1), "step": 1e-4}, "step: given one for the block"),
+        ({"block": "plant", "controller": fmus.cascade(1)}, "expected it with block='controller'"),
+        ({"block": "controller", "controller": fmus.cascade(2)}, "one for each motor"),
+    ],
+)
+def test_wrong_arguments(options, message, tmp_path):
+    path = tmp_path / "robot.fmu"
+    with pytest.raises(ArgumentError, match=message.replace("(", r"\(")):
+        flexgen.export_fmu("four_mass", path, **options)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_wrong_path_and_model(tmp_path):
+    with pytest.raises(ArgumentError, match=r"robot\.zip.*, expected the path of a file that ends in \.fmu"):
+        flexgen.export_fmu("four_mass", tmp_path / "robot.zip", binary=False)
+    with pytest.raises(ArgumentError, match=r"path: given '.*robot\.zip'"):
+        flexgen.export_fmu("four_mass", tmp_path / "robot.zip", binary=False)  # not PosixPath('...')
+    with pytest.raises(ArgumentError, match="path: given 5"):
+        flexgen.export_fmu("four_mass", 5, binary=False)
+    with pytest.raises((ArgumentError, ModelError), match="no_such"):
+        flexgen.export_fmu("no_such", tmp_path / "robot.fmu")
+
+
+def test_a_model_without_inverse_dynamics_has_no_feedforward(tmp_path):
+    model = replace(flexgen.read("four_mass"), motor_coupling="complete")
+    with pytest.raises(ArgumentError, match=r"block 'feedforward': .*motor_coupling 'complete'"):
+        flexgen.export_fmu(model, tmp_path / "robot.fmu", block="feedforward")
+    with pytest.raises(ArgumentError, match=r"look_ahead: given 0\.0123 s"):
+        flexgen.export_fmu("four_mass", tmp_path / "robot.fmu", block="feedforward", look_ahead=0.0123)
+
+
+def test_a_robot_without_passive_coordinates_has_a_feedforward(tmp_path):
+    files = sources_of(tmp_path, "elbow", block="feedforward")
+    assert "sources/elbow.c" in files and b"path.position[2]" in files["modelDescription.xml"]
+
+
+# Names of fixed files without their prefix; names in C; a header of the standard; the prefix.
+NAMES = {"plant": "", "config": "", "fmi2": "", "controller": "", "warnings": "", "core": "core_status", "n": "N_WORK",
+         "fmi2Functions": "fmi2Functions.h", "Flexgen_fmu_x": "Flexgen_fmu_x.c"}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "problem"), NAMES.items())
+def test_names_of_models_do_not_collide_with_the_fixed_files(name, problem, tmp_path):
+    """The sources compile, with all files there, or the name is refused."""
+    model = replace(flexgen.read("four_mass"), name=name)
+    if problem:
+        with pytest.raises(BuildError, match=rf"given '{name}', which gives {problem}, a name of the fixed files"):
+            sources_of(tmp_path, model)
+        assert list(tmp_path.iterdir()) == []
+        return
+    files = sources_of(tmp_path, model)
+    usual = {"fmi2.c", "config.h", "core.h", "plant.h", "warnings.h"}
+    assert {f"sources/{name}.c", f"sources/{name}.h", *(f"sources/flexgen_fmu_{file}" for file in usual)} <= set(files)
+    for file, data in files.items():
+        if file.startswith("sources/"):
+            (tmp_path / file.removeprefix("sources/")).write_bytes(data)
+    compiler = shutil.which("gcc") or shutil.which("cc")
+    if compiler is None:
+        pytest.skip("no C compiler")
+    words = [compiler, "-std=c99", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", *map(str, tmp_path.glob("*.c"))]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[:1000]
+
+
+def test_missing_declarations_stop_the_compiler(monkeypatch, tmp_path):
+    """A function that is nowhere declared gives no FMU, also with a compiler that only warns of it."""
+    texts = export_module._texts
+    wrong = "void f(void);\nvoid f(void)\n{\n    nowhere_declared();\n}\n"
+
+    def planted(block, version):
+        found, token = texts(block, version)
+        return {**found, "sources/flexgen_fmu_fmi2.c": wrong}, token
+
+    monkeypatch.setattr(export_module, "_texts", planted)
+    with pytest.raises(BuildError, match="nowhere_declared"):
+        flexgen.export_fmu("four_mass", tmp_path / "robot.fmu")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_payload_is_in_the_frame_that_the_tool_is_attached_to(tmp_path):
+    root = ET.fromstring(sources_of(tmp_path)["modelDescription.xml"])
+    texts = {v.get("name"): v.get("description") for v in root.iter("ScalarVariable")}
+    assert texts["payload.com[1]"] == "its center of mass in the frame that the tool is attached to, x"
+
+
+def test_without_a_compiler(monkeypatch, tmp_path):
+    monkeypatch.setattr(export_module, "find_compiler", lambda **options: None)
+    old = tmp_path / "robot.fmu"
+    old.write_bytes(b"before")
+    with pytest.raises(BuildError, match="binary=False in Python, --sources-only on the command line"):
+        flexgen.export_fmu("four_mass", old)
+    assert old.read_bytes() == b"before"
+
+
+def test_the_command(tmp_path, capsys):
+    path = tmp_path / "robot.fmu"
+    assert (
+        main(["export", "fmu", "four_mass", "--fmi", "3.0", "--sources-only", "--out", str(path), "--json", "-q"]) == 0
+    )
+    data = json.loads(capsys.readouterr().out)
+    assert data["version"] == "3.0" and data["binary"] is None and path.exists()
+    assert {"name": "motor.m1.torque", "reference": 3000, "causality": "input", "unit": "N.m", "start": 0.0} in [
+        {key: v[key] for key in ("name", "reference", "causality", "unit", "start")} for v in data["variables"]
+    ]
+    words = ["export", "fmu", "four_mass", "--block", "controller", "--sources-only", "--out", str(path), "-q"]
+    assert main(words) == 0 and "motor.m1.position_gain" in capsys.readouterr().out
+    assert main(["export", "fmu", "four_mass", "--controller", "x.toml"]) == 1
+    assert "--controller: given with --block plant, expected with --block controller only" in " ".join(
+        capsys.readouterr().err.split()
+    )
+    assert main(["export", "fmu", "four_mass", "--block", "feedforward", "--sample-time", "0.001"]) == 1
+    assert "--sample-time: given with --block feedforward" in capsys.readouterr().err
+    for given in ("x.toml", "x.txt"):
+        assert main([*words, "--controller", str(tmp_path / given)]) == 1
+        assert f"{given}', which does not exist" in " ".join(capsys.readouterr().err.split())
+    (tmp_path / "foo.txt").touch()
+    assert main([*words, "--controller", str(tmp_path / "foo.txt")]) == 1
+    assert "foo.txt', expected a file .toml" in " ".join(capsys.readouterr().err.split())
+    assert main(["export", "fmu", "four_mass", "--block", "robot"]) == 2
+    assert main(["export", "fmu", "four_mass", "--out", str(tmp_path)]) != 0
