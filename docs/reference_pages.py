@@ -5,9 +5,13 @@ from __future__ import annotations
 import inspect
 import re
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 
 import flexgen
+from flexgen.codegen.kinematic_functions import USED
+from flexgen.codegen.kinematics_header import kinematics_header
+from flexgen.codegen.spec import library_spec
 from flexgen.mechanics.signatures import PORTS, TABLE
 
 # Classes of the objects that verbs return and that have no name in `flexgen` itself.
@@ -103,6 +107,7 @@ def c_reference(folder: Path) -> str:
         An emitted library of the model elbow, of which the declarations are taken.
     """
     header = (folder / "elbow.h").read_text(encoding="utf-8")
+    poses = _inverse_kinematics()
     inversion = (folder / "elbow_inversion.h").read_text(encoding="utf-8")
     point = declarations(header)
     lines = ["# Reference of the C library", ""]
@@ -125,7 +130,11 @@ def c_reference(folder: Path) -> str:
         lines += ["| array | | shape | unit | meaning |", "|---|---|---|---|---|"]
         lines += [*_arguments(row.inputs, "in"), *_arguments(row.outputs, "out"), ""]
     named = {row.name for row in TABLE}
-    others = {name: both for name, both in point.items() if name not in named} | declarations(inversion)
+    others = (
+        {name: both for name, both in point.items() if name not in named}
+        | declarations(inversion)
+        | declarations(poses)
+    )
     lines += ["## Paths, streams and others", ""]
     for name, (comment, text) in others.items():
         lines += [
@@ -140,9 +149,15 @@ def c_reference(folder: Path) -> str:
             "```",
             "",
         ]
-    for title, text in (("the library", header), ("paths and streams", inversion)):
+    for title, text in (("the library", header), ("paths and streams", inversion), ("inverse kinematics", poses)):
         lines += [f"## Types and constants of {title}", "", "```c", any_model(_types(text)), "```", ""]
     return "\n".join(lines)
+
+
+def _inverse_kinematics() -> str:
+    """The header of inverse kinematics, which elbow with its two joints does not have, under the name elbow."""
+    spec = library_spec(flexgen.derive("manutec_r3"), USED)
+    return kinematics_header(replace(spec, name="elbow"))
 
 
 def _types(header: str) -> str:

@@ -241,7 +241,7 @@ def _written(request: _Request, digest: str, log: Callable[[str], None]) -> tupl
     from flexgen.codegen.emit import emit, function_texts
 
     spec = library_spec(equations, request.names, precision=request.precision, per_point=request.per_point)
-    if spec.c_functions:
+    if spec.inverts:
         from flexgen.build.stream_defaults import stream_defaults
 
         spec = replace(spec, stream=stream_defaults(request.model, spec))
@@ -333,7 +333,7 @@ def _manifest(spec: LibrarySpec, digest: str, needs_work: Mapping[str, bool]) ->
         ],
         "structs": [
             {"name": struct.name, "signature": signature_of(struct), "fields": [asdict(f) for f in struct.fields]}
-            for struct in (STRUCTS if spec.c_functions else ())
+            for struct in (STRUCTS if spec.inverts else ())
         ],
         "c_functions": [{**asdict(f), "signature": f.signature} for f in spec.c_functions],
         "files": {},

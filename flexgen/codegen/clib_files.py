@@ -39,7 +39,6 @@ _HOLD = (
 )
 _COMMENT = re.compile(r"(/\*.*?\*/)", re.DOTALL)
 _LITERAL = re.compile(r"(?<![\w.])(?:\d+\.\d*(?:e[-+]?\d+)?|\d+e[-+]?\d+)(?![\w.])")  # of a double
-_WRITTEN = {"inversion.h", "motor_constants.h"}  # included by the fixed files, written for each library
 
 
 @cache
@@ -85,9 +84,9 @@ def kernel_files(name: str, precision: str) -> dict[str, str]:
 
 def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> dict[str, str]:
     """The private files of the inversion, by name; none where the library has no inversion."""
-    if not spec.c_functions or spec.motor_constants is None:
+    if not spec.inverts or spec.motor_constants is None:
         return {}
-    names = sorted(_included({function.file for function in spec.c_functions}))
+    names = sorted(_included({function.file for function in spec.declared_in("inversion")}))
     out = {f"{spec.name}_{name}": render(fixed_files()[name], spec.name, spec.precision) for name in names}
     return {f"{spec.name}_motor_constants.h": constants_header(spec, spec.motor_constants, written), **out}
 
@@ -105,7 +104,7 @@ def inversion_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> 
     name, guard = spec.name, macro(spec, "INVERSION_H")
     holds = ", ".join(f"{macro(spec, f'HOLD_{hold.upper()}')} = {k}" for k, hold in enumerate(HOLDS))
     structs = "\n".join(_struct(spec, struct) for struct in STRUCTS)
-    functions = "\n".join(_described(spec, function) for function in spec.c_functions)
+    functions = "\n".join(described(spec, function) for function in spec.declared_in("inversion"))
     return f"""\
 /*
 {comment(f"{name}: inverse dynamics along a path, written by flexgen. Do not edit.")} *
@@ -150,7 +149,7 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
     """Macros of the public header: recommended options of a stream, its memory, the operations of an update."""
     used = [f for f in spec.functions if f.name in INVERSION]
     block = BLOCK[spec.precision]
-    size = stream_size(spec.sizes, _space(spec, written) + len(spec.parameters), block)
+    size = stream_size(spec.sizes, space_of(spec, written) + len(spec.parameters), block)
     arithmetic = {}
     for f in used:
         text, entries = written[f.name], sum(port.size for port in (*f.inputs, *f.outputs))
@@ -206,9 +205,9 @@ def _stream_macros(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> st
     return "".join(lines)
 
 
-def _space(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> int:
-    """The largest workspace of the functions that the inversion calls, in reals."""
-    used = (f for f in spec.functions if f.name in INVERSION)
+def space_of(spec: LibrarySpec, written: Mapping[str, FunctionText], names: Sequence[str] = INVERSION) -> int:
+    """The largest workspace of the functions with these names, those that the inversion calls, in reals."""
+    used = (f for f in spec.functions if f.name in names)
     return max(max(works(f, written[f.name], spec.precision)) for f in used)
 
 
@@ -227,7 +226,7 @@ def _struct(spec: LibrarySpec, struct: Struct) -> str:
     return f"/* {struct.doc} */\ntypedef struct {{\n{''.join(lines)}}} {spec.name}_{struct.name};\n"
 
 
-def _described(spec: LibrarySpec, function: CFunction) -> str:
+def described(spec: LibrarySpec, function: CFunction) -> str:
     """The description and the declaration of a function."""
     rows = [
         (
@@ -268,7 +267,7 @@ def _in_brackets(extent: str) -> str:
 def _declared(spec: LibrarySpec, field: Field, sized: bool = False) -> str:
     """A member or an argument in C; ``sized``: with the size of an array where it is a constant."""
     const, kind = "const " * field.kind.startswith("const "), field.kind.removeprefix("const ")
-    kind = const + (kind if kind in ("int", "int64_t") else f"{spec.name}_{kind}")
+    kind = const + (kind if kind.split()[0] in ("int", "int64_t") else f"{spec.name}_{kind}")
     fixed = sized and len(field.extents) == 1 and field.extents[0] in spec.sizes
     if fixed:
         return f"{kind.removesuffix(' *')} {field.name}[{size_macro(spec, field.extents[0])}]"
@@ -296,8 +295,8 @@ def constants_header(spec: LibrarySpec, constants: MotorConstants, written: Mapp
         text += f"static const real {name}[{rows}][{columns}] = {{\n{body}}};\n"
     text += f"static const real rotor_inertia[{nm}] = {listed(constants.rotor_inertia)};\n"
     used = [f for f in spec.functions if f.name in INVERSION]
-    space = _space(spec, written)
-    calls = "".join(_call(spec, f, written[f.name].work) + _batch_call(spec, f) for f in used)
+    space = space_of(spec, written)
+    calls = "".join(_call(spec, f, written[f.name].work) + batch_call(spec, f) for f in used)
     return f"""\
 /*
  * {spec.name}: gears, motors and the kind of output, for the inversion; private. Written by flexgen; see {spec.name}.h.
@@ -330,7 +329,7 @@ def _call(spec: LibrarySpec, f: FunctionSpec, work: int) -> str:
     return f"#define evaluate_{f.name}({ports}, work) {call if needed else f'((void)(work), {call})'}\n"
 
 
-def _batch_call(spec: LibrarySpec, f: FunctionSpec) -> str:
+def batch_call(spec: LibrarySpec, f: FunctionSpec) -> str:
     """A macro that calls a function for many points."""
     ports, given = _ports_of_call(spec, f)
     return f"#define evaluate_{f.name}_batch(n, {ports}, work) {spec.name}_{f.name}_batch(n, {given}, work)\n"

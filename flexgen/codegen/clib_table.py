@@ -1,7 +1,8 @@
 """The hand-written functions of the library: their structs, arguments and descriptions.
 
 They come with every library of a model that can be inverted, with all functions of `INVERSION`; `bvp` only in double
-precision. With run-time parameters they have one more argument. Their C is in ``flexgen/clib/``, see
+precision. With run-time parameters they have one more argument. Inverse kinematics comes with arms of six motors or
+more. Their C is in ``flexgen/clib/``, see
 `flexgen.codegen.clib_files`.
 """
 
@@ -11,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flexgen.codegen.clib_types import CFunction, Field, Struct
+from flexgen.codegen.kinematic_functions import kinematic_functions
 from flexgen.codegen.limited_functions import LIMITED_FUNCTIONS, LIMITS_STRUCT
 from flexgen.codegen.sampler_functions import SAMPLER_FUNCTIONS
 from flexgen.mechanics.signatures import INVERSION, offered_functions
@@ -384,13 +386,14 @@ def offered_c_functions(
     model: RobotModel, functions: Sequence[str], parameters: Sequence[object], precision: str
 ) -> tuple[CFunction, ...]:
     """The hand-written functions of a library with these functions and run-time parameters, in this precision."""
+    kinematic = kinematic_functions(model, functions, precision)
     if inversion_reason(model, functions) is not None:
-        return ()
+        return kinematic
     offered = [f for f in C_FUNCTIONS if model.n_e or not f.elastic]
     offered = [f for f in offered if precision == "double" or not f.double]
     if not parameters:
-        return tuple(function for function in offered if not function.parametrized)
-    return tuple(_with_parameters(function) for function in offered)
+        return (*(function for function in offered if not function.parametrized), *kinematic)
+    return (*(_with_parameters(function) for function in offered), *kinematic)
 
 
 def inversion_reason(model: RobotModel, functions: Sequence[str]) -> str | None:

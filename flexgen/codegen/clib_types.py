@@ -13,8 +13,8 @@ class Field:
     ----------
     name : str
     kind : str
-        Type in C: ``"real"``, ``"int"``, ``"int64_t"``, ``"const real *"``, ``"real *"``, or a pointer to a struct of
-        the table, such as ``"const path *"``.
+        Type in C: ``"real"``, ``"int"``, ``"int64_t"``, a pointer to one of them, such as ``"const real *"``, or to a
+        struct of the table, such as ``"const path *"``.
     extents : tuple of str
         Sizes of the array that a pointer to reals points to: of the library (``"n_a"``), of other fields (``"n"``), or
         sums of these. Arrays are stored sample after sample: the last index runs fastest.
@@ -58,6 +58,8 @@ class CFunction:
         True: only for libraries with run-time parameters.
     double : bool
         True: only for libraries in double precision.
+    header : str
+        The public header that declares it: ``"inversion"`` or ``"inverse_kinematics"``.
     """
 
     name: str
@@ -69,6 +71,7 @@ class CFunction:
     elastic: bool = False
     parametrized: bool = False
     double: bool = False
+    header: str = "inversion"
 
     @property
     def signature(self) -> str:

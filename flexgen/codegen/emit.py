@@ -13,6 +13,7 @@ from flexgen.codegen.clib_files import inversion_files, inversion_header, kernel
 from flexgen.codegen.example import example
 from flexgen.codegen.function_files import body, facade, source
 from flexgen.codegen.header import batch_header, header
+from flexgen.codegen.kinematics_header import kinematics_files, kinematics_header
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.errors import BuildError
 from flexgen.expressions.function_text import FunctionText, function_text
@@ -44,8 +45,8 @@ def emit(spec: LibrarySpec, written: Mapping[str, FunctionText] | None = None) -
     Returns
     -------
     dict of str to str
-        Text by file name: the public ``<name>.h``, ``<name>_batch.h`` and, where the library inverts,
-        ``<name>_inversion.h``; ``example.c``; everything else in ``src/``.
+        Text by file name: the public ``<name>.h``, ``<name>_batch.h`` and, where the library has them,
+        ``<name>_inversion.h`` and ``<name>_inverse_kinematics.h``; ``example.c``; everything else in ``src/``.
 
     Raises
     ------
@@ -55,13 +56,15 @@ def emit(spec: LibrarySpec, written: Mapping[str, FunctionText] | None = None) -
     check_names(spec)
     written = function_texts(spec) if written is None else written
     files = {f"{spec.name}.h": header(spec, written), f"{spec.name}_batch.h": batch_header(spec, written)}
-    if spec.c_functions:
+    if spec.inverts:
         files[f"{spec.name}_inversion.h"] = inversion_header(spec, written)
+    if spec.declared_in("inverse_kinematics"):
+        files[f"{spec.name}_inverse_kinematics.h"] = kinematics_header(spec)
     private = {f"{spec.name}.c": facade(spec)} | kernel_files(spec.name, spec.precision)
     for f in spec.functions:
         private[f"{spec.name}_{f.name}.c"] = source(spec, f, written[f.name])
         private[f"{spec.name}_{f.name}_body.h"] = body(spec, f, written[f.name])
-    private |= inversion_files(spec, written)
+    private |= inversion_files(spec, written) | kinematics_files(spec, written)
     for public in list(files):  # so that no compiler needs to be told where they are
         private = {name: text.replace(f'"{public}"', f'"../{public}"') for name, text in private.items()}
     files |= {f"{SOURCES}/{name}": text for name, text in private.items()}

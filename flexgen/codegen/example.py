@@ -14,7 +14,7 @@ def example(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Text of ``example.c``."""
     real = f"{spec.name}_real"
     blocks = "".join(_block(spec, f, written[f.name].work > 0) for f in spec.functions)
-    inverts = bool(spec.c_functions)
+    inverts = spec.inverts
     called = "    failed |= invert_path();\n    failed |= run_stream();\n" if inverts else ""
     headers = f'#include "{spec.name}_inversion.h"' if inverts else f'#include "{spec.name}.h"'
     what = "every function once, at rest in the home pose" + (

@@ -261,7 +261,9 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
         f"{'1e6' if spec.precision == 'double' else '1e4'} rad.",
         "",
         f"{name}_batch.h has the same functions for many points"
-        + (f", {name}_inversion.h inverse dynamics along whole paths and streams." if spec.c_functions else "."),
+        + (f", {name}_inversion.h inverse dynamics along whole paths and streams" if spec.inverts else "")
+        + (f", {name}_inverse_kinematics.h the joints at a pose" if spec.declared_in("inverse_kinematics") else "")
+        + ".",
         "",
         "No function allocates, prints or keeps data: all may be called from several threads, each with its own "
         "arrays. Compile with any C99 compiler:",

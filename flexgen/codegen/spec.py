@@ -14,6 +14,7 @@ import numpy as np
 
 from flexgen.codegen.clib_table import STRUCTS, offered_c_functions
 from flexgen.codegen.clib_types import CFunction, signature_of
+from flexgen.codegen.kinematic_functions import FREE, KinematicConstants, kinematic_constants
 from flexgen.codegen.motor_constants import MotorConstants, motor_constants
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
@@ -216,7 +217,9 @@ class LibrarySpec:
     c_functions : tuple of CFunction
         Hand-written functions that come with the library.
     motor_constants : MotorConstants, optional
-        Numbers that these use.
+        Numbers that those of the inversion use.
+    kinematic_constants : KinematicConstants, optional
+        Numbers that inverse kinematics uses.
     constants : Constants
         Numbers of the public header.
     stream : StreamDefaults, optional
@@ -240,8 +243,18 @@ class LibrarySpec:
     per_point: bool = False
     c_functions: tuple[CFunction, ...] = ()
     motor_constants: MotorConstants | None = None
+    kinematic_constants: KinematicConstants | None = None
     constants: Constants = Constants()
     stream: StreamDefaults | None = None
+
+    def declared_in(self, header: str) -> tuple[CFunction, ...]:
+        """The hand-written functions of a public header, ``"inversion"`` or ``"inverse_kinematics"``."""
+        return tuple(function for function in self.c_functions if function.header == header)
+
+    @property
+    def inverts(self) -> bool:
+        """Whether the library has inverse dynamics along paths."""
+        return bool(self.declared_in("inversion"))
 
     @property
     def interface(self) -> str:
@@ -255,7 +268,7 @@ class LibrarySpec:
 
         lines = [f"{f.name}({listed(f.inputs)})({listed(f.outputs)})\n" for f in self.functions]
         lines += ["parameters for each point\n"] if self.per_point else []
-        if self.c_functions:
+        if self.inverts:
             lines += [f"{signature_of(struct)}\n" for struct in STRUCTS]
         lines += [f"{function.signature}\n" for function in self.c_functions]
         return hashlib.sha256("".join(lines).encode()).hexdigest()
@@ -360,13 +373,7 @@ def library_spec(
     q_a[list(model.i_g)] = model.home
     q_m = model.eta @ q_a[list(model.i_g)]
     c_functions = () if per_point else offered_c_functions(model, names, parameters, precision)
-    for parameter in parameters if c_functions else ():
-        if parameter.inertia:
-            raise BuildError(
-                f"parameters: given {parameter.name!r}, expected payload, stiffness, damping or friction: bodies and "
-                "rotors are constants of the inversion along paths; choose functions without it, or set them by "
-                "overrides"
-            )
+    inverts = _inverts(c_functions, parameters)
     half = [*coordinates, *(motors[j] for j in model.i_m)]
     return LibrarySpec(
         name=library_name(model),
@@ -385,9 +392,23 @@ def library_spec(
         parameters=parameters,
         per_point=per_point,
         c_functions=c_functions,
-        motor_constants=motor_constants(model) if c_functions else None,
+        motor_constants=motor_constants(model) if inverts else None,
+        kinematic_constants=kinematic_constants(model) if model.n_g >= FREE else None,
         constants=_constants(model),
     )
+
+
+def _inverts(c_functions: Sequence[CFunction], parameters: Sequence[Parameter]) -> bool:
+    """Whether the library has inverse dynamics along paths; BuildError for parameters that are constants of it."""
+    inverts = any(function.header == "inversion" for function in c_functions)
+    for parameter in parameters if inverts else ():
+        if parameter.inertia:
+            raise BuildError(
+                f"parameters: given {parameter.name!r}, expected payload, stiffness, damping or friction: bodies and "
+                "rotors are constants of the inversion along paths; choose functions without it, or set them by "
+                "overrides"
+            )
+    return inverts
 
 
 def _constants(model: RobotModel) -> Constants:

@@ -72,7 +72,7 @@ class Emitted:
     @property
     def streams(self) -> bool:
         """Whether the library has invert and streams."""
-        return bool(self.manifest["c_functions"])
+        return any(row["name"] == "stream_update" for row in self.manifest["c_functions"])
 
     @property
     def stream(self) -> StreamOptions | None:

@@ -1,26 +1,18 @@
-"""All joint configurations of a six-axis arm that reach a pose of the tool.
+"""All joint configurations of a six-axis arm that reach a pose of the tool, with what is known about each of them.
 
-Many starts go down to solutions by damped Gauss-Newton steps in C, all side by side. New starts are made from the
-solutions that were found (joints turned by half a turn, wrists flipped, signs changed), and others at random, until a
-round finds nothing new. Solutions are polished to `POLISHED`; a pose has at most 16 of them for a general arm with six
-rotations, and finitely many unless the arm is singular there.
-
-Deflections are zero, or with ``sag`` those at rest under gravity.
-
-Source: H.-Y. Lee, C.-G. Liang, Mechanism and Machine Theory 23(3), 1988 (sixteen solutions).
+They are found by the emitted C, see ``flexgen/clib/inverse_kinematics.c``. A pose has at most 16 of them for a general
+arm with six rotations, and finitely many unless the arm is singular there. Deflections are zero, or with ``sag`` those
+at rest under gravity.
 """
 
 from __future__ import annotations
 
-import ctypes
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import qmc
 
-from flexgen.build.c_module import c_module
 from flexgen.build.model_library import library_with
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import derive
@@ -30,16 +22,8 @@ from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.rotations import turn_angle
 
-SOURCE = Path(__file__).with_name("search.c")
-STARTS = 128  # side by side
-STEPS, POLISH = 14, 5
-ROUNDS, FRUITLESS = 12, 2  # at most; rounds without a new solution before the search ends
-FOUND = 1e-4  # error of a start that is polished: rotation [rad], and position over the reach
-POLISHED = 1e-12
-SAME = 1e-5  # rad: solutions that are as close are the same
 SINGULAR = 1e-4  # smallest singular value of the scaled Jacobian over the largest
 JOINTS = 6
-MOST = 16
 SAG_STEPS = 20
 
 
@@ -179,21 +163,6 @@ def _solver(model: RobotModel, fixed: tuple[tuple[str, float], ...]) -> _Solver:
     return _Solver(model, dict(fixed))
 
 
-class _Problem(ctypes.Structure):
-    """``ik_problem`` of search.c."""
-
-    _fields_ = [
-        ("n", ctypes.c_int32),
-        ("n_a", ctypes.c_int32),
-        ("joints", ctypes.c_int32 * JOINTS),
-        ("pose", ctypes.c_void_p),
-        ("jacobian", ctypes.c_void_p),
-        ("work", ctypes.c_void_p),
-        ("length", ctypes.c_double),
-        *[(name, ctypes.c_void_p) for name in ("goal", "q", "error", "scratch")],
-    ]
-
-
 class _Solver:
     """The search for one robot, with its memory."""
 
@@ -211,119 +180,23 @@ class _Solver:
             self.base[self.i_g[names.index(name)]] = value
         self.rotary = np.array([model.coordinates[i].unit == "rad" for i in self.free])
         self.library = library_with(model, ("forward_kinematics", "jacobian"))
-        pose, work = self.library.forward_kinematics.batch_address()
-        jacobian, more = self.library.jacobian.batch_address()
-        self._work = work if work.size >= more.size else more
-        points = np.asarray(self.library.forward_kinematics(self.base).p)
-        others = self.library.forward_kinematics(self._random(np.random.default_rng(0).random((64, JOINTS)))).p
-        self.length = float(max(np.linalg.norm(others - points, axis=1).max(), 1e-3)) / 2
-        self._q = np.zeros((model.n_a, STARTS))
-        self._error = np.zeros(STARTS)
-        self._scratch = np.zeros((3 + 9 + 6 * model.n_a + 6 + 21 + 6) * STARTS)
-        self._goal = np.zeros(12)
-        arrays = (self._goal, self._q, self._error, self._scratch)
-        self._problem = _Problem(
-            STARTS, model.n_a, (ctypes.c_int32 * JOINTS)(*self.free), pose, jacobian, self._work.ctypes.data,
-            self.length, *(x.ctypes.data for x in arrays),
-        )  # fmt: skip
-        self._iterate = c_module(SOURCE, "-ftree-vectorize").flexgen_ik_iterate
-        self._sequence = qmc.Halton(JOINTS, seed=0).random(STARTS * (ROUNDS + 1))
-        self._signs = self._changes()
+        self.length = self._reach()
         self._at = [self.i_g.index(i) for i in self.free]
-        self._hash = np.random.default_rng(1).random(2 * JOINTS + len(self.i_g))
 
-    def _random(self, unit: np.ndarray) -> np.ndarray:
-        """Arm coordinates (n, n_a) from numbers between 0 and 1."""
-        q = np.tile(self.base, (len(unit), 1))
-        for k, i in enumerate(self.free):
-            dof = self.model.coordinates[i].dof
-            low, high = -np.pi, np.pi
-            if not self.rotary[k] and dof is not None:
-                low = dof.lower if dof.lower is not None else -1.0
-                high = dof.upper if dof.upper is not None else 1.0
-            q[:, i] = low + (high - low) * unit[:, k]
-        return q
-
-    @staticmethod
-    def _changes() -> tuple[np.ndarray, np.ndarray]:
-        """Changes of a solution that often lead to another one: factors and half turns (k, 6)."""
-        factors, turns = [], []
-
-        def add(flips: dict[int, float], halves: tuple[int, ...]) -> None:
-            f, t = np.ones(JOINTS), np.zeros(JOINTS)
-            for k, x in flips.items():
-                f[k] = x
-            t[list(halves)] = np.pi
-            factors.append(f)
-            turns.append(t)
-
-        for k in range(JOINTS):
-            add({k: -1.0}, ())
-            add({}, (k,))
-        add({4: -1.0}, (3, 5))
-        add({1: -1.0, 2: -1.0}, (0,))
-        add({2: -1.0}, (0,))
-        add({1: -1.0}, (0, 3))
-        add({2: -1.0, 4: -1.0}, (3, 5))
-        return np.array(factors), np.array(turns)
+    def _reach(self) -> float:
+        """Half of the largest way between the pose at zero and others [m]."""
+        q = np.tile(self.base, (65, 1))
+        q[1:, self.free] = np.random.default_rng(0).uniform(-np.pi, np.pi, (64, JOINTS))
+        p = np.asarray(self.library.forward_kinematics(q).p)
+        return float(max(np.linalg.norm(p[1:] - p[0], axis=1).max(), 2e-3)) / 2
 
     def solve(self, goal: np.ndarray) -> list[np.ndarray]:
-        """All solutions (n_g,), rotations within half a turn of zero."""
-        self._goal[:] = goal
-        found: list[np.ndarray] = []
-        fresh: list[np.ndarray] = []
-        fruitless, used = 0, 0
-        for _ in range(ROUNDS):
-            starts = self._from(fresh)[:STARTS]
-            count = STARTS - len(starts)
-            more = self._random(self._sequence[used : used + count])
-            used += count
-            new = self._round(np.vstack([starts, more]), found)
-            found += new
-            if len(found) > MOST:
-                raise SolverError(
-                    f"kinematics: more than {MOST} configurations of {self.model.name} at this pose, which is singular"
-                )
-            fresh = new
-            fruitless = 0 if new else fruitless + 1
-            if fruitless >= FRUITLESS:
-                break
-        return found
-
-    def _from(self, solutions: list[np.ndarray]) -> np.ndarray:
-        """Starts (k, n_a) made from solutions."""
-        out = [np.zeros((0, self.model.n_a))]
-        factors, turns = self._signs
-        for q in solutions:
-            made = np.tile(self.base, (len(factors), 1))
-            made[:, self.free] = q[self._at] * factors + turns * self.rotary
-            out.append(made)
-        return np.vstack(out)
-
-    def _round(self, starts: np.ndarray, known: list[np.ndarray]) -> list[np.ndarray]:
-        """New solutions from starts (STARTS, n_a)."""
-        self._q[:] = starts.T
-        self._iterate(ctypes.byref(self._problem), STEPS)
-        if not np.any(self._error < FOUND):
-            return []
-        self._iterate(ctypes.byref(self._problem), POLISH)
-        good = self._q[:, self._error < POLISHED][self.i_g].T
-        if not len(good):
-            return []
-        at = self._at
-        wrapped = np.remainder(good[:, at] + np.pi, 2 * np.pi) - np.pi
-        good[:, at] = np.where(self.rotary, wrapped, good[:, at])
-        # One of those with the same rounded values; a few equal ones may be left on both sides of a boundary.
-        key = np.round(np.hstack([np.cos(good[:, at]), np.sin(good[:, at]), good]) * 1e3)
-        _, first = np.unique(key @ self._hash, return_index=True)
-        kept = np.array(known).reshape(-1, good.shape[1])
-        new: list[np.ndarray] = []
-        for q in good[np.sort(first)]:
-            d = np.abs(kept - q)
-            if not np.any(np.all(np.minimum(d, np.abs(d - 2 * np.pi)) < SAME, axis=1)):
-                new.append(q)
-                kept = np.vstack([kept, q])
-        return new
+        """All solutions (n_g,), rotations within half a turn of zero; ``goal``: position, rotation by rows."""
+        try:
+            q = self.library.inverse_kinematics(goal[:3], goal[3:].reshape(3, 3), self.base, free=self.free)
+        except SolverError as error:
+            raise SolverError(f"model {self.model.name}: {error}") from None
+        return [np.asarray(x) for x in q[:, self.i_g]]
 
     def configuration(self, goal: np.ndarray, q: np.ndarray, sag: bool) -> Configuration:
         """A solution with what is known about it."""

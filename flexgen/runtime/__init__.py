@@ -8,6 +8,7 @@ Many points are fastest as a structure of arrays, and fastest of all with memory
 """
 
 from flexgen.runtime.calls import Function
-from flexgen.runtime.library import ABI_VERSION, FORMAT, Library, load
+from flexgen.runtime.identity import ABI_VERSION, FORMAT
+from flexgen.runtime.library import Library, load
 
 __all__ = ["ABI_VERSION", "FORMAT", "Function", "Library", "load"]

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from flexgen.errors import BuildError
-from flexgen.runtime.files import AGAIN
+from flexgen.runtime.files import AGAIN, trusted_bytes, trusted_folder
 
-ABI_VERSION = 3
+ABI_VERSION, FORMAT = 3, 2  # of the interface between Python and C; of the manifest
 REALS: dict[str, np.dtype[Any]] = {"double": np.dtype(np.float64), "single": np.dtype(np.float32)}
 
 _SIZES = ("n_a", "n_g", "n_e", "n_m", "n_x", "n_y", "n_t", "n_s", "n_p")
@@ -80,3 +82,29 @@ def _signature(described: dict[str, Any]) -> str:
         return "".join(f"{port['name']}[{','.join(map(str, port['shape']))}]" for port in ports)
 
     return f"{described['name']}({listed(described['inputs'])})({listed(described['outputs'])})\n"
+
+
+def read_manifest(folder: Path) -> tuple[Path, dict[str, Any]]:
+    """A folder that holds a compiled library, without symbolic links, and its manifest."""
+    path = folder / "manifest.json"
+    try:
+        trusted = trusted_folder(folder)
+        manifest = json.loads(trusted_bytes(trusted / path.name))
+    except OSError as error:
+        raise BuildError(f"{folder}: given no readable manifest.json, expected what flexgen.generate writes") from error
+    except (ValueError, RecursionError) as error:
+        raise BuildError(f"{path}: given text that is not JSON ({error}); {AGAIN}") from error
+    if not isinstance(manifest, dict):
+        raise BuildError(f"{path}: given another format, expected format {FORMAT}; {AGAIN}")
+    if manifest.get("abi_version") != ABI_VERSION:
+        raise BuildError(
+            f"{path}: given ABI version {manifest.get('abi_version')}, expected {ABI_VERSION}: the library was written "
+            f"by another version of flexgen ({manifest.get('generator')}), whose C interface differs; {AGAIN}"
+        )
+    if manifest.get("format") != FORMAT:
+        raise BuildError(f"{path}: given another format, expected format {FORMAT}; {AGAIN}")
+    if not manifest.get("build"):
+        raise BuildError(
+            f"{folder}: given sources only, expected a compiled library; generate it without build=False (--no-build)"
+        )
+    return trusted, manifest

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import json
 import os
 import re
 from collections.abc import Mapping
@@ -19,15 +18,14 @@ from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.ports import Port, c_name_problem
 from flexgen.runtime.arguments import PARAMETERS
 from flexgen.runtime.calls import Entries, Function
-from flexgen.runtime.files import AGAIN, trusted_bytes, trusted_folder, trusted_library
-from flexgen.runtime.identity import ABI_VERSION, REALS, entry_of, verify
+from flexgen.runtime.files import AGAIN, trusted_library
+from flexgen.runtime.identity import REALS, entry_of, read_manifest, verify
+from flexgen.runtime.inverse_kinematics import InverseKinematics, inverse_kinematics_of
 from flexgen.runtime.limited_inversion import LimitedInverter
 from flexgen.runtime.path_inversion import Inverter, inverter_of
 from flexgen.runtime.path_sampler import PathSampler, SamplerEntries, samplers_of
 from flexgen.runtime.processor import missing_instruction_sets
 from flexgen.runtime.stream import Stream, StreamEntries, streams_of
-
-FORMAT = 2
 
 _LIBRARY_FILE = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib)\Z")
 _INVERTERS = {"invert": Inverter, "bvp": Inverter, "invert_limited": LimitedInverter}
@@ -77,6 +75,7 @@ class Library:
         inverters: Mapping[str, Inverter | None] | None = None,
         streams: StreamEntries | None = None,
         samplers: SamplerEntries | None = None,
+        inverse_kinematics: InverseKinematics | None = None,
     ) -> None:
         self.name: str = manifest["name"]
         self.directory = directory
@@ -93,7 +92,18 @@ class Library:
         self.states: tuple[str, ...] = tuple(manifest["states"])
         self._again = (str(directory.resolve()), manifest["build"]["sha256"])
         self._inverters, self.streams, self.samplers = dict(inverters or {}), streams, samplers
+        self._inverse_kinematics = inverse_kinematics
         self._closed = False
+
+    @property
+    def inverse_kinematics(self) -> InverseKinematics:
+        """All joint configurations at a pose; ArgumentError where the library has none."""
+        if self._inverse_kinematics is None:
+            raise ArgumentError(
+                f"{self.name}: given a library without inverse_kinematics, expected one in double precision with "
+                "forward_kinematics and jacobian, of an arm with at least six motors"
+            )
+        return self._inverse_kinematics
 
     @property
     def invert(self) -> Inverter:
@@ -231,6 +241,8 @@ class Library:
         for inverter in self._inverters.values():
             if inverter is not None:
                 inverter.close()
+        if self._inverse_kinematics is not None:
+            self._inverse_kinematics.close()
         for offered in (self.streams, self.samplers):
             if offered is not None:
                 offered.closed.set()
@@ -309,7 +321,7 @@ def function_again(directory: str, sha256: str, name: str) -> Function:
 
 def _loaded(folder: Path, sha256: str | None) -> Library:
     """Load the library of a folder, where its file has the given digest."""
-    trusted, manifest = _read(folder)
+    trusted, manifest = read_manifest(folder)
     try:
         name, file, recorded = manifest["name"], manifest["build"]["library"], manifest["build"]["sha256"]
         if c_name_problem(name) is not None:
@@ -343,14 +355,16 @@ def _loaded(folder: Path, sha256: str | None) -> Library:
             for f in manifest["functions"]
         }
         found = partial(entry_of, library)
-        again = {what: (offered_again, (str(trusted), recorded, what)) for what in (*_INVERTERS, "streams", "samplers")}
+        others = ("streams", "samplers", "inverse_kinematics")
+        again = {what: (offered_again, (str(trusted), recorded, what)) for what in (*_INVERTERS, *others)}
         inverters = {
             kind: inverter_of(manifest, found, failures, again[kind], kind, parameters, form)
             for kind, form in _INVERTERS.items()
         }
         streams = streams_of(manifest, found, failures, again["streams"], parameters)
         samplers = samplers_of(manifest, found, failures, again["samplers"], parameters)
-        return Library(folder, manifest, functions, parameters, inverters, streams, samplers)
+        poses = inverse_kinematics_of(manifest, found, failures, again["inverse_kinematics"])
+        return Library(folder, manifest, functions, parameters, inverters, streams, samplers, poses)
     except BuildError as error:
         raise error if str(folder) in str(error) else BuildError(f"{folder}: {error}") from error
     except OSError as error:
@@ -359,32 +373,6 @@ def _loaded(folder: Path, sha256: str | None) -> Library:
         if isinstance(error, FlexgenError):
             raise BuildError(f"{folder}: {error}; {AGAIN}") from error
         raise BuildError(f"{folder / 'manifest.json'}: given an incomplete manifest ({error!r}); {AGAIN}") from error
-
-
-def _read(folder: Path) -> tuple[Path, dict[str, Any]]:
-    """A folder that holds a compiled library, without symbolic links, and its manifest."""
-    path = folder / "manifest.json"
-    try:
-        trusted = trusted_folder(folder)
-        manifest = json.loads(trusted_bytes(trusted / path.name))
-    except OSError as error:
-        raise BuildError(f"{folder}: given no readable manifest.json, expected what flexgen.generate writes") from error
-    except (ValueError, RecursionError) as error:
-        raise BuildError(f"{path}: given text that is not JSON ({error}); {AGAIN}") from error
-    if not isinstance(manifest, dict):
-        raise BuildError(f"{path}: given another format, expected format {FORMAT}; {AGAIN}")
-    if manifest.get("abi_version") != ABI_VERSION:
-        raise BuildError(
-            f"{path}: given ABI version {manifest.get('abi_version')}, expected {ABI_VERSION}: the library was written "
-            f"by another version of flexgen ({manifest.get('generator')}), whose C interface differs; {AGAIN}"
-        )
-    if manifest.get("format") != FORMAT:
-        raise BuildError(f"{path}: given another format, expected format {FORMAT}; {AGAIN}")
-    if not manifest.get("build"):
-        raise BuildError(
-            f"{folder}: given sources only, expected a compiled library; generate it without build=False (--no-build)"
-        )
-    return trusted, manifest
 
 
 def _exception(name: str) -> type[FlexgenError]:

@@ -111,25 +111,26 @@ def test_python_of_the_pages_runs(page, tmp_path):
 @needs_compiler
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page.read_text("utf-8"), "c")], ids=page_id)
 def test_c_of_the_pages_runs(page, tmp_path):
-    """Compile a program of a page with the command that follows it."""
+    """Compile each program of a page with the command that follows it."""
     text = page.read_text(encoding="utf-8")
-    with contextlib.chdir(tmp_path), contextlib.redirect_stdout(io.StringIO()):
-        assert main(["generate", "planar5_nmp", "--quiet"]) == 0
-        for line in re.findall("^flexgen path .*--table.*$", text, re.MULTILINE):  # a header that the program includes
-            (tmp_path / "reports").mkdir(exist_ok=True)
-            assert main(line.split()[1:]) == 0
-    (code,) = blocks(text, "c")
-    command = next(line.strip() for line in text.splitlines() if line.startswith("    cc "))
-    source, program = re.findall(r"reports/\w+\.c", command)[0], command.split()[-1]
-    (tmp_path / "reports").mkdir(exist_ok=True)
-    (tmp_path / source).write_text(code)
-    strict = f"{COMPILER} -Wall -Wextra -Werror "
-    subprocess.run(command.replace("cc ", strict, 1), shell=True, cwd=tmp_path, check=True)
-    printed = subprocess.run([tmp_path / program], capture_output=True, text=True, check=True).stdout
-    if page.name == "README.md":
-        assert f"`{printed.strip()}`" in text
-    else:
-        assert printed.startswith("success\n") and len(printed.splitlines()) in (7, 8), printed
+    programs = re.findall(r"^```c\n(.*?)^```\n+    (cc [^\n]*)$", text, re.MULTILINE | re.DOTALL)
+    assert len(programs) == len(blocks(text, "c")), "a program without the command that compiles it"
+    (tmp_path / "reports").mkdir()
+    for code, command in programs:
+        model = re.findall(r"-Igenerated/(\w+)", command)[0]
+        with contextlib.chdir(tmp_path), contextlib.redirect_stdout(io.StringIO()):
+            assert main(["generate", model, "--quiet"]) == 0
+            for line in re.findall("^flexgen path .*--table.*$", text, re.MULTILINE):  # a header of the program
+                assert main(line.split()[1:]) == 0
+        source, program = re.findall(r"reports/\w+\.c", command)[0], command.split()[-1]
+        (tmp_path / source).write_text(code)
+        strict = f"{COMPILER} -Wall -Wextra -Werror "
+        subprocess.run(command.replace("cc ", strict, 1), shell=True, cwd=tmp_path, check=True)
+        printed = subprocess.run([tmp_path / program], capture_output=True, text=True, check=True).stdout
+        if printed.startswith("success\n"):
+            assert len(printed.splitlines()) in (7, 8), printed
+        else:
+            assert f"`{printed.strip()}`" in text, printed
 
 
 def test_statuses_in_the_pages_are_those_of_the_header():

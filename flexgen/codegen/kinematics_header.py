@@ -1,0 +1,85 @@
+"""Inverse kinematics of the library: its public header and its private files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from flexgen.codegen.c_text import comment, macro
+from flexgen.codegen.clib_files import batch_call, described, fixed_files, render, space_of
+from flexgen.codegen.kinematic_functions import CONFIGURATIONS_MAX, STARTS, STARTS_MAX, USED
+from flexgen.codegen.spec import LibrarySpec
+from flexgen.expressions.function_text import FunctionText, literal
+
+HEADER = "inverse_kinematics"
+
+
+def kinematics_header(spec: LibrarySpec) -> str:
+    """Text of ``<name>_inverse_kinematics.h``."""
+    name, guard = spec.name, macro(spec, "INVERSE_KINEMATICS_H")
+    functions = "\n".join(described(spec, function) for function in spec.declared_in(HEADER))
+    return f"""\
+/*
+{comment(f"{name}: the joints at a pose of the tool, written by flexgen. Do not edit.")} */
+#ifndef {guard}
+#define {guard}
+
+#include <stdint.h>
+
+#include "{name}.h"
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+#define {macro(spec, "CONFIGURATIONS_MAX")} {CONFIGURATIONS_MAX} /* of a pose, away from singularities */
+#define {macro(spec, "STARTS")} {STARTS} /* recommended, for all configurations */
+#define {macro(spec, "STARTS_MAX")} {STARTS_MAX} /* at most */
+
+{functions}
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+
+
+def kinematics_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> dict[str, str]:
+    """The private files of inverse kinematics, by name; none where the library has none."""
+    files = sorted({function.file for function in spec.declared_in(HEADER)})
+    out = {f"{spec.name}_{file}": render(fixed_files()[file], spec.name, spec.precision) for file in files}
+    return {f"{spec.name}_kinematic_constants.h": _constants(spec, written), **out} if out else {}
+
+
+def _constants(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
+    """Text of ``<name>_kinematic_constants.h``: numbers of the model, and the functions that the search calls."""
+    constants, prefix = spec.kinematic_constants, spec.name.upper()
+    assert constants is not None
+
+    def listed(kind: str, name: str, size: str, values: Sequence[str]) -> str:
+        return f"static const {kind} {name}[{prefix}_{size}] = {{{', '.join(values)}}};\n"
+
+    text = listed("int", "actuated", "NG", [str(i) for i in constants.i_g])
+    text += listed("int", "is_angle", "NA", [str(int(x)) for x in constants.is_rotation])
+    for name, values in (("spread_lower", constants.lower), ("spread_upper", constants.upper)):
+        text += listed("real", name, "NA", [literal(x, spec.precision) for x in values])
+    calls = "".join(batch_call(spec, f) for f in spec.functions if f.name in USED)
+    return f"""\
+/*
+ * {spec.name}: joints, for inverse kinematics; private. Written by flexgen; see {spec.name}.h.
+ */
+#ifndef {prefix}_KINEMATIC_CONSTANTS_H
+#define {prefix}_KINEMATIC_CONSTANTS_H
+
+#include "{spec.name}_batch.h"
+
+#include "{spec.name}_private.h"
+
+#define {prefix}_KINEMATIC_SPACE {space_of(spec, written, USED)} /* reals of workspace for the functions below */
+
+/* Coordinates with a motor; of all coordinates, whether they are rotations, and where starts are spread. */
+{text}
+/* The functions that the search calls. */
+{calls}
+#endif
+"""

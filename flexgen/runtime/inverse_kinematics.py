@@ -1,0 +1,142 @@
+"""Inverse kinematics by the C of a loaded library: `InverseKinematics`, the type of `Library.inverse_kinematics`."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Mapping, Sequence
+from threading import Event
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError, BuildError, FlexgenError
+from flexgen.runtime.files import AGAIN
+from flexgen.runtime.path_inversion import array_of, pointer
+
+CONFIGURATIONS_MAX, STARTS = 16, 1536
+FUNCTION = "inverse_kinematics"
+UNREACHABLE = -7
+
+
+class InverseKinematics:
+    """All joint configurations at a pose, as a function of a library: ``library.inverse_kinematics(p, R)``."""
+
+    def __init__(
+        self,
+        name: str,
+        n_a: int,
+        n_g: int,
+        entry: Callable[..., int],
+        work: int,
+        failures: Mapping[int, tuple[type[FlexgenError], str]],
+        again: tuple[Callable[..., Any], tuple[Any, ...]],
+    ) -> None:
+        self._name, self._n_a, self._n_g, self._entry, self._work = name, n_a, n_g, entry, work
+        self._failures, self._again = failures, again
+        self._closed = Event()
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        return self._again
+
+    def close(self) -> None:
+        """Refuse every later call."""
+        self._closed.set()
+
+    def __call__(
+        self,
+        p: Any,
+        R: Any,
+        q_start: Any = None,
+        *,
+        free: Sequence[int] | None = None,
+        starts: int = STARTS,
+        most: int = CONFIGURATIONS_MAX,
+    ) -> np.ndarray:
+        """The configurations, the nearest to ``q_start`` first.
+
+        Parameters
+        ----------
+        p : array (3,) [m]
+            Position of the tool in the world.
+        R : array (3, 3)
+            Its axes as columns.
+        q_start : array (n_a,) [rad or m], optional
+            First start, and the values of all coordinates that are not free; default: zeros.
+        free : sequence of int, optional
+            Indices of the six coordinates that are found; default: those with a motor, of an arm with six motors.
+        starts : int
+            Of the search, at most; 1: only ``q_start``, in bounded time.
+        most : int
+            Configurations at most.
+
+        Returns
+        -------
+        ndarray (k, n_a) [rad or m]
+            Rotations within half a turn of ``q_start``; limits of the joints are not checked. Empty where the pose
+            cannot be reached.
+
+        Raises
+        ------
+        ArgumentError
+            Where an argument has another shape or is out of range, or the library is closed.
+        SolverError
+            The arm is singular at the pose, with more than 16 configurations.
+        """
+        if self._closed.is_set():
+            raise ArgumentError(f"{self._name}: given a library that was closed, expected an open one; load it again")
+        position = array_of(FUNCTION, "p", p, (3,), np.dtype(float))
+        turned = np.ascontiguousarray(array_of(FUNCTION, "R", R, (3, 3), np.dtype(float)).T)
+        guess = np.zeros(self._n_a) if q_start is None else q_start
+        guess = array_of(FUNCTION, "q_start", guess, (self._n_a,), np.dtype(float))
+        chosen = self._free(free)
+        for name, value in (("starts", starts), ("most", most)):
+            if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+                raise ArgumentError(f"{FUNCTION}: {name}: given {value!r}, expected a whole number of at least 1")
+        starts, most = min(int(starts), 1_000_000), min(int(most), CONFIGURATIONS_MAX)
+        q, work, count = np.empty((most, self._n_a)), np.empty(self._work), ctypes.c_int(0)
+        status = int(
+            self._entry(
+                pointer(position), pointer(turned), pointer(guess), chosen, ctypes.c_int(starts), ctypes.c_int(most),
+                pointer(q), ctypes.byref(count), pointer(work), ctypes.c_int64(work.size),
+            )
+        )  # fmt: skip
+        if status < 0 and status != UNREACHABLE:
+            self._refuse(status)
+        return q[: min(count.value, most)]
+
+    def _free(self, free: Sequence[int] | None) -> Any:
+        """The indices for C; None for an arm with six motors."""
+        if free is None and self._n_g != 6:
+            raise ArgumentError(
+                f"{FUNCTION}: free: given none for {self._n_g} coordinates with a motor, expected six of their indices"
+            )
+        if free is None:
+            return None
+        indices = [int(i) for i in free]
+        if len(indices) != 6 or len(set(indices)) != 6:
+            raise ArgumentError(f"{FUNCTION}: free: given {indices}, expected six different indices")
+        return (ctypes.c_int * 6)(*indices)
+
+    def _refuse(self, status: int) -> None:
+        exception, text = self._failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))
+        if status == -5:
+            text = "given an R that is no rotation, or free coordinates without a motor"
+        elif status == -8:
+            text = f"more than {CONFIGURATIONS_MAX} configurations at this pose, which is singular"
+        raise exception(f"{FUNCTION}: {text}")
+
+
+def inverse_kinematics_of(
+    manifest: Mapping[str, Any],
+    found: Callable[[str], Any],
+    failures: Mapping[int, tuple[type[FlexgenError], str]],
+    again: tuple[Callable[..., Any], tuple[Any, ...]],
+) -> InverseKinematics | None:
+    """What a library offers; None where the manifest lists no inverse kinematics."""
+    name, sizes = manifest["name"], manifest["sizes"]
+    if not {FUNCTION, f"{FUNCTION}_work"} <= {row["name"] for row in manifest.get("c_functions", ())}:
+        return None
+    work = found(f"{name}_{FUNCTION}_work")
+    work.restype = ctypes.c_int64
+    entry = found(f"{name}_{FUNCTION}")
+    return InverseKinematics(name, sizes["n_a"], sizes["n_g"], entry, int(work()), failures, again)
