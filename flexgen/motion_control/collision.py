@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from flexgen.arguments import check_positive, is_number
 from flexgen.build.c_module import c_module
 from flexgen.build.model_library import library_with
 from flexgen.errors import ArgumentError
@@ -50,9 +51,8 @@ class CollisionDetector:
     """
 
     def __init__(self, model: RobotModel, sample_s: float, bandwidth_hz: float = BANDWIDTH_HZ) -> None:
-        if not (np.isfinite(sample_s) and sample_s > 0):
-            raise ArgumentError(f"sample_s: given {sample_s!r}, expected a time > 0 in s")
-        if not 0 < bandwidth_hz < 0.1 / sample_s:
+        check_positive("sample_s", sample_s, "a time > 0 in s")
+        if not (is_number(bandwidth_hz) and 0 < bandwidth_hz < 0.1 / sample_s):
             raise ArgumentError(
                 f"bandwidth_hz: given {bandwidth_hz!r}, expected more than 0, below {0.1 / sample_s:.4g}"
             )

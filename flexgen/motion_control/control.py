@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.arguments import check_not_negative, check_seed, is_number, mapping_of
 from flexgen.build.model_library import library_with
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
@@ -194,10 +195,14 @@ def control_case(
     tell = progress or (lambda line: None)
     robot = model if isinstance(model, RobotModel) else read(model)
     _check_times(sample_time, delay)
+    check_seed(seed)
+    check_not_negative("encoder_noise", encoder_noise)
+    check_not_negative("encoder_resolution", encoder_resolution)
+    changed = mapping_of("plants", {} if plants is None else plants, "the changes of each plant by its name")
     if solution is None:
         tell("solving the move")
         solution = solve(robot, move, progress=progress)
-    chosen = plants_of(robot, {NOMINAL: {}, **(plants or {})})
+    chosen = plants_of(robot, {NOMINAL: {}, **changed})
     of_lane = _of_lanes(disturbances, chosen.names)
     names = tuple(p.name for p in chosen.parameters)
     forced = any(d.where.startswith("tool.") for given in of_lane.values() for d in given)
@@ -308,13 +313,20 @@ def _of_lanes(
         unknown = [name for name in given if name not in names]
         if unknown:
             raise ArgumentError(f"disturbances: given plant {unknown[0]!r}, expected one of {', '.join(names)}")
-        return {k: tuple(given.get(name, ())) for k, name in enumerate(names)}
-    return {k: tuple(given) for k in range(len(names))}
+        return {k: _checked(given.get(name, ())) for k, name in enumerate(names)}
+    return dict.fromkeys(range(len(names)), _checked(given))
+
+
+def _checked(given: Sequence[Disturbance]) -> tuple[Disturbance, ...]:
+    """Disturbances as a tuple; ArgumentError for something else."""
+    if not isinstance(given, Sequence) or not all(isinstance(each, Disturbance) for each in given):
+        raise ArgumentError(f"disturbances: given {given!r}, expected objects of flexgen.Disturbance")
+    return tuple(given)
 
 
 def _check_times(sample_time: float, delay: float) -> None:
     """ArgumentError where the times of a controller are out of range."""
-    if not (np.isfinite(sample_time) and 1e-6 <= sample_time <= 1.0):
+    if not (is_number(sample_time) and 1e-6 <= sample_time <= 1.0):
         raise ArgumentError(f"sample_time: given {sample_time!r}, expected 1e-6 to 1 s")
-    if not (np.isfinite(delay) and 0 <= delay <= 64 * sample_time):
+    if not (is_number(delay) and 0 <= delay <= 64 * sample_time):
         raise ArgumentError(f"delay: given {delay!r}, expected 0 to 64 samples of {sample_time} s")

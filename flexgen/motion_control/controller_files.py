@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, Filter, Linear, LowPass, Notch
 from flexgen.loop.interface import PlugIn, PythonController
@@ -136,7 +137,7 @@ def _only(table: Mapping[str, Any], known: set[str], path: Path) -> None:
 
 
 def _number(value: Any, path: Path, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+    if not is_number(value):
         raise ArgumentError(f"{path}, {key}: given {value!r}, expected a finite number")
     return float(value)
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexgen.analysis import second_order
+from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, Filter
 from flexgen.mechanics.equations import derive
@@ -43,8 +44,10 @@ class PPI:
     def __post_init__(self) -> None:
         for name in MULTIPLES:
             value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and 0 <= value <= 1e5):
+            if value is not None and not (is_number(value) and 0 <= value <= 1e5):
                 raise ArgumentError(f"controller, {name}: given {value!r}, expected 0 to 1e5 Hz")
+        if not isinstance(self.filters, Sequence) or not all(hasattr(each, "section") for each in self.filters):
+            raise ArgumentError(f"controller, filters: given {self.filters!r}, expected filters such as flexgen.Notch")
 
     def frequencies(self, model: RobotModel, motion: Sequence[np.ndarray]) -> dict[str, float]:
         """The three frequencies for a model at a pose [Hz]."""

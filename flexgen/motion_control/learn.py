@@ -29,6 +29,7 @@ from scipy.signal import butter, filtfilt
 from scipy.spatial.transform import Rotation
 
 from flexgen import implementation
+from flexgen.arguments import is_number, is_whole, mapping_of
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
@@ -211,9 +212,9 @@ def learn(
         The move has no solution, or the robot fails in the first iteration.
     """
     tell = progress if callable(progress) else (lambda line: None)
-    if isinstance(iterations, bool) or not isinstance(iterations, int) or not 1 <= iterations <= 1000:
+    if not is_whole(iterations, 1, 1000):
         raise ArgumentError(f"iterations: given {iterations!r}, expected 1 to 1000")
-    if not (np.isfinite(gain) and 0 < gain <= 2):
+    if not (is_number(gain) and 0 < gain <= 2):
         raise ArgumentError(f"gain: given {gain!r}, expected more than 0, at most 2")
     if measured_by not in MEASURED_BY:
         raise ArgumentError(f"measured_by: given {measured_by!r}, expected one of {', '.join(MEASURED_BY)}")
@@ -223,13 +224,13 @@ def learn(
         channels = _accelerometers(model if isinstance(model, RobotModel) else read(model), encoder_noise)
     case = control_case(
         model if channels is None else channels.model, move, sample_time=sample_time, delay=delay,
-        plants={name: dict(plant or {})},
+        plants={name: mapping_of("plant", {} if plant is None else plant, "changes such as {'stiffness': 0.8}")},
         encoder_noise=encoder_noise, seed=seed, solution=solution, progress=progress if callable(progress) else None,
     )  # fmt: skip
     commanded = _Commanded(case, sample_time, delay, tell)
     motion = case.reference.points(np.array([0]))
     low = frequency_hz if frequency_hz is not None else SHARE * (lowest_locked_hz(case.model, motion) or 10.0)
-    if not (np.isfinite(low) and 0 < low < 0.45 / commanded.period):
+    if not (is_number(low) and 0 < low < 0.45 / commanded.period):
         most = 0.45 / commanded.period
         raise ArgumentError(f"frequency_hz: given {low!r}, expected more than 0, below {most:.4g} Hz")
     law, title = controller_of(controller, case.model, sample_time, delay, motion)

@@ -19,8 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
+from flexgen.arguments import check_positive
 from flexgen.deadline import check_time
-from flexgen.errors import ArgumentError, SolverError
+from flexgen.errors import SolverError
 from flexgen.loop.controllers import Linear
 from flexgen.model.elements import RobotModel
 from flexgen.motion_control.sampled_model import PoseModel, PoseModels, held, sampled
@@ -64,8 +65,7 @@ class LQG:
     def __post_init__(self) -> None:
         for name in ("rho", "encoder_noise", "torque_noise", "disturbance_rate"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise ArgumentError(f"controller, {name}: given {value!r}, expected a number > 0")
+            check_positive(f"controller, {name}", value)
 
     def linear(
         self, model: RobotModel, sample_s: float, delay_s: float, motion: Sequence[np.ndarray], samples: int

@@ -20,8 +20,7 @@ from pathlib import Path as FilePath
 from time import perf_counter, process_time
 from typing import Any
 
-import numpy as np
-
+from flexgen.arguments import check_positive, is_whole
 from flexgen.errors import ArgumentError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.solution import Solution, measured
@@ -171,12 +170,14 @@ def fastest(
         The move has no solution, or the limits cannot be kept at any speed.
     """
     tell = progress if callable(progress) else (lambda line: None)
-    if isinstance(coefficients, bool) or not isinstance(coefficients, int) or not 4 <= coefficients <= 60:
+    if not is_whole(coefficients, 4, 60):
         raise ArgumentError(f"coefficients: given {coefficients!r}, expected 4 to 60")
-    if torque_rate is not None and not (np.isfinite(torque_rate) and torque_rate > 0):
-        raise ArgumentError(f"torque_rate: given {torque_rate!r}, expected a number > 0")
-    if vibration is not None and not (np.isfinite(vibration) and vibration > 0):
-        raise ArgumentError(f"vibration: given {vibration!r}, expected a length > 0 in m")
+    if torque_rate is not None:
+        check_positive("torque_rate", torque_rate)
+    if vibration is not None:
+        check_positive("vibration", vibration, "a length > 0 in m")
+    if limits is not None and not isinstance(limits, Limits):
+        raise ArgumentError(f"limits: given {limits!r}, expected an object of flexgen.Limits")
     robot = model if isinstance(model, RobotModel) else read(model)
     chosen = move if isinstance(move, Move) else named_move(robot, move)
     tell("solving the move as it is given")

@@ -19,6 +19,7 @@ from pathlib import Path as FilePath
 import numpy as np
 from scipy.signal import butter, filtfilt
 
+from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.statics import gear_deflection
@@ -95,7 +96,7 @@ class _Estimate:
         for name in ("q_m", "tau_m"):
             if record[name].shape[1] != robot.n_m:
                 raise ArgumentError(f"record: given {record[name].shape[1]} columns of {name}, expected {robot.n_m}")
-        if not 0 < low_pass_hz < 0.2 / h:
+        if not (is_number(low_pass_hz) and 0 < low_pass_hz < 0.2 / h):
             raise ArgumentError(f"low_pass_hz: given {low_pass_hz!r}, expected more than 0, below {0.2 / h:.4g} Hz")
         self.robot, self.h, self.rigid = robot, h, rigid
         self._filter = butter(2, 2 * low_pass_hz * h)

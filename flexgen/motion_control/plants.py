@@ -20,6 +20,7 @@ import casadi as ca
 import numpy as np
 
 from flexgen.analysis import second_order
+from flexgen.arguments import is_number, mapping_of
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.linearization import second_order_matrices
@@ -54,7 +55,10 @@ def plants_of(model: RobotModel, changes: Mapping[str, Mapping[str, float]]) -> 
     ArgumentError
         The model does not have such a number, or a factor is out of range.
     """
-    numbers = {name: _numbers(model, name, given) for name, given in changes.items()}
+    numbers = {
+        name: _numbers(model, name, mapping_of(f"plant {name}", given, "changes such as {'stiffness': 0.8}"))
+        for name, given in changes.items()
+    }
     used = {parameter for values in numbers.values() for parameter in values}
     parameters = tuple(p for p in select(model, sorted(used))) if used else ()
     values = np.array([[own.get(p.name, p.value) for p in parameters] for own in numbers.values()])
@@ -66,7 +70,7 @@ def _numbers(model: RobotModel, plant: str, changes: Mapping[str, Any]) -> dict[
     out: dict[str, float] = {}
     for key, given in changes.items():
         what = f"plant {plant}, {key}"
-        if isinstance(given, bool) or not isinstance(given, int | float) or not np.isfinite(given):
+        if not is_number(given):
             raise ArgumentError(f"{what}: given {given!r}, expected a number")
         if key == "payload":
             mass = select(model, ["payload.mass"])[0]

@@ -31,6 +31,7 @@ from numpy.polynomial.legendre import leggauss
 from scipy.interpolate import PPoly, make_interp_spline
 from scipy.linalg import solve_banded
 
+from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError
 from flexgen.ports import Port
 from flexgen.simulation.hold_names import HOLDS
@@ -243,14 +244,10 @@ def check_hold(hold: str, sample_time: float | None, delay: float) -> None:
     """ArgumentError where the hold of a controller is out of range."""
     if hold not in HOLDS:
         raise ArgumentError(f"hold: given {hold!r}, expected one of {', '.join(HOLDS)}")
-    if sample_time is not None and not (_is_number(sample_time) and sample_time > 0):
+    if sample_time is not None and not (is_number(sample_time) and sample_time > 0):
         raise ArgumentError(f"sample_time: given {sample_time!r}, expected a positive time in s")
-    if not (_is_number(delay) and delay >= 0):
+    if not (is_number(delay) and delay >= 0):
         raise ArgumentError(f"delay: given {delay!r}, expected zero or a positive time in s")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float | np.number) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
 def extended(t: np.ndarray, tau: np.ndarray, limited: bool) -> Callable[[np.ndarray], np.ndarray]:

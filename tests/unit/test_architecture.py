@@ -23,6 +23,7 @@ ROOT = Path(__file__).resolve().parents[2]
 # ground floor may use each other.
 FLOORS = {
     "": 0,
+    "arguments": 0,
     "array_files": 0,
     "atomic_files": 0,
     "deadline": 0,

@@ -2,22 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
-from numbers import Real
-from typing import Any
 
 from flexgen.errors import ArgumentError
 from flexgen.loop.interface import Compiled, Controller, Setup
 from flexgen.motion_control.laws.motion import LawMotion
-
-
-def is_number(value: Any) -> bool:
-    """Whether a parameter is a finite real number; true, false and texts are none."""
-    try:
-        return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-    except OverflowError:  # an integer that is no float
-        return False
 
 
 class ModelLaw(ABC):

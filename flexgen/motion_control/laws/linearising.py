@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexgen.arguments import is_number
 from flexgen.build.model_library import library_with
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
@@ -24,7 +25,7 @@ from flexgen.mechanics.signatures import FLEXIBLE_JOINT
 from flexgen.model.elements import RobotModel
 from flexgen.motion_control.laws.bound import COMPUTED_TORQUE, LINEARISATION, BoundLaw
 from flexgen.motion_control.laws.chain import FORMS, checked_gains
-from flexgen.motion_control.laws.law import ModelLaw, is_number
+from flexgen.motion_control.laws.law import ModelLaw
 from flexgen.motion_control.laws.motion import LawMotion
 from flexgen.motion_control.laws.stability import check_pose_loop
 from flexgen.numerics.evaluate import evaluate

@@ -23,12 +23,12 @@ import numpy as np
 from scipy.linalg import LinAlgWarning, block_diag, solve_continuous_are
 from scipy.signal import cont2discrete
 
+from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.controllers import Linear
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import RobotModel
 from flexgen.motion_control.gains import motor_inertias
-from flexgen.motion_control.laws.law import is_number
 from flexgen.motion_control.margins import LoopAtPose
 from flexgen.motion_control.plants import LocalDynamics, motor_rows
 from flexgen.motion_control.sampled_model import PoseModels

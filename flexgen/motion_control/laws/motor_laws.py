@@ -13,12 +13,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from flexgen.arguments import is_number
 from flexgen.build.model_library import library_with
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.motion_control.gains import motor_inertias
 from flexgen.motion_control.laws.bound import JOINT_TORQUE, BoundLaw
-from flexgen.motion_control.laws.law import ModelLaw, is_number
+from flexgen.motion_control.laws.law import ModelLaw
 from flexgen.motion_control.laws.linearising import check_frequency
 from flexgen.motion_control.laws.motion import LawMotion
 from flexgen.motion_control.laws.stability import check_pose_loop

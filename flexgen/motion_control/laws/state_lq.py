@@ -12,10 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flexgen.arguments import is_number
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Linear
-from flexgen.motion_control.laws.law import ModelLaw, is_number
+from flexgen.motion_control.laws.law import ModelLaw
 from flexgen.motion_control.laws.motion import LawMotion
 from flexgen.motion_control.lq import regulator, torque_scale
 from flexgen.motion_control.sampled_model import PoseModels, sampled

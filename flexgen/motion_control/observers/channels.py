@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flexgen.arguments import check_positive, mapping_of
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.model.sensors import TOOL, Sensor
@@ -71,10 +72,10 @@ def channels_of(model: RobotModel, outputs: str | Sequence[str], noise: Noise | 
     ArgumentError
         A name is not known or given twice, a noise is not above zero, or a sensor has a delay.
     """
-    given = (outputs,) if isinstance(outputs, str) else tuple(outputs)
+    given = (outputs,) if isinstance(outputs, str) else tuple(outputs) if isinstance(outputs, Sequence) else ()
     if not given or not all(isinstance(name, str) for name in given):
         raise ArgumentError(f"outputs: given {outputs!r}, expected names: {', '.join(_known(model))}")
-    own = dict.fromkeys(given, noise) if isinstance(noise, int | float) else dict(noise or {})
+    own = dict.fromkeys(given, noise) if isinstance(noise, int | float) else _own(noise)
     motors = [motor.name for motor in model.motors]
     names: list[str] = []
     sensors: list[Sensor] = []
@@ -132,6 +133,11 @@ def _sensors(model: RobotModel, name: str) -> list[Sensor]:
     return []
 
 
+def _own(noise: object) -> dict[str, float]:
+    """Noises by the names of outputs."""
+    return mapping_of("noise", {} if noise is None else noise, "a number > 0, or numbers by the names of outputs")
+
+
 def _channels(sensor: Sensor, name: str) -> tuple[str, ...]:
     """The channels of a sensor that a name stands for."""
     return (name,) if name in sensor.channels else sensor.channels
@@ -153,9 +159,6 @@ def _noises(names: Sequence[str], model: RobotModel, given: Mapping[str, float])
     for name in names:
         keys = [key for key in (name, *groups[name][::-1]) if key in given]
         value = given[keys[0]] if keys else values[name]
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value) or value <= 0:
-            raise ArgumentError(
-                f"noise of {name}: given {value!r}, expected a number > 0; a filter needs the noise of what it measures"
-            )
+        check_positive(f"noise of {name}", value, "a number > 0; a filter needs the noise of what it measures")
         out.append(float(value))
     return np.array(out)

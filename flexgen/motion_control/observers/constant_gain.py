@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
+from flexgen.arguments import is_whole
 from flexgen.build.c_module import c_module
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, SolverError
@@ -89,7 +90,7 @@ class ConstantGainObserver:
         parts: int = PARTS,
         native: bool = False,
     ) -> None:
-        if isinstance(parts, bool) or not isinstance(parts, int) or not 1 <= parts <= 10000:
+        if not is_whole(parts, 1, 10000):
             raise ArgumentError(f"parts: given {parts!r}, expected 1 to 10000")
         case = control_case(solution.model, solution=solution, sample_time=sample_time)
         self.channels = channels_of(case.model, outputs, noise)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.arguments import check_not_negative, check_positive
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.motion_control.observers.channels import Channels
@@ -33,11 +34,8 @@ class Noises:
 
     def __post_init__(self) -> None:
         for name, value in (("torque_noise", self.torque), ("disturbance_rate", self.rate)):
-            if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value) or value <= 0:
-                raise ArgumentError(f"{name}: given {value!r}, expected a number > 0")
-        force = self.tool_force
-        if isinstance(force, bool) or not isinstance(force, int | float) or not np.isfinite(force) or force < 0:
-            raise ArgumentError(f"tool_force: given {force!r}, expected a number >= 0")
+            check_positive(name, value)
+        check_not_negative("tool_force", self.tool_force, "a number >= 0")
 
     @property
     def largest(self) -> np.ndarray:

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.arguments import is_number
 from flexgen.build.c_module import c_module
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.model_library import library_with
@@ -136,7 +137,7 @@ class ExtendedKalmanFilter:
         disturbances: bool = True,
         native: bool = False,
     ) -> None:
-        if not (np.isfinite(sample_time) and 1e-6 <= sample_time <= 1.0):
+        if not (is_number(sample_time) and 1e-6 <= sample_time <= 1.0):
             raise ArgumentError(f"sample_time: given {sample_time!r}, expected 1e-6 to 1 s")
         robot = model if isinstance(model, RobotModel) else read(model)
         self.channels: Channels = channels_of(robot, outputs, noise)

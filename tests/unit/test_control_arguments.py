@@ -1,0 +1,60 @@
+"""Arguments of control, learning, benchmarks and filters: texts, lists, NaN and booleans for numbers are refused."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.errors import FlexgenError
+
+pytestmark = needs_compiler
+BAD = ("a", [1, 2], float("nan"), -1.0, True, float("inf"))
+ARGUMENTS = {
+    "control": "sample_time delay encoder_noise encoder_resolution seed plants disturbances controller",
+    "learn": "iterations gain frequency_hz sample_time delay encoder_noise seed plant measured_by controller",
+    "fastest": "torque_rate vibration coefficients limits",
+    "score": "seed steps controller",
+    "tune": "evaluations starts workers seed controller",
+    "ExtendedKalmanFilter": "outputs sample_time noise torque_noise disturbance_rate tool_force",
+    "ConstantGainObserver": "outputs sample_time noise torque_noise disturbance_rate tool_force parts",
+    "PPI": "position_hz speed_hz integral_hz filters",
+    "LQ": "rho",
+    "LQG": "rho encoder_noise torque_noise disturbance_rate",
+    "LoopShaping": "crossover_hz integral_hz low_pass_hz factor",
+    "TomeiPD": "frequency_hz damping k_p k_d",
+    "ComputedTorque": "frequency_hz",
+    "FeedbackLinearisation": "frequency_hz form",
+    "JointTorqueFeedback": "frequency_hz k_p k_d k_t k_s",
+}
+
+
+@cache
+def solution() -> flexgen.Solution:
+    return flexgen.solve("planar5_nmp")
+
+
+def call(verb: str, name: str, value: object) -> None:
+    function = getattr(flexgen, verb)
+    if verb in ("control", "learn"):
+        function("planar5_nmp", solution=solution(), **{name: value})
+    elif verb == "ConstantGainObserver":
+        function(solution(), **{name: value})
+    elif verb in ("fastest", "ExtendedKalmanFilter"):
+        function("planar5_nmp", **{name: value})
+    elif verb in ("score", "tune"):
+        function("four_mass", **{name: value})
+    else:  # refused when the controller is made or used
+        flexgen.control("planar5_nmp", solution=solution(), controller=function(**{name: value}))
+
+
+@pytest.mark.parametrize(
+    ("verb", "name"), [(verb, name) for verb, names in ARGUMENTS.items() for name in names.split()]
+)
+def test_what_is_no_such_value_is_refused_with_the_name_of_the_argument(verb, name):
+    for value in BAD:
+        with pytest.raises(FlexgenError, match=r"given .*expected") as caught:
+            call(verb, name, value)
+        assert name.partition("_")[0].rstrip("s") in str(caught.value), (value, str(caught.value))
