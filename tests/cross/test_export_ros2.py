@@ -294,7 +294,7 @@ def test_gains_names_and_the_plugin_alone(tmp_path):
     assert config["stream_controller"]["ros__parameters"]["speed_gain"] == [0.8, 0.5]
     tree = ElementTree.parse(tmp_path / "a" / "package.xml")
     assert tree.findtext("maintainer") == '<"A" & B>' and tree.findtext("name") == "my_arm"
-    assert "namespace my_arm" in (tmp_path / "a" / "src" / "inverse_dynamics.cpp").read_text()
+    assert "namespace flexgen_my_arm" in (tmp_path / "a" / "src" / "inverse_dynamics.cpp").read_text()
     flexgen.export_ros2(NAME, tmp_path / "b", controller=False)
     files = {path.name for path in (tmp_path / "b").rglob("*")}
     assert "inverse_dynamics.cpp" in files and "stream_controller.cpp" not in files
@@ -306,6 +306,29 @@ def test_names_of_packages_are_checked(package, tmp_path):
     with pytest.raises(BuildError, match=r"package: given .*expected small letters"):
         flexgen.export_ros2(NAME, tmp_path, package=package)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("package", ["div", "signal"])
+def test_a_package_may_have_the_name_of_a_function_of_c(package, tmp_path):
+    flexgen.export_ros2(NAME, tmp_path, package=package)
+    include = ["-isystem", eigen(), "-isystem", eigen() / "eigen3", "-I", STUBS, "-I", tmp_path / "include"]
+    include += ["-I", tmp_path / "include" / package]
+    for source in (tmp_path / "src").glob("*.cpp"):
+        command = [
+            tool("g++"),
+            *STRICT,
+            "-include",
+            "csignal",
+            "-include",
+            "cstdlib",
+            *include,
+            "-fsyntax-only",
+            source,
+        ]
+        subprocess.run(command, check=True)
+    described = ElementTree.parse(tmp_path / "inverse_dynamics_plugin.xml").find("class")
+    assert described.get("name") == f"{package}/InverseDynamics"
+    assert described.get("type") == f"flexgen_{package}::InverseDynamics"
 
 
 @pytest.mark.parametrize("package", ["class", "and_eq", "co_await", "std", "unix", "rclcpp", "eigen"])

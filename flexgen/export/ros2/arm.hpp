@@ -7,7 +7,7 @@
 
 #include "flexgen_model/model.h"
 
-namespace flexgen_model
+namespace flexgen_space
 {
 
 // Arm coordinates that motors drive, in the order of the gears.
@@ -19,6 +19,6 @@ inline constexpr std::array<const char *, MODEL_NM> MOTORS = {@MOTORS@};
 // Torques on the arm at rest at home, from Lagrange's equations [N m, N].
 inline constexpr std::array<double, MODEL_NA> HOME_TORQUES = {@HOME_TORQUES@};
 @STREAM@
-} // namespace flexgen_model
+} // namespace flexgen_space
 
 #endif // FLEXGEN_MODEL__ARM_HPP_

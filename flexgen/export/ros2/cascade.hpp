@@ -12,7 +12,7 @@
 #include <cmath>
 #include <cstddef>
 
-namespace flexgen_model
+namespace flexgen_space
 {
 
 template <std::size_t N> struct Cascade {
@@ -55,6 +55,6 @@ template <std::size_t N> struct Cascade {
     Vector q_before_{}, q_ref_before_{}, sum_{};
 };
 
-} // namespace flexgen_model
+} // namespace flexgen_space
 
 #endif // FLEXGEN_MODEL__CASCADE_HPP_

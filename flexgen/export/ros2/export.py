@@ -145,8 +145,12 @@ def _files(package: str, controller: bool) -> dict[str, str]:
 
 
 def _rendered(file: str, package: str, name: str, words: Mapping[str, str]) -> str:
-    """A template with the names of the library and of the package."""
-    names = {"flexgen_model": package, "FLEXGEN_MODEL": package.upper()}
+    """A template with the names of the library, of the package and of its namespace.
+
+    The namespace begins with flexgen_, so that a package may be called as a function of C, such as div or signal.
+    """
+    space = package if package.startswith("flexgen_") else f"flexgen_{package}"
+    names = {"flexgen_model": package, "FLEXGEN_MODEL": package.upper(), "flexgen_space": space}
     return template(PACKAGE, file, name, words, names)
 
 

@@ -11,7 +11,7 @@
 #include "flexgen_model/arm.hpp"
 #include "flexgen_model/model.h"
 
-namespace flexgen_model
+namespace flexgen_space
 {
 namespace
 {
@@ -122,6 +122,6 @@ Eigen::VectorXd InverseDynamics::getTorques(const Eigen::VectorXd &joint_positio
     return tau;
 }
 
-} // namespace flexgen_model
+} // namespace flexgen_space
 
-PLUGINLIB_EXPORT_CLASS(flexgen_model::InverseDynamics, inverse_dynamics_interface::InverseDynamicsInterface)
+PLUGINLIB_EXPORT_CLASS(flexgen_space::InverseDynamics, inverse_dynamics_interface::InverseDynamicsInterface)

@@ -7,7 +7,7 @@
 #include <eigen3/Eigen/Core>
 #include <inverse_dynamics_interface/inverse_dynamics_interface.hpp>
 
-namespace flexgen_model
+namespace flexgen_space
 {
 
 // All arm coordinates in chain order, those without a motor too; arm side, SI units. The URDF is not read: the dynamics
@@ -39,6 +39,6 @@ class InverseDynamics : public inverse_dynamics_interface::InverseDynamicsInterf
     bool initialized_ = false;
 };
 
-} // namespace flexgen_model
+} // namespace flexgen_space
 
 #endif // FLEXGEN_MODEL__INVERSE_DYNAMICS_HPP_

@@ -7,7 +7,7 @@
 #include <cstddef>
 #include <vector>
 
-namespace flexgen_model
+namespace flexgen_space
 {
 
 // push is called by one thread, pop by another one; neither waits or allocates.
@@ -68,6 +68,6 @@ template <std::size_t N> class SampleQueue
     std::atomic<std::size_t> read_{0}, write_{0};
 };
 
-} // namespace flexgen_model
+} // namespace flexgen_space
 
 #endif // FLEXGEN_MODEL__SAMPLE_QUEUE_HPP_

@@ -12,7 +12,7 @@
 
 #include "flexgen_model/arm.hpp"
 
-namespace flexgen_model
+namespace flexgen_space
 {
 namespace
 {
@@ -331,6 +331,6 @@ controller_interface::return_type StreamController::update_and_write_commands(
     return controller_interface::return_type::OK;
 }
 
-} // namespace flexgen_model
+} // namespace flexgen_space
 
-PLUGINLIB_EXPORT_CLASS(flexgen_model::StreamController, controller_interface::ChainableControllerInterface)
+PLUGINLIB_EXPORT_CLASS(flexgen_space::StreamController, controller_interface::ChainableControllerInterface)

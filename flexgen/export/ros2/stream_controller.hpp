@@ -17,7 +17,7 @@
 #include "flexgen_model/model.h"
 #include "flexgen_model/sample_queue.hpp"
 
-namespace flexgen_model
+namespace flexgen_space
 {
 
 // A sample of the path has the output, its first and its second time derivative: y, dy, ddy. The output reaches it
@@ -83,6 +83,6 @@ class StreamController : public controller_interface::ChainableControllerInterfa
     rclcpp::Subscription<std_msgs::msg::Float64MultiArray>::SharedPtr subscription_;
 };
 
-} // namespace flexgen_model
+} // namespace flexgen_space
 
 #endif // FLEXGEN_MODEL__STREAM_CONTROLLER_HPP_
