@@ -13,6 +13,7 @@ import fmus
 import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
+from toolchain import tool
 
 import flexgen
 from flexgen.export.fmu.variables import INPUT, OUTPUT, STATE
@@ -65,7 +66,7 @@ def test_the_sources_pass_a_strict_compiler(case, compiler):
     folder = Path(fmus.unzipped(fmus.exported(*case).path)) / "sources"
     for source in sorted(folder.glob("*.c")):
         done = subprocess.run(
-            [compiler, *STRICT, "-fsyntax-only", source.name], cwd=folder, capture_output=True, text=True
+            [tool(compiler), *STRICT, "-fsyntax-only", source.name], cwd=folder, capture_output=True, text=True
         )
         assert done.returncode == 0, done.stderr[:2000]
 
