@@ -155,3 +155,16 @@ def test_linear_controllers_ignore_the_exact_state(controller):
     assert runs[0].status == "done" and np.array_equal(runs[0].nominal.tau_m, runs[1].nominal.tau_m)
     sizes = [[m.largest_eigenvalue for m in r.margins().values()] for r in runs]
     assert sizes[0] and np.allclose(*sizes, rtol=1e-12, atol=0)
+
+
+def test_sensors_of_the_model_are_not_fed_back():
+    """The same torques with and without an accelerometer."""
+    sensor = {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2", "noise": 0.05}
+    runs = [
+        flexgen.control(
+            flexgen.read("four_mass", overrides=changes), controller=flexgen.LoopShaping(), sample_time=1e-3,
+            plants={"soft": {"stiffness": 0.9}}, progress=False,
+        )["soft"]
+        for changes in ({}, {"sensor": [sensor]})
+    ]  # fmt: skip
+    assert np.abs(runs[0].tau_m - runs[1].tau_m).max() < 1e-9 * np.abs(runs[0].tau_m).max()

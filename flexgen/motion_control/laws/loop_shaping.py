@@ -104,7 +104,10 @@ class LoopShaping:
                 f"unstable at {1e3 * sample_s:g} ms and a delay of {1e3 * delay_s:g} ms (largest eigenvalue "
                 f"{largest:.4g}); expected {self._stable(tested)}"
             )
-        return made
+        A, B, C, D = made.matrices
+        unused = sum(len(sensor.channels) for sensor in model.sensors)  # only the motor angles are fed back
+        B, D = (np.pad(x, ((0, 0), (0, 0), (0, unused))) for x in (B, D))
+        return Linear(A, B, C, D)
 
     def _stable(self, tested: Callable[[LoopShaping], tuple[Linear, float]]) -> str:
         """A lower frequency with which the loop is stable, for the message."""
