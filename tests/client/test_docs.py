@@ -52,10 +52,18 @@ def page_id(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
 
-def blocks(text: str, language: str) -> list[str]:
-    """The code blocks of a language, without those behind the marker ``<!-- slow -->``."""
-    found = re.findall(rf"(<!-- slow -->\n)?^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-    return [code for slow, code in found if not slow]
+def blocks(text: str, language: str, marks: tuple[str, ...] = ("",)) -> list[str]:
+    """The code blocks of a language behind one of these markers; empty: without a marker.
+
+    ``<!-- slow -->``: tens of seconds; ``<!-- minutes -->``; ``<!-- scheduler -->``: what no test can have.
+    """
+    found = re.findall(rf"(?:<!-- (\w+) -->\n)?^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    return [code for mark, code in found if mark in marks]
+
+
+def marked(mark: str) -> list[Path]:
+    """Pages with Python behind a marker."""
+    return [page for page in PAGES if blocks(page.read_text("utf-8"), "python", (mark,))]
 
 
 def prose(text: str) -> str:
@@ -98,7 +106,26 @@ def broken_links(page: Path) -> list[str]:
 @needs_compiler
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page.read_text("utf-8"), "python")], ids=page_id)
 def test_python_of_the_pages_runs(page, tmp_path):
-    code = "\n".join(blocks(page.read_text(encoding="utf-8"), "python"))
+    runs(page, tmp_path, ("",))
+
+
+@pytest.mark.slow
+@needs_compiler
+@pytest.mark.parametrize("page", marked("slow"), ids=page_id)
+def test_slow_python_of_the_pages_runs(page, tmp_path):
+    runs(page, tmp_path, ("", "slow"))
+
+
+@pytest.mark.full
+@needs_compiler
+@pytest.mark.parametrize("page", marked("minutes"), ids=page_id)
+def test_long_python_of_the_pages_runs(page, tmp_path):
+    runs(page, tmp_path, ("", "minutes"))
+
+
+def runs(page: Path, tmp_path: Path, marks: tuple[str, ...]) -> None:
+    """Run the Python of a page and look for the output that it states."""
+    code = "\n".join(blocks(page.read_text(encoding="utf-8"), "python", marks))
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert {path.name for path in tmp_path.iterdir()} <= {"generated", "reports"}  # which git ignores
