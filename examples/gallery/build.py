@@ -26,6 +26,12 @@ def scripts() -> list[Path]:
     return [path for path in sorted(HERE.glob("*.py")) if path.stem not in ("build", "exhibit")]
 
 
+def title(script: Path) -> str:
+    """The name of a script as a heading."""
+    words = script.stem.replace("_", " ").capitalize()
+    return words[:-1] + words[-1].upper() if words.startswith("Benchmark") else words
+
+
 def build(folder: Path) -> int:
     """Run the scripts one after the other; the number of those that failed."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -40,8 +46,9 @@ def build(folder: Path) -> int:
             continue
         print(done.stdout.splitlines()[-1])
         (folder / f"{script.stem}.txt").write_text(done.stdout, encoding="utf-8")
-        entries.append(f'<h2>{script.stem}</h2>\n<img src="{script.stem}.svg" alt="{script.stem}">')
-        entries.append(f"<pre>{html.escape(done.stdout)}</pre>")
+        entries.append(f'<h2>{title(script)}</h2>\n<img src="{script.stem}.svg" alt="{title(script)}">')
+        text = "\n".join(line for line in done.stdout.splitlines() if not line.startswith("picture "))
+        entries.append(f"<pre>{html.escape(text.rstrip())}</pre>\n<p>Script: <code>{script.name}</code></p>")
     (folder / "index.html").write_text(PAGE.format(entries="\n".join(entries)), encoding="utf-8")
     return failed
 
