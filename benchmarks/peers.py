@@ -112,7 +112,8 @@ def prepare(
         if len(sizes) == len(spec.functions):
             row.row.operations, row.row.depth = map(int, sizes[len(prepared)])
         prepared.append(row)
-        symbol, sources = f"{spec.name}_{f.name}", [folder / f"{spec.name}_{f.name}.c", folder / f"{spec.name}.c"]
+        symbol = f"{spec.name}_{f.name}"
+        sources = [folder / "src" / file for file in (f"{symbol}.c", f"{spec.name}.c")]
         row.candidates += [
             ("ours", "point", native, symbol, "-"),
             ("ours_default", "point", default, symbol, "-"),
