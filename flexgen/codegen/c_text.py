@@ -60,13 +60,17 @@ def prototype(spec: LibrarySpec, f: FunctionSpec, work: int) -> str:
     return declaration(f"{spec.name}_status {spec.name}_{f.name}({', '.join(arguments)})")
 
 
-def batch_prototype(spec: LibrarySpec, f: FunctionSpec) -> str:
-    """The head of the function that evaluates many points."""
+def batch_prototype(spec: LibrarySpec, f: FunctionSpec, strided: bool = False) -> str:
+    """The head of the function that evaluates many points; ``strided``: whose entries may be further apart."""
+    return batch_head(spec, f, f"{spec.name}_{f.name}_batch{'_strided' * strided}", strided)
+
+
+def batch_head(spec: LibrarySpec, f: FunctionSpec, name: str, strided: bool) -> str:
+    """The head of a function of many points with any name."""
     real = f"{spec.name}_real"
     arguments = [f"const {real} *{p.name}" for p in f.inputs] + [f"{real} *{p.name}" for p in f.outputs]
-    return declaration(
-        f"{spec.name}_status {spec.name}_{f.name}_batch({', '.join(['int n', *arguments, f'{real} *work'])})"
-    )
+    counts = ["int n", *(["int stride"] if strided else [])]
+    return declaration(f"{spec.name}_status {name}({', '.join([*counts, *arguments, f'{real} *work'])})")
 
 
 def port_table(f: FunctionSpec) -> str:

@@ -90,7 +90,7 @@ def symbols(spec: LibrarySpec) -> tuple[str, ...]:
     general += ["batch_work", *spec.sizes]
     if spec.parameters:
         general.append("parameters")
-    functions = (f"{f.name}{suffix}" for f in spec.functions for suffix in ("", "_batch"))
+    functions = (f"{f.name}{suffix}" for f in spec.functions for suffix in ("", "_batch", "_batch_strided"))
     fixed = (function.name for function in spec.c_functions)
     return tuple(sorted(f"{spec.name}_{name}" for name in (*general, *functions, *fixed)))
 

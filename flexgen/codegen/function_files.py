@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from flexgen.codegen.c_text import batch_prototype, count_of, macro, prototype, quoted, size_macro
+from flexgen.codegen.c_text import batch_head, batch_prototype, count_of, macro, prototype, quoted, size_macro
 from flexgen.codegen.header import tile
 from flexgen.codegen.spec import ABI_VERSION, STATUSES, FunctionSpec, LibrarySpec
 from flexgen.expressions.function_text import FunctionText, literal
@@ -135,15 +135,17 @@ def _one_point(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str
 
 
 def _many_points(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
-    """The function for many points."""
+    """The functions for many points."""
     ports = (*f.inputs, *f.outputs)
+    given = ", ".join([*(port.name for port in ports), "work"])
     names, sizes = [port.name for port in ports], _counts(spec, f)
     stored = [port for port in ports if not _shared(spec, port)]  # one for each point
     points = tile(f, spec.precision)
     arguments = [f"at_{port.name} + k" if port in stored else port.name for port in ports]
     arguments += ["(lanes *)space"] if written.work else []
     return f"""\
-{batch_prototype(spec, f)}
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE {batch_head(spec, f, f"{f.name}_many", True)}
 {{
     /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
        points. */
@@ -175,13 +177,13 @@ def _many_points(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> s
             const int first = group * {points};
             const int count = n - first < {points} ? n - first : {points};
             const int copied = collide || count % LANES != 0;
-            ptrdiff_t stride = n;
+            ptrdiff_t apart = stride;
 {_pointers(stored, f.outputs)}            if (copied) {{
                 real *at = space + {written.work} * LANES;
-                stride = {points};
+                apart = {points};
 {_gather(spec, f, sizes)}            }}
             for (int k = 0; k < count; k += LANES) {{
-                zero += {f.name}_evaluate_v({", ".join(arguments)}, stride);
+                zero += {f.name}_evaluate_v({", ".join(arguments)}, apart);
             }}
             if (copied) {{
 {_scatter(spec, f, sizes)}            }}
@@ -189,7 +191,17 @@ def _many_points(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> s
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }}
-    return bad == 0 ? {macro(spec, "OK")} : {f.name}_failed({", ".join(names)}, n, n);
+    return bad == 0 ? {macro(spec, "OK")} : {f.name}_failed({", ".join(names)}, n, stride);
+}}
+
+{batch_prototype(spec, f)}
+{{
+    return {f.name}_many(n, n, {given});
+}}
+
+{batch_prototype(spec, f, True)}
+{{
+    return stride < n ? {macro(spec, "BAD_COUNT")} : {f.name}_many(n, stride, {given});
 }}
 """
 
@@ -235,7 +247,7 @@ def _collide(f: FunctionSpec, spec: LibrarySpec) -> str:
     """When to copy: a power of two of points, and more columns of results than a set of the first cache has ways."""
     if sum(port.size for port in f.outputs) <= WAYS:
         return "past"
-    return f"past || (n > {tile(f, spec.precision)} && (size_t)n * sizeof(real) % 1024 == 0)"
+    return f"past || (n > {tile(f, spec.precision)} && (size_t)stride * sizeof(real) % 1024 == 0)"
 
 
 def _pointers(stored: list[Port], outputs: tuple[Port, ...]) -> str:
@@ -248,7 +260,7 @@ def _gather(spec: LibrarySpec, f: FunctionSpec, sizes: Mapping[str, str]) -> str
     """Lines that copy the inputs of a group of points, and have the results written beside them."""
     points, indent = tile(f, spec.precision), " " * 16
     stored = [p for p in f.inputs if not _shared(spec, p)]
-    lines = [f"{indent}gather_points(at_{p.name}, {sizes[p.name]}, count, n, at, {points});\n" for p in stored]
+    lines = [f"{indent}gather_points(at_{p.name}, {sizes[p.name]}, count, stride, at, {points});\n" for p in stored]
     places = [f"{indent}at_{p.name} = at;\n{indent}at += {sizes[p.name]} * {points};\n" for p in stored]
     text = "".join(line + place for line, place in zip(lines, places, strict=True))
     text += "".join(f"{indent}at_{p.name} = at;\n{indent}at += {sizes[p.name]} * {points};\n" for p in f.outputs)
@@ -259,6 +271,6 @@ def _scatter(spec: LibrarySpec, f: FunctionSpec, sizes: Mapping[str, str]) -> st
     """Lines that copy the results of a group of points where they belong."""
     points, indent = tile(f, spec.precision), " " * 16
     return "".join(
-        f"{indent}scatter_points(at_{p.name}, {sizes[p.name]}, count, {points}, {p.name} + first, n, past);\n"
+        f"{indent}scatter_points(at_{p.name}, {sizes[p.name]}, count, {points}, {p.name} + first, stride, past);\n"
         for p in f.outputs
     )

@@ -21,6 +21,7 @@ SIZES = {
     "n_t": "numbers of an output sample",
     "n_s": "channels of the sensors",
     "n_p": "run-time parameters",
+    "n_packed": "entries of a triangle of the mass matrix",
 }
 BYTES = {"double": 8, "single": 4}
 LANES = {"double": 8, "single": 16}  # at most
@@ -118,7 +119,10 @@ typedef enum {{
 def batch_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
     """Text of ``<name>_batch.h``."""
     guard, api, name = macro(spec, "BATCH_H"), macro(spec, "API"), spec.name
-    functions = "\n".join(f"/*\n{comment(f.summary)} */\n{api}\n{batch_prototype(spec, f)};\n" for f in spec.functions)
+    functions = "\n".join(
+        f"/*\n{comment(f.summary)} */\n{api}\n{batch_prototype(spec, f)};\n{api}\n{batch_prototype(spec, f, True)};\n"
+        for f in spec.functions
+    )
     manual = "".join(
         comment(line)
         for line in (
@@ -127,6 +131,10 @@ def batch_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
             "<function>_batch evaluates n points. Arrays are structures of arrays: entry i of point k of an array x is "
             "x[i * n + k]; entry (row, column) of a matrix with r rows is i = row + column * r. All points are "
             "evaluated. The outputs of a point that fails are NaN, and the status of the first such point is returned.",
+            "",
+            "<function>_batch_strided takes n of the points of larger arrays: entry i of point k is x[i * stride + k]. "
+            "Where n is a multiple of 128, all columns meet in the same places of the cache; a stride that is 8 larger "
+            "avoids it, and the copies that <function>_batch makes against it. BAD_COUNT: the stride is below n.",
             "",
             f"The workspace has {macro(spec, 'BATCH_WORK')} reals. With OpenMP each thread needs that many: allocate "
             f"{name}_batch_work() reals, and do not raise the number of threads after that. GCC and clang compute "

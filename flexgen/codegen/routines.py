@@ -54,10 +54,19 @@ def program_of(name: str, equations: Any, inputs: tuple[Port, ...], outputs: tup
             direct = cost_of(mathematics_of(equations, name)).operations
             if cost_of(vectors).operations + products.operations < SHORTER * direct:
                 return Routine((Expressions(expanded("mass_vectors", vectors)), products))
-    function = mathematics_of(equations, name)
+    function = _packed(equations) if name == "mass_matrix_packed" else mathematics_of(equations, name)
     if PARAMETERS in function.name_in():
         inputs = (*inputs, parameters_port(equations))
     return Routine((Expressions(checked(name, function, inputs, outputs), pivots="forward_dynamics" in name),))
+
+
+def _packed(equations: Any) -> ca.Function:
+    """The lower triangle of the mass matrix by columns."""
+    full = expanded("mass_matrix", mathematics_of(equations, "mass_matrix"))
+    given = [full.sx_in(i) for i in range(full.n_in())]
+    M = full(*given)
+    packed = ca.vertcat(*(M[j:, j] for j in range(M.size2())))
+    return ca.Function("mass_matrix_packed", given, [packed], full.name_in(), ["M_packed"])
 
 
 def parameters_port(equations: Any) -> Port:

@@ -18,7 +18,7 @@ from flexgen.codegen.kinematic_functions import FREE, KinematicConstants, kinema
 from flexgen.codegen.motor_constants import MotorConstants, motor_constants
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
-from flexgen.mechanics.signatures import FLEXIBLE_JOINT, FUNCTIONS, PORTS, TABLE, Row, offered_functions, port
+from flexgen.mechanics.signatures import FLEXIBLE_JOINT, FUNCTIONS, OPTIONAL, PORTS, TABLE, Row, offered_functions, port
 from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.ports import Port, c_name_problem, identifier_problem
@@ -51,7 +51,7 @@ STATUSES = (
         "a result is not finite: the system of equations is singular, or a number overflows",
         "SolverError",
     ),
-    Status("BAD_COUNT", -4, "the number of points is negative", "ArgumentError"),
+    Status("BAD_COUNT", -4, "the number of points is negative, or above the stride", "ArgumentError"),
     Status(
         "BAD_ARGUMENT",
         -5,
@@ -191,7 +191,7 @@ class LibrarySpec:
         In the order of the header.
     sizes : dict of str to int
         ``n_a``, ``n_g``, ``n_e``, ``n_m``, ``n_x``; ``n_y``, ``n_t`` where the model inverts; ``n_s`` with sensors;
-        ``n_p`` with parameters.
+        ``n_p`` with parameters; ``n_packed`` with a packed mass matrix.
     coordinates, coordinate_units : tuple of str
         Names and units ("rad" or "m") of ``q_a`` in chain order.
     motors : tuple of str
@@ -310,16 +310,16 @@ def chosen_functions(names: Sequence[str] | None, model: RobotModel) -> tuple[st
     if isinstance(names, str):
         raise ArgumentError(f"functions: given the text {names!r}, expected a sequence of names")
     for name in names:
-        if name not in FUNCTIONS:
-            raise ArgumentError(f"functions: given {name!r}, expected some of {', '.join(FUNCTIONS)}")
-        if name not in offered:
+        if name not in (*FUNCTIONS, *OPTIONAL):
+            raise ArgumentError(f"functions: given {name!r}, expected some of {', '.join((*FUNCTIONS, *OPTIONAL))}")
+        if name not in (*offered, *OPTIONAL):
             reason = model.inversion_obstacle() or f"model {model.name} has no coordinates without motor"
             if name in FLEXIBLE_JOINT:
                 reason = flexible_joint_obstacle(model) or reason
             raise ArgumentError(f"functions: given {name!r}, but {reason}; expected some of {', '.join(offered)}")
     if not names:
         raise ArgumentError("functions: given none, expected at least one name, or None for all of them")
-    return tuple(name for name in FUNCTIONS if name in names)
+    return tuple(row.name for row in TABLE if row.name in names)
 
 
 def library_spec(
@@ -362,6 +362,8 @@ def library_spec(
         sizes["n_s"] = sum(len(sensor.channels) for sensor in model.sensors)
     if parameters:
         sizes["n_p"] = len(parameters)
+    if "mass_matrix_packed" in names:
+        sizes["n_packed"] = model.n_a * (model.n_a + 1) // 2
     coordinates = tuple(c.name for c in model.coordinates)
     units = tuple(c.unit for c in model.coordinates)
     motors = tuple(m.name for m in model.motors)

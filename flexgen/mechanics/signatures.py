@@ -18,13 +18,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table: name, summary, equation, names of inputs and outputs in `PORTS`."""
+    """A row of the table: name, summary, equation, names of inputs and outputs in `PORTS`.
+
+    ``optional``: part of a library only where it is named.
+    """
 
     name: str
     summary: str
     equation: str
     inputs: str
     outputs: str
+    optional: bool = False
 
 
 TABLE = (
@@ -43,6 +47,15 @@ TABLE = (
         "J",
     ),
     Row("mass_matrix", "Mass matrix of the arm, without rotors.", "T = v_a' M(q_a) v_a / 2", "q_a", "M"),
+    Row(
+        "mass_matrix_packed",
+        "One triangle of the mass matrix: batches that do not fit into the cache take half the memory. Only where "
+        "it is named.",
+        "T = v_a' M(q_a) v_a / 2",
+        "q_a",
+        "M_packed",
+        optional=True,
+    ),
     Row("bias", "Coriolis, centripetal and gravity forces of the arm.", "h = c(q_a, v_a) + g(q_a)", "q_a v_a", "h"),
     Row("gravity", "Gravity forces of the arm.", "g = dU(q_a)/dq_a", "q_a", "g"),
     Row(
@@ -235,7 +248,8 @@ PYTHON_TABLE = (  # of Equations only, not emitted as C
     Row("chain_points", "Corner points of the chain, for drawing.", "", "q_a", "chain_points"),
 )
 
-FUNCTIONS = tuple(row.name for row in TABLE)
+FUNCTIONS = tuple(row.name for row in TABLE if not row.optional)
+OPTIONAL = tuple(row.name for row in TABLE if row.optional)
 INVERSION = FUNCTIONS[FUNCTIONS.index("output_constraint") :]  # of models whose output determines the motors' motion
 FLEXIBLE_JOINT = ("flexible_joint_motion", "flexible_joint_torque")  # of arms with elastic joints
 
@@ -261,6 +275,11 @@ PORTS: dict[str, tuple[tuple[str, ...], str, str]] = {
     "h": (("n_a",), "{tau}", "bias forces, arm side"),
     "g": (("n_a",), "{tau}", "gravity forces, arm side"),
     "M": (("n_a", "n_a"), "{M}", "mass matrix, symmetric"),
+    "M_packed": (
+        ("n_packed",),
+        "{M}",
+        "lower triangle of the mass matrix by columns: M_00, M_10, ..., M_11, M_21, ...",
+    ),
     "p": (("3",), "m", "position of the tool, world axes"),
     "R": (("3", "3"), "1", "rotation matrix, columns: axes of the tool in the world"),
     "J": (("6", "n_a"), "mixed", "rows 0-2 in m/s, rows 3-5 in rad/s, per unit of the column's velocity"),

@@ -63,7 +63,7 @@ typedef enum {
     ELBOW_INPUT_NOT_FINITE = -2 /* an input is not finite; the outputs are NaN */,
     /* a result is not finite: the system of equations is singular, or a number overflows */
     ELBOW_RESULT_NOT_FINITE = -3,
-    ELBOW_BAD_COUNT = -4 /* the number of points is negative */,
+    ELBOW_BAD_COUNT = -4 /* the number of points is negative, or above the stride */,
     /* a size, a time or a rotation matrix is out of range, or the path does not begin and end at zero velocity */
     ELBOW_BAD_ARGUMENT = -5,
     ELBOW_WORK_TOO_SMALL = -6 /* the workspace is too small */,

@@ -5,6 +5,10 @@
  * k]; entry (row, column) of a matrix with r rows is i = row + column * r. All points are evaluated. The outputs of a
  * point that fails are NaN, and the status of the first such point is returned.
  *
+ * <function>_batch_strided takes n of the points of larger arrays: entry i of point k is x[i * stride + k]. Where n is
+ * a multiple of 128, all columns meet in the same places of the cache; a stride that is 8 larger avoids it, and the
+ * copies that <function>_batch makes against it. BAD_COUNT: the stride is below n.
+ *
  * The workspace has ELBOW_BATCH_WORK reals. With OpenMP each thread needs that many: allocate elbow_batch_work()
  * reals, and do not raise the number of threads after that. GCC and clang compute several points at once in vector
  * registers, with the same bits as one by one where nothing is contracted.
@@ -29,36 +33,52 @@ ELBOW_API int elbow_batch_work(void);
 ELBOW_API
 elbow_status elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_real *p, elbow_real *R,
     elbow_real *work);
+ELBOW_API
+elbow_status elbow_forward_kinematics_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *p,
+    elbow_real *R, elbow_real *work);
 
 /*
  * Jacobian of the tool: its linear, then its angular velocity, in world axes.
  */
 ELBOW_API
 elbow_status elbow_jacobian_batch(int n, const elbow_real *q_a, elbow_real *J, elbow_real *work);
+ELBOW_API
+elbow_status elbow_jacobian_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *J, elbow_real *work);
 
 /*
  * Mass matrix of the arm, without rotors.
  */
 ELBOW_API
 elbow_status elbow_mass_matrix_batch(int n, const elbow_real *q_a, elbow_real *M, elbow_real *work);
+ELBOW_API
+elbow_status elbow_mass_matrix_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *M,
+    elbow_real *work);
 
 /*
  * Coriolis, centripetal and gravity forces of the arm.
  */
 ELBOW_API
 elbow_status elbow_bias_batch(int n, const elbow_real *q_a, const elbow_real *v_a, elbow_real *h, elbow_real *work);
+ELBOW_API
+elbow_status elbow_bias_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
+    elbow_real *h, elbow_real *work);
 
 /*
  * Gravity forces of the arm.
  */
 ELBOW_API
 elbow_status elbow_gravity_batch(int n, const elbow_real *q_a, elbow_real *g, elbow_real *work);
+ELBOW_API
+elbow_status elbow_gravity_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *g, elbow_real *work);
 
 /*
  * Forces that the arm needs for a given motion, without friction and springs.
  */
 ELBOW_API
 elbow_status elbow_inverse_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *a_a, elbow_real *tau_a, elbow_real *work);
+ELBOW_API
+elbow_status elbow_inverse_dynamics_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *a_a, elbow_real *tau_a, elbow_real *work);
 
 /*
@@ -67,6 +87,10 @@ elbow_status elbow_inverse_dynamics_batch(int n, const elbow_real *q_a, const el
 ELBOW_API
 elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv, elbow_real *dtau_da, elbow_real *work);
+ELBOW_API
+elbow_status elbow_inverse_dynamics_derivatives_batch_strided(int n, int stride, const elbow_real *q_a,
+    const elbow_real *v_a, const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv, elbow_real *dtau_da,
+    elbow_real *work);
 
 /*
  * Accelerations of the arm under given forces on its coordinates, without rotors, friction and springs: the inverse of
@@ -75,6 +99,9 @@ elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q
 ELBOW_API
 elbow_status elbow_arm_forward_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *tau_a, elbow_real *a_a, elbow_real *work);
+ELBOW_API
+elbow_status elbow_arm_forward_dynamics_batch_strided(int n, int stride, const elbow_real *q_a,
+    const elbow_real *v_a, const elbow_real *tau_a, elbow_real *a_a, elbow_real *work);
 
 /*
  * First derivatives of the arm's forward dynamics.
@@ -82,6 +109,10 @@ elbow_status elbow_arm_forward_dynamics_batch(int n, const elbow_real *q_a, cons
 ELBOW_API
 elbow_status elbow_arm_forward_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *tau_a, elbow_real *da_dq, elbow_real *da_dv, elbow_real *da_dtau, elbow_real *work);
+ELBOW_API
+elbow_status elbow_arm_forward_derivatives_batch_strided(int n, int stride, const elbow_real *q_a,
+    const elbow_real *v_a, const elbow_real *tau_a, elbow_real *da_dq, elbow_real *da_dv, elbow_real *da_dtau,
+    elbow_real *work);
 
 /*
  * Accelerations of arm and motors under the motors' torques, with springs, dampers and friction. Entries of q_m and
@@ -89,6 +120,10 @@ elbow_status elbow_arm_forward_derivatives_batch(int n, const elbow_real *q_a, c
  */
 ELBOW_API
 elbow_status elbow_forward_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *q_m, const elbow_real *v_m, const elbow_real *tau_m, elbow_real *a_a, elbow_real *a_m,
+    elbow_real *work);
+ELBOW_API
+elbow_status elbow_forward_dynamics_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *q_m, const elbow_real *v_m, const elbow_real *tau_m, elbow_real *a_a, elbow_real *a_m,
     elbow_real *work);
 
@@ -99,6 +134,10 @@ ELBOW_API
 elbow_status elbow_forward_dynamics_tool_force_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *q_m, const elbow_real *v_m, const elbow_real *tau_m, const elbow_real *f_tool,
     elbow_real *a_a, elbow_real *a_m, elbow_real *tau_g, elbow_real *work);
+ELBOW_API
+elbow_status elbow_forward_dynamics_tool_force_batch_strided(int n, int stride, const elbow_real *q_a,
+    const elbow_real *v_a, const elbow_real *q_m, const elbow_real *v_m, const elbow_real *tau_m,
+    const elbow_real *f_tool, elbow_real *a_a, elbow_real *a_m, elbow_real *tau_g, elbow_real *work);
 
 /*
  * Velocity and acceleration of the tool, linear and angular, in world axes.
@@ -106,6 +145,9 @@ elbow_status elbow_forward_dynamics_tool_force_batch(int n, const elbow_real *q_
 ELBOW_API
 elbow_status elbow_tool_motion_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *a_a,
     elbow_real *v_tool, elbow_real *a_tool, elbow_real *work);
+ELBOW_API
+elbow_status elbow_tool_motion_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *a_a, elbow_real *v_tool, elbow_real *a_tool, elbow_real *work);
 
 /*
  * Linearization of the forward dynamics in the state x = (q_a, q_m, v_a, v_m), of the motors only those behind elastic
@@ -114,6 +156,10 @@ elbow_status elbow_tool_motion_batch(int n, const elbow_real *q_a, const elbow_r
 ELBOW_API
 elbow_status elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *q_m,
     const elbow_real *v_m, const elbow_real *tau_m, elbow_real *A, elbow_real *B, elbow_real *work);
+ELBOW_API
+elbow_status elbow_linearize_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *q_m, const elbow_real *v_m, const elbow_real *tau_m, elbow_real *A, elbow_real *B,
+    elbow_real *work);
 
 /*
  * Acceleration and jerk of an arm with elastic joints from its state, without damping of the gears.
@@ -121,6 +167,10 @@ elbow_status elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_rea
 ELBOW_API
 elbow_status elbow_flexible_joint_motion_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *q_m, const elbow_real *v_m, elbow_real *a_a, elbow_real *j_a, elbow_real *work);
+ELBOW_API
+elbow_status elbow_flexible_joint_motion_batch_strided(int n, int stride, const elbow_real *q_a,
+    const elbow_real *v_a, const elbow_real *q_m, const elbow_real *v_m, elbow_real *a_a, elbow_real *j_a,
+    elbow_real *work);
 
 /*
  * Torques of the motors that give an arm with elastic joints a fourth derivative of its coordinates, without damping
@@ -130,12 +180,19 @@ ELBOW_API
 elbow_status elbow_flexible_joint_torque_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *a_a, const elbow_real *j_a, const elbow_real *s_a, const elbow_real *q_m,
     const elbow_real *v_m, elbow_real *tau_m, elbow_real *work);
+ELBOW_API
+elbow_status elbow_flexible_joint_torque_batch_strided(int n, int stride, const elbow_real *q_a,
+    const elbow_real *v_a, const elbow_real *a_a, const elbow_real *j_a, const elbow_real *s_a,
+    const elbow_real *q_m, const elbow_real *v_m, elbow_real *tau_m, elbow_real *work);
 
 /*
  * How far the output is from a target, and the map W from speeds to rates of the output.
  */
 ELBOW_API
 elbow_status elbow_output_constraint_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *target, elbow_real *y_err, elbow_real *W, elbow_real *Wdot_v, elbow_real *work);
+ELBOW_API
+elbow_status elbow_output_constraint_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *target, elbow_real *y_err, elbow_real *W, elbow_real *Wdot_v, elbow_real *work);
 
 /*
@@ -144,6 +201,9 @@ elbow_status elbow_output_constraint_batch(int n, const elbow_real *q_a, const e
 ELBOW_API
 elbow_status elbow_inversion_rows_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *a_a,
     elbow_real *tau_g, elbow_real *work);
+ELBOW_API
+elbow_status elbow_inversion_rows_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *a_a, elbow_real *tau_g, elbow_real *work);
 
 /*
  * Torques of the gears' springs at given deflections, and their derivatives; zero for rigid gears.
@@ -151,12 +211,18 @@ elbow_status elbow_inversion_rows_batch(int n, const elbow_real *q_a, const elbo
 ELBOW_API
 elbow_status elbow_gear_law_batch(int n, const elbow_real *deflection, elbow_real *tau_p, elbow_real *dtau_p,
     elbow_real *work);
+ELBOW_API
+elbow_status elbow_gear_law_batch_strided(int n, int stride, const elbow_real *deflection, elbow_real *tau_p,
+    elbow_real *dtau_p, elbow_real *work);
 
 /*
  * Friction torques of the motors.
  */
 ELBOW_API
 elbow_status elbow_motor_friction_batch(int n, const elbow_real *v_m, elbow_real *f_m, elbow_real *work);
+ELBOW_API
+elbow_status elbow_motor_friction_batch_strided(int n, int stride, const elbow_real *v_m, elbow_real *f_m,
+    elbow_real *work);
 
 #ifdef __cplusplus
 }

@@ -16,7 +16,7 @@ from flexgen.mechanics.signatures import (
     offered_functions,
 )
 
-IN_C_ONLY = {"arm_forward_derivatives"}  # emitted from two others
+IN_C_ONLY = {"arm_forward_derivatives", "mass_matrix_packed"}  # emitted from others
 ROWS = {row.name: row for row in (*TABLE, *PYTHON_TABLE) if row.name not in IN_C_ONLY}
 
 

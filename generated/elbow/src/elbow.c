@@ -17,7 +17,7 @@ const char *elbow_status_text(int status)
     case ELBOW_RESULT_NOT_FINITE:
         return "a result is not finite: the system of equations is singular, or a number overflows";
     case ELBOW_BAD_COUNT:
-        return "the number of points is negative";
+        return "the number of points is negative, or above the stride";
     case ELBOW_BAD_ARGUMENT:
         return "a size, a time or a rotation matrix is out of range, or the path does not begin and end at zero velocity";
     case ELBOW_WORK_TOO_SMALL:

@@ -45,7 +45,8 @@ elbow_status elbow_arm_forward_derivatives(const elbow_real q_a[ELBOW_NA], const
     return arm_forward_derivatives_failed(q_a, v_a, tau_a, da_dq, da_dv, da_dtau, 1, 1);
 }
 
-elbow_status elbow_arm_forward_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE elbow_status arm_forward_derivatives_many(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *tau_a, elbow_real *da_dq, elbow_real *da_dv, elbow_real *da_dtau, elbow_real *work)
 {
     /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
@@ -78,7 +79,7 @@ elbow_status elbow_arm_forward_derivatives_batch(int n, const elbow_real *q_a, c
             const int first = group * 64;
             const int count = n - first < 64 ? n - first : 64;
             const int copied = collide || count % LANES != 0;
-            ptrdiff_t stride = n;
+            ptrdiff_t apart = stride;
             const real *at_q_a = q_a + first;
             const real *at_v_a = v_a + first;
             const real *at_tau_a = tau_a + first;
@@ -87,14 +88,14 @@ elbow_status elbow_arm_forward_derivatives_batch(int n, const elbow_real *q_a, c
             real *at_da_dtau = da_dtau + first;
             if (copied) {
                 real *at = space + 336 * LANES;
-                stride = 64;
-                gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
+                apart = 64;
+                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
                 at_q_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_v_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_v_a, ELBOW_NA, count, stride, at, 64);
                 at_v_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_tau_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_tau_a, ELBOW_NA, count, stride, at, 64);
                 at_tau_a = at;
                 at += ELBOW_NA * 64;
                 at_da_dq = at;
@@ -104,18 +105,31 @@ elbow_status elbow_arm_forward_derivatives_batch(int n, const elbow_real *q_a, c
                 at_da_dtau = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += arm_forward_derivatives_evaluate_v(at_q_a + k, at_v_a + k, at_tau_a + k, at_da_dq + k, at_da_dv + k, at_da_dtau + k, (lanes *)space, stride);
+                zero += arm_forward_derivatives_evaluate_v(at_q_a + k, at_v_a + k, at_tau_a + k, at_da_dq + k, at_da_dv + k, at_da_dtau + k, (lanes *)space, apart);
             }
             if (copied) {
-                scatter_points(at_da_dq, ELBOW_NA * ELBOW_NA, count, 64, da_dq + first, n, past);
-                scatter_points(at_da_dv, ELBOW_NA * ELBOW_NA, count, 64, da_dv + first, n, past);
-                scatter_points(at_da_dtau, ELBOW_NA * ELBOW_NA, count, 64, da_dtau + first, n, past);
+                scatter_points(at_da_dq, ELBOW_NA * ELBOW_NA, count, 64, da_dq + first, stride, past);
+                scatter_points(at_da_dv, ELBOW_NA * ELBOW_NA, count, 64, da_dv + first, stride, past);
+                scatter_points(at_da_dtau, ELBOW_NA * ELBOW_NA, count, 64, da_dtau + first, stride, past);
             }
         }
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : arm_forward_derivatives_failed(q_a, v_a, tau_a, da_dq, da_dv, da_dtau, n, n);
+    return bad == 0 ? ELBOW_OK : arm_forward_derivatives_failed(q_a, v_a, tau_a, da_dq, da_dv, da_dtau, n, stride);
+}
+
+elbow_status elbow_arm_forward_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *tau_a, elbow_real *da_dq, elbow_real *da_dv, elbow_real *da_dtau, elbow_real *work)
+{
+    return arm_forward_derivatives_many(n, n, q_a, v_a, tau_a, da_dq, da_dv, da_dtau, work);
+}
+
+elbow_status elbow_arm_forward_derivatives_batch_strided(int n, int stride, const elbow_real *q_a,
+    const elbow_real *v_a, const elbow_real *tau_a, elbow_real *da_dq, elbow_real *da_dv, elbow_real *da_dtau,
+    elbow_real *work)
+{
+    return stride < n ? ELBOW_BAD_COUNT : arm_forward_derivatives_many(n, stride, q_a, v_a, tau_a, da_dq, da_dv, da_dtau, work);
 }
 
 #include "elbow_undefine.h"

@@ -42,7 +42,8 @@ elbow_status elbow_arm_forward_dynamics(const elbow_real q_a[ELBOW_NA], const el
     return arm_forward_dynamics_failed(q_a, v_a, tau_a, a_a, 1, 1);
 }
 
-elbow_status elbow_arm_forward_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE elbow_status arm_forward_dynamics_many(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *tau_a, elbow_real *a_a, elbow_real *work)
 {
     /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
@@ -75,36 +76,48 @@ elbow_status elbow_arm_forward_dynamics_batch(int n, const elbow_real *q_a, cons
             const int first = group * 64;
             const int count = n - first < 64 ? n - first : 64;
             const int copied = collide || count % LANES != 0;
-            ptrdiff_t stride = n;
+            ptrdiff_t apart = stride;
             const real *at_q_a = q_a + first;
             const real *at_v_a = v_a + first;
             const real *at_tau_a = tau_a + first;
             real *at_a_a = a_a + first;
             if (copied) {
                 real *at = space + 0 * LANES;
-                stride = 64;
-                gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
+                apart = 64;
+                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
                 at_q_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_v_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_v_a, ELBOW_NA, count, stride, at, 64);
                 at_v_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_tau_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_tau_a, ELBOW_NA, count, stride, at, 64);
                 at_tau_a = at;
                 at += ELBOW_NA * 64;
                 at_a_a = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += arm_forward_dynamics_evaluate_v(at_q_a + k, at_v_a + k, at_tau_a + k, at_a_a + k, stride);
+                zero += arm_forward_dynamics_evaluate_v(at_q_a + k, at_v_a + k, at_tau_a + k, at_a_a + k, apart);
             }
             if (copied) {
-                scatter_points(at_a_a, ELBOW_NA, count, 64, a_a + first, n, past);
+                scatter_points(at_a_a, ELBOW_NA, count, 64, a_a + first, stride, past);
             }
         }
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : arm_forward_dynamics_failed(q_a, v_a, tau_a, a_a, n, n);
+    return bad == 0 ? ELBOW_OK : arm_forward_dynamics_failed(q_a, v_a, tau_a, a_a, n, stride);
+}
+
+elbow_status elbow_arm_forward_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *tau_a, elbow_real *a_a, elbow_real *work)
+{
+    return arm_forward_dynamics_many(n, n, q_a, v_a, tau_a, a_a, work);
+}
+
+elbow_status elbow_arm_forward_dynamics_batch_strided(int n, int stride, const elbow_real *q_a,
+    const elbow_real *v_a, const elbow_real *tau_a, elbow_real *a_a, elbow_real *work)
+{
+    return stride < n ? ELBOW_BAD_COUNT : arm_forward_dynamics_many(n, stride, q_a, v_a, tau_a, a_a, work);
 }
 
 #include "elbow_undefine.h"

@@ -41,7 +41,9 @@ elbow_status elbow_bias(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELB
     return bias_failed(q_a, v_a, h, 1, 1);
 }
 
-elbow_status elbow_bias_batch(int n, const elbow_real *q_a, const elbow_real *v_a, elbow_real *h, elbow_real *work)
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE elbow_status bias_many(int n, int stride, const elbow_real *q_a, const elbow_real *v_a, elbow_real *h,
+    elbow_real *work)
 {
     /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
        points. */
@@ -73,32 +75,43 @@ elbow_status elbow_bias_batch(int n, const elbow_real *q_a, const elbow_real *v_
             const int first = group * 64;
             const int count = n - first < 64 ? n - first : 64;
             const int copied = collide || count % LANES != 0;
-            ptrdiff_t stride = n;
+            ptrdiff_t apart = stride;
             const real *at_q_a = q_a + first;
             const real *at_v_a = v_a + first;
             real *at_h = h + first;
             if (copied) {
                 real *at = space + 0 * LANES;
-                stride = 64;
-                gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
+                apart = 64;
+                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
                 at_q_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_v_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_v_a, ELBOW_NA, count, stride, at, 64);
                 at_v_a = at;
                 at += ELBOW_NA * 64;
                 at_h = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += bias_evaluate_v(at_q_a + k, at_v_a + k, at_h + k, stride);
+                zero += bias_evaluate_v(at_q_a + k, at_v_a + k, at_h + k, apart);
             }
             if (copied) {
-                scatter_points(at_h, ELBOW_NA, count, 64, h + first, n, past);
+                scatter_points(at_h, ELBOW_NA, count, 64, h + first, stride, past);
             }
         }
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : bias_failed(q_a, v_a, h, n, n);
+    return bad == 0 ? ELBOW_OK : bias_failed(q_a, v_a, h, n, stride);
+}
+
+elbow_status elbow_bias_batch(int n, const elbow_real *q_a, const elbow_real *v_a, elbow_real *h, elbow_real *work)
+{
+    return bias_many(n, n, q_a, v_a, h, work);
+}
+
+elbow_status elbow_bias_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
+    elbow_real *h, elbow_real *work)
+{
+    return stride < n ? ELBOW_BAD_COUNT : bias_many(n, stride, q_a, v_a, h, work);
 }
 
 #include "elbow_undefine.h"

@@ -43,7 +43,8 @@ elbow_status elbow_flexible_joint_torque(const elbow_real q_a[ELBOW_NA], const e
     return flexible_joint_torque_failed(q_a, v_a, a_a, j_a, s_a, q_m, v_m, tau_m, 1, 1);
 }
 
-elbow_status elbow_flexible_joint_torque_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE elbow_status flexible_joint_torque_many(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *a_a, const elbow_real *j_a, const elbow_real *s_a, const elbow_real *q_m,
     const elbow_real *v_m, elbow_real *tau_m, elbow_real *work)
 {
@@ -77,7 +78,7 @@ elbow_status elbow_flexible_joint_torque_batch(int n, const elbow_real *q_a, con
             const int first = group * 64;
             const int count = n - first < 64 ? n - first : 64;
             const int copied = collide || count % LANES != 0;
-            ptrdiff_t stride = n;
+            ptrdiff_t apart = stride;
             const real *at_q_a = q_a + first;
             const real *at_v_a = v_a + first;
             const real *at_a_a = a_a + first;
@@ -88,41 +89,55 @@ elbow_status elbow_flexible_joint_torque_batch(int n, const elbow_real *q_a, con
             real *at_tau_m = tau_m + first;
             if (copied) {
                 real *at = space + 0 * LANES;
-                stride = 64;
-                gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
+                apart = 64;
+                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
                 at_q_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_v_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_v_a, ELBOW_NA, count, stride, at, 64);
                 at_v_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_a_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_a_a, ELBOW_NA, count, stride, at, 64);
                 at_a_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_j_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_j_a, ELBOW_NA, count, stride, at, 64);
                 at_j_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_s_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_s_a, ELBOW_NA, count, stride, at, 64);
                 at_s_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_q_m, ELBOW_NM, count, n, at, 64);
+                gather_points(at_q_m, ELBOW_NM, count, stride, at, 64);
                 at_q_m = at;
                 at += ELBOW_NM * 64;
-                gather_points(at_v_m, ELBOW_NM, count, n, at, 64);
+                gather_points(at_v_m, ELBOW_NM, count, stride, at, 64);
                 at_v_m = at;
                 at += ELBOW_NM * 64;
                 at_tau_m = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += flexible_joint_torque_evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_j_a + k, at_s_a + k, at_q_m + k, at_v_m + k, at_tau_m + k, stride);
+                zero += flexible_joint_torque_evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_j_a + k, at_s_a + k, at_q_m + k, at_v_m + k, at_tau_m + k, apart);
             }
             if (copied) {
-                scatter_points(at_tau_m, ELBOW_NM, count, 64, tau_m + first, n, past);
+                scatter_points(at_tau_m, ELBOW_NM, count, 64, tau_m + first, stride, past);
             }
         }
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : flexible_joint_torque_failed(q_a, v_a, a_a, j_a, s_a, q_m, v_m, tau_m, n, n);
+    return bad == 0 ? ELBOW_OK : flexible_joint_torque_failed(q_a, v_a, a_a, j_a, s_a, q_m, v_m, tau_m, n, stride);
+}
+
+elbow_status elbow_flexible_joint_torque_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *a_a, const elbow_real *j_a, const elbow_real *s_a, const elbow_real *q_m,
+    const elbow_real *v_m, elbow_real *tau_m, elbow_real *work)
+{
+    return flexible_joint_torque_many(n, n, q_a, v_a, a_a, j_a, s_a, q_m, v_m, tau_m, work);
+}
+
+elbow_status elbow_flexible_joint_torque_batch_strided(int n, int stride, const elbow_real *q_a,
+    const elbow_real *v_a, const elbow_real *a_a, const elbow_real *j_a, const elbow_real *s_a,
+    const elbow_real *q_m, const elbow_real *v_m, elbow_real *tau_m, elbow_real *work)
+{
+    return stride < n ? ELBOW_BAD_COUNT : flexible_joint_torque_many(n, stride, q_a, v_a, a_a, j_a, s_a, q_m, v_m, tau_m, work);
 }
 
 #include "elbow_undefine.h"

@@ -44,7 +44,8 @@ elbow_status elbow_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_
     return forward_dynamics_failed(q_a, v_a, q_m, v_m, tau_m, a_a, a_m, 1, 1);
 }
 
-elbow_status elbow_forward_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE elbow_status forward_dynamics_many(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *q_m, const elbow_real *v_m, const elbow_real *tau_m, elbow_real *a_a, elbow_real *a_m,
     elbow_real *work)
 {
@@ -78,7 +79,7 @@ elbow_status elbow_forward_dynamics_batch(int n, const elbow_real *q_a, const el
             const int first = group * 64;
             const int count = n - first < 64 ? n - first : 64;
             const int copied = collide || count % LANES != 0;
-            ptrdiff_t stride = n;
+            ptrdiff_t apart = stride;
             const real *at_q_a = q_a + first;
             const real *at_v_a = v_a + first;
             const real *at_q_m = q_m + first;
@@ -88,20 +89,20 @@ elbow_status elbow_forward_dynamics_batch(int n, const elbow_real *q_a, const el
             real *at_a_m = a_m + first;
             if (copied) {
                 real *at = space + 0 * LANES;
-                stride = 64;
-                gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
+                apart = 64;
+                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
                 at_q_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_v_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_v_a, ELBOW_NA, count, stride, at, 64);
                 at_v_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_q_m, ELBOW_NM, count, n, at, 64);
+                gather_points(at_q_m, ELBOW_NM, count, stride, at, 64);
                 at_q_m = at;
                 at += ELBOW_NM * 64;
-                gather_points(at_v_m, ELBOW_NM, count, n, at, 64);
+                gather_points(at_v_m, ELBOW_NM, count, stride, at, 64);
                 at_v_m = at;
                 at += ELBOW_NM * 64;
-                gather_points(at_tau_m, ELBOW_NM, count, n, at, 64);
+                gather_points(at_tau_m, ELBOW_NM, count, stride, at, 64);
                 at_tau_m = at;
                 at += ELBOW_NM * 64;
                 at_a_a = at;
@@ -109,17 +110,31 @@ elbow_status elbow_forward_dynamics_batch(int n, const elbow_real *q_a, const el
                 at_a_m = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += forward_dynamics_evaluate_v(at_q_a + k, at_v_a + k, at_q_m + k, at_v_m + k, at_tau_m + k, at_a_a + k, at_a_m + k, stride);
+                zero += forward_dynamics_evaluate_v(at_q_a + k, at_v_a + k, at_q_m + k, at_v_m + k, at_tau_m + k, at_a_a + k, at_a_m + k, apart);
             }
             if (copied) {
-                scatter_points(at_a_a, ELBOW_NA, count, 64, a_a + first, n, past);
-                scatter_points(at_a_m, ELBOW_NM, count, 64, a_m + first, n, past);
+                scatter_points(at_a_a, ELBOW_NA, count, 64, a_a + first, stride, past);
+                scatter_points(at_a_m, ELBOW_NM, count, 64, a_m + first, stride, past);
             }
         }
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : forward_dynamics_failed(q_a, v_a, q_m, v_m, tau_m, a_a, a_m, n, n);
+    return bad == 0 ? ELBOW_OK : forward_dynamics_failed(q_a, v_a, q_m, v_m, tau_m, a_a, a_m, n, stride);
+}
+
+elbow_status elbow_forward_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *q_m, const elbow_real *v_m, const elbow_real *tau_m, elbow_real *a_a, elbow_real *a_m,
+    elbow_real *work)
+{
+    return forward_dynamics_many(n, n, q_a, v_a, q_m, v_m, tau_m, a_a, a_m, work);
+}
+
+elbow_status elbow_forward_dynamics_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *q_m, const elbow_real *v_m, const elbow_real *tau_m, elbow_real *a_a, elbow_real *a_m,
+    elbow_real *work)
+{
+    return stride < n ? ELBOW_BAD_COUNT : forward_dynamics_many(n, stride, q_a, v_a, q_m, v_m, tau_m, a_a, a_m, work);
 }
 
 #include "elbow_undefine.h"

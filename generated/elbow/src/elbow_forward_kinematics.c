@@ -42,7 +42,8 @@ elbow_status elbow_forward_kinematics(const elbow_real q_a[ELBOW_NA], elbow_real
     return forward_kinematics_failed(q_a, p, R, 1, 1);
 }
 
-elbow_status elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_real *p, elbow_real *R,
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE elbow_status forward_kinematics_many(int n, int stride, const elbow_real *q_a, elbow_real *p, elbow_real *R,
     elbow_real *work)
 {
     /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
@@ -75,14 +76,14 @@ elbow_status elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_
             const int first = group * 64;
             const int count = n - first < 64 ? n - first : 64;
             const int copied = collide || count % LANES != 0;
-            ptrdiff_t stride = n;
+            ptrdiff_t apart = stride;
             const real *at_q_a = q_a + first;
             real *at_p = p + first;
             real *at_R = R + first;
             if (copied) {
                 real *at = space + 0 * LANES;
-                stride = 64;
-                gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
+                apart = 64;
+                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
                 at_q_a = at;
                 at += ELBOW_NA * 64;
                 at_p = at;
@@ -90,17 +91,29 @@ elbow_status elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_
                 at_R = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += forward_kinematics_evaluate_v(at_q_a + k, at_p + k, at_R + k, stride);
+                zero += forward_kinematics_evaluate_v(at_q_a + k, at_p + k, at_R + k, apart);
             }
             if (copied) {
-                scatter_points(at_p, 3, count, 64, p + first, n, past);
-                scatter_points(at_R, 3 * 3, count, 64, R + first, n, past);
+                scatter_points(at_p, 3, count, 64, p + first, stride, past);
+                scatter_points(at_R, 3 * 3, count, 64, R + first, stride, past);
             }
         }
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : forward_kinematics_failed(q_a, p, R, n, n);
+    return bad == 0 ? ELBOW_OK : forward_kinematics_failed(q_a, p, R, n, stride);
+}
+
+elbow_status elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_real *p, elbow_real *R,
+    elbow_real *work)
+{
+    return forward_kinematics_many(n, n, q_a, p, R, work);
+}
+
+elbow_status elbow_forward_kinematics_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *p,
+    elbow_real *R, elbow_real *work)
+{
+    return stride < n ? ELBOW_BAD_COUNT : forward_kinematics_many(n, stride, q_a, p, R, work);
 }
 
 #include "elbow_undefine.h"

@@ -43,7 +43,8 @@ elbow_status elbow_gear_law(const elbow_real deflection[ELBOW_NG], elbow_real ta
     return gear_law_failed(deflection, tau_p, dtau_p, 1, 1);
 }
 
-elbow_status elbow_gear_law_batch(int n, const elbow_real *deflection, elbow_real *tau_p, elbow_real *dtau_p,
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE elbow_status gear_law_many(int n, int stride, const elbow_real *deflection, elbow_real *tau_p, elbow_real *dtau_p,
     elbow_real *work)
 {
     /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
@@ -76,14 +77,14 @@ elbow_status elbow_gear_law_batch(int n, const elbow_real *deflection, elbow_rea
             const int first = group * 64;
             const int count = n - first < 64 ? n - first : 64;
             const int copied = collide || count % LANES != 0;
-            ptrdiff_t stride = n;
+            ptrdiff_t apart = stride;
             const real *at_deflection = deflection + first;
             real *at_tau_p = tau_p + first;
             real *at_dtau_p = dtau_p + first;
             if (copied) {
                 real *at = space + 0 * LANES;
-                stride = 64;
-                gather_points(at_deflection, ELBOW_NG, count, n, at, 64);
+                apart = 64;
+                gather_points(at_deflection, ELBOW_NG, count, stride, at, 64);
                 at_deflection = at;
                 at += ELBOW_NG * 64;
                 at_tau_p = at;
@@ -91,17 +92,29 @@ elbow_status elbow_gear_law_batch(int n, const elbow_real *deflection, elbow_rea
                 at_dtau_p = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += gear_law_evaluate_v(at_deflection + k, at_tau_p + k, at_dtau_p + k, stride);
+                zero += gear_law_evaluate_v(at_deflection + k, at_tau_p + k, at_dtau_p + k, apart);
             }
             if (copied) {
-                scatter_points(at_tau_p, ELBOW_NG, count, 64, tau_p + first, n, past);
-                scatter_points(at_dtau_p, ELBOW_NG, count, 64, dtau_p + first, n, past);
+                scatter_points(at_tau_p, ELBOW_NG, count, 64, tau_p + first, stride, past);
+                scatter_points(at_dtau_p, ELBOW_NG, count, 64, dtau_p + first, stride, past);
             }
         }
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : gear_law_failed(deflection, tau_p, dtau_p, n, n);
+    return bad == 0 ? ELBOW_OK : gear_law_failed(deflection, tau_p, dtau_p, n, stride);
+}
+
+elbow_status elbow_gear_law_batch(int n, const elbow_real *deflection, elbow_real *tau_p, elbow_real *dtau_p,
+    elbow_real *work)
+{
+    return gear_law_many(n, n, deflection, tau_p, dtau_p, work);
+}
+
+elbow_status elbow_gear_law_batch_strided(int n, int stride, const elbow_real *deflection, elbow_real *tau_p,
+    elbow_real *dtau_p, elbow_real *work)
+{
+    return stride < n ? ELBOW_BAD_COUNT : gear_law_many(n, stride, deflection, tau_p, dtau_p, work);
 }
 
 #include "elbow_undefine.h"

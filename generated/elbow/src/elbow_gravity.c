@@ -41,7 +41,8 @@ elbow_status elbow_gravity(const elbow_real q_a[ELBOW_NA], elbow_real g[ELBOW_NA
     return gravity_failed(q_a, g, 1, 1);
 }
 
-elbow_status elbow_gravity_batch(int n, const elbow_real *q_a, elbow_real *g, elbow_real *work)
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE elbow_status gravity_many(int n, int stride, const elbow_real *q_a, elbow_real *g, elbow_real *work)
 {
     /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
        points. */
@@ -73,28 +74,38 @@ elbow_status elbow_gravity_batch(int n, const elbow_real *q_a, elbow_real *g, el
             const int first = group * 64;
             const int count = n - first < 64 ? n - first : 64;
             const int copied = collide || count % LANES != 0;
-            ptrdiff_t stride = n;
+            ptrdiff_t apart = stride;
             const real *at_q_a = q_a + first;
             real *at_g = g + first;
             if (copied) {
                 real *at = space + 0 * LANES;
-                stride = 64;
-                gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
+                apart = 64;
+                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
                 at_q_a = at;
                 at += ELBOW_NA * 64;
                 at_g = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += gravity_evaluate_v(at_q_a + k, at_g + k, stride);
+                zero += gravity_evaluate_v(at_q_a + k, at_g + k, apart);
             }
             if (copied) {
-                scatter_points(at_g, ELBOW_NA, count, 64, g + first, n, past);
+                scatter_points(at_g, ELBOW_NA, count, 64, g + first, stride, past);
             }
         }
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : gravity_failed(q_a, g, n, n);
+    return bad == 0 ? ELBOW_OK : gravity_failed(q_a, g, n, stride);
+}
+
+elbow_status elbow_gravity_batch(int n, const elbow_real *q_a, elbow_real *g, elbow_real *work)
+{
+    return gravity_many(n, n, q_a, g, work);
+}
+
+elbow_status elbow_gravity_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *g, elbow_real *work)
+{
+    return stride < n ? ELBOW_BAD_COUNT : gravity_many(n, stride, q_a, g, work);
 }
 
 #include "elbow_undefine.h"

@@ -45,7 +45,8 @@ elbow_status elbow_inverse_dynamics_derivatives(const elbow_real q_a[ELBOW_NA], 
     return inverse_dynamics_derivatives_failed(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, 1, 1);
 }
 
-elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE elbow_status inverse_dynamics_derivatives_many(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv, elbow_real *dtau_da, elbow_real *work)
 {
     /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
@@ -78,7 +79,7 @@ elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q
             const int first = group * 64;
             const int count = n - first < 64 ? n - first : 64;
             const int copied = collide || count % LANES != 0;
-            ptrdiff_t stride = n;
+            ptrdiff_t apart = stride;
             const real *at_q_a = q_a + first;
             const real *at_v_a = v_a + first;
             const real *at_a_a = a_a + first;
@@ -87,14 +88,14 @@ elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q
             real *at_dtau_da = dtau_da + first;
             if (copied) {
                 real *at = space + 0 * LANES;
-                stride = 64;
-                gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
+                apart = 64;
+                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
                 at_q_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_v_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_v_a, ELBOW_NA, count, stride, at, 64);
                 at_v_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_a_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_a_a, ELBOW_NA, count, stride, at, 64);
                 at_a_a = at;
                 at += ELBOW_NA * 64;
                 at_dtau_dq = at;
@@ -104,18 +105,31 @@ elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q
                 at_dtau_da = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += inverse_dynamics_derivatives_evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_dtau_dq + k, at_dtau_dv + k, at_dtau_da + k, stride);
+                zero += inverse_dynamics_derivatives_evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_dtau_dq + k, at_dtau_dv + k, at_dtau_da + k, apart);
             }
             if (copied) {
-                scatter_points(at_dtau_dq, ELBOW_NA * ELBOW_NA, count, 64, dtau_dq + first, n, past);
-                scatter_points(at_dtau_dv, ELBOW_NA * ELBOW_NA, count, 64, dtau_dv + first, n, past);
-                scatter_points(at_dtau_da, ELBOW_NA * ELBOW_NA, count, 64, dtau_da + first, n, past);
+                scatter_points(at_dtau_dq, ELBOW_NA * ELBOW_NA, count, 64, dtau_dq + first, stride, past);
+                scatter_points(at_dtau_dv, ELBOW_NA * ELBOW_NA, count, 64, dtau_dv + first, stride, past);
+                scatter_points(at_dtau_da, ELBOW_NA * ELBOW_NA, count, 64, dtau_da + first, stride, past);
             }
         }
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : inverse_dynamics_derivatives_failed(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, n, n);
+    return bad == 0 ? ELBOW_OK : inverse_dynamics_derivatives_failed(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, n, stride);
+}
+
+elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv, elbow_real *dtau_da, elbow_real *work)
+{
+    return inverse_dynamics_derivatives_many(n, n, q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, work);
+}
+
+elbow_status elbow_inverse_dynamics_derivatives_batch_strided(int n, int stride, const elbow_real *q_a,
+    const elbow_real *v_a, const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv, elbow_real *dtau_da,
+    elbow_real *work)
+{
+    return stride < n ? ELBOW_BAD_COUNT : inverse_dynamics_derivatives_many(n, stride, q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, work);
 }
 
 #include "elbow_undefine.h"

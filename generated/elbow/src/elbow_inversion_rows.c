@@ -42,8 +42,9 @@ elbow_status elbow_inversion_rows(const elbow_real q_a[ELBOW_NA], const elbow_re
     return inversion_rows_failed(q_a, v_a, a_a, tau_g, 1, 1);
 }
 
-elbow_status elbow_inversion_rows_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *a_a,
-    elbow_real *tau_g, elbow_real *work)
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE elbow_status inversion_rows_many(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *a_a, elbow_real *tau_g, elbow_real *work)
 {
     /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
        points. */
@@ -75,36 +76,48 @@ elbow_status elbow_inversion_rows_batch(int n, const elbow_real *q_a, const elbo
             const int first = group * 64;
             const int count = n - first < 64 ? n - first : 64;
             const int copied = collide || count % LANES != 0;
-            ptrdiff_t stride = n;
+            ptrdiff_t apart = stride;
             const real *at_q_a = q_a + first;
             const real *at_v_a = v_a + first;
             const real *at_a_a = a_a + first;
             real *at_tau_g = tau_g + first;
             if (copied) {
                 real *at = space + 0 * LANES;
-                stride = 64;
-                gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
+                apart = 64;
+                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
                 at_q_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_v_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_v_a, ELBOW_NA, count, stride, at, 64);
                 at_v_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_a_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_a_a, ELBOW_NA, count, stride, at, 64);
                 at_a_a = at;
                 at += ELBOW_NA * 64;
                 at_tau_g = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += inversion_rows_evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_tau_g + k, stride);
+                zero += inversion_rows_evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_tau_g + k, apart);
             }
             if (copied) {
-                scatter_points(at_tau_g, ELBOW_NG, count, 64, tau_g + first, n, past);
+                scatter_points(at_tau_g, ELBOW_NG, count, 64, tau_g + first, stride, past);
             }
         }
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : inversion_rows_failed(q_a, v_a, a_a, tau_g, n, n);
+    return bad == 0 ? ELBOW_OK : inversion_rows_failed(q_a, v_a, a_a, tau_g, n, stride);
+}
+
+elbow_status elbow_inversion_rows_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *a_a,
+    elbow_real *tau_g, elbow_real *work)
+{
+    return inversion_rows_many(n, n, q_a, v_a, a_a, tau_g, work);
+}
+
+elbow_status elbow_inversion_rows_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *a_a, elbow_real *tau_g, elbow_real *work)
+{
+    return stride < n ? ELBOW_BAD_COUNT : inversion_rows_many(n, stride, q_a, v_a, a_a, tau_g, work);
 }
 
 #include "elbow_undefine.h"

@@ -41,7 +41,8 @@ elbow_status elbow_jacobian(const elbow_real q_a[ELBOW_NA], elbow_real J[6 * ELB
     return jacobian_failed(q_a, J, 1, 1);
 }
 
-elbow_status elbow_jacobian_batch(int n, const elbow_real *q_a, elbow_real *J, elbow_real *work)
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE elbow_status jacobian_many(int n, int stride, const elbow_real *q_a, elbow_real *J, elbow_real *work)
 {
     /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
        points. */
@@ -73,28 +74,38 @@ elbow_status elbow_jacobian_batch(int n, const elbow_real *q_a, elbow_real *J, e
             const int first = group * 64;
             const int count = n - first < 64 ? n - first : 64;
             const int copied = collide || count % LANES != 0;
-            ptrdiff_t stride = n;
+            ptrdiff_t apart = stride;
             const real *at_q_a = q_a + first;
             real *at_J = J + first;
             if (copied) {
                 real *at = space + 0 * LANES;
-                stride = 64;
-                gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
+                apart = 64;
+                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
                 at_q_a = at;
                 at += ELBOW_NA * 64;
                 at_J = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += jacobian_evaluate_v(at_q_a + k, at_J + k, stride);
+                zero += jacobian_evaluate_v(at_q_a + k, at_J + k, apart);
             }
             if (copied) {
-                scatter_points(at_J, 6 * ELBOW_NA, count, 64, J + first, n, past);
+                scatter_points(at_J, 6 * ELBOW_NA, count, 64, J + first, stride, past);
             }
         }
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : jacobian_failed(q_a, J, n, n);
+    return bad == 0 ? ELBOW_OK : jacobian_failed(q_a, J, n, stride);
+}
+
+elbow_status elbow_jacobian_batch(int n, const elbow_real *q_a, elbow_real *J, elbow_real *work)
+{
+    return jacobian_many(n, n, q_a, J, work);
+}
+
+elbow_status elbow_jacobian_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *J, elbow_real *work)
+{
+    return stride < n ? ELBOW_BAD_COUNT : jacobian_many(n, stride, q_a, J, work);
 }
 
 #include "elbow_undefine.h"

@@ -44,13 +44,14 @@ elbow_status elbow_linearize(const elbow_real q_a[ELBOW_NA], const elbow_real v_
     return linearize_failed(q_a, v_a, q_m, v_m, tau_m, A, B, 1, 1);
 }
 
-elbow_status elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *q_m,
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE elbow_status linearize_many(int n, int stride, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *q_m,
     const elbow_real *v_m, const elbow_real *tau_m, elbow_real *A, elbow_real *B, elbow_real *work)
 {
     /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
        points. */
     const int past = (size_t)n * sizeof(real) > 104857;
-    const int collide = past || (n > 64 && (size_t)n * sizeof(real) % 1024 == 0);
+    const int collide = past || (n > 64 && (size_t)stride * sizeof(real) % 1024 == 0);
     const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
     int bad = 0;
     if (n < 0) {
@@ -77,7 +78,7 @@ elbow_status elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_rea
             const int first = group * 64;
             const int count = n - first < 64 ? n - first : 64;
             const int copied = collide || count % LANES != 0;
-            ptrdiff_t stride = n;
+            ptrdiff_t apart = stride;
             const real *at_q_a = q_a + first;
             const real *at_v_a = v_a + first;
             const real *at_q_m = q_m + first;
@@ -87,20 +88,20 @@ elbow_status elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_rea
             real *at_B = B + first;
             if (copied) {
                 real *at = space + 672 * LANES;
-                stride = 64;
-                gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
+                apart = 64;
+                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
                 at_q_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_v_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_v_a, ELBOW_NA, count, stride, at, 64);
                 at_v_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_q_m, ELBOW_NM, count, n, at, 64);
+                gather_points(at_q_m, ELBOW_NM, count, stride, at, 64);
                 at_q_m = at;
                 at += ELBOW_NM * 64;
-                gather_points(at_v_m, ELBOW_NM, count, n, at, 64);
+                gather_points(at_v_m, ELBOW_NM, count, stride, at, 64);
                 at_v_m = at;
                 at += ELBOW_NM * 64;
-                gather_points(at_tau_m, ELBOW_NM, count, n, at, 64);
+                gather_points(at_tau_m, ELBOW_NM, count, stride, at, 64);
                 at_tau_m = at;
                 at += ELBOW_NM * 64;
                 at_A = at;
@@ -108,17 +109,30 @@ elbow_status elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_rea
                 at_B = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += linearize_evaluate_v(at_q_a + k, at_v_a + k, at_q_m + k, at_v_m + k, at_tau_m + k, at_A + k, at_B + k, (lanes *)space, stride);
+                zero += linearize_evaluate_v(at_q_a + k, at_v_a + k, at_q_m + k, at_v_m + k, at_tau_m + k, at_A + k, at_B + k, (lanes *)space, apart);
             }
             if (copied) {
-                scatter_points(at_A, ELBOW_NX * ELBOW_NX, count, 64, A + first, n, past);
-                scatter_points(at_B, ELBOW_NX * ELBOW_NM, count, 64, B + first, n, past);
+                scatter_points(at_A, ELBOW_NX * ELBOW_NX, count, 64, A + first, stride, past);
+                scatter_points(at_B, ELBOW_NX * ELBOW_NM, count, 64, B + first, stride, past);
             }
         }
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : linearize_failed(q_a, v_a, q_m, v_m, tau_m, A, B, n, n);
+    return bad == 0 ? ELBOW_OK : linearize_failed(q_a, v_a, q_m, v_m, tau_m, A, B, n, stride);
+}
+
+elbow_status elbow_linearize_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *q_m,
+    const elbow_real *v_m, const elbow_real *tau_m, elbow_real *A, elbow_real *B, elbow_real *work)
+{
+    return linearize_many(n, n, q_a, v_a, q_m, v_m, tau_m, A, B, work);
+}
+
+elbow_status elbow_linearize_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *q_m, const elbow_real *v_m, const elbow_real *tau_m, elbow_real *A, elbow_real *B,
+    elbow_real *work)
+{
+    return stride < n ? ELBOW_BAD_COUNT : linearize_many(n, stride, q_a, v_a, q_m, v_m, tau_m, A, B, work);
 }
 
 #include "elbow_undefine.h"

@@ -41,7 +41,8 @@ elbow_status elbow_motor_friction(const elbow_real v_m[ELBOW_NM], elbow_real f_m
     return motor_friction_failed(v_m, f_m, 1, 1);
 }
 
-elbow_status elbow_motor_friction_batch(int n, const elbow_real *v_m, elbow_real *f_m, elbow_real *work)
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE elbow_status motor_friction_many(int n, int stride, const elbow_real *v_m, elbow_real *f_m, elbow_real *work)
 {
     /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
        points. */
@@ -73,28 +74,39 @@ elbow_status elbow_motor_friction_batch(int n, const elbow_real *v_m, elbow_real
             const int first = group * 64;
             const int count = n - first < 64 ? n - first : 64;
             const int copied = collide || count % LANES != 0;
-            ptrdiff_t stride = n;
+            ptrdiff_t apart = stride;
             const real *at_v_m = v_m + first;
             real *at_f_m = f_m + first;
             if (copied) {
                 real *at = space + 0 * LANES;
-                stride = 64;
-                gather_points(at_v_m, ELBOW_NM, count, n, at, 64);
+                apart = 64;
+                gather_points(at_v_m, ELBOW_NM, count, stride, at, 64);
                 at_v_m = at;
                 at += ELBOW_NM * 64;
                 at_f_m = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += motor_friction_evaluate_v(at_v_m + k, at_f_m + k, stride);
+                zero += motor_friction_evaluate_v(at_v_m + k, at_f_m + k, apart);
             }
             if (copied) {
-                scatter_points(at_f_m, ELBOW_NM, count, 64, f_m + first, n, past);
+                scatter_points(at_f_m, ELBOW_NM, count, 64, f_m + first, stride, past);
             }
         }
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : motor_friction_failed(v_m, f_m, n, n);
+    return bad == 0 ? ELBOW_OK : motor_friction_failed(v_m, f_m, n, stride);
+}
+
+elbow_status elbow_motor_friction_batch(int n, const elbow_real *v_m, elbow_real *f_m, elbow_real *work)
+{
+    return motor_friction_many(n, n, v_m, f_m, work);
+}
+
+elbow_status elbow_motor_friction_batch_strided(int n, int stride, const elbow_real *v_m, elbow_real *f_m,
+    elbow_real *work)
+{
+    return stride < n ? ELBOW_BAD_COUNT : motor_friction_many(n, stride, v_m, f_m, work);
 }
 
 #include "elbow_undefine.h"

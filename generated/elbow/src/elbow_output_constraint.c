@@ -45,7 +45,8 @@ elbow_status elbow_output_constraint(const elbow_real q_a[ELBOW_NA], const elbow
     return output_constraint_failed(q_a, v_a, target, y_err, W, Wdot_v, 1, 1);
 }
 
-elbow_status elbow_output_constraint_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE elbow_status output_constraint_many(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
     const elbow_real *target, elbow_real *y_err, elbow_real *W, elbow_real *Wdot_v, elbow_real *work)
 {
     /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
@@ -78,7 +79,7 @@ elbow_status elbow_output_constraint_batch(int n, const elbow_real *q_a, const e
             const int first = group * 64;
             const int count = n - first < 64 ? n - first : 64;
             const int copied = collide || count % LANES != 0;
-            ptrdiff_t stride = n;
+            ptrdiff_t apart = stride;
             const real *at_q_a = q_a + first;
             const real *at_v_a = v_a + first;
             const real *at_target = target + first;
@@ -87,14 +88,14 @@ elbow_status elbow_output_constraint_batch(int n, const elbow_real *q_a, const e
             real *at_Wdot_v = Wdot_v + first;
             if (copied) {
                 real *at = space + 0 * LANES;
-                stride = 64;
-                gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
+                apart = 64;
+                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
                 at_q_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_v_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_v_a, ELBOW_NA, count, stride, at, 64);
                 at_v_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_target, ELBOW_NT, count, n, at, 64);
+                gather_points(at_target, ELBOW_NT, count, stride, at, 64);
                 at_target = at;
                 at += ELBOW_NT * 64;
                 at_y_err = at;
@@ -104,18 +105,30 @@ elbow_status elbow_output_constraint_batch(int n, const elbow_real *q_a, const e
                 at_Wdot_v = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += output_constraint_evaluate_v(at_q_a + k, at_v_a + k, at_target + k, at_y_err + k, at_W + k, at_Wdot_v + k, stride);
+                zero += output_constraint_evaluate_v(at_q_a + k, at_v_a + k, at_target + k, at_y_err + k, at_W + k, at_Wdot_v + k, apart);
             }
             if (copied) {
-                scatter_points(at_y_err, ELBOW_NY, count, 64, y_err + first, n, past);
-                scatter_points(at_W, ELBOW_NY * ELBOW_NA, count, 64, W + first, n, past);
-                scatter_points(at_Wdot_v, ELBOW_NY, count, 64, Wdot_v + first, n, past);
+                scatter_points(at_y_err, ELBOW_NY, count, 64, y_err + first, stride, past);
+                scatter_points(at_W, ELBOW_NY * ELBOW_NA, count, 64, W + first, stride, past);
+                scatter_points(at_Wdot_v, ELBOW_NY, count, 64, Wdot_v + first, stride, past);
             }
         }
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : output_constraint_failed(q_a, v_a, target, y_err, W, Wdot_v, n, n);
+    return bad == 0 ? ELBOW_OK : output_constraint_failed(q_a, v_a, target, y_err, W, Wdot_v, n, stride);
+}
+
+elbow_status elbow_output_constraint_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *target, elbow_real *y_err, elbow_real *W, elbow_real *Wdot_v, elbow_real *work)
+{
+    return output_constraint_many(n, n, q_a, v_a, target, y_err, W, Wdot_v, work);
+}
+
+elbow_status elbow_output_constraint_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *target, elbow_real *y_err, elbow_real *W, elbow_real *Wdot_v, elbow_real *work)
+{
+    return stride < n ? ELBOW_BAD_COUNT : output_constraint_many(n, stride, q_a, v_a, target, y_err, W, Wdot_v, work);
 }
 
 #include "elbow_undefine.h"

@@ -43,8 +43,9 @@ elbow_status elbow_tool_motion(const elbow_real q_a[ELBOW_NA], const elbow_real 
     return tool_motion_failed(q_a, v_a, a_a, v_tool, a_tool, 1, 1);
 }
 
-elbow_status elbow_tool_motion_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *a_a,
-    elbow_real *v_tool, elbow_real *a_tool, elbow_real *work)
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE elbow_status tool_motion_many(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *a_a, elbow_real *v_tool, elbow_real *a_tool, elbow_real *work)
 {
     /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
        points. */
@@ -76,7 +77,7 @@ elbow_status elbow_tool_motion_batch(int n, const elbow_real *q_a, const elbow_r
             const int first = group * 64;
             const int count = n - first < 64 ? n - first : 64;
             const int copied = collide || count % LANES != 0;
-            ptrdiff_t stride = n;
+            ptrdiff_t apart = stride;
             const real *at_q_a = q_a + first;
             const real *at_v_a = v_a + first;
             const real *at_a_a = a_a + first;
@@ -84,14 +85,14 @@ elbow_status elbow_tool_motion_batch(int n, const elbow_real *q_a, const elbow_r
             real *at_a_tool = a_tool + first;
             if (copied) {
                 real *at = space + 0 * LANES;
-                stride = 64;
-                gather_points(at_q_a, ELBOW_NA, count, n, at, 64);
+                apart = 64;
+                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
                 at_q_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_v_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_v_a, ELBOW_NA, count, stride, at, 64);
                 at_v_a = at;
                 at += ELBOW_NA * 64;
-                gather_points(at_a_a, ELBOW_NA, count, n, at, 64);
+                gather_points(at_a_a, ELBOW_NA, count, stride, at, 64);
                 at_a_a = at;
                 at += ELBOW_NA * 64;
                 at_v_tool = at;
@@ -99,17 +100,29 @@ elbow_status elbow_tool_motion_batch(int n, const elbow_real *q_a, const elbow_r
                 at_a_tool = at;
             }
             for (int k = 0; k < count; k += LANES) {
-                zero += tool_motion_evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_v_tool + k, at_a_tool + k, stride);
+                zero += tool_motion_evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_v_tool + k, at_a_tool + k, apart);
             }
             if (copied) {
-                scatter_points(at_v_tool, 6, count, 64, v_tool + first, n, past);
-                scatter_points(at_a_tool, 6, count, 64, a_tool + first, n, past);
+                scatter_points(at_v_tool, 6, count, 64, v_tool + first, stride, past);
+                scatter_points(at_a_tool, 6, count, 64, a_tool + first, stride, past);
             }
         }
         end_scatter(past);
         bad += sum_v(zero) == 0 ? 0 : 1;
     }
-    return bad == 0 ? ELBOW_OK : tool_motion_failed(q_a, v_a, a_a, v_tool, a_tool, n, n);
+    return bad == 0 ? ELBOW_OK : tool_motion_failed(q_a, v_a, a_a, v_tool, a_tool, n, stride);
+}
+
+elbow_status elbow_tool_motion_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *a_a,
+    elbow_real *v_tool, elbow_real *a_tool, elbow_real *work)
+{
+    return tool_motion_many(n, n, q_a, v_a, a_a, v_tool, a_tool, work);
+}
+
+elbow_status elbow_tool_motion_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
+    const elbow_real *a_a, elbow_real *v_tool, elbow_real *a_tool, elbow_real *work)
+{
+    return stride < n ? ELBOW_BAD_COUNT : tool_motion_many(n, stride, q_a, v_a, a_a, v_tool, a_tool, work);
 }
 
 #include "elbow_undefine.h"
