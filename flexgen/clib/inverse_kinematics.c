@@ -23,6 +23,7 @@ static const real LONGEST = 0.7;    /* of a joint in a step, rad or m */
 static const real FOUND = 1e-4;     /* |e| of a start that is polished */
 static const real POLISHED = 1e-12; /* |e| of a solution */
 static const real SAME = 1e-5;      /* rad or m: solutions that are as close are one */
+static const real FARTHEST = 1e3;   /* rad or m, of q_start: rounding of the solutions is 1e-13 there */
 
 typedef real starts_each[BLOCK];
 
@@ -367,6 +368,11 @@ model_status model_inverse_kinematics(const real *p, const real *R, const real q
     }
     if (!is_a_rotation(R)) {
         return MODEL_BAD_ARGUMENT;
+    }
+    for (int i = 0; i < MODEL_NA; ++i) {
+        if (fabs_1(q_start[i]) > FARTHEST) {
+            return MODEL_BAD_ARGUMENT;
+        }
     }
     for (int i = 0; i < 9; ++i) {
         s->R_d[i] = R[i];

@@ -37,8 +37,8 @@ KINEMATIC_FUNCTIONS = (
         "solution has an error below 1e-12 (rotation in rad, position over half the reach). With starts = 1 only "
         "q_start is tried, in bounded time: the solution that continues a motion. Rotations are within half a turn of "
         "q_start; limits of the joints are not checked. UNREACHABLE: nothing was found. NOT_CONVERGED: more than 16 "
-        "configurations, as the arm is singular at the pose. BAD_ARGUMENT also means that R is no rotation, or that "
-        "free does not list six different coordinates with a motor.",
+        "configurations, as the arm is singular at the pose. BAD_ARGUMENT also means that R is no rotation, that an "
+        "entry of q_start is larger than 1000, or that free does not list six different coordinates with a motor.",
         (
             Field("p", "const real *", ("3",), "m", "position of the tool in the world"),
             Field("R", "const real *", ("9",), "1", "its rotation matrix by columns"),

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from emitted import _folder, run
+from hostile_client import SANITIZE, can_sanitize
 from toolchain import CC, STRICT, STRICT_CPP, needs_compiler, tool
 
 import flexgen
@@ -149,6 +150,7 @@ def test_wrong_arguments_are_refused():
         ("starts: given 0", (p, R), {"starts": 0}),
         ("most: given True", (p, R), {"most": True}),
         ("six different indices", (p, R), {"free": [0, 1, 2, 3, 4, 4]}),
+        ("q_start beyond 1000", (p, R, JOINTS + 1000), {}),
         ("without a motor", (p, R), {"free": [0, 1, 2, 3, 4, 9]}),
     ):
         with pytest.raises(ArgumentError, match=words):
@@ -165,6 +167,19 @@ def test_wrong_arguments_are_refused():
     own.close()
     with pytest.raises(ArgumentError, match="closed"):
         poses(p, R)
+
+
+@pytest.mark.slow
+def test_no_call_is_wrongly_a_success(tmp_path):
+    """4,000 calls with damaged poses, starts and indices, under sanitizers: what is found is at the pose."""
+    if not can_sanitize(tmp_path):
+        pytest.skip("no sanitizers; install the Debian package gcc")
+    lib, program = library("panda"), ROBOTS.parent / "programs" / "hostile_poses.c"
+    sources = sorted((lib.directory / "src").glob("*.c"))
+    options = [f"-I{lib.directory}", "-O1", "-ffp-contract=off", *SANITIZE]
+    run(CC, *STRICT, *options, program, *sources, "-lm", "-o", "hostile", folder=tmp_path)
+    seen = dict(map(int, line.split()) for line in run(tmp_path / "hostile", folder=tmp_path).splitlines())
+    assert sum(seen.values()) == 4000 and {0, -2, -5, -7} <= seen.keys() and seen[0] > 500
 
 
 PLANTED = {
