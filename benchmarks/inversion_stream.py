@@ -26,7 +26,7 @@ TOLERANCE = 1e-4
 PAUSE = 20  # updates at rest at either end
 UPDATES, FEW = 10_000, 1_000
 RUNS = 3  # of the same updates, each counts with its least time: what it takes, not what others on the machine do
-WANTED_US, WANTED_M = 160.0, 5e-6  # 99.9th percentile, tool error
+WANTED_US, WANTED_M = {"native": 160.0, "default": 190.0}, 5e-6  # 99.9th percentile, tool error
 
 
 @dataclass
