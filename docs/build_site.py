@@ -30,7 +30,9 @@ OTHERS = {
 # The table of contents: caption, pages. Pages that are missing here come at its end.
 CONTENTS = {
     "Learn": "overview five_minutes concepts theory gallery notebooks",
-    "How to": "own_robot identification limits_and_streams in_a_controller cluster paths control exchange",
+    "How to": "own_robot identification limits_and_streams in_a_controller motion_control cluster paths control "
+    "planning equations",
+    "Other programs": "fmu simulink twincat dspace openmodelica ros2 matlab plc exchange",
     "Use": "command_line python c_library methods verification",
     "Reference": "python_reference c_reference model_files emitted_library",
     "Figures": "benchmarks " + " ".join(sorted(name for name in OTHERS.values() if name.startswith("benchmark_"))),
@@ -71,7 +73,8 @@ def gallery(folder: Path, made: Path) -> str:
         if output.exists():
             shutil.copyfile(picture, folder / f"gallery_{picture.name}")
             lines += ["", f"## {picture.stem}", "", f"![{picture.stem}](gallery_{picture.name})", ""]
-            lines += ["```", *output.read_text(encoding="utf-8").strip().splitlines()[:-1], "```", ""]
+            *text, last = output.read_text(encoding="utf-8").strip().splitlines()
+            lines += ["```", *text, "```", "", f"Run time: {last.rpartition(', ')[2]}.", ""]
     return "\n".join(lines)
 
 

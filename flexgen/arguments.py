@@ -11,7 +11,9 @@ from flexgen.errors import ArgumentError
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a finite real number; true, false and texts are none."""
+    """Whether a value is a finite real number; true, false and texts are none, an array without dimensions is one."""
+    if getattr(value, "shape", None) == () and callable(getattr(value, "item", None)):
+        value = value.item()
     try:
         return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
     except OverflowError:  # an integer that is no float
@@ -35,10 +37,11 @@ def check_not_negative(name: str, value: Any, what: str = "a finite number >= 0"
         raise ArgumentError(f"{name}: given {value!r}, expected {what}")
 
 
-def check_seed(value: Any) -> None:
-    """ArgumentError unless the value can be the seed of noise."""
+def seed_of(value: Any) -> int:
+    """The seed of noise as an int; ArgumentError where it cannot be one."""
     if not is_whole(value, 0, 2**63 - 1):
         raise ArgumentError(f"seed: given {value!r}, expected a whole number >= 0")
+    return int(value)
 
 
 def mapping_of(name: str, value: Any, what: str) -> dict[Any, Any]:

@@ -47,8 +47,9 @@ def build(folder: Path) -> int:
         print(done.stdout.splitlines()[-1])
         (folder / f"{script.stem}.txt").write_text(done.stdout, encoding="utf-8")
         entries.append(f'<h2>{title(script)}</h2>\n<img src="{script.stem}.svg" alt="{title(script)}">')
-        text = "\n".join(line for line in done.stdout.splitlines() if not line.startswith("picture "))
-        entries.append(f"<pre>{html.escape(text.rstrip())}</pre>\n<p>Script: <code>{script.name}</code></p>")
+        *lines, last = done.stdout.splitlines()  # the last one: picture, time
+        entries.append(f"<pre>{html.escape(chr(10).join(lines).rstrip())}</pre>")
+        entries.append(f"<p>Script: <code>{script.name}</code>. Run time: {last.rpartition(', ')[2]}.</p>")
     (folder / "index.html").write_text(PAGE.format(entries="\n".join(entries)), encoding="utf-8")
     return failed
 

@@ -16,12 +16,21 @@
 
 #include "model_kinematic_constants.h"
 
-enum { SIX = 6, MOST = MODEL_CONFIGURATIONS_MAX, CHANGES = 2 * SIX + 5, STEPS = 14, POLISH = 5, FRUITLESS = 256 };
+enum {
+    SIX = 6,
+    MOST = MODEL_CONFIGURATIONS_MAX,
+    CHANGES = 2 * SIX + 5,
+    STEPS = 14,
+    POLISH = 4,
+    POLISHES = 8,
+    FRUITLESS = 256
+};
 
 static const real PI = 3.14159265358979323846, DAMPING = 1e-2, LEAST_DAMPING = 1e-14;
-static const real LONGEST = 0.7;    /* of a joint in a step, rad or m */
+static const real LONGEST = 0.7;    /* of a rotation in a step, rad */
 static const real FOUND = 1e-4;     /* |e| of a start that is polished */
-static const real POLISHED = 1e-12; /* |e| of a solution */
+static const real POLISHED = 1e-12; /* |e| of a solution, but for the rounding of the position */
+static const real SETTLED = 1e-14;  /* |e| that is not polished any more */
 static const real SAME = 1e-5;      /* rad or m: solutions that are as close are one */
 static const real FARTHEST = 1e3;   /* rad or m, of q_start: rounding of the solutions is 1e-13 there */
 
@@ -30,7 +39,7 @@ typedef real starts_each[BLOCK];
 /* The search: BLOCK starts at a time, and what was found. Matrices by columns. */
 typedef struct {
     starts_each q[MODEL_NA], p[3], R[9], J[SIX * MODEL_NA], e[SIX], A[SIX * (SIX + 1) / 2], b[SIX], error;
-    real start[MODEL_NA], solution[MOST + 1][MODEL_NA], distance[MOST + 1], p_d[3], R_d[9], length;
+    real start[MODEL_NA], solution[MOST + 1][MODEL_NA], distance[MOST + 1], p_d[3], R_d[9], length, tolerance;
 } search;
 
 /* What the search counts. */
@@ -68,11 +77,11 @@ static void pose_errors(search *s)
 {
     EACH_START(l)
     {
-        lanes E[3][3], square = splat_v(0.0), trace, half;
+        lanes E[3][3], sum = splat_v(0.0), trace, half;
         for (int i = 0; i < 3; ++i) {
             const lanes x = (load_v(s->p[i] + l) - splat_v(s->p_d[i])) / splat_v(s->length);
             store_v(s->e[i] + l, x);
-            square += x * x;
+            sum += x * x;
             for (int j = 0; j < 3; ++j) {
                 E[i][j] = load_v(s->R[i] + l) * splat_v(s->R_d[j]) + load_v(s->R[3 + i] + l) * splat_v(s->R_d[3 + j]) +
                           load_v(s->R[6 + i] + l) * splat_v(s->R_d[6 + j]);
@@ -86,9 +95,9 @@ static void pose_errors(search *s)
             const lanes any = splat_v(i == 0 ? 2.0 : 0.0); /* half a turn, about any axis */
             const lanes turn = select_v(lt_v(half, splat_v(1e-4)), any, x);
             store_v(s->e[3 + i] + l, turn);
-            square += turn * turn;
+            sum += turn * turn;
         }
-        store_v(s->error + l, sqrt_v(square));
+        store_v(s->error + l, sqrt_v(sum));
     }
 }
 
@@ -181,7 +190,9 @@ static void descend(search *s, const int *free, int steps, real *space)
         {
             lanes most = splat_v(LONGEST);
             for (int i = 0; i < SIX; ++i) {
-                most = fmax_v(most, fabs_v(load_v(s->b[i] + l)));
+                if (is_angle[free[i]]) { /* the pose is linear in a translation */
+                    most = fmax_v(most, fabs_v(load_v(s->b[i] + l)));
+                }
             }
             for (int i = 0; i < SIX; ++i) {
                 real *q = s->q[free[i]] + l;
@@ -197,11 +208,11 @@ static void set_length(search *s, real *space)
     s->length = 1e-3;
     (void)evaluate_forward_kinematics_batch(BLOCK, &s->q[0][0], &s->p[0][0], &s->R[0][0], space);
     for (int l = 1; l < BLOCK; ++l) {
-        real square = 0.0;
+        real sum = 0.0;
         for (int i = 0; i < 3; ++i) {
-            square += (s->p[i][l] - s->p[i][0]) * (s->p[i][l] - s->p[i][0]);
+            sum += (s->p[i][l] - s->p[i][0]) * (s->p[i][l] - s->p[i][0]);
         }
-        s->length = fmax_1(s->length, 0.5 * sqrt(square));
+        s->length = fmax_1(s->length, 0.5 * sqrt(sum));
     }
 }
 
@@ -214,7 +225,9 @@ static void spread_start(search *s, search_state *state, int l)
     for (int i = 0; i < SIX; ++i) {
         const int joint = state->free[i];
         const real x = 0.5 + (real)state->spread * share[i];
-        s->q[joint][l] = spread_lower[joint] + (spread_upper[joint] - spread_lower[joint]) * (x - floor_1(x));
+        const real from = spread_around[joint] ? s->start[joint] - 1.0 : spread_lower[joint];
+        const real to = spread_around[joint] ? s->start[joint] + 1.0 : spread_upper[joint];
+        s->q[joint][l] = from + (to - from) * (x - floor_1(x));
     }
 }
 
@@ -266,12 +279,32 @@ static int keep_solution(search *s, search_state *state, int l)
     return 1;
 }
 
+/* Go on where a point is near a solution and comes nearer: beside a fold each step only halves the way. */
+static void polish(search *s, const int *free, real *space)
+{
+    int still = 1;
+    for (int round = 0; still && round < POLISHES; ++round) {
+        starts_each before;
+        still = 0;
+        for (int l = 0; l < BLOCK; ++l) {
+            before[l] = s->error[l];
+            still = still || (before[l] < FOUND && before[l] > SETTLED);
+        }
+        if (still) {
+            descend(s, free, POLISH, space);
+            still = 0;
+            for (int l = 0; l < BLOCK; ++l) {
+                still = still || (before[l] < FOUND && s->error[l] < 0.5 * before[l]);
+            }
+        }
+    }
+}
+
 /* Search from at most so many starts. */
 static void find_all(search *s, search_state *state, int starts, real *space)
 {
     int fruitless = 0;
     for (int tried = 0; tried < starts && fruitless < FRUITLESS && state->found <= MOST; tried += BLOCK) {
-        int near = 0;
         for (int l = 0; l < BLOCK; ++l) {
             for (int i = 0; i < MODEL_NA; ++i) {
                 s->q[i][l] = s->start[i];
@@ -281,16 +314,11 @@ static void find_all(search *s, search_state *state, int starts, real *space)
             }
         }
         descend(s, state->free, STEPS, space);
-        for (int l = 0; l < BLOCK; ++l) {
-            near = near || s->error[l] < FOUND;
-        }
+        polish(s, state->free, space);
         fruitless += BLOCK;
-        if (near) {
-            descend(s, state->free, POLISH, space);
-            for (int l = 0; l < BLOCK && state->found <= MOST; ++l) {
-                if (s->error[l] < POLISHED && keep_solution(s, state, l)) {
-                    fruitless = 0;
-                }
+        for (int l = 0; l < BLOCK && state->found <= MOST; ++l) {
+            if (s->error[l] < s->tolerance && keep_solution(s, state, l)) {
+                fruitless = 0;
             }
         }
     }
@@ -349,9 +377,9 @@ static void write_nearest(search *s, int found, int most, real *q)
 model_status model_inverse_kinematics(const real *p, const real *R, const real q_start[MODEL_NA], const int *free,
     int starts, int most, real *q, int *count, real *work, int64_t work_size)
 {
-    search *s = (search *)(void *)work;
+    search *s;
     search_state state = {{0}, 0, 0, 0};
-    real *space = work + search_size();
+    real *space, far = 0.0;
     if (p == NULL || R == NULL || q_start == NULL || (free == NULL && MODEL_NG != SIX) || q == NULL || count == NULL ||
         work == NULL) {
         return MODEL_NULL_ARGUMENT;
@@ -363,6 +391,8 @@ model_status model_inverse_kinematics(const real *p, const real *R, const real q
     if (work_size < model_inverse_kinematics_work()) {
         return MODEL_WORK_TOO_SMALL;
     }
+    s = (search *)(void *)work;
+    space = work + search_size();
     if (!all_finite(p, 3, 1) || !all_finite(R, 9, 1) || !all_finite(q_start, MODEL_NA, 1)) {
         return MODEL_INPUT_NOT_FINITE;
     }
@@ -377,6 +407,7 @@ model_status model_inverse_kinematics(const real *p, const real *R, const real q
     for (int i = 0; i < 9; ++i) {
         s->R_d[i] = R[i];
         s->p_d[i % 3] = p[i % 3];
+        far = fmax_1(far, fabs_1(p[i % 3]));
     }
     for (int i = 0; i < MODEL_NA; ++i) {
         s->start[i] = q_start[i];
@@ -388,6 +419,7 @@ model_status model_inverse_kinematics(const real *p, const real *R, const real q
         spread_start(s, &state, l);
     }
     set_length(s, space);
+    s->tolerance = POLISHED + 1e-15 * far / s->length;
     find_all(s, &state, starts, space);
     if (state.found > MOST) {
         return MODEL_NOT_CONVERGED;

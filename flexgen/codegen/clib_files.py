@@ -254,7 +254,7 @@ def described(spec: LibrarySpec, function: CFunction) -> str:
 
 def stack_bytes(spec: LibrarySpec) -> int:
     """Bytes of stack that a hand-written function needs at most."""
-    n_a, n_e, n_y = (spec.sizes[key] for key in ("n_a", "n_e", "n_y"))
+    n_a, n_e, n_y = (spec.sizes.get(key, 0) for key in ("n_a", "n_e", "n_y"))
     at_rest = n_a * (n_a + 4 * n_y + 3 * n_e + 16)
     zeros = 3 * n_e * (n_e + 1) + 40 * n_e  # of A, D, K at an end; or eight rows of a step
     return -(-(8 * (at_rest + zeros) + 10_000) // 1024) * 1024

@@ -133,8 +133,8 @@ def batch_header(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
             "evaluated. The outputs of a point that fails are NaN, and the status of the first such point is returned.",
             "",
             "<function>_batch_strided takes n of the points of larger arrays: entry i of point k is x[i * stride + k]. "
-            "Where n is a multiple of 128, all columns meet in the same places of the cache; a stride that is 8 larger "
-            "avoids it, and the copies that <function>_batch makes against it. BAD_COUNT: the stride is below n.",
+            "Where the columns of large arrays are multiples of 1024 bytes apart, they meet in the same places of the "
+            "cache; a stride that is 8 larger avoids it. BAD_COUNT: the stride is below n.",
             "",
             f"The workspace has {macro(spec, 'BATCH_WORK')} reals. With OpenMP each thread needs that many: allocate "
             f"{name}_batch_work() reals, and do not raise the number of threads after that. GCC and clang compute "

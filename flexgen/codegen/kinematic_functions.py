@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from flexgen.codegen.clib_types import CFunction, Field
-from flexgen.model.elements import RobotModel
+from flexgen.model.elements import Dof, RobotModel
 
 USED = ("forward_kinematics", "jacobian")  # functions of one point that it calls
 FREE = 6  # joints that it finds
@@ -34,10 +34,12 @@ KINEMATIC_FUNCTIONS = (
         "Six coordinates with a motor are found; all others keep their values of q_start, so that deflections and the "
         "spare joints of a redundant arm may have any values. Damped Gauss-Newton steps go down from q_start, and then "
         "from starts that are spread evenly or made from what was found, until 256 starts in a row find nothing new; a "
-        "solution has an error below 1e-12 (rotation in rad, position over half the reach). With starts = 1 only "
+        "solution has an error below 1e-12 (rotation in rad, position over half the reach, and the rounding of a "
+        "position far from the origin). Nearest: the largest difference of a coordinate decides. With starts = 1 only "
         "q_start is tried, in bounded time: the solution that continues a motion. Rotations are within half a turn of "
-        "q_start; limits of the joints are not checked. UNREACHABLE: nothing was found. NOT_CONVERGED: more than 16 "
-        "configurations, as the arm is singular at the pose. BAD_ARGUMENT also means that R is no rotation, that an "
+        "q_start; limits of the joints are not checked. Where the arm is singular at a configuration, its joints are "
+        "accurate to about 1e-6. q is written with OK only. UNREACHABLE: nothing was found. NOT_CONVERGED: more than "
+        "16 configurations, as the arm is singular at the pose. BAD_ARGUMENT also means that R is no rotation, that an "
         "entry of q_start is larger than 1000, or that free does not list six different coordinates with a motor.",
         (
             Field("p", "const real *", ("3",), "m", "position of the tool in the world"),
@@ -80,14 +82,16 @@ class KinematicConstants:
     is_rotation : tuple of bool
         For each arm coordinate.
     lower, upper : tuple of float
-        Interval in which starts are spread, for each arm coordinate: a turn, or the limits of a translation (-1 and 1 m
-        where it has none).
+        Interval in which starts are spread, for each arm coordinate: a turn, or the limits of a translation.
+    around : tuple of bool
+        Instead 1 m around the first start: translations without limits.
     """
 
     i_g: tuple[int, ...]
     is_rotation: tuple[bool, ...]
     lower: tuple[float, ...]
     upper: tuple[float, ...]
+    around: tuple[bool, ...]
 
 
 def kinematic_functions(model: RobotModel, functions: Sequence[str], precision: str) -> tuple[CFunction, ...]:
@@ -99,16 +103,30 @@ def kinematic_functions(model: RobotModel, functions: Sequence[str], precision: 
 def kinematic_constants(model: RobotModel) -> KinematicConstants:
     """The `KinematicConstants` of a model."""
 
-    def limit(k: int, which: str, turn: float, default: float) -> float:
+    def interval(k: int) -> tuple[float, float]:
+        """Where starts are spread."""
         coordinate = model.coordinates[k]
         if coordinate.unit == "rad":
-            return turn
-        given = None if coordinate.dof is None else getattr(coordinate.dof, which)
-        return default if given is None else float(given)
+            return -math.pi, math.pi
+        lower, upper = _limits(coordinate.dof)
+        if lower is None:
+            lower = -1.0 if upper is None else upper - 2.0
+        return lower, lower + 2.0 if upper is None else upper
 
+    lengths = [coordinate.unit != "rad" for coordinate in model.coordinates]
+    intervals = [interval(k) for k in range(model.n_a)]
     return KinematicConstants(
         i_g=tuple(int(i) for i in model.i_g),
         is_rotation=tuple(coordinate.unit == "rad" for coordinate in model.coordinates),
-        lower=tuple(limit(k, "lower", -math.pi, -1.0) for k in range(model.n_a)),
-        upper=tuple(limit(k, "upper", math.pi, 1.0) for k in range(model.n_a)),
+        lower=tuple(lower for lower, _ in intervals),
+        upper=tuple(upper for _, upper in intervals),
+        around=tuple(
+            is_length and _limits(coordinate.dof) == (None, None)
+            for is_length, coordinate in zip(lengths, model.coordinates, strict=True)
+        ),
     )
+
+
+def _limits(dof: Dof | None) -> tuple[float | None, float | None]:
+    """Lower and upper limit of a coordinate; None where it has none."""
+    return (None, None) if dof is None else (dof.lower, dof.upper)

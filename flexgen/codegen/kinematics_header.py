@@ -61,6 +61,7 @@ def _constants(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
 
     text = listed("int", "actuated", "NG", [str(i) for i in constants.i_g])
     text += listed("int", "is_angle", "NA", [str(int(x)) for x in constants.is_rotation])
+    text += listed("int", "spread_around", "NA", [str(int(x)) for x in constants.around])
     for name, values in (("spread_lower", constants.lower), ("spread_upper", constants.upper)):
         text += listed("real", name, "NA", [literal(x, spec.precision) for x in values])
     calls = "".join(batch_call(spec, f) for f in spec.functions if f.name in USED)
@@ -77,7 +78,8 @@ def _constants(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:
 
 #define {prefix}_KINEMATIC_SPACE {space_of(spec, written, USED)} /* reals of workspace for the functions below */
 
-/* Coordinates with a motor; of all coordinates, whether they are rotations, and where starts are spread. */
+/* Coordinates with a motor; of all coordinates, whether they are rotations; where starts are spread: 1 m around
+   q_start, or in an interval. */
 {text}
 /* The functions that the search calls. */
 {calls}

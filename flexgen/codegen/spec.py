@@ -59,7 +59,12 @@ STATUSES = (
         "ArgumentError",
     ),
     Status("WORK_TOO_SMALL", -6, "the workspace is too small", "ArgumentError"),
-    Status("UNREACHABLE", -7, "the path leaves the workspace of the robot or passes a singular pose", "SolverError"),
+    Status(
+        "UNREACHABLE",
+        -7,
+        "the path leaves the workspace or passes a singular pose; a pose cannot be reached",
+        "SolverError",
+    ),
     Status("NOT_CONVERGED", -8, "the iteration did not converge", "SolverError"),
     Status("NOT_STARTED", -9, "the stream was not started, or has failed", "ArgumentError"),
     Status(

@@ -7,7 +7,7 @@ proportion to time along the path. The dynamic part is the rest.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from time import perf_counter
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.arguments import check_not_negative, check_seed, is_number, mapping_of
+from flexgen.arguments import check_not_negative, is_number, mapping_of, seed_of
 from flexgen.build.model_library import library_with
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
@@ -195,7 +195,7 @@ def control_case(
     tell = progress or (lambda line: None)
     robot = model if isinstance(model, RobotModel) else read(model)
     _check_times(sample_time, delay)
-    check_seed(seed)
+    seed = seed_of(seed)
     check_not_negative("encoder_noise", encoder_noise)
     check_not_negative("encoder_resolution", encoder_resolution)
     changed = mapping_of("plants", {} if plants is None else plants, "the changes of each plant by its name")
@@ -317,11 +317,12 @@ def _of_lanes(
     return dict.fromkeys(range(len(names)), _checked(given))
 
 
-def _checked(given: Sequence[Disturbance]) -> tuple[Disturbance, ...]:
+def _checked(given: Iterable[Disturbance]) -> tuple[Disturbance, ...]:
     """Disturbances as a tuple; ArgumentError for something else."""
-    if not isinstance(given, Sequence) or not all(isinstance(each, Disturbance) for each in given):
+    found = tuple(given) if isinstance(given, Iterable) else (None,)
+    if not all(isinstance(each, Disturbance) for each in found):
         raise ArgumentError(f"disturbances: given {given!r}, expected objects of flexgen.Disturbance")
-    return tuple(given)
+    return found
 
 
 def _check_times(sample_time: float, delay: float) -> None:

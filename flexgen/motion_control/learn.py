@@ -29,7 +29,7 @@ from scipy.signal import butter, filtfilt
 from scipy.spatial.transform import Rotation
 
 from flexgen import implementation
-from flexgen.arguments import is_number, is_whole, mapping_of
+from flexgen.arguments import is_number, is_whole, mapping_of, seed_of
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
@@ -212,6 +212,7 @@ def learn(
         The move has no solution, or the robot fails in the first iteration.
     """
     tell = progress if callable(progress) else (lambda line: None)
+    seed = seed_of(seed)
     if not is_whole(iterations, 1, 1000):
         raise ArgumentError(f"iterations: given {iterations!r}, expected 1 to 1000")
     if not (is_number(gain) and 0 < gain <= 2):

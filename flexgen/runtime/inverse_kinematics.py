@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from threading import Event
 from typing import Any
 
@@ -112,10 +112,13 @@ class InverseKinematics:
             )
         if free is None:
             return None
-        indices = [int(i) for i in free]
-        if len(indices) != 6 or len(set(indices)) != 6:
-            raise ArgumentError(f"{FUNCTION}: free: given {indices}, expected six different indices")
-        return (ctypes.c_int * 6)(*indices)
+        given = list(free) if isinstance(free, Iterable) else []
+        whole = all(isinstance(i, int | np.integer) and not isinstance(i, bool) and 0 <= i < self._n_a for i in given)
+        if not whole or len(given) != 6 or len(set(given)) != 6:
+            raise ArgumentError(
+                f"{FUNCTION}: free: given {free!r}, expected six different indices from 0 to {self._n_a - 1}"
+            )
+        return (ctypes.c_int * 6)(*map(int, given))
 
     def _refuse(self, status: int) -> None:
         exception, text = self._failures.get(status, (BuildError, f"unknown status {status}; {AGAIN}"))

@@ -101,7 +101,7 @@ class Library:
         if self._inverse_kinematics is None:
             raise ArgumentError(
                 f"{self.name}: given a library without inverse_kinematics, expected one in double precision with "
-                "forward_kinematics and jacobian, of an arm with at least six motors"
+                "forward_kinematics and jacobian, of an arm with at least six motors, without per_point"
             )
         return self._inverse_kinematics
 

@@ -5,9 +5,9 @@
  * k]; entry (row, column) of a matrix with r rows is i = row + column * r. All points are evaluated. The outputs of a
  * point that fails are NaN, and the status of the first such point is returned.
  *
- * <function>_batch_strided takes n of the points of larger arrays: entry i of point k is x[i * stride + k]. Where n is
- * a multiple of 128, all columns meet in the same places of the cache; a stride that is 8 larger avoids it, and the
- * copies that <function>_batch makes against it. BAD_COUNT: the stride is below n.
+ * <function>_batch_strided takes n of the points of larger arrays: entry i of point k is x[i * stride + k]. Where the
+ * columns of large arrays are multiples of 1024 bytes apart, they meet in the same places of the cache; a stride that
+ * is 8 larger avoids it. BAD_COUNT: the stride is below n.
  *
  * The workspace has ELBOW_BATCH_WORK reals. With OpenMP each thread needs that many: allocate elbow_batch_work()
  * reals, and do not raise the number of threads after that. GCC and clang compute several points at once in vector

@@ -171,13 +171,14 @@ def test_commands_of_the_pages_parse():
     lines = [
         line
         for page in PAGES
-        for block in blocks(page.read_text(encoding="utf-8"), "")
+        for language in ("", "bash")
+        for block in blocks(page.read_text(encoding="utf-8"), language)
         for line in block.splitlines()
         if line.startswith("flexgen ")
     ]
-    assert len(lines) > 15
+    assert len(lines) > 20
     for line in lines:
-        given = vars(parse(line.split()[1:]))
+        given = vars(parse(line.partition(" #")[0].split()[1:]))
         for path in (given.get("out"), given.get("report"), given.get("trajectory")):
             assert path is None or path.parts[0] == "reports"  # which git ignores
 

@@ -174,16 +174,26 @@ def test_two_thousand_cycles_keep_the_memory(case, tmp_path):
 
 
 @slow
-@pytest.mark.parametrize("block", ["plant", "feedforward", "controller"])
-def test_nothing_is_allocated_after_the_instantiation(block, tmp_path):
+@pytest.mark.parametrize("version", ["2.0", "3.0"])
+@pytest.mark.parametrize(
+    ("block", "kind"), [("plant", "co"), ("plant", "exchange"), ("feedforward", "co"), ("controller", "co")]
+)
+def test_nothing_is_allocated_after_the_instantiation(block, kind, version, tmp_path):
     """A program that counts calls of malloc, calloc and realloc by the linker's --wrap."""
-    written = fmus.exported("planar5_nmp", "2.0", block)
+    written = fmus.exported("planar5_nmp", version, block)
     folder = Path(fmus.unzipped(written.path)) / "sources"
     program = tmp_path / "count"
     wrap = [f"-Wl,--wrap={name}" for name in ("malloc", "calloc", "realloc")]
     sources = [str(path) for path in sorted(folder.glob("*.c"))]
-    defined = [f"-I{folder}", f'-DGUID="{written.token}"', *wrap, str(SUPPORT / "fmu_allocations.c")]
-    subprocess.run(["gcc", "-std=c99", "-O1", *defined, *sources, "-lm", "-o", str(program)], check=True)
+    defined = ["-DFMI3"] * (version == "3.0") + ["-DEXCHANGE"] * (kind == "exchange")
+    defined += [
+        f"-DCONTINUOUS_STATES={2 * flexgen.read('planar5_nmp').dof}",
+        f"-I{folder}",
+        f'-DGUID="{written.token}"',
+        *wrap,
+    ]
+    command = ["gcc", "-std=c99", "-O1", *defined, str(SUPPORT / "fmu_allocations.c"), *sources, "-lm", "-o", program]
+    subprocess.run(command, check=True)
     done = subprocess.run([program], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["1", "0", "1"], done.stdout  # instantiate; 300 steps; a saved state
 

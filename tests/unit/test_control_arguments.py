@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cache
 
+import numpy as np
 import pytest
 from toolchain import needs_compiler
 
@@ -58,3 +59,19 @@ def test_what_is_no_such_value_is_refused_with_the_name_of_the_argument(verb, na
         with pytest.raises(FlexgenError, match=r"given .*expected") as caught:
             call(verb, name, value)
         assert name.partition("_")[0].rstrip("s") in str(caught.value), (value, str(caught.value))
+
+
+def test_numbers_of_numpy_are_numbers():
+    """Scalars and arrays without dimensions; generators and dict views of disturbances; a seed of numpy."""
+    push = {"a": flexgen.Disturbance("pulse", "m1", 1.0, 0.1, 0.05)}
+    run = flexgen.control(
+        "planar5_nmp", solution=solution(), sample_time=np.array(1e-3), encoder_noise=np.float32(1e-5),
+        seed=np.int64(3), disturbances=push.values(), progress=False,
+    )  # fmt: skip
+    same = flexgen.control(
+        "planar5_nmp", solution=solution(), sample_time=1e-3, encoder_noise=float(np.float32(1e-5)), seed=3,
+        disturbances=(x for x in push.values()), progress=False,
+    )  # fmt: skip
+    assert np.array_equal(run.runs[0].q_a, same.runs[0].q_a)
+    flexgen.score("four_mass", seed=np.int64(2))
+    flexgen.ExtendedKalmanFilter("planar5_nmp", np.array(["motors"]), noise=np.float32(1e-4))

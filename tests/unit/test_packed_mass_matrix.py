@@ -1,4 +1,4 @@
-"""The packed mass matrix: one triangle of the full one, bit by bit; only where it is named."""
+"""The packed mass matrix: one triangle of the full one; only where it is named."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
  *
  *   cc -std=c99 -O2 -ffp-contract=off model_selftest.c model.c -o model_selftest && ./model_selftest
  *
- * It calls every function of one point and, where the library has them, the inversion of a path and a stream, and
+ * It calls every function of one point and, where the library has it, a stream along a path, and
  * compares the results with numbers that Lagrange's equations gave on another computer. It prints PASS or FAIL and the
  * largest error, and returns 0 or 1. It opens no file and allocates nothing.
  *

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from flexgen import implementation
-from flexgen.arguments import check_seed, is_whole
+from flexgen.arguments import is_whole, seed_of
 from flexgen.build.model_library import library_with
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
@@ -183,8 +183,7 @@ def score(
         The scenario or the controller cannot be used.
     """
     tell = progress if callable(progress) else None
-    if seed is not None:
-        check_seed(seed)
+    seed = None if seed is None else seed_of(seed)
     if steps is not None and not is_whole(steps, 1, 10_000):
         raise ArgumentError(f"steps: given {steps!r}, expected 1 to 10000")
     chosen = name if isinstance(name, Scenario) else scenario(name)

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
+from flexgen.arguments import seed_of
 from flexgen.atomic_files import write_text
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, FlexgenError
@@ -114,9 +115,7 @@ def tune(
         raise ArgumentError(
             "controller: given a cascade whose gains are all zero and that has no filter, expected one to tune"
         )
-    if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-        raise ArgumentError(f"seed: given {seed!r}, expected a whole number from 0 on")
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed_of(seed))
     begins = [x, *(x + SPREAD * rng.standard_normal(len(x)) for _ in range(starts - 1))]
     jobs = [_Job(k, chosen, made, begin, evaluations) for k, begin in enumerate(begins)]
     if executor is None and min(workers, starts) == 1:

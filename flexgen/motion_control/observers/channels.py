@@ -11,12 +11,12 @@ link_encoders       all arm coordinates with a motor
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexgen.arguments import check_positive, mapping_of
+from flexgen.arguments import check_positive, is_number, mapping_of
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.model.sensors import TOOL, Sensor
@@ -72,10 +72,10 @@ def channels_of(model: RobotModel, outputs: str | Sequence[str], noise: Noise | 
     ArgumentError
         A name is not known or given twice, a noise is not above zero, or a sensor has a delay.
     """
-    given = (outputs,) if isinstance(outputs, str) else tuple(outputs) if isinstance(outputs, Sequence) else ()
+    given = (outputs,) if isinstance(outputs, str) else tuple(outputs) if isinstance(outputs, Iterable) else ()
     if not given or not all(isinstance(name, str) for name in given):
         raise ArgumentError(f"outputs: given {outputs!r}, expected names: {', '.join(_known(model))}")
-    own = dict.fromkeys(given, noise) if isinstance(noise, int | float) else _own(noise)
+    own = _own(noise, given)
     motors = [motor.name for motor in model.motors]
     names: list[str] = []
     sensors: list[Sensor] = []
@@ -133,8 +133,10 @@ def _sensors(model: RobotModel, name: str) -> list[Sensor]:
     return []
 
 
-def _own(noise: object) -> dict[str, float]:
-    """Noises by the names of outputs."""
+def _own(noise: object, given: Sequence[str]) -> dict[str, float]:
+    """Noises by the names of outputs; one number is that of all."""
+    if is_number(noise):
+        return dict.fromkeys(given, float(noise))  # type: ignore[arg-type]
     return mapping_of("noise", {} if noise is None else noise, "a number > 0, or numbers by the names of outputs")
 
 

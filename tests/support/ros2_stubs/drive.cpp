@@ -24,6 +24,24 @@ extern "C" void *malloc(std::size_t size)
     allocations += counting;
     return __libc_malloc(size);
 }
+extern "C" void *__libc_calloc(std::size_t n, std::size_t size);
+extern "C" void *calloc(std::size_t n, std::size_t size)
+{
+    allocations += counting;
+    return __libc_calloc(n, size);
+}
+extern "C" void *__libc_realloc(void *old, std::size_t size);
+extern "C" void *realloc(void *old, std::size_t size)
+{
+    allocations += counting;
+    return __libc_realloc(old, size);
+}
+extern "C" void *__libc_memalign(std::size_t alignment, std::size_t size);
+extern "C" void *aligned_alloc(std::size_t alignment, std::size_t size)
+{
+    allocations += counting;
+    return __libc_memalign(alignment, size);
+}
 
 static std::vector<double> read_all()
 {
