@@ -94,6 +94,13 @@ def check_minimum_phase(rows: dict[str, list[str]]) -> None:
     assert float(rows["bdf, order 1"][1]) > 100 * float(rows["bdf, order 3"][1])
 
 
+def check_dae_solvers(rows: dict[str, list[str]]) -> None:
+    # BDF has its order until rounding is differentiated too often; the others are accurate to their tolerances
+    assert abs(float(rows["bdf, order 1"][3]) - 1) < 0.02 and abs(float(rows["bdf, order 2"][3]) - 2) < 0.1
+    assert float(rows["bdf, order 3"][2]) > 5 * float(rows["bdf, order 3"][1])
+    assert float(rows["kunkel-mehrmann"][2]) < 1e-5 and float(rows["reduced"][1]) < 1e-3
+
+
 def check_non_minimum_phase(rows: dict[str, list[str]]) -> None:
     for constants in ("2", "4"):  # torque over the exponential of the zero
         assert all(abs(ratio - 1) < 0.01 for ratio in numbers(rows[constants])[3:5])
@@ -156,6 +163,19 @@ def test_every_script_is_short_and_on_the_page() -> None:
     assert set(CHECKS) == set(SCRIPTS)
     for name in SCRIPTS:
         assert len((GALLERY / f"{name}.py").read_text(encoding="utf-8").splitlines()) <= LINES
+
+
+def test_the_page_of_all_scripts_has_pictures_tables_and_run_times(tmp_path, monkeypatch, capsys) -> None:
+    """With two quick scripts, and one that fails: it is reported, and the others are there."""
+    build = loaded("build")
+    (tmp_path / "broken.py").write_text("raise SystemExit('broken')\n")
+    scripts = [GALLERY / "elbow.py", tmp_path / "broken.py", GALLERY / "index.py"]
+    monkeypatch.setattr(build, "scripts", lambda: scripts)
+    assert build.build(tmp_path / "out") == 1
+    page = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert page.count("<img") == 2 and len(re.findall(r"Run time: [\d.]+ s\.", page)) == 2
+    assert "<h2>Elbow</h2>" in page and loaded("elbow").QUESTION in page and str(tmp_path) not in page
+    assert "broken: failed" in capsys.readouterr().err
 
 
 def test_planted_numbers_are_found() -> None:
