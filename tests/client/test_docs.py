@@ -18,6 +18,7 @@ from flexgen.cli.main import main, parse
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 PROSE = [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", ROOT / "models" / "README.md"]
+CODE = [*PAGES, ROOT / "models" / "README.md", ROOT / "generated" / "README.md"]
 COMPILER = next((name for name in ("cc", "gcc", "clang") if shutil.which(name)), None)
 
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler: install the Debian package gcc")
@@ -55,7 +56,8 @@ def page_id(page: Path) -> str:
 def blocks(text: str, language: str, marks: tuple[str, ...] = ("",)) -> list[str]:
     """The code blocks of a language behind one of these markers; empty: without a marker.
 
-    ``<!-- slow -->``: tens of seconds; ``<!-- minutes -->``; ``<!-- scheduler -->``: what no test can have.
+    ``<!-- slow -->``: tens of seconds; ``<!-- minutes -->``; ``<!-- scheduler -->``, ``<!-- sketch -->``: what no test
+    can have, such as a cluster or a file of the user.
     """
     found = re.findall(rf"(?:<!-- (\w+) -->\n)?^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
     return [code for mark, code in found if mark in marks]
@@ -104,7 +106,7 @@ def broken_links(page: Path) -> list[str]:
 
 # --- code -------------------------------------------------------------------------------------------------------------
 @needs_compiler
-@pytest.mark.parametrize("page", [page for page in PAGES if blocks(page.read_text("utf-8"), "python")], ids=page_id)
+@pytest.mark.parametrize("page", [page for page in CODE if blocks(page.read_text("utf-8"), "python")], ids=page_id)
 def test_python_of_the_pages_runs(page, tmp_path):
     runs(page, tmp_path, ("",))
 
