@@ -28,9 +28,9 @@ enum {
 
 static const real PI = 3.14159265358979323846, DAMPING = 1e-2, LEAST_DAMPING = 1e-14;
 static const real LONGEST = 0.7;    /* of a rotation in a step, rad */
-static const real FOUND = 1e-4;     /* |e| of a start that is polished */
+static const real FOUND = 1e-8;     /* |e|^2 of a start that is polished */
 static const real POLISHED = 1e-12; /* |e| of a solution, but for the rounding of the position */
-static const real SETTLED = 1e-14;  /* |e| that is not polished any more */
+static const real SETTLED = 1e-28;  /* |e|^2 that is not polished any more */
 static const real SAME = 1e-5;      /* rad or m: solutions that are as close are one */
 static const real FARTHEST = 1e3;   /* rad or m, of q_start: rounding of the solutions is 1e-13 there */
 
@@ -38,7 +38,7 @@ typedef real starts_each[BLOCK];
 
 /* The search: BLOCK starts at a time, and what was found. Matrices by columns. */
 typedef struct {
-    starts_each q[MODEL_NA], p[3], R[9], J[SIX * MODEL_NA], e[SIX], A[SIX * (SIX + 1) / 2], b[SIX], error;
+    starts_each q[MODEL_NA], p[3], R[9], J[SIX * MODEL_NA], e[SIX], A[SIX * (SIX + 1) / 2], b[SIX], square;
     real start[MODEL_NA], solution[MOST + 1][MODEL_NA], distance[MOST + 1], p_d[3], R_d[9], length, tolerance;
 } search;
 
@@ -72,7 +72,20 @@ static real half_turn(const real x)
     return x - 2.0 * PI * floor_1((x + PI) / (2.0 * PI));
 }
 
-/* The errors e of all points from their poses, and |e|. */
+/*
+ * Square roots of numbers from 0 to 1, to rounding: a first guess from the exponent and Newton steps, as the library
+ * calls no other one.
+ */
+static lanes root(const lanes x)
+{
+    lanes y = from_bits_v(UINT64_C(0x5fe6eb50c7b537a9) - (bits_v(x) >> 1));
+    for (int k = 0; k < 5; ++k) {
+        y *= splat_v(1.5) - splat_v(0.5) * x * y * y;
+    }
+    return x * y;
+}
+
+/* The errors e of all points from their poses, and |e|^2. */
 static void pose_errors(search *s)
 {
     EACH_START(l)
@@ -88,7 +101,7 @@ static void pose_errors(search *s)
             }
         }
         trace = E[0][0] + E[1][1] + E[2][2];
-        half = sqrt_v(fmax_v(splat_v(0.25) * (trace + splat_v(1.0)), splat_v(0.0))); /* cos(a/2) */
+        half = root(fmax_v(splat_v(0.25) * (trace + splat_v(1.0)), splat_v(0.0))); /* cos(a/2) */
         for (int i = 0; i < 3; ++i) {
             const int j = (i + 1) % 3, k = (i + 2) % 3;
             const lanes x = (E[k][j] - E[j][k]) / (splat_v(2.0) * half);
@@ -97,7 +110,7 @@ static void pose_errors(search *s)
             store_v(s->e[3 + i] + l, turn);
             sum += turn * turn;
         }
-        store_v(s->error + l, sqrt_v(sum));
+        store_v(s->square + l, sum);
     }
 }
 
@@ -107,8 +120,7 @@ static void normal_equations(search *s, const int *free)
     const lanes w = splat_v(1.0 / s->length);
     EACH_START(l)
     {
-        const lanes error = load_v(s->error + l);
-        const lanes damping = splat_v(DAMPING) * error * error + splat_v(LEAST_DAMPING);
+        const lanes damping = splat_v(DAMPING) * load_v(s->square + l) + splat_v(LEAST_DAMPING);
         for (int i = 0, at = 0; i < SIX; ++i) {
             starts_each *Ji = s->J + SIX * free[i];
             lanes moved = splat_v(0.0), turned = splat_v(0.0);
@@ -134,47 +146,42 @@ static void normal_equations(search *s, const int *free)
     }
 }
 
-/* Solve A x = b of all points by Cholesky's method, in place. */
+/* Solve A x = b of all points with A = L D L', in place. */
 static void solve_normal(search *s)
 {
     EACH_START(l)
     {
-        lanes L[SIX][SIX], x[SIX];
+        lanes L[SIX][SIX], x[SIX], inverse[SIX];
         for (int i = 0, at = 0; i < SIX; ++i) {
             x[i] = load_v(s->b[i] + l);
             for (int j = 0; j <= i; ++j, ++at) {
                 L[i][j] = load_v(s->A[at] + l);
             }
         }
-        for (int j = 0; j < SIX; ++j) {
-            for (int m = 0; m < j; ++m) {
-                L[j][j] -= L[j][m] * L[j][m];
-            }
-            L[j][j] = splat_v(1.0) / sqrt_v(fmax_v(L[j][j], splat_v(1e-300)));
-            for (int i = j + 1; i < SIX; ++i) {
+        for (int j = 0; j < SIX; ++j) { /* below the diagonal L_ij D_j until column j is done */
+            for (int i = j; i < SIX; ++i) {
                 for (int m = 0; m < j; ++m) {
-                    L[i][j] -= L[i][m] * L[j][m];
+                    L[i][j] -= L[i][m] * (L[j][m] * inverse[m]);
                 }
-                L[i][j] *= L[j][j];
             }
+            inverse[j] = splat_v(1.0) / fmax_v(L[j][j], splat_v(1e-300));
         }
         for (int i = 0; i < SIX; ++i) {
             for (int m = 0; m < i; ++m) {
-                x[i] -= L[i][m] * x[m];
+                x[i] -= L[i][m] * (inverse[m] * x[m]);
             }
-            x[i] *= L[i][i];
         }
         for (int i = SIX - 1; i >= 0; --i) {
             for (int m = i + 1; m < SIX; ++m) {
                 x[i] -= L[m][i] * x[m];
             }
-            x[i] *= L[i][i];
+            x[i] *= inverse[i];
             store_v(s->b[i] + l, x[i]);
         }
     }
 }
 
-/* Steps of all points; their errors at the end are in s->error. */
+/* Steps of all points; their errors at the end are in s->square. */
 static void descend(search *s, const int *free, int steps, real *space)
 {
     for (int step = 0;; ++step) {
@@ -208,11 +215,9 @@ static void set_length(search *s, real *space)
     s->length = 1e-3;
     (void)evaluate_forward_kinematics_batch(BLOCK, &s->q[0][0], &s->p[0][0], &s->R[0][0], space);
     for (int l = 1; l < BLOCK; ++l) {
-        real sum = 0.0;
         for (int i = 0; i < 3; ++i) {
-            sum += (s->p[i][l] - s->p[i][0]) * (s->p[i][l] - s->p[i][0]);
+            s->length = fmax_1(s->length, 0.5 * fabs_1(s->p[i][l] - s->p[i][0]));
         }
-        s->length = fmax_1(s->length, 0.5 * sqrt(sum));
     }
 }
 
@@ -287,14 +292,14 @@ static void polish(search *s, const int *free, real *space)
         starts_each before;
         still = 0;
         for (int l = 0; l < BLOCK; ++l) {
-            before[l] = s->error[l];
+            before[l] = s->square[l];
             still = still || (before[l] < FOUND && before[l] > SETTLED);
         }
         if (still) {
             descend(s, free, POLISH, space);
             still = 0;
             for (int l = 0; l < BLOCK; ++l) {
-                still = still || (before[l] < FOUND && s->error[l] < 0.5 * before[l]);
+                still = still || (before[l] < FOUND && s->square[l] < 0.25 * before[l]);
             }
         }
     }
@@ -317,7 +322,7 @@ static void find_all(search *s, search_state *state, int starts, real *space)
         polish(s, state->free, space);
         fruitless += BLOCK;
         for (int l = 0; l < BLOCK && state->found <= MOST; ++l) {
-            if (s->error[l] < s->tolerance && keep_solution(s, state, l)) {
+            if (s->square[l] < s->tolerance * s->tolerance && keep_solution(s, state, l)) {
                 fruitless = 0;
             }
         }
