@@ -220,9 +220,9 @@ def main() -> None:
         "## The same problem by three programs\n",
         "Rest to rest with the least integral of squared torques (planar arm) or motor accelerations (six axes, 18 "
         "degrees of freedom), on the full elastic robot. flexgen and Opti use Gauss collocation with three points, "
-        "opty the midpoint rule; opty gets the equations as text, and its time is that of building and solving. Its cost "
-        "and its error are those of the midpoint rule on these intervals; the six axes were not tried with it. The error "
-        "of flexgen is the largest of the whole motion, that of Opti the largest at the nodes.\n",
+        "opty the midpoint rule; opty gets the equations as text, and its time is that of building and solving. Its "
+        "cost and its error are those of the midpoint rule on these intervals; the six axes were not tried with it. "
+        "The error of flexgen is the largest of the whole motion, that of Opti the largest at the nodes.\n",
         measured[2],
         "\n## Compiled C inside IPOPT\n",
         "One evaluation by CasADi's virtual machine / by compiled C = ratio. The C is compiled once for a model and "

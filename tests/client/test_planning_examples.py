@@ -52,7 +52,6 @@ def test_minimum_time(tmp_path):
     assert rigid < planned < 1.01 * fastest < given and out.rstrip().endswith("solved")
 
 
-@pytest.mark.full
 @pytest.mark.slow
 def test_soft_tracking(tmp_path):
     out = run("soft_tracking", tmp_path)
@@ -60,7 +59,6 @@ def test_soft_tracking(tmp_path):
     assert off[0] < 0.1 < off[1] < off[2]  # mm: weaker motors, larger errors
 
 
-@pytest.mark.full
 @pytest.mark.slow
 def test_obstacle_avoidance_with_18_degrees_of_freedom(tmp_path):
     out = run("obstacle_avoidance", tmp_path)
