@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import xml.etree.ElementTree as ET
@@ -52,11 +53,13 @@ def test_with_a_binary_too(block, tmp_path):
 
 
 def test_what_is_in_it(tmp_path):
-    names = set(sources_of(tmp_path))
-    assert {"modelDescription.xml", "sources/four_mass.c", "sources/four_mass.h",
-            "sources/flexgen_fmu_fmi2.c", "sources/flexgen_fmu_config.h", "sources/flexgen_fmu_core.h",
-            "sources/flexgen_fmu_plant.h", "documentation/licenses/license.txt"} <= names  # fmt: skip
-    assert not any(name.startswith("binaries") for name in names)
+    """One C file beside the headers of the standard."""
+    files = sources_of(tmp_path)
+    standard = {f"sources/fmi2{name}.h" for name in ("Functions", "FunctionTypes", "TypesPlatform")}
+    fixed = {"modelDescription.xml", "documentation/licenses/license.txt"}
+    assert set(files) == {"sources/all.c"} | standard | fixed
+    included = set(re.findall(rb'#\s*include "([^"]+)"', files["sources/all.c"]))
+    assert included == {b"fmi2Functions.h"}
     assert "sources/buildDescription.xml" in sources_of(tmp_path, version="3.0")
 
 
@@ -81,8 +84,8 @@ def test_names_of_motors_are_not_in_the_hand_written_c(tmp_path):
     (motor,) = model.motors
     model = replace(model, motors=(replace(motor, name="unusual_motor"),))
     files = sources_of(tmp_path, model)
-    own = [name for name in files if name.endswith((".c", ".h")) and "four_mass" not in name]
-    assert len(own) >= 6 and not any(b"unusual_motor" in files[name] for name in own)
+    code = re.sub(rb"/\*.*?\*/", b"", files["sources/all.c"], flags=re.DOTALL)  # comments of the header name them
+    assert b"unusual_motor" not in code and b"fmi2DoStep" in code and b"four_mass_" in code
     assert b"motor.unusual_motor.torque" in files["modelDescription.xml"]
 
 
@@ -133,7 +136,7 @@ def test_a_model_without_inverse_dynamics_has_no_feedforward(tmp_path):
 
 def test_a_robot_without_passive_coordinates_has_a_feedforward(tmp_path):
     files = sources_of(tmp_path, "elbow", block="feedforward")
-    assert "sources/elbow.c" in files and b"path.position[2]" in files["modelDescription.xml"]
+    assert b"elbow_stream_update(" in files["sources/all.c"] and b"path.position[2]" in files["modelDescription.xml"]
 
 
 # Names of fixed files without their prefix; names in C; a header of the standard; the prefix.
@@ -151,8 +154,7 @@ def test_names_of_models_do_not_collide_with_the_fixed_files(name, problem, tmp_
         assert list(tmp_path.iterdir()) == []
         return
     files = sources_of(tmp_path, model)
-    usual = {"fmi2.c", "config.h", "core.h", "plant.h", "warnings.h"}
-    assert {f"sources/{name}.c", f"sources/{name}.h", *(f"sources/flexgen_fmu_{file}" for file in usual)} <= set(files)
+    assert f"{name}_status_text(".encode() in files["sources/all.c"]
     for file, data in files.items():
         if file.startswith("sources/"):
             (tmp_path / file.removeprefix("sources/")).write_bytes(data)
@@ -171,7 +173,7 @@ def test_missing_declarations_stop_the_compiler(monkeypatch, tmp_path):
 
     def planted(block, version):
         found, token = texts(block, version)
-        return {**found, "sources/flexgen_fmu_fmi2.c": wrong}, token
+        return {**found, "sources/all.c": wrong}, token
 
     monkeypatch.setattr(export_module, "_texts", planted)
     with pytest.raises(BuildError, match="nowhere_declared"):

@@ -36,6 +36,9 @@ _FIXED = {"FMU_PLANT": "plant.h", "FMU_FEEDFORWARD": "feedforward.h", "FMU_CONTR
 _OF_BLOCK = {"method": "plant", "step": "plant", "controller": "controller", "sample_time": "controller",
              "look_ahead": "feedforward"}  # fmt: skip
 _FLAGS = ("-Werror=implicit-function-declaration",)
+SOURCE = "all.c"  # the only one
+_INCLUDE = re.compile(r'\s*#\s*include "([^"]+)"')
+_MACRO = re.compile(r"^\s*#\s*define (\w+)", re.MULTILINE)
 _WORD = re.compile(r"[A-Za-z_]\w*")
 _MACHINES = {"x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64", "arm64": "aarch64"}
 _LICENSE = "flexgen: MIT. fmi2*.h and fmi3*.h: Modelica Association, 2-clause BSD, see these files.\n"
@@ -163,7 +166,7 @@ def _content(
         return _zipped(files), token, None
     log(f"compiling {block.name}")
     where, suffix = _platform(version)
-    files[f"binaries/{where}/{block.name}{suffix}"] = _compiled(block, version, texts, compiler)
+    files[f"binaries/{where}/{block.name}{suffix}"] = _compiled(block, texts, compiler)
     return _zipped(files), token, where
 
 
@@ -232,20 +235,47 @@ def _texts(block: Block, version: str) -> tuple[dict[str, str], str]:
     _check_name(block, texts)
     top = f'#include "{_PREFIX}warnings.h"\n\n'
     texts |= {name: top * name.endswith(".c") + text for name, text in block.sources.items()}
-    compiled = _to_compile(block, version)
 
     def described(token: str) -> str:
-        return description_2(block, token, compiled) if version == "2.0" else description_3(block, token)
+        return description_2(block, token, [SOURCE]) if version == "2.0" else description_3(block, token)
 
     parts = [__version__, described(""), config(block, ""), *(f"{name}\n{texts[name]}" for name in sorted(texts))]
     token = "{" + hashlib.sha256("\0".join(parts).encode()).hexdigest() + "}"
     texts[f"{_PREFIX}config.h"] = config(block, token)
-    files = {f"sources/{name}": text for name, text in texts.items()}
+    files = {f"sources/{name}": texts[name] for name in headers}
+    files[f"sources/{SOURCE}"] = _merged(block, texts, interface, set(headers))
     files["modelDescription.xml"] = described(token)
     files["documentation/licenses/license.txt"] = _LICENSE
     if version == "3.0":
-        files["sources/buildDescription.xml"] = build_description(block, compiled)
+        files["sources/buildDescription.xml"] = build_description(block, [SOURCE])
     return files, token
+
+
+def _merged(block: Block, texts: Mapping[str, str], interface: str, standard: set[str]) -> str:
+    """One C file: the interface with its headers put in, then the model, which must not see macros of the former."""
+    seen: set[str] = set()
+
+    def put_in(name: str) -> str:
+        if name in seen:
+            return ""
+        seen.add(name)
+        lines = []
+        for line in texts[name].splitlines(keepends=True):
+            found = _INCLUDE.match(line)
+            if found is None or found[1] in standard:
+                lines.append(line)
+            elif found[1] in texts:
+                lines.append(put_in(found[1]))
+            else:  # of another block
+                lines.append(f"/* {found[1]} */\n")
+        return "".join(lines)
+
+    first = put_in(f"{_PREFIX}warnings.h") + put_in(interface)
+    kept = set(_MACRO.findall(texts.get(block.header, "")))
+    macros = [name for name in dict.fromkeys(_MACRO.findall(first)) if name not in kept and not name.endswith("_H")]
+    undefined = "".join(f"#undef {name}\n" for name in macros)
+    model = "".join(put_in(name) for name in sorted(block.sources) if name.endswith(".c"))
+    return f"{first}\n/* The model. */\n{undefined}\n{model}"
 
 
 def _interface(version: str) -> str:
@@ -267,25 +297,18 @@ def _check_name(block: Block, fixed: Mapping[str, str]) -> None:
         )
 
 
-def _to_compile(block: Block, version: str) -> list[str]:
-    return [_interface(version), *sorted(name for name in block.sources if name.endswith(".c"))]
-
-
-def _compiled(block: Block, version: str, texts: Mapping[str, str], compiler: Compiler) -> bytes:
-    """The shared library of the sources."""
+def _compiled(block: Block, texts: Mapping[str, str], compiler: Compiler) -> bytes:
+    """The shared library of the source."""
     with tempfile.TemporaryDirectory(prefix="flexgen-fmu-") as name:
         folder = Path(name)
         for file, text in texts.items():
             if file.startswith("sources/"):
                 (folder / Path(file).name).write_text(text, encoding="utf-8", newline="\n")
-        objects = []
-        for source in _to_compile(block, version):
-            objects.append(f"{Path(source).stem}.o")
-            straight = compiler.straight if block.straight and source in block.sources else ()
-            _run([*compiler.command, *compiler.flags, *_FLAGS, *straight, "-c", source, "-o", objects[-1]], folder)
+        straight = compiler.straight if block.straight else ()
+        _run([*compiler.command, *compiler.flags, *_FLAGS, *straight, "-c", SOURCE, "-o", "all.o"], folder)
         # calls within the library stay there, whatever other libraries the program has loaded
         own = [] if sys.platform == "darwin" else ["-Wl,-Bsymbolic"]
-        _run([*compiler.command, *compiler.flags, "-shared", *own, "-o", "fmu.bin", *objects, "-lm"], folder)
+        _run([*compiler.command, *compiler.flags, "-shared", *own, "-o", "fmu.bin", "all.o", "-lm"], folder)
         return (folder / "fmu.bin").read_bytes()
 
 
