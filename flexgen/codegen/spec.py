@@ -62,7 +62,7 @@ STATUSES = (
     Status(
         "UNREACHABLE",
         -7,
-        "the path leaves the workspace or passes a singular pose; a pose cannot be reached",
+        "the path leaves the workspace of the robot or passes a singular pose",
         "SolverError",
     ),
     Status("NOT_CONVERGED", -8, "the iteration did not converge", "SolverError"),

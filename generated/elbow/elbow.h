@@ -67,7 +67,7 @@ typedef enum {
     /* a size, a time or a rotation matrix is out of range, or the path does not begin and end at zero velocity */
     ELBOW_BAD_ARGUMENT = -5,
     ELBOW_WORK_TOO_SMALL = -6 /* the workspace is too small */,
-    ELBOW_UNREACHABLE = -7 /* the path leaves the workspace or passes a singular pose; a pose cannot be reached */,
+    ELBOW_UNREACHABLE = -7 /* the path leaves the workspace of the robot or passes a singular pose */,
     ELBOW_NOT_CONVERGED = -8 /* the iteration did not converge */,
     ELBOW_NOT_STARTED = -9 /* the stream was not started, or has failed */,
     /* a zero of the zero dynamics goes through infinity on the path; use invert (method lq) */

@@ -23,7 +23,7 @@ const char *elbow_status_text(int status)
     case ELBOW_WORK_TOO_SMALL:
         return "the workspace is too small";
     case ELBOW_UNREACHABLE:
-        return "the path leaves the workspace or passes a singular pose; a pose cannot be reached";
+        return "the path leaves the workspace of the robot or passes a singular pose";
     case ELBOW_NOT_CONVERGED:
         return "the iteration did not converge";
     case ELBOW_NOT_STARTED:
