@@ -15,7 +15,9 @@ from flexgen.identification.recordings.rigid_body import Motion, Regressor, iden
 from flexgen.model.elements import Body
 from flexgen.numerics.evaluate import evaluate
 
-DATA = Path(__file__).resolve().parents[3] / "shared" / "data" / "kr300"
+ROOT = Path(__file__).resolve().parents[2]
+DATA = ROOT.parent / "shared" / "data" / "kr300"
+PANDA = str(ROOT / "tests" / "support" / "robots" / "panda.toml")
 HOME_DEG = np.array([0.0, -90.0, 90.0, 0.0, 0.0, 0.0])
 
 
@@ -24,7 +26,7 @@ def states(n_a: int, count: int = 40, seed: int = 0):
     return [rng.uniform(-1.5, 1.5, (count, n_a)) for _ in range(3)]
 
 
-@pytest.mark.parametrize("name", ["kr300", "elbow@rigid", "tests/support/robots/panda.toml"])
+@pytest.mark.parametrize("name", ["kr300", "elbow@rigid", PANDA], ids=["kr300", "elbow@rigid", "panda"])
 def test_the_torques_are_linear_in_the_bodies(name):
     """Against the inverse dynamics of the same model, which has its bodies as constants."""
     model = flexgen.read(name)
