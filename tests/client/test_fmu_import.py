@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import zipfile
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -36,6 +38,14 @@ BLOCKS = [
         for v in ("2.0", "3.0")
     ),
 ]  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def same_folder() -> Iterator[None]:
+    """FMPy changes the working directory while it loads a library, and eight threads at once do not find back."""
+    before = Path.cwd()
+    yield
+    os.chdir(before)
 
 
 @pytest.mark.parametrize("case", BLOCKS)
