@@ -44,7 +44,7 @@ def show(page: Page) -> None:
     page.table(["method", *(f"tolerance {rtol:g}: error, N m" for rtol in TOLERANCES)], [["reduced", *controlled]])
     axes.set_xlabel("step, ms")
     axes.set_ylabel("largest error of a torque, N m")
-    axes.legend(fontsize=8)
+    axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
 if __name__ == "__main__":
