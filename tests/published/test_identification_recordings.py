@@ -28,7 +28,7 @@ def bench(tmp_path_factory):
     if not BENCH.exists():
         pytest.skip(f"no recording {BENCH.name}: a data set of the Hori-Fujimoto laboratory")
     folder = tmp_path_factory.mktemp("bench")
-    for file in (ROOT / "examples" / "motor_bench").iterdir():
+    for file in (ROOT / "examples" / "motor_bench").glob("*.*"):  # but not what Python keeps beside a script
         shutil.copy(file, folder)
     shutil.copy(BENCH, folder)
     return folder
@@ -51,7 +51,7 @@ def test_the_motor_bench_has_its_known_parameters(bench, residual):
 
 
 def test_the_first_period_of_the_bench_is_a_transient(bench, tmp_path):
-    for file in bench.iterdir():
+    for file in bench.glob("*.*"):
         shutil.copy(file, tmp_path)
     text = (tmp_path / "recordings.toml").read_text().replace("transients = 1", "transients = 0")
     (tmp_path / "recordings.toml").write_text(text)
@@ -61,7 +61,7 @@ def test_the_first_period_of_the_bench_is_a_transient(bench, tmp_path):
 
 def test_a_wrong_hold_is_a_wrong_delay(bench, tmp_path):
     """What the hold does not explain goes into the delay: half a sample of 0.4 ms."""
-    for file in bench.iterdir():
+    for file in bench.glob("*.*"):
         shutil.copy(file, tmp_path)
     text = (tmp_path / "recordings.toml").read_text().replace('hold = "none"', 'hold = "zoh"')
     (tmp_path / "recordings.toml").write_text(text)
