@@ -2,38 +2,15 @@
 
 from __future__ import annotations
 
-from numbers import Real
 from typing import Any
 
 import numpy as np
 
+from flexgen.arguments import check_not_negative, check_positive, is_number, is_whole
 from flexgen.errors import ArgumentError
 
 HESSIANS = ("auto", "exact", "gauss-newton")
 MOST = 5000  # intervals of a mesh
-
-
-def is_number(value: Any) -> bool:
-    """Whether a value is a real number and not NaN."""
-    return isinstance(value, Real) and not isinstance(value, bool) and not np.isnan(float(value))
-
-
-def check_positive(name: str, value: Any) -> None:
-    """ArgumentError unless the value is a positive number."""
-    if not is_number(value) or not 0 < value < np.inf:
-        raise ArgumentError(f"{name}: given {value!r}, expected a positive number")
-
-
-def check_not_negative(name: str, value: Any, unit: str = "") -> None:
-    """ArgumentError unless the value is a finite number >= 0."""
-    if not is_number(value) or not 0 <= value < np.inf:
-        raise ArgumentError(f"{name}: given {value!r}, expected a finite number >= 0{unit}")
-
-
-def check_count(name: str, value: Any) -> None:
-    """ArgumentError unless the value is a positive whole number."""
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise ArgumentError(f"{name}: given {value!r}, expected a positive whole number")
 
 
 def check_solve(hessian: Any, accuracy: Any, max_iterations: Any, time_limit: Any, compiled: Any) -> None:
@@ -41,9 +18,10 @@ def check_solve(hessian: Any, accuracy: Any, max_iterations: Any, time_limit: An
     if hessian not in HESSIANS:
         raise ArgumentError(f"hessian: given {hessian!r}, expected one of {', '.join(HESSIANS)}")
     check_positive("accuracy", accuracy)
-    check_count("max_iterations", max_iterations)
+    if not is_whole(max_iterations):
+        raise ArgumentError(f"max_iterations: given {max_iterations!r}, expected a positive whole number")
     if time_limit is not None:
-        check_not_negative("time_limit", time_limit, ", in s; None or 0: no limit")
+        check_not_negative("time_limit", time_limit, "a finite number >= 0, in s; None or 0: no limit")
     if compiled is not None and not isinstance(compiled, bool):
         raise ArgumentError(f"compiled: given {compiled!r}, expected True, False or None")
 
@@ -54,7 +32,8 @@ def check_parameter(name: Any, known: list[str], lower: Any, upper: Any, guess: 
         raise ArgumentError(f"parameter: given the name {name!r}, expected a text")
     if name in known:
         raise ArgumentError(f"parameter {name}: there is one of this name already, expected another name")
-    if not all(map(is_number, (lower, upper, guess))) or not np.isfinite(guess) or not lower <= guess <= upper:
+    bounds = all(is_number(x) or (isinstance(x, float) and abs(x) == np.inf) for x in (lower, upper))
+    if not bounds or not is_number(guess) or not lower <= guess <= upper:
         raise ArgumentError(f"parameter {name}: given guess {guess!r}, expected a number from {lower} to {upper}")
 
 

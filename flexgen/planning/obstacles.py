@@ -8,10 +8,11 @@ from itertools import pairwise
 import casadi as ca
 import numpy as np
 
+from flexgen.arguments import check_not_negative, check_positive, is_number
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
-from flexgen.planning.arguments import check_not_negative, check_positive, is_number, numbers_of
+from flexgen.planning.arguments import numbers_of
 
 SAME = 1e-9  # m: corners of the chain that are as close are one point
 
@@ -39,7 +40,7 @@ class HalfSpace:
 
     def __post_init__(self) -> None:
         _check_vector("normal", self.normal)
-        if not np.linalg.norm(self.normal) > 0 or not is_number(self.offset) or not np.isfinite(self.offset):
+        if not np.linalg.norm(self.normal) > 0 or not is_number(self.offset):
             raise ArgumentError(f"normal: given {self.normal!r}, {self.offset!r}, expected a direction and a length")
 
 
@@ -80,7 +81,7 @@ def distance_rows(equations: Equations, q_a: ca.SX, obstacle: Obstacle, margin: 
     """
     if not isinstance(obstacle, Sphere | HalfSpace):
         raise ArgumentError(f"obstacle: given {obstacle!r}, expected a Sphere or a HalfSpace")
-    check_not_negative("margin", margin, ", in m")
+    check_not_negative("margin", margin, "a finite number >= 0, in m")
     points = arm_points(equations, q_a, samples)
     if isinstance(obstacle, HalfSpace):
         normal = np.asarray(obstacle.normal, float) / np.linalg.norm(obstacle.normal)

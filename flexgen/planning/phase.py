@@ -9,10 +9,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from flexgen.arguments import check_not_negative, is_number
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.transcription import Transcription
-from flexgen.planning.arguments import check_not_negative, numbers_of
+from flexgen.planning.arguments import numbers_of
 from flexgen.planning.signals import Signals, compared
 
 WHERE = ("path", "start", "end")
@@ -243,7 +244,7 @@ class Phase:
     def free_time(self, lower: float = DURATIONS[0], upper: float = DURATIONS[1], guess: float | None = None) -> None:
         """Make the duration of the phase an unknown within bounds [s]."""
         for value in (lower, upper, 1.0 if guess is None else guess):
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
+            if not is_number(value) or value <= 0:
                 raise ArgumentError(f"free_time: given {value!r}, expected a positive time in s")
         if lower > upper:
             raise ArgumentError(f"free_time: given {lower} to {upper} s, expected a lower bound below the upper one")

@@ -20,6 +20,7 @@ from pathlib import Path as FilePath
 import casadi as ca
 import numpy as np
 
+from flexgen.arguments import check_positive
 from flexgen.deadline import running
 from flexgen.errors import ArgumentError
 from flexgen.inversion.bounds import Limits
@@ -33,7 +34,7 @@ from flexgen.numerics.tableaus import Tableau, gauss, lobatto, radau
 from flexgen.numerics.transcription import Transcription
 from flexgen.paths.path import Path, named_move
 from flexgen.planning import guesses, reference_curve
-from flexgen.planning.arguments import check_parameter, check_positive, check_solve, mesh_nodes
+from flexgen.planning.arguments import check_parameter, check_solve, mesh_nodes
 from flexgen.planning.blocks import Program, check_finite, program
 from flexgen.planning.nodal import general_part
 from flexgen.planning.obstacles import Obstacle, Sphere, distance_rows
