@@ -142,7 +142,7 @@ static inline void F(sine_cosine_part)(const T turns, const T r, const T tail, T
     *cosine = F(from_bits)((F(bits)(c) ^ swap) ^ minus_c);
 }
 
-static inline void F(sine_cosine)(const T x, T *sine, T *cosine)
+MODEL_INLINE void F(sine_cosine)(const T x, T *sine, T *cosine)
 {
     T turns, r, tail;
     F(reduce)(x, &turns, &r, &tail);

@@ -12,11 +12,11 @@
 #define ROW_COUNT(n) (n)
 #define ROW_OF_COLUMN(i) (i)
 #define ROW_FOURS(n) (((n) + 3) / 4 * 4)
-#define ROW_END(n) ROW_FOURS(n)
-#define ROW_BLOCK 8
 #define ROW_LANES 1
-#define ROWS_LEFT(i) 0
 #define ONE_POINT 0
-#define ROW_OUT(x, at, k, row) OUT(x, (at) + (k), row)
+#define ROW_OUT(x, row) store_v(x, row)
+#define ROW_TABLE(x, row, k) splat_v((x)[(row) + (k)])
+#define LAST(i, k, n) 0
+#define ENTRY(x, i) ((x) + (i) * n)
 #define ROW_OF(x) splat_v(x)
 #define ROW_SUM(x) (x)

@@ -11,11 +11,11 @@
 #define ROW_COUNT(n) (((n) + LANES - 1) / LANES)
 #define ROW_OF_COLUMN(i) ((i) / LANES)
 #define ROW_FOURS(n) ((ROW_COUNT(n) + 3) / 4 * 4)
-#define ROW_END(n) (ROW_FOURS(n) * LANES)
-#define ROW_BLOCK 64
 #define ROW_LANES LANES
-#define ROWS_LEFT(i) ((i) / LANES)
 #define ONE_POINT 1
-#define ROW_OUT(x, at, k, row) store_v((x) + (at) + (k) * LANES, row)
+#define ROW_OUT(x, row) store_v(x, row)
+#define ROW_TABLE(x, row, k) load_v((x) + (row) + (k) * LANES)
+#define LAST(i, k, n) ((i) == (n) - 1 && ((k) + 1) * LANES > (n))
+#define ENTRY(x, i) ((x) + (i))
 #define ROW_OF(x) splat_v(x)
 #define ROW_SUM(x) sum_v(x)

@@ -25,7 +25,8 @@ from flexgen.codegen.motor_constants import MotorConstants
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.codegen.stream_bounds import BLOCK, CALL, Linear, stream_operations, stream_size
 from flexgen.errors import BuildError
-from flexgen.expressions.function_text import FunctionText, literal
+from flexgen.expressions.function_text import FunctionText
+from flexgen.expressions.literals import literal
 from flexgen.mechanics.signatures import INVERSION
 
 FOLDER = "flexgen.clib"

@@ -7,7 +7,8 @@ from collections.abc import Mapping
 from flexgen.codegen.c_text import count_of, macro, quoted, size_macro
 from flexgen.codegen.clib_table import TOLERANCES
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
-from flexgen.expressions.function_text import FunctionText, literal
+from flexgen.expressions.function_text import FunctionText
+from flexgen.expressions.literals import literal
 
 
 def example(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> str:

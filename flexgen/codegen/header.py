@@ -9,7 +9,8 @@ from typing import Any
 
 from flexgen.codegen.c_text import batch_prototype, comment, macro, numbered, port_table, prototype, size_macro
 from flexgen.codegen.spec import STATUSES, FunctionSpec, LibrarySpec, Status
-from flexgen.expressions.function_text import FunctionText, literal
+from flexgen.expressions.function_text import FunctionText
+from flexgen.expressions.literals import literal
 
 SIZES = {
     "n_a": "arm coordinates",

@@ -8,7 +8,8 @@ from flexgen.codegen.c_text import comment, macro
 from flexgen.codegen.clib_files import batch_call, described, fixed_files, render, space_of
 from flexgen.codegen.kinematic_functions import CONFIGURATIONS_MAX, STARTS, STARTS_MAX, USED
 from flexgen.codegen.spec import LibrarySpec
-from flexgen.expressions.function_text import FunctionText, literal
+from flexgen.expressions.function_text import FunctionText
+from flexgen.expressions.literals import literal
 
 HEADER = "inverse_kinematics"
 

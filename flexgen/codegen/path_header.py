@@ -9,7 +9,7 @@ import numpy as np
 from flexgen.codegen.c_text import comment
 from flexgen.codegen.sampler_functions import SAMPLER_FUNCTIONS
 from flexgen.codegen.spec import library_name
-from flexgen.expressions.function_text import literal
+from flexgen.expressions.literals import literal
 from flexgen.model.elements import RobotModel
 
 PER_LINE = 4

@@ -10,12 +10,12 @@ from typing import Any
 import casadi as ca
 
 from flexgen.errors import BuildError
-from flexgen.expressions.routine import Block, Expressions, Products, Routine, Solve, profile
+from flexgen.expressions.routine import Block, Expressions, Factor, Routine, Solve, Zeros, profile
 from flexgen.ports import Port
-from flexgen.recursion.functions import cost_of, fast_function
+from flexgen.recursion import columns
+from flexgen.recursion.column_functions import around_the_arm, long_chain, shorter_mass_matrix
+from flexgen.recursion.functions import fast_function
 
-LONG_CHAIN = 12  # coordinates from which a mass matrix may be shorter by products of vectors
-SHORTER = 0.9  # the share of operations from which it is
 PARAMETERS = "parameters"  # the port with the numbers that may change at run time
 
 
@@ -31,33 +31,74 @@ def needs_parameters(program: Routine) -> bool:
 
 def program_of(name: str, equations: Any, inputs: tuple[Port, ...], outputs: tuple[Port, ...]) -> Routine:
     """The program of a function of the library; BuildError where it does not have the ports described."""
-    model = equations.model
     if name == "linearize":
-        n, n_m = model.dof, model.n_m
-        jacobians = expanded("residual_jacobians", mathematics_of(equations, "residual_jacobians"))
-        blocks: tuple[Block, ...] = (Block("A", n, 0, 2 * n), Block("B", n, 2 * n, n_m))
-        ones = tuple(("A", i, n + i) for i in range(n))
-        solve = Solve("M_y", "R_y", n, 2 * n + n_m, False, profile(jacobians, "M_y"), blocks, ones)
-        forward = expanded("forward_dynamics", mathematics_of(equations, "forward_dynamics"))
-        return Routine((Expressions(forward, pivots=True), Expressions(jacobians), solve))
+        return _linearize(equations)
     if name == "arm_forward_derivatives":
-        n = model.n_a
-        jacobians = expanded("arm_residual_jacobians", mathematics_of(equations, "arm_residual_jacobians"))
-        blocks = (Block("da_dq", 0, 0, n), Block("da_dv", 0, n, n), Block("da_dtau", 0, 2 * n, n))
-        solve = Solve("M", "R_a", n, 2 * n, True, profile(jacobians, "M"), blocks)
-        forward = expanded("arm_forward_dynamics", mathematics_of(equations, "arm_forward_dynamics"))
-        return Routine((Expressions(forward, pivots=True), Expressions(jacobians), solve))
-    if name == "mass_matrix" and model.n_a >= LONG_CHAIN:
-        vectors, n = fast_function(equations, "mass_vectors"), model.n_a
-        if vectors is not None:
-            products = Products("S", "F", 6, n, "M")
-            direct = cost_of(mathematics_of(equations, name)).operations
-            if cost_of(vectors).operations + products.operations < SHORTER * direct:
-                return Routine((Expressions(expanded("mass_vectors", vectors)), products))
+        return _arm_forward_derivatives(equations)
+    if name == "inverse_dynamics_derivatives":
+        chain = long_chain(equations)
+        if chain is not None:
+            return Routine(tuple(columns.derivatives(chain, ("dtau_dq", 0), ("dtau_dv", 0), "dtau_da")))
+    if name == "mass_matrix":
+        steps = shorter_mass_matrix(equations, "M")
+        if steps is not None:
+            return Routine(tuple(steps))
     function = _packed(equations) if name == "mass_matrix_packed" else mathematics_of(equations, name)
     if PARAMETERS in function.name_in():
         inputs = (*inputs, parameters_port(equations))
     return Routine((Expressions(checked(name, function, inputs, outputs), pivots="forward_dynamics" in name),))
+
+
+def _linearize(equations: Any) -> Routine:
+    """Derivatives of the accelerations of the whole robot: ``M_y X = -R_y``."""
+    model = equations.model
+    n, n_m, n_a = model.dof, model.n_m, model.n_a
+    blocks: tuple[Block, ...] = (Block("A", n, 0, 2 * n), Block("B", n, 2 * n, n_m))
+    ones = tuple(("A", i, n + i) for i in range(n))
+    chain = long_chain(equations) if fast_function(equations, "forward_dynamics") is not None else None
+    if chain is None:
+        jacobians = expanded("residual_jacobians", mathematics_of(equations, "residual_jacobians"))
+        solve = Solve("M_y", "R_y", n, 2 * n + n_m, False, profile(jacobians, "M_y"), blocks, ones)
+        forward = expanded("forward_dynamics", mathematics_of(equations, "forward_dynamics"))
+        return Routine((Expressions(forward, pivots=True), Expressions(jacobians), solve))
+    around = around_the_arm(equations)
+    first = tuple(0 if i < n_a else i for i in range(n))
+    return Routine(
+        (
+            Zeros("M_y", n, n),
+            Zeros("R_y", n, 2 * n + n_m),
+            *columns.bias(chain, "M_y"),
+            around.left,
+            around.rotors,
+            Factor("M_y", "row_left", "row_a_a", n, first),
+            *columns.derivatives_after(chain, ("R_y", 0), ("R_y", n)),
+            around.changes,
+            Solve("M_y", "R_y", n, 2 * n + n_m, False, first, blocks, ones, factored=True),
+        )
+    )
+
+
+def _arm_forward_derivatives(equations: Any) -> Routine:
+    """Derivatives of the accelerations of the arm: ``M X = -R_a``."""
+    n = equations.model.n_a
+    blocks = (Block("da_dq", 0, 0, n), Block("da_dv", 0, n, n), Block("da_dtau", 0, 2 * n, n))
+    chain = long_chain(equations) if fast_function(equations, "arm_forward_dynamics") is not None else None
+    if chain is None:
+        jacobians = expanded("arm_residual_jacobians", mathematics_of(equations, "arm_residual_jacobians"))
+        solve = Solve("M", "R_a", n, 2 * n, True, profile(jacobians, "M"), blocks)
+        forward = expanded("arm_forward_dynamics", mathematics_of(equations, "arm_forward_dynamics"))
+        return Routine((Expressions(forward, pivots=True), Expressions(jacobians), solve))
+    tau, felt = ca.SX.sym("tau_a", n), ca.SX.sym("bias", 1, n)
+    left = ca.Function("left", [tau, felt], [tau.T - felt], ["tau_a", "bias"], ["row_left"])
+    return Routine(
+        (
+            *columns.bias(chain, "M"),
+            Expressions(left),
+            Factor("M", "row_left", "row_a_a", n, (0,) * n),
+            *columns.derivatives_after(chain, ("R_a", 0), ("R_a", n)),
+            Solve("M", "R_a", n, 2 * n, True, (0,) * n, blocks, factored=True),
+        )
+    )
 
 
 def _packed(equations: Any) -> ca.Function:

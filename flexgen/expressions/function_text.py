@@ -15,12 +15,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from flexgen.expressions.column_loops import filled_text
 from flexgen.expressions.graph import Graph, read_graph
-from flexgen.expressions.pivot_guards import EPSILON, guarded
-from flexgen.expressions.routine import Expressions, Products, Routine, Solve
+from flexgen.expressions.layout import WHOLE, Layout, layout_of
+from flexgen.expressions.literals import literal
+from flexgen.expressions.pivot_guards import guarded
+from flexgen.expressions.routine import Expressions, Routine
 from flexgen.expressions.schedule import ordered, written_order
 from flexgen.expressions.simplify import simplified
-from flexgen.expressions.solve_loops import Layout, extra_arrays, products_text, solve_text
+from flexgen.expressions.step_text import step_text
 
 CHUNK = 500  # operations per C function: a compiler keeps values in registers, and is quick, where functions are short
 MARGIN = 500  # a function that is longer than a chunk by less than this stays in one piece
@@ -69,23 +72,6 @@ class _Piece:
     broken: bool = False  # a result is never finite
 
 
-def literal(x: float, precision: str = "double") -> str:
-    """A number as the shortest C expression that reads back to the same bits."""
-    if math.isnan(x):
-        return "NAN"
-    if math.isinf(x):
-        return "INFINITY" if x > 0 else "(-INFINITY)"
-    text = repr(float(x))  # always with a point or an exponent
-    if precision == "single":
-        with np.errstate(over="ignore", under="ignore"):
-            short = np.float32(x)
-        if math.isinf(short):
-            return literal(float(short))
-        text = str(short) if "." in str(short) or "e" in str(short) else f"{short}.0"
-        text += "f"
-    return f"({text})" if text.startswith("-") else text
-
-
 def function_text(
     program: Routine,
     inputs: Mapping[str, int],
@@ -115,24 +101,24 @@ def function_text(
         False: the parameters are an input like the others, one vector for each point.
     """
     common = parameters if shared else None
-    layout = _layout(program, outputs)
+    layout = layout_of(program, outputs)
     texts: list[str] = []
     calls: list[str] = []
     work, stack, operations, depth, called = layout.size, 0, 0, 0, 0
     seen: set[tuple[str, int]] = set()  # entries of inputs that show in a result where they are not finite
-    rights = [step.right for step in program.steps if isinstance(step, Solve)]
-    rights += [name for step in program.steps if isinstance(step, Products) for name in (step.left, step.right)]
     whole = False  # one function does it all
+    if layout.size > 0:
+        work += WHOLE
+        calls.append("w = F(aligned)(w);")
+    if layout.filled:
+        texts.append(filled_text(f"{prefix}fill", layout))
+        calls.append(_call(f"{prefix}fill", [], workspace=True))
     for k, step in enumerate(program.steps):
         if not isinstance(step, Expressions):
-            name = f"{prefix}{'solve' if isinstance(step, Solve) else 'products'}_{k + 1}"
-            if isinstance(step, Solve):
-                texts.append(solve_text(name, step, layout, outputs, literal(step.n * EPSILON[precision], precision)))
-            else:
-                texts.append(products_text(name, step, layout))
-            calls.append("zero += " + _call(name, [port for port in outputs if port in step.ports], workspace=True))
-            operations += step.operations
-            depth += step.depth
+            loop = step_text(f"{prefix}step_{k + 1}", step, layout, outputs, precision)
+            texts.append(loop.text)
+            calls.append("zero += " * loop.checks + _call(f"{prefix}step_{k + 1}", loop.ports, workspace=True))
+            operations, depth = operations + loop.operations, depth + loop.depth
             continue
         graph = simplified(read_graph(step.function))
         if step.pivots:
@@ -140,7 +126,7 @@ def function_text(
             graph = guarded(graph, step.function.name_in(), given, precision)
         writer = _Writer(graph, step, layout, common, precision)
         pieces = writer.pieces()
-        seen |= _seen(graph, step, {*outputs, *rights})
+        seen |= _seen(graph, step, {*outputs, *layout.places})
         whole = len(pieces) == len(program.steps) == 1
         for i, piece in enumerate(pieces):
             stack = max(stack, piece.locals)
@@ -155,7 +141,7 @@ def function_text(
             kinds = [port for port in ports if port in inputs], [port for port in ports if port in outputs]
             texts.append("SEPARATE " + _function(name, piece, *kinds, common))
             calls.append("zero += " + _call(name, ports, piece.workspace, common))
-        work = max(work, writer.start + writer.spilled)
+        work = max(work, writer.start + writer.spilled + (WHOLE if layout.size > 0 else 0))
         operations, called = operations + graph.operations(), called + graph.calls()
         depth += max((graph.depth[r >> 1] for _, _, r in graph.outputs), default=0)
     if not whole:
@@ -169,29 +155,6 @@ def function_text(
 
 
 # --- around the expressions -------------------------------------------------------------------------------------------
-
-
-def _layout(program: Routine, outputs: Mapping[str, int]) -> Layout:
-    """Places in the workspace of what a step computes for a later one."""
-    solves = [step for step in program.steps if isinstance(step, Solve)]
-    products = [step for step in program.steps if isinstance(step, Products)]
-    strides = {s.matrix: s.matrix_stride for s in solves} | {s.right: s.stride for s in solves}
-    strides |= {name: step.stride for step in products for name in (step.left, step.right)}
-    sizes: dict[str, int] = {}
-    for step in program.steps:
-        if isinstance(step, Expressions):
-            for i, name in enumerate(step.function.name_out()):
-                if name not in outputs:
-                    rows = step.function.size1_out(i)
-                    sizes[name] = rows * strides[name] if name in strides else step.function.numel_out(i)
-    for step in products:
-        sizes |= extra_arrays(step)
-    places: dict[str, int] = {}
-    at = 0
-    for name, size in sizes.items():
-        places[name] = at
-        at += -(-size // 16) * 16  # all begin with a whole vector
-    return Layout(places, strides, at)
 
 
 def _call(name: str, ports: Sequence[str], workspace: bool, parameters: str | None = None) -> str:
@@ -233,6 +196,7 @@ class _Writer:
 
     def __init__(self, graph: Graph, step: Expressions, layout: Layout, parameters: str | None, precision: str) -> None:
         self.graph, self.layout, self.parameters, self.precision = graph, layout, parameters, precision
+        self.added = step.added
         self.inputs, self.outputs = step.function.name_in(), step.function.name_out()
         self.rows = [step.function.size1_out(i) for i in range(step.function.n_out())]
         self.needed = graph.alive()
@@ -395,6 +359,8 @@ class _Writer:
     def _store(self, piece: _Piece, node: int) -> None:
         """Write a value wherever it is a result."""
         for array, entry, r in self.stores.get(node, ()):
+            if self.added and self.graph.number(r) == 0.0:
+                continue
             self._fetch(piece, node)
             name, rows = self.outputs[array], self.rows[array]
             if self.graph.kind[node] != "constant":
@@ -408,7 +374,7 @@ class _Writer:
             piece.workspace = True
             if name in self.layout.strides:  # by rows
                 entry = (entry % rows) * self.layout.strides[name] + entry // rows
-            piece.lines.append(f"w[{self.layout.places[name] + entry}] = {self._argument(r)};")
+            piece.lines.append(f"w[{self.layout.places[name] + entry}] {'+' * self.added}= {self._argument(r)};")
 
     def check(self, piece: _Piece, unread: Sequence[tuple[str, int]]) -> list[str]:
         """Lines that return the sum of zero times every result, combined in the order in which they become known."""

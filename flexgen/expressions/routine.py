@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import ClassVar
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import casadi as ca
+import numpy as np
 
 
 @dataclass(frozen=True)
@@ -19,10 +20,13 @@ class Expressions:
     function : casadi.Function
     pivots : bool
         True: its divisions are those of positive definite systems, and are guarded against singular ones.
+    added : bool
+        True: the results are added to what the intermediate arrays hold, where they are not zero by structure.
     """
 
     function: ca.Function
     pivots: bool = False
+    added: bool = False
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,53 @@ class Block:
     row: int
     first: int
     count: int
+
+
+@dataclass(frozen=True)
+class Zeros:
+    """An intermediate array of zeros, (rows, columns)."""
+
+    array: str
+    rows: int
+    columns: int
+
+
+@dataclass(frozen=True)
+class Factor:
+    """Factors ``A``, symmetric and positive definite, in its place for a later `Solve`, and solves ``A x = b``.
+
+    Parameters
+    ----------
+    matrix : str
+        Intermediate array A (n, n), of which the upper half is read.
+    right, solution : str
+        Intermediate arrays b and x (1, n).
+    n : int
+    profile : tuple of int
+        First column of each row of A that is not zero by structure.
+    """
+
+    matrix: str
+    right: str
+    solution: str
+    n: int
+    profile: tuple[int, ...]
+
+    @property
+    def matrix_stride(self) -> int:
+        """Entries between the rows of A in the workspace: b is one more column."""
+        return _stride(self.n + 1)
+
+    @property
+    def operations(self) -> int:
+        """Arithmetic operations."""
+        factor = sum((i - first) * (2 * (self.n + 1 - i) + 1) for i, first in enumerate(self.profile))
+        return factor + self.n * (self.n + 1) // 2 + self.n * (self.n - 1)
+
+    @property
+    def depth(self) -> int:
+        """Latency of the longest chain of operations in cycles, about."""
+        return 30 * self.n
 
 
 @dataclass(frozen=True)
@@ -53,6 +104,8 @@ class Solve:
         Where the solution goes. What no block covers is zero, but for ``ones``.
     ones : tuple of (str, int, int)
         Port, row and column of entries that are one.
+    factored : bool
+        True: a `Factor` of this matrix came before.
     """
 
     matrix: str
@@ -63,6 +116,7 @@ class Solve:
     profile: tuple[int, ...]
     blocks: tuple[Block, ...]
     ones: tuple[tuple[str, int, int], ...] = ()
+    factored: bool = False
 
     @property
     def width(self) -> int:
@@ -77,7 +131,7 @@ class Solve:
     @property
     def matrix_stride(self) -> int:
         """The same between the rows of A."""
-        return _stride(self.n)
+        return _stride(self.n + 1 if self.factored else self.n)
 
     @property
     def ports(self) -> tuple[str, ...]:
@@ -90,7 +144,7 @@ class Solve:
         filled = sum(i - first for i, first in enumerate(self.profile))
         factor = sum((i - first) * (2 * (self.n - i) + 1) for i, first in enumerate(self.profile))
         below = self.n * (self.n - 1) // 2
-        return factor + below + (2 * filled + 2 * below + self.n) * self.width
+        return (0 if self.factored else factor + below) + (2 * filled + 2 * below + self.n) * self.width
 
     @property
     def depth(self) -> int:
@@ -99,50 +153,116 @@ class Solve:
 
 
 @dataclass(frozen=True)
-class Products:
-    """A symmetric matrix ``M_ij = sum_k S_ki F_kj`` for i <= j, written as loops.
+class Columns:
+    """The same expressions for each of n columns of intermediate arrays: for one point, lanes hold columns.
 
     Parameters
     ----------
-    left, right : str
-        Intermediate arrays S and F, (rows, n).
-    rows, n : int
-        Their sizes, n at least `LEAST`: a vector that begins in a row before the last one ends in M.
-    port : str
-        The output M, (n, n).
+    function : casadi.Function
+        An SX function of dense columns. Its arguments and results are columns of the intermediate arrays of these
+        names, or of the tables. Zeros give zeros: these stand beyond the last column, up to a whole vector.
+    n : int
+        Number of columns.
+    tables : mapping of str to numpy.ndarray
+        Numbers, (rows, n).
     """
 
-    LEAST: ClassVar[int] = 8
-
-    left: str
-    right: str
-    rows: int
+    function: ca.Function
     n: int
-    port: str
+    tables: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.n < self.LEAST:
-            raise ValueError(f"products: given {self.n} columns, expected at least {self.LEAST}")
+        f = self.function
+        results = f.call([ca.DM.zeros(f.size_in(i)) for i in range(f.n_in())])
+        if any(np.any(result.full() != 0.0) for result in results):
+            raise ValueError(f"columns: given {f.name()}, which does not give zeros for zeros")
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Columns of an intermediate array added one after the other: ``target_j = start + sum_k source_k``.
+
+    Parameters
+    ----------
+    source, target : str
+        Intermediate arrays of as many rows; (rows, len(at)) and (rows, n).
+    rows, n : int
+    at : tuple of int
+        Column of the target, in rising order, at which each column of the source is added.
+    backward : bool
+        False: the sum is over all k with ``at_k <= j``; True: with ``at_k >= j``.
+    start : tuple of float
+        One number for each row; empty: zeros.
+    """
+
+    source: str
+    target: str
+    rows: int
+    n: int
+    at: tuple[int, ...]
+    backward: bool = False
+    start: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Selected:
+    """Some columns of an intermediate array: ``target_k = source_at[k]``, for as many rows as given."""
+
+    source: str
+    target: str
+    rows: int
+    at: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of an intermediate array, from ``first`` on."""
+
+    array: str
+    first: int
+    count: int
+
+
+@dataclass(frozen=True)
+class Products:
+    """A matrix whose two triangles are products, written as loops.
+
+    ``A_ij = sum_k S_ki W_kj`` above the diagonal, ``sum_k G_ki U_kj`` on it and below it.
+
+    Parameters
+    ----------
+    above, below : tuple of Rows
+        (S, W) and (G, U): rows of intermediate arrays with n columns, as many in both.
+    n : int
+        Rows and columns of A.
+    target : str
+        A port (n, n); or an intermediate array, by rows.
+    first : int
+        Column of the target at which A begins.
+    """
+
+    above: tuple[Rows, Rows]
+    below: tuple[Rows, Rows]
+    n: int
+    target: str
+    first: int = 0
 
     @property
-    def stride(self) -> int:
-        """Entries between the rows of S, F and M in the workspace."""
-        return _stride(self.n)
-
-    @property
-    def ports(self) -> tuple[str, ...]:
-        """Outputs that it writes."""
-        return (self.port,)
+    def symmetric(self) -> bool:
+        """Whether the triangles are those of a symmetric matrix."""
+        return self.above == self.below[::-1]
 
     @property
     def operations(self) -> int:
         """Arithmetic operations."""
-        return (2 * self.rows - 1) * self.n * (self.n + 1) // 2
+        above, below = (2 * rows[0].count - 1 for rows in (self.above, self.below))
+        outside, all_below = self.n * (self.n - 1) // 2, self.n * (self.n + 1) // 2
+        return below * all_below + (0 if self.symmetric else above * outside)
 
     @property
     def depth(self) -> int:
         """Latency of the longest chain of operations in cycles, about."""
-        return 8 * self.rows
+        return 8 * max(self.above[0].count, self.below[0].count)
 
 
 def _stride(width: int) -> int:
@@ -150,11 +270,14 @@ def _stride(width: int) -> int:
     return -(-width // 64) * 64 + 16
 
 
+Step = Expressions | Columns | Sums | Selected | Products | Zeros | Factor | Solve
+
+
 @dataclass(frozen=True)
 class Routine:
     """Steps in order; later ones may use the intermediate arrays of earlier ones."""
 
-    steps: tuple[Expressions | Solve | Products, ...]
+    steps: tuple[Step, ...]
 
 
 def profile(function: ca.Function, result: str) -> tuple[int, ...]:

@@ -5,140 +5,102 @@ For one point the loops run over lanes of columns of the right side, for lanes o
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
-from flexgen.expressions.routine import Products, Solve
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Intermediate arrays in the workspace: their starts, the stride of rows of those stored by rows, size."""
-
-    places: Mapping[str, int]
-    strides: Mapping[str, int]
-    size: int
+from flexgen.expressions.layout import Layout, pivots_of
+from flexgen.expressions.routine import Factor, Solve
 
 
 def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int], rounding: str) -> str:
     """The C function of a `Solve`: factor, substitute, and write the solution to its ports.
 
-    A = U' D^-1 U by rows: ``U_ik = A_ik - sum_j f_j U_jk`` and ``Y_ik = R_ik - sum_j f_j Y_jk`` with
-    ``f_j = U_ji / d_j`` for all j < i within the profile, ``d_i = U_ii``; then
-    ``X_ik = Y_ik / d_i - sum_j (U_ij / d_i) X_jk`` for all j > i.
-    A pivot d_i below ``rounding`` times A_ii is noise: its reciprocal becomes NaN. Every sum stays
-    in a register.
+    A = L' D L with ``d_j = U_jj, L_jk = U_jk / d_j``: row j is taken from those below it, ``U_ik -= L_ji U_jk``. Then
+    ``Y_ik = R_ik - sum_j L_ji Y_jk`` for all j < i within the profile and ``X_ik = Y_ik / d_i - sum_j L_ij X_jk`` for
+    all j > i. A pivot d_i below ``rounding`` times A_ii is noise: its reciprocal becomes NaN.
     """
-    n, width = step.n, step.width
+    n = step.n
     ports = [port for port in outputs if port in step.ports]
-    parameters = ", ".join([*(f"real *RESTRICT {port}" for port in ports), "T *RESTRICT w"])
     lines = [
-        f"static const unsigned char first[{n}] = {{{', '.join(map(str, step.profile))}}};",
-        f"T *const matrix = w + {layout.places[step.matrix]};",
-        "ROW *const upper = ROWS(matrix);",
+        *_matrix(step, layout),
         f"ROW *const rows = ROWS(w + {layout.places[step.right]});",
-        f"const int count = ROW_FOURS({width});",
-        f"T inverse[{n}], factor[{n}];",
+        f"const int count = ROW_FOURS({step.width});",
         "ROW sum = ROW_OF(0);",
-        "int i, j, k, begin;",
-    ]
-    lines += _padded(step, layout)
-    lines += _eliminated(step, rounding)
-    lines += _substituted(step)
-    lines += _placed(step, layout, outputs)
-    lines += [
+        "int i, j, k;",
+        *_padded(step, layout),
+        *([] if step.factored else _eliminated(step, n, rounding)),
+        *_substituted(step),
+        *_placed(step, layout, outputs),
         f"for (i = 0; i < {n}; ++i) {{",
         f"    const ROW *const x = rows + i * ROW_COUNT({step.stride});",
-        "    for (k = 0; k < count; ++k) {",
-        "        sum += ZERO * x[k];",
+        "    for (k = 0; k < count; k += 4) {",
+        "        sum += ZERO * (x[k] + x[k + 1] + (x[k + 2] + x[k + 3]));",
         "    }",
         "}",
         "return ROW_SUM(sum);",
     ]
-    body = "".join(f"    {line}\n" for line in lines)
-    return f"SEPARATE static T F({name})({parameters} STRIDE(ptrdiff_t n))\n{{\n{body}}}\n"
+    return _function(name, ports, lines)
 
 
-def products_text(name: str, step: Products, layout: Layout) -> str:
-    """The C function of `Products`: rows of M, right of the diagonal from S_i and F, left of it from F_i and S.
-
-    For one point, what is left of the diagonal is computed as well where it fills whole vectors; the products are the
-    same, and so are the bits. A vector may end in the next row, which is written later; the last entry of all is alone.
-    """
-    n, stride, port = step.n, step.stride, step.port
-    S, F, M = (layout.places[key] for key in (step.left, step.right, _matrix_of(step)))
-
-    def total(terms: list[str]) -> str:
-        """The sum of the terms in pairs, so that few of them wait for each other."""
-        while len(terms) > 1:
-            pairs = [f"({' + '.join(terms[k : k + 2])})" for k in range(0, len(terms), 2)]
-            terms = pairs
-        return terms[0]
-
-    def row(vectors: int, numbers: int, begin: str, end: str) -> list[str]:
-        rows = range(step.rows)
-        products = total([f"x{k} * ROWS(w + {vectors + k * stride})[k]" for k in rows])
-        return [
-            "    {",
-            *(f"        const T x{k} = w[{numbers + k * stride} + i];" for k in rows),
-            f"        for (k = {begin}; k < {end}; ++k) {{",
-            f"            const ROW sum = {products};",
-            f"            ROW_OUT({port}, i * {n}, k, sum);",
-            "            if (!ONE_POINT) {",
-            f"                ROWS(w + {M} + i * {stride})[k] = sum;",
-            "            }",
-            "            check += ZERO * sum;",
-            "        }",
-            "    }",
-        ]
-
-    last = total([f"w[{S + k * stride + n - 1}] * w[{F + k * stride + n - 1}]" for k in range(step.rows)])
+def factor_text(name: str, step: Factor, layout: Layout, rounding: str) -> str:
+    """The C function of a `Factor`: as `solve_text` does, with the right side as one more column of the matrix."""
+    n, stride, x = step.n, step.matrix_stride, f"w[{layout.at(step.solution, 0)} + i]"
     lines = [
-        "ROW check = ROW_OF(0);",
-        f"const T last = {last};",
+        *_matrix(step, layout),
+        "T zero = F(splat)(0);",
         "int i, j, k;",
-        f"for (i = 0; i < {step.rows}; ++i) {{",
-        f"    for (j = {n}; j < ROW_COUNT({n}) * ROW_LANES; ++j) {{",
-        f"        w[{S} + i * {stride} + j] = w[{F} + i * {stride} + j] = F(splat)(0);",
-        "    }",
-        "}",
         f"for (i = 0; i < {n}; ++i) {{",
-        *row(S, F, "0", "ROWS_LEFT(i)"),
-        f"    if (i + 1 < {n}) {{",
-        *(f"    {line}" for line in row(F, S, "ROW_OF_COLUMN(i)", f"ROW_COUNT({n})")),
+        f"    for (j = {n}; j < ROW_COUNT({n + 1}) * ROW_LANES; j += ROW_LANES) {{",
+        f"        *ROWS(matrix + i * {stride} + j) = ROW_OF(0);",
         "    }",
-        "    for (j = ROWS_LEFT(i) * ROW_LANES; j < i; ++j) {",
-        f"        OUT({port}, i * {n} + j, ONE_POINT ? IN({port}, j * {n} + i) : w[{M} + j * {stride} + i]);",
+        f"    matrix[i * {stride} + {n}] = w[{layout.at(step.right, 0)} + i];",
+        "}",
+        *_eliminated(step, n + 1, rounding),
+        f"for (i = 0; i < {n}; ++i) {{",
+        f"    {x} = matrix[i * {stride} + {n}];",
+        "}",
+        f"for (j = {n - 1}; j >= 0; --j) {{",
+        f"    const T known = w[{layout.at(step.solution, 0)} + j];",
+        "    zero += ZERO * known;",
+        "    for (i = first[j]; i < j; ++i) {",
+        f"        {x} -= matrix[i * {stride} + j] * known;",
         "    }",
         "}",
-        f"OUT({port}, {n * n - 1}, last);",
-        "return ROW_SUM(check) + ZERO * last;",
+        "return zero;",
     ]
+    return _function(name, (), lines)
+
+
+def _matrix(step: Solve | Factor, layout: Layout) -> list[str]:
+    """Lines with the matrix, the reciprocals of its pivots, and the profile: first column of a row, end of a column."""
+    ends = [1 + max(i for i in range(j, step.n) if step.profile[i] <= j) for j in range(step.n)]
+    return [
+        f"static const unsigned char first[{step.n}] = {{{', '.join(map(str, step.profile))}}};",
+        f"static const unsigned char last[{step.n}] = {{{', '.join(map(str, ends))}}};",
+        f"T *const matrix = w + {layout.places[step.matrix]};",
+        f"T *const inverse = w + {layout.places[pivots_of(step.matrix)]};",
+    ]
+
+
+def _function(name: str, ports: Sequence[str], lines: Sequence[str]) -> str:
+    parameters = ", ".join([*(f"real *RESTRICT {port}" for port in ports), "T *RESTRICT w"])
+    stride = " STRIDE(ptrdiff_t n)" if ports else ""
     body = "".join(f"    {line}\n" for line in lines)
-    return f"SEPARATE static T F({name})(real *RESTRICT {port}, T *RESTRICT w STRIDE(ptrdiff_t n))\n{{\n{body}}}\n"
-
-
-def _matrix_of(step: Products) -> str:
-    """Name of the matrix in the workspace."""
-    return f"rows of {step.port}"
-
-
-def extra_arrays(step: Products) -> dict[str, int]:
-    """Arrays of the workspace that a step needs for itself, with their sizes."""
-    return {_matrix_of(step): step.n * step.stride}
+    return f"SEPARATE static T F({name})({parameters}{stride})\n{{\n{body}}}\n"
 
 
 def _padded(step: Solve, layout: Layout) -> list[str]:
     """Lines that fill what is not computed: the unit columns, and the ends of rows that are not whole vectors."""
-    n = step.n
-    right = f"w[{layout.places[step.right]} + i * {step.stride} + j]"
+    n, right = step.n, f"w + {layout.places[step.right]} + i * {step.stride}"
+    ends = [
+        f"    for (j = {n}; j < ROW_COUNT({n}) * ROW_LANES; j += ROW_LANES) {{",
+        f"        *ROWS(matrix + i * {step.matrix_stride} + j) = ROW_OF(0);",
+        "    }",
+    ]
     lines = [
         f"for (i = 0; i < {n}; ++i) {{",
-        f"    for (j = {n}; j < ROW_END({n}); ++j) {{",
-        f"        matrix[i * {step.matrix_stride} + j] = F(splat)(0);",
-        "    }",
-        f"    for (j = {step.columns}; j < ROW_END({step.width}); ++j) {{",
-        f"        {right} = F(splat)(0);",
+        *([] if step.factored else ends),
+        f"    for (j = {step.columns}; j < ROW_FOURS({step.width}) * ROW_LANES; j += ROW_LANES) {{",
+        f"        *ROWS({right} + j) = ROW_OF(0);",
         "    }",
     ]
     if step.unit:
@@ -146,68 +108,66 @@ def _padded(step: Solve, layout: Layout) -> list[str]:
     return [*lines, "}"]
 
 
-def _less(row: str, factor: str, other: str, begin: str, end: str, start: str = "x[k]") -> list[str]:
-    """Lines that take multiples of other rows from a row: four sums at a time, which do not wait for each other."""
-    places = ["k", "k + 1", "k + 2", "k + 3"]
+def _eliminated(step: Solve | Factor, columns: int, rounding: str) -> list[str]:
+    """Lines that factor the matrix in its place: L in its upper half, reciprocals of pivots in `inverse`.
+
+    Columns behind the matrix are right sides.
+    """
+    n, stride = step.n, step.matrix_stride
     return [
-        f"    for (k = {begin}; k < {end}; k += 4) {{",
-        *(f"        ROW rest{i} = {start.replace('k]', f'{place}]')};" for i, place in enumerate(places)),
-        f"        for ({other}) {{",
-        f"            const T times = {factor};",
-        *(f"            rest{i} -= times * {row.replace('k]', f'{place}]')};" for i, place in enumerate(places)),
+        f"for (i = 0; i < {n}; ++i) {{",
+        f"    inverse[i] = {rounding} * matrix[i * {stride + 1}];",
+        "}",
+        f"for (j = 0; j < {n}; ++j) {{",
+        f"    T *const row = matrix + j * {stride};",
+        "    const T pivot = F(guarded)(F(splat)(1) / row[j], row[j], inverse[j]);",
+        "    inverse[j] = pivot;",
+        f"    for (k = ROW_OF_COLUMN(j + 1); k < ROW_COUNT({columns}); ++k) {{",
+        "        const ROW x = ROWS(row)[k];",
+        "        const int end = LESSER(last[j], (k + 1) * ROW_LANES);",
+        "        for (i = j + 1; i < end; ++i) {",
+        f"            ROWS(matrix + i * {stride})[k] -= pivot * row[i] * x;",
         "        }",
-        *(f"        x[{place}] = rest{i};" for i, place in enumerate(places)),
         "    }",
+        f"    for (k = ROW_OF_COLUMN(j); k < ROW_COUNT({columns}); ++k) {{",
+        "        ROWS(row)[k] = pivot * ROWS(row)[k];",
+        "    }",
+        "}",
     ]
 
 
-def _eliminated(step: Solve, rounding: str) -> list[str]:
-    """Lines that factor the matrix; the factors f_j of row i in its lower half, reciprocals of pivots in `inverse`."""
-    n, stride = step.n, step.matrix_stride
-    above = "j = first[i]; j < i; ++j"
+def _less(lanes: int, row: str, factor: str, other: str, start: str) -> list[str]:
+    """Lines that take multiples of other rows from some vectors of a row: sums that do not wait for each other."""
+    places = range(lanes)
     return [
-        f"for (i = 0; i < {n}; ++i) {{",
-        f"    ROW *const x = upper + i * ROW_COUNT({stride});",
-        f"    const T whole = matrix[i * {stride + 1}];",
-        f"    for ({above}) {{",
-        f"        factor[j] = matrix[j * {stride} + i] * inverse[j];",
+        f"    for (; k + {lanes} <= count; k += {lanes}) {{",
+        *(f"        ROW rest{i} = {start.replace('k]', f'k + {i}]')};" for i in places),
+        f"        for ({other}) {{",
+        f"            const T times = {factor};",
+        *(f"            rest{i} -= times * {row.replace('k]', f'k + {i}]')};" for i in places),
+        "        }",
+        *(f"        x[k + {i}] = rest{i};" for i in places),
         "    }",
-        *_less(
-            f"upper[j * ROW_COUNT({stride}) + k]", "factor[j]", above, "ROW_OF_COLUMN(i) / 4 * 4", f"ROW_FOURS({n})"
-        ),
-        f"    for ({above}) {{",
-        f"        matrix[i * {stride} + j] = factor[j];",
-        "    }",
-        f"    inverse[i] = F(guarded)(F(splat)(1) / matrix[i * {stride + 1}], matrix[i * {stride + 1}], "
-        f"{rounding} * whole);",
-        "}",
-        f"for (i = 0; i < {n}; ++i) {{",
-        f"    for (j = i + 1; j < {n}; ++j) {{",
-        f"        matrix[i * {stride} + j] = matrix[i * {stride} + j] * inverse[i];",
-        "    }",
-        "}",
     ]
 
 
 def _substituted(step: Solve) -> list[str]:
-    """Lines that combine the rows of the right side as the factors demand, a few columns at a time."""
+    """Lines that combine the rows of the right side as the factors demand."""
     n, stride = step.n, step.matrix_stride
-    other, factor = f"rows[j * ROW_COUNT({step.stride}) + k]", f"matrix[i * {stride} + j]"
-    lines = [
+    other = f"rows[j * ROW_COUNT({step.stride}) + k]"
+
+    def taken(factor: str, others: str, start: str) -> list[str]:
+        return ["    k = 0;", *_less(8, other, factor, others, start), *_less(4, other, factor, others, start)]
+
+    return [
         f"for (i = 0; i < {n}; ++i) {{",
         f"    ROW *const x = rows + i * ROW_COUNT({step.stride});",
-        *_less(other, factor, "j = first[i]; j < i; ++j", "begin", "end"),
+        *taken(f"matrix[j * {stride} + i]", "j = first[i]; j < i; ++j", "x[k]"),
         "}",
         f"for (i = {n - 1}; i >= 0; --i) {{",
         f"    ROW *const x = rows + i * ROW_COUNT({step.stride});",
         "    const T pivot = inverse[i];",
-        *_less(other, factor, f"j = i + 1; j < {n}; ++j", "begin", "end", "pivot * x[k]"),
-        "}",
-    ]
-    return [
-        "for (begin = 0; begin < count; begin += ROW_BLOCK) {",
-        "    const int end = begin + ROW_BLOCK < count ? begin + ROW_BLOCK : count;",
-        *(f"    {line}" for line in lines),
+        *taken(f"matrix[i * {stride} + j]", "j = i + 1; j < last[i]; ++j", "pivot * x[k]"),
         "}",
     ]
 

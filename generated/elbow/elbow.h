@@ -54,7 +54,7 @@ typedef double elbow_real;
 #define ELBOW_NX 8 /* states of the linearization */
 #define ELBOW_NY 2 /* outputs */
 #define ELBOW_NT 2 /* numbers of an output sample */
-#define ELBOW_WORK 672 /* reals of workspace, where a function needs one */
+#define ELBOW_WORK 704 /* reals of workspace, where a function needs one */
 
 /* Status of a call: 0 success, negative an error, positive a result with a warning. */
 typedef enum {

@@ -22,7 +22,7 @@
 extern "C" {
 #endif
 
-#define ELBOW_BATCH_WORK 11136 /* workspace in reals, per thread */
+#define ELBOW_BATCH_WORK 11392 /* workspace in reals, per thread */
 
 /* Workspace for the largest number of threads of the moment. */
 ELBOW_API int elbow_batch_work(void);

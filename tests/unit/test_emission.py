@@ -11,9 +11,10 @@ from toolchain import needs_compiler
 
 from flexgen.expressions import graph as graphs
 from flexgen.expressions import simplify
-from flexgen.expressions.function_text import function_text, literal
+from flexgen.expressions.function_text import function_text
 from flexgen.expressions.graph import Graph, read_graph
-from flexgen.expressions.routine import Block, Expressions, Products, Routine, Solve, profile
+from flexgen.expressions.literals import literal
+from flexgen.expressions.routine import Block, Expressions, Products, Routine, Rows, Solve, profile
 from flexgen.expressions.schedule import ordered, scheduled
 from flexgen.expressions.simplify import simplified
 from flexgen.ports import Port
@@ -302,7 +303,8 @@ def test_products_fill_a_symmetric_matrix(n, flags, tmp_path):
     """Bits for many points as for one; what is behind the last entry stays."""
     left, right = ca.SX.sym("left", 3, n), ca.SX.sym("right", 3, n)
     f = ca.Function("g", [left, right], [2 * left, 1 * right], ["left", "right"], ["S", "F"])
-    program = Routine((Expressions(f), Products("S", "F", 3, n, "M")))
+    S, F = Rows("S", 0, 3), Rows("F", 0, 3)
+    program = Routine((Expressions(f), Products((S, F), (F, S), n, "M")))
     options = ("-std=c99", "-O2", "-ffp-contract=off", *flags)
     library = Small(spec_of(program, ports_of(f)[0], (Port("M", (n, n), "1", ""),)), tmp_path, flags=options)
     rng = np.random.default_rng(4)

@@ -87,7 +87,7 @@ static SEPARATE elbow_status arm_forward_derivatives_many(int n, int stride, con
             real *at_da_dv = da_dv + first;
             real *at_da_dtau = da_dtau + first;
             if (copied) {
-                real *at = space + 336 * LANES;
+                real *at = space + 368 * LANES;
                 apart = 64;
                 gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
                 at_q_a = at;

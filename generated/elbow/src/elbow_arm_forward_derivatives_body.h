@@ -127,100 +127,142 @@ SEPARATE static T F(arm_forward_derivatives_evaluate_2_1)(const real *RESTRICT q
     return z73;
 }
 
-SEPARATE static T F(arm_forward_derivatives_solve_3)(real *RESTRICT da_dq, real *RESTRICT da_dv, real *RESTRICT da_dtau, T *RESTRICT w STRIDE(ptrdiff_t n))
+SEPARATE static T F(arm_forward_derivatives_step_3)(real *RESTRICT da_dq, real *RESTRICT da_dv, real *RESTRICT da_dtau, T *RESTRICT w STRIDE(ptrdiff_t n))
 {
     static const unsigned char first[2] = {0, 0};
+    static const unsigned char last[2] = {2, 2};
     T *const matrix = w + 16;
-    ROW *const upper = ROWS(matrix);
+    T *const inverse = w + 336;
     ROW *const rows = ROWS(w + 176);
     const int count = ROW_FOURS(6);
-    T inverse[2], factor[2];
     ROW sum = ROW_OF(0);
-    int i, j, k, begin;
+    int i, j, k;
     for (i = 0; i < 2; ++i) {
-        for (j = 2; j < ROW_END(2); ++j) {
-            matrix[i * 80 + j] = F(splat)(0);
+        for (j = 2; j < ROW_COUNT(2) * ROW_LANES; j += ROW_LANES) {
+            *ROWS(matrix + i * 80 + j) = ROW_OF(0);
         }
-        for (j = 4; j < ROW_END(6); ++j) {
-            w[176 + i * 80 + j] = F(splat)(0);
+        for (j = 4; j < ROW_FOURS(6) * ROW_LANES; j += ROW_LANES) {
+            *ROWS(w + 176 + i * 80 + j) = ROW_OF(0);
         }
         w[176 + i * 81 + 4] = F(splat)(-1);
     }
     for (i = 0; i < 2; ++i) {
-        ROW *const x = upper + i * ROW_COUNT(80);
-        const T whole = matrix[i * 81];
-        for (j = first[i]; j < i; ++j) {
-            factor[j] = matrix[j * 80 + i] * inverse[j];
+        inverse[i] = 4.440892098500626e-16 * matrix[i * 81];
+    }
+    for (j = 0; j < 2; ++j) {
+        T *const row = matrix + j * 80;
+        const T pivot = F(guarded)(F(splat)(1) / row[j], row[j], inverse[j]);
+        inverse[j] = pivot;
+        for (k = ROW_OF_COLUMN(j + 1); k < ROW_COUNT(2); ++k) {
+            const ROW x = ROWS(row)[k];
+            const int end = LESSER(last[j], (k + 1) * ROW_LANES);
+            for (i = j + 1; i < end; ++i) {
+                ROWS(matrix + i * 80)[k] -= pivot * row[i] * x;
+            }
         }
-        for (k = ROW_OF_COLUMN(i) / 4 * 4; k < ROW_FOURS(2); k += 4) {
-            ROW rest0 = x[k];
+        for (k = ROW_OF_COLUMN(j); k < ROW_COUNT(2); ++k) {
+            ROWS(row)[k] = pivot * ROWS(row)[k];
+        }
+    }
+    for (i = 0; i < 2; ++i) {
+        ROW *const x = rows + i * ROW_COUNT(80);
+        k = 0;
+        for (; k + 8 <= count; k += 8) {
+            ROW rest0 = x[k + 0];
+            ROW rest1 = x[k + 1];
+            ROW rest2 = x[k + 2];
+            ROW rest3 = x[k + 3];
+            ROW rest4 = x[k + 4];
+            ROW rest5 = x[k + 5];
+            ROW rest6 = x[k + 6];
+            ROW rest7 = x[k + 7];
+            for (j = first[i]; j < i; ++j) {
+                const T times = matrix[j * 80 + i];
+                rest0 -= times * rows[j * ROW_COUNT(80) + k + 0];
+                rest1 -= times * rows[j * ROW_COUNT(80) + k + 1];
+                rest2 -= times * rows[j * ROW_COUNT(80) + k + 2];
+                rest3 -= times * rows[j * ROW_COUNT(80) + k + 3];
+                rest4 -= times * rows[j * ROW_COUNT(80) + k + 4];
+                rest5 -= times * rows[j * ROW_COUNT(80) + k + 5];
+                rest6 -= times * rows[j * ROW_COUNT(80) + k + 6];
+                rest7 -= times * rows[j * ROW_COUNT(80) + k + 7];
+            }
+            x[k + 0] = rest0;
+            x[k + 1] = rest1;
+            x[k + 2] = rest2;
+            x[k + 3] = rest3;
+            x[k + 4] = rest4;
+            x[k + 5] = rest5;
+            x[k + 6] = rest6;
+            x[k + 7] = rest7;
+        }
+        for (; k + 4 <= count; k += 4) {
+            ROW rest0 = x[k + 0];
             ROW rest1 = x[k + 1];
             ROW rest2 = x[k + 2];
             ROW rest3 = x[k + 3];
             for (j = first[i]; j < i; ++j) {
-                const T times = factor[j];
-                rest0 -= times * upper[j * ROW_COUNT(80) + k];
-                rest1 -= times * upper[j * ROW_COUNT(80) + k + 1];
-                rest2 -= times * upper[j * ROW_COUNT(80) + k + 2];
-                rest3 -= times * upper[j * ROW_COUNT(80) + k + 3];
+                const T times = matrix[j * 80 + i];
+                rest0 -= times * rows[j * ROW_COUNT(80) + k + 0];
+                rest1 -= times * rows[j * ROW_COUNT(80) + k + 1];
+                rest2 -= times * rows[j * ROW_COUNT(80) + k + 2];
+                rest3 -= times * rows[j * ROW_COUNT(80) + k + 3];
             }
-            x[k] = rest0;
+            x[k + 0] = rest0;
             x[k + 1] = rest1;
             x[k + 2] = rest2;
             x[k + 3] = rest3;
         }
-        for (j = first[i]; j < i; ++j) {
-            matrix[i * 80 + j] = factor[j];
-        }
-        inverse[i] = F(guarded)(F(splat)(1) / matrix[i * 81], matrix[i * 81], 4.440892098500626e-16 * whole);
     }
-    for (i = 0; i < 2; ++i) {
-        for (j = i + 1; j < 2; ++j) {
-            matrix[i * 80 + j] = matrix[i * 80 + j] * inverse[i];
-        }
-    }
-    for (begin = 0; begin < count; begin += ROW_BLOCK) {
-        const int end = begin + ROW_BLOCK < count ? begin + ROW_BLOCK : count;
-        for (i = 0; i < 2; ++i) {
-            ROW *const x = rows + i * ROW_COUNT(80);
-            for (k = begin; k < end; k += 4) {
-                ROW rest0 = x[k];
-                ROW rest1 = x[k + 1];
-                ROW rest2 = x[k + 2];
-                ROW rest3 = x[k + 3];
-                for (j = first[i]; j < i; ++j) {
-                    const T times = matrix[i * 80 + j];
-                    rest0 -= times * rows[j * ROW_COUNT(80) + k];
-                    rest1 -= times * rows[j * ROW_COUNT(80) + k + 1];
-                    rest2 -= times * rows[j * ROW_COUNT(80) + k + 2];
-                    rest3 -= times * rows[j * ROW_COUNT(80) + k + 3];
-                }
-                x[k] = rest0;
-                x[k + 1] = rest1;
-                x[k + 2] = rest2;
-                x[k + 3] = rest3;
+    for (i = 1; i >= 0; --i) {
+        ROW *const x = rows + i * ROW_COUNT(80);
+        const T pivot = inverse[i];
+        k = 0;
+        for (; k + 8 <= count; k += 8) {
+            ROW rest0 = pivot * x[k + 0];
+            ROW rest1 = pivot * x[k + 1];
+            ROW rest2 = pivot * x[k + 2];
+            ROW rest3 = pivot * x[k + 3];
+            ROW rest4 = pivot * x[k + 4];
+            ROW rest5 = pivot * x[k + 5];
+            ROW rest6 = pivot * x[k + 6];
+            ROW rest7 = pivot * x[k + 7];
+            for (j = i + 1; j < last[i]; ++j) {
+                const T times = matrix[i * 80 + j];
+                rest0 -= times * rows[j * ROW_COUNT(80) + k + 0];
+                rest1 -= times * rows[j * ROW_COUNT(80) + k + 1];
+                rest2 -= times * rows[j * ROW_COUNT(80) + k + 2];
+                rest3 -= times * rows[j * ROW_COUNT(80) + k + 3];
+                rest4 -= times * rows[j * ROW_COUNT(80) + k + 4];
+                rest5 -= times * rows[j * ROW_COUNT(80) + k + 5];
+                rest6 -= times * rows[j * ROW_COUNT(80) + k + 6];
+                rest7 -= times * rows[j * ROW_COUNT(80) + k + 7];
             }
+            x[k + 0] = rest0;
+            x[k + 1] = rest1;
+            x[k + 2] = rest2;
+            x[k + 3] = rest3;
+            x[k + 4] = rest4;
+            x[k + 5] = rest5;
+            x[k + 6] = rest6;
+            x[k + 7] = rest7;
         }
-        for (i = 1; i >= 0; --i) {
-            ROW *const x = rows + i * ROW_COUNT(80);
-            const T pivot = inverse[i];
-            for (k = begin; k < end; k += 4) {
-                ROW rest0 = pivot * x[k];
-                ROW rest1 = pivot * x[k + 1];
-                ROW rest2 = pivot * x[k + 2];
-                ROW rest3 = pivot * x[k + 3];
-                for (j = i + 1; j < 2; ++j) {
-                    const T times = matrix[i * 80 + j];
-                    rest0 -= times * rows[j * ROW_COUNT(80) + k];
-                    rest1 -= times * rows[j * ROW_COUNT(80) + k + 1];
-                    rest2 -= times * rows[j * ROW_COUNT(80) + k + 2];
-                    rest3 -= times * rows[j * ROW_COUNT(80) + k + 3];
-                }
-                x[k] = rest0;
-                x[k + 1] = rest1;
-                x[k + 2] = rest2;
-                x[k + 3] = rest3;
+        for (; k + 4 <= count; k += 4) {
+            ROW rest0 = pivot * x[k + 0];
+            ROW rest1 = pivot * x[k + 1];
+            ROW rest2 = pivot * x[k + 2];
+            ROW rest3 = pivot * x[k + 3];
+            for (j = i + 1; j < last[i]; ++j) {
+                const T times = matrix[i * 80 + j];
+                rest0 -= times * rows[j * ROW_COUNT(80) + k + 0];
+                rest1 -= times * rows[j * ROW_COUNT(80) + k + 1];
+                rest2 -= times * rows[j * ROW_COUNT(80) + k + 2];
+                rest3 -= times * rows[j * ROW_COUNT(80) + k + 3];
             }
+            x[k + 0] = rest0;
+            x[k + 1] = rest1;
+            x[k + 2] = rest2;
+            x[k + 3] = rest3;
         }
     }
     for (j = 0; j < 2; ++j) {
@@ -240,8 +282,8 @@ SEPARATE static T F(arm_forward_derivatives_solve_3)(real *RESTRICT da_dq, real 
     }
     for (i = 0; i < 2; ++i) {
         const ROW *const x = rows + i * ROW_COUNT(80);
-        for (k = 0; k < count; ++k) {
-            sum += ZERO * x[k];
+        for (k = 0; k < count; k += 4) {
+            sum += ZERO * (x[k] + x[k + 1] + (x[k + 2] + x[k + 3]));
         }
     }
     return ROW_SUM(sum);
@@ -250,10 +292,9 @@ SEPARATE static T F(arm_forward_derivatives_solve_3)(real *RESTRICT da_dq, real 
 static T F(arm_forward_derivatives_evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT tau_a, real *RESTRICT da_dq, real *RESTRICT da_dv, real *RESTRICT da_dtau, T *RESTRICT w STRIDE(ptrdiff_t n))
 {
     T zero = F(splat)(0.0);
+    w = F(aligned)(w);
     zero += F(arm_forward_derivatives_evaluate_1_1)(q_a, v_a, tau_a, w STRIDE(n));
     zero += F(arm_forward_derivatives_evaluate_2_1)(q_a, v_a, w STRIDE(n));
-    zero += F(arm_forward_derivatives_solve_3)(da_dq, da_dv, da_dtau, w STRIDE(n));
-    zero += 0.0 * IN(tau_a, 0);
-    zero += 0.0 * IN(tau_a, 1);
+    zero += F(arm_forward_derivatives_step_3)(da_dq, da_dv, da_dtau, w STRIDE(n));
     return zero;
 }

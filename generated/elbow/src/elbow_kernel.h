@@ -54,6 +54,7 @@ typedef bits lanes_bits __attribute__((vector_size(ELBOW_VECTOR), aligned(BYTES)
 typedef real lanes;
 #endif
 
+#define LESSER(a, b) ((a) < (b) ? (a) : (b))
 #define PADDED(n) (((n) + (LANES - 1)) / LANES * LANES) /* n rounded up to whole vectors */
 
 /* One number. A mask is all ones where a comparison holds, all zeros elsewhere. */
@@ -280,6 +281,25 @@ static inline lanes_bits equal_v(const lanes a, const lanes b)
 #undef B
 #undef F
 
+/* The first whole vector from p on. */
+static inline lanes *aligned_v(lanes *p)
+{
+    return (lanes *)(((uintptr_t)p + (ELBOW_VECTOR - 1)) / ELBOW_VECTOR * ELBOW_VECTOR);
+}
+static inline real *aligned_1(real *p)
+{
+    return (real *)aligned_v((lanes *)p);
+}
+
+/* The first lanes, `count` of them, from a, the others from b. */
+static inline lanes before_v(const int count, const lanes a, const lanes b)
+{
+#define ALL ~(bits)0
+    static const bits first[32] = {ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL, ALL};
+#undef ALL
+    return choose_v(*(const lanes_bits *)(first + 16 - count), a, b);
+}
+
 #define ELBOW_OF_ONE(f) \
     static inline lanes f##_v(const lanes x) \
     { \
@@ -329,6 +349,9 @@ ELBOW_OF_TWO(hypot)
 #define less_equal_v less_equal_1
 #define equal_v equal_1
 #define choose_v choose_1
+#define before_v(count, a, b) (b)
+#define aligned_1(p) (p)
+#define aligned_v(p) (p)
 #define fabs_v fabs_1
 #define copysign_v copysign_1
 #define truth_v truth_1

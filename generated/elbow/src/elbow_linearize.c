@@ -87,7 +87,7 @@ static SEPARATE elbow_status linearize_many(int n, int stride, const elbow_real 
             real *at_A = A + first;
             real *at_B = B + first;
             if (copied) {
-                real *at = space + 672 * LANES;
+                real *at = space + 704 * LANES;
                 apart = 64;
                 gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
                 at_q_a = at;

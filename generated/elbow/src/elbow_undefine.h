@@ -11,11 +11,11 @@
 #undef ROW_COUNT
 #undef ROW_OF
 #undef ROW_LANES
-#undef ROWS_LEFT
+#undef ROW_TABLE
+#undef LAST
+#undef ENTRY
 #undef ROW_OUT
 #undef ONE_POINT
-#undef ROW_BLOCK
 #undef ROW_OF_COLUMN
-#undef ROW_END
 #undef ROW_FOURS
 #undef ROW_SUM

@@ -1,0 +1,142 @@
+"""Functions of long arms by the same expressions for each joint: which chain they go over, and whether they agree.
+
+Loops over the joints are shorter than one expression for each entry where an arm has many of them: `recursion.columns`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from flexgen.expressions.evaluation import evaluated
+from flexgen.expressions.routine import Columns, Expressions, Products, Routine, Step, Sums
+from flexgen.mechanics.dynamics import symbols_of
+from flexgen.mechanics.equations import Equations
+from flexgen.recursion import columns
+from flexgen.recursion.arm import arm_of
+from flexgen.recursion.dh_chain import Chain, Kept, laid, regrouped
+from flexgen.recursion.functions import AGREEMENT, TRIALS, cost_of, fast_function
+
+LONG_CHAIN = 12  # coordinates from which loops over joints are shorter
+LANES = 8  # columns that are computed at once
+SHORTER = 0.6  # a mass matrix is written so where it takes less than this share of the operations
+
+
+def long_chain(equations: Equations) -> Chain | None:
+    """The chain of an arm whose functions are loops over its joints; None where they are not, or do not agree.
+
+    Parameters
+    ----------
+    equations : Equations
+
+    Returns
+    -------
+    Chain or None
+        None for short arms, for those without recursion, and where numbers of the payload may change at run time.
+    """
+    if (
+        equations.model.n_a < LONG_CHAIN
+        or arm_of(equations).loaded
+        or fast_function(equations, "inverse_dynamics") is None
+    ):
+        return None
+    return _chain_of(equations)
+
+
+@lru_cache(maxsize=4)
+def _chain_of(equations: Equations) -> Chain | None:
+    """The chain with the fewest operations: masses stay with the bodies, or go to those before as far as they can."""
+    n, own = equations.model.n_a, laid(equations.model)
+    chain = min((regrouped(own, [kept] * n) for kept in (Kept(), Kept("all", True, True))), key=_derivatives_cost)
+    return chain if _agrees(equations, chain) else None
+
+
+def _derivatives_cost(chain: Chain) -> float:
+    return cost(columns.derivatives(chain, ("Q", 0), ("V", 0), "M"))
+
+
+def cost(steps: Sequence[Step]) -> float:
+    """Operations of one point, where those on columns are done several at once."""
+    count = 0.0
+    for step in steps:
+        match step:
+            case Expressions():
+                count += cost_of(step.function).operations
+            case Columns():
+                count += cost_of(step.function).operations * -(-step.n // LANES)
+            case Sums():
+                count += step.rows * len(step.at)
+            case Products():
+                count += step.operations / (LANES / 2)  # half of them are beside the triangles
+    return count
+
+
+def shorter_mass_matrix(equations: Equations, target: str) -> list[Step] | None:
+    """Steps to the mass matrix in a port, where they are shorter than one expression for each entry."""
+    chain, direct = long_chain(equations), fast_function(equations, "mass_matrix")
+    if chain is None or direct is None:
+        return None
+    steps = columns.mass_matrix(chain, target)
+    return steps if cost(steps) < SHORTER * cost_of(direct).operations else None
+
+
+def _agrees(equations: Equations, chain: Chain) -> bool:
+    """Whether the steps give the derivatives of inverse dynamics, along random directions at random states."""
+    f, n = fast_function(equations, "inverse_dynamics"), equations.model.n_a
+    assert f is not None
+    given = [ca.SX.sym(name, n) for name in f.name_in()]
+    ways = [ca.SX.sym(f"d{name}", n) for name in f.name_in()]
+    along = ca.Function("along", [*given, *ways], [ca.jtimes(f(*given), ca.vertcat(*given), ca.vertcat(*ways))])
+    program = Routine(tuple(columns.derivatives(chain, ("Q", 0), ("V", 0), "M")))
+    rng = np.random.default_rng(0)
+    for _ in range(TRIALS):
+        state, way = rng.uniform(-1.0, 1.0, (2, 3, n))
+        found = evaluated(program, dict(zip(("q_a", "v_a", "a_a"), state, strict=True)))
+        terms = [found[name] @ x for name, x in zip("QVM", way, strict=True)]
+        expected = along(*state, *way).full().ravel()
+        largest = max(np.max(np.abs(term)) for term in terms)
+        if not np.max(np.abs(sum(terms) - expected)) <= AGREEMENT * largest:  # (what is not a number does not agree)
+            return False
+    return True
+
+
+@dataclass(frozen=True)
+class AroundTheArm:
+    """What the whole robot has beside its arm: forces left without acceleration, and shares in M_y and R_y.
+
+    Parameters
+    ----------
+    left : Expressions
+        From the ports and the arm's ``bias`` to the forces left, ``row_left`` (1, n).
+    rotors, changes : Expressions
+        To be added to ``M_y`` and to ``R_y``.
+    """
+
+    left: Expressions
+    rotors: Expressions
+    changes: Expressions
+
+
+def around_the_arm(equations: Equations) -> AroundTheArm:
+    """Rotors, springs, dampers and frictions of ``M_y ddy = left``, ``R_y = d(-left)/d(y, dy, tau_m)``."""
+    model, forces = equations.model, equations.lagrangian.forces
+    n, n_a, i_m = model.dof, model.n_a, model.i_m
+    names = ["q_a", "v_a", "q_m", "v_m", "tau_m"]
+    q_a, v_a, q_m, v_m, tau_m = inputs = symbols_of(equations, names)
+    felt = ca.SX.sym("bias", 1, n_a)
+    left = forces - ca.vertcat(felt.T, ca.SX.zeros(n - n_a))
+    M, R = ca.SX.zeros(n, n), ca.SX.zeros(n, 2 * n + model.n_m)
+    M[:n_a, :n_a] = ca.SX(ca.DM(arm_of(equations).armature))
+    for k, j in enumerate(i_m):
+        M[n_a + k, n_a + k] = model.motors[j].inertia
+    y, dy = (ca.vertcat(x, *[x_m[j] for j in i_m]) for x, x_m in ((q_a, q_m), (v_a, v_m)))
+    R -= ca.horzcat(*(ca.jacobian(forces, x) for x in (y, dy, tau_m)))
+    return AroundTheArm(
+        Expressions(equations.build("left", [*inputs, felt], [*names, "bias"], [left.T], ["row_left"])),
+        Expressions(equations.build("rotors", [], [], [M], ["M_y"]), added=True),
+        Expressions(equations.build("changes", inputs, names, [R], ["R_y"]), added=True),
+    )
