@@ -176,19 +176,6 @@ def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[st
     # columns have what is above the diagonal on their left; rows have it on their right
     left, right = (step.above, step.below) if port else (step.below[::-1], step.above[::-1])
 
-    def vectors(pair: tuple[Rows, Rows], side: str) -> list[str]:
-        rows = range(pair[0].count)
-        return [f"    const ROW {side}{k} = ROWS(w + {layout.at(pair[0].array, pair[0].first + k)})[k];" for k in rows]
-
-    def total(pair: tuple[Rows, Rows], side: str) -> str:
-        """Numbers times vectors, added in pairs, so that few of them wait for each other."""
-        rows = range(pair[0].count)
-        terms = [f"w[{layout.at(pair[1].array, pair[1].first + k)} + i] * {side}{k}" for k in rows]
-        while len(terms) > 1:
-            terms = [" + ".join(terms[k : k + 2]) for k in range(0, len(terms), 2)]
-            terms = [f"({term})" if len(terms) > 1 else term for term in terms]
-        return terms[0]
-
     def each(begin: str, end: str, value: str, more: Sequence[str] = ()) -> list[str]:
         """Lines for the lines of A from one to another."""
         return [
@@ -211,14 +198,14 @@ def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[st
         *(["real last[ROW_LANES];"] if port else []),
         "int i, k;",
         f"for (k = ROW_COUNT({n}) - 1; k >= 0; --k) {{",
-        *vectors(right, "right"),
+        *_vectors(right, "right", layout),
     ]
     ahead = 0 if port or step.symmetric else 1  # the diagonal belongs to what is below it
     whole = f"    const int whole = LESSER({n}, (k + 1) * ROW_LANES - {ahead});"
     if step.symmetric and not port:
         lines += [
             whole,
-            *each("0", "whole", total(right, "right")),
+            *each("0", "whole", _total(right, "right", layout)),
             "#if ONE_POINT",
             f"    for (i = whole; i < {n}; ++i) {{",
             f"        {put.replace('sum', 'ROW_OF(0)')};",
@@ -226,14 +213,16 @@ def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[st
             "#endif",
         ]
     else:
-        mixed = f"before_v(i - k * ROW_LANES + {ahead}, {total(left, 'left')}, {total(right, 'right')})"
+        mixed = (
+            f"before_v(i - k * ROW_LANES + {ahead}, {_total(left, 'left', layout)}, {_total(right, 'right', layout)})"
+        )
         lines += [
-            *each("0", f"k * ROW_LANES + {1 - ahead}", total(right, "right"), once if step.symmetric else ()),
+            *each("0", f"k * ROW_LANES + {1 - ahead}", _total(right, "right", layout), once if step.symmetric else ()),
             *(["#if ONE_POINT"] if step.symmetric else []),
             whole,
-            *vectors(left, "left"),
+            *_vectors(left, "left", layout),
             *each(f"k * ROW_LANES + {1 - ahead}", "whole", mixed),
-            *each("whole", str(n), total(left, "left")),
+            *each("whole", str(n), _total(left, "left", layout)),
             *(["#endif"] if step.symmetric else []),
         ]
     lines.append("}")
@@ -245,6 +234,22 @@ def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[st
         ]
     lines.append("return ROW_SUM(check);")
     return _function(name, (step.target,) if port else (), lines, "T")
+
+
+def _vectors(pair: tuple[Rows, Rows], side: str, layout: Layout) -> list[str]:
+    """Lines that keep the vectors of the first rows in registers."""
+    rows = range(pair[0].count)
+    return [f"    const ROW {side}{k} = ROWS(w + {layout.at(pair[0].array, pair[0].first + k)})[k];" for k in rows]
+
+
+def _total(pair: tuple[Rows, Rows], side: str, layout: Layout) -> str:
+    """Numbers of the second rows times these vectors, added in pairs, so that few of them wait for each other."""
+    rows = range(pair[0].count)
+    terms = [f"w[{layout.at(pair[1].array, pair[1].first + k)} + i] * {side}{k}" for k in rows]
+    while len(terms) > 1:
+        terms = [" + ".join(terms[k : k + 2]) for k in range(0, len(terms), 2)]
+        terms = [f"({term})" if len(terms) > 1 else term for term in terms]
+    return terms[0]
 
 
 def _indented(lines: Iterable[str], levels: int) -> list[str]:
