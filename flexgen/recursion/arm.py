@@ -6,7 +6,7 @@ link frames, see `flexgen.recursion.regrouping`) and keeps the one with the fewe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 
@@ -31,11 +31,13 @@ Route = Callable[[Tape, Chain, Columns], list[Scalar]]
 class Arm:
     """The symbols of a robot's equations, and results from the shortest of several recursions.
 
-    ``functions``: those that were made, by name; None where the recursion has none.
+    ``functions``: those that were made, by name; None where the recursion has none. ``choices``: the plan and the route
+    that were the shortest, for results that are asked for several times.
     """
 
     equations: Equations
     functions: dict[str, ca.Function | None] = field(default_factory=dict)
+    choices: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     @property
     def model(self) -> RobotModel:
@@ -69,18 +71,23 @@ class Arm:
         """Whether numbers of the payload may change at run time."""
         return any(parameter.name.startswith("payload.") for parameter in self.equations.parameters)
 
-    def shortest(self, routes: Iterable[Route], several: bool = True) -> list[ca.SX]:
-        """The results of the route with the fewest operations (over the best plan only, or over several)."""
-        found: tuple[int, Tape, list[Scalar]] | None = None
+    def shortest(self, routes: Sequence[Route], several: bool = True, kind: str = "") -> list[ca.SX]:
+        """The results of the route with the fewest operations (over the best plan only, or over several).
+
+        Results of one ``kind`` take the plan and the route of the first of them.
+        """
+        found: tuple[int, Tape, list[Scalar], tuple[int, int]] | None = None
         known = plans(replace(self.model, payload=Body()) if self.loaded else self.model)
-        for plan in known if several else known[:1]:
-            for route in routes:
-                tape = Tape()
-                results = route(tape, self.chain(tape, plan), plan.columns)
-                count = tape.cost(results).operations
-                if found is None or count < found[0]:
-                    found = count, tape, results
+        pairs = [(i, k) for i in range(len(known) if several else 1) for k in range(len(routes))]
+        for i, k in [self.choices[kind]] if kind in self.choices else pairs:
+            tape = Tape()
+            results = routes[k](tape, self.chain(tape, known[i]), known[i].columns)
+            count = tape.cost(results).operations
+            if found is None or count < found[0]:
+                found = count, tape, results, (i, k)
         assert found is not None
+        if kind:
+            self.choices[kind] = found[3]
         return found[1].build(found[2])
 
     @cached_property

@@ -220,7 +220,11 @@ def _accelerations(arm: Arm, force: ca.SX, armature: np.ndarray) -> ca.SX:
         return articulated_body.forward_dynamics(tape, chain, q, loads, turns, tau, own)
 
     coupled = np.any(armature != np.diag(own))
-    return ca.vertcat(*arm.shortest([by_mass_matrix] if coupled else [by_mass_matrix, by_articulated_bodies]))
+    if coupled:
+        return ca.vertcat(*arm.shortest([by_mass_matrix]))
+    if np.any(armature):  # the arm alone decides, whatever is asked for first
+        recursive_function(arm.equations, "arm_forward_dynamics")
+    return ca.vertcat(*arm.shortest([by_mass_matrix, by_articulated_bodies], kind="accelerations"))
 
 
 def _inverse_dynamics_derivatives(arm: Arm) -> Built:

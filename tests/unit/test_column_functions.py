@@ -138,3 +138,14 @@ def test_robots_that_fail_before_use_are_not_in_loops(bug, monkeypatch):
     equations = derive(dense_chain(12, 2))
     assert long_chain(equations) is None
     assert not in_loops(program_of(equations, "inverse_dynamics_derivatives"))
+
+
+def test_what_was_asked_before_changes_nothing():
+    """The route to accelerations is chosen once: the text does not depend on the order of the functions."""
+    model = elastic(5, 6)
+    texts = []
+    for names in (["forward_dynamics", "arm_forward_dynamics"], ["arm_forward_dynamics", "forward_dynamics"]):
+        equations = derive(model)
+        programs = {name: program_of(equations, name).steps[0].function for name in names}
+        texts.append({name: str(f.instructions_sx()) for name, f in programs.items()})
+    assert texts[0] == texts[1]
