@@ -127,49 +127,6 @@ def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = 
     return M
 
 
-def mass_vectors(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> tuple[Matrix, Matrix]:
-    """Axes of the joints and momenta of what hangs on them, ``M_ij = sum_k S_ki F_kj`` for i <= j; arguments as above.
-
-    A joint that turns about the unit vector z at p has ``S = (z, p x z)``, one that slides ``S = (0, z)``; a unit of
-    its speed gives all that hangs on it the angular momentum about the origin and the momentum ``F = (n + p x f, f)``.
-    All in the axes of the first joint. No forces pass from joint to joint: for long chains that is shorter.
-
-    Returns
-    -------
-    tuple of two lists of list of Scalar
-        S and F, shape (6, n) each.
-    """
-    steps = _steps(tape, chain, q, together=True)
-    axes: Matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]  # columns
-    at: Vector3 = [0.0, 0.0, 0.0]
-    places: list[tuple[Matrix, Vector3]] = []
-    for i, step in enumerate(steps):
-        if i > 0 and step.twist is None:
-            at = plus(at, combined(axes, plus(step.way, [0.0, 0.0, step.slide])))
-        elif i > 0 and step.twist is not None:
-            (c, s), (cosine, sine) = steps[i - 1].turn, step.twist
-            turned_axes = [combined(axes, [c, s, 0.0]), combined(axes, [-s, c, 0.0]), axes[Z]]
-            axes = [combined(turned_axes, v) for v in ([1.0, 0.0, 0.0], [0.0, cosine, sine], [0.0, -sine, cosine])]
-            at = plus(plus(at, combined(turned_axes, step.way)), [step.slide * x for x in axes[Z]])
-        places.append((axes, at))
-    S: list[list[Scalar]] = []
-    F: list[list[Scalar]] = []
-    body = EMPTY
-    for step, joint, (axes, at) in reversed(list(zip(steps, chain.joints, places, strict=True))):
-        body = step.with_own(body, joint.inertia)
-        h, A = body.first, body.second
-        if joint.revolute:
-            force, moment = [-h[Y], h[X], 0.0], [-A[X][Z], -A[Y][Z], A[X][X] + A[Y][Y]]
-            S.insert(0, [*axes[Z], *cross(at, axes[Z])])
-        else:
-            force, moment = [0.0, 0.0, body.mass], [h[Y], -h[X], 0.0]
-            S.insert(0, [0.0, 0.0, 0.0, *axes[Z]])
-        force = combined(axes, force)
-        F.insert(0, [*plus(combined(axes, moment), cross(at, force)), *force])
-        body = step.body_left(body)
-    return [list(row) for row in zip(*S, strict=True)], [list(row) for row in zip(*F, strict=True)]
-
-
 @dataclass(frozen=True)
 class _Step:
     """A joint seen from axes that do not turn with it, nor with the neighbors before it whose axes are parallel.

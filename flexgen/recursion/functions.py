@@ -182,16 +182,6 @@ def _mass_matrix(arm: Arm) -> Built:
     return inputs, ["q_a"], [matrix_of(arm.shortest([route]), arm.model.n_a)], ["M"]
 
 
-def _mass_vectors(arm: Arm) -> Built:
-    inputs, n = arm.symbols("q_a"), arm.model.n_a
-
-    def route(tape: Tape, chain: Chain, columns: Columns) -> list[Scalar]:
-        return [x for A in composite_body.mass_vectors(tape, chain, tape.vector(inputs[0])) for row in A for x in row]
-
-    flat = arm.shortest([route])
-    return inputs, ["q_a"], [matrix_of(flat[: 6 * n], n), matrix_of(flat[6 * n :], n)], ["S", "F"]
-
-
 def _arm_forward_dynamics(arm: Arm) -> Built:
     tau_a = ca.SX.sym("tau_a", arm.model.n_a)
     a_a = _accelerations(arm, tau_a, np.zeros((arm.model.n_a, arm.model.n_a)))
@@ -314,7 +304,6 @@ def _tool_motion(arm: Arm) -> Built:
 
 _BUILDERS: dict[str, Callable[[Arm], Built]] = {
     "mass_matrix": _mass_matrix,
-    "mass_vectors": _mass_vectors,
     "bias": _bias,
     "gravity": _gravity,
     "inverse_dynamics": _inverse_dynamics,
