@@ -9,6 +9,7 @@ table goes to benchmarks/peers.md (not with --quick or --robots). Compare ratios
 from __future__ import annotations
 
 import argparse
+import ctypes
 import re
 import shutil
 import subprocess
@@ -84,7 +85,7 @@ def same_expression(spec: FunctionSpec) -> ca.Function | None:
 
 
 def prepare(
-    robot: str, builds: Builds, pinocchio: Pinocchio, mujoco: Mujoco, args: argparse.Namespace
+    robot: str, builds: Builds, pinocchio: Pinocchio, codegen: Path | None, mujoco: Mujoco, args: argparse.Namespace
 ) -> list[Prepared]:
     """Derive and write everything of a robot, and start its compilations."""
     model = ROBOTS[robot]()
@@ -130,6 +131,8 @@ def prepare(
             row.candidates.append(("mujoco", "peer", mujoco.submit(builds), f.name, f"./{robot}.mjb"))
         if pinocchio.missing:
             continue
+        if codegen is not None:
+            add_generated(row, builds, codegen, text)
         for compiler, suffix in (("g++", ""), ("clang++", "_clang")) if args.clang else (("g++", ""),):
             if shutil.which(compiler) is None:
                 continue
@@ -164,17 +167,44 @@ def add_casadi(row: Prepared, equations: Equations, builds: Builds, quick: bool)
     if row.row.robot in CLOSER and not quick:
         wanted.insert(1, ("casadi_same_default", same, REPRODUCIBLE))
     for label, function, flags in wanted:
-        if function is None:
-            continue
-        if function.n_instructions() > LONGEST:
-            row.row.notes.append(f"{label} left out: {function.n_instructions()} instructions")
-            continue
-        symbol = f"{label}_{name}"
-        generator = ca.CodeGenerator(f"{row.row.robot}_{symbol}.c")
-        generator.add(_renamed(function, symbol))
-        source = builds.text(f"{row.row.robot}_{symbol}.c", generator.dump())
-        file = builds.submit(f"{row.row.robot}_{symbol}", builds.cc, flags, [source], "-lm")
-        row.candidates.append((label, "casadi", file, symbol, "-"))
+        if function is not None:
+            add_expression(row, builds, label, function, flags)
+
+
+def add_expression(row: Prepared, builds: Builds, label: str, function: ca.Function, flags: tuple[str, ...]) -> None:
+    """CasADi's C of an expression as a candidate, unless it is too long."""
+    if function.n_instructions() > LONGEST:
+        told = "Pinocchio's code generation" if label == "generated" else label
+        row.row.notes.append(f"{told} left out: {function.n_instructions()} instructions")
+        return
+    symbol = f"{label}_{row.spec.name}"
+    generator = ca.CodeGenerator(f"{row.row.robot}_{symbol}.c")
+    generator.add(_renamed(function, symbol))
+    source = builds.text(f"{row.row.robot}_{symbol}.c", generator.dump())
+    file = builds.submit(f"{row.row.robot}_{symbol}", builds.cc, flags, [source], "-lm")
+    row.candidates.append((label, "casadi", file, symbol, "-"))
+
+
+def codegen_side(builds: Builds, pinocchio: Pinocchio) -> Path:
+    """Pinocchio's code generation, compiled."""
+    casadi = Path(ca.__file__).parent
+    flags = pinocchio.flags(("-O1", "-isystem", str(casadi / "include")))
+    return builds.submit("pinocchio_codegen", "g++", flags, [HERE / "peers_codegen.cpp"], f"-L{casadi} -lcasadi")
+
+
+def add_generated(row: Prepared, builds: Builds, codegen: Path, text: Path) -> None:
+    """Pinocchio's algorithm on CasADi's symbols, as CasADi's C: the shorter one of its conventions."""
+    found: list[ca.Function] = []
+    library = ctypes.CDLL(str(codegen))
+    for quantity in QUANTITIES[row.spec.name]:
+        out = builds.folder / f"{row.row.robot}_{quantity.replace(':', '_')}.casadi"
+        if library.peer_generate(quantity.encode(), str(text).encode(), str(out).encode()) == 0:
+            found.append(ca.Function.load(str(out)))
+    if not found:
+        row.row.notes.append("Pinocchio's code generation left out: it failed")
+        return
+    function = min(found, key=lambda f: f.n_instructions())
+    add_expression(row, builds, "generated", function, NATIVE)
 
 
 def _renamed(function: ca.Function, name: str) -> ca.Function:
@@ -306,9 +336,16 @@ def main() -> None:
         for quantity in ("inverse_dynamics", "inverse_dynamics_derivatives"):
             for compiler in ("g++", "clang++") if args.clang and shutil.which("clang++") else ("g++",):
                 pinocchio_side(builds, pinocchio, compiler, quantity)
+    codegen = None
+    if not (pinocchio.missing or args.quick):
+        say("compiling Pinocchio on CasADi's symbols: about a minute, once")
+        codegen = codegen_side(builds, pinocchio)
+        if codegen in builds.jobs and (error := builds.jobs.pop(codegen).exception()) is not None:
+            say(f"The column of Pinocchio's code generation stays empty:\n{error}")
+            codegen = None
     rows: list[Prepared] = []
     for robot in args.robots or (CLOSER if args.quick else ROBOTS):
-        rows += prepare(robot, builds, pinocchio, mujoco, args)
+        rows += prepare(robot, builds, pinocchio, codegen, mujoco, args)
     say("compiling what is left")
     drop_failed(rows, builds.wait())
     say(f"built after {time.perf_counter() - began:.0f} s; timing")

@@ -112,6 +112,7 @@ def full(rows: Sequence[Any], wrappers: Sequence[Any], machine_lines: Sequence[s
         "batch_default": "of 4096, default build",
         "batch_avx2": "of 4096, AVX2",
         "pinocchio": "Pinocchio",
+        "generated": "Pinocchio, generated",
         "mujoco": "MuJoCo",
         "casadi_same": "CasADi, same expression",
         "casadi_same_default": "the same, default flags",
@@ -181,6 +182,7 @@ def _ratios(rows: Sequence[Any], clang: bool) -> str:
     wide = BATCH_FLOORS["avx512f"] if cpu_has("avx512f") else BATCH_FLOORS["avx2"]
     head = [
         "Pinocchio / flexgen",
+        "Pinocchio, generated / flexgen",
         "MuJoCo / flexgen",
         "CasADi, same expression / flexgen",
         "CasADi, Lagrangian / flexgen",
@@ -197,6 +199,7 @@ def _ratios(rows: Sequence[Any], clang: bool) -> str:
         key = (row.robot, row.quantity)
         cells = [
             _ratio(row, "pinocchio", "ours", PINOCCHIO_FLOORS.get(key)),
+            _ratio(row, "generated", "ours"),
             _ratio(row, "mujoco", "ours"),
             _ratio(row, "casadi_same", "ours", CASADI_FLOORS.get(key)),
             _ratio(row, "casadi_lagrangian", "ours"),
