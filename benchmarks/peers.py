@@ -195,7 +195,11 @@ def codegen_side(builds: Builds, pinocchio: Pinocchio) -> Path:
 def add_generated(row: Prepared, builds: Builds, codegen: Path, text: Path) -> None:
     """Pinocchio's algorithm on CasADi's symbols, as CasADi's C: the shorter one of its conventions."""
     found: list[ca.Function] = []
-    library = ctypes.CDLL(str(codegen))
+    try:
+        library = ctypes.CDLL(str(codegen))
+    except OSError as error:  # such as a CasADi that another compiler's C++ does not fit
+        row.row.notes.append(f"Pinocchio's code generation left out: {error}")
+        return
     for quantity in QUANTITIES[row.spec.name]:
         out = builds.folder / f"{row.row.robot}_{quantity.replace(':', '_')}.casadi"
         if library.peer_generate(quantity.encode(), str(text).encode(), str(out).encode()) == 0:

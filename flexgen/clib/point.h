@@ -15,7 +15,7 @@
 #define ONE_POINT 1
 #define ROW_OUT(x, row) store_v(x, row)
 #define ROW_TABLE(x, row, k) load_v((x) + (row) + (k) * LANES)
-#define LAST(i, k, n) ((i) == (n) - 1 && ((k) + 1) * LANES > (n))
-#define ENTRY(x, i) ((x) + (i))
+#define ROW_LAST(i, k, n) ((i) == (n) - 1 && ((k) + 1) * LANES > (n))
+#define ROW_ENTRY(x, i) ((x) + (i))
 #define ROW_OF(x) splat_v(x)
 #define ROW_SUM(x) sum_v(x)

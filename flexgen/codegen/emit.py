@@ -23,8 +23,9 @@ SOURCES = "src"  # folder of the private files
 
 # Names that the emitted functions use beside their ports.
 _INTERNAL = re.compile(
-    r"(t\d+|z\d+|(angle|co?sine)\d+|[wnkijFTPdx]|work|status|first|count|inverse|pivot|factor|zero|group|groups|bad|copied|collide|matrix|rows|sum|whole|"
-    r"real|lanes|stride|size|known|thread|\w*_(evaluate|solve)(_\w+)?|\w*_failed|all_finite|set_nan|at_[a-zA-Z0-9_]*|space)\Z"
+    r"(t\d+|z\d+|(angle|co?sine)\d+|(left|right|rest|x)\d+|[wnkijFTPdx]|work|status|first|last|at|end|count|check|times|"
+    r"inverse|pivot|upper|zero|group|groups|bad|copied|collide|matrix|rows|sum|whole|inertia|masses|turning|real|lanes|stride|"
+    r"size|known|thread|\w*_(evaluate|step|fill)(_\w+)?|\w*_failed|all_finite|set_nan|at_[a-zA-Z0-9_]*|space)\Z"
 )
 
 

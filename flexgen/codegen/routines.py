@@ -1,6 +1,6 @@
 """Which mathematics a function of the library is written from: the recursion where there is one, else Lagrange's graph.
 
-Linear systems whose elimination would be long are written as loops.
+Linear systems whose elimination would be long, and functions of long arms, are written as loops.
 """
 
 from __future__ import annotations
@@ -61,6 +61,7 @@ def _linearize(equations: Any) -> Routine:
         solve = Solve("M_y", "R_y", n, 2 * n + n_m, False, profile(jacobians, "M_y"), blocks, ones)
         forward = expanded("forward_dynamics", mathematics_of(equations, "forward_dynamics"))
         return Routine((Expressions(forward, pivots=True), Expressions(jacobians), solve))
+    # (lanes beyond the last joint of the accelerations are those of motors; axes are zero there)
     around = around_the_arm(equations)
     first = tuple(0 if i < n_a else i for i in range(n))
     return Routine(

@@ -10,8 +10,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 
+from flexgen.errors import BuildError
 from flexgen.expressions.graph import read_graph
-from flexgen.expressions.layout import WHOLE, Layout, column_stride
+from flexgen.expressions.layout import Layout, column_stride
 from flexgen.expressions.routine import Columns, Products, Rows, Selected, Sums, Zeros
 from flexgen.expressions.schedule import written_order
 from flexgen.expressions.simplify import simplified
@@ -29,7 +30,7 @@ def columns_text(name: str, step: Columns, layout: Layout, literal: Literal) -> 
     lines, tables = [], []
     for array in inputs:
         if array in step.tables:
-            tables += _table(array, step.tables[array], literal)
+            tables += _table(array, step.tables[array], column_stride(step.n, layout.precision), literal)
 
     def operand(r: int) -> str:
         number = graph.number(r)
@@ -44,10 +45,12 @@ def columns_text(name: str, step: Columns, layout: Layout, literal: Literal) -> 
         if kind == "input":
             array, row = inputs[operands[0]], operands[1]
             if array in step.tables:
-                text = f"ROW_TABLE({array}, {row * column_stride(step.n)}, k)"
+                text = f"ROW_TABLE({array}, {row * column_stride(step.n, layout.precision)}, k)"
             else:
                 text = f"ROWS(w + {layout.at(array, row)})[k]"
         else:
+            if kind not in _INFIX:
+                raise BuildError(f"columns of {name}: given the operation {kind}, expected sums and products")
             text = f" {_INFIX[kind]} ".join(operand(r) for r in operands)
         lines.append(f"const ROW t{node} = {text};")
     for array, row, r in graph.outputs:
@@ -64,9 +67,8 @@ def columns_text(name: str, step: Columns, layout: Layout, literal: Literal) -> 
     return _function(name, (), lines, "void"), graph.operations(), depth
 
 
-def _table(name: str, numbers: np.ndarray, literal: Literal) -> list[str]:
+def _table(name: str, numbers: np.ndarray, width: int, literal: Literal) -> list[str]:
     """Lines with the numbers of all columns, as wide as the rows of an array."""
-    width = column_stride(numbers.shape[1])
     lines = [f"static const real {name}[{numbers.shape[0] * width}] = {{"]
     for row in numbers:
         padded = [*row.tolist(), *[0.0] * (width - len(row))]
@@ -157,7 +159,7 @@ def filled_text(name: str, layout: Layout) -> str:
     lines = []
     for array, (rows, columns) in layout.filled.items():
         lines += [
-            f"for (i = 0; i < {rows if columns % WHOLE else 0} && ROW_LANES > 1; ++i) {{",
+            f"for (i = 0; i < {rows} && ROW_LANES > 1; ++i) {{",
             f"    ROWS(w + {layout.at(array, 0)} + i * {layout.strides[array]})[ROW_COUNT({columns}) - 1] = ROW_OF(0);",
             "}",
         ]
@@ -173,6 +175,8 @@ def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[st
     enough, and for lanes of points it is computed once.
     """
     port, n = step.target in outputs, step.n
+    if port and step.first:
+        raise ValueError(f"products into {step.target}: given column {step.first}, expected 0 for an output")
     # columns have what is above the diagonal on their left; rows have it on their right
     left, right = (step.above, step.below) if port else (step.below[::-1], step.above[::-1])
 
@@ -180,7 +184,7 @@ def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[st
         """Lines for the lines of A from one to another."""
         return [
             f"    for (i = {begin}; i < {end}; ++i) {{",
-            *([f"        real *const at = LAST(i, k, {n}) ? last : {at};"] if port else []),
+            *([f"        real *const at = ROW_LAST(i, k, {n}) ? last : {at};"] if port else []),
             f"        const ROW sum = {value};",
             f"        {put};",
             *more,
@@ -189,7 +193,7 @@ def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[st
         ]
 
     if port:
-        at, put = f"ENTRY({step.target}, i * {n} + k * ROW_LANES)", "ROW_OUT(at, sum)"
+        at, put = f"ROW_ENTRY({step.target}, i * {n} + k * ROW_LANES)", "ROW_OUT(at, sum)"
     else:
         put = f"ROWS(w + {layout.at(step.target, 0) + step.first} + i * {layout.strides[step.target]})[k] = sum"
     once = ["#if !ONE_POINT", f"        OUT({step.target}, k * {n} + i, sum);", "#endif"]

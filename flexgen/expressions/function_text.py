@@ -101,7 +101,7 @@ def function_text(
         False: the parameters are an input like the others, one vector for each point.
     """
     common = parameters if shared else None
-    layout = layout_of(program, outputs)
+    layout = layout_of(program, outputs, precision)
     texts: list[str] = []
     calls: list[str] = []
     work, stack, operations, depth, called = layout.size, 0, 0, 0, 0
@@ -198,6 +198,9 @@ class _Writer:
         self.graph, self.layout, self.parameters, self.precision = graph, layout, parameters, precision
         self.added = step.added
         self.inputs, self.outputs = step.function.name_in(), step.function.name_out()
+        self.input_rows = [step.function.size1_in(i) for i in range(step.function.n_in())]
+        if step.added and not set(self.outputs) <= set(layout.places):
+            raise ValueError(f"expressions {self.outputs}: given an output, expected intermediate arrays to add to")
         self.rows = [step.function.size1_out(i) for i in range(step.function.n_out())]
         self.needed = graph.alive()
         self.start, self.spilled = layout.size, 0
@@ -318,6 +321,9 @@ class _Writer:
     def _input(self, piece: _Piece, name: str, entry: int) -> str:
         if name in self.layout.places:
             piece.workspace = True
+            if name in self.layout.strides:  # by rows
+                rows = self.input_rows[self.inputs.index(name)]
+                entry = (entry % rows) * self.layout.strides[name] + entry // rows
             return f"w[{self.layout.places[name] + entry}]"
         piece.ports.add(name)
         return _access(name, entry, self.parameters)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from flexgen.expressions.routine import Columns, Expressions, Factor, Products, Routine, Selected, Solve, Sums
 
 WHOLE = 16  # entries: the longest vector of any precision
+LONGEST = {"double": 8, "single": 16}  # entries of the longest vector
 
 
 @dataclass(frozen=True)
@@ -21,15 +22,21 @@ class Layout:
     strides: Mapping[str, int]
     size: int
     filled: Mapping[str, tuple[int, int]]
+    precision: str
 
     def at(self, array: str, row: int) -> int:
         """Where a row begins."""
         return self.places[array] + row * self.strides[array]
 
 
-def column_stride(n: int) -> int:
-    """Entries between the rows of an array of n columns: whole vectors."""
-    return -(-n // WHOLE) * WHOLE
+def column_stride(n: int, precision: str) -> int:
+    """Entries between the rows of an array of n columns: an odd number of whole vectors.
+
+    With a power of two, rows would meet in the same places of the cache.
+    """
+    whole = LONGEST[precision]
+    vectors = -(-n // whole)
+    return (vectors + 1 - vectors % 2) * whole
 
 
 def pivots_of(matrix: str) -> str:
@@ -37,7 +44,7 @@ def pivots_of(matrix: str) -> str:
     return f"pivots of {matrix}"
 
 
-def layout_of(program: Routine, outputs: Collection[str]) -> Layout:
+def layout_of(program: Routine, outputs: Collection[str], precision: str) -> Layout:
     """Places of what a step computes for a later one."""
     strides: dict[str, int] = {}
     by_columns: set[str] = set()
@@ -69,11 +76,11 @@ def layout_of(program: Routine, outputs: Collection[str]) -> Layout:
                 for i, name in enumerate(step.function.name_out()):
                     if name not in outputs:
                         shapes.setdefault(name, step.function.size_out(i))
-    strides |= {name: column_stride(shapes[name][1]) for name in by_columns}
+    strides |= {name: column_stride(shapes[name][1], precision) for name in by_columns}
     places: dict[str, int] = {}
     at = 0
     for name, (rows, columns) in shapes.items():
         places[name] = at
         at += -(-rows * strides.get(name, columns) // WHOLE) * WHOLE  # all begin with a whole vector
-    filled = {name: shapes[name] for name in shapes if name in by_columns - vectors}
-    return Layout(places, strides, at, filled)
+    filled = {name: shapes[name] for name in shapes if name in by_columns - vectors and shapes[name][1] % WHOLE}
+    return Layout(places, strides, at, filled, precision)

@@ -1,9 +1,10 @@
-"""What a function of the library computes, step by step: expressions, and linear solves that stay loops in C."""
+"""What a function of the library computes, step by step: expressions, and loops over columns or for linear systems."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -160,7 +161,8 @@ class Columns:
     ----------
     function : casadi.Function
         An SX function of dense columns. Its arguments and results are columns of the intermediate arrays of these
-        names, or of the tables. Zeros give zeros: these stand beyond the last column, up to a whole vector.
+        names, or of the tables; sums, differences and products only. Where all arguments are zero the results are zero:
+        rows end in zeros, up to a whole vector.
     n : int
         Number of columns.
     tables : mapping of str to numpy.ndarray
@@ -232,20 +234,27 @@ class Products:
     Parameters
     ----------
     above, below : tuple of Rows
-        (S, W) and (G, U): rows of intermediate arrays with n columns, as many in both.
+        (S, W) and (G, U): rows of intermediate arrays with n columns, as many in both of a pair.
     n : int
-        Rows and columns of A.
+        Rows and columns of A, at least `LEAST`: a vector that begins in a line before the last one ends in A.
     target : str
-        A port (n, n); or an intermediate array, by rows.
+        A port (n, n); or an intermediate array, by rows. Of a symmetric matrix in an array, only the diagonal and what
+        is above it are defined.
     first : int
-        Column of the target at which A begins.
+        Column of the array at which A begins.
     """
+
+    LEAST: ClassVar[int] = 8
 
     above: tuple[Rows, Rows]
     below: tuple[Rows, Rows]
     n: int
     target: str
     first: int = 0
+
+    def __post_init__(self) -> None:
+        if self.n < self.LEAST:
+            raise ValueError(f"products: given {self.n} columns, expected at least {self.LEAST}")
 
     @property
     def symmetric(self) -> bool:

@@ -18,12 +18,15 @@ from flexgen.mechanics.dynamics import symbols_of
 from flexgen.mechanics.equations import Equations
 from flexgen.recursion import columns
 from flexgen.recursion.arm import arm_of
+from flexgen.recursion.derivatives import derivatives
 from flexgen.recursion.dh_chain import Chain, Kept, laid, regrouped
 from flexgen.recursion.functions import AGREEMENT, TRIALS, cost_of, fast_function
+from flexgen.recursion.regrouping import plans
+from flexgen.recursion.tape import Tape
 
 LONG_CHAIN = 12  # coordinates from which loops over joints are shorter
 LANES = 8  # columns that are computed at once
-SHORTER = 0.6  # a mass matrix is written so where it takes less than this share of the operations
+SHORTER = 0.6  # functions are written so where they take less than this share of the operations
 
 
 def long_chain(equations: Equations) -> Chain | None:
@@ -51,12 +54,24 @@ def long_chain(equations: Equations) -> Chain | None:
 def _chain_of(equations: Equations) -> Chain | None:
     """The chain with the fewest operations: masses stay with the bodies, or go to those before as far as they can."""
     n, own = equations.model.n_a, laid(equations.model)
+    if not columns.bodies_of(own):
+        return None
     chain = min((regrouped(own, [kept] * n) for kept in (Kept(), Kept("all", True, True))), key=_derivatives_cost)
+    if not columns.bodies_of(chain) or _derivatives_cost(chain) > SHORTER * _direct_cost(equations):
+        return None
     return chain if _agrees(equations, chain) else None
 
 
 def _derivatives_cost(chain: Chain) -> float:
     return cost(columns.derivatives(chain, ("Q", 0), ("V", 0), "M"))
+
+
+def _direct_cost(equations: Equations) -> int:
+    """Operations of the derivatives as one expression for each entry."""
+    plan, tape, n = plans(equations.model)[0], Tape(), equations.model.n_a
+    q, v, a = (tape.vector(ca.SX.sym(name, n)) for name in "qva")
+    found = derivatives(tape, plan.chain, q, v, a, plan.columns)
+    return tape.cost([x for A in found for row in A for x in row]).operations
 
 
 def cost(steps: Sequence[Step]) -> float:
@@ -71,7 +86,7 @@ def cost(steps: Sequence[Step]) -> float:
             case Sums():
                 count += step.rows * len(step.at)
             case Products():
-                count += step.operations / (LANES / 2)  # half of them are beside the triangles
+                count += step.operations / (LANES / 2 if step.symmetric else LANES)  # both triangles are computed
     return count
 
 
@@ -92,10 +107,14 @@ def _agrees(equations: Equations, chain: Chain) -> bool:
     ways = [ca.SX.sym(f"d{name}", n) for name in f.name_in()]
     along = ca.Function("along", [*given, *ways], [ca.jtimes(f(*given), ca.vertcat(*given), ca.vertcat(*ways))])
     program = Routine(tuple(columns.derivatives(chain, ("Q", 0), ("V", 0), "M")))
+    at_rest = Routine(tuple(columns.bias(chain, "M")))
     rng = np.random.default_rng(0)
     for _ in range(TRIALS):
         state, way = rng.uniform(-1.0, 1.0, (2, 3, n))
         found = evaluated(program, dict(zip(("q_a", "v_a", "a_a"), state, strict=True)))
+        bias, tau = evaluated(at_rest, {"q_a": state[0], "v_a": state[1]})["bias"], f(*state[:2], np.zeros(n)).full()
+        if not np.max(np.abs(bias.ravel() - tau.ravel())) <= AGREEMENT * np.max(np.abs(tau)):
+            return False
         terms = [found[name] @ x for name, x in zip("QVM", way, strict=True)]
         expected = along(*state, *way).full().ravel()
         largest = max(np.max(np.abs(term)) for term in terms)

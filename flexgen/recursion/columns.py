@@ -15,7 +15,7 @@ hangs on the joint, ``h = int r dm, H = int r r' dm, k = int u dm, K = int u r' 
     f = 2 s x k + m x h + mass d,                   n = 2 (tr K 1 - K) s + (tr H 1 - H) m + h x d
 
 A change of q turns the forces as well. The generalized force of a joint i before is ``(z, b)_i . (n, f)_j`` (above the
-diagonal); that of joint j itself for a change at i is linear in (s, m, d) of i (below the diagonal).
+diagonal); that of joint j for a change at i, before it or the same, is linear in (s, m, d) of i (on it and below).
 
 Source: own derivation of the relations of S. Singh, R. Russell, P. Wensing, IEEE RA-L 7(2), 2022, in moments of mass.
 """
@@ -36,7 +36,7 @@ from flexgen.recursion.tape import Scalar, Tape
 Target = tuple[str, int]  # a port or an intermediate array, and the column at which a matrix begins
 AXIS = Rows("axis", 0, 6)
 MOMENTUM = Rows("momentum", 0, 6)
-FELT = Rows("felt", 0, 9)
+FELT = Rows("felt", 0, 9)  # what the force of a joint feels of (s, m, d) of a change before it
 
 
 def mass_matrix(chain: Chain, target: str) -> list[Step]:
@@ -45,7 +45,7 @@ def mass_matrix(chain: Chain, target: str) -> list[Step]:
 
 
 def derivatives(chain: Chain, by_q: Target, by_v: Target, by_a: str) -> list[Step]:
-    """Steps from ``q_a, v_a, a_a`` to the derivatives of inverse dynamics; ``by_a``: of the mass matrix."""
+    """Steps from ``q_a, v_a, a_a`` to the derivatives of inverse dynamics; ``by_a``: where the mass matrix goes."""
     known = [*_kinematics(chain, ["q_a", "v_a", "a_a"]), *_masses(chain, by_a), *_motion(chain)]
     return [*known, *_forces(chain, at_rest=False), *_changes(chain, by_q, by_v)]
 
@@ -66,7 +66,7 @@ def derivatives_after(chain: Chain, by_q: Target, by_v: Target) -> list[Step]:
     return [*_forces(chain, at_rest=False), *_changes(chain, by_q, by_v)]
 
 
-def _bodies(chain: Chain) -> tuple[int, ...]:
+def bodies_of(chain: Chain) -> tuple[int, ...]:
     """Joints that carry matter."""
     inertias = [joint.inertia for joint in chain.joints]
     return tuple(k for k, own in enumerate(inertias) if own.mass or own.first.any() or own.second.any())
@@ -94,7 +94,7 @@ def _kinematics(chain: Chain, names: Sequence[str]) -> list[Step]:
     for way in reversed(ways[1:]):
         places.insert(0, [x - y for x, y in zip(places[0], way, strict=True)])
     frames = [[*axes[0], *axes[1], *axes[2], *at] for axes, at in zip(turned, places, strict=True)]
-    bodies = _bodies(chain)
+    bodies = bodies_of(chain)
     flat = tape.build([x for k in bodies for x in frames[k]] + [x for frame in frames for x in frame[6:]])
     results = {"frame": ca.reshape(ca.vertcat(*flat[: 12 * len(bodies)]), 12, len(bodies))}
     if len(bodies) < n:
@@ -112,7 +112,7 @@ def _about_x(twist: tuple[float, float]) -> np.ndarray:
 def _axes(chain: Chain, moving: bool) -> list[Step]:
     """Spatial axes of the joints, and their velocities."""
     n = len(chain.joints)
-    frame = ca.SX.sym("frame", 12) if len(_bodies(chain)) == n else ca.SX.sym("joint", 6)
+    frame = ca.SX.sym("frame", 12) if len(bodies_of(chain)) == n else ca.SX.sym("joint", 6)
     direction, place = frame[-6:-3], frame[-3:]
     turning, symbols, tables = _given("turning", np.array([[float(joint.revolute) for joint in chain.joints]]))
     axis = ca.vertcat(turning * direction, turning * ca.cross(place, direction) + (1 - turning) * direction)
@@ -126,7 +126,7 @@ def _axes(chain: Chain, moving: bool) -> list[Step]:
 
 def _masses(chain: Chain, target: str) -> list[Step]:
     """Moments of mass of what hangs on the joints, and the mass matrix."""
-    n, at = len(chain.joints), _bodies(chain)
+    n, at = len(chain.joints), bodies_of(chain)
     own = [chain.joints[k].inertia for k in at]
     numbers = np.array([[x.mass, *x.first, *(x.second[i, j] for i, j in _HALF)] for x in own], dtype=float).T
     inertia, symbols, tables = _given("inertia", numbers)
@@ -152,13 +152,13 @@ def _masses(chain: Chain, target: str) -> list[Step]:
 
 def _motion(chain: Chain) -> list[Step]:
     """Moments of momentum of what hangs on the joints, and the rates of the axes."""
-    n, at = len(chain.joints), _bodies(chain)
+    n, at = len(chain.joints), bodies_of(chain)
     mass, symbols, masses = _mass(chain, beyond=False)
     name = _of_bodies(chain, "speed")
     own, speed, axis = ca.SX.sym("own", 9), ca.SX.sym("speed", 6), ca.SX.sym("axis", 6)
-    (w, u), (h, H) = _halves(speed), (own[:3], _symmetric(own[3:]))
-    K = ca.mtimes(u, h.T) + ca.horzcat(*(ca.cross(w, H[:, j]) for j in range(3)))
-    moments = {"own_motion": ca.vertcat(mass * u + ca.cross(w, h), ca.reshape(K, 9, 1))}
+    (w, v), (h, H) = _halves(speed), (own[:3], _symmetric(own[3:]))
+    K = ca.mtimes(v, h.T) + ca.horzcat(*(ca.cross(w, H[:, j]) for j in range(3)))
+    moments = {"own_motion": ca.vertcat(mass * v + ca.cross(w, h), ca.reshape(K, 9, 1))}
     rates = _function("rates", {"axis": axis, "speed": speed}, {"rate": _moved(speed, axis)})
     return [
         Columns(rates, n),
@@ -170,7 +170,7 @@ def _motion(chain: Chain) -> list[Step]:
 
 def _forces(chain: Chain, at_rest: bool) -> list[Step]:
     """Accelerations, and the wrenches of what hangs on the joints; ``at_rest``: no speed changes."""
-    n, at = len(chain.joints), _bodies(chain)
+    n, at = len(chain.joints), bodies_of(chain)
     axis, rate, v, a = (ca.SX.sym(name, rows) for name, rows in (("axis", 6), ("rate", 6), ("v", 1), ("a", 1)))
     inputs = {"rate": rate, "row_v_a": v} | ({} if at_rest else {"axis": axis, "row_a_a": a})
     gained = {"gained": rate * v + (0 if at_rest else axis * a)}
@@ -232,19 +232,19 @@ _HALF = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # entries of a symmetr
 
 def _of_bodies(chain: Chain, name: str) -> str:
     """The array with the columns of the bodies."""
-    return name if len(_bodies(chain)) == len(chain.joints) else f"{name}_of_bodies"
+    return name if len(bodies_of(chain)) == len(chain.joints) else f"{name}_of_bodies"
 
 
 def _selected(chain: Chain, name: str) -> list[Step]:
     """The step that fills this array."""
     target = _of_bodies(chain, name)
-    return [] if target == name else [Selected(name, target, 6, _bodies(chain))]
+    return [] if target == name else [Selected(name, target, 6, bodies_of(chain))]
 
 
 def _mass(chain: Chain, beyond: bool) -> tuple[ca.SX, dict[str, ca.SX], dict[str, np.ndarray]]:
     """Masses of bodies, or of all that hangs on the joints, see `_given`."""
     own = [joint.inertia.mass for joint in chain.joints]
-    masses = [sum(own[k:]) for k in range(len(own))] if beyond else [own[k] for k in _bodies(chain)]
+    masses = [sum(own[k:]) for k in range(len(own))] if beyond else [own[k] for k in bodies_of(chain)]
     return _given("masses", np.array([masses], dtype=float))
 
 
@@ -254,7 +254,7 @@ def _halves(x: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def _moved(speed: ca.SX, axis: ca.SX) -> ca.SX:
-    """The spatial axis of what moves along with a spatial velocity, its rate: ``(w x z, w x l + v x z)``."""
+    """The spatial axis of what moves along with a spatial velocity, its rate: ``(w x z, w x b + v x z)``."""
     return ca.vertcat(ca.cross(speed[:3], axis[:3]), ca.cross(speed[:3], axis[3:]) + ca.cross(speed[3:], axis[:3]))
 
 

@@ -68,7 +68,7 @@ class Small:
         """Status and results; what is behind the workspace and behind each result must stay as it was."""
         sizes = [self._work, *(int(np.prod(shape)) for shape in shapes)]
         memory = [np.full(size + BEHIND, 7.0, self.real) for size in sizes]
-        memory[0][: self._work] = 0.0
+        memory[0][: self._work] = np.nan  # what is read there was written before
         work, results = memory[0], [x[:-BEHIND].reshape(shape) for x, shape in zip(memory[1:], shapes, strict=True)]
         # a function for one point takes the workspace only where it needs one; one argument more does no harm
         pointers = [ctypes.c_void_p(x.ctypes.data) for x in (*inputs, *results, work)]

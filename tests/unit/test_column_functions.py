@@ -13,7 +13,7 @@ from flexgen.codegen.spec import library_spec
 from flexgen.expressions.evaluation import evaluated
 from flexgen.expressions.routine import Columns, Factor, Routine
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.model.elements import Body, Gear, LinearSpring, RobotModel
+from flexgen.model.elements import Body, Gear, LinearSpring, Placement, RobotModel
 from flexgen.recursion import column_functions, columns
 from flexgen.recursion.column_functions import long_chain
 from flexgen.recursion.functions import recursive_function
@@ -114,6 +114,19 @@ def test_short_arms_and_changing_payloads_are_not_in_loops():
     assert long_chain(loaded) is None
 
 
+def test_arms_without_matter_and_with_parallel_axes_are_not_in_loops():
+    """Where there is nothing to add up, and where one expression for each entry is short."""
+    empty = replace(dense_chain(12, 2), elements=tuple(replace(x, body=Body()) for x in dense_chain(12, 2).elements))
+    assert long_chain(derive(empty)) is None
+    elements = [
+        replace(
+            x, origin=Placement((0.3, 0.0, 0.0)), link=Placement(), dofs=(replace(x.dofs[0], axis=(0.0, 0.0, 1.0)),)
+        )
+        for x in dense_chain(12, 2).elements
+    ]
+    assert long_chain(derive(replace(dense_chain(12, 2), elements=tuple(elements)))) is None
+
+
 def no_linear_rate(monkeypatch):
     def wrong(speed: ca.SX, axis: ca.SX) -> ca.SX:
         return ca.vertcat(ca.cross(speed[:3], axis[:3]), ca.cross(speed[:3], axis[3:]))
@@ -127,8 +140,8 @@ def transposed_moment(monkeypatch):
 
 
 def lost_body(monkeypatch):
-    bodies = columns._bodies
-    monkeypatch.setattr(columns, "_bodies", lambda chain: bodies(chain)[:-1])
+    bodies = columns.bodies_of
+    monkeypatch.setattr(columns, "bodies_of", lambda chain: bodies(chain)[:-1])
 
 
 @pytest.mark.parametrize("bug", [no_linear_rate, transposed_moment, lost_body])

@@ -150,18 +150,18 @@ SEPARATE static T F(arm_forward_derivatives_step_3)(real *RESTRICT da_dq, real *
         inverse[i] = 4.440892098500626e-16 * matrix[i * 81];
     }
     for (j = 0; j < 2; ++j) {
-        T *const row = matrix + j * 80;
-        const T pivot = F(guarded)(F(splat)(1) / row[j], row[j], inverse[j]);
+        T *const upper = matrix + j * 80;
+        const T pivot = F(guarded)(F(splat)(1) / upper[j], upper[j], inverse[j]);
         inverse[j] = pivot;
         for (k = ROW_OF_COLUMN(j + 1); k < ROW_COUNT(2); ++k) {
-            const ROW x = ROWS(row)[k];
+            const ROW x = ROWS(upper)[k];
             const int end = LESSER(last[j], (k + 1) * ROW_LANES);
             for (i = j + 1; i < end; ++i) {
-                ROWS(matrix + i * 80)[k] -= pivot * row[i] * x;
+                ROWS(matrix + i * 80)[k] -= pivot * upper[i] * x;
             }
         }
         for (k = ROW_OF_COLUMN(j); k < ROW_COUNT(2); ++k) {
-            ROWS(row)[k] = pivot * ROWS(row)[k];
+            ROWS(upper)[k] = pivot * ROWS(upper)[k];
         }
     }
     for (i = 0; i < 2; ++i) {

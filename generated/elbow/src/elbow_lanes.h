@@ -16,7 +16,7 @@
 #define ONE_POINT 0
 #define ROW_OUT(x, row) store_v(x, row)
 #define ROW_TABLE(x, row, k) splat_v((x)[(row) + (k)])
-#define LAST(i, k, n) 0
-#define ENTRY(x, i) ((x) + (i) * n)
+#define ROW_LAST(i, k, n) 0
+#define ROW_ENTRY(x, i) ((x) + (i) * n)
 #define ROW_OF(x) splat_v(x)
 #define ROW_SUM(x) (x)

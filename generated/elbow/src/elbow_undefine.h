@@ -12,8 +12,8 @@
 #undef ROW_OF
 #undef ROW_LANES
 #undef ROW_TABLE
-#undef LAST
-#undef ENTRY
+#undef ROW_LAST
+#undef ROW_ENTRY
 #undef ROW_OUT
 #undef ONE_POINT
 #undef ROW_OF_COLUMN
