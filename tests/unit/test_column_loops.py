@@ -98,6 +98,23 @@ def test_every_step_is_that_of_numpy(n, flags, tmp_path):
 
 
 @needs_compiler
+@pytest.mark.parametrize("n", [8, 19])
+def test_vectors_of_every_width_give_the_same_bits(n, tmp_path):
+    program, inputs, outputs = made(n)
+    rng = np.random.default_rng(7)
+    given = rng.normal(size=(3, n)), rng.normal(size=n)
+    found = []
+    for k, flags in enumerate(WIDTHS):
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        status, results = Small(spec_of(program, inputs, outputs), folder, flags=(*OPTIONS, *flags)).point(*given)
+        assert status == 0
+        found.append(results)
+    for others in found[1:]:
+        assert all(np.array_equal(x, y) for x, y in zip(found[0], others, strict=True))
+
+
+@needs_compiler
 @pytest.mark.parametrize("flags", WIDTHS)
 def test_single_precision(flags, tmp_path):
     program, inputs, outputs = made(9)
