@@ -136,40 +136,42 @@ def _eliminated(step: Solve | Factor, columns: int, rounding: str) -> list[str]:
     ]
 
 
-def _less(lanes: int, row: str, factor: str, other: str, start: str) -> list[str]:
+def _less(step: Solve, lanes: int, factor: str, others: str, start: str) -> list[str]:
     """Lines that take multiples of other rows from some vectors of a row: sums that do not wait for each other."""
-    places = range(lanes)
+    places, row = range(lanes), f"rows + {{}} * ROW_COUNT({step.stride}) + k"
     return [
-        f"    for (; k + {lanes} <= count; k += {lanes}) {{",
-        *(f"        ROW rest{i} = {start.replace('k]', f'k + {i}]')};" for i in places),
-        f"        for ({other}) {{",
+        f"        ROW *const x = {row.format('i')};",
+        *(f"        ROW rest{i} = {start}x[{i}];" for i in places),
+        f"        for ({others}) {{",
+        f"            const ROW *const other = {row.format('j')};",
         f"            const T times = {factor};",
-        *(f"            rest{i} -= times * {row.replace('k]', f'k + {i}]')};" for i in places),
+        *(f"            rest{i} -= times * other[{i}];" for i in places),
         "        }",
-        *(f"        x[k + {i}] = rest{i};" for i in places),
-        "    }",
+        *(f"        x[{i}] = rest{i};" for i in places),
     ]
 
 
 def _substituted(step: Solve) -> list[str]:
-    """Lines that combine the rows of the right side as the factors demand."""
+    """Lines that combine the rows of the right side as the factors demand: some columns of all rows after the others.
+
+    So what is combined stays in the first cache.
+    """
     n, stride = step.n, step.matrix_stride
-    other = f"rows[j * ROW_COUNT({step.stride}) + k]"
 
-    def taken(factor: str, others: str, start: str) -> list[str]:
-        return ["    k = 0;", *_less(8, other, factor, others, start), *_less(4, other, factor, others, start)]
+    def some(lanes: int) -> list[str]:
+        return [
+            f"for (; k + {lanes} <= count; k += {lanes}) {{",
+            f"    for (i = 0; i < {n}; ++i) {{",
+            *_less(step, lanes, f"matrix[j * {stride} + i]", "j = first[i]; j < i; ++j", ""),
+            "    }",
+            f"    for (i = {n - 1}; i >= 0; --i) {{",
+            "        const T pivot = inverse[i];",
+            *_less(step, lanes, f"matrix[i * {stride} + j]", "j = i + 1; j < last[i]; ++j", "pivot * "),
+            "    }",
+            "}",
+        ]
 
-    return [
-        f"for (i = 0; i < {n}; ++i) {{",
-        f"    ROW *const x = rows + i * ROW_COUNT({step.stride});",
-        *taken(f"matrix[j * {stride} + i]", "j = first[i]; j < i; ++j", "x[k]"),
-        "}",
-        f"for (i = {n - 1}; i >= 0; --i) {{",
-        f"    ROW *const x = rows + i * ROW_COUNT({step.stride});",
-        "    const T pivot = inverse[i];",
-        *taken(f"matrix[i * {stride} + j]", "j = i + 1; j < last[i]; ++j", "pivot * x[k]"),
-        "}",
-    ]
+    return ["k = 0;", *some(8), *some(4)]
 
 
 def _placed(step: Solve, layout: Layout, outputs: Mapping[str, int]) -> list[str]:

@@ -164,105 +164,111 @@ SEPARATE static T F(arm_forward_derivatives_step_3)(real *RESTRICT da_dq, real *
             ROWS(upper)[k] = pivot * ROWS(upper)[k];
         }
     }
-    for (i = 0; i < 2; ++i) {
-        ROW *const x = rows + i * ROW_COUNT(80);
-        k = 0;
-        for (; k + 8 <= count; k += 8) {
-            ROW rest0 = x[k + 0];
-            ROW rest1 = x[k + 1];
-            ROW rest2 = x[k + 2];
-            ROW rest3 = x[k + 3];
-            ROW rest4 = x[k + 4];
-            ROW rest5 = x[k + 5];
-            ROW rest6 = x[k + 6];
-            ROW rest7 = x[k + 7];
+    k = 0;
+    for (; k + 8 <= count; k += 8) {
+        for (i = 0; i < 2; ++i) {
+            ROW *const x = rows + i * ROW_COUNT(80) + k;
+            ROW rest0 = x[0];
+            ROW rest1 = x[1];
+            ROW rest2 = x[2];
+            ROW rest3 = x[3];
+            ROW rest4 = x[4];
+            ROW rest5 = x[5];
+            ROW rest6 = x[6];
+            ROW rest7 = x[7];
             for (j = first[i]; j < i; ++j) {
+                const ROW *const other = rows + j * ROW_COUNT(80) + k;
                 const T times = matrix[j * 80 + i];
-                rest0 -= times * rows[j * ROW_COUNT(80) + k + 0];
-                rest1 -= times * rows[j * ROW_COUNT(80) + k + 1];
-                rest2 -= times * rows[j * ROW_COUNT(80) + k + 2];
-                rest3 -= times * rows[j * ROW_COUNT(80) + k + 3];
-                rest4 -= times * rows[j * ROW_COUNT(80) + k + 4];
-                rest5 -= times * rows[j * ROW_COUNT(80) + k + 5];
-                rest6 -= times * rows[j * ROW_COUNT(80) + k + 6];
-                rest7 -= times * rows[j * ROW_COUNT(80) + k + 7];
+                rest0 -= times * other[0];
+                rest1 -= times * other[1];
+                rest2 -= times * other[2];
+                rest3 -= times * other[3];
+                rest4 -= times * other[4];
+                rest5 -= times * other[5];
+                rest6 -= times * other[6];
+                rest7 -= times * other[7];
             }
-            x[k + 0] = rest0;
-            x[k + 1] = rest1;
-            x[k + 2] = rest2;
-            x[k + 3] = rest3;
-            x[k + 4] = rest4;
-            x[k + 5] = rest5;
-            x[k + 6] = rest6;
-            x[k + 7] = rest7;
+            x[0] = rest0;
+            x[1] = rest1;
+            x[2] = rest2;
+            x[3] = rest3;
+            x[4] = rest4;
+            x[5] = rest5;
+            x[6] = rest6;
+            x[7] = rest7;
         }
-        for (; k + 4 <= count; k += 4) {
-            ROW rest0 = x[k + 0];
-            ROW rest1 = x[k + 1];
-            ROW rest2 = x[k + 2];
-            ROW rest3 = x[k + 3];
-            for (j = first[i]; j < i; ++j) {
-                const T times = matrix[j * 80 + i];
-                rest0 -= times * rows[j * ROW_COUNT(80) + k + 0];
-                rest1 -= times * rows[j * ROW_COUNT(80) + k + 1];
-                rest2 -= times * rows[j * ROW_COUNT(80) + k + 2];
-                rest3 -= times * rows[j * ROW_COUNT(80) + k + 3];
+        for (i = 1; i >= 0; --i) {
+            const T pivot = inverse[i];
+            ROW *const x = rows + i * ROW_COUNT(80) + k;
+            ROW rest0 = pivot * x[0];
+            ROW rest1 = pivot * x[1];
+            ROW rest2 = pivot * x[2];
+            ROW rest3 = pivot * x[3];
+            ROW rest4 = pivot * x[4];
+            ROW rest5 = pivot * x[5];
+            ROW rest6 = pivot * x[6];
+            ROW rest7 = pivot * x[7];
+            for (j = i + 1; j < last[i]; ++j) {
+                const ROW *const other = rows + j * ROW_COUNT(80) + k;
+                const T times = matrix[i * 80 + j];
+                rest0 -= times * other[0];
+                rest1 -= times * other[1];
+                rest2 -= times * other[2];
+                rest3 -= times * other[3];
+                rest4 -= times * other[4];
+                rest5 -= times * other[5];
+                rest6 -= times * other[6];
+                rest7 -= times * other[7];
             }
-            x[k + 0] = rest0;
-            x[k + 1] = rest1;
-            x[k + 2] = rest2;
-            x[k + 3] = rest3;
+            x[0] = rest0;
+            x[1] = rest1;
+            x[2] = rest2;
+            x[3] = rest3;
+            x[4] = rest4;
+            x[5] = rest5;
+            x[6] = rest6;
+            x[7] = rest7;
         }
     }
-    for (i = 1; i >= 0; --i) {
-        ROW *const x = rows + i * ROW_COUNT(80);
-        const T pivot = inverse[i];
-        k = 0;
-        for (; k + 8 <= count; k += 8) {
-            ROW rest0 = pivot * x[k + 0];
-            ROW rest1 = pivot * x[k + 1];
-            ROW rest2 = pivot * x[k + 2];
-            ROW rest3 = pivot * x[k + 3];
-            ROW rest4 = pivot * x[k + 4];
-            ROW rest5 = pivot * x[k + 5];
-            ROW rest6 = pivot * x[k + 6];
-            ROW rest7 = pivot * x[k + 7];
-            for (j = i + 1; j < last[i]; ++j) {
-                const T times = matrix[i * 80 + j];
-                rest0 -= times * rows[j * ROW_COUNT(80) + k + 0];
-                rest1 -= times * rows[j * ROW_COUNT(80) + k + 1];
-                rest2 -= times * rows[j * ROW_COUNT(80) + k + 2];
-                rest3 -= times * rows[j * ROW_COUNT(80) + k + 3];
-                rest4 -= times * rows[j * ROW_COUNT(80) + k + 4];
-                rest5 -= times * rows[j * ROW_COUNT(80) + k + 5];
-                rest6 -= times * rows[j * ROW_COUNT(80) + k + 6];
-                rest7 -= times * rows[j * ROW_COUNT(80) + k + 7];
+    for (; k + 4 <= count; k += 4) {
+        for (i = 0; i < 2; ++i) {
+            ROW *const x = rows + i * ROW_COUNT(80) + k;
+            ROW rest0 = x[0];
+            ROW rest1 = x[1];
+            ROW rest2 = x[2];
+            ROW rest3 = x[3];
+            for (j = first[i]; j < i; ++j) {
+                const ROW *const other = rows + j * ROW_COUNT(80) + k;
+                const T times = matrix[j * 80 + i];
+                rest0 -= times * other[0];
+                rest1 -= times * other[1];
+                rest2 -= times * other[2];
+                rest3 -= times * other[3];
             }
-            x[k + 0] = rest0;
-            x[k + 1] = rest1;
-            x[k + 2] = rest2;
-            x[k + 3] = rest3;
-            x[k + 4] = rest4;
-            x[k + 5] = rest5;
-            x[k + 6] = rest6;
-            x[k + 7] = rest7;
+            x[0] = rest0;
+            x[1] = rest1;
+            x[2] = rest2;
+            x[3] = rest3;
         }
-        for (; k + 4 <= count; k += 4) {
-            ROW rest0 = pivot * x[k + 0];
-            ROW rest1 = pivot * x[k + 1];
-            ROW rest2 = pivot * x[k + 2];
-            ROW rest3 = pivot * x[k + 3];
+        for (i = 1; i >= 0; --i) {
+            const T pivot = inverse[i];
+            ROW *const x = rows + i * ROW_COUNT(80) + k;
+            ROW rest0 = pivot * x[0];
+            ROW rest1 = pivot * x[1];
+            ROW rest2 = pivot * x[2];
+            ROW rest3 = pivot * x[3];
             for (j = i + 1; j < last[i]; ++j) {
+                const ROW *const other = rows + j * ROW_COUNT(80) + k;
                 const T times = matrix[i * 80 + j];
-                rest0 -= times * rows[j * ROW_COUNT(80) + k + 0];
-                rest1 -= times * rows[j * ROW_COUNT(80) + k + 1];
-                rest2 -= times * rows[j * ROW_COUNT(80) + k + 2];
-                rest3 -= times * rows[j * ROW_COUNT(80) + k + 3];
+                rest0 -= times * other[0];
+                rest1 -= times * other[1];
+                rest2 -= times * other[2];
+                rest3 -= times * other[3];
             }
-            x[k + 0] = rest0;
-            x[k + 1] = rest1;
-            x[k + 2] = rest2;
-            x[k + 3] = rest3;
+            x[0] = rest0;
+            x[1] = rest1;
+            x[2] = rest2;
+            x[3] = rest3;
         }
     }
     for (j = 0; j < 2; ++j) {
