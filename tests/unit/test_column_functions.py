@@ -55,7 +55,7 @@ def in_loops(program: Routine) -> bool:
     return any(isinstance(step, Columns) for step in program.steps)
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize("robot", [pytest.param("dense", marks=pytest.mark.slow), "sliding", "hollow"])
 def test_derivatives_and_mass_matrix_are_the_lagrangians(robot):
     equations = derive(ROBOTS[robot]())
     rng = np.random.default_rng(1)
@@ -72,7 +72,7 @@ def test_derivatives_and_mass_matrix_are_the_lagrangians(robot):
         check(equations, "mass_matrix", given, [evaluated(mass_matrix, given)["M"]])
 
 
-@pytest.mark.parametrize("robot", ["dense", "hollow"])
+@pytest.mark.parametrize("robot", [pytest.param("dense", marks=pytest.mark.slow), "hollow"])
 def test_derivatives_of_accelerations(robot):
     """Against the implicit function theorem: M da = -dtau at the acceleration of the same state."""
     equations = derive(ROBOTS[robot]())
@@ -144,7 +144,9 @@ def lost_body(monkeypatch):
     monkeypatch.setattr(columns, "bodies_of", lambda chain: bodies(chain)[:-1])
 
 
-@pytest.mark.parametrize("bug", [no_linear_rate, transposed_moment, lost_body])
+@pytest.mark.parametrize(
+    "bug", [no_linear_rate, *(pytest.param(x, marks=pytest.mark.slow) for x in (transposed_moment, lost_body))]
+)
 def test_robots_that_fail_before_use_are_not_in_loops(bug, monkeypatch):
     """A planted error: the check before use sees it, and the function is the recursion's."""
     bug(monkeypatch)

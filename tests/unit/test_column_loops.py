@@ -74,7 +74,7 @@ def made(n: int) -> tuple[Routine, tuple[Port, ...], tuple[Port, ...]]:
 
 
 @needs_compiler
-@pytest.mark.parametrize("n", [8, 9, 19])
+@pytest.mark.parametrize("n", [*(pytest.param(n, marks=pytest.mark.slow) for n in (8, 9)), 19])
 @pytest.mark.parametrize("flags", WIDTHS)
 def test_every_step_is_that_of_numpy(n, flags, tmp_path):
     program, inputs, outputs = made(n)
@@ -98,7 +98,7 @@ def test_every_step_is_that_of_numpy(n, flags, tmp_path):
 
 
 @needs_compiler
-@pytest.mark.parametrize("n", [8, 19])
+@pytest.mark.parametrize("n", [8, pytest.param(19, marks=pytest.mark.slow)])
 def test_vectors_of_every_width_give_the_same_bits(n, tmp_path):
     program, inputs, outputs = made(n)
     rng = np.random.default_rng(7)
@@ -115,7 +115,9 @@ def test_vectors_of_every_width_give_the_same_bits(n, tmp_path):
 
 
 @needs_compiler
-@pytest.mark.parametrize("flags", WIDTHS)
+@pytest.mark.parametrize(
+    "flags", [WIDTHS[1], *(pytest.param(x, marks=pytest.mark.slow) for x in (WIDTHS[0], WIDTHS[2]))]
+)
 def test_single_precision(flags, tmp_path):
     program, inputs, outputs = made(9)
     library = Small(spec_of(program, inputs, outputs, "single"), tmp_path, flags=(*OPTIONS, *flags))
