@@ -12,7 +12,7 @@ import numpy as np
 
 from flexgen.errors import BuildError
 from flexgen.expressions.graph import read_graph
-from flexgen.expressions.layout import Layout, column_stride
+from flexgen.expressions.layout import Layout, column_stride, loop_function
 from flexgen.expressions.routine import Columns, Products, Rows, Selected, Sums, Zeros
 from flexgen.expressions.schedule import written_order
 from flexgen.expressions.simplify import simplified
@@ -64,7 +64,7 @@ def columns_text(name: str, step: Columns, layout: Layout, literal: Literal) -> 
         "}",
     ]
     depth = max((graph.depth[r >> 1] for _, _, r in graph.outputs), default=0)
-    return _function(name, (), lines, "void"), graph.operations(), depth
+    return loop_function(name, (), lines, "void"), graph.operations(), depth
 
 
 def _table(name: str, numbers: np.ndarray, width: int, literal: Literal) -> list[str]:
@@ -119,7 +119,7 @@ def sums_text(name: str, step: Sums, layout: Layout, literal: Literal) -> str:
                 "    }",
             ]
         lines.append("}")
-    return _function(name, (), lines, "void")
+    return loop_function(name, (), lines, "void")
 
 
 def selected_text(name: str, step: Selected, layout: Layout) -> str:
@@ -135,7 +135,7 @@ def selected_text(name: str, step: Selected, layout: Layout) -> str:
         "    }",
         "}",
     ]
-    return _function(name, (), lines, "void")
+    return loop_function(name, (), lines, "void")
 
 
 def zeros_text(name: str, step: Zeros, layout: Layout) -> str:
@@ -148,7 +148,7 @@ def zeros_text(name: str, step: Zeros, layout: Layout) -> str:
         "    }",
         "}",
     ]
-    return _function(name, (), lines, "void")
+    return loop_function(name, (), lines, "void")
 
 
 def filled_text(name: str, layout: Layout) -> str:
@@ -163,7 +163,7 @@ def filled_text(name: str, layout: Layout) -> str:
             f"    ROWS(w + {layout.at(array, 0)} + i * {layout.strides[array]})[ROW_COUNT({columns}) - 1] = ROW_OF(0);",
             "}",
         ]
-    return _function(name, (), ["int i;", *lines], "void")
+    return loop_function(name, (), ["int i;", *lines], "void")
 
 
 def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[str, int]) -> str:
@@ -237,7 +237,7 @@ def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[st
             "}",
         ]
     lines.append("return ROW_SUM(check);")
-    return _function(name, (step.target,) if port else (), lines, "T")
+    return loop_function(name, (step.target,) if port else (), lines, "T")
 
 
 def _vectors(pair: tuple[Rows, Rows], side: str, layout: Layout) -> list[str]:
@@ -258,10 +258,3 @@ def _total(pair: tuple[Rows, Rows], side: str, layout: Layout) -> str:
 
 def _indented(lines: Iterable[str], levels: int) -> list[str]:
     return ["    " * levels + line for line in lines]
-
-
-def _function(name: str, ports: Sequence[str], lines: Iterable[str], result: str) -> str:
-    parameters = ", ".join([*(f"real *RESTRICT {port}" for port in ports), "T *RESTRICT w"])
-    stride = " STRIDE(ptrdiff_t n)" if ports else ""
-    body = "".join(f"    {line}\n" for line in lines)
-    return f"SEPARATE static {result} F({name})({parameters}{stride})\n{{\n{body}}}\n"

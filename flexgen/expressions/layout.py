@@ -1,8 +1,8 @@
-"""Where the intermediate arrays of a routine lie in the workspace."""
+"""Where the intermediate arrays of a routine lie in the workspace, and the C functions around the loops over them."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 
 from flexgen.expressions.routine import Columns, Expressions, Factor, Products, Routine, Selected, Solve, Sums
@@ -84,3 +84,11 @@ def layout_of(program: Routine, outputs: Collection[str], precision: str) -> Lay
         at += -(-rows * strides.get(name, columns) // WHOLE) * WHOLE  # all begin with a whole vector
     filled = {name: shapes[name] for name in shapes if name in by_columns - vectors and shapes[name][1] % WHOLE}
     return Layout(places, strides, at, filled, precision)
+
+
+def loop_function(name: str, ports: Iterable[str], lines: Iterable[str], result: str = "T") -> str:
+    """A C function of a step that is a loop: it takes some outputs and the workspace."""
+    given = [f"real *RESTRICT {port}" for port in ports]
+    stride = " STRIDE(ptrdiff_t n)" if given else ""
+    body = "".join(f"    {line}\n" for line in lines)
+    return f"SEPARATE static {result} F({name})({', '.join([*given, 'T *RESTRICT w'])}{stride})\n{{\n{body}}}\n"

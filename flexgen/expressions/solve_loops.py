@@ -5,9 +5,9 @@ For one point the loops run over lanes of columns of the right side, for lanes o
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-from flexgen.expressions.layout import Layout, pivots_of
+from flexgen.expressions.layout import Layout, loop_function, pivots_of
 from flexgen.expressions.routine import Factor, Solve
 
 
@@ -38,7 +38,7 @@ def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int
         "}",
         "return ROW_SUM(sum);",
     ]
-    return _function(name, ports, lines)
+    return loop_function(name, ports, lines)
 
 
 def factor_text(name: str, step: Factor, layout: Layout, rounding: str) -> str:
@@ -67,7 +67,7 @@ def factor_text(name: str, step: Factor, layout: Layout, rounding: str) -> str:
         "}",
         "return zero;",
     ]
-    return _function(name, (), lines)
+    return loop_function(name, (), lines)
 
 
 def _matrix(step: Solve | Factor, layout: Layout) -> list[str]:
@@ -79,13 +79,6 @@ def _matrix(step: Solve | Factor, layout: Layout) -> list[str]:
         f"T *const matrix = w + {layout.places[step.matrix]};",
         f"T *const inverse = w + {layout.places[pivots_of(step.matrix)]};",
     ]
-
-
-def _function(name: str, ports: Sequence[str], lines: Sequence[str]) -> str:
-    parameters = ", ".join([*(f"real *RESTRICT {port}" for port in ports), "T *RESTRICT w"])
-    stride = " STRIDE(ptrdiff_t n)" if ports else ""
-    body = "".join(f"    {line}\n" for line in lines)
-    return f"SEPARATE static T F({name})({parameters}{stride})\n{{\n{body}}}\n"
 
 
 def _padded(step: Solve, layout: Layout) -> list[str]:

@@ -20,7 +20,7 @@ from flexgen.recursion import columns
 from flexgen.recursion.arm import arm_of
 from flexgen.recursion.derivatives import derivatives
 from flexgen.recursion.dh_chain import Chain, Kept, laid, regrouped
-from flexgen.recursion.functions import AGREEMENT, TRIALS, cost_of, fast_function
+from flexgen.recursion.functions import AGREEMENT, TRIALS, beside_the_arm, cost_of, fast_function
 from flexgen.recursion.regrouping import plans
 from flexgen.recursion.tape import Tape
 
@@ -142,18 +142,11 @@ class AroundTheArm:
 
 def around_the_arm(equations: Equations) -> AroundTheArm:
     """Rotors, springs, dampers and frictions of ``M_y ddy = left``, ``R_y = d(-left)/d(y, dy, tau_m)``."""
-    model, forces = equations.model, equations.lagrangian.forces
-    n, n_a, i_m = model.dof, model.n_a, model.i_m
+    n, n_a = equations.model.dof, equations.model.n_a
     names = ["q_a", "v_a", "q_m", "v_m", "tau_m"]
-    q_a, v_a, q_m, v_m, tau_m = inputs = symbols_of(equations, names)
-    felt = ca.SX.sym("bias", 1, n_a)
-    left = forces - ca.vertcat(felt.T, ca.SX.zeros(n - n_a))
-    M, R = ca.SX.zeros(n, n), ca.SX.zeros(n, 2 * n + model.n_m)
-    M[:n_a, :n_a] = ca.SX(ca.DM(arm_of(equations).armature))
-    for k, j in enumerate(i_m):
-        M[n_a + k, n_a + k] = model.motors[j].inertia
-    y, dy = (ca.vertcat(x, *[x_m[j] for j in i_m]) for x, x_m in ((q_a, q_m), (v_a, v_m)))
-    R -= ca.horzcat(*(ca.jacobian(forces, x) for x in (y, dy, tau_m)))
+    inputs, felt = symbols_of(equations, names), ca.SX.sym("bias", 1, n_a)
+    left = equations.lagrangian.forces - ca.vertcat(felt.T, ca.SX.zeros(n - n_a))
+    M, R = beside_the_arm(arm_of(equations))
     return AroundTheArm(
         Expressions(equations.build("left", [*inputs, felt], [*names, "bias"], [left.T], ["row_left"])),
         Expressions(equations.build("rotors", [], [], [M], ["M_y"]), added=True),

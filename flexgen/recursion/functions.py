@@ -257,18 +257,26 @@ def _whole_accelerations(arm: Arm, on_arm: ca.SX) -> tuple[ca.SX, ca.SX]:
     return a_a, ca.vertcat(ca.SX(0, 1), *a_m)
 
 
-def _residual_jacobians(arm: Arm) -> Built:
+def beside_the_arm(arm: Arm) -> tuple[ca.SX, ca.SX]:
+    """Rotors in ``M_y``; springs, dampers, frictions and torques in ``R_y``: ``-d(forces)/d(y, dy, tau_m)``."""
     model, forces = arm.model, arm.equations.lagrangian.forces
     n, n_a, i_m = model.dof, model.n_a, model.i_m
-    by_q, by_v, M_a = arm.derivatives
-    M, R = ca.SX.zeros(n, n), ca.SX.zeros(n, 2 * n + model.n_m)
-    M[:n_a, :n_a] = M_a + ca.SX(ca.DM(arm.armature))
+    M = ca.SX.zeros(n, n)
+    M[:n_a, :n_a] = ca.SX(ca.DM(arm.armature))
     for k, j in enumerate(i_m):
         M[n_a + k, n_a + k] = model.motors[j].inertia
-    R[:n_a, :n_a], R[:n_a, n : n + n_a] = by_q, by_v
     q_a, v_a, q_m, v_m, tau_m = arm.symbols("q_a", "v_a", "q_m", "v_m", "tau_m")
     y, dy = (ca.vertcat(x, *[x_m[j] for j in i_m]) for x, x_m in ((q_a, q_m), (v_a, v_m)))
-    R = R - ca.horzcat(*(ca.jacobian(forces, x) for x in (y, dy, tau_m)))
+    return M, -ca.densify(ca.horzcat(*(ca.jacobian(forces, x) for x in (y, dy, tau_m))))
+
+
+def _residual_jacobians(arm: Arm) -> Built:
+    n, n_a = arm.model.dof, arm.model.n_a
+    by_q, by_v, M_a = arm.derivatives
+    M, R = beside_the_arm(arm)
+    M[:n_a, :n_a] += M_a
+    R[:n_a, :n_a] += by_q
+    R[:n_a, n : n + n_a] += by_v
     names = ["q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m"]
     return arm.symbols(*names), names, [M, R], ["M_y", "R_y"]
 
