@@ -8,7 +8,7 @@
 
 #include "model_hold.h"
 #include "model_interpolation.h"
-#include "model_motors.h"
+#include "model_motor_samples.h"
 
 enum { MAX_SAMPLES = 1000000 };
 
@@ -136,15 +136,9 @@ static inline int guess_mesh(
 typedef struct {
     int64_t samples, intervals, varying; /* varying: as in mesh */
     int64_t tau, deflection, stiffness, lagged, q_a, v_a, a_a, v_m, y, a, a_node, q_g, reference, factor, scale,
-        weights, space;
+        weights, joint_weights, space;
     int64_t end; /* where the arrays of one solver begin */
 } whole_layout;
-
-/*
- * Samples after the last one that are computed too, for the derivatives there: of the torques for the lag of the gears,
- * and of the deflections for the motors.
- */
-enum { BEYOND = 2 * MARGIN };
 
 #define TAKE(at, name, size) \
     (name) = (at); \
@@ -160,10 +154,10 @@ static inline whole_layout lay_out(int n, const model_inversion_options *o, int6
     l.varying = steady ? ((int64_t)o->n_pre + n - 1 + o->samples_per_interval - 1) / o->samples_per_interval :
                          l.intervals;
     l.varying = l.varying < l.intervals ? l.varying : l.intervals;
-    TAKE(at, l.tau, (MARGIN + l.samples + BEYOND) * NG);
-    TAKE(at, l.deflection, (MARGIN + l.samples + BEYOND) * NG);
-    TAKE(at, l.stiffness, (l.samples + BEYOND) * NG);
-    TAKE(at, l.lagged, (MARGIN + l.samples + BEYOND) * NG);
+    TAKE(at, l.tau, row_length(l.samples) * NG);
+    TAKE(at, l.deflection, row_length(l.samples) * NG);
+    TAKE(at, l.stiffness, row_length(l.samples) * NG);
+    TAKE(at, l.lagged, row_length(l.samples) * NG);
     TAKE(at, l.q_a, l.samples * NA);
     TAKE(at, l.v_a, l.samples * NA);
     TAKE(at, l.a_a, l.samples * NA);
@@ -177,9 +171,10 @@ static inline whole_layout lay_out(int n, const model_inversion_options *o, int6
     TAKE(at, l.factor, l.intervals * interval_factor);
     TAKE(at, l.scale, NE);
     TAKE(at, l.weights, ((int64_t)o->samples_per_interval + 1) * 3 * TERMS);
+    TAKE(at, l.joint_weights, (2 * (int64_t)o->samples_per_interval + 1) * 3 * JOINTS);
 #else
     (void)interval_factor;
-    l.y = l.a = l.a_node = l.q_g = l.reference = l.factor = l.scale = l.weights = 0;
+    l.y = l.a = l.a_node = l.q_g = l.reference = l.factor = l.scale = l.weights = l.joint_weights = 0;
 #endif
     TAKE(at, l.space, function_work());
     l.end = at;
@@ -268,15 +263,45 @@ typedef struct {
     const model_inversion_options *o;
     ptrdiff_t samples; /* n_pre + n + n_post */
     real *q_a, *v_a, *a_a, *tau_g, *q_m, *v_m, *tau_m;
-    /* (MARGIN + samples + BEYOND) x NG: torques, static and lagged deflections of the gears */
-    real *tau, *deflection, *lagged;
-    real *stiffness; /* (samples + BEYOND) x NG: stiffness of the gears */
+    gear_rows gear;
+    real *a_m; /* samples x NM: accelerations of the motors; where the deflections have been */
 #if MODEL_NE > 0
     const mesh *m;
     const real *a_node; /* accelerations at its nodes */
-    real *weights;      /* of the terms of the interpolation, at the samples of an interval */
+    /* of the interpolation at the samples of an interval, and of the joints at those of two */
+    real *weights, *joint_weights;
 #endif
 } results;
+
+#if MODEL_NE > 0
+/* Weights of the samples of an interval, and of two for the joints. */
+static inline void tabulate_weights(const results *r)
+{
+    const ptrdiff_t each = r->o->samples_per_interval;
+    interpolant f;
+    prepare(&f);
+    for (ptrdiff_t k = 0; k <= each; ++k) {
+        weights_at(&f, r->m->h, (real)k / (real)each, r->weights + k * 3 * TERMS);
+    }
+    for (ptrdiff_t k = -each; k <= each; ++k) {
+        joint_weights_at(r->m->h, (real)k / (real)each, r->joint_weights + (k + each) * 3 * JOINTS);
+    }
+}
+
+/* Motion of the mesh at sample k into point l: known for the unactuated coordinates, a guess for the joints. */
+static inline void load_sample(const results *r, ptrdiff_t k, problem_points *arm, int l)
+{
+    const ptrdiff_t each = r->o->samples_per_interval, last = r->m->N - 1;
+    const ptrdiff_t interval = k / each < last ? k / each : last, inside = k - interval * each;
+    load_between(r->m, r->a_node, r->weights + inside * 3 * TERMS, interval, arm, l);
+    if (r->m->N > 1) { /* the neighbor that is nearer */
+        ptrdiff_t first = 2 * inside < each ? interval - 1 : interval;
+        first = first < 0 ? 0 : first < last ? first : last - 1;
+        load_joints_between(r->m->q_g + first * STAGES * NG,
+            r->joint_weights + (k - first * each) * 3 * JOINTS, arm, l);
+    }
+}
+#endif
 
 /*
  * Motion and gear torques of the arm, from the equilibrium q, the torques also beyond the last sample; worst: the
@@ -289,12 +314,7 @@ static inline int arm_at_samples(
     joint_motion last;
     real joints[NG], time[POINTS], side = 0.0;
 #if MODEL_NE > 0
-    const int samples_per_interval = r->o->samples_per_interval;
-    interpolant f;
-    prepare(&f);
-    for (ptrdiff_t k = 0; k <= samples_per_interval; ++k) {
-        weights_at(&f, r->m->h, (real)k / (real)samples_per_interval, r->weights + k * 3 * TERMS);
-    }
+    tabulate_weights(r);
 #else
     (void)scale;
 #endif
@@ -306,7 +326,7 @@ static inline int arm_at_samples(
     begin_points(arm);
     for (ptrdiff_t at = 0; at < all; at += POINTS) {
         const int used = all - at < POINTS ? (int)(all - at) : (int)POINTS;
-        int status;
+        int status = MODEL_UNREACHABLE; /* without a guess from a mesh */
         for (int point = 0; point < POINTS; ++point) {
             const ptrdiff_t k = at + (point < used ? point : used - 1);
             real reference[REFERENCE];
@@ -314,18 +334,19 @@ static inline int arm_at_samples(
             load_reference(arm, point, reference);
             time[point] = (real)k * r->p->period;
 #if MODEL_NE > 0
-            {
-                const ptrdiff_t interval = k / samples_per_interval < r->m->N ? k / samples_per_interval :
-                                                                                (ptrdiff_t)r->m->N - 1;
-                load_between(r->m, r->a_node, r->weights + (k - interval * samples_per_interval) * 3 * TERMS, interval,
-                    arm, point);
-            }
+            load_sample(r, k, arm, point);
 #endif
         }
-        status = follow_kinematics(arm, &last, time, space);
+#if MODEL_NE > 0
+        status = r->m->N > 1 ? improve_kinematics(arm, space) : status;
+#endif
+        status = status == MODEL_OK ? status : follow_kinematics(arm, &last, time, space);
         status = status == MODEL_OK ? evaluate_rows(arm, space) : status;
         if (status != MODEL_OK) {
             return status;
+        }
+        for (int i = 0; i < NG; ++i) {
+            copy(arm->tau_g[i], POINTS, r->gear.tau + i * r->gear.apart + at);
         }
         for (int k = 0; k < used; ++k) {
             const int inside = at + k < r->samples;
@@ -342,7 +363,6 @@ static inline int arm_at_samples(
                 if (r->tau_g != NULL && inside) {
                     r->tau_g[(at + k) * NG + i] = arm->tau_g[i][k];
                 }
-                r->tau[(at + k + MARGIN) * NG + i] = arm->tau_g[i][k];
             }
 #if MODEL_NE > 0
             for (int i = 0; i < NE && inside; ++i) {
@@ -355,14 +375,6 @@ static inline int arm_at_samples(
         }
     }
     return MODEL_OK;
-}
-
-/* The value of the first sample before it: the motion begins at equilibrium. */
-static inline void hold_start(real *x)
-{
-    for (ptrdiff_t k = 0; k < MARGIN * NG; ++k) {
-        x[k] = x[MARGIN * NG + k % NG];
-    }
 }
 
 /* Of each column of samples: its largest size, and the largest difference to the finite differences of another array.
@@ -385,11 +397,8 @@ MODEL_INLINE void add_column_maxima(
         for (int i = 0; i < columns; ++i) {
             const real *from = y + at + i * LANES;
             const lanes now = load_v(x + at + i * LANES);
-            lanes sum = 45.0 * (load_v(from + columns) - load_v(from - columns));
-            sum -= 9.0 * (load_v(from + 2 * columns) - load_v(from - 2 * columns));
-            sum += load_v(from + 3 * columns) - load_v(from - 3 * columns);
             most[i] = fmax_v(most[i], fabs_v(now));
-            off[i] = fmax_v(off[i], fabs_v(sum - sixty * now));
+            off[i] = fmax_v(off[i], fabs_v(sixty_differences_v(from, columns) - sixty * now));
         }
     }
     for (int i = 0; i < columns * LANES; ++i) {
@@ -423,7 +432,7 @@ static inline real kinematic_mismatch(const results *r)
     column_maxima of_v = {{0.0}, {0.0}}, of_q = {{0.0}, {0.0}}, of_motors = {{0.0}, {0.0}};
     add_column_maxima(r->v_a, r->a_a, NA, r->samples, sixty, &of_v);
     add_column_maxima(r->q_a, r->v_a, NA, r->samples, sixty, &of_q);
-    add_column_maxima(r->v_m, r->deflection + MARGIN * NG, NM, r->samples, sixty, &of_motors);
+    add_column_maxima(r->v_m, r->a_m, NM, r->samples, sixty, &of_motors);
     for (int i = 0; i < NA; ++i) {
         most[0] = fmax_1(most[0], of_v.most[i]);
         off[0] = fmax_1(off[0], of_v.off[i]);
@@ -458,45 +467,50 @@ static inline real kinematic_mismatch(const results *r)
 /* Motors at the samples, through the gears. */
 static inline int motors_at_samples(const results *r, real *space)
 {
-    const ptrdiff_t first = MARGIN * NG;
-    const real equilibrium[NG] = {0.0};
-    gears g;
-    hold_start(r->tau);
-    if (!static_deflections(
-            r->tau + first, r->samples + BEYOND, equilibrium, r->deflection + first, r->stiffness, NG, space)) {
-        return MODEL_RESULT_NOT_FINITE;
-    }
-    hold_start(r->deflection);
-    if (!begin_gears(&g, r->p->period, r->deflection + first, space)) {
-        return MODEL_RESULT_NOT_FINITE;
-    }
-    for (ptrdiff_t k = 0; k < r->samples + MARGIN; ++k) {
-        const ptrdiff_t at = first + k * NG;
-        if (!advance_gears(&g, k == 0, r->tau + at, space)) {
+    const gear_rows *g = &r->gear;
+    const ptrdiff_t known = r->samples + BEYOND, lagged = r->samples + MARGIN;
+    real first[NG];
+    gears state;
+    motor_points p;
+    hold_ends(g, g->tau, known);
+    for (ptrdiff_t at = 0; at < g->apart - BEFORE; at += POINTS) {
+        if (!static_deflections_at(g, at, space)) {
             return MODEL_RESULT_NOT_FINITE;
         }
-        lagged_deflections(&g, r->deflection + at, r->stiffness + k * NG, r->lagged + at, space);
     }
-    hold_start(r->lagged);
-    for (ptrdiff_t k = 0; k < r->samples; ++k) {
-        const ptrdiff_t at = first + k * NG;
-        real q[NG], v[NG], a[NG], q_m[NM], tau_m[NM];
-        for (int i = 0; i < NG; ++i) {
-            q[i] = r->q_a[k * NA + i_g[i]];
-            v[i] = r->v_a[k * NA + i_g[i]];
-            a[i] = r->a_a[k * NA + i_g[i]];
-        }
-        if (!motors_at_sample(&g, r->tau + at, r->lagged + at, q, v, a, r->q_m != NULL ? r->q_m + k * NM : q_m,
-                r->v_m + k * NM, r->tau_m != NULL ? r->tau_m + k * NM : tau_m, space)) {
-            return MODEL_RESULT_NOT_FINITE;
-        }
-        /* accelerations of the motors, for the kinematic mismatch; the static deflections are not needed any more */
-        for (int j = 0; j < NM; ++j) {
-            real sum = 0.0;
+    hold_ends(g, g->deflection, known);
+    for (int i = 0; i < NG; ++i) {
+        first[i] = g->deflection[i * g->apart];
+    }
+    if (!begin_gears(&state, r->p->period, first, space) || !lagged_rows(g, &state, lagged, space)) {
+        return MODEL_RESULT_NOT_FINITE;
+    }
+    hold_ends(g, g->lagged, lagged);
+    for (ptrdiff_t at = 0; at < r->samples; at += POINTS) {
+        const int used = r->samples - at < POINTS ? (int)(r->samples - at) : (int)POINTS;
+        for (int l = 0; l < POINTS; ++l) {
+            const ptrdiff_t k = (at + (l < used ? l : used - 1)) * NA;
             for (int i = 0; i < NG; ++i) {
-                sum += eta[j][i] * a[i];
+                p.q[i][l] = r->q_a[k + i_g[i]];
+                p.v[i][l] = r->v_a[k + i_g[i]];
+                p.a[i][l] = r->a_a[k + i_g[i]];
             }
-            r->deflection[first + k * NM + j] = sum;
+        }
+        if (!add_deflections(g, &state, at, &p, space) || !motors_of_points(g, at, &p, space)) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+        for (int l = 0; l < used; ++l) {
+            for (int j = 0; j < NM; ++j) {
+                const ptrdiff_t to = (at + l) * NM + j;
+                if (r->q_m != NULL) {
+                    r->q_m[to] = p.q_m[j][l];
+                }
+                if (r->tau_m != NULL) {
+                    r->tau_m[to] = p.tau_m[j][l];
+                }
+                r->v_m[to] = p.v_m[j][l];
+                r->a_m[to] = p.a_m[j][l];
+            }
         }
     }
     return MODEL_OK;
@@ -522,14 +536,17 @@ static inline model_status finish(const model_path *p, const model_inversion_opt
     r.tau_g = motion->tau_g;
     r.q_m = motion->q_m;
     r.tau_m = motion->tau_m;
-    r.tau = work + l->tau;
-    r.deflection = work + l->deflection;
-    r.lagged = work + l->lagged;
-    r.stiffness = work + l->stiffness;
+    r.gear.apart = (ptrdiff_t)row_length(l->samples);
+    r.gear.tau = work + l->tau + BEFORE;
+    r.gear.deflection = work + l->deflection + BEFORE;
+    r.gear.stiffness = work + l->stiffness + BEFORE;
+    r.gear.lagged = work + l->lagged + BEFORE;
+    r.a_m = work + l->deflection;
 #if MODEL_NE > 0
     r.m = m;
     r.a_node = work + l->a_node;
     r.weights = work + l->weights;
+    r.joint_weights = work + l->joint_weights;
     nodal_accelerations(m, work + l->a_node);
 #endif
     status = arm_at_samples(&r, q, work + l->scale, arm, work + l->space, &info->residual_at_samples);
