@@ -92,7 +92,7 @@ static int terminal_cost(
     status = lq_stationary_cost(&hold, SWEEP, m->N / SWEEP > SWEEPS ? m->N / SWEEP : SWEEPS, regularization,
         cost_change, w, work + l->space, work + own->cost, &is_exact);
     copy(w->point, STAGES * POINT, work + own->steady_point);
-    m->varying = is_exact ? m->varying : m->N;
+    m->factored = is_exact ? m->varying : m->N;
     m->end = work + own->cost;
     m->equilibrium = hold.y;
     return status;
@@ -136,9 +136,7 @@ model_status model_invert(const model_path *p, PARAMETERS_ARGUMENT const real q_
             c.linear = work + own.linear;
             c.steady_point = work + own.steady_point;
             c.steady_factor = work + own.steady_factor;
-            status = m.varying == (int)l.varying ?
-                         lq_path_solve(&m, work + own.point, &c, options->tolerance, info, w, work + l.space) :
-                         lq_path_solve_all(&m, options->tolerance, info, w, work + l.space);
+            status = lq_path_solve(&m, work + own.point, &c, options->tolerance, info, w, work + l.space);
             info->residual = m.residual;
             info->intervals = m.N;
         }

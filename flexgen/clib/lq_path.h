@@ -3,8 +3,8 @@
  *
  * A step is the solution of a linear-quadratic problem (see lq_step.h). Its factors hold for later steps too where the
  * motion has changed little: then only the linear terms are computed again. The intervals after the path are all close
- * to the same equilibrium, and share the factor of an endless one. Where the cost of that one is not exact, as unstable
- * zeros of very different size hide each other, all factors are computed for every step.
+ * to the same equilibrium: they share its Jacobians, and the factor of an endless one. Where the cost of that one is not
+ * exact, as unstable zeros of very different size hide each other, each has a factor of its own.
  */
 #ifndef MODEL_LQ_PATH_H
 #define MODEL_LQ_PATH_H
@@ -16,16 +16,18 @@
 
 enum { MORE_STEPS = 2 };
 
-static const real unchanged = PRECISE(1e-8, 1e-4);
+static const real unchanged = PRECISE(1e-7, 1e-4);
 
-/* The factors of the varying intervals, from the cost of an endless equilibrium after them. */
-static inline int lq_path_factor(mesh *m, real *point, lq_space *w, real *space)
+/* The factors of all intervals that have their own, from the cost of an endless equilibrium after them. */
+static inline int lq_path_factor(mesh *m, real *point, const lq_data *c, lq_space *w, real *space)
 {
+    int status;
     copy(m->end, STATES * STATES, w->P);
     for (int i = 0; i < STATES; ++i) {
         w->p[i] = 0.0;
     }
-    return lq_factor_before(m, m->varying, point, w, space);
+    status = m->factored > m->varying ? lq_factor_alike(m, m->varying, c->steady_point, w) : MODEL_OK;
+    return status == MODEL_OK ? lq_factor_before(m, m->varying, point, w, space) : status;
 }
 
 /* The residuals before the first step: those of the factors, and one for all intervals after the path. */
@@ -72,7 +74,7 @@ static inline int lq_path_solve(
         int state, status = MODEL_OK;
         info->iterations = progress.steps + 1;
         if (must_factor) {
-            status = lq_path_factor(m, point, w, space);
+            status = lq_path_factor(m, point, c, w, space);
         }
         if (status == MODEL_OK && progress.steps == 0) {
             status = lq_path_first_rows(m, c, w, space);
@@ -94,6 +96,9 @@ static inline int lq_path_solve(
         state = newton_state(&progress, m->residual, tolerance, 1e-2);
         first = fmax_1(first, size);
         next = last > 0.0 ? (must_factor ? 0.0 : size * (size / last)) : m->varying < m->N ? size : 0.0;
+        if (state == NEWTON_CONTINUES && last > 0.0 && m->residual <= tolerance && next <= unchanged * first) {
+            state = NEWTON_CONVERGED; /* what is left is the regularization, which no step changes */
+        }
         if (state == NEWTON_FAILED ||
             (state == NEWTON_CONVERGED && (!(next > unchanged * first) || more == MORE_STEPS))) {
             return state == NEWTON_CONVERGED ? MODEL_OK : MODEL_NOT_CONVERGED;
@@ -102,29 +107,6 @@ static inline int lq_path_solve(
         must_factor = state == NEWTON_CONTINUES && before >= 0.0 && m->residual > 0.1 * before;
         progress.before = m->residual;
         last = size;
-    }
-}
-
-/* The same with all factors computed for every step. */
-static inline int lq_path_solve_all(mesh *m, real tolerance, model_inversion_info *info, lq_space *w, real *space)
-{
-    newton progress = {-1.0, 0, 0};
-    for (;;) {
-        real first[STATES] = {0.0};
-        int state, status = lq_factor(m, w, space);
-        info->iterations = progress.steps + 1;
-        if (status != MODEL_OK) {
-            return status;
-        }
-        lq_step(m, first);
-        status = evaluate_residual(m, NULL, w, space);
-        if (status != MODEL_OK) {
-            return status;
-        }
-        state = newton_state(&progress, m->residual, tolerance, 1e-2);
-        if (state != NEWTON_CONTINUES) {
-            return state == NEWTON_CONVERGED ? MODEL_OK : MODEL_NOT_CONVERGED;
-        }
     }
 }
 

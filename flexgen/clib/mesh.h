@@ -17,6 +17,7 @@ enum {
 typedef struct {
     int N;                   /* intervals */
     int varying;             /* the intervals after so many are all at the end of the path, at rest */
+    int factored;            /* so many have a factor of their own; the others share that of an endless equilibrium */
     real h;                  /* their length */
     real *y;                 /* (N + 1) x STATES: at the nodes */
     real *a;                 /* N x STAGES x NE */

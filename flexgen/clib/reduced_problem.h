@@ -336,6 +336,20 @@ static inline real fastest_elastic(const problem_points *p)
     return most;
 }
 
+/* The largest velocity and acceleration of a coordinate; they are finite. */
+static inline void largest_motion(const problem_points *p, real *velocity, real *acceleration)
+{
+    lanes v = splat_v(0.0), a = splat_v(0.0);
+    for (int i = 0; i < NA; ++i) {
+        EACH (l) {
+            v = fmax_v(v, fabs_v(load_v(&p->v[i][l])));
+            a = fmax_v(a, fabs_v(load_v(&p->a[i][l])));
+        }
+    }
+    *velocity = largest_lane(v);
+    *acceleration = largest_lane(a);
+}
+
 /* Velocities and accelerations at a known position, which the last step has changed by `most`. */
 static inline int solve_motion(problem_points *p, real most, real *space)
 {
@@ -401,7 +415,7 @@ static inline int solve_kinematics(problem_points *p, real *space)
  */
 static inline int improve_kinematics(problem_points *p, real *space)
 {
-    real miss = 1.0, most, faster, harder, speed, acceleration;
+    real miss = 1.0, most, faster, harder, speed = 0.0, acceleration = 0.0;
     if (p->known[0] > 0.0) {
         evaluate_constraint(p, space);
         miss = refine_inverse(p);
@@ -421,8 +435,7 @@ static inline int improve_kinematics(problem_points *p, real *space)
     }
     faster = correct_motion(p, p->dy, NULL, p->v);
     harder = correct_motion(p, p->ddy, p->bias, p->a);
-    speed = largest(&p->v[0][0], NA * POINTS);
-    acceleration = largest(&p->a[0][0], NA * POINTS);
+    largest_motion(p, &speed, &acceleration);
     if (most * speed <= exact && miss * faster <= exact && faster * speed <= exact_acceleration &&
         most * acceleration <= exact_acceleration && miss * harder <= exact_acceleration) {
         return MODEL_OK;

@@ -212,7 +212,7 @@ static inline mesh mesh_in(const whole_layout *l, const model_path *p, const mod
 {
     mesh m;
     m.N = (int)l->intervals;
-    m.varying = (int)l->varying;
+    m.varying = m.factored = (int)l->varying;
     m.h = (real)o->samples_per_interval * p->period;
     m.y = work + l->y;
     m.a = work + l->a;
@@ -303,9 +303,19 @@ static inline void load_sample(const results *r, ptrdiff_t k, problem_points *ar
 }
 #endif
 
+/* The first `count` points of n entries, sample after sample; n: a constant. */
+MODEL_INLINE void store_samples(points *x, const int n, ptrdiff_t count, real *to)
+{
+    for (ptrdiff_t k = 0; k < count; ++k) {
+        for (int i = 0; i < n; ++i) {
+            to[k * n + i] = x[i][k];
+        }
+    }
+}
+
 /*
  * Motion and gear torques of the arm, from the equilibrium q, the torques also beyond the last sample; worst: the
- * largest residual, relative to `scale`.
+ * largest residual there, relative to `scale`.
  */
 static inline int arm_at_samples(
     const results *r, const real *q, const real *scale, problem_points *arm, real *space, real *worst)
@@ -349,27 +359,31 @@ static inline int arm_at_samples(
             copy(arm->tau_g[i], POINTS, r->gear.tau + i * r->gear.apart + at);
         }
         for (int k = 0; k < used; ++k) {
-            const int inside = at + k < r->samples;
-            for (int i = 0; i < NA && inside; ++i) {
-                r->q_a[(at + k) * NA + i] = arm->q[i][k];
-                r->v_a[(at + k) * NA + i] = arm->v[i][k];
-                r->a_a[(at + k) * NA + i] = arm->a[i][k];
-            }
             if (!(arm->side[k] * side >= 0.0)) {
                 return MODEL_UNREACHABLE; /* it passed a singular pose */
             }
             side = arm->side[k];
-            for (int i = 0; i < NG; ++i) {
-                if (r->tau_g != NULL && inside) {
-                    r->tau_g[(at + k) * NG + i] = arm->tau_g[i][k];
+        }
+        {
+            const ptrdiff_t inside = r->samples - at < used ? r->samples - at : used;
+            store_samples(arm->q, NA, inside, r->q_a + at * NA);
+            store_samples(arm->v, NA, inside, r->v_a + at * NA);
+            store_samples(arm->a, NA, inside, r->a_a + at * NA);
+            if (r->tau_g != NULL) {
+                store_samples(arm->tau_g, NG, inside, r->tau_g + at * NG);
+            }
+        }
+#if MODEL_NE > 0
+        {
+            lanes most = splat_v(*worst);
+            for (int i = 0; i < NE; ++i) {
+                EACH (l) {
+                    most = fmax_v(most, fabs_v(load_v(&arm->row[i][l])) / scale[i]);
                 }
             }
-#if MODEL_NE > 0
-            for (int i = 0; i < NE && inside; ++i) {
-                *worst = fmax_1(*worst, fabs_1(arm->row[i][k]) / scale[i]);
-            }
-#endif
+            *worst = largest_lane(most);
         }
+#endif
         if (used > 1) {
             keep_joints(arm, used - 1, (real)(at + used - 1) * r->p->period, (real)(used - 1) * r->p->period, &last);
         }
@@ -499,19 +513,14 @@ static inline int motors_at_samples(const results *r, real *space)
         if (!add_deflections(g, &state, at, &p, space) || !motors_of_points(g, at, &p, space)) {
             return MODEL_RESULT_NOT_FINITE;
         }
-        for (int l = 0; l < used; ++l) {
-            for (int j = 0; j < NM; ++j) {
-                const ptrdiff_t to = (at + l) * NM + j;
-                if (r->q_m != NULL) {
-                    r->q_m[to] = p.q_m[j][l];
-                }
-                if (r->tau_m != NULL) {
-                    r->tau_m[to] = p.tau_m[j][l];
-                }
-                r->v_m[to] = p.v_m[j][l];
-                r->a_m[to] = p.a_m[j][l];
-            }
+        if (r->q_m != NULL) {
+            store_samples(p.q_m, NM, used, r->q_m + at * NM);
         }
+        if (r->tau_m != NULL) {
+            store_samples(p.tau_m, NM, used, r->tau_m + at * NM);
+        }
+        store_samples(p.v_m, NM, used, r->v_m + at * NM);
+        store_samples(p.a_m, NM, used, r->a_m + at * NM);
     }
     return MODEL_OK;
 }
