@@ -560,6 +560,29 @@ static inline void lq_gradient(const pair_weights *weights, const real *point, c
     }
 }
 
+/* What `eliminate` does with the last column, to g; by blocks of rows, as each waits for those before it. */
+static inline void eliminate_column(const real *factor, real *g)
+{
+    for (int begin = 0; begin < CONTROLS; begin += BLOCK) {
+        const int end = begin + BLOCK, last = end < CONTROLS ? end : CONTROLS;
+        real weighed[BLOCK];
+        for (int i = begin; i < last; ++i) {
+            const real *row = factor + i * WIDTH;
+            weighed[i - begin] = g[i] * row[i];
+            for (int j = i + 1; j < end; ++j) {
+                g[j] += weighed[i - begin] * row[j];
+            }
+        }
+        for (int j = end; j < WIDTH; j += LANES) {
+            lanes sum = load_v(g + j);
+            for (int i = begin; i < last; ++i) {
+                sum += splat_v(weighed[i - begin]) * load_v(factor + i * WIDTH + j);
+            }
+            store_v(g + j, sum);
+        }
+    }
+}
+
 /* The linear terms of a step with known factors, backwards; 0 where one is not finite. */
 static inline int lq_linear(const mesh *m, const lq_data *c)
 {
@@ -596,14 +619,8 @@ static inline int lq_linear(const mesh *m, const lq_data *c)
         for (int i = 0; i < STATES && m->target_state != NULL; ++i) {
             g[CONTROLS + i] += regularization * target_distance(m, k, i);
         }
-        for (int i = 0; i < CONTROLS; ++i) { /* as `eliminate` does it with the last column */
-            const real *row = factor + i * WIDTH;
-            const real weighed = g[i] * row[i];
-            c->linear[k * CONTROLS + i] = g[i];
-            for (int j = i / BLOCK * BLOCK; j < WIDTH; j += LANES) {
-                store_v(g + j, load_v(g + j) + splat_v(weighed) * load_v(row + j));
-            }
-        }
+        eliminate_column(factor, g);
+        copy(g, CONTROLS, c->linear + k * CONTROLS);
         copy(g + CONTROLS, STATES, p);
     }
     return is_finite(p, STATES);
