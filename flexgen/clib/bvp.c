@@ -119,6 +119,9 @@ model_status model_bvp(const model_path *p, PARAMETERS_ARGUMENT const real q_sta
     bvp_space *w;
     real q[NA];
     int status = check_arguments(p, GIVEN_PARAMETERS, q_start, options, motion, info, work, work_size, wanted);
+    if (status == MODEL_OK && options->settled > 0.0) {
+        status = MODEL_BAD_ARGUMENT;
+    }
     if (status != MODEL_OK) {
         return (model_status)status;
     }
@@ -143,5 +146,5 @@ model_status model_bvp(const model_path *p, PARAMETERS_ARGUMENT const real q_sta
     if (status != MODEL_OK) {
         return (model_status)status;
     }
-    return finish(p, options, &l, q, &b->m, &w->lq.arm, motion, info, work);
+    return finish(p, options, &l, q, &b->m, q, (ptrdiff_t)l.samples, &w->lq.arm, motion, info, work);
 }

@@ -651,6 +651,7 @@ model_status model_invert_limited(const model_path *path, PARAMETERS_ARGUMENT co
     call.options = *options;
     call.options.hold = MODEL_HOLD_SPLINE;
     call.options.delay = 0.0;
+    call.options.settled = 0.0;
     call.options.tolerance = fmin_1(rough_tolerance * options->tolerance, PRECISE(1e-3, 1e-2));
     call.info = info;
     {

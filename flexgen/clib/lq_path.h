@@ -10,7 +10,7 @@
 #define MODEL_LQ_PATH_H
 
 #include "model_lq_step.h"
-#include "model_whole_path.h"
+#include "model_settling.h"
 
 #if MODEL_NE > 0
 
@@ -60,11 +60,13 @@ static inline int lq_path_first_rows(mesh *m, const lq_data *c, lq_space *w, rea
  * The motion on the mesh by Gauss-Newton steps. The factors are computed again where a step with those of an earlier
  * motion gains less than a factor of ten. Where the residual is small enough, up to MORE_STEPS follow until the next
  * one would change the motion by less than the share `unchanged` of the first: factors of another motion leave an error
- * of the motion that the residual hardly shows.
+ * of the motion that the residual hardly shows. The first step, which is nearly the last one, shows where the motion
+ * after the path has settled.
  */
-static inline int lq_path_solve(
-    mesh *m, real *point, lq_data *c, real tolerance, model_inversion_info *info, lq_space *w, real *space)
+static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const model_inversion_options *o, settling *end,
+    model_inversion_info *info, lq_space *w, real *space)
 {
+    const real tolerance = o->tolerance;
     newton progress = {-1.0, 0, 0};
     real first = 0.0, last = 0.0; /* sizes of steps */
     int must_factor = 1, more = 0;
@@ -88,6 +90,9 @@ static inline int lq_path_solve(
         {
             real d[STATES] = {0.0};
             size = lq_data_step(m, c, d);
+        }
+        if (progress.steps == 0 && end->allowed > 0.0) {
+            cut_mesh(m, o->samples_per_interval, end);
         }
         status = evaluate_residual(m, c->row, w, space);
         if (status != MODEL_OK) {

@@ -191,7 +191,7 @@ static inline model_status check_arguments(const model_path *p, const real *para
         return MODEL_NULL_ARGUMENT;
     }
     if (wanted < 0 || !(p->period > 0.0 && p->period < 1e6) || !(o->tolerance > 0.0 && o->tolerance < 1.0) ||
-        !hold_fits((real)o->hold, o->delay)) {
+        !hold_fits((real)o->hold, o->delay) || !(o->settled >= 0.0 && o->settled < 1.0)) {
         return MODEL_BAD_ARGUMENT;
     }
     if (work_size < wanted) {
@@ -202,6 +202,7 @@ static inline model_status check_arguments(const model_path *p, const real *para
     info->unstable_zeros_start = info->unstable_zeros_end = 0;
     info->deviation_m = info->deviation_rad = info->limit_excess = 0.0;
     info->programs = 0;
+    info->n_post = o->n_post;
     return check_path(p, parameters, q_start);
 }
 
@@ -525,11 +526,63 @@ static inline int motors_at_samples(const results *r, real *space)
     return MODEL_OK;
 }
 
-/* Motion at the samples from that of the mesh (or from the path alone), checked: the last part of both solvers. */
+#if MODEL_NE > 0
+/* The equilibrium q at the samples from `first` on. */
+static inline int rest_at_samples(
+    const results *r, ptrdiff_t first, ptrdiff_t all, const real *q, problem_points *arm, real *space)
+{
+    real joints[NG], tau_g[NG], deflection[NG] = {0.0}, stiffness[NG], still[NG] = {0.0}, q_m[NM], v_m[NM], tau_m[NM];
+    int status;
+    for (int i = 0; i < NA; ++i) {
+        for (int l = 0; l < POINTS; ++l) {
+            arm->q[i][l] = q[i];
+            arm->v[i][l] = arm->a[i][l] = 0.0;
+        }
+    }
+    status = evaluate_rows(arm, space);
+    if (status != MODEL_OK) {
+        return status;
+    }
+    for (int i = 0; i < NG; ++i) {
+        tau_g[i] = arm->tau_g[i][0];
+    }
+    if (!static_deflection(tau_g, deflection, stiffness, space)) {
+        return MODEL_RESULT_NOT_FINITE;
+    }
+    for (int i = 0; i < NG; ++i) {
+        joints[i] = q[i_g[i]] + deflection[i];
+    }
+    if (!motors_of(joints, still, still, tau_g, q_m, v_m, tau_m, space)) {
+        return MODEL_RESULT_NOT_FINITE;
+    }
+    for (ptrdiff_t k = first; k < all; ++k) {
+        copy(q, NA, r->q_a + k * NA);
+        for (int i = 0; i < NA; ++i) {
+            r->v_a[k * NA + i] = r->a_a[k * NA + i] = 0.0;
+        }
+        if (r->tau_g != NULL) {
+            copy(tau_g, NG, r->tau_g + k * NG);
+        }
+        if (r->q_m != NULL) {
+            copy(q_m, NM, r->q_m + k * NM);
+        }
+        copy(v_m, NM, r->v_m + k * NM);
+        if (r->tau_m != NULL) {
+            copy(tau_m, NM, r->tau_m + k * NM);
+        }
+    }
+    return MODEL_OK;
+}
+#endif
+
+/*
+ * Motion at the samples from that of the mesh (or from the path alone), checked: the last part of both solvers. The
+ * motion is at the first `samples`; from the last of them on it rests at q_end, where there are more.
+ */
 static inline model_status finish(const model_path *p, const model_inversion_options *o, const whole_layout *l,
     const real *q,
 #if MODEL_NE > 0
-    const mesh *m,
+    const mesh *m, const real *q_end, ptrdiff_t samples,
 #endif
     problem_points *arm, model_motion *motion, model_inversion_info *info, real *work)
 {
@@ -538,6 +591,9 @@ static inline model_status finish(const model_path *p, const model_inversion_opt
     r.p = p;
     r.o = o;
     r.samples = (ptrdiff_t)l->samples;
+#if MODEL_NE > 0
+    r.samples = samples < r.samples ? samples : r.samples;
+#endif
     r.q_a = motion->q_a != NULL ? motion->q_a : work + l->q_a;
     r.v_a = motion->v_a != NULL ? motion->v_a : work + l->v_a;
     r.a_a = motion->a_a != NULL ? motion->a_a : work + l->a_a;
@@ -565,10 +621,19 @@ static inline model_status finish(const model_path *p, const model_inversion_opt
     if (status != MODEL_OK) {
         return (model_status)status;
     }
-    if (r.tau_m != NULL) {
-        hold_torques(r.tau_m, r.samples, (real)o->hold, o->delay);
-    }
     info->kinematic_mismatch = kinematic_mismatch(&r);
+#if MODEL_NE > 0
+    if (r.samples < (ptrdiff_t)l->samples) {
+        status = rest_at_samples(&r, r.samples - 1, (ptrdiff_t)l->samples, q_end, arm, work + l->space);
+        if (status != MODEL_OK) {
+            return (model_status)status;
+        }
+        info->n_post = (int)r.samples - o->n_pre - p->n;
+    }
+#endif
+    if (r.tau_m != NULL) {
+        hold_torques(r.tau_m, (ptrdiff_t)l->samples, (real)o->hold, o->delay);
+    }
     return info->residual_at_samples <= o->tolerance && info->kinematic_mismatch <= mismatch_max ?
                MODEL_OK :
                MODEL_TOLERANCE_NOT_MET;

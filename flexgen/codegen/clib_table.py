@@ -73,6 +73,14 @@ STRUCTS: tuple[Struct, ...] = (
             Field("samples_per_interval", "int", (), "1", "samples per interval of the mesh"),
             Field("tolerance", "real", (), "1", _TOLERANCE),
             *_HOLD,
+            Field(
+                "settled",
+                "real",
+                (),
+                "1",
+                "0: the motion after the path is computed at all n_post samples. invert, invert_limited: where what is "
+                "left of it moves the output by less than this [m or rad], the samples from there on are the equilibrium",
+            ),
         ),
     ),
     Struct(
@@ -112,6 +120,14 @@ STRUCTS: tuple[Struct, ...] = (
             Field("programs", "int", (), "1", "invert_limited: quadratic programs; else 0"),
             Field("unstable_zeros_start", "int", (), "1", "bvp: unstable zeros at the start of the path; else 0"),
             Field("unstable_zeros_end", "int", (), "1", "bvp: unstable zeros at its end; else 0"),
+            Field(
+                "n_post",
+                "int",
+                (),
+                "1",
+                "samples after the path until the motion has settled; the last of them, and all after it, are the "
+                "equilibrium. n_post of the options where it has not settled, or settled is 0",
+            ),
         ),
     ),
     LIMITS_STRUCT,

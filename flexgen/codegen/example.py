@@ -105,7 +105,7 @@ static int invert_path(void)
 {{
     {real} y[SAMPLES * {nt}], zero[SAMPLES * {ny}] = {{0}}, tau_m[SAMPLES * {nm}];
     const {name}_path path = {{SAMPLES, {sampling}, y, zero, zero}};
-    const {name}_inversion_options options = {{0, 0, 5, {small}, {macro(spec, "HOLD_SPLINE")}, {zero}}};
+    const {name}_inversion_options options = {{0, 0, 5, {small}, {macro(spec, "HOLD_SPLINE")}, {zero}, {zero}}};
     {name}_motion motion = {{NULL, NULL, NULL, NULL, NULL, NULL, tau_m}};
     {name}_inversion_info info;
 {declared}    {name}_status status = home_output(y);
@@ -131,7 +131,7 @@ static int invert_path(void)
 static int run_stream(void)
 {{
     {real} y[{nt}], zero[{ny}] = {{0}}, tau_m[{nm}];
-    const {name}_stream_options options = {{10, 1, {update}, {small}, {macro(spec, "HOLD_SPLINE")}, {zero}}};
+    const {name}_stream_options options = {{10, 1, {update}, {small}, {macro(spec, "HOLD_SPLINE")}, {zero}, {zero}}};
     {name}_motion motion = {{NULL, NULL, NULL, NULL, NULL, NULL, tau_m}};
     {name}_stream_info info;
 {declared}    {name}_status status = home_output(y);

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from flexgen.expressions.routine import Routine
     from flexgen.mechanics.parameters import Parameter
 
-ABI_VERSION = 3
+ABI_VERSION = 4
 PRECISIONS = ("double", "single")
 
 

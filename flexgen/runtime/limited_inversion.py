@@ -55,13 +55,14 @@ class LimitedInverter(Inverter):
         tolerance: float | None = None,
         hold: str = "spline",
         delay: float = 0.0,
+        settled: float = 0.0,
         parameters: Any = None,
     ) -> Inversion:
         """Motion and torques within limits, for the path itself or the smallest deviation from it.
 
         Parameters
         ----------
-        y, dy, ddy, period, q_start, n_pre, n_post, samples_per_interval, tolerance, hold, delay, parameters
+        y, dy, ddy, period, q_start, n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled, parameters
             As of `Library.invert`. The deviation is zero at the first and the last sample: repeat these at rest where
             the motion may take longer than the path.
         torque_max : array (n_m,), optional
@@ -99,7 +100,7 @@ class LimitedInverter(Inverter):
                 limits[name] = array_of(function, name, x, (size,), self._real)
                 if not (limits[name] > 0).all():
                     raise ArgumentError(f"{function}, {name}: given {limits[name]}, expected positive numbers")
-        options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay)
+        options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled)
         deviation = np.zeros_like(given["dy"])
         knot_samples = whole_of(function, "knot_samples", knot_samples)
         bounds = filled(self._structs["inversion_limits"], knot_samples=knot_samples, deviation=deviation, **limits)

@@ -38,7 +38,7 @@ class Inversion:
     q_m, v_m, tau_m : ndarray (N, n_m)
         Motor angles [rad], speeds [rad/s] and torques [N m], motor side.
     n_pre, n_post : int
-        Samples before the path and after it.
+        Samples before the path and after it; with ``settled`` those after it until the equilibrium.
     period : float
         Time between two samples [s].
     residual, residual_at_samples : float
@@ -119,7 +119,7 @@ class Inverter:
         self._name, self._sizes, self._structs = name, sizes, structs
         self._parameters, self._real = parameters, parameters.dtype
         self._entry, self._work, self._failures = entry, work, failures
-        self._function = function
+        self._function, self._can_settle = function, function != "bvp"
         self._pool: list[np.ndarray] = []
         self._again, self._closed = again, False
 
@@ -135,7 +135,7 @@ class Inverter:
 
     def __repr__(self) -> str:
         options = (
-            f"n_pre=0, n_post=0, samples_per_interval=1, tolerance={tolerance_of(self._real):g}, hold='spline', delay=0"
+            f"n_pre=0, n_post=0, samples_per_interval=1, tolerance={tolerance_of(self._real):g}, hold='spline', delay=0, settled=0"
         )
         options += ", parameters=None" if self._parameters.size else ""
         return f"{self._function}(y, dy, ddy, *, period, q_start, {options})"
@@ -162,6 +162,7 @@ class Inverter:
         tolerance: float | None = None,
         hold: str = "spline",
         delay: float = 0.0,
+        settled: float = 0.0,
         parameters: Any = None,
     ) -> Inversion:
         """Motion and torques for exact tracking of a path.
@@ -189,6 +190,9 @@ class Inverter:
             What the drive does between two samples: ``"spline"``, ``"linear"`` or ``"zoh"``; ``tau_m`` is what to send.
         delay : float
             From a sample until the motor has its torque, in samples, 0 to 4.
+        settled : float
+            Where what is left of the motion after the path moves the output by less than this [m or rad], the results
+            end, with the equilibrium; 0: they have all ``n_post`` samples. Not of ``bvp``.
         parameters : array (n_p,), optional
             Run-time parameters, where the library has any; default: those of the model file.
 
@@ -208,18 +212,22 @@ class Inverter:
         given = self._samples(y, dy, ddy)
         q = array_of(function, "q_start", q_start, (self._sizes["n_a"],), self._real)
         period = number_of(function, "period", period)
-        options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay)
+        options = self._options(n_pre, n_post, samples_per_interval, tolerance, hold, delay, settled)
         return self._inverted(given, parameters_of(function, parameters, self._parameters), q, period, options)
 
     def _options(
-        self, n_pre: Any, n_post: Any, samples_per_interval: Any, tolerance: Any, hold: Any, delay: Any
+        self, n_pre: Any, n_post: Any, samples_per_interval: Any, tolerance: Any, hold: Any, delay: Any, settled: Any
     ) -> dict[str, Any]:
         """The options of a call, checked."""
         counts = {"n_pre": n_pre, "n_post": n_post, "samples_per_interval": samples_per_interval}
         counts = {key: whole_of(self._function, key, value) for key, value in counts.items()}
         tolerance = tolerance_of(self._real) if tolerance is None else tolerance
         tolerance = number_of(self._function, "tolerance", tolerance)
-        return {**counts, **hold_of(self._function, hold, delay), "tolerance": tolerance}
+        settled = number_of(self._function, "settled", settled)
+        if not 0.0 <= settled < (1.0 if self._can_settle else np.finfo(float).tiny):
+            wanted = "a number from 0 to 1 [m or rad]" if self._can_settle else "0: all samples are computed"
+            raise ArgumentError(f"{self._function}, settled: given {settled:g}, expected {wanted}")
+        return {**counts, **hold_of(self._function, hold, delay), "tolerance": tolerance, "settled": settled}
 
     def _inverted(
         self,
@@ -254,10 +262,10 @@ class Inverter:
         self._pool.append(work)
         reported: dict[str, Any] = {key: getattr(info, key) for key, *_ in structs["inversion_info"]._fields_}
         self._check_status(status, reported)
+        rows = counts["n_pre"] + n + reported["n_post"]
         return Inversion(
-            **out,
+            **{key: x[:rows] for key, x in out.items()},
             n_pre=counts["n_pre"],
-            n_post=counts["n_post"],
             period=period,
             converged=status in (0, LIMITS_ACTIVE),
             limits_active=status == LIMITS_ACTIVE,

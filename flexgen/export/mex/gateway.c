@@ -171,7 +171,7 @@ static void invert(int n_out, mxArray **out, int n_in, const mxArray **in)
     const double *const q_start = numbers("invert", "q_start", in[4], MODEL_NA, 1, NULL);
     const double *const o = numbers("invert", "options", in[5], 6, 1, NULL);
     const model_inversion_options options = {whole("invert", "n_pre", o[0]), whole("invert", "n_post", o[1]),
-        whole("invert", "samples_per_interval", o[2]), o[3], whole("invert", "hold", o[4]), o[5]};
+        whole("invert", "samples_per_interval", o[2]), o[3], whole("invert", "hold", o[4]), o[5], 0.0};
     const int64_t size = model_invert_work(n, &options);
     if (size < 0) {
         refuse("invert", "a size or an option out of range",

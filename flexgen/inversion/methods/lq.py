@@ -21,7 +21,7 @@ from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library, grid, samples
-from flexgen.inversion.settling import settled
+from flexgen.inversion.settling import SETTLED, settled
 from flexgen.runtime.path_inversion import TOLERANCE
 
 LONGEST = 1e-2  # s: longest interval
@@ -46,6 +46,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         n_post=n_post,
         samples_per_interval=samples_per_interval,
         tolerance=TOLERANCE,
+        settled=SETTLED / 2 * problem.accuracy,
     )
     found, warnings = settled(problem, found)
     if problem.limits is not None:

@@ -40,7 +40,7 @@ int main(void)
     }
     for (size_t i = 0; i < sizeof torque / sizeof *torque; ++i) {
         for (size_t j = 0; j < sizeof knots / sizeof *knots; ++j) {
-            planar5_nmp_inversion_options options = {PRE, POST, 5, 1e-6, PLANAR5_NMP_HOLD_ZOH, 1.0};
+            planar5_nmp_inversion_options options = {PRE, POST, 5, 1e-6, PLANAR5_NMP_HOLD_ZOH, 1.0, 0.0};
             const planar5_nmp_inversion_limits limits = {bound, NULL, NULL, knots[j], j % 2 ? deviation : NULL};
             planar5_nmp_inversion_info info;
             int64_t size;
