@@ -504,7 +504,7 @@ static inline void lq_controls(const real *factor, const real *linear, real *x)
         for (int i = last - 1; i >= end - BLOCK; --i) {
             const real *row = factor + i * WIDTH;
             real sum = sums[i - end + BLOCK] + (linear != NULL ? linear[i] : 0.0);
-            for (int j = i + 1; j < end; ++j) {
+            for (int j = end - 1; j > i; --j) { /* what has just been found comes last: less waits for it */
                 sum += row[j] * x[j];
             }
             x[i] = sum * row[i];

@@ -325,15 +325,17 @@ static inline real correct_motion(problem_points *p, points *wanted, points *bia
 /* The largest velocity of an unactuated coordinate. */
 static inline real fastest_elastic(const problem_points *p)
 {
-    real most = 0.0;
+    lanes most = splat_v(0.0);
 #if MODEL_NE > 0
     for (int i = 0; i < NE; ++i) {
-        most = fmax_1(most, largest(&p->v[i_e[i]][0], POINTS));
+        EACH (l) {
+            most = fmax_v(most, fabs_v(load_v(&p->v[i_e[i]][l])));
+        }
     }
 #else
     (void)p;
 #endif
-    return most;
+    return largest_lane(most);
 }
 
 /* The largest velocity and acceleration of a coordinate; they are finite. */
