@@ -16,7 +16,7 @@
 
 #if MODEL_NE > 0
 
-static const real held_time = 0.5; /* s */
+static const real held_time = 0.5, shortest_end = 0.05; /* s: HELD; motion after the path, at least */
 
 typedef struct {
     real allowed;        /* what may be left [m or rad]; 0: the motion is not cut */
@@ -98,7 +98,7 @@ static inline void cut_mesh(mesh *m, int samples_per_interval, settling *s)
 {
     const int margin = (BEYOND + samples_per_interval - 1) / samples_per_interval;
     ptrdiff_t k = m->N;
-    while (k > m->varying && !moves_at(m, s, k)) {
+    while ((real)(k - m->varying) * m->h > shortest_end && !moves_at(m, s, k)) {
         --k;
     }
     if (k + 1 + margin < m->N) {

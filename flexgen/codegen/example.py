@@ -131,7 +131,7 @@ static int invert_path(void)
 static int run_stream(void)
 {{
     {real} y[{nt}], zero[{ny}] = {{0}}, tau_m[{nm}];
-    const {name}_stream_options options = {{10, 1, {update}, {small}, {macro(spec, "HOLD_SPLINE")}, {zero}, {zero}}};
+    const {name}_stream_options options = {{10, 1, {update}, {small}, {macro(spec, "HOLD_SPLINE")}, {zero}}};
     {name}_motion motion = {{NULL, NULL, NULL, NULL, NULL, NULL, tau_m}};
     {name}_stream_info info;
 {declared}    {name}_status status = home_output(y);

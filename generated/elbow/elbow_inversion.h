@@ -71,6 +71,9 @@ typedef struct {
     /* what the drive does between two samples of tau_m, one of the enum; tau_m is then what to send at the samples */
     int hold;
     elbow_real delay; /* from a sample until the motor has its torque, in samples, 0 to 4 */
+    /* 0: the motion after the path is computed at all n_post samples. invert, invert_limited: where what is left of it
+     * moves the output by less than this [m or rad], the samples from there on are the equilibrium */
+    elbow_real settled;
 } elbow_inversion_options;
 
 /* Arrays of the caller for the results, N samples each. A null member is not written. */
@@ -99,6 +102,9 @@ typedef struct {
     int programs; /* invert_limited: quadratic programs; else 0 */
     int unstable_zeros_start; /* bvp: unstable zeros at the start of the path; else 0 */
     int unstable_zeros_end; /* bvp: unstable zeros at its end; else 0 */
+    /* samples after the path until the motion has settled; the last of them, and all after it, are the equilibrium.
+     * n_post of the options where it has not settled, or settled is 0 */
+    int n_post;
 } elbow_inversion_info;
 
 /* Limits of invert_limited. A null member or an infinite entry is no limit. */

@@ -35,7 +35,7 @@ static int invert_path(void)
 {
     elbow_real y[SAMPLES * ELBOW_NT], zero[SAMPLES * ELBOW_NY] = {0}, tau_m[SAMPLES * ELBOW_NM];
     const elbow_path path = {SAMPLES, 0.001, y, zero, zero};
-    const elbow_inversion_options options = {0, 0, 5, 1e-06, ELBOW_HOLD_SPLINE, 0.0};
+    const elbow_inversion_options options = {0, 0, 5, 1e-06, ELBOW_HOLD_SPLINE, 0.0, 0.0};
     elbow_motion motion = {NULL, NULL, NULL, NULL, NULL, NULL, tau_m};
     elbow_inversion_info info;
     elbow_status status = home_output(y);

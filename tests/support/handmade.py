@@ -142,7 +142,7 @@ def _scratch() -> Path:
 
 @cache
 def compiled(
-    real: str = "double", abi: int = 3, sizeof_int: str = "(int)sizeof(int)", digest: str = DIGEST, name: str = "hand"
+    real: str = "double", abi: int = 4, sizeof_int: str = "(int)sizeof(int)", digest: str = DIGEST, name: str = "hand"
 ) -> bytes:
     """Content of the shared library that says this of itself."""
     key = hashlib.sha256(repr((real, abi, sizeof_int, digest, name)).encode()).hexdigest()[:16]
@@ -169,7 +169,7 @@ def install(folder: Path, content: bytes, *, name: str = "hand", **changes: Any)
     manifest = {
         "format": 2,
         "name": name,
-        "abi_version": 3,
+        "abi_version": 4,
         "precision": "double",
         "model_digest": DIGEST,
         "sizes": {"n_a": 2, "n_p": 2},

@@ -54,12 +54,12 @@ const char *elbow_digest(void)
 
 const char *elbow_interface(void)
 {
-    return "c6d7221f35a13f18724d381b7055e4377cba066dbf6365aafb7e0a13329bff6e";
+    return "afdcb69b2f940ff3200a08378369591ddcc4fdf616caba4cfd661a66bbb765a1";
 }
 
 int elbow_abi_version(void)
 {
-    return 3;
+    return 4;
 }
 
 int elbow_sizeof_real(void)

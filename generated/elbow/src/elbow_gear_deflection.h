@@ -289,15 +289,20 @@ static inline int begin_gears(gears *g, real period, const real *deflection, rea
     return 1;
 }
 
-/* Advance to the next sample, or to the first one. tau: its torque, between its neighbors. */
-static inline int advance_gears(gears *g, int first, const real *tau, real *space)
+/*
+ * Advance to the next sample, or to the first one. tau: its torque; those of the gears are `across` numbers apart, those
+ * of the samples before and after it `along`.
+ */
+static inline int advance_gears(
+    gears *g, int first, const real *tau, ptrdiff_t across, ptrdiff_t along, real *space)
 {
     const real period = g->period;
     for (int i = 0; i < NG && g->slow; ++i) {
+        const real *at = tau + i * across;
         copy(g->right[i], 3, g->left[i]);
-        g->right[i][0] = tau[i];
-        g->right[i][1] = period * derivative_of(tau + i, NG, period);
-        g->right[i][2] = period * period * second_derivative_of(tau + i, NG, period);
+        g->right[i][0] = *at;
+        g->right[i][1] = period * derivative_of(at, along, period);
+        g->right[i][2] = period * period * second_derivative_of(at, along, period);
     }
     return first || !g->slow || deflection_step(period, g->linear, g->left, g->right, g->now, space);
 }

@@ -134,6 +134,54 @@ static inline void nodal_accelerations(const mesh *m, real *a_node)
     }
 }
 
+/*
+ * Joints between the Gauss points of two intervals: the polynomial through all of them. Its weights in value, velocity
+ * and acceleration at x, -1 <= x <= 1, intervals of length h before and after 0.
+ */
+enum { JOINTS = 2 * STAGES };
+
+static inline void joint_weights_at(real h, real x, real weight[3 * JOINTS])
+{
+    real at[JOINTS];
+    for (int i = 0; i < JOINTS; ++i) {
+        at[i] = i < STAGES ? gauss_c[i] - 1.0 : gauss_c[i - STAGES];
+    }
+    for (int i = 0; i < JOINTS; ++i) {
+        real value = 1.0, once = 0.0, twice = 0.0; /* of the product of the factors so far */
+        for (int j = 0; j < JOINTS; ++j) {
+            if (j != i) {
+                const real slope = 1.0 / (at[i] - at[j]), factor = (x - at[j]) * slope;
+                twice = twice * factor + 2.0 * once * slope;
+                once = once * factor + value * slope;
+                value *= factor;
+            }
+        }
+        weight[i] = value;
+        weight[JOINTS + i] = once / h;
+        weight[2 * JOINTS + i] = twice / (h * h);
+    }
+}
+
+/* A guess of the joints into point l, from those at the Gauss points of two intervals by these weights. */
+static inline void load_joints_between(const real *q_g, const real *weight, problem_points *arm, int l)
+{
+    for (int begin = 0; begin < NG; begin += LANES) { /* a vector may read beyond them */
+        real out[3][LANES];
+        for (int order = 0; order < 3; ++order) {
+            lanes sum = splat_v(0.0);
+            for (int j = 0; j < JOINTS; ++j) {
+                sum += splat_v(weight[order * JOINTS + j]) * load_v(q_g + j * NG + begin);
+            }
+            store_v(out[order], sum);
+        }
+        for (int i = begin; i < NG && i < begin + LANES; ++i) {
+            arm->q[i_g[i]][l] = out[0][i - begin];
+            arm->v[i_g[i]][l] = out[1][i - begin];
+            arm->a[i_g[i]][l] = out[2][i - begin];
+        }
+    }
+}
+
 /* Unactuated coordinates, velocities and accelerations where an interval has these weights, into point l. */
 static inline void load_between(
     const mesh *m, const real *a_node, const real *weight, ptrdiff_t interval, problem_points *arm, int l)

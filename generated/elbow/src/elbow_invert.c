@@ -12,7 +12,7 @@ static const real cost_change = 1e-2; /* from sweep to sweep, where the cost of 
 
 /* Where the arrays of this solver are, after those of both. */
 typedef struct {
-    int64_t cost, y, a, q_g, reference, steady_factor, steady_point, point, row, linear, lq, end;
+    int64_t cost, y, a, q_g, reference, steady_factor, steady_point, point, row, linear, settling, lq, end;
 } lq_layout;
 
 static lq_layout lay_out_lq(const whole_layout *l)
@@ -29,6 +29,7 @@ static lq_layout lay_out_lq(const whole_layout *l)
     TAKE(at, own.point, l->varying * STAGES * POINT + BLOCK);
     TAKE(at, own.row, l->intervals * STAGES * NE);
     TAKE(at, own.linear, l->intervals * CONTROLS);
+    TAKE(at, own.settling, (int64_t)((sizeof(settling) + sizeof(real) - 1) / sizeof(real)));
     TAKE(at, own.lq, (int64_t)(sizeof(lq_space) / sizeof(real)));
     own.end = at;
     return own;
@@ -53,13 +54,17 @@ int64_t elbow_invert_work(int n, const elbow_inversion_options *options)
 }
 
 #if ELBOW_NE > 0
-/* Equilibrium at the end of the path, and the cost of a state that differs from it, for the end of the mesh. */
+/*
+ * Equilibrium at the end of the path, to which the first guess of the motion leads; the cost of a state that differs from
+ * it, for the end of the mesh; and when the motion has settled there.
+ */
 static int terminal_cost(
     mesh *m, const whole_layout *l, const lq_layout *own, const real *target, const real *q_start, real *work)
 {
     lq_space *w = (lq_space *)(void *)(work + own->lq);
     const real *joints = m->q_g + ((ptrdiff_t)m->N * STAGES - 1) * NG;
     real q[NA], scale[NE], reference[REFERENCE] = {0.0};
+    settling *end = (settling *)(void *)(work + own->settling);
     mesh hold = *m;
     int status, is_exact = 0;
     copy(q_start, NA, q);
@@ -92,10 +97,16 @@ static int terminal_cost(
     status = lq_stationary_cost(&hold, SWEEP, m->N / SWEEP > SWEEPS ? m->N / SWEEP : SWEEPS, regularization,
         cost_change, w, work + l->space, work + own->cost, &is_exact);
     copy(w->point, STAGES * POINT, work + own->steady_point);
-    m->varying = is_exact ? m->varying : m->N;
+    m->factored = is_exact ? m->varying : m->N;
     m->end = work + own->cost;
     m->equilibrium = hold.y;
-    return status;
+    copy(q, NA, end->q);
+    end->intervals = m->N;
+    move_smoothly(m, hold.y);
+    for (ptrdiff_t k = (ptrdiff_t)m->varying * STAGES; k < (ptrdiff_t)m->N * STAGES; ++k) {
+        copy(hold.q_g, NG, m->q_g + k * NG);
+    }
+    return status == ELBOW_OK && end->allowed > 0.0 ? settling_at(target, &w->arm, end, work + l->space) : status;
 }
 
 #endif
@@ -116,11 +127,15 @@ elbow_status elbow_invert(const elbow_path *p, PARAMETERS_ARGUMENT const real q_
     {
         lq_layout own;
         lq_space *w;
+        settling *end;
+        ptrdiff_t samples;
         mesh m;
         l = lay_out(p->n, options, CONTROLS * WIDTH, 1);
         keep_parameters(GIVEN_PARAMETERS, work + l.space);
         own = lay_out_lq(&l);
         w = (lq_space *)(void *)(work + own.lq);
+        end = (settling *)(void *)(work + own.settling);
+        end->allowed = options->settled;
         m = mesh_in(&l, p, options, work);
         status = equilibrium_at(p->y, q, m.scale, work + l.space);
         if (status == ELBOW_OK) {
@@ -136,16 +151,15 @@ elbow_status elbow_invert(const elbow_path *p, PARAMETERS_ARGUMENT const real q_
             c.linear = work + own.linear;
             c.steady_point = work + own.steady_point;
             c.steady_factor = work + own.steady_factor;
-            status = m.varying == (int)l.varying ?
-                         lq_path_solve(&m, work + own.point, &c, options->tolerance, info, w, work + l.space) :
-                         lq_path_solve_all(&m, options->tolerance, info, w, work + l.space);
+            status = lq_path_solve(&m, work + own.point, &c, options, end, info, w, work + l.space);
             info->residual = m.residual;
             info->intervals = m.N;
         }
         if (status != ELBOW_OK) {
             return (elbow_status)status;
         }
-        return finish(p, options, &l, q, &m, &w->arm, motion, info, work);
+        samples = end->intervals * (ptrdiff_t)options->samples_per_interval + 1;
+        return finish(p, options, &l, q, &m, end->q, samples, &w->arm, motion, info, work);
     }
 #else
     l = lay_out(p->n, options, 0, 0);

@@ -651,6 +651,7 @@ elbow_status elbow_invert_limited(const elbow_path *path, PARAMETERS_ARGUMENT co
     call.options = *options;
     call.options.hold = ELBOW_HOLD_SPLINE;
     call.options.delay = 0.0;
+    call.options.settled = 0.0;
     call.options.tolerance = fmin_1(rough_tolerance * options->tolerance, PRECISE(1e-3, 1e-2));
     call.info = info;
     {

@@ -333,6 +333,20 @@ static inline int lq_factor_before(mesh *m, int last, real *kept, lq_space *w, r
     return is_finite(w->p, STATES) ? ELBOW_OK : ELBOW_NOT_CONVERGED;
 }
 
+/* The factors of the intervals from `first` to the last one, which all have the same data `point`. */
+static inline int lq_factor_alike(mesh *m, int first, const real *point, lq_space *w)
+{
+    real *H = w->point + STAGES * POINT; /* sum over the rows of J */
+    sum_of_rows(m, point, w->J, H);
+    for (int k = m->N - 1; k >= first; --k) {
+        copy(H, COLUMNS * WIDTH, w->H);
+        if (!factor_interval(m, k, w, m->factor + slot_of(m, k) * CONTROLS * WIDTH)) {
+            return ELBOW_NOT_CONVERGED;
+        }
+    }
+    return is_finite(w->p, STATES) ? ELBOW_OK : ELBOW_NOT_CONVERGED;
+}
+
 /* One Gauss-Newton step: the factors of all intervals, backwards. */
 static inline int lq_factor(mesh *m, lq_space *w, real *space)
 {
@@ -381,7 +395,8 @@ typedef struct {
  * Whether the cost has converged: no diagonal entry of P changes by more than the share `change`, and no pivot by more
  * than that and by more than in the sweep before. The cost of a stable motion grows less and less; that of an unstable
  * one grows exponentially until it is large, for long where the intervals are short. exact_too: whether no pivot that
- * counts changes by more than `converged_cost`; costs that much larger ones hide in rounding never get there.
+ * counts changes by more than `converged_cost`, or by more than rounding: a cost that much larger ones hide is known less
+ * exactly. More intervals cannot cost less, so that a pivot which shrinks does so by rounding.
  */
 static inline int is_stationary(const real *P, const real *before, real change, cost_growth *g, int *exact_too)
 {
@@ -393,7 +408,8 @@ static inline int is_stationary(const real *P, const real *before, real change, 
         const real added = pivots[i] - g->pivots[i];
         settled = settled && fabs_1(P[i * (STATES + 1)] - before[i * (STATES + 1)]) <= change * P[i * (STATES + 1)];
         settled = settled && !(added > change * pivots[i] && added > g->added[i]);
-        *exact_too = *exact_too && (pivots[i] <= counted_cost || fabs_1(added) <= converged_cost * pivots[i]);
+        *exact_too = *exact_too && (pivots[i] <= counted_cost ||
+                                       (added <= converged_cost * pivots[i] && added >= -change * pivots[i]));
         g->pivots[i] = pivots[i];
         g->added[i] = added;
     }
@@ -488,7 +504,7 @@ static inline void lq_controls(const real *factor, const real *linear, real *x)
         for (int i = last - 1; i >= end - BLOCK; --i) {
             const real *row = factor + i * WIDTH;
             real sum = sums[i - end + BLOCK] + (linear != NULL ? linear[i] : 0.0);
-            for (int j = i + 1; j < end; ++j) {
+            for (int j = end - 1; j > i; --j) { /* what has just been found comes last: less waits for it */
                 sum += row[j] * x[j];
             }
             x[i] = sum * row[i];
@@ -500,7 +516,7 @@ static inline void lq_controls(const real *factor, const real *linear, real *x)
 typedef struct {
     const real *point;         /* varying x STAGES x POINT: K, D, A of the factors, and BLOCK more */
     const real *steady_point;  /* STAGES x POINT, and BLOCK more: of the intervals that do not vary, if any */
-    const real *steady_factor; /* CONTROLS x WIDTH */
+    const real *steady_factor; /* CONTROLS x WIDTH: of the intervals without one of their own */
     real *row;                 /* N x STAGES x NE: residuals */
     real *linear;              /* N x CONTROLS: right sides of the factors */
 } lq_data;
@@ -508,7 +524,7 @@ typedef struct {
 /* The factor of interval k. */
 static inline const real *factor_of(const mesh *m, const lq_data *c, ptrdiff_t k)
 {
-    return k < m->varying ? m->factor + slot_of(m, k) * CONTROLS * WIDTH : c->steady_factor;
+    return k < m->factored ? m->factor + slot_of(m, k) * CONTROLS * WIDTH : c->steady_factor;
 }
 
 /* Weights by `stage_weights` of all pairs of points. */
@@ -540,6 +556,29 @@ static inline void lq_gradient(const pair_weights *weights, const real *point, c
             g[s * NE + i] += scale_a * A;
             g[CONTROLS + i] += scale_q * K;
             g[CONTROLS + NE + i] += scale_v * (h * gauss_c[s] * K + D);
+        }
+    }
+}
+
+/* What `eliminate` does with the last column, to g; by blocks of rows, as each waits for those before it. */
+static inline void eliminate_column(const real *factor, real *g)
+{
+    for (int begin = 0; begin < CONTROLS; begin += BLOCK) {
+        const int end = begin + BLOCK, last = end < CONTROLS ? end : CONTROLS;
+        real weighed[BLOCK];
+        for (int i = begin; i < last; ++i) {
+            const real *row = factor + i * WIDTH;
+            weighed[i - begin] = g[i] * row[i];
+            for (int j = i + 1; j < end; ++j) {
+                g[j] += weighed[i - begin] * row[j];
+            }
+        }
+        for (int j = end; j < WIDTH; j += LANES) {
+            lanes sum = load_v(g + j);
+            for (int i = begin; i < last; ++i) {
+                sum += splat_v(weighed[i - begin]) * load_v(factor + i * WIDTH + j);
+            }
+            store_v(g + j, sum);
         }
     }
 }
@@ -580,14 +619,8 @@ static inline int lq_linear(const mesh *m, const lq_data *c)
         for (int i = 0; i < STATES && m->target_state != NULL; ++i) {
             g[CONTROLS + i] += regularization * target_distance(m, k, i);
         }
-        for (int i = 0; i < CONTROLS; ++i) { /* as `eliminate` does it with the last column */
-            const real *row = factor + i * WIDTH;
-            const real weighed = g[i] * row[i];
-            c->linear[k * CONTROLS + i] = g[i];
-            for (int j = i / BLOCK * BLOCK; j < WIDTH; j += LANES) {
-                store_v(g + j, load_v(g + j) + splat_v(weighed) * load_v(row + j));
-            }
-        }
+        eliminate_column(factor, g);
+        copy(g, CONTROLS, c->linear + k * CONTROLS);
         copy(g + CONTROLS, STATES, p);
     }
     return is_finite(p, STATES);

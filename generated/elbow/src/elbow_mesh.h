@@ -17,6 +17,7 @@ enum {
 typedef struct {
     int N;                   /* intervals */
     int varying;             /* the intervals after so many are all at the end of the path, at rest */
+    int factored;            /* so many have a factor of their own; the others share that of an endless equilibrium */
     real h;                  /* their length */
     real *y;                 /* (N + 1) x STATES: at the nodes */
     real *a;                 /* N x STAGES x NE */
@@ -67,6 +68,37 @@ static inline void next_node(const real *y, const real *a, real h, real *next)
         }
         next[i] = y[i] + h * y[NE + i] + h * h * twice;
         next[NE + i] = y[NE + i] + h * once;
+    }
+}
+
+/*
+ * The motion from rest at the first node to rest at q_end (NE) at the last varying one, by a polynomial of degree five of
+ * the time; at rest from there on.
+ */
+static inline void move_smoothly(mesh *m, const real *q_end)
+{
+    const real whole = (real)m->varying * m->h;
+    real q_start[NE];
+    for (int i = 0; i < NE; ++i) {
+        q_start[i] = m->y[i];
+    }
+    for (ptrdiff_t k = 0; k < m->N; ++k) {
+        real *y = m->y + k * STATES, *a = m->a + k * CONTROLS;
+        for (int s = 0; s < STAGES; ++s) {
+            const real x = ((real)k + gauss_c[s]) / (real)m->varying;
+            const real bend = k < m->varying ? 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / (whole * whole) : 0.0;
+            for (int i = 0; i < NE; ++i) {
+                a[s * NE + i] = bend * (q_end[i] - q_start[i]);
+            }
+        }
+        if (k + 1 < m->varying) {
+            next_node(y, a, m->h, y + STATES);
+        } else {
+            for (int i = 0; i < NE; ++i) {
+                y[STATES + i] = q_end[i];
+                y[STATES + NE + i] = 0.0;
+            }
+        }
     }
 }
 

@@ -22,8 +22,8 @@ static const real accurate_inverse = PRECISE(1e-6, 1e-3);
 static const real step_near = PRECISE(1e-5, 1e-3), step_exact = PRECISE(1e-6, 1e-5);
 /* [rad or m] a guess further from the position before is none */
 static const real guess_max = 0.2;
-/* error of velocities [rad/s or m/s] that is rounding */
-static const real exact = PRECISE(1e-11, 1e-6);
+/* errors of velocities [rad/s or m/s] and accelerations [rad/s^2 or m/s^2] that are rounding */
+static const real exact = PRECISE(1e-11, 1e-6), exact_acceleration = PRECISE(1e-10, 1e-5);
 
 typedef real points[POINTS];
 
@@ -288,11 +288,14 @@ static inline int update_inverse(problem_points *p)
     return p->known[0] > 0.0;
 }
 
-/* What velocities (or, with the bias, accelerations) of all coordinates lack to those of the path, times the inverse.
+/*
+ * Add what velocities (or, with the bias, accelerations) of all coordinates lack to those of the path, times the inverse;
+ * the largest change.
  */
-static inline void correct_motion(problem_points *p, points *wanted, points *bias, points *motion)
+static inline real correct_motion(problem_points *p, points *wanted, points *bias, points *motion)
 {
     points rest[NY];
+    lanes most = splat_v(0.0), zero = splat_v(0.0);
     for (int j = 0; j < NY; ++j) {
         EACH (l) {
             lanes sum = load_v(&wanted[j][l]);
@@ -307,27 +310,66 @@ static inline void correct_motion(problem_points *p, points *wanted, points *bia
     }
     for (int i = 0; i < NG; ++i) {
         EACH (l) {
-            lanes sum = load_v(&motion[i_g[i]][l]);
+            lanes sum = splat_v(0.0);
             for (int j = 0; j < NY; ++j) {
                 sum += load_v(&p->inverse[j][i][l]) * load_v(&rest[j][l]);
             }
-            store_v(&motion[i_g[i]][l], sum);
+            store_v(&motion[i_g[i]][l], load_v(&motion[i_g[i]][l]) + sum);
+            most = fmax_v(most, fabs_v(sum));
+            zero += 0.0 * sum;
         }
     }
+    return largest_lane(most) + sum_lanes(zero);
 }
 
 /* The largest velocity of an unactuated coordinate. */
 static inline real fastest_elastic(const problem_points *p)
 {
-    real most = 0.0;
+    lanes most = splat_v(0.0);
 #if ELBOW_NE > 0
     for (int i = 0; i < NE; ++i) {
-        most = fmax_1(most, largest(&p->v[i_e[i]][0], POINTS));
+        EACH (l) {
+            most = fmax_v(most, fabs_v(load_v(&p->v[i_e[i]][l])));
+        }
     }
 #else
     (void)p;
 #endif
-    return most;
+    return largest_lane(most);
+}
+
+/* The largest velocity and acceleration of a coordinate; they are finite. */
+static inline void largest_motion(const problem_points *p, real *velocity, real *acceleration)
+{
+    lanes v = splat_v(0.0), a = splat_v(0.0);
+    for (int i = 0; i < NA; ++i) {
+        EACH (l) {
+            v = fmax_v(v, fabs_v(load_v(&p->v[i][l])));
+            a = fmax_v(a, fabs_v(load_v(&p->a[i][l])));
+        }
+    }
+    *velocity = largest_lane(v);
+    *acceleration = largest_lane(a);
+}
+
+/* Velocities and accelerations at a known position, which the last step has changed by `most`. */
+static inline int solve_motion(problem_points *p, real most, real *space)
+{
+    real faster;
+    (void)correct_motion(p, p->dy, NULL, p->v);
+    evaluate_constraint(p, space);
+    if (!is_on_target(p)) {
+        return ELBOW_UNREACHABLE;
+    }
+    if (most > exact) {
+        (void)refine_inverse(p);
+    }
+    faster = correct_motion(p, p->dy, NULL, p->v);
+    if (faster * largest(&p->v[0][0], NA * POINTS) > exact_acceleration) {
+        evaluate_constraint(p, space); /* the bias */
+    }
+    (void)correct_motion(p, p->ddy, p->bias, p->a);
+    return ELBOW_OK;
 }
 
 /*
@@ -365,17 +407,42 @@ static inline int solve_kinematics(problem_points *p, real *space)
             evaluate_constraint(p, space);
         }
     }
-    correct_motion(p, p->dy, NULL, p->v);
-    evaluate_constraint(p, space);
-    if (!is_on_target(p)) {
-        return ELBOW_UNREACHABLE;
+    return solve_motion(p, most, space);
+}
+
+/*
+ * The same from a guess of the joints with velocities and accelerations. Where it is so close that the errors which are
+ * left are rounding, one evaluation is enough: they are products of the changes with each other or with the error of the
+ * inverse.
+ */
+static inline int improve_kinematics(problem_points *p, real *space)
+{
+    real miss = 1.0, most, faster, harder, speed = 0.0, acceleration = 0.0;
+    if (p->known[0] > 0.0) {
+        evaluate_constraint(p, space);
+        miss = refine_inverse(p);
+        miss *= miss; /* of the refined one */
+        if (miss > accurate_inverse && miss < 0.01) {
+            miss = refine_inverse(p);
+            miss *= miss;
+        }
     }
-    if (most > exact) {
-        (void)refine_inverse(p);
+    if (!(miss <= accurate_inverse)) {
+        begin_points(p);
+        return solve_kinematics(p, space);
     }
-    correct_motion(p, p->dy, NULL, p->v);
-    correct_motion(p, p->ddy, p->bias, p->a);
-    return ELBOW_OK;
+    most = newton_step(p);
+    if (!(most <= step_exact)) {
+        return solve_kinematics(p, space);
+    }
+    faster = correct_motion(p, p->dy, NULL, p->v);
+    harder = correct_motion(p, p->ddy, p->bias, p->a);
+    largest_motion(p, &speed, &acceleration);
+    if (most * speed <= exact && miss * faster <= exact && faster * speed <= exact_acceleration &&
+        most * acceleration <= exact_acceleration && miss * harder <= exact_acceleration) {
+        return ELBOW_OK;
+    }
+    return solve_motion(p, most, space);
 }
 
 /*

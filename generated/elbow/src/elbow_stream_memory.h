@@ -153,7 +153,7 @@ static inline mesh mesh_of(const layout *l, real *s)
     m.reference = s + l->reference;
     m.target_state = s + l->target_state;
     m.equilibrium = NULL;
-    m.varying = m.N;
+    m.varying = m.factored = m.N;
     m.factor = s + l->factor;
     m.base = (int)s[BASE];
     m.scale = s + l->scale;

@@ -179,7 +179,7 @@ static inline int motors_in_interval(real *s, const layout *l, const interval *o
     for (ptrdiff_t k = MARGIN; k + MARGIN < l->window; ++k) {
         real value[NG], stiffness[NG];
         if (k >= BACK && k <= BACK + samples_per_interval + l->ahead &&
-            !advance_gears(&g, k == BACK, s + l->tau + k * NG, space)) {
+            !advance_gears(&g, k == BACK, s + l->tau + k * NG, 1, NG, space)) {
             return ELBOW_RESULT_NOT_FINITE;
         }
         if (g.slow && k == BACK + samples_per_interval) {

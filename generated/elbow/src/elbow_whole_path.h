@@ -8,7 +8,7 @@
 
 #include "elbow_hold.h"
 #include "elbow_interpolation.h"
-#include "elbow_motors.h"
+#include "elbow_motor_samples.h"
 
 enum { MAX_SAMPLES = 1000000 };
 
@@ -136,15 +136,9 @@ static inline int guess_mesh(
 typedef struct {
     int64_t samples, intervals, varying; /* varying: as in mesh */
     int64_t tau, deflection, stiffness, lagged, q_a, v_a, a_a, v_m, y, a, a_node, q_g, reference, factor, scale,
-        weights, space;
+        weights, joint_weights, space;
     int64_t end; /* where the arrays of one solver begin */
 } whole_layout;
-
-/*
- * Samples after the last one that are computed too, for the derivatives there: of the torques for the lag of the gears,
- * and of the deflections for the motors.
- */
-enum { BEYOND = 2 * MARGIN };
 
 #define TAKE(at, name, size) \
     (name) = (at); \
@@ -160,10 +154,10 @@ static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int6
     l.varying = steady ? ((int64_t)o->n_pre + n - 1 + o->samples_per_interval - 1) / o->samples_per_interval :
                          l.intervals;
     l.varying = l.varying < l.intervals ? l.varying : l.intervals;
-    TAKE(at, l.tau, (MARGIN + l.samples + BEYOND) * NG);
-    TAKE(at, l.deflection, (MARGIN + l.samples + BEYOND) * NG);
-    TAKE(at, l.stiffness, (l.samples + BEYOND) * NG);
-    TAKE(at, l.lagged, (MARGIN + l.samples + BEYOND) * NG);
+    TAKE(at, l.tau, row_length(l.samples) * NG);
+    TAKE(at, l.deflection, row_length(l.samples) * NG);
+    TAKE(at, l.stiffness, row_length(l.samples) * NG);
+    TAKE(at, l.lagged, row_length(l.samples) * NG);
     TAKE(at, l.q_a, l.samples * NA);
     TAKE(at, l.v_a, l.samples * NA);
     TAKE(at, l.a_a, l.samples * NA);
@@ -177,9 +171,10 @@ static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int6
     TAKE(at, l.factor, l.intervals * interval_factor);
     TAKE(at, l.scale, NE);
     TAKE(at, l.weights, ((int64_t)o->samples_per_interval + 1) * 3 * TERMS);
+    TAKE(at, l.joint_weights, (2 * (int64_t)o->samples_per_interval + 1) * 3 * JOINTS);
 #else
     (void)interval_factor;
-    l.y = l.a = l.a_node = l.q_g = l.reference = l.factor = l.scale = l.weights = 0;
+    l.y = l.a = l.a_node = l.q_g = l.reference = l.factor = l.scale = l.weights = l.joint_weights = 0;
 #endif
     TAKE(at, l.space, function_work());
     l.end = at;
@@ -196,7 +191,7 @@ static inline elbow_status check_arguments(const elbow_path *p, const real *para
         return ELBOW_NULL_ARGUMENT;
     }
     if (wanted < 0 || !(p->period > 0.0 && p->period < 1e6) || !(o->tolerance > 0.0 && o->tolerance < 1.0) ||
-        !hold_fits((real)o->hold, o->delay)) {
+        !hold_fits((real)o->hold, o->delay) || !(o->settled >= 0.0 && o->settled < 1.0)) {
         return ELBOW_BAD_ARGUMENT;
     }
     if (work_size < wanted) {
@@ -207,6 +202,7 @@ static inline elbow_status check_arguments(const elbow_path *p, const real *para
     info->unstable_zeros_start = info->unstable_zeros_end = 0;
     info->deviation_m = info->deviation_rad = info->limit_excess = 0.0;
     info->programs = 0;
+    info->n_post = o->n_post;
     return check_path(p, parameters, q_start);
 }
 
@@ -217,7 +213,7 @@ static inline mesh mesh_in(const whole_layout *l, const elbow_path *p, const elb
 {
     mesh m;
     m.N = (int)l->intervals;
-    m.varying = (int)l->varying;
+    m.varying = m.factored = (int)l->varying;
     m.h = (real)o->samples_per_interval * p->period;
     m.y = work + l->y;
     m.a = work + l->a;
@@ -268,19 +264,59 @@ typedef struct {
     const elbow_inversion_options *o;
     ptrdiff_t samples; /* n_pre + n + n_post */
     real *q_a, *v_a, *a_a, *tau_g, *q_m, *v_m, *tau_m;
-    /* (MARGIN + samples + BEYOND) x NG: torques, static and lagged deflections of the gears */
-    real *tau, *deflection, *lagged;
-    real *stiffness; /* (samples + BEYOND) x NG: stiffness of the gears */
+    gear_rows gear;
+    real *a_m; /* samples x NM: accelerations of the motors; where the deflections have been */
 #if ELBOW_NE > 0
     const mesh *m;
     const real *a_node; /* accelerations at its nodes */
-    real *weights;      /* of the terms of the interpolation, at the samples of an interval */
+    /* of the interpolation at the samples of an interval, and of the joints at those of two */
+    real *weights, *joint_weights;
 #endif
 } results;
 
+#if ELBOW_NE > 0
+/* Weights of the samples of an interval, and of two for the joints. */
+static inline void tabulate_weights(const results *r)
+{
+    const ptrdiff_t each = r->o->samples_per_interval;
+    interpolant f;
+    prepare(&f);
+    for (ptrdiff_t k = 0; k <= each; ++k) {
+        weights_at(&f, r->m->h, (real)k / (real)each, r->weights + k * 3 * TERMS);
+    }
+    for (ptrdiff_t k = -each; k <= each; ++k) {
+        joint_weights_at(r->m->h, (real)k / (real)each, r->joint_weights + (k + each) * 3 * JOINTS);
+    }
+}
+
+/* Motion of the mesh at sample k into point l: known for the unactuated coordinates, a guess for the joints. */
+static inline void load_sample(const results *r, ptrdiff_t k, problem_points *arm, int l)
+{
+    const ptrdiff_t each = r->o->samples_per_interval, last = r->m->N - 1;
+    const ptrdiff_t interval = k / each < last ? k / each : last, inside = k - interval * each;
+    load_between(r->m, r->a_node, r->weights + inside * 3 * TERMS, interval, arm, l);
+    if (r->m->N > 1) { /* the neighbor that is nearer */
+        ptrdiff_t first = 2 * inside < each ? interval - 1 : interval;
+        first = first < 0 ? 0 : first < last ? first : last - 1;
+        load_joints_between(r->m->q_g + first * STAGES * NG,
+            r->joint_weights + (k - first * each) * 3 * JOINTS, arm, l);
+    }
+}
+#endif
+
+/* The first `count` points of n entries, sample after sample; n: a constant. */
+ELBOW_INLINE void store_samples(points *x, const int n, ptrdiff_t count, real *to)
+{
+    for (ptrdiff_t k = 0; k < count; ++k) {
+        for (int i = 0; i < n; ++i) {
+            to[k * n + i] = x[i][k];
+        }
+    }
+}
+
 /*
  * Motion and gear torques of the arm, from the equilibrium q, the torques also beyond the last sample; worst: the
- * largest residual, relative to `scale`.
+ * largest residual there, relative to `scale`.
  */
 static inline int arm_at_samples(
     const results *r, const real *q, const real *scale, problem_points *arm, real *space, real *worst)
@@ -289,12 +325,7 @@ static inline int arm_at_samples(
     joint_motion last;
     real joints[NG], time[POINTS], side = 0.0;
 #if ELBOW_NE > 0
-    const int samples_per_interval = r->o->samples_per_interval;
-    interpolant f;
-    prepare(&f);
-    for (ptrdiff_t k = 0; k <= samples_per_interval; ++k) {
-        weights_at(&f, r->m->h, (real)k / (real)samples_per_interval, r->weights + k * 3 * TERMS);
-    }
+    tabulate_weights(r);
 #else
     (void)scale;
 #endif
@@ -306,7 +337,7 @@ static inline int arm_at_samples(
     begin_points(arm);
     for (ptrdiff_t at = 0; at < all; at += POINTS) {
         const int used = all - at < POINTS ? (int)(all - at) : (int)POINTS;
-        int status;
+        int status = ELBOW_UNREACHABLE; /* without a guess from a mesh */
         for (int point = 0; point < POINTS; ++point) {
             const ptrdiff_t k = at + (point < used ? point : used - 1);
             real reference[REFERENCE];
@@ -314,55 +345,51 @@ static inline int arm_at_samples(
             load_reference(arm, point, reference);
             time[point] = (real)k * r->p->period;
 #if ELBOW_NE > 0
-            {
-                const ptrdiff_t interval = k / samples_per_interval < r->m->N ? k / samples_per_interval :
-                                                                                (ptrdiff_t)r->m->N - 1;
-                load_between(r->m, r->a_node, r->weights + (k - interval * samples_per_interval) * 3 * TERMS, interval,
-                    arm, point);
-            }
+            load_sample(r, k, arm, point);
 #endif
         }
-        status = follow_kinematics(arm, &last, time, space);
+#if ELBOW_NE > 0
+        status = r->m->N > 1 ? improve_kinematics(arm, space) : status;
+#endif
+        status = status == ELBOW_OK ? status : follow_kinematics(arm, &last, time, space);
         status = status == ELBOW_OK ? evaluate_rows(arm, space) : status;
         if (status != ELBOW_OK) {
             return status;
         }
+        for (int i = 0; i < NG; ++i) {
+            copy(arm->tau_g[i], POINTS, r->gear.tau + i * r->gear.apart + at);
+        }
         for (int k = 0; k < used; ++k) {
-            const int inside = at + k < r->samples;
-            for (int i = 0; i < NA && inside; ++i) {
-                r->q_a[(at + k) * NA + i] = arm->q[i][k];
-                r->v_a[(at + k) * NA + i] = arm->v[i][k];
-                r->a_a[(at + k) * NA + i] = arm->a[i][k];
-            }
             if (!(arm->side[k] * side >= 0.0)) {
                 return ELBOW_UNREACHABLE; /* it passed a singular pose */
             }
             side = arm->side[k];
-            for (int i = 0; i < NG; ++i) {
-                if (r->tau_g != NULL && inside) {
-                    r->tau_g[(at + k) * NG + i] = arm->tau_g[i][k];
-                }
-                r->tau[(at + k + MARGIN) * NG + i] = arm->tau_g[i][k];
-            }
-#if ELBOW_NE > 0
-            for (int i = 0; i < NE && inside; ++i) {
-                *worst = fmax_1(*worst, fabs_1(arm->row[i][k]) / scale[i]);
-            }
-#endif
         }
+        {
+            const ptrdiff_t inside = r->samples - at < used ? r->samples - at : used;
+            store_samples(arm->q, NA, inside, r->q_a + at * NA);
+            store_samples(arm->v, NA, inside, r->v_a + at * NA);
+            store_samples(arm->a, NA, inside, r->a_a + at * NA);
+            if (r->tau_g != NULL) {
+                store_samples(arm->tau_g, NG, inside, r->tau_g + at * NG);
+            }
+        }
+#if ELBOW_NE > 0
+        {
+            lanes most = splat_v(*worst);
+            for (int i = 0; i < NE; ++i) {
+                EACH (l) {
+                    most = fmax_v(most, fabs_v(load_v(&arm->row[i][l])) / scale[i]);
+                }
+            }
+            *worst = largest_lane(most);
+        }
+#endif
         if (used > 1) {
             keep_joints(arm, used - 1, (real)(at + used - 1) * r->p->period, (real)(used - 1) * r->p->period, &last);
         }
     }
     return ELBOW_OK;
-}
-
-/* The value of the first sample before it: the motion begins at equilibrium. */
-static inline void hold_start(real *x)
-{
-    for (ptrdiff_t k = 0; k < MARGIN * NG; ++k) {
-        x[k] = x[MARGIN * NG + k % NG];
-    }
 }
 
 /* Of each column of samples: its largest size, and the largest difference to the finite differences of another array.
@@ -385,11 +412,8 @@ ELBOW_INLINE void add_column_maxima(
         for (int i = 0; i < columns; ++i) {
             const real *from = y + at + i * LANES;
             const lanes now = load_v(x + at + i * LANES);
-            lanes sum = 45.0 * (load_v(from + columns) - load_v(from - columns));
-            sum -= 9.0 * (load_v(from + 2 * columns) - load_v(from - 2 * columns));
-            sum += load_v(from + 3 * columns) - load_v(from - 3 * columns);
             most[i] = fmax_v(most[i], fabs_v(now));
-            off[i] = fmax_v(off[i], fabs_v(sum - sixty * now));
+            off[i] = fmax_v(off[i], fabs_v(sixty_differences_v(from, columns) - sixty * now));
         }
     }
     for (int i = 0; i < columns * LANES; ++i) {
@@ -423,7 +447,7 @@ static inline real kinematic_mismatch(const results *r)
     column_maxima of_v = {{0.0}, {0.0}}, of_q = {{0.0}, {0.0}}, of_motors = {{0.0}, {0.0}};
     add_column_maxima(r->v_a, r->a_a, NA, r->samples, sixty, &of_v);
     add_column_maxima(r->q_a, r->v_a, NA, r->samples, sixty, &of_q);
-    add_column_maxima(r->v_m, r->deflection + MARGIN * NG, NM, r->samples, sixty, &of_motors);
+    add_column_maxima(r->v_m, r->a_m, NM, r->samples, sixty, &of_motors);
     for (int i = 0; i < NA; ++i) {
         most[0] = fmax_1(most[0], of_v.most[i]);
         off[0] = fmax_1(off[0], of_v.off[i]);
@@ -458,55 +482,107 @@ static inline real kinematic_mismatch(const results *r)
 /* Motors at the samples, through the gears. */
 static inline int motors_at_samples(const results *r, real *space)
 {
-    const ptrdiff_t first = MARGIN * NG;
-    const real equilibrium[NG] = {0.0};
-    gears g;
-    hold_start(r->tau);
-    if (!static_deflections(
-            r->tau + first, r->samples + BEYOND, equilibrium, r->deflection + first, r->stiffness, NG, space)) {
-        return ELBOW_RESULT_NOT_FINITE;
-    }
-    hold_start(r->deflection);
-    if (!begin_gears(&g, r->p->period, r->deflection + first, space)) {
-        return ELBOW_RESULT_NOT_FINITE;
-    }
-    for (ptrdiff_t k = 0; k < r->samples + MARGIN; ++k) {
-        const ptrdiff_t at = first + k * NG;
-        if (!advance_gears(&g, k == 0, r->tau + at, space)) {
+    const gear_rows *g = &r->gear;
+    const ptrdiff_t known = r->samples + BEYOND, lagged = r->samples + MARGIN;
+    real first[NG];
+    gears state;
+    motor_points p;
+    hold_ends(g, g->tau, known);
+    for (ptrdiff_t at = 0; at < g->apart - BEFORE; at += POINTS) {
+        if (!static_deflections_at(g, at, space)) {
             return ELBOW_RESULT_NOT_FINITE;
         }
-        lagged_deflections(&g, r->deflection + at, r->stiffness + k * NG, r->lagged + at, space);
     }
-    hold_start(r->lagged);
-    for (ptrdiff_t k = 0; k < r->samples; ++k) {
-        const ptrdiff_t at = first + k * NG;
-        real q[NG], v[NG], a[NG], q_m[NM], tau_m[NM];
-        for (int i = 0; i < NG; ++i) {
-            q[i] = r->q_a[k * NA + i_g[i]];
-            v[i] = r->v_a[k * NA + i_g[i]];
-            a[i] = r->a_a[k * NA + i_g[i]];
-        }
-        if (!motors_at_sample(&g, r->tau + at, r->lagged + at, q, v, a, r->q_m != NULL ? r->q_m + k * NM : q_m,
-                r->v_m + k * NM, r->tau_m != NULL ? r->tau_m + k * NM : tau_m, space)) {
-            return ELBOW_RESULT_NOT_FINITE;
-        }
-        /* accelerations of the motors, for the kinematic mismatch; the static deflections are not needed any more */
-        for (int j = 0; j < NM; ++j) {
-            real sum = 0.0;
+    hold_ends(g, g->deflection, known);
+    for (int i = 0; i < NG; ++i) {
+        first[i] = g->deflection[i * g->apart];
+    }
+    if (!begin_gears(&state, r->p->period, first, space) || !lagged_rows(g, &state, lagged, space)) {
+        return ELBOW_RESULT_NOT_FINITE;
+    }
+    hold_ends(g, g->lagged, lagged);
+    for (ptrdiff_t at = 0; at < r->samples; at += POINTS) {
+        const int used = r->samples - at < POINTS ? (int)(r->samples - at) : (int)POINTS;
+        for (int l = 0; l < POINTS; ++l) {
+            const ptrdiff_t k = (at + (l < used ? l : used - 1)) * NA;
             for (int i = 0; i < NG; ++i) {
-                sum += eta[j][i] * a[i];
+                p.q[i][l] = r->q_a[k + i_g[i]];
+                p.v[i][l] = r->v_a[k + i_g[i]];
+                p.a[i][l] = r->a_a[k + i_g[i]];
             }
-            r->deflection[first + k * NM + j] = sum;
         }
+        if (!add_deflections(g, &state, at, &p, space) || !motors_of_points(g, at, &p, space)) {
+            return ELBOW_RESULT_NOT_FINITE;
+        }
+        if (r->q_m != NULL) {
+            store_samples(p.q_m, NM, used, r->q_m + at * NM);
+        }
+        if (r->tau_m != NULL) {
+            store_samples(p.tau_m, NM, used, r->tau_m + at * NM);
+        }
+        store_samples(p.v_m, NM, used, r->v_m + at * NM);
+        store_samples(p.a_m, NM, used, r->a_m + at * NM);
     }
     return ELBOW_OK;
 }
 
-/* Motion at the samples from that of the mesh (or from the path alone), checked: the last part of both solvers. */
+#if ELBOW_NE > 0
+/* The equilibrium q at the samples from `first` on. */
+static inline int rest_at_samples(
+    const results *r, ptrdiff_t first, ptrdiff_t all, const real *q, problem_points *arm, real *space)
+{
+    real joints[NG], tau_g[NG], deflection[NG] = {0.0}, stiffness[NG], still[NG] = {0.0}, q_m[NM], v_m[NM], tau_m[NM];
+    int status;
+    for (int i = 0; i < NA; ++i) {
+        for (int l = 0; l < POINTS; ++l) {
+            arm->q[i][l] = q[i];
+            arm->v[i][l] = arm->a[i][l] = 0.0;
+        }
+    }
+    status = evaluate_rows(arm, space);
+    if (status != ELBOW_OK) {
+        return status;
+    }
+    for (int i = 0; i < NG; ++i) {
+        tau_g[i] = arm->tau_g[i][0];
+    }
+    if (!static_deflection(tau_g, deflection, stiffness, space)) {
+        return ELBOW_RESULT_NOT_FINITE;
+    }
+    for (int i = 0; i < NG; ++i) {
+        joints[i] = q[i_g[i]] + deflection[i];
+    }
+    if (!motors_of(joints, still, still, tau_g, q_m, v_m, tau_m, space)) {
+        return ELBOW_RESULT_NOT_FINITE;
+    }
+    for (ptrdiff_t k = first; k < all; ++k) {
+        copy(q, NA, r->q_a + k * NA);
+        for (int i = 0; i < NA; ++i) {
+            r->v_a[k * NA + i] = r->a_a[k * NA + i] = 0.0;
+        }
+        if (r->tau_g != NULL) {
+            copy(tau_g, NG, r->tau_g + k * NG);
+        }
+        if (r->q_m != NULL) {
+            copy(q_m, NM, r->q_m + k * NM);
+        }
+        copy(v_m, NM, r->v_m + k * NM);
+        if (r->tau_m != NULL) {
+            copy(tau_m, NM, r->tau_m + k * NM);
+        }
+    }
+    return ELBOW_OK;
+}
+#endif
+
+/*
+ * Motion at the samples from that of the mesh (or from the path alone), checked: the last part of both solvers. The
+ * motion is at the first `samples`; from the last of them on it rests at q_end, where there are more.
+ */
 static inline elbow_status finish(const elbow_path *p, const elbow_inversion_options *o, const whole_layout *l,
     const real *q,
 #if ELBOW_NE > 0
-    const mesh *m,
+    const mesh *m, const real *q_end, ptrdiff_t samples,
 #endif
     problem_points *arm, elbow_motion *motion, elbow_inversion_info *info, real *work)
 {
@@ -515,6 +591,9 @@ static inline elbow_status finish(const elbow_path *p, const elbow_inversion_opt
     r.p = p;
     r.o = o;
     r.samples = (ptrdiff_t)l->samples;
+#if ELBOW_NE > 0
+    r.samples = samples < r.samples ? samples : r.samples;
+#endif
     r.q_a = motion->q_a != NULL ? motion->q_a : work + l->q_a;
     r.v_a = motion->v_a != NULL ? motion->v_a : work + l->v_a;
     r.a_a = motion->a_a != NULL ? motion->a_a : work + l->a_a;
@@ -522,14 +601,17 @@ static inline elbow_status finish(const elbow_path *p, const elbow_inversion_opt
     r.tau_g = motion->tau_g;
     r.q_m = motion->q_m;
     r.tau_m = motion->tau_m;
-    r.tau = work + l->tau;
-    r.deflection = work + l->deflection;
-    r.lagged = work + l->lagged;
-    r.stiffness = work + l->stiffness;
+    r.gear.apart = (ptrdiff_t)row_length(l->samples);
+    r.gear.tau = work + l->tau + BEFORE;
+    r.gear.deflection = work + l->deflection + BEFORE;
+    r.gear.stiffness = work + l->stiffness + BEFORE;
+    r.gear.lagged = work + l->lagged + BEFORE;
+    r.a_m = work + l->deflection;
 #if ELBOW_NE > 0
     r.m = m;
     r.a_node = work + l->a_node;
     r.weights = work + l->weights;
+    r.joint_weights = work + l->joint_weights;
     nodal_accelerations(m, work + l->a_node);
 #endif
     status = arm_at_samples(&r, q, work + l->scale, arm, work + l->space, &info->residual_at_samples);
@@ -539,10 +621,19 @@ static inline elbow_status finish(const elbow_path *p, const elbow_inversion_opt
     if (status != ELBOW_OK) {
         return (elbow_status)status;
     }
-    if (r.tau_m != NULL) {
-        hold_torques(r.tau_m, r.samples, (real)o->hold, o->delay);
-    }
     info->kinematic_mismatch = kinematic_mismatch(&r);
+#if ELBOW_NE > 0
+    if (r.samples < (ptrdiff_t)l->samples) {
+        status = rest_at_samples(&r, r.samples - 1, (ptrdiff_t)l->samples, q_end, arm, work + l->space);
+        if (status != ELBOW_OK) {
+            return (elbow_status)status;
+        }
+        info->n_post = (int)r.samples - o->n_pre - p->n;
+    }
+#endif
+    if (r.tau_m != NULL) {
+        hold_torques(r.tau_m, (ptrdiff_t)l->samples, (real)o->hold, o->delay);
+    }
     return info->residual_at_samples <= o->tolerance && info->kinematic_mismatch <= mismatch_max ?
                ELBOW_OK :
                ELBOW_TOLERANCE_NOT_MET;

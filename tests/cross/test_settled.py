@@ -1,0 +1,153 @@
+"""A motion that ends where it has settled: the motion until then is the same, what is left out moves the output no more.
+
+How much a motion that is left out moves the output is computed here with the mass matrix and the constraint of the
+definition, at every sample; the C does it with inverse dynamics, at the nodes of its mesh.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from inversion_cases import last_joint
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.errors import ArgumentError
+from flexgen.inversion.model_library import inversion_library
+from flexgen.inversion.problem import HELD
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.sampling import samples
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.statics import equilibrium_at
+from flexgen.model.elements import Output
+from flexgen.model.reader import read
+from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.path import Path
+from flexgen.runtime.path_inversion import Inversion
+
+pytestmark = needs_compiler
+
+PERIOD, N, PRE, AFTER, EACH = 1e-3, 401, 20, 6000, 5  # s, samples; samples of an interval
+SLOW = {"tool": (0.1, 0.02), "joints": (0.1, 0.3)}  # of stiffness and damping of a joint: zeros that decay in 0.35 s
+ALLOWED = 1e-7  # m or rad
+
+
+def arm(output: str) -> Equations:
+    """The planar arm with a slow passive joint; its output is the tool, or the joints that have motors."""
+    model = last_joint(read("planar5_mp"), *SLOW[output])
+    if output == "joints":
+        model = replace(model, output=Output("combination", "", ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)), "rad"))
+    return derive(model)
+
+
+def arguments(equations: Equations) -> dict[str, Any]:
+    """Of a move between poses."""
+    move = next(move for move in equations.model.moves if move.name == "joints")
+    path = Path(equations, replace(move, duration=(N - 1) * PERIOD))
+    y, dy, ddy = samples(Reduction(equations), path, PERIOD, N)
+    given = {"y": y, "dy": dy, "ddy": ddy, "q_start": path.q_start, "period": PERIOD}
+    return {**given, "n_pre": PRE, "n_post": AFTER, "samples_per_interval": EACH}
+
+
+def left_over(equations: Equations, found: Inversion) -> np.ndarray:
+    """How far the motion at the samples after the path moves the output [m or rad]."""
+    model, q = equations.model, found.q_a[-1]
+    i_g, i_e = list(model.i_g), list(model.i_e)
+    W = evaluate(equations.function("output_constraint"), q, 0 * q, np.zeros(model.output.target_size))[1]
+    W = W.reshape(-1, model.n_a)
+    M = evaluate(equations.function("mass_matrix"), q)[0].reshape(model.n_a, model.n_a)
+    drift = W[:, i_g] @ np.linalg.solve(M[np.ix_(i_g, i_g)], M[np.ix_(i_g, i_e)]) - W[:, i_e]
+    rest = equilibrium_at(equations, q).q_a
+    after = slice(PRE + N, None)
+    moved = [(found.q_a[after] - rest)[:, i_e], HELD * found.v_a[after][:, i_e]]
+    return np.max([np.linalg.norm(x @ X.T, axis=1) for x in moved for X in (W[:, i_e], drift)], axis=0)
+
+
+def check_end(size: np.ndarray, n_post: int) -> None:
+    """The motion ends with the interval in which it has settled; the phase of a vibration hides its size at a node."""
+    assert size[n_post:].max() < 1.05 * ALLOWED, "it ends too early"
+    assert size[n_post - 3 * EACH : n_post].max() > 0.8 * ALLOWED, "it ends too late"
+
+
+@pytest.mark.parametrize("output", ["tool", "joints"])
+def test_the_motion_ends_where_it_has_settled(output: str) -> None:
+    equations = arm(output)
+    given, library = arguments(equations), inversion_library(equations, "lq")
+    whole, found = library.invert(**given), library.invert(**given, settled=ALLOWED)
+    rows = PRE + N + found.n_post
+    assert whole.n_post == AFTER and found.n_post < AFTER / 2 and found.q_a.shape == (rows, 3)
+    assert found.converged and found.intervals < whole.intervals / 2
+    for name in ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m"):
+        one, other = getattr(whole, name)[: rows - 1], getattr(found, name)[:-1]
+        assert np.abs(one - other).max() < 1e-8 * np.abs(one).max(), name
+    size = left_over(equations, whole)
+    check_end(size, found.n_post)
+    with pytest.raises(AssertionError, match="too early"):
+        check_end(size, found.n_post - 60 * EACH)
+    with pytest.raises(AssertionError, match="too late"):
+        check_end(size, found.n_post + 60 * EACH)
+
+
+def test_the_last_sample_and_all_after_it_are_the_equilibrium() -> None:
+    equations = arm("tool")
+    found = inversion_library(equations, "lq").invert(**arguments(equations), settled=ALLOWED)
+    rest = equilibrium_at(equations, found.q_a[-1])
+    for name in ("q_a", "tau_g", "q_m", "tau_m"):
+        last, expected = getattr(found, name)[-1], getattr(rest, name)
+        assert np.abs(last - expected).max() < 1e-10 * (1 + np.abs(expected).max()), name
+    assert not found.v_a[-1].any() and not found.a_a[-1].any() and not found.v_m[-1].any()
+    for name in ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m"):
+        written = getattr(found, name).base  # what C was given
+        assert len(written) == PRE + N + AFTER
+        assert (written[PRE + N + found.n_post :] == getattr(found, name)[-1]).all(), name
+
+
+def test_a_motion_that_does_not_settle_has_all_samples() -> None:
+    equations = arm("tool")
+    given, library = {**arguments(equations), "n_post": 300}, inversion_library(equations, "lq")
+    whole, found = library.invert(**given), library.invert(**given, settled=ALLOWED)
+    assert found.n_post == 300 and len(found.q_a) == PRE + N + 300
+    assert (found.tau_m == whole.tau_m).all()
+
+
+def test_the_torque_that_is_held_is_that_of_the_equilibrium() -> None:
+    equations = arm("tool")
+    given, library = arguments(equations), inversion_library(equations, "lq")
+    whole = library.invert(**given, hold="zoh", delay=1.5)
+    found = library.invert(**given, hold="zoh", delay=1.5, settled=ALLOWED)
+    kept = PRE + N + found.n_post - 8  # the torque of a held sample depends on later ones
+    assert np.abs(whole.tau_m[:kept] - found.tau_m[:kept]).max() < 1e-8 * np.abs(whole.tau_m).max()
+
+
+def test_limits_that_are_not_active_settle_too() -> None:
+    equations = arm("tool")
+    given, library = {**arguments(equations), "n_post": 4000}, inversion_library(equations, "lq")
+    found = library.invert(**given, settled=ALLOWED)
+    limited = library.invert_limited(**given, torque_max=1e4 * np.ones(2), settled=ALLOWED)
+    assert limited.n_post == found.n_post < 4000 and not limited.limits_active
+    assert (limited.tau_m == found.tau_m).all()
+
+
+@pytest.mark.parametrize("settled", [-1e-9, 1.0, np.nan, np.inf])
+def test_a_size_that_is_none_is_refused(settled: float) -> None:
+    equations = arm("tool")
+    with pytest.raises(ArgumentError, match="settled: given"):
+        inversion_library(equations, "lq").invert(**arguments(equations), settled=settled)
+
+
+def test_bvp_refuses_it() -> None:
+    equations = derive("planar5_nmp")
+    library = inversion_library(equations, "bvp")
+    with pytest.raises(ArgumentError, match="settled: given 1e-07, expected 0: all samples are computed"):
+        library.bvp(**arguments(equations), settled=ALLOWED)
+
+
+def test_solve_computes_only_what_it_keeps() -> None:
+    solution = flexgen.solve(last_joint(read("planar5_mp"), *SLOW["tool"]), "joints", "lq")
+    assert solution.simulation is not None and solution.simulation.tool_error_max_m is not None
+    assert solution.simulation.tool_error_max_m < 1e-6
+    length = solution.trajectory.time[-1] - solution.trajectory.time[0]
+    assert solution.intervals * 10e-3 < 1.3 * length  # most of what is computed is in the solution
