@@ -109,6 +109,34 @@ static int terminal_cost(
     return status == MODEL_OK && end->allowed > 0.0 ? settling_at(target, &w->arm, end, work + l->space) : status;
 }
 
+/* The motion on the mesh; cut: it ends where it has settled after the first step, else after the last one. */
+static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, const model_path *p, const real *q,
+    const model_inversion_options *options, int cut, model_inversion_info *info, real *work)
+{
+    lq_space *w = (lq_space *)(void *)(work + own->lq);
+    settling *end = (settling *)(void *)(work + own->settling);
+    lq_data c;
+    int status = guess_mesh(m, p, q, options->n_pre, options->samples_per_interval, &w->arm, work + l->space);
+    if (status == MODEL_OK) {
+        status = terminal_cost(m, l, own, p->y + (p->n - 1) * (ptrdiff_t)NT, q, work);
+    }
+    if (status != MODEL_OK) {
+        return status;
+    }
+    c.point = work + own->point;
+    c.row = work + own->row;
+    c.linear = work + own->linear;
+    c.steady_point = work + own->steady_point;
+    c.steady_factor = work + own->steady_factor;
+    status = lq_path_solve(m, work + own->point, &c, options, cut, end, info, w, work + l->space);
+    info->residual = m->residual;
+    info->intervals = m->N;
+    if (status == MODEL_OK && !cut && end->allowed > 0.0) {
+        cut_mesh(m, options->samples_per_interval, end);
+    }
+    return status;
+}
+
 #endif
 
 model_status model_invert(const model_path *p, PARAMETERS_ARGUMENT const real q_start[MODEL_NA],
@@ -126,40 +154,27 @@ model_status model_invert(const model_path *p, PARAMETERS_ARGUMENT const real q_
 #if MODEL_NE > 0
     {
         lq_layout own;
-        lq_space *w;
         settling *end;
-        ptrdiff_t samples;
         mesh m;
         l = lay_out(p->n, options, CONTROLS * WIDTH, 1);
         keep_parameters(GIVEN_PARAMETERS, work + l.space);
         own = lay_out_lq(&l);
-        w = (lq_space *)(void *)(work + own.lq);
         end = (settling *)(void *)(work + own.settling);
         end->allowed = options->settled;
         m = mesh_in(&l, p, options, work);
         status = equilibrium_at(p->y, q, m.scale, work + l.space);
         if (status == MODEL_OK) {
-            status = guess_mesh(&m, p, q, options->n_pre, options->samples_per_interval, &w->arm, work + l.space);
+            status = motion_on_mesh(&m, &l, &own, p, q, options, end->allowed > 0.0, info, work);
         }
-        if (status == MODEL_OK) {
-            status = terminal_cost(&m, &l, &own, p->y + (p->n - 1) * (ptrdiff_t)NT, q, work);
-        }
-        if (status == MODEL_OK) {
-            lq_data c;
-            c.point = work + own.point;
-            c.row = work + own.row;
-            c.linear = work + own.linear;
-            c.steady_point = work + own.steady_point;
-            c.steady_factor = work + own.steady_factor;
-            status = lq_path_solve(&m, work + own.point, &c, options, end, info, w, work + l.space);
-            info->residual = m.residual;
-            info->intervals = m.N;
+        if (status == MODEL_OK && is_cut_early(&m, end)) {
+            m = mesh_in(&l, p, options, work);
+            status = motion_on_mesh(&m, &l, &own, p, q, options, 0, info, work);
         }
         if (status != MODEL_OK) {
             return (model_status)status;
         }
-        samples = end->intervals * (ptrdiff_t)options->samples_per_interval + 1;
-        return finish(p, options, &l, q, &m, end->q, samples, &w->arm, motion, info, work);
+        return finish(p, options, &l, q, &m, end->q, end->intervals * (ptrdiff_t)options->samples_per_interval + 1,
+            &((lq_space *)(void *)(work + own.lq))->arm, motion, info, work);
     }
 #else
     l = lay_out(p->n, options, 0, 0);

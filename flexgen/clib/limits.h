@@ -89,7 +89,7 @@ static inline int motors_at_nodes(real *s, const limits_layout *l, ptrdiff_t N, 
 {
     const real equilibrium[NG] = {0.0};
     real stiffness[NG];
-    if (!static_deflections(s + l->tau, N + 1, equilibrium, s + l->deflection, stiffness, 0, space)) {
+    if (!static_deflections(s + l->tau, N + 1, equilibrium, s + l->deflection, stiffness, space)) {
         return 0;
     }
     for (ptrdiff_t k = 0; k <= N; ++k) { /* the first and the last node use the differences of their neighbors */

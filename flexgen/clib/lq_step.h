@@ -350,18 +350,13 @@ static inline int lq_factor_alike(mesh *m, int first, const real *point, lq_spac
 /* One Gauss-Newton step: the factors of all intervals, backwards. */
 static inline int lq_factor(mesh *m, lq_space *w, real *space)
 {
-    const real *end = m->y + (ptrdiff_t)m->N * STATES;
     for (int i = 0; i < STATES; ++i) {
         w->p[i] = 0.0;
         for (int j = 0; j < STATES; ++j) {
-            w->P[i * STATES + j] = m->end != NULL ? m->end[i * STATES + j] : i == j ? regularization : 0.0;
+            w->P[i * STATES + j] = m->end[i * STATES + j];
         }
-        for (int j = 0; j < STATES; ++j) {
-            if (m->target_state != NULL) {
-                w->p[i] += w->P[i * STATES + j] * target_distance(m, m->N, j);
-            } else if (m->equilibrium != NULL) {
-                w->p[i] += w->P[i * STATES + j] * (end[j] - m->equilibrium[j]) / (j < NE ? scale_q : scale_v);
-            }
+        for (int j = 0; j < STATES && m->target_state != NULL; ++j) {
+            w->p[i] += w->P[i * STATES + j] * target_distance(m, m->N, j);
         }
     }
     return lq_factor_before(m, m->N, NULL, w, space);
@@ -409,7 +404,7 @@ static inline int is_stationary(const real *P, const real *before, real change, 
         settled = settled && fabs_1(P[i * (STATES + 1)] - before[i * (STATES + 1)]) <= change * P[i * (STATES + 1)];
         settled = settled && !(added > change * pivots[i] && added > g->added[i]);
         *exact_too = *exact_too && (pivots[i] <= counted_cost ||
-                                       (added <= converged_cost * pivots[i] && added >= -change * pivots[i]));
+                                       (added <= converged_cost * pivots[i] && added >= -fmax_1(change, converged_cost) * pivots[i]));
         g->pivots[i] = pivots[i];
         g->added[i] = added;
     }

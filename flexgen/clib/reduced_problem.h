@@ -365,7 +365,7 @@ static inline int solve_motion(problem_points *p, real most, real *space)
         (void)refine_inverse(p);
     }
     faster = correct_motion(p, p->dy, NULL, p->v);
-    if (faster * largest(&p->v[0][0], NA * POINTS) > exact_acceleration) {
+    if (faster * (faster + largest(&p->v[0][0], NA * POINTS)) > exact_acceleration) {
         evaluate_constraint(p, space); /* the bias */
     }
     (void)correct_motion(p, p->ddy, p->bias, p->a);
@@ -411,8 +411,8 @@ static inline int solve_kinematics(problem_points *p, real *space)
 }
 
 /*
- * The same from a guess of the joints with velocities and accelerations. Where it is so close that the errors which are
- * left are rounding, one evaluation is enough: they are products of the changes with each other or with the error of the
+ * The same from a guess of the joints with velocities and accelerations. Where it is so close that the errors of the
+ * output which are left are rounding, one evaluation is enough: they are products of the changes with each other or with the error of the
  * inverse.
  */
 static inline int improve_kinematics(problem_points *p, real *space)
@@ -438,7 +438,7 @@ static inline int improve_kinematics(problem_points *p, real *space)
     faster = correct_motion(p, p->dy, NULL, p->v);
     harder = correct_motion(p, p->ddy, p->bias, p->a);
     largest_motion(p, &speed, &acceleration);
-    if (most * speed <= exact && miss * faster <= exact && faster * speed <= exact_acceleration &&
+    if (most * speed <= exact && miss * faster <= exact && faster * (faster + speed) <= exact_acceleration &&
         most * acceleration <= exact_acceleration && miss * harder <= exact_acceleration) {
         return MODEL_OK;
     }

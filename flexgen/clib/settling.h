@@ -19,10 +19,10 @@
 static const real held_time = 0.5, shortest_end = 0.05; /* s: HELD; motion after the path, at least */
 
 typedef struct {
-    real allowed;        /* what may be left [m or rad]; 0: the motion is not cut */
-    real q[NA];          /* the equilibrium */
-    real X[2 * NY][NE];  /* W_e and D there */
-    ptrdiff_t intervals; /* out: with motion */
+    real allowed;       /* what may be left [m or rad]; 0: the motion is not cut */
+    real q[NA];         /* the equilibrium */
+    real X[2 * NY][NE]; /* W_e and D there */
+    int intervals;      /* with motion */
 } settling;
 
 /* The matrices at the equilibrium, M by inverse dynamics of unit accelerations. */
@@ -71,8 +71,8 @@ static inline int settling_at(const real *target, problem_points *arm, settling 
     return MODEL_OK;
 }
 
-/* Whether what is left of the motion at node k of the mesh moves the output by more than is allowed. */
-static inline int moves_at(const mesh *m, const settling *s, ptrdiff_t k)
+/* Whether what is left of the motion at node k of the mesh moves the output by more than `allowed`. */
+static inline int moves_at(const mesh *m, const settling *s, ptrdiff_t k, real allowed)
 {
     const real *y = m->y + k * STATES;
     for (int part = 0; part < 2; ++part) {
@@ -86,25 +86,39 @@ static inline int moves_at(const mesh *m, const settling *s, ptrdiff_t k)
             squares[0] += q * q;
             squares[1] += v * v;
         }
-        if (!(fmax_1(squares[0], squares[1]) <= s->allowed * s->allowed)) {
+        if (!(fmax_1(squares[0], squares[1]) <= allowed * allowed)) {
             return 1;
         }
     }
     return 0;
 }
 
-/* Leave out the intervals after the motion, but for those that its last derivatives need. */
+/*
+ * Leave out the intervals after the motion, but for those that its last derivatives need. Half of what is allowed: the
+ * next steps change the motion, and a vibration can be larger between two nodes.
+ */
 static inline void cut_mesh(mesh *m, int samples_per_interval, settling *s)
 {
     const int margin = (BEYOND + samples_per_interval - 1) / samples_per_interval;
-    ptrdiff_t k = m->N;
-    while ((real)(k - m->varying) * m->h > shortest_end && !moves_at(m, s, k)) {
+    int k = m->N;
+    while ((real)(k - m->varying) * m->h > shortest_end && !moves_at(m, s, k, 0.5 * s->allowed)) {
         --k;
     }
     if (k + 1 + margin < m->N) {
-        m->N = (int)(k + 1) + margin;
+        m->N = k + 1 + margin;
         s->intervals = k + 1;
     }
+}
+
+/* Whether the motion that has been found moves after its end, which was chosen before its last steps. */
+static inline int is_cut_early(const mesh *m, const settling *s)
+{
+    for (int k = s->intervals; s->intervals < m->N && k <= m->N; ++k) {
+        if (moves_at(m, s, k, s->allowed)) {
+            return 1;
+        }
+    }
+    return 0;
 }
 
 #endif

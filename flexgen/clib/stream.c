@@ -70,7 +70,7 @@ static int deflection_at_equilibrium(const real *q, real *deflection, real *spac
     if (status != MODEL_OK) {
         return status;
     }
-    return static_deflections(tau, 1, zero, deflection, stiffness, 0, space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
+    return static_deflections(tau, 1, zero, deflection, stiffness, space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
 }
 
 model_status model_stream_start(real *stream, int64_t stream_size, const model_stream_options *options,

@@ -79,7 +79,8 @@ STRUCTS: tuple[Struct, ...] = (
                 (),
                 "1",
                 "0: the motion after the path is computed at all n_post samples. invert, invert_limited: where what is "
-                "left of it moves the output by less than this [m or rad], the samples from there on are the equilibrium",
+                "left of it moves the output by less than this [m or rad], at least 0.05 s after the path, the samples "
+                "from there on are the equilibrium. bvp: 0",
             ),
         ),
     ),

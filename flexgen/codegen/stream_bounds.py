@@ -17,7 +17,7 @@ BLOCKS, CHAIN, QP_STEPS = 8, 5, 80
 HEAD = 21  # numbers before the arrays
 AHEAD, BEFORE, TAPS = 4 + 4, 4, 10  # of a hold: samples ahead at most, samples before, weights
 CALL = 60  # operations of one call of sine and cosine, exp or tanh, at most
-KINEMATIC_PASSES = 27  # evaluations of the output constraint while the kinematics are solved, at most
+KINEMATIC_PASSES = 28  # evaluations of the output constraint while the kinematics are solved, at most
 INVERSE_STEPS = 3  # refinements of an inverse before it is computed again
 SPRING_PASSES, RADAU_PASSES = 8 + 1 + 200 + 60 + 1, 61  # evaluations of the gear law for one sample, at most
 
@@ -126,7 +126,7 @@ def _kinematics(sizes: Mapping[str, int], constraint: int, block: int) -> int:
     inverse = n_y * (n_y * (4 + 12 * n_y) + 2 * n_y + 4 * n_y * n_y + 8)
     step = n_g * (2 * n_y + 6) + 4 * (n_y + n_t)
     refined = INVERSE_STEPS * (4 * n_y**3 + 6 * n_y * n_y + 8 * n_y + 4)
-    rates = 2 * (n_y * (2 * n_a + 2) + 2 * n_g * n_y)
+    rates = 3 * (n_y * (2 * n_a + 2) + 2 * n_g * n_y + 4 * n_g) + 2 * n_a
     return block * (KINEMATIC_PASSES * (constraint + refined + inverse + step) + constraint + rates)
 
 

@@ -222,7 +222,7 @@ class Inverter:
         tolerance = tolerance_of(self._real) if tolerance is None else tolerance
         tolerance = number_of(self._function, "tolerance", tolerance)
         settled = number_of(self._function, "settled", settled)
-        if not 0.0 <= settled < (1.0 if self._can_settle else np.finfo(float).tiny):
+        if not (0.0 <= settled < 1.0 if self._can_settle else settled == 0.0):
             wanted = "a number from 0 to 1 [m or rad]" if self._can_settle else "0: all samples are computed"
             raise ArgumentError(f"{self._function}, settled: given {settled:g}, expected {wanted}")
         return {**counts, **hold_of(self._function, hold, delay), "tolerance": tolerance, "settled": settled}

@@ -36,7 +36,7 @@ typedef enum { ELBOW_HOLD_SPLINE = 0, ELBOW_HOLD_LINEAR = 1, ELBOW_HOLD_ZOH = 2 
  * iteration at its limit. A usual update needs a small part of them.
  */
 #define ELBOW_STREAM_OPERATIONS(intervals, samples_per_interval) \
-    (INT64_C(3089059) + INT64_C(87774) * (intervals) + INT64_C(73242) * (samples_per_interval))
+    (INT64_C(3171128) + INT64_C(88541) * (intervals) + INT64_C(74776) * (samples_per_interval))
 
 /*
  * Recommended options of a stream. The look-ahead is ln(1 / 1e-06) time constants of the slowest unstable zero at the
@@ -72,7 +72,8 @@ typedef struct {
     int hold;
     elbow_real delay; /* from a sample until the motor has its torque, in samples, 0 to 4 */
     /* 0: the motion after the path is computed at all n_post samples. invert, invert_limited: where what is left of it
-     * moves the output by less than this [m or rad], the samples from there on are the equilibrium */
+     * moves the output by less than this [m or rad], at least 0.05 s after the path, the samples from there on are the
+     * equilibrium. bvp: 0 */
     elbow_real settled;
 } elbow_inversion_options;
 

@@ -1,4 +1,4 @@
-"""A motion that ends where it has settled: the motion until then is the same, what is left out moves the output no more.
+"""A motion that ends where it has settled: until then it is the same, what is left out moves the output no more.
 
 How much a motion that is left out moves the output is computed here with the mass matrix and the constraint of the
 definition, at every sample; the C does it with inverse dynamics, at the nodes of its mesh.
@@ -7,6 +7,7 @@ definition, at every sample; the C does it with inverse dynamics, at the nodes o
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from inversion_cases import last_joint
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.codegen import clib_files
 from flexgen.errors import ArgumentError
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import HELD
@@ -26,6 +28,7 @@ from flexgen.model.elements import Output
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
+from flexgen.runtime.library import Library, load
 from flexgen.runtime.path_inversion import Inversion
 
 pytestmark = needs_compiler
@@ -67,9 +70,9 @@ def left_over(equations: Equations, found: Inversion) -> np.ndarray:
 
 
 def check_end(size: np.ndarray, n_post: int) -> None:
-    """The motion ends with the interval in which it has settled; the phase of a vibration hides its size at a node."""
-    assert size[n_post:].max() < 1.05 * ALLOWED, "it ends too early"
-    assert size[n_post - 3 * EACH : n_post].max() > 0.8 * ALLOWED, "it ends too late"
+    """The motion ends with the interval in which half of what is allowed is left, the phase of a vibration aside."""
+    assert size[n_post:].max() < ALLOWED, "it ends too early"
+    assert size[n_post - 3 * EACH : n_post].max() > 0.4 * ALLOWED, "it ends too late"
 
 
 @pytest.mark.parametrize("output", ["tool", "joints"])
@@ -79,7 +82,7 @@ def test_the_motion_ends_where_it_has_settled(output: str) -> None:
     whole, found = library.invert(**given), library.invert(**given, settled=ALLOWED)
     rows = PRE + N + found.n_post
     assert whole.n_post == AFTER and found.n_post < AFTER / 2 and found.q_a.shape == (rows, 3)
-    assert found.converged and found.intervals < whole.intervals / 2
+    assert found.converged and found.intervals < 0.6 * whole.intervals
     for name in ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m", "tau_m"):
         one, other = getattr(whole, name)[: rows - 1], getattr(found, name)[:-1]
         assert np.abs(one - other).max() < 1e-8 * np.abs(one).max(), name
@@ -129,6 +132,40 @@ def test_limits_that_are_not_active_settle_too() -> None:
     limited = library.invert_limited(**given, torque_max=1e4 * np.ones(2), settled=ALLOWED)
     assert limited.n_post == found.n_post < 4000 and not limited.limits_active
     assert (limited.tau_m == found.tau_m).all()
+
+
+def planted(
+    output: str, file: str, right: str, wrong: str, folder: FilePath, monkeypatch: pytest.MonkeyPatch
+) -> Library:
+    """The library with an error in one of its files."""
+    texts = dict(clib_files.fixed_files())
+    assert texts[file].count(right) == 1
+    monkeypatch.setattr(clib_files, "fixed_files", lambda: texts | {file: texts[file].replace(right, wrong)})
+    return load(flexgen.generate(arm(output).model, folder / "wrong").directory)
+
+
+@pytest.mark.slow
+def test_an_end_that_later_steps_show_to_be_early_is_corrected(tmp_path, monkeypatch) -> None:
+    """The first step is made to end the motion where fifty times too much is left."""
+    cut = "cut_mesh(m, o->samples_per_interval, end);"
+    early = f"end->allowed *= 50.0;\n            {cut}\n            end->allowed /= 50.0;"
+    wrong = planted("tool", "lq_path.h", cut, early, tmp_path, monkeypatch)
+    equations = arm("tool")
+    given, right = arguments(equations), inversion_library(equations, "lq")
+    found, expected = wrong.invert(**given, settled=ALLOWED), right.invert(**given, settled=ALLOWED)
+    assert found.n_post == expected.n_post and found.intervals > expected.intervals
+    assert np.abs(found.tau_m - expected.tau_m).max() < 1e-8 * np.abs(expected.tau_m).max()
+
+
+@pytest.mark.slow
+def test_the_momentum_of_joints_whose_torque_is_held_counts(tmp_path, monkeypatch) -> None:
+    """A planted error: where the joints are the output, only their momentum after the motion moves it."""
+    wrong = planted("joints", "settling.h", "s->X[NY + i][j] += ", "s->X[NY + i][j] += 0.0 * ", tmp_path, monkeypatch)
+    equations = arm("joints")
+    given = arguments(equations)
+    size = left_over(equations, wrong.invert(**given))
+    with pytest.raises(AssertionError, match="too early"):
+        check_end(size, wrong.invert(**given, settled=ALLOWED).n_post)
 
 
 @pytest.mark.parametrize("settled", [-1e-9, 1.0, np.nan, np.inf])

@@ -117,7 +117,7 @@ static int begin(void)
     const double period = next(), tolerance = next();
     const int hold = (int)next();
     const double delay = next();
-    const @_stream_options options = {intervals, samples_per_interval, period, tolerance, hold, delay, 0.0};
+    const @_stream_options options = {intervals, samples_per_interval, period, tolerance, hold, delay};
     const int64_t most = @_stream_work(&options);
     const long long size = most > lacking ? most - lacking : 8;
     const int widths[6] = {NA, NA, NG, NM, NM, NM};

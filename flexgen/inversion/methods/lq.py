@@ -46,7 +46,7 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         n_post=n_post,
         samples_per_interval=samples_per_interval,
         tolerance=TOLERANCE,
-        settled=SETTLED / 2 * problem.accuracy,
+        settled=SETTLED * problem.accuracy,
     )
     found, warnings = settled(problem, found)
     if problem.limits is not None:

@@ -117,16 +117,15 @@ static inline int static_deflection(const real *torque, real *deflection, real *
 }
 
 /*
- * Static deflections at n samples, each from the sample before, the first from a guess; the stiffnesses are `next`
- * numbers apart, 0: only the last is kept.
+ * Static deflections at n samples, each from the sample before, the first from a guess; the stiffness at the last one.
  */
 static inline int static_deflections(
-    const real *tau, ptrdiff_t n, const real *guess, real *deflection, real *stiffness, ptrdiff_t next, real *space)
+    const real *tau, ptrdiff_t n, const real *guess, real *deflection, real *stiffness, real *space)
 {
     real last[NG];
     copy(guess, NG, last);
     for (ptrdiff_t k = 0; k < n; ++k) {
-        if (!static_deflection(tau + k * NG, last, stiffness + k * next, space)) {
+        if (!static_deflection(tau + k * NG, last, stiffness, space)) {
             return 0;
         }
         copy(last, NG, deflection + k * NG);

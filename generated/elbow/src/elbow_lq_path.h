@@ -60,11 +60,11 @@ static inline int lq_path_first_rows(mesh *m, const lq_data *c, lq_space *w, rea
  * The motion on the mesh by Gauss-Newton steps. The factors are computed again where a step with those of an earlier
  * motion gains less than a factor of ten. Where the residual is small enough, up to MORE_STEPS follow until the next
  * one would change the motion by less than the share `unchanged` of the first: factors of another motion leave an error
- * of the motion that the residual hardly shows. The first step, which is nearly the last one, shows where the motion
- * after the path has settled.
+ * of the motion that the residual hardly shows. cut: the motion ends where it has settled after the first step, which is
+ * nearly the last one.
  */
-static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const elbow_inversion_options *o, settling *end,
-    elbow_inversion_info *info, lq_space *w, real *space)
+static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const elbow_inversion_options *o, int cut,
+    settling *end, elbow_inversion_info *info, lq_space *w, real *space)
 {
     const real tolerance = o->tolerance;
     newton progress = {-1.0, 0, 0};
@@ -91,7 +91,7 @@ static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const elbow_in
             real d[STATES] = {0.0};
             size = lq_data_step(m, c, d);
         }
-        if (progress.steps == 0 && end->allowed > 0.0) {
+        if (progress.steps == 0 && cut) {
             cut_mesh(m, o->samples_per_interval, end);
         }
         status = evaluate_residual(m, c->row, w, space);
@@ -101,7 +101,8 @@ static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const elbow_in
         state = newton_state(&progress, m->residual, tolerance, 1e-2);
         first = fmax_1(first, size);
         next = last > 0.0 ? (must_factor ? 0.0 : size * (size / last)) : m->varying < m->N ? size : 0.0;
-        if (state == NEWTON_CONTINUES && last > 0.0 && m->residual <= tolerance && next <= unchanged * first) {
+        if (state == NEWTON_CONTINUES && last > 0.0 && !must_factor && m->residual <= tolerance &&
+            next <= unchanged * first) {
             state = NEWTON_CONVERGED; /* what is left is the regularization, which no step changes */
         }
         if (state == NEWTON_FAILED ||

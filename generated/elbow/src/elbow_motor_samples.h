@@ -28,8 +28,7 @@ static inline int64_t row_length(int64_t samples)
     return BEFORE + padded(samples + BEYOND + POINTS);
 }
 
-/* Repeat the first of `count` entries before it, and the last to the end of the row; the motion begins at equilibrium.
- */
+/* Repeat the first of `count` entries before it, and the last as far as is read; the motion begins at equilibrium. */
 static inline void hold_ends(const gear_rows *g, real *x, ptrdiff_t count)
 {
     for (int i = 0; i < NG; ++i) {
@@ -37,7 +36,7 @@ static inline void hold_ends(const gear_rows *g, real *x, ptrdiff_t count)
         for (ptrdiff_t k = 1; k <= MARGIN; ++k) {
             row[-k] = row[0];
         }
-        for (ptrdiff_t k = count; k < g->apart - BEFORE; ++k) {
+        for (ptrdiff_t k = count; k < count + BEYOND + POINTS; ++k) {
             row[k] = row[count - 1];
         }
     }
@@ -72,8 +71,10 @@ static inline int static_deflections_at(const gear_rows *g, ptrdiff_t at, real *
                     const lanes change = (load_v(&value[i][l]) - load_v(&torque[i][l])) / load_v(&stiffness[i][l]);
                     const lanes next = load_v(&x[i][l]) - change;
                     store_v(&x[i][l], next);
-                    missed += not_v(gear_is_linear[i] ? eq_v(next, next) :
-                                                        le_v(fabs_v(change), PRECISE(1e-15, 3e-7) * fabs_v(next)));
+                    missed += 0.0 * next; /* NaN where it is not finite */
+                    if (!gear_is_linear[i]) {
+                        missed += not_v(le_v(fabs_v(change), PRECISE(1e-15, 3e-7) * fabs_v(next)));
+                    }
                 }
             }
         }

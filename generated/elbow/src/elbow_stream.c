@@ -70,7 +70,7 @@ static int deflection_at_equilibrium(const real *q, real *deflection, real *spac
     if (status != ELBOW_OK) {
         return status;
     }
-    return static_deflections(tau, 1, zero, deflection, stiffness, 0, space) ? ELBOW_OK : ELBOW_RESULT_NOT_FINITE;
+    return static_deflections(tau, 1, zero, deflection, stiffness, space) ? ELBOW_OK : ELBOW_RESULT_NOT_FINITE;
 }
 
 elbow_status elbow_stream_start(real *stream, int64_t stream_size, const elbow_stream_options *options,

@@ -173,7 +173,7 @@ static inline int motors_in_interval(real *s, const layout *l, const interval *o
     real *space = s + l->space, *torque = s + l->torque, last_stiffness[NG];
     gears g;
     if (!begin_gears(&g, s[PERIOD] / (real)samples_per_interval, s + l->now, space) ||
-        !static_deflections(s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, 0, space)) {
+        !static_deflections(s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
         return ELBOW_RESULT_NOT_FINITE;
     }
     for (ptrdiff_t k = MARGIN; k + MARGIN < l->window; ++k) {

@@ -171,7 +171,7 @@ static inline whole_layout lay_out(int n, const elbow_inversion_options *o, int6
     TAKE(at, l.factor, l.intervals * interval_factor);
     TAKE(at, l.scale, NE);
     TAKE(at, l.weights, ((int64_t)o->samples_per_interval + 1) * 3 * TERMS);
-    TAKE(at, l.joint_weights, (2 * (int64_t)o->samples_per_interval + 1) * 3 * JOINTS);
+    TAKE(at, l.joint_weights, l.intervals > 1 ? (2 * (int64_t)o->samples_per_interval + 1) * 3 * JOINTS : 0);
 #else
     (void)interval_factor;
     l.y = l.a = l.a_node = l.q_g = l.reference = l.factor = l.scale = l.weights = l.joint_weights = 0;
@@ -262,7 +262,7 @@ static inline int newton_state(newton *s, real residual, real tolerance, real ta
 typedef struct {
     const elbow_path *p;
     const elbow_inversion_options *o;
-    ptrdiff_t samples; /* n_pre + n + n_post */
+    ptrdiff_t samples; /* of the motion: n_pre + n + n_post, or fewer where it has settled */
     real *q_a, *v_a, *a_a, *tau_g, *q_m, *v_m, *tau_m;
     gear_rows gear;
     real *a_m; /* samples x NM: accelerations of the motors; where the deflections have been */
@@ -284,7 +284,7 @@ static inline void tabulate_weights(const results *r)
     for (ptrdiff_t k = 0; k <= each; ++k) {
         weights_at(&f, r->m->h, (real)k / (real)each, r->weights + k * 3 * TERMS);
     }
-    for (ptrdiff_t k = -each; k <= each; ++k) {
+    for (ptrdiff_t k = -each; k <= each && r->m->N > 1; ++k) {
         joint_weights_at(r->m->h, (real)k / (real)each, r->joint_weights + (k + each) * 3 * JOINTS);
     }
 }
@@ -366,7 +366,10 @@ static inline int arm_at_samples(
             side = arm->side[k];
         }
         {
-            const ptrdiff_t inside = r->samples - at < used ? r->samples - at : used;
+            const ptrdiff_t left = r->samples > at ? r->samples - at : 0, inside = left < used ? left : used;
+            if (inside == 0) {
+                continue;
+            }
             store_samples(arm->q, NA, inside, r->q_a + at * NA);
             store_samples(arm->v, NA, inside, r->v_a + at * NA);
             store_samples(arm->a, NA, inside, r->a_a + at * NA);
@@ -378,6 +381,9 @@ static inline int arm_at_samples(
         {
             lanes most = splat_v(*worst);
             for (int i = 0; i < NE; ++i) {
+                for (ptrdiff_t l = r->samples - at; l < POINTS; ++l) { /* beyond the last sample */
+                    arm->row[i][l] = 0.0;
+                }
                 EACH (l) {
                     most = fmax_v(most, fabs_v(load_v(&arm->row[i][l])) / scale[i]);
                 }
@@ -488,12 +494,13 @@ static inline int motors_at_samples(const results *r, real *space)
     gears state;
     motor_points p;
     hold_ends(g, g->tau, known);
-    for (ptrdiff_t at = 0; at < g->apart - BEFORE; at += POINTS) {
+    for (ptrdiff_t at = 0; at < known; at += POINTS) {
         if (!static_deflections_at(g, at, space)) {
             return ELBOW_RESULT_NOT_FINITE;
         }
     }
     hold_ends(g, g->deflection, known);
+    hold_ends(g, g->stiffness, known);
     for (int i = 0; i < NG; ++i) {
         first[i] = g->deflection[i * g->apart];
     }
