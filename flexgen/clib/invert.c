@@ -55,8 +55,8 @@ int64_t model_invert_work(int n, const model_inversion_options *options)
 
 #if MODEL_NE > 0
 /*
- * Equilibrium at the end of the path, to which the first guess of the motion leads; the cost of a state that differs from
- * it, for the end of the mesh; and when the motion has settled there.
+ * Equilibrium at the end of the path, to which the first guess of the motion leads; the cost of a state that differs
+ * from it, for the end of the mesh; and when the motion has settled there.
  */
 static int terminal_cost(
     mesh *m, const whole_layout *l, const lq_layout *own, const real *target, const real *q_start, real *work)

@@ -3,8 +3,8 @@
  *
  * A step is the solution of a linear-quadratic problem (see lq_step.h). Its factors hold for later steps too where the
  * motion has changed little: then only the linear terms are computed again. The intervals after the path are all close
- * to the same equilibrium: they share its Jacobians, and the factor of an endless one. Where the cost of that one is not
- * exact, as unstable zeros of very different size hide each other, each has a factor of its own.
+ * to the same equilibrium: they share its Jacobians, and the factor of an endless one. Where the cost of that one is
+ * not exact, as unstable zeros of very different size hide each other, each has a factor of its own.
  */
 #ifndef MODEL_LQ_PATH_H
 #define MODEL_LQ_PATH_H
@@ -60,8 +60,8 @@ static inline int lq_path_first_rows(mesh *m, const lq_data *c, lq_space *w, rea
  * The motion on the mesh by Gauss-Newton steps. The factors are computed again where a step with those of an earlier
  * motion gains less than a factor of ten. Where the residual is small enough, up to MORE_STEPS follow until the next
  * one would change the motion by less than the share `unchanged` of the first: factors of another motion leave an error
- * of the motion that the residual hardly shows. cut: the motion ends where it has settled after the first step, which is
- * nearly the last one.
+ * of the motion that the residual hardly shows. cut: the motion ends where it has settled after the first step, which
+ * is nearly the last one.
  */
 static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const model_inversion_options *o, int cut,
     settling *end, model_inversion_info *info, lq_space *w, real *space)

@@ -390,8 +390,8 @@ typedef struct {
  * Whether the cost has converged: no diagonal entry of P changes by more than the share `change`, and no pivot by more
  * than that and by more than in the sweep before. The cost of a stable motion grows less and less; that of an unstable
  * one grows exponentially until it is large, for long where the intervals are short. exact_too: whether no pivot that
- * counts changes by more than `converged_cost`, or by more than rounding: a cost that much larger ones hide is known less
- * exactly. More intervals cannot cost less, so that a pivot which shrinks does so by rounding.
+ * counts changes by more than `converged_cost`, or by more than rounding: a cost that much larger ones hide is known
+ * less exactly. More intervals cannot cost less, so that a pivot which shrinks does so by rounding.
  */
 static inline int is_stationary(const real *P, const real *before, real change, cost_growth *g, int *exact_too)
 {
@@ -403,8 +403,9 @@ static inline int is_stationary(const real *P, const real *before, real change, 
         const real added = pivots[i] - g->pivots[i];
         settled = settled && fabs_1(P[i * (STATES + 1)] - before[i * (STATES + 1)]) <= change * P[i * (STATES + 1)];
         settled = settled && !(added > change * pivots[i] && added > g->added[i]);
-        *exact_too = *exact_too && (pivots[i] <= counted_cost ||
-                                       (added <= converged_cost * pivots[i] && added >= -fmax_1(change, converged_cost) * pivots[i]));
+        *exact_too = *exact_too &&
+                     (pivots[i] <= counted_cost ||
+                         (added <= converged_cost * pivots[i] && added >= -fmax_1(change, converged_cost) * pivots[i]));
         g->pivots[i] = pivots[i];
         g->added[i] = added;
     }

@@ -289,8 +289,8 @@ static inline int update_inverse(problem_points *p)
 }
 
 /*
- * Add what velocities (or, with the bias, accelerations) of all coordinates lack to those of the path, times the inverse;
- * the largest change.
+ * Add what velocities (or, with the bias, accelerations) of all coordinates lack to those of the path, times the
+ * inverse; the largest change.
  */
 static inline real correct_motion(problem_points *p, points *wanted, points *bias, points *motion)
 {
@@ -412,8 +412,8 @@ static inline int solve_kinematics(problem_points *p, real *space)
 
 /*
  * The same from a guess of the joints with velocities and accelerations. Where it is so close that the errors of the
- * output which are left are rounding, one evaluation is enough: they are products of the changes with each other or with the error of the
- * inverse.
+ * output which are left are rounding, one evaluation is enough: they are products of the changes with each other or
+ * with the error of the inverse.
  */
 static inline int improve_kinematics(problem_points *p, real *space)
 {

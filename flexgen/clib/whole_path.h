@@ -298,8 +298,8 @@ static inline void load_sample(const results *r, ptrdiff_t k, problem_points *ar
     if (r->m->N > 1) { /* the neighbor that is nearer */
         ptrdiff_t first = 2 * inside < each ? interval - 1 : interval;
         first = first < 0 ? 0 : first < last ? first : last - 1;
-        load_joints_between(r->m->q_g + first * STAGES * NG,
-            r->joint_weights + (k - first * each) * 3 * JOINTS, arm, l);
+        load_joints_between(
+            r->m->q_g + first * STAGES * NG, r->joint_weights + (k - first * each) * 3 * JOINTS, arm, l);
     }
 }
 #endif

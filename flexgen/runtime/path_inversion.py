@@ -134,7 +134,8 @@ class Inverter:
         return self._again
 
     def __repr__(self) -> str:
-        options = f"n_pre=0, n_post=0, samples_per_interval=1, tolerance={tolerance_of(self._real):g}, hold='spline', delay=0, settled=0"
+        options = f"n_pre=0, n_post=0, samples_per_interval=1, tolerance={tolerance_of(self._real):g}, "
+        options += "hold='spline', delay=0, settled=0"
         options += ", parameters=None" if self._parameters.size else ""
         return f"{self._function}(y, dy, ddy, *, period, q_start, {options})"
 

@@ -289,11 +289,10 @@ static inline int begin_gears(gears *g, real period, const real *deflection, rea
 }
 
 /*
- * Advance to the next sample, or to the first one. tau: its torque; those of the gears are `across` numbers apart, those
- * of the samples before and after it `along`.
+ * Advance to the next sample, or to the first one. tau: its torque; those of the gears are `across` numbers apart,
+ * those of the samples before and after it `along`.
  */
-static inline int advance_gears(
-    gears *g, int first, const real *tau, ptrdiff_t across, ptrdiff_t along, real *space)
+static inline int advance_gears(gears *g, int first, const real *tau, ptrdiff_t across, ptrdiff_t along, real *space)
 {
     const real period = g->period;
     for (int i = 0; i < NG && g->slow; ++i) {

@@ -72,8 +72,8 @@ static inline void next_node(const real *y, const real *a, real h, real *next)
 }
 
 /*
- * The motion from rest at the first node to rest at q_end (NE) at the last varying one, by a polynomial of degree five of
- * the time; at rest from there on.
+ * The motion from rest at the first node to rest at q_end (NE) at the last varying one, by a polynomial of degree five
+ * of the time; at rest from there on.
  */
 static inline void move_smoothly(mesh *m, const real *q_end)
 {

@@ -192,8 +192,7 @@ static inline int add_deflections(const gear_rows *g, const gears *state, ptrdif
     for (int i = 0; i < NG && state->slow; ++i) {
         copy(g->lagged + i * g->apart + at, POINTS, x[i]);
     }
-    if (state->slow &&
-        evaluate_gear_law_batch(POINTS, &x[0][0], &value[0][0], &stiffness[0][0], space) != ELBOW_OK) {
+    if (state->slow && evaluate_gear_law_batch(POINTS, &x[0][0], &value[0][0], &stiffness[0][0], space) != ELBOW_OK) {
         return 0;
     }
     for (int i = 0; i < NG; ++i) {

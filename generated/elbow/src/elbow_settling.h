@@ -1,8 +1,8 @@
 /*
  * elbow: the end of a motion along a path, where what is left of it moves the output no more; private.
  *
- * After the path the motion of the unactuated coordinates decays to the equilibrium. What is left of it moves the output
- * by about
+ * After the path the motion of the unactuated coordinates decays to the equilibrium. What is left of it moves the
+ * output by about
  *
  *     max over X in {W_e, D} of max(|X (q_e - q_e,end)|, HELD |X v_e|),    dy/dt = W v_a,
  *
