@@ -17,6 +17,7 @@ from flexgen.inversion.methods import lq
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.settling import SETTLED
 from flexgen.inversion.solution import Solution
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.paths.path import Path
@@ -54,7 +55,7 @@ class PathRow:
     wanted_ms: float
     dof: int = 0
     duration: float = 0.0
-    motion_s: float = 0.0  # with what is before the path and after it, until the robot is at rest
+    motion_s: float = 0.0  # with what is before the path and after it, until the motion has settled
     mesh_ms: float = 0.0
     intervals: int = 0
     iterations: int = 0
@@ -127,8 +128,10 @@ def inverted(robot: str, method: str, given: dict, native: bool) -> tuple[Invers
     """The result of the library of one build, and the call that computes it."""
     library = inversion_library(derive(robot), method, native=native)
     invert: Inverter = getattr(library, "invert" if method == "lq" else method)
-    tolerance = tolerance_of(method)
-    return invert(**given, tolerance=tolerance), lambda: invert(**given, tolerance=tolerance)
+    options = {"tolerance": tolerance_of(method)}
+    if method == "lq":  # as `solve` calls it; bvp computes all samples
+        options["settled"] = SETTLED * InversionProblem.accuracy
+    return invert(**given, **options), lambda: invert(**given, **options)
 
 
 def path_row(robot: str, move: str, method: str, wanted: float) -> PathRow:
