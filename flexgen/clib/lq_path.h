@@ -30,30 +30,16 @@ static inline int lq_path_factor(mesh *m, real *point, const lq_data *c, lq_spac
     return status == MODEL_OK ? lq_factor_before(m, m->varying, point, w, space) : status;
 }
 
-/* The residuals before the first step: those of the factors, and one for all intervals after the path. */
-static inline int lq_path_first_rows(mesh *m, const lq_data *c, lq_space *w, real *space)
+/* The residuals before the first step: those of the factors; the intervals after the path are at equilibrium. */
+static inline void lq_path_first_rows(mesh *m, const lq_data *c)
 {
     const ptrdiff_t at = (ptrdiff_t)m->varying * STAGES, all = (ptrdiff_t)m->N * STAGES;
     for (ptrdiff_t k = 0; k < at; ++k) {
         copy(c->point + k * POINT + NE * TRIPLE, NE, c->row + k * NE);
     }
-    if (at < all) {
-        int status;
-        begin_points(&w->arm);
-        for (int l = 0; l < POINTS; ++l) {
-            load_point(m, (int)at, &w->arm, l);
-        }
-        status = evaluate_torques(&w->arm, space);
-        if (status != MODEL_OK) {
-            return status;
-        }
-        for (ptrdiff_t k = at; k < all; ++k) {
-            for (int i = 0; i < NE; ++i) {
-                c->row[k * NE + i] = w->arm.row[i][0] / m->scale[i];
-            }
-        }
+    for (ptrdiff_t i = at * NE; i < all * NE; ++i) {
+        c->row[i] = 0.0;
     }
-    return MODEL_OK;
 }
 
 /*
@@ -79,7 +65,7 @@ static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const model_in
             status = lq_path_factor(m, point, c, w, space);
         }
         if (status == MODEL_OK && progress.steps == 0) {
-            status = lq_path_first_rows(m, c, w, space);
+            lq_path_first_rows(m, c);
         }
         if (status == MODEL_OK && !lq_linear(m, c)) {
             status = MODEL_NOT_CONVERGED;

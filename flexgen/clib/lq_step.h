@@ -585,6 +585,7 @@ static inline int lq_linear(const mesh *m, const lq_data *c)
     const real h = m->h, drift = h * scale_v / scale_q, *end = m->y + (ptrdiff_t)m->N * STATES;
     real p[STATES], to_q[STAGES], to_v[STAGES];
     pair_weights weights;
+    int still;
     for (int j = 0; j < STAGES; ++j) {
         to_q[j] = h * h * gauss_b[j] * (1.0 - gauss_c[j]) * scale_a / scale_q;
         to_v[j] = h * gauss_b[j] * scale_a / scale_v;
@@ -600,9 +601,17 @@ static inline int lq_linear(const mesh *m, const lq_data *c)
             p[i] += m->end[i * STATES + j] * off;
         }
     }
+    still = m->target_state == NULL && largest(p, STATES) == 0.0; /* there is nothing to correct so far */
     for (ptrdiff_t k = m->N - 1; k >= 0; --k) {
         const real *factor = factor_of(m, c, k);
         real g[WIDTH];
+        still = still && largest(c->row + k * RESIDUALS, RESIDUALS) == 0.0;
+        if (still) {
+            for (int i = 0; i < CONTROLS; ++i) {
+                c->linear[k * CONTROLS + i] = 0.0;
+            }
+            continue;
+        }
         lq_gradient(&weights, k < m->varying ? c->point + slot_of(m, k) * STAGES * POINT : c->steady_point,
             c->row + k * STAGES * NE, h, g);
         for (int i = 0; i < NE; ++i) {
