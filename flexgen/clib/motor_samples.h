@@ -31,12 +31,13 @@ static inline int64_t row_length(int64_t samples)
 /* Repeat the first of `count` entries before it, and the last as far as is read; the motion begins at equilibrium. */
 static inline void hold_ends(const gear_rows *g, real *x, ptrdiff_t count)
 {
+    const ptrdiff_t row_end = g->apart - BEFORE, read = count + BEYOND + POINTS;
     for (int i = 0; i < NG; ++i) {
         real *row = x + i * g->apart;
         for (ptrdiff_t k = 1; k <= MARGIN; ++k) {
             row[-k] = row[0];
         }
-        for (ptrdiff_t k = count; k < count + BEYOND + POINTS; ++k) {
+        for (ptrdiff_t k = count; k < read && k < row_end; ++k) {
             row[k] = row[count - 1];
         }
     }

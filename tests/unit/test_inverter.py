@@ -134,6 +134,12 @@ def test_c_refuses_null_and_too_little_memory(library):
     assert wanted(1, ctypes.byref(options)) == -1 and wanted(n, ctypes.byref(options)) > 10
     work = np.zeros(wanted(n, ctypes.byref(options)))
     assert status() == 0  # members of the motion may be null
+    for n_post in range(100, 108):  # whatever is in the workspace, and wherever its arrays end
+        options.n_post, tau_m = n_post, np.empty((100 + n + n_post, 2))
+        work, motion = np.full(wanted(n, ctypes.byref(options)), 1e300), filled(structs["motion"], tau_m=tau_m)
+        assert status() == 0
+        expected = library.invert(**given(n_pre=100, n_post=n_post, tolerance=1e-9))
+        assert (tau_m == expected.tau_m).all() and info.kinematic_mismatch == expected.kinematic_mismatch
 
 
 def test_a_library_without_it_says_so(tmp_path):
