@@ -316,7 +316,7 @@ MODEL_INLINE void store_samples(points *x, const int n, ptrdiff_t count, real *t
 
 /*
  * Motion and gear torques of the arm, from the equilibrium q, the torques also beyond the last sample; worst: the
- * largest residual there, relative to `scale`.
+ * largest residual at the samples, relative to `scale`.
  */
 static inline int arm_at_samples(
     const results *r, const real *q, const real *scale, problem_points *arm, real *space, real *worst)
