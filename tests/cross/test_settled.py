@@ -75,7 +75,7 @@ def check_end(size: np.ndarray, n_post: int) -> None:
     assert size[n_post - 3 * EACH : n_post].max() > 0.4 * ALLOWED, "it ends too late"
 
 
-@pytest.mark.parametrize("output", ["tool", "joints"])
+@pytest.mark.parametrize("output", ["tool", pytest.param("joints", marks=pytest.mark.slow)])
 def test_the_motion_ends_where_it_has_settled(output: str) -> None:
     equations = arm(output)
     given, library = arguments(equations), inversion_library(equations, "lq")
@@ -182,6 +182,7 @@ def test_bvp_refuses_it() -> None:
         library.bvp(**arguments(equations), settled=ALLOWED)
 
 
+@pytest.mark.slow
 def test_solve_computes_only_what_it_keeps() -> None:
     solution = flexgen.solve(last_joint(read("planar5_mp"), *SLOW["tool"]), "joints", "lq")
     assert solution.simulation is not None and solution.simulation.tool_error_max_m is not None
