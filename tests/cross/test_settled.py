@@ -22,6 +22,7 @@ from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import HELD
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import samples
+from flexgen.inversion.settling import SHORTEST
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.statics import equilibrium_at
 from flexgen.model.elements import Output
@@ -36,6 +37,11 @@ pytestmark = needs_compiler
 PERIOD, N, PRE, AFTER, EACH = 1e-3, 401, 20, 6000, 5  # s, samples; samples of an interval
 SLOW = {"tool": (0.1, 0.02), "joints": (0.1, 0.3)}  # of stiffness and damping of a joint: zeros that decay in 0.35 s
 ALLOWED = 1e-7  # m or rad
+
+
+def test_the_c_has_the_times_of_solve() -> None:
+    """How long the last torque is held, and the shortest motion after the path [s]."""
+    assert f"held_time = {HELD:g}, shortest_end = {SHORTEST:g};" in clib_files.fixed_files()["settling.h"]
 
 
 def arm(output: str) -> Equations:

@@ -157,6 +157,7 @@ def test_linear_controllers_ignore_the_exact_state(controller):
     assert sizes[0] and np.allclose(*sizes, rtol=1e-12, atol=0)
 
 
+@pytest.mark.slow
 def test_sensors_of_the_model_are_not_fed_back():
     """The same torques with and without an accelerometer."""
     sensor = {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2", "noise": 0.05}

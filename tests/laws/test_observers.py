@@ -330,6 +330,7 @@ def test_torques_between_samples():
     assert acting(u, 1, 0.5).ravel().tolist() == [0, 0, 0, 0.5, 1.5]
 
 
+@pytest.mark.slow
 def test_learning_from_accelerometers_removes_what_moves(solution):
     """The dynamic error of the soft robot falls below 60 %; the error at rest stays, and that is said."""
     found = flexgen.learn(

@@ -58,7 +58,7 @@ int64_t elbow_invert_work(int n, const elbow_inversion_options *options)
  * Equilibrium at the end of the path, to which the first guess of the motion leads; the cost of a state that differs
  * from it, for the end of the mesh; and when the motion has settled there.
  */
-static int terminal_cost(
+static int prepare_end(
     mesh *m, const whole_layout *l, const lq_layout *own, const real *target, const real *q_start, real *work)
 {
     lq_space *w = (lq_space *)(void *)(work + own->lq);
@@ -118,7 +118,7 @@ static int motion_on_mesh(mesh *m, const whole_layout *l, const lq_layout *own, 
     lq_data c;
     int status = guess_mesh(m, p, q, options->n_pre, options->samples_per_interval, &w->arm, work + l->space);
     if (status == ELBOW_OK) {
-        status = terminal_cost(m, l, own, p->y + (p->n - 1) * (ptrdiff_t)NT, q, work);
+        status = prepare_end(m, l, own, p->y + (p->n - 1) * (ptrdiff_t)NT, q, work);
     }
     if (status != ELBOW_OK) {
         return status;
