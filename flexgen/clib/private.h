@@ -12,9 +12,11 @@
 #if defined(__GNUC__)
 #define RESTRICT __restrict
 #define SEPARATE __attribute__((noinline))
+#define COLD __attribute__((cold)) /* not part of an update: short code, no unrolled loops */
 #else
 #define RESTRICT
 #define SEPARATE
+#define COLD
 #endif
 
 static inline real sum_v(const lanes x)

@@ -73,7 +73,7 @@ static int deflection_at_equilibrium(const real *q, real *deflection, real *spac
     return static_deflections(tau, 1, zero, deflection, stiffness, space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
 }
 
-model_status model_stream_start(real *stream, int64_t stream_size, const model_stream_options *options,
+COLD model_status model_stream_start(real *stream, int64_t stream_size, const model_stream_options *options,
     const real y[MODEL_NT], PARAMETERS_ARGUMENT const real q_start[MODEL_NA])
 {
     const real *parameters_given = GIVEN_PARAMETERS;
@@ -151,7 +151,7 @@ static int has_begun(const real *stream)
 }
 
 #if MODEL_PARAMETERS > 0
-model_status model_stream_parameters(real *stream, const real parameters[MODEL_PARAMETERS])
+COLD model_status model_stream_parameters(real *stream, const real parameters[MODEL_PARAMETERS])
 {
     layout l;
     if (stream == NULL || parameters == NULL) {
@@ -173,7 +173,7 @@ model_status model_stream_parameters(real *stream, const real parameters[MODEL_P
 }
 #endif
 
-model_status model_stream_limits(
+COLD model_status model_stream_limits(
     real *stream, const real torque_max[MODEL_NM], const real speed_max[MODEL_NM], real deviation_max)
 {
     layout l;
@@ -366,7 +366,7 @@ static model_status check_samples(const model_path *p)
     return MODEL_OK;
 }
 
-model_status model_stream_start_moving(real *stream, int64_t stream_size, const model_stream_options *options,
+COLD model_status model_stream_start_moving(real *stream, int64_t stream_size, const model_stream_options *options,
     const model_path *path, PARAMETERS_ARGUMENT const real q_start[MODEL_NA])
 {
     model_motion none = {NULL, NULL, NULL, NULL, NULL, NULL, NULL};

@@ -64,6 +64,7 @@ class Graph:
     outputs: list[tuple[int, int, Reference]] = field(default_factory=list)
     _known: dict[tuple[object, ...], int] = field(default_factory=dict)
     depth: list[int] = field(default_factory=list)
+    _arguments: list[tuple[int, ...]] = field(default_factory=list)
 
     # --- values -------------------------------------------------------------------------------------------------------
     def _node(self, kind: str, operands: tuple[int, ...]) -> int:
@@ -74,6 +75,7 @@ class Graph:
             self._known[key] = found
             self.kind.append(kind)
             self.operands.append(operands)
+            self._arguments.append(() if kind == "input" else tuple(r >> 1 for r in operands))
             below = 0 if kind == "input" else max((self.depth[r >> 1] for r in operands), default=0)
             self.depth.append(below + (0 if kind == "input" else LATENCY.get(kind, OTHER_LATENCY)))
         return found
@@ -92,6 +94,7 @@ class Graph:
             self._known[key] = found
             self.kind.append("constant")
             self.operands.append(())
+            self._arguments.append(())
             self.depth.append(0)
             self.value[found] = size
         return 2 * found + (1 if x < 0 else 0)
@@ -175,9 +178,7 @@ class Graph:
     # --- what is there ------------------------------------------------------------------------------------------------
     def arguments(self, node: int) -> tuple[int, ...]:
         """Nodes that a node is computed from."""
-        if self.kind[node] in ("input", "constant"):
-            return ()
-        return tuple(r >> 1 for r in self.operands[node])
+        return self._arguments[node]
 
     def alive(self) -> list[bool]:
         """Which nodes the outputs depend on."""
@@ -186,7 +187,7 @@ class Graph:
             needed[r >> 1] = True
         for node in range(len(self.kind) - 1, -1, -1):
             if needed[node]:
-                for other in self.arguments(node):
+                for other in self._arguments[node]:
                     needed[other] = True
         return needed
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 
 from flexgen.model.elements import Beam
 
@@ -41,6 +40,8 @@ class ModalBeam:
 
 def clamped_free_root(k: int) -> float:
     """The k-th root (k = 1, 2, ...) of ``cosh(z) cos(z) = -1``: 1.8751, 4.6941, 7.8548, ..."""
+    from scipy.optimize import brentq  # takes longer to import than all else of a model without beams
+
     middle = (k - 0.5) * np.pi
     # cos(z) + 1/cosh(z) has the same roots and does not overflow
     return float(brentq(lambda z: np.cos(z) + 1.0 / np.cosh(z), middle - 0.5, middle + 0.5, xtol=1e-15, rtol=1e-15))

@@ -82,7 +82,7 @@ class Arm:
         for i, k in [self.choices[kind]] if kind in self.choices else pairs:
             tape = Tape()
             results = routes[k](tape, self.chain(tape, known[i]), known[i].columns)
-            count = tape.cost(results).operations
+            count = tape.count(results)
             if found is None or count < found[0]:
                 found = count, tape, results, (i, k)
         assert found is not None
@@ -146,4 +146,4 @@ def matrix_of(entries: Sequence[ca.SX], columns: int) -> ca.SX:
 def shortest_mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> composite_body.Matrix:
     """The mass matrix, with or without axes shared by parallel joints, whichever is shorter."""
     found = [composite_body.mass_matrix(tape, chain, q, together) for together in (True, False)]
-    return min(found, key=lambda M: tape.cost([x for row in M for x in row]).operations)
+    return min(found, key=lambda M: tape.count([x for row in M for x in row]))

@@ -71,7 +71,7 @@ def _direct_cost(equations: Equations) -> int:
     plan, tape, n = plans(equations.model)[0], Tape(), equations.model.n_a
     q, v, a = (tape.vector(ca.SX.sym(name, n)) for name in "qva")
     found = derivatives(tape, plan.chain, q, v, a, plan.columns)
-    return tape.cost([x for A in found for row in A for x in row]).operations
+    return tape.count([x for A in found for row in A for x in row])
 
 
 def cost(steps: Sequence[Step]) -> float:

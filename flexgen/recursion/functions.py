@@ -8,6 +8,7 @@ shortest for the robot is used. A robot for which recursion and Lagrangian diffe
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -18,11 +19,19 @@ from flexgen.mechanics.system import Built
 from flexgen.recursion import articulated_body, composite_body, inversion_functions, kinematics, newton_euler
 from flexgen.recursion.arm import Arm, Columns, arm_of, matrix_of, shortest_mass_matrix, vectors
 from flexgen.recursion.dh_chain import Chain, laid
-from flexgen.recursion.tape import Cost, Scalar, Tape
+from flexgen.recursion.tape import Scalar, Tape
 
 _WHOLE = ("forward_dynamics", "forward_dynamics_tool_force", "residual_jacobians")  # with the motors
 TRIALS = 3  # states at which a robot is tested before the recursion is used for it
 AGREEMENT = 1e-9  # of the largest entry: far above rounding, far below errors that matter
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Arithmetic operations (sines and cosines not counted) and the longest chain of them (a division is 4 long)."""
+
+    operations: int
+    depth: int
 
 
 def fast_function(equations: Equations, name: str) -> ca.Function | None:

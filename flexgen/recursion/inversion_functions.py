@@ -40,7 +40,7 @@ def _output_constraint(arm: Arm) -> Built:
         [[J[i] for J, _, _ in moving.columns] for i in kept],
     ]
     bias = [moving.bias[i] for i in kept]
-    W = min(chosen, key=lambda A: tape.cost([*bias, *(x for row in A for x in row)]).operations)
+    W = min(chosen, key=lambda A: tape.count([*bias, *(x for row in A for x in row)]))
     n_y, n_a = len(kept), arm.model.n_a
     flat = tape.build([*p, *(x for row in R for x in row), *bias, *(x for row in W for x in row)])
     place, turn, flat = ca.vertcat(*flat[:3]), matrix_of(flat[3:12], 3), flat[12:]

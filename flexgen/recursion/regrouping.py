@@ -34,7 +34,7 @@ def operations(plan: Plan) -> int:
     tape = Tape()
     n = len(plan.chain.joints)
     q, v, a = (tape.vector(ca.SX.sym(name, n)) for name in "qva")
-    return tape.cost(inverse_dynamics(tape, plan.chain, q, v, a, plan.columns)).operations
+    return tape.count(inverse_dynamics(tape, plan.chain, q, v, a, plan.columns))
 
 
 @lru_cache(maxsize=16)

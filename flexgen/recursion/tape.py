@@ -8,20 +8,10 @@ becomes CasADi graphs at the end.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import casadi as ca
 
-# Latency of an operation in a robot that starts any number at once; sines and cosines are looked up before.
-_LATENCY = {"+": 1, "-": 1, "*": 1, "+c": 1, "*c": 1, "neg": 1, "/": 4}
-
-
-@dataclass(frozen=True)
-class Cost:
-    """Arithmetic operations (sines and cosines not counted) and the longest chain of them (a division is 4 long)."""
-
-    operations: int
-    depth: int
+_ARITHMETIC = frozenset(("+", "-", "*", "+c", "*c", "/"))
 
 
 class Value:
@@ -244,18 +234,27 @@ class Tape:
             out.append(x)
         return out
 
-    def cost(self, results: Sequence[Scalar]) -> Cost:
-        """What results cost; a negative that is left at the end is an operation as well."""
+    def count(self, results: Sequence[Scalar]) -> int:
+        """Arithmetic operations that results need; a negative that is left at the end is an operation as well.
+
+        Sines and cosines are not counted.
+        """
         results = self.settled(results)
-        depth: dict[int, int] = {}
-        count = 0
-        for node in self.needed(results):
-            length = _LATENCY.get(self.operations[node][0], 0)
-            count += length > 0
-            depth[node] = max((depth[x] for x in self.operands(node)), default=0) + length
         ends = {(x.node, x.negative) for x in results if isinstance(x, Value)}
-        count += sum(negative for _, negative in ends)
-        return Cost(count, max((depth[node] + negative for node, negative in ends), default=0))
+        wanted = bytearray(len(self.operations))
+        for node, _ in ends:
+            wanted[node] = 1
+        count = sum(negative for _, negative in ends)
+        for node in range(len(wanted) - 1, -1, -1):
+            if wanted[node]:
+                kind, a, b = self.operations[node]
+                if kind == "symbol":
+                    continue
+                wanted[int(a)] = 1
+                if kind in "+-*":
+                    wanted[int(b)] = 1
+                count += kind in _ARITHMETIC
+        return count
 
     def build(self, results: Sequence[Scalar]) -> list[ca.SX]:
         """The results as CasADi scalars in the symbols they were made of."""

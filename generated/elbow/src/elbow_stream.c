@@ -73,7 +73,7 @@ static int deflection_at_equilibrium(const real *q, real *deflection, real *spac
     return static_deflections(tau, 1, zero, deflection, stiffness, space) ? ELBOW_OK : ELBOW_RESULT_NOT_FINITE;
 }
 
-elbow_status elbow_stream_start(real *stream, int64_t stream_size, const elbow_stream_options *options,
+COLD elbow_status elbow_stream_start(real *stream, int64_t stream_size, const elbow_stream_options *options,
     const real y[ELBOW_NT], PARAMETERS_ARGUMENT const real q_start[ELBOW_NA])
 {
     const real *parameters_given = GIVEN_PARAMETERS;
@@ -151,7 +151,7 @@ static int has_begun(const real *stream)
 }
 
 #if ELBOW_PARAMETERS > 0
-elbow_status elbow_stream_parameters(real *stream, const real parameters[ELBOW_PARAMETERS])
+COLD elbow_status elbow_stream_parameters(real *stream, const real parameters[ELBOW_PARAMETERS])
 {
     layout l;
     if (stream == NULL || parameters == NULL) {
@@ -173,7 +173,7 @@ elbow_status elbow_stream_parameters(real *stream, const real parameters[ELBOW_P
 }
 #endif
 
-elbow_status elbow_stream_limits(
+COLD elbow_status elbow_stream_limits(
     real *stream, const real torque_max[ELBOW_NM], const real speed_max[ELBOW_NM], real deviation_max)
 {
     layout l;
@@ -366,7 +366,7 @@ static elbow_status check_samples(const elbow_path *p)
     return ELBOW_OK;
 }
 
-elbow_status elbow_stream_start_moving(real *stream, int64_t stream_size, const elbow_stream_options *options,
+COLD elbow_status elbow_stream_start_moving(real *stream, int64_t stream_size, const elbow_stream_options *options,
     const elbow_path *path, PARAMETERS_ARGUMENT const real q_start[ELBOW_NA])
 {
     elbow_motion none = {NULL, NULL, NULL, NULL, NULL, NULL, NULL};
