@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from string import Template
 
-from flexgen.build.compiler import NATIVE, OPENMP, REPRODUCIBLE
+from flexgen.build.compiler import NATIVE, OPENMP, REPRODUCIBLE, SOLVER_FLAGS, SOLVERS
 from flexgen.codegen.spec import ABI_VERSION
 
 
@@ -35,6 +35,7 @@ def packaging(name: str, sources: Sequence[str], headers: Sequence[str], *, open
     def options(flags: Sequence[str], levels: bool) -> str:
         return " ".join(flag for flag in flags if flag[:2] not in ("-s", "-O") or (levels and flag[:2] == "-O"))
 
+    solvers = [file for file in sources if file.endswith(SOLVERS)]
     values = {
         "name": name,
         "NAME": name.upper(),
@@ -45,6 +46,9 @@ def packaging(name: str, sources: Sequence[str], headers: Sequence[str], *, open
         "level": next(flag for flag in REPRODUCIBLE if flag.startswith("-O")),
         "native": options(NATIVE, True),
     }
+    values["unrolled"] = Template(_UNROLLED).substitute(flags=";".join(SOLVER_FLAGS), files=" ".join(solvers))
+    if not solvers:
+        values["unrolled"] = ""
     pc = Template(_PC).substitute(values, openmp=f" {OPENMP}" if openmp else "")
     return {"CMakeLists.txt": Template(_CMAKE).substitute(values), f"{name}.pc": pc}
 
@@ -59,6 +63,15 @@ Description: Equations of motion of the robot $name, written by flexgen
 Version: $version
 Cflags: -I$${prefix}
 Libs: -L$${prefix} -l$name -lm$openmp
+"""
+
+_UNROLLED = """\
+
+# Unrolled loops make the solvers a tenth faster, and their code twice as long.
+if(NOT MSVC)
+  set(unrolled "$$<$$<NOT:$$<OR:$$<CONFIG:Debug>,$$<CONFIG:MinSizeRel>>>:$flags>")
+  set_source_files_properties($files PROPERTIES COMPILE_OPTIONS "$${unrolled}")
+endif()
 """
 
 _CMAKE = """\
@@ -109,7 +122,7 @@ elseif(${NAME}_NATIVE)
 else()
   target_compile_options(flexgen_$name PRIVATE $$<$$<NOT:$$<CONFIG:Debug>>:$level> $reproducible)
 endif()
-
+${unrolled}
 set(math_pc "")
 if(UNIX)
   target_link_libraries(flexgen_$name PRIVATE m)
