@@ -35,7 +35,7 @@ def packaging(name: str, sources: Sequence[str], headers: Sequence[str], *, open
     def options(flags: Sequence[str], levels: bool) -> str:
         return " ".join(flag for flag in flags if flag[:2] not in ("-s", "-O") or (levels and flag[:2] == "-O"))
 
-    solvers = [file for file in sources if file.endswith(SOLVERS)]
+    solvers = [file for file in sources if file.endswith(tuple(f"/{name}_{solver}" for solver in SOLVERS))]
     values = {
         "name": name,
         "NAME": name.upper(),
@@ -46,9 +46,8 @@ def packaging(name: str, sources: Sequence[str], headers: Sequence[str], *, open
         "level": next(flag for flag in REPRODUCIBLE if flag.startswith("-O")),
         "native": options(NATIVE, True),
     }
-    values["unrolled"] = Template(_UNROLLED).substitute(flags=";".join(SOLVER_FLAGS), files=" ".join(solvers))
-    if not solvers:
-        values["unrolled"] = ""
+    unrolled = Template(_UNROLLED).substitute(flags=";".join(SOLVER_FLAGS), files=" ".join(solvers))
+    values["unrolled"] = unrolled if solvers else ""
     pc = Template(_PC).substitute(values, openmp=f" {OPENMP}" if openmp else "")
     return {"CMakeLists.txt": Template(_CMAKE).substitute(values), f"{name}.pc": pc}
 
@@ -68,7 +67,7 @@ Libs: -L$${prefix} -l$name -lm$openmp
 _UNROLLED = """\
 
 # Unrolled loops make the solvers a tenth faster, and their code twice as long.
-if(NOT MSVC)
+if(NOT MSVC AND NOT CMAKE_GENERATOR STREQUAL "Xcode") # Xcode has no flags for one source and one configuration
   set(unrolled "$$<$$<NOT:$$<OR:$$<CONFIG:Debug>,$$<CONFIG:MinSizeRel>>>:$flags>")
   set_source_files_properties($files PROPERTIES COMPILE_OPTIONS "$${unrolled}")
 endif()

@@ -126,6 +126,8 @@ def test_cmake_takes_the_other_options(tmp_path):
     run(cmake, "-S", folder, "-B", "d", "-DCMAKE_BUILD_TYPE=Debug", folder=tmp_path)
     flags = (tmp_path / "d/CMakeFiles/flexgen_elbow.dir/flags.make").read_text()
     assert "-O2" not in flags and "-ffp-contract=off" in flags and "-funroll-loops" not in flags
+    run(cmake, "-S", folder, "-B", "s", "-DCMAKE_BUILD_TYPE=MinSizeRel", folder=tmp_path)
+    assert "-funroll-loops" not in (tmp_path / "s/CMakeFiles/flexgen_elbow.dir/flags.make").read_text()
 
 
 @pytest.mark.slow
