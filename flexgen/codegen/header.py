@@ -252,6 +252,7 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
         for k, p in enumerate(spec.parameters):
             lines.append(f"  {k} {p.name} = {p.value!r} [{p.unit}]{'; ' if p.doc else ''}{p.doc}")
     flags = "-std=c99 -O2 -ffp-contract=off"
+    unrolled = "-funroll-loops makes streams and whole paths a tenth faster, and their code twice as long. "
     return [
         *lines,
         "",
@@ -280,12 +281,7 @@ def _manual(spec: LibrarySpec, called: str) -> list[str]:
         "(-ffp-contract=off: the same bits with every compiler and processor. Where GCC compiles for a fused "
         "multiply-add, add -fno-tree-vectorize, because it fuses in vectors nevertheless. -O3 -march=native "
         "-ffp-contract=fast is faster and differs by rounding. "
-        + (
-            "-funroll-loops makes streams and whole paths a tenth faster, and their code twice as long. "
-            if spec.inverts
-            else ""
-        )
-        + "Never use -ffast-math: it hides results that are not "
+        f"{unrolled * spec.inverts}Never use -ffast-math: it hides results that are not "
         "finite.) Sine, cosine, exp and tanh are part of the library; "
         f"{called}; compilers may replace loops by calls of memset, memcpy and memmove. With OpenMP (-fopenmp) the "
         "batches use all cores.",
