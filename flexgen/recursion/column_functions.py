@@ -20,7 +20,7 @@ from flexgen.recursion import columns
 from flexgen.recursion.arm import arm_of
 from flexgen.recursion.derivatives import derivatives
 from flexgen.recursion.dh_chain import Chain, Kept, laid, regrouped
-from flexgen.recursion.functions import AGREEMENT, TRIALS, beside_the_arm, cost_of, fast_function
+from flexgen.recursion.functions import AGREEMENT, TRIALS, beside_the_arm, fast_function, operations_of
 from flexgen.recursion.regrouping import plans
 from flexgen.recursion.tape import Tape
 
@@ -80,9 +80,9 @@ def cost(steps: Sequence[Step]) -> float:
     for step in steps:
         match step:
             case Expressions():
-                count += cost_of(step.function).operations
+                count += operations_of(step.function)
             case Columns():
-                count += cost_of(step.function).operations * -(-step.n // LANES)
+                count += operations_of(step.function) * -(-step.n // LANES)
             case Sums():
                 count += step.rows * len(step.at)
             case Products():
@@ -96,7 +96,7 @@ def shorter_mass_matrix(equations: Equations, target: str) -> list[Step] | None:
     if chain is None or direct is None:
         return None
     steps = columns.mass_matrix(chain, target)
-    return steps if cost(steps) < SHORTER * cost_of(direct).operations else None
+    return steps if cost(steps) < SHORTER * operations_of(direct) else None
 
 
 def _agrees(equations: Equations, chain: Chain) -> bool:

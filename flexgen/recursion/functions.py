@@ -8,7 +8,6 @@ shortest for the robot is used. A robot for which recursion and Lagrangian diffe
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -24,14 +23,6 @@ from flexgen.recursion.tape import Scalar, Tape
 _WHOLE = ("forward_dynamics", "forward_dynamics_tool_force", "residual_jacobians")  # with the motors
 TRIALS = 3  # states at which a robot is tested before the recursion is used for it
 AGREEMENT = 1e-9  # of the largest entry: far above rounding, far below errors that matter
-
-
-@dataclass(frozen=True)
-class Cost:
-    """Arithmetic operations (sines and cosines not counted) and the longest chain of them (a division is 4 long)."""
-
-    operations: int
-    depth: int
 
 
 def fast_function(equations: Equations, name: str) -> ca.Function | None:
@@ -127,21 +118,10 @@ def _passes(equations: Equations) -> bool:
     return agrees(equations)
 
 
-def cost_of(function: ca.Function) -> Cost:
-    """Operations of an SX function; sines, cosines and other functions are not counted."""
-    weight = {ca.OP_DIV: 4, ca.OP_INV: 4, ca.OP_SQRT: 4}
-    weight |= dict.fromkeys((ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE), 1)
-    depth: dict[int, int] = {}
-    count = longest = 0
-    for k in range(function.n_instructions()):
-        kind, reads, writes = function.instruction_id(k), function.instruction_input(k), function.instruction_output(k)
-        if kind == ca.OP_OUTPUT:
-            longest = max(longest, depth.get(reads[0], 0))
-            continue
-        before = 0 if kind in (ca.OP_INPUT, ca.OP_CONST) else max((depth.get(x, 0) for x in reads), default=0)
-        count += kind in weight
-        depth[writes[0]] = before + weight.get(kind, 0)
-    return Cost(count, longest)
+def operations_of(function: ca.Function) -> int:
+    """Arithmetic operations of an SX function; sines, cosines and other functions are not counted."""
+    counted = (ca.OP_DIV, ca.OP_INV, ca.OP_SQRT, ca.OP_ADD, ca.OP_SUB, ca.OP_MUL, ca.OP_NEG, ca.OP_SQ, ca.OP_TWICE)
+    return sum(function.instruction_id(k) in counted for k in range(function.n_instructions()))
 
 
 # --- the arm ---------------------------------------------------------------------------------------------------------

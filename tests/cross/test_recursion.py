@@ -28,7 +28,7 @@ from referee import ALL_MODELS, model_of
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import Body, Dof, Element, Gear, Motor, Placement, RobotModel
 from flexgen.recursion import functions as fast_room
-from flexgen.recursion.functions import agrees, cost_of, fast_function, recursive_function
+from flexgen.recursion.functions import agrees, fast_function, operations_of, recursive_function
 
 
 @pytest.mark.parametrize("name", [*ALL_MODELS, *ROBOTS, *MADE], ids=lambda name: Path(name).stem)
@@ -176,7 +176,7 @@ GUARDED = {
 def test_counts_of_operations(name, function):
     fast = fast_function(equations_of(name), function)
     assert fast is not None
-    assert cost_of(fast).operations <= GUARDED[name, function]
+    assert operations_of(fast) <= GUARDED[name, function]
 
 
 @pytest.mark.parametrize("name", ["six_axes", "manutec_r3", "manutec_r3_efjm", "kr300", "dense7"])
@@ -185,4 +185,4 @@ def test_fewer_operations_than_the_lagrangian(name):
     for function in ("inverse_dynamics", "mass_matrix", "arm_forward_dynamics"):
         fast = fast_function(equations, function)
         assert fast is not None
-        assert 2 * cost_of(fast).operations < cost_of(equations.function(function)).operations
+        assert 2 * operations_of(fast) < operations_of(equations.function(function))

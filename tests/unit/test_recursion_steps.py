@@ -27,7 +27,7 @@ from flexgen.mechanics.equations import derive
 from flexgen.model.elements import Dof, Element, Gear, Motor, Placement, RobotModel
 from flexgen.recursion.composite_body import mass_matrix
 from flexgen.recursion.dh_chain import Kept, laid, regrouped
-from flexgen.recursion.functions import cost_of, fast_function
+from flexgen.recursion.functions import fast_function, operations_of
 from flexgen.recursion.kinematics import tool_pose
 from flexgen.recursion.newton_euler import inverse_dynamics
 from flexgen.recursion.tape import Tape
@@ -169,7 +169,7 @@ def test_axes_that_are_nearly_along_a_coordinate_axis(tilt):
 def counts(model: RobotModel) -> list[int]:
     equations = derive(model)
     names = ("inverse_dynamics", "mass_matrix", "arm_forward_dynamics", "gravity")
-    return [cost_of(fast_function(equations, name)).operations for name in names]
+    return [operations_of(fast_function(equations, name)) for name in names]
 
 
 def test_bodies_that_are_not_there_cost_nothing():
