@@ -33,7 +33,8 @@ class Trajectory:
         One label for each column (the name of the coordinate or motor).
     meta : dict
         JSON types only: ``model``, ``variant``, ``move``, ``kind``; ``torque`` is ``"limited"`` where limits may be
-        active and an interpolation must not exceed them.
+        active and an interpolation must not exceed them; ``torque_degree``: the torque is a polynomial of this degree
+        on each ten samples and may jump between them.
     units : mapping from name to tuple of str, optional
         Unit of each column where the columns of a channel differ; the unit of the port is then ``"rad or m"``.
     """

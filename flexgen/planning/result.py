@@ -24,14 +24,14 @@ from flexgen.paths.path import Path
 from flexgen.planning import reference_curve
 from flexgen.planning.blocks import Program
 from flexgen.planning.phase import Phase
-from flexgen.planning.planned_torque import planned_torque
 from flexgen.planning.transcribe import Layout
 from flexgen.ports import Port
+from flexgen.simulation.hold import command_in
 from flexgen.simulation.simulate import simulate
+from flexgen.simulation.torque_curve import POLYNOMIALS, SAMPLES
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 
-SAMPLES = 10  # of the trajectory, for each interval of the mesh
 ENERGY = 1e-7  # relative: largest error of the energy balance of a simulation that verifies something
 RESIDUAL = 1e-2  # relative, between the collocation points: largest of a solution that is not simulated
 EXCESS, RANGE = 1e-2, 1e-3  # of a bound, of the range of what is bounded: largest excess between the points
@@ -121,7 +121,7 @@ def planned_solution(
     trajectory, tracked = _trajectory(problem, layout, motion)
     between = _joined([samples(layout, phase, x, _between(phase, x[layout.theta])) for phase in phases])
     residual = _residual(equations, between)
-    command = _command(problem, layout, x)
+    command = command_in(trajectory.time, trajectory["tau_m"], trajectory.labels["tau_m"], trajectory.meta)
     total = float(motion.t[-1])
     solution = Solution(
         model=equations.model, move=replace(problem.path.move, duration=total), method="plan",
@@ -155,20 +155,6 @@ def _residual(equations: Equations, at: Samples) -> np.ndarray:
     r_a, r_m = evaluate(equations.function("residual"), q_a, v_a, a_a, q_m, v_m, a_m, at.tau)
     n = len(at.t)
     return np.asarray(np.abs(np.hstack([r_a.reshape(n, -1), r_m.reshape(n, -1)[:, i_m]])).max(axis=0))
-
-
-def _command(problem: Problem, layout: Layout, x: np.ndarray) -> Any:
-    nodes, stages, begin = [np.zeros(1)], [], 0.0
-    for phase in layout.phases:
-        T = float(x[layout.theta[phase.number]])
-        nodes.append(begin + T * phase.mesh.nodes[1:])
-        first = layout.first[phase.number]
-        stages.append(phase.mesh.unpack(x[first : first + phase.mesh.size])[3])
-        begin += T
-    model = problem.equations.model
-    meta = {"model": model.name, "variant": model.variant, "move": problem.path.move.name}
-    names = tuple(motor.name for motor in model.motors)
-    return planned_torque(np.concatenate(nodes), layout.phases[0].mesh.table.c, np.concatenate(stages), names, meta)
 
 
 def worst(made: Program, found: NlpResult, x: np.ndarray, layout: Layout) -> str:
@@ -235,10 +221,11 @@ def _trajectory(problem: Problem, layout: Layout, motion: Samples) -> tuple[Traj
         rows.append(("R_ref", R, ("-",) * 9, "reference orientation, rows of the matrix", labels["R_ref"]))
     units = {name: unit for name, _, unit, _, _ in rows}
     meta = {"model": robot.name, "variant": robot.variant, "move": problem.path.move.name, "kind": "plan"}
+    torque = {"torque": "limited", POLYNOMIALS: layout.phases[0].mesh.s - 1}
     return Trajectory(
         t, {name: value for name, value, *_ in rows},
         {name: Port(name, (value.shape[1],), common_unit(units[name]), doc) for name, value, _, doc, _ in rows},
-        {name: label for name, *_, label in rows}, {**meta, "torque": "limited"}, units,
+        {name: label for name, *_, label in rows}, {**meta, **torque}, units,
     ), tracked  # fmt: skip
 
 

@@ -35,7 +35,16 @@ from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError
 from flexgen.ports import Port
 from flexgen.simulation.hold_names import HOLDS
-from flexgen.simulation.torque_curve import constant, spline, then_constant, torque_curve
+from flexgen.simulation.torque_curve import (
+    POLYNOMIALS,
+    SAMPLES,
+    constant,
+    interval_polynomials,
+    spline,
+    stated_degree,
+    then_constant,
+    torque_curve,
+)
 from flexgen.trajectory import Trajectory
 
 SAMPLE_TIME = 1e-3  # s
@@ -148,10 +157,57 @@ class TorqueCommand:
         return self.trajectory().save(path)
 
 
+@dataclass(frozen=True, repr=False)
+class PolynomialTorque(TorqueCommand):
+    """A polynomial of the motor torques on each of several intervals, which may jump between them.
+
+    ``time`` are the ends of the intervals, ``values`` the torques that begin there.
+
+    Attributes
+    ----------
+    curve : PPoly
+        The polynomials (n_m,).
+    """
+
+    curve: PPoly
+
+    def title(self) -> str:
+        """The torque in words."""
+        return f"polynomials of degree {len(self.curve.c) - 1} on {len(self.time) - 1} intervals"
+
+    @property
+    def edges(self) -> np.ndarray:
+        """Instants [s] at which the torque may jump."""
+        return self.time
+
+    def between(self, begin: float, end: float) -> PPoly:
+        """The torque (n_m,) as a polynomial of the instant between two edges; constant before and after all."""
+        k = int(np.searchsorted(self.time, (begin + end) / 2)) - 1
+        if k < 0 or k >= len(self.time) - 1:
+            return constant(self.values[0 if k < 0 else -1], begin, end)
+        return PPoly(self.curve.c[:, k : k + 1], self.time[k : k + 2])
+
+    def at(self, instants: np.ndarray) -> np.ndarray:
+        """The torque (k, n_m) at instants (k,) [s]; at an edge that of the interval that begins there."""
+        return np.asarray(self.curve(np.clip(instants, self.time[0], self.time[-1])))
+
+    def ripple(self, instant: float, curve: object) -> np.ndarray:
+        """No ripple: the motion is that under this torque."""
+        return np.zeros(self.values.shape[1])
+
+    def trajectory(self) -> Trajectory:
+        """Samples of the polynomials as a trajectory with the channel ``tau_m``; ``meta`` has their degree."""
+        share = np.arange(SAMPLES) / SAMPLES
+        time = np.append((self.time[:-1, None] + np.diff(self.time)[:, None] * share).ravel(), self.time[-1])
+        port = Port("tau_m", (len(self.labels),), "N m", "motor torques, motor side")
+        meta = {**self.meta, "kind": "torque command", "torque": "limited", POLYNOMIALS: len(self.curve.c) - 1}
+        return Trajectory(time, {"tau_m": self.at(time)}, {"tau_m": port}, {"tau_m": self.labels}, meta)
+
+
 def command_in(
     time: np.ndarray, values: np.ndarray, labels: tuple[str, ...], meta: Mapping[str, Any]
 ) -> TorqueCommand | None:
-    """The torques that a controller sent, where a trajectory states how its drive held them.
+    """The torques that a controller sent, where a trajectory states how its drive held them, or that they jump.
 
     Parameters
     ----------
@@ -161,18 +217,25 @@ def command_in(
     labels : tuple of str
         Names of the motors.
     meta : mapping
-        Of the trajectory: ``hold``, and with ``"linear"`` or ``"zoh"`` also ``sample_time`` and ``delay`` [s].
+        Of the trajectory: ``hold``, and with ``"linear"`` or ``"zoh"`` also ``sample_time`` and ``delay`` [s];
+        ``torque_degree`` of torques that are polynomials with jumps.
 
     Returns
     -------
     TorqueCommand or None
-        None: no hold is stated, the torque is continuous.
+        None: neither is stated, the torque is continuous.
 
     Raises
     ------
     ArgumentError
         Hold, sample time or delay are out of range, or the instants are not one sample time apart.
     """
+    degree = stated_degree(meta)
+    if degree is not None:
+        curve = interval_polynomials(time, values, degree)
+        ends, own = time[::SAMPLES], {key: meta[key] for key in ("model", "variant", "move") if key in meta}
+        step = float(np.diff(ends).mean())
+        return PolynomialTorque(ends, values[::SAMPLES], labels, "spline", step, 0.0, own, curve)
     hold = meta.get("hold")
     if hold is None or hold == "spline":
         return None
@@ -187,7 +250,14 @@ def command_in(
 
 
 def held_torque(
-    t: np.ndarray, tau: np.ndarray, hold: str, sample_time: float, delay: float = 0.0, *, limited: bool = False
+    t: np.ndarray,
+    tau: np.ndarray,
+    hold: str,
+    sample_time: float,
+    delay: float = 0.0,
+    *,
+    limited: bool = False,
+    degree: int | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Ticks of a controller and the torques that it has to send, see the text of this module.
 
@@ -204,6 +274,8 @@ def held_torque(
         From a tick to the instant at which the motor has the torque.
     limited : bool
         Whether limits may be active, see `torque_curve`.
+    degree : int, optional
+        Of polynomials that may jump, see `torque_curve`.
 
     Returns
     -------
@@ -226,7 +298,7 @@ def held_torque(
             "a longer sample time"
         )
     time = t[0] + sample_time * np.arange(first, max(last, first + 1) + 1)
-    curve = extended(t, tau, limited)
+    curve = extended(t, tau, limited, degree)
     edges = time + delay
     if hold == "spline":
         return time, curve(edges)
@@ -250,9 +322,11 @@ def check_hold(hold: str, sample_time: float | None, delay: float) -> None:
         raise ArgumentError(f"delay: given {delay!r}, expected zero or a positive time in s")
 
 
-def extended(t: np.ndarray, tau: np.ndarray, limited: bool) -> Callable[[np.ndarray], np.ndarray]:
+def extended(
+    t: np.ndarray, tau: np.ndarray, limited: bool, degree: int | None = None
+) -> Callable[[np.ndarray], np.ndarray]:
     """The continuous torque, constant before its first and after its last sample."""
-    curve = then_constant(torque_curve(t, tau, limited=limited), tau[-1])
+    curve = then_constant(torque_curve(t, tau, limited=limited, degree=degree), tau[-1])
     return lambda instants: np.asarray(curve(np.maximum(instants, t[0])))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import PPoly, make_interp_spline
 
 from flexgen.errors import ArgumentError
-from flexgen.simulation.torque_curve import torque_curve
+from flexgen.simulation.torque_curve import interval_polynomials, stated_degree, torque_curve
 from flexgen.trajectory import Trajectory
 
 MOTIONS = (("q_a", "v_a", "a_a"), ("q_m", "v_m", "a_m"))  # channels that are derivatives of each other
@@ -42,18 +42,32 @@ def interpolate(trajectory: Trajectory, t: Any) -> dict[str, np.ndarray]:
         shown = f"shape {at.shape}" if at.ndim > 1 else "an instant that is outside" if at.ndim else repr(t)
         raise ArgumentError(f"t: given {shown}, expected one or more instants from {grid[0]:g} to {grid[-1]:g} s")
     found: dict[str, np.ndarray] = {}
+    degree = stated_degree(trajectory.meta)
     for names in MOTIONS:
         given = [name for name in names if name in trajectory]
         if given[:1] == [names[0]] and given == list(names[: len(given)]):
-            curve = _hermite(grid, [trajectory[name] for name in given])
+            samples = [trajectory[name] for name in given]
+            curve = _hermite(grid, samples) if degree is None or len(given) < 3 else _integrated(grid, samples, degree)
             found |= {name: np.asarray(curve(at, order)) for order, name in enumerate(given)}
     for name in trajectory:
         if name == "tau_m":
             limited = trajectory.meta.get("torque") == "limited"
-            found[name] = np.asarray(torque_curve(grid, trajectory[name], limited=limited)(at))
+            found[name] = np.asarray(torque_curve(grid, trajectory[name], limited=limited, degree=degree)(at))
         elif name not in found:
             found[name] = np.asarray(make_interp_spline(grid, trajectory[name], k=min(DEGREE, len(grid) - 1))(at))
     return {name: found[name] for name in trajectory}
+
+
+def _integrated(t: np.ndarray, x: list[np.ndarray], degree: int) -> PPoly:
+    """The motion whose acceleration is a polynomial on each interval, from samples of angle, speed and acceleration.
+
+    Each interval begins with its own sample of angle and speed.
+    """
+    a = interval_polynomials(t, x[2], degree)
+    ends = np.searchsorted(t, a.x[:-1])
+    powers = np.arange(degree, -1, -1)[:, None, None]
+    c = a.c / ((powers + 1) * (powers + 2))
+    return PPoly(np.concatenate([c, x[1][ends][None], x[0][ends][None]]), a.x)
 
 
 def _hermite(t: np.ndarray, x: list[np.ndarray]) -> PPoly:

@@ -14,9 +14,11 @@ from scipy.integrate import solve_ivp
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.status import Status
+from flexgen.numerics.evaluate import evaluate
 from flexgen.planning import transcribe
 from flexgen.planning.transcribe import Layout
 
+MOTION = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")
 SCHEMES = ["gauss3", "radau", "hermite-simpson"]
 TWO_MASS = Path(__file__).parents[1] / "support" / "robots" / "two_mass.toml"
 TWO_MASS_TIME = 0.098881  # s, closed form: rest to rest over 0.5 rad with |u| <= 10, six digits
@@ -32,6 +34,17 @@ def least_torque(model, mesh=20, move=None, scheme="gauss3", **bounds):
     problem.add_cost(ca.sumsqr(problem["tau_m"]))
     for name, size in bounds.items():
         problem.bound(name, -size, size)
+    return problem
+
+
+def bang_bang():
+    """The least time of two masses in four phases of constant torque."""
+    problem = flexgen.plan_problem(str(TWO_MASS), mesh=6, limits=False)
+    phases = [problem] + [problem.then(0.03, mesh=6) for _ in range(3)]
+    for k, phase in enumerate(phases):
+        phase.free_time(0.002, 0.2, guess=0.03)
+        phase.add_cost(1.0)
+        phase.subject_to(phase["tau_m"] == 10.0 * (-1) ** k)
     return problem
 
 
@@ -63,13 +76,7 @@ def test_least_time_of_two_masses_is_the_closed_form():
 
 def test_phases_find_the_switches_of_two_masses():
     """Four phases of constant torque and free duration: no switch lies within an interval."""
-    problem = flexgen.plan_problem(str(TWO_MASS), mesh=6, limits=False)
-    phases = [problem] + [problem.then(0.03, mesh=6) for _ in range(3)]
-    for k, phase in enumerate(phases):
-        phase.free_time(0.002, 0.2, guess=0.03)
-        phase.add_cost(1.0)
-        phase.subject_to(phase["tau_m"] == 10.0 * (-1) ** k)
-    found = problem.solve()
+    found = bang_bang().solve()
     durations = np.array(found.details["durations_s"])
     assert found.status == Status.SOLVED
     assert durations.sum() == pytest.approx(TWO_MASS_TIME, abs=1e-6)  # the digits of the closed form
@@ -170,6 +177,36 @@ def test_compiled_and_interpreted_programs_agree(planar):
 def test_exact_and_gauss_newton_hessian_find_the_same_motion(planar):
     one, two = (least_torque(planar).solve(verify=False, hessian=h) for h in ("exact", "gauss-newton"))
     assert one.details["cost"] == pytest.approx(two.details["cost"], rel=1e-7)
+
+
+@pytest.mark.parametrize("ending", ["npz", "csv"])
+def test_saved_plan_with_torque_jumps_simulates_with_the_claimed_error(tmp_path, ending):
+    robot = flexgen.derive(str(TWO_MASS))
+    found = bang_bang().solve()
+    torque, t = found.trajectory["tau_m"], found.trajectory.time
+    assert np.abs(np.diff(torque[:, 0])).max() == pytest.approx(20.0)  # N m
+    assert found.status == Status.SOLVED and found.plan_error_max < 1e-6
+    file = found.trajectory.save(tmp_path / f"plan.{ending}")
+    read = flexgen.simulate(robot, file)
+    assert read.tool_error_max_rad == pytest.approx(found.plan_error_max, rel=1e-3, abs=1e-11)
+    command = found.torque_command.save(tmp_path / f"torque.{ending}")
+    fine = np.linspace(t[0], t[-1], 997)
+    for saved in (file, command):
+        between = flexgen.Trajectory.load(saved).at(fine)["tau_m"]
+        assert np.abs(between - found.torque_command.at(fine)).max() < 1e-11 * np.abs(torque).max()
+    # At the collocation points, which are not samples, the interpolated motion obeys the equations of motion.
+    nodes, c = t[::10], 0.5 + np.sqrt(0.15) * np.array([-1, 0, 1])
+    at = (nodes[:-1, None] + np.diff(nodes)[:, None] * c).ravel()
+    motion = found.trajectory.at(at)
+    rows = evaluate(robot.function("residual"), *(motion[name] for name in MOTION))
+    assert max(np.abs(row).max() for row in rows) < 1e-6 * np.abs(torque).max()
+
+
+def test_edited_torques_of_a_plan_are_refused_by_simulate(planar, tmp_path):
+    found = least_torque(planar, 5).solve(verify=False)
+    found.trajectory["tau_m"][7] *= 1.01
+    with pytest.raises(ArgumentError, match=r"from the polynomials of degree 2 .* remove torque_degree"):
+        flexgen.simulate(planar, found.trajectory)
 
 
 # --- constraints ------------------------------------------------------------------------------------------------------
