@@ -186,7 +186,7 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
         raise ArgumentError("--validate, --counterbalance: given without --rigid or --segments, expected with them")
     from flexgen.identification.frequency_response import Frf
     from flexgen.identification.graybox import identify as fit
-    from flexgen.identification.result import FitStatus
+    from flexgen.identification.result import FitStatus, deviation_text
 
     model, data = read_model(args), Frf.load(args.frf)
     if args.structure:
@@ -209,7 +209,7 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
     result = found.figures() | {"model": model.name} | validation[0]
     rows = [
         [
-            row["name"], row["value"], row["unit"], f"{100 * row['sd']:.2g} %" if row["sd_is_relative"] else row["sd"],
+            row["name"], row["value"], row["unit"], deviation_text(row["sd"], row["sd_is_relative"]),
             row["start"], "at its bound" if row["at_bound"] else "not determined" if row["weak"] else "",
         ]
         for row in result["parameters"]
@@ -312,6 +312,9 @@ def _refined(found: Any, args: Namespace, log: Progress) -> tuple[Any, tuple[dic
 
 def _verdict(found: Any, args: Namespace, log: Progress) -> tuple[list[dict[str, Any]], str]:
     """Tool errors of feedforward before and after: as data and as text."""
+    if found.covariance is None and args.truth is None:
+        words = f"no tool errors of the move {args.move}: a result with {found.status} has no covariance to draw robots"
+        return [], f"{words} from; give --truth where the robot is known"
     robot = "the robot of --truth" if args.truth else "robots drawn from the covariance"
     log(f"tool errors of the move {args.move}: a few minutes for six axes")
     verdict = found.verdict(args.move, truth=args.truth, progress=throttled(log))

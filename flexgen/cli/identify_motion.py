@@ -88,7 +88,7 @@ def _deflections(found: Any, data: Any) -> list[tuple[str, Any]]:
 def segments(args: Namespace, log: Progress) -> VerbResult:
     """Parameters of the nonlinear model from recorded torques and motions, in short segments."""
     from flexgen.identification.motion_fit import fit_motion
-    from flexgen.identification.result import FitStatus
+    from flexgen.identification.result import FitStatus, deviation_text
 
     _only(args, "--segments", "refine", "move", "truth", "structure", "rigid", "counterbalance", "report")
     if args.free is None:
@@ -106,8 +106,8 @@ def segments(args: Namespace, log: Progress) -> VerbResult:
     )
     values, sd = found.values, found.sd
     rows = [
-        [u.name, values[u.name], u.parameter.unit, f"{100 * sd[u.name]:.2g} %" if u.scale == "log" else sd[u.name],
-         u.start, "not determined" if found.is_weak(u.name) else ""]
+        [u.name, values[u.name], u.parameter.unit, deviation_text(sd[u.name], u.scale == "log"), u.start,
+         "not determined" if found.is_weak(u.name) else ""]
         for u in found.vector.unknowns
     ]  # fmt: skip
     outputs = [motor.name for motor in model.motors]

@@ -132,7 +132,7 @@ def _fitted(
     return Identified(
         vector=vector,
         x=best.x,
-        covariance=residuals.covariance(best.x, best.A),
+        formal_covariance=residuals.covariance(best.x, best.A),
         status=_status(best, cost, error, data),
         cost=cost,
         model_error=error,

@@ -328,7 +328,7 @@ def fit_motion(
     return MotionFit(
         vector=vector,
         x=x,
-        covariance=covariance,
+        formal_covariance=covariance,
         status=_status(fit, percent),
         rms=tuple(np.sqrt((errors**2).mean(axis=(0, 1))).tolist()),
         fit_percent=percent,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -46,8 +47,9 @@ class FitStatus(ExplainedStatus):
     MODEL_ERROR = (
         "model error",
         "The model differs from the measurement by more than the noise.",
-        "Look at the report: a missing spring, an unknown delay, the wrong hold of the torques, or friction. The "
-        "standard deviations include a model error of the size that was found.",
+        "Look at the report: a missing spring, a wrong mass or payload, an unknown delay, the wrong hold of the "
+        "torques, or friction. Standard deviations are not given: the errors of the parameters may be many times those "
+        "that noise causes.",
     )
     NOISE_TOO_LARGE = (
         "noise too large",
@@ -65,6 +67,14 @@ class FitStatus(ExplainedStatus):
         "Do not use the values; begin nearer to the truth, fix parameters that are weak, or take more starts.",
     )
 
+    @property
+    def has_deviations(self) -> bool:
+        """Whether the standard deviations from the residuals are those of the parameters.
+
+        They are not where the model is wrong, a bound holds a parameter, or the search did not end.
+        """
+        return self in (FitStatus.FITTED, FitStatus.NOISE_TOO_LARGE)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Estimated:
@@ -74,14 +84,15 @@ class Estimated:
     ----------
     vector : ParameterVector
     x : array (n,)
-    covariance : array (n, n)
-        Of x: of logarithms for parameters with the scale "log".
+    formal_covariance : array (n, n)
+        Of x, of logarithms for parameters with the scale "log", if the residuals are random: the accuracy of the
+        parameters only where `covariance` is not None. It shows which directions the data determine.
     status : FitStatus
     """
 
     vector: ParameterVector
     x: np.ndarray
-    covariance: np.ndarray
+    formal_covariance: np.ndarray
     status: FitStatus
     source: str = field(default="", kw_only=True)  # of the data, for the new model file
 
@@ -91,20 +102,30 @@ class Estimated:
         return dict(zip(self.vector.names, self.vector.values(self.x).tolist(), strict=True))
 
     @property
-    def sd(self) -> dict[str, float]:
-        """Name -> standard deviation: relative for parameters with the scale "log", else in the parameter's unit."""
-        return dict(zip(self.vector.names, np.sqrt(np.diag(self.covariance)).tolist(), strict=True))
+    def covariance(self) -> np.ndarray | None:
+        """Covariance (n, n) of x; None where the status says that the residuals do not show the accuracy."""
+        return self.formal_covariance if self.status.has_deviations else None
+
+    @property
+    def sd(self) -> dict[str, float | None]:
+        """Name -> standard deviation: relative for parameters with the scale "log", else in the parameter's unit.
+
+        None where `covariance` is: under a model error the true errors are many times as large.
+        """
+        if not self.status.has_deviations:
+            return dict.fromkeys(self.vector.names)
+        return dict(zip(self.vector.names, np.sqrt(np.diag(self.formal_covariance)).tolist(), strict=True))
 
     @property
     def correlation(self) -> np.ndarray:
-        """Correlation matrix of x (n, n)."""
-        sd = np.sqrt(np.diag(self.covariance))
-        return self.covariance / np.outer(sd, sd)
+        """Correlation matrix of x (n, n), of the formal covariance."""
+        sd = np.sqrt(np.diag(self.formal_covariance))
+        return self.formal_covariance / np.outer(sd, sd)
 
     def is_weak(self, name: str) -> bool:
         """Whether the data do not determine a parameter: the model keeps the value of its file."""
-        unknown = self.vector.unknowns[self.vector.names.index(name)]
-        return unknown.scale == "log" and self.sd[name] > WEAK
+        k = self.vector.names.index(name)
+        return self.vector.unknowns[k].scale == "log" and bool(self.formal_covariance[k, k] > WEAK**2)
 
     def used(self) -> dict[str, float]:
         """Name -> value of the numbers of the model that change: without weak ones and those of the drives."""
@@ -134,7 +155,9 @@ class Estimated:
         ArgumentError, ModelError
             See `write_model`.
         """
-        return write_model(path, self.vector.model, self.used(), self.sd, self.source, model_file)
+        note = "" if self.status.has_deviations else f"{self.status}, no standard deviations"
+        sd = {name: value for name, value in self.sd.items() if value is not None}
+        return write_model(path, self.vector.model, self.used(), sd, self.source, model_file, note=note)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -248,6 +271,7 @@ def write_model(
     source: str,
     model_file: str | Path | None = None,
     head: str = "",
+    note: str = "",
 ) -> Path:
     """Write a model file: the text of the old one with the values of some parameters and their standard deviations.
 
@@ -263,6 +287,8 @@ def write_model(
         The old file; default: that of the model.
     head : str
         Lines of comments for the beginning.
+    note : str
+        What the first line says instead of where the standard deviations are.
 
     Raises
     ------
@@ -279,7 +305,7 @@ def write_model(
         )
     if target.suffix != ".toml":
         raise ArgumentError(f"out: given {str(path)!r}, expected a name that ends in .toml")
-    text = head + written(old.read_text(encoding="utf-8"), model, values, sd, source, str(old))
+    text = head + written(old.read_text(encoding="utf-8"), model, values, sd, source, str(old), note)
     with tempfile.TemporaryDirectory() as folder:  # what cannot be read again is not written
         again = read(write_text(Path(folder) / "model.toml", text), model.variant or None)
     for parameter in select(again, sorted(values)):
@@ -292,17 +318,41 @@ def write_model(
 
 
 def written(
-    text: str, model: RobotModel, values: Mapping[str, float], sd: Mapping[str, float], source: str, file: str
+    text: str,
+    model: RobotModel,
+    values: Mapping[str, float],
+    sd: Mapping[str, float],
+    source: str,
+    file: str,
+    note: str = "",
 ) -> str:
-    """The text of a model file with the values of some parameters, each with a comment on its accuracy."""
+    """The text of a model file with the values of some parameters, each with a comment on its accuracy.
+
+    Comments of an earlier identification on the same parameters are removed: they are of the old values.
+    """
     chosen = select(model, sorted(values))
     numbers = {p.key: values[p.name] for p in chosen}
     notes = {p.key: f"{p.name}: sd {_percent(sd[p.name], p.name)}" for p in chosen if p.name in sd}
     shown = "".join(x if x.isprintable() else "?" for x in source)[:200] or "measurement"  # one line of a comment
-    head = f"# Identified parameters ({shown}): each has its standard deviation in a comment.\n"
-    return head + with_numbers(text, numbers, file, notes)
+    head = f"# Identified parameters ({shown}): {note or 'each has its standard deviation in a comment'}.\n"
+    return head + with_numbers(_without_notes(text, {p.name for p in chosen}), numbers, file, notes)
+
+
+def _without_notes(text: str, names: set[str]) -> str:
+    """The text without comments of an earlier identification on these parameters."""
+
+    def kept(found: re.Match[str]) -> str:
+        notes = [note for note in found[1].split("; ") if note.partition(": sd ")[0] not in names]
+        return f"  # {'; '.join(notes)}" if notes else ""
+
+    return re.sub(r"  # ((?:[^\s:;#]+: sd [^\s;#]+(?: %)?(?:; |$))+)$", kept, text, flags=re.MULTILINE)
+
+
+def deviation_text(sd: float | None, relative: bool) -> str:
+    """A standard deviation for a table; a dash where there is none."""
+    return "-" if sd is None else f"{100 * sd:.2g} %" if relative else f"{sd:.2g}"
 
 
 def _percent(sd: float, name: str) -> str:
     signed = ".com_" in name or name.endswith(".offset")
-    return f"{sd:.2g}" if signed else f"{100 * sd:.2g} %"
+    return deviation_text(sd, not signed)

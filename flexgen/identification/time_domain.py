@@ -243,7 +243,7 @@ def refine(
         found,
         vector=vector,
         x=fit.x,
-        covariance=covariance,
+        formal_covariance=covariance,
         status=_status(fit, cost, simulated),
         cost=cost,
         model_error=0.0,

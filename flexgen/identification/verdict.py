@@ -97,6 +97,8 @@ def verdict(
 
     Raises
     ------
+    ArgumentError
+        Neither ``truth`` nor a covariance: a model error has none.
     SolverError
         The move cannot be solved with one of the models.
     """
@@ -124,7 +126,18 @@ def verdict(
 
 
 def drawn(identified: Identified, count: int, seed: int) -> list[RobotModel]:
-    """Robots whose parameters are drawn from the covariance; weak ones keep the values of the file."""
+    """Robots whose parameters are drawn from the covariance; weak ones keep the values of the file.
+
+    Raises
+    ------
+    ArgumentError
+        The result has no covariance.
+    """
+    if identified.covariance is None:
+        raise ArgumentError(
+            f"verdict: given a result with the status {identified.status!s}, which has no covariance to draw robots "
+            "from; give the true robot (truth=, --truth), or mend the model or the data first"
+        )
     vector, rng = identified.vector, np.random.default_rng(seed)
     used = set(identified.used())
     known = np.array([not identified.is_weak(name) for name in vector.names])

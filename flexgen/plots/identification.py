@@ -110,7 +110,7 @@ def residual_plot(identified: Identified) -> Figure:
 
 @cv.styled
 def parameter_plot(identified: Identified) -> Figure:
-    """Identified values over those of the model file, with two standard deviations."""
+    """Identified values over those of the model file, with two standard deviations where the result has them."""
     unknowns = [u for u in identified.vector.unknowns if u.scale == "log" and u.parameter.value > 0]
     groups = [g for g in _split([u.name for u in unknowns]) if g]
     rows = [max(len(g), 3) for g in groups]
@@ -120,7 +120,8 @@ def parameter_plot(identified: Identified) -> Figure:
     in_file = {u.name: u.parameter.value for u in unknowns}
     for ax, names in zip(axes, groups, strict=True):
         _draw_parameters(ax, identified, names, in_file)
-    axes[-1].set_xlabel("value / value of the model file   (bars: two standard deviations; grey: not determined)")
+    words = "bars: two standard deviations" if identified.status.has_deviations else "no standard deviations"
+    axes[-1].set_xlabel(f"value / value of the model file   ({words}; grey: not determined)")
     return figure
 
 
@@ -134,8 +135,10 @@ def _draw_parameters(ax: Any, identified: Identified, names: list[str], in_file:
     sd, values = identified.sd, identified.values
     for k, name in enumerate(names):
         color = cv.GREY if identified.is_weak(name) else cv.BLUE
-        ratio, spread = values[name] / in_file[name], np.exp(2 * min(sd[name], 3.0))
-        ax.plot([ratio / spread, ratio * spread], [k, k], color=color, lw=2)
+        ratio, deviation = values[name] / in_file[name], sd[name]
+        if deviation is not None:
+            spread = np.exp(2 * min(deviation, 3.0))
+            ax.plot([ratio / spread, ratio * spread], [k, k], color=color, lw=2)
         ax.plot(ratio, k, "o", ms=4, color=color)
     ax.axvline(1.0, color=cv.INK, lw=0.8)
     ax.set_xscale("log")

@@ -10,7 +10,7 @@ import numpy as np
 from flexgen.analysis.linear import linearize, modes, poles
 from flexgen.atomic_files import write_text
 from flexgen.identification.frequency_response import Frf
-from flexgen.identification.result import FitStatus, Identified
+from flexgen.identification.result import FitStatus, Identified, deviation_text
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.elements import RobotModel
@@ -46,8 +46,9 @@ def write_identification(identified: Identified, directory: str | Path) -> Path:
         Picture(
             "parameters",
             plots.parameter_plot(identified),
-            "Identified parameters over those of the model file, with two standard deviations. Grey: not determined "
-            "by the data; the new model keeps the value of the file.",
+            "Identified parameters over those of the model file"
+            + (", with two standard deviations" if identified.status.has_deviations else "")
+            + ". Grey: not determined by the data; the new model keeps the value of the file.",
         ),
         Picture(
             "residuals",
@@ -125,7 +126,7 @@ def _summary(identified: Identified) -> str:
 def _parameters(identified: Identified) -> str:
     rows = []
     for row in identified.figures()["parameters"]:
-        sd = f"{100 * row['sd']:.2g} %" if row["sd_is_relative"] else number(row["sd"])
+        sd = deviation_text(row["sd"], row["sd_is_relative"])
         change = f"{100 * (row['value'] / row['start'] - 1):+.3g} %" if row["start"] else ""
         flag = "at its bound" if row["at_bound"] else "not determined: file's value kept" if row["weak"] else ""
         cells = (row["name"], number(row["value"], 6), row["unit"], sd, number(row["start"], 6), change, flag)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from flexgen.identification.parameters import ParameterVector
 from flexgen.identification.result import FitStatus
 from flexgen.identification.time_domain import validate
 from flexgen.mechanics.parameters import select, with_values
+from flexgen.reports.identification_page import _parameters
 
 W = 2 * np.pi * np.geomspace(1.0, 120.0, 40)
 DRIVE = Drive(5e-4)
@@ -83,6 +85,36 @@ def test_a_wrong_model_is_a_model_error(bug):
     found = flexgen.identify(model, data, free=FREE, fixed=fixed, starts=1, progress=False)
     assert found.status in (FitStatus.MODEL_ERROR, FitStatus.AT_BOUND, FitStatus.NOT_CONVERGED)
     assert found.status.sentence and found.status.advice
+
+
+@pytest.mark.parametrize("fault", ["mass of the last body 20 % larger", "sample time 1 % shorter"])
+def test_under_a_model_error_no_standard_deviations_are_stated(fault, tmp_path):
+    """The largest error is more than 10 formal deviations; result, report and model file state none."""
+    truth = without_coulomb("planar5_nmp")
+    last = truth.elements[-1]
+    robot = with_values(truth, {f"{last.name}.mass": 1.2 * last.body.mass}) if "mass" in fault else truth
+    data = exact_responses(robot, poses_of(truth, 3), W, DRIVE)
+    if "sample" in fault:
+        data = replace(data, w=data.w / 1.01, G=data.G / 1.01**2)  # times 1.01 times as long as they are
+    found = flexgen.identify(truth, data, free=FREE, starts=1, progress=False)
+    assert found.status == FitStatus.MODEL_ERROR
+    away = np.abs(list(errors(found, truth_of(truth)).values()))
+    assert (away / np.sqrt(np.diag(found.formal_covariance))).max() > 10
+    assert found.covariance is None and set(found.sd.values()) == {None}
+    assert {row["sd"] for row in found.figures()["parameters"]} == {None}
+    cells = re.findall(r"stiffness</td><td[^>]*>[^<]*</td><td>[^<]*</td><td[^>]*>([^<]*)", _parameters(found))
+    assert cells == ["-"] * 3  # of the report
+    old = tmp_path / "old.toml"  # whose comments are those of an earlier identification
+    exact = flexgen.identify(
+        truth, exact_responses(truth, data.poses @ np.linalg.inv(truth.eta), W, DRIVE), free=FREE, starts=1,
+        progress=False,
+    )  # fmt: skip
+    assert "# q1.stiffness: sd " in exact.write(old).read_text()
+    text = found.write(tmp_path / "new.toml", old).read_text()
+    assert ": sd " not in text and "model error, no standard deviations" in text.splitlines()[0]
+    assert flexgen.read(tmp_path / "new.toml").elements == found.model.elements
+    with pytest.raises(ArgumentError, match="which has no covariance to draw robots from"):
+        found.verdict("line", progress=False)
 
 
 def test_a_parameter_at_its_bound_is_named():

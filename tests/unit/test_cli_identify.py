@@ -57,11 +57,16 @@ def test_text_names_units_and_accuracy(folder, capsys):
     assert "N m/rad" in printed.out and "sd" in printed.out
 
 
-def test_a_model_error_has_exit_status_one(folder, capsys):
-    """Two springs stay at wrong values."""
+def test_a_model_error_has_exit_status_one_and_no_standard_deviations(folder, capsys):
+    """A spring stays at a wrong value."""
     wrong = ["--set", "element.arm1.dof.q1.gear.spring.stiffness=1.5e5", "--fixed", "q1.stiffness,q1.damping"]
-    status, printed = run(capsys, "identify", "planar5_nmp", folder / "frf.npz", *wrong, "-q")
+    words = ["identify", "planar5_nmp", folder / "frf.npz", *wrong, "--starts", "1", "--move", "line", "-q"]
+    status, printed = run(capsys, *words)
     assert status == 1 and "model error" in printed.out and "model error" in printed.err
+    assert "standard deviations are not given" in " ".join(printed.out.split()).lower()
+    assert "no tool errors of the move line: a result with model error has no covariance" in printed.out
+    row = next(line for line in printed.out.splitlines() if line.startswith("q2.stiffness"))
+    assert row.split()[-2] == "-"  # before the start value
 
 
 def test_progress_is_on_standard_error(folder, capsys, tmp_path):
