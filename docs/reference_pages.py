@@ -15,21 +15,7 @@ from flexgen.codegen.spec import library_spec
 from flexgen.mechanics.signatures import PORTS, TABLE
 
 # Classes of the objects that verbs return and that have no name in `flexgen` itself.
-RETURNED = {
-    "flexgen.analysis.analyze": ["Analysis"],
-    "flexgen.build.generate": ["Generated"],
-    "flexgen.export.fmu.export": ["ExportedFmu"],
-    "flexgen.export.source_folder": ["Exported"],
-    "flexgen.identification.motion_fit": ["MotionFit"],
-    "flexgen.mechanics.equations": ["Equations"],
-    "flexgen.mechanics.implicit_dae": ["ImplicitDae"],
-    "flexgen.model.elements": ["RobotModel"],
-    "flexgen.planning.phase": ["Phase"],
-    "flexgen.runtime.library": ["Library"],
-    "flexgen.runtime.stream": ["Stream"],
-    "flexgen.simulation.simulate": ["Simulation"],
-    "flexgen.sweeps.sweep": ["SweepResult"],
-}
+RETURNED = {"flexgen.mechanics.implicit_dae": ["ImplicitDae"]}
 
 
 def _title(text: str, line: str) -> list[str]:

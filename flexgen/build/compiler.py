@@ -17,7 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 from flexgen.build.object_cache import Objects
 from flexgen.errors import BuildError
@@ -46,7 +46,8 @@ LEAN_FLAGS = (
     "-fno-tree-fre",
 )
 # Instruction sets that a library can be compiled for; all give the same bits.
-ISAS = ("native", "x86-64", "x86-64-v2", "x86-64-v3", "x86-64-v4")
+IsaName = Literal["native", "x86-64", "x86-64-v2", "x86-64-v3", "x86-64-v4"]
+ISAS: tuple[IsaName, ...] = get_args(IsaName)
 SHARED = ("-fPIC", "-fvisibility=hidden")
 OPENMP = "-fopenmp"
 

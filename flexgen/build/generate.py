@@ -15,10 +15,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from flexgen import __version__
-from flexgen.build.compiler import ISAS, Compiler, build_libraries, find_compiler
+from flexgen.build.compiler import ISAS, Compiler, IsaName, build_libraries, find_compiler
 from flexgen.build.directory import MANIFEST, check_owned, clean, install, libraries, read_manifest, staging, unchanged
 from flexgen.build.packaging import packaging
 from flexgen.codegen.amalgamation import amalgamated
@@ -29,6 +29,7 @@ from flexgen.codegen.spec import (
     PRECISIONS,
     STATUSES,
     LibrarySpec,
+    PrecisionName,
     chosen_functions,
     library_name,
     library_spec,
@@ -38,6 +39,9 @@ from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
+
+if TYPE_CHECKING:
+    from flexgen.mechanics.equations import Equations
 
 FORMAT = 2
 
@@ -75,16 +79,16 @@ class Generated:
 
 @reported("generate")
 def generate(
-    model_or_equations: Any,
+    model_or_equations: str | Path | RobotModel | Equations,
     directory: str | os.PathLike[str] | None = None,
     *,
     build: bool = True,
     functions: Sequence[str] | None = None,
-    precision: str = "double",
+    precision: PrecisionName = "double",
     parameters: Sequence[str] = (),
     native: bool = False,
     openmp: bool = False,
-    isa: str = "native",
+    isa: IsaName = "native",
     amalgamate: bool = False,
     per_point: bool = False,
     progress: Choice = None,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from flexgen.mechanics.parameters import Parameter
 
 ABI_VERSION = 4
-PRECISIONS = ("double", "single")
+PrecisionName = Literal["double", "single"]
+PRECISIONS: tuple[PrecisionName, ...] = get_args(PrecisionName)
 
 
 @dataclass(frozen=True)

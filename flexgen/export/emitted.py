@@ -11,13 +11,14 @@ from typing import Any
 
 from flexgen.build.generate import generate
 from flexgen.codegen.clib_table import inversion_reason
-from flexgen.codegen.spec import library_name
+from flexgen.codegen.spec import PrecisionName, library_name
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 
+ModelLike = str | Path | RobotModel | Equations
 _KEPT = 4  # libraries that are kept, so that several exports of a model emit it once
 _LAST: dict[tuple[str, str], Emitted] = {}
 
@@ -94,7 +95,7 @@ def _option(header: str, name: str, word: str) -> str | None:
     return found[1].rstrip("f") if found else None
 
 
-def resolved(model_or_equations: Any) -> Equations:
+def resolved(model_or_equations: ModelLike) -> Equations:
     """Equations without run-time parameters; ArgumentError for something else."""
     given = model_or_equations
     if isinstance(given, Equations):
@@ -112,7 +113,7 @@ def resolved(model_or_equations: Any) -> Equations:
     return derive(given if isinstance(given, RobotModel) else read(given))
 
 
-def emitted(model_or_equations: Any, *, precision: str = "double", streams: bool = False) -> Emitted:
+def emitted(model_or_equations: ModelLike, *, precision: PrecisionName = "double", streams: bool = False) -> Emitted:
     """The library of a model, in two files.
 
     Parameters
@@ -143,7 +144,7 @@ def emitted(model_or_equations: Any, *, precision: str = "double", streams: bool
     return found
 
 
-def _generated(equations: Equations, precision: str) -> Emitted:
+def _generated(equations: Equations, precision: PrecisionName) -> Emitted:
     """The library, derived and written."""
     with tempfile.TemporaryDirectory(prefix="flexgen-") as folder:
         made = generate(equations, folder, build=False, precision=precision, amalgamate=True, progress=False)

@@ -26,7 +26,7 @@ from flexgen import __version__
 from flexgen.analysis.linear import linearize, poles
 from flexgen.atomic_files import write_text
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.export.mujoco_checks import Drive, check_laws, drives, refused, with_friction
+from flexgen.export.mujoco_checks import Drive, FrictionName, check_laws, drives, refused, with_friction
 from flexgen.export.mujoco_forces import add_actuators, add_tendons
 from flexgen.export.mujoco_inertia import principal, regrouped
 from flexgen.export.poses import chained, frame_about, pose_attributes, quaternion
@@ -45,7 +45,7 @@ STEP_MAX = 1e-3  # s
 _JOINTS = {"rotation": "hinge", "translation": "slide"}
 
 
-def export_mujoco(model: str | Path | RobotModel, path: str | Path, *, friction: str = "exact") -> Path:
+def export_mujoco(model: str | Path | RobotModel, path: str | Path, *, friction: FrictionName = "exact") -> Path:
     """Write a robot as an MJCF file for MuJoCo (3.7 or later for cubic and smooth springs, else 3.3.5).
 
     Joints have the names of the arm coordinates, ``rotor.NAME`` are the angles of the motors behind elastic gears

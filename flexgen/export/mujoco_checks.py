@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -10,7 +11,8 @@ from flexgen.errors import ArgumentError, ModelError
 from flexgen.export.mujoco_inertia import PARALLEL
 from flexgen.model.elements import BacklashSpring, Friction, Motor, RobotModel
 
-FRICTIONS = ("exact", "viscous", "dry")
+FrictionName = Literal["exact", "viscous", "dry"]
+FRICTIONS: tuple[FrictionName, ...] = get_args(FrictionName)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ numbers, names that refer to each other, key paths of variants. The reader has t
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal, get_args
 
 from flexgen import __version__
 from flexgen.errors import ArgumentError
@@ -15,10 +15,11 @@ from flexgen.export import schema_robot, schema_tasks
 from flexgen.export.schema_types import IDENTIFIER, Schema, choice, name, picked, ref, string, table, vector, words
 from flexgen.model import reader
 
-KINDS = ("model", "program")
+Kind = Literal["model", "program"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
-def schema(kind: str = "model") -> dict[str, Any]:
+def schema(kind: Kind = "model") -> dict[str, Any]:
     """The JSON schema (draft 7) of model files.
 
     The editor extension Even Better TOML completes and explains keys in a file whose first line is

@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -30,7 +30,8 @@ from flexgen.identification.experiments.experiment import Experiment
 from flexgen.identification.experiments.spectra import without_transients
 from flexgen.identification.outputs import ANGLE
 
-AVERAGES = ("arithmetic", "harmonic", "logarithmic", "h1")
+AverageName = Literal["arithmetic", "harmonic", "logarithmic", "h1"]
+AVERAGES: tuple[AverageName, ...] = get_args(AverageName)
 REPEATS = 6.0  # a period that differs from the others by more than this times their scatter does not repeat
 LARGEST_DIFFERENCE = 0.1  # of the signal: above it such a period is an error, below it a warning
 LARGEST = 1e100  # of a response or a variance in a file
@@ -190,7 +191,7 @@ class Frf:
         )  # fmt: skip
 
 
-def frf(experiment: Experiment, *, average: str = "arithmetic", transients: bool = False) -> Frf:
+def frf(experiment: Experiment, *, average: AverageName = "arithmetic", transients: bool = False) -> Frf:
     """Estimate the frequency responses of an experiment.
 
     Parameters

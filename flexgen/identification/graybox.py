@@ -19,7 +19,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import ParameterVector
-from flexgen.identification.residuals import RESIDUALS, Residuals, over_lines
+from flexgen.identification.residuals import RESIDUALS, ResidualName, Residuals, over_lines
 from flexgen.identification.result import WEAK, FitStatus, Identified, with_coulomb
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
@@ -45,7 +45,7 @@ def identify(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     priors: Mapping[str, float] | None = None,
     ties: Mapping[str, str] | None = None,
-    residual: str = "nls",
+    residual: ResidualName = "nls",
     structured: bool = True,
     floor: float | None = None,
     starts: int = 3,

@@ -10,6 +10,8 @@
 
 from __future__ import annotations
 
+from typing import Literal, get_args
+
 import numpy as np
 from scipy.optimize import nnls
 
@@ -20,7 +22,8 @@ from flexgen.identification.outputs import ANGLE
 from flexgen.identification.parameters import ParameterVector
 from flexgen.numerics.trust_region import Sums
 
-RESIDUALS = ("nls", "lls")
+ResidualName = Literal["nls", "lls"]
+RESIDUALS: tuple[ResidualName, ...] = get_args(ResidualName)
 LEAST_RELATIVE_SD = 1e-9  # of responses without noise
 AVERAGINGS = 3  # of springs: the deflections depend on the stiffness and the reverse
 SMOOTHED = 7  # lines over which a variance from few realizations is averaged

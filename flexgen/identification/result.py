@@ -17,10 +17,12 @@ from flexgen.errors import ArgumentError, ModelError
 from flexgen.explained_status import ExplainedStatus
 from flexgen.identification.frequency_response import Frf
 from flexgen.identification.parameters import ParameterVector, is_of_drive
+from flexgen.inversion.robustness import ControlName
 from flexgen.mechanics.parameters import select, with_values
 from flexgen.model.elements import RobotModel
 from flexgen.model.number_edit import with_numbers
 from flexgen.model.reader import parse_file, read
+from flexgen.progress import Choice
 
 WEAK = 0.5  # standard deviation of a logarithm above which the model keeps the value of its file
 
@@ -255,7 +257,13 @@ class Identified(Estimated):
         return page
 
     def verdict(
-        self, move: Any = None, *, truth: Any = None, samples: int = 10, control: str = "feedback", progress: Any = None
+        self,
+        move: Any = None,
+        *,
+        truth: Any = None,
+        samples: int = 10,
+        control: ControlName = "feedback",
+        progress: Choice = None,
     ) -> Any:
         """Tool errors of feedforward with this model; see `flexgen.identification.verdict.verdict`."""
         return implementation("Identified.verdict")(

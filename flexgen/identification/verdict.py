@@ -15,7 +15,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.result import WEAK, Identified
-from flexgen.inversion.robustness import tool_errors
+from flexgen.inversion.robustness import ControlName, tool_errors
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.inversion.status import Status
@@ -76,7 +76,7 @@ def verdict(
     *,
     truth: RobotModel | str | Path | None = None,
     samples: int = 10,
-    control: str = "feedback",
+    control: ControlName = "feedback",
     seed: int = 0,
     progress: Choice = None,
 ) -> Verdict:

@@ -10,6 +10,7 @@ from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
 from flexgen.simulation.hold import SAMPLE_TIME, TorqueCommand, check_hold, held_torque
+from flexgen.simulation.hold_names import HoldName
 from flexgen.simulation.torque_curve import stated_degree
 from flexgen.trajectory import Trajectory
 
@@ -33,7 +34,7 @@ class Hold:
         A value is out of range.
     """
 
-    kind: str = "spline"
+    kind: HoldName = "spline"
     sample_time: float | None = None
     delay: float = 0.0
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal, get_args
 
 import casadi as ca
 import numpy as np
@@ -35,7 +35,8 @@ from flexgen.trajectory import Trajectory
 RTOL, ATOL = 1e-8, 1e-10  # a tenth of a micrometer; the measured errors are millimeters
 SAMPLE = 2e-3  # s: longest sampling interval of the error
 NEWTON_STEPS = 60
-CONTROLS = ("feedforward", "feedback")
+ControlName = Literal["feedforward", "feedback"]
+CONTROLS: tuple[ControlName, ...] = get_args(ControlName)
 
 
 @dataclass(frozen=True)

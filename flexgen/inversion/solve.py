@@ -33,6 +33,7 @@ from flexgen.paths.path import named_move
 from flexgen.paths.redundancy import problem_of_move
 from flexgen.ports import Port
 from flexgen.progress import Choice, reported
+from flexgen.simulation.hold_names import HoldName
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 
@@ -58,7 +59,7 @@ def solve(
     limits: Limits | None = None,
     verify: bool = True,
     accuracy: float = ACCURACY,
-    hold: str = "spline",
+    hold: HoldName = "spline",
     sample_time: float | None = None,
     delay: float = 0.0,
     time_limit: float | None = TIME_LIMIT,

@@ -107,16 +107,14 @@ def model_names() -> list[str]:
 def _folders() -> list[Path]:
     """Folders in which names are looked up, in this order.
 
-    FLEXGEN_MODELS, ``models/`` in the current directory, and the models that come with flexgen: inside an installed
-    package, in the folder ``models/`` of the repository in a clone.
+    FLEXGEN_MODELS, ``models/`` in the current directory, and the models that come with flexgen: inside the package,
+    which in a clone has a link to the folder ``models/`` of the repository.
     """
     named = os.environ.get("FLEXGEN_MODELS")
     if named and not Path(named).is_dir():
         raise ArgumentError(f"FLEXGEN_MODELS: given {named!r}, which is not a folder, expected a folder of model files")
     found = [Path(named)] if named else []
-    package = Path(__file__).resolve().parents[1]
-    inside = package / "models"
-    found += [Path("models"), inside if inside.is_dir() else package.parent / "models"]
+    found += [Path("models"), (Path(__file__).parents[1] / "models").resolve()]
     return [folder for folder in found if folder.is_dir()]
 
 

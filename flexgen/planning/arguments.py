@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from flexgen.arguments import check_not_negative, check_positive, is_number, is_whole
 from flexgen.errors import ArgumentError
 
-HESSIANS = ("auto", "exact", "gauss-newton")
+HessianName = Literal["auto", "exact", "gauss-newton"]
+HESSIANS: tuple[HessianName, ...] = get_args(HessianName)
 MOST = 5000  # intervals of a mesh
 
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path as FilePath
+from typing import Literal, get_args
 
 import casadi as ca
 import numpy as np
@@ -34,7 +35,7 @@ from flexgen.numerics.tableaus import Tableau, gauss, lobatto, radau
 from flexgen.numerics.transcription import Transcription
 from flexgen.paths.path import Path, named_move
 from flexgen.planning import guesses, reference_curve
-from flexgen.planning.arguments import check_parameter, check_solve, mesh_nodes
+from flexgen.planning.arguments import HessianName, check_parameter, check_solve, mesh_nodes
 from flexgen.planning.blocks import Program, check_finite, program
 from flexgen.planning.nodal import general_part
 from flexgen.planning.obstacles import Obstacle, Sphere, distance_rows
@@ -45,11 +46,13 @@ from flexgen.planning.transcribe import Layout, blocks_of, links
 from flexgen.progress import Choice, reported
 from flexgen.trajectory import Trajectory
 
-SCHEMES: dict[str, Callable[[], Tableau]] = {
+SchemeName = Literal["gauss3", "radau", "hermite-simpson"]
+SCHEMES: dict[SchemeName, Callable[[], Tableau]] = {
     "gauss3": lambda: gauss(3), "radau": lambda: radau(3), "hermite-simpson": lobatto,
 }  # fmt: skip
 Rest = tuple[int, str, np.ndarray, float | None]  # phase, end, coordinates, path parameter where it is known
-TIMINGS = ("given", "free")
+TimingName = Literal["given", "free"]
+TIMINGS: tuple[TimingName, ...] = get_args(TimingName)
 INTERVALS = 50
 EXACT_UP_TO = 8  # coordinates: above it the curvature of the constraints costs more than it saves
 ACCURACY = 1e-5  # rad, and m for each meter of reach: largest error of the simulation of a solved problem
@@ -236,7 +239,7 @@ class PlanProblem(Phase):
         *,
         guess: str | Solution | Trajectory | None = None,
         warm: bool = False,
-        hessian: str = "auto",
+        hessian: HessianName = "auto",
         verify: bool = True,
         accuracy: float = ACCURACY,
         compiled: bool | None = None,
@@ -378,8 +381,8 @@ def plan_problem(
     move: str | Move | None = None,
     *,
     mesh: int | float | Sequence[float] = INTERVALS,
-    scheme: str = "gauss3",
-    timing: str = "given",
+    scheme: SchemeName = "gauss3",
+    timing: TimingName = "given",
     limits: Limits | bool | None = None,
 ) -> PlanProblem:
     """An optimal control problem of a robot, to which costs, constraints and bounds are added.

@@ -27,7 +27,12 @@ from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
 from flexgen.trajectory import Trajectory
 
-BLUE, ORANGE, GREEN, RED, PURPLE, SKY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9"
+BLUE: str = "#0072B2"
+ORANGE: str = "#E69F00"
+GREEN: str = "#009E73"
+RED: str = "#D55E00"
+PURPLE: str = "#CC79A7"
+SKY: str = "#56B4E9"
 INK, GREY, PALE = "#222222", "#777777", "#F1F1EE"
 COLORS = (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, INK)
 DASHES = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)))

@@ -34,7 +34,7 @@ from scipy.linalg import solve_banded
 from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError
 from flexgen.ports import Port
-from flexgen.simulation.hold_names import HOLDS
+from flexgen.simulation.hold_names import HOLDS, HoldName
 from flexgen.simulation.torque_curve import (
     POLYNOMIALS,
     SAMPLES,
@@ -75,7 +75,7 @@ class TorqueCommand:
     time: np.ndarray
     values: np.ndarray
     labels: tuple[str, ...]
-    hold: str
+    hold: HoldName
     sample_time: float
     delay: float
     meta: Mapping[str, Any]

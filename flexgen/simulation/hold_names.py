@@ -2,4 +2,7 @@
 
 from __future__ import annotations
 
-HOLDS = {"spline": "spline", "linear": "linear hold", "zoh": "zero-order hold"}
+from typing import Literal
+
+HoldName = Literal["spline", "linear", "zoh"]
+HOLDS: dict[HoldName, str] = {"spline": "spline", "linear": "linear hold", "zoh": "zero-order hold"}

@@ -6,45 +6,24 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 import tarfile
-import venv
 import zipfile
-from importlib.metadata import version
 from pathlib import Path
 
-import numpy as np
 import pytest
+from installations import built, clone_at, environment_at, install, need_setuptools
 
 import flexgen
 
 ROOT = Path(__file__).resolve().parents[2]
-SETUPTOOLS = 77  # the oldest that pyproject.toml accepts
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Built from a copy, so that nothing is left in the clone."""
-    if int(version("setuptools").partition(".")[0]) < SETUPTOOLS:
-        pytest.skip(f"setuptools is older than {SETUPTOOLS}; run: make setup-test")
+    need_setuptools()
     folder = tmp_path_factory.mktemp("wheel")
-    clone = folder / "clone"
-    hidden = shutil.ignore_patterns("__pycache__", "*.egg-info")
-    for name in ("flexgen", "models", "examples", ".ci"):
-        shutil.copytree(ROOT / name, clone / name, ignore=hidden)
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, clone)
-    return built(clone, folder / "dist", 0o022)
-
-
-def built(clone: Path, folder: Path, umask: int) -> Path:
-    """The wheel that `.ci/dist.py` writes, beside the sdist."""
-    environment = os.environ | {"SOURCE_DATE_EPOCH": "1700000000"}
-    command = [sys.executable, clone / ".ci" / "dist.py", folder]
-    done = subprocess.run(command, env=environment, umask=umask, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    (made,) = folder.glob("*.whl")
-    return made
+    return built(clone_at(folder / "clone"), folder / "dist")
 
 
 def examples() -> set[str]:
@@ -73,13 +52,13 @@ def test_the_sdist_contains_all_that_the_wheel_needs(wheel: Path) -> None:
         names = {name.partition("/")[2] for name in opened.getnames()}
     with zipfile.ZipFile(wheel) as made:
         packaged = {name for name in made.namelist() if name.startswith("flexgen/") and "/models/" not in name}
-    assert packaged | examples() | {"pyproject.toml", "LICENSE", "README.md", "models/elbow.toml"} <= names
+    assert packaged | examples() | {"pyproject.toml", "LICENSE", "README.md", "flexgen/models/elbow.toml"} <= names
 
 
 def test_the_bytes_of_both_repeat(wheel: Path) -> None:
     """From sources with other times, by a user with another umask, in another folder."""
     other = wheel.parents[1] / "elsewhere" / "clone"
-    shutil.copytree(wheel.parents[1] / "clone", other)
+    shutil.copytree(wheel.parents[1] / "clone", other, symlinks=True)
     for path in other.rglob("*"):
         os.utime(path, (1.6e9, 1.6e9))
     again = built(other, other.parent / "dist", 0o077)
@@ -94,14 +73,9 @@ def test_the_bytes_of_both_repeat(wheel: Path) -> None:
 def test_it_works_in_an_empty_environment(wheel: Path, tmp_path: Path) -> None:
     """Only the dependencies are lent to the environment."""
     place = tmp_path / "empty"
-    venv.create(place, symlinks=True)
-    python = place / "bin" / "python"
-    options = ["--no-deps", "--no-index", "--quiet"]
+    python = environment_at(place)
+    install(python, wheel)
     environment = {name: text for name, text in os.environ.items() if name != "PYTHONPATH"}
-    command = [sys.executable, "-m", "pip", "--python", python, "install", *options, wheel]
-    subprocess.run(command, env=environment, check=True)
-    (packages,) = place.glob("lib/python*/site-packages")
-    (packages / "dependencies.pth").write_text(f"{Path(np.__file__).parents[1]}\n")
 
     def call(*words: object) -> str:
         command = [str(word) for word in words]

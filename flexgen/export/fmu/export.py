@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 from flexgen import __version__
 from flexgen.atomic_files import atomic_file
@@ -28,8 +28,10 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
 
-VERSIONS = ("2.0", "3.0")
-BLOCKS = ("plant", "feedforward", "controller")
+FmiVersion = Literal["2.0", "3.0"]
+VERSIONS: tuple[FmiVersion, ...] = get_args(FmiVersion)
+BlockName = Literal["plant", "feedforward", "controller"]
+BLOCKS: tuple[BlockName, ...] = get_args(BlockName)
 _FOLDER = Path(__file__).parent
 _PREFIX = "flexgen_fmu_"  # of all files that are the same for every model, and of the configuration
 _FIXED = {"FMU_PLANT": "plant.h", "FMU_FEEDFORWARD": "feedforward.h", "FMU_CONTROLLER": "controller.h"}
@@ -78,10 +80,10 @@ def export_fmu(
     model: str | Path | RobotModel,
     path: str | os.PathLike[str] | None = None,
     *,
-    version: str = "2.0",
-    block: str = "plant",
+    version: FmiVersion = "2.0",
+    block: BlockName = "plant",
     binary: bool = True,
-    method: str | None = None,
+    method: Literal["rk4", "sdirk4"] | None = None,
     step: float | None = None,
     controller: Any = None,
     sample_time: float | None = None,

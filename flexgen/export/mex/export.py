@@ -10,7 +10,7 @@ from typing import Any
 from flexgen.codegen.c_text import comment, quoted
 from flexgen.codegen.clib_table import TOLERANCES
 from flexgen.errors import BuildError
-from flexgen.export.emitted import Emitted, emitted
+from flexgen.export.emitted import Emitted, ModelLike, emitted
 from flexgen.export.source_folder import Exported, folder_of, write_folder
 from flexgen.export.template import template
 
@@ -27,7 +27,7 @@ KEYWORDS = frozenset(
 )
 
 
-def export_mex(model: Any, directory: str | os.PathLike[str] | None = None, *, force: bool = False) -> Exported:
+def export_mex(model: ModelLike, directory: str | os.PathLike[str] | None = None, *, force: bool = False) -> Exported:
     """Write the emitted library as a package of functions for MATLAB and GNU Octave.
 
     ``addpath(folder); build_<name>`` compiles it. Then ``<name>.inverse_dynamics(q_a, v_a, a_a)`` and all other

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import re
-from typing import Any
 
 from flexgen.codegen.c_text import comment
 from flexgen.errors import BuildError
-from flexgen.export.emitted import Emitted, emitted
+from flexgen.export.emitted import Emitted, ModelLike, emitted
 from flexgen.export.plcopen.blocks import Block, blocks, struct
 from flexgen.export.plcopen.text import structured_text, xml
 from flexgen.export.source_folder import Exported, folder_of, write_folder
@@ -18,7 +17,7 @@ PACKAGE = "flexgen.export.plcopen"
 
 
 def export_plcopen(
-    model: Any, directory: str | os.PathLike[str] | None = None, *, stream: bool = True, force: bool = False
+    model: ModelLike, directory: str | os.PathLike[str] | None = None, *, stream: bool = True, force: bool = False
 ) -> Exported:
     """Write function blocks for a PLC: inverse dynamics of the arm, and a stream.
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 import numpy as np
 
 from flexgen import __version__
 from flexgen.codegen.c_text import quoted
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.export.emitted import Emitted, emitted
+from flexgen.export.emitted import Emitted, ModelLike, emitted
 from flexgen.export.selftest.golden import output_at
 from flexgen.export.source_folder import Exported, folder_of, write_folder
 from flexgen.export.template import template, xml_text, yaml_text
@@ -40,7 +39,7 @@ _NEEDED = frozenset({*_ROS, "controller_manager", "eigen", "inverse_dynamics_int
 
 
 def export_ros2(
-    model: Any,
+    model: ModelLike,
     directory: str | os.PathLike[str] | None = None,
     *,
     package: str | None = None,

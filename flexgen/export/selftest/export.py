@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
 
+from flexgen.codegen.spec import PrecisionName
 from flexgen.errors import SolverError
-from flexgen.export.emitted import emitted
+from flexgen.export.emitted import ModelLike, emitted
 from flexgen.export.selftest.cases import cases
 from flexgen.export.selftest.golden import at_rest, expected, states
 from flexgen.export.selftest.motion import motion_of
@@ -18,10 +18,10 @@ PACKAGE = "flexgen.export.selftest"
 
 
 def export_selftest(
-    model: Any,
+    model: ModelLike,
     directory: str | os.PathLike[str] | None = None,
     *,
-    precision: str = "double",
+    precision: PrecisionName = "double",
     move: str | None = None,
     motion: bool = True,
     force: bool = False,

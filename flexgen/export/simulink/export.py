@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-from typing import Any
 
 from flexgen.codegen.c_text import comment
-from flexgen.export.emitted import Emitted, emitted
+from flexgen.export.emitted import Emitted, ModelLike, emitted
 from flexgen.export.source_folder import Exported, folder_of, write_folder
 from flexgen.export.template import template
 
@@ -14,7 +13,7 @@ PACKAGE = "flexgen.export.simulink"
 
 
 def export_simulink(
-    model: Any, directory: str | os.PathLike[str] | None = None, *, stream: bool = True, force: bool = False
+    model: ModelLike, directory: str | os.PathLike[str] | None = None, *, stream: bool = True, force: bool = False
 ) -> Exported:
     """Write the emitted library as blocks of Simulink.
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -26,7 +27,8 @@ from flexgen.model.elements import RobotModel
 
 FRICTIONS = (".viscous", ".coulomb", ".stribeck", ".alpha", ".beta", ".offset")
 RANGE = 1.0  # rad or m about home where a joint has no limits
-CRITERIA = ("A", "D", "random")
+CriterionName = Literal["A", "D", "random"]
+CRITERIA: tuple[CriterionName, ...] = get_args(CriterionName)
 
 
 def candidates(model: RobotModel, count: int, seed: int) -> np.ndarray:

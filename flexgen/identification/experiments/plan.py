@@ -38,7 +38,7 @@ def excite(
     model: RobotModel | str | Path,
     *,
     poses: int | np.ndarray = 8,
-    criterion: str = "A",
+    criterion: operating_points.CriterionName = "A",
     free: Sequence[str] | None = None,
     speed_rms: float | Sequence[float] = 0.05,
     f_min: float | None = None,

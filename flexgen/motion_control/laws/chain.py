@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.linalg import eigvals, matrix_power, solve
@@ -18,7 +19,8 @@ from flexgen.errors import ArgumentError
 
 STABLE = 1.0 + 1e-9  # largest size of an eigenvalue
 BISECTIONS = 40
-FORMS = ("continuous", "discrete")
+FormName = Literal["continuous", "discrete"]
+FORMS: tuple[FormName, ...] = get_args(FormName)
 
 
 @dataclass(frozen=True)

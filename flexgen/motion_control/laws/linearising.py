@@ -24,7 +24,7 @@ from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.mechanics.signatures import FLEXIBLE_JOINT
 from flexgen.model.elements import RobotModel
 from flexgen.motion_control.laws.bound import COMPUTED_TORQUE, LINEARISATION, BoundLaw
-from flexgen.motion_control.laws.chain import FORMS, checked_gains
+from flexgen.motion_control.laws.chain import FORMS, FormName, checked_gains
 from flexgen.motion_control.laws.law import ModelLaw
 from flexgen.motion_control.laws.motion import LawMotion
 from flexgen.motion_control.laws.stability import check_pose_loop
@@ -65,7 +65,7 @@ class FeedbackLinearisation(ModelLaw):
     """
 
     frequency_hz: float = 16.0
-    form: str = "continuous"
+    form: FormName = "continuous"
     predict: bool = False
     allow_unstable: bool = False
 

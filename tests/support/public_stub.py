@@ -1,0 +1,34 @@
+"""The stub `flexgen/__init__.pyi`, from the tables of public names: run this file to write it anew."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import flexgen
+
+STUB = Path(flexgen.__file__).with_suffix(".pyi")
+HEAD = '''"""The public names for type checkers, from the tables in `__init__.py`; `make golden` writes this file."""
+
+from typing import Any
+
+'''
+END = """
+__version__: str
+
+def implementation(method: str) -> Any: ...
+"""
+
+
+def stub() -> str:
+    """The text of the stub: each public name is imported from its module, in the order of Ruff."""
+
+    def order(entry: tuple[str, str]) -> tuple[str, int, str]:
+        name, module = entry
+        return module, 0 if name.isupper() else 1 if name[0].isupper() else 2, name.lower()
+
+    rows = sorted(flexgen._PUBLIC.items(), key=order)
+    return HEAD + "".join(f"from {module} import {name} as {name}\n" for name, module in rows) + END
+
+
+if __name__ == "__main__":
+    STUB.write_text(stub(), encoding="utf-8")
