@@ -113,7 +113,7 @@ def main() -> None:
     machine = f"{platform.machine()}, Python {platform.python_version()}, one core, shared machine."
     disturbed = (
         "Largest dynamic error [mm] of six robots at 1 ms, noise of the motor angles 1e-4 rad. Disturbed: 0.5 N m on "
-        "every motor from 0.3 s on, 300 N on the tool for 20 ms."
+        "every motor from 0.3 s on, 300 N on the tool for 20 ms. The load is at the tool."
     )
     learned = "P-PI at 1 ms, noise of the motor angles 1e-4 rad; largest error, at rest included."
     names = list(SIZES)[:2] if quick else list(SIZES)

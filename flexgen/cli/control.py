@@ -54,6 +54,7 @@ def control(args: Namespace, log: Progress) -> VerbResult:
             ("robot", "error, mm", "dynamic, mm", "at the end, mm", "torque, N m", "samples at the limit", "failure"),
         ),
     ]
+    text += [f"{r.name}: load {r.load}" for r in run.runs if r.load]
     if margins:
         head = ("pose", "stable", "gain margin", "delay margin, ms")
         text += ["", table([[k, str(m.stable), m.gain, 1e3 * m.delay_s] for k, m in margins.items()], head)]

@@ -79,7 +79,7 @@ def _root() -> dict[str, Schema]:
         },
         "motor": schema_robot.motors(),
         "tool": ref("placement", "pose of the tool frame, from the tip of the last element"),
-        "payload": ref("body", "load at the tip of the last element"),
+        "payload": ref("body", "load, in the frame of the tip of the last element; com: by default at the tool"),
         "output": schema_tasks.output(),
         "move": schema_tasks.moves(),
         "program": schema_tasks.programs(),

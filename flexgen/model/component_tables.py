@@ -29,6 +29,7 @@ from flexgen.model.elements import (
     Placement,
     SmoothSpring,
     Spring,
+    Vector,
 )
 from flexgen.ports import identifier_problem
 
@@ -97,8 +98,8 @@ def read_placement(table: Table) -> Placement:
     )
 
 
-def read_body(table: Table) -> Body:
-    """Read a rigid body; its inertia tensor must be physically possible."""
+def read_body(table: Table, com: Vector = ZERO) -> Body:
+    """Read a rigid body, its center of mass at ``com`` by default; its inertia tensor must be physically possible."""
     table.only(*_BODY)
     mass = table.number("mass", least=0.0)
     entries = table.vector("inertia", (3, 6), (0.0, 0.0, 0.0), "xx, yy, zz, optionally xy, yz, xz")
@@ -119,7 +120,7 @@ def read_body(table: Table) -> Body:
                 "no principal moment larger than the sum of the other two (or inertia_reduced = true)",
                 f"a tensor with principal moments {moments}",
             )
-    return Body(mass, table.vector("com", 3, ZERO, "m"), inertia, table.number("rotational_drag", 0.0, least=0.0))
+    return Body(mass, table.vector("com", 3, com, "m"), inertia, table.number("rotational_drag", 0.0, least=0.0))
 
 
 def read_spring(table: Table, least: float | None = None) -> Spring:

@@ -265,6 +265,7 @@ def _override(root: Entry, shown: str, key: Any, value: Any) -> None:
 
 def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
     root.only(*_KEYS)
+    tool = root.build("tool", component_tables.read_placement, Placement())
     coupling = root.choice("motor_coupling", ("simplified", "complete"), "simplified")
     chain, where = component_tables.read_elements(root)
     draft = RobotModel(
@@ -275,8 +276,8 @@ def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
         base=root.build("base", component_tables.read_placement, Placement()),
         elements=chain,
         motors=component_tables.read_motors(root, chain, where, coupling),
-        tool=root.build("tool", component_tables.read_placement, Placement()),
-        payload=root.build("payload", component_tables.read_body, Body()),
+        tool=tool,
+        payload=root.build("payload", lambda t: component_tables.read_body(t, tool.position), Body(com=tool.position)),
         output=Output("tool_pose"),
         home=(),
         moves=(),

@@ -279,7 +279,9 @@ def run_case(
         arm, _, motors, _, _ = np.split(motion[:, :, lane], ends, axis=1)
         error, turn = output_errors(case.equations, reference, np.ascontiguousarray(arm))
         stopped = int(loop.saturated[lane]), loop.failures[lane]
-        runs.append(PlantRun(plant, arm, motors, tau_m[:, lane], error, turn, *stopped, q_m[:, lane], y_s[:, lane]))
+        seen = q_m[:, lane], y_s[:, lane]
+        load = case.plants.loads[lane]
+        runs.append(PlantRun(plant, arm, motors, tau_m[:, lane], error, turn, *stopped, *seen, load))
     return ControlRun(
         robot, case.solution, name, controller, reference, case.hardware, case.delay_samples, tuple(runs), loop.steps,
         seconds,

@@ -126,6 +126,8 @@ class Learned:
             f"{self.runs[0].model.name}, move {self.runs[0].solution.move.name}: largest error of "
             f"each iteration, Q {self.frequency_hz:.3g} Hz, gain {self.gain:g}"
         )
+        load = self.runs[0][self.plant].load
+        head += f", load {load}" if load else ""
         return "\n".join([head, *rows, *([f"  {self.stopped}"] if self.stopped else [])])
 
     @property
@@ -139,6 +141,7 @@ class Learned:
             "model": self.runs[0].model.name,
             "move": self.runs[0].solution.move.name,
             "plant": self.plant,
+            "load": self.runs[0][self.plant].load,
             "controller": self.runs[0].controller,
             "frequency_hz": self.frequency_hz,
             "gain": self.gain,

@@ -55,7 +55,7 @@ class Load:
     def __str__(self) -> str:
         """Mass and center of mass."""
         com = ", ".join(f"{1e3 * x:.1f} +- {1e3 * s:.1f}" for x, s in zip(self.com, self.com_sd, strict=True))
-        return f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass {com} mm"
+        return f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass {com} mm in the frame of the last tip"
 
 
 def identify_load(

@@ -6,7 +6,7 @@ A change is a factor on a number of the model (``q2.stiffness``), or on all numb
 stiffness   stiffnesses of all springs (not break positions and gaps)
 damping     of all gears and springs
 friction    all friction torques (not speeds of friction laws)
-payload     mass that is added to the payload [kg], at its center of mass
+payload     mass [kg] that is added to the payload, at its center of mass; without one in the model at the tool
 =========== =========================================================================================
 """
 
@@ -39,12 +39,14 @@ _FORCES = ("N m", "N", "N m s/rad", "N s/m", "N m/rad", "N/m", "N m/rad^3", "N/m
 class Plants:
     """Robots of one model with other numbers.
 
-    ``names`` (lanes); ``parameters``: the numbers that differ, in the order of the model; ``values`` (lanes, n_p).
+    ``names`` (lanes); ``parameters``: the numbers that differ, in the order of the model; ``values`` (lanes, n_p);
+    ``loads``: mass and place of the load that is added to each, in words, or an empty text.
     """
 
     names: tuple[str, ...]
     parameters: tuple[Parameter, ...]
     values: np.ndarray
+    loads: tuple[str, ...]
 
 
 def plants_of(model: RobotModel, changes: Mapping[str, Mapping[str, float]]) -> Plants:
@@ -62,7 +64,15 @@ def plants_of(model: RobotModel, changes: Mapping[str, Mapping[str, float]]) -> 
     used = {parameter for values in numbers.values() for parameter in values}
     parameters = tuple(p for p in select(model, sorted(used))) if used else ()
     values = np.array([[own.get(p.name, p.value) for p in parameters] for own in numbers.values()])
-    return Plants(tuple(numbers), parameters, values.reshape(len(numbers), len(parameters)))
+    loads = tuple(_load(model, given["payload"]) if "payload" in given else "" for given in changes.values())
+    return Plants(tuple(numbers), parameters, values.reshape(len(numbers), len(parameters)), loads)
+
+
+def _load(model: RobotModel, mass: float) -> str:
+    """The mass that is added to the payload, and where."""
+    place = f"[{', '.join(f'{x:g}' for x in model.payload.com)}] m in the frame of the last tip"
+    at = "at the tool" if model.payload.com == model.tool.position else "at the center of mass of the payload"
+    return f"{mass:+g} kg {at}, {place}"
 
 
 def _numbers(model: RobotModel, plant: str, changes: Mapping[str, Any]) -> dict[str, float]:

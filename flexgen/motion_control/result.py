@@ -48,6 +48,8 @@ class PlantRun:
         What the encoders showed.
     sensors : array (n, n_s)
         What the sensors of the model file showed.
+    load : str
+        Mass that was added to the payload, and where; empty: none.
     """
 
     name: str
@@ -60,6 +62,7 @@ class PlantRun:
     failure: str
     measured: np.ndarray
     sensors: np.ndarray
+    load: str = ""
 
 
 @dataclass(frozen=True, repr=False)
@@ -114,7 +117,7 @@ class ControlRun:
                 f"error up to {errors[0]}, dynamic {errors[1]}, torque up to {row['torque_max_Nm']:.4g} N m"
             )
             full = f", {run.saturated} samples at the torque limit" if run.saturated and not run.failure else ""
-            lines.append(f"  {run.name}: {text}{full}")
+            lines.append(f"  {run.name}: {text}{full}{f', load {run.load}' if run.load else ''}")
         return "\n".join(lines)
 
     @property
@@ -180,7 +183,13 @@ class ControlRun:
         }
         if run.failure:
             values = dict.fromkeys(values, float("nan"))
-        return {"plant": run.name, **values, "saturated_samples": run.saturated, "failure": run.failure}
+        return {
+            "plant": run.name,
+            **values,
+            "saturated_samples": run.saturated,
+            "failure": run.failure,
+            "load": run.load,
+        }
 
     def trajectory(self, name: str = NOMINAL) -> Trajectory:
         """Motion, torques and errors of a robot at the samples of the controller."""

@@ -87,7 +87,8 @@ def _errors(run: ControlRun) -> str:
         "<p>Static errors are those at rest before and after the motion, of a robot with other springs or load; the "
         "dynamic error is what remains when they are taken off along the path.</p>\n"
     )
-    return html_table(columns, rows, range(1, 7)) + words
+    loads = "".join(f"<p>{html.escape(r.name)}: load {html.escape(r.load)}.</p>\n" for r in run.runs if r.load)
+    return html_table(columns, rows, range(1, 7)) + words + loads
 
 
 def _margins(run: ControlRun) -> str:
@@ -183,9 +184,10 @@ def write_learned(learned: Learned, directory: str | Path) -> Path:
         largest = number(1e3 * float(np.abs(correction[:, :3]).max()))
         rows.append((f"{k}{', best' if k == learned.best else ''}", *values, largest, html.escape(failed)))
     columns = ("iteration", "error, mm", "dynamic error, mm", "torque, N m", "largest correction, mm", "failure")
+    load = run[learned.plant].load
     words = (
         f"<p>Low pass of the correction {number(learned.frequency_hz)} Hz, forwards and backwards, gain "
-        f"{number(learned.gain)}. {html.escape(learned.stopped)}</p>\n"
+        f"{number(learned.gain)}. {html.escape(learned.stopped)}{f' Load {html.escape(load)}.' if load else ''}</p>\n"
     )
     parts = [head(title), f"<h1>{html.escape(title)}</h1>\n", words, html_table(columns, rows, range(1, 5))]
     drawn = [

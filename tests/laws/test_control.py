@@ -96,15 +96,19 @@ def test_other_robots_rest_where_their_springs_hold_them(case):
     assert figures["dynamic_error_max_m"] > 0 and figures["static_error_start_m"] > 1e-5
 
 
-@pytest.mark.slow
-def test_a_load_sags_as_statics_say():
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        pytest.param({"payload": {"mass": 0.1}}, marks=pytest.mark.slow),
+        pytest.param({"payload": {"mass": 0.1, "com": [0.45, 0.0, 0.0]}}, marks=pytest.mark.slow),
+    ],
+)
+def test_load_at_the_tool_sags_as_statics_say_with_and_without_payload_in_the_file(given):
     """Half a kilogram more, motors held: the tool sags by the compliance of the linear model, to first order."""
-    at_the_tool = {"payload": {"mass": 0.1, "com": [0.45, 0.0, 0.0]}}
-    found = flexgen.control(
-        flexgen.read(MODEL, overrides=at_the_tool), plants={"loaded": {"payload": 0.5}}, progress=False
-    )
+    found = flexgen.control(flexgen.read(MODEL, overrides=given), plants={"loaded": {"payload": 0.5}}, progress=False)
     model = found.model
-    assert model.tool.position == model.payload.com
+    assert "loaded: " in str(found) and "load +0.5 kg at the tool, [0.45, 0, 0] m in the frame of" in str(found)
     pose, n = PoseModels(model).at(found.reference.points(np.array([0]))), model.dof
     motors, none = pose.C[:, :n], np.zeros((model.n_m, model.n_m))
     load = -pose.push[n:] @ (0.5 * np.array(model.gravity))

@@ -17,6 +17,8 @@ def test_control_prints_a_table_and_writes_what_is_asked(tmp_path, capsys):
     words += ["--disturb", "pulse:tool.x=100@0.2+0.02", "--encoder-noise", "1e-5", "--out", str(tmp_path / "run.csv")]
     assert main([*words, "--report", str(tmp_path / "page"), "-q"]) == 0
     text = capsys.readouterr().out
+    assert "payload=2: load +2 kg at the tool, [0.45, 0, 0] m in the frame of the last tip" in text
+    assert "load +2 kg at the tool" in (tmp_path / "page" / "index.html").read_text()
     assert "soft" in text and "payload=2" in text and "gain margin" in text
     assert (tmp_path / "run.csv").exists() and (tmp_path / "page" / "index.html").exists()
 

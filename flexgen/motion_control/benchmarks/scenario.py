@@ -301,4 +301,5 @@ class _Reader:
         used = sorted({key for values in numbers for key in values})
         parameters = tuple(select(model, used)) if used else ()
         table = np.array([[own.get(p.name, p.value) for p in parameters] for own in numbers])
-        return Plants(tuple(names), parameters, table.reshape(len(names), len(parameters))), sets
+        plants = Plants(tuple(names), parameters, table.reshape(len(names), len(parameters)), ("",) * len(names))
+        return plants, sets
