@@ -7,6 +7,7 @@
  *     max over X in {W_e, D} of max(|X (q_e - q_e,end)|, HELD |X v_e|),    dy/dt = W v_a,
  *
  * while the joints stand still or, D = W_g M_gg^-1 M_ge - W_e, while the torque is held and they keep their momentum.
+ * It does not end before the deflections of damped gears have decayed, see `shortest_motion_after`.
  */
 #ifndef MODEL_SETTLING_H
 #define MODEL_SETTLING_H
@@ -16,12 +17,13 @@
 
 #if MODEL_NE > 0
 
-static const real held_time = 0.5, shortest_end = 0.05; /* s: HELD; motion after the path, at least */
+static const real held_time = 0.5; /* s: HELD */
 
 typedef struct {
     real allowed;       /* what may be left [m or rad]; 0: the motion is not cut */
     real q[NA];         /* the equilibrium */
     real X[2 * NY][NE]; /* W_e and D there */
+    real shortest;      /* motion after the path, at least [s] */
     int intervals;      /* with motion */
 } settling;
 
@@ -101,7 +103,7 @@ static inline void cut_mesh(mesh *m, int samples_per_interval, settling *s)
 {
     const int margin = (BEYOND + samples_per_interval - 1) / samples_per_interval;
     int k = m->N;
-    while ((real)(k - m->varying) * m->h > shortest_end && !moves_at(m, s, k, 0.5 * s->allowed)) {
+    while ((real)(k - m->varying) * m->h > s->shortest && !moves_at(m, s, k, 0.5 * s->allowed)) {
         --k;
     }
     if (k + 1 + margin < m->N) {

@@ -140,6 +140,14 @@ typedef struct {
     int64_t end; /* where the arrays of one solver begin */
 } whole_layout;
 
+static const real shortest_end = 0.05; /* s: motion after the path, at least */
+
+/* Time after the path before which no motion ends: in it the deflections of damped gears decay [s]. */
+static inline real shortest_motion_after(real *space)
+{
+    return fmax_1(shortest_end, gear_settling(space));
+}
+
 #define TAKE(at, name, size) \
     (name) = (at); \
     (at) += padded(size)
@@ -533,7 +541,6 @@ static inline int motors_at_samples(const results *r, real *space)
     return MODEL_OK;
 }
 
-#if MODEL_NE > 0
 /* The equilibrium q at the samples from `first` on. */
 static inline int rest_at_samples(
     const results *r, ptrdiff_t first, ptrdiff_t all, const real *q, problem_points *arm, real *space)
@@ -580,27 +587,25 @@ static inline int rest_at_samples(
     }
     return MODEL_OK;
 }
-#endif
 
 /*
  * Motion at the samples from that of the mesh (or from the path alone), checked: the last part of both solvers. The
- * motion is at the first `samples`; from the last of them on it rests at q_end, where there are more.
+ * motion is at the first `samples`; from the last of them on it rests at q_end (null: where the path ends), where there
+ * are more.
  */
 static inline model_status finish(const model_path *p, const model_inversion_options *o, const whole_layout *l,
     const real *q,
 #if MODEL_NE > 0
-    const mesh *m, const real *q_end, ptrdiff_t samples,
+    const mesh *m,
 #endif
-    problem_points *arm, model_motion *motion, model_inversion_info *info, real *work)
+    const real *q_end, ptrdiff_t samples, problem_points *arm, model_motion *motion, model_inversion_info *info,
+    real *work)
 {
     results r;
     int status;
     r.p = p;
     r.o = o;
-    r.samples = (ptrdiff_t)l->samples;
-#if MODEL_NE > 0
-    r.samples = samples < r.samples ? samples : r.samples;
-#endif
+    r.samples = samples < (ptrdiff_t)l->samples ? samples : (ptrdiff_t)l->samples;
     r.q_a = motion->q_a != NULL ? motion->q_a : work + l->q_a;
     r.v_a = motion->v_a != NULL ? motion->v_a : work + l->v_a;
     r.a_a = motion->a_a != NULL ? motion->a_a : work + l->a_a;
@@ -629,15 +634,15 @@ static inline model_status finish(const model_path *p, const model_inversion_opt
         return (model_status)status;
     }
     info->kinematic_mismatch = kinematic_mismatch(&r);
-#if MODEL_NE > 0
     if (r.samples < (ptrdiff_t)l->samples) {
-        status = rest_at_samples(&r, r.samples - 1, (ptrdiff_t)l->samples, q_end, arm, work + l->space);
+        real end[NA];
+        copy(q_end != NULL ? q_end : r.q_a + (r.samples - 1) * NA, NA, end);
+        status = rest_at_samples(&r, r.samples - 1, (ptrdiff_t)l->samples, end, arm, work + l->space);
         if (status != MODEL_OK) {
             return (model_status)status;
         }
         info->n_post = (int)r.samples - o->n_pre - p->n;
     }
-#endif
     if (r.tau_m != NULL) {
         hold_torques(r.tau_m, (ptrdiff_t)l->samples, (real)o->hold, o->delay);
     }

@@ -69,7 +69,13 @@ STRUCTS: tuple[Struct, ...] = (
         "Options of invert and bvp.",
         (
             Field("n_pre", "int", (), "1", "samples before the path, for the motion that unstable zeros require"),
-            Field("n_post", "int", (), "1", "samples after the path, in which stable zeros decay"),
+            Field(
+                "n_post",
+                "int",
+                (),
+                "1",
+                "samples after the path, in which stable zeros and the deflections of damped gears decay",
+            ),
             Field("samples_per_interval", "int", (), "1", "samples per interval of the mesh"),
             Field("tolerance", "real", (), "1", _TOLERANCE),
             *_HOLD,
@@ -79,8 +85,8 @@ STRUCTS: tuple[Struct, ...] = (
                 (),
                 "1",
                 "0: the motion after the path is computed at all n_post samples. invert, invert_limited: where what is "
-                "left of it moves the output by less than this [m or rad], at least 0.05 s after the path, the samples "
-                "from there on are the equilibrium. bvp: 0",
+                "left of it moves the output by less than this [m or rad], at least 0.05 s and 20 D / K of the slowest "
+                "gear after the path, the samples from there on are the equilibrium. bvp: 0",
             ),
         ),
     ),

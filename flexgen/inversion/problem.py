@@ -16,9 +16,9 @@ from flexgen.errors import ArgumentError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.statics import Equilibrium, equilibrium_at
+from flexgen.mechanics.statics import Equilibrium, equilibrium_at, gear_lag_times
 from flexgen.paths.path import Path
-from flexgen.paths.smoothness import smoothness_report
+from flexgen.paths.smoothness import SmoothnessReport, smoothness_report
 
 STEP = 1e-3  # s: longest sampling interval of the torque; a short move has 400 of them
 INTERVALS = 20_000  # of a mesh, at most: more do not fit into memory for large robots
@@ -26,6 +26,7 @@ DECAY = preview(1.0)  # time constants before the path
 RESOLVED = 3.0  # zero times interval up to which three Gauss points resolve a zero; from 4.6 on it alternates in sign
 GRADING = 1.5  # ratio of adjacent intervals before the path
 SETTLING = 15.0  # time constants after the path; the solution is cut where the motion has decayed, see `settling`
+LAGS = 20.0  # time constants D / K of the slowest gear after the path: its deflection has decayed by 2e-9
 LONGEST_SETTLING = 5.0  # s
 HELD = 0.5  # s: how long the last torque is held in the verification
 ROUGH = 3  # jumps of a rough path that are reported one by one
@@ -63,14 +64,19 @@ class InversionProblem:
         """Default durations before and after the path [s]: pre-actuation and settling."""
         scale = min(self.path.duration, 0.5)
         if self.equations.model.n_e == 0:
-            return 0.1 * scale, 0.1 * scale
+            return 0.1 * scale, max(0.1 * scale, self.gear_settling)
         before, after = 0.0, 0.0
         for _, zeros in self.zeros:
             unstable, stable = time_constants(zeros)
             before, after = max(before, unstable), max(after, stable)
         preactuation = np.clip(DECAY * before, 0.04 * scale, 2.0)
         settling = np.clip(SETTLING * after, 0.1 * scale, LONGEST_SETTLING)
-        return float(preactuation), float(settling)
+        return float(preactuation), max(float(settling), self.gear_settling)
+
+    @cached_property
+    def gear_settling(self) -> float:
+        """`gear_settling` of the model [s]."""
+        return gear_settling(self.equations)
 
     @cached_property
     def unstable_zero(self) -> UnstableZero | None:
@@ -108,9 +114,14 @@ class InversionProblem:
         return out
 
     @cached_property
+    def smoothness(self) -> SmoothnessReport:
+        """The smoothness of the path against that which the model requires."""
+        return smoothness_report(self.equations, self.path, self.step)
+
+    @cached_property
     def too_rough(self) -> tuple[str, ...]:
         """Warnings where the path is not smooth enough for a continuous torque, with the estimated error."""
-        report = smoothness_report(self.equations, self.path, self.step)
+        report = self.smoothness
         if report.sufficient:
             return ()
         name, lines = self.path.move.name, report.lines()
@@ -161,6 +172,11 @@ class InversionProblem:
         """Pass a line of text to ``progress``, if there is one."""
         if self.progress is not None:
             self.progress(text)
+
+
+def gear_settling(equations: Equations) -> float:
+    """Time after a path in which the deflections of damped gears decay [s], at most ``LONGEST_SETTLING``."""
+    return min(LAGS * float(gear_lag_times(equations).max(initial=0.0)), LONGEST_SETTLING)
 
 
 def _mesh(

@@ -87,9 +87,20 @@ def from_library(found: Inversion, warnings: tuple[str, ...] = ()) -> MethodResu
 
 def time_derivative(x: np.ndarray, step: float) -> np.ndarray:
     """Time derivative of samples (n, m) by central differences of order six; constant before and after."""
+    later, earlier = _neighbors(x)
+    one, two, three = (b - a for a, b in zip(earlier, later, strict=True))
+    return (45 * one - 9 * two + three) / (60 * step)
+
+
+def second_time_derivative(x: np.ndarray, step: float) -> np.ndarray:
+    """Second time derivative of samples (n, m) by central differences of order six; constant before and after."""
+    later, earlier = _neighbors(x)
+    one, two, three = (a + b - 2 * x for a, b in zip(earlier, later, strict=True))
+    return (270 * one - 27 * two + 2 * three) / (180 * step**2)
+
+
+def _neighbors(x: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """The samples one, two and three later, and earlier; constant before and after."""
     padded = np.concatenate([np.repeat(x[:1], 3, axis=0), x, np.repeat(x[-1:], 3, axis=0)])
-
-    def apart(k: int) -> np.ndarray:
-        return padded[3 + k : len(padded) - 3 + k] - padded[3 - k : len(padded) - 3 - k]
-
-    return (45 * apart(1) - 9 * apart(2) + apart(3)) / (60 * step)
+    later, earlier = ([padded[3 + s * k : len(padded) - 3 + s * k] for k in (1, 2, 3)] for s in (1, -1))
+    return later, earlier

@@ -8,6 +8,8 @@ where the output does not depend on the deflections, as where the joints are the
 
     size(t) = max over t' >= t and X in {W_e, D} of  max(|X (q_e - q_e,end)|, T_HELD |X v_e|),     dy/dt = W v_a
     D = W_g M_gg^-1 M_ge - W_e
+
+Deflections of damped gears decay with D / K; the last sample is not before their `InversionProblem.gear_settling`.
 """
 
 from __future__ import annotations
@@ -16,8 +18,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from flexgen.inversion.problem import HELD, LONGEST_SETTLING, InversionProblem
-from flexgen.mechanics.statics import Equilibrium, equilibrium_at
+from flexgen.inversion.problem import HELD, LAGS, LONGEST_SETTLING, InversionProblem
+from flexgen.mechanics.statics import Equilibrium, equilibrium_at, gear_lag_times
 from flexgen.numerics.evaluate import evaluate
 from flexgen.runtime.path_inversion import Inversion
 
@@ -42,10 +44,11 @@ def settled(problem: InversionProblem, found: Inversion) -> tuple[Inversion, tup
     tuple of str
         A warning where the motion has not decayed at the last sample.
     """
-    model = problem.equations.model
-    if model.n_e == 0 or found.n_post == 0:
+    if found.n_post == 0:
         return found, ()
     end = equilibrium_at(problem.equations, found.q_a[-1])
+    if problem.equations.model.n_e == 0:
+        return _cut(found, found.n_post, end), slow_gears(problem)
     size = _left_over(problem, found, end)
     allowed = SETTLED * problem.accuracy
     moving = np.flatnonzero(size > allowed)
@@ -53,15 +56,27 @@ def settled(problem: InversionProblem, found: Inversion) -> tuple[Inversion, tup
     if last >= len(size) and (problem.windows[1] < LONGEST_SETTLING or size[-1] <= NOTED * problem.accuracy):
         # the motion of all stable zeros has decayed by exp(-SETTLING), or nearly: what is left is rounding, or the
         # ripple of a mesh that does not resolve the fastest of them
-        return _faded(problem, found, end), ()
+        return _faded(problem, found, end), slow_gears(problem)
     if last >= len(size):
         return found, (
             f"the motion has not decayed {found.n_post * found.period:.3g} s after the path: the deflections still "
             f"move the output by about {size[-1]:.1e} m or rad; the simulated error covers {HELD:g} s with the last "
             "torque held",
         )
-    fewest = min(found.n_post, int(np.ceil(SHORTEST / found.period)))
-    return _cut(found, max(last + 1, fewest), end), ()
+    fewest = min(found.n_post, int(np.ceil(max(SHORTEST, problem.gear_settling) / found.period)))
+    return _cut(found, max(last + 1, fewest), end), slow_gears(problem)
+
+
+def slow_gears(problem: InversionProblem) -> tuple[str, ...]:
+    """A warning where the deflection of a damped gear has not decayed at the last sample."""
+    lag = float(gear_lag_times(problem.equations).max(initial=0.0))
+    if LAGS * lag <= problem.gear_settling:
+        return ()
+    return (
+        f"the deflection of a damped gear decays with D/K = {lag:.3g} s and has not decayed {problem.gear_settling:g} "
+        f"s after the path; the simulated error covers {HELD:g} s with the last torque held; check the stiffness and "
+        "the damping of the gear",
+    )
 
 
 def _left_over(problem: InversionProblem, found: Inversion, end: Equilibrium) -> np.ndarray:

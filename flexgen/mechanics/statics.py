@@ -34,6 +34,18 @@ def gear_damping(equations: Equations) -> np.ndarray:
     return np.array([ratio**2 * gear.damping for gear, ratio in gears(equations.model)])
 
 
+def gear_lag_times(equations: Equations) -> np.ndarray:
+    """Time constants D / K with which the deflections of damped gears decay, (n_g,) [s]; zero for the others.
+
+    K: the least stiffness of the spring, at zero or at a large deflection.
+    """
+    model, D = equations.model, gear_damping(equations)
+    far = evaluate(equations.function("gear_law"), np.stack([np.zeros(model.n_g), np.ones(model.n_g)]))[1]
+    elastic = np.array([not gear.rigid for gear, _ in gears(model)])
+    least = np.where(elastic, far.reshape(2, model.n_g).min(axis=0), 1.0)
+    return np.where(elastic, D / np.maximum(least, 1e-300), 0.0)
+
+
 def gear_deflection(equations: Equations, tau: np.ndarray) -> np.ndarray:
     """Static deflection ``eta^-1 q_m - q_g`` (n, n_g) of gears under arm-side torques ``tau`` (n, n_g); zero if rigid.
 

@@ -22,6 +22,7 @@ JUMP = 1e-4  # of the largest value of a derivative on the path; a larger change
 STEP, STEPS = 1e-3, 400  # sampling step of the torque: 1 ms, at most a 400th of the duration
 ABOVE = 100.0  # times the fastest pole: frequency at which a jump of the torque is evaluated
 DRIFT_MIN = 1e-7  # m (or the unit of the output); kinks with a smaller drift are not reported
+LESS = "less with methods lq, bvp and closed-form"
 TIMES = 200  # instants at which the drift of the tool is evaluated
 
 
@@ -64,6 +65,11 @@ class SmoothnessReport:
         return self.required is None or all(jump.order > self.required for jump in self.jumps)
 
     @property
+    def has_kinks(self) -> bool:
+        """True if the torque jumps or has kinks: derivative ``required + 1`` of the path, or a lower one, jumps."""
+        return self.required is not None and any(jump.order <= self.required + 1 for jump in self.jumps)
+
+    @property
     def torque_jumps(self) -> tuple[Jump, ...]:
         """The jumps that make the torque discontinuous."""
         return tuple(jump for jump in self.jumps if self.required is not None and jump.order <= self.required)
@@ -79,14 +85,14 @@ class SmoothnessReport:
                 )
                 text += f"; the torque {how} about {jump.torque:.2g} N m"
             if jump.tool:
-                text += f"; without feedback the tool drifts by about {jump.tool:.2g} (less with methods lq and bvp)"
+                text += f"; without feedback the tool drifts by about {jump.tool:.2g} ({LESS})"
             out.append(text)
         kinks = [jump for jump in self.jumps if jump not in self.torque_jumps and jump.tool]
         drift = sum(jump.tool or 0.0 for jump in kinks)
         if drift > DRIFT_MIN:
             out.append(
                 f"the torque has kinks at {len(kinks)} instants; sampled every {self.step:.2g} s and without feedback, "
-                f"the tool drifts by about {drift:.2g} (less with methods lq and bvp); smoothness {kinks[0].order} "
+                f"the tool drifts by about {drift:.2g} ({LESS}); smoothness {kinks[0].order} "
                 "avoids them"
             )
         return out
@@ -100,11 +106,11 @@ def smoothness_report(equations: Equations, path: Path, step: float | None = Non
     ``|G(s)^-1 D s^(-k - 1)|`` at ``|s| = 2/step``. The tool drifts by the impulse response of G until the path ends; a
     feedback controller reduces the drift.
 
-    Accuracy, from simulations with sampled torques (closed form, collocation; planar arms, elbow, kr300): a factor of 3
+    Accuracy, from simulations with sampled torques (collocation; planar arms, elbow, kr300): a factor of 3
     if the torque jumps, a factor of 5 (also Manutec r3 with Coulomb friction) if it has kinks (derivative
     ``required + 1`` jumps). Jumps of higher derivatives have no effect. For jumps of derivative ``required - 2`` the
-    estimate is 100 times too large. With lq and bvp, which compute torques by differences over the samples, the drift
-    is below a twentieth of the estimate.
+    estimate is 100 times too large. With lq, bvp and closed-form, which compute torques by differences over the
+    samples, the drift is below a twentieth of the estimate.
 
     Parameters
     ----------

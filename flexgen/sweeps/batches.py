@@ -89,12 +89,12 @@ class Batches:
         return {job.number: (row, took) for (job, _), row in zip(batch, rows, strict=True)}
 
     def _mover(self, key: str, robot: RobotModel, law: TimeLaw) -> JointMoves | None:
-        """The moves of a model and a time law; None where the torque would jump, which `flexgen.solve` reports."""
+        """The moves of a model and a time law; None where the torque would jump or have kinks: see `flexgen.solve`."""
         at = (key, law.duration, law.smoothness)
         if at not in _MOVERS:
             equations = self.derived(key, robot)
             index = structural_index(equations).index
-            if index is not None and law.smoothness < index - 1:
+            if index is not None and law.smoothness < index:
                 return None
             while len(_MOVERS) >= KEPT:
                 _MOVERS.pop(next(iter(_MOVERS)))

@@ -6,7 +6,7 @@ need ``tau_g`` with two derivatives: central differences of sixth order along th
 instant, by the inverse dynamics at six neighbors; no differences across instants, so the ends of the move do no harm.
 
 The moves are computed in batches whose width depends on the time law alone, so the bits of a result depend on the move
-alone.
+alone. After the moves the deflections of damped gears decay, as in the method closed-form.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.gear_lag import Lag, gear_lag
-from flexgen.inversion.methods.closed_form import SAMPLES
+from flexgen.inversion.methods.closed_form import instants
 from flexgen.inversion.motor_side import INSTANT
-from flexgen.inversion.problem import STEP
+from flexgen.inversion.problem import STEP, gear_settling
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.statics import gear_damping
@@ -108,8 +108,8 @@ class JointMoves:
             raise ArgumentError(f"batch of joint moves: {problem}; use flexgen.solve for each of them")
         self.model, self.law = model, law
         step = min(STEP, law.duration / 400) if step is None else step
-        self.n = int(min(np.ceil(law.duration / step), SAMPLES)) + 1
-        self.t = np.linspace(0.0, law.duration, self.n)
+        self.t, _ = instants(law.duration, step, gear_settling(equations))
+        self.n = len(self.t)
         self._width = min(max(1, BATCH // self.n), WIDTH)
         self._inverse_dynamics = inverse_dynamics or _interpreted(equations)
         rows = gears(model)
@@ -143,7 +143,7 @@ class JointMoves:
             count = len(rows)
             largest[rows] = _largest(tau)[:, :count].T
             fastest[rows] = _largest(speed)[:, :count].T
-            rms[rows] = np.sqrt(_integral(tau * tau, self.t) / self.law.duration)[:, :count].T
+            rms[rows] = np.sqrt(_integral(tau * tau, self.t) / self.t[-1])[:, :count].T
             work[rows] = _integral(tau * speed, self.t)[:, :count].T
         way = np.abs(np.asarray(ends) - np.asarray(starts))
         s1, s2 = (np.abs(x).max() for x in self._here[1:3])

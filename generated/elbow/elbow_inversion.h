@@ -63,7 +63,7 @@ typedef struct {
 /* Options of invert and bvp. */
 typedef struct {
     int n_pre; /* samples before the path, for the motion that unstable zeros require */
-    int n_post; /* samples after the path, in which stable zeros decay */
+    int n_post; /* samples after the path, in which stable zeros and the deflections of damped gears decay */
     int samples_per_interval; /* samples per interval of the mesh */
     /* largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6, an
      * error of 1e-8 rad or m, is what flexgen solve uses (single precision: 1e-3) */
@@ -72,8 +72,8 @@ typedef struct {
     int hold;
     elbow_real delay; /* from a sample until the motor has its torque, in samples, 0 to 4 */
     /* 0: the motion after the path is computed at all n_post samples. invert, invert_limited: where what is left of it
-     * moves the output by less than this [m or rad], at least 0.05 s after the path, the samples from there on are the
-     * equilibrium. bvp: 0 */
+     * moves the output by less than this [m or rad], at least 0.05 s and 20 D / K of the slowest gear after the path,
+     * the samples from there on are the equilibrium. bvp: 0 */
     elbow_real settled;
 } elbow_inversion_options;
 

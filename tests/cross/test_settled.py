@@ -19,7 +19,7 @@ import flexgen
 from flexgen.codegen import clib_files
 from flexgen.errors import ArgumentError
 from flexgen.inversion.model_library import inversion_library
-from flexgen.inversion.problem import HELD
+from flexgen.inversion.problem import HELD, LAGS
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import samples
 from flexgen.inversion.settling import SHORTEST
@@ -40,8 +40,10 @@ ALLOWED = 1e-7  # m or rad
 
 
 def test_the_c_has_the_times_of_solve() -> None:
-    """How long the last torque is held, and the shortest motion after the path [s]."""
-    assert f"held_time = {HELD:g}, shortest_end = {SHORTEST:g};" in clib_files.fixed_files()["settling.h"]
+    """How long the last torque is held, the shortest motion after the path [s], and that of the gears."""
+    files = clib_files.fixed_files()
+    assert f"held_time = {HELD:g};" in files["settling.h"] and f"shortest_end = {SHORTEST:g};" in files["whole_path.h"]
+    assert f"lags = {LAGS:.1f};" in files["gear_deflection.h"]
 
 
 def arm(output: str) -> Equations:

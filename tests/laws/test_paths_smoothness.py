@@ -79,19 +79,20 @@ def test_lq_and_bvp_drift_less_than_estimated(arm, method: str, smoothness: int)
     move = replace(arm.model.move("line"), smoothness=smoothness)
     report = smoothness_report(arm, Path(arm, move))
     assert flexgen.solve(arm, move, method).tool_error_max_m < drift(report) / 20
-    assert "(less with methods lq and bvp)" in report.lines()[0]
+    assert "(less with methods lq, bvp and closed-form)" in report.lines()[0]
 
 
-def test_kinks_of_the_torque_are_reported() -> None:
-    """C3 with 1 ms: the corners of the torque fall between its samples."""
+def test_kinks_of_the_torque_are_reported(monkeypatch) -> None:
+    """C3 with 1 ms: the corners of the torque fall between its samples; the exact derivatives there drift."""
     robot = flexgen.derive("manutec_r3")
     start = robot.model.move("line").start
     bounds = (1.7, 8.0, 140.0, 5000.0)
     move = Move("swing", "joint", start, 0.0, 0, end=tuple(q + 0.1 for q in start), profile=bounds)
     report = smoothness_report(robot, Path(robot, move))
-    solution = flexgen.solve(robot, move, "closed-form")
     assert report.sufficient and len(report.lines()) == 1 and "kinks" in report.lines()[0]
-    assert 1 / 5 < drift(report) / path_error(solution) < 5
+    assert path_error(flexgen.solve(robot, move, "closed-form")) < drift(report) / 20
+    monkeypatch.setattr(SmoothnessReport, "has_kinks", False)
+    assert 1 / 5 < drift(report) / path_error(flexgen.solve(robot, move, "closed-form")) < 5
 
 
 def test_trapezoids_jump_at_their_knots(arm) -> None:

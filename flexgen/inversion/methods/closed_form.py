@@ -4,17 +4,27 @@ The motion of the arm follows from the path and its derivatives at each instant,
 
     Gamma(q) = Z,   W v = Z',   W a + W' v = Z'',  ...,      tau_g = M(q) a + c(q, v) + g(q)
 
-and the motors follow from the gear torques (`flexgen.inversion.motor_side`).
+and the motors follow from the gear torques (`flexgen.inversion.motor_side`). Where the path gives the torque kinks, its
+samples do not have the impulse of the torque, and the robot drifts; derivatives of the gear torques by differences over
+the samples, also before the path, have it. After the path the arm rests while the
+deflections of damped gears decay, with the time constant D / K; the last sample is the equilibrium.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.method_result import MethodResult, with_motors
+from flexgen.inversion.motor_side import MotorMotion
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.sampling import second_time_derivative, time_derivative
+from flexgen.inversion.settling import slow_gears
+from flexgen.mechanics.equations import Equations
+from flexgen.mechanics.statics import equilibrium_at
 
 SAMPLES = 200_000  # at most
 
@@ -28,8 +38,10 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
             f"method closed-form: model {equations.model.name} has {equations.model.n_e} non-actuated coordinates, "
             "expected none; use lq"
         )
-    n = int(min(np.ceil(path.duration / problem.step), SAMPLES))
-    t = np.linspace(0.0, path.duration, n + 1)
+    t, n_post = instants(path.duration, problem.step, problem.gear_settling)
+    step, kinks = t[1] - t[0], problem.smoothness.has_kinks
+    n_pre = int(np.ceil(problem.windows[0] / step)) if kinks else 0
+    t = np.r_[-step * np.arange(n_pre, 0, -1), t]
     sample = path.sample(t)
     reduction = Reduction(equations)
     if sample.q_g is not None:
@@ -40,4 +52,32 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
         if found is None:
             raise SolverError(f"move {path.move.name}: the path passes a singular pose; choose another path")
         motion = found
-    return with_motors(equations, t, motion)
+    motion = replace(motion, tau_g=_differenced(motion.tau_g, step)) if kinks else motion
+    result = with_motors(equations, t, motion, preactuation=n_pre * step)
+    return replace(_ended(equations, result), warnings=slow_gears(problem)) if n_post else result
+
+
+def instants(duration: float, step: float, settling: float) -> tuple[np.ndarray, int]:
+    """Instants [s] at most ``step`` apart from the start of a path to ``settling`` after it, and their number after it.
+
+    All intervals are equal, and the end of the path is one of the instants.
+    """
+    n = int(min(np.ceil(duration / step), SAMPLES))
+    n_post = int(min(np.ceil(settling * n / duration), SAMPLES))
+    return np.r_[np.linspace(0.0, duration, n + 1), duration + duration / n * np.arange(1, n_post + 1)], n_post
+
+
+def _differenced(tau_g: np.ndarray, step: float) -> np.ndarray:
+    """The gear torques (n, n_g, 3) with derivatives by differences over the samples."""
+    tau = tau_g[:, :, 0]
+    return np.stack([tau, time_derivative(tau, step), second_time_derivative(tau, step)], axis=2)
+
+
+def _ended(equations: Equations, result: MethodResult) -> MethodResult:
+    """The result with the equilibrium as its last sample."""
+    end, motors = equilibrium_at(equations, result.q[-1]), result.motors
+    last = {"q_m": end.q_m, "v_m": 0.0, "a_m": 0.0, "tau_m": end.tau_m}
+    arrays = {name: getattr(motors, name).copy() for name in last}
+    for name, value in last.items():
+        arrays[name][-1] = value
+    return replace(result, motors=MotorMotion(**arrays))

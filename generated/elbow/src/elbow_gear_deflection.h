@@ -254,36 +254,48 @@ typedef struct {
     real now[NG];                   /* integrated deflections at this sample */
 } gears;
 
-/*
- * Prepare the first sample, with the deflections there; 0 where a number is not finite. Whether the lag of a gear is
- * small is decided once, from the least stiffness of its spring, at zero or at a large deflection: an integrated
- * deflection must be known from the start.
- */
-static inline int begin_gears(gears *g, real period, const real *deflection, real *space)
+/* Stiffness of the springs at zero, and the least one, at zero or at a large deflection; 0 where one is not finite. */
+static inline int least_stiffness(real *at_zero, real *least, real *space)
 {
-    real at[NG], value[NG], least[NG], far[NG];
+    real at[NG], value[NG];
     for (int i = 0; i < NG; ++i) {
         at[i] = 0.0;
     }
-    if (evaluate_gear_law(at, value, least, space) != ELBOW_OK) {
+    if (evaluate_gear_law(at, value, at_zero, space) != ELBOW_OK) {
         return 0;
     }
     for (int i = 0; i < NG; ++i) {
         at[i] = gear_is_rigid[i] ? 0.0 : 1.0;
     }
-    if (evaluate_gear_law(at, value, far, space) != ELBOW_OK) {
+    if (evaluate_gear_law(at, value, least, space) != ELBOW_OK) {
+        return 0;
+    }
+    for (int i = 0; i < NG; ++i) {
+        least[i] = fmin_1(at_zero[i], least[i]);
+    }
+    return 1;
+}
+
+/*
+ * Prepare the first sample, with the deflections there; 0 where a number is not finite. Whether the lag of a gear is
+ * small is decided once, from the least stiffness of its spring: an integrated deflection must be known from the start.
+ */
+static inline int begin_gears(gears *g, real period, const real *deflection, real *space)
+{
+    real at_zero[NG], least[NG];
+    if (!least_stiffness(at_zero, least, space)) {
         return 0;
     }
     g->period = period;
     g->slow = 0;
     for (int i = 0; i < NG; ++i) {
-        g->quick[i] = gear_is_rigid[i] || damping_of(i, space) <= 5e-3 * period * fmin_1(least[i], far[i]);
+        g->quick[i] = gear_is_rigid[i] || damping_of(i, space) <= 5e-3 * period * least[i];
         g->slow |= !g->quick[i];
         for (int j = 0; j < 3; ++j) {
             g->left[i][j] = g->right[i][j] = 0.0;
         }
     }
-    linear_steps(period, least, g->linear, space);
+    linear_steps(period, at_zero, g->linear, space);
     copy(deflection, NG, g->now);
     return 1;
 }
@@ -309,6 +321,21 @@ static inline int advance_gears(gears *g, int first, const real *tau, ptrdiff_t 
 static inline real lag_time(int gear, real stiffness, const real *space)
 {
     return gear_is_rigid[gear] ? 0.0 : damping_of(gear, space) / stiffness;
+}
+
+static const real lags = 20.0; /* LAGS: of the slowest gear, after which its deflection has decayed */
+
+/* Time in which the deflections of all gears decay at rest [s]; 0 where the stiffness is not finite. */
+static inline real gear_settling(real *space)
+{
+    real at_zero[NG], least[NG], time = 0.0;
+    if (!least_stiffness(at_zero, least, space)) {
+        return 0.0;
+    }
+    for (int i = 0; i < NG; ++i) {
+        time = fmax_1(time, lags * lag_time(i, least[i], space));
+    }
+    return time;
 }
 
 /* Deflections at this sample from the static ones at this sample and its neighbors. */

@@ -146,6 +146,9 @@ elbow_status elbow_invert(const elbow_path *p, PARAMETERS_ARGUMENT const real q_
     const int64_t wanted = p == NULL ? -1 : elbow_invert_work(p->n, options);
     whole_layout l;
     real q[NA];
+#if ELBOW_NE == 0
+    ptrdiff_t samples;
+#endif
     int status = check_arguments(p, GIVEN_PARAMETERS, q_start, options, motion, info, work, work_size, wanted);
     if (status != ELBOW_OK) {
         return (elbow_status)status;
@@ -161,6 +164,7 @@ elbow_status elbow_invert(const elbow_path *p, PARAMETERS_ARGUMENT const real q_
         own = lay_out_lq(&l);
         end = (settling *)(void *)(work + own.settling);
         end->allowed = options->settled;
+        end->shortest = shortest_motion_after(work + l.space);
         m = mesh_in(&l, p, options, work);
         status = equilibrium_at(p->y, q, m.scale, work + l.space);
         if (status == ELBOW_OK) {
@@ -184,6 +188,13 @@ elbow_status elbow_invert(const elbow_path *p, PARAMETERS_ARGUMENT const real q_
         return (elbow_status)status;
     }
     info->residual = 0.0;
-    return finish(p, options, &l, q, (problem_points *)(void *)(work + l.end), motion, info, work);
+    samples = (ptrdiff_t)l.samples;
+    if (options->settled > 0.0) {
+        const real after = shortest_motion_after(work + l.space) / p->period;
+        if (after < (real)options->n_post) { /* rounded up */
+            samples -= options->n_post - (ptrdiff_t)after - 1;
+        }
+    }
+    return finish(p, options, &l, q, NULL, samples, (problem_points *)(void *)(work + l.end), motion, info, work);
 #endif
 }
