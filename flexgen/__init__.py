@@ -117,7 +117,7 @@ _NOUNS = {
     "Scenario": "flexgen.motion_control.benchmarks.scenario",
     "Score": "flexgen.motion_control.benchmarks.score",
     "Setting": "flexgen.motion_control.laws.study",
-    "Simulation": "flexgen.simulation.simulate",
+    "Simulation": "flexgen.simulation.result",
     "Solution": "flexgen.inversion.solution",
     "Sphere": "flexgen.planning.obstacles",
     "Status": "flexgen.inversion.status",

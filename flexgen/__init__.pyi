@@ -115,7 +115,7 @@ from flexgen.runtime.path_inversion import Inverter as Inverter
 from flexgen.runtime.path_sampler import PathSampler as PathSampler
 from flexgen.runtime.stream import Stream as Stream
 from flexgen.simulation.hold import TorqueCommand as TorqueCommand
-from flexgen.simulation.simulate import Simulation as Simulation
+from flexgen.simulation.result import Simulation as Simulation
 from flexgen.simulation.simulate import simulate as simulate
 from flexgen.sweeps.cases import Grid as Grid
 from flexgen.sweeps.cases import RandomMove as RandomMove

@@ -1,4 +1,7 @@
-"""Figures of a linear robot ``M y'' + D y' + K y = B tau``: its fastest eigenvalue, the inertias of its motors."""
+"""Figures of a linear robot ``M y'' + D y' + K y = B tau``: fastest eigenvalue, inertias of the motors, locked motors.
+
+Coordinates ``y = (q_a, q_m of the motors behind elastic gears)``.
+"""
 
 from __future__ import annotations
 
@@ -28,3 +31,27 @@ def motor_inertias(
     for k, j in enumerate(model.i_m):
         stiff[model.n_a + k, j] = 1.0
     return np.diag(stiff.T @ M @ stiff), 1.0 / np.diag(motor_rows @ np.linalg.solve(M, B))
+
+
+def motor_rows(model: RobotModel) -> np.ndarray:
+    """``C_m`` (n_m, n): motor angles from the coordinates ``y = (q_a, q_m of the motors behind elastic gears)``."""
+    C = np.zeros((model.n_m, model.dof))
+    elastic = list(model.i_m)
+    for j in range(model.n_m):
+        if j in elastic:
+            C[j, model.n_a + elastic.index(j)] = 1.0
+        else:
+            C[j, list(model.i_g)] = model.eta[j]
+    return C
+
+
+def lowest_locked_hz(model: RobotModel, M: np.ndarray, K: np.ndarray) -> float:
+    """Lowest natural frequency with the motors locked [Hz]; 0 where nothing is elastic then. ``M, K`` (n, n)."""
+    locked = [model.n_a + k for k in range(len(model.i_m))]
+    rigid = [k for k, _ in enumerate(model.i_g) if not np.any(model.eta[list(model.i_m), k])]
+    locked += [model.i_g[k] for k in rigid]
+    free = [i for i in range(model.dof) if i not in locked]
+    if not free:
+        return 0.0
+    squares = np.linalg.eigvals(np.linalg.solve(M[np.ix_(free, free)], K[np.ix_(free, free)]))
+    return float(np.sqrt(np.abs(squares).min()) / (2 * np.pi))

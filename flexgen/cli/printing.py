@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from flexgen.inversion.solution import Solution
+    from flexgen.simulation.result import Simulation
 
 GAP = "  "  # between columns
 NARROW = 16  # characters; columns of text are not wrapped to less
@@ -322,25 +323,12 @@ def _small(what: str, value: float | None, unit: str) -> Row:
     return (what, 1e3 * value, f"m{unit}") if value >= 1e-3 else (what, 1e6 * value, f"u{unit}")
 
 
-def solution_rows(solution: Solution) -> list[Row]:
-    """Label, value and unit of the figures of a solution; lengths and angles in millionths or thousandths."""
+def figure_rows(result: Solution | Simulation) -> list[Row]:
+    """Label, value and unit of the figures of a result; lengths and angles in millionths or thousandths."""
     rows = []
-    for label, value, unit, _ in solution.figures():
+    for label, value, unit, _ in result.figures():
         value = plain(value)
         rows.append(
             _small(label, value, unit) if unit in ("m", "rad") else (label, None if value == "" else value, unit)
         )
     return rows
-
-
-def simulation_rows(data: dict[str, Any]) -> list[Row]:
-    """Quantities, values and units of a simulation."""
-    return [
-        _small("tool error, largest", data["tool_error_max_m"], "m"),
-        _small("tool error, largest", data["tool_error_max_rad"], "rad"),
-        ("energy error", data["energy_error"], "relative"),
-        ("motor torque, largest", data["torque_max_Nm"], "N m"),
-        ("motor speed, largest", data["speed_max_rad_s"], "rad/s"),
-        ("evaluations of the equations of motion", data["evaluations"], ""),
-        ("wall time", data["wall_s"], "s"),
-    ]

@@ -7,7 +7,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexgen.cli.printing import figures, one_line, plain, solution_rows
+from flexgen.cli.printing import figure_rows, figures, one_line, plain
 from flexgen.cli.solve import inaccuracy, problem_of
 from flexgen.cli.verbs import (
     Progress,
@@ -77,7 +77,7 @@ def run(args: Namespace, log: Progress) -> VerbResult:
         ("C inverse_dynamics, one call from Python", checked["call_us"], "us"),
         ("difference of C and equations, largest", checked["difference_Nm"], "N m"),
         ("move", solution.move.name, ""),
-        *solution_rows(solution),
+        *figure_rows(solution),
         ("total time, wall", time.perf_counter() - began, "s"),
     ]
     text = figures(rows) + f"\n\nwrote {report}\nwrote {trajectory}\n"
@@ -103,7 +103,7 @@ def _interrupted(solution: Solution, directory: Path) -> VerbResult:
     with writing(directory):
         trajectory = solution.trajectory.save(directory / f"{solution.move.name}.npz")
     data = solution.to_dict() | {"trajectory": str(trajectory)}
-    text = f"{figures(solution_rows(solution))}\n\nwrote {trajectory}"
+    text = f"{figures(figure_rows(solution))}\n\nwrote {trajectory}"
     return VerbResult({"solve": data}, text, inaccuracy(solution, ACCURACY), list(solution.warnings), interrupted=True)
 
 

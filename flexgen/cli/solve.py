@@ -6,7 +6,7 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexgen.cli.printing import duration, figures, paragraph, plain, simulation_rows, solution_rows, suggestion
+from flexgen.cli.printing import duration, figure_rows, figures, paragraph, plain, suggestion
 from flexgen.cli.verbs import Progress, VerbResult, check_report, check_writable, derived, title, writing
 from flexgen.errors import ArgumentError
 from flexgen.inversion.status import Status
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from flexgen.inversion.solution import Solution
     from flexgen.mechanics.equations import Equations
     from flexgen.model.elements import RobotModel
-    from flexgen.simulation.simulate import Simulation
 
 EXCEEDED = 3  # exit status of a solution beyond the limits of the model file
 COMMAND = "command"  # ending of the file with the torques that the controller sends
@@ -123,7 +122,7 @@ def _solve_one(
 
         equations = derive(solution.model)
     data = solution.to_dict()
-    lines = [f"{title(equations.model)}, move {solution.move.name}\n\n{figures(solution_rows(solution))}\n"]
+    lines = [f"{title(equations.model)}, move {solution.move.name}\n\n{figures(figure_rows(solution))}\n"]
     if out is not None:
         with writing(out):
             data["trajectory"] = str(solution.trajectory.save(out))
@@ -176,8 +175,6 @@ def _details(solution: Solution) -> str:
         run = solution.simulation
         rows += [
             ("integrator of the simulation", run.integrator, ""),
-            ("windows of the simulation", run.windows, ""),
-            ("growth of perturbations", run.growth, ""),
             ("evaluations of the equations of motion", run.evaluations, ""),
             ("wall time of the simulation", run.wall_s, "s"),
         ]
@@ -221,7 +218,7 @@ def problem_of(solution: Solution, accuracy: float) -> tuple[str, int]:
 
 def inaccuracy(solution: Solution, accuracy: float) -> str:
     """Why the solution does not meet the tolerance; empty if it does."""
-    from flexgen.inversion.solve import ENERGY
+    from flexgen.inversion.solve import ENERGY, residual_is_small
 
     if solution.status != Status.TOLERANCE_NOT_MET:
         return ""
@@ -232,6 +229,11 @@ def inaccuracy(solution: Solution, accuracy: float) -> str:
         return (
             f"{solution.status}: the energy balance of the simulation has an error of {simulation.energy_error:.1e}, "
             "so it verifies nothing; check whether the model is too stiff"
+        )
+    if simulation is not None and simulation.feedback is not None and not residual_is_small(solution):
+        return (
+            f"{solution.status}: the torques do not satisfy the equations of motion: relative residual "
+            f"{solution.residual_relative:.1e}; try a finer --mesh or a smoother move"
         )
     planned = solution.plan_error_max  # with active limits the plan itself deviates from the path
     worst = max(solution.tool_error_max_m or 0.0, solution.tool_error_max_rad or 0.0) if planned is None else planned
@@ -251,26 +253,13 @@ def simulate(args: Namespace, log: Progress) -> VerbResult:
 
     equations = derived(args, log)
     simulation = simulate_model(equations, args.trajectory, progress=log)
-    data = _simulation_dict(equations.model, simulation)
+    shown = {figure.key: figure.value for figure in simulation.figures()}
+    data: dict[str, Any] = {"model": equations.model.name, **shown, "trajectory": None}
     text = f"{title(equations.model)} under the motor torques of {args.trajectory}\n\n" + figures(
-        simulation_rows(plain(data))
+        figure_rows(simulation)
     )
     if args.out is not None:
         with writing(args.out):
             data["trajectory"] = str(simulation.trajectory.save(args.out))
         text += f"\n\nwrote {args.out}"
     return VerbResult(data, text, warnings=list(simulation.warnings))
-
-
-def _simulation_dict(robot: RobotModel, simulation: Simulation) -> dict[str, Any]:
-    return {
-        "model": robot.name,
-        "tool_error_max_m": simulation.tool_error_max_m,
-        "tool_error_max_rad": simulation.tool_error_max_rad,
-        "energy_error": simulation.energy_error,
-        "torque_max_Nm": simulation.torque_max_Nm,
-        "speed_max_rad_s": simulation.speed_max_rad_s,
-        "evaluations": simulation.evaluations,
-        "wall_s": simulation.wall_s,
-        "trajectory": None,
-    }

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -16,29 +16,13 @@ from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
 from flexgen.numerics.evaluate import evaluate
+from flexgen.simulation.figures import Figure, both_measured, measured
 from flexgen.simulation.hold import TorqueCommand
-from flexgen.simulation.simulate import Simulation
+from flexgen.simulation.result import Simulation, error_figures, error_text
 from flexgen.simulation.torque_curve import torque_curve
 from flexgen.trajectory import Trajectory
 
 INTERRUPTED = "interrupted by Ctrl-C"  # why a solution is the best so far
-
-
-class Figure(NamedTuple):
-    """A figure of a solution: what it is, its value (None where there is none), its unit, and its key in JSON."""
-
-    label: str
-    value: str | float | None
-    unit: str
-    key: str
-
-
-def measured(value: float | None, unit: str) -> str:
-    """A length [m] or angle [rad] with a prefix of its unit: ``9.18e-05 um``, ``4.2 mm``; a dash for None."""
-    if value is None or not np.isfinite(value):
-        return "-"
-    factor, prefix = (1.0, "") if value >= 1 else (1e3, "m") if value >= 1e-3 else (1e6, "u")
-    return f"{factor * value:.3g} {prefix}{unit}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -134,19 +118,18 @@ class Solution:
 
     def _error_text(self) -> str:
         """The line of `__str__` on the error of the output."""
-        errors = ((self.tool_error_max_m, "m"), (self.tool_error_max_rad, "rad"))
-        texts = [measured(value, unit) for value, unit in errors if value is not None]
         what = "output" if self.model.output.type == "combination" else "tool"
-        if not texts:
+        if self.simulation is None:
             return f"{what} error not measured (no verification by simulation)"
-        held = [measured(x, unit) for x, unit in zip(self._held_errors(), ("m", "rad"), strict=True) if x is not None]
-        more = f", with {self.torque_command.title()} {' and '.join(held)}" if self.torque_command and held else ""
+        held = both_measured(*self._held_errors())
+        more = f", with {self.torque_command.title()} {held}" if self.torque_command and held else ""
         if self.status == Status.LIMITS_ACTIVE:
-            where = f"{' and '.join(texts)} from the reference at the same time"
+            errors = both_measured(self.tool_error_max_m, self.tool_error_max_rad)
+            where = f"{errors} from the reference at the same time"
             if self.path_distance_max_m is not None:
                 where = f"{measured(self.path_distance_max_m, 'm')} from the path ({where})"
             return f"{what} up to {where} because limits are active{more}"
-        return f"{what} error in simulation up to {' and '.join(texts)}{more}"
+        return f"{error_text(self.simulation, what)}{more}"
 
     def _held_errors(self) -> tuple[float | None, float | None]:
         """Largest distance [m] and angle [rad] of the output from the path with the hold of the controller."""
@@ -213,9 +196,9 @@ class Solution:
         """The figures of the solution, in SI units: what tables, JSON and reports show."""
         combined = self.model.output.type == "combination"
         what = "output" if combined else "tool"
-        measured = f"simulated {what} error, largest"
+        label = None
         if self.status == Status.LIMITS_ACTIVE:
-            measured = f"distance of the {what} from the reference at the same time (limits active), largest"
+            label = f"distance of the {what} from the reference at the same time (limits active), largest"
         command, held_errors = self.torque_command, self._held_errors()
         held = f"simulated {what} error with the hold of the controller, largest"
         if command is not None:
@@ -235,8 +218,7 @@ class Solution:
             Figure("motor speed, largest", float(np.abs(speed).max()), "rad/s", "speed_max_rad_s"),
             Figure("residual of the equations of motion, largest", self.residual_max_Nm, "N m", "residual_max_Nm"),
             Figure("relative residual", self.residual_relative, "relative", "residual_relative"),
-            Figure(measured, self.tool_error_max_m, "m", "tool_error_max_m"),
-            Figure(measured, self.tool_error_max_rad, "rad", "tool_error_max_rad"),
+            *error_figures(simulation, what, label),
             Figure(
                 f"distance of the {what} from the path (limits active), largest",
                 self.path_distance_max_m,

@@ -20,7 +20,7 @@ from flexgen.inversion.hold import Hold, with_hold
 from flexgen.inversion.limits import check_limits_at_rest
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, METHODS, Method
-from flexgen.inversion.problem import INTERVALS, InversionProblem
+from flexgen.inversion.problem import HELD, INTERVALS, InversionProblem
 from flexgen.inversion.reached import Reached, stage_of
 from flexgen.inversion.solution import Solution, exceeded, has_kinks, relative_residual, residual_rows
 from flexgen.inversion.solve_arguments import check_arguments
@@ -34,6 +34,7 @@ from flexgen.paths.redundancy import problem_of_move
 from flexgen.ports import Port
 from flexgen.progress import Choice, reported
 from flexgen.simulation.hold_names import HoldName
+from flexgen.simulation.simulate import HELD_KEY
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 
@@ -318,7 +319,7 @@ def _refined(
             continue
         reached.keep(solution)
         if not problem.verify:
-            if last or _residual_is_small(solution):
+            if last or residual_is_small(solution):
                 _check_residual(solution)
                 return solution
             problem.log(f"relative residual {solution.residual_relative:.1e}: halving the mesh")
@@ -328,13 +329,14 @@ def _refined(
         solution = replace(
             solution,
             simulation=simulation,
+            warnings=(*solution.warnings, *simulation.warnings),
             plan_error_max=None if plan is None else max(plan),
             path_distance_max_m=checked.path_distance_m,
         )
         reached.keep(solution, worst)
         if solution.status == Status.BASELINE:
             return solution
-        if worst <= problem.accuracy and simulation.energy_error <= ENERGY:
+        if worst <= problem.accuracy and simulation.energy_error <= ENERGY and _is_exact(solution):
             return _with_ripple(solution)
         if best is None or worst < least:  # on a finer mesh rounding may be larger
             best, least = replace(solution, status=Status.TOLERANCE_NOT_MET), worst
@@ -342,6 +344,12 @@ def _refined(
             problem.log(f"verified error {worst:.2e} is above {problem.accuracy:.0e}: halving the mesh")
     assert best is not None or failures  # there is one attempt at least
     return best
+
+
+def _is_exact(solution: Solution) -> bool:
+    """Whether the equations of motion hold where a feedback, which reduces all errors, is part of the verification."""
+    run = solution.simulation
+    return run is None or run.feedback is None or residual_is_small(solution)
 
 
 def _with_ripple(solution: Solution) -> Solution:
@@ -355,7 +363,7 @@ def _with_ripple(solution: Solution) -> Solution:
     return replace(solution, warnings=(*solution.warnings, text))
 
 
-def _residual_is_small(solution: Solution) -> bool:
+def residual_is_small(solution: Solution) -> bool:
     """Whether the residual between the samples is small enough for a result that is not verified."""
     return solution.status == Status.BASELINE or solution.residual_relative <= (
         RIPPLE if solution.method == "full" else RESIDUAL
@@ -364,7 +372,7 @@ def _residual_is_small(solution: Solution) -> bool:
 
 def _check_residual(solution: Solution) -> None:
     """SolverError where the residual of a result that is not verified is too large."""
-    if not _residual_is_small(solution):
+    if not residual_is_small(solution):
         raise SolverError(
             f"method {solution.method}: the result does not satisfy the equations of motion between its samples: "
             f"residual {solution.residual_max_Nm:.3g} N m, relative residual {solution.residual_relative:.1e}; "
@@ -372,7 +380,7 @@ def _check_residual(solution: Solution) -> None:
         )
 
 
-def _trajectory(problem: InversionProblem, result: MethodResult) -> Trajectory:
+def _trajectory(problem: InversionProblem, method: str, result: MethodResult) -> Trajectory:
     path, robot, t, d = problem.path, problem.equations.model, result.t, result.motors
     sample = path.sample(t)
     names_a = tuple(c.name for c in robot.coordinates)
@@ -407,6 +415,7 @@ def _trajectory(problem: InversionProblem, result: MethodResult) -> Trajectory:
             "move": path.move.name,
             "kind": "solution",
             "torque": "smooth" if problem.limits is None else "limited",
+            HELD_KEY: HELD if METHODS[method].ends_at_rest and result.status != Status.BASELINE else 0.0,
         },
         units,
     )
@@ -415,7 +424,7 @@ def _trajectory(problem: InversionProblem, result: MethodResult) -> Trajectory:
 def make_solution(problem: InversionProblem, method: str, result: MethodResult) -> Solution:
     """The solution of a problem from the result of a method, not verified yet; SolverError where it is not finite."""
     equations, path = problem.equations, problem.path
-    trajectory = _trajectory(problem, result)
+    trajectory = _trajectory(problem, method, result)
     rows = residual_rows(equations, trajectory)
     if not np.isfinite(rows).all():
         raise SolverError(f"method {method}: the result is not finite; try another --mesh or a smoother move")

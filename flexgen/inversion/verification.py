@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexgen.inversion.method_table import METHODS
-from flexgen.inversion.problem import HELD, InversionProblem
+from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
@@ -17,7 +16,8 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.rotations import turn_angle
 from flexgen.paths.path_distance import distance_from_path
 from flexgen.simulation.hold import TorqueCommand
-from flexgen.simulation.simulate import Simulation, simulate
+from flexgen.simulation.result import Simulation
+from flexgen.simulation.simulate import AUTO, NONE, simulate
 
 
 @dataclass(frozen=True)
@@ -49,8 +49,7 @@ def verify_by_simulation(
         problem.equations,
         solution.trajectory,
         start=problem.equilibrium,
-        windows=solution.status != Status.BASELINE,  # the states of a baseline are not those of the robot
-        held=HELD if solution.status != Status.BASELINE and METHODS[solution.method].ends_at_rest else 0.0,
+        feedback=NONE if solution.status == Status.BASELINE else AUTO,  # its motor angles are not those of the robot
         command=command,
         progress=problem.progress,
     )
@@ -60,7 +59,7 @@ def verify_by_simulation(
         distance = path_distance(problem.equations, solution, simulation)
     size = min(1.0, reach(problem.equations))
     in_m, in_rad = plan or (simulation.tool_error_max_m or 0.0, simulation.tool_error_max_rad or 0.0)
-    return Verification(simulation, plan, distance, max(in_m / size, in_rad, simulation.window_gap))
+    return Verification(simulation, plan, distance, max(in_m / size, in_rad))
 
 
 def plan_error(equations: Equations, solution: Solution, simulation: Simulation) -> tuple[float, float]:

@@ -16,10 +16,9 @@ from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, Filter
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import RobotModel
-from flexgen.motion_control.plants import LocalDynamics, motor_rows
+from flexgen.motion_control.plants import LocalDynamics
+from flexgen.simulation.motor_feedback import MULTIPLES, RIGID_HZ
 
-MULTIPLES = {"position_hz": 0.5, "speed_hz": 3.0, "integral_hz": 0.1}  # of the lowest locked frequency
-RIGID_HZ = 10.0  # in its place where nothing is elastic
 SAMPLED_GAIN = 0.3  # largest speed gain times sample time and delay, over the inertia with all springs soft
 
 
@@ -114,17 +113,10 @@ class PID:
 def motor_inertias(model: RobotModel, motion: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Inertias that the motors move at a pose: with all springs stiff, and soft, (n_m,) each [kg m^2]."""
     M, _, _, B = (x[0] for x in LocalDynamics(derive(model)).matrices(motion, np.zeros(0)))
-    return second_order.motor_inertias(model, M, B, motor_rows(model))
+    return second_order.motor_inertias(model, M, B, second_order.motor_rows(model))
 
 
 def lowest_locked_hz(model: RobotModel, motion: Sequence[np.ndarray]) -> float:
     """Lowest natural frequency with the motors locked at a pose [Hz]; 0 where nothing is elastic then."""
     M, _, K, _ = (x[0] for x in LocalDynamics(derive(model)).matrices(motion, np.zeros(0)))
-    locked = [model.n_a + k for k in range(len(model.i_m))]
-    rigid = [k for k, _ in enumerate(model.i_g) if not np.any(model.eta[list(model.i_m), k])]
-    locked += [model.i_g[k] for k in rigid]
-    free = [i for i in range(model.dof) if i not in locked]
-    if not free:
-        return 0.0
-    squares = np.linalg.eigvals(np.linalg.solve(M[np.ix_(free, free)], K[np.ix_(free, free)]))
-    return float(np.sqrt(np.abs(squares).min()) / (2 * np.pi))
+    return second_order.lowest_locked_hz(model, M, K)

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.analysis.second_order import motor_rows
 from flexgen.loop.controllers import Cascade, Linear
 from flexgen.model.elements import RobotModel
-from flexgen.motion_control.plants import motor_rows
 from flexgen.motion_control.sampled_model import PoseModel, PoseModels, sampled
 
 LARGEST_GAIN, GAINS = 100.0, 60

@@ -110,18 +110,6 @@ def _known(model: RobotModel, key: str) -> tuple[Parameter, ...]:
         raise
 
 
-def motor_rows(model: RobotModel) -> np.ndarray:
-    """``C_m`` (n_m, n): motor angles from the coordinates ``y = (q_a, q_m of the motors behind elastic gears)``."""
-    C = np.zeros((model.n_m, model.dof))
-    elastic = list(model.i_m)
-    for j in range(model.n_m):
-        if j in elastic:
-            C[j, model.n_a + elastic.index(j)] = 1.0
-        else:
-            C[j, list(model.i_g)] = model.eta[j]
-    return C
-
-
 class LocalDynamics:
     """Rest and linearization of a model whose numbers may differ, motor angles given.
 
@@ -135,7 +123,7 @@ class LocalDynamics:
         self.equations, self.model = equations, equations.model
         self._jacobians = equations.function("residual_jacobians")
         self._residual = equations.function("residual")
-        self._C = motor_rows(self.model)
+        self._C = second_order.motor_rows(self.model)
 
     def rest(self, q_m: np.ndarray, values: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Arm angles (n_a,) and holding torques (n_m,) with the motors at ``q_m``, from a start ``q_a`` by Newton.

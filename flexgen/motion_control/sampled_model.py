@@ -13,9 +13,10 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import expm
 
+from flexgen.analysis.second_order import motor_rows
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
-from flexgen.motion_control.plants import LocalDynamics, motor_rows
+from flexgen.motion_control.plants import LocalDynamics
 from flexgen.numerics.evaluate import evaluate
 
 

@@ -301,13 +301,13 @@ def _verified(
         return replace(solution, status=status)
     speed = np.abs(np.hstack([solution.trajectory["v_a"], solution.trajectory["v_m"]]))
     simulation = simulate(
-        equations, solution.trajectory, windows=True, command=solution.torque_command,
+        equations, solution.trajectory, command=solution.torque_command,
         moving=bool(speed[0].max() > MOVING * speed.max()), progress=progress,
     )  # fmt: skip
-    solution = replace(solution, simulation=simulation)
+    solution = replace(solution, simulation=simulation, warnings=(*solution.warnings, *simulation.warnings))
     size = min(1.0, reach(equations))
     in_m, in_rad = plan_error(equations, solution, simulation)
-    error = max(in_m / size, in_rad, simulation.window_gap)
+    error = max(in_m / size, in_rad)
     if not (error <= accuracy and simulation.energy_error <= ENERGY):
         status = Status.TOLERANCE_NOT_MET
         text = (

@@ -17,7 +17,7 @@ from flexgen.plots import canvas as cv
 from flexgen.plots.canvas import save, svg
 from flexgen.plots.linear import falls_under_gravity, frequency_response, phase_summary, pole_zero_map
 from flexgen.plots.stick_figure import draw_view, handles, scene, spans
-from flexgen.simulation.simulate import Simulation
+from flexgen.simulation.result import Simulation
 from flexgen.trajectory import Trajectory
 
 __all__ = [

@@ -13,7 +13,7 @@ from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.plots.canvas import BLUE, GREEN, INK, ORANGE, RED
-from flexgen.simulation.simulate import Simulation
+from flexgen.simulation.result import Simulation
 from flexgen.trajectory import Trajectory
 
 INSTANTS = 6

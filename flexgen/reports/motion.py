@@ -24,7 +24,7 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.plots.canvas import begin, title_of
 from flexgen.plots.stick_figure import chain_parts, scene
 from flexgen.reports.folder import check_folder, foot
-from flexgen.simulation.simulate import Simulation
+from flexgen.simulation.result import Simulation
 from flexgen.trajectory import Trajectory
 
 PAGE = "motion.html"

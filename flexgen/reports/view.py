@@ -15,7 +15,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.progress import Choice
 from flexgen.reports.motion import motion_data, motion_text, motion_title
 from flexgen.reports.video import check_video, write_video
-from flexgen.simulation.simulate import Simulation
+from flexgen.simulation.result import Simulation
 from flexgen.trajectory import Trajectory
 
 TRAJECTORIES = (".npz", ".csv")

@@ -24,6 +24,7 @@ from flexgen.build.c_module import c_module
 from flexgen.build.casadi_module import casadi_module
 from flexgen.build.compiler import find_compiler
 from flexgen.errors import BuildError
+from flexgen.simulation.motor_feedback import MotorFeedback
 
 SOURCE = Path(__file__).with_name("dop853.c")
 DONE, MORE, STEP_TOO_SMALL, NOT_FINITE = range(4)
@@ -39,6 +40,8 @@ class _Problem(ctypes.Structure):
         *((name, ctypes.c_void_p) for name in ("breaks", "coefficients")),
         ("rtol", ctypes.c_double),
         *((name, ctypes.c_void_p) for name in ("atol", "A", "B", "C", "E3", "E5", "dense")),
+        *((name, ctypes.c_int64) for name in ("n_m", "dof")),
+        *((name, ctypes.c_void_p) for name in ("rows", "gains")),
     ]
 
 
@@ -86,13 +89,15 @@ class CompiledDop853:
     Parameters
     ----------
     rate : CompiledRate
-    torque : PPoly
-        The input, a piecewise polynomial.
+    given : PPoly
+        The input, a piecewise polynomial: torques, with feedback also the motors' reference angles and speeds.
     t : array (n,) [s]
         Instants of the results; the first is the start.
     start : array (n_x,)
     rtol : float
     atol : array (n_x,)
+    feedback : MotorFeedback or None
+        With it the state ends with the integrals of the feedback.
 
     Attributes
     ----------
@@ -103,16 +108,23 @@ class CompiledDop853:
     """
 
     def __init__(
-        self, rate: CompiledRate, torque: PPoly, t: np.ndarray, start: np.ndarray, rtol: float, atol: np.ndarray
+        self,
+        rate: CompiledRate,
+        given: PPoly,
+        t: np.ndarray,
+        start: np.ndarray,
+        rtol: float,
+        atol: np.ndarray,
+        feedback: MotorFeedback | None = None,
     ) -> None:
-        n, n_u = len(start), torque.c.shape[2]
+        n, n_u = len(start), given.c.shape[2]
         extra = np.zeros((STAGES, STAGES))
         extra[:12, :12] = DOP853.A
         extra[13:, :] = DOP853.A_EXTRA
         nodes = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])
         arrays = {
-            "breaks": torque.x,
-            "coefficients": torque.c.transpose(1, 0, 2),
+            "breaks": given.x,
+            "coefficients": given.c.transpose(1, 0, 2),
             "atol": atol,
             "A": extra,
             "B": DOP853.B,
@@ -120,6 +132,8 @@ class CompiledDop853:
             "E3": DOP853.E3,
             "E5": DOP853.E5,
             "dense": DOP853.D,
+            "rows": np.zeros((0, 0)) if feedback is None else feedback.rows,
+            "gains": [] if feedback is None else [feedback.position_gain, feedback.speed_gain, feedback.integral_gain],
         }
         self._arrays = {name: np.ascontiguousarray(x, float) for name, x in arrays.items()}
         self._instants = np.ascontiguousarray(t[1:], float)
@@ -134,9 +148,11 @@ class CompiledDop853:
             w=self._work[1].ctypes.data,
             n=n,
             n_u=n_u,
-            pieces=torque.c.shape[1],
-            k=torque.c.shape[0],
+            pieces=given.c.shape[1],
+            k=given.c.shape[0],
             rtol=rtol,
+            n_m=self._arrays["rows"].shape[0],
+            dof=self._arrays["rows"].shape[1],
             **{name: x.ctypes.data for name, x in self._arrays.items()},
         )
         self._position = _Position(t=t[0], memory=self._memory.ctypes.data)

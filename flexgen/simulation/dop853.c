@@ -1,6 +1,11 @@
 /* Explicit Runge-Kutta method of order 8 by Dormand and Prince with dense output of order 7, for x' = f(x, u(t)) with
    a piecewise polynomial input u. The steps are those of scipy's DOP853.
 
+   With motor feedback (n_m > 0) the input is (torques, reference angles, reference speeds), and the state ends with the
+   integrals of w:
+
+       w = v_ref + position_gain (q_ref - q) - v,    u = tau_m + speed_gain (w + integral_gain int w dt)
+
    Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec. II.5 and II.10. */
 
 #include <math.h>
@@ -20,7 +25,7 @@ enum { DONE, MORE, STEP_TOO_SMALL, NOT_FINITE };
 typedef int (*function)(const double **arguments, double **results, long long *iw, double *w, int memory);
 
 typedef struct {
-    function rate;                       /* (x (n), u (n_u)) -> x' (n) */
+    function rate;                       /* (x, u) -> x', without the integrals of the feedback */
     long long *iw;                       /* workspace of the function */
     double *w;                           /* the same, reals */
     int64_t n, n_u;                      /* entries of the state and of the input */
@@ -29,6 +34,8 @@ typedef struct {
     double rtol;
     const double *atol;                        /* (n) */
     const double *A, *B, *C, *E3, *E5, *dense; /* the tableau: A and C with the three stages for dense output */
+    int64_t n_m, dof;                          /* of the feedback: motors, and coordinates; n_m = 0: none */
+    const double *rows, *gains;                /* motor angles from coordinates (n_m, dof); gains (3, n_m) */
 } problem;
 
 /* Where the integration is; memory: (ALL + 4 + DENSE) * n + n_u, kept between calls. The first n are the state. */
@@ -56,11 +63,30 @@ static void input(const problem *p, position *s, double t, double *u)
     }
 }
 
+/* Add the torques of the feedback to the first n_m inputs, and write w behind the rates of the robot. */
+static void add_feedback(const problem *p, const double *x, double *u, double *out)
+{
+    const int64_t n_m = p->n_m;
+    const double *integrals = x + p->n - n_m, *position = p->gains, *speed = position + n_m, *integral = speed + n_m;
+    for (int64_t j = 0; j < n_m; j++) {
+        double q = 0.0, v = 0.0;
+        for (int64_t i = 0; i < p->dof; i++) {
+            q += p->rows[j * p->dof + i] * x[i];
+            v += p->rows[j * p->dof + i] * x[p->dof + i];
+        }
+        const double w = u[2 * n_m + j] + position[j] * (u[n_m + j] - q) - v;
+        u[j] += speed[j] * (w + integral[j] * integrals[j]);
+        out[p->n - n_m + j] = w;
+    }
+}
+
 static void evaluate(const problem *p, position *s, double t, const double *x, double *u, double *out)
 {
     const double *arguments[2] = {x, u};
     double *results[1] = {out};
     input(p, s, t, u);
+    if (p->n_m > 0)
+        add_feedback(p, x, u, out);
     p->rate(arguments, results, p->iw, p->w, 0);
     s->evaluations++;
 }

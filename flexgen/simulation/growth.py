@@ -1,8 +1,8 @@
-"""Growth of perturbations of the open loop along a motion, and windows in which it stays small.
+"""Growth of perturbations of the open loop along a motion.
 
 An upright arm under a given torque is an inverted pendulum: rounding errors of 1e-16 and tolerances of 1e-12 grow
-exponentially, and one forward simulation of the whole move shows their growth instead of the error of the torque. The
-variational equation along the motion
+exponentially, and a forward simulation shows their growth instead of the error of the torque. The variational equation
+along the motion
 
     d/dt dx = A(t) dx,     A from M(q) dq'' + D dq' + K dq = 0,     Phi(t, s) its transition matrix
 
@@ -17,13 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
-from flexgen.deadline import check_time
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.linearization import second_order_matrices
 from flexgen.numerics.evaluate import evaluate
 
-LARGEST_GROWTH = 1e5  # from here on a forward simulation of the whole move is no verification
-WINDOW_GROWTH = 1e3  # in a window: errors of the states at its start grow to a few nanometres
 STEP, FEWEST, MOST = 1e-2, 50, 1000  # of the grid: its step [s], intervals
 
 
@@ -41,35 +38,14 @@ class Motion:
     tau_m: np.ndarray
 
 
-@dataclass(frozen=True)
-class Growth:
-    """``largest``: growth of a perturbation over the motion; ``starts``: samples at which the windows begin."""
-
-    largest: float
-    starts: tuple[int, ...]
+def growth_along(equations: Equations, motion: Motion) -> float:
+    """Largest growth of a perturbation from the start of a motion to an instant of it."""
+    steps = transition_matrices(equations, motion)
+    return float(np.exp(min(_log_growth(steps, equations.model.dof).max(initial=0.0), 700.0)))
 
 
-def growth_along(equations: Equations, motion: Motion) -> Growth:
-    """Growth of perturbations along a motion; a single window where it is below `LARGEST_GROWTH`."""
-    at, steps = transition_matrices(equations, motion)
-    n = equations.model.dof
-    largest = float(np.exp(min(_log_growth(steps, n).max(initial=0.0), 700.0)))
-    if largest <= LARGEST_GROWTH:
-        return Growth(largest, (0,))
-    starts, first = [0], 0
-    while first < len(steps):
-        check_time("growth of perturbations of the open loop")
-        grown = np.flatnonzero(_log_growth(steps[first:], n) > np.log(WINDOW_GROWTH))
-        if not len(grown):
-            break
-        first += max(1, int(grown[0]))
-        if first < len(steps):
-            starts.append(int(at[first]))
-    return Growth(largest, tuple(starts))
-
-
-def transition_matrices(equations: Equations, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Samples of the grid (k + 1,), and the transition matrices from each to the next (k, 2n, 2n), arm side."""
+def transition_matrices(equations: Equations, motion: Motion) -> np.ndarray:
+    """Transition matrices from each instant of the grid to the next (k, 2n, 2n), arm side."""
     model, t = equations.model, motion.t
     count = int(np.clip((t[-1] - t[0]) / STEP, FEWEST, MOST))
     at = np.unique(np.searchsorted(t, np.linspace(t[0], t[-1], count + 1)).clip(0, len(t) - 1))
@@ -82,7 +58,7 @@ def transition_matrices(equations: Equations, motion: Motion) -> tuple[np.ndarra
     A[:, :n, n:] = np.eye(n)
     A[:, n:, :n], A[:, n:, n:] = (np.linalg.solve(M, -x) / side[:, None] * side for x in (K, D))
     lengths = np.diff(t[at])[:, None, None]
-    return at, expm((A[:-1] + A[1:]) / 2 * lengths)
+    return expm((A[:-1] + A[1:]) / 2 * lengths)
 
 
 def _log_growth(steps: np.ndarray, n: int) -> np.ndarray:

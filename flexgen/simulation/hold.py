@@ -50,7 +50,6 @@ from flexgen.trajectory import Trajectory
 SAMPLE_TIME = 1e-3  # s
 MOST = 1_000_000  # ticks
 SAME = 1e-9  # share of the sample time: instants that are as close are the same
-GAUSS_LONG = 16  # points on the interval between two edges
 GAUSS = 4  # points on each piece: exact for polynomials of degree 7
 
 
@@ -118,27 +117,6 @@ class TorqueCommand:
         degree = 1 if self.hold == "linear" else 5
         curve = make_interp_spline(arrivals, values, k=min(degree, len(arrivals) - 1))
         return np.asarray(curve(np.clip(instants, arrivals[0], arrivals[-1])))
-
-    def ripple(self, instant: float, curve: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-        """Ripple of the momentum (n_m,) [N m s]: the integral of the held torque minus a continuous one.
-
-        Its mean over the interval between two edges that contains the instant, or begins there, is zero. A motion under
-        the held torque differs by it from the motion under the continuous one.
-        """
-        edges = self.edges
-        k = int(np.searchsorted(edges, instant, side="right")) - 1
-        if self.hold == "spline" or k < 0 or k >= len(edges) - 1:
-            return np.zeros(len(self.labels))
-        begin, end = edges[k : k + 2]
-        torque = self.between(begin, end)
-
-        def integral(last: float, weight: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
-            at, weights = leggauss(GAUSS_LONG)
-            at = begin + (last - begin) * (at + 1) / 2
-            miss = torque(at) - curve(at)
-            return np.asarray((last - begin) / 2 * (weights * weight(at)) @ miss)
-
-        return integral(instant, np.ones_like) - integral(end, lambda at: (end - at) / (end - begin))
 
     def trajectory(self) -> Trajectory:
         """Ticks and torques as a trajectory with the channel ``tau_m``; ``meta`` has hold, sample time and delay."""

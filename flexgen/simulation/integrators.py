@@ -25,6 +25,7 @@ from scipy.interpolate import PPoly
 from flexgen.deadline import check_time
 from flexgen.errors import SolverError
 from flexgen.simulation.compiled_rate import CompiledDop853, CompiledRate
+from flexgen.simulation.motor_feedback import MotorFeedback
 
 EVALUATIONS = 5_000_000  # a few minutes of the explicit method
 RATE = 1e6  # evaluations for each second of motion: above it the problem is stiff
@@ -36,17 +37,19 @@ EXPLICIT, IMPLICIT = "DOP853", "LSODA"
 
 
 @dataclass(frozen=True)
-class OpenLoop:
-    """The right-hand side ``x' = f(x, u(t))`` of the robot and its two observers, work and loss, which come last.
+class Rates:
+    """The right-hand side ``x' = f(x, u(t))`` of the robot and its two observers, work and loss.
 
     ``rate(t, x)`` and ``jacobian(t, x)``: (n,) and (n, n), the rows and columns of the observers zero in the latter.
-    ``compiled``: the rate in C, a function of state and torque; None: there is no compiler. ``torque``: u(t).
+    ``compiled``: the rate of the robot in C, a function of state and torque; None: there is no compiler. ``given``:
+    u(t). ``feedback``: motor feedback, whose integrals come last in the state; None: open loop.
     """
 
     rate: Callable[[float, np.ndarray], np.ndarray]
     jacobian: Callable[[float, np.ndarray], np.ndarray]
     compiled: CompiledRate | None
-    torque: PPoly
+    given: PPoly
+    feedback: MotorFeedback | None = None
 
 
 @dataclass(frozen=True)
@@ -91,7 +94,7 @@ class _Scipy:
 
 
 def integrate(
-    loop: OpenLoop,
+    loop: Rates,
     start: np.ndarray,
     t: np.ndarray,
     rtol: float,
@@ -102,7 +105,7 @@ def integrate(
 
     Parameters
     ----------
-    loop : OpenLoop
+    loop : Rates
     start : array (n_x,)
         State at ``t[0]``.
     t : array (n,) [s]
@@ -123,7 +126,7 @@ def integrate(
     solver: CompiledDop853 | _Scipy = (
         _Scipy(DOP853(loop.rate, t[0], start, t[-1], rtol=rtol, atol=atol), t)
         if loop.compiled is None
-        else CompiledDop853(loop.compiled, loop.torque, t, start, rtol, atol)
+        else CompiledDop853(loop.compiled, loop.given, t, start, rtol, atol, loop.feedback)
     )
     before, method, k, reported = 0, EXPLICIT, 1, time.perf_counter()
     mark = (float(t[0]), 0)

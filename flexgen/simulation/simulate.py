@@ -1,4 +1,4 @@
-"""Forward simulation of the full model under a given motor torque: the verification of inverse dynamics.
+"""Forward simulation of the full model under given motor torques: the verification of inverse dynamics.
 
 The integrator (explicit Runge-Kutta of order 8 by Dormand and Prince, tight tolerance; an implicit method for stiff
 problems) and the Lagrange equations that it integrates share no code with the solvers.
@@ -10,9 +10,9 @@ balance
 
 verifies the integration.
 
-If perturbations of the open loop grow by more than 1e5 over the move, the verification integrates in windows. Each
-window starts in a state of the solution; the distance between the end of a window and the start of the next one is an
-error too.
+Where perturbations of the open loop grow by more than `UNSTABLE` over the move, no open-loop simulation measures the
+error of the torques, and no robot can be moved by them alone. There the whole move is simulated with motor feedback
+around the torques (`flexgen.simulation.motor_feedback`), and once more without it.
 
 Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 1993, sec. II.5 (DOP853).
 """
@@ -20,13 +20,14 @@ Source: E. Hairer, S. Norsett, G. Wanner, Solving Ordinary Differential Equation
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
 
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.statics import Equilibrium
 from flexgen.model.elements import RobotModel
@@ -35,65 +36,24 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.rotations import turn_angle
 from flexgen.ports import Port
 from flexgen.progress import Choice, reported
-from flexgen.simulation.growth import LARGEST_GROWTH, Growth, Motion, growth_along
-from flexgen.simulation.hold import SAME, TorqueCommand, command_in, extended
-from flexgen.simulation.open_loop import TorqueInput, run_windows
+from flexgen.simulation.after_end import errors_after_end
+from flexgen.simulation.growth import Motion, growth_along
+from flexgen.simulation.hold import SAME, TorqueCommand, command_in
+from flexgen.simulation.motor_feedback import MotorFeedback, default_feedback
+from flexgen.simulation.result import Simulation
+from flexgen.simulation.run import Input, Run, run
 from flexgen.simulation.start import start_state
-from flexgen.simulation.torque_curve import then_constant, torque_curve
+from flexgen.simulation.torque_curve import side_by_side, spline, then_constant, torque_curve
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 
+HELD_KEY = "held_s"  # of the meta data: how long the verification of a solution holds its last torque
+RTOL_OPEN = 1e-9  # for a robot that is far off anyway
 HELD_MAX, HELD_STEP = 60.0, 2e-3  # s: of a torque that is held after the end, and the step at which errors are taken
 RTOL, ATOL = 1e-11, 1e-12  # a tenth of a nanometer over a meter of reach and a thousand steps
-
-
-@dataclass(frozen=True, repr=False)
-class Simulation:
-    """Motion of the robot under the torque.
-
-    Attributes
-    ----------
-    trajectory : Trajectory
-        Channels ``q_a v_a q_m v_m tau_m`` and, where the reference was given, ``error`` of the output.
-    tool_error_max_m, tool_error_max_rad : float or None [m], [rad]
-        Largest error of the output; None without reference, or where the output has no such part.
-    energy_error : float
-        Largest violation of the energy balance, relative to the energy exchanged.
-    torque_max_Nm, speed_max_rad_s : float [N m], [rad/s]
-        Largest torque and speed of a motor, motor side.
-    evaluations : int
-        Of the right-hand side.
-    wall_s : float [s]
-    warnings : tuple of str
-    windows : int
-        Number of separate integrations.
-    growth : float or None
-        Growth of perturbations of the open loop over the move; None where it was not estimated.
-    window_gap : float [rad or m]
-        Largest distance of a coordinate (motors: arm side) between the end of a window and the start of the next.
-    integrator : str
-        ``DOP853``, or ``LSODA`` where the problem is stiff.
-    """
-
-    trajectory: Trajectory
-    tool_error_max_m: float | None
-    tool_error_max_rad: float | None
-    energy_error: float
-    torque_max_Nm: float
-    speed_max_rad_s: float
-    evaluations: int
-    wall_s: float
-    warnings: tuple[str, ...] = ()
-    windows: int = 1
-    growth: float | None = None
-    window_gap: float = 0.0
-    integrator: str = "DOP853"
-
-    def __repr__(self) -> str:
-        errors = [
-            f"{e:.3g} {u}" for e, u in ((self.tool_error_max_m, "m"), (self.tool_error_max_rad, "rad")) if e is not None
-        ]
-        return f"<Simulation {self.trajectory.meta.get('model', '')}: tool error {', '.join(errors) or 'not measured'}>"
+UNSTABLE = 1e3  # growth of perturbations from which on the torques are verified with motor feedback
+AUTO, NONE, PPI = "auto", "none", "ppi"
+FEEDBACKS = (AUTO, NONE, PPI)
 
 
 def _checked(
@@ -151,13 +111,15 @@ def simulate(
     *,
     start: Equilibrium | None = None,
     rtol: float = RTOL,
-    windows: bool = False,
-    held: float = 0.0,
+    held: float | None = None,
     command: TorqueCommand | None = None,
     moving: bool = False,
+    feedback: str = AUTO,
     progress: Choice = None,
 ) -> Simulation:
     """Simulate the full model from equilibrium under the torque of a trajectory.
+
+    A solution that was saved gives the errors that `flexgen.solve` states.
 
     Parameters
     ----------
@@ -169,15 +131,17 @@ def simulate(
         Equilibrium at the start; default: the first sample of the trajectory.
     rtol : float
         Relative tolerance of the integrator.
-    windows : bool
-        Verify a solution of this model. If perturbations of the open loop grow by more than 1e5 over the move, restart
-        from states of the trajectory (channels ``v_a a_a v_m a_m``): the growth in each window is at most 1e3.
-    held : float
-        How long [s] the last torque is held after the trajectory; errors and energy cover this time.
+    held : float, optional
+        How long [s] the last torque is held after the trajectory; errors and energy cover this time. Default: as long
+        as in the verification, where the trajectory is a solution, else 0.
     command : TorqueCommand, optional
         The torques that a controller sends instead of those of the trajectory, see `Solution.torque_command`.
     moving : bool
         Start with the speeds of the first sample, not at rest.
+    feedback : str
+        ``"auto"``: with motor feedback where perturbations of the open loop grow by more than 1e3 over the move (known
+        where the trajectory has the channels ``v_a a_a v_m a_m``), and once more without it; ``"ppi"``: with it;
+        ``"none"``: open loop. See `flexgen.simulation.motor_feedback`.
 
     Returns
     -------
@@ -191,43 +155,103 @@ def simulate(
         The integration failed; the text gives the time.
     """
     equations = model if isinstance(model, Equations) else derive(model)
-    _check_choices(trajectory, rtol, held)
+    _check_choices(trajectory, rtol, held, feedback)
     data = trajectory if isinstance(trajectory, Trajectory) else Trajectory.load(trajectory)
-    began, robot = time.perf_counter(), equations.model
-    given, warnings = _checked(robot, data, moving)
-    torque, command = _torque(robot, data, given["tau_m"], command)
-    t, given = _with_held_end(data.time, given, held)
-    applied = given["tau_m"] if command is None else command.at(t)
-    n_a, i_m, n = robot.n_a, list(robot.i_m), robot.dof
-    motion = _motion(robot, data, t, given) if windows else None
+    given, warnings = _checked(equations.model, data, moving)
+    task = _task(equations, data, given, start, moving, float(data.meta.get(HELD_KEY, 0.0)) if held is None else held)
+    task = replace(task, command=_command(equations.model, data, given["tau_m"], command))
+    tell = progress if callable(progress) else None
+    motion = _motion(equations.model, data, task.t, task.given) if feedback == AUTO else None
     growth = None if motion is None else growth_along(equations, motion)
-    begin = start_state(robot, data, given, start, moving)
-    starts = _starts(begin, motion, growth, i_m, len(data.time) - 1 if held > 0.0 else None)
-    instants, own, starts = _with_edges(t, _with_ripple(equations, data, t, starts, command), command)
-    run = run_windows(equations, instants, torque, starts, rtol, ATOL, progress if callable(progress) else None)
-    states = run.states[own]
+    if feedback == NONE or (feedback == AUTO and (growth is None or growth <= UNSTABLE)):
+        return replace(_simulated(task, rtol, None, tell), warnings=warnings, growth=growth)
+    chosen = default_feedback(equations, given["q_a"][0], given["q_m"][0], given["tau_m"][0])
+    closed = _simulated(task, rtol, chosen, tell)
+    try:
+        alone = _simulated(task, max(rtol, RTOL_OPEN), None, tell)
+    except SolverError:
+        alone = None
+    if growth is not None:
+        warnings = (*warnings, _growth_warning(growth, chosen))
+    return replace(closed, warnings=warnings, growth=growth, open_loop=alone)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What is simulated: ``t`` and ``given`` with the time after the end; ``begin``: the state at the start."""
+
+    equations: Equations
+    data: Trajectory
+    t: np.ndarray
+    given: dict[str, np.ndarray]
+    begin: np.ndarray
+    held: float
+    command: TorqueCommand | None = None
+
+
+def _task(
+    equations: Equations,
+    data: Trajectory,
+    given: dict[str, np.ndarray],
+    start: Equilibrium | None,
+    moving: bool,
+    held: float,
+) -> _Task:
+    t, longer = _with_held_end(data.time, given, held)
+    return _Task(equations, data, t, longer, start_state(equations.model, data, given, start, moving), held)
+
+
+def _simulated(
+    task: _Task, rtol: float, feedback: MotorFeedback | None, progress: Callable[[str], None] | None
+) -> Simulation:
+    """One simulation of the whole move."""
+    began, equations, robot = time.perf_counter(), task.equations, task.equations.model
+    n_a, i_m, n, command = robot.n_a, list(robot.i_m), robot.dof, task.command
+    count = len(task.data.time)
+    applied = task.given["tau_m"] if command is None else command.at(task.t)
+    corner = [count - 1] if task.held > 0.0 else []
+    instants, own, corners = _with_edges(task.t, corner, command)
+    source = _input(task, feedback)
+    found = run(equations, instants, source, task.begin, corners, rtol, ATOL, feedback, progress)
+    states = found.states[own]
     q_a, v_a = states[:, :n_a], states[:, n : n + n_a]
     q_m, v_m = (part[:, list(robot.i_g)] @ robot.eta.T for part in (q_a, v_a))
     q_m[:, i_m], v_m[:, i_m] = states[:, n_a:n], states[:, n + n_a : 2 * n]
-    in_m, in_rad, recorded = _recorded(equations, data, {**given, "tau_m": applied}, (q_a, v_a, q_m, v_m))
+    in_m, in_rad, recorded = _recorded(equations, task.data, {**task.given, "tau_m": applied}, (q_a, v_a, q_m, v_m))
+    later_m, later_rad = _later_errors(task, found, (in_m, in_rad))
     return Simulation(
         trajectory=recorded,
         tool_error_max_m=in_m,
         tool_error_max_rad=in_rad,
-        energy_error=_energy_error(equations, (q_a, v_a, q_m, v_m), run.start_energy[own], *states[:, 2 * n :].T),
+        energy_error=_energy_error(equations, (q_a, v_a, q_m, v_m), *states[:, 2 * n :].T),
         torque_max_Nm=float(np.abs(applied).max()),
         speed_max_rad_s=float(np.abs(v_m).max()),
-        evaluations=run.evaluations,
+        evaluations=found.evaluations,
         wall_s=time.perf_counter() - began,
-        warnings=(*warnings, *_growth_warning(growth)),
-        windows=sum(state is not None for _, state in starts),
-        growth=None if growth is None else growth.largest,
-        window_gap=run.gap,
-        integrator=run.integrator,
+        integrator=found.integrator,
+        held_s=task.held,
+        later_error_max_m=later_m,
+        later_error_max_rad=later_rad,
+        feedback=feedback,
     )
 
 
-def _check_choices(trajectory: Any, rtol: float, held: float) -> None:
+def _later_errors(
+    task: _Task, found: Run, before: tuple[float | None, float | None]
+) -> tuple[float | None, float | None]:
+    """Largest errors of the output until `AFTER` after the end [m], [rad], with those until ``held`` after it."""
+    if task.held <= 0.0 or "y_ref" not in task.given:
+        return None, None
+    n_a = task.equations.model.n_a
+    q_a = errors_after_end(found, float(task.t[-1]), task.held)[:, :n_a]
+    last = {name: np.repeat(values[-1:], len(q_a), axis=0) for name, values in task.given.items()}
+    _, in_m, in_rad = _output_error(task.equations, last, q_a)
+    pairs = zip((in_m, in_rad), before, strict=True)
+    later = [None if x is None or y is None else max(x, y) for x, y in pairs]
+    return later[0], later[1]
+
+
+def _check_choices(trajectory: Any, rtol: float, held: float | None, feedback: str) -> None:
     """ArgumentError for an argument that is out of range."""
     if not isinstance(trajectory, Trajectory | str | FilePath):
         raise ArgumentError(
@@ -235,33 +259,35 @@ def _check_choices(trajectory: Any, rtol: float, held: float) -> None:
         )
     if not 1e-14 < rtol < 1e-2:
         raise ArgumentError(f"rtol: given {rtol}, expected a relative tolerance between 1e-14 and 1e-2")
-    if not 0.0 <= held <= HELD_MAX:
+    if held is not None and not 0.0 <= held <= HELD_MAX:
         raise ArgumentError(f"held: given {held}, expected a time between 0 and {HELD_MAX:g} s")
+    if feedback not in FEEDBACKS:
+        raise ArgumentError(f"feedback: given {feedback!r}, expected one of {', '.join(FEEDBACKS)}")
 
 
-def _starts(
-    start: np.ndarray, motion: Motion | None, growth: Growth | None, i_m: list[int], corner: int | None
-) -> list[tuple[int, np.ndarray | None]]:
-    """Samples at which windows begin, with their states; at the torque's ``corner`` integration starts again."""
-    starts: list[tuple[int, np.ndarray | None]] = [(0, start)]
-    if motion is not None and growth is not None:
-        x = np.hstack([motion.q_a, motion.q_m[:, i_m], motion.v_a, motion.v_m[:, i_m]])
-        starts += [(first, x[first]) for first in growth.starts[1:]]
-    if corner is not None:
-        starts = sorted([*starts, (corner, None)], key=lambda one: (one[0], one[1] is not None))
-    return starts
-
-
-def _torque(
+def _command(
     robot: RobotModel, data: Trajectory, tau_m: np.ndarray, command: TorqueCommand | None
-) -> tuple[TorqueInput, TorqueCommand | None]:
-    """The torque that acts, and what a controller sends for it: as given, or as the trajectory states; or None."""
+) -> TorqueCommand | None:
+    """What a controller sends: as given, or as the trajectory states; None: the samples themselves."""
     sent = command or command_in(data.time, tau_m, tuple(motor.name for motor in robot.motors), data.meta)
-    return _held_curve(data, tau_m) if sent is None else _checked_command(robot, sent), sent
+    return None if sent is None else _checked_command(robot, sent)
 
 
-def _checked_command(robot: RobotModel, command: TorqueCommand) -> TorqueInput:
-    """The torque of a command; ArgumentError where it has other motors or does not fit together."""
+def _input(task: _Task, feedback: MotorFeedback | None) -> Input:
+    """The motor torques, with feedback also the motors' reference angles and speeds, at an instant."""
+    torque = _held_curve(task.data, task.given["tau_m"]) if task.command is None else task.command.between
+    if feedback is None:
+        return torque
+    q_m = task.given["q_m"]
+    samples = q_m[: len(task.data.time)]
+    angles = spline(task.data.time, samples)
+    speeds = then_constant(angles.derivative(), np.zeros(samples.shape[1]))
+    angles = then_constant(angles, samples[-1])
+    return lambda begin, finish: side_by_side([torque(begin, finish), angles, speeds], begin, finish)
+
+
+def _checked_command(robot: RobotModel, command: TorqueCommand) -> TorqueCommand:
+    """The command; ArgumentError where it has other motors or does not fit together."""
     names = tuple(motor.name for motor in robot.motors)
     n = len(command.time)
     if command.labels != names or command.values.shape != (n, len(names)) or n < 2:
@@ -271,53 +297,29 @@ def _checked_command(robot: RobotModel, command: TorqueCommand) -> TorqueInput:
         )
     if not (np.isfinite(command.values).all() and (np.diff(command.time) > 0).all()):
         raise ArgumentError("command: given NaN, infinity or ticks that do not increase, expected finite torques")
-    return command.between
+    return command
 
 
 def _with_edges(
-    t: np.ndarray, starts: list[tuple[int, np.ndarray | None]], command: TorqueCommand | None
-) -> tuple[np.ndarray, np.ndarray, list[tuple[int, np.ndarray | None]]]:
-    """All instants of the integration, which of them are those in ``t``, and the starts with those at the edges."""
+    t: np.ndarray, corners: list[int], command: TorqueCommand | None
+) -> tuple[np.ndarray, np.ndarray, list[int]]:
+    """All instants of the integration, which of them are those in ``t``, and the corners with the command's edges."""
     if command is None:
-        return t, np.arange(len(t)), starts
+        return t, np.arange(len(t)), corners
     edges = command.edges
     edges = edges[(edges > t[0]) & (edges < t[-1])]
     nearest = t[np.searchsorted((t[:-1] + t[1:]) / 2, edges)]
     edges = np.where(np.abs(nearest - edges) < SAME * command.sample_time, nearest, edges)
     instants = np.unique(np.concatenate([t, edges]))
     own = np.searchsorted(instants, t)
-    moved = [(int(own[first]), state) for first, state in starts]
-    taken = {first for first, _ in moved}
-    corners = [(int(k), None) for k in np.searchsorted(instants, edges) if k not in taken]
-    return instants, own, sorted([*moved, *corners], key=lambda one: (one[0], one[1] is not None))
+    return instants, own, sorted({*(int(own[k]) for k in corners), *(int(k) for k in np.searchsorted(instants, edges))})
 
 
-def _with_ripple(
-    equations: Equations,
-    data: Trajectory,
-    t: np.ndarray,
-    starts: list[tuple[int, np.ndarray | None]],
-    command: TorqueCommand | None,
-) -> list[tuple[int, np.ndarray | None]]:
-    """The starts of later windows with the velocities that a motion under the held torque has at these instants."""
-    if command is None:
-        return starts
-    rate, n = equations.function("state_rate"), equations.model.dof
-    curve = extended(data.time, data["tau_m"], data.meta.get("torque") == "limited")
-    out = starts[:1]
-    for first, state in starts[1:]:
-        if state is not None:
-            ripple = command.ripple(t[first], curve)
-            change = np.array(rate(state, ripple) - rate(state, 0 * ripple)).ravel()
-            state = state + np.concatenate([np.zeros(n), change[n:]])
-        out.append((first, state))
-    return out
-
-
-def _held_curve(data: Trajectory, torque: np.ndarray) -> TorqueInput:
+def _held_curve(data: Trajectory, torque: np.ndarray) -> Input:
     """The motor torque at an instant, its last value after the end."""
-    curve = torque_curve(data.time, torque, limited=data.meta.get("torque") == "limited")
-    held = then_constant(curve, torque[-1])
+    samples = torque[: len(data.time)]
+    curve = torque_curve(data.time, samples, limited=data.meta.get("torque") == "limited")
+    held = then_constant(curve, samples[-1])
     return lambda begin, finish: held
 
 
@@ -332,13 +334,11 @@ def _with_held_end(
     }
 
 
-def _growth_warning(growth: Growth | None) -> tuple[str, ...]:
-    """The warning of a verification in windows."""
-    if growth is None or growth.largest <= LARGEST_GROWTH:
-        return ()
+def _growth_warning(growth: float, feedback: MotorFeedback) -> str:
+    """The warning of a robot that torques alone do not move."""
     return (
-        f"the open loop is unstable: perturbations grow by a factor of {growth.largest:.1e} over the move; the torques "
-        f"were verified in {len(growth.starts)} windows, each from a state of the solution; use feedback",
+        f"the open loop is unstable: perturbations grow by a factor of {growth:.1e} over the move; the tool error is "
+        f"that with {feedback.title}; without feedback the robot does not follow"
     )
 
 
@@ -355,13 +355,11 @@ def _motion(robot: RobotModel, data: Trajectory, t: np.ndarray, given: dict[str,
     return Motion(t, **found) if all(np.isfinite(x).all() for x in found.values()) else None
 
 
-def _energy_error(
-    equations: Equations, motion: tuple[np.ndarray, ...], start: np.ndarray, work: np.ndarray, loss: np.ndarray
-) -> float:
-    """Largest violation of the energy balance, relative to the energy exchanged; ``start``: energy at the beginning."""
+def _energy_error(equations: Equations, motion: tuple[np.ndarray, ...], work: np.ndarray, loss: np.ndarray) -> float:
+    """Largest violation of the energy balance, relative to the energy exchanged."""
     energies = [x.reshape(len(work)) for x in evaluate(equations.function("energy"), *motion)]
     total = energies[0] + energies[1]
-    imbalance = total - start - work + loss
+    imbalance = total - total[0] - work + loss
     # rounding of constant energies is no violation
     exchanged = max(np.ptp(energies[0]), np.ptp(energies[1]), np.ptp(work), 1e-6 * np.abs(total).max(), 1e-9)
     return float(np.abs(imbalance).max() / exchanged)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -91,6 +91,19 @@ def _intervals(t: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray, np.nda
             f"trajectory: given {len(t)} instants, expected intervals of {SAMPLES} equal steps for {what}"
         )
     return at, np.diff(t[::SAMPLES]), theta
+
+
+def side_by_side(curves: Sequence[PPoly], begin: float, end: float) -> PPoly:
+    """Several piecewise polynomials (n_k,) as one (sum of n_k,), from ``begin`` to ``end``."""
+    inner = [curve.x[(curve.x > begin) & (curve.x < end)] for curve in curves]
+    breaks = np.unique(np.concatenate([[begin, end], *inner]))
+    degree = max(len(curve.c) for curve in curves) - 1
+    derivatives = [
+        np.hstack([curve.derivative(m)(breaks[:-1]) if m else curve(breaks[:-1]) for curve in curves])
+        / math.factorial(m)
+        for m in range(degree, -1, -1)
+    ]
+    return PPoly(np.stack(derivatives), breaks)
 
 
 def _sampled_polynomials(t: np.ndarray, torque: np.ndarray) -> PPoly | None:

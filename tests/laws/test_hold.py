@@ -186,11 +186,11 @@ def test_a_solution_has_the_command_and_its_error_in_figures_and_texts() -> None
 
 
 @pytest.mark.slow
-def test_an_unstable_open_loop_is_verified_in_windows_with_its_hold() -> None:
+def test_an_unstable_open_loop_is_verified_under_feedback_with_its_hold() -> None:
     solution = flexgen.solve(ROBOTS / "upright.toml", hold="zoh")
     run = solution.held_simulation
-    assert run is not None and run.windows > 1 and solution.status == Status.SOLVED
-    assert run.window_gap < 1e-7
+    assert run is not None and run.feedback is not None and solution.status == Status.SOLVED
+    assert run.feedback.title in str(solution)
 
 
 def test_what_no_controller_does_is_refused(planar: tuple[Equations, flexgen.Solution]) -> None:

@@ -12,10 +12,10 @@ from scipy.interpolate import PPoly
 
 import flexgen
 from flexgen.errors import SolverError
-from flexgen.simulation import compiled_rate, integrators, open_loop
+from flexgen.simulation import compiled_rate, integrators, run
 from flexgen.simulation.compiled_rate import CompiledDop853
-from flexgen.simulation.integrators import OpenLoop, integrate
-from flexgen.simulation.simulate import Simulation
+from flexgen.simulation.integrators import Rates, integrate
+from flexgen.simulation.result import Simulation
 
 RTOL, ATOL = 1e-11, 1e-12
 OMEGA, SLOPE = 30.0, 1e4  # rad/s; of the ramp: a motion so large that the relative tolerance counts
@@ -37,7 +37,7 @@ def oscillator(t: np.ndarray) -> tuple[ca.Function, PPoly, np.ndarray]:
 def in_c(rate: ca.Function, torque: PPoly, t: np.ndarray, start: np.ndarray, rtol: float = RTOL) -> np.ndarray:
     found = compiled_rate.compiled_rate(rate, None)
     assert found is not None, "the tests need a C compiler"
-    loop = OpenLoop(lambda s, x: np.zeros(len(x)), lambda s, x: np.zeros((len(x), len(x))), found, torque)
+    loop = Rates(lambda s, x: np.zeros(len(x)), lambda s, x: np.zeros((len(x), len(x))), found, torque)
     return integrate(loop, start, t, rtol, np.full(len(start), ATOL)).states
 
 
@@ -80,10 +80,10 @@ def test_the_same_steps_as_scipy() -> None:
     def function(s: float, x: np.ndarray) -> np.ndarray:
         return np.asarray(rate(x, torque(s)), float).ravel()
 
-    loops = [OpenLoop(function, lambda s, x: np.zeros((2, 2)), where, torque) for where in (found, None)]
+    loops = [Rates(function, lambda s, x: np.zeros((2, 2)), where, torque) for where in (found, None)]
     ours, theirs = (integrate(loop, np.zeros(2), t, RTOL, np.full(2, ATOL)) for loop in loops)
     assert ours.evaluations == pytest.approx(theirs.evaluations, rel=0.01)  # the first steps have no instant
-    errors = [np.abs(run.states - exact).max(axis=0) for run in (ours, theirs)]
+    errors = [np.abs(found.states - exact).max(axis=0) for found in (ours, theirs)]
     assert (errors[0] < 1.5 * errors[1]).all()
 
 
@@ -110,7 +110,7 @@ def robot_simulation() -> Simulation:
 
 def test_a_robot_without_a_compiler_for_the_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
     ours = robot_simulation()
-    monkeypatch.setattr(open_loop, "compiled_rate", lambda function, progress: None)
+    monkeypatch.setattr(run, "compiled_rate", lambda function, progress: None)
     theirs = robot_simulation()
     for channel in ("q_a", "v_a", "q_m", "error"):
         scale = max(float(np.abs(theirs.trajectory[channel]).max()), 1e-3)

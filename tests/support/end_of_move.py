@@ -21,13 +21,13 @@ AFTER = 0.5  # s
 RTOL, ATOL = 1e-10, 1e-12
 
 
-def errors(model: RobotModel, t: Trajectory) -> tuple[float, float]:
+def errors(model: RobotModel, t: Trajectory, after: float = AFTER) -> tuple[float, float]:
     """Largest error [m, rad] of the output along the trajectory, and while the last torque is held."""
     pin = PinocchioReferee(model)
     n_a, i_m = model.n_a, list(model.i_m)
     start = np.concatenate([t["q_a"][0], t["q_m"][0][i_m], np.zeros(model.dof)])
     along = _integrated(pin, make_interp_spline(t.time, t["tau_m"], k=5), start, t.time)
-    held = _integrated(pin, lambda instant: t["tau_m"][-1], along[-1], np.linspace(0.0, AFTER, 501))
+    held = _integrated(pin, lambda instant: t["tau_m"][-1], along[-1], np.linspace(0.0, after, 501))
     R_ref = t.channels.get("R_ref")
     last_y = np.tile(t["y_ref"][-1], (len(held), 1))
     last_R = None if R_ref is None else np.tile(R_ref[-1], (len(held), 1))

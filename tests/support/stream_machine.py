@@ -16,7 +16,8 @@ from flexgen.ports import Port
 from flexgen.runtime.library import Library
 from flexgen.runtime.stream import Interval, Stream
 from flexgen.simulation.hold import TorqueCommand
-from flexgen.simulation.simulate import Simulation, simulate
+from flexgen.simulation.result import Simulation
+from flexgen.simulation.simulate import simulate
 from flexgen.trajectory import Trajectory
 
 UPDATE, AHEAD, PARTS = 5e-3, 20, 5  # s, intervals, samples in each

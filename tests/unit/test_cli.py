@@ -20,7 +20,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.cli import verbs
 from flexgen.cli.main import main
-from flexgen.cli.printing import analysis_text, as_json, figures, number, plain, roots, solution_rows, table
+from flexgen.cli.printing import analysis_text, as_json, figure_rows, figures, number, plain, roots, table
 from flexgen.cli.solve import inaccuracy
 from flexgen.inversion.status import Status
 from flexgen.mechanics.signatures import TABLE
@@ -314,13 +314,13 @@ def test_a_missed_tolerance_is_a_failure_with_its_figures(ask):
 def test_active_limits_are_not_a_missed_tolerance():
     solution = flexgen.solve("planar5_nmp")
     simulation = replace(solution.simulation, tool_error_max_m=3.9e-10)
-    rows = solution_rows(replace(solution, simulation=simulation))
+    rows = figure_rows(replace(solution, simulation=simulation))
     assert ("simulated tool error, largest", 3.9e-4, "um") in [
         (label, round(value, 9) if isinstance(value, float) else value, unit) for label, value, unit in rows
     ]
     simulation = replace(simulation, tool_error_max_m=0.0125)
     limited = replace(solution, status=Status.LIMITS_ACTIVE, simulation=simulation, plan_error_max=2e-9)
-    text = " ".join(figures(solution_rows(limited)).split())
+    text = " ".join(figures(figure_rows(limited)).split())
     assert "status limits active" in text
     assert "distance of the tool from the reference at the same time (limits active), largest 12.5 mm" in text
     assert "simulated error from the modified path, largest 2e-09 m or rad" in text
@@ -372,7 +372,8 @@ def test_simulate(ask, run, trajectory, tmp_path):
     status, data, _ = ask("simulate", "planar5_nmp", trajectory, "--out", tmp_path / "moved.npz")
     assert status == 0
     keys = (
-        "model tool_error_max_m tool_error_max_rad energy_error torque_max_Nm speed_max_rad_s evaluations wall_s "
+        "model tool_error_max_m tool_error_max_rad held_s later_error_max_m later_error_max_rad motor_feedback growth "
+        "open_loop_error_max_m open_loop_error_max_rad energy_error torque_max_Nm speed_max_rad_s evaluations wall_s "
         "trajectory"
     )
     assert list(data) == keys.split()

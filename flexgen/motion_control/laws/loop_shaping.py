@@ -23,6 +23,7 @@ import numpy as np
 from scipy.linalg import LinAlgWarning, block_diag, solve_continuous_are
 from scipy.signal import cont2discrete
 
+from flexgen.analysis.second_order import motor_rows
 from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.controllers import Linear
@@ -30,7 +31,7 @@ from flexgen.mechanics.equations import derive
 from flexgen.model.elements import RobotModel
 from flexgen.motion_control.gains import motor_inertias
 from flexgen.motion_control.margins import LoopAtPose
-from flexgen.motion_control.plants import LocalDynamics, motor_rows
+from flexgen.motion_control.plants import LocalDynamics
 from flexgen.motion_control.sampled_model import PoseModels
 
 LOWER, LOWERINGS = 0.8, 30  # factors of the crossover frequency that are tried where a loop is unstable

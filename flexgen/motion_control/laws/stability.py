@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from flexgen.analysis.second_order import motor_rows
 from flexgen.errors import ArgumentError
 from flexgen.motion_control.laws.chain import STABLE
 from flexgen.motion_control.laws.motion import LawMotion
-from flexgen.motion_control.plants import motor_rows
 from flexgen.motion_control.sampled_model import PoseModel, PoseModels, sampled
 
 POSES = 7  # of the motion: its start, its end, and between them

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
+from flexgen.analysis.second_order import motor_rows
 from flexgen.arguments import is_whole
 from flexgen.build.c_module import c_module
 from flexgen.deadline import check_time
@@ -35,7 +36,6 @@ from flexgen.motion_control.observers.design import (
     record,
     state_names,
 )
-from flexgen.motion_control.plants import motor_rows
 from flexgen.motion_control.sampled_model import PoseModel, PoseModels, held
 
 SOURCE = Path(__file__).with_name("constant_gain.c")

@@ -1,0 +1,123 @@
+"""Simulation: a motion under motor torques and its figures, each stated once for tables, JSON, reports and prints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from flexgen.simulation.after_end import AFTER
+from flexgen.simulation.figures import Figure, both_measured
+from flexgen.simulation.motor_feedback import MotorFeedback
+from flexgen.trajectory import Trajectory
+
+
+@dataclass(frozen=True, repr=False)
+class Simulation:
+    """Motion of the robot under the torque.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        Channels ``q_a v_a q_m v_m tau_m`` and, where the reference was given, ``error`` of the output.
+    tool_error_max_m, tool_error_max_rad : float or None [m], [rad]
+        Largest error of the output until ``held_s`` after the end of the trajectory, with the ``feedback`` that is
+        named there; None without reference, or where the output has no such part.
+    energy_error : float
+        Largest violation of the energy balance, relative to the energy exchanged.
+    torque_max_Nm, speed_max_rad_s : float [N m], [rad/s]
+        Largest torque and speed of a motor, motor side.
+    evaluations : int
+        Of the right-hand side.
+    wall_s : float [s]
+    warnings : tuple of str
+    growth : float or None
+        Growth of perturbations of the open loop over the move; None where it was not estimated.
+    integrator : str
+        ``DOP853``, or ``LSODA`` where the problem is stiff.
+    held_s : float [s]
+        How long the last torque was held after the end of the trajectory.
+    later_error_max_m, later_error_max_rad : float or None [m], [rad]
+        Largest error of the output until `AFTER` = 2 s after the end, predicted by the linearization about the last
+        state: a robot without brakes drifts in open loop. None where the last torque was not held.
+    feedback : MotorFeedback or None
+        The motor feedback that the robot was simulated with; None: open loop.
+    open_loop : Simulation or None
+        The same without the feedback; None where there is none, or where the robot is so far off that the integration
+        breaks down.
+    """
+
+    trajectory: Trajectory
+    tool_error_max_m: float | None
+    tool_error_max_rad: float | None
+    energy_error: float
+    torque_max_Nm: float
+    speed_max_rad_s: float
+    evaluations: int
+    wall_s: float
+    warnings: tuple[str, ...] = ()
+    growth: float | None = None
+    integrator: str = "DOP853"
+    held_s: float = 0.0
+    later_error_max_m: float | None = None
+    later_error_max_rad: float | None = None
+    feedback: MotorFeedback | None = None
+    open_loop: Simulation | None = None
+
+    def __repr__(self) -> str:
+        return f"<Simulation {self.trajectory.meta.get('model', '')}: {error_text(self)}>"
+
+    def figures(self) -> tuple[Figure, ...]:
+        """The figures of the simulation, in SI units: what tables and JSON show."""
+        return (
+            *error_figures(self),
+            Figure("energy error", self.energy_error, "relative", "energy_error"),
+            Figure("motor torque, largest", self.torque_max_Nm, "N m", "torque_max_Nm"),
+            Figure("motor speed, largest", self.speed_max_rad_s, "rad/s", "speed_max_rad_s"),
+            Figure("evaluations of the equations of motion", self.evaluations, "", "evaluations"),
+            Figure("wall time", self.wall_s, "s", "wall_s"),
+        )
+
+
+def error_figures(simulation: Simulation | None, what: str = "tool", label: str | None = None) -> tuple[Figure, ...]:
+    """Errors of the output, with the conditions under which they hold.
+
+    ``what``: the name of the output; ``label``: of the largest error, where it means something else.
+    """
+    run = simulation
+    closed = None if run is None or run.feedback is None else run.feedback.title
+    label = label or f"simulated {what} error, largest"
+    alone = None if run is None else run.open_loop
+    rows: list[tuple[str, str | float | None, str, str]] = [
+        (label, None if run is None else run.tool_error_max_m, "m", "tool_error_max_m"),
+        (label, None if run is None else run.tool_error_max_rad, "rad", "tool_error_max_rad"),
+        ("until how long after the end", None if run is None else run.held_s or None, "s", "held_s"),
+    ]
+    later = f"{what} error until {AFTER:g} s after the end, predicted, largest"
+    rows += [
+        (later, None if run is None else run.later_error_max_m, "m", "later_error_max_m"),
+        (later, None if run is None else run.later_error_max_rad, "rad", "later_error_max_rad"),
+        ("with motor feedback", closed, "", "motor_feedback"),
+        ("growth of perturbations without feedback", None if run is None else run.growth, "", "growth"),
+    ]
+    without = f"{what} error without feedback, largest"
+    rows += [
+        (without, None if alone is None else alone.tool_error_max_m, "m", "open_loop_error_max_m"),
+        (without, None if alone is None else alone.tool_error_max_rad, "rad", "open_loop_error_max_rad"),
+    ]
+    return tuple(Figure(*row) for row in rows)
+
+
+def error_text(simulation: Simulation, what: str = "tool") -> str:
+    """The errors of the output in one sentence, with the conditions under which they hold."""
+    run = simulation
+    errors = both_measured(run.tool_error_max_m, run.tool_error_max_rad)
+    if not errors:
+        return f"{what} error not measured (the trajectory has no reference)"
+    until = f" until {run.held_s:g} s after the end" if run.held_s else ""
+    later = both_measured(run.later_error_max_m, run.later_error_max_rad)
+    more = f", {later} until {AFTER:g} s" if later else ""
+    if run.feedback is None:
+        return f"{what} error in simulation up to {errors}{until}{more}"
+    alone = run.open_loop
+    without = "the robot falls" if alone is None else both_measured(alone.tool_error_max_m, alone.tool_error_max_rad)
+    growth = "" if run.growth is None else f", perturbations grow by {run.growth:.2g}"
+    return f"{what} error up to {errors}{until}{more}, with {run.feedback.title} (without: {without}{growth})"

@@ -1,0 +1,153 @@
+"""A robot under a torque, alone or with motor feedback, integrated along a time grid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from weakref import WeakKeyDictionary
+
+import casadi as ca
+import numpy as np
+from scipy.interpolate import PPoly
+
+from flexgen.mechanics.equations import Equations
+from flexgen.simulation.compiled_rate import CompiledRate, compiled_rate
+from flexgen.simulation.integrators import EXPLICIT, Rates, integrate
+from flexgen.simulation.motor_feedback import MotorFeedback
+
+Input = Callable[[float, float], PPoly]
+
+ATOL_WORK = 1e-9  # J: work and loss are observers, they must not drive the step size below what the motion needs
+ATOL_INTEGRAL = 1e-9  # rad, motor side: of the integral part of the feedback
+
+
+@dataclass(frozen=True)
+class Run:
+    """States (q_a, q_me, v_a, v_me, work, loss) at the instants, (n, n_x).
+
+    ``last``: the last one with the integrals of the feedback; ``rates``: the right-hand side there; ``integrator``: the
+    implicit method if any part needed it.
+    """
+
+    states: np.ndarray
+    last: np.ndarray
+    rates: Rates
+    evaluations: int
+    integrator: str
+
+
+def run(
+    equations: Equations,
+    t: np.ndarray,
+    given: Input,
+    start: np.ndarray,
+    corners: Sequence[int],
+    rtol: float,
+    atol: float,
+    feedback: MotorFeedback | None,
+    progress: Callable[[str], None] | None,
+) -> Run:
+    """Integrate from the start to the last instant.
+
+    Parameters
+    ----------
+    equations : Equations
+    t : array (n,) [s]
+        Instants of the results.
+    given : callable
+        Motor torques (n_m,), with feedback also the motors' reference angles and speeds (3 n_m,), as a piecewise
+        polynomial of the instant, from the start and the end of a part without corners.
+    start : array (2 n,)
+        State (q_a, q_me, v_a, v_me).
+    corners : sequence of int
+        Instants at which the torque jumps or has a corner: integration starts again there.
+    rtol, atol : float
+        Tolerances of the integrator.
+    feedback : MotorFeedback or None
+    progress : callable, optional
+    """
+    robot = equations.model
+    n = robot.dof
+    integrals = 0 if feedback is None else robot.n_m
+    function, in_c = _rates(equations, progress)
+    parts = [np.full(2 * n, atol), np.full(2, ATOL_WORK), np.full(integrals, ATOL_INTEGRAL)]
+    tolerances = np.concatenate(parts)
+    states = np.empty((len(t), len(tolerances)))
+    states[0] = np.concatenate([start, np.zeros(2 + integrals)])
+    evaluations, integrator = 0, EXPLICIT
+    ends = [0, *corners, len(t) - 1]
+    for first, last in pairwise(ends):
+        rates = rates_of(equations, function, in_c, given(t[first], t[last]), feedback)
+        found = integrate(rates, states[first].copy(), t[first : last + 1], rtol, tolerances, progress)
+        states[first + 1 : last + 1] = found.states[1:]
+        evaluations += found.evaluations
+        integrator = found.method if found.method != EXPLICIT else integrator
+    return Run(states[:, : 2 * n + 2], states[-1], rates, evaluations, integrator)
+
+
+def rates_of(
+    equations: Equations,
+    function: ca.Function,
+    in_c: CompiledRate | None,
+    given: PPoly,
+    feedback: MotorFeedback | None,
+) -> Rates:
+    """The right-hand side with the states (q_a, q_me, v_a, v_me, work, loss, integrals of the feedback).
+
+    ``function``, ``in_c``: the rate without feedback as a CasADi function of state and torque, and the same in C.
+    """
+    robot = equations.model
+    n_a, n, n_m, i_m = robot.n_a, robot.dof, robot.n_m, list(robot.i_m)
+    motors, speeds = np.zeros(n_m), np.zeros(n_m)
+
+    def rate(instant: float, x: np.ndarray) -> np.ndarray:
+        u = given(instant)
+        if feedback is None:
+            return np.asarray(function(x, u), float).ravel()
+        more, w = feedback.torque(x, x[2 * n + 2 :], u[n_m:])
+        return np.concatenate([np.asarray(function(x[: 2 * n + 2], u[:n_m] + more), float).ravel(), w])
+
+    def jacobian(instant: float, x: np.ndarray) -> np.ndarray:
+        motors[i_m], speeds[i_m] = x[n_a:n], x[n + n_a : 2 * n]
+        u = given(instant)
+        tau = u if feedback is None else u[:n_m] + feedback.torque(x, x[2 * n + 2 :], u[n_m:])[0]
+        A, B = (
+            np.array(each) for each in equations.function("linearize")(x[:n_a], x[n : n + n_a], motors, speeds, tau)
+        )
+        if feedback is None:
+            return np.pad(A, (0, 2))
+        out = np.zeros((len(x), len(x)))
+        in_torque, in_w = feedback.state_feedback()
+        out[: 2 * n, : 2 * n] = A + B @ in_torque
+        out[: 2 * n, 2 * n + 2 :] = B * (feedback.speed_gain * feedback.integral_gain)
+        out[2 * n + 2 :, : 2 * n] = in_w
+        return out
+
+    return Rates(rate, jacobian, in_c, given, feedback)
+
+
+_Known = WeakKeyDictionary[Equations, tuple[ca.Function, CompiledRate | None]]
+_known: _Known = WeakKeyDictionary()
+
+
+def _rates(equations: Equations, progress: Callable[[str], None] | None) -> tuple[ca.Function, CompiledRate | None]:
+    """The rate of a robot as a CasADi function, and in C."""
+    if equations not in _known:
+        function = _rate(equations)
+        in_c = compiled_rate(function, progress)
+        _known[equations] = function if in_c is None else in_c.function, in_c
+    return _known[equations]
+
+
+def _rate(equations: Equations) -> ca.Function:
+    """The derivative of (q_a, q_me, v_a, v_me, work, loss) as a function of this state and the torque."""
+    robot = equations.model
+    n_a, n = robot.n_a, robot.dof
+    x, torque = ca.SX.sym("x", 2 * n + 2), ca.SX.sym("tau_m", robot.n_m)
+    motors, speeds = ca.SX.zeros(robot.n_m), ca.SX.zeros(robot.n_m)
+    for k, j in enumerate(robot.i_m):
+        motors[j], speeds[j] = x[n_a + k], x[n + n_a + k]
+    power = equations.function("power")(x[:n_a], x[n : n + n_a], motors, speeds, torque)
+    rates = ca.vertcat(equations.function("state_rate")(x[: 2 * n], torque), *power)
+    return ca.Function("rate", [x, torque], [ca.cse(rates)])
