@@ -8,15 +8,17 @@ import os
 import secrets
 import subprocess
 import tempfile
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 
 from flexgen.build.compiler import Compiler, find_compiler
 from flexgen.build.object_cache import cache_folder
 from flexgen.errors import BuildError
+from flexgen.runtime.files import private_copy, trusted_content, trusted_file, trusted_library
 
+_ADVICE = "remove it: it is compiled again when it is needed"
 MOST, LIMIT = 256, 128 * 2**20  # modules in the cache, and bytes of all of them
 
 
@@ -29,7 +31,19 @@ def c_module(source: Path, option: str = "", *, native: bool = False) -> ctypes.
     BuildError
         There is no compiler, or it fails.
     """
-    return ctypes.CDLL(str(compiled(source.stem, source.read_text(), level=option, native=native)))
+    return load_module(compiled(source.stem, source.read_text(), level=option, native=native))
+
+
+def load_module(path: Path) -> ctypes.CDLL:
+    """Load a module that `compiled` made, or found; BuildError where others could have changed it."""
+    return trusted_library(trusted_file(path), advice=_ADVICE)
+
+
+@contextmanager
+def module_copy(path: Path) -> Iterator[str]:
+    """The path of a private copy of such a module, for the loader of CasADi; it ends with the block."""
+    with private_copy(path.name, trusted_content(trusted_file(path), advice=_ADVICE)) as copy:
+        yield copy
 
 
 def compiled(
@@ -62,9 +76,9 @@ def compiled(
     kept = root / "modules" if root is not None else Path(_temporary().name)
     kept.mkdir(mode=0o700, exist_ok=True)
     made = kept / f"{name}-{mark}.so"
-    if made.exists():
-        with suppress(OSError):
-            os.utime(made)
+    with suppress(OSError, BuildError):  # what is missing, cut or open to others is made again
+        trusted_content(made)
+        os.utime(made)
         return made
     if before is not None:
         before()
@@ -94,6 +108,7 @@ def _compile(name: str, text: str, target: Path, compiler: Compiler, level: str)
     if done.returncode != 0:
         own.unlink(missing_ok=True)
         raise BuildError(f"the C compiler failed on {name}.c:\n  {done.stderr.strip()[:500]}")
+    own.chmod(0o700)  # whatever the umask
     os.replace(own, target)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from flexgen.build.c_module import compiled
+from flexgen.build.c_module import compiled, module_copy
 
 FAST = 30_000  # operations: above it the compiler takes too long to optimize
 LONG = 5_000  # operations: above it the compiler takes a second or more
@@ -43,4 +43,10 @@ def casadi_module(function: ca.Function, before: Callable[[str], None] | None = 
 
 def in_c(function: ca.Function) -> ca.Function:
     """The same function, evaluated by compiled C."""
-    return ca.external(function.name(), str(casadi_module(function)))
+    return external(function.name(), casadi_module(function))
+
+
+def external(name: str, module: Path) -> ca.Function:
+    """The function of this name in a module of `casadi_module`; BuildError where others could have changed it."""
+    with module_copy(module) as copy:
+        return ca.external(name, copy)

@@ -17,6 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 
 from flexgen.errors import BuildError
+from flexgen.runtime.files import trusted_bytes, trusted_folder
 
 LIMIT = 256 * 2**20  # bytes of objects; the entries that were used least lately go first
 
@@ -50,8 +51,8 @@ class Objects:
             return False
         key = self._key(source)
         try:
-            entry = (self.folder / f"{key}.o").read_bytes()
-        except OSError:
+            entry = trusted_bytes(self.folder / f"{key}.o")
+        except (OSError, BuildError):
             return False
         if entry[:_MARK] != _mark(key, entry[_MARK:]):
             return False
@@ -130,7 +131,7 @@ def cache_folder() -> Path | None:
     BuildError
         Where ``FLEXGEN_CACHE`` names a folder that others can write to.
     """
-    if not hasattr(os, "getuid"):
+    if not hasattr(os, "geteuid"):
         return None
     given = os.environ.get("FLEXGEN_CACHE")
     if given == "":
@@ -140,7 +141,7 @@ def cache_folder() -> Path | None:
         folder = Path(given or Path(home, "flexgen")).resolve()
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         problem = _problem(folder)
-    except (OSError, RuntimeError, ValueError) as error:
+    except (OSError, RuntimeError, ValueError, BuildError) as error:
         problem = str(error)
     if problem and given:
         raise BuildError(
@@ -151,13 +152,11 @@ def cache_folder() -> Path | None:
 
 
 def _problem(folder: Path) -> str:
-    """Why strangers could put something into a folder, empty where they cannot."""
-    for path in (folder, *folder.parents):
-        facts = path.stat()
-        if path == folder and (facts.st_uid != os.getuid() or facts.st_mode & (stat.S_IWGRP | stat.S_IWOTH)):
-            return f"others can write to {path}"
-        if facts.st_mode & stat.S_IWOTH and not facts.st_mode & stat.S_ISVTX:
-            return f"others can replace what is in {path}"
+    """Why strangers could put something into a folder, empty where they cannot; BuildError for those above it."""
+    facts = folder.stat()
+    if facts.st_uid != os.geteuid() or facts.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        return f"others can write to {folder}"
+    trusted_folder(folder)
     if not os.access(folder, os.W_OK | os.X_OK):
         return f"{folder} cannot be written"
     return ""

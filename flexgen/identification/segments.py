@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from flexgen.build.c_module import c_module
+from flexgen.build.c_module import c_module, load_module
 from flexgen.build.casadi_module import casadi_module
 from flexgen.errors import SolverError
 from flexgen.identification.local_model import LocalModel
@@ -53,7 +53,7 @@ class Segments:
         function = equations.function("state_rate")
         rate = function(x, u, p) if function.n_in() == 3 else function(x, u)
         written = ca.Function("segment_rate", [x, u, p], [ca.cse(rate)])
-        self._library = ctypes.CDLL(str(casadi_module(written)))
+        self._library = load_module(casadi_module(written))
         self._rate = ctypes.cast(self._library.segment_rate, ctypes.c_void_p).value
         self._work = np.zeros(written.sz_iw() + 1, np.int64), np.zeros(written.sz_w() + 1)
         self._run: Any = c_module(SOURCE).segments_run

@@ -23,9 +23,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from flexgen.errors import ArgumentError, BuildError
+from flexgen.runtime.files import trusted_file, trusted_library
 
 ABI = 1
 HEADER = Path(__file__).with_name("flexgen_controller.h")
+_ADVICE = "compile it again for this computer"
 INTERRUPTED = "interrupted"
 SLOWEST = 1.0  # s: a step of a controller in Python that takes longer is refused
 MOST_MEMORY = 2**28  # bytes of a controller
@@ -203,13 +205,14 @@ class PlugIn:
     Raises
     ------
     BuildError
-        The library cannot be loaded, lacks a function, or is for another version of the interface.
+        The library cannot be loaded, could be changed by others, lacks a function, or is for another version of the
+        interface.
     """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         try:
-            self._library = ctypes.CDLL(str(self.path.resolve()))
+            self._library = trusted_library(trusted_file(self.path), advice=_ADVICE)
         except OSError as error:
             raise BuildError(f"{path}: not a shared library of this computer: {error}") from error
         found = {}

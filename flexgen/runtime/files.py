@@ -1,5 +1,7 @@
 """Files that are loaded as code: nobody else may have changed them, and what is loaded is what was verified.
 
+All code that flexgen loads comes through here: libraries of models, modules in the user's cache, controllers of a user.
+
 What is refused, on systems with POSIX permissions: a folder, manifest or library that everybody may write, or that
 belongs to neither the user nor root; the same for all folders above them, where a folder that everybody may write needs
 its sticky bit; a manifest or library that is a symbolic link or no regular file. A group may write: groups are chosen,
@@ -30,6 +32,7 @@ AGAIN = "generate it again with flexgen.generate(..., force=True)"
 
 _FLAGS = sum(getattr(os, flag, 0) for flag in ("O_RDONLY", "O_CLOEXEC", "O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
 _POSIX = os.name == "posix"
+_ELF_SYSTEM = _POSIX and sys.platform != "darwin"
 _ELF = b"\x7fELF"
 _LOADED: dict[str, ctypes.CDLL] = {}  # by the digest of the content; a library stays in memory until the process ends
 _LOCK, _COUNTER = threading.Lock(), itertools.count()
@@ -46,25 +49,43 @@ def trusted_folder(folder: Path) -> Path:
         mode = found.st_mode
         if _POSIX and found.st_uid not in (0, os.geteuid()):
             raise BuildError(
-                f"{above}: given a folder above the library of the owner {found.st_uid}, expected the user "
-                f"{os.geteuid()} or root, because its owner can replace {resolved}; generate somewhere else"
+                f"{above}: given a folder of the owner {found.st_uid}, expected the user {os.geteuid()} or root, "
+                f"because its owner can replace {resolved}; use a folder somewhere else"
             )
         if _POSIX and mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
             raise BuildError(
                 f"{above}: given a folder that everybody may write (mode {stat.S_IMODE(mode):o}), expected one in "
-                f"which nobody else can replace {resolved}; take the right away (chmod o-w) or generate somewhere else"
+                f"which nobody else can replace {resolved}; take the right away (chmod o-w) or use another folder"
             )
     return resolved
 
 
-def trusted_bytes(path: Path) -> bytes:
+def trusted_file(path: Path) -> Path:
+    """The file that a path leads to, without symbolic links; BuildError where others could replace it."""
+    resolved = path.resolve()
+    return trusted_folder(resolved.parent) / resolved.name
+
+
+def trusted_bytes(path: Path, advice: str = AGAIN) -> bytes:
     """Content of a regular file that nobody else may write; OSError where it cannot be read, else BuildError."""
-    with _opened(path) as descriptor:
-        return _content(descriptor)
+    with _opened(path, advice) as descriptor, open(descriptor, "rb", closefd=False) as file:
+        return file.read()
 
 
-def trusted_library(path: Path, sha256: str) -> ctypes.CDLL:
-    """Load a shared library whose content has the given digest.
+def trusted_content(path: Path, sha256: str | None = None, advice: str = AGAIN) -> bytes:
+    """Content of a shared library that can be loaded; parameters and errors are those of `trusted_library`."""
+    content = trusted_bytes(path, advice)
+    given = hashlib.sha256(content).hexdigest()
+    if sha256 not in (None, given):
+        raise BuildError(f"{path}: given SHA-256 {given[:16]}..., expected {str(sha256)[:16]}...; {advice}")
+    problem = _elf_problem(content) if _ELF_SYSTEM else None
+    if problem is not None:
+        raise BuildError(f"{path}: given {problem}; {advice}")
+    return content
+
+
+def trusted_library(path: Path, sha256: str | None = None, advice: str = AGAIN) -> ctypes.CDLL:
+    """Load a shared library that nobody else could have changed.
 
     The file is opened once: its owner, rights and content are those of the open file. Its parts must lie within it, as
     a cut file would kill the process. A copy of the verified content is loaded. The same content is loaded once.
@@ -72,9 +93,11 @@ def trusted_library(path: Path, sha256: str) -> ctypes.CDLL:
     Parameters
     ----------
     path : Path
-        Without symbolic links in the folders.
-    sha256 : str
-        Of the file, in hexadecimal.
+        Without symbolic links, below a folder that was checked: see `trusted_folder` and `trusted_file`.
+    sha256 : str, optional
+        What the content must have, in hexadecimal.
+    advice : str
+        What to do where the file cannot be used.
 
     Returns
     -------
@@ -88,27 +111,23 @@ def trusted_library(path: Path, sha256: str) -> ctypes.CDLL:
     OSError
         Where it cannot be read or loaded.
     """
-    with _opened(path) as descriptor:
-        content = _content(descriptor)
-        given = hashlib.sha256(content).hexdigest()
-        if given != sha256:
-            raise BuildError(f"{path.name}: given SHA-256 {given[:16]}..., expected {sha256[:16]}...; {AGAIN}")
-        problem = _elf_problem(content) if path.suffix == ".so" else None
-        if problem is not None:
-            raise BuildError(f"{path.name}: given {problem}; {AGAIN}")
+    content = trusted_content(path, sha256, advice)
+    digest = hashlib.sha256(content).hexdigest()
     with _LOCK:
-        if sha256 not in _LOADED:
-            _LOADED[sha256] = _loaded_copy(path.name, content)
-        return _LOADED[sha256]
+        if digest not in _LOADED:
+            _LOADED[digest] = _loaded_copy(path.name, content)
+        return _LOADED[digest]
 
 
-def _loaded_copy(name: str, content: bytes) -> ctypes.CDLL:
-    """Load a private copy of a shared library, which nobody else can write; OSError where it cannot be loaded."""
+@contextmanager
+def private_copy(name: str, content: bytes) -> Iterator[str]:
+    """The path of a copy of a shared library that nobody else can write, for a loader; it ends with the block."""
     if not hasattr(os, "memfd_create"):
-        with tempfile.TemporaryDirectory(prefix="flexgen-") as folder:  # of mode 700
+        with tempfile.TemporaryDirectory(prefix="flexgen-", ignore_cleanup_errors=True) as folder:  # of mode 700
             copy = Path(folder, name)
             copy.write_bytes(content)
-            return ctypes.CDLL(str(copy))
+            yield str(copy)
+        return
     descriptor = os.memfd_create(name, os.MFD_CLOEXEC)
     try:
         with open(descriptor, "wb", closefd=False) as file:
@@ -116,35 +135,36 @@ def _loaded_copy(name: str, content: bytes) -> ctypes.CDLL:
         # The loader takes two libraries of one name for the same one, and numbers of descriptors are used again. A path
         # is different, and leads to the same file, with other "/" and "./" in it: the digits of a counter.
         digits = "".join("./" if digit == "1" else "/" for digit in f"{next(_COUNTER):b}")
-        return ctypes.CDLL(f"/proc/self/fd/{digits}{descriptor}")
+        yield f"/proc/self/fd/{digits}{descriptor}"
     finally:
         os.close(descriptor)
 
 
+def _loaded_copy(name: str, content: bytes) -> ctypes.CDLL:
+    """Load a private copy of a shared library; OSError where it cannot be loaded."""
+    with private_copy(name, content) as path:
+        return ctypes.CDLL(path)
+
+
 @contextmanager
-def _opened(path: Path) -> Iterator[int]:
+def _opened(path: Path, advice: str) -> Iterator[int]:
     """Descriptor of a file that passed the checks of its owner and rights."""
     try:
         descriptor = os.open(path, _FLAGS)
     except OSError:
         if path.is_symlink():
             raise BuildError(
-                f"{path}: given a symbolic link, expected the file itself: what it leads to may change unseen; {AGAIN}"
+                f"{path}: given a symbolic link, expected the file itself: what it leads to may change unseen; {advice}"
             ) from None
         raise
     try:
         found = os.fstat(descriptor)
         if not stat.S_ISREG(found.st_mode):
-            raise BuildError(f"{path}: given no regular file, expected one; {AGAIN}")
+            raise BuildError(f"{path}: given no regular file, expected one; {advice}")
         _refuse_others(path, found)
         yield descriptor
     finally:
         os.close(descriptor)
-
-
-def _content(descriptor: int) -> bytes:
-    with open(descriptor, "rb", closefd=False) as file:
-        return file.read()
 
 
 def _refuse_others(path: Path, found: os.stat_result) -> None:

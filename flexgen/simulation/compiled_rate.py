@@ -20,8 +20,8 @@ import numpy as np
 from scipy.integrate import DOP853
 from scipy.interpolate import PPoly
 
-from flexgen.build.c_module import c_module
-from flexgen.build.casadi_module import casadi_module
+from flexgen.build.c_module import c_module, load_module
+from flexgen.build.casadi_module import casadi_module, external
 from flexgen.build.compiler import find_compiler
 from flexgen.errors import BuildError
 from flexgen.simulation.motor_feedback import MotorFeedback
@@ -75,12 +75,12 @@ def compiled_rate(rate: ca.Function, progress: Callable[[str], None] | None) -> 
         if find_compiler() is None:
             return None
         path = casadi_module(rate, None if progress is None else lambda line: progress(f"simulation: {line}"))
+        library, function = load_module(path), external("rate", path)
     except BuildError:  # the results without C are the same
         return None
-    library = ctypes.CDLL(str(path))
     address = ctypes.cast(library.rate, ctypes.c_void_p).value
     assert address is not None
-    return CompiledRate(ca.external("rate", str(path)), address, rate.sz_iw(), rate.sz_w(), library)
+    return CompiledRate(function, address, rate.sz_iw(), rate.sz_w(), library)
 
 
 class CompiledDop853:

@@ -270,7 +270,7 @@ def test_a_folder_above_of_another_user_is_refused(folder, monkeypatch):
         return os.stat_result((*found[:4], 12345, *found[5:])) if path == above else found
 
     monkeypatch.setattr(Path, "stat", owned)
-    with pytest.raises(BuildError, match=rf"{above}: given a folder above the library of the owner 12345"):
+    with pytest.raises(BuildError, match=rf"{above}: given a folder of the owner 12345"):
         load(folder)
 
 
