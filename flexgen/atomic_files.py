@@ -31,6 +31,7 @@ except ImportError:  # not a POSIX system
 
 FILE, FOLDER = ".flexgen-", ".staging-"  # how the names of temporary files and folders begin
 GRACE = 60.0  # s: what changed later than that is left alone
+_LINKS = 40  # symbolic links on the way of a path that are followed, as in Linux
 OLD = 86400.0  # s: what is older is abandoned where files cannot be locked
 
 _ADVICE = {
@@ -56,8 +57,8 @@ def unwritable(path: str | Path, error: OSError) -> ArgumentError:
 def atomic_file(path: str | Path) -> Iterator[BinaryIO]:
     """A binary stream whose content becomes the file when the block ends without an error.
 
-    Missing folders are made. The new file has the mode of the old one. A symbolic link stays: the file that it leads to
-    is replaced. A device or a pipe is written directly.
+    Missing folders are made. The new file has the mode of the old one, where that is the user's. A symbolic link stays:
+    the file that it leads to is replaced, unless `followed` refuses the link. A device or a pipe is written directly.
 
     Parameters
     ----------
@@ -69,11 +70,11 @@ def atomic_file(path: str | Path) -> Iterator[BinaryIO]:
         The file cannot be written; the text has the reason and what to do.
     """
     try:
-        if Path(path).exists() and not Path(path).is_file():
-            with open(path, "wb") as stream:
+        target = followed(path)
+        if target.exists() and not target.is_file():
+            with open(target, "wb") as stream:
                 yield stream
             return
-        target = Path(os.path.realpath(path))
         target.parent.mkdir(parents=True, exist_ok=True)
         remove_leftovers(target.parent)
         part = target.with_name(f"{FILE}{secrets.token_hex(8)}")
@@ -82,8 +83,8 @@ def atomic_file(path: str | Path) -> Iterator[BinaryIO]:
                 _lock(stream.fileno())
                 yield stream
                 stream.flush()
-                if target.exists():
-                    os.chmod(part, stat.S_IMODE(target.stat().st_mode))
+                if target.exists() and _is_own(old := target.stat()):
+                    os.chmod(part, stat.S_IMODE(old.st_mode))
                 os.fsync(stream.fileno())
             os.replace(part, target)
         finally:
@@ -92,6 +93,51 @@ def atomic_file(path: str | Path) -> Iterator[BinaryIO]:
         _sync_folder(target.parent)
     except OSError as error:
         raise unwritable(path, error) from error
+
+
+def followed(path: str | Path) -> Path:
+    """What a path to be written leads to, without symbolic links.
+
+    A link in a folder that everybody may write (such as /tmp) is followed only where it belongs to the user or to root:
+    another user could have it lead to any file of this user.
+
+    Raises
+    ------
+    ArgumentError
+        A link on the way is that of another user in such a folder, or the links lead nowhere.
+    """
+    if os.name != "posix":
+        return Path(os.path.realpath(path))
+    todo, reached, links = list(reversed(Path(path).absolute().parts)), Path(), 0
+    while todo:
+        part = todo.pop()
+        here = reached.parent if part == ".." else reached / part
+        try:
+            found = here.lstat()
+        except OSError:  # it is to be made
+            reached = here
+            continue
+        if not stat.S_ISLNK(found.st_mode):
+            reached = here
+            continue
+        folder = here.parent.stat()
+        if folder.st_mode & stat.S_IWOTH and found.st_uid not in (0, os.geteuid()):
+            raise ArgumentError(
+                f"output: given {str(path)!r}, on whose way {str(here)!r} is a symbolic link of the user "
+                f"{found.st_uid} in a folder that everybody may write, expected no link or one of your own; "
+                "choose another path"
+            )
+        links += 1
+        if links > _LINKS:
+            raise ArgumentError(
+                f"output: given {str(path)!r}, whose symbolic links lead in a circle; choose another path"
+            )
+        todo.extend(reversed(Path(os.readlink(here)).parts))
+    return reached
+
+
+def _is_own(found: os.stat_result) -> bool:
+    return not hasattr(os, "geteuid") or found.st_uid == os.geteuid()
 
 
 def write_text(path: str | Path, text: str) -> Path:
@@ -137,7 +183,7 @@ def _remove_abandoned(path: Path) -> None:
     is_folder = stat.S_ISDIR(found.st_mode)
     if age < GRACE or not (is_folder or stat.S_ISREG(found.st_mode)):
         return
-    if hasattr(os, "geteuid") and found.st_uid != os.geteuid():
+    if not _is_own(found):
         return
     remove: Callable[[Path], None] = shutil.rmtree if is_folder else os.unlink
     if fcntl is None:

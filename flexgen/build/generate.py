@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexgen import __version__
+from flexgen.atomic_files import followed
 from flexgen.build.compiler import ISAS, Compiler, IsaName, build_libraries, find_compiler
 from flexgen.build.directory import MANIFEST, check_owned, clean, install, libraries, read_manifest, staging, unchanged
 from flexgen.build.packaging import packaging
@@ -174,6 +175,7 @@ class _Request:
 def _generated(request: _Request, target: Path, build: bool, log: Callable[[str], None], start: float) -> Generated:
     """The library in the folder ``target``: what is there where nothing has changed, else written and compiled."""
     name, options = library_name(request.model), request.options
+    followed(target)
     clean(target)
     digest = _content_digest(request)
     compiler = find_compiler(**options) if build else None

@@ -77,7 +77,7 @@ def setting(text: str) -> tuple[str, Any]:
     key, equals, value = text.partition("=")
     try:
         parsed = tomllib.loads(f"value = {value}")
-    except (tomllib.TOMLDecodeError, RecursionError):
+    except (ValueError, RecursionError):  # ValueError: integers of thousands of digits too
         parsed = {}
     if not key.strip() or not equals or list(parsed) != ["value"]:
         hint = "such as motor.m1.inertia=0.004 or 'output.axes=\"xy\"' (text in quotes)"

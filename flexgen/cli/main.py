@@ -19,9 +19,10 @@ from datetime import datetime
 from typing import Any, NoReturn
 
 from flexgen import __version__
+from flexgen.atomic_files import followed
 from flexgen.cli.parser import UsageError, build_parser, parse
 from flexgen.cli.printing import as_json, fitted, terminal_width
-from flexgen.errors import FlexgenError
+from flexgen.errors import ArgumentError, FlexgenError
 
 PACKAGES = ("casadi", "numpy", "scipy", "sympy", "matplotlib")
 
@@ -49,7 +50,9 @@ class _Messages:
     def __init__(self, args: argparse.Namespace, words: list[str]) -> None:
         self._began, self._quiet, self._verbose = time.perf_counter(), args.quiet, args.verbose
         self._path = args.log
-        self._file = None if args.log is None else args.log.open("a", encoding="utf-8", errors="backslashreplace")
+        self._file = (
+            None if args.log is None else followed(args.log).open("a", encoding="utf-8", errors="backslashreplace")
+        )
         self.record(f"flexgen {__version__}: {shlex.join(words)}")
 
     def progress(self, text: str) -> None:
@@ -181,8 +184,9 @@ def _main(words: list[str]) -> int:
         return SUCCESS
     try:
         messages = _Messages(args, words)
-    except OSError as error:
-        problem = f"--log: cannot write {str(args.log)!r} ({error.strerror or error})"
+    except (OSError, ArgumentError) as error:
+        reason = (error.strerror if isinstance(error, OSError) else "") or error
+        problem = f"--log: cannot write {str(args.log)!r} ({reason})"
         if args.json:
             _print(as_json({"error": problem}))
         _log(f"flexgen: {problem}")

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from flexgen import __version__
-from flexgen.atomic_files import remove_leftovers, staging_folder
+from flexgen.atomic_files import followed, remove_leftovers, staging_folder
 from flexgen.errors import ArgumentError, BuildError
 
 RECORD = "flexgen_export.json"
@@ -72,6 +72,7 @@ def write_folder(target: Path, kind: str, name: str, texts: Mapping[str, str], *
     """
     assert all(_FILE.match(file) and ".." not in file for file in texts), sorted(texts)
     content = {file: texts[file].encode("ascii") for file in sorted(texts)}
+    followed(target)
     old = _record(target, kind, name)
     _refuse_folders(target, (*content, RECORD))
     _refuse_foreign(target, content, old, force)

@@ -23,7 +23,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from flexgen import __version__
-from flexgen.atomic_files import staging_folder, unwritable, write_text
+from flexgen.atomic_files import followed, staging_folder, unwritable, write_text
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.export.overlay_tables import (
     beam_or_drag,
@@ -104,7 +104,7 @@ def export_urdf(model: str | Path | RobotModel, path: str | Path) -> tuple[Path,
         _check_targets(robot, path, overlay)
         steps = _steps(robot)
         text = urdf_text(robot, steps)
-        path.parent.mkdir(parents=True, exist_ok=True)
+        followed(path.parent).mkdir(parents=True, exist_ok=True)
         with staging_folder(path.parent) as folder:  # read back what is written before it takes the place of others
             (folder / path.name).write_text(text, encoding="utf-8")
             tables = overlay_text(robot, steps, path.name, folder)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from bisect import bisect_right
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,6 +66,36 @@ def parse(text: str, file: str = "") -> Entry:
         raise TextError(line, given, "TOML 1.0") from None
     check_depth(data)
     return _attach(data, (), Scanner(text).lines, 1, file)
+
+
+def plain_table(text: str) -> dict[str, Any]:
+    """A TOML text as plain data, for tables that are not of a model; TextError as in `parse`, with the line.
+
+    Whole numbers have at most 64 bits, as TOML 1.0 says.
+    """
+    try:
+        data = tomllib.loads(text)
+    except RecursionError:
+        raise TextError(0, "values nested too deeply", f"at most {DEPTH} levels") from None
+    except ValueError as error:
+        raise TextError(0, f"text that is not TOML ({str(error)[:200]})", "TOML 1.0") from None
+    check_depth(data)
+    for path, value in _leaves(data, ()):
+        if isinstance(value, int) and not -(2**63) <= value < 2**63:
+            key = ".".join(map(str, path))
+            line = Scanner(text.replace("\r\n", "\n")).lines.get(path, 0)
+            given = f"a whole number of {value.bit_length()} bits"
+            raise TextError(line, f"{given} for {key[:80]!r}", "at most 64 bits; write 1e30 for a large number")
+    return data
+
+
+def _leaves(data: Any, path: Path) -> Iterator[tuple[Path, Any]]:
+    """Values that are no tables or lists, with their paths."""
+    if isinstance(data, dict | list):
+        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+            yield from _leaves(value, (*path, key))
+    else:
+        yield path, data
 
 
 def check_depth(data: Any) -> None:

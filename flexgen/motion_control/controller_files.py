@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.loop.controllers import Cascade, Filter, Linear, LowPass, Notch
 from flexgen.loop.interface import PlugIn, PythonController
+from flexgen.model.toml_lines import TextError, plain_table
 from flexgen.motion_control.gains import PPI
 from flexgen.motion_control.laws.catalogue import LAWS, law_of_table
 from flexgen.motion_control.laws.loop_shaping import LoopShaping
@@ -70,8 +70,8 @@ def read_table(path: Path) -> dict[str, Any]:
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise ArgumentError(f"{path}: given {path.stat().st_size} bytes, expected at most {LARGEST_FILE}")
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+        return plain_table(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, TextError) as error:
         raise ArgumentError(f"{path}: cannot be read as TOML: {error}") from error
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
@@ -14,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.counts import CASES, RANDOM_MOVES, count_of, shown
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.model.digest import model_digest
 from flexgen.model.elements import Move, RobotModel
@@ -78,7 +80,8 @@ def _peaks(smoothness: int) -> tuple[float, float]:
 
 
 def random_moves(count: int, seed: int = 0, duration: float = 1.0, smoothness: int = 5) -> tuple[RandomMove, ...]:
-    """``count`` random joint moves."""
+    """``count`` random joint moves, at most a million."""
+    count = count_of("count", count, RANDOM_MOVES, 0)
     return tuple(RandomMove(number, seed, duration, smoothness) for number in range(count))
 
 
@@ -148,6 +151,9 @@ class Grid:
             if not values or not all(isinstance(value, kind) for value in values):
                 raise ArgumentError(f"grid, {name}: given {list(values)[:5]!r}, expected one or more {what}")
             object.__setattr__(self, name, tuple(values))
+        cases = math.prod(self._sizes)
+        if cases > CASES:
+            raise ArgumentError(f"grid: given {cases} cases, expected at most {CASES}; split it into several sweeps")
         unknown = sorted(set(self.options) - set(OPTIONS))
         if unknown:
             raise ArgumentError(f"grid, options: given {unknown[0]!r}, expected some of {', '.join(OPTIONS)}")
@@ -157,7 +163,7 @@ class Grid:
         return len(self.models), len(self.parameters), len(self.moves), len(self.methods)
 
     def __len__(self) -> int:
-        return int(np.prod(self._sizes))
+        return math.prod(self._sizes)
 
     def __getitem__(self, number: int) -> Case:
         if not 0 <= number < len(self):
@@ -189,7 +195,10 @@ def combinations(values: Mapping[str, Sequence[Any]]) -> tuple[dict[str, Any], .
     """All combinations of the listed values as parameter sets, the last key fastest."""
     for key, listed in values.items():
         if isinstance(listed, str) or not isinstance(listed, Sequence) or not listed:
-            raise ArgumentError(f"parameters {key}: given {listed!r}, expected a list of values")
+            raise ArgumentError(f"parameters {key}: given {shown(listed)}, expected a list of values")
+    sets = math.prod(map(len, values.values()))
+    if sets > CASES:
+        raise ArgumentError(f"parameters: given {sets} combinations, expected at most {CASES}")
     return tuple(dict(zip(values, chosen, strict=True)) for chosen in product(*values.values()))
 
 

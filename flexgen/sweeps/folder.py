@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from flexgen.arguments import is_whole
+from flexgen.atomic_files import followed, unwritable, write_text
 from flexgen.errors import ArgumentError
 from flexgen.sweeps.cases import Grid
 from flexgen.sweeps.jobs import Rows
+from flexgen.sweeps.table import RESULTS, TIMES, are_rows
 
 FORMAT = 1
 SHARD_SIZE = 16  # cases of a shard by default, at most
@@ -56,7 +57,9 @@ class Folder:
 
     def __init__(self, path: str | Path, grid: Grid, code: str, shard_size: int | None, resume: bool, log: Log) -> None:
         self.path, self._log = Path(path), log
-        self._about = {"format": FORMAT, "grid": grid.digest, "code": code, "cases": len(grid)}
+        followed(self.path)
+        self._cases = len(grid)
+        self._about = {"format": FORMAT, "grid": grid.digest, "code": code, "cases": self._cases}
         head = self.path / "sweep.json"
         if head.exists():
             self.shard_size = self._continued(head, shard_size, resume)
@@ -69,9 +72,12 @@ class Folder:
                 "a new folder; take another folder"
             )
         self.shard_size = shard_size or default_size(grid)
-        (self.path / "shards").mkdir(parents=True, exist_ok=True)
+        try:
+            (self.path / "shards").mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise unwritable(self.path, error) from error
         about = self._about | {"shard_size": self.shard_size, "description": grid.describe()}
-        _write(head, json.dumps(about, indent=1) + "\n")
+        write_text(head, json.dumps(about, indent=1) + "\n")
 
     def _continued(self, head: Path, shard_size: int | None, resume: bool) -> int:
         """The shard size of the sweep in the folder; ArgumentError where it cannot be continued."""
@@ -82,9 +88,11 @@ class Folder:
             )
         try:
             there = json.loads(head.read_text(encoding="utf-8"))
-            size = int(there["shard_size"])
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise ArgumentError(f"{where} with an unreadable sweep.json ({error}); take another folder") from None
+        size: Any = there.get("shard_size") if isinstance(there, dict) else None
+        if not is_whole(size):
+            raise ArgumentError(f"{where} with a damaged sweep.json (no whole number shard_size); take another folder")
         for key, value in self._about.items():
             if there.get(key) != value:
                 what = {
@@ -98,13 +106,13 @@ class Folder:
                 )
         if shard_size not in (None, size):
             raise ArgumentError(f"{where} with shards of {size} cases and shard_size {shard_size}, expected {size}")
-        return size
+        return int(size)
 
     def keep(self, number: int, rows: Rows) -> None:
         """Write a finished shard."""
         content = self._about | {"number": number, "results": rows.results, "times": rows.times}
         body = json.dumps(content, default=lambda x: x.item())  # numbers of numpy
-        _write(self._file(number), f"{_sum(body)}\n{body}")
+        write_text(self._file(number), f"{_sum(body)}\n{body}")
 
     def rows(self, number: int) -> Rows | None:
         """A finished shard; None where there is none, or a damaged one."""
@@ -118,14 +126,27 @@ class Folder:
         if checksum != _sum(body):
             self._log(f"{file}: damaged; it is computed again")
             return None
-        content = json.loads(body)
+        try:
+            content = json.loads(body)
+        except (ValueError, RecursionError):
+            content = None
+        if not isinstance(content, dict):
+            self._log(f"{file}: damaged; it is computed again")
+            return None
         for key, value in (self._about | {"number": number}).items():
             if content.get(key) != value:
                 raise ArgumentError(
                     f"{file}: given a shard of another sweep ({key} {content.get(key)}), expected {key} {value}; "
                     "remove the file to have it computed again"
                 )
-        return Rows(content["results"], content["times"])
+        first = number * self.shard_size
+        cases = range(first, min(first + self.shard_size, self._cases))
+        results: Any = content.get("results")
+        times: Any = content.get("times")
+        if not are_rows(results, RESULTS, cases) or not are_rows(times, TIMES, cases):
+            self._log(f"{file}: damaged; it is computed again")
+            return None
+        return Rows(results, times)
 
     def _file(self, number: int) -> Path:
         return self.path / "shards" / f"{number:06d}.json"
@@ -133,17 +154,3 @@ class Folder:
 
 def _sum(body: str) -> str:
     return hashlib.sha256(body.encode()).hexdigest()
-
-
-def _write(path: Path, text: str) -> None:
-    """Write a file atomically."""
-    part: Any = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with part.open("w", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(part, path)
-    finally:
-        with suppress(OSError):
-            part.unlink()

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from flexgen.counts import RANDOM_MOVES, count_of, seconds_of
 from flexgen.errors import ArgumentError
+from flexgen.model.toml_lines import TextError, plain_table
 from flexgen.sweeps.cases import Grid, MoveChoice, combinations, random_moves
 
 KEYS = ("models", "methods", "moves", "random", "parameters", "set", "options")
-RANDOM = {"count": int, "seed": int, "duration": float, "smoothness": int}
+RANDOM = {"count": RANDOM_MOVES, "seed": 2**63 - 1, "duration": 0, "smoothness": 100}  # keys, largest whole numbers
 
 
 def read_grid(path: str | Path) -> Grid:
@@ -36,11 +37,14 @@ def read_grid(path: str | Path) -> Grid:
         The file cannot be read, or is not a grid.
     """
     try:
-        data = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        data = plain_table(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise ArgumentError(f"grid: given {str(path)!r}, which cannot be read ({error.strerror or error})") from None
-    except (ValueError, RecursionError) as error:  # TOML, or no text at all
+    except UnicodeError as error:
         raise ArgumentError(f"{path}: given a file that is no TOML ({error})") from None
+    except TextError as error:
+        where = f"{path}, line {error.line}" if error.line else f"{path}"
+        raise ArgumentError(f"{where}: given {error.given}, expected {error.expected}") from None
     try:
         return _grid(data)
     except ArgumentError as error:
@@ -72,15 +76,12 @@ def _random(table: Any) -> list[MoveChoice]:
     if not isinstance(table, dict) or "count" not in table:
         raise ArgumentError(f"random: given {table!r}, expected a table with count")
     for key, value in table.items():
-        kind = RANDOM.get(key)
-        if kind is None:
+        if key not in RANDOM:
             raise ArgumentError(f"random: given the key {key!r}, expected some of {', '.join(RANDOM)}")
-        whole = isinstance(value, int) and not isinstance(value, bool) and value >= 0
-        real = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < float("inf")
-        if not (whole if kind is int else real):
-            raise ArgumentError(
-                f"random.{key}: given {value!r}, expected a {'whole' if kind is int else 'positive'} number"
-            )
+        if key == "duration":
+            seconds_of(f"random.{key}", value)
+        else:
+            count_of(f"random.{key}", value, RANDOM[key], 0)
     return list(random_moves(**table))
 
 

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
+from flexgen.atomic_files import atomic_file
 from flexgen.errors import ArgumentError
+from flexgen.npz_files import NpzError, read_npz
 
+LARGEST = 2**34  # bytes of a table that is read
 LONGEST = 400  # characters of a text in a table
 
 
@@ -92,35 +93,72 @@ class Table:
         path = Path(path)
         if path.suffix not in (".npz", ".parquet"):
             raise ArgumentError(f"table: given {path.name!r}, expected a name that ends in .npz or .parquet")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-        try:
+        with atomic_file(path) as stream:
             if path.suffix == ".npz":
                 head = json.dumps([[c.name, c.kind, c.unit, c.doc] for c in self.columns])
                 arrays: dict[str, Any] = {c.name: self.values[c.name] for c in self.columns}
-                np.savez_compressed(part, columns=np.array(head), **arrays)
+                np.savez_compressed(stream, columns=np.array(head), **arrays)
             else:
-                _save_parquet(self, part)
-            os.replace(part, path)
-        finally:
-            with suppress(OSError):
-                part.unlink()
+                _save_parquet(self, stream)
         return path
 
     @staticmethod
     def load(path: str | Path) -> Table:
-        """Read an npz file that `save` wrote."""
+        """Read an npz file that `save` wrote; ArgumentError for one that is damaged or of another program."""
         try:
-            with np.load(path, allow_pickle=False) as data:
-                columns = tuple(Column(*row) for row in json.loads(str(data["columns"])))
-                return Table(columns, {c.name: data[c.name] for c in columns})
+            arrays = read_npz(Path(path), LARGEST)
         except FileNotFoundError:
             raise ArgumentError(f"table: given {str(path)!r}, which does not exist") from None
-        except Exception as error:  # numpy, zipfile and json raise different errors
+        except OSError as error:
+            raise ArgumentError(f"table: given {str(path)!r}, which cannot be read ({error.strerror})") from None
+        except NpzError as error:
+            raise ArgumentError(f"table: given {str(path)!r}, {error}") from None
+        problem, columns = _columns(arrays)
+        if problem:
             raise ArgumentError(
-                f"{path}: given a file that is no table of flexgen ({type(error).__name__}), "
-                "expected a table that a sweep wrote"
-            ) from error
+                f"{path}: given a file that is no table of flexgen ({problem}), expected a table that a sweep wrote"
+            )
+        return Table(columns, {c.name: arrays[c.name] for c in columns})
+
+
+def are_rows(rows: Any, columns: Sequence[Column], cases: Sequence[int]) -> bool:
+    """Whether a value of a file is a list of rows with these columns, one for each case."""
+    if not isinstance(rows, list) or [row.get("case") if isinstance(row, dict) else None for row in rows] != [*cases]:
+        return False
+    kinds = {column.name: column.kind for column in columns}
+    return all(_is_entry(kinds.get(name), value) for row in rows for name, value in row.items())
+
+
+def _is_entry(kind: str | None, value: Any) -> bool:
+    if value is None or kind is None or kind == "text":
+        return True
+    if isinstance(value, int):
+        return -(2**63) <= value < 2**63
+    return kind == "float" and isinstance(value, float)
+
+
+def _columns(arrays: Mapping[str, np.ndarray]) -> tuple[str, tuple[Column, ...]]:
+    """What is wrong with the arrays of a table, empty where nothing is, and its columns."""
+    try:
+        rows = json.loads(str(arrays["columns"]))
+    except (KeyError, ValueError, RecursionError):
+        return "no readable array 'columns'", ()
+    if not (isinstance(rows, list) and rows and all(_is_column(row) for row in rows)):
+        return "columns without name, kind, unit and meaning", ()
+    columns, first = tuple(Column(*row) for row in rows), arrays.get(rows[0][0])
+    length = () if first is None else first.shape
+    for column in columns:
+        values = arrays.get(column.name)
+        if values is None or values.dtype.kind != np.dtype(_TYPES[column.kind]).kind:
+            return f"no array {column.name[:80]!r} of the kind {column.kind}", ()
+        if values.ndim != 1 or values.shape != length:
+            return f"an array {column.name[:80]!r} of shape {values.shape}, expected {length}", ()
+    return "", columns
+
+
+def _is_column(row: Any) -> bool:
+    texts = isinstance(row, list) and len(row) == 4 and all(isinstance(text, str) for text in row)
+    return texts and row[1] in _TYPES
 
 
 def table_of(columns: Sequence[Column], rows: Iterable[Mapping[str, Any]]) -> Table:
@@ -141,15 +179,14 @@ def _entry(kind: str, value: Any) -> Any:
     return str(value)[:LONGEST].encode("utf-8", "backslashreplace").decode("utf-8")
 
 
-def _save_parquet(table: Table, path: Path) -> None:
+def _save_parquet(table: Table, stream: BinaryIO) -> None:
     try:
         pa, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
     except ImportError as error:
         raise ArgumentError(
-            f"table: given {path.suffix}, which needs the package pyarrow ({error}); "
-            "run: pip install pyarrow, or take .npz"
+            f"table: given .parquet, which needs the package pyarrow ({error}); run: pip install pyarrow, or take .npz"
         ) from None
     kinds = {"int": pa.int64(), "float": pa.float64(), "text": pa.string()}
     fields = [pa.field(c.name, kinds[c.kind], metadata={"unit": c.unit, "doc": c.doc}) for c in table.columns]
     arrays = [pa.array(table.values[c.name].tolist(), kinds[c.kind]) for c in table.columns]
-    parquet.write_table(pa.table(arrays, schema=pa.schema(fields)), path)
+    parquet.write_table(pa.table(arrays, schema=pa.schema(fields)), stream)

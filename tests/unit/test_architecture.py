@@ -26,6 +26,7 @@ FLOORS = {
     "arguments": 0,
     "array_files": 0,
     "atomic_files": 0,
+    "counts": 0,
     "deadline": 0,
     "errors": 0,
     "explained_status": 0,

@@ -9,12 +9,26 @@ import stat
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
+import flexgen.cli.main
 from flexgen import atomic_files
-from flexgen.atomic_files import FILE, FOLDER, atomic_file, remove_leftovers, staging_folder, unwritable, write_text
+from flexgen.atomic_files import (
+    FILE,
+    FOLDER,
+    atomic_file,
+    followed,
+    remove_leftovers,
+    staging_folder,
+    unwritable,
+    write_text,
+)
 from flexgen.errors import ArgumentError
+from flexgen.export.source_folder import write_folder
+from flexgen.sweeps.cases import Grid
+from flexgen.sweeps.folder import Folder
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="locks and modes of POSIX")
 
@@ -35,6 +49,98 @@ def test_the_old_file_is_replaced_and_keeps_its_mode(tmp_path):
         assert reader.read() == "one\n"  # whoever has it open keeps what was there
     assert path.read_text() == "two\n" and stat.S_IMODE(path.stat().st_mode) == 0o600
     assert (tmp_path / "link").is_symlink() and [p.name for p in path.parent.iterdir()] == ["a.txt"]
+
+
+STICKY = 0o1777
+
+
+def stranger(path) -> None:
+    """Give a link to another user."""
+    if os.geteuid() != 0:
+        pytest.skip("only root can give a file away")
+    os.chown(path, 65534, -1, follow_symlinks=False)
+
+
+@pytest.mark.parametrize("mode", [STICKY, 0o777])
+@pytest.mark.parametrize("way", ["file", "folder", "chain"])
+def test_a_link_of_another_user_in_a_folder_open_to_everybody_is_not_followed(tmp_path, mode, way):
+    mine, shared = tmp_path / "mine", tmp_path / "shared"
+    mine.mkdir()
+    shared.mkdir()
+    shared.chmod(mode)
+    victim = write_text(mine / "keys", "secret\n")
+    link = shared / "link"
+    link.symlink_to(mine if way == "folder" else victim)
+    stranger(link)
+    if way == "chain":
+        (tmp_path / "own").symlink_to(link)
+    path = {"file": link, "folder": link / "keys", "chain": tmp_path / "own"}[way]
+    with pytest.raises(
+        ArgumentError, match=f"'{link}' is a symbolic link of the user 65534 in a folder that everybody"
+    ):
+        write_text(path, "changed\n")
+    assert victim.read_text() == "secret\n" and [p.name for p in mine.iterdir()] == ["keys"]
+    os.chown(link, os.geteuid(), -1, follow_symlinks=False)  # the same link of the user is followed
+    write_text(path, "changed\n")
+    assert victim.read_text() == "changed\n" and link.is_symlink()
+
+
+def test_the_rule_for_links_holds_for_users_other_than_root(tmp_path, monkeypatch):
+    shared = tmp_path / "shared"
+    shared.mkdir()
+    shared.chmod(STICKY)
+    (shared / "link").symlink_to(tmp_path / "a.txt")
+    monkeypatch.setattr(os, "geteuid", lambda: 4321)
+    real = Path.lstat
+    for owner, allowed in ((4321, True), (0, True), (4322, False)):
+        monkeypatch.setattr(
+            Path, "lstat", lambda self, owner=owner: os.stat_result((*real(self)[:4], owner, *real(self)[5:]))
+        )
+        if allowed:
+            assert followed(shared / "link") == tmp_path / "a.txt"
+        else:
+            with pytest.raises(ArgumentError, match="symbolic link of the user 4322"):
+                followed(shared / "link")
+
+
+def test_followed_is_the_real_path_and_ends_for_circles(tmp_path):
+    (tmp_path / "a" / "b").mkdir(parents=True)
+    (tmp_path / "up").symlink_to("a/b/..")
+    (tmp_path / "abs").symlink_to(tmp_path / "up" / "b")
+    for path in ("up/x", "abs/../../up/b/x", "missing/../y", "./abs", "abs/x/y/z"):
+        assert str(followed(tmp_path / path)) == os.path.realpath(tmp_path / path)
+    (tmp_path / "one").symlink_to("two")
+    (tmp_path / "two").symlink_to("one")
+    with pytest.raises(ArgumentError, match="links lead in a circle"):
+        write_text(tmp_path / "one", "")
+
+
+def test_the_mode_of_a_file_of_another_user_is_not_kept(tmp_path):
+    path = write_text(tmp_path / "a.txt", "one\n")
+    path.chmod(0o777)
+    stranger(path)
+    write_text(path, "two\n")
+    assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~umask() and path.stat().st_uid == os.geteuid()
+
+
+def test_folders_to_be_written_through_a_link_of_another_user_are_refused(tmp_path):
+    shared, mine = tmp_path / "shared", tmp_path / "mine"
+    shared.mkdir()
+    mine.mkdir()
+    shared.chmod(STICKY)
+    (shared / "link").symlink_to(mine)
+    stranger(shared / "link")
+    grid = Grid(["elbow"])
+    writers = (
+        lambda out: flexgen.generate("elbow", out, build=False),
+        lambda out: write_folder(out, "ros2", "elbow", {"a.txt": "a"}),
+        lambda out: Folder(out, grid, "1", None, False, print),
+        lambda out: flexgen.cli.main.main(["models", "--log", str(out / "log")]) and write_text(out / "log", ""),
+    )
+    for write in writers:
+        with pytest.raises(ArgumentError, match="is a symbolic link of the user 65534"):
+            write(shared / "link")
+    assert list(mine.iterdir()) == []
 
 
 def umask() -> int:

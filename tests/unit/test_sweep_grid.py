@@ -98,6 +98,16 @@ def test_grids_that_make_no_sense(change, text) -> None:
         Grid(**({"models": ["elbow"]} | change))
 
 
+def test_more_cases_and_moves_than_can_be_computed_are_refused() -> None:
+    with pytest.raises(ArgumentError, match="count: given 1000000000, expected a whole number from 0 to 1000000"):
+        random_moves(10**9)
+    with pytest.raises(ArgumentError, match="count: given an integer of 33220 bits"):
+        random_moves(10**10000)
+    moves = random_moves(1000)
+    with pytest.raises(ArgumentError, match="grid: given 100000000 cases, expected at most 10000000; split it"):
+        Grid(["elbow"] * 1000, moves, ["lq"] * 100)
+
+
 def test_grid_files(tmp_path) -> None:
     file = tmp_path / "grid.toml"
     file.write_text(
@@ -119,18 +129,34 @@ def test_grid_files(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("models = [", "no TOML"),
+        ("models = [", "not TOML"),
         ('models = ["a"]\nspeed = 1', "the key 'speed'"),
         ("methods = []", "models"),
         ('models = ["a"]\nrandom = 3', "a table with count"),
         ('models = ["a"]\n[random]\ncount = 1.5', "a whole number"),
-        ('models = ["a"]\n[random]\ncount = 1\nduration = -1', "a positive number"),
+        ('models = ["a"]\n[random]\ncount = 1\nduration = -1', "a number above 0, at most 86400 s"),
         ('models = ["a"]\n[random]\ncount = 1\ncolour = 1', "the key 'colour'"),
         ('models = ["a"]\n[parameters]\n"x" = 3', "a list of values"),
         ('models = ["a"]\nparameters = 3', "expected a table"),
         ('models = ["a"]\n[parameters]\nx = [3]\n[[set]]\nx = 1', "one of them"),
         ('models = ["a"]\nset = 3', "expected a sequence"),
         ('models = ["a"]\nmoves = 3', "expected a sequence"),
+        ('models = ["a"]\n[random]\ncount = 4294967296', "random.count: given 4294967296, .* from 0 to 1000000"),
+        ('models = ["a"]\n[random]\ncount = 1\nduration = 1e400', "random.duration: given inf"),
+        (
+            f'models = ["a"]\n[random]\ncount = {"9" * 400}',
+            "line 3: given a whole number of 1329 bits for 'random.count'",
+        ),
+        (
+            f'models = ["a"]\n[parameters]\nx = [0x{"f" * 4400}]',
+            "line 3: .* 17600 bits for 'parameters.x.0', expected at most",
+        ),
+        (f'models = ["a"]\n[random]\ncount = {"9" * 4400}', "not TOML .Exceeds the limit"),
+        (
+            'models = ["a"]\n[parameters]\n' + "".join(f"p{k} = {list(range(50))}\n" for k in range(6)),
+            "15625000000 comb",
+        ),
+        ('models = ["a"]\nx = ' + "[" * 3000 + "]" * 3000, "nested too deeply"),
     ],
 )
 def test_wrong_grid_files_are_told(tmp_path, text, reason) -> None:

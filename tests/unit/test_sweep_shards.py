@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -156,10 +158,45 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path, monkeypatch) -> None:
     def full(descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(folders.os, "fsync", full)
-    with pytest.raises(OSError, match="No space"):
-        folders._write(file, "text")
-    assert list(tmp_path.iterdir()) == []
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(ArgumentError, match=rf"given '{file}', which cannot be written \(No space .* free space"):
+        folders.write_text(file, "text")
+    with pytest.raises(ArgumentError, match="which cannot be written"):
+        sweep(batch_grid(2), tmp_path / "out", workers=0)
+    assert not file.exists() and not list((tmp_path / "out" / "shards").iterdir())
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        [], 5, {}, {"results": 5, "times": 5}, {"results": [5, 6], "times": [{}, {}]}, {"results": [], "times": []},
+        {"results": [{"case": 0, "samples": 2**70}, {"case": 1}], "times": [{"case": 0}, {"case": 1}]},
+        {"results": [{"case": 0, "torque_max": "x"}, {"case": 1}], "times": [{"case": 0}, {"case": 1}]},
+        {"results": [{"case": 0, "samples": [1]}, {"case": 1}], "times": [{"case": 0}, {"case": 1}]},
+    ],
+)  # fmt: skip
+def test_a_shard_with_a_right_checksum_and_wrong_content_is_computed_again(tmp_path, content) -> None:
+    grid, out = batch_grid(4), tmp_path / "out"
+    right = sweep(grid, out, workers=0, shard_size=2).results.digest
+    file = out / "shards" / "000000.json"
+    about = json.loads(file.read_text().partition("\n")[2])
+    if isinstance(content, dict):
+        content = {k: v for k, v in about.items() if k not in ("results", "times")} | content
+    body = json.dumps(content)
+    file.write_text(f"{folders._sum(body)}\n{body}")
+    told: list[str] = []
+    again = sweep(grid, out, workers=0, resume=True, progress=told.append)
+    assert again.results.digest == right and any("damaged; it is computed again" in line for line in told)
+
+
+@pytest.mark.parametrize("size", ["1e999", "0", "-1", '"2"', "1" * 5000, "null"])
+def test_a_damaged_description_of_a_sweep_is_an_error_that_names_the_folder(tmp_path, size) -> None:
+    grid, out = batch_grid(4), tmp_path / "out"
+    sweep(grid, out, workers=0, shard_size=2)
+    head = out / "sweep.json"
+    head.write_text(head.read_text().replace('"shard_size": 2', f'"shard_size": {size}'))
+    with pytest.raises(ArgumentError, match=rf"given the folder '{out}' with .* sweep.json"):
+        sweep(grid, out, workers=0, resume=True)
 
 
 def test_workers_with_other_code_are_refused(monkeypatch) -> None:

@@ -38,9 +38,45 @@ def test_tables_keep_every_bit(tmp_path) -> None:
     with pytest.raises(ArgumentError, match="does not exist"):
         Table.load(tmp_path / "c.npz")
     (tmp_path / "c.npz").write_text("no table")
-    with pytest.raises(ArgumentError, match="no table of flexgen"):
+    with pytest.raises(ArgumentError, match=r"no \.npz file"):
         Table.load(tmp_path / "c.npz")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.npz", "b.npz", "c.npz"]
+
+
+HEAD = [["case", "int", "1", ""], ["x", "float", "m", ""]]
+DAMAGED = {
+    "a column without array": (HEAD, {"case": np.arange(2)}),
+    "columns of different length": (HEAD, {"case": np.arange(2), "x": np.zeros(3)}),
+    "an array without dimension": (HEAD, {"case": np.array(1), "x": np.array(1.0)}),
+    "numbers for texts": ([["x", "text", "", ""]], {"x": np.zeros(2)}),
+    "an unknown kind": ([["x", "real", "", ""]], {"x": np.zeros(2)}),
+    "a column of five": ([["x", "float", "", "", ""]], {"x": np.zeros(2)}),
+    "columns that are none": (5, {"x": np.zeros(2)}),
+    "no column": ([], {}),
+    "a name that is none": ([[5, "float", "", ""]], {"x": np.zeros(2)}),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGED)
+def test_a_damaged_table_is_an_error_that_names_the_file(tmp_path, damage) -> None:
+    head, arrays = DAMAGED[damage]
+    path = tmp_path / "a.npz"
+    np.savez(path, columns=np.array(json.dumps(head)), **arrays)
+    with pytest.raises(
+        ArgumentError, match=rf"{path}: given a file that is no table of flexgen \(.*\), expected a table"
+    ):
+        Table.load(path)
+
+
+def test_each_changed_byte_of_a_table_is_read_or_refused(tmp_path) -> None:
+    path = table_of(RESULTS, ROWS).save(tmp_path / "a.npz")
+    whole, rng = path.read_bytes(), np.random.default_rng(1)
+    for at in rng.integers(len(whole), size=150):
+        path.write_bytes(whole[:at] + bytes([whole[at] ^ (1 << rng.integers(8))]) + whole[at + 1 :])
+        try:
+            assert len(Table.load(path)) == 2
+        except ArgumentError as error:
+            assert str(path) in str(error)
 
 
 @pytest.mark.slow

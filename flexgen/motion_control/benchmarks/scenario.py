@@ -7,7 +7,6 @@ their weights, what a controller is refused for, and the reference controller, w
 from __future__ import annotations
 
 import hashlib
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -21,6 +20,7 @@ from flexgen.errors import ArgumentError
 from flexgen.mechanics.parameters import select
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
+from flexgen.model.toml_lines import TextError, plain_table
 from flexgen.motion_control.controller_files import table_controller
 from flexgen.motion_control.disturbances import Disturbance, rows_of
 from flexgen.motion_control.plants import NOMINAL, Plants
@@ -137,8 +137,8 @@ def _parsed(path: Path, data: bytes, known: str) -> Scenario:
             "scores with it cannot be compared. Copy it under another name to change it"
         )
     try:
-        table = tomllib.loads(data.decode())
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        table = plain_table(data.decode())
+    except (UnicodeDecodeError, TextError) as error:
         raise ArgumentError(f"{path}: cannot be read as TOML: {error}") from error
     return _Reader(path, digest).scenario(table)
 

@@ -1,0 +1,37 @@
+"""Largest counts and times of calls, so that a mistake ends with a message and not in hours of work."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from flexgen.arguments import is_number, is_whole
+from flexgen.errors import ArgumentError
+
+CASES = 10_000_000  # of a sweep
+RANDOM_MOVES = 1_000_000
+SAMPLES = 10_000_000  # of one motor in a recording or a simulation
+ROBOTS = 100_000  # that are drawn at random
+SECONDS = 86_400.0  # of a motion, a period of an excitation or a time limit
+
+
+def count_of(name: str, value: Any, most: int, least: int = 1) -> int:
+    """A count as an int; ArgumentError unless it is a whole number from ``least`` to ``most``."""
+    if not is_whole(value, least, most):
+        raise ArgumentError(f"{name}: given {shown(value)}, expected a whole number from {least} to {most}")
+    return int(value)
+
+
+def seconds_of(name: str, value: Any, most: float = SECONDS) -> float:
+    """A time [s] as a float; ArgumentError unless it is a number above zero, at most ``most``."""
+    if not is_number(value) or not 0 < value <= most:
+        raise ArgumentError(f"{name}: given {shown(value)}, expected a number above 0, at most {most:g} s")
+    return float(value)
+
+
+def shown(value: Any) -> str:
+    """A value for a message: at most 80 characters, an integer of thousands of digits too."""
+    try:
+        text = repr(value)
+    except ValueError:
+        return f"an integer of {value.bit_length()} bits" if isinstance(value, int) else "a value without a text"
+    return text if len(text) <= 80 else f"{text[:60]} ... ({len(text)} characters)"
