@@ -43,7 +43,7 @@ def read_manifest(directory: Path, name: str) -> dict[str, Any] | None:
         The manifest is that of another library or of another program.
     """
     path = directory / MANIFEST
-    advice = "choose another folder (directory=... in Python, --directory DIR on the command line)"
+    advice = "choose another folder (directory=... in Python, --out DIR on the command line)"
     try:
         with path.open("rb") as stream:
             raw = stream.read(MANIFEST_MAX + 1)
@@ -128,7 +128,7 @@ def check_owned(directory: Path, name: str, texts: Mapping[str, str], old: Mappi
         shown = ", ".join(sorted(foreign)[:8]) + (", ..." if len(foreign) > 8 else "")
         raise BuildError(
             f"{directory}: given a folder with files that flexgen did not write ({shown}), expected only its own of "
-            f"these names; move them away or choose another folder (directory=..., --directory DIR)"
+            f"these names; move them away or choose another folder (directory=..., --out DIR)"
         )
 
 

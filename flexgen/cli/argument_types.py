@@ -6,6 +6,7 @@ import argparse
 import math
 import re
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,15 @@ def numbers(text: str) -> list[float]:
     return values
 
 
+def _number(text: str) -> float:
+    """One finite number, else NaN."""
+    try:
+        value = float(text)
+    except ValueError:
+        return math.nan
+    return value if math.isfinite(value) else math.nan
+
+
 def names(text: str) -> tuple[str, ...]:
     """Names with commas between them."""
     return tuple(word.strip() for word in text.split(","))
@@ -28,26 +38,37 @@ def names(text: str) -> tuple[str, ...]:
 
 def positive(text: str) -> float:
     """A number > 0."""
-    value = numbers(text)[0] if "," not in text else math.nan
+    value = _number(text)
     if not value > 0:
-        raise argparse.ArgumentTypeError(f"given {text!r}, expected a positive number")
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected a number > 0, such as 0.01")
     return value
 
 
 def not_negative(text: str) -> float:
     """A number >= 0."""
-    return 0.0 if re.fullmatch(r"\+?0*\.?0*", text) and "0" in text else positive(text)
+    value = _number(text)
+    if not value >= 0:
+        raise argparse.ArgumentTypeError(f"given {text!r}, expected a number >= 0, such as 0 or 0.01")
+    return value
+
+
+def whole(least: int) -> Callable[[str], int]:
+    """The type of integers that are at least this."""
+
+    def parse(text: str) -> int:
+        if not re.fullmatch(r"[0-9]{1,18}", text) or int(text) < least:
+            raise argparse.ArgumentTypeError(f"given {text[:40]!r}, expected an integer >= {least}")
+        return int(text)
+
+    return parse
 
 
 def spectrum(text: str) -> float | str:
     """A power of the frequency, or ``optimal``."""
     if text == "optimal":
         return text
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
+    value = _number(text)
+    if math.isnan(value):
         raise argparse.ArgumentTypeError(f"given {text!r}, expected a number such as 0.5, or optimal")
     return value
 

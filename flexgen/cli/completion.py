@@ -31,7 +31,7 @@ def _options(parser: argparse.ArgumentParser) -> Iterator[tuple[str, argparse.Ac
     """The long options of a verb with their actions."""
     for action in parser._actions:
         for word in action.option_strings:
-            if word.startswith("--"):
+            if word.startswith("--") and action.help != argparse.SUPPRESS:
                 yield word, action
 
 

@@ -20,7 +20,8 @@ KINDS: list[Callable[[Any, Callable[..., Any]], None]] = [
 def add_verbs(group: Any, add_verb: Callable[..., Any]) -> None:
     """Add the verb export with its kinds."""
     summary = "Write the robot for another tool: a simulation program, a controller, a robot description."
-    parser = group.add_parser("export", help=summary, description=summary, allow_abbrev=False)
+    parser = group.add_parser("export", help=summary, description=summary)
+    parser.add_argument("-h", "--help", action="help", help="show this help")
     kinds = parser.add_subparsers(dest="kind", metavar="KIND", required=True)
     for add in KINDS:
         add(kinds, add_verb)

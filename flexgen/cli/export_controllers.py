@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Callable
 from typing import Any
 
-from flexgen.cli.argument_types import file_path
+from flexgen.cli.argument_parser import Parser
 from flexgen.cli.verbs import Progress, VerbResult, check_writable, read_model, title
 
 LATE = 2e-3  # s: sample time and delay of the gains that are proposed, one update of 1 ms each
@@ -16,55 +16,55 @@ def selftest(args: Namespace, log: Progress) -> VerbResult:
     """Write a C program that tests the library on its target, with results of Lagrange's equations: PASS or FAIL."""
     from flexgen.export.selftest.export import export_selftest
 
-    check_writable(args.directory, folder=True)
+    check_writable(args.out, folder=True)
     robot = read_model(args)
     log(f"writing the self-test of {title(robot)}")
     precision = "single" if args.single else "double"
     options: dict[str, Any] = {"precision": precision, "move": args.move, "motion": not args.no_motion}
-    return _result(robot, export_selftest(robot, args.directory, force=args.force, **options))
+    return _result(robot, export_selftest(robot, args.out, force=args.force, **options))
 
 
 def ros2(args: Namespace, log: Progress) -> VerbResult:
     """Write a ROS 2 package: a plugin of inverse dynamics, and a controller with a stream and P-PI control."""
     from flexgen.export.ros2.export import export_ros2
 
-    check_writable(args.directory, folder=True)
+    check_writable(args.out, folder=True)
     robot = read_model(args)
     log(f"writing the ROS 2 package of {title(robot)}")
     gains = None if args.no_controller or args.no_gains else _gains(robot)
     names = {"maintainer": args.maintainer, "email": args.email, "license_name": args.license}
     options: dict[str, Any] = {"package": args.package, "controller": not args.no_controller, "gains": gains, **names}
-    return _result(robot, export_ros2(robot, args.directory, force=args.force, **options))
+    return _result(robot, export_ros2(robot, args.out, force=args.force, **options))
 
 
 def mex(args: Namespace, log: Progress) -> VerbResult:
     """Write functions for MATLAB and GNU Octave: functions of a point, inversion of a path, and a stream."""
     from flexgen.export.mex.export import export_mex
 
-    check_writable(args.directory, folder=True)
+    check_writable(args.out, folder=True)
     robot = read_model(args)
     log(f"writing the functions of {title(robot)}")
-    return _result(robot, export_mex(robot, args.directory, force=args.force))
+    return _result(robot, export_mex(robot, args.out, force=args.force))
 
 
 def simulink(args: Namespace, log: Progress) -> VerbResult:
     """Write blocks for Simulink: functions for C Caller, and S-functions of a stream and of inverse dynamics."""
     from flexgen.export.simulink.export import export_simulink
 
-    check_writable(args.directory, folder=True)
+    check_writable(args.out, folder=True)
     robot = read_model(args)
     log(f"writing the blocks of {title(robot)}")
-    return _result(robot, export_simulink(robot, args.directory, stream=not args.no_stream, force=args.force))
+    return _result(robot, export_simulink(robot, args.out, stream=not args.no_stream, force=args.force))
 
 
 def plcopen(args: Namespace, log: Progress) -> VerbResult:
     """Write function blocks of IEC 61131-3 (ST and PLCopen XML) with their bodies in C."""
     from flexgen.export.plcopen.export import export_plcopen
 
-    check_writable(args.directory, folder=True)
+    check_writable(args.out, folder=True)
     robot = read_model(args)
     log(f"writing the function blocks of {title(robot)}")
-    return _result(robot, export_plcopen(robot, args.directory, stream=not args.no_stream, force=args.force))
+    return _result(robot, export_plcopen(robot, args.out, stream=not args.no_stream, force=args.force))
 
 
 def _gains(robot: Any) -> Any:
@@ -98,36 +98,44 @@ def _result(robot: Any, made: Any) -> VerbResult:
     return VerbResult(data, "\n".join(lines))
 
 
-def _folder(parser: ArgumentParser, default: str) -> None:
+def _folder(parser: Parser, default: str) -> None:
     """The options of every kind."""
-    parser.add_argument(
-        "--directory", metavar="DIR", type=file_path, help=f"where to write; default: exports/{default}"
+    parser.add_folder(f"where to write; default: exports/{default}")
+    parser.section("files").add_argument(
+        "--force", action="store_true", help="also replace files that were changed since the export"
     )
-    parser.add_argument("--force", action="store_true", help="also replace files that were changed since the export")
 
 
 def add_selftest(kinds: Any, add_verb: Callable[..., Any]) -> None:
     """Add the kind selftest."""
     parser = add_verb(kinds, "selftest", selftest)
     _folder(parser, "<model>_selftest")
-    parser.add_argument("--single", action="store_true", help="of a library in single precision")
-    parser.add_argument("--move", metavar="NAME", help="the move that the stream follows; default: the first")
-    parser.add_argument("--no-motion", action="store_true", help="without a stream along a move")
+    parser.section("content").add_argument("--single", action="store_true", help="of a library in single precision")
+    parser.section("content").add_argument(
+        "--move", metavar="NAME", help="the move that the stream follows; default: the first"
+    )
+    parser.section("content").add_argument("--no-motion", action="store_true", help="without a stream along a move")
 
 
 def add_ros2(kinds: Any, add_verb: Callable[..., Any]) -> None:
     """Add the kind ros2."""
     parser = add_verb(kinds, "ros2", ros2)
     _folder(parser, "<package>")
-    parser.add_argument("--package", metavar="NAME", help="of the package; default: flexgen_<model>")
-    parser.add_argument("--no-controller", action="store_true", help="the plugin of inverse dynamics only")
-    parser.add_argument("--no-gains", action="store_true", help="leave the gains of the controller open")
+    parser.section("content").add_argument("--package", metavar="NAME", help="of the package; default: flexgen_<model>")
+    parser.section("content").add_argument(
+        "--no-controller", action="store_true", help="the plugin of inverse dynamics only"
+    )
+    parser.section("content").add_argument(
+        "--no-gains", action="store_true", help="leave the gains of the controller open"
+    )
     for name, default, what in (
         ("maintainer", "maintainer", "name for package.xml"),
         ("email", "maintainer@example.com", "address for package.xml"),
         ("license", "MIT", "license for package.xml"),
     ):
-        parser.add_argument(f"--{name}", metavar="TEXT", default=default, help=f"{what}; default: {default}")
+        parser.section("package.xml").add_argument(
+            f"--{name}", metavar="TEXT", default=default, help=f"{what}; default: {default}"
+        )
 
 
 def add_mex(kinds: Any, add_verb: Callable[..., Any]) -> None:
@@ -139,14 +147,18 @@ def add_simulink(kinds: Any, add_verb: Callable[..., Any]) -> None:
     """Add the kind simulink."""
     parser = add_verb(kinds, "simulink", simulink)
     _folder(parser, "<model>_simulink")
-    parser.add_argument("--no-stream", action="store_true", help="without a stream, for models that have none")
+    parser.section("content").add_argument(
+        "--no-stream", action="store_true", help="without a stream, for models that have none"
+    )
 
 
 def add_plcopen(kinds: Any, add_verb: Callable[..., Any]) -> None:
     """Add the kind plcopen."""
     parser = add_verb(kinds, "plcopen", plcopen)
     _folder(parser, "<model>_plcopen")
-    parser.add_argument("--no-stream", action="store_true", help="without a stream, for models that have none")
+    parser.section("content").add_argument(
+        "--no-stream", action="store_true", help="without a stream, for models that have none"
+    )
 
 
 KINDS = (add_selftest, add_ros2, add_mex, add_simulink, add_plcopen)

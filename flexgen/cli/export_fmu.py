@@ -26,30 +26,31 @@ OF_BLOCK = {
 def add_fmu(kinds: Any, add_verb: Callable[..., Any]) -> None:
     """Add the parser of ``flexgen export fmu MODEL``."""
     parser = add_verb(kinds, "fmu", fmu)
-    parser.add_argument("--block", choices=BLOCKS, metavar="NAME", default="plant", help=(
+    content, options, files = parser.section("content"), parser.section("options of a block"), parser.section("files")
+    content.add_argument("--block", choices=BLOCKS, metavar="NAME", default="plant", help=(
         "plant (default): the elastic robot; feedforward: inverse dynamics on a moving horizon; "
         "controller: a P-PI cascade"
     ))  # fmt: skip
-    parser.add_argument(
+    content.add_argument(
         "--fmi", choices=VERSIONS, metavar="VERSION", default="2.0", help="version of FMI: 2.0 (default) or 3.0"
     )
-    parser.add_argument(
+    files.add_argument(
         "--out", metavar="FILE", type=file_path, help="write to this file (.fmu); default: generated/MODEL.fmu"
     )
-    parser.add_argument("--sources-only", action="store_true", help="without a binary for this platform")
-    parser.add_argument("--method", choices=METHODS, metavar="NAME", help=(
+    files.add_argument("--sources-only", action="store_true", help="without a binary for this platform")
+    options.add_argument("--method", choices=METHODS, metavar="NAME", help=(
         "plant in Co-Simulation: rk4 (default), explicit, or sdirk4, implicit and L-stable, for stiff springs"
     ))  # fmt: skip
-    parser.add_argument(
+    options.add_argument(
         "--step", metavar="S", type=positive, help="its largest step [s]; default: from the fastest pole at home"
     )
-    parser.add_argument(
+    options.add_argument(
         "--controller", metavar="FILE", help="of type ppi or cascade (.toml); default: PPI for the model"
     )
-    parser.add_argument(
+    options.add_argument(
         "--sample-time", metavar="S", type=positive, help="sample time of the controller [s]; default: 0.001"
     )
-    parser.add_argument(
+    options.add_argument(
         "--look-ahead",
         metavar="S",
         type=positive,

@@ -192,6 +192,8 @@ def _main(words: list[str]) -> int:
         _log(f"flexgen: {problem}")
         return FAILURE
     with contextlib.closing(messages):
+        for note in getattr(args, "notes", ()):
+            messages.report(f"flexgen: warning: {note}")
         return _run(args, messages)
 
 

@@ -12,7 +12,7 @@ from flexgen.cli.verbs import Progress, VerbResult, check_writable, read_model, 
 
 def path(args: Namespace, log: Progress) -> VerbResult:
     """Plan a path without solving: duration, segments, and a table of it for C."""
-    check_writable(args.table)
+    check_writable(args.out)
     from flexgen.paths.path import plan
 
     robot = read_model(args)
@@ -37,11 +37,11 @@ def path(args: Namespace, log: Progress) -> VerbResult:
     rows = [[k, s["space"], s["start_s"], s["duration_s"], s["smoothness"]] for k, s in enumerate(segments, 1)]
     head = ("segment", "space", "start, s", "duration, s", "continuous derivatives")
     text = f"{robot.name}, {planned.move.name}: {number(planned.duration)} s\n\n" + table(rows, head)
-    if args.table is not None:
+    if args.out is not None:
         from flexgen.codegen.path_header import path_header
 
-        with writing(args.table):
-            write_text(args.table, path_header(robot, planned.move.name, planned.table(), planned.duration))
-        data["table"] = str(args.table)
-        text += f"\n\nwrote {args.table}"
+        with writing(args.out):
+            write_text(args.out, path_header(robot, planned.move.name, planned.table(), planned.duration))
+        data["table"] = str(args.out)
+        text += f"\n\nwrote {args.out}"
     return VerbResult(data, text)

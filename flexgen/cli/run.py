@@ -33,7 +33,7 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     name = robot.name + (f"_{robot.variant}" if robot.variant else "")
     directory = args.report or Path("reports", name)
     check_report(directory)
-    check_writable(args.directory, folder=True)
+    check_writable(args.out, folder=True)
 
     from flexgen.analysis.analyze import analyze as analyze_model
     from flexgen.build.generate import generate as generate_library
@@ -48,7 +48,7 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     log("analyze: modes, poles and zeros at the home pose")
     analysis = analyze_model(equations)
     log("generate: C library")
-    generated = generate_library(robot, args.directory, progress=log)
+    generated = generate_library(robot, args.out, progress=log)
     library = load(generated.directory)
     log("solve: inverse dynamics of the move, verified by forward simulation")
     solution = solve_move(

@@ -6,8 +6,10 @@ import argparse
 import re
 from collections.abc import Callable, Sequence
 from importlib.util import find_spec
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from flexgen.cli.argument_parser import Parser
+from flexgen.cli.argument_types import file_path, whole
 
 if TYPE_CHECKING:
     from flexgen.sweeps.sweep import SweepResult
@@ -17,33 +19,27 @@ _NUMBER = re.compile(r"\d[\d.]*(?:[eE][-+]?\d+)?")
 SHOWN = 5  # reasons of failures that are printed, and cases that are named for each
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
+def add_arguments(parser: Parser) -> None:
     """Add the arguments of the verb to its parser."""
-    parser.add_argument("grid", metavar="GRID", type=Path, help="TOML file with models, moves, methods and parameters")
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="directory for shards and tables")
     parser.add_argument(
+        "grid", metavar="GRID", type=file_path, help="TOML file with models, moves, methods and parameters"
+    )
+    files, work = parser.section("files"), parser.section("work")
+    files.add_argument("--out", metavar="DIR", type=file_path, required=True, help="directory for shards and tables")
+    work.add_argument(
         "--workers",
         metavar="N",
-        type=_whole(0),
+        type=whole(0),
         help="worker processes; 0 or 1: run in this process; default: one per core",
     )
-    parser.add_argument(
+    work.add_argument(
         "--shard-size",
         metavar="N",
-        type=_whole(1),
+        type=whole(1),
         help="cases per shard, the unit of work and of saved results; default: 1 to 16",
     )
-    parser.add_argument("--resume", action="store_true", help="continue the sweep in DIR")
-    parser.add_argument("--parquet", action="store_true", help="write results.parquet too (needs pyarrow)")
-
-
-def _whole(least: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        if not text.isascii() or not text.isdigit() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"given {text!r}, expected an integer >= {least}")
-        return int(text)
-
-    return parse
+    work.add_argument("--resume", action="store_true", help="continue the sweep in DIR")
+    files.add_argument("--parquet", action="store_true", help="write results.parquet too (needs pyarrow)")
 
 
 def run(args: argparse.Namespace, log: Callable[[str], None]) -> tuple[dict[str, Any], str, str, list[str], str]:

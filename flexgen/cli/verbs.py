@@ -220,14 +220,14 @@ def _analysis_text(analysis: Analysis) -> str:
 
 def generate(args: Namespace, log: Progress) -> VerbResult:
     """Write and compile the C library."""
-    check_writable(args.directory, folder=True)
+    check_writable(args.out, folder=True)
     from flexgen.build.generate import generate as generate_library
     from flexgen.codegen.clib_table import inversion_reason
 
     robot = read_model(args)
     library = generate_library(
         robot,
-        args.directory,
+        args.out,
         build=not args.no_build,
         functions=args.functions,
         precision="single" if args.single else "double",

@@ -19,7 +19,7 @@ from flexgen.errors import ArgumentError, BuildError
 
 RECORD = "flexgen_export.json"
 _FILE = re.compile(r"[A-Za-z+][A-Za-z0-9_.+]*(/[A-Za-z+][A-Za-z0-9_.+]*)*\Z")
-_ADVICE = "choose another folder (directory= in Python, --directory on the command line)"
+_ADVICE = "choose another folder (directory= in Python, --out on the command line)"
 
 
 @dataclass(frozen=True)

@@ -268,7 +268,7 @@ def test_keywords_are_refused_as_names(tmp_path):
 
 
 def test_the_command_line(tmp_path, capsys):
-    assert main(["export", "mex", NAME, "--directory", str(tmp_path), "-q"]) == 0
+    assert main(["export", "mex", NAME, "--out", str(tmp_path), "-q"]) == 0
     assert f"build_{NAME}.m" in capsys.readouterr().out
 
 

@@ -252,5 +252,5 @@ def test_the_bytes_are_the_same(tmp_path):
 
 
 def test_the_command_line(tmp_path, capsys):
-    assert main(["export", "plcopen", NAME, "--directory", str(tmp_path), "-q"]) == 0
+    assert main(["export", "plcopen", NAME, "--out", str(tmp_path), "-q"]) == 0
     assert f"{NAME}.xml" in capsys.readouterr().out

@@ -376,10 +376,10 @@ def test_a_model_without_streams_is_refused(tmp_path):
 
 
 def test_the_command_line(tmp_path, capsys):
-    assert main(["export", "ros2", NAME, "--directory", str(tmp_path), "-q"]) == 0
+    assert main(["export", "ros2", NAME, "--out", str(tmp_path), "-q"]) == 0
     assert "stream_controller.cpp" in capsys.readouterr().out
     assert "speed_gain: [" in (tmp_path / "config" / "controller.yaml").read_text()  # of a P-PI cascade
-    assert main(["export", "ros2", NAME, "--directory", str(tmp_path), "--package", "A", "-q"]) == 1
+    assert main(["export", "ros2", NAME, "--out", str(tmp_path), "--package", "A", "-q"]) == 1
     assert "small letters" in capsys.readouterr().err
 
 

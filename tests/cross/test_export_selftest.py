@@ -260,7 +260,7 @@ def test_a_move_through_a_singular_pose_is_refused(monkeypatch, tmp_path):
 
 
 def test_the_command_line(tmp_path, capsys):
-    assert main(["export", "selftest", "planar5_nmp", "--directory", str(tmp_path), "--no-motion", "-q"]) == 0
+    assert main(["export", "selftest", "planar5_nmp", "--out", str(tmp_path), "--no-motion", "-q"]) == 0
     assert "planar5_nmp_selftest.c" in capsys.readouterr().out
-    assert main(["export", "selftest", "planar5_nmp", "--directory", str(tmp_path), "--move", "nosuch", "-q"]) == 1
+    assert main(["export", "selftest", "planar5_nmp", "--out", str(tmp_path), "--move", "nosuch", "-q"]) == 1
     assert "nosuch" in capsys.readouterr().err

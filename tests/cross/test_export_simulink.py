@@ -188,5 +188,5 @@ def test_the_bytes_are_the_same(tmp_path):
 
 
 def test_the_command_line(tmp_path, capsys):
-    assert main(["export", "simulink", NAME, "--directory", str(tmp_path), "-q"]) == 0
+    assert main(["export", "simulink", NAME, "--out", str(tmp_path), "-q"]) == 0
     assert f"{NAME}_stream_sfun.c" in capsys.readouterr().out

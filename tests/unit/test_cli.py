@@ -229,22 +229,22 @@ def test_pose_of_the_wrong_length(ask):
 # --- generate ---------------------------------------------------------------------------------------------------------
 @needs_compiler
 def test_generate(ask, run, tmp_path):
-    status, data, err = ask("generate", "elbow", "--directory", tmp_path / "c")
+    status, data, err = ask("generate", "elbow", "--out", tmp_path / "c")
     assert status == 0 and {"directory", "files", "functions", "digest", "seconds"} <= set(data)
     assert data["directory"] == str(tmp_path / "c") and all(Path(file).is_file() for file in data["files"])
     assert "mass_matrix" in data["functions"] and "compiling" in err
-    again = ask("generate", "elbow", "--directory", tmp_path / "c")[1]
+    again = ask("generate", "elbow", "--out", tmp_path / "c")[1]
     assert again["cached"] and again["digest"] == data["digest"]
-    status, text, _ = run("generate", "elbow", "--directory", tmp_path / "c")
+    status, text, _ = run("generate", "elbow", "--out", tmp_path / "c")
     assert status == 0 and "nothing has changed" in text and "wrote" not in text and "mass_matrix" in text
-    other = ask("generate", "elbow", "--directory", tmp_path / "c", "--set", "motor.m1.inertia=0.02")[1]
+    other = ask("generate", "elbow", "--out", tmp_path / "c", "--set", "motor.m1.inertia=0.02")[1]
     assert not other["cached"] and other["digest"] != data["digest"]
-    status, text, _ = run("generate", "elbow", "--directory", tmp_path / "c", "--force", "--no-build")
+    status, text, _ = run("generate", "elbow", "--out", tmp_path / "c", "--force", "--no-build")
     assert status == 0 and "elbow.h" in text
 
 
 def test_generate_some_functions(ask, tmp_path):
-    words = ["generate", "elbow", "--directory", tmp_path / "c", "--no-build", "--functions"]
+    words = ["generate", "elbow", "--out", tmp_path / "c", "--no-build", "--functions"]
     status, data, _ = ask(*words, "mass_matrix, jacobian")
     assert status == 0 and data["functions"] == ["jacobian", "mass_matrix"]
     status, data, _ = ask(*words, "mass_matrix,nothing")
@@ -255,13 +255,13 @@ def test_generate_some_functions(ask, tmp_path):
 @needs_compiler
 def test_generate_with_options(ask, tmp_path):
     status, data, _ = ask(
-        "generate", "elbow", "--directory", tmp_path / "c", "--single", "--native", "--parameters", "payload, damping"
+        "generate", "elbow", "--out", tmp_path / "c", "--single", "--native", "--parameters", "payload, damping"
     )
     manifest = json.loads((tmp_path / "c" / "manifest.json").read_text())
     assert status == 0 and manifest["precision"] == "single" and "-march=native" in manifest["build"]["flags"]
     assert {"payload.mass", "q1.damping"} <= {parameter["name"] for parameter in manifest["parameters"]}
     assert "payload.mass = " in (tmp_path / "c" / "elbow.h").read_text()
-    status, data, _ = ask("generate", "elbow", "--directory", tmp_path / "d", "--parameters", "nothing")
+    status, data, _ = ask("generate", "elbow", "--out", tmp_path / "d", "--parameters", "nothing")
     assert status == 1 and "parameters: given 'nothing', expected some of" in data["error"]
     assert not (tmp_path / "d").exists()
 
@@ -269,11 +269,11 @@ def test_generate_with_options(ask, tmp_path):
 def test_generate_without_a_compiler(ask, run, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     monkeypatch.delenv("CC", raising=False)
-    status, data, _ = ask("generate", "elbow", "--directory", tmp_path / "c")
+    status, data, _ = ask("generate", "elbow", "--out", tmp_path / "c")
     assert status == 1 and "--no-build" in data["error"]
-    status, text, _ = run("generate", "elbow", "--directory", tmp_path / "c", "--no-build")
+    status, text, _ = run("generate", "elbow", "--out", tmp_path / "c", "--no-build")
     assert status == 0 and "not compiled" in text and "elbow.h" in text
-    assert "nothing has changed" in run("generate", "elbow", "--directory", tmp_path / "c", "--no-build")[1]
+    assert "nothing has changed" in run("generate", "elbow", "--out", tmp_path / "c", "--no-build")[1]
 
 
 # --- solve, simulate --------------------------------------------------------------------------------------------------
@@ -420,7 +420,7 @@ def test_paths_that_cannot_be_written(ask, tmp_path):
         ["solve", "elbow", "--no-verify", "--out", tmp_path / "folder.npz"],
         ["solve", "elbow", "--no-verify", "--report", tmp_path / "file"],
         ["derive", "elbow", "--out", tmp_path / "file" / "a.txt"],
-        ["generate", "elbow", "--directory", tmp_path / "file" / "c"],
+        ["generate", "elbow", "--out", tmp_path / "file" / "c"],
         ["analyze", "elbow", "--report", tmp_path / "file"],
         ["run", "elbow", "--report", tmp_path / "file" / "report"],
     ):

@@ -174,7 +174,7 @@ def test_a_stream_of_a_closed_library_is_closed(folder, flexible):
 
 def test_generate_names_what_is_missing(tmp_path, capfd):
     model = ["generate", "planar5_nmp", "--no-build"]
-    assert main([*model, "--single", "--directory", str(tmp_path / "single")]) == 0
+    assert main([*model, "--single", "--out", str(tmp_path / "single")]) == 0
     assert "not in this library: bvp, because it is in double precision only" in capfd.readouterr().out
-    assert main([*model, "--functions", "gravity", "--directory", str(tmp_path / "few")]) == 0
+    assert main([*model, "--functions", "gravity", "--out", str(tmp_path / "few")]) == 0
     assert "invert, bvp and stream, because they need the functions" in " ".join(capfd.readouterr().out.split())

@@ -1,0 +1,129 @@
+"""Arguments of all verbs: numbers, names of outputs, sections of the help, hints."""
+
+from __future__ import annotations
+
+import argparse
+import json
+
+import pytest
+
+from flexgen.cli.argument_types import numbers
+from flexgen.cli.main import main
+from flexgen.cli.parser import UsageError, build_parser, parse
+from flexgen.cli.verbs import VerbResult
+
+VERBS = {" ".join(verb.prog.split()[1:]): verb for verb in build_parser().verbs()}
+VALUES = [
+    (verb, action)
+    for verb, parser in VERBS.items()
+    for action in parser._actions
+    if action.option_strings and action.nargs is None and action.help != argparse.SUPPRESS
+]
+
+
+def words_of(verb: str, *options: str) -> list[str]:
+    """A command line of a verb with words for all that it requires."""
+    required = [action for action in VERBS[verb]._actions if action.required]
+    words = [word for action in required if action.option_strings for word in (action.option_strings[0], "x.npz")]
+    places = [
+        str(next(iter(action.choices))) if action.choices else "x" for action in required if not action.option_strings
+    ]
+    return [*verb.split(), *places, *words, *options]
+
+
+@pytest.mark.parametrize("text", ["-1e-3", "-.5", "-3", "-1E6,2", "-inf", "-nan"])
+def test_a_negative_number_is_a_value_of_each_option(text):
+    assert len(VALUES) > 80
+    for verb, action in VALUES:
+        try:
+            parse(words_of(verb, action.option_strings[-1], text))
+        except UsageError as error:  # refused by its type, with a sentence
+            assert f"given {text!r}, expected " in str(error) or "given twice" in str(error), (verb, action.dest, error)
+
+
+def test_noise_below_zero_is_refused_by_its_range():
+    with pytest.raises(UsageError, match=r"--encoder-noise: given '-1e-3', expected a number >= 0"):
+        parse(["control", "elbow", "--encoder-noise", "-1e-3"])
+
+
+@pytest.mark.parametrize("several", [["-20.5", "1e1", "-.5"], ["-20.5,1e1,-.5"], ["-20.5,", "1e1,", "-.5"]])
+def test_options_of_several_numbers_take_them_with_spaces_or_commas(several):
+    options = [(verb, action) for verb, action in VALUES if action.type is numbers]
+    assert {action.dest for _, action in options} >= {"pose", "torque", "speed", "joints", "position", "rotation"}
+    for verb, action in options:
+        option, model = action.option_strings[0], VERBS[verb]._positionals._group_actions[0].dest
+        for words in ([option, *several, "x"], ["x", option, *several], ["x", f"{option}={several[0]}", *several[1:]]):
+            args = parse([*verb.split(), *words])
+            assert getattr(args, action.dest) == [-20.5, 10.0, -0.5] and getattr(args, model) == "x"
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_the_result_of_each_verb_goes_to_out(verb):
+    shown = VERBS[verb].options()
+    assert not {"--directory", "--output", "--table"} & {word for word in shown if "--out" not in shown}
+
+
+@pytest.mark.parametrize(
+    "verb", [verb for verb, parser in VERBS.items() if "--directory" in parser._option_string_actions]
+)
+def test_the_old_name_of_out_is_accepted_with_a_warning(verb, monkeypatch, capsys, tmp_path):
+    seen = []
+    parser = build_parser()
+    words = [*words_of(verb, "--directory", str(tmp_path)), "--json"]
+    monkeypatch.setattr("flexgen.cli.main.parse", lambda words: with_action(parse(words), seen))
+    assert "--out" in VERBS[verb].options() and "--directory" not in parser.format_help()
+    assert main(words) == 0
+    out, err = capsys.readouterr()
+    assert seen == [tmp_path] and json.loads(out) == {}
+    assert err == "flexgen: warning: --directory is the old name of --out, please use the new one\n"
+    with pytest.raises(UsageError, match="given twice"):
+        parse([*words, "--out", "other"])
+
+
+def with_action(args, seen):
+    """The arguments, with an action that records the folder."""
+
+    def record(given, log):
+        seen.append(given.out)
+        return VerbResult({}, "")
+
+    args.action = record
+    return args
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_each_option_is_in_a_named_section_of_the_help(verb):
+    sections = [group for group in VERBS[verb]._action_groups if group._group_actions]
+    titles = [group.title for group in sections]
+    shown = [
+        a.dest
+        for group in sections
+        if group.title == "options"
+        for a in group._group_actions
+        if a.help != argparse.SUPPRESS
+    ]
+    assert not shown and titles[-1] == "messages"
+    assert all(len(group._group_actions) <= 10 for group in sections)
+    if "files" in titles:
+        assert titles[-2] == "files"
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (["solve", "elbow", "--mesh", "0.01", "0.02"], "; --mesh takes one number"),
+        (
+            ["solve", "elbow", "--plant", "soft:stiffness=0.8"],
+            "; --plant is an option of 'flexgen control', 'flexgen learn'",
+        ),
+        (["generate", "elbow", "--ouy", "x"], "; did you mean '--out'?"),
+        (["fastest", "elbow", "--torque", "a"], "expected numbers such as"),
+        (["solve", "elbow", "--mesh", "fine"], "given 'fine', expected a number > 0, such as 0.01"),
+        (["control", "elbow", "--seed", "1.5"], "given '1.5', expected an integer >= 0"),
+        (["generate", "elbow", "--out", "a", "--out", "b"], "given twice (a and b), expected one"),
+    ],
+)
+def test_a_wrong_argument_gets_a_hint_that_fits(words, hint):
+    with pytest.raises(UsageError) as caught:
+        parse(words)
+    assert hint in str(caught.value).partition("\n")[0]
