@@ -17,6 +17,7 @@ _VERBS = {
     "read_moves": "flexgen.model.task_files",
     "derive": "flexgen.mechanics.equations",
     "analyze": "flexgen.analysis.analyze",
+    "check": "flexgen.plausibility.check",
     "plan": "flexgen.paths.path",
     "plan_problem": "flexgen.planning.problem",
     "solve": "flexgen.inversion.solve",

@@ -20,9 +20,10 @@ from typing import Any, NoReturn
 
 from flexgen import __version__
 from flexgen.atomic_files import followed
+from flexgen.cli.check import implausible
 from flexgen.cli.parser import UsageError, build_parser, parse
 from flexgen.cli.printing import as_json, fitted, terminal_width
-from flexgen.errors import ArgumentError, FlexgenError
+from flexgen.errors import ArgumentError, FlexgenError, SolverError
 
 PACKAGES = ("casadi", "numpy", "scipy", "sympy", "matplotlib")
 
@@ -211,11 +212,13 @@ def _run(args: argparse.Namespace, messages: _Messages) -> int:
             result = args.action(args, messages.progress)
         problem = result.problem
         status = result.failure if problem else SUCCESS
+        problem += implausible(args) if problem else ""
     except BaseException as error:
         interrupts += [signal.SIGINT] * isinstance(error, KeyboardInterrupt)
         if os.environ.get("FLEXGEN_DEBUG"):
             raise
         problem, status = _reason(error, args), FAILURE
+        problem += implausible(args) if isinstance(error, SolverError) or _numerical(error) else ""
     if interrupts:
         result = result if result is not None and result.interrupted else None
         problem, status = "interrupted" + ("; the result is the best so far" if result is not None else ""), INTERRUPTED
@@ -260,7 +263,7 @@ def _reason(error: BaseException, args: argparse.Namespace) -> str:
         what = f" {args.model}" if getattr(args, "model", None) else ""
         return (
             f"{args.verb}{what}: the computation failed ({str(error) or type(error).__name__}); check the numbers of "
-            "the model: masses, inertias, lengths, stiffnesses and dampings of very different magnitude"
+            "the model with 'flexgen check': masses, inertias, lengths, stiffnesses and dampings"
         )
     return f"internal error, please report it with the output of FLEXGEN_DEBUG=1: {type(error).__name__}: {error}"
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from flexgen import __version__
 from flexgen.cli import (
+    check,
     completion,
     control_arguments,
     export_arguments,
@@ -34,6 +35,7 @@ MODEL = "name in models/ or path of a .toml file, optionally with @variant; or F
 EXAMPLES = """\
 examples:
   flexgen models                                      list the models
+  flexgen check arm.toml                              wrong units and implausible numbers
   flexgen analyze planar5_nmp --pose 0.3 -1.1 0       modes, poles, zeros
   flexgen generate planar5_nmp                        C library in generated/planar5_nmp
   flexgen generate arm.toml --native --single         for this processor, in single precision
@@ -65,6 +67,7 @@ def build_parser() -> Parser:
     group = parser.add_subparsers(dest="verb", metavar="VERB")
     _add_verb(group, "models", verbs.models, model=False)
     _add_verb(group, "describe", verbs.describe)
+    _add_verb(group, "check", check.check)
     _add_derive_arguments(_add_verb(group, "derive", verbs.derive))
     _add_analyze_arguments(_add_verb(group, "analyze", verbs.analyze))
     _add_generate_arguments(_add_verb(group, "generate", verbs.generate))

@@ -215,7 +215,7 @@ def description_text(data: dict[str, Any]) -> str:
                 [
                     m["name"],
                     ", ".join(m["drives"]),
-                    ", ".join(number(float(ratio)) for ratio in m["ratio"]),
+                    ", ".join(_ratio(*row) for row in zip(m["ratio"], m["ratio_unit"], strict=True)),
                     m["inertia"],
                     m["torque_max"],
                     m["speed_max"],
@@ -238,6 +238,11 @@ def description_text(data: dict[str, Any]) -> str:
     if data["source"]:
         parts.append(paragraph(f"source: {one_line(data['source'])}"))
     return "\n\n".join(parts)
+
+
+def _ratio(ratio: float, unit: str) -> str:
+    """A gear ratio; of a translation with its unit."""
+    return number(float(ratio)) + ("" if unit == "rad/rad" else f" {unit}")
 
 
 def _output(output: dict[str, Any]) -> str:

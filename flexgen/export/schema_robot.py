@@ -168,7 +168,9 @@ def element() -> Schema:
 
 def motor_keys() -> dict[str, Schema]:
     """Keys of a motor."""
-    ratio = {"description": "gear ratio: motor speed / joint speed, one for each driven joint"}
+    ratio = {
+        "description": "gear ratio, motor speed / joint speed, one for each driven joint; of a translation [rad/m]"
+    }
     ratio["anyOf"] = [number(""), vector("")]  # type: ignore[assignment]
     return {
         "name": name("name of the motor"),

@@ -118,7 +118,7 @@ def describe(
             for element in robot.elements
         ],
         "coordinates": [_coordinate(c) for c in robot.coordinates],
-        "motors": [_motor(m) for m in robot.motors],
+        "motors": [_motor(robot, m) for m in robot.motors],
         "sensors": [
             {
                 "name": s.name,
@@ -199,11 +199,13 @@ def _dof(dof: Dof) -> dict[str, Any]:
     }
 
 
-def _motor(motor: Motor) -> dict[str, Any]:
+def _motor(robot: RobotModel, motor: Motor) -> dict[str, Any]:
+    units = {coordinate.name: coordinate.unit for coordinate in robot.coordinates}
     return {
         "name": motor.name,
         "drives": list(motor.drives),
         "ratio": list(motor.ratio),
+        "ratio_unit": [f"rad/{units[name]}" for name in motor.drives],
         "inertia": motor.inertia,
         "friction": _friction(motor.friction),
         "torque_max": motor.torque_max,

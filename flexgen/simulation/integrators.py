@@ -134,7 +134,10 @@ def integrate(
         check_time(f"simulation at t = {solver.t:.6g} of {t[-1]:.6g} s")
         k = solver.advance(out, k, BLOCK)
         if solver.failure:
-            raise SolverError(f"simulation: failed at t = {solver.t:.6g} s ({solver.failure}); check torque and model")
+            raise SolverError(
+                f"simulation: failed at t = {solver.t:.6g} s ({solver.failure}); check the torque, and the numbers of "
+                "the model with 'flexgen check' (flexgen.check)"
+            )
         evaluations = before + solver.nfev
         if method == EXPLICIT and k < len(t):
             if solver.nfev - mark[1] > RATE * (solver.t - mark[0]):
@@ -148,7 +151,7 @@ def integrate(
         if evaluations > EVALUATIONS:
             raise SolverError(
                 f"simulation: stopped at t = {solver.t:.6g} of {t[-1]:.6g} s after {evaluations} evaluations; "
-                "check the units of the trajectory and the stiffness of the model"
+                "check the units of the trajectory, and the numbers of the model with 'flexgen check' (flexgen.check)"
             )
         if progress is not None and time.perf_counter() - reported > 1.0:
             reported = time.perf_counter()

@@ -49,6 +49,7 @@ FLOORS = {
     "build": 5,
     "inverse_kinematics": 6,
     "paths": 7,
+    "plausibility": 8,
     "simulation": 8,
     "inversion": 9,
     "sweeps": 10,

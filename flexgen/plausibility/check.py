@@ -1,0 +1,60 @@
+"""The public function `check`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from flexgen.analysis.linear import linearize, poles
+from flexgen.errors import FlexgenError
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.statics import Equilibrium, hold_joints
+from flexgen.model.elements import RobotModel
+from flexgen.numerics.evaluate import evaluate
+from flexgen.plausibility.finding import ERROR, Check, Finding
+from flexgen.plausibility.moves import moves
+from flexgen.plausibility.numbers import bodies, drives, overdamped, springs
+
+SLOW = 2.0 * np.pi  # 1/s: slower real poles are friction of the free joints
+
+
+def check(model: str | Path | RobotModel | Equations, *, motions: bool = True) -> Check:
+    """Compare the numbers of a model with those of real robots: units, powers of ten, moves within their limits.
+
+    Parameters
+    ----------
+    model : name, path, RobotModel or Equations
+    motions : bool
+        Also check the range and the speeds of each move.
+
+    Returns
+    -------
+    Check
+        ``print(check)`` shows what is unusual; ``check.findings`` has all numbers.
+
+    Raises
+    ------
+    ModelError, ArgumentError
+        The model file has an error.
+    """
+    equations = model if isinstance(model, Equations) else derive(model)
+    robot = equations.model
+    findings = [*bodies(robot)]
+    home = np.asarray(robot.home, dtype=float)
+    try:
+        rest = hold_joints(equations, home)
+    except FlexgenError as error:
+        advice = "stiffness of the springs without motor, masses, gravity"
+        findings.append(Finding(ERROR, "home", "equilibrium at home", str(error), "one", advice, 9.0))
+        q_a, none_m, none_g = np.zeros(robot.n_a), np.zeros(robot.n_m), np.zeros(robot.n_g)
+        q_a[list(robot.i_g)] = home
+        rest = Equilibrium(q_a, none_m, none_m, none_g)
+    M = evaluate(equations.function("mass_matrix"), rest.q_a)[0][0]
+    findings += [*drives(robot, M, rest), *springs(robot, M, rest)]
+    if not any(finding.key == "home" for finding in findings):
+        findings.append(overdamped(poles(linearize(equations, rest)), SLOW))
+    if motions:
+        findings += moves(equations)
+    title = f"{robot.name}@{robot.variant}" if robot.variant else robot.name
+    return Check(title, tuple(findings))

@@ -1,0 +1,109 @@
+"""One number of a model beside what is usual for robots, and the list of all of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+OK, UNUSUAL, ERROR = "ok", "unusual", "error"
+MARKS = (OK, UNUSUAL, ERROR)
+
+
+@dataclass(frozen=True)
+class Usual:
+    """What is usual: from ``low`` to ``high``; below ``least`` or above ``most`` it is an error, in the same unit."""
+
+    low: float
+    high: float
+    least: float = 0.0
+    most: float = math.inf
+
+    def mark(self, value: float) -> str:
+        """``"ok"``, ``"unusual"`` or ``"error"``."""
+        if not self.least <= value <= self.most:
+            return ERROR
+        return OK if self.low <= value <= self.high else UNUSUAL
+
+    def distance(self, value: float) -> float:
+        """By how many powers of ten the value is outside; 0 inside, at most 99."""
+        if not math.isfinite(value) or value <= 0.0:
+            return 0.0 if self.low <= 0.0 and math.isfinite(value) else 99.0
+        above = math.log10(value / self.high) if value > self.high else 0.0
+        return above if value >= self.low else math.log10(self.low / value)
+
+    def __str__(self) -> str:
+        if self.low == 0.0:
+            return f"at most {self.high:.4g}"
+        return f"at least {self.low:.4g}" if math.isinf(self.high) else f"{self.low:.4g} to {self.high:.4g}"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One number that was checked.
+
+    ``mark``: ``"ok"``, ``"unusual"`` (look at it) or ``"error"`` (no robot has it); ``key``: its place in the model
+    file; ``quantity``, ``value`` and ``usual`` as text with units; ``advice``: what to look at, empty where the mark is
+    ``"ok"``; ``distance``: powers of ten between the value and what is usual.
+    """
+
+    mark: str
+    key: str
+    quantity: str
+    value: str
+    usual: str
+    advice: str = ""
+    distance: float = 0.0
+
+    def __str__(self) -> str:
+        return f"{self.key}: {self.quantity} {self.value}, usual {self.usual}; {self.advice}"
+
+
+def judged(key: str, quantity: str, value: float, unit: str, usual: Usual, advice: str) -> Finding:
+    """A number as a `Finding`."""
+    mark = usual.mark(value)
+    unit = f" {unit}" if unit else ""
+    text, expected = f"{value:.4g}{unit}", f"{usual}{unit}"
+    return Finding(mark, key, quantity, text, expected, advice if mark != OK else "", usual.distance(value))
+
+
+@dataclass(frozen=True, repr=False)
+class Check:
+    """The result of `check`: ``model``, its name and variant, and ``findings``, all numbers that were checked."""
+
+    model: str
+    findings: tuple[Finding, ...]
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """The findings with the mark ``"error"``, the farthest from what is usual first."""
+        return self._marked(ERROR)
+
+    @property
+    def warnings(self) -> tuple[Finding, ...]:
+        """The findings with the mark ``"unusual"``, the farthest from what is usual first."""
+        return self._marked(UNUSUAL)
+
+    @property
+    def worst(self) -> Finding | None:
+        """Of the place of the largest error, the error that is first in the file; None without errors."""
+        return next((f for f in self.findings if f.mark == ERROR and f.key == self.errors[0].key), None)
+
+    def _marked(self, mark: str) -> tuple[Finding, ...]:
+        found = [finding for finding in self.findings if finding.mark == mark]
+        return tuple(sorted(found, key=lambda finding: -finding.distance))
+
+    def summary(self) -> str:
+        """One sentence: how many numbers were checked, and how many are unusual or wrong."""
+        counts = f"{len(self.errors)} errors, {len(self.warnings)} unusual"
+        return f"{self.model}: {len(self.findings)} numbers checked, {counts}"
+
+    def __repr__(self) -> str:
+        worst = [*self.errors, *self.warnings]
+        more = [f"... and {len(worst) - 10} more"] if len(worst) > 10 else []
+        return "\n".join([f"<Check {self.summary()}>", *(f"  {f.mark}: {f}" for f in worst[:10]), *more])
+
+    def to_dict(self) -> dict[str, Any]:
+        """As JSON types."""
+        rows = [asdict(finding) for finding in self.findings]
+        return {"model": self.model, "errors": len(self.errors), "unusual": len(self.warnings), "findings": rows}

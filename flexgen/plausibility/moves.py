@@ -1,0 +1,81 @@
+"""Checks of the moves of a model: can they be planned, within the ranges and speeds of joints and motors?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from flexgen.errors import FlexgenError
+from flexgen.mechanics.equations import Equations
+from flexgen.model.elements import RobotModel
+from flexgen.model.moves import Move
+from flexgen.paths.joint_limits import InverseKinematics
+from flexgen.paths.path import CHECKED, Path
+from flexgen.plausibility.finding import ERROR, OK, UNUSUAL, Finding, judged
+from flexgen.plausibility.numbers import MOVE_SPEED, MOVE_SPEED_TRANSLATION
+
+
+def moves(equations: Equations) -> Iterator[Finding]:
+    """The findings of all moves and programs."""
+    robot = equations.model
+    for move in (*robot.moves, *robot.programs):
+        key = f"{'program' if move in robot.programs else 'move'}.{move.name}"
+        try:
+            found = _joints(equations, move)
+        except FlexgenError as error:
+            advice = "start, displacement or end of the move; lengths of the arm in m"
+            yield Finding(ERROR, key, "path of the arm without deflections", str(error), "a path", advice, 99.0)
+            continue
+        if found is None:
+            yield Finding(OK, key, "range of the joints", "not checked: more joints than outputs", "-")
+            continue
+        yield _range(robot, key, found[0])
+        yield from _speeds(robot, key, found[1])
+
+
+def _joints(equations: Equations, move: Move) -> tuple[np.ndarray, np.ndarray] | None:
+    """Actuated coordinates and their speeds (n, n_g) along a move; None where the output does not determine them."""
+    path = Path(equations, move)
+    sample = path.sample(np.linspace(0.0, path.duration, CHECKED))
+    if sample.q_g is not None:
+        return sample.q_g[:, :, 0], sample.q_g[:, :, 1]
+    if equations.model.output.size != equations.model.n_g:
+        return None
+    solver = InverseKinematics(equations)
+    q_g = solver.follow(sample, path.q_start[list(equations.model.i_g)])
+    return q_g, solver.velocities(sample, q_g)[0]
+
+
+def _range(robot: RobotModel, key: str, q_g: np.ndarray) -> Finding:
+    """Whether each joint stays between its limits."""
+    beyond = []
+    for k, i in enumerate(robot.i_g):
+        joint = robot.coordinates[i]
+        assert joint.dof is not None
+        low, high = float(q_g[:, k].min()), float(q_g[:, k].max())
+        for limit, value, side in ((joint.dof.lower, low, -1.0), (joint.dof.upper, high, 1.0)):
+            if limit is not None and side * (value - limit) > 1e-9:
+                beyond.append(f"{joint.name} reaches {value:.4g} {joint.unit}, limit {limit:.4g} {joint.unit}")
+    if not beyond:
+        return Finding(OK, key, "range of the joints", "within the limits", "within the limits")
+    advice = "start and displacement of the move, lower and upper of the joint (_deg or _rad)"
+    return Finding(ERROR, key, "range of the joints", "; ".join(beyond), "within the limits", advice, 1.0)
+
+
+def _speeds(robot: RobotModel, key: str, v_g: np.ndarray) -> Iterator[Finding]:
+    """The fastest joint, and joints and motors beyond their own limits."""
+    fastest, v_m = np.abs(v_g).max(axis=0), np.abs(v_g @ robot.eta.T).max(axis=0)
+    advice = "duration of the move in s, its displacement in m, angles in _deg or _rad"
+    for unit, usual in (("rad", MOVE_SPEED), ("m", MOVE_SPEED_TRANSLATION)):
+        of_unit = [k for k, i in enumerate(robot.i_g) if robot.coordinates[i].unit == unit]
+        if of_unit:
+            speed = max(float(fastest[k]) for k in of_unit)
+            yield judged(key, "largest joint speed", speed, f"{unit}/s", usual, advice)
+    joints = [robot.coordinates[i] for i in robot.i_g]
+    rows = [(j.name, j.dof.speed_max, float(v), f"{j.unit}/s") for j, v in zip(joints, fastest, strict=True) if j.dof]
+    rows += [(m.name, m.speed_max, float(v), "rad/s") for m, v in zip(robot.motors, v_m, strict=True)]
+    over = [f"{name} {v:.4g} {unit}, limit {limit:.4g}" for name, limit, v, unit in rows if limit and v > limit]
+    if over:
+        text = "; ".join(over)
+        yield Finding(UNUSUAL, key, "speeds", text, "within the limits", f"speed_max (rad/s, not rpm); {advice}", 0.5)

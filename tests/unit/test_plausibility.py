@@ -1,0 +1,125 @@
+"""`flexgen.check`: all models pass, and wrong units and powers of ten that are planted are found by their key."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+import flexgen
+from flexgen.cli.main import main
+from flexgen.model.elements import RobotModel
+from flexgen.model.reader import model_names, read
+from flexgen.plausibility.finding import MARKS
+
+MODELS = ["planar5_nmp", "planar5_mp", "elbow", "kr300", "manutec_r3", "manutec_r3_18", "beam_arm", "urdf_arm"]
+
+
+def names(model: str) -> list[str]:
+    return [model, *(f"{model}@{variant}" for variant in read(model).variants)]
+
+
+@pytest.mark.parametrize("model", [name for model in model_names() for name in names(model)])
+def test_the_models_that_come_with_flexgen_pass(model):
+    found = flexgen.check(model)
+    assert not found.errors and len(found.findings) >= 10, found
+    assert all(finding.mark in MARKS and finding.key and finding.usual for finding in found.findings)
+    assert all(finding.advice for finding in found.warnings) and len(repr(found).splitlines()) < 25
+
+
+def planted(robot: RobotModel, kind: str) -> list[tuple[str, float]]:
+    """Keys of the model file with the numbers of a wrong unit, one for each motor, gear or body."""
+    gears = [
+        (f"element.{c.element}.dof.{c.name}.gear", c.dof.gear)
+        for c in robot.coordinates
+        if c.dof is not None and c.dof.gear is not None and c.dof.gear.spring is not None
+    ]
+    single = [motor for motor in robot.motors if len(motor.drives) == 1]
+    bodies = [(f"element.{e.name}.body", e.body) for e in robot.elements]
+    solid = [(key, body) for key, body in bodies if body.inertia[0][0] and body.inertia[1][1] and body.inertia[2][2]]
+    return {
+        "ratio times 1000": [(f"motor.{m.name}.ratio", 1000.0 * m.ratio[0]) for m in single],
+        "ratio inverted": [(f"motor.{m.name}.ratio", 1.0 / m.ratio[0]) for m in single],
+        "rotor in g cm^2": [(f"motor.{m.name}.inertia", 1e7 * m.inertia) for m in robot.motors],
+        "motor speed in rpm": [(f"motor.{m.name}.speed_max", 3000.0) for m in robot.motors],
+        "N m/deg": [(f"{key}.spring.stiffness", g.spring.stiffness * math.pi / 180.0) for key, g in gears],
+        "damping times 100": [(f"{key}.damping", 100.0 * gear.damping) for key, gear in gears],
+        "mass in g": [(f"{key}.mass", 1000.0 * body.mass) for key, body in solid],
+        "body in g cm^2": [(f"{key}.inertia", [1e7 * body.inertia[k][k] for k in range(3)]) for key, body in solid],
+    }[kind]
+
+
+ERRORS = {"ratio times 1000", "rotor in g cm^2", "mass in g", "body in g cm^2"}  # no robot has such numbers
+KINDS = sorted({*ERRORS, "ratio inverted", "motor speed in rpm", "N m/deg", "damping times 100"})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("model", MODELS)
+def test_a_number_in_a_wrong_unit_is_found_by_its_key(model, kind):
+    robot = read(model)
+    assert planted(robot, kind)
+    for key, value in planted(robot, kind):
+        found = flexgen.check(read(model, overrides={key: value}), motions=False)
+        worst = [finding.key for finding in (*found.errors, *found.warnings)]
+        assert key in worst[: 1 if kind != "ratio inverted" else 2], (key, value, found)
+        assert kind not in ERRORS or found.errors
+        assert found.to_dict()["errors"] == len(found.errors)
+
+
+@pytest.mark.parametrize(
+    ("model", "change", "key"),
+    [
+        ("planar5_nmp", {"move.line.displacement": [-200.0, 210.0, 0.0]}, "move.line"),  # mm
+        ("planar5_nmp", {"element.arm2.dof.q2.lower_deg": -80.0, "move.joints.end_rad": [0.9, -1.3]}, "move.line"),
+        ("elbow", {"move.line.duration": 1e-3}, "move.line"),  # s given in ks
+    ],
+)
+def test_a_move_beyond_the_reach_the_ranges_or_the_speeds_is_an_error(model, change, key):
+    found = flexgen.check(read(model, overrides=change))
+    assert [finding.key for finding in found.errors] == [key], found
+    assert not flexgen.check(model).errors
+
+
+@pytest.mark.parametrize("change", [{"motor.m1.ratio": 1e12}, {"element.arm3.dof.q3.spring.stiffness": 1e-12}])
+def test_extreme_numbers_are_findings_not_exceptions(change):
+    found = flexgen.check(read("planar5_nmp", overrides=change))
+    assert next(iter(change)) in [finding.key for finding in found.errors]
+
+
+@pytest.fixture
+def ask(capsys):
+    """Run a command line in this process; (status, standard output, standard error)."""
+
+    def call(*words):
+        status = main(list(words))
+        captured = capsys.readouterr()
+        return status, captured.out, captured.err
+
+    return call
+
+
+def test_the_verb_prints_a_mark_for_each_number_and_fails_with_an_error(ask):
+    status, out, err = ask("check", "planar5_nmp")
+    rows = [line for line in out.splitlines() if line.startswith(MARKS)]
+    assert status == 0 and err == "" and len(rows) == len(flexgen.check("planar5_nmp").findings)
+    status, out, _ = ask("check", "planar5_nmp@soft", "--json")
+    assert status == 0 and json.loads(out)["unusual"] == 1
+    status, out, err = ask("check", "planar5_nmp", "--set", "motor.m1.ratio=1e5")
+    assert status == 1 and "error: motor.m1.ratio" in out and "the worst: motor.m1.ratio: " in err
+
+
+def test_a_failure_with_a_wrong_ratio_names_the_ratio(ask, monkeypatch):
+    def fail(*arguments, **options):
+        raise flexgen.SolverError("simulation: failed at t = 0 s (Unexpected istate in LSODA.)")
+
+    monkeypatch.setattr("flexgen.inversion.solve.solve", fail)
+    status, _, err = ask("solve", "urdf_arm", "--set", "motor.m3.ratio=0.0025")
+    assert status == 1 and "; numbers of the model are implausible: motor.m3.ratio: ratio of a translation" in err
+    assert "0.0025 rad/m, usual 5 to 2e+04 rad/m" in err and "'flexgen check urdf_arm'" in err
+    assert "implausible" not in ask("solve", "urdf_arm")[2]
+
+
+def test_ratios_of_translations_have_their_unit(ask):
+    assert flexgen.describe("urdf_arm")["motors"][2]["ratio_unit"] == ["rad/m"]
+    assert "400 rad/m" in ask("describe", "urdf_arm")[1]
