@@ -219,6 +219,7 @@ def problem_of(solution: Solution, accuracy: float) -> tuple[str, int]:
 def inaccuracy(solution: Solution, accuracy: float) -> str:
     """Why the solution does not meet the tolerance; empty if it does."""
     from flexgen.inversion.solve import ENERGY, residual_is_small
+    from flexgen.simulation.figures import both_measured
 
     if solution.status != Status.TOLERANCE_NOT_MET:
         return ""
@@ -235,11 +236,12 @@ def inaccuracy(solution: Solution, accuracy: float) -> str:
             f"{solution.status}: the torques do not satisfy the equations of motion: relative residual "
             f"{solution.residual_relative:.1e}; try a finer --mesh or a smoother move"
         )
-    planned = solution.plan_error_max  # with active limits the plan itself deviates from the path
-    worst = max(solution.tool_error_max_m or 0.0, solution.tool_error_max_rad or 0.0) if planned is None else planned
-    aim = "path" if planned is None else "plan"
+    # with active limits the plan itself deviates from the path
+    aim, errors = "path", both_measured(solution.tool_error_max_m, solution.tool_error_max_rad)
+    if solution.plan_error_max is not None:
+        aim, errors = "plan", both_measured(solution.plan_error_max_m, solution.plan_error_max_rad)
     return (
-        f"{solution.status}: the simulated output deviates from the {aim} by {worst:.3g} m or rad, more than "
+        f"{solution.status}: the simulated output deviates from the {aim} by {errors}, more than the accuracy "
         f"{accuracy:.3g}; "
         + ("loosen the limits, give the move more time or " if solution.method == "full" else "try --method full or ")
         + "try a finer --mesh"

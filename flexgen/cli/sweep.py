@@ -111,8 +111,8 @@ def _groups(swept: SweepResult) -> list[dict[str, Any]]:
     for model, method, status in np.unique(names, axis=0):
         rows = (names == (model, method, status)).all(axis=1)
         figures = {
-            name: float(np.max(results[name][rows], where=np.isfinite(results[name][rows]), initial=-np.inf))
-            for name in ("tool_error_max", "torque_max")
+            name: max((float(x) for x in results[name][rows] if np.isfinite(x)), default=None)
+            for name in ("tool_error_max", "turn_error_max", "torque_max")
         }
         figures["cpu"] = float(np.nansum(swept.times["cpu"][rows]))
         out.append(
@@ -124,8 +124,8 @@ def _groups(swept: SweepResult) -> list[dict[str, Any]]:
 def _text(data: dict[str, Any]) -> str:
     from flexgen.cli.printing import table
 
-    head = ("model", "method", "status", "cases", "tool error m", "torque N m", "processor s")
-    keys = ("model", "method", "status", "cases", "tool_error_max", "torque_max", "cpu")
+    head = ("model", "method", "status", "cases", "tool error m", "tool error rad", "torque N m", "processor s")
+    keys = ("model", "method", "status", "cases", "tool_error_max", "turn_error_max", "torque_max", "cpu")
     rows = [[group[key] for key in keys] for group in data["groups"]]
     files = "\n".join(f"wrote {file}" for file in data["files"])
     return f"{data['cases']} cases, {data['failed']} failed\n\n{table(rows, head)}\n\n{files}"

@@ -9,6 +9,7 @@ from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
+from flexgen.simulation.figures import both_measured
 from flexgen.simulation.hold import SAMPLE_TIME, TorqueCommand, check_hold, held_torque
 from flexgen.simulation.hold_names import HoldName
 from flexgen.simulation.torque_curve import stated_degree
@@ -78,8 +79,10 @@ def with_hold(problem: InversionProblem, solution: Solution, hold: Hold) -> Solu
     found = replace(solution, torque_command=command, held_simulation=checked.simulation)
     if checked.worst <= problem.accuracy or solution.status in (Status.BASELINE, Status.TOLERANCE_NOT_MET):
         return found
+    run = checked.simulation
+    errors = both_measured(*(checked.plan_error or (run.tool_error_max_m, run.tool_error_max_rad)))
     warning = (
-        f"the {command.title()} makes the output deviate by {checked.worst:.3g} m or rad, more than "
+        f"the {command.title()} makes the output deviate by {errors}, more than the accuracy "
         f"{problem.accuracy:.3g}; use a shorter sample time or a linear hold"
     )
     return replace(found, status=Status.TOLERANCE_NOT_MET, warnings=(*found.warnings, warning))

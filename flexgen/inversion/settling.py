@@ -20,6 +20,7 @@ import numpy as np
 
 from flexgen.inversion.problem import HELD, LAGS, LONGEST_SETTLING, InversionProblem
 from flexgen.mechanics.statics import Equilibrium, equilibrium_at, gear_lag_times
+from flexgen.model.output_columns import output_units
 from flexgen.numerics.evaluate import evaluate
 from flexgen.runtime.path_inversion import Inversion
 
@@ -58,10 +59,11 @@ def settled(problem: InversionProblem, found: Inversion) -> tuple[Inversion, tup
         # ripple of a mesh that does not resolve the fastest of them
         return _faded(problem, found, end), slow_gears(problem)
     if last >= len(size):
+        units = sorted(set(output_units(problem.equations.model)))
         return found, (
             f"the motion has not decayed {found.n_post * found.period:.3g} s after the path: the deflections still "
-            f"move the output by about {size[-1]:.1e} m or rad; the simulated error covers {HELD:g} s with the last "
-            "torque held",
+            f"move the output by about {size[-1]:.1e} {' or '.join(units)}; the simulated error covers {HELD:g} s with "
+            "the last torque held",
         )
     fewest = min(found.n_post, int(np.ceil(max(SHORTEST, problem.gear_settling) / found.period)))
     return _cut(found, max(last + 1, fewest), end), slow_gears(problem)

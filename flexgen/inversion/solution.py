@@ -57,9 +57,9 @@ class Solution:
         The verification; None where it was switched off.
     warnings : tuple of str
         Exceeded limits of the model file, and instants where the path is not smooth enough.
-    plan_error_max : float or None [m or rad]
-        Where limits keep the motion off its path: how far the simulated output is from the planned one, the larger of
-        distance and angle.
+    plan_error_max_m, plan_error_max_rad : float or None [m], [rad]
+        Where limits keep the motion off its path: largest distance and angle between the simulated output and the
+        planned one; None where the output has no such part. ``plan_error_max`` is the larger number of the two.
     path_distance_max_m : float or None [m]
         Where limits keep the motion off its path: largest distance of the simulated tool from the path, whatever the
         time. ``tool_error_max_m`` is the distance from the point of the path at the same time.
@@ -90,7 +90,8 @@ class Solution:
     preactuation_s: float
     simulation: Simulation | None
     warnings: tuple[str, ...] = ()
-    plan_error_max: float | None = None
+    plan_error_max_m: float | None = None
+    plan_error_max_rad: float | None = None
     path_distance_max_m: float | None = None
     intervals: int = 0
     details: Mapping[str, Any] = field(default_factory=dict)
@@ -183,6 +184,12 @@ class Solution:
         return float(time[-1] - time[0]) / self.intervals if self.intervals else None
 
     @property
+    def plan_error_max(self) -> float | None:
+        """The larger number of ``plan_error_max_m`` and ``plan_error_max_rad``; None where there is neither."""
+        given = [x for x in (self.plan_error_max_m, self.plan_error_max_rad) if x is not None]
+        return max(given, default=None)
+
+    @property
     def tool_error_max_m(self) -> float | None:
         """Largest distance of the simulated output from the path [m]; None where it was not measured."""
         return None if self.simulation is None else self.simulation.tool_error_max_m
@@ -227,8 +234,9 @@ class Solution:
             ),
             Figure(held, held_errors[0], "m", "held_error_max_m"),
             Figure(held, held_errors[1], "rad", "held_error_max_rad"),
-            Figure(
-                "simulated error from the modified path, largest", self.plan_error_max, "m or rad", "plan_error_max"
+            *(
+                Figure("simulated error from the modified path, largest", value, unit, f"plan_error_max_{unit}")
+                for value, unit in ((self.plan_error_max_m, "m"), (self.plan_error_max_rad, "rad"))
             ),
             Figure(
                 "energy error of the simulation",

@@ -330,7 +330,8 @@ def _refined(
             solution,
             simulation=simulation,
             warnings=(*solution.warnings, *simulation.warnings),
-            plan_error_max=None if plan is None else max(plan),
+            plan_error_max_m=None if plan is None else plan[0],
+            plan_error_max_rad=None if plan is None else plan[1],
             path_distance_max_m=checked.path_distance_m,
         )
         reached.keep(solution, worst)

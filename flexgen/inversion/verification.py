@@ -27,7 +27,7 @@ class Verification:
     Attributes
     ----------
     simulation : Simulation
-    plan_error : (float, float) or None [m], [rad]
+    plan_error : (float or None, float or None) or None [m], [rad]
         Where limits are active: how far the simulated output is from the planned one.
     path_distance_m : float or None [m]
         Where limits are active: largest distance of the simulated tool from the path, whatever the time.
@@ -36,7 +36,7 @@ class Verification:
     """
 
     simulation: Simulation
-    plan_error: tuple[float, float] | None
+    plan_error: tuple[float | None, float | None] | None
     path_distance_m: float | None
     worst: float
 
@@ -58,16 +58,17 @@ def verify_by_simulation(
         plan = plan_error(problem.equations, solution, simulation)
         distance = path_distance(problem.equations, solution, simulation)
     size = min(1.0, reach(problem.equations))
-    in_m, in_rad = plan or (simulation.tool_error_max_m or 0.0, simulation.tool_error_max_rad or 0.0)
-    return Verification(simulation, plan, distance, max(in_m / size, in_rad))
+    in_m, in_rad = plan or (simulation.tool_error_max_m, simulation.tool_error_max_rad)
+    return Verification(simulation, plan, distance, max((in_m or 0.0) / size, in_rad or 0.0))
 
 
-def plan_error(equations: Equations, solution: Solution, simulation: Simulation) -> tuple[float, float]:
-    """Largest distance [m] and angle [rad] of the simulated output from the planned one, where limits are active."""
+def plan_error(equations: Equations, solution: Solution, simulation: Simulation) -> tuple[float | None, float | None]:
+    """Largest distance [m] and angle [rad] of the simulated output from the planned one; None: no such output."""
     both = (solution.trajectory, simulation.trajectory)
     planned, found = (evaluate(equations.function("output"), t["q_a"])[0].reshape(len(t.time), -1) for t in both)
     units = np.array(output_units(equations.model))
-    in_m, in_rad = (float(np.linalg.norm((found - planned)[:, units == u], axis=1).max()) for u in ("m", "rad"))
+    columns = ((found - planned)[:, units == u] for u in ("m", "rad"))
+    in_m, in_rad = (float(np.linalg.norm(x, axis=1).max()) if x.shape[1] else None for x in columns)
     if equations.model.output.type == "tool_pose":
         R, S = (evaluate(equations.function("forward_kinematics"), t["q_a"])[1] for t in both)
         in_rad = float(turn_angle(S, R).max())

@@ -26,6 +26,7 @@ from flexgen.planning.blocks import Program
 from flexgen.planning.phase import Phase
 from flexgen.planning.transcribe import Layout
 from flexgen.ports import Port
+from flexgen.simulation.figures import both_measured
 from flexgen.simulation.hold import command_in
 from flexgen.simulation.simulate import simulate
 from flexgen.simulation.torque_curve import POLYNOMIALS, SAMPLES
@@ -307,15 +308,15 @@ def _verified(
     solution = replace(solution, simulation=simulation, warnings=(*solution.warnings, *simulation.warnings))
     size = min(1.0, reach(equations))
     in_m, in_rad = plan_error(equations, solution, simulation)
-    error = max(in_m / size, in_rad)
+    error = max((in_m or 0.0) / size, in_rad or 0.0)
     if not (error <= accuracy and simulation.energy_error <= ENERGY):
         status = Status.TOLERANCE_NOT_MET
         text = (
-            f"the simulated output is up to {error:.2g} from the planned one (energy error "
+            f"the simulated output is up to {both_measured(in_m, in_rad)} from the planned one (energy error "
             f"{simulation.energy_error:.1e}); a finer mesh brings it closer"
         )
         solution = replace(solution, warnings=(*solution.warnings, text))
-    solution = replace(solution, plan_error_max=max(in_m, in_rad))
+    solution = replace(solution, plan_error_max_m=in_m, plan_error_max_rad=in_rad)
     if tracked:
         off = max((simulation.tool_error_max_m or 0.0) / size, simulation.tool_error_max_rad or 0.0)
         if status == Status.SOLVED and off > FAR * accuracy:

@@ -20,7 +20,7 @@ def measured(value: float | None, unit: str) -> str:
     """A length [m] or angle [rad] with a prefix of its unit: ``9.18e-05 um``, ``4.2 mm``; a dash for None."""
     if value is None or not np.isfinite(value):
         return "-"
-    factor, prefix = (1.0, "") if value >= 1 else (1e3, "m") if value >= 1e-3 else (1e6, "u")
+    factor, prefix = (1.0, "") if value >= 0.9995 else (1e3, "m") if value >= 0.9995e-3 else (1e6, "u")
     return f"{factor * value:.3g} {prefix}{unit}"
 
 

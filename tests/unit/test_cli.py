@@ -319,11 +319,11 @@ def test_active_limits_are_not_a_missed_tolerance():
         (label, round(value, 9) if isinstance(value, float) else value, unit) for label, value, unit in rows
     ]
     simulation = replace(simulation, tool_error_max_m=0.0125)
-    limited = replace(solution, status=Status.LIMITS_ACTIVE, simulation=simulation, plan_error_max=2e-9)
+    limited = replace(solution, status=Status.LIMITS_ACTIVE, simulation=simulation, plan_error_max_m=2e-9)
     text = " ".join(figures(figure_rows(limited)).split())
     assert "status limits active" in text
     assert "distance of the tool from the reference at the same time (limits active), largest 12.5 mm" in text
-    assert "simulated error from the modified path, largest 2e-09 m or rad" in text
+    assert "simulated error from the modified path, largest 0.002 um" in text
     strays = SimpleNamespace(
         status=Status.TOLERANCE_NOT_MET,
         stopped="",
@@ -332,10 +332,12 @@ def test_active_limits_are_not_a_missed_tolerance():
         tool_error_max_m=0.1,
         tool_error_max_rad=None,
         plan_error_max=3e-3,
+        plan_error_max_m=2e-4,
+        plan_error_max_rad=3e-3,
     )
-    assert "deviates from the plan by 0.003 m or rad, more than 1e-06" in inaccuracy(strays, 1e-6)
+    assert "deviates from the plan by 200 um and 3 mrad, more than the accuracy 1e-06" in inaccuracy(strays, 1e-6)
     strays.plan_error_max = None
-    assert "deviates from the path by 0.1 m or rad, more than 1e-06" in inaccuracy(strays, 1e-6)
+    assert "deviates from the path by 100 mm, more than the accuracy 1e-06" in inaccuracy(strays, 1e-6)
 
 
 @pytest.mark.parametrize(
