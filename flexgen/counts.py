@@ -10,7 +10,9 @@ from flexgen.errors import ArgumentError
 CASES = 10_000_000  # of a sweep
 RANDOM_MOVES = 1_000_000
 SAMPLES = 10_000_000  # of one motor in a recording or a simulation
-ROBOTS = 100_000  # that are drawn at random
+ROBOTS = 10_000  # that are drawn at random and simulated
+PERIODS = 10_000  # of an experiment; its poses and realizations
+STARTS = 10_000  # of a search from random values
 SECONDS = 86_400.0  # of a motion, a period of an excitation or a time limit
 
 

@@ -206,6 +206,7 @@ def fastest(args: Namespace, log: Progress) -> VerbResult:
         torque_rate=args.torque_rate,
         vibration=args.vibration,
         coefficients=args.coefficients,
+        time_limit=args.time,
         progress=throttled(log),
     )
     text = [str(found)]

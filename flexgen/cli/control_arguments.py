@@ -174,6 +174,13 @@ def _add_fastest_arguments(parser: Parser) -> None:
     motion.add_argument(
         "--coefficients", metavar="N", type=whole(4), default=16, help="of the time law, 4 to 60; default: 16"
     )
+    motion.add_argument(
+        "--time",
+        metavar="SECONDS",
+        type=not_negative,
+        default=600.0,
+        help="time limit of the search [s]; default: 600; 0: no limit",
+    )
     files.add_argument("--out", metavar="FILE", type=trajectory_file, help="write the trajectory to this file")
     files.add_argument("--report", metavar="DIR", type=file_path, help="write a self-contained HTML report to DIR")
 

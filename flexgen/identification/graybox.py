@@ -15,6 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from flexgen.arguments import is_number
+from flexgen.counts import STARTS, count_of, shown
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
@@ -159,8 +161,9 @@ def _check(robot: RobotModel, data: Frf, residual: str, floor: float | None, sta
         )
     if residual not in RESIDUALS:
         raise ArgumentError(f"residual: given {residual!r}, expected one of {', '.join(RESIDUALS)}")
-    if not isinstance(starts, int) or starts < 1 or not spread >= 1.0:
-        raise ArgumentError(f"starts, spread: given {starts!r}, {spread!r}, expected numbers >= 1")
+    count_of("starts", starts, STARTS)
+    if not (is_number(spread) and spread >= 1.0):
+        raise ArgumentError(f"spread: given {shown(spread)}, expected a number >= 1")
     if floor is not None and not 0 <= floor < 1:
         raise ArgumentError(f"floor: given {floor!r}, expected a part of |G| between 0 and 1")
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.counts import ROBOTS, count_of
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.result import WEAK, Identified
 from flexgen.inversion.robustness import ControlName, tool_errors
@@ -103,8 +104,7 @@ def verdict(
         The move cannot be solved with one of the models.
     """
     tell = progress if callable(progress) else _silent
-    if not isinstance(samples, int) or samples < 1:
-        raise ArgumentError(f"samples: given {samples!r}, expected a whole number >= 1")
+    count_of("samples", samples, ROBOTS)
     before, after = Equations(identified.vector.model), Equations(identified.model)
     if truth is not None:
         robots = [Equations(truth if isinstance(truth, RobotModel) else read(truth))]

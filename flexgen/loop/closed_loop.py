@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.counts import count_of
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.loop.controllers import loop_module
 from flexgen.loop.hardware import DriveHardware, SensorChannels
@@ -128,7 +129,7 @@ class ClosedLoop:
         if np.any(late < 0) or np.any(late > MOST_DELAY):
             raise ArgumentError(f"delay_samples: given {delay_samples!r}, expected 0 to {MOST_DELAY}")
         self.model, self.hardware, self.lanes = model, hardware, lanes
-        self.steps = steps or integration_steps(hardware, rate)
+        self.steps = integration_steps(hardware, rate) if steps is None else count_of("steps", steps, MOST_STEPS)
         self._check_steps(rate)
         self.sample = 0
         delay = round(hardware.delay_s / hardware.sample_s * self.steps)

@@ -20,8 +20,9 @@ from pathlib import Path as FilePath
 from time import perf_counter, process_time
 from typing import Any
 
-from flexgen.arguments import check_positive, is_whole
-from flexgen.errors import ArgumentError
+from flexgen.arguments import check_not_negative, check_positive, is_whole
+from flexgen.deadline import OutOfTime, running
+from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.solution import Solution, measured
 from flexgen.inversion.solve import solve
@@ -33,6 +34,7 @@ from flexgen.paths.path import named_move
 from flexgen.progress import Choice, reported
 
 COEFFICIENTS = 16
+TIME_LIMIT = 600.0  # s, of a search
 
 
 @dataclass(frozen=True, repr=False)
@@ -136,6 +138,7 @@ def fastest(
     torque_rate: float | None = None,
     vibration: float | None = None,
     coefficients: int = COEFFICIENTS,
+    time_limit: float | None = TIME_LIMIT,
     progress: Choice = None,
 ) -> Fastest:
     """Find the fastest time law of a move that keeps the limits of torque, speed and deflection exactly.
@@ -156,6 +159,8 @@ def fastest(
         see `flexgen.motion_control.residual_vibration`. The robots are simulated in every step.
     coefficients : int
         Inner coefficients of the time law, 4 to 60: more are faster and take longer.
+    time_limit : float or None [s]
+        Of the whole search; None or 0: unlimited.
     progress : callable or bool, optional
 
     Returns
@@ -167,9 +172,8 @@ def fastest(
     ArgumentError
         An argument is out of range, or the move has several segments.
     SolverError
-        The move has no solution, or the limits cannot be kept at any speed.
+        The move has no solution, the limits cannot be kept at any speed, or the time limit is over.
     """
-    tell = progress if callable(progress) else (lambda line: None)
     if not is_whole(coefficients, 4, 60):
         raise ArgumentError(f"coefficients: given {coefficients!r}, expected 4 to 60")
     if torque_rate is not None:
@@ -180,6 +184,28 @@ def fastest(
         raise ArgumentError(f"limits: given {limits!r}, expected an object of flexgen.Limits")
     robot = model if isinstance(model, RobotModel) else read(model)
     chosen = move if isinstance(move, Move) else named_move(robot, move)
+    check_not_negative("time_limit", time_limit or 0.0, "a time >= 0 in s; None or 0: no limit")
+    try:
+        with running(time_limit or None):
+            return _fastest(robot, chosen, limits, torque_rate, vibration, coefficients, progress)
+    except OutOfTime as error:
+        raise SolverError(
+            f"fastest: the time limit of {time_limit:g} s is over ({error}); allow more with time_limit= "
+            "(--time SECONDS), or take fewer coefficients"
+        ) from None
+
+
+def _fastest(
+    robot: RobotModel,
+    chosen: Move,
+    limits: Limits | None,
+    torque_rate: float | None,
+    vibration: float | None,
+    coefficients: int,
+    progress: Choice,
+) -> Fastest:
+    """The fastest time law; the arguments are those of `fastest`, checked."""
+    tell = progress if callable(progress) else (lambda line: None)
     tell("solving the move as it is given")
     default = solve(robot, chosen, progress=progress if callable(progress) else None)
     search = TimeSearch(robot, default, limits, torque_rate, vibration, coefficients, tell)

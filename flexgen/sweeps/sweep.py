@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.counts import CASES, count_of
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
@@ -133,8 +134,8 @@ def _check_arguments(
     if not isinstance(grid, Grid):
         raise ArgumentError(f"grid: given {grid!r}, expected a Grid")
     for name, value, least in (("workers", workers, 0), ("shard_size", shard_size, 1), ("in_flight", in_flight, 1)):
-        if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < least):
-            raise ArgumentError(f"{name}: given {value!r}, expected a whole number, at least {least}")
+        if value is not None:
+            count_of(name, value, CASES, least)
     if executor is not None and workers is not None:
         raise ArgumentError("workers: given together with an executor, expected one of the two")
     if executor is not None and not hasattr(executor, "submit") and not hasattr(executor, "get_executor"):

@@ -222,9 +222,17 @@ def test_a_wrong_sign_of_the_gear_torque_is_found(monkeypatch, tmp_path):
         check_co_simulation(written, "four_mass")
 
 
+def fnv_1a(data: bytes) -> int:
+    """The checksum of Fowler, Noll and Vo, 64 bits."""
+    out = 14695981039346656037
+    for byte in data:
+        out = (out ^ byte) * 1099511628211 % 2**64
+    return out
+
+
 @pytest.mark.parametrize("version", ["2.0", pytest.param("3.0", marks=pytest.mark.slow)])
 def test_a_saved_state_of_the_other_interface_or_with_wrong_numbers_is_refused(version):
-    """Bytes of a saved state: token, times, x, u, y, p, setting, status, tick, changed, phase, memory (one number)."""
+    """Bytes of a saved state: token (96), sum of the rest, times, x, u, y, p, ..., tick, changed, phase, memory."""
     written = fmus.exported("four_mass", version)
     kinds = ("CoSimulation", "ModelExchange")
     instances = {kind: fmus.Instance(written, kind) for kind in kinds}
@@ -256,6 +264,16 @@ def test_a_saved_state_of_the_other_interface_or_with_wrong_numbers_is_refused(v
         data = bytearray(saved[kinds[0]])
         end = len(data) + place
         data[end : end + 8] = value.to_bytes(8, sys.byteorder, signed=True)
+        data[96:104] = fnv_1a(data[104:]).to_bytes(8, sys.byteorder)
+        with pytest.raises(Exception, match=r"status|rror"):
+            restore(kinds[0], bytes(data))
+    right = saved[kinds[0]]
+    assert int.from_bytes(right[96:104], sys.byteorder) == fnv_1a(right[104:])
+    for place in np.random.default_rng(4).integers(8 * len(right.partition(b"\0")[0]), 8 * len(right), 100):
+        data = bytearray(right)
+        data[place // 8] ^= 1 << (place % 8)
+        if 8 * len(right.partition(b"\0")[0]) + 8 <= place < 96 * 8:
+            continue  # unused bytes behind the name
         with pytest.raises(Exception, match=r"status|rror"):
             restore(kinds[0], bytes(data))
     for kind in kinds:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from time import perf_counter
 
 import fmus
 import numpy as np
@@ -211,3 +212,20 @@ def controlled(written, u, kind, version):
             rows.append(fmu.get(outputs))
     fmu.close()
     return np.array(rows)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+@pytest.mark.parametrize("block", ["controller", pytest.param("feedforward", marks=pytest.mark.slow)])
+def test_a_step_of_more_samples_than_can_be_computed_is_discarded_at_once(block, version):
+    """1e9 s are 1e12 samples: days of computation."""
+    written = fmus.exported("elbow", version, block)
+    fmu = fmus.Instance(written)
+    fmu.step(0, 1e-3)
+    before = fmu.get(fmus.references(written, OUTPUT))
+    began = perf_counter()
+    with pytest.raises(Exception, match=r"status 2|iscard"):
+        fmu.fmu.doStep(1e-3, 1e9)
+    assert perf_counter() - began < 1.0
+    assert np.array_equal(fmu.get(fmus.references(written, OUTPUT)), before)
+    fmu.step(1, 1e-3)  # and it goes on
+    fmu.close()

@@ -16,14 +16,16 @@ import numpy as np
 
 from flexgen import array_files
 from flexgen.analysis import second_order
+from flexgen.arguments import seed_of
 from flexgen.build.model_library import library_with
+from flexgen.counts import count_of
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.sensor_simulation import SensorSignals
 from flexgen.identification.experiments.spectra import line_offsets, spectra_beside, spectrum
 from flexgen.identification.local_model import LocalModel
 from flexgen.identification.outputs import output_orders
-from flexgen.loop.closed_loop import ClosedLoop, Samples
+from flexgen.loop.closed_loop import MOST_STEPS, ClosedLoop, Samples
 from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
@@ -174,6 +176,9 @@ def measure(
         The loop is unstable.
     """
     tell = progress if callable(progress) else None
+    if steps is not None:
+        count_of("steps", steps, MOST_STEPS)
+    seed = seed_of(seed)
     robot = _robot(plan, truth)
     library = library_with(robot, ("forward_dynamics",), progress=tell)
     local = LocalModel(robot, ())

@@ -10,6 +10,7 @@ import numpy as np
 
 from flexgen.analysis.linear import linearize
 from flexgen.analysis.second_order import motor_inertias
+from flexgen.counts import PERIODS, SAMPLES, count_of, seconds_of
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments import operating_points
 from flexgen.identification.experiments.excitation import Plan, motor_speeds, odd_lines, speed_amplitudes
@@ -94,6 +95,7 @@ def excite(
     """
     robot, hardware = model if isinstance(model, RobotModel) else read(model), hardware or DriveHardware()
     _check_counts(periods, transients, realizations)
+    seconds_of("period_s", period_s, SAMPLES * hardware.sample_s)
     lines_ = odd_lines(*_band(robot, f_min, f_max, hardware), lines, period_s)
     plan = Plan(
         model=str(model) if not isinstance(model, RobotModel) else _name(model),
@@ -135,8 +137,7 @@ def _optimal(plan: Plan, model: RobotModel, vector: ParameterVector) -> Plan:
 def _check_counts(periods: int, transients: int, realizations: int) -> None:
     counts = {"periods": (periods, 2), "transients": (transients, 0), "realizations": (realizations, 1)}
     for name, (value, least) in counts.items():
-        if not isinstance(value, int) or value < least:
-            raise ArgumentError(f"{name}: given {value!r}, expected a whole number >= {least}")
+        count_of(name, value, PERIODS, least)
 
 
 def default_free(model: RobotModel) -> list[str]:

@@ -28,6 +28,8 @@
 
 #define ROOM(n) ((n) > 0 ? (n) : 1) /* C has no empty arrays */
 
+enum { MOST_SAMPLES = 100000 }; /* of a sampled block in one call */
+
 /* Value references are 1000 times the kind, plus the index. */
 enum { KIND_TIME = 0, KIND_STATE, KIND_RATE, KIND_INPUT, KIND_OUTPUT, KIND_PARAMETER, KIND_SETTING, KIND_STATUS };
 
@@ -262,7 +264,11 @@ static double core_next(const core *c)
 /* The samples that are due before the time: the first of them now, with the present inputs. */
 static core_status core_samples(core *c, double before)
 {
-    core_status worst = changed_parameters(c);
+    core_status worst;
+    if (SAMPLE_TIME > 0.0 && before - core_next(c) > MOST_SAMPLES * SAMPLE_TIME) {
+        return fail(c, DISCARD, "more than 100,000 samples of the block until this time: take a shorter step");
+    }
+    worst = changed_parameters(c);
     while (worst < DISCARD && core_next(c) < before) {
         const core_status status = block_tick(c);
         if (status > worst) {
@@ -310,25 +316,48 @@ static core_status core_step(core *c, double time, double length)
     return status;
 }
 
-/* A saved state as bytes: which FMU it belongs to, then its numbers. */
+/* A saved state as bytes: which FMU it belongs to, the checksum of its numbers, its numbers. */
 typedef struct {
     char token[96];
+    uint64_t sum;
     core_state s;
 } core_saved;
+
+/* FNV-1a of the numbers. Each changed byte changes it. */
+static uint64_t core_sum(const core_state *s)
+{
+    const unsigned char *bytes = (const unsigned char *)s;
+    uint64_t sum = UINT64_C(14695981039346656037);
+    for (size_t i = 0; i < sizeof *s; ++i) {
+        sum = (sum ^ bytes[i]) * UINT64_C(1099511628211);
+    }
+    return sum;
+}
+
+/* What is wrong with the bytes of a saved state; a null pointer: nothing. */
+static const char *core_damage(const core_saved *from)
+{
+    if (memcmp(from->token, TOKEN, sizeof TOKEN) != 0) {
+        return "the saved state belongs to another FMU";
+    }
+    return from->sum == core_sum(&from->s) ? NULL : "the saved state is damaged: its checksum differs";
+}
 
 static void core_save(const core *c, core_saved *to)
 {
     memset(to->token, 0, sizeof to->token);
     strncpy(to->token, TOKEN, sizeof to->token - 1);
     memcpy(&to->s, &c->s, sizeof c->s);
+    to->sum = core_sum(&to->s);
 }
 
 /* Take a saved state; one that this instance cannot have is refused, and changes nothing. */
 static core_status core_restore(core *c, const core_saved *from)
 {
     const core_state *s = &from->s;
-    if (strncmp(from->token, TOKEN, sizeof from->token) != 0) {
-        return fail(c, FAILURE, "the saved state belongs to another FMU");
+    const char *damage = core_damage(from);
+    if (damage != NULL) {
+        return fail(c, FAILURE, damage);
     }
     switch (s->phase) {
     case INSTANTIATED:

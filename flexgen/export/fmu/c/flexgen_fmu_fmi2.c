@@ -284,19 +284,30 @@ fmi2Status fmi2SerializeFMUstate(fmi2Component instance, fmi2FMUstate state, fmi
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component instance, const fmi2Byte bytes[], size_t size, fmi2FMUstate *state)
 {
     component *m = (component *)instance;
+    core_saved *taken;
+    const char *damage;
     if (m == NULL || state == NULL || bytes == NULL) {
         return fmi2Error;
     }
-    if (size != sizeof(core_saved) || strncmp(bytes, TOKEN, sizeof TOKEN) != 0) {
+    if (size != sizeof(core_saved)) {
         return refused(m, "the serialized state belongs to another FMU");
     }
-    if (*state == NULL) {
-        *state = malloc(sizeof(core_saved));
-        if (*state == NULL) {
-            return refused(m, "no memory for the saved state");
-        }
+    taken = malloc(sizeof *taken);
+    if (taken == NULL) {
+        return refused(m, "no memory for the saved state");
     }
-    memcpy(*state, bytes, sizeof(core_saved));
+    memcpy(taken, bytes, sizeof *taken);
+    damage = core_damage(taken);
+    if (damage != NULL) {
+        free(taken);
+        return refused(m, damage);
+    }
+    if (*state == NULL) {
+        *state = taken;
+    } else {
+        memcpy(*state, taken, sizeof *taken);
+        free(taken);
+    }
     return fmi2OK;
 }
 

@@ -378,19 +378,30 @@ fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState state, fmi3
 fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
 {
     component *m = (component *)instance;
+    core_saved *taken;
+    const char *damage;
     if (m == NULL || state == NULL || bytes == NULL) {
         return fmi3Error;
     }
-    if (size != sizeof(core_saved) || memcmp(bytes, TOKEN, sizeof TOKEN) != 0) {
+    if (size != sizeof(core_saved)) {
         return refused(m, "the serialized state belongs to another FMU");
     }
-    if (*state == NULL) {
-        *state = malloc(sizeof(core_saved));
-        if (*state == NULL) {
-            return refused(m, "no memory for the saved state");
-        }
+    taken = malloc(sizeof *taken);
+    if (taken == NULL) {
+        return refused(m, "no memory for the saved state");
     }
-    memcpy(*state, bytes, sizeof(core_saved));
+    memcpy(taken, bytes, sizeof *taken);
+    damage = core_damage(taken);
+    if (damage != NULL) {
+        free(taken);
+        return refused(m, damage);
+    }
+    if (*state == NULL) {
+        *state = taken;
+    } else {
+        memcpy(*state, taken, sizeof *taken);
+        free(taken);
+    }
     return fmi3OK;
 }
 
