@@ -28,15 +28,15 @@ def scores() -> str:
     out = []
     for name in ("four_mass", "two_link"):
         found = [flexgen.score(name, progress=False)]
-        for path in shipped(name):
-            found.append(flexgen.score(name, path.stem.removeprefix(f"{name}-"), progress=False))
+        for controller in shipped(name):
+            found.append(flexgen.score(name, controller, progress=False))
         seconds = min(flexgen.score(name, progress=False).wall_s for _ in range(5))
         rows = []
         for s in sorted(found, key=lambda s: s.total if s.accepted else np.inf):
-            parts = [f"{value:.4f}" for value in s.parts.values()] if s.accepted else ["refused"]
-            parts += [""] * (1 + len(s.scenario.sets) - len(parts))
-            rows.append((s.controller, f"{s.total:.4f}" if s.accepted else "-", *parts))
-        head = ("controller", "V", "nominal", *found[0].scenario.sets)
+            numbers = [s.total, s.worst, s.spread, *s.parts.values()] if s.accepted else []
+            parts = [f"{value:.4f}" for value in numbers] if s.accepted else ["refused"]
+            rows.append((s.controller, *parts, *[""] * (4 + len(s.scenario.sets) - len(parts))))
+        head = ("controller", "V", "worst draw", "spread", "nominal", *found[0].scenario.sets)
         out.append(f"### {found[0].scenario.title_line}\n\nOne score: {seconds:.2f} s.\n\n{table(head, rows)}")
     return "\n".join(out)
 

@@ -113,29 +113,36 @@ def score(args: Namespace, log: Progress) -> VerbResult:
     """Score controllers in a benchmark: one axis with four masses, or an arm with two links."""
     check_report(args.report)
     from flexgen.motion_control.benchmarks.leaderboard import shipped
-    from flexgen.motion_control.benchmarks.scenario import scenario
+    from flexgen.motion_control.benchmarks.scenario_file import scenario
     from flexgen.motion_control.benchmarks.score import score as compute
 
     chosen = scenario(args.scenario)
     given: list[str] = []
     for name in args.controller or ["reference"]:
-        own = [path.stem.removeprefix(f"{chosen.name}-") for path in shipped(chosen.name)]
-        given += ["reference", *own] if name == "all" else [name]
+        given += ["reference", *shipped(chosen.name, chosen.version)] if name == "all" else [name]
     if args.report is not None and len(given) > 1:
         raise ArgumentError(f"--report: given {len(given)} controllers, expected one")
     tell, found = throttled(log), []
     for name in given:
         log(f"score: {name}")
         found.append(compute(chosen, name, seed=args.seed, progress=tell))
+    drawn = ("worst draw", "spread") if chosen.plan is not None and chosen.plan.draws > 1 else ()
     rows = [
         [
             s.controller,
-            s.total if s.accepted else "refused",
-            *(s.parts.values() if s.accepted else [""] * (1 + len(chosen.sets))),
+            *([s.total, *([s.worst, s.spread] if drawn else []), *s.parts.values()] if s.accepted else ["refused"]),
+            *([] if s.accepted else [""] * (1 + len(chosen.sets) + len(drawn))),
         ]
         for s in sorted(found, key=lambda s: s.total if s.accepted else float("inf"))
     ]
-    text = [paragraph(chosen.title_line), "", table(rows, ("controller", "V", "nominal", *chosen.sets))]
+    text = [paragraph(chosen.title_line), "", table(rows, ("controller", "V", *drawn, "nominal", *chosen.sets))]
+    if drawn:
+        text += [
+            "",
+            paragraph(f"V: mean of {chosen.plan.draws if chosen.plan else 1} draws, spread: standard deviation."),
+        ]
+    for s in found:
+        text += ["", paragraph(f"{s.controller}: {s.rule}")] if s.rule else []
     for s in found:
         text += ["", *(f"{s.controller} is refused: {reason}" for reason in s.refused)] if s.refused else []
     if len(found) == 1 and found[0].accepted:
@@ -147,7 +154,12 @@ def score(args: Namespace, log: Progress) -> VerbResult:
         text += ["", table(lines, ("measure", "unit", "weight", "reference", "nominal", *sets))]
     if args.report is not None:
         text += ["", f"wrote {found[0].report(args.report)}"]
-    data: dict[str, Any] = {"scenario": chosen.name, "hash": chosen.digest, "scores": [s.to_dict() for s in found]}
+    data: dict[str, Any] = {
+        "scenario": chosen.name,
+        "version": chosen.version,
+        "hash": chosen.digest,
+        "scores": [s.to_dict() for s in found],
+    }
     refused = [s.controller for s in found if not s.accepted]
     problem = f"refused: {', '.join(refused)}" if refused and len(found) == len(refused) else ""
     return VerbResult(data, "\n".join(text), problem=problem)
@@ -161,7 +173,7 @@ def tune(args: Namespace, log: Progress) -> VerbResult:
     check_writable(out)
     from flexgen.motion_control.benchmarks.tune import tune as improve
 
-    log(f"tune: {args.starts * args.evaluations} evaluations, about a third of a second each")
+    log(f"tune: {args.starts * args.evaluations} evaluations, about two seconds each")
     began = time.perf_counter()
     tuned = improve(
         args.scenario,

@@ -74,7 +74,12 @@ def _add_score_arguments(parser: Parser) -> None:
         help="reference (the default), all (those that come with the benchmark), the name of one of them, "
         f"{CONTROLLER}; may be repeated",
     )
-    loop.add_argument("--seed", metavar="N", type=whole(0), help="of the noise; default: that of the benchmark")
+    loop.add_argument(
+        "--seed",
+        metavar="N",
+        type=whole(0),
+        help="of draws and noise; default: that of the benchmark, a new one for code",
+    )
     files.add_argument("--report", metavar="DIR", type=file_path, help="write a self-contained HTML page to DIR")
 
 
@@ -98,7 +103,9 @@ def _add_tune_arguments(parser: Parser) -> None:
 
 def _add_scenario(parser: Parser) -> None:
     parser.add_argument(
-        "scenario", metavar="SCENARIO", help="four_mass, two_link, or the path of a .toml file like theirs"
+        "scenario",
+        metavar="SCENARIO",
+        help="four_mass, two_link (four_mass@1: version 1), or the path of a .toml file like theirs",
     )
 
 

@@ -42,6 +42,9 @@ typedef int (*loop_sensors)(int n, const double *q_a, const double *v_a, const d
 /* u from the measured y and the reference of sample k; anything but 0 stops the robot's control. */
 typedef int (*loop_controller)(void *self, int64_t k, const double *y, const double *ref, double *u);
 
+/* The same for all robots at once: y (lanes, n_y), ref (lanes, n_ref), u (lanes, n_m); NaN stops a robot's control. */
+typedef void (*loop_controllers)(int64_t k, const double *y, const double *ref, double *u);
+
 typedef struct {
     int32_t lanes, n_a, n_m, n_g;
     int32_t n_y, n_ref;         /* measured channels: motor angles, sensors, states; references of a sample */
@@ -78,7 +81,8 @@ typedef struct {
     int64_t *saturated;                      /* samples at a torque limit, of each lane */
     double *record;       /* null, or for each sample the state and the torque that acts: 2 n_a + 3 n_m rows of lanes */
     volatile int64_t now; /* the sample, for another thread that looks whether a controller returns */
-    volatile int32_t stop; /* not zero: another thread asks to end before the next sample */
+    volatile int32_t stop;     /* not zero: another thread asks to end before the next sample */
+    loop_controllers together; /* null, or in place of the controller of each robot */
 } loop_robots;
 
 /* Parts of the scratch memory. */
@@ -240,18 +244,28 @@ static int loop_finite(const loop_robots *r, int lane)
     return 1;
 }
 
-/* Torque of one robot for a later interval: commanded and limited (u), and what will act (next, with noise). */
-static void loop_control(
-    loop_robots *r, int lane, int64_t k, const double *y, const double *ref, double *u, double *next)
+/* Torques u (lanes, n_m) that the controllers ask for; zero of a robot that has stopped. */
+static void loop_ask(loop_robots *r, int64_t k, const double *y, const double *ref, double *u)
+{
+    memset(u, 0, (size_t)r->lanes * (size_t)r->n_m * sizeof *u);
+    if (r->together) {
+        r->together(k, y, ref, u);
+        return;
+    }
+    for (size_t lane = 0; lane < (size_t)r->lanes; ++lane) {
+        void *self = r->memory + (size_t)r->memory_size * lane;
+        if (r->status[lane] == LOOP_DONE && r->controller(self, k, y + lane * (size_t)r->n_y,
+                                                ref + lane * (size_t)r->n_ref, u + lane * (size_t)r->n_m) != 0) {
+            r->status[lane] = LOOP_CONTROLLER_FAILED;
+        }
+    }
+}
+
+/* Torque of one robot for a later interval: asked for, then limited (u), and what will act (next, with noise). */
+static void loop_limit(loop_robots *r, int lane, const double *ref, double *u, double *next)
 {
     size_t lanes = (size_t)r->lanes, own = (size_t)lane;
     int limited = 0;
-    for (int j = 0; j < r->n_m; ++j) {
-        u[j] = 0.0;
-    }
-    if (r->status[lane] == LOOP_DONE && r->controller(r->memory + (size_t)r->memory_size * own, k, y, ref, u) != 0) {
-        r->status[lane] = LOOP_CONTROLLER_FAILED;
-    }
     for (int j = 0; j < r->n_m; ++j) {
         double most = r->torque_max[j], noise = 0.0, ahead = ref[r->n_y + j];
         if (r->gain[lane] != 1.0) {
@@ -294,7 +308,11 @@ static void loop_sample(
     for (int lane = 0; lane < r->lanes; ++lane) {
         size_t own = (size_t)lane;
         loop_measure(r, p, lane, k, y + own * (size_t)r->n_y);
-        loop_control(r, lane, k, y + own * (size_t)r->n_y, ref + own * (size_t)r->n_ref, u + own * n_m, next);
+    }
+    loop_ask(r, k, y, ref, u);
+    for (int lane = 0; lane < r->lanes; ++lane) {
+        size_t own = (size_t)lane;
+        loop_limit(r, lane, ref + own * (size_t)r->n_ref, u + own * n_m, next);
     }
 }
 

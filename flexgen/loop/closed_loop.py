@@ -233,7 +233,8 @@ class ClosedLoop:
             sample_s=self.hardware.sample_s, plant=entries[0],
             pushed=entries[1], sensors=entries[2] if len(self.channels.noise) else None, plant_work=at["work"],
             one=one, one_work=one_work,
-            controller=self._controller.address, memory_size=self._controller.memory.shape[1], **kept,
+            controller=self._controller.address, memory_size=self._controller.memory.shape[1],
+            together=self._controller.together or None, **kept,
         )  # fmt: skip
 
     def hold(self, tau_m: np.ndarray) -> None:
@@ -423,6 +424,7 @@ class _Robots(ctypes.Structure):
         ],
         ("now", ctypes.c_int64),
         ("stop", ctypes.c_int32),
+        ("together", ctypes.c_void_p),
     ]
 
 

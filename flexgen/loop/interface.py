@@ -84,7 +84,8 @@ class Compiled:
 
     ``address`` of the function ``step``; ``memory`` (lanes, bytes); ``fixed``: bytes at its begin that do not change;
     ``errors``: why the controller of a lane failed, by lane; ``keep``: what must live as long; ``foreign``: it is
-    compiled code of a user, which may not return.
+    compiled code of a user, which may not return. ``together``: address of a function that takes the samples of all
+    robots at once, in place of ``address``; 0: none.
     """
 
     address: int
@@ -93,6 +94,7 @@ class Compiled:
     errors: dict[int, str]
     keep: Any
     foreign: bool = False
+    together: int = 0
 
 
 class Controller(Protocol):
@@ -103,7 +105,7 @@ class Controller(Protocol):
         ...
 
 
-_STEP = ctypes.CFUNCTYPE(
+STEP = ctypes.CFUNCTYPE(
     ctypes.c_int, ctypes.c_void_p, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p
 )
 
@@ -138,15 +140,20 @@ class PythonController:
                 )
         self.controller = controller
 
-    def compiled(self, setup: Setup) -> Compiled:
-        """The object's methods as a function that C calls."""
-        lanes, n_m, n_y = len(setup.q_m), setup.n_m, setup.n_y
+    def copies(self, count: int) -> list[Any]:
+        """An object for each robot, ready to begin; ArgumentError where it cannot be copied or does not begin."""
         try:
-            own = [copy.deepcopy(self.controller) for _ in range(lanes)]
+            own = [copy.deepcopy(self.controller) for _ in range(count)]
             for controller in own:
                 controller.reset()
         except Exception as error:
             raise ArgumentError(f"controller: reset() failed: {type(error).__name__}: {error}") from error
+        return own
+
+    def compiled(self, setup: Setup) -> Compiled:
+        """The object's methods as a function that C calls."""
+        lanes, n_m, n_y = len(setup.q_m), setup.n_m, setup.n_y
+        own = self.copies(lanes)
         errors: dict[int, str] = {}
         y, ref = np.zeros(n_y), np.zeros(setup.n_ref)
         measurement, reference = Measurement(*np.split(y, [n_m])), reference_of(ref, setup)
@@ -155,34 +162,40 @@ class PythonController:
             lane = ctypes.c_int64.from_address(memory).value
             ctypes.memmove(y.ctypes.data, at_y, y.nbytes)
             ctypes.memmove(ref.ctypes.data, at_ref, ref.nbytes)
-            begin = time.perf_counter()
             try:
-                u = np.asarray(own[lane].step(k, measurement, reference), dtype=float)
+                u = checked_step(own[lane], k, measurement, reference, n_m)
             except KeyboardInterrupt:  # C cannot pass it on
                 errors[lane] = INTERRUPTED
                 return 1
-            except Exception as error:
-                errors[lane] = f"step {k} raised {type(error).__name__}: {error}"
+            if isinstance(u, str):
+                errors[lane] = f"step {k} {u}"
                 return 1
-            seconds = time.perf_counter() - begin
-            if u.shape != (n_m,):
-                errors[lane] = f"step {k} returned shape {u.shape}, expected ({n_m},)"
-            elif not np.isfinite(u).all():
-                errors[lane] = f"step {k} returned {u}, expected finite torques"
-            elif seconds > SLOWEST:
-                errors[lane] = f"step {k} took {seconds:.2f} s, expected less than {SLOWEST} s"
-            if lane in errors:
-                return 1
-            u = np.ascontiguousarray(u)
             ctypes.memmove(at_u, u.ctypes.data, u.nbytes)
             return 0
 
-        entry = _STEP(step)
+        entry = STEP(step)
         address = ctypes.cast(entry, ctypes.c_void_p).value
         assert address is not None
         return Compiled(
             address, np.arange(lanes, dtype=np.int64)[:, None].copy().view(np.uint8), 8, errors, (entry, own)
         )
+
+
+def checked_step(own: Any, k: int, y: Measurement, ref: Reference, n_m: int) -> np.ndarray | str:
+    """The torques (n_m,) of a controller that is an object of Python, or what is wrong with its step."""
+    begin = time.perf_counter()
+    try:
+        u = np.asarray(own.step(k, y, ref), dtype=float)
+    except Exception as error:
+        return f"raised {type(error).__name__}: {error}"
+    seconds = time.perf_counter() - begin
+    if u.shape != (n_m,):
+        return f"returned shape {u.shape}, expected ({n_m},)"
+    if not np.isfinite(u).all():
+        return f"returned {u}, expected finite torques"
+    if seconds > SLOWEST:
+        return f"took {seconds:.2f} s, expected less than {SLOWEST} s"
+    return np.ascontiguousarray(u)
 
 
 class _CSetup(ctypes.Structure):

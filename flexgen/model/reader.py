@@ -114,8 +114,13 @@ def _folders() -> list[Path]:
     if named and not Path(named).is_dir():
         raise ArgumentError(f"FLEXGEN_MODELS: given {named!r}, which is not a folder, expected a folder of model files")
     found = [Path(named)] if named else []
-    found += [Path("models"), (Path(__file__).parents[1] / "models").resolve()]
+    found += [Path("models"), packaged_models()]
     return [folder for folder in found if folder.is_dir()]
+
+
+def packaged_models() -> Path:
+    """The folder of the models that come with flexgen."""
+    return (Path(__file__).parents[1] / "models").resolve()
 
 
 def _find(model: str | Path, variant: str | None) -> tuple[Path, str, str]:

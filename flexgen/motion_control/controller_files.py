@@ -12,8 +12,6 @@ and the laws of `flexgen.motion_control.laws.catalogue`.
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -21,18 +19,16 @@ from typing import Any
 import numpy as np
 
 from flexgen.arguments import is_number
-from flexgen.errors import ArgumentError, BuildError
+from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, Filter, Linear, LowPass, Notch
 from flexgen.loop.interface import PlugIn, PythonController
+from flexgen.loop.python_files import LIBRARIES, is_python, object_of_file
 from flexgen.model.toml_lines import TextError, plain_table
 from flexgen.motion_control.gains import PPI
 from flexgen.motion_control.laws.catalogue import LAWS, law_of_table
 from flexgen.motion_control.laws.loop_shaping import LoopShaping
-from flexgen.runtime.files import trusted_bytes, trusted_file
 
-LIBRARIES = (".so", ".dylib", ".dll")
 TABLES = ("ppi", "cascade", "loop_shaping", "linear")
-_ADVICE = "use a copy of your own"
 LARGEST_FILE = 2**24  # bytes
 _FREQUENCIES = ("position_hz", "speed_hz", "integral_hz")
 _SHAPING = ("crossover_hz", "integral_hz", "low_pass_hz", "factor")
@@ -60,8 +56,8 @@ def file_controller(text: str) -> Any:
         return table_controller(table, path)
     if text.endswith(LIBRARIES):
         return PlugIn(text)
-    if text.endswith(".py") or ".py:" in text:
-        return PythonController(_from_python(text))
+    if is_python(text):
+        return PythonController(object_of_file(text))
     return None
 
 
@@ -149,38 +145,6 @@ def _numbers(table: Mapping[str, Any], key: str, path: Path) -> np.ndarray:
     if not isinstance(values, list):
         raise ArgumentError(f"{path}, {key}: given {values!r}, expected numbers in brackets, one for each motor")
     return np.array([_number(x, path, key) for x in values])
-
-
-def _from_python(text: str) -> Any:
-    """An object of a class in a Python file: ``file.py:Class``; without a class the only one with ``step``."""
-    file, _, name = text.partition(".py")
-    path, name = Path(f"{file}.py"), name.removeprefix(":")
-    if not path.is_file():
-        raise ArgumentError(f"controller: given {text!r}, expected a file {path} that is there")
-    spec = importlib.util.spec_from_file_location(f"flexgen_controller_{path.stem}", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # (dataclasses look their module up)
-    try:
-        exec(compile(trusted_bytes(trusted_file(path), _ADVICE), str(path), "exec"), vars(module))
-    except BuildError as error:
-        raise ArgumentError(f"controller: {error}") from error
-    except Exception as error:
-        raise ArgumentError(f"{path}: {type(error).__name__} while it was loaded: {error}") from error
-    own = {
-        key: value
-        for key, value in vars(module).items()
-        if isinstance(value, type) and value.__module__ == spec.name and hasattr(value, "step")
-    }
-    if name and name not in own:
-        raise ArgumentError(f"{path}: given no class {name!r} with step(), expected one of {', '.join(own) or 'none'}")
-    if not name and len(own) != 1:
-        raise ArgumentError(f"{path}: given {len(own)} classes with step(), expected one, or its name: {path}:Class")
-    made = own[name] if name else next(iter(own.values()))
-    try:
-        return made()
-    except Exception as error:
-        raise ArgumentError(f"{path}, {made.__name__}(): {type(error).__name__}: {error}") from error
 
 
 def system_controller(system: Any, sample_time: float) -> Linear:

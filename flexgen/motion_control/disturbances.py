@@ -87,7 +87,8 @@ class Disturbance:
             growth = math.log(high / low) / length
             shape = np.sin(2 * np.pi * low / growth * np.expm1(growth * np.clip(since, 0.0, length)))
         else:
-            shape = self._noise(since, seed)
+            shape = np.zeros_like(t)
+            shape[on] = self._noise(since[on], seed)
         return np.where(on, self.size * shape, 0.0)
 
     def _noise(self, since: np.ndarray, seed: int) -> np.ndarray:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from flexgen.motion_control.benchmarks.draws import draws_of
 from flexgen.motion_control.benchmarks.score import Score
 from flexgen.motion_control.learn import Learned
 from flexgen.motion_control.result import ControlRun
@@ -90,27 +91,36 @@ def plot_score(score: Score) -> Figure:
     time = s.sample_s * np.arange(len(z))
     for k, output in enumerate(s.outputs):
         run.plot(time, z[:, k], color=COLORS[k], lw=0.8, label=output.name)
-    for k, d in enumerate(s.disturbances):
+    for k, d in enumerate(draws_of(s, score.seed)[0].disturbances):
         end = min(d.end_s, s.duration_s) if np.isfinite(d.end_s) else d.start_s + 0.05
         run.axvspan(d.start_s, max(end, d.start_s + 0.05), color=COLORS[(k + 2) % len(COLORS)], alpha=0.15, lw=0)
     run.set_xlabel("time, s (colored: disturbances)")
     run.set_ylabel(", ".join(dict.fromkeys(f"{o.name}, {o.unit}" for o in s.outputs)))
-    run.set_title("nominal robot")
+    run.set_title("nominal robot" if s.plan is None else "nominal robot, first draw")
     if len(s.outputs) > 1:
         run.legend()
     _bars(bars, score)
     names = [name.replace(", ", " ") for name in s.plants.names]
     at = np.arange(len(names))
     robots.bar(at, score.each if score.accepted else np.zeros(len(names)), color=cv.BLUE)
+    if len(score.totals) > 1:
+        own = score.per_draw
+        robots.errorbar(at, own.mean(axis=0), yerr=own.std(axis=0, ddof=1), fmt="none", ecolor=cv.INK, lw=0.8)
     robots.axhline(1.0, color=cv.INK, lw=0.7)
     robots.set_xticks(at, names, rotation=60, ha="right", fontsize=7)
-    robots.set_title("score of each robot" if score.accepted else "refused: no score")
+    robots.set_title(
+        "score of each robot, bars: spread over the draws"
+        if len(score.totals) > 1
+        else "score of each robot"
+        if score.accepted
+        else "refused: no score"
+    )
     return figure
 
 
 def _bars(ax: Any, score: Score) -> None:
     """Measures of the nominal robot, and the largest of all robots, over those of the reference."""
-    ratios = score.values / score.reference
+    ratios = (score.values / score.reference[:, None]).mean(axis=0)
     at = np.arange(len(score.measures))
     ax.barh(at, ratios.max(axis=0), color=cv.SKY, alpha=0.6, label="worst robot")
     ax.barh(at, ratios[0], color=cv.BLUE, height=0.5, label="nominal")

@@ -120,6 +120,7 @@ def write_score(score: Score, directory: str | Path) -> Path:
     told = (
         f"<p><b>V = {score.total:.4f}</b> ("
         + ", ".join(f"{html.escape(name)} {value:.4f}" for name, value in score.parts.items())
+        + (f"; {score.spread_words}" if score.spread_words else "")
         + "); the reference controller has about 1, smaller is better.</p>\n"
         if score.accepted
         else '<p><span class="status bad">refused, no score</span></p>\n<ul>'
@@ -130,7 +131,9 @@ def write_score(score: Score, directory: str | Path) -> Path:
         head(title),
         f'<h1>{html.escape(title)}</h1>\n<p class="sub">{html.escape(s.title_line)}</p>\n',
         f"<p>Published: {html.escape(s.published)}</p>\n<p>Of this project: {html.escape(s.ours)}</p>\n",
+        f"<p>Rule: {html.escape(s.rule)}</p>\n" if s.rule else "",
         told,
+        f"<p><b>{html.escape(score.rule)}</b></p>\n" if score.rule else "",
     ]
     if score.accepted:
         sets = list(s.sets)

@@ -73,5 +73,5 @@ def test_numbers_of_numpy_are_numbers():
         disturbances=(x for x in push.values()), progress=False,
     )  # fmt: skip
     assert np.array_equal(run.runs[0].q_a, same.runs[0].q_a)
-    flexgen.score("four_mass", seed=np.int64(2))
+    flexgen.score("four_mass@1", seed=np.int64(2))
     flexgen.ExtendedKalmanFilter("planar5_nmp", np.array(["motors"]), noise=np.float32(1e-4))

@@ -1,4 +1,13 @@
-"""Measures of a run: peak to peak, RMS and settling of an output in a window, peak, largest and RMS torque."""
+"""Measures of a run: peak to peak, RMS and settling of an output in a window, peak, largest and RMS torque.
+
+Settling of version 1 is the last instant outside a band about the value that the output settles to; it jumps by half
+a period where a peak just touches the band. Version 2 is the mean of this time over all bands from 0.5 to 1.5 times the
+tolerance: with the envelope E(t) = max |z - rest| from t on,
+
+    T = int clip(E(t)/tolerance - 0.5, 0, 1) dt
+
+which changes by no more than the window's length times the largest change of z over the tolerance.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexgen.motion_control.benchmarks.scenario import Scenario
+from flexgen.motion_control.benchmarks.scenario import Scenario, Window
 
-LAST_S = 0.1  # the mean of this end of a window is what an output settles to
+LAST_S, REST_S = 0.1, 1.0  # the mean of this end of a window is what an output settles to; rest in the end of a run
 
 
 @dataclass(frozen=True)
@@ -25,7 +34,7 @@ def measures_of(scenario: Scenario) -> tuple[Measure, ...]:
     """The measures of a scenario; the weights sum to one."""
     out = []
     several = len(scenario.outputs) > 1
-    for window in scenario.windows:
+    for window in scenario.measured:
         for kind, weight in window.weights.items():
             label = f"{window.name}, {_WORDS[kind]}"
             if kind.startswith("torque"):
@@ -48,13 +57,14 @@ _WORDS = {
 }
 
 
-def measured(scenario: Scenario, z: np.ndarray, u: np.ndarray) -> np.ndarray:
+def measured(scenario: Scenario, windows: Sequence[Window], z: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Values of the measures (k,) from outputs z (n, outputs) and commanded torques u (n, n_m) less those at rest.
 
-    Torques of several motors count in their largest one, and in the root of the sum of squares.
+    ``windows``: those of the draw. Torques of several motors count in their largest one, and in the root of the sum
+    of squares.
     """
     values: list[float] = []
-    for window in scenario.windows:
+    for window in windows:
         inside = _samples(scenario, window.begin, window.end)
         own, torque = z[inside], u[inside]
         for kind in window.weights:
@@ -81,12 +91,21 @@ def _of_output(kind: str, z: np.ndarray, scenario: Scenario) -> float:
     if kind == "rms":
         return float(np.sqrt(np.mean((z - z.mean()) ** 2)))
     rest = z[-round(LAST_S / scenario.sample_s) :].mean()
+    if scenario.measures_version > 1:
+        envelope = np.maximum.accumulate(np.abs(z - rest)[::-1])
+        return scenario.sample_s * float(np.clip(envelope / scenario.tolerance - 0.5, 0.0, 1.0).sum())
     outside = np.flatnonzero(np.abs(z - rest) > scenario.tolerance)
     return scenario.sample_s * float(outside[-1]) if len(outside) else 0.0
 
 
-def at_rest(scenario: Scenario, z: np.ndarray) -> np.ndarray:
-    """Largest peak to peak of the outputs in the last window of torque noise, or the last twentieth of the run (1,)."""
-    windows: Sequence[tuple[float, float]] = [(w.begin, w.end) for w in scenario.windows if "torque_peak" in w.weights]
-    begin, end = windows[-1] if windows else (0.95 * scenario.duration_s, scenario.duration_s)
-    return np.atleast_1d(np.ptp(z[_samples(scenario, begin, end)], axis=0).max())
+def at_rest(scenario: Scenario, windows: Sequence[Window], z: np.ndarray) -> float:
+    """Largest peak to peak of the outputs where they should rest.
+
+    With draws the last second of the run; else the last window of torque noise, or the last twentieth of the run.
+    """
+    if scenario.plan is not None:
+        begin, end = scenario.duration_s - REST_S, scenario.duration_s
+    else:
+        spans = [(w.begin, w.end) for w in windows if "torque_peak" in w.weights]
+        begin, end = spans[-1] if spans else (0.95 * scenario.duration_s, scenario.duration_s)
+    return float(np.ptp(z[_samples(scenario, begin, end)], axis=0).max())

@@ -24,10 +24,12 @@ from flexgen.atomic_files import write_text
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.loop.controllers import Cascade, Linear, LowPass, Notch
+from flexgen.motion_control.benchmarks.bench import Bench
 from flexgen.motion_control.benchmarks.leaderboard import scenario_controller
 from flexgen.motion_control.benchmarks.measures import measures_of
-from flexgen.motion_control.benchmarks.scenario import Scenario, scenario
-from flexgen.motion_control.benchmarks.score import Bench, Score, reference_measures, score
+from flexgen.motion_control.benchmarks.scenario import Scenario
+from flexgen.motion_control.benchmarks.scenario_file import scenario
+from flexgen.motion_control.benchmarks.score import Score, draw_totals, reference_measures, robot_scores, score
 from flexgen.progress import Choice, reported
 from flexgen.sweeps.executors import with_executor
 
@@ -65,6 +67,7 @@ def tune(
     name: str | Path | Scenario,
     controller: Any = "reference",
     *,
+    version: int | None = None,
     evaluations: int = 200,
     starts: int = 1,
     workers: int = 1,
@@ -79,6 +82,8 @@ def tune(
     name : str, Path or Scenario
     controller : str or object
         The start: a P-PI cascade with filters, see `flexgen.score`.
+    version : int, optional
+        Of the benchmark; default: the newest.
     evaluations : int
         Of the score, from each start.
     starts : int
@@ -103,7 +108,7 @@ def tune(
             raise ArgumentError(f"{key}: given {value!r}, expected 1 to {most}")
     if executor is not None and not hasattr(executor, "submit") and not hasattr(executor, "get_executor"):
         raise ArgumentError(f"executor: given {executor!r}, expected an object with submit(function, argument)")
-    chosen = name if isinstance(name, Scenario) else scenario(name)
+    chosen = name if isinstance(name, Scenario) else scenario(name, version)
     bench = Bench(chosen)
     made, _ = scenario_controller(controller, chosen, bench.motion)
     if not isinstance(made, Cascade):
@@ -168,8 +173,7 @@ def _search(
     chosen: Scenario, made: Cascade, begin: np.ndarray, evaluations: int, tell: Callable[[str], None] | None
 ) -> Found:
     """The best of a simplex from a start."""
-    bench, units = Bench(chosen), reference_measures(chosen)
-    weights = np.array([measure.weight for measure in measures_of(chosen)])
+    bench, units, measures = Bench(chosen), reference_measures(chosen, chosen.seed), measures_of(chosen)
     history: list[float] = []
     best, least = begin, math.inf
 
@@ -177,14 +181,13 @@ def _search(
         nonlocal best, least
         check_time("tune")
         try:
-            values, refused, _ = bench.run(with_numbers(made, x), None)
+            trial = bench.run(with_numbers(made, x))
         except FlexgenError:  # a filter beyond half the sample rate
             result = 10 * REFUSED
         else:
-            each = np.nan_to_num(values / units @ weights, nan=REFUSED, posinf=REFUSED)
-            worst = [max(each[k] for k in lanes) for lanes in chosen.sets.values()]
-            result = float(chosen.nominal_weight * each[0] + np.dot(chosen.set_weights, worst))
-            result += (REFUSED + len(refused)) if refused else 0.0
+            each = robot_scores(measures, trial.values, units)
+            result = float(draw_totals(chosen, np.nan_to_num(each, nan=REFUSED, posinf=REFUSED)).mean())
+            result += (REFUSED + len(trial.refused) / len(bench.draws)) if trial.refused else 0.0
         if result < least:
             best, least = x.copy(), result
         history.append(least)
