@@ -16,7 +16,7 @@ def path(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.paths.path import plan
 
     robot = read_model(args)
-    planned = plan(robot, chosen_move(args.moves, args.move, robot))
+    planned = plan(robot, chosen_move(args.moves, args.move, robot), ignore_limits=args.ignore_limits)
     segments = [
         {
             "space": segment.space,

@@ -123,6 +123,7 @@ def _add_path_arguments(parser: Parser) -> None:
         type=file_path,
         help="write the path as a C header for MODEL_path_sample to this file",
     )
+    motion.add_argument("--ignore-limits", action="store_true", help="also plan a path beyond the range of a joint")
 
 
 def add_run_arguments(parser: Parser) -> None:

@@ -26,11 +26,12 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.solution import Solution, measured
 from flexgen.inversion.solve import solve
+from flexgen.mechanics.equations import derive
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.reader import read
 from flexgen.motion_control.rigid_time import rigid_time
 from flexgen.motion_control.time_search import TimeSearch
-from flexgen.paths.path import named_move
+from flexgen.paths.path import Path, check_range, named_move
 from flexgen.progress import Choice, reported
 
 COEFFICIENTS = 16
@@ -208,6 +209,7 @@ def _fastest(
     tell = progress if callable(progress) else (lambda line: None)
     tell("solving the move as it is given")
     default = solve(robot, chosen, progress=progress if callable(progress) else None)
+    check_range(Path(derive(robot), default.move))
     search = TimeSearch(robot, default, limits, torque_rate, vibration, coefficients, tell)
     began, cpu = perf_counter(), process_time()
     x, history = search.run()

@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.outputs import output_map
+from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.reference import PathSample
 
@@ -128,6 +129,25 @@ class InverseKinematics:
             if motor.speed_max:
                 factor = max(factor, float(speed) / motor.speed_max)
         return factor
+
+
+def beyond_range(robot: RobotModel, q_g: np.ndarray, slack: float = 1e-9) -> tuple[str, ...]:
+    """Sentences about the actuated coordinates (n, n_g) [rad or m] that leave their ranges of the model file."""
+    out = []
+    for k, i in enumerate(robot.i_g):
+        coordinate = robot.coordinates[i]
+        dof = coordinate.dof
+        if dof is None:
+            continue
+        low, high = (-np.inf if dof.lower is None else dof.lower), (np.inf if dof.upper is None else dof.upper)
+        beyond = np.maximum(low - q_g[:, k], q_g[:, k] - high)
+        worst = int(np.argmax(beyond))
+        if beyond[worst] > slack:
+            out.append(
+                f"coordinate {dof.name} goes to {q_g[worst, k]:.4g} {coordinate.unit}, its range is {low:.4g} to "
+                f"{high:.4g} {coordinate.unit}"
+            )
+    return tuple(out)
 
 
 def _instant(k: int, n: int) -> str:

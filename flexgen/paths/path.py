@@ -8,12 +8,12 @@ from pathlib import Path as FilePath
 
 import numpy as np
 
-from flexgen.errors import ArgumentError
+from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
 from flexgen.model.moves import Move
 from flexgen.paths.jets import ORDER, chain_rule
-from flexgen.paths.joint_limits import InverseKinematics
+from flexgen.paths.joint_limits import InverseKinematics, beyond_range
 from flexgen.paths.move_planner import plan_move
 from flexgen.paths.path_table import path_table
 from flexgen.paths.reference import PathSample, Reference
@@ -100,14 +100,18 @@ class Path:
         return PathSample(y, joined("R"), joined("w"), joined("q_g") if joints else None)
 
 
-def plan(model: str | FilePath | RobotModel | Equations, move: str | Move | None = None) -> Path:
-    """Plan a move: a path in time, checked by the inverse kinematics of the undeflected arm.
+def plan(
+    model: str | FilePath | RobotModel | Equations, move: str | Move | None = None, *, ignore_limits: bool = False
+) -> Path:
+    """Plan a move: a path in time, checked by the inverse kinematics of the undeflected arm and the joints' ranges.
 
     Parameters
     ----------
     model : name, path, RobotModel or Equations
     move : str or Move, optional
         A move or program of the model file; default: its first.
+    ignore_limits : bool
+        Also plan a path that leaves the range of a joint.
 
     Returns
     -------
@@ -119,15 +123,30 @@ def plan(model: str | FilePath | RobotModel | Equations, move: str | Move | None
     ArgumentError, ModelError
         The move is unknown or does not fit the model.
     SolverError
-        The path leaves the workspace or passes a singular pose; the message names the instant.
+        The path leaves the range of a joint or the workspace, or passes a singular pose; the message names the instant.
     """
     equations = model if isinstance(model, Equations) else derive(model)
     path = Path(equations, named_move(equations.model, move))
-    sample = path.sample(np.linspace(0.0, path.duration, CHECKED))
-    robot = equations.model
-    if sample.q_g is None and robot.output.size == robot.n_g:
-        InverseKinematics(equations).follow(sample, path.q_start[list(robot.i_g)])
+    check_range(path, ignore_limits)
     return path
+
+
+def check_range(path: Path, ignore_limits: bool = False) -> None:
+    """SolverError where the path leaves the workspace, passes a singular pose or leaves the range of a joint.
+
+    Of an output that does not determine the joints, nothing is checked.
+    """
+    robot = path.equations.model
+    sample = path.sample(np.linspace(0.0, path.duration, CHECKED))
+    q_g = None if sample.q_g is None else sample.q_g[:, :, 0]
+    if q_g is None and robot.output.size == robot.n_g:
+        q_g = InverseKinematics(path.equations).follow(sample, path.q_start[list(robot.i_g)])
+    beyond = () if q_g is None or ignore_limits else beyond_range(robot, q_g)
+    if beyond:
+        raise SolverError(
+            f"move {path.move.name}: {'; '.join(beyond)}; choose another target or path: more time does not help; "
+            "ignore_limits (--ignore-limits) plans it nevertheless"
+        )
 
 
 def named_move(robot: RobotModel, move: str | Move | None) -> Move:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import flexgen
+from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, SolverError
 
 NOUNS = "Path Move MoveJ MoveL MoveC Program Limits Solution Status Trajectory Grid".split()
@@ -70,3 +71,65 @@ def test_a_plan_refuses_what_does_not_exist_or_cannot_be_reached():
     far = replace(model.move(), displacement=tuple(100.0 * x for x in model.move().displacement))
     with pytest.raises(SolverError, match=r"workspace|singular pose"):
         flexgen.plan(model, far)
+
+
+GANTRY = """
+name = "gantry"
+gravity = [0, 0, -9.81]
+home_rad = [0.0]
+[[element]]
+name = "carriage"
+dof = [{ name = "x", type = "translation", axis = [1, 0, 0], lower = -1.0, upper = 1.0, gear = { type = "rigid" } }]
+body = { mass = 4.0 }
+[[motor]]
+name = "m1"
+drives = "x"
+ratio = 50.0
+inertia = 1e-4
+torque_max = 100.0
+[output]
+type = "tool_position"
+axes = "x"
+[[move]]
+name = "far"
+type = "tool_line"
+start_rad = [0.0]
+displacement = [61.0, 0, 0]
+duration = 2.0
+smoothness = 5
+[[move]]
+name = "back"
+type = "tool_line"
+start_rad = [0.0]
+displacement = [-1.5, 0, 0]
+duration = 2.0
+smoothness = 5
+[[move]]
+name = "near"
+type = "tool_line"
+start_rad = [0.0]
+displacement = [0.9, 0, 0]
+duration = 2.0
+smoothness = 5
+"""
+
+
+def test_move_beyond_the_range_of_a_joint_is_refused_and_more_time_is_not_advised(tmp_path, capsys):
+    file = tmp_path / "gantry.toml"
+    file.write_text(GANTRY)
+    for move, far in (("far", "61 m"), ("back", "-1.5 m")):
+        with pytest.raises(SolverError, match=rf"coordinate x goes to {far}, its range is -1 to 1 m; choose another"):
+            flexgen.plan(str(file), move)
+        assert flexgen.plan(str(file), move, ignore_limits=True).duration == 2.0
+        assert main(["path", str(file), "--move", move]) != 0
+        assert "choose another target or path" in capsys.readouterr().err
+    assert main(["solve", str(file), "--move", "far"]) == 3
+    told = capsys.readouterr().err
+    assert "choose another target or path" in told and "give" not in told
+    with pytest.raises(SolverError, match="its range is -1 to 1 m"):
+        flexgen.fastest(str(file), "far")
+    assert flexgen.plan(str(file), "near").duration == 2.0
+    weak = ["--set", "motor.m1.torque_max=1e-3"]
+    assert main(["solve", str(file), "--move", "near", *weak]) == 3
+    told = capsys.readouterr().err
+    assert "give the move more time" in told and "another target" not in told
