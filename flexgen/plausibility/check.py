@@ -50,7 +50,7 @@ def check(model: str | Path | RobotModel | Equations, *, motions: bool = True) -
         q_a, none_m, none_g = np.zeros(robot.n_a), np.zeros(robot.n_m), np.zeros(robot.n_g)
         q_a[list(robot.i_g)] = home
         rest = Equilibrium(q_a, none_m, none_m, none_g)
-    M = evaluate(equations.function("mass_matrix"), rest.q_a)[0][0]
+    M = evaluate(equations.function("mass_matrix"), rest.q_a)[0].reshape(robot.n_a, robot.n_a)
     findings += [*drives(robot, M, rest), *springs(robot, M, rest)]
     if not any(finding.key == "home" for finding in findings):
         findings.append(overdamped(poles(linearize(equations, rest)), SLOW))
