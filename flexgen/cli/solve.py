@@ -79,7 +79,7 @@ def _below(directory: Path | None, name: str) -> Path | None:
 
 def _announce(args: Namespace, robot: RobotModel, log: Progress) -> None:
     """Report before a computation that takes minutes that it does."""
-    from flexgen.inversion.solve import FULL_LARGEST
+    from flexgen.inversion.choice import FULL_LARGEST
 
     if args.method == "full" and robot.n_a > FULL_LARGEST:
         log(f"method full with {robot.n_a} coordinates takes many minutes; --method lq takes seconds")
@@ -123,6 +123,7 @@ def _solve_one(
         equations = derive(solution.model)
     data = solution.to_dict()
     lines = [f"{title(equations.model)}, move {solution.move.name}\n\n{figures(figure_rows(solution))}\n"]
+    lines += [f"tried before: {text}" for text in solution.details.get("attempts", ())]
     if out is not None:
         with writing(out):
             data["trajectory"] = str(solution.trajectory.save(out))
@@ -254,8 +255,9 @@ def inaccuracy(solution: Solution, accuracy: float) -> str:
     return (
         f"{solution.status}: the simulated output deviates from the {aim} by {errors}, more than the accuracy "
         f"{accuracy:.3g}; "
-        + ("loosen the limits, give the move more time or " if solution.method == "full" else "try --method full or ")
-        + "try a finer --mesh"
+        + ("give the move more time or " if aim == "path" else "loosen the limits, give the move more time or ")
+        + ("" if solution.method == "lq" else "take --method auto or lq, or ")
+        + "a finer --mesh"
     )
 
 

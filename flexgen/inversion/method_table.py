@@ -24,9 +24,6 @@ class Method:
         More accurate on a finer mesh.
     any_coupling : bool
         Solves models whose rotors turn with their carriers.
-    ends_at_rest : bool
-        The robot rests at the end so closely that the verification can go on with the last torque held; others end at
-        rest to the tolerance of their solver only.
     """
 
     name: str
@@ -36,7 +33,6 @@ class Method:
     keeps_limits: bool = False
     refines: bool = True
     any_coupling: bool = False
-    ends_at_rest: bool = False
 
 
 METHODS = {
@@ -47,22 +43,19 @@ METHODS = {
             "algebraic, for models without non-actuated coordinates",
             "closed_form",
             refines=False,
-            ends_at_rest=True,
         ),
         Method(
             "lq",
             "stable inversion by linear-quadratic steps, in C; keeps limits",
             "lq",
             keeps_limits=True,
-            ends_at_rest=True,
         ),
-        Method("bvp", "stable inversion as a two-point boundary value problem, in C", "bvp", ends_at_rest=True),
+        Method("bvp", "stable inversion as a two-point boundary value problem, in C", "bvp"),
         Method(
             "collocation",
             "optimal control on the reduced problem (IPOPT)",
             "collocation",
             keeps_limits=True,
-            ends_at_rest=True,
         ),
         Method(
             "full",

@@ -103,9 +103,10 @@ class Solution:
         return f"<Solution {_title(self.model)}, move {self.move.name}: {self.status}, method {self.method}>"
 
     def __str__(self) -> str:
-        """Five lines: status, tool error, largest torque and speed, trajectory, warnings."""
+        """Status, tool error, largest torque and speed, trajectory, warnings; methods that were left before."""
         t, torque, speed = self.trajectory.time, *(np.abs(self.trajectory[x]).max() for x in ("tau_m", "v_m"))
         more = f" (and {len(self.warnings) - 1} more in .warnings)" if len(self.warnings) > 1 else ""
+        attempts = [f"  tried before: {text}" for text in self.details.get("attempts", ())]
         return "\n".join(
             [
                 f"{_title(self.model)}, move {self.move.name}: {self.status} by method {self.method} "
@@ -114,6 +115,7 @@ class Solution:
                 f"  motor torque up to {torque:.4g} N m, motor speed up to {speed:.4g} rad/s",
                 f"  {len(t)} samples from {t[0]:.4g} to {t[-1]:.4g} s, pre-actuation {self.preactuation_s:.3g} s",
                 f"  warnings: {' '.join(self.warnings[0].split()) if self.warnings else 'none'}{more}",
+                *attempts,
             ]
         )
 

@@ -16,13 +16,14 @@ from flexgen.codegen.spec import STATUSES
 from flexgen.deadline import check_time, running
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.bounds import Limits
+from flexgen.inversion.choice import check_applies, default_method, further_methods
 from flexgen.inversion.hold import Hold, with_hold
 from flexgen.inversion.limits import check_limits_at_rest
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, METHODS, Method
 from flexgen.inversion.problem import HELD, INTERVALS, InversionProblem
 from flexgen.inversion.reached import Reached, stage_of
-from flexgen.inversion.solution import Solution, exceeded, has_kinks, relative_residual, residual_rows
+from flexgen.inversion.solution import Solution, exceeded, relative_residual, residual_rows
 from flexgen.inversion.solve_arguments import check_arguments
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
@@ -46,7 +47,6 @@ RESIDUAL = 1e-3  # largest relative residual of a result that is not verified
 RIPPLE = 1e-2  # the same for the full method, whose torque may ripple between the Gauss points
 TIME_LIMIT = 120.0  # s
 FURTHER = 60.0  # s: "auto" starts no further method after this time
-FULL_LARGEST = 8  # coordinates: "auto" takes the full method up to here; with 12 it needs many minutes
 
 
 @reported("solve")
@@ -81,7 +81,8 @@ def solve(
         A name of `flexgen.inversion.method_table.METHODS`, or ``"auto"``: "full" for complete motor coupling and for
         springs with a kink; "lq" with limits ("full" without a C compiler); else "closed-form" without non-actuated
         coordinates, and "lq" with them ("collocation" without a C compiler). If it fails, finer meshes are tried, and
-        for a minute further methods: "bvp", "collocation", and "full" up to 8 coordinates.
+        for a minute further methods: "lq" after "closed-form", "bvp" and "collocation" after "lq", and "full" up to 8
+        coordinates. ``details["attempts"]`` says why a method was left.
     preview : float, optional [s]
         How long before the path the motion may begin, at most 2 s; default: `flexgen.analysis.zeros.preview`.
     mesh : float, optional [s]
@@ -165,8 +166,8 @@ def _derived(model: str | FilePath | RobotModel | Equations, log: Callable[[str]
 def _found(problem: InversionProblem, method: str, reached: Reached) -> Solution:
     """The solution by a method, or by the default method and what it falls back to."""
     robot = problem.equations.model
-    chosen = METHODS[_automatic(robot, problem.limits) if method == AUTO else method]
-    _check_applies(chosen, robot, problem.limits)
+    chosen = METHODS[default_method(robot, problem.limits) if method == AUTO else method]
+    check_applies(chosen, robot, problem.limits)
     find = _automatic_solution if method == AUTO else _refined
     try:
         reached.solution = find(problem, chosen, reached)
@@ -179,20 +180,6 @@ def _found(problem: InversionProblem, method: str, reached: Reached) -> Solution
     return reached.solution
 
 
-def _automatic(robot: RobotModel, limits: Limits | None) -> str:
-    """Name of the default method."""
-    from flexgen.inversion.model_library import has_compiler  # here: other methods need no code generation
-
-    if robot.motor_coupling != "simplified" or has_kinks(robot):
-        return "full"
-    inverts = robot.inversion_obstacle() is None and has_compiler()
-    if limits is not None:
-        return "lq" if inverts else "full"
-    if robot.n_e == 0:
-        return "closed-form"
-    return "lq" if inverts else "collocation"
-
-
 def _automatic_solution(problem: InversionProblem, method: Method, reached: Reached) -> Solution:
     """The first verified solution: of the default method, or of a further one that applies to the model.
 
@@ -202,12 +189,12 @@ def _automatic_solution(problem: InversionProblem, method: Method, reached: Reac
     best: Solution | None = None
     failures: list[tuple[str, SolverError]] = []
     outcomes = reached.tried
-    for candidate in (method, *_further_methods(problem, method)):
+    for candidate in (method, *further_methods(problem, method)):
         if candidate is not method:
             if time.perf_counter() - began > FURTHER:
                 outcomes.append(f"{candidate.name}: not started, {FURTHER:g} s are over")
                 continue
-            problem.log(f"trying method {candidate.name}")
+            problem.log(f"trying method {candidate.name}; before: {outcomes[-1]}")
         count = len(failures)
         try:
             found = _refined(problem, candidate, reached, failures)
@@ -225,21 +212,11 @@ def _automatic_solution(problem: InversionProblem, method: Method, reached: Reac
         if found.status != Status.TOLERANCE_NOT_MET:
             return replace(found, details={**found.details, "attempts": outcomes}) if outcomes else found
         best = best or found
-        outcomes.append(f"{candidate.name}: tolerance not met")
+        outcomes.append(f"{candidate.name}: {found.details.get('missed', found.status)}")
     if best is not None:
         return replace(best, details={**best.details, "attempts": outcomes})
     first = failures[0][1]
     raise SolverError(f"{first}; tried: {'; '.join(outcomes)}") from first
-
-
-def _further_methods(problem: InversionProblem, method: Method) -> tuple[Method, ...]:
-    """Methods that "auto" tries after its default method, the quickest first."""
-    robot, names = problem.equations.model, []
-    if method.name == "lq":
-        names += ["bvp", "collocation"]
-    if method.name != "full" and robot.n_a <= FULL_LARGEST:
-        names.append("full")
-    return tuple(METHODS[name] for name in names if problem.limits is None or METHODS[name].keeps_limits)
 
 
 def _raise_path_error(problem: InversionProblem) -> None:
@@ -257,20 +234,6 @@ def _is_unreachable(problem: InversionProblem, failures: list[tuple[str, SolverE
     text = next(status.text for status in STATUSES if status.name == "UNREACHABLE")
     tool = problem.equations.model.output.type != "combination"  # joints and their combinations have no singular poses
     return tool and len(failures) == ATTEMPTS and all(text in str(error) for _, error in failures)
-
-
-def _check_applies(method: Method, robot: RobotModel, limits: Limits | None) -> None:
-    if limits is not None and not method.keeps_limits:
-        able = ", ".join(m.name for m in METHODS.values() if m.keeps_limits)
-        raise ArgumentError(
-            f"limits: method {method.name!r} tracks the path exactly and cannot keep limits, expected one of {able}"
-        )
-    if robot.motor_coupling != "simplified" and not method.any_coupling:
-        able = ", ".join(m.name for m in METHODS.values() if m.any_coupling)
-        raise ArgumentError(
-            f"method {method.name}: model {robot.name} has motor_coupling {robot.motor_coupling!r}, expected "
-            f"'simplified', or one of the methods {able}"
-        )
 
 
 def run_method(method: Method, problem: InversionProblem, h: float) -> MethodResult:
@@ -340,9 +303,10 @@ def _refined(
         if worst <= problem.accuracy and simulation.energy_error <= ENERGY and _is_exact(solution):
             return _with_ripple(solution)
         if best is None or worst < least:  # on a finer mesh rounding may be larger
-            best, least = replace(solution, status=Status.TOLERANCE_NOT_MET), worst
+            details = {**solution.details, "missed": _missed(problem, worst, simulation.energy_error)}
+            best, least = replace(solution, status=Status.TOLERANCE_NOT_MET, details=details), worst
         if not last:
-            problem.log(f"verified error {worst:.2e} is above {problem.accuracy:.0e}: halving the mesh")
+            problem.log(f"{_missed(problem, worst, simulation.energy_error)}: halving the mesh")
     assert best is not None or failures  # there is one attempt at least
     return best
 
@@ -351,6 +315,15 @@ def _is_exact(solution: Solution) -> bool:
     """Whether the equations of motion hold where a feedback, which reduces all errors, is part of the verification."""
     run = solution.simulation
     return run is None or run.feedback is None or residual_is_small(solution)
+
+
+def _missed(problem: InversionProblem, worst: float, energy_error: float) -> str:
+    """Why a verified solution is not accepted."""
+    if worst <= problem.accuracy and energy_error <= ENERGY:
+        return "the equations of motion do not hold between the samples, and the feedback hides how far the tool is off"
+    if worst <= problem.accuracy:
+        return f"the energy balance of the simulation is off by {energy_error:.1e}, allowed are {ENERGY:.0e}"
+    return f"verified error {worst:.2e} is above {problem.accuracy:.0e} [rad, and m for each meter of reach]"
 
 
 def _with_ripple(solution: Solution) -> Solution:
@@ -416,7 +389,7 @@ def _trajectory(problem: InversionProblem, method: str, result: MethodResult) ->
             "move": path.move.name,
             "kind": "solution",
             "torque": "smooth" if problem.limits is None else "limited",
-            HELD_KEY: HELD if METHODS[method].ends_at_rest and result.status != Status.BASELINE else 0.0,
+            HELD_KEY: HELD if result.status != Status.BASELINE else 0.0,
         },
         units,
     )

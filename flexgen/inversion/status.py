@@ -33,6 +33,6 @@ class Status(ExplainedStatus):
     TOLERANCE_NOT_MET = (
         "tolerance not met",
         "The verification found an error above the tolerance, or the computation was ended before it was complete.",
-        "Do not use the torques; try --method full, a finer --mesh, a longer --preview, a smoother move, or more time "
-        "with --time.",
+        "Do not use the torques; take --method auto or lq, else a smoother or slower move, a finer --mesh, a longer "
+        "--preview, or more time with --time.",
     )

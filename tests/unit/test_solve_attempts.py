@@ -6,15 +6,20 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import pytest
+from inversion_cases import question
+from selection import ROOT
 
 import flexgen
 from flexgen.codegen.spec import STATUSES
 from flexgen.errors import SolverError
 from flexgen.inversion import solve as solve_module
 from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.method_table import Method
+from flexgen.inversion.method_table import METHODS, Method
+from flexgen.inversion.methods import closed_form
+from flexgen.inversion.methods.closed_form import instants
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.status import Status
+from flexgen.inversion.verification import verify_by_simulation
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import Move, Output
 
@@ -56,6 +61,33 @@ def test_further_methods_are_tried(equations: Equations, calls) -> None:  # type
     solution = flexgen.solve(equations)
     assert names == ["lq"] * 3 + ["bvp"] and solution.status == Status.SOLVED and solution.method == "bvp"
     assert [text.split(",")[0] for text in solution.details["attempts"]] == ["lq"] * 3
+
+
+@pytest.mark.slow  # compiles a library
+def test_lq_is_tried_after_a_closed_form_that_misses_and_the_reason_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Planted: the closed form ends with the path, although the deflections of damped gears decay after it."""
+    monkeypatch.setattr(closed_form, "instants", lambda duration, step, settling: instants(duration, step, 0.0))
+    messages: list[str] = []
+    solution = flexgen.solve(ROOT / "tests" / "support" / "robots" / "gantry.toml", "fast", progress=messages.append)
+    assert solution.method == "lq" and solution.status == Status.SOLVED and solution.tool_error_max_m < 5e-8
+    (reason,) = solution.details["attempts"]
+    assert reason.startswith("closed-form: verified error 9.50e-02 is above 1e-05")
+    assert f"trying method lq; before: {reason}" in messages
+    assert f"  tried before: {reason}" in str(solution).splitlines()
+
+
+@pytest.mark.parametrize("method", [name for name, m in METHODS.items() if m.module != "baselines"])
+def test_the_verification_of_every_method_covers_half_a_second_after_its_end(method: str) -> None:
+    """Planted: a last torque that is 5 N m too high, whatever the method, moves the tool while it is held."""
+    problem = question("elbow")
+    result = solve_module.run_method(METHODS["closed-form"], problem, 0.0)
+    tau_m = result.motors.tau_m.copy()
+    tau_m[-1] += 5.0
+    errors = []
+    for torque in (result.motors.tau_m, tau_m):
+        planted = replace(result, motors=replace(result.motors, tau_m=torque))
+        errors.append(verify_by_simulation(problem, solve_module.make_solution(problem, method, planted)).worst)
+    assert errors[0] < 1e-8 and errors[1] > 0.01
 
 
 def test_the_error_lists_what_was_tried(equations: Equations, calls) -> None:  # type: ignore[no-untyped-def]

@@ -3,7 +3,8 @@
 Nothing is reduced. All coordinates y = (q_a, q_me) are collocated, the motor torques are unknowns, the robot starts in
 equilibrium, and the tool tracks the path in the sense of least squares:
 
-    min  mean |e(q_a) / e_0|^2 + rho mean |tau_m' T / tau_0|^2 + sigma |y(end) - y_eq|^2 + sigma |y'(end)|^2
+    min  mean |e(q_a) / e_0|^2 + rho mean |tau_m' T / tau_0|^2
+         + sigma |y(end) - y_eq|^2 + sigma |y'(end)|^2 + sigma |(tau_m(end) - tau_eq) / tau_0|^2
     s.t. the equations of motion at the Gauss points,  |tau_m| <= tau_max,  |v_m| <= v_max,  |q_e| <= deflection_max
 
 The torque is continuous: it is collocated as the speed of further coordinates u, ``u' = tau_m``. Five Gauss points an
@@ -47,7 +48,7 @@ ERROR = 1e-4  # e_0: the tool error that costs one, rad, and m for each meter of
 SMOOTH = 1e-9  # rho: small, to smooth only what the path does not determine
 SMOOTH_LIMITED = 1e-3  # rho with limits: with less the torque chatters between them for a gain too small to measure
 NOTICED = 1e-2  # of e_0: tracking error above which an active bound is reported as LIMITS_ACTIVE
-END = 1e-3  # sigma: selects the bounded motion at the end without changing the motion before
+END = 1e3  # sigma: at the end the robot rests and its torque may be held; the motion before does not change
 TOLERANCE = 1e-9
 NEAR = 0.99  # of a bound: above it the bound is active
 
@@ -268,7 +269,7 @@ def _cost(
     weight[errors.ravel()] = 1.0 / count
     weight[accelerations[:, n:].ravel()] = smooth / count * (ACCELERATION * duration) ** 2
     last = np.arange(mesh.n_nodes - 2 * mesh.n, mesh.n_nodes)
-    kept = np.r_[np.ones(n), np.zeros(n_m), np.ones(n), np.zeros(n_m)]
+    kept = np.r_[np.ones(n), np.zeros(n_m), np.ones(n), np.ones(n_m)]
     weight[last] = END * kept
     aim[last] = np.r_[slow.ends[1], np.zeros(n_m), np.zeros(n), slow.torques[1]]
     return weight, aim

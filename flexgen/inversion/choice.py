@@ -1,0 +1,57 @@
+"""Which method solves an inverse dynamics problem: the default one, those tried after it, and whether one applies."""
+
+from __future__ import annotations
+
+from flexgen.errors import ArgumentError
+from flexgen.inversion.bounds import Limits
+from flexgen.inversion.method_table import METHODS, Method
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.solution import has_kinks
+from flexgen.model.elements import RobotModel
+
+FULL_LARGEST = 8  # coordinates: "auto" takes the full method up to here; with 12 it needs many minutes
+
+
+def _inverts(robot: RobotModel) -> bool:
+    """Whether "lq" applies: the model can be reduced, and there is a C compiler."""
+    from flexgen.inversion.model_library import has_compiler  # here: other methods need no code generation
+
+    return robot.inversion_obstacle() is None and has_compiler()
+
+
+def default_method(robot: RobotModel, limits: Limits | None) -> str:
+    """Name of the default method."""
+    if robot.motor_coupling != "simplified" or has_kinks(robot):
+        return "full"
+    if limits is not None:
+        return "lq" if _inverts(robot) else "full"
+    if robot.n_e == 0:
+        return "closed-form"
+    return "lq" if _inverts(robot) else "collocation"
+
+
+def further_methods(problem: InversionProblem, method: Method) -> tuple[Method, ...]:
+    """Methods that "auto" tries after its default method, the quickest first."""
+    robot, names = problem.equations.model, []
+    if method.name == "closed-form" and _inverts(robot):
+        names.append("lq")
+    if method.name == "lq" and robot.n_e:
+        names += ["bvp", "collocation"]
+    if method.name != "full" and robot.n_a <= FULL_LARGEST:
+        names.append("full")
+    return tuple(METHODS[name] for name in names if problem.limits is None or METHODS[name].keeps_limits)
+
+
+def check_applies(method: Method, robot: RobotModel, limits: Limits | None) -> None:
+    """ArgumentError where a method cannot keep the limits, or does not solve the motor coupling of the model."""
+    if limits is not None and not method.keeps_limits:
+        able = ", ".join(m.name for m in METHODS.values() if m.keeps_limits)
+        raise ArgumentError(
+            f"limits: method {method.name!r} tracks the path exactly and cannot keep limits, expected one of {able}"
+        )
+    if robot.motor_coupling != "simplified" and not method.any_coupling:
+        able = ", ".join(m.name for m in METHODS.values() if m.any_coupling)
+        raise ArgumentError(
+            f"method {method.name}: model {robot.name} has motor_coupling {robot.motor_coupling!r}, expected "
+            f"'simplified', or one of the methods {able}"
+        )
