@@ -287,7 +287,7 @@ def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbRes
 def _refined(found: Any, args: Namespace, log: Progress) -> tuple[Any, tuple[dict[str, Any], list[str]]]:
     """The parameters refined by simulation of the experiment, and what other experiments say of them."""
     from flexgen.identification.experiments.experiment import Experiment
-    from flexgen.identification.time_domain import refine, validate
+    from flexgen.identification.time_domain import judged, refine, validate
 
     experiment = Experiment.load(args.refine)
     log("refining by simulation: up to two minutes for six axes, seconds for planar arms")
@@ -307,7 +307,7 @@ def _refined(found: Any, args: Namespace, log: Progress) -> tuple[Any, tuple[dic
         "",
         table(rows, ("motor", "fit, %", "white lags, %")),
     ]
-    return fine, ({"validation": data}, lines)
+    return judged(fine, checked), ({"validation": data}, lines)
 
 
 def _verdict(found: Any, args: Namespace, log: Progress) -> tuple[list[dict[str, Any]], str]:

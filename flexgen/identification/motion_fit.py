@@ -27,7 +27,7 @@ from scipy.interpolate import make_interp_spline
 
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.experiment import largest_rate
-from flexgen.identification.graybox import weak_directions
+from flexgen.identification.graybox import SMALL_ERROR, weak_directions
 from flexgen.identification.local_model import Drive, LocalModel
 from flexgen.identification.parameters import DELAY, ParameterVector
 from flexgen.identification.recordings.description import Description, Recording, read_description
@@ -46,6 +46,8 @@ STABLE = 0.5  # integration step times the fastest eigenvalue
 DISTANCE = 0.01  # standard deviations from the minimum where the search ends
 LEAST_SEGMENTS, LAGS = 4, 20
 POORLY_EXPLAINED = 50.0  # %: a fit below it is a model error
+WHITE = 0.85  # part of the lags of white residuals within the 99 % band: less has a probability below 1e-4
+WORSE = 2.0  # errors on recordings that were not fitted over those of the fit, from which on the model fails there
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -323,17 +325,22 @@ def fit_motion(
     scores = np.einsum("snk,sn->sk", J, r)
     covariance = inverse @ (scores.T @ scores + prior) @ inverse
     errors = r.reshape(*shooting.y.shape) * shooting.sd
-    held_out = () if validate is None else _validated(vector, x, validate, segment_s)
-    percent = _percent(shooting.y, errors)
+    percent, white = _percent(shooting.y, errors), whiteness(errors, shooting.Q)
+    rms = np.sqrt((errors**2).mean(axis=(0, 1)))
+    held_out, status = (), _status(fit, percent, white)
+    if validate is not None:
+        held_out, held_out_rms = _validated(vector, x, validate, segment_s)
+        if status == FitStatus.FITTED and _fails(percent, held_out, held_out_rms / rms):
+            status = FitStatus.POORLY_VALIDATED
     return MotionFit(
         vector=vector,
         x=x,
         formal_covariance=covariance,
-        status=_status(fit, percent),
-        rms=tuple(np.sqrt((errors**2).mean(axis=(0, 1))).tolist()),
+        status=status,
+        rms=tuple(rms.tolist()),
         fit_percent=percent,
         held_out_percent=held_out,
-        white=whiteness(errors, shooting.Q),
+        white=white,
         weak=weak_directions(vector, fit.A / 2),
         segments=len(shooting.starts),
         iterations=fit.iterations,
@@ -357,20 +364,37 @@ def _minimized(shooting: _Shooting, vector: ParameterVector, tell: Callable[[str
     return fit
 
 
-def _status(fit: Fit, percent: tuple[float, ...]) -> FitStatus:
+def _status(fit: Fit, percent: tuple[float, ...], white: tuple[float, ...]) -> FitStatus:
+    """By convergence, by the size of the residuals, and by whether they are white, as noise is."""
     if not fit.converged:
         return FitStatus.NOT_CONVERGED
     if fit.at_bound.any():
         return FitStatus.AT_BOUND
-    return FitStatus.MODEL_ERROR if min(percent) < POORLY_EXPLAINED else FitStatus.FITTED
+    structure = any(
+        lags < WHITE and fit_percent < 100 * (1 - SMALL_ERROR) for lags, fit_percent in zip(white, percent, strict=True)
+    )
+    return FitStatus.MODEL_ERROR if structure or min(percent) < POORLY_EXPLAINED else FitStatus.FITTED
 
 
-def _validated(vector: ParameterVector, x: np.ndarray, path: str | Path, segment_s: float) -> tuple[float, ...]:
-    """Fit in percent of recordings that were not fitted; their start states are free."""
+def _fails(percent: tuple[float, ...], held_out: tuple[float, ...], ratio: np.ndarray) -> bool:
+    """Whether recordings that were not fitted are explained badly, or much worse than those that were.
+
+    Worse by its size and relative to the motion: larger motions have larger errors, smaller ones more noise.
+    """
+    left, left_there = (1 - np.array(x) / 100 for x in (percent, held_out))
+    worse = (ratio > WORSE) & (left_there > WORSE * left) & (left_there > SMALL_ERROR)
+    return bool(worse.any() or min(held_out) < POORLY_EXPLAINED)
+
+
+def _validated(
+    vector: ParameterVector, x: np.ndarray, path: str | Path, segment_s: float
+) -> tuple[tuple[float, ...], np.ndarray]:
+    """Fit in percent and rms of the errors of recordings that were not fitted; their start states are free."""
     other = _Shooting(vector, read_description(path), segment_s)
     other.settle(x)
     r, _ = other.settle(x)
-    return _percent(other.y, r.reshape(*other.y.shape) * other.sd)
+    errors = r.reshape(*other.y.shape) * other.sd
+    return _percent(other.y, errors), np.sqrt((errors**2).mean(axis=(0, 1)))
 
 
 def _percent(y: np.ndarray, errors: np.ndarray) -> tuple[float, ...]:

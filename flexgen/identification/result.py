@@ -58,6 +58,12 @@ class FitStatus(ExplainedStatus):
         "The model agrees with the measurement better than its noise allows: the variances of the data are too large.",
         "Check how the variances were estimated: periods that differ by drift or by a transient make them large.",
     )
+    POORLY_VALIDATED = (
+        "poorly validated",
+        "The model does not predict recordings that were not fitted.",
+        "Do not use the new model file where the robot moves as there: fit recordings of both kinds, fit fewer "
+        "parameters, or look for what the model lacks.",
+    )
     AT_BOUND = (
         "at a bound",
         "At least one parameter is at its bound.",
@@ -73,7 +79,8 @@ class FitStatus(ExplainedStatus):
     def has_deviations(self) -> bool:
         """Whether the standard deviations from the residuals are those of the parameters.
 
-        They are not where the model is wrong, a bound holds a parameter, or the search did not end.
+        They are not where the model is wrong, as the fitted or other recordings show, where a bound holds a parameter,
+        and where the search did not end.
         """
         return self in (FitStatus.FITTED, FitStatus.NOISE_TOO_LARGE)
 

@@ -316,6 +316,12 @@ def validate(found: Identified, experiment: Experiment, *, used: int = 1, progre
     )
 
 
+def judged(found: Identified, checked: Validation) -> Identified:
+    """The result with the status ``poorly validated`` where it agreed, and other experiments do not."""
+    fails = checked.cost > COST_MOST and min(checked.fit_percent) < 100 * (1 - SMALL_ERROR)
+    return replace(found, status=FitStatus.POORLY_VALIDATED) if fails and found.status == FitStatus.FITTED else found
+
+
 def _frictions(found: Identified) -> list[str]:
     """Friction numbers of motors and joints that the model file has."""
     model = found.vector.model
