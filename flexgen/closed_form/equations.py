@@ -241,6 +241,11 @@ def _check_small(model: RobotModel) -> None:
         raise ArgumentError(
             f"symbolic: given a model with beams ({', '.join(beams)}), expected rigid bodies; {numeric}"
         )
+    balanced = [c.name for c in model.coordinates if c.dof is not None and c.dof.counterbalance]
+    if balanced:
+        raise ArgumentError(
+            f"symbolic: given a model with a counterbalance ({', '.join(balanced)}), expected none; {numeric}"
+        )
     if model.n_a > MAX_COORDINATES:
         raise ArgumentError(
             f"symbolic: given a model with {model.n_a} arm coordinates, expected at most {MAX_COORDINATES} for a "

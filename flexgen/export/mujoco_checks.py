@@ -70,6 +70,8 @@ def check_laws(model: RobotModel, dry: bool) -> None:
                 given = "a spring with a smooth dead band"
                 raise refused(model, key, given, "a linear, cubic, smooth or piecewise spring")
             _check_friction(model, f"{here}.friction", dof.friction, dry)
+            if dof.counterbalance:
+                raise refused(model, f"{here}.counterbalance", "a counterbalance", "none")
     for motor in model.motors:
         _check_friction(model, f"motor.{motor.name}.friction", motor.friction, dry)
 

@@ -97,6 +97,8 @@ def dof_table(dof: Dof) -> dict[str, Any]:
         out["damping"] = dof.damping
     if friction := friction_table(dof.friction):
         out["friction"] = friction
+    if dof.counterbalance:
+        out["counterbalance"] = {key: [pair[k] for pair in dof.counterbalance] for k, key in enumerate(("sin", "cos"))}
     unit = "_rad" if dof.type == "rotation" else ""
     ends = {f"lower{unit}": dof.lower, f"upper{unit}": dof.upper}
     ends |= {"speed_max": dof.speed_max, "acceleration_max": dof.acceleration_max}

@@ -99,6 +99,13 @@ def limits() -> dict[str, Schema]:
     }
 
 
+def counterbalance() -> Schema:
+    """Harmonics of a torque on a rotation."""
+    sizes = range(1, component_tables.HARMONICS + 1)
+    lists = {key: vector(f"torques of {key}(k q), k = 1, 2, ... [N m]", *sizes) for key in ("sin", "cos")}
+    return table("counterbalance: torque on the arm by the angle", lists)
+
+
 def dof() -> Schema:
     """Degrees of freedom: rotation or translation, with a gear (actuated) or a spring (not)."""
     out = []
@@ -115,6 +122,7 @@ def dof() -> Schema:
             "friction": ref("friction", "friction on the arm side"),
             **places,
             **limits(),
+            **({"counterbalance": ref("counterbalance", "torque by the angle")} if kind == "rotation" else {}),
         }
         gear = {"gear": ref("gear", "gear between the coordinate and its motor: the coordinate is actuated")}
         spring = {
@@ -193,6 +201,7 @@ def definitions() -> dict[str, Schema]:
         "spring": one_of("spring with a stiffness > 0", springs()),
         "joint_spring": one_of("spring", springs(zero=True)),
         "friction": friction(),
+        "counterbalance": counterbalance(),
         "gear": gear(),
         "dof": dof(),
     }
@@ -226,6 +235,7 @@ def overlay_tables() -> dict[str, Schema]:
         "spring": ref("joint_spring", "spring instead of a gear: no motor"),
         "damping": number("damping in parallel with the spring [N m s/rad or N s/m]", least=0.0),
         "friction": ref("friction", "instead of <dynamics>"),
+        "counterbalance": ref("counterbalance", "torque by the angle, of a rotation"),
         "limits": flag("use the limits of the URDF file") | {"default": True},
         "motor": table("motor of the joint", motor),
         "before": tables("degrees of freedom before the joint, at the same point", ref("dof"), least=0),

@@ -68,8 +68,8 @@ def equations_of(kinetic: ca.SX, potential: ca.SX, y: ca.SX, dy: ca.SX, ddy: ca.
 class _Forces:
     """Sums over the joints of the forces, energies and losses of springs, dampers and frictions.
 
-    ``stored`` [J]: energy of the springs; ``lost`` [W]: dissipated power; ``on_arm`` (n_a): joint frictions; ``tau_g``
-    (n_g), ``tau_e``: torques of the gears and of the joints without motor, in chain order.
+    ``stored`` [J]: energy of the springs; ``lost`` [W]: dissipated power; ``on_arm`` (n_a): joint frictions and
+    counterbalances; ``tau_g`` (n_g), ``tau_e``: torques of the gears and of the joints without motor, in chain order.
     """
 
     on_arm: list[ca.SX]
@@ -173,6 +173,9 @@ def _joint_forces(model: RobotModel, chain: Kinematics, theta: ca.SX, omega: ca.
         braking = friction_torque(dof.friction, v_a[i])
         out.on_arm[i] = out.on_arm[i] - braking
         out.lost = out.lost + braking * v_a[i]
+        for n, (sine, cosine) in enumerate(dof.counterbalance, 1):
+            out.on_arm[i] = out.on_arm[i] + sine * ca.sin(n * q_a[i]) + cosine * ca.cos(n * q_a[i])
+            out.stored = out.stored + (sine * ca.cos(n * q_a[i]) - cosine * ca.sin(n * q_a[i])) / n
         if dof.gear is None:
             assert dof.spring is not None
             out.stored = out.stored + spring_energy(dof.spring, q_a[i])

@@ -175,6 +175,19 @@ def _dof(dof: Dof, key: str, visit: Visit) -> Dof:
     units = _linear if dof.type == "translation" else _angular
     part = f"{dof.name}, arm side" if dof.gear is not None else dof.name
     changes: dict[str, Any] = {"friction": _friction(dof.friction, dof.name, part, units, key, visit)}
+    if dof.counterbalance:
+        changes["counterbalance"] = tuple(
+            tuple(
+                visit(
+                    Parameter(
+                        f"{dof.name}.counterbalance_{name}_{k + 1}", value, "N m", f"counterbalance of {part}",
+                        f"{key}.counterbalance.{name}.{k}",
+                    )
+                )
+                for name, value in zip(("sin", "cos"), pair, strict=True)
+            )
+            for k, pair in enumerate(dof.counterbalance)
+        )  # fmt: skip
     if dof.gear is not None:
         changes["gear"] = _gear(dof.gear, dof.name, units, f"{key}.gear", visit)
     if dof.spring is not None:

@@ -196,7 +196,7 @@ def _dof(dof: Dof) -> dict[str, Any]:
         "upper": dof.upper,
         "speed_max": dof.speed_max,
         "acceleration_max": dof.acceleration_max,
-    }
+    } | ({"counterbalance": [list(pair) for pair in dof.counterbalance]} if dof.counterbalance else {})
 
 
 def _motor(robot: RobotModel, motor: Motor) -> dict[str, Any]:

@@ -33,6 +33,7 @@ from flexgen.model.elements import (
 )
 from flexgen.ports import identifier_problem
 
+HARMONICS = 6  # of a counterbalance
 _ROUNDING_ERROR = 1e-15  # of a sine or cosine
 COORDINATES_MAX = 64  # of the arm; the effort to derive and compile grows faster than their number
 _INERTIA_TOLERANCE = 1e-9  # relative to the largest principal moment
@@ -169,14 +170,24 @@ def read_gear(table: Table) -> Gear:
     return Gear(False, side, made, table.number("damping", 0.0, least=0.0))
 
 
+def read_counterbalance(table: Table) -> tuple[tuple[float, float], ...]:
+    """Read the harmonics of a counterbalance; a missing list is zero."""
+    table.only("sin", "cos")
+    lists = [table.vector(key, range(1, HARMONICS + 1), ()) for key in ("sin", "cos")]
+    count = max(map(len, lists))
+    if count == 0:
+        raise table.fail("sin", "lists sin and cos of torques of the harmonics 1, 2, ... of the angle [N m], or one")
+    return tuple(zip(*(row + (0.0,) * (count - len(row)) for row in lists), strict=True))
+
+
 def read_dof(table: Table, taken: list[str]) -> Dof:
     """Read a degree of freedom; its name must not be in ``taken``."""
     keys = ("name", "type", "axis", "gear", "spring", "damping", "friction", "speed_max", "acceleration_max")
-    table.only(*keys, "lower", "upper", "lower_rad", "lower_deg", "upper_rad", "upper_deg")
+    table.only(*keys, "lower", "upper", "lower_rad", "lower_deg", "upper_rad", "upper_deg", "counterbalance")
     name = table.name(taken=taken)
     kind = table.choice("type", ("rotation", "translation"))
     if kind == "rotation":
-        table.only(*keys, "lower_rad", "lower_deg", "upper_rad", "upper_deg")
+        table.only(*keys, "lower_rad", "lower_deg", "upper_rad", "upper_deg", "counterbalance")
         lower, upper = table.angle("lower"), table.angle("upper")
     else:
         table.only(*keys, "lower", "upper")
@@ -202,6 +213,7 @@ def read_dof(table: Table, taken: list[str]) -> Dof:
         upper=upper,
         speed_max=table.optional("speed_max", above=0.0),
         acceleration_max=table.optional("acceleration_max", above=0.0),
+        counterbalance=table.build("counterbalance", read_counterbalance, ()),
     )
 
 

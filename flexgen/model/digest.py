@@ -18,7 +18,12 @@ def model_digest(model: RobotModel) -> str:
     return hashlib.sha256(_canonical(model, without=without).encode()).hexdigest()
 
 
-NEWER = ("target", "configuration", "turns")  # left out where empty: digests from before there were these fields stay
+NEWER = (
+    "target",
+    "configuration",
+    "turns",
+    "counterbalance",
+)  # left out where empty: digests from before there were these fields stay
 
 
 def _canonical(value: Any, without: tuple[str, ...] = ()) -> str:

@@ -142,6 +142,8 @@ class Dof:
     """One degree of freedom: rotation about, or translation along, a unit axis of the preceding frame.
 
     Exactly one of ``gear`` (actuated) and ``spring`` (non-actuated) is given. ``friction`` acts on the arm side.
+    ``counterbalance``: pairs (s_k, c_k) [N m] of the torque ``sum_k s_k sin(k q) + c_k cos(k q)``, k = 1, 2, ..., that
+    acts on a rotation, as of a gas spring or a weight between it and the element before.
     ``lower``, ``upper`` [rad or m] and ``speed_max`` [rad/s or m/s] and ``acceleration_max`` are limits; None: no
     limit.
     """
@@ -157,6 +159,7 @@ class Dof:
     upper: float | None = None
     speed_max: float | None = None
     acceleration_max: float | None = None
+    counterbalance: tuple[tuple[float, float], ...] = ()
 
     @property
     def actuated(self) -> bool:

@@ -93,11 +93,11 @@ def _addition(text: str, places: Scanner, path: Path, tables: dict[str, Any]) ->
 
 
 def _plain(value: Any) -> str:
-    """A number, vector (keys are indices, missing entries zero) or table in TOML."""
+    """A number, vector (keys are indices, missing entries zero, three at least) or table in TOML."""
     if not isinstance(value, dict):
         return repr(value)
     if all(key.isdigit() for key in value):
-        return f"[{', '.join(repr(value.get(str(k), 0.0)) for k in range(3))}]"
+        return f"[{', '.join(repr(value.get(str(k), 0.0)) for k in range(max(3, *(int(k) + 1 for k in value))))}]"
     return f"{{ {', '.join(f'{key} = {_plain(x)}' for key, x in value.items())} }}"
 
 

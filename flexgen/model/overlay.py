@@ -25,7 +25,19 @@ _URDF = ("file", "base", "tip", "lock", "drop", "limits", "dynamics")
 _LIMITS = (
     "lower upper lower_rad lower_deg upper_rad upper_deg speed_max acceleration_max"  # keys of a degree of freedom
 ).split()
-_JOINT = ("rename", "gear", "spring", "damping", "friction", "limits", "motor", "before", "after", *_LIMITS)
+_JOINT = (
+    "rename",
+    "gear",
+    "spring",
+    "damping",
+    "friction",
+    "counterbalance",
+    "limits",
+    "motor",
+    "before",
+    "after",
+    *_LIMITS,
+)
 _LINK = ("rename", "body", "inertia_reduced")
 _FROM_URDF = ("element",)  # keys of a model file that the URDF file replaces
 
@@ -218,7 +230,7 @@ class _Overlay:
         if table is None or not ("gear" in table or "spring" in table):
             value["gear"] = {"type": "rigid"}
         if table is not None:
-            for name in ("gear", "spring", "damping", "friction", *_LIMITS):
+            for name in ("gear", "spring", "damping", "friction", "counterbalance", *_LIMITS):
                 if name in table:
                     value[name] = table.entries[name]
         return self._here(value, joint.node.line)

@@ -69,6 +69,8 @@ def unfit(model: RobotModel) -> str:
     for friction in (*(c.dof.friction for c in model.coordinates if c.dof), *(m.friction for m in model.motors)):
         if type(friction) is not Friction:
             return f"model {model.name} has a friction law {type(friction).__name__}"
+    if any(c.dof.counterbalance for c in model.coordinates if c.dof):
+        return f"model {model.name} has a counterbalance"
     if any(element.body.rotational_drag for element in model.elements) or model.payload.rotational_drag:
         return f"model {model.name} has a body with rotational_drag"
     return ""

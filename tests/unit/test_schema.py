@@ -122,6 +122,7 @@ def everything(folder: Path) -> Path:
         text += f'[[element]]\nname = "e{k}"\nbody = {{ mass = 2, inertia = [1, 1, 1] }}\n'
         text += f'[[element.dof]]\nname = "q{k}"\ntype = "{kind}"\naxis = [0, 0, 1]\ngear = {gear}\n'
         text += "friction = { viscous = 1, coulomb = 1, beta = 10 }\n"
+        text += "counterbalance = { sin = [1.0, 2.0], cos = [0.5] }\n" if kind == "rotation" else ""
     for k, spring in enumerate(SPRINGS):
         kind = "translation" if k == 0 else "rotation"
         text += f'[[element]]\nname = "s{k}"\nbody = {{ mass = 2 }}\n[[element.dof]]\nname = "p{k}"\n'
