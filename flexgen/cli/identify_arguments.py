@@ -135,7 +135,8 @@ def _add_identify_arguments(parser: Parser) -> None:
         metavar="JOINT=N",
         type=setting,
         action="append",
-        help="with --rigid: N harmonics of the angle of a joint in the torque of its motor; may be repeated",
+        help="with --rigid: N harmonics of the angle of a joint, from the second, in the torque of its motor; "
+        "may be repeated",
     )
     motions.add_argument(
         "--segments",

@@ -13,34 +13,39 @@ from flexgen.errors import ArgumentError
 def rigid(args: Namespace, log: Progress) -> VerbResult:
     """Bodies, rotors and friction from recorded motions, and the stiffness of gears with encoders on both sides."""
     from flexgen.identification.recordings.description import read_description
+    from flexgen.identification.recordings.rigid_accuracy import RigidStatus
     from flexgen.identification.recordings.rigid_body import identify_rigid
-    from flexgen.identification.recordings.rigid_file import motions_of, write_rigid
+    from flexgen.identification.recordings.rigid_file import motions_of, rigid_deviations, rigid_numbers, write_rigid
 
     _only(args, "--rigid", "free", "start", "refine", "move", "truth", "structure", "segments")
     model, data = read_model(args), read_description(args.frf)
     held_out = None if args.validate is None else read_description(args.validate)
     log(f"fitting the bodies of {model.name} to {len(data.recordings)} recordings")
     balance = {name: int(count) for name, count in args.counterbalance or ()}
-    found = identify_rigid(model, motions_of(data), counterbalance=balance)
+    fitted = motions_of(data)
+    found = identify_rigid(model, fitted, counterbalance=balance, **({} if held_out is None else {"parts": 0}))
     motors = [motor.name for motor in model.motors]
-    errors = {"fitted": [found.relative_errors(motion).tolist() for motion in motions_of(data)]}
+    errors = {"fitted": [found.relative_errors(motion).tolist() for motion in fitted]}
     if held_out is not None:
-        errors["validated"] = [found.relative_errors(motion).tolist() for motion in motions_of(held_out)]
-    rows = []
-    for j, motor in enumerate(found.model.motors):
-        law = motor.friction
-        cells: list[Any] = [motor.name, motor.inertia, law.viscous, law.coulomb, law.offset]
-        rows.append(cells + [100 * run[j] for runs in errors.values() for run in runs])
-    head = ["motor", "inertia, kg m^2", "viscous, N m s/rad", "Coulomb, N m", "constant, N m"]
-    head += [f"{name} {k}, error %" for name, runs in errors.items() for k in range(1, len(runs) + 1)]
+        others = motions_of(held_out)
+        errors["validated"] = [found.relative_errors(motion).tolist() for motion in others]
+        found = found.validated(fitted, others)
+    elif found.left_out is not None:
+        errors["left out"] = [found.left_out.tolist()]
+    numbers, sd = rigid_numbers(found), rigid_deviations(found)
     lines = [
-        f"{model.name}: {found.base_parameters} base parameters of {len(found.pi)} numbers",
-        "errors: rms over the standard deviation of the torque, of samples that move",
+        f"{model.name}: {found.status}, {found.base_parameters} base parameters of {len(found.pi)} numbers",
+        paragraph(f"{found.status.sentence} {found.status.advice}"),
         "",
-        table(rows, tuple(head)),
+        "errors: rms over the standard deviation of the torque, of samples that move; left out: on quarters of the "
+        "recordings, of the fit to the others",
+        "",
+        *_rigid_tables(found, numbers, sd, errors),
     ]
     result: dict[str, Any] = {
         "model": model.name,
+        "status": str(found.status),
+        "parameters": [{"name": name, "value": value, "sd": sd.get(name)} for name, value in numbers.items()],
         "base_parameters": found.base_parameters,
         "motors": motors,
         "relative_errors": errors,
@@ -57,7 +62,26 @@ def rigid(args: Namespace, log: Progress) -> VerbResult:
         with writing(args.out):
             result["model_file"] = str(write_rigid(found, args.out, str(args.frf)))
         lines += ["", f"wrote {args.out}"]
-    return VerbResult(result, "\n".join(lines))
+    good = found.status in (RigidStatus.FITTED, RigidStatus.NOT_CHECKED)
+    return VerbResult(result, "\n".join(lines), problem="" if good else f"{found.status}: {found.status.sentence}")
+
+
+def _rigid_tables(found: Any, numbers: dict[str, float], sd: dict[str, float], errors: dict[str, Any]) -> list[str]:
+    """Frictions and rotors with their standard deviations and errors, and counterbalances."""
+
+    def both(name: str) -> str:
+        return f"{number(numbers[name])} +- {sd[name]:.2g}" if name in sd else number(numbers[name])
+
+    kinds = {"inertia": "kg m^2", "viscous": "N m s/rad", "coulomb": "N m", "offset": "N m"}
+    rows: list[list[Any]] = []
+    for j, motor in enumerate(found.model.motors):
+        cells: list[Any] = [motor.name, *(both(f"{motor.name}.{kind}") for kind in kinds)]
+        rows.append(cells + [100 * run[j] for runs in errors.values() for run in runs])
+    head = ["motor", *(f"{kind}, {unit}" for kind, unit in kinds.items())]
+    head += [f"{name} {k}, error %" for name, runs in errors.items() for k in range(1, len(runs) + 1)]
+    lines = [table(rows, tuple(head))]
+    balance = [[name, both(name)] for name in numbers if ".counterbalance_" in name]
+    return [*lines, "", table(balance, ("counterbalance", "N m, arm side"))] if balance else lines
 
 
 def _deflections(found: Any, data: Any) -> list[tuple[str, Any]]:

@@ -327,7 +327,8 @@ def fit_motion(
     errors = r.reshape(*shooting.y.shape) * shooting.sd
     percent, white = _percent(shooting.y, errors), whiteness(errors, shooting.Q)
     rms = np.sqrt((errors**2).mean(axis=(0, 1)))
-    held_out, status = (), _status(fit, percent, white)
+    held_out: tuple[float, ...] = ()
+    status = _status(fit, percent, white)
     if validate is not None:
         held_out, held_out_rms = _validated(vector, x, validate, segment_s)
         if status == FitStatus.FITTED and _fails(percent, held_out, held_out_rms / rms):

@@ -282,7 +282,7 @@ def write_model(
     path: str | Path,
     model: RobotModel,
     values: Mapping[str, float],
-    sd: Mapping[str, float],
+    sd: Mapping[str, float | str],
     source: str,
     model_file: str | Path | None = None,
     head: str = "",
@@ -295,7 +295,7 @@ def write_model(
     path : str or Path
     model : RobotModel
     values, sd : mappings
-        By the names of parameters; deviations may be missing.
+        By the names of parameters; deviations may be missing; those that are texts are written as they are.
     source : str
         Of the data.
     model_file : str or Path, optional
@@ -336,7 +336,7 @@ def written(
     text: str,
     model: RobotModel,
     values: Mapping[str, float],
-    sd: Mapping[str, float],
+    sd: Mapping[str, float | str],
     source: str,
     file: str,
     note: str = "",
@@ -368,6 +368,8 @@ def deviation_text(sd: float | None, relative: bool) -> str:
     return "-" if sd is None else f"{100 * sd:.2g} %" if relative else f"{sd:.2g}"
 
 
-def _percent(sd: float, name: str) -> str:
+def _percent(sd: float | str, name: str) -> str:
+    if isinstance(sd, str):
+        return sd
     signed = ".com_" in name or name.endswith(".offset")
     return deviation_text(sd, not signed)

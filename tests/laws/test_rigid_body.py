@@ -10,8 +10,11 @@ import pytest
 
 import flexgen
 from flexgen.errors import ArgumentError
+from flexgen.identification.recordings.feasible_bodies import pseudo_inertia
 from flexgen.identification.recordings.gear_deflection import gear_deflection
-from flexgen.identification.recordings.rigid_body import Motion, Regressor, identify_rigid, pseudo_inertia
+from flexgen.identification.recordings.rigid_accuracy import RigidStatus
+from flexgen.identification.recordings.rigid_body import Motion, Regressor, identify_rigid
+from flexgen.identification.recordings.rigid_file import rigid_deviations, rigid_numbers, write_rigid
 from flexgen.model.elements import Body
 from flexgen.numerics.evaluate import evaluate
 
@@ -66,13 +69,15 @@ def test_another_robot_is_found_and_its_bodies_are_possible():
     rng = np.random.default_rng(3)
     heavier = tuple(replace(e, body=_scaled(e.body, rng.uniform(0.7, 1.4))) for e in model.elements)
     truth = replace(model, elements=heavier)
-    found = identify_rigid(model, [recorded(truth, k, noise=0.02) for k in range(3)])
+    found = identify_rigid(model, [recorded(truth, k, noise=0.02) for k in range(3)], parts=0)
     held_out = recorded(truth, 9)
     assert np.nanmax(found.relative_errors(held_out)) < 0.05  # axis 6 turns next to nothing
     assert found.friction[:, 0] == pytest.approx(0.3, rel=0.1) and found.friction[:, 1] == pytest.approx(0.5, rel=0.1)
     for row in found.pi.reshape(-1, 10):
         assert np.linalg.eigvalsh(pseudo_inertia(row)).min() > 0
-    before = identify_rigid(model, [recorded(truth, k, noise=0.02) for k in range(3)], prior=1e-6)  # the file's bodies
+    before = identify_rigid(
+        model, [recorded(truth, k, noise=0.02) for k in range(3)], prior=1e-6, parts=0
+    )  # the file's bodies
     for axis in (0, 1, 2):  # those that carry most
         assert before.relative_errors(held_out)[axis] > 1.5 * found.relative_errors(held_out)[axis]
 
@@ -98,10 +103,10 @@ def test_recordings_of_a_kr300(runs):
     """Both runs: at most 17 % of the torque is unexplained on any axis of B, of samples that move."""
     model = flexgen.read("kr300")
     joint = model.coordinates[model.i_g[1]].name
-    found = identify_rigid(model, runs, counterbalance={joint: 2})
+    found = identify_rigid(model, runs, counterbalance={joint: 2}, parts=0)
     assert np.max(found.relative_errors(runs[1])) < 0.17
     assert np.max(found.relative_errors(runs[0])) < 0.19
-    plain = identify_rigid(model, runs, prior=1e-6)
+    plain = identify_rigid(model, runs, prior=1e-6, parts=0)
     assert np.max(plain.relative_errors(runs[1])) > 0.25  # the bodies of the file and friction alone
 
 
@@ -109,7 +114,7 @@ def test_gear_stiffness_of_a_kr300(runs):
     """Link encoders of axes 1 to 3: skew near 3 ms, axes 2 and 3 with intervals, axis 1 not identifiable."""
     model = flexgen.read("kr300")
     joint = model.coordinates[model.i_g[1]].name
-    found = identify_rigid(model, runs, counterbalance={joint: 2})
+    found = identify_rigid(model, runs, counterbalance={joint: 2}, parts=0)
     data = [np.load(DATA / f"kr300_run_{name}.npz", allow_pickle=False) for name in "AB"]
     results = []
     for axis in range(3):
@@ -172,3 +177,82 @@ def test_arguments_that_do_not_fit_are_refused():
         identify_rigid("elbow@rigid", [motion])
     with pytest.raises(ArgumentError, match="at least one motion"):
         identify_rigid(model, [])
+
+
+SINE, COSINE = 60.0, -25.0  # N m, of the second harmonic
+
+
+def balanced_elbow(path: Path) -> str:
+    """The rigid elbow with a counterbalance of its first joint, as a file."""
+    text = Path(flexgen.read("elbow").file).read_text()
+    line = f'name = "q1"\ncounterbalance = {{ sin = [0.0, {SINE}], cos = [0.0, {COSINE}] }}'
+    path.write_text(text.replace('name = "q1"', line, 1))
+    return f"{path}@rigid"
+
+
+def swung(model, center: float, width: float, seed: int, noise: float) -> Motion:
+    """A motion of both joints about a center of the first one; torques of the definition, noise, a bit of friction."""
+    t, rng = np.arange(2000) * 4e-3, np.random.default_rng(seed)
+    w, phase = 2 * np.pi * np.array([0.23, 0.41, 0.83]), rng.uniform(0, 6, (2, 3))
+    angle = w[:, None] * t + phase[:, :, None]
+    size = np.array([width, 0.6])[:, None, None] / 3
+    q = (size * np.sin(angle)).sum(axis=1).T + np.array([center, 0.0])
+    v = (size * w[:, None] * np.cos(angle)).sum(axis=1).T
+    a = -(size * w[:, None] ** 2 * np.sin(angle)).sum(axis=1).T
+    equations = flexgen.derive(model)
+    arm = evaluate(equations.function("inverse_dynamics"), q, v, a)[0]
+    arm[:, 0] -= SINE * np.sin(2 * q[:, 0]) + COSINE * np.cos(2 * q[:, 0])
+    motor = np.array([m.inertia for m in model.motors]) * (a @ model.eta.T)
+    tau = arm @ np.linalg.inv(model.eta) + motor + 0.3 * np.tanh(v / 5e-4)
+    return Motion(t, q, tau + noise * rng.standard_normal(tau.shape))
+
+
+def test_a_fitted_counterbalance_and_its_deviations_are_in_the_new_file(tmp_path):
+    """A gas spring of the first joint: the written model has its torque, within the stated deviations."""
+    model = flexgen.read("elbow@rigid")
+    found = identify_rigid(
+        model, [swung(model, c, 1.2, k, 0.02) for k, c in enumerate((0.0, 0.8))], counterbalance={"q1": 1}
+    )
+    assert found.status == RigidStatus.FITTED and (found.left_out < 0.1).all()
+    numbers, sd = rigid_numbers(found), rigid_deviations(found)
+    for name, true in (("q1.counterbalance_sin_2", SINE), ("q1.counterbalance_cos_2", COSINE)):
+        assert abs(numbers[name] - true) < 4 * sd[name] < 40.0
+    assert abs(numbers["m1.coulomb"] - 0.3) < 4 * sd["m1.coulomb"]
+    text = write_rigid(found, tmp_path / "new.toml", "test").read_text()
+    assert "q1.counterbalance_sin_2: sd " in text and "each has its standard deviation" in text
+    again = flexgen.read(tmp_path / "new.toml", "rigid")
+    q = np.random.default_rng(1).uniform(-1, 1, (30, 2))
+    held = [
+        evaluate(flexgen.derive(m).function("gravity"), q)[0]
+        - evaluate(flexgen.derive(m).function("arm_forces"), q, 0 * q)[0]
+        for m in (again, flexgen.read(balanced_elbow(tmp_path / "true.toml")))
+    ]
+    assert np.abs(held[0] - held[1])[:, 0].max() < 0.02 * np.abs(held[1][:, 0]).max()
+    refit = identify_rigid(again, [swung(model, 0.4, 1.2, 3, 0.02)], counterbalance={"q1": 1}, parts=0)
+    assert refit.status == RigidStatus.NOT_CHECKED  # the file's counterbalance is fitted anew, and not added
+    assert refit.model.elements[0].dofs[0].counterbalance[1][0] == pytest.approx(SINE, rel=0.5)
+
+
+def test_a_fit_that_fails_on_other_motions_has_no_deviations_and_says_so(tmp_path):
+    """Five harmonics fitted to a small motion: the torque elsewhere is anything; so says a held-out motion."""
+    model = flexgen.read("elbow@rigid")
+    near, far = swung(model, 0.0, 0.15, 0, 0.3), swung(model, 1.0, 1.2, 1, 0.3)
+    found = identify_rigid(model, [near], counterbalance={"q1": 5}, parts=0)
+    assert found.numbers_sd is not None
+    failed = found.validated([near], [far])
+    assert failed.relative_errors(far)[0] > 0.5
+    assert (
+        failed.status == RigidStatus.POORLY_VALIDATED and failed.numbers_sd is None and rigid_deviations(failed) == {}
+    )
+    text = write_rigid(failed, tmp_path / "new.toml", "test").read_text()
+    assert "poorly validated, no standard deviations" in text and ": sd " not in text
+
+
+def test_one_run_of_a_kr300_is_seen_not_to_determine_its_counterbalance(runs):
+    """Without the other run: quarters of the run that were left out tell what the other run shows."""
+    model = flexgen.read("kr300")
+    both = identify_rigid(model, runs, counterbalance={"q2": 2})
+    assert both.status == RigidStatus.FITTED
+    alone = identify_rigid(model, runs[:1], counterbalance={"q2": 2})
+    assert alone.relative_errors(runs[1])[1] > 1.9
+    assert alone.status == alone.validated(runs[:1], runs[1:]).status == RigidStatus.POORLY_VALIDATED

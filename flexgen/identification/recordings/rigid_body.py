@@ -18,6 +18,7 @@ Source: M. Gautier and W. Khalil, IEEE TRA 6(3), 1990 (base parameters); P. Wens
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -27,7 +28,12 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from flexgen.errors import ArgumentError
+from flexgen.identification.recordings import rigid_accuracy
+from flexgen.identification.recordings.counterbalances import fitted_balances, held_balances
+from flexgen.identification.recordings.feasible_bodies import Feasible, body_of, numbers_of, scales
+from flexgen.identification.recordings.rigid_accuracy import RigidStatus
 from flexgen.mechanics.equations import Equations
+from flexgen.model.component_tables import HARMONICS
 from flexgen.model.elements import Body, Friction, Motor, RobotModel
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
@@ -39,6 +45,7 @@ MOVING = 0.01  # rad/s or m/s: slower samples are not judged, friction at stands
 CORRELATED = 50  # samples that share one error: the errors of a model are not white
 PRIOR = 1.0  # relative deviation of the bodies of the model file
 RANK = 1e-9  # of singular values of base parameters
+PARTS, PARTS_MOST = 4, 100  # parts of each recording that are left out in turn
 _NAMES = ("mass", "com_x", "com_y", "com_z", "inertia_xx", "inertia_yy", "inertia_zz", "inertia_xy", "inertia_yz",
           "inertia_xz")  # fmt: skip
 
@@ -115,12 +122,12 @@ class Regressor:
 
     def bodies(self, pi: np.ndarray) -> tuple[Body, ...]:
         """Bodies with these numbers (10 bodies,)."""
-        return tuple(_body(row) for row in pi.reshape(-1, 10))
+        return tuple(body_of(row) for row in pi.reshape(-1, 10))
 
     def of_model(self) -> np.ndarray:
         """The numbers of the bodies of the model, payload in the last one, (10 bodies,)."""
-        rows = [_row(element.body) for element in self.model.elements]
-        rows[-1] = rows[-1] + _row(self.model.payload)
+        rows = [numbers_of(element.body) for element in self.model.elements]
+        rows[-1] = rows[-1] + numbers_of(self.model.payload)
         return np.concatenate(rows)
 
     def base_parameters(self, states: int = 500, seed: int = 0) -> int:
@@ -135,10 +142,12 @@ class Regressor:
 class RigidFit:
     """Result of `identify_rigid`.
 
-    ``model``: with the new bodies, rotors and frictions, without the counterbalance; ``file``: the model before; ``pi``
+    ``model``: with the new bodies, rotors, frictions and counterbalance; ``file``: the model before; ``pi``
     (10 bodies,); ``friction`` (n_m, columns): coefficients of each motor, motor side: viscous [N m s/rad of the joint],
     Coulomb and constant [N m], rotor [N m s^2/rad of the joint], then those of the counterbalance [N m]; ``sd`` (n_m,)
-    [N m]: deviation of the torques from the model.
+    [N m]: deviation of the torques from the model; ``covariance``: of ``pi`` and then of ``friction`` row by row;
+    ``left_out`` (n_m,): errors on parts of the recordings that were left out of the fit, as `relative_errors`; None:
+    not computed; ``status``: from these.
     """
 
     model: RobotModel
@@ -148,6 +157,30 @@ class RigidFit:
     sd: np.ndarray
     base_parameters: int
     counterbalance: dict[str, int]
+    covariance: np.ndarray
+    left_out: np.ndarray | None
+    status: RigidStatus
+
+    @property
+    def numbers_sd(self) -> np.ndarray | None:
+        """Standard deviations of ``pi`` and then of ``friction`` row by row; None where the status has none."""
+        return np.sqrt(np.diag(self.covariance)) if self.status.has_deviations else None
+
+    def validated(self, fitted: Sequence[Motion], others: Sequence[Motion]) -> RigidFit:
+        """The fit with the status that it has on recordings that were not fitted.
+
+        Parameters
+        ----------
+        fitted, others : sequences of Motion
+            Those of the fit, and others.
+        """
+        (error, scale), (there, there_scale) = (self._errors(motions) for motions in (fitted, others))
+        return replace(self, status=rigid_accuracy.status_of(error, scale, there, there_scale))
+
+    def _errors(self, motions: Sequence[Motion]) -> tuple[np.ndarray, np.ndarray]:
+        """Rms of the errors and deviations of the torques of samples that move (n_m,)."""
+        columns = _Columns(Regressor(self.file), motions, self.counterbalance)
+        return columns.errors(self.pi, self.friction)
 
     def torques(self, motion: Motion) -> np.ndarray:
         """Torques of the motors along a motion (n, n_m) [N m], motor side."""
@@ -167,14 +200,8 @@ class RigidFit:
 
         Both through the filter of the motion.
         """
-        moving = np.abs(motion.derivatives[1] @ self.model.eta.T) > MOVING * np.abs(self.model.eta).max(axis=1)
-        error = motion.torques - self.torques(motion)
-        return np.array(
-            [
-                np.sqrt(np.mean(error[rows, j] ** 2)) / np.std(motion.torques[rows, j]) if rows.any() else np.nan
-                for j, rows in enumerate(moving.T)
-            ]
-        )
+        error, scale = self._errors([motion])
+        return error / scale
 
 
 def identify_rigid(
@@ -183,6 +210,7 @@ def identify_rigid(
     *,
     counterbalance: Mapping[str, int] | None = None,
     prior: float = PRIOR,
+    parts: int = PARTS,
 ) -> RigidFit:
     """Fit bodies and friction of a rigid arm to recorded motions.
 
@@ -192,9 +220,13 @@ def identify_rigid(
         Its bodies are the prior, its rotors and gear ratios are kept.
     motions : sequence of Motion
     counterbalance : mapping, optional
-        Name of a joint -> number of harmonics of its angle that the torque of its motor may have beside gravity.
+        Name of a joint -> number of harmonics of its angle, from the second one, that the torque of its motor may have
+        beside gravity, which has the first. Harmonics of the file that are not fitted stay.
     prior : float
         Relative standard deviation of the bodies of the file.
+    parts : int
+        Each recording is cut into so many parts; the fit is repeated without each of them, and judged by its errors
+        there. 0: it is not checked.
 
     Raises
     ------
@@ -210,6 +242,15 @@ def identify_rigid(
             raise ArgumentError(
                 f"counterbalance: given {name!r}: {count!r}, expected one of {', '.join(joints)} and >= 1"
             )
+        if count > HARMONICS - 1:
+            raise ArgumentError(
+                f"counterbalance: given {count} harmonics for {name!r}, expected {HARMONICS - 1} at most"
+            )
+        if (
+            np.count_nonzero(robot.eta[:, joints.index(name)]) > 1
+            or robot.coordinates[robot.i_g[joints.index(name)]].unit != "rad"
+        ):
+            raise ArgumentError(f"counterbalance: given {name!r}, expected a rotation with a motor of its own")
     for motion in motions:
         if motion.q.shape[1] != robot.n_g or motion.tau_m.shape[1] != robot.n_m:
             raise ArgumentError(
@@ -218,18 +259,59 @@ def identify_rigid(
             )
     if not motions or not prior > 0:
         raise ArgumentError("motions, prior: expected at least one motion and a deviation > 0")
+    if not isinstance(parts, int) or not (parts == 0 or 2 <= parts <= PARTS_MOST):
+        raise ArgumentError(f"parts: given {parts!r}, expected 0 or 2 to {PARTS_MOST}")
     columns = _Columns(regressor, motions, extra)
-    pi = regressor.of_model()
-    sd = np.maximum(np.std(np.vstack([m.torques for m in motions]), axis=0), 1e-12)
+    file = pi = regressor.of_model()
+    sd = np.maximum(np.std(np.vstack(columns.measured), axis=0), 1e-12)
     friction = np.zeros((robot.n_m, columns.F[0].shape[2]))
     for _ in range(4):  # the weights follow the errors
-        pi, friction = _fitted(columns, regressor.of_model(), pi, sd, prior)
-        error = np.vstack([m.torques - t for m, t in zip(motions, columns.torques(pi, friction), strict=True)])
+        pi, friction = _fitted(columns, file, pi, sd, prior)
+        error = np.vstack([m - t for m, t in zip(columns.measured, columns.torques(pi, friction), strict=True)])
         sd = np.maximum(np.sqrt(np.mean(error**2, axis=0)), 1e-9 * sd)
+    error_rms, scale = columns.errors(pi, friction)
+    there = None if parts == 0 else _left_out(columns, file, pi, sd, prior, parts)
+    status = rigid_accuracy.status_of(error_rms, scale, there, None if there is None else scale)
     bodies = regressor.bodies(pi)
-    elements = tuple(replace(e, body=body) for e, body in zip(robot.elements, bodies, strict=True))
+    balances = fitted_balances(robot, extra, friction)
+    elements = tuple(
+        replace(e, body=body, dofs=tuple(replace(dof, counterbalance=balances[dof.name]) for dof in e.dofs))
+        for e, body in zip(robot.elements, bodies, strict=True)
+    )
     fitted = replace(robot, elements=elements, payload=Body(), motors=_motors(robot, friction))
-    return RigidFit(fitted, robot, pi, friction, sd, regressor.base_parameters(), extra)
+    covariance = _covariance(columns, file, error, sd, prior)
+    left_out = None if there is None else there / scale
+    rank = regressor.base_parameters()
+    return RigidFit(fitted, robot, pi, friction, sd, rank, extra, covariance, left_out, status)
+
+
+def _left_out(
+    columns: _Columns, file: np.ndarray, pi: np.ndarray, sd: np.ndarray, prior: float, parts: int
+) -> np.ndarray:
+    """Rms errors (n_m,) on each part of the recordings of the fit to all others."""
+    pieces, error, moving = rigid_accuracy.parts_of([len(m) for m in columns.measured], parts), [], []
+    for one in pieces:
+        others = columns.part([piece for piece in pieces if piece is not one])
+        found = _fitted(others, file, pi, sd, prior)
+        here = columns.part([one])
+        error.append(here.measured[0] - here.torques(*found)[0])
+        moving.append(here.moving[0])
+    return rigid_accuracy.rms(np.vstack(error), np.vstack(moving))
+
+
+def _covariance(columns: _Columns, file: np.ndarray, error: np.ndarray, sd: np.ndarray, prior: float) -> np.ndarray:
+    """Covariance of the bodies' numbers and of the frictions, row by row."""
+    Y, F = np.concatenate(columns.Y), np.concatenate(columns.F)
+    n, motors, count = F.shape
+    X = []
+    for j in range(motors):
+        x = np.zeros((n, len(file) + motors * count))
+        x[:, : len(file)] = Y[:, j]
+        x[:, len(file) + j * count : len(file) + (j + 1) * count] = F[:, j]
+        X.append(x)
+    information = np.concatenate([(prior * scales(file)) ** -2.0, np.zeros(motors * count)])
+    block = max(1, round(rigid_accuracy.BLOCK_S / columns.step))
+    return rigid_accuracy.covariance(X, error, 1.0 / (sd * np.sqrt(CORRELATED)), information, block)
 
 
 def _motors(model: RobotModel, friction: np.ndarray) -> tuple[Motor, ...]:
@@ -258,8 +340,11 @@ class _Columns:
         inertia = np.array([motor.inertia for motor in model.motors])
         names = [model.coordinates[i].name for i in model.i_g]
         most = max(counterbalance.values(), default=0)
-        self.motions = motions
-        self.Y, self.F, self.known = [], [], []
+        self.step = float(np.median(np.diff(motions[0].t)))
+        held = held_balances(model, counterbalance)
+        self.Y, self.F, self.known, self.held = [], [], [], []
+        self.measured = [motion.torques for motion in motions]
+        self.moving = [np.abs(m.derivatives[1] @ model.eta.T) > MOVING * np.abs(model.eta).max(axis=1) for m in motions]
         for motion in motions:
             q, v, a = motion.derivatives
             self.Y.append(np.einsum("ji,nip->njp", inverse, regressor(q, v, a)))
@@ -267,7 +352,8 @@ class _Columns:
             scale = COULOMB_SPEED * np.abs(model.eta).max(axis=1)
             ratio = np.abs(model.eta).max(axis=1)
             rotor = a @ model.eta.T / ratio
-            columns = [speed / ratio, np.tanh(speed / scale), np.ones_like(speed), rotor]
+            step = savgol_filter(np.tanh(speed / scale), WINDOW, ORDER, axis=0)  # through the filter of the torques
+            columns = [speed / ratio, step, np.ones_like(speed), rotor]
             for k in range(2, most + 2):
                 for function in (np.sin, np.cos):
                     column = np.zeros_like(speed)
@@ -278,12 +364,33 @@ class _Columns:
                     columns.append(column)
             self.F.append(np.stack(columns, axis=2))
             self.known.append(inertia * (a @ model.eta.T))
+            relief = np.zeros_like(q)
+            for i, name in enumerate(names):
+                for k, (sine, cosine) in enumerate(held[name], 1):
+                    relief[:, i] += sine * np.sin(k * q[:, i]) + cosine * np.cos(k * q[:, i])
+            self.held.append(-relief @ inverse.T)
+
+    def part(self, pieces: Sequence[tuple[int, slice]]) -> _Columns:
+        """Some samples of some motions: number of the motion, and samples."""
+        out = copy(self)
+        for name in ("Y", "F", "known", "held", "measured", "moving"):
+            of = getattr(self, name)
+            setattr(out, name, [of[run][samples] for run, samples in pieces])
+        return out
+
+    def errors(self, pi: np.ndarray, friction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rms of the errors, and deviations of the torques, of samples that move (n_m,); nan: none does."""
+        moving, torque = np.vstack(self.moving), np.vstack(self.measured)
+        count = moving.sum(axis=0)
+        mean = (torque * moving).sum(axis=0) / np.where(count > 0, count, np.nan)
+        error = torque - np.vstack(self.torques(pi, friction))
+        return rigid_accuracy.rms(error, moving), rigid_accuracy.rms(torque - mean, moving)
 
     def torques(self, pi: np.ndarray, friction: np.ndarray) -> list[np.ndarray]:
         """Torques of each motion (n, n_m)."""
         return [
-            known + Y @ pi + np.einsum("njc,jc->nj", F, friction)
-            for Y, F, known in zip(self.Y, self.F, self.known, strict=True)
+            known + held + Y @ pi + np.einsum("njc,jc->nj", F, friction)
+            for Y, F, known, held in zip(self.Y, self.F, self.known, self.held, strict=True)
         ]
 
 
@@ -292,8 +399,8 @@ def _fitted(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bodies and friction of least weighted squares; friction is eliminated, since the torques are linear in it."""
     motors = len(sd)
-    Y, F, target = (np.concatenate(x) for x in (columns.Y, columns.F, columns.known))
-    target = np.concatenate([m.torques for m in columns.motions]) - target
+    Y, F, known, held = (np.concatenate(x) for x in (columns.Y, columns.F, columns.known, columns.held))
+    target = np.concatenate(columns.measured) - known - held
     weight = 1.0 / (sd * np.sqrt(CORRELATED))
     reduced_Y, reduced_t, solvers = [], [], []
     for j in range(motors):  # the part of rows that friction cannot explain
@@ -305,8 +412,8 @@ def _fitted(
         reduced_t.append((target[:, j] - U @ (U.T @ target[:, j])) * weight[j])
     big = np.vstack(reduced_Y)
     N, b, c = big.T @ big, big.T @ np.concatenate(reduced_t), float(sum(t @ t for t in reduced_t))
-    scale = prior * _scales(file)
-    maps = _Feasible(len(file) // 10)
+    scale = prior * scales(file)
+    maps = Feasible(len(file) // 10)
 
     def sums(x: np.ndarray) -> Sums:
         pi, J = maps.pi(x), maps.jacobian(x)
@@ -326,85 +433,3 @@ def _fitted(
     pi = maps.pi(fit.x)
     friction = np.array([solvers[j] @ (target[:, j] - Y[:, j] @ pi) for j in range(motors)])
     return pi, friction
-
-
-class _Feasible:
-    """Bodies with a positive definite pseudo-inertia: logarithms of the diagonal of L, and its lower entries."""
-
-    _LOWER = ((1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2))
-
-    def __init__(self, bodies: int) -> None:
-        x = ca.SX.sym("x", 10)
-        L = ca.SX.zeros(4, 4)
-        for k in range(4):
-            L[k, k] = ca.exp(x[k])
-        for k, (i, j) in enumerate(self._LOWER):
-            L[i, j] = x[4 + k]
-        P = ca.mtimes(L, L.T)
-        S = P[:3, :3]
-        inertia = ca.trace(S) * ca.SX.eye(3) - S
-        pi = ca.vertcat(
-            P[3, 3], P[0, 3], P[1, 3], P[2, 3], inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1],
-            inertia[1, 2], inertia[0, 2],
-        )  # fmt: skip
-        self.bodies = bodies
-        self._function = ca.Function("feasible", [x], [pi, ca.densify(ca.jacobian(pi, x))])
-
-    def pi(self, x: np.ndarray) -> np.ndarray:
-        """Numbers of the bodies (10 bodies,)."""
-        return evaluate(self._function, x.reshape(-1, 10))[0].ravel()
-
-    def jacobian(self, x: np.ndarray) -> np.ndarray:
-        """Derivatives of `pi`, block diagonal."""
-        blocks = evaluate(self._function, x.reshape(-1, 10))[1].reshape(-1, 10, 10)
-        out = np.zeros((10 * self.bodies, 10 * self.bodies))
-        for k, block in enumerate(blocks):
-            out[10 * k : 10 * k + 10, 10 * k : 10 * k + 10] = block
-        return out
-
-    def x(self, pi: np.ndarray) -> np.ndarray:
-        """Parameters of bodies; one that no matter can have is made a little larger first."""
-        out = []
-        for row in pi.reshape(-1, 10):
-            P = pseudo_inertia(row)
-            values, vectors = np.linalg.eigh(P)
-            values = np.maximum(values, 1e-4 * max(values[-1], 1e-6))
-            L = np.linalg.cholesky((vectors * values) @ vectors.T)
-            out.append([*np.log(np.diag(L)), *(L[i, j] for i, j in self._LOWER)])
-        return np.array(out).ravel()
-
-
-def pseudo_inertia(row: np.ndarray) -> np.ndarray:
-    """The pseudo-inertia (4, 4) of a body with the numbers ``row`` (10,)."""
-    m, hx, hy, hz, xx, yy, zz, xy, yz, xz = row
-    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    P = np.zeros((4, 4))
-    P[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
-    P[:3, 3] = P[3, :3] = (hx, hy, hz)
-    P[3, 3] = m
-    return P
-
-
-def _row(body: Body) -> np.ndarray:
-    """The ten numbers of a body."""
-    c = np.array(body.com, dtype=float)
-    h = body.mass * c
-    I = np.array(body.inertia, dtype=float) + body.mass * (c @ c * np.eye(3) - np.outer(c, c))  # noqa: E741
-    return np.array([body.mass, *h, I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[1, 2], I[0, 2]])
-
-
-def _body(row: np.ndarray) -> Body:
-    """The body with these ten numbers."""
-    m, h = row[0], row[1:4]
-    c = h / m
-    xx, yy, zz, xy, yz, xz = row[4:]
-    I = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - m * (c @ c * np.eye(3) - np.outer(c, c))  # noqa: E741
-    return Body(float(m), tuple(c.tolist()), tuple(map(tuple, I.tolist())))
-
-
-def _scales(pi: np.ndarray) -> np.ndarray:
-    """Typical sizes of the ten numbers of each body: mass, mass x length, mass x length^2."""
-    rows = pi.reshape(-1, 10)
-    length = np.sqrt(np.maximum(rows[:, 4:7].sum(axis=1) / np.maximum(2 * rows[:, 0], 1e-9), 1e-4))
-    out = [rows[:, 0], *[rows[:, 0] * length] * 3, *[rows[:, 0] * length**2] * 6]
-    return np.maximum(np.stack(out, axis=1), 1e-6).ravel()

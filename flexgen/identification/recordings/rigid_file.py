@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.identification.recordings.description import Description
+from flexgen.identification.recordings.feasible_bodies import body_of, scales
 from flexgen.identification.recordings.rigid_body import Motion, RigidFit
 from flexgen.identification.result import write_model
 from flexgen.mechanics.parameters import select
+from flexgen.model.elements import RobotModel
 
 BODY = ("mass", "com_x", "com_y", "com_z", "inertia_xx", "inertia_yy", "inertia_zz", "inertia_xy", "inertia_yz",
         "inertia_xz")  # fmt: skip
+STEP = 1e-6  # of differences
 ROUNDING = 1e-15  # kg, m, kg m^2: smaller numbers are rounding errors, and a model file has none below 1e-18
 FRICTION = ("viscous", "coulomb", "beta", "offset")
 
@@ -29,9 +33,63 @@ def rigid_numbers(fit: RigidFit) -> dict[str, float]:
     model, out = fit.model, {}
     names = [f"{element.name}.{name}" for element in model.elements for name in BODY]
     names += [f"{motor.name}.{name}" for motor in model.motors for name in (*FRICTION, "inertia")]
+    names += list(_balance_places(fit))
     for parameter in select(model, names):
         out[parameter.name] = parameter.value if abs(parameter.value) > ROUNDING else 0.0
     return out
+
+
+def _balance_places(fit: RigidFit) -> dict[str, tuple[int, int]]:
+    """Names of the fitted numbers of counterbalances -> their place in the frictions."""
+    model, out = fit.file, {}
+    joints = [model.coordinates[i].name for i in model.i_g]
+    for name, count in fit.counterbalance.items():
+        j = int(np.argmax(np.abs(model.eta[:, joints.index(name)])))
+        for k in range(count):
+            out[f"{name}.counterbalance_sin_{k + 2}"] = j, 4 + 2 * k
+            out[f"{name}.counterbalance_cos_{k + 2}"] = j, 5 + 2 * k
+    return out
+
+
+def rigid_deviations(fit: RigidFit) -> dict[str, float]:
+    """Name -> standard deviation of the numbers of the fit, in their units; empty where the status has none.
+
+    The rotors' and bodies' numbers are combinations of those of the fit; their deviations follow by differences.
+    """
+    if not fit.status.has_deviations:
+        return {}
+    model, n = fit.model, len(fit.pi)
+    body = fit.covariance[:n, :n]
+    out: dict[str, float] = {}
+    for k, element in enumerate(model.elements):
+        row, rows = fit.pi[10 * k : 10 * k + 10], slice(10 * k, 10 * k + 10)
+        J, at = np.empty((10, 10)), _in_file(row)
+        for i, size in enumerate(scales(row)):
+            J[:, i] = (_in_file(row + STEP * size * (np.arange(10) == i)) - at) / (STEP * size)
+        sd = np.sqrt(np.maximum(np.diag(J @ body[rows, rows] @ J.T), 0.0))
+        out |= {f"{element.name}.{name}": float(x) for name, x in zip(BODY, sd, strict=True)}
+    sd = np.sqrt(np.diag(fit.covariance)[n:]).reshape(fit.friction.shape)
+    for j, motor in enumerate(model.motors):
+        ratio = float(np.abs(model.eta[j]).max())
+        numbers = (
+            ("viscous", sd[j, 0] / ratio),
+            ("coulomb", sd[j, 1]),
+            ("offset", sd[j, 2]),
+            ("inertia", sd[j, 3] / ratio),
+        )
+        out |= {f"{motor.name}.{name}": float(x) for name, x in numbers}
+    names = [model.coordinates[i].name for i in model.i_g]
+    for name, (j, column) in _balance_places(fit).items():
+        ratio = float(abs(model.eta[j, names.index(name.partition(".")[0])]))
+        out[name] = float(sd[j, column]) * ratio
+    return out
+
+
+def _in_file(row: np.ndarray) -> np.ndarray:
+    """The numbers of a model file, in the order of `BODY`, of a body with these ten numbers."""
+    body = body_of(row)
+    I = body.inertia  # noqa: E741
+    return np.array([body.mass, *body.com, I[0][0], I[1][1], I[2][2], I[0][1], I[1][2], I[0][2]])
 
 
 def write_rigid(fit: RigidFit, path: str | Path, source: str) -> Path:
@@ -48,6 +106,27 @@ def write_rigid(fit: RigidFit, path: str | Path, source: str) -> Path:
         )
     head = (
         "# Bodies: only combinations of these numbers are determined; each body by itself may be another one.\n"
-        "# A counterbalance is not in the model.\n"
+        "# Standard deviations are in the units of the numbers.\n"
     )
-    return write_model(path, fit.file, rigid_numbers(fit), {}, source, head=head)
+    note = "" if fit.status.has_deviations else f"{fit.status}, no standard deviations"
+    sd = {name: f"{value:.2g}" for name, value in rigid_deviations(fit).items()}
+    return write_model(path, _with_places(fit), rigid_numbers(fit), sd, source, head=head, note=note)
+
+
+def _with_places(fit: RigidFit) -> RobotModel:
+    """The model before the fit, with zero counterbalances where the fit has some: so that their numbers have names."""
+    longer = {dof.name: len(dof.counterbalance) for element in fit.model.elements for dof in element.dofs}
+    elements = tuple(
+        replace(
+            e,
+            dofs=tuple(
+                replace(
+                    dof,
+                    counterbalance=dof.counterbalance + ((0.0, 0.0),) * (longer[dof.name] - len(dof.counterbalance)),
+                )
+                for dof in e.dofs
+            ),
+        )
+        for e in fit.file.elements
+    )
+    return replace(fit.file, elements=elements)

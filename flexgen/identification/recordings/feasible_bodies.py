@@ -1,0 +1,96 @@
+"""Bodies that matter can have: their ten numbers, their pseudo-inertia, and parameters under which it is positive.
+
+The ten numbers of a body are mass, mass x center of mass, and inertia about the origin of its frame.
+
+Source: C. Rucker and P. Wensing, IEEE RA-L 7(2), 2022 (log-Cholesky parameters).
+"""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+
+from flexgen.model.elements import Body
+from flexgen.numerics.evaluate import evaluate
+
+
+class Feasible:
+    """Bodies with a positive definite pseudo-inertia: logarithms of the diagonal of L, and its lower entries."""
+
+    _LOWER = ((1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2))
+
+    def __init__(self, bodies: int) -> None:
+        x = ca.SX.sym("x", 10)
+        L = ca.SX.zeros(4, 4)
+        for k in range(4):
+            L[k, k] = ca.exp(x[k])
+        for k, (i, j) in enumerate(self._LOWER):
+            L[i, j] = x[4 + k]
+        P = ca.mtimes(L, L.T)
+        S = P[:3, :3]
+        inertia = ca.trace(S) * ca.SX.eye(3) - S
+        pi = ca.vertcat(
+            P[3, 3], P[0, 3], P[1, 3], P[2, 3], inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1],
+            inertia[1, 2], inertia[0, 2],
+        )  # fmt: skip
+        self.bodies = bodies
+        self._function = ca.Function("feasible", [x], [pi, ca.densify(ca.jacobian(pi, x))])
+
+    def pi(self, x: np.ndarray) -> np.ndarray:
+        """Numbers of the bodies (10 bodies,)."""
+        return evaluate(self._function, x.reshape(-1, 10))[0].ravel()
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Derivatives of `pi`, block diagonal."""
+        blocks = evaluate(self._function, x.reshape(-1, 10))[1].reshape(-1, 10, 10)
+        out = np.zeros((10 * self.bodies, 10 * self.bodies))
+        for k, block in enumerate(blocks):
+            out[10 * k : 10 * k + 10, 10 * k : 10 * k + 10] = block
+        return out
+
+    def x(self, pi: np.ndarray) -> np.ndarray:
+        """Parameters of bodies; one that no matter can have is made a little larger first."""
+        out = []
+        for row in pi.reshape(-1, 10):
+            P = pseudo_inertia(row)
+            values, vectors = np.linalg.eigh(P)
+            values = np.maximum(values, 1e-4 * max(values[-1], 1e-6))
+            L = np.linalg.cholesky((vectors * values) @ vectors.T)
+            out.append([*np.log(np.diag(L)), *(L[i, j] for i, j in self._LOWER)])
+        return np.array(out).ravel()
+
+
+def pseudo_inertia(row: np.ndarray) -> np.ndarray:
+    """The pseudo-inertia (4, 4) of a body with the numbers ``row`` (10,)."""
+    m, hx, hy, hz, xx, yy, zz, xy, yz, xz = row
+    inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    P = np.zeros((4, 4))
+    P[:3, :3] = np.trace(inertia) / 2 * np.eye(3) - inertia
+    P[:3, 3] = P[3, :3] = (hx, hy, hz)
+    P[3, 3] = m
+    return P
+
+
+def numbers_of(body: Body) -> np.ndarray:
+    """The ten numbers of a body."""
+    c = np.array(body.com, dtype=float)
+    h = body.mass * c
+    I = np.array(body.inertia, dtype=float) + body.mass * (c @ c * np.eye(3) - np.outer(c, c))  # noqa: E741
+    return np.array([body.mass, *h, I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[1, 2], I[0, 2]])
+
+
+def body_of(row: np.ndarray) -> Body:
+    """The body with these ten numbers."""
+    m, h = row[0], row[1:4]
+    c = h / m
+    xx, yy, zz, xy, yz, xz = row[4:]
+    I = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - m * (c @ c * np.eye(3) - np.outer(c, c))  # noqa: E741
+    return Body(float(m), tuple(c.tolist()), tuple(map(tuple, I.tolist())))
+
+
+def scales(pi: np.ndarray) -> np.ndarray:
+    """Typical sizes of the ten numbers of each body: mass, mass x length, mass x length^2."""
+    rows = pi.reshape(-1, 10)
+    length = np.sqrt(np.maximum(rows[:, 4:7].sum(axis=1) / np.maximum(2 * rows[:, 0], 1e-9), 1e-4))
+    out = [rows[:, 0], *[rows[:, 0] * length] * 3, *[rows[:, 0] * length**2] * 6]
+    return np.maximum(np.stack(out, axis=1), 1e-6).ravel()
