@@ -31,6 +31,7 @@ except ImportError:  # not a POSIX system
 
 FILE, FOLDER = ".flexgen-", ".staging-"  # how the names of temporary files and folders begin
 GRACE = 60.0  # s: what changed later than that is left alone
+PARTS = 256  # of a path that is written
 _LINKS = 40  # symbolic links on the way of a path that are followed, as in Linux
 OLD = 86400.0  # s: what is older is abandoned where files cannot be locked
 
@@ -104,10 +105,15 @@ def followed(path: str | Path) -> Path:
     Raises
     ------
     ArgumentError
-        A link on the way is that of another user in such a folder, or the links lead nowhere.
+        A link on the way is that of another user in such a folder, the links lead nowhere, or the path has thousands of
+        parts.
     """
     if os.name != "posix":
         return Path(os.path.realpath(path))
+    if len(Path(path).parts) > PARTS:
+        raise ArgumentError(
+            f"output: given a path of {len(Path(path).parts)} parts, expected at most {PARTS}: {str(path)[:80]!r}..."
+        )
     todo, reached, links = list(reversed(Path(path).absolute().parts)), Path(), 0
     while todo:
         part = todo.pop()

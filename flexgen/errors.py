@@ -2,9 +2,38 @@
 
 from __future__ import annotations
 
+import re
+
+GIVEN, MESSAGE = 600, 4000  # characters of what was given, and of a message, that are shown
+
+_LONG = re.compile(rf"(?s)(given )((?:(?!, expected ).){{{GIVEN},}})(?=, expected )")
+
+
+def printable(text: str) -> str:
+    """A text without control characters, which a terminal would obey; line ends and tabs stay."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def message_of(text: str) -> str:
+    """A message for the user: printable, and with the beginning and the end of what is long."""
+    text = _shortened(printable(text), MESSAGE)
+    return _LONG.sub(lambda found: found[1] + _shortened(found[2], GIVEN), text)
+
+
+def _shortened(text: str, most: int) -> str:
+    left = len(text) - most
+    if left <= 0:
+        return text
+    return f"{text[: most * 3 // 5]} ... ({left} characters) ... {text[len(text) - most // 4 :]}"
+
 
 class FlexgenError(Exception):
-    """Base of all errors of flexgen; the text is for the user."""
+    """Base of all errors of flexgen; the text is for the user: control characters are escaped, long texts shortened."""
+
+    def __init__(self, *args: object) -> None:
+        super().__init__(*(message_of(x) if isinstance(x, str) else x for x in args))
 
 
 class ModelError(FlexgenError):

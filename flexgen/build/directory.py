@@ -19,6 +19,7 @@ from flexgen.atomic_files import remove_leftovers, staging_folder
 from flexgen.errors import BuildError
 
 MANIFEST = "manifest.json"
+OPEN = 0o775  # largest rights of files and folders, whatever the umask: what everybody may write is not loaded
 SOURCES = "src"  # folder of the private files
 MANIFEST_MAX = 20_000_000  # bytes
 
@@ -165,7 +166,8 @@ def staging(target: Path) -> Iterator[Path]:
     created = not target.exists()
     done = False
     try:
-        target.mkdir(parents=True, exist_ok=True)
+        for folder in reversed([path for path in (target, *target.parents) if not path.exists()]):
+            folder.mkdir(mode=OPEN, exist_ok=True)
         with staging_folder(target) as folder:
             yield folder
         done = True
@@ -184,7 +186,8 @@ def install(staged: Path, target: Path, manifest: dict[str, Any], old: Mapping[s
     (staged / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8", newline="\n")
     built = libraries(manifest)
     for file in [*manifest["files"], *(file for file in built if (staged / file).exists()), MANIFEST]:
-        (target / file).parent.mkdir(exist_ok=True)
+        (target / file).parent.mkdir(mode=OPEN, exist_ok=True)
+        (staged / file).chmod((staged / file).stat().st_mode & OPEN)
         os.replace(staged / file, target / file)
     kept = {target / file for file in (*manifest["files"], *built)}
     for path in {*_listed(target, old), *_stale_libraries(target, manifest["name"])} - kept:

@@ -23,7 +23,7 @@ from flexgen.atomic_files import followed
 from flexgen.cli.check import implausible
 from flexgen.cli.parser import UsageError, build_parser, parse
 from flexgen.cli.printing import as_json, fitted, terminal_width
-from flexgen.errors import ArgumentError, FlexgenError, SolverError
+from flexgen.errors import ArgumentError, FlexgenError, SolverError, message_of, printable
 
 PACKAGES = ("casadi", "numpy", "scipy", "sympy", "matplotlib")
 
@@ -31,8 +31,8 @@ SUCCESS, FAILURE, USAGE, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
 
 
 def _print(text: str) -> None:
-    """Print and flush, so that a full disk or a closed pipe raises here."""
-    print(text)
+    """Print and flush, so that a full disk or a closed pipe raises here; names of files may have control characters."""
+    print(printable(text))
     if sys.stdout is not None:
         sys.stdout.flush()
 
@@ -90,7 +90,7 @@ def _log(text: str) -> None:
     """Print a line on standard error; ignore a closed one."""
     if sys.stderr is not None:
         with contextlib.suppress(OSError):
-            print(text, file=sys.stderr, flush=True)
+            print(printable(text), file=sys.stderr, flush=True)
 
 
 def _discard_output() -> None:
@@ -172,6 +172,7 @@ def _main(words: list[str]) -> int:
         args = parse(words)
     except UsageError as error:
         message, _, usage = str(error).partition("\n")
+        message = message_of(message)
         if "--json" in words:
             _print(as_json({"error": message}))
         _log(f"{usage}\nflexgen: {message}")

@@ -7,12 +7,13 @@ from argparse import Namespace
 from flexgen.atomic_files import write_text
 from flexgen.cli.printing import number, table
 from flexgen.cli.solve import chosen_move
-from flexgen.cli.verbs import Progress, VerbResult, check_writable, read_model, writing
+from flexgen.cli.verbs import Progress, VerbResult, check_own, check_writable, read_model, writing
 
 
 def path(args: Namespace, log: Progress) -> VerbResult:
     """Plan a path without solving: duration, segments, and a table of it for C."""
     check_writable(args.out)
+    check_own(args.out, b"Written by flexgen")
     from flexgen.paths.path import plan
 
     robot = read_model(args)

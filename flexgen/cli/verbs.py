@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexgen.atomic_files import write_text
+from flexgen.atomic_files import followed, write_text
 from flexgen.cli.printing import (
     analysis_text,
     description_text,
@@ -79,6 +79,7 @@ def check_writable(path: Path | None, *, folder: bool = False) -> None:
     """
     if path is None:
         return
+    followed(path)
     if not folder and path.is_dir():
         raise ArgumentError(f"output: given {str(path)!r}, which is a directory, expected a file name")
     ancestor = path if folder else path.parent
@@ -86,6 +87,19 @@ def check_writable(path: Path | None, *, folder: bool = False) -> None:
         ancestor = ancestor.parent
     if not ancestor.is_dir():
         raise ArgumentError(f"output: given {str(path)!r}, but {str(ancestor)!r} is not a directory")
+
+
+def check_own(path: Path | None, mark: bytes) -> None:
+    """Refuse to replace a text file that flexgen did not write; ``mark``: what its own have in their first lines."""
+    if path is None or not path.is_file():
+        return
+    with writing(path), path.open("rb") as stream:
+        head = stream.read(4096)
+    if mark not in head:
+        raise ArgumentError(
+            f"output: given {str(path)!r}, a file that flexgen did not write, expected a new one or one of its own; "
+            "choose another name, or move that file away"
+        )
 
 
 @contextmanager

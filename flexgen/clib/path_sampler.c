@@ -36,7 +36,7 @@ static int take_head(const real *table, int64_t size, table_head *head)
     head->q_start = take(&r, NA);
     head->axes = take(&r, NY);
     head->rest = r;
-    return head->segments > 0 && head->axes != NULL;
+    return head->segments > 0 && head->axes != NULL && *head->duration >= 0.0;
 }
 
 /* Whether a table can be read at all. */

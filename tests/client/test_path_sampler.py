@@ -237,6 +237,16 @@ def damaged(table: np.ndarray, count: int) -> list[np.ndarray]:
     return out
 
 
+def test_a_table_with_a_negative_duration_is_refused() -> None:
+    path, emitted = case("manutec_r3", "line"), library("manutec_r3")
+    table = path.table()
+    (place,) = np.flatnonzero(table[:10] == path.duration)
+    for wrong in (-path.duration, -1e-300):
+        table[place] = wrong
+        with pytest.raises(ArgumentError):
+            emitted.path_sampler(table)
+
+
 @pytest.mark.parametrize("move", ["corner", "program"])
 def test_damaged_tables_do_no_harm(move: str) -> None:
     """An error or finite results."""
