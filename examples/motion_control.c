@@ -305,8 +305,7 @@ static int run_and_print(const char *name, run_kind kind, const char *path, figu
     }
     if (status < SIZE(OK)) {
         fprintf(stderr, "%s: %s\n", name,
-            status == NOT_IN_BUFFER ? "the controller needs a sample that is not in the buffer: it brakes too long" :
-                                      CALL(status_text)((CALL(status))status));
+            fault_text(status) != NULL ? fault_text(status) : CALL(status_text)((CALL(status))status));
         return 0;
     }
     if (kind == NOMINAL) {

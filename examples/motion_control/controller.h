@@ -5,6 +5,11 @@
  *   BRAKING   a collision was found, or the planner has failed: brake along the path, on the samples that are ready
  *   HOLDING   hold the position at which the robot stopped
  *
+ * Torques are finite and within their limits in every cycle. The status tells in the cycle itself: a reading of an
+ * encoder that cannot be (not finite, or too far from the last one; the reference then takes its place), cycles that
+ * were missed, a sample that is not in the buffer, a torque at its limit. All but the last one brake the robot, and
+ * stay until the controller is started again. The brake begins at the last reference, not at the time that has passed.
+ *
  * Collisions are found by the residual of the generalized momentum: A. De Luca, R. Mattone, IEEE ICRA 2005.
  */
 #ifndef CONTROLLER_H
@@ -15,6 +20,7 @@
 static const double DETECTOR_HZ = 15.0; /* bandwidth of the residual */
 static const double SAMPLED_GAIN = 0.3; /* speed gain times sample time and delay, over the inertia, at most */
 static const double PI = 3.141592653589793;
+static const double JUMP = 5.0; /* rad: of a motor angle within a cycle, at most; 5000 rad/s */
 
 enum {
     BRAKE = 2 * (READY - PARTS - 1) /* cycles of braking */
@@ -22,15 +28,25 @@ enum {
 
 typedef enum { RUNNING, BRAKING, HOLDING } controller_state;
 
+/* Status of a cycle, beside those of the library and NOT_IN_BUFFER: below OK the robot stops, AT_LIMIT is a warning. */
+enum {
+    BAD_READING = NOT_IN_BUFFER - 1,
+    MISSED_CYCLES = NOT_IN_BUFFER - 2,
+    BAD_TORQUE = NOT_IN_BUFFER - 3, /* feedforward that is not finite */
+    AT_LIMIT = 1000
+};
+
 typedef struct {
     planner plan;
     controller_state state;
-    int status;                                   /* NOT_IN_BUFFER: braking has left the samples that are ready */
+    int status, fault;                            /* of the cycle; the first fault since the start, or OK */
+    int64_t next;                                 /* cycle that is expected */
     int has_antiwindup, reacts;                   /* 0: planted mistakes */
     double to_joint[NG][NM];                      /* q_g = to_joint q_m, tau_m = to_joint' tau_g */
     double k_p, k_i, k_v[NM], low_pass[5];        /* gains, and a section of order two */
     double torque_max[NM], threshold[NM];         /* N m; infinite: none */
     double q[NM], q_ref[NM], sum[NM], s[NM][2];   /* of the cascade: last angles, integral, low pass */
+    double moved[NM];                             /* last step of the reference */
     double largest_sum[NM];                       /* rad: of the integral */
     int64_t saturated;                            /* cycles with a torque at its limit */
     double u[NM];                                 /* torque that acts, commanded in the cycle before */
@@ -116,7 +132,7 @@ static int invert_gears(controller *c)
     return 1;
 }
 
-/* Start at rest at the start of the path; torque_max, threshold: NULL for none. */
+/* Start at rest at the start of the path; torque_max: NULL for those of robot.h; threshold: NULL for none. */
 static int start_controller(controller *c, const double *torque_max, const double *threshold)
 {
     double M[NG][NG], g[NG], sample = 1.0 / tan(PI * FILTER_HZ * CYCLE), below;
@@ -147,7 +163,7 @@ static int start_controller(controller *c, const double *torque_max, const doubl
             }
         }
         c->k_v[j] = fmin(2.0 * PI * SPEED_HZ * inertia, SAMPLED_GAIN * fast / (CYCLE * (1.0 + LATE)));
-        c->torque_max[j] = torque_max != NULL ? torque_max[j] : HUGE_VAL;
+        c->torque_max[j] = torque_max != NULL ? torque_max[j] : torque_limit[j];
         c->threshold[j] = threshold != NULL ? threshold[j] : HUGE_VAL;
     }
     /* w^2 / (s^2 + 1.4 w s + w^2), by the bilinear transform: b0, b1, b2, a1, a2 */
@@ -202,16 +218,17 @@ static int detect(controller *c, const double *q_m, const double *v_m, const dou
 
 /*
  * The P-PI cascade: v is the difference of two samples of q, for the reference and for the measurement alike, so that
- * it does not show in the error. While the torque is at its limit the integral does not grow.
+ * it does not show in the error. While the torque is at its limit the integral does not grow. cycles: since the last
+ * measurement, 1 as a rule.
  *
  *   w = v_ref + k_p (q_ref - q) - v,   u = tau + F k_v (w + k_i int w dt)
  */
-static void cascade(controller *c, const double *q_m, const double *q_ref, const double *tau, double *u)
+static void cascade(controller *c, const double *q_m, const double *q_ref, const double *tau, double cycles, double *u)
 {
     const double *f = c->low_pass;
     int limited = 0;
     for (int j = 0; j < NM; ++j) {
-        const double v = (q_m[j] - c->q[j]) / CYCLE, v_ref = (q_ref[j] - c->q_ref[j]) / CYCLE;
+        const double v = (q_m[j] - c->q[j]) / (CYCLE * cycles), v_ref = (q_ref[j] - c->q_ref[j]) / CYCLE;
         const double w = v_ref + c->k_p * (q_ref[j] - q_m[j]) - v;
         double x, out;
         c->sum[j] += w * CYCLE;
@@ -232,6 +249,23 @@ static void cascade(controller *c, const double *q_m, const double *q_ref, const
         c->q_ref[j] = q_ref[j];
     }
     c->saturated += limited;
+    c->status = limited ? AT_LIMIT : SIZE(OK);
+}
+
+/* A fault in words; null: the status is one of the library. */
+static const char *fault_text(int status)
+{
+    return status == NOT_IN_BUFFER ? "the controller needs a sample that is not in the buffer" :
+           status == BAD_READING   ? "an encoder shows what cannot be" :
+           status == MISSED_CYCLES ? "cycles of the controller were missed" :
+           status == BAD_TORQUE    ? "the planner gave numbers that are not finite" :
+                                     NULL;
+}
+
+/* The first fault stays. */
+static void set_fault(controller *c, int fault)
+{
+    c->fault = c->fault < SIZE(OK) ? c->fault : fault;
 }
 
 /* Reference and feedforward torque where the robot holds. */
@@ -254,8 +288,9 @@ static void brake(controller *c, int64_t k, double *q_ref, double *tau)
     const double x = (double)c->braking / BRAKE;
     const double rate = 0.5 * (1.0 + cos(PI * x)), slower = -0.5 * PI / BRAKE * sin(PI * x);
     double dq[NM], ddq[NM], v[NM], a[NM], tau_g[NG], friction[NM];
-    c->status = motors_between(&c->plan, c->time, q_ref, dq, ddq);
-    if (c->status < SIZE(OK)) {
+    const int status = motors_between(&c->plan, c->time, q_ref, dq, ddq);
+    if (status < SIZE(OK)) {
+        set_fault(c, status);
         memcpy(c->stop, c->q_ref, sizeof c->stop);
         hold(c, q_ref, tau);
         c->state = HOLDING;
@@ -280,34 +315,83 @@ static void brake(controller *c, int64_t k, double *q_ref, double *tau)
     }
 }
 
-/* Cycle k: measured motor angles in, motor torques for the next cycle out; see also the status. */
-static void control(controller *c, int64_t k, const double *q_m, double *u)
+/*
+ * What is wrong with cycle k, and the number of cycles since the last one. A reading that cannot be is replaced: the
+ * motor is taken to be where it was, moved as its reference.
+ */
+static double check_cycle(controller *c, int64_t k, const double *measured, double *q_m)
 {
-    double v_m[NM], q_ref[NM], tau[NM];
+    const int64_t missed = k - c->next;
+    const double cycles = missed > 0 ? 1.0 + (double)missed : 1.0;
+    if (missed != 0) {
+        set_fault(c, MISSED_CYCLES);
+        c->begun = 0; /* the detector begins again */
+        memset(c->driven, 0, sizeof c->driven);
+    }
+    for (int j = 0; j < NM; ++j) {
+        q_m[j] = measured[j];
+        if (!(fabs(measured[j] - c->q[j]) <= JUMP * fmin(cycles, 100.0))) { /* NaN too */
+            set_fault(c, BAD_READING);
+            q_m[j] = c->q[j] + c->moved[j];
+        }
+    }
+    return cycles;
+}
+
+/* Reference and feedforward torque of cycle k, in the buffer while the robot runs. */
+static void reference(controller *c, int64_t k, double *q_ref, double *tau)
+{
+    if (c->state == RUNNING) {
+        memcpy(q_ref, c->plan.q_m[k % RING], sizeof c->q_ref);
+        memcpy(tau, c->plan.tau_m[k % RING], sizeof c->u);
+    } else if (c->state == BRAKING) {
+        brake(c, k, q_ref, tau);
+    } else {
+        hold(c, q_ref, tau);
+    }
+    for (int j = 0; j < NM; ++j) {
+        if (!isfinite(q_ref[j]) || !isfinite(tau[j])) {
+            set_fault(c, BAD_TORQUE);
+            memcpy(c->stop, c->q_ref, sizeof c->stop);
+            c->state = HOLDING;
+            hold(c, q_ref, tau);
+            return;
+        }
+    }
+}
+
+/* Cycle k: measured motor angles in, motor torques for the next cycle out; see also the status. */
+static void control(controller *c, int64_t k, const double *measured, double *u)
+{
+    double q_m[NM], v_m[NM], q_ref[NM], tau[NM];
+    const double cycles = check_cycle(c, k, measured, q_m);
     int hit;
     for (int j = 0; j < NM; ++j) {
-        v_m[j] = (q_m[j] - c->q[j]) / CYCLE;
+        v_m[j] = (q_m[j] - c->q[j]) / (CYCLE * cycles);
     }
     hit = detect(c, q_m, v_m, c->u);
     if (hit && c->found < 0) {
         c->found = k;
     }
     if (c->state == RUNNING) {
-        advance_planner(&c->plan, k);
-        if ((hit && c->reacts) || c->plan.status < SIZE(OK)) {
+        if (c->fault >= SIZE(OK)) {
+            advance_planner(&c->plan, k);
+            if (k < 0 || k >= c->plan.ready || k < c->plan.ready - RING) {
+                set_fault(c, NOT_IN_BUFFER);
+            }
+        }
+        if ((hit && c->reacts) || c->plan.status < SIZE(OK) || c->fault < SIZE(OK)) {
             c->state = BRAKING;
-            c->time = (double)k;
+            c->time = (double)c->next;
         }
     }
-    if (c->state == RUNNING) {
-        memcpy(q_ref, c->plan.q_m[k % RING], sizeof q_ref);
-        memcpy(tau, c->plan.tau_m[k % RING], sizeof tau);
-    } else if (c->state == BRAKING) {
-        brake(c, k, q_ref, tau);
-    } else {
-        hold(c, q_ref, tau);
+    reference(c, k, q_ref, tau);
+    for (int j = 0; j < NM; ++j) {
+        c->moved[j] = q_ref[j] - c->q_ref[j];
     }
-    cascade(c, q_m, q_ref, tau, u);
+    cascade(c, q_m, q_ref, tau, cycles, u);
+    c->next = k + 1;
+    c->status = c->fault < SIZE(OK) ? c->fault : c->status;
     memcpy(c->u, u, sizeof c->u);
 }
 

@@ -23,6 +23,10 @@ static const double TOLERANCE = 1e-5; /* of the stream: relative residual */
 static const double POSITION_HZ = 3.0, SPEED_HZ = 15.0, INTEGRAL_HZ = 1.0, FILTER_HZ = 150.0;
 static const double ENCODER = 6.283185307179586 / 1048576; /* rad: resolution */
 
+/* Torque limits of the motors [N m], which the controller keeps unless it is given others: torque_max of the model
+   file, which states none here; about 1.5 times the largest torques of the program. */
+static const double torque_limit[] = {4.5, 6.5, 8.5, 1.1, 0.9, 0.4};
+
 /* Torque limits of the run that saturates, as a share of the largest torques of the nominal run; motor 1 has the
    vertical axis. */
 static const double saturation[] = {0.6, 2.0, 2.0, 2.0, 2.0, 2.0};

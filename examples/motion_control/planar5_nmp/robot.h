@@ -23,6 +23,10 @@ static const double TOLERANCE = 1e-6; /* of the stream: relative residual */
 static const double POSITION_HZ = 6.0, SPEED_HZ = 24.0, INTEGRAL_HZ = 1.5, FILTER_HZ = 150.0;
 static const double ENCODER = 6.283185307179586 / 1048576; /* rad: resolution */
 
+/* Torque limits of the motors [N m], which the controller keeps unless it is given others: torque_max of the model
+   file, which states none here; about 1.5 times the largest torques of the program. */
+static const double torque_limit[] = {30.0, 6.0};
+
 /* Torque limits of the run that saturates, as a share of the largest torques of the nominal run. */
 static const double saturation[] = {0.85, 0.85};
 
