@@ -287,9 +287,11 @@ def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbRes
 def _refined(found: Any, args: Namespace, log: Progress) -> tuple[Any, tuple[dict[str, Any], list[str]]]:
     """The parameters refined by simulation of the experiment, and what other experiments say of them."""
     from flexgen.identification.experiments.experiment import Experiment
+    from flexgen.identification.recordings.description import is_description
+    from flexgen.identification.recordings.experiment_file import read_experiment
     from flexgen.identification.time_domain import judged, refine, validate
 
-    experiment = Experiment.load(args.refine)
+    experiment = read_experiment(args.refine) if is_description(args.refine) else Experiment.load(args.refine)
     log("refining by simulation: up to two minutes for six axes, seconds for planar arms")
     fine = refine(found, experiment, progress=throttled(log))
     plan = experiment.plan

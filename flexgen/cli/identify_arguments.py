@@ -175,7 +175,8 @@ def _add_identify_arguments(parser: Parser) -> None:
         "--refine",
         metavar="EXPERIMENT",
         type=file_path,
-        help="then fit the spectra of this experiment by simulation of the nonlinear model, frictions too",
+        help="then fit the spectra of this experiment (a file of 'flexgen measure', or a .toml file that describes "
+        "recordings, with [drive] and [[reference]]) by simulation of the nonlinear model, frictions too",
     )
     check.add_argument(
         "--move", metavar="NAME", help="also print the tool error of feedforward in this move, before and after"

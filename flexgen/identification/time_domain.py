@@ -75,7 +75,7 @@ class Simulated:
         poses = plan.poses[[k for k, _, _ in self.runs]]
         self.reference = np.zeros((plan.samples, len(self.runs), 2 * len(plan.motors)))
         for lane, (k, r, e) in enumerate(self.runs):
-            self.reference[:, lane, : len(plan.motors)] = plan.poses[k] + plan.reference(r, e)
+            self.reference[:, lane, : len(plan.motors)] = experiment.reference(k, r, e)
         self.poses, self.fading = poses, faded(self.reference)
         slowest = float(plan.controller.position_gain.min())
         enough = SETTLED / slowest / plan.hardware.sample_s if slowest > 0 else plan.samples
@@ -212,13 +212,7 @@ def refine(
     began = time.perf_counter()
     tell = progress if callable(progress) else None
     plan, model = experiment.plan, found.vector.model
-    if plan.motors != found.data.motors or not np.array_equal(plan.poses, found.data.poses):
-        raise ArgumentError("experiment: given other motors or poses than those of the frequency responses")
-    if not plan.controller.speed_gain.any():
-        raise ArgumentError(f"experiment: the drives of {experiment.source} are not known, expected one of 'measure'")
-    if not isinstance(runs, int) or not 1 <= runs <= plan.experiments * plan.realizations:
-        most = plan.experiments * plan.realizations
-        raise ArgumentError(f"runs: given {runs!r}, expected 1 to {most}, the experiments at each pose")
+    _check(found, experiment, runs)
     names = list(found.vector.names) + _frictions(found) if free is None else list(free)
     unknown = [name for name in dict.fromkeys(names) if name != DELAY and not f".{name}".endswith(CONSTANT)]
     names = [name for name in unknown if not is_of_drive(name)]
@@ -255,6 +249,21 @@ def refine(
         weights=TIME_DOMAIN,
         wall_s=time.perf_counter() - began,
     )
+
+
+def _check(found: Identified, experiment: Experiment, runs: int) -> None:
+    """ArgumentError where an experiment cannot be simulated, or is not that of the frequency responses."""
+    plan = experiment.plan
+    if plan.motors != found.data.motors or not np.array_equal(plan.poses, found.data.poses):
+        raise ArgumentError("experiment: given other motors or poses than those of the frequency responses")
+    if not plan.controller.speed_gain.any() or not (plan.amplitudes.any() or experiment.references is not None):
+        raise ArgumentError(
+            f"experiment: given {experiment.source}, without the gains and references of its drives, expected tables "
+            "[drive] and [[reference]] in the description of the recordings, or an experiment of 'measure'"
+        )
+    if not isinstance(runs, int) or not 1 <= runs <= plan.experiments * plan.realizations:
+        most = plan.experiments * plan.realizations
+        raise ArgumentError(f"runs: given {runs!r}, expected 1 to {most}, the experiments at each pose")
 
 
 def _chosen(plan: Plan, first: int, count: int) -> list[tuple[int, int, int]]:

@@ -8,7 +8,7 @@ in which recordings of real robots are read.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from flexgen.identification.experiments.spectra import line_offsets, spectra_bes
 from flexgen.identification.local_model import LocalModel
 from flexgen.identification.outputs import output_orders
 from flexgen.loop.closed_loop import MOST_STEPS, ClosedLoop, Samples
+from flexgen.loop.controllers import LowPass, Notch
 from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
@@ -63,6 +64,8 @@ class Experiment:
         Time derivatives from each sensor channel to an acceleration.
     periodic : bool
         False: the periods are windowed segments of a motion without period.
+    references : array (k, realizations, experiments, samples, n_m) or None
+        One period of the reference angles of recordings [rad], motor side; None: those of the plan.
     """
 
     plan: Plan
@@ -77,6 +80,13 @@ class Experiment:
     beside: np.ndarray | None = None
     orders: tuple[int, ...] | None = None
     periodic: bool = True
+    references: np.ndarray | None = None
+
+    def reference(self, pose: int, realization: int, experiment: int) -> np.ndarray:
+        """Reference of the motor angles over one period [rad], (samples, n_m)."""
+        if self.references is not None:
+            return np.asarray(self.references[pose, realization, experiment])
+        return np.asarray(self.plan.poses[pose] + self.plan.reference(realization, experiment))
 
     def __repr__(self) -> str:
         return f"<Experiment {self.source or self.plan.model}: {self.plan!r}>"
@@ -94,12 +104,13 @@ class Experiment:
         """Arrays and other data of a file."""
         arrays, meta = self.plan.data()
         own = {"tau_m": self.tau_m, "q_m": self.q_m, "speed_sd": self.speed_sd, "saturated": self.saturated}
-        more = {name: getattr(self, name) for name in ("signals", "offsets", "beside")}
+        more = {name: getattr(self, name) for name in ("signals", "offsets", "beside", "references")}
         own |= {name: x for name, x in more.items() if x is not None}
         return arrays | own, {
             **meta,
             "periodic": self.periodic,
             "orders": None if self.orders is None else list(self.orders),
+            "filters": [[type(f).__name__, *vars(f).values()] for f in self.plan.controller.filters],
             "source": self.source,
             "hold": self.hold,
             "units": {"tau_m": "N m", "q_m": "rad"},
@@ -133,9 +144,15 @@ class Experiment:
             if offsets.ndim != 1 or beside.shape != (*given[:3], len(offsets), lines, 2 * n + c):
                 raise ValueError("offsets, beside: arrays of different sizes")
             offsets = offsets.astype(int)
+        references = arrays.get("references")
+        if references is not None and references.shape != (*given[:3], plan.samples, n):
+            raise ValueError("references: expected a period of each experiment")
+        kinds = {kind.__name__: kind for kind in (LowPass, Notch)}
+        filters = tuple(kinds[str(f[0])](*map(float, f[1:])) for f in meta.get("filters", ()))
+        plan = replace(plan, controller=replace(plan.controller, filters=filters))
         return cls(
             plan, tau_m, q_m, speed_sd, saturated, str(meta["source"]), str(meta["hold"]), signals, offsets, beside,
-            orders, bool(meta.get("periodic", True)),
+            orders, bool(meta.get("periodic", True)), references,
         )  # fmt: skip
 
 

@@ -24,6 +24,22 @@
     unit = "rad"                               rad, deg, mrad
     side = "motor"
     offset = 0.0                               added to the recorded value, in its unit
+    scale = -1.0                               factor of the sum: -1 turns the sign; also of torques and signals
+
+    [[reference]]                              optional, one for each motor, keys as of [[angle]]: what a drive follows,
+    motor = "m1"                               for `refine`, and to find the excited lines
+    name = "theta_ref"
+    unit = "rad"
+    side = "motor"
+
+    [drive]                                    optional, for `refine`: position and speed control, one number a motor
+    position_gain = [8.0]                      1/s
+    speed_gain = [0.4]                         N m s/rad, motor side
+    integral_gain = [0.0]                      1/s, optional
+    low_pass = { frequency_hz = 400.0 }        optional, of the torque of the control; damping = 0.7
+    notch = { frequency_hz = 80.0 }            optional; zero_damping = 0.1, pole_damping = 0.7
+    encoder_noise_rad = 0.0                    optional, motor side: what moves the motors beside the reference
+    torque_noise_Nm = 0.0
 
     [[signal]]                                 optional, one for each channel of the model's sensors
     sensor = "acc.x"
@@ -41,7 +57,7 @@ with file, channel and time.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +71,8 @@ from flexgen.model.sensors import UNITS
 from flexgen.npz_files import NpzError, read_npz
 
 KEYS = (
-    "model period_s segment_s hold lines line_numbers f_min f_max delay_s transients time torque angle signal recording"
+    "model period_s segment_s hold lines line_numbers f_min f_max delay_s transients time torque angle signal "
+    "recording reference drive"
 ).split()
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 ANGLE_UNITS = {"rad": 1.0, "mrad": 1e-3, "deg": np.pi / 180}
@@ -117,10 +134,13 @@ def read_description(path: str | Path) -> Description:
     torques = _channels(root, "torque", TORQUE_UNITS, model)
     angles = _channels(root, "angle", ANGLE_UNITS, model)
     signals = _signals(root, model)
+    references = _channels(root, "reference", ANGLE_UNITS, model) if "reference" in root else []
+    channels = torques, angles, signals, references
     recordings = []
     for table in root.tables("recording"):
-        table.only("file", "pose_rad", "pose_deg")
-        recordings.append((table, Recording(_beside(source, table), clock, (torques, angles, signals), model)))
+        table.only("file", "pose_rad", "pose_deg", "offset")
+        shifted = _shifted(table, channels)
+        recordings.append((table, Recording(_beside(source, table), clock, shifted, model)))
     steps = [recording.sample_s for _, recording in recordings]
     if max(steps) - min(steps) > 1e-9 * max(steps):
         raise ArgumentError(f"{source}: given recordings with sample times {sorted(set(steps))} s, expected one")
@@ -138,12 +158,26 @@ def _beside(source: Path, table: Table) -> Path:
     raise table.fail("file", "the path of a file, relative to this one")
 
 
+def _shifted(table: Table, channels: tuple[list[_Channel], ...]) -> tuple[list[_Channel], ...]:
+    """The channels with the offsets that this file has in addition."""
+    offsets = table.table("offset")
+    if offsets is None:
+        return channels
+    names = [channel.of for kind in channels[1:3] for channel in kind]
+    offsets.only(*names)
+    more = {name: offsets.number(name, 0.0) for name in names}
+    return (
+        channels[0],
+        *([replace(channel, offset=channel.offset + more[channel.of]) for channel in kind] for kind in channels[1:]),
+    )
+
+
 def _channels(root: Table, kind: str, units: dict[str, float], model: RobotModel) -> list[_Channel]:
     """The channels of a kind in the order of the motors."""
     motors = [motor.name for motor in model.motors]
     found: dict[str, _Channel] = {}
     for table in root.tables(kind):
-        table.only("motor", "name", "unit", "side", "constant", "offset", "index")
+        table.only("motor", "name", "unit", "side", "constant", "offset", "scale", "index")
         motor = table.choice("motor", motors)
         if motor in found:
             raise table.fail("motor", f"one {kind} for each motor")
@@ -171,7 +205,7 @@ def _signals(root: Table, model: RobotModel) -> list[_Channel]:
     of = {name: sensor for sensor in model.sensors for name in sensor.channels}
     found: list[_Channel] = []
     for table in root.tables("signal", required=False):
-        table.only("sensor", "name", "unit", "offset", "index")
+        table.only("sensor", "name", "unit", "offset", "scale", "index")
         if not of:
             raise table.fail("sensor", "a channel of a [[sensor]] of the model; the model has none")
         name = table.choice("sensor", tuple(of))
@@ -187,28 +221,31 @@ def _signals(root: Table, model: RobotModel) -> list[_Channel]:
 
 def _channel(table: Table, of: str, factor: float) -> _Channel:
     index = table.whole("index", 0, 1000) if "index" in table else None
-    return _Channel(of, table.text("name"), factor, table.number("offset", 0.0), index)
+    scale = table.number("scale", 1.0)
+    if scale == 0.0:
+        raise table.fail("scale", "a factor other than 0")
+    return _Channel(of, table.text("name"), factor * scale, table.number("offset", 0.0), index)
 
 
 class Recording:
     """One file, checked.
 
     ``t`` (n,) [s]; ``tau_m``, ``q_m`` (n, n_m), motor side [N m], [rad]; ``signals`` (n, channels), SI units;
-    ``sample_s`` [s].
+    ``references`` (n, n_m or 0) [rad], motor side; ``sample_s`` [s].
     """
 
     def __init__(
         self,
         file: Path,
         clock: _Channel,
-        kinds: tuple[list[_Channel], list[_Channel], list[_Channel]],
+        kinds: tuple[list[_Channel], ...],
         model: RobotModel,
     ) -> None:
         self.file, self.arrays = file, _arrays(file)
         self.t = self._column(clock)
         self.sample_s = self._sample_time()
         columns = []
-        for kind, channels in zip(("torque", "angle", "signal"), kinds, strict=True):
+        for kind, channels in zip(("torque", "angle", "signal", "reference"), kinds, strict=True):
             found = [self._column(channel) for channel in channels]
             for channel, column in zip(channels, found, strict=True):
                 if len(column) != len(self.t):
@@ -219,7 +256,7 @@ class Recording:
             x = np.stack(found, axis=1) if found else np.zeros((len(self.t), 0))
             self._check(kind, channels, x, model)
             columns.append(x)
-        self.tau_m, self.q_m, self.signals = columns
+        self.tau_m, self.q_m, self.signals, self.references = columns
 
     def _column(self, channel: _Channel) -> np.ndarray:
         """A channel in SI units on the motor side."""
@@ -264,6 +301,8 @@ class Recording:
         for j, channel in enumerate(channels):
             where = f"{self.file}: {_named(kind, channel)}"
             column = x[:, j]
+            if kind == "reference":
+                continue  # that of a motor may stand still
             if np.ptp(column) == 0.0:
                 raise ArgumentError(f"{where}: the same value at all times, expected a signal")
             steps = np.abs(np.diff(column))

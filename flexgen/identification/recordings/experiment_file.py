@@ -15,13 +15,16 @@ from flexgen.identification.experiments.experiment import HOLDS, Experiment
 from flexgen.identification.experiments.spectra import line_offsets, spectrum, windowed_spectrum
 from flexgen.identification.outputs import output_orders
 from flexgen.identification.recordings.description import Description, Recording, read_description
-from flexgen.loop.controllers import Cascade
+from flexgen.loop.controllers import Cascade, LowPass, Notch
 from flexgen.loop.hardware import DriveHardware
 from flexgen.model.checked_table import Table
 from flexgen.model.digest import model_digest
 
 LINES = ("excited", "odd", "all")
-EXCITED = 0.02  # part of the largest amplitude
+EXCITED = 0.02  # part of the largest amplitude of the torques
+REFERENCE = 1e-3  # the same of the speeds of the references, which have no distortion
+GAINS = ("position_gain", "speed_gain", "integral_gain")
+NOISES = ("encoder_resolution_rad", "encoder_noise_rad", "torque_noise_Nm")
 
 
 def read_experiment(path: str | Path) -> Experiment:
@@ -77,7 +80,7 @@ def _parts(recording: Recording, period_s: float, transients: int, periodic: boo
     starts = range(transients * samples, n - samples + 1, step)
     return tuple(
         np.array([x[start : start + samples] for start in starts])
-        for x in (recording.tau_m, recording.q_m, recording.signals)
+        for x in (recording.tau_m, recording.q_m, recording.signals, recording.references)
     )
 
 
@@ -95,8 +98,9 @@ def _experiment(found: Description, poses: dict[tuple[float, ...], list[tuple[np
     periodic = "segment_s" not in root
     period = root.number("period_s" if periodic else "segment_s", above=0.0)
     # (poses, experiments, periods, samples, n)
-    tau, q, signals = (np.array([[run[k] for run in runs] for runs in poses.values()]) for k in range(3))
-    lines = _lines(root, tau, period)
+    tau, q, signals, references = (np.array([[run[k] for run in runs] for runs in poses.values()]) for k in range(4))
+    excited = references if references.shape[-1] else tau  # friction moves the torques at other lines too
+    lines = _lines(root, excited, period, REFERENCE if references.shape[-1] else EXCITED)
     transformed = spectrum if periodic else windowed_spectrum
     # (poses, realizations, experiments, periods, lines, n)
     tau_m, q_m, sensed = (
@@ -106,6 +110,7 @@ def _experiment(found: Description, poses: dict[tuple[float, ...], list[tuple[np
     w = 2 * np.pi * lines / period
     speed = np.sqrt((np.abs(w[:, None] * q_m) ** 2).sum(axis=-2).mean(axis=(1, 2, 3)) / 2)
     n = model.n_m
+    hardware, controller = _drive(root, sample_s, n)
     plan = Plan(
         model=f"{model.file}@{model.variant}" if model.variant else model.file,
         digest=model_digest(model),
@@ -117,8 +122,8 @@ def _experiment(found: Description, poses: dict[tuple[float, ...], list[tuple[np
         phases=np.zeros((1, len(lines), n)),
         periods=periods,
         transients=0,
-        hardware=DriveHardware(sample_s, root.number("delay_s", 0.0, least=0.0)),
-        controller=Cascade(*np.zeros((3, n))),
+        hardware=hardware,
+        controller=controller,
         sensors=sensors,
     )
     hold = root.choice("hold", HOLDS)
@@ -126,7 +131,36 @@ def _experiment(found: Description, poses: dict[tuple[float, ...], list[tuple[np
     return Experiment(
         plan, tau_m, q_m, speed, np.zeros(len(poses), np.int64), str(found.source), hold,
         sensed if sensors else None, offsets, beside, orders, periodic,
+        references.mean(axis=2)[:, None] if references.shape[-1] else None,
     )  # fmt: skip
+
+
+def _drive(root: Table, sample_s: float, n: int) -> tuple[DriveHardware, Cascade]:
+    """The drives of the table ``[drive]``; without it all gains are zero: not known."""
+    delay, table = root.number("delay_s", 0.0, least=0.0), root.table("drive")
+    if table is None:
+        return DriveHardware(sample_s, delay), Cascade(*np.zeros((3, n)))
+    table.only(*GAINS, *NOISES, "low_pass", "notch")
+    position, speed = (np.array(table.vector(key, n)) for key in GAINS[:2])
+    integral = np.array(table.vector(GAINS[2], n, (0.0,) * n))
+    for key, values in zip(GAINS, (position, speed, integral), strict=True):
+        if not (values >= 0).all() or (key == "speed_gain" and not values.all()):
+            raise table.fail(key, "numbers > 0" if key == "speed_gain" else "numbers >= 0")
+    filters: list[LowPass | Notch] = []
+    for name, kind, defaults in (
+        ("low_pass", LowPass, {"damping": 0.7}),
+        ("notch", Notch, {"zero_damping": 0.1, "pole_damping": 0.7}),
+    ):
+        inner = table.table(name)
+        if inner is not None:
+            inner.only("frequency_hz", *defaults)
+            dampings = [inner.number(key, value, above=0.0) for key, value in defaults.items()]
+            filters.append(kind(inner.number("frequency_hz", above=0.0), *dampings))
+    noise = [table.number(key, 0.0, least=0.0) for key in NOISES]
+    resolution, encoder, torque = noise
+    return DriveHardware(sample_s, delay, resolution, encoder, torque), Cascade(
+        position, speed, integral, tuple(filters)
+    )
 
 
 def _beside_lines(x: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray | None, np.ndarray | None]:
@@ -141,8 +175,8 @@ def _beside_lines(x: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray | None, 
     return offsets, whole[:, :, at][:, None]
 
 
-def _lines(root: Table, tau: np.ndarray, period: float) -> np.ndarray:
-    """The excited multiples of ``1 / period``."""
+def _lines(root: Table, tau: np.ndarray, period: float, least: float) -> np.ndarray:
+    """The excited multiples of ``1 / period``: those of torques, or references, with an amplitude above ``least``."""
     samples = tau.shape[3]
     if "line_numbers" in root:
         if "lines" in root or "f_min" in root or "f_max" in root:
@@ -161,7 +195,9 @@ def _lines(root: Table, tau: np.ndarray, period: float) -> np.ndarray:
         lines = lines[lines % 2 == 1]
     if which == "excited" and len(lines):
         size = np.abs(np.fft.rfft(tau.mean(axis=2), axis=2)).max(axis=(0, 1, 3))
-        lines = lines[size[lines] > EXCITED * size[1:].max()]
+        if least == REFERENCE:
+            size = size * np.arange(len(size))  # of the speed
+        lines = lines[size[lines] > least * size[1:].max()]
     if len(lines) == 0:
         raise root.fail("period_s", "a period that has lines between f_min and f_max")
     return lines

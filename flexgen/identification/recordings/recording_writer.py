@@ -41,6 +41,9 @@ class RecordingWriter:
         for j in range(q_m.shape[1]):
             arrays |= {f"tau_{j + 1}": tau_m[:, j], f"q_{j + 1}": q_m[:, j]}
         arrays |= {f"s_{c + 1}": signals[:, c] for c in range(signals.shape[1])}
+        reference = self.plan.poses[pose] + self.plan.reference(realization, experiment)
+        times = -(-len(q_m) // len(reference))
+        arrays |= {f"ref_{j + 1}": np.tile(x, times)[: len(q_m)] for j, x in enumerate(reference.T)}
         with atomic_file(self.folder / name) as stream:
             np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
         self.files.append((pose, name))
@@ -56,7 +59,7 @@ class RecordingWriter:
             f"line_numbers = {plan.lines.tolist()}",
             '\n[time]\nname = "t"\nunit = "s"',
         ]
-        for kind, unit, letter in (("torque", "N m", "tau"), ("angle", "rad", "q")):
+        for kind, unit, letter in (("torque", "N m", "tau"), ("angle", "rad", "q"), ("reference", "rad", "ref")):
             for j, motor in enumerate(plan.motors):
                 rows.append(
                     f'\n[[{kind}]]\nmotor = "{motor}"\nname = "{letter}_{j + 1}"\nunit = "{unit}"\nside = "motor"'
@@ -64,6 +67,10 @@ class RecordingWriter:
         units = {name: sensor.unit for sensor in self.model.sensors for name in sensor.channels}
         for c, sensor in enumerate(plan.sensors):
             rows.append(f'\n[[signal]]\nsensor = "{sensor}"\nname = "s_{c + 1}"\nunit = "{units[sensor]}"')
+        gains = {name: getattr(plan.controller, name) for name in ("position_gain", "speed_gain", "integral_gain")}
+        rows.append("\n[drive]" + "".join(f"\n{name} = {values.tolist()}" for name, values in gains.items()))
+        for name in ("encoder_noise_rad", "encoder_resolution_rad", "torque_noise_Nm"):
+            rows.append(f"{name} = {getattr(plan.hardware, name)!r}")
         joints = plan.poses @ np.linalg.inv(self.model.eta).T
         for pose, name in self.files:
             rows.append(f'\n[[recording]]\nfile = "{name}"\npose_rad = {joints[pose].tolist()}')
