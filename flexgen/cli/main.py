@@ -20,7 +20,7 @@ from typing import Any, NoReturn
 
 from flexgen import __version__
 from flexgen.atomic_files import followed
-from flexgen.cli.check import implausible
+from flexgen.cli.own_robot.check import implausible
 from flexgen.cli.parser import UsageError, build_parser, parse
 from flexgen.cli.printing import as_json, fitted, terminal_width
 from flexgen.errors import ArgumentError, FlexgenError, SolverError, message_of, printable

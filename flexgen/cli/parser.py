@@ -13,7 +13,6 @@ from typing import Any
 
 from flexgen import __version__
 from flexgen.cli import (
-    check,
     completion,
     control_arguments,
     export_arguments,
@@ -26,6 +25,7 @@ from flexgen.cli import (
 )
 from flexgen.cli.argument_parser import MESSAGES, Once, Parser, UsageError
 from flexgen.cli.argument_types import file_path, isa, names, numbers, setting
+from flexgen.cli.own_robot import check, new
 from flexgen.mechanics.signatures import TABLE
 
 __all__ = ["EXAMPLES", "UsageError", "build_parser", "parse"]
@@ -35,6 +35,7 @@ MODEL = "name in models/ or path of a .toml file, optionally with @variant; or F
 EXAMPLES = """\
 examples:
   flexgen models                                      list the models
+  flexgen new arm --template six-axis                 a model file to start with
   flexgen check arm.toml                              wrong units and implausible numbers
   flexgen analyze planar5_nmp --pose 0.3 -1.1 0       modes, poles, zeros
   flexgen generate planar5_nmp                        C library in generated/planar5_nmp
@@ -66,6 +67,7 @@ def build_parser() -> Parser:
     parser.add_argument("--version", action="version", version=f"flexgen {__version__}")
     group = parser.add_subparsers(dest="verb", metavar="VERB")
     _add_verb(group, "models", verbs.models, model=False)
+    new.add_arguments(_add_verb(group, "new", new.new, model=False))
     _add_verb(group, "describe", verbs.describe)
     _add_verb(group, "check", check.check)
     _add_derive_arguments(_add_verb(group, "derive", verbs.derive))

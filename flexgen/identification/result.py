@@ -20,8 +20,8 @@ from flexgen.identification.parameters import ParameterVector, is_of_drive
 from flexgen.inversion.robustness import ControlName
 from flexgen.mechanics.parameters import select, with_values
 from flexgen.model.elements import RobotModel
-from flexgen.model.number_edit import with_numbers
 from flexgen.model.reader import parse_file, read
+from flexgen.model.templates.number_edit import with_numbers
 from flexgen.progress import Choice
 
 WEAK = 0.5  # standard deviation of a logarithm above which the model keeps the value of its file

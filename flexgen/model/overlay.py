@@ -15,6 +15,7 @@ import numpy as np
 from flexgen.errors import ModelError
 from flexgen.model import component_tables
 from flexgen.model.checked_table import Table, as_number, bare, show
+from flexgen.model.templates.joint_defaults import EVERY, merged
 from flexgen.model.toml_lines import Entry, wrap
 from flexgen.model.urdf import Inertial, Link, Pose, Urdf, among, key, zero_tiny
 from flexgen.model.urdf_chain import MOVING, Chain, Segment, find_chain
@@ -38,6 +39,7 @@ _JOINT = (
     "after",
     *_LIMITS,
 )
+_EVERY = [name for name in _JOINT if name not in ("rename", "before", "after")]  # of the table [joint."*"]
 _LINK = ("rename", "body", "inertia_reduced")
 _FROM_URDF = ("element",)  # keys of a model file that the URDF file replaces
 
@@ -68,6 +70,7 @@ def expand(root: Entry, folder: Path, shown: str) -> None:
             raise top.fail(name, "either [urdf] or [[element]] tables, not both", f"{name} beside [urdf]")
     overlay = _Overlay(top, folder)
     chain = overlay.chain()
+    overlay.spread(chain)
     elements, motors = overlay.elements(chain), overlay.motors(chain)
     for name in ("urdf", "joint", "link"):
         root.value.pop(name, None)
@@ -92,7 +95,10 @@ class _Overlay:
         self.urdf = Urdf(path, shown)
         self.limits = table.flag("limits") if "limits" in table else True
         self.dynamics = table.flag("dynamics") if "dynamics" in table else True
-        self.joints = self._tables("joint", list(self.urdf.joints), _JOINT)
+        self.joints = self._tables("joint", [*self.urdf.joints, EVERY], _JOINT)
+        self.every = self.joints.pop(EVERY, None)
+        if self.every is not None:
+            self.every.only(*_EVERY)
         self.links = self._tables("link", list(self.urdf.links), _LINK)
         self.ends = tuple(self._end(name) for name in ("base", "tip"))
 
@@ -132,6 +138,20 @@ class _Overlay:
                 )
                 raise table.fail("rename", expected)
         return chain
+
+    def spread(self, chain: Chain) -> None:
+        """Add the keys of ``[joint."*"]`` to the tables of the joints of the chain."""
+        if self.every is None:
+            return
+        driven = set(self._driven())
+        for name in (segment.joint.name for segment in chain.segments):
+            own = self.joints.get(name)
+            entries = {} if own is None else own.entries
+            default = self.every.entries
+            if self._named("joint", name) in driven:  # by a [[motor]] table
+                default = {key: entry for key, entry in default.items() if key != "motor"}
+            table = own or self.every
+            self.joints[name] = Table(self.top.file, Entry(merged(default, entries), table.line, table.file), table.key)
 
     def _end(self, name: str) -> str:
         link = self.table.text(name)

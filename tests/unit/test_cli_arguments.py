@@ -12,7 +12,8 @@ from flexgen.cli.main import main
 from flexgen.cli.parser import UsageError, build_parser, parse
 from flexgen.cli.verbs import VerbResult
 
-VERBS = {" ".join(verb.prog.split()[1:]): verb for verb in build_parser().verbs()}
+PARSER = build_parser()
+VERBS = {" ".join(verb.prog.split()[1:]): verb for verb in PARSER.verbs()}
 VALUES = [
     (verb, action)
     for verb, parser in VERBS.items()
@@ -36,7 +37,7 @@ def test_a_negative_number_is_a_value_of_each_option(text):
     assert len(VALUES) > 80
     for verb, action in VALUES:
         try:
-            parse(words_of(verb, action.option_strings[-1], text))
+            PARSER.parse_known_args(words_of(verb, action.option_strings[-1], text))
         except UsageError as error:  # refused by its type, with a sentence
             assert f"given {text!r}, expected " in str(error) or "given twice" in str(error), (verb, action.dest, error)
 
@@ -53,7 +54,7 @@ def test_options_of_several_numbers_take_them_with_spaces_or_commas(several):
     for verb, action in options:
         option, model = action.option_strings[0], VERBS[verb]._positionals._group_actions[0].dest
         for words in ([option, *several, "x"], ["x", option, *several], ["x", f"{option}={several[0]}", *several[1:]]):
-            args = parse([*verb.split(), *words])
+            args = PARSER.parse_args([*verb.split(), *words])
             assert getattr(args, action.dest) == [-20.5, 10.0, -0.5] and getattr(args, model) == "x"
 
 

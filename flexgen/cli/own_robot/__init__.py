@@ -1,0 +1,1 @@
+"""The verbs that begin and check a model file of your own."""
