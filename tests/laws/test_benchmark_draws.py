@@ -195,7 +195,7 @@ def test_a_table_of_the_disturbances_gains_nothing_in_new_draws():
 
 @pytest.mark.slow
 def test_no_table_gains_in_version_2():
-    """The cheat gains 55 % in version 1. The published times and those of a draw; the mean of 8 new draws."""
+    """Planted: more than 30 % in version 1. The published times and those of a draw; the mean of 8 new draws."""
     old, s = scenario("four_mass", 1), scenario("four_mass")
     assert gain(old, old, old.seed, old.seed) > 0.3
     for known in (old, s):
