@@ -6,6 +6,8 @@ of the whole measurement, accelerations included; all channels of a sample are u
 
 from __future__ import annotations
 
+import math
+
 import casadi as ca
 import numpy as np
 
@@ -67,10 +69,10 @@ class KalmanTwin:
         n_x, n_d = self.n_x, self.n_d
         A, B = self.last
         s = self.h / 2**self.doublings
-        order = 1 if self.mistake == "first order" else 2
+        order = 1 if self.mistake == "first order" else 4
         whole = np.zeros((n_x + B.shape[1],) * 2)
         whole[:n_x, :n_x], whole[:n_x, n_x:] = A, B
-        F = np.eye(len(whole)) + s * whole + (s * s / 2 * whole @ whole if order == 2 else 0.0)
+        F = sum(np.linalg.matrix_power(s * whole, k) / math.factorial(k) for k in range(order + 1))
         F = np.linalg.matrix_power(F, 2**self.doublings)
         G = F[:n_x, n_x:]
         F = F[: n_x + n_d, : n_x + n_d]

@@ -4,7 +4,7 @@
  *     state         z = (x, d),    x = (q_a, q_m, v_a, v_m), of the motors those behind elastic gears
  *     model         x' = f(x, u + d),    d: torque on each motor, a random walk
  *     prediction    x by the classical Runge-Kutta method, P <- F P F' + Q
- *                   F = (1 + s A + s^2/2 A^2)^(2^doublings),  s = h / 2^doublings,
+ *                   F = (1 + s A + s^2/2 A^2 + s^3/6 A^3 + s^4/24 A^4)^(2^doublings),  s = h / 2^doublings,
  *                   (A, B): linearization at the predicted state of the last sample
  *     correction    one scalar measurement after the other, y = g(x, u + d) + noise
  *
@@ -233,11 +233,11 @@ static int integrate(const kalman *e, const kalman_parts *p, double *x)
     return failed;
 }
 
-/* F' (n_x + n_m, n_x) from (A, B): rows of the state, then what constant torques of a sample do. */
-static void transition(const kalman *e, const kalman_parts *p)
+/* M' (n_x + n_m, n_x) of M = 1 + h (A, B) + half (A, B)^2: rows of the state, then what constant torques do. */
+static void second_order(const kalman *e, const kalman_parts *p, double h, double half)
 {
     size_t n_x = kalman_states(e), n = n_x / 2, stride = (size_t)e->stride, all = n_x + (size_t)e->n_m;
-    double h = ldexp(e->sample_s, -e->doublings), half = 0.5 * h * h, *Ft = p->Ft;
+    double *Ft = p->Ft;
     const factor lower = {p->A + n, 1, n_x};
     /* lower rows of A (A, B), L_2 (L_1 L_2 B_2), transposed; L_1 is added to L_2 L_2 */
     product(lower, p->A + n * n_x + n, n_x, n, tiles(all, ROWS), tiles(n, COLUMNS), 0, Ft + n, stride);
@@ -262,6 +262,37 @@ static void transition(const kalman *e, const kalman_parts *p)
             row[i] = 0.0;
         }
     }
+}
+
+/* M <- 1 + factor_h (A, B) M. */
+static void next_order(const kalman *e, const kalman_parts *p, double factor_h)
+{
+    size_t n_x = kalman_states(e), n = n_x / 2, stride = (size_t)e->stride, all = n_x + (size_t)e->n_m;
+    const factor M = {p->Ft, 1, stride};
+    /* lower rows of A M, transposed */
+    product(M, p->A + n, n_x, n_x, tiles(all, ROWS), tiles(n, COLUMNS), 0, p->Zt + n, stride);
+    for (size_t j = 0; j < all; ++j) {
+        const double *column = j < n_x ? NULL : p->A + j * n_x + n, *lower = p->Zt + j * stride + n;
+        double *restrict row = p->Ft + j * stride;
+        for (size_t i = 0; i < n; ++i) {
+            row[i] = factor_h * row[n + i];
+        }
+        for (size_t i = 0; i < n; ++i) {
+            row[n + i] = factor_h * (column ? lower[i] + column[i] : lower[i]);
+        }
+        if (j < n_x) {
+            row[j] += 1.0;
+        }
+    }
+}
+
+/* F' over the time s, of fourth order, by Horner's rule. */
+static void transition(const kalman *e, const kalman_parts *p)
+{
+    double s = ldexp(e->sample_s, -e->doublings);
+    second_order(e, p, s / 3.0, s * s / 12.0);
+    next_order(e, p, s / 2.0);
+    next_order(e, p, s);
 }
 
 /* F' over twice the time, and what constant torques do in it: F F and (F + 1) G. */
