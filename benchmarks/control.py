@@ -49,7 +49,8 @@ def observers(names: Iterable[str]) -> list[str]:
     names = list(names)
     return [
         "## Observers\n\nC for this processor, one core, the least of 400 rounds of 20 steps; in the last column over "
-        "one call of the emitted forward dynamics in the same rounds.\n\n" + table(head, observer_times(names)),
+        "one call of the emitted forward dynamics in the same rounds. Measured on a busy machine, where the ratio says "
+        "more than the time.\n\n" + table(head, observer_times(names)),
         "## What observers see\n\nLargest error [mm] of the tool's place: of the reference, and as estimated from "
         "motor angles (noise 1e-4 rad) without and with an accelerometer at the tool (0.05 m/s^2). P-PI 10/40/0.5 Hz, "
         "1 ms; 300 N on the tool for 20 ms.\n\n" + table(errors, observer_errors(names)),

@@ -19,6 +19,7 @@ def control(args: Namespace, log: Progress) -> VerbResult:
     check_writable(args.out)
     from flexgen.motion_control.control import control as simulate
     from flexgen.motion_control.disturbances import Disturbance
+    from flexgen.motion_control.result import UNITS, columns_in
 
     model = read_model(args)
     names = [name for name, _ in args.plant or ()]
@@ -40,9 +41,10 @@ def control(args: Namespace, log: Progress) -> VerbResult:
         progress=throttled(log),
     )
     rows = []
+    units = [u for u in UNITS if columns_in(model, u)]
     for r in run.runs:
         f = run.figures(r)
-        lengths = [1e3 * f[key] for key in ("error_max_m", "dynamic_error_max_m", "error_end_m")]
+        lengths = [1e3 * f[f"{key}_{u}"] for u in units for key in ("error_max", "dynamic_error_max", "error_end")]
         rows.append([r.name, *lengths, f["torque_max_Nm"], r.saturated, r.failure])
     margins = run.margins()
     text = [
@@ -51,7 +53,13 @@ def control(args: Namespace, log: Progress) -> VerbResult:
         "",
         table(
             rows,
-            ("robot", "error, mm", "dynamic, mm", "at the end, mm", "torque, N m", "samples at the limit", "failure"),
+            (
+                "robot",
+                *(f"{what}, m{u}" for u in units for what in ("error", "dynamic", "at the end")),
+                "torque, N m",
+                "samples at the limit",
+                "failure",
+            ),
         ),
     ]
     text += [f"{r.name}: load {r.load}" for r in run.runs if r.load]
@@ -102,9 +110,9 @@ def learn(args: Namespace, log: Progress) -> VerbResult:
         text += ["", f"wrote {args.out}"]
     if args.report is not None:
         text += ["", f"wrote {learned.report(args.report)}"]
-    failed = learned.errors_m[0] == float("inf")
+    failed = learned.errors[0] == float("inf")
     data = learned.to_dict() | {"trajectory": None if args.out is None else str(args.out)}
-    for key in ("errors_max_m", "dynamic_errors_max_m", "measured_errors_max_m"):
+    for key in (f"{what}errors_max_{learned.unit}" for what in ("", "dynamic_", "measured_")):
         data[key] = [_finite(e) for e in data[key]]
     return VerbResult(data, "\n".join(text), problem="the robot fails without correction" if failed else "")
 

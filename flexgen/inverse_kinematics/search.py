@@ -15,10 +15,9 @@ import numpy as np
 
 from flexgen.build.model_library import library_with
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.mechanics.equations import derive
+from flexgen.mechanics.equations import derive, robot_of
 from flexgen.mechanics.statics import gear_deflection
 from flexgen.model.elements import RobotModel
-from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.rotations import turn_angle
 
@@ -80,7 +79,7 @@ def kinematics(
 
     Parameters
     ----------
-    model : name, path or RobotModel
+    model : name, path, RobotModel or Equations
         With six actuated joints, or more with ``fixed`` ones.
     position : array (3,) [m]
         Of the tool in the world.
@@ -104,7 +103,7 @@ def kinematics(
     SolverError
         The arm is singular at the pose, with more than 16 solutions.
     """
-    robot = model if isinstance(model, RobotModel) else read(model)
+    robot = robot_of(model)
     p, R = np.asarray(position, dtype=float), np.asarray(rotation, dtype=float)
     if p.shape != (3,) or R.shape != (3, 3) or not (np.isfinite(p).all() and np.isfinite(R).all()):
         raise ArgumentError(f"pose: given shapes {p.shape}, {R.shape}, expected (3,) and (3, 3), finite")

@@ -61,6 +61,13 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
         return implicit_dae(self)
 
 
+def robot_of(model: str | Path | RobotModel | Equations) -> RobotModel:
+    """The robot of a model that is given by its name, its file, as it was read, or by its equations."""
+    if isinstance(model, Equations):
+        return model.model
+    return model if isinstance(model, RobotModel) else read(model)
+
+
 def derive(model: str | Path | RobotModel, parameters: Sequence[str] = ()) -> Equations:
     """Equations of motion of a model.
 

@@ -25,9 +25,8 @@ from flexgen.loop.closed_loop import ClosedLoop
 from flexgen.loop.controllers import Linear
 from flexgen.loop.hardware import DriveHardware, SensorChannels
 from flexgen.loop.interface import Controller
-from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import Move, RobotModel
-from flexgen.model.reader import read
 from flexgen.motion_control.controllers import controller_of
 from flexgen.motion_control.disturbances import Disturbance, disturbance_table
 from flexgen.motion_control.laws.law import ModelLaw
@@ -84,7 +83,7 @@ class Case:
 
 @reported("control")
 def control(
-    model: str | FilePath | RobotModel,
+    model: str | FilePath | RobotModel | Equations,
     move: str | Move | None = None,
     *,
     controller: Any = "ppi",
@@ -104,7 +103,7 @@ def control(
 
     Parameters
     ----------
-    model : name, path or RobotModel
+    model : name, path, RobotModel or Equations
     move : str or Move, optional
         A move of the model file; default: its first.
     controller : str or object
@@ -176,7 +175,7 @@ def _beside_the_state(controller: Linear, model: RobotModel) -> Linear:
 
 
 def control_case(
-    model: str | FilePath | RobotModel,
+    model: str | FilePath | RobotModel | Equations,
     move: str | Move | None = None,
     *,
     sample_time: float = SAMPLE_S,
@@ -193,7 +192,7 @@ def control_case(
 ) -> Case:
     """The same without a controller: solve the move, make the robots, find where they rest; see `control`."""
     tell = progress or (lambda line: None)
-    robot = model if isinstance(model, RobotModel) else read(model)
+    robot = robot_of(model)
     _check_times(sample_time, delay)
     seed = seed_of(seed)
     check_not_negative("encoder_noise", encoder_noise)

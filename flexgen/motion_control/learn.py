@@ -36,9 +36,8 @@ from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import grid, time_derivative
 from flexgen.inversion.solution import Solution, measured
-from flexgen.mechanics.equations import derive
+from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import Move, RobotModel
-from flexgen.model.reader import read
 from flexgen.motion_control.control import AFTER_S, HOLD_S, SAMPLE_S, Case, control_case, run_case
 from flexgen.motion_control.controllers import controller_of
 from flexgen.motion_control.gains import lowest_locked_hz
@@ -85,8 +84,9 @@ class Learned:
         Why it ended before the last iteration; empty: it did not.
     measured_by : str
         ``"tracker"`` or ``"accelerometer"``.
-    measured_m : tuple of float [m]
-        Largest measured error of each iteration; of the tracker ``errors_m``. It decides on the best iteration.
+    measured_errors : tuple of float
+        Largest measured error of each iteration, in `unit`; of the tracker ``errors``. It decides on the best
+        iteration.
     """
 
     runs: tuple[ControlRun, ...]
@@ -98,29 +98,53 @@ class Learned:
     plant: str
     stopped: str
     measured_by: str
-    measured_m: tuple[float, ...]
+    measured_errors: tuple[float, ...]
 
     @property
-    def dynamic_errors_m(self) -> tuple[float, ...]:
-        """The same without the errors at rest at start and end [m]."""
-        found = [run.figures(run[self.plant])["dynamic_error_max_m"] for run in self.runs]
+    def unit(self) -> str:
+        """Of the errors: ``"m"``, or ``"rad"`` where the output has no lengths."""
+        return self.runs[0].unit
+
+    @property
+    def dynamic_errors(self) -> tuple[float, ...]:
+        """The same without the errors at rest at start and end, in `unit`."""
+        found = [run.figures(run[self.plant])[f"dynamic_error_max_{self.unit}"] for run in self.runs]
         return tuple(float(x) if np.isfinite(x) else float("inf") for x in found)
 
     @property
-    def errors_m(self) -> tuple[float, ...]:
-        """Largest error of each iteration, at rest included [m]."""
+    def errors(self) -> tuple[float, ...]:
+        """Largest error of each iteration, at rest included, in `unit`."""
         return tuple(_largest(run, self.plant) for run in self.runs)
 
+    @property
+    def errors_m(self) -> tuple[float, ...]:
+        """``errors`` [m]; empty where the output has no lengths."""
+        return self.errors if self.unit == "m" else ()
+
+    @property
+    def dynamic_errors_m(self) -> tuple[float, ...]:
+        """``dynamic_errors`` [m]; empty where the output has no lengths."""
+        return self.dynamic_errors if self.unit == "m" else ()
+
+    @property
+    def measured_m(self) -> tuple[float, ...]:
+        """``measured_errors`` [m]; empty where the output has no lengths."""
+        return self.measured_errors if self.unit == "m" else ()
+
     def __repr__(self) -> str:
-        first, best = (measured(e, "m") for e in (self.errors_m[0], self.errors_m[self.best]))
+        errors = self.errors
+        first, best = (measured(e, self.unit) for e in (errors[0], errors[self.best]))
         return f"<Learned {self.runs[0].model.name}: {first} -> {best}>"
 
     def __str__(self) -> str:
         """The errors of all iterations."""
-        rows = [f"  {k}: {measured(e, 'm')}{' (best)' if k == self.best else ''}" for k, e in enumerate(self.errors_m)]
+        rows = [
+            f"  {k}: {measured(e, self.unit)}{' (best)' if k == self.best else ''}" for k, e in enumerate(self.errors)
+        ]
         if self.measured_by != TRACKER:
-            parts = zip(self.dynamic_errors_m, self.measured_m, strict=True)
-            more = [f", dynamic {measured(d, 'm')}, estimated {measured(e, 'm')}" for d, e in parts]
+            parts = zip(self.dynamic_errors, self.measured_errors, strict=True)
+            u = self.unit
+            more = [f", dynamic {measured(d, u)}, estimated {measured(e, u)}" for d, e in parts]
             rows = [row + text for row, text in zip(rows, more, strict=True)]
         head = (
             f"{self.runs[0].model.name}, move {self.runs[0].solution.move.name}: largest error of "
@@ -146,9 +170,9 @@ class Learned:
             "frequency_hz": self.frequency_hz,
             "gain": self.gain,
             "measured_by": self.measured_by,
-            "errors_max_m": list(self.errors_m),
-            "dynamic_errors_max_m": list(self.dynamic_errors_m),
-            "measured_errors_max_m": list(self.measured_m),
+            f"errors_max_{self.unit}": list(self.errors),
+            f"dynamic_errors_max_{self.unit}": list(self.dynamic_errors),
+            f"measured_errors_max_{self.unit}": list(self.measured_errors),
             "best": self.best,
             "stopped": self.stopped,
         }
@@ -165,7 +189,7 @@ class Learned:
 
 @reported("learn")
 def learn(
-    model: str | FilePath | RobotModel,
+    model: str | FilePath | RobotModel | Equations,
     move: str | Move | None = None,
     *,
     plant: Mapping[str, float] | None = None,
@@ -185,7 +209,7 @@ def learn(
 
     Parameters
     ----------
-    model : name, path or RobotModel
+    model : name, path, RobotModel or Equations
     move : str or Move, optional
         A move of the model file; default: its first.
     plant : mapping, optional
@@ -225,7 +249,7 @@ def learn(
     name = "robot"
     channels = None
     if measured_by == ACCELEROMETER:
-        channels = _accelerometers(model if isinstance(model, RobotModel) else read(model), encoder_noise)
+        channels = _accelerometers(robot_of(model), encoder_noise)
     case = control_case(
         model if channels is None else channels.model, move, sample_time=sample_time, delay=delay,
         plants={name: mapping_of("plant", {} if plant is None else plant, "changes such as {'stiffness': 0.8}")},
@@ -272,7 +296,7 @@ def _iterated(
         runs.append(run(corrected))
         shown = seen(runs[-1])
         errors.append(_largest(shown, name))
-        tell(f"iteration {k}: largest error {measured(errors[-1], 'm')}")
+        tell(f"iteration {k}: largest error {measured(errors[-1], runs[-1].unit)}")
         if k == 0 and not np.isfinite(errors[0]):
             stopped = "the robot fails without correction"
             break
@@ -329,8 +353,8 @@ class _Smoothed:
 
 
 def _largest(run: ControlRun, plant: str) -> float:
-    """Largest error of a robot [m]; infinite where it failed."""
-    found = run.figures(run[plant])["error_max_m"]
+    """Largest error of a robot [m, or rad where the output has no lengths]; infinite where it failed."""
+    found = run.figures(run[plant])[f"error_max_{run.unit}"]
     return float(found) if np.isfinite(found) else float("inf")
 
 

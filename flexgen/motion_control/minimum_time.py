@@ -26,9 +26,9 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.solution import Solution, measured
 from flexgen.inversion.solve import solve
-from flexgen.mechanics.equations import derive
+from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import Move, RobotModel
-from flexgen.model.reader import read
+from flexgen.motion_control.result import unit_of
 from flexgen.motion_control.rigid_time import rigid_time
 from flexgen.motion_control.time_search import TimeSearch
 from flexgen.paths.path import Path, check_range, named_move
@@ -51,9 +51,10 @@ class Fastest:
     limits : Limits
     duration_s, default_s, rigid_s : float [s]
         Of the path, of the path as given, and the lower bound of a rigid robot.
-    vibration_m : dict
-        Largest vibration after the path of robots with less and more stiffness, of the new motion, by name [m].
-    default_vibration_m : dict
+    vibration : dict
+        Largest vibration after the path of robots with less and more stiffness, of the new motion, by name, in
+        `unit`.
+    default_vibration : dict
         The same of the move as it was given.
     excess : float
         Largest excess of a limit, relative to it.
@@ -72,8 +73,8 @@ class Fastest:
     duration_s: float
     default_s: float
     rigid_s: float
-    vibration_m: dict[str, float]
-    default_vibration_m: dict[str, float]
+    vibration: dict[str, float]
+    default_vibration: dict[str, float]
     excess: float
     coefficients: int
     programs: int
@@ -81,6 +82,21 @@ class Fastest:
     cpu_s: float
     wall_s: float
     history: tuple[float, ...]
+
+    @property
+    def unit(self) -> str:
+        """Of the vibrations: ``"m"``, or ``"rad"`` where the output has no lengths."""
+        return unit_of(self.solution.model)
+
+    @property
+    def vibration_m(self) -> dict[str, float]:
+        """``vibration`` [m]; empty where the output has no lengths."""
+        return self.vibration if self.unit == "m" else {}
+
+    @property
+    def default_vibration_m(self) -> dict[str, float]:
+        """``default_vibration`` [m]; empty where the output has no lengths."""
+        return self.default_vibration if self.unit == "m" else {}
 
     @property
     def move(self) -> Move:
@@ -102,8 +118,8 @@ class Fastest:
                 f"{self.cpu_s:.2g} s of processor time",
                 "  vibration after the path, "
                 + ", ".join(
-                    f"{name}: {measured(x, 'm')} ({measured(self.default_vibration_m[name], 'm')} as given)"
-                    for name, x in self.vibration_m.items()
+                    f"{name}: {measured(x, self.unit)} ({measured(self.default_vibration[name], self.unit)} as given)"
+                    for name, x in self.vibration.items()
                 ),
                 f"  {str(self.solution).splitlines()[1].strip()}",
             ]
@@ -117,8 +133,8 @@ class Fastest:
             "duration_s": self.duration_s,
             "default_s": self.default_s,
             "rigid_s": self.rigid_s,
-            "vibration_m": self.vibration_m,
-            "default_vibration_m": self.default_vibration_m,
+            f"vibration_{self.unit}": self.vibration,
+            f"default_vibration_{self.unit}": self.default_vibration,
             "excess": self.excess,
             "coefficients": self.coefficients,
             "timing": list(self.move.timing),
@@ -132,7 +148,7 @@ class Fastest:
 
 @reported("fastest")
 def fastest(
-    model: str | FilePath | RobotModel,
+    model: str | FilePath | RobotModel | Equations,
     move: str | Move | None = None,
     *,
     limits: Limits | None = None,
@@ -146,7 +162,7 @@ def fastest(
 
     Parameters
     ----------
-    model : name, path or RobotModel
+    model : name, path, RobotModel or Equations
     move : str or Move, optional
         A move of the model file, not a program; default: its first.
     limits : Limits, optional
@@ -155,7 +171,7 @@ def fastest(
     torque_rate : float, optional
         Bound of the torques' rates, as a multiple of the largest rate of the move as it is given. It lowers the
         vibration of robots that differ from the model, and costs time.
-    vibration : float, optional [m]
+    vibration : float, optional [m, or rad where the output has no lengths]
         Bound of the tool's vibration after the path, of robots with 10 % less and more stiffness under a P-PI cascade:
         see `flexgen.motion_control.residual_vibration`. The robots are simulated in every step.
     coefficients : int
@@ -180,10 +196,10 @@ def fastest(
     if torque_rate is not None:
         check_positive("torque_rate", torque_rate)
     if vibration is not None:
-        check_positive("vibration", vibration, "a length > 0 in m")
+        check_positive("vibration", vibration, "a size > 0 in m, or rad where the output has no lengths")
     if limits is not None and not isinstance(limits, Limits):
         raise ArgumentError(f"limits: given {limits!r}, expected an object of flexgen.Limits")
-    robot = model if isinstance(model, RobotModel) else read(model)
+    robot = robot_of(model)
     chosen = move if isinstance(move, Move) else named_move(robot, move)
     check_not_negative("time_limit", time_limit or 0.0, "a time >= 0 in s; None or 0: no limit")
     try:
@@ -227,7 +243,7 @@ def _fastest(
 
 
 def fastest_move(
-    model: str | FilePath | RobotModel, move: str | Move | None, limits: Limits | None, progress: Choice
+    model: str | FilePath | RobotModel | Equations, move: str | Move | None, limits: Limits | None, progress: Choice
 ) -> Move:
     """The move with its fastest time law; `flexgen.solve` calls it."""
     return fastest(model, move, limits=limits, progress=progress).move

@@ -21,10 +21,9 @@ from scipy.signal import butter, filtfilt
 
 from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.mechanics.statics import gear_deflection
 from flexgen.model.elements import RobotModel
-from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
 from flexgen.trajectory import Trajectory
 
@@ -59,13 +58,17 @@ class Load:
 
 
 def identify_load(
-    model: str | FilePath | RobotModel, record: Trajectory, *, low_pass_hz: float = LOW_PASS_HZ, rigid: bool = False
+    model: str | FilePath | RobotModel | Equations,
+    record: Trajectory,
+    *,
+    low_pass_hz: float = LOW_PASS_HZ,
+    rigid: bool = False,
 ) -> Load:
     """The load of a robot from a record of its motors.
 
     Parameters
     ----------
-    model : name, path or RobotModel
+    model : name, path, RobotModel or Equations
         Without the load, or with another one as payload.
     record : Trajectory
         Channels ``q_m`` [rad] and ``tau_m`` [N m], motor side, on an equidistant grid, as of `ControlRun.trajectory`.
@@ -81,7 +84,7 @@ def identify_load(
     SolverError
         The motion does not determine the load, or no load was found.
     """
-    robot = model if isinstance(model, RobotModel) else read(model)
+    robot = robot_of(model)
     return _Estimate(robot, record, low_pass_hz, rigid).solve()
 
 

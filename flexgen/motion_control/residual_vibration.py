@@ -12,10 +12,10 @@ from flexgen.loop.closed_loop import ClosedLoop
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.model.output_columns import output_units
 from flexgen.motion_control.gains import PPI
 from flexgen.motion_control.plants import LocalDynamics, plants_of
 from flexgen.motion_control.reference import held_torques, time_grid
+from flexgen.motion_control.result import columns_in, unit_of
 from flexgen.numerics.evaluate import evaluate
 from flexgen.trajectory import Trajectory
 
@@ -47,13 +47,12 @@ class ResidualVibration:
         names = tuple(p.name for p in self.plants.parameters)
         self._library = library_with(self.model, ("forward_dynamics",), parameters=names, per_point=True, progress=tell)
         self._local = LocalDynamics(derive(self.model, names))
-        units = output_units(self.model)
-        self._rows = [k for k, unit in enumerate(units) if unit == "m"] or list(range(len(units)))
+        self._rows = columns_in(self.model, unit_of(self.model))
         self._law: Cascade | None = None
         self._rate = 0.0
 
     def __call__(self, trajectory: Trajectory, path_end: float) -> np.ndarray:
-        """Errors (robots, instants, rows) [m] from the end of the path on, as many for every motion."""
+        """Errors (robots, instants, rows) [m, or rad] from the end of the path on, as many for every motion."""
         first, last = float(trajectory.time[0]), float(trajectory.time[-1])
         end = path_end + WINDOW_S + 10 * SAMPLE_S
         time = time_grid(first, end, SAMPLE_S, BEFORE_S, 0.0)

@@ -24,6 +24,8 @@ from flexgen.numerics.rotations import turn_angle
 from flexgen.ports import Port
 from flexgen.trajectory import Trajectory
 
+UNITS = ("m", "rad")
+
 
 @dataclass(frozen=True, repr=False)
 class PlantRun:
@@ -112,9 +114,10 @@ class ControlRun:
         ]
         for run in self.runs:
             row = self.figures(run)
-            errors = [measured(row[key], "m") for key in ("error_max_m", "dynamic_error_max_m")]
+            found = {key: [(row[f"{key}_{u}"], u) for u in UNITS] for key in ("error_max", "dynamic_error_max")}
+            whole, dynamic = (" and ".join(measured(x, u) for x, u in each if x is not None) for each in found.values())
             text = run.failure or (
-                f"error up to {errors[0]}, dynamic {errors[1]}, torque up to {row['torque_max_Nm']:.4g} N m"
+                f"error up to {whole}, dynamic {dynamic}, torque up to {row['torque_max_Nm']:.4g} N m"
             )
             full = f", {run.saturated} samples at the torque limit" if run.saturated and not run.failure else ""
             lines.append(f"  {run.name}: {text}{full}{f', load {run.load}' if run.load else ''}")
@@ -137,52 +140,65 @@ class ControlRun:
         raise ArgumentError(f"plant: given {name!r}, expected one of {', '.join(run.name for run in self.runs)}")
 
     @property
-    def tool_error_max_m(self) -> float:
-        """Largest distance of the model's output from its reference [m]; NaN where it failed."""
-        return float(self.figures(self.nominal)["error_max_m"])
+    def tool_error_max_m(self) -> float | None:
+        """Largest distance of the model's output from its reference [m]; None without lengths, NaN where it failed."""
+        found: float | None = self.figures(self.nominal)["error_max_m"]
+        return found
+
+    @property
+    def tool_error_max_rad(self) -> float | None:
+        """Largest angle of the model's output from its reference [rad]; None without angles, NaN where it failed."""
+        found: float | None = self.figures(self.nominal)["error_max_rad"]
+        return found
+
+    @property
+    def unit(self) -> str:
+        """``"m"``, or ``"rad"`` where the output has no lengths."""
+        return unit_of(self.model)
 
     @property
     def worst(self) -> PlantRun:
         """The robot with the largest dynamic error; the first that failed where one did."""
         failed = [run for run in self.runs if run.failure]
-        return failed[0] if failed else max(self.runs, key=lambda run: self.figures(run)["dynamic_error_max_m"])
+        key = f"dynamic_error_max_{self.unit}"
+        return failed[0] if failed else max(self.runs, key=lambda run: self.figures(run)[key])
 
-    def distance(self, run: PlantRun) -> np.ndarray:
-        """Distance of a robot's output from its reference at the samples (n,) [m]."""
-        return np.asarray(np.linalg.norm(run.error[:, self._metres], axis=1))
+    def distance(self, run: PlantRun, unit: str | None = None) -> np.ndarray:
+        """Distance of a robot's output from its reference at the samples (n,), of its columns in m or rad.
 
-    def dynamic(self, run: PlantRun) -> np.ndarray:
-        """The same without the static errors at start and end, (n,) [m]."""
-        reference, e = self.reference, run.error[:, self._metres]
+        ``unit``: default `unit`.
+        """
+        return np.asarray(np.linalg.norm(run.error[:, columns_in(self.model, unit or self.unit)], axis=1))
+
+    def dynamic(self, run: PlantRun, unit: str | None = None) -> np.ndarray:
+        """The same without the static errors at start and end, (n,) [m or rad]."""
+        reference, e = self.reference, run.error[:, columns_in(self.model, unit or self.unit)]
         start = int(np.searchsorted(reference.time, reference.begin)) - 1
         share = np.clip(reference.time / max(reference.path_end, 1e-12), 0.0, 1.0)[:, None]
         static = (1 - share) * e[max(start, 0)] + share * e[-1]
         moving = reference.time >= reference.begin
         return np.asarray(np.linalg.norm(e - static, axis=1) * moving)
 
-    @property
-    def _metres(self) -> list[int]:
-        """Columns of the output that are lengths; all where none is."""
-        units = output_units(self.model)
-        chosen = [k for k, unit in enumerate(units) if unit == "m"]
-        return chosen or list(range(len(units)))
-
     def figures(self, run: PlantRun) -> dict[str, Any]:
-        """Largest errors and torques of a robot, SI units; NaN where it failed."""
+        """Largest errors and torques of a robot, SI units; NaN where it failed, None where the output has no such part.
+
+        Angles of a pose: ``error_max_rad`` and ``turn_max_rad``, the largest between tool and reference.
+        """
         moving = self.reference.time >= self.reference.begin
-        distance, dynamic = self.distance(run), self.dynamic(run)
-        start = int(np.searchsorted(self.reference.time, self.reference.begin)) - 1
-        turn = None if run.turn is None else float(run.turn[moving].max())
-        values: dict[str, Any] = {
-            "error_max_m": float(distance[moving].max()),
-            "error_end_m": float(distance[-1]),
-            "static_error_start_m": float(distance[max(start, 0)]),
-            "dynamic_error_max_m": float(dynamic.max()),
-            "turn_max_rad": turn,
-            "torque_max_Nm": float(np.abs(run.tau_m).max()),
-        }
+        start = max(int(np.searchsorted(self.reference.time, self.reference.begin)) - 1, 0)
+        values: dict[str, float | None] = {}
+        for unit in UNITS:
+            found: list[float | None] = [None] * 4
+            if columns_in(self.model, unit):
+                far, dynamic = self.distance(run, unit), self.dynamic(run, unit)
+                found = [float(far[moving].max()), float(far[-1]), float(far[start]), float(dynamic.max())]
+            keys = ("error_max", "error_end", "static_error_start", "dynamic_error_max")
+            values |= {f"{key}_{unit}": x for key, x in zip(keys, found, strict=True)}
+        values["turn_max_rad"] = turn = None if run.turn is None else float(run.turn[moving].max())
+        values["error_max_rad"] = turn if run.turn is not None else values["error_max_rad"]
+        values["torque_max_Nm"] = float(np.abs(run.tau_m).max())
         if run.failure:
-            values = dict.fromkeys(values, float("nan"))
+            values = {key: None if x is None else float("nan") for key, x in values.items()}
         return {
             "plant": run.name,
             **values,
@@ -263,6 +279,16 @@ class ControlRun:
         """Write a page with the figures and pictures to a folder; return its path."""
         page: Path = implementation("ControlRun.report")(self, folder)
         return page
+
+
+def unit_of(model: RobotModel) -> str:
+    """The unit of the errors of an output: ``"m"``, or ``"rad"`` where it has no lengths."""
+    return "m" if "m" in output_units(model) else "rad"
+
+
+def columns_in(model: RobotModel, unit: str) -> list[int]:
+    """Columns of the output with this unit."""
+    return [k for k, own in enumerate(output_units(model)) if own == unit]
 
 
 def _plain(value: Any) -> Any:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from flexgen.model.output_columns import output_units
 from flexgen.motion_control.benchmarks.draws import draws_of
 from flexgen.motion_control.benchmarks.score import Score
 from flexgen.motion_control.learn import Learned
@@ -25,7 +26,7 @@ def plot_control(run: ControlRun) -> Figure:
     time = run.reference.time
     good = [r for r in run.runs if not r.failure]
     largest = max((float(run.distance(r).max()) for r in good), default=1.0)
-    factor, unit = cv.prefixed(largest, "m")
+    factor, unit = cv.prefixed(largest, run.unit)
     for k, r in enumerate(run.runs):
         color = COLORS[k % len(COLORS)]
         if r.failure:
@@ -137,23 +138,23 @@ def plot_learned(learned: Learned) -> Figure:
     first, best = learned.runs[0], learned.runs[learned.best]
     figure = cv.new_figure(cv.WIDTH, 6.0, f"{cv.title_of(first.model)}: learning of move {first.solution.move.name}")
     top, middle, bottom = figure.subplots(3, 1, height_ratios=(1.0, 1.2, 1.0))
-    errors = 1e3 * np.array(learned.errors_m)
+    errors, unit = 1e3 * np.array(learned.errors), f"m{learned.unit}"
     top.semilogy(np.arange(len(errors)), errors, "o-", color=cv.BLUE)
     top.plot([learned.best], [errors[learned.best]], "o", color=cv.RED, label="best")
     top.set_xlabel("iteration")
-    top.set_ylabel("largest error, mm")
+    top.set_ylabel(f"largest error, {unit}")
     top.xaxis.get_major_locator().set_params(integer=True)
     cv.log_axis(top.yaxis)
     top.legend()
     for run, color, label in ((first, cv.GREY, "before learning"), (best, cv.BLUE, f"iteration {learned.best}")):
         middle.plot(run.reference.time, 1e3 * run.distance(run[learned.plant]), color=color, label=label)
-    middle.set_ylabel("error, mm")
+    middle.set_ylabel(f"error, {unit}")
     middle.legend()
     correction = learned.corrections[learned.best]
     columns = correction[:, : min(3, correction.shape[1])]
-    for k, x in enumerate(columns.T):
-        bottom.plot(learned.time, 1e3 * x, color=COLORS[k], label=f"output {k + 1}")
-    bottom.set_ylabel("correction, mm")
+    for k, (x, own) in enumerate(zip(columns.T, output_units(first.model), strict=False)):
+        bottom.plot(learned.time, 1e3 * x, color=COLORS[k], label=f"output {k + 1}, m{own}")
+    bottom.set_ylabel("correction")
     bottom.set_xlabel("time, s (grey: path)")
     bottom.legend()
     for ax in (middle, bottom):

@@ -11,12 +11,14 @@ from flexgen.atomic_files import write_text
 from flexgen.motion_control.benchmarks.score import Score
 from flexgen.motion_control.learn import Learned
 from flexgen.motion_control.plants import NOMINAL
-from flexgen.motion_control.result import ControlRun
+from flexgen.motion_control.result import UNITS, ControlRun, columns_in
 from flexgen.plots import canvas
 from flexgen.plots import control as plots
 from flexgen.reports.folder import PAGE, check_folder, foot
 from flexgen.reports.html import figure_element, head, html_table, number
 from flexgen.reports.pictures import Picture
+
+KEYS = ("error_max", "dynamic_error_max", "static_error_start", "error_end")
 
 
 def write_control(run: ControlRun, directory: str | Path) -> Path:
@@ -73,22 +75,21 @@ def write_control(run: ControlRun, directory: str | Path) -> Path:
 
 def _errors(run: ControlRun) -> str:
     rows = []
+    units = [u for u in UNITS if columns_in(run.model, u)]
     for r in run.runs:
         f = run.figures(r)
-        keys = ("error_max_m", "dynamic_error_max_m", "static_error_start_m", "error_end_m")
-        values = ["-" if r.failure else number(1e3 * f[key]) for key in keys]
+        values = ["-" if r.failure else number(1e3 * f[f"{key}_{u}"]) for u in units for key in KEYS]
         torque = "-" if r.failure else number(f["torque_max_Nm"])
         rows.append((html.escape(r.name), *values, torque, str(r.saturated), html.escape(r.failure)))
-    columns = (
-        "robot", "largest, mm", "largest dynamic, mm", "at rest before, mm", "at rest after, mm", "torque, N m",
-        "samples at the limit", "failure",
-    )  # fmt: skip
+    names = ("largest", "largest dynamic", "at rest before", "at rest after")
+    errors = [f"{name}, m{u}" for u in units for name in names]
+    columns = ("robot", *errors, "torque, N m", "samples at the limit", "failure")
     words = (
         "<p>Static errors are those at rest before and after the motion, of a robot with other springs or load; the "
         "dynamic error is what remains when they are taken off along the path.</p>\n"
     )
     loads = "".join(f"<p>{html.escape(r.name)}: load {html.escape(r.load)}.</p>\n" for r in run.runs if r.load)
-    return html_table(columns, rows, range(1, 7)) + words + loads
+    return html_table(columns, rows, range(1, len(columns) - 1)) + words + loads
 
 
 def _margins(run: ControlRun) -> str:
@@ -175,18 +176,18 @@ def write_learned(learned: Learned, directory: str | Path) -> Path:
     ArgumentError
         The folder has files of another program under these names, or cannot be written.
     """
-    run = learned.runs[0]
+    run, unit = learned.runs[0], learned.unit
     title = f"{canvas.title_of(run.model)}: learning of move {run.solution.move.name}"
     rows = []
     for k, (r, correction) in enumerate(zip(learned.runs, learned.corrections, strict=True)):
         f = r.figures(r[learned.plant])
         failed = r[learned.plant].failure
-        values = ["-", "-", "-"] if failed else [
-            number(1e3 * f["error_max_m"]), number(1e3 * f["dynamic_error_max_m"]), number(f["torque_max_Nm"])
-        ]  # fmt: skip
-        largest = number(1e3 * float(np.abs(correction[:, :3]).max()))
+        shown = [1e3 * f[f"{key}_{unit}"] for key in ("error_max", "dynamic_error_max")] + [f["torque_max_Nm"]]
+        values = ["-" if failed else number(x) for x in shown]
+        largest = number(1e3 * float(np.abs(correction[:, columns_in(run.model, unit)]).max()))
         rows.append((f"{k}{', best' if k == learned.best else ''}", *values, largest, html.escape(failed)))
-    columns = ("iteration", "error, mm", "dynamic error, mm", "torque, N m", "largest correction, mm", "failure")
+    told = [f"{what}, m{unit}" for what in ("error", "dynamic error", "largest correction")]
+    columns = ("iteration", *told[:2], "torque, N m", told[2], "failure")
     load = run[learned.plant].load
     words = (
         f"<p>Low pass of the correction {number(learned.frequency_hz)} Hz, forwards and backwards, gain "

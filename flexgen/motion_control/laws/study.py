@@ -26,14 +26,15 @@ from flexgen.inversion.solve import solve
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.interface import Controller
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
+from flexgen.mechanics.equations import robot_of
 from flexgen.model.elements import RobotModel
-from flexgen.model.reader import read
 from flexgen.motion_control.control import Case, case_controller, control_case, run_case
 from flexgen.motion_control.disturbances import Disturbance
 from flexgen.motion_control.gains import motor_inertias
 from flexgen.motion_control.laws.chain import FORMS
 from flexgen.motion_control.laws.linearising import FeedbackLinearisation
 from flexgen.motion_control.laws.state_lq import LQ
+from flexgen.motion_control.result import unit_of
 from flexgen.progress import Choice, reported
 
 ARM = Path(__file__).with_name("three_axis_arm.toml")
@@ -243,7 +244,9 @@ def feedback_study(
         The move has no solution.
     """
     tell = progress if callable(progress) else (lambda line: None)
-    robot = model if isinstance(model, RobotModel) else read(ARM if model is None else model)
+    robot = robot_of(ARM if model is None else model)
+    if unit_of(robot) != "m":
+        raise ArgumentError(f"feedback_study: given the model {robot.name} whose output is an angle, expected lengths")
     reason = flexible_joint_obstacle(robot)
     if reason is not None:
         raise ArgumentError(f"feedback_study: {reason}")

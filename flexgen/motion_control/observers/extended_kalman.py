@@ -25,9 +25,8 @@ from flexgen.arguments import is_number
 from flexgen.build.c_module import c_module
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.model_library import library_with
-from flexgen.mechanics.equations import derive
+from flexgen.mechanics.equations import derive, robot_of
 from flexgen.model.elements import RobotModel
-from flexgen.model.reader import read
 from flexgen.motion_control.observers.channels import MOTORS, Channels, Noise, channels_of
 from flexgen.motion_control.observers.design import (
     Noises,
@@ -91,7 +90,7 @@ class ExtendedKalmanFilter:
 
     Parameters
     ----------
-    model : name, path or RobotModel
+    model : name, path, RobotModel or Equations
     outputs : str or sequence of str
         What is measured: ``"motors"``, motors and sensors of the model file by name, ``"tool_accelerometer"``,
         ``"tool_gyro"``, ``"link_encoders"``; see `flexgen.motion_control.observers.channels`.
@@ -139,7 +138,7 @@ class ExtendedKalmanFilter:
     ) -> None:
         if not (is_number(sample_time) and 1e-6 <= sample_time <= 1.0):
             raise ArgumentError(f"sample_time: given {sample_time!r}, expected 1e-6 to 1 s")
-        robot = model if isinstance(model, RobotModel) else read(model)
+        robot = robot_of(model)
         self.channels: Channels = channels_of(robot, outputs, noise)
         self.model, self.outputs, self.sample_time = self.channels.model, self.channels.names, float(sample_time)
         self.noises = Noises(robot, torque_noise, disturbance_rate, tool_force)
