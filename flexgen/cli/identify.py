@@ -32,6 +32,7 @@ def throttled(log: Progress) -> Callable[[str], None]:
 def excite(args: Namespace, log: Progress) -> VerbResult:
     """Plan an experiment for identification: poses, multisines, expected accuracy."""
     _check_npz(args.out)
+    check_writable(args.references, folder=True)
     from flexgen.identification.experiments.plan import excite as plan_experiment
     from flexgen.loop.hardware import DriveHardware
 
@@ -65,6 +66,10 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
     )
     with writing(args.out):
         plan.save(args.out)
+    written = [str(args.out)]
+    if args.references is not None:
+        with writing(args.references):
+            written.append(f"{args.references}, {len(plan.write_references(args.references))} files of references")
     joints = (plan.poses @ _inverse(model).T).tolist()
     rows = [[name, 100 * sd] for name, sd in plan.predicted.items()]
     text = "\n".join(
@@ -79,7 +84,7 @@ def excite(args: Namespace, log: Progress) -> VerbResult:
             "",
             table(rows, ("parameter", "expected standard deviation, %")),
             "",
-            f"wrote {args.out}",
+            *(f"wrote {line}" for line in written),
         ]
     )
     data = {

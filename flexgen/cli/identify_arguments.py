@@ -112,6 +112,9 @@ def _add_excite_arguments(parser: Parser) -> None:
         "--seed", metavar="N", type=whole(0), default=0, help="of phases and candidate poses; default: 0"
     )
     files.add_argument("--out", metavar="FILE", type=file_path, required=True, help="write the plan to this .npz file")
+    files.add_argument(
+        "--references", metavar="DIR", type=file_path, help="write the references of each experiment to DIR, as CSV"
+    )
 
 
 def _add_identify_arguments(parser: Parser) -> None:

@@ -125,6 +125,21 @@ def test_what_refine_needs_of_recordings_is_named(recorded):
         flexgen.refine(found, lost, progress=False)
 
 
+def test_references_in_csv_files_are_those_of_the_recordings(recorded, tmp_path):
+    """Angles as the drives followed them; speeds are their derivatives."""
+    experiment, path = recorded
+    files = experiment.plan.write_references(tmp_path / "references")
+    assert [file.name for file in files] == [f"pose1_realization1_experiment{k}.csv" for k in (1, 2)]
+    for k, file in enumerate(files):
+        names = file.read_text().partition("\n")[0].split(",")
+        assert names == ["t", "m1_q_ref_rad", "m2_q_ref_rad", "m1_v_ref_rad_s", "m2_v_ref_rad_s"]
+        t, *columns = np.loadtxt(file, delimiter=",", skiprows=1).T
+        q, v = np.array(columns[:2]).T, np.array(columns[2:]).T
+        assert np.allclose(q, read_experiment(path).references[0, 0, k], atol=1e-9)
+        slope = (np.roll(q, -1, axis=0) - np.roll(q, 1, axis=0)) / (2 * t[1])
+        assert np.abs(slope - v).max() < 0.05 * np.abs(v).max()  # differences at up to 60 Hz
+
+
 @pytest.mark.slow
 def test_recordings_are_refined_from_the_command_line(recorded, tmp_path, capsys):
     from flexgen.cli.main import main

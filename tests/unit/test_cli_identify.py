@@ -23,7 +23,8 @@ def folder(tmp_path_factory):
     """Plan and experiment on a robot with one other spring."""
     folder = tmp_path_factory.mktemp("identify")
     words = ["excite", "planar5_nmp", "--poses", "3", "--period", "2", "--lines", "30", "--speed-rms", "0.02", *NOISE]
-    assert main([*words, "--out", str(folder / "plan.npz"), "-q"]) == 0
+    assert main([*words, "--out", str(folder / "plan.npz"), "--references", str(folder / "references"), "-q"]) == 0
+    assert len(list((folder / "references").glob("*.csv"))) == 6
     assert (
         main(["measure", "planar5_nmp", str(folder / "plan.npz"), *TRUTH, "--out", str(folder / "data.npz"), "-q"]) == 0
     )

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from flexgen import array_files
+from flexgen.atomic_files import write_text
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware
@@ -124,6 +125,37 @@ class Plan:
     def save(self, path: str | Path) -> Path:
         """Write an npz file, which `load` reads."""
         return array_files.save(path, "plan", *self.data())
+
+    def write_references(self, folder: str | Path) -> tuple[Path, ...]:
+        """Write one period of the references of each experiment as a CSV file, for the drives of a real robot.
+
+        Columns: ``t`` [s], then ``<motor>_q_ref_rad`` and ``<motor>_v_ref_rad_s``, motor side; the period is repeated
+        ``transients + periods`` times.
+
+        Raises
+        ------
+        ArgumentError
+            The folder cannot be made or written.
+        """
+        target, out = Path(folder), []
+        names = ["t", *(f"{motor}_{kind}" for kind in ("q_ref_rad", "v_ref_rad_s") for motor in self.motors)]
+        t = np.arange(self.samples) * self.hardware.sample_s
+        runs = [
+            (k, r, e) for k in range(len(self.poses)) for r in range(self.realizations) for e in range(self.experiments)
+        ]
+        try:
+            target.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ArgumentError(f"references: the folder {str(target)!r} cannot be made ({error.strerror})") from None
+        w = 2j * np.pi * np.fft.rfftfreq(self.samples, self.hardware.sample_s)[:, None]
+        for k, r, e in runs:
+            q = self.reference(r, e)
+            v = np.fft.irfft(w * np.fft.rfft(q, axis=0), self.samples, axis=0)
+            rows = np.column_stack([t, self.poses[k] + q, v])
+            text = ",".join(names) + "\n" + "".join(",".join(f"{x:.12g}" for x in row) + "\n" for row in rows.tolist())
+            path = target / f"pose{k + 1}_realization{r + 1}_experiment{e + 1}.csv"
+            out.append(write_text(path, text))
+        return tuple(out)
 
     @classmethod
     def load(cls, path: str | Path) -> Plan:
