@@ -64,6 +64,7 @@ class PathRow:
     native_ms: float = np.nan
     default_ms: float = np.nan
     native_differs: float = np.nan
+    is_ok: bool = False  # the status of the C at its default tolerance: OK, not TOLERANCE_NOT_MET
     refused: str = ""
 
 
@@ -155,7 +156,7 @@ def path_row(robot: str, move: str, method: str, wanted: float) -> PathRow:
     assert difference < SAME, f"timed is not what was verified: torques differ by {difference:.1e}"
     row.duration = Path(equations, equations.model.move(move)).duration
     row.motion_s = float(default.t[-1] - default.t[0])
-    row.intervals, row.iterations = default.intervals, default.iterations
+    row.intervals, row.iterations, row.is_ok = default.intervals, default.iterations, default.converged
     row.default_ms, row.native_ms = (least_ms(each) / row.duration for each in (call, native_call))
     row.native_differs = float(np.abs(native.tau_m - default.tau_m).max() / np.abs(default.tau_m).max())
     return row

@@ -56,12 +56,13 @@ def paths(rows: Sequence[PathRow]) -> str:
         "intervals",
         "iterations",
         "tool error",
+        "status of the C",
         "difference of native build",
     ]
     body = []
     for row in rows:
         if row.refused:
-            body.append([f"`{row.robot}`", row.move, row.method, *["-"] * 9, row.refused.replace("|", "/"), "-"])
+            body.append([f"`{row.robot}`", row.move, row.method, *["-"] * 9, row.refused.replace("|", "/"), "-", "-"])
             continue
         body.append(
             [
@@ -78,6 +79,7 @@ def paths(rows: Sequence[PathRow]) -> str:
                 str(row.intervals),
                 str(row.iterations),
                 _error(row.error_m, row.error_rad),
+                "`OK`" if row.is_ok else "`TOLERANCE_NOT_MET`",
                 f"{row.native_differs:.0e}",
             ]
         )
@@ -189,10 +191,11 @@ than the target. Ratios are more portable than times.
 Processor time of one thread for one call of the library from Python, divided by the duration of the path; the minimum
 of several calls. It contains the equilibrium at the start, inverse kinematics, inversion with the motion before and
 after the path, gears and motors. Samples of the path are given. The mesh is the coarsest of {meshes} ms whose
-torques, of the default build, move the tool of the full model within 1 um and 1 urad of its path. The last column is
-the largest difference of the torques of the native build from them, relative to the largest torque. The motion begins
-before the path where zeros are unstable. That of lq ends as in `solve`, where what is left of it moves the tool by less
-than 10 nm; that of bvp after fifteen time constants of the slowest stable zero: slow vibrations of six axes take
+torques, of the default build, move the tool of the full model within 1 um and 1 urad of its path. The status is that
+of the C at its default tolerance. The last column is the largest difference of the torques of the native build from
+them, relative to the largest torque. The motion begins before the path where zeros are unstable. That of lq ends as in
+`solve`, where what is left of it moves the tool by less than 10 nm; that of bvp after fifteen time constants of the
+slowest stable zero: slow vibrations of six axes take
 seconds, which are inverted too. The targets were set for motions of about 1.5 s per s of path.
 
 {paths(path_rows)}

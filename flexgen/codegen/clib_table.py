@@ -28,8 +28,8 @@ _OUTPUT = "output; for a pose the position, then the rotation matrix by columns"
 _RATE = "its first time derivative; for a pose linear and angular velocity, world axes"
 _SECOND = "its second time derivative; for a pose linear and angular acceleration"
 _TOLERANCE = (
-    "largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6, an "
-    "error of 1e-8 rad or m, is what flexgen solve uses (single precision: 1e-3)"
+    "largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6 is "
+    "what flexgen solve uses (single precision: 1e-3)"
 )
 _N = "n_pre + n + n_post"
 _HOLD = (
@@ -168,8 +168,8 @@ STRUCTS: tuple[Struct, ...] = (
                 "real",
                 (),
                 "m",
-                "distance by which the output leaves the plan before because the horizon is too short; the sum over "
-                "the updates of a move estimates its error",
+                "distance by which the output leaves the plan before because the horizon is too short. No estimate of "
+                "the error where it is long enough: mesh, samples and hold are not in it, only a simulation has them",
             ),
             Field("output_step_rad", "real", (), "rad", "the same of angles"),
             Field("deviation_m", "real", (), "m", "distance of the modified path from the given one"),
@@ -223,10 +223,12 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "output.",
         "The output is at rest before the path and after it. The arm starts at equilibrium. Its unactuated "
         "coordinates move before the path where zeros are unstable (n_pre), and after it until the stable zeros have "
-        "decayed (n_post). OK: the residual is within the tolerance on the mesh and at the samples, and the "
-        "kinematic mismatch is below 0.02 (single precision: 0.25). TOLERANCE_NOT_MET: the iteration converged on "
-        "the mesh, but the result between its nodes is not accurate: use a finer mesh, a smoother path, or another "
-        "sampling period. Do not use the results where the status is negative. BAD_ARGUMENT also means that the path "
+        "decayed (n_post). OK: the residual is within the tolerance on the mesh and within 100 tolerances at the "
+        "samples (single precision: within the tolerance), and the kinematic mismatch is below 0.02 (0.25). A residual "
+        "of 1e-4 at the samples moves the output by at most 1e-5 rad, and m for each meter of reach: what flexgen "
+        "solve accepts. TOLERANCE_NOT_MET: the iteration converged on the mesh, but the result between its nodes is "
+        "not accurate: use a shorter period of the mesh (fewer samples_per_interval, or a shorter sampling period), or "
+        "a smoother path. Do not use the results where the status is negative. BAD_ARGUMENT also means that the path "
         "does not begin and end at rest. UNREACHABLE also means that no equilibrium was found from q_start. Without "
         "unactuated coordinates nothing is solved and the residual is zero. Arrays are stored sample after sample: "
         "entry i of sample k is x[k * n_a + i].",

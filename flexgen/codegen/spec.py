@@ -101,7 +101,7 @@ STATUSES = (
     Status(
         "TOLERANCE_NOT_MET",
         1,
-        "the residual, the kinematic mismatch or the torque step is above its tolerance; the info says which",
+        "residual, kinematic mismatch or torque step above its tolerance (see the info): use a shorter period",
     ),
     Status(
         "LIMITS_ACTIVE",

@@ -18,7 +18,7 @@ from flexgen.runtime.arguments import address
 from flexgen.runtime.files import AGAIN
 from flexgen.runtime.structs import filled, structs_of
 
-TOLERANCE = 1e-6  # of whole paths and streams: the residual of a deflection of 1e-8 rad or m
+TOLERANCE = 1e-6  # of whole paths and streams: on the mesh the residual of a deflection of 1e-8 rad or m
 SINGLE_TOLERANCE = 1e-3  # the same in single precision: residuals of rounding are smaller
 _HOLDS, _DELAY_MAX = ("spline", "linear", "zoh"), 4  # numbered in C; samples
 LIMITS_ACTIVE = 2  # a status of the C: of invert_limited only
@@ -51,8 +51,11 @@ class Inversion:
     unstable_zeros_start, unstable_zeros_end : int
         Of `Library.bvp`: number of unstable zeros at the start and at the end; of `Library.invert` 0.
     converged : bool
-        Whether ``residual_at_samples`` is within the tolerance and ``kinematic_mismatch`` below 0.02 (in single
-        precision 0.25). Without unactuated coordinates the residual is zero, and only the mismatch is checked.
+        Whether ``residual_at_samples`` is within 100 tolerances (in single precision within the tolerance) and
+        ``kinematic_mismatch`` below 0.02 (0.25): then the output is off by at most 10 tolerances, 1e-5 rad or m for
+        each meter of reach by default, the accuracy of `flexgen.solve`. If not, use a shorter period of the mesh: fewer
+        samples per interval, or a shorter sampling period. Without unactuated coordinates the residual is zero, and
+        only the mismatch is checked.
     deviation_m, deviation_rad : float
         Of `Library.invert_limited`: largest distance [m] and angle [rad] from the given path; else 0.
     limit_excess : float
@@ -182,9 +185,9 @@ class Inverter:
         samples_per_interval : int
             Samples per interval of the solver's mesh.
         tolerance : float, optional
-            Largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m. The
-            default is 1e-6, that of `flexgen.solve`: an error of the deflections of 1e-8 rad or m. In single precision
-            it is 1e-3.
+            Largest residual of the unactuated rows on the mesh, relative to the torques of a deflection of 0.01 rad or
+            0.01 m; at the samples 100 times as much is ``converged``. The default is 1e-6, that of `flexgen.solve`; in
+            single precision it is 1e-3.
         hold : str
             What the drive does between two samples: ``"spline"``, ``"linear"`` or ``"zoh"``; ``tau_m`` is what to send.
         delay : float

@@ -86,8 +86,9 @@ class Interval:
         Largest step of a motor torque from the interval before, relative to its largest value; its limit is 2e-4
         (in single precision 5e-3).
     output_step_m, output_step_rad : float
-        Step by which the output leaves the plan of the update before because the horizon is too short [m, rad]. The sum
-        over the updates of a move estimates its error.
+        Step by which the output leaves the plan of the update before because the horizon is too short [m, rad]. No
+        estimate of the error where the horizon is long enough: the errors of mesh, samples and hold are not in it, and
+        larger by orders of magnitude; `flexgen.simulate` measures them.
     converged : bool
         Whether ``residual``, ``kinematic_mismatch`` and ``torque_step`` are within their limits.
     cause : str

@@ -65,8 +65,8 @@ typedef struct {
     int n_pre; /* samples before the path, for the motion that unstable zeros require */
     int n_post; /* samples after the path, in which stable zeros and the deflections of damped gears decay */
     int samples_per_interval; /* samples per interval of the mesh */
-    /* largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6, an
-     * error of 1e-8 rad or m, is what flexgen solve uses (single precision: 1e-3) */
+    /* largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6 is
+     * what flexgen solve uses (single precision: 1e-3) */
     elbow_real tolerance;
     /* what the drive does between two samples of tau_m, one of the enum; tau_m is then what to send at the samples */
     int hold;
@@ -122,8 +122,8 @@ typedef struct {
     int intervals; /* intervals of the horizon, 1 to 10000 */
     int samples_per_interval; /* samples of the results per update, 1 to 1000 */
     elbow_real period; /* [s] time between two updates: the length of an interval */
-    /* largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6, an
-     * error of 1e-8 rad or m, is what flexgen solve uses (single precision: 1e-3) */
+    /* largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6 is
+     * what flexgen solve uses (single precision: 1e-3) */
     elbow_real tolerance;
     /* what the drive does between two samples of tau_m, one of the enum; tau_m is then what to send at the samples */
     int hold;
@@ -137,8 +137,8 @@ typedef struct {
     /* largest step of a motor torque from the interval before, relative to its largest value; limit 2e-4 (single
      * precision: 5e-3) */
     elbow_real torque_step;
-    /* [m] distance by which the output leaves the plan before because the horizon is too short; the sum over the
-     * updates of a move estimates its error */
+    /* [m] distance by which the output leaves the plan before because the horizon is too short. No estimate of the
+     * error where it is long enough: mesh, samples and hold are not in it, only a simulation has them */
     elbow_real output_step_m;
     elbow_real output_step_rad; /* [rad] the same of angles */
     elbow_real deviation_m; /* [m] distance of the modified path from the given one */
@@ -165,9 +165,11 @@ int64_t elbow_invert_work(int n, const elbow_inversion_options *options);
  *
  * The output is at rest before the path and after it. The arm starts at equilibrium. Its unactuated coordinates move
  * before the path where zeros are unstable (n_pre), and after it until the stable zeros have decayed (n_post). OK: the
- * residual is within the tolerance on the mesh and at the samples, and the kinematic mismatch is below 0.02 (single
- * precision: 0.25). TOLERANCE_NOT_MET: the iteration converged on the mesh, but the result between its nodes is not
- * accurate: use a finer mesh, a smoother path, or another sampling period. Do not use the results where the status is
+ * residual is within the tolerance on the mesh and within 100 tolerances at the samples (single precision: within the
+ * tolerance), and the kinematic mismatch is below 0.02 (0.25). A residual of 1e-4 at the samples moves the output by
+ * at most 1e-5 rad, and m for each meter of reach: what flexgen solve accepts. TOLERANCE_NOT_MET: the iteration
+ * converged on the mesh, but the result between its nodes is not accurate: use a shorter period of the mesh (fewer
+ * samples_per_interval, or a shorter sampling period), or a smoother path. Do not use the results where the status is
  * negative. BAD_ARGUMENT also means that the path does not begin and end at rest. UNREACHABLE also means that no
  * equilibrium was found from q_start. Without unactuated coordinates nothing is solved and the residual is zero.
  * Arrays are stored sample after sample: entry i of sample k is x[k * n_a + i]. Stack: at most 11264 bytes.

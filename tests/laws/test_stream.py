@@ -114,6 +114,15 @@ def test_a_short_horizon_is_reported_with_its_error(share: float) -> None:
 
 
 @pytest.mark.slow
+def test_the_steps_of_a_sufficient_horizon_are_no_estimate_of_the_error() -> None:
+    """What the documentation says: errors of mesh and samples are not in the steps of the output."""
+    soft, preview = soft_machine()
+    ahead = int(np.ceil(1.3 * preview / UPDATE))
+    steps = sum(interval.output_step_m for interval in soft.updates(ahead))
+    assert error(soft.simulation(*soft.followed(ahead))) > 10 * steps
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("ahead", [20, 30])
 def test_no_alarm_near_rest(ahead: int) -> None:
     """A polynomial of degree 9: its fifth derivative jumps at both ends."""

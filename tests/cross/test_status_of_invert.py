@@ -1,0 +1,51 @@
+"""The status of the C at its default tolerance and that of `flexgen.solve` on the same mesh: they agree."""
+
+from __future__ import annotations
+
+import pytest
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.codegen.spec import STATUSES
+from flexgen.inversion.model_library import inversion_library
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.sampling import grid, samples
+from flexgen.inversion.solve import ACCURACY
+from flexgen.mechanics.equations import derive
+from flexgen.mechanics.statics import reach
+from flexgen.paths.path import Path
+
+pytestmark = needs_compiler
+
+SLOW = pytest.mark.slow
+CASES = [  # and whether the C returns OK
+    ("planar5_mp", "line", 0.02, True),
+    ("planar5_mp", "line", 0.04, True),  # 16 times the tolerance at the samples, 0.13 um
+    ("planar5_mp", "line", 0.12, False),  # wrong by 0.1 mm
+    ("planar5_mp", "joints", 0.12, False),
+    pytest.param("planar5_soft", "joints", 0.02, True, marks=SLOW),
+    pytest.param("manutec_r3_18", "joints", 0.02, True, marks=SLOW),
+    pytest.param("manutec_r3_18", "turning_line", 0.04, True, marks=SLOW),
+    pytest.param("manutec_r3_18", "turning_line", 0.08, False, marks=SLOW),
+]
+
+
+@pytest.mark.parametrize(("name", "move", "mesh", "right"), CASES)
+def test_c_and_solve_agree_on_what_is_solved(name: str, move: str, mesh: float, right: bool) -> None:
+    equations = derive(name)
+    path = Path(equations, equations.model.move(move))
+    n, period, samples_per_interval, n_pre, n_post = grid(InversionProblem(equations, path, mesh=mesh), mesh)
+    y, dy, ddy = samples(Reduction(equations), path, period, n)
+    options = {"n_pre": n_pre, "n_post": n_post, "samples_per_interval": samples_per_interval}
+    found = inversion_library(equations, "lq").invert(y, dy, ddy, period=period, q_start=path.q_start, **options)
+    solution = flexgen.solve(equations, move, "lq", mesh=mesh, progress=False)
+    error = max((solution.tool_error_max_m or 0.0) / min(1.0, reach(equations)), solution.tool_error_max_rad or 0.0)
+    assert found.converged == (solution.status is flexgen.Status.SOLVED) == (error < ACCURACY) == right
+    # what the limit of 100 tolerances rests on: what the residual between the nodes does to the output
+    assert error < 10 * 0.01 * found.residual_at_samples
+    assert found.converged == (found.residual_at_samples < 1e-4) and found.residual < 1e-6
+
+
+def test_the_text_of_the_status_names_the_remedy() -> None:
+    assert "use a shorter period" in next(s.text for s in STATUSES if s.name == "TOLERANCE_NOT_MET")
