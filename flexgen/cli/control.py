@@ -272,7 +272,10 @@ def kinematics(args: Namespace, log: Progress) -> VerbResult:
     rows = []
     for c in found:
         flags = " ".join(f"{sign:+d}" for sign in c.flags)
-        inside, near = "yes" if c.within_limits else "no", f"{c.distance:.3g} {c.nearest_singularity}"
+        inside, near = (
+            "yes" if c.within_limits else "no",
+            f"{c.distance:.3g} {c.nearest_singularity}{', singular' if c.singular else ''}",
+        )
         rows.append([*map(float, c.q), inside, flags, near])
     vector = Rotation.from_matrix(rotation).as_rotvec()
     where = f"position {np.round(position, 6).tolist()} m, rotation vector {np.round(vector, 6).tolist()} rad"
@@ -290,6 +293,7 @@ def kinematics(args: Namespace, log: Progress) -> VerbResult:
                 "flags": list(c.flags),
                 "parts": c.parts,
                 "singularity_distance": c.distance,
+                "singular": c.singular,
             }
             for c in found
         ],

@@ -22,6 +22,13 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.rotations import turn_angle
 
 SINGULAR = 1e-4  # smallest singular value of the scaled Jacobian over the largest
+FAMILY = 1e-12  # the same, of a pose that a family of configurations reaches: the error that is left
+TURNED = 2e-3  # rad: rotation of the goal beside which the search is not singular
+NEAR = 0.05  # distance from singularity of a configuration at the turned goal that is refined at the goal
+REFINED = 1e-11  # largest error of a refined configuration
+SAME = 1e-5  # rad or m: configurations that are as close are one
+REFINEMENTS = 40
+SHIFTS = (0.0, 1.2, -1.2, 2.4)  # rad: along the family, where a refinement begins
 JOINTS = 6
 SAG_STEPS = 20
 
@@ -60,6 +67,11 @@ class Configuration:
     def flags(self) -> tuple[int, ...]:
         """Signs of shoulder, elbow and wrist; empty for other arms."""
         return tuple(1 if x >= 0 else -1 for x in self.parts.values())
+
+    @property
+    def singular(self) -> bool:
+        """Whether the arm is singular here: one configuration of a family that reaches the pose, nearest to home."""
+        return self.distance < FAMILY
 
     @property
     def nearest_singularity(self) -> str:
@@ -101,7 +113,7 @@ def kinematics(
     ArgumentError
         The arm has not six free joints, or the rotation is none.
     SolverError
-        The arm is singular at the pose, with more than 16 solutions.
+        The arm is singular at the pose, with more than 16 solutions that have no regular neighbors.
     """
     robot = robot_of(model)
     p, R = np.asarray(position, dtype=float), np.asarray(rotation, dtype=float)
@@ -115,10 +127,10 @@ def kinematics(
             raise ArgumentError(f"fixed: given joint {name!r}, expected some of {', '.join(names)}")
     solver = _solver(robot, tuple(sorted((fixed or {}).items())))
     goal = np.concatenate([p, R.ravel()])
-    found = solver.solve(goal)
+    home = np.array(robot.home)
+    found = solver.all_at(goal, home)
     if sag:
         found = [q for q in (solver.sagged(goal, q) for q in found) if q is not None]
-    home = np.array(robot.home)
     made = [solver.configuration(goal, q, sag) for q in found]
     return tuple(sorted(made, key=lambda c: float(np.abs(c.q - home).max())))
 
@@ -157,6 +169,17 @@ def _next_to(c: np.ndarray, z: np.ndarray, other: np.ndarray, direction: np.ndar
     return np.asarray(c + z * float(np.cross(other - c, direction) @ across) / square)
 
 
+def _turn_of(vector: np.ndarray) -> np.ndarray:
+    """The rotation matrix of a small rotation vector."""
+    angle = float(np.linalg.norm(vector))
+    x, y, z = vector / angle
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)
+
+
+_TURN = _turn_of(TURNED * np.array([0.48, -0.64, 0.6]))
+
+
 @lru_cache(maxsize=16)
 def _solver(model: RobotModel, fixed: tuple[tuple[str, float], ...]) -> _Solver:
     return _Solver(model, dict(fixed))
@@ -188,6 +211,90 @@ class _Solver:
         q[1:, self.free] = np.random.default_rng(0).uniform(-np.pi, np.pi, (64, JOINTS))
         p = np.asarray(self.library.forward_kinematics(q).p)
         return float(max(np.linalg.norm(p[1:] - p[0], axis=1).max(), 2e-3)) / 2
+
+    def all_at(self, goal: np.ndarray, home: np.ndarray) -> list[np.ndarray]:
+        """All solutions (n_g,), also beside singularities, where the search in C finds copies or nothing.
+
+        Those of a goal that is turned by `TURNED` are refined at the goal itself; of a family of solutions, one
+        remains, the nearest to ``home``.
+        """
+        turned = self.solve(np.concatenate([goal[:3], (_TURN @ goal[3:].reshape(3, 3)).ravel()]))
+        close = [q for q in turned if self._distance(q) < NEAR]
+        try:
+            found = self.solve(goal)
+        except SolverError:
+            if not close:
+                raise
+            found = []
+        if not close:
+            return found
+        out = [q for q in found if self._distance(q) >= SINGULAR]
+        close += [q for q in found if self._distance(q) < SINGULAR]
+        starts = [q + shift * self._null(q) for q in close for shift in SHIFTS]
+        refined = [self._refined(goal, q, home) for q in starts]
+        for q in sorted((q for q in refined if q is not None), key=lambda q: float(np.abs(q - home).max())):
+            if not any(self._same(q, other) for other in out):
+                out.append(q)
+        return out
+
+    def _jacobian(self, q: np.ndarray) -> np.ndarray:
+        full = self.base.copy()
+        full[self.i_g] = q
+        J = np.asarray(self.library.jacobian(full))[:, self.free].copy()
+        J[:3] /= self.length
+        return J
+
+    def _null(self, q: np.ndarray) -> np.ndarray:
+        """The direction (n_g,) in which the pose changes least."""
+        out = np.zeros(len(q))
+        out[self._at] = np.linalg.svd(self._jacobian(q))[2][-1]
+        return out
+
+    def _distance(self, q: np.ndarray) -> float:
+        """From singularity."""
+        sizes = np.linalg.svd(self._jacobian(q), compute_uv=False)
+        return float(sizes[-1] / sizes[0])
+
+    def _same(self, q: np.ndarray, other: np.ndarray) -> bool:
+        """Whether two configurations are one, or of one family."""
+        change = q - other
+        rotary = np.array([self.model.coordinates[i].unit == "rad" for i in self.i_g])
+
+        def size(x: np.ndarray) -> float:
+            return float(np.abs(np.where(rotary, (x + np.pi) % (2 * np.pi) - np.pi, x)).max())
+
+        if size(change) < SAME:
+            return True
+        if max(self._distance(q), self._distance(other)) >= FAMILY:
+            return False
+        null = self._null(q)
+        k = int(np.argmax(np.abs(null)))
+        return any(size(change - null * (change[k] + turn) / null[k]) < SAME for turn in (-2 * np.pi, 0.0, 2 * np.pi))
+
+    def _refined(self, goal: np.ndarray, q: np.ndarray, home: np.ndarray) -> np.ndarray | None:
+        """A solution by Newton's method with the singular values of the Jacobian; None: it is not found.
+
+        Of a family, the one nearest to ``home``.
+        """
+        q, at = q.copy(), self._at
+        for k in range(REFINEMENTS):
+            full = self.base.copy()
+            full[self.i_g] = q
+            p, R = self.library.forward_kinematics(full)
+            E = np.asarray(R) @ goal[3:].reshape(3, 3).T
+            turn = np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]]) / 2
+            e = np.concatenate([(p - goal[:3]) / self.length, turn])
+            U, sizes, V = np.linalg.svd(self._jacobian(q))
+            family = sizes[-1] < FAMILY * sizes[0]
+            step = -(V[: 6 - family].T @ ((U.T @ e)[: 6 - family] / sizes[: 6 - family]))
+            if family and k < REFINEMENTS // 2:
+                step += V[-1] * (V[-1] @ (home[at] - q[at]))
+            q[at] += step * min(1.0, 1.0 / max(float(np.abs(step).max()), 1e-300))
+            if np.abs(step).max() < 1e-13:
+                break
+        full = self.base.copy()
+        full[self.i_g] = q
+        return q if self._miss(goal, full) < REFINED else None
 
     def solve(self, goal: np.ndarray) -> list[np.ndarray]:
         """All solutions (n_g,), rotations within half a turn of zero; ``goal``: position, rotation by rows."""

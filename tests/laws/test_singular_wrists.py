@@ -1,0 +1,36 @@
+"""Inverse kinematics beside and at a wrist singularity, against forward kinematics by Lagrange's equations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from toolchain import needs_compiler
+
+import flexgen
+from flexgen.numerics.evaluate import evaluate
+
+pytestmark = needs_compiler
+
+
+def wrapped(x: np.ndarray) -> np.ndarray:
+    return np.asarray((x + np.pi) % (2 * np.pi) - np.pi)
+
+
+@pytest.mark.parametrize("q5", [0.0, 1e-9, 1e-6, 1e-3])
+def test_configuration_beside_a_wrist_singularity_is_found_once_among_those_of_its_pose(q5):
+    equations = flexgen.derive("manutec_r3")
+    rng = np.random.default_rng(7)
+    for q in rng.uniform(-1.5, 1.5, (12, 6)):
+        q[4] = q5
+        p, R = evaluate(equations.function("forward_kinematics"), q[None])
+        found = flexgen.kinematics(equations.model, p.ravel(), R.reshape(3, 3))
+        all_p, all_R = evaluate(equations.function("forward_kinematics"), np.array([c.q for c in found]))
+        assert np.abs(all_p.reshape(-1, 3) - p.ravel()).max() < 1e-10
+        assert np.abs(all_R.reshape(-1, 3, 3) - R.reshape(3, 3)).max() < 1e-10
+        assert any(c.distance < 1e-3 for c in found)
+        if q5:
+            assert sum(np.abs(wrapped(c.q - q)).max() < 1e-5 for c in found) == 1
+            assert not any(c.singular for c in found)
+        else:  # a family: the sum of the fourth and sixth angle is what the pose determines
+            rows = [np.r_[c.q[:3] - q[:3], c.q[4], c.q[3] + c.q[5] - q[3] - q[5]] for c in found if c.singular]
+            assert sum(np.abs(wrapped(row)).max() < 1e-6 for row in rows) == 1
