@@ -13,7 +13,6 @@ from pathlib import Path
 
 import pytest
 from installations import ROOT, built, clone_at, environment_at, install, need_setuptools
-from public_stub import STUB, stub
 
 import flexgen
 from flexgen.inversion.method_table import NAMES
@@ -87,10 +86,6 @@ flexgen.learn("elbow", itertions=3)  # wrong
 
 def mistakes() -> set[int]:
     return {number for number, line in enumerate(WRONG.splitlines(), 1) if line.endswith("# wrong")}
-
-
-def test_the_stub_has_the_public_names() -> None:
-    assert STUB.read_text(encoding="utf-8") == stub(), "run: make golden"
 
 
 def test_values_of_literal_types_are_those_of_the_tables() -> None:

@@ -16,6 +16,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from public_stub import STUB, stub
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -295,6 +296,10 @@ def test_packages_of_the_wheel_are_those_of_the_tree():
     assert set(settings["packages"]) == expected
     assert settings["package-dir"] == {"": "."}  # an editable installation without an import hook
     assert (ROOT / "flexgen" / "models").resolve() == ROOT / "models"
+
+
+def test_the_stub_has_the_public_names():
+    assert STUB.read_text(encoding="utf-8") == stub(), "run: make golden"
 
 
 def test_import_of_the_command_line_loads_nothing_heavy():
