@@ -53,6 +53,7 @@ _VERBS = {
 _NOUNS = {
     "Analysis": "flexgen.analysis.analyze",
     "Cascade": "flexgen.loop.controllers",
+    "Check": "flexgen.plausibility.finding",
     "CollisionDetector": "flexgen.motion_control.collision",
     "ComputedTorque": "flexgen.motion_control.laws.linearising",
     "Configuration": "flexgen.inverse_kinematics.search",

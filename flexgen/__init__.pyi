@@ -105,6 +105,7 @@ from flexgen.planning.phase import Phase as Phase
 from flexgen.planning.problem import PlanProblem as PlanProblem
 from flexgen.planning.problem import plan_problem as plan_problem
 from flexgen.plausibility.check import check as check
+from flexgen.plausibility.finding import Check as Check
 from flexgen.ports import Port as Port
 from flexgen.reports.view import view as view
 from flexgen.runtime import Library as Library
