@@ -29,10 +29,10 @@ OTHERS = {
 }
 # The table of contents: caption, pages. Pages that are missing here come at its end.
 CONTENTS = {
-    "Learn": "overview five_minutes concepts theory gallery notebooks",
+    "Learn": "overview five_minutes concepts theory gallery notebooks not_for",
     "How to": "own_robot identification limits_and_streams in_a_controller motion_control cluster paths control "
     "planning equations",
-    "Other programs": "fmu simulink twincat dspace openmodelica ros2 matlab plc exchange",
+    "Other programs": "fmu fmu_tools ros2 matlab plc exchange",
     "Use": "command_line python c_library methods verification",
     "Reference": "python_reference c_reference model_files emitted_library",
     "Figures": "benchmarks " + " ".join(sorted(name for name in OTHERS.values() if name.startswith("benchmark_"))),

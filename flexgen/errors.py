@@ -29,6 +29,9 @@ def _shortened(text: str, most: int) -> str:
     return f"{text[: most * 3 // 5]} ... ({left} characters) ... {text[len(text) - most // 4 :]}"
 
 
+CHANGED = ", changed by --set or overrides"  # end of the file of a ModelError: the value is on no line of it
+
+
 class FlexgenError(Exception):
     """Base of all errors of flexgen; the text is for the user: control characters are escaped, long texts shortened."""
 
@@ -55,7 +58,8 @@ class ModelError(FlexgenError):
 
     def __init__(self, file: str, line: int, key: str, given: str, expected: str) -> None:
         self.file, self.line, self.key, self.given, self.expected = file, line, key, given, expected
-        super().__init__(f"{file}:{line}:{key}: given {given}, expected {expected}")
+        place = f"{file}: {key}" if file.endswith(CHANGED) else f"{file}:{line}:{key}"
+        super().__init__(f"{place}: given {given}, expected {expected}")
 
 
 class ArgumentError(FlexgenError, ValueError):

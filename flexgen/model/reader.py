@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen.errors import ArgumentError, ModelError
+from flexgen.errors import CHANGED, ArgumentError, ModelError
 from flexgen.model import component_tables, task_tables, toml_lines
 from flexgen.model.checked_table import Table, closest, entry_name, show
 from flexgen.model.elements import Body, Output, Placement, RobotModel
@@ -261,11 +261,12 @@ def _override(root: Entry, shown: str, key: Any, value: Any) -> None:
     plain = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
     try:
         toml_lines.check_depth(plain)
-        _set(root, key, toml_lines.wrap(plain, 0, shown))
+        _set(root, key, toml_lines.wrap(plain, 0, shown + CHANGED))
     except toml_lines.TextError as error:
         raise ArgumentError(f"overrides {key}: given {error.given}, expected {error.expected}") from None
     except _NoSuchPath as error:
-        raise ModelError(shown, 0, key or '""', "a path that does not exist", str(error)) from None
+        where = shown + CHANGED
+        raise ModelError(where, 0, key or '""', "a path that does not exist", str(error)) from None
 
 
 def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:

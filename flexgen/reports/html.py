@@ -26,6 +26,7 @@ from flexgen.plots.canvas import measure, title_of
 from flexgen.reports.folder import PAGE, check_folder, foot
 from flexgen.reports.motion import write_motion
 from flexgen.reports.pictures import Picture, pictures
+from flexgen.reports.sentence import in_words
 
 _CSS = """
 body { font: 16px/1.5 "Helvetica Neue", Arial, "DejaVu Sans", sans-serif; color: #222; background: #fff;
@@ -346,6 +347,7 @@ def _introduction(title: str, model: RobotModel, solution: Solution) -> str:
     warnings = "".join(f"<li>{html.escape(line)}</li>" for line in solution.warnings)
     return (
         f'<h1>{html.escape(title)}</h1>\n<p class="sub">{html.escape(model.description)}. {html.escape(counts)}.</p>\n'
+        f"<p>{html.escape(in_words(solution))}</p>\n"
     ) + (f'<div class="warn"><ul>{warnings}</ul></div>\n' if warnings else "")
 
 

@@ -94,7 +94,10 @@ def test_file_must_be_readable_text(tmp_path):
         read(empty)
     good = tmp_path / "good.toml"
     good.write_text(GOOD)
-    with pytest.raises(ModelError, match=r"good\.toml:0:element: given \[\], expected a list of tables, not empty"):
+    with pytest.raises(
+        ModelError,
+        match=r"good\.toml, changed by --set or overrides: element: given \[\], expected a list of tables, not empty",
+    ):
         read(good, overrides={"element": []})
     with pytest.raises(ArgumentError, match="not a file"):
         read(str(tmp_path) + "/")

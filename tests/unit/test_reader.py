@@ -267,11 +267,13 @@ def test_text_depends_on_the_data_only(good, tmp_path):
 def test_overrides(good):
     assert read(good, overrides={"motor.m2.ratio": np.array([10.0, 1.0])}).motors[1].ratio == (10.0, 1.0)
     assert read(good, overrides={"payload.mass": np.float64(3)}).payload.mass == 3.0
-    with pytest.raises(ModelError, match=r"good\.toml:0:payload\.weight: given an unknown key, expected "):
+    with pytest.raises(
+        ModelError, match=r"good\.toml, changed by --set or overrides: payload\.weight: given an unknown key, expected "
+    ):
         read(good, overrides={"payload.weight": 1})
     with pytest.raises(
         ModelError,
-        match=r'0:motor\.m9\.inertia: given a path that does not exist, expected one of m1, m2, m3 instead of "m9"',
+        match=r"overrides: motor\.m9\.inertia: given a path that does not exist, expected one of m1, m2, m3 instead",
     ):
         read(good, overrides={"motor.m9.inertia": 1})
     loop = []
