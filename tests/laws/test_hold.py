@@ -164,7 +164,7 @@ def test_samples_instead_of_the_right_values_are_noticed(monkeypatch: pytest.Mon
     monkeypatch.setattr(hold_module, "held_torque", samples)
     bad = flexgen.solve("planar5_nmp", hold="zoh")
     assert bad.status == Status.TOLERANCE_NOT_MET and bad.tool_error_max_m == good.tool_error_max_m
-    assert "zero-order hold at 1 ms makes the output deviate by 0.000785" in bad.warnings[-1]
+    assert "zero-order hold at 1 ms makes the output deviate by 785 um" in bad.warnings[-1]
 
 
 def test_a_solution_has_the_command_and_its_error_in_figures_and_texts() -> None:

@@ -9,6 +9,7 @@ import json
 import numpy as np
 import pytest
 
+from flexgen.cli.argument_parser import Parser, UsageError
 from flexgen.cli.sweep import add_arguments, run
 from flexgen.errors import ArgumentError
 from flexgen.sweeps.table import RESULTS, Column, Table, table_of
@@ -103,7 +104,7 @@ def test_parquet_without_pyarrow_is_told(tmp_path, monkeypatch) -> None:
 
 
 def arguments(*words: str) -> argparse.Namespace:
-    parser = argparse.ArgumentParser()
+    parser = Parser()
     add_arguments(parser)
     return parser.parse_args(words)
 
@@ -129,5 +130,5 @@ def test_the_command_line(tmp_path) -> None:
     file.write_text('models = ["nowhere"]\n', encoding="utf-8")
     assert run(arguments(str(file), "--out", str(tmp_path / "bad"), "--workers", "0"), print)[2] == "all cases failed"
     for wrong in (("--workers", "-1"), ("--workers", "two"), ("--shard-size", "0")):
-        with pytest.raises(SystemExit):
+        with pytest.raises(UsageError):
             arguments("grid.toml", "--out", "x", *wrong)
