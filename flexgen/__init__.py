@@ -137,6 +137,7 @@ _ERRORS = dict.fromkeys(["FlexgenError", "ModelError", "ArgumentError", "SolverE
 _PUBLIC = _VERBS | _NOUNS | _ERRORS
 # Methods of classes in lower packages that upper packages implement: imported when they are called.
 _METHODS = {
+    "Analysis._repr_html_": ("flexgen.reports.analysis_page", "tables"),
     "Analysis.plot": ("flexgen.plots.linear", "plot_analysis"),
     "Analysis.report": ("flexgen.reports.analysis_page", "write_analysis"),
     "Analysis.to_control": ("flexgen.analysis.control_system", "control_system"),

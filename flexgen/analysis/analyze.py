@@ -53,9 +53,13 @@ class Analysis:
     def __repr__(self) -> str:
         low = f"lowest mode {self.modes[0][0]:.4g} Hz, " if self.modes else ""
         index = f", structural index {self.structural_index}" if self.structural_index is not None else ""
-        title = f"{self.model.name}@{self.model.variant}" if self.model.variant else self.model.name
         phase = "no verdict on the zeros" if self.zeros.phase == "none" else self.zeros.phase
-        return f"<Analysis {title}: {low}{phase}{index}>"
+        return f"<Analysis {self.model.title}: {low}{phase}{index}>"
+
+    def _repr_html_(self) -> str:
+        """Tables of the equilibrium, the modes and the zeros, for notebooks."""
+        text: str = implementation("Analysis._repr_html_")(self)
+        return text
 
     def plot(self) -> Any:
         """A matplotlib Figure: poles and zeros, and the frequency response; a notebook shows it."""

@@ -35,6 +35,7 @@ from flexgen.codegen.spec import (
     library_name,
     library_spec,
 )
+from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
@@ -76,6 +77,8 @@ class Generated:
     seconds: float
     cached: bool
     written: bool
+
+    __repr__ = short_repr
 
 
 @reported("generate")

@@ -15,6 +15,7 @@ from typing import Any
 
 from flexgen import __version__
 from flexgen.atomic_files import followed, remove_leftovers, staging_folder
+from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
 
 RECORD = "flexgen_export.json"
@@ -41,6 +42,8 @@ class Exported:
     files: tuple[Path, ...]
     kind: str
     name: str
+
+    __repr__ = short_repr
 
 
 def folder_of(given: Any, default: str) -> Path:

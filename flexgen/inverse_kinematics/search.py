@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.build.model_library import library_with
+from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import derive, robot_of
 from flexgen.mechanics.statics import gear_deflection
@@ -62,6 +63,8 @@ class Configuration:
     branch: int
     distance: float
     parts: dict[str, float]
+
+    __repr__ = short_repr
 
     @property
     def flags(self) -> tuple[int, ...]:

@@ -8,6 +8,7 @@ from numbers import Real
 
 import numpy as np
 
+from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 
@@ -29,6 +30,8 @@ class Limits:
     torque: tuple[float, ...] | None = None
     speed: tuple[float, ...] | None = None
     deflection: tuple[float, ...] | None = None
+
+    __repr__ = short_repr
 
     def arrays(self, n_m: int) -> tuple[np.ndarray, np.ndarray]:
         """Torque and speed bounds (n_m,), infinite where there is none; ArgumentError where the sizes differ."""

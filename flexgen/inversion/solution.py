@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from flexgen import implementation
+from flexgen.display import table_html
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
@@ -100,7 +101,7 @@ class Solution:
     stopped: str = ""
 
     def __repr__(self) -> str:
-        return f"<Solution {_title(self.model)}, move {self.move.name}: {self.status}, method {self.method}>"
+        return f"<Solution {self.model.title}, move {self.move.name}: {self.status}, method {self.method}>"
 
     def __str__(self) -> str:
         """Status, tool error, largest torque and speed, trajectory, warnings; methods that were left before."""
@@ -109,7 +110,7 @@ class Solution:
         attempts = [f"  tried before: {text}" for text in self.details.get("attempts", ())]
         return "\n".join(
             [
-                f"{_title(self.model)}, move {self.move.name}: {self.status} by method {self.method} "
+                f"{self.model.title}, move {self.move.name}: {self.status} by method {self.method} "
                 f"in {self.wall_s:.3g} s",
                 f"  {self._error_text()}",
                 f"  motor torque up to {torque:.4g} N m, motor speed up to {speed:.4g} rad/s",
@@ -147,10 +148,9 @@ class Solution:
                 continue
             text = f"{value:.4g} {unit}" if isinstance(value, float) else f"{value} {unit}"
             text = measured(value, unit) if isinstance(value, float) and unit in ("m", "rad") else text
-            rows.append(f"<tr><td>{escape(label)}</td><td>{escape(text.strip())}</td></tr>")
+            rows.append((label, text.strip()))
         warnings = "".join(f"<p>warning: {escape(warning)}</p>" for warning in self.warnings)
-        title = escape(f"{_title(self.model)}, move {self.move.name}")
-        return f"<table><caption>{title}</caption>{''.join(rows)}</table>{warnings}"
+        return table_html(f"{self.model.title}, move {self.move.name}", rows) + warnings
 
     def plot(self) -> Any:
         """A matplotlib Figure: the robot, the motor torques and the simulated error; a notebook shows it.
@@ -264,11 +264,6 @@ class Solution:
             "trajectory": None,
             "torque_command": None,
         }
-
-
-def _title(model: RobotModel) -> str:
-    """Name and variant of a model."""
-    return f"{model.name}@{model.variant}" if model.variant else model.name
 
 
 def residual_rows(equations: Equations, trajectory: Trajectory) -> np.ndarray:

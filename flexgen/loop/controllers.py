@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.build.c_module import c_module
+from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.loop.interface import Compiled, Measurement, Reference, Setup
 
@@ -87,6 +88,8 @@ class Cascade:
     torque_max: np.ndarray | None = None
     _state: dict[str, np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
 
+    __repr__ = short_repr
+
     def _sections(self, sample_s: float) -> np.ndarray:
         """(sections, n_m, 5)."""
         rows = [np.tile(f.section(sample_s), (len(self.speed_gain), 1)) for f in self.filters]
@@ -159,6 +162,8 @@ class Linear:
     D: np.ndarray
     samples: int = 1
     _state: dict[str, np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    __repr__ = short_repr
 
     @property
     def matrices(self) -> tuple[np.ndarray, ...]:

@@ -22,6 +22,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.runtime.files import trusted_file, trusted_library
 
@@ -60,6 +61,8 @@ class Measurement:
     q_m: np.ndarray
     sensors: np.ndarray
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True)
 class Reference:
@@ -76,6 +79,8 @@ class Reference:
     v_m: np.ndarray
     q_a: np.ndarray
     v_a: np.ndarray
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True)

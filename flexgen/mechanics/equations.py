@@ -40,6 +40,10 @@ class Equations(System):  # noqa: D101, its docstring is made from the table
         super().__init__(model, parameters)
         self._functions: dict[str, ca.Function] = {}
 
+    def __repr__(self) -> str:
+        symbols = f", {len(self.parameters)} parameters as symbols" if self.parameters else ""
+        return f"<Equations {self.model.title}: {self.model.dof} degrees of freedom{symbols}>"
+
     def __reduce__(self) -> tuple[type[Equations], tuple[RobotModel, tuple[str, ...]]]:
         """Pickled as the model and the names of its parameters; the functions are built again where they are used."""
         return Equations, (self.model, tuple(parameter.name for parameter in self.parameters))

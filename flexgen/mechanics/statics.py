@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from flexgen.display import short_repr
 from flexgen.errors import SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears
@@ -27,6 +28,8 @@ class Equilibrium:
     q_m: np.ndarray
     tau_m: np.ndarray
     tau_g: np.ndarray
+
+    __repr__ = short_repr
 
 
 def gear_damping(equations: Equations) -> np.ndarray:

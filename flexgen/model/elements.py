@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.display import table_html
 from flexgen.model.moves import Move as Move
 from flexgen.model.moves import Program
 from flexgen.model.sensors import Sensor
@@ -302,10 +303,32 @@ class RobotModel:
     sensors: tuple[Sensor, ...] = ()
 
     def __repr__(self) -> str:
-        title = f"{self.name}@{self.variant}" if self.variant else self.name
+        return f"<RobotModel {self.title}: {self._size_text()}>"
+
+    def _repr_html_(self) -> str:
+        """The robot as a table, for notebooks."""
+        moves = ", ".join(move.name for move in (*self.moves, *self.programs))
+        rows = [
+            ("description", self.description),
+            ("source", " ".join(self.source.split())),
+            ("size", self._size_text()),
+            ("coordinates", ", ".join(f"{c.name} [{c.unit}]" for c in self.coordinates)),
+            ("motors", ", ".join(f"{motor.name} (drives {' '.join(motor.drives)})" for motor in self.motors)),
+            ("output", f"{self.output.type.replace('_', ' ')}, {self.output.size} numbers"),
+            ("moves", moves or "none"),
+            ("variants", ", ".join(self.variants) or "none"),
+        ]
+        return table_html(self.title, rows)
+
+    @property
+    def title(self) -> str:
+        """Name, with the variant: ``name@variant``."""
+        return f"{self.name}@{self.variant}" if self.variant else self.name
+
+    def _size_text(self) -> str:
         return (
-            f"<RobotModel {title}: {self.n_m} motors, {self.n_g} actuated and {self.n_e} non-actuated coordinates, "
-            f"{self.dof} degrees of freedom>"
+            f"{self.n_m} motors, {self.n_g} actuated and {self.n_e} non-actuated coordinates, {self.dof} degrees of "
+            "freedom"
         )
 
     @cached_property

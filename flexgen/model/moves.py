@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+from flexgen.display import short_repr
+
 Vector = tuple[float, ...]
 Matrix = tuple[tuple[float, ...], ...]
 
@@ -153,6 +155,8 @@ class Move:
     target: PoseTarget | None = None
     where: Where | None = field(default=None, compare=False, repr=False)
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, kw_only=True)
 class Program(Move):
@@ -169,3 +173,5 @@ class Program(Move):
     smoothness: int = 0
     steps: tuple[Step, ...] = ()
     joint_profile: Vector = ()
+
+    __repr__ = short_repr

@@ -21,6 +21,7 @@ import numpy as np
 from flexgen.arguments import check_positive, is_number
 from flexgen.build.c_module import c_module
 from flexgen.build.model_library import library_with
+from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 
@@ -36,6 +37,8 @@ class Detection:
 
     residual: np.ndarray
     sample: int | None
+
+    __repr__ = short_repr
 
 
 class CollisionDetector:
@@ -61,6 +64,10 @@ class CollisionDetector:
         self._library = library_with(model, FUNCTIONS)
         self._module = c_module(SOURCE)
         self._module.flexgen_collision_run.restype = ctypes.c_int64
+
+    def __repr__(self) -> str:
+        rates = f"samples of {1e3 * self.sample_s:.4g} ms, bandwidth {self.bandwidth_hz:.4g} Hz"
+        return f"<CollisionDetector {self.model.title}: {rates}>"
 
     def detect(self, q_m: np.ndarray, tau_m: np.ndarray) -> Detection:
         """The residual of a record ``q_m``, ``tau_m`` (n, n_m), and where it leaves the thresholds.

@@ -12,6 +12,7 @@ import numpy as np
 
 from flexgen.analysis import second_order
 from flexgen.arguments import is_number
+from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, Filter
 from flexgen.mechanics.equations import derive
@@ -91,6 +92,8 @@ class PID:
     k_i: np.ndarray
     k_d: np.ndarray
     filters: tuple[Filter, ...] = ()
+
+    __repr__ = short_repr
 
     def cascade(self) -> Cascade:
         """Position and integral gain w_p, w_i with ``w_p + w_i = k_p/k_d``, ``w_p w_i = k_i/k_d``.

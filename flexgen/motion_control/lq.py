@@ -21,6 +21,7 @@ from scipy.linalg import solve_discrete_are
 
 from flexgen.arguments import check_positive
 from flexgen.deadline import check_time
+from flexgen.display import short_repr
 from flexgen.errors import SolverError
 from flexgen.loop.controllers import Linear
 from flexgen.model.elements import RobotModel
@@ -61,6 +62,8 @@ class LQG:
     torque_noise: float = 0.05
     disturbance_rate: float = 1.0
     model: RobotModel | None = None
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         for name in ("rho", "encoder_noise", "torque_noise", "disturbance_rate"):

@@ -88,6 +88,10 @@ class LoopAtPose:
     def __init__(self, model: PoseModel, controller: Linear, sample_s: float, delay_s: float) -> None:
         self.model, self.controller, self.sample_s, self.delay_s = model, controller, sample_s, delay_s
 
+    def __repr__(self) -> str:
+        sizes = f"{len(self.model.A)} states of the robot, {self.controller.order} of the controller"
+        return f"<LoopAtPose: {sizes}, samples of {1e3 * self.sample_s:.4g} ms, delay {1e3 * self.delay_s:.4g} ms>"
+
     def largest_eigenvalue(self, gain: float = 1.0, more_delay_s: float = 0.0) -> float:
         """Of the closed loop, absolute."""
         m, h = self.model, self.sample_s

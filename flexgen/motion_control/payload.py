@@ -20,6 +20,7 @@ import numpy as np
 from scipy.signal import butter, filtfilt
 
 from flexgen.arguments import is_number
+from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.mechanics.statics import gear_deflection
@@ -50,6 +51,8 @@ class Load:
     total_mass: float
     total_com: np.ndarray
     residual_Nm: np.ndarray
+
+    __repr__ = short_repr
 
     def __str__(self) -> str:
         """Mass and center of mass."""

@@ -66,6 +66,10 @@ class PlantRun:
     sensors: np.ndarray
     load: str = ""
 
+    def __repr__(self) -> str:
+        how = self.failure or f"error up to {np.abs(self.error).max(initial=0.0):.3g}, {self.saturated} saturated"
+        return f"<PlantRun {self.name}: {len(self.error)} samples, {how}>"
+
 
 @dataclass(frozen=True, repr=False)
 class ControlRun:

@@ -61,6 +61,10 @@ class Path:
         unchanged = move.duration == self.duration and move.type != "sampled"
         self.move = move if unchanged else replace(move, start=tuple(map(float, planned.q_g)), duration=self.duration)
 
+    def __repr__(self) -> str:
+        title = self.equations.model.title
+        return f"<Path {title}, move {self.move.name}: {self.duration:.4g} s, {self.smoothness} continuous derivatives>"
+
     @property
     def breaks(self) -> np.ndarray:
         """Instants at which a derivative up to order 5 may jump [s], including both ends."""

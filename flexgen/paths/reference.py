@@ -8,6 +8,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from flexgen.display import short_repr
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.jets import JET, ORDER, Attitude
@@ -26,6 +27,8 @@ class PathSample:
     R: np.ndarray | None = None
     w: np.ndarray | None = None
     q_g: np.ndarray | None = None
+
+    __repr__ = short_repr
 
     def derivative(self, k: int) -> np.ndarray:
         """k-th derivative (k >= 1) of the output, (n, n_y); of a pose, the (k - 1)-th derivative of its twist."""

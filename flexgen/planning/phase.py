@@ -107,6 +107,10 @@ class Phase:
         self._duration_mx = ca.MX.sym(f"T{suffix}")
         self._start_mx = ca.MX.sym(f"t_start{suffix}")
 
+    def __repr__(self) -> str:
+        of = f"{self.equations.model.title}, number {self.number}"
+        return f"<{type(self).__name__} {of}: {self.given_duration:.4g} s, {self.mesh.N} intervals>"
+
     # --- what the user reads ----------------------------------------------------------------------------------------
     def __getitem__(self, name: str) -> ca.SX:
         """A signal at any instant of the phase by name; ``"tau_m[m1]"`` is one entry."""

@@ -62,6 +62,12 @@ def write_analysis(analysis: Analysis, directory: str | Path) -> Path:
     return write_text(directory / PAGE, "".join(parts))
 
 
+def tables(analysis: Analysis) -> str:
+    """The title, and tables of the equilibrium, the modes and the zeros."""
+    title = html.escape(f"{canvas.title_of(analysis.model)}: analysis of an equilibrium")
+    return f"<h3>{title}</h3>\n{_equilibrium(analysis)}{dynamics_tables(analysis)}"
+
+
 def _equilibrium(analysis: Analysis) -> str:
     """Tables of the coordinates and of the motor torques."""
     model, rest = analysis.model, analysis.equilibrium

@@ -35,6 +35,9 @@ class InverseKinematics:
         self._failures, self._again = failures, again
         self._closed = Event()
 
+    def __repr__(self) -> str:
+        return f"<InverseKinematics {self._name}: {self._n_g} actuated of {self._n_a} coordinates>"
+
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         return self._again
 

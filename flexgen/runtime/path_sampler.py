@@ -56,6 +56,9 @@ class PathSampler:
         self._refuse(entries.start(*self._given, pointer(duration), pointer(self.q_start)))
         self.duration = float(duration[0])
 
+    def __repr__(self) -> str:
+        return f"<PathSampler {self._entries.name}: {self.duration:.4g} s>"
+
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         self._entries.refuse_closed()
         made, which = self._entries.again

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from flexgen.counts import CASES, RANDOM_MOVES, count_of, shown
+from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.model.digest import model_digest
 from flexgen.model.elements import Move, RobotModel
@@ -136,6 +137,8 @@ class Grid:
     methods: Sequence[str] = ("auto",)
     parameters: Sequence[Mapping[str, Any]] = ({},)
     options: Mapping[str, Any] = field(default_factory=dict)
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         kinds: dict[str, tuple[Any, str]] = {

@@ -29,6 +29,7 @@ FLOORS = {
     "atomic_files": 0,
     "counts": 0,
     "deadline": 0,
+    "display": 0,
     "errors": 0,
     "explained_status": 0,
     "npz_files": 0,

@@ -20,6 +20,7 @@ from typing import Any, Literal, get_args
 from flexgen import __version__
 from flexgen.atomic_files import atomic_file
 from flexgen.build.compiler import Compiler, find_compiler
+from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.export.fmu.block import Block, config
 from flexgen.export.fmu.description import build_description, description_2, description_3
@@ -73,6 +74,8 @@ class ExportedFmu:
     variables: tuple[Variable, ...]
     binary: str | None
     seconds: float
+
+    __repr__ = short_repr
 
 
 @reported("export_fmu")

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
+from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
 from flexgen.motion_control.benchmarks.content import content_hash
@@ -130,6 +131,8 @@ class Scenario:
     rule: str = ""
     measures_version: int = 1
     plan: Plan | None = None
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         _ = self.content  # finite numbers only

@@ -51,6 +51,9 @@ class Tuned:
     history: tuple[float, ...]
     evaluations: int
 
+    def __repr__(self) -> str:
+        return f"<Tuned {self.score.scenario.name}: {self.evaluations} evaluations, score {self.score.total:.4f}>"
+
     def __str__(self) -> str:
         before = "refused" if not self.start.accepted else f"{self.start.total:.4f}"
         return f"{self.score}\n  from {before} in {self.evaluations} evaluations"

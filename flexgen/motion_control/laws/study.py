@@ -20,6 +20,7 @@ import numpy as np
 
 from flexgen import implementation
 from flexgen.deadline import check_time
+from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
@@ -87,6 +88,8 @@ class Trial:
     dynamic_error_m: tuple[float, ...]
     torque_noise_Nm: float
     refused: str = ""
+
+    __repr__ = short_repr
 
     @property
     def worst_m(self) -> float:

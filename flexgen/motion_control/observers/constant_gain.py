@@ -117,6 +117,10 @@ class ConstantGainObserver:
         self.gains = self.matrices[-1]
         self._make(case.reference.motion, case.reference.held, native)
 
+    def __repr__(self) -> str:
+        sizes = f"{len(self.outputs)} outputs, {len(self.states)} states"
+        return f"<ConstantGainObserver {self.model.title}: {sizes}, samples of {1e3 * self.sample_time:.4g} ms>"
+
     def _make(self, motion: dict[str, np.ndarray], torque: np.ndarray, native: bool) -> None:
         model, order, index = self.model, self._order, self.channels.index[self._order]
         n_x, n_m, n_y, n_dense = 2 * model.dof, model.n_m, len(index), self._dense

@@ -23,6 +23,7 @@ import numpy as np
 
 from flexgen.arguments import is_number
 from flexgen.build.c_module import c_module
+from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.model_library import library_with
 from flexgen.mechanics.equations import derive, robot_of
@@ -83,6 +84,8 @@ class Estimate:
     innovation: np.ndarray
     normalized: Any
     deviation: np.ndarray
+
+    __repr__ = short_repr
 
 
 class ExtendedKalmanFilter:
@@ -156,6 +159,10 @@ class ExtendedKalmanFilter:
         check_observable(self._poses.at(rest), self.channels, self.states, self.noises, self.n_d)
         self._make(rest)
         self.reset()
+
+    def __repr__(self) -> str:
+        sizes = f"{len(self.outputs)} outputs, {len(self.states)} states"
+        return f"<ExtendedKalmanFilter {self.model.title}: {sizes}, samples of {1e3 * self.sample_time:.4g} ms>"
 
     # --- begin -------------------------------------------------------------------------------------------------------
     def reset(
