@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import base64
 import ctypes
-import importlib.util
 import json
 import os
 import pickle
 import struct
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -18,7 +18,7 @@ import numpy as np
 from flexgen.errors import FlexgenError
 from flexgen.loop.foreign import BEGIN
 from flexgen.loop.interface import STEP, Measurement, PlugIn, PythonController, Setup, checked_step, reference_of
-from flexgen.loop.python_files import is_python, object_of_file
+from flexgen.loop.python_files import is_python, module_of_file, object_of_file
 
 Steps = Callable[[int], dict[int, str]]  # from the number of a sample: what is wrong with robots, by their number
 
@@ -52,11 +52,7 @@ def _loaded(told: dict[str, Any]) -> PlugIn | PythonController:
         file = told["file"]
         return PythonController(object_of_file(file)) if is_python(file) else PlugIn(file)
     if told["main"]:
-        spec = importlib.util.spec_from_file_location("__mp_main__", told["main"])
-        assert spec is not None and spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        sys.modules["__main__"] = sys.modules["__mp_main__"] = module
-        spec.loader.exec_module(module)
+        sys.modules["__main__"] = module_of_file("__mp_main__", Path(told["main"]))
     try:
         return PythonController(pickle.loads(base64.b64decode(told["object"])))
     except Exception as error:

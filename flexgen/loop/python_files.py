@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from flexgen.errors import ArgumentError, BuildError
@@ -19,18 +20,24 @@ def is_python(text: str) -> bool:
     return text.endswith(".py") or ".py:" in text
 
 
+def module_of_file(name: str, path: Path) -> ModuleType:
+    """Run a Python file as a module; BuildError where others could have changed it."""
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # (dataclasses look their module up)
+    exec(compile(trusted_bytes(trusted_file(path), _ADVICE), str(path), "exec"), vars(module))
+    return module
+
+
 def object_of_file(text: str) -> Any:
     """An object of a class in a Python file: ``file.py:Class``; without a class the only one with ``step``."""
     file, _, name = text.partition(".py")
     path, name = Path(f"{file}.py"), name.removeprefix(":")
     if not path.is_file():
         raise ArgumentError(f"controller: given {text!r}, expected a file {path} that is there")
-    spec = importlib.util.spec_from_file_location(f"flexgen_controller_{path.stem}", path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # (dataclasses look their module up)
     try:
-        exec(compile(trusted_bytes(trusted_file(path), _ADVICE), str(path), "exec"), vars(module))
+        module = module_of_file(f"flexgen_controller_{path.stem}", path)
     except BuildError as error:
         raise ArgumentError(f"controller: {error}") from error
     except Exception as error:
@@ -38,7 +45,7 @@ def object_of_file(text: str) -> Any:
     own = {
         key: value
         for key, value in vars(module).items()
-        if isinstance(value, type) and value.__module__ == spec.name and hasattr(value, "step")
+        if isinstance(value, type) and value.__module__ == module.__name__ and hasattr(value, "step")
     }
     if name and name not in own:
         raise ArgumentError(f"{path}: given no class {name!r} with step(), expected one of {', '.join(own) or 'none'}")

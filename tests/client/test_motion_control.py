@@ -7,32 +7,23 @@ import os
 import re
 import shutil
 import subprocess
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from emitted import ROOT, library_of, made, run, sources
+from emitted import library_of, made, run, sources
 from hostile_client import SANITIZE, can_sanitize
+from motion_control_program import EXAMPLE, PROGRAMS, planned
 from toolchain import CC, STRICT, needs_compiler, tool
 
 import flexgen
 from flexgen.codegen.path_header import path_header
 from flexgen.errors import ArgumentError
-from flexgen.model.reader import read
-from flexgen.model.task_files import read_moves
 from flexgen.numerics.evaluate import evaluate
-from flexgen.paths.path import Path as PlannedPath
-from flexgen.paths.path import plan
 from flexgen.simulation.simulate import simulate
 from flexgen.trajectory import Trajectory
 
 pytestmark = needs_compiler
-EXAMPLE = ROOT / "examples" / "motion_control.c"
-PROGRAMS = {
-    "planar5_nmp": (ROOT / "examples" / "program.toml", "seam"),
-    "manutec_r3_24": (ROOT / "examples" / "motion_control" / "manutec_r3_24" / "program.toml", "cycle"),
-}
 HORIZON = {"planar5_nmp": 20, "manutec_r3_24": 29}  # intervals of 5 ms; the path begins when the first one has passed
 PARTS, BRAKE = 5, 48  # cycles of an update of the stream; of braking: 2 (READY - PARTS - 1)
 # Largest torque from a contact on, in percent of that of the nominal run. A stop of this length takes torques of the
@@ -42,13 +33,6 @@ VARIABLES = {  # what the sweeps of a test set without compiling again
     "time": '-DCONTACT_TIME=atof(getenv("CONTACT_TIME"))',
     "failure": 'if (k == atoi(getenv("FAILURE"))) {\n        p->status = SIZE(BAD_ARGUMENT);\n    }\n    ',
 }
-
-
-@cache
-def planned(name: str) -> PlannedPath:
-    file, move = PROGRAMS[name]
-    robot = read(name)
-    return plan(robot, next(m for m in read_moves(file, robot) if m.name == move))
 
 
 def build(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from emitted import ROOT, library_of, made, run
-from test_motion_control import EXAMPLE, PROGRAMS, planned
+from motion_control_program import EXAMPLE, PROGRAMS, planned
 from toolchain import CC, STRICT, needs_compiler
 
 import flexgen

@@ -230,7 +230,7 @@ def exact():
         ({"ties": {"q2.damping": "q9.damping"}}, "ties: given 'q9.damping'"),
         ({"residual": "huber"}, "residual: given 'huber', expected one of nls, lls"),
         ({"floor": -0.1}, "floor: given -0.1"),
-        ({"starts": 0}, "starts, spread: given 0"),
+        ({"starts": 0}, "starts: given 0"),
     ],
 )
 def test_wrong_arguments_are_refused(exact, arguments, words):

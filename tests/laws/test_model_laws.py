@@ -385,7 +385,7 @@ def test_late_link_encoders_are_refused():
 
 
 def test_a_law_needs_a_planned_motion():
-    with pytest.raises(ArgumentError, match="computed for a planned motion"):
+    with pytest.raises(ArgumentError, match="expected one that regulates without the planned motion"):
         flexgen.score("two_link", FL(), progress=False)
 
 

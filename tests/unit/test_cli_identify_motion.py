@@ -11,6 +11,7 @@ import pytest
 import flexgen
 from flexgen.cli.main import main
 from flexgen.mechanics.parameters import select
+from flexgen.model.templates.number_edit import with_numbers
 from flexgen.numerics.evaluate import evaluate
 
 T = 4e-3
@@ -94,7 +95,7 @@ def test_segments_from_the_command_line(tmp_path, capsys):
     exact = {p.name: 0.9 * p.value for p in select(model, ["stiffness"])}
     flexgen_text = text
     for p in select(model, ["stiffness"]):
-        flexgen_text = flexgen.model.number_edit.with_numbers(flexgen_text, {p.key: exact[p.name]})
+        flexgen_text = with_numbers(flexgen_text, {p.key: exact[p.name]})
     Path(truth).write_text(flexgen_text)
     assert main(["measure", truth, plan, "--out", data, "--raw", raw, "-q"]) == 0
     capsys.readouterr()
