@@ -106,7 +106,7 @@ def followed(path: str | Path) -> Path:
     ------
     ArgumentError
         A link on the way is that of another user in such a folder, the links lead nowhere, or the path has thousands of
-        parts.
+        parts or a name that is too long.
     """
     if os.name != "posix":
         return Path(os.path.realpath(path))
@@ -120,7 +120,12 @@ def followed(path: str | Path) -> Path:
         here = reached.parent if part == ".." else reached / part
         try:
             found = here.lstat()
-        except OSError:  # it is to be made
+        except OSError as error:  # it is to be made
+            if error.errno == errno.ENAMETOOLONG:
+                raise ArgumentError(
+                    f"output: given a path of {len(str(path))} characters, {str(path)[:80]!r}..., expected names and a "
+                    "path that the file system can hold; choose a shorter one"
+                ) from None
             reached = here
             continue
         if not stat.S_ISLNK(found.st_mode):

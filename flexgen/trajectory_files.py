@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 import re
 from array import array
 from collections.abc import Iterable, Mapping
@@ -79,7 +80,7 @@ def write(
     """
     if path.suffix not in (".npz", ".csv", ".mat"):
         raise ArgumentError(f"trajectory file: given {path.name!r}, expected a name that ends in .npz, .csv or .mat")
-    if path.exists() and not path.is_file():
+    if os.path.exists(path) and not path.is_file():
         raise ArgumentError(f"trajectory file: given {str(path)!r}, expected a new name or a regular file")
     with atomic_file(path) as stream:
         if path.suffix == ".mat":
@@ -139,7 +140,7 @@ def read(path: Path) -> Content:
     ArgumentError
         There is no such file, or it is no trajectory, damaged, or too large; the text names the file.
     """
-    if not path.exists():
+    if not os.path.exists(path):
         raise ArgumentError(f"trajectory: given {str(path)!r}, which does not exist; {_WRITE}")
     if not path.is_file():
         raise ArgumentError(f"trajectory: given {str(path)!r}, expected a regular file that ends in .npz or .csv")

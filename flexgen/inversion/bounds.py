@@ -5,12 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from numbers import Real
+from typing import Any
 
 import numpy as np
 
+from flexgen.arguments import is_whole
+from flexgen.counts import shown
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
+
+MOST = 10_000  # motors, and non-actuated coordinates
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,15 @@ class Limits:
     deflection: tuple[float, ...] | None = None
 
     __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        for name in ("torque", "speed", "deflection"):
+            values = getattr(self, name)
+            if values is not None and not _are_numbers(values):
+                each = "non-actuated coordinate" if name == "deflection" else "motor"
+                raise ArgumentError(
+                    f"limits: given {name} {shown(values)}, expected a sequence of numbers, one for each {each}"
+                )
 
     def arrays(self, n_m: int) -> tuple[np.ndarray, np.ndarray]:
         """Torque and speed bounds (n_m,), infinite where there is none; ArgumentError where the sizes differ."""
@@ -84,7 +98,16 @@ def limits_from_model(model: RobotModel) -> Limits:
     return Limits(torque, speed)
 
 
+def _are_numbers(values: Any) -> bool:
+    """Whether the values are a sequence or an array of real numbers; their signs and their number are free."""
+    if isinstance(values, str | bytes) or not isinstance(values, Sequence | np.ndarray) or np.ndim(values) != 1:
+        return False
+    return all(isinstance(x, Real) and not isinstance(x, bool | np.bool_) for x in values)
+
+
 def _bounds(name: str, values: Sequence[float] | None, size: int) -> np.ndarray:
+    if not is_whole(size, 0, MOST):
+        raise ArgumentError(f"limits, number of {name} bounds: given {shown(size)}, expected 0 to {MOST}")
     if values is None:
         return np.full(size, np.inf)
     try:

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import ctypes
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from flexgen.arguments import check_positive, is_number, is_whole
 from flexgen.build.c_module import c_module
+from flexgen.counts import shown
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.loop.interface import Compiled, Measurement, Reference, Setup
@@ -27,6 +30,9 @@ class LowPass:
     frequency_hz: float
     damping: float = 0.7
 
+    def __post_init__(self) -> None:
+        _check_filter(self)
+
     def section(self, sample_s: float) -> tuple[float, ...]:
         """``b0, b1, b2, a1, a2`` of the sampled filter; ArgumentError beyond half the sample rate."""
         return _bilinear((0.0, 0.0, 1.0), (1.0, 2 * self.damping, 1.0), self.frequency_hz, sample_s)
@@ -40,16 +46,36 @@ class Notch:
     zero_damping: float = 0.1
     pole_damping: float = 0.7
 
+    def __post_init__(self) -> None:
+        _check_filter(self)
+
     def section(self, sample_s: float) -> tuple[float, ...]:
         """``b0, b1, b2, a1, a2`` of the sampled filter; ArgumentError beyond half the sample rate."""
         zeros, poles = (1.0, 2 * self.zero_damping, 1.0), (1.0, 2 * self.pole_damping, 1.0)
         return _bilinear(zeros, poles, self.frequency_hz, sample_s)
 
 
+def _check_filter(of: LowPass | Notch) -> None:
+    for part in fields(of):
+        if not is_number(getattr(of, part.name)):
+            raise ArgumentError(f"filter, {part.name}: given {shown(getattr(of, part.name))}, expected a finite number")
+
+
+def _check_numbers(name: str, value: Any, dimensions: tuple[int, ...], what: str) -> None:
+    """ArgumentError unless the value is an array of finite numbers with one of these numbers of dimensions."""
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        array = np.array(np.nan)
+    if array.ndim not in dimensions or not np.isfinite(array).all():
+        raise ArgumentError(f"controller, {name}: given {shown(value)}, expected finite numbers, {what}")
+
+
 def _bilinear(
     b: tuple[float, float, float], a: tuple[float, float, float], frequency_hz: float, sample_s: float
 ) -> tuple[float, ...]:
     """A filter in ``s/w``, highest power first, sampled such that its response at w stays."""
+    check_positive("sample_s", sample_s, "a time > 0 in s")
     if not 0 < frequency_hz < 0.5 / sample_s:
         raise ArgumentError(
             f"filter: given {frequency_hz} Hz, expected more than 0 and less than {0.5 / sample_s:.4g} Hz, half the "
@@ -164,6 +190,12 @@ class Linear:
     _state: dict[str, np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     __repr__ = short_repr
+
+    def __post_init__(self) -> None:
+        for name in "ABCD":
+            _check_numbers(name, getattr(self, name), (2, 3), "shape (rows, columns) or (parts, rows, columns)")
+        if not is_whole(self.samples):
+            raise ArgumentError(f"controller, samples: given {shown(self.samples)}, expected a whole number >= 1")
 
     @property
     def matrices(self) -> tuple[np.ndarray, ...]:

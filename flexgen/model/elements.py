@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 
 from flexgen.display import table_html
+from flexgen.errors import ArgumentError
 from flexgen.model.moves import Move as Move
-from flexgen.model.moves import Program
+from flexgen.model.moves import Program, unknown_move
 from flexgen.model.sensors import Sensor
 
 Vector = tuple[float, ...]
@@ -419,8 +420,8 @@ class RobotModel:
         return eta
 
     def move(self, name: str | None = None) -> Move:
-        """The move or program with this name (None: the first one); KeyError if there is none."""
+        """The move or program with this name (None: the first one); ArgumentError if there is none."""
         for move in (*self.moves, *self.programs):
             if name is None or move.name == name:
                 return move
-        raise KeyError(name)
+        raise ArgumentError(unknown_move(self.name, [move.name for move in (*self.moves, *self.programs)], name))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from difflib import get_close_matches
+from typing import Any, ClassVar
 
+from flexgen.counts import shown
 from flexgen.display import short_repr
 
 Vector = tuple[float, ...]
@@ -175,3 +178,16 @@ class Program(Move):
     joint_profile: Vector = ()
 
     __repr__ = short_repr
+
+
+def unknown_move(model: str, names: Sequence[str], given: Any) -> str:
+    """The message where a model has no move of the given name."""
+    if not names:
+        return (
+            f"move: given {shown(given)}, but model {model} has no moves; write [[move]] tables into a TOML file and "
+            "give it with --moves FILE (in Python flexgen.read_moves(FILE, model) or a flexgen.Move), or write an "
+            "overlay of the URDF file with moves; models/README.md describes both"
+        )
+    similar = get_close_matches(str(given), names, 1)
+    hint = f"; did you mean {similar[0]!r}?" if similar else ""
+    return f"move: given {shown(given)}, expected one of model {model}: {', '.join(names)}{hint}"

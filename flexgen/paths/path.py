@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from difflib import get_close_matches
 from pathlib import Path as FilePath
+from typing import Any
 
 import numpy as np
 
+from flexgen.counts import shown
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import RobotModel
@@ -81,8 +82,8 @@ class Path:
         return path_table(self.reference, self.segments, self.duration, self.q_start, self.move.name)
 
     def sample(self, t: np.ndarray) -> PathSample:
-        """The reference at the instants ``t`` [s]."""
-        t = np.asarray(t, dtype=float)
+        """The reference at the instants ``t`` [s], shape (n,); ArgumentError where they are none."""
+        t = _instants(t)
         if len(self.segments) == 1 or not len(t):
             return self.reference.sample(self.segments[0].space, *self.segments[0].at(t))
         starts = [segment.start for segment in self.segments]
@@ -102,6 +103,17 @@ class Path:
         assert y is not None
         joints = all(segment.space == "joint" for segment in self.segments)
         return PathSample(y, joined("R"), joined("w"), joined("q_g") if joints else None)
+
+
+def _instants(t: Any) -> np.ndarray:
+    try:
+        found = np.asarray(t, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        found = np.zeros((0, 0))
+    if found.ndim != 1:
+        given = f"shape {np.shape(t)}" if isinstance(t, np.ndarray) else shown(t)
+        raise ArgumentError(f"t: given {given}, expected instants in s, shape (n,)")
+    return found
 
 
 def plan(
@@ -159,18 +171,4 @@ def named_move(robot: RobotModel, move: str | Move | None) -> Move:
         return move
     if move is not None and not isinstance(move, str):
         raise ArgumentError(f"move: given {move!r}, expected the name of a move or a flexgen.Move")
-    try:
-        return robot.move(move)
-    except KeyError:
-        names = [m.name for m in (*robot.moves, *robot.programs)]
-        if not names:
-            raise ArgumentError(
-                f"move: given {move!r}, but model {robot.name} has no moves; write [[move]] tables into a TOML file "
-                "and give it with --moves FILE (in Python flexgen.read_moves(FILE, model) or a flexgen.Move), or write "
-                "an overlay of the URDF file with moves; models/README.md describes both"
-            ) from None
-        similar = get_close_matches(str(move), names, 1)
-        hint = f"; did you mean {similar[0]!r}?" if similar else ""
-        raise ArgumentError(
-            f"move: given {move!r}, expected one of model {robot.name}: {', '.join(names)}{hint}"
-        ) from None
+    return robot.move(move)

@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from flexgen.arguments import check_not_negative, is_number
+from flexgen.counts import shown
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.transcription import Transcription
@@ -333,3 +334,9 @@ def _bounds(lower: Any, upper: Any, count: int, what: str) -> tuple[np.ndarray, 
     if (out[0] > out[1]).any():
         raise ArgumentError(f"{what}: given a lower bound above the upper one: {out[0].tolist()}, {out[1].tolist()}")
     return out[0], out[1]
+
+
+def check_phase(value: Any) -> None:
+    """ArgumentError unless the value is a phase."""
+    if not isinstance(value, Phase):
+        raise ArgumentError(f"phase: given {shown(value)}, expected a flexgen.Phase, such as problem.phases[0]")

@@ -39,7 +39,7 @@ from flexgen.planning.arguments import HessianName, check_parameter, check_solve
 from flexgen.planning.blocks import Program, check_finite, program
 from flexgen.planning.nodal import general_part
 from flexgen.planning.obstacles import Obstacle, Sphere, distance_rows
-from flexgen.planning.phase import Phase
+from flexgen.planning.phase import Phase, check_phase
 from flexgen.planning.result import planned_solution
 from flexgen.planning.start import Parameter, check_rest, scales, start_of
 from flexgen.planning.transcribe import Layout, blocks_of, links
@@ -153,6 +153,7 @@ class PlanProblem(Phase):
 
     def error_of(self, phase: Phase) -> ca.SX:
         """Output less target (n_y,) at an instant of a phase."""
+        check_phase(phase)
         out = output_map(self.equations)
         target = phase.signals.reference
         if self.timing == "free":
@@ -316,6 +317,7 @@ class PlanProblem(Phase):
 
     def reference_at(self, phase: Phase) -> Callable[[np.ndarray], np.ndarray]:
         """Targets (k, n_t) of the output at relative times of a phase, by its given duration."""
+        check_phase(phase)
         if not phase.signals.reference.numel():
             return lambda sigma: np.zeros((len(sigma), 0))
         start = sum(other.given_duration for other in self.phases[: phase.number])

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import PPoly, make_interp_spline
 
+from flexgen.counts import shown
 from flexgen.errors import ArgumentError
 from flexgen.simulation.torque_curve import interval_polynomials, stated_degree, torque_curve
 from flexgen.trajectory import Trajectory
@@ -36,11 +37,11 @@ def interpolate(trajectory: Trajectory, t: Any) -> dict[str, np.ndarray]:
     grid = trajectory.time
     try:
         at = np.asarray(t, dtype=float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         at = np.array(np.nan)
     if at.ndim > 1 or not ((at >= grid[0]) & (at <= grid[-1])).all():
-        shown = f"shape {at.shape}" if at.ndim > 1 else "an instant that is outside" if at.ndim else repr(t)
-        raise ArgumentError(f"t: given {shown}, expected one or more instants from {grid[0]:g} to {grid[-1]:g} s")
+        what = f"shape {at.shape}" if at.ndim > 1 else "an instant that is outside" if at.ndim else shown(t)
+        raise ArgumentError(f"t: given {what}, expected one or more instants from {grid[0]:g} to {grid[-1]:g} s")
     found: dict[str, np.ndarray] = {}
     degree = stated_degree(trajectory.meta)
     for names in MOTIONS:

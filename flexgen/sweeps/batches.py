@@ -107,7 +107,7 @@ def _plain_move(job: Job, robot: RobotModel) -> Move | None:
     try:
         chosen = job.move_of(robot)
         move = chosen if isinstance(chosen, Move) else robot.move(chosen)
-    except (FlexgenError, KeyError):
+    except FlexgenError:
         return None
     if move.type != "joint" or not move.duration > 0 or len(move.start) != robot.n_g or len(move.end) != robot.n_g:
         return None

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.arguments import mapping_of
 from flexgen.counts import CASES, RANDOM_MOVES, count_of, shown
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, FlexgenError
@@ -196,7 +197,7 @@ class Grid:
 
 def combinations(values: Mapping[str, Sequence[Any]]) -> tuple[dict[str, Any], ...]:
     """All combinations of the listed values as parameter sets, the last key fastest."""
-    for key, listed in values.items():
+    for key, listed in mapping_of("values", values, "a mapping of names to lists of values").items():
         if isinstance(listed, str) or not isinstance(listed, Sequence) or not listed:
             raise ArgumentError(f"parameters {key}: given {shown(listed)}, expected a list of values")
     sets = math.prod(map(len, values.values()))
