@@ -25,6 +25,7 @@ from flexgen.ports import Port
 from flexgen.trajectory import Trajectory
 
 UNITS = ("m", "rad")
+SHOWN = 20  # robots in the printed text
 
 
 @dataclass(frozen=True, repr=False)
@@ -110,13 +111,13 @@ class ControlRun:
         return f"<ControlRun {self.model.name}, {self.controller}: {len(self.runs)} robots, {self.status}>"
 
     def __str__(self) -> str:
-        """One line for each robot."""
+        """One line for each robot, of 20 at most."""
         late = f", delay {1e3 * self.delay_s:.4g} ms" if self.delay_s else ""
         lines = [
             f"{self.model.name}, move {self.solution.move.name}: controller {self.controller} at "
             f"{1e3 * self.hardware.sample_s:.4g} ms{late}: {self.status}"
         ]
-        for run in self.runs:
+        for run in self.runs[:SHOWN]:
             row = self.figures(run)
             found = {key: [(row[f"{key}_{u}"], u) for u in UNITS] for key in ("error_max", "dynamic_error_max")}
             whole, dynamic = (" and ".join(measured(x, u) for x, u in each if x is not None) for each in found.values())
@@ -125,7 +126,8 @@ class ControlRun:
             )
             full = f", {run.saturated} samples at the torque limit" if run.saturated and not run.failure else ""
             lines.append(f"  {run.name}: {text}{full}{f', load {run.load}' if run.load else ''}")
-        return "\n".join(lines)
+        more = len(self.runs) - SHOWN
+        return "\n".join([*lines, *([f"  and {more} more robots in .runs"] if more > 0 else [])])
 
     @property
     def status(self) -> str:

@@ -69,6 +69,13 @@ def test_texts_of_public_objects_are_short_and_have_no_addresses(objects):
             assert " at 0x" not in text and type(shown).__name__ in repr(shown), text
 
 
+def test_a_run_of_many_robots_prints_twenty(robot, solution):
+    run = flexgen.control(robot, solution=solution, plants={"soft": {"stiffness": 0.9}}, progress=False)
+    assert str(run).count("\n") == len(run.runs) and "more robots" not in str(run)
+    many = str(replace(run, runs=run.runs * 50)).splitlines()
+    assert len(many) == 22 and many[-1] == f"  and {50 * len(run.runs) - 20} more robots in .runs"
+
+
 def test_every_public_class_has_a_text_of_its_own():
     classes = [getattr(flexgen, name) for name in flexgen._NOUNS if name not in PROTOCOLS]
     plain = [c.__name__ for c in classes if inspect.isclass(c) and c.__repr__ is object.__repr__]
