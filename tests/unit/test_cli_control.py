@@ -57,6 +57,7 @@ def test_wrong_words_are_told(words, said, capsys):
     assert said in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_score_and_its_refusals(tmp_path, capsys):
     assert main(["score", "four_mass", "-q", "--json"]) == 0
     data = json.loads(capsys.readouterr().out)

@@ -95,6 +95,7 @@ def test_an_error_of_the_angle_alone_is_shown_in_radians(table: Path, monkeypatc
     assert flexgen.solve(table, method="closed-form").status == flexgen.Status.TOLERANCE_NOT_MET
 
 
+@pytest.mark.slow
 def test_an_output_without_lengths_has_no_figure_in_metres() -> None:
     solution = flexgen.solve("abb_arm")
     assert solution.tool_error_max_m is None and solution.tool_error_max_rad is not None
