@@ -116,6 +116,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "move"), CASES, ids=lambda words: words.replace(" ", "_"))
 def test_samples_have_the_bits_of_python(name: str, move: str) -> None:
     path = case(name, move)

@@ -23,6 +23,7 @@ SLOW = (0.1, 0.02)  # factors of stiffness and damping of a joint; its stable ze
 AGREES = 1e-6  # of the largest torque; the last samples were off by 1e-4 to 1e-2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["lq", "bvp"])
 def test_the_last_samples_are_those_of_a_longer_inversion(method: str) -> None:
     model = last_joint(read("planar5_mp"), *SLOW)

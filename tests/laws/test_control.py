@@ -132,6 +132,7 @@ def test_disturbances_push_and_an_integral_part_takes_constant_ones_away(case):
     assert found["same"].tau_m[-1, 0] == pytest.approx(found.nominal.tau_m[-1, 0] - 1.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_margins_are_where_the_simulated_loop_becomes_unstable(case):
     """The linear loop at rest with 0.9 and 1.1 of the gain margin, and of the delay margin, simulated."""
     model = flexgen.read("four_mass@high")

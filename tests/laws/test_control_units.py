@@ -25,6 +25,7 @@ def turning():
     return flexgen.derive(flexgen.read(TWO_MASS, overrides=DAMPED))
 
 
+@pytest.mark.slow
 def test_control_of_an_angle_prints_and_reports_radians(turning, tmp_path, capsys):
     run = flexgen.control(turning, plants={"soft": {"stiffness": 0.8}}, progress=False)
     assert run.unit == "rad" and run.tool_error_max_m is None
@@ -43,6 +44,7 @@ def test_control_of_an_angle_prints_and_reports_radians(turning, tmp_path, capsy
     assert json.loads(capsys.readouterr().out)["plants"][0]["error_max_m"] is None
 
 
+@pytest.mark.slow
 def test_learning_of_an_angle_is_in_radians(turning, tmp_path):
     learned = flexgen.learn(turning, plant={"stiffness": 0.8}, iterations=1, progress=False)
     assert learned.unit == "rad" and learned.errors[1] < learned.errors[0] and learned.errors_m == ()

@@ -99,6 +99,7 @@ def runs():
     return out
 
 
+@pytest.mark.slow
 def test_recordings_of_a_kr300(runs):
     """Both runs: at most 17 % of the torque is unexplained on any axis of B, of samples that move."""
     model = flexgen.read("kr300")
@@ -110,6 +111,7 @@ def test_recordings_of_a_kr300(runs):
     assert np.max(plain.relative_errors(runs[1])) > 0.25  # the bodies of the file and friction alone
 
 
+@pytest.mark.slow
 def test_gear_stiffness_of_a_kr300(runs):
     """Link encoders of axes 1 to 3: skew near 3 ms, axes 2 and 3 with intervals, axis 1 not identifiable."""
     model = flexgen.read("kr300")
@@ -248,6 +250,7 @@ def test_a_fit_that_fails_on_other_motions_has_no_deviations_and_says_so(tmp_pat
     assert "poorly validated, no standard deviations" in text and ": sd " not in text
 
 
+@pytest.mark.slow
 def test_one_run_of_a_kr300_is_seen_not_to_determine_its_counterbalance(runs):
     """Without the other run: quarters of the run that were left out tell what the other run shows."""
     model = flexgen.read("kr300")

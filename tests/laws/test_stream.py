@@ -99,6 +99,7 @@ def test_the_preview_of_the_analysis_is_enough_for_a_stream():
     assert enough < MICROMETER < short  # five time constants were called enough
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.2, 0.36, 0.5])
 def test_a_short_horizon_is_reported_with_its_error(share: float) -> None:
     soft, preview = soft_machine()

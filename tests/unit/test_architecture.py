@@ -99,9 +99,10 @@ def written_imports(text: str) -> list[tuple[str, str, int, bool]]:
             assert node.level == 0, f"line {node.lineno}: relative import of {node.module}"
             assert node.module is not None
             out.extend((node.module, alias.name, node.lineno, late) for alias in node.names)
+        inside = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        guard = isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
         for child in ast.iter_child_nodes(node):
-            inside = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-            guarded = isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test) and child in node.body
+            guarded = guard and isinstance(node, ast.If) and child in node.body
             walk(child, late or inside or guarded)
 
     walk(ast.parse(text), False)

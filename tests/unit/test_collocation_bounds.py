@@ -137,6 +137,7 @@ def test_limits_of_a_model() -> None:
             limits_for(model, **wrong)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_a_deflection_below_that_of_gravity_is_told() -> None:
     with pytest.raises(SolverError, match=r"coordinate q3 is deflected by .* at rest"):
         flexgen.solve("planar5_nmp", limits=Limits(deflection=(1e-4,)))
