@@ -193,7 +193,7 @@ def test_a_table_of_the_disturbances_gains_nothing_in_new_draws():
     assert gain(s, s, 1, secret_seed()) < 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_no_table_gains_in_version_2():
     """Planted: more than 30 % in version 1. The published times and those of a draw; the mean of 8 new draws."""
     old, s = scenario("four_mass", 1), scenario("four_mass")
@@ -329,7 +329,7 @@ def test_a_class_that_no_file_has_is_refused_with_what_to_do():
         flexgen.score(shorter(), inherited(*[np.ones(1)] * 3), progress=False)
 
 
-@pytest.mark.slow
+@pytest.mark.full
 def test_code_has_new_draws_in_every_score_and_says_where_it_has_not(tmp_path):
     """Two scores of one file differ by the draws only; a given seed, an object and version 1 are no fair scores."""
     given = f"{tmp_path / 'mine.py'}:Mine"
