@@ -70,6 +70,7 @@ _NOUNS = {
     "Exported": "flexgen.export.source_folder",
     "ExportedFmu": "flexgen.export.fmu.export",
     "ExtendedKalmanFilter": "flexgen.motion_control.observers.extended_kalman",
+    "Finding": "flexgen.plausibility.finding",
     "Fastest": "flexgen.motion_control.minimum_time",
     "FeedbackLinearisation": "flexgen.motion_control.laws.linearising",
     "FeedbackStudy": "flexgen.motion_control.laws.study",
@@ -121,6 +122,7 @@ _NOUNS = {
     "Setting": "flexgen.motion_control.laws.study",
     "Simulation": "flexgen.simulation.result",
     "Solution": "flexgen.inversion.solution",
+    "Segment": "flexgen.motion_control.benchmarks.scenario",
     "Sphere": "flexgen.planning.obstacles",
     "Status": "flexgen.inversion.status",
     "Stream": "flexgen.runtime.stream",
@@ -130,6 +132,7 @@ _NOUNS = {
     "Trajectory": "flexgen.trajectory",
     "Trial": "flexgen.motion_control.laws.study",
     "Tuned": "flexgen.motion_control.benchmarks.tune",
+    "Window": "flexgen.motion_control.benchmarks.scenario",
     "combinations": "flexgen.sweeps.cases",
     "random_moves": "flexgen.sweeps.cases",
 }

@@ -62,6 +62,8 @@ from flexgen.model.moves import Program as Program
 from flexgen.model.reader import read as read
 from flexgen.model.task_files import read_moves as read_moves
 from flexgen.motion_control.benchmarks.scenario import Scenario as Scenario
+from flexgen.motion_control.benchmarks.scenario import Segment as Segment
+from flexgen.motion_control.benchmarks.scenario import Window as Window
 from flexgen.motion_control.benchmarks.score import Score as Score
 from flexgen.motion_control.benchmarks.score import score as score
 from flexgen.motion_control.benchmarks.tune import Tuned as Tuned
@@ -106,6 +108,7 @@ from flexgen.planning.problem import PlanProblem as PlanProblem
 from flexgen.planning.problem import plan_problem as plan_problem
 from flexgen.plausibility.check import check as check
 from flexgen.plausibility.finding import Check as Check
+from flexgen.plausibility.finding import Finding as Finding
 from flexgen.ports import Port as Port
 from flexgen.reports.view import view as view
 from flexgen.runtime import Library as Library
