@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import ExitStack
 from pathlib import Path
 
 import casadi as ca
 
 from flexgen.build.c_module import compiled, module_copy
 
-_COPIES = ExitStack()  # CasADi opens a module again when it needs derivatives
 FAST = 30_000  # operations: above it the compiler takes too long to optimize
 LONG = 5_000  # operations: above it the compiler takes a second or more
 _EXPORTED = '#ifdef __GNUC__\n#define CASADI_SYMBOL_EXPORT __attribute__((visibility("default")))\n#endif\n'
@@ -50,4 +48,5 @@ def in_c(function: ca.Function) -> ca.Function:
 
 def external(name: str, module: Path) -> ca.Function:
     """The function of this name in a module of `casadi_module`; BuildError where others could have changed it."""
-    return ca.external(name, _COPIES.enter_context(module_copy(module)))
+    with module_copy(module) as copy:
+        return ca.external(name, copy)

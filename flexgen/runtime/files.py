@@ -135,7 +135,7 @@ def private_copy(name: str, content: bytes) -> Iterator[str]:
         # The loader takes two libraries of one name for the same one, and numbers of descriptors are used again. A path
         # is different, and leads to the same file, with other "/" and "./" in it: the digits of a counter.
         digits = "".join("./" if digit == "1" else "/" for digit in f"{next(_COUNTER):b}")
-        yield f"/proc/self/fd/{digits}{descriptor}"
+        yield f"/proc/self/fd/./{digits}{descriptor}"  # (CasADi appends .so to a path without a dot)
     finally:
         os.close(descriptor)
 
