@@ -47,6 +47,7 @@ SEED = 20261120
 CALLS, UPDATES = 700, 300
 STEPS = 25  # of the solver, at most
 ON_PATH = 1e-8  # m, rad: of the tool at the samples, beside the size of the y
+SAMPLED = 1e2  # tolerances that OK allows at the samples, where the mesh meets one
 UNEVEN = 2e-2  # what OK allows, see `unevenness`
 OTHER_SCALE = 1.5  # the torques at rest that residuals are relative to, found in another way
 ROUNDING = 1e-9  # of residuals that are evaluated by other operations
@@ -134,9 +135,9 @@ def check_results(target: Target, call: Call, answer: MethodResult) -> None:
         assert found <= OTHER_SCALE * between + allowed
         assert between <= OTHER_SCALE * found + allowed
     if status == "TOLERANCE_NOT_MET":
-        assert between > call.tolerance or kinematic_mismatch > UNEVEN
+        assert between > SAMPLED * call.tolerance or kinematic_mismatch > UNEVEN
         return
-    assert between <= call.tolerance and kinematic_mismatch <= UNEVEN
+    assert between <= SAMPLED * call.tolerance and kinematic_mismatch <= UNEVEN
     for x, dy, least in (("q_a", "v_a", 1e-9), ("v_a", "a_a", 1e-6)):
         values = np.pad(r[x], ((at_rest, at_rest), (0, 0)), mode="edge" if x == "q_a" else "constant")
         rates = np.pad(r[dy], ((at_rest, at_rest), (0, 0)))

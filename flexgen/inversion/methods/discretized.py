@@ -39,7 +39,6 @@ from flexgen.mechanics.linearization import second_order_matrices
 from flexgen.mechanics.outputs import output_map
 from flexgen.numerics.evaluate import evaluate
 
-SETTLED = 0.6  # time after the path, relative to that of the path or half a second
 ORDER = 4
 REFINEMENT = 2.5  # nodes for each interval of the default mesh
 DELTA = 1.6e-18  # delta for a path of one interval; on a finer grid the torque changes less from node to node
@@ -87,7 +86,6 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     if isinstance(order, bool) or order not in _DIFFERENCES:
         raise ArgumentError(f"options: method discretized was given order {order!r}, expected 2, 4 or 6")
     preactuation, settling = problem.windows
-    settling = min(settling, SETTLED * min(problem.path.duration, 0.5))  # a uniform grid has no points to spare for it
     preactuation = preactuation if problem.preview is None else float(problem.preview)
     spacing = h if problem.mesh is not None else h / REFINEMENT
     found = discretize(problem, spacing, order, preactuation, settling)
