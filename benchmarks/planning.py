@@ -75,7 +75,7 @@ def comparison(python: str | None) -> str:
         what = f"{model}, {move}, {cost}"
         plan, seconds = timed(lambda a=(model, move, mesh, cost): with_flexgen(*a), repeat)
         own = lines_of(file, "with_flexgen")
-        error, value = f"{1e6 * plan.plan_error_max:.2g}", f"{plan.details['cost']:.6e}"
+        error, value = f"{1e6 * plan.plan_error_max_m:.2g}", f"{plan.details['cost']:.6e}"
         rows.append((what, "flexgen", own, f"{mesh}", f"{seconds:.2f}", plan.iterations, value, error))
         print(rows[-1], flush=True)
         try:

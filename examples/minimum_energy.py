@@ -22,7 +22,7 @@ def losses(trajectory) -> float:
 print("motion           integral of torque^2   largest torque   simulated error")
 for name, found, error in (
     ("straight line", line, line.tool_error_max_m),
-    ("least losses", solution, solution.plan_error_max),
+    ("least losses", solution, solution.plan_error_max_m),
 ):
     largest = abs(found.trajectory["tau_m"]).max()
     print(f"{name:15s} {losses(found.trajectory):18.2f} {largest:16.2f} N m {1e6 * error:14.3f} um")

@@ -42,8 +42,8 @@ class LQG:
     Parameters
     ----------
     rho : float
-        Weight of the torque, relative to a deviation of the output of 1 mm at the largest torque of the model file (at
-        1 N m where it has none).
+        Weight of the torque, relative to a deviation of the output of 1 mm (angles: 1 mrad) at the largest torque of
+        the model file (at 1 N m where it has none).
     encoder_noise : float [rad]
         Of the motor angles, that the filter expects.
     sensors : bool

@@ -28,7 +28,7 @@ from flexgen.motion_control.benchmarks import scenario_file
 from flexgen.motion_control.benchmarks.bench import Bench
 from flexgen.motion_control.benchmarks.draws import draws_of, secret_seed
 from flexgen.motion_control.benchmarks.measures import measured, measures_of
-from flexgen.motion_control.benchmarks.scenario import Scenario, Window
+from flexgen.motion_control.benchmarks.scenario import Output, Scenario, Window
 from flexgen.motion_control.benchmarks.scenario_file import FOLDER, scenario
 from flexgen.motion_control.benchmarks.score import reference_measures
 from flexgen.motion_control.disturbances import disturbance_table
@@ -410,6 +410,39 @@ def test_wrong_scenarios_with_draws_are_refused(tmp_path, before, after, words):
     (tmp_path / "mine.toml").write_text(text.replace(before, after, 1))
     with pytest.raises(ArgumentError, match=words):
         scenario(tmp_path / "mine.toml")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ('unit = "mm"', 'unit = "m"', "output.scale: given 1000.0, expected 1 for the unit m"),
+        ("scale = 1000.0", "scale = 1.0", "output.scale: given 1.0, expected 1000 for the unit mm"),
+        ('unit = "mm"', 'unit = "mrad"', "output.unit: given 'mrad', expected m, mm, um: the tool's position"),
+    ],
+)
+def test_a_position_of_the_tool_in_a_unit_of_another_scale_is_refused(tmp_path, before, after, words):
+    text = (FOLDER / "two_link-2.toml").read_text()
+    assert before in text
+    (tmp_path / "mine.toml").write_text(text.replace(before, after, 1))
+    with pytest.raises(ArgumentError, match=words):
+        scenario(tmp_path / "mine.toml")
+
+
+def test_outputs_of_two_units_are_shown_each_in_its_own(monkeypatch):
+    """The tool in mm, the angle of the first joint in mrad; a controller whose angle swings in the end."""
+    given = scenario("two_link")
+    angle = Output("q1", "mrad", {"q1": 1000.0}, "", 1.0)
+    mixed = dataclasses.replace(given, outputs=(given.outputs[0], angle))
+    units = {measure.name: measure.unit for measure in measures_of(mixed)}
+    assert units["tool step, peak to peak of x"] == "mm" and units["tool step, peak to peak of q1"] == "mrad"
+    n, robots = round(mixed.duration_s / mixed.sample_s), len(mixed.plants.names) + 2
+    z = np.zeros((n, robots, 2))
+    z[:, :, 0] = 0.25 * np.sin(0.1 * np.arange(n))[:, None]  # 0.5 mm peak to peak: at rest
+    z[:, 1, 1] = 2.0 * np.sin(0.1 * np.arange(n))
+    monkeypatch.setattr(Bench, "simulate", lambda *args: (z, np.zeros((n, robots, 2)), ("",) * robots))
+    refused = Bench(mixed).run(None).refused
+    assert refused[0].endswith("q1 not at rest in the end: 4 mrad peak to peak, expected 1 mrad"), refused
+    assert all(mixed.plants.names[1] in reason for reason in refused)
 
 
 def test_versions_are_named():

@@ -13,6 +13,8 @@ from flexgen.cli.solve import inaccuracy
 from flexgen.inversion import solve as solve_module
 from flexgen.simulation.figures import measured
 from flexgen.simulation.simulate import simulate
+from flexgen.sweeps.table import RESULTS
+from flexgen.sweeps.worker import _row
 
 # a carriage that carries a turning table: the output is a distance and an angle
 TABLE = """
@@ -93,6 +95,15 @@ def test_an_error_of_the_angle_alone_is_shown_in_radians(table: Path, monkeypatc
 
     monkeypatch.setattr(solve_module, "run_method", planted)
     assert flexgen.solve(table, method="closed-form").status == flexgen.Status.TOLERANCE_NOT_MET
+
+
+def test_every_column_of_a_sweep_has_one_unit(table: Path) -> None:
+    """Errors of a plan are a length and an angle, not the larger number of the two."""
+    columns = {column.name: column.unit for column in RESULTS}
+    assert " or " not in "".join(columns.values())
+    solution = dataclasses.replace(flexgen.solve(table, verify=False), plan_error_max_m=1e-6, plan_error_max_rad=3e-3)
+    found = {columns[name]: value for name, value in _row(solution).items() if name.startswith("plan_")}
+    assert found == {"m": 1e-6, "rad": 3e-3}
 
 
 @pytest.mark.slow

@@ -82,13 +82,17 @@ class Bench:
         """Why a controller is refused in a draw."""
         s, accept, refused = self.scenario, self.scenario.accept, []
         for k, (name, failure) in enumerate(zip(names, failures, strict=True)):
-            rest = at_rest(s, draw.windows, z[:, k])
             if failure:
                 refused.append(f"{name}: {failure}")
-            elif not rest <= accept.rest:
-                unit = s.outputs[0].unit
+                continue
+            rest = at_rest(s, draw.windows, z[:, k])
+            worst = int(np.argmax(np.nan_to_num(rest, nan=np.inf)))
+            if not rest[worst] <= accept.rest:
+                unit = s.outputs[worst].unit
+                of = f"{s.outputs[worst].name} " if len(s.outputs) > 1 else ""
                 refused.append(
-                    f"{name}: not at rest in the end: {rest:.3g} {unit} peak to peak, expected {accept.rest:g} {unit}"
+                    f"{name}: {of}not at rest in the end: {rest[worst]:.3g} {unit} peak to peak, expected "
+                    f"{accept.rest:g} {unit}"
                 )
         noisy = [k for k, m in enumerate(measures_of(s)) if m.name.endswith("torque, peak to peak")]
         if noisy and not failures[0] and values[0, noisy[-1]] > accept.torque_noise_Nm:

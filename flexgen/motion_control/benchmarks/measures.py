@@ -98,8 +98,8 @@ def _of_output(kind: str, z: np.ndarray, scenario: Scenario) -> float:
     return scenario.sample_s * float(outside[-1]) if len(outside) else 0.0
 
 
-def at_rest(scenario: Scenario, windows: Sequence[Window], z: np.ndarray) -> float:
-    """Largest peak to peak of the outputs where they should rest.
+def at_rest(scenario: Scenario, windows: Sequence[Window], z: np.ndarray) -> np.ndarray:
+    """Peak to peak of each output (outputs,), in its unit, where it should rest.
 
     With draws the last second of the run; else the last window of torque noise, or the last twentieth of the run.
     """
@@ -108,4 +108,4 @@ def at_rest(scenario: Scenario, windows: Sequence[Window], z: np.ndarray) -> flo
     else:
         spans = [(w.begin, w.end) for w in windows if "torque_peak" in w.weights]
         begin, end = spans[-1] if spans else (0.95 * scenario.duration_s, scenario.duration_s)
-    return float(np.ptp(z[_samples(scenario, begin, end)], axis=0).max())
+    return np.asarray(np.ptp(z[_samples(scenario, begin, end)], axis=0))

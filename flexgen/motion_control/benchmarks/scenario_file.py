@@ -28,6 +28,7 @@ MEASURES = (1, 2)
 KINDS = ("peak", "rms", "settling", "torque_peak", "torque_max", "torque_rms")
 MOST_DRAWS, MOST_STEPS = 1000, 10_000
 LARGEST = 1e9
+LENGTHS = {"m": 1.0, "mm": 1e3, "um": 1e6}  # units of the tool's position, and how many of each are a meter
 LONGEST_S = 3600.0  # run
 
 
@@ -247,7 +248,12 @@ class _Reader:
         axis = self.get(row, "tool_axis", str, "output")
         if axis not in "xyz" or len(axis) != 1:
             raise self.fail("output.tool_axis", axis, "x, y or z")
-        return Output(name, unit, {}, axis, self.number(row, "scale", "output"))
+        if unit not in LENGTHS:
+            raise self.fail("output.unit", unit, f"{', '.join(LENGTHS)}: the tool's position is a length")
+        scale = self.number(row, "scale", "output")
+        if abs(scale / LENGTHS[unit] - 1.0) > 1e-9:
+            raise self.fail("output.scale", scale, f"{LENGTHS[unit]:g} for the unit {unit}")
+        return Output(name, unit, {}, axis, scale)
 
     def disturbance(self, row: Mapping[str, Any], model: RobotModel) -> Disturbance:
         fields = {k: v for k, v in row.items() if k != "name"}

@@ -31,8 +31,8 @@ class LQ(ModelLaw):
     Parameters
     ----------
     rho : float
-        Weight of the torque, relative to a deviation of the output of 1 mm at the largest torque of the model file (at
-        1 N m where it has none).
+        Weight of the torque, relative to a deviation of the output of 1 mm (angles: 1 mrad) at the largest torque of
+        the model file (at 1 N m where it has none).
 
     Raises
     ------
