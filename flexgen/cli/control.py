@@ -9,7 +9,7 @@ from typing import Any
 
 from flexgen.cli.identify import throttled
 from flexgen.cli.printing import number, paragraph, table
-from flexgen.cli.verbs import Progress, VerbResult, check_report, check_writable, read_model, writing
+from flexgen.cli.verbs import Progress, VerbResult, alone, check_report, check_writable, read_model, writing
 from flexgen.errors import ArgumentError
 
 
@@ -253,6 +253,7 @@ def kinematics(args: Namespace, log: Progress) -> VerbResult:
     if (args.joints is None) == (args.position is None):
         raise ArgumentError("kinematics: expected either --joints or --position (and --rotation)")
     if args.joints is not None:
+        alone(args, "--joints", "rotation")
         if len(args.joints) != len(joints):
             raise ArgumentError(f"--joints: given {len(args.joints)} numbers, expected {len(joints)}")
         from flexgen.build.model_library import library_with

@@ -8,9 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from flexgen.cli.identify_motion import rigid, segments
+from flexgen.cli.identify_motion import OF_RESPONSES, rigid, segments
 from flexgen.cli.printing import number, paragraph, table
-from flexgen.cli.verbs import Progress, VerbResult, check_report, check_writable, read_model, writing
+from flexgen.cli.verbs import Progress, VerbResult, alone, check_report, check_writable, read_model, writing
 from flexgen.errors import ArgumentError
 
 EVERY = 2.0  # s between progress messages
@@ -189,6 +189,8 @@ def identify(args: Namespace, log: Progress) -> VerbResult:
         return rigid(args, log) if args.rigid else segments(args, log)
     if args.validate is not None or args.counterbalance:
         raise ArgumentError("--validate, --counterbalance: given without --rigid or --segments, expected with them")
+    if args.truth is not None and args.move is None:
+        raise ArgumentError("--truth: given without --move, expected also --move NAME, whose tool error is compared")
     from flexgen.identification.frequency_response import Frf
     from flexgen.identification.graybox import identify as fit
     from flexgen.identification.result import FitStatus, deviation_text
@@ -246,8 +248,7 @@ def _structure(model: Any, data: Any, args: Namespace, log: Progress) -> VerbRes
     from flexgen.identification.result import FitStatus
     from flexgen.identification.structure import structure
 
-    if args.refine is not None or args.move is not None or args.out is not None:
-        raise ArgumentError("--structure: given with --refine, --move or --out, expected alone: it changes the model")
+    alone(args, "--structure", *OF_RESPONSES, "free", "start", "out")
     log("adding and removing springs: about a minute for six axes")
     found = structure(model, data, fixed=args.fixed, progress=throttled(log))
     rows = [

@@ -6,8 +6,10 @@ from argparse import Namespace
 from typing import Any
 
 from flexgen.cli.printing import number, paragraph, table
-from flexgen.cli.verbs import Progress, VerbResult, read_model, writing
+from flexgen.cli.verbs import Progress, VerbResult, alone, read_model, writing
 from flexgen.errors import ArgumentError
+
+OF_RESPONSES = ("residual", "floor", "starts", "refine", "move", "truth")  # options of fits to frequency responses
 
 
 def rigid(args: Namespace, log: Progress) -> VerbResult:
@@ -17,7 +19,7 @@ def rigid(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.identification.recordings.rigid_body import identify_rigid
     from flexgen.identification.recordings.rigid_file import motions_of, rigid_deviations, rigid_numbers, write_rigid
 
-    _only(args, "--rigid", "free", "start", "refine", "move", "truth", "structure", "segments")
+    alone(args, "--rigid", "structure", "segments", *OF_RESPONSES, "free", "fixed", "start", "report")
     model, data = read_model(args), read_description(args.frf)
     held_out = None if args.validate is None else read_description(args.validate)
     log(f"fitting the bodies of {model.name} to {len(data.recordings)} recordings")
@@ -114,7 +116,7 @@ def segments(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.identification.motion_fit import fit_motion
     from flexgen.identification.result import FitStatus, deviation_text
 
-    _only(args, "--segments", "refine", "move", "truth", "structure", "rigid", "counterbalance", "report")
+    alone(args, "--segments", "structure", "rigid", *OF_RESPONSES, "counterbalance", "report")
     if args.free is None:
         raise ArgumentError("--segments: given no --free, expected the names of the parameters")
     model = read_model(args)
@@ -169,10 +171,3 @@ def segments(args: Namespace, log: Progress) -> VerbResult:
         lines.append(f"wrote {args.out}")
     problem = "" if found.status == FitStatus.FITTED else f"{found.status}: {found.status.sentence}"
     return VerbResult(result, "\n".join(lines), problem=problem)
-
-
-def _only(args: Namespace, option: str, *others: str) -> None:
-    """ArgumentError for options that do not go with this one."""
-    given = [f"--{name}" for name in others if getattr(args, name, None)]
-    if given:
-        raise ArgumentError(f"{option}: given with {', '.join(given)}, expected without")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexgen.cli.printing import duration, figure_rows, figures, paragraph, plain, suggestion
-from flexgen.cli.verbs import Progress, VerbResult, check_report, check_writable, derived, title, writing
+from flexgen.cli.verbs import Progress, VerbResult, alone, check_report, check_writable, derived, title, writing
 from flexgen.errors import ArgumentError
 from flexgen.inversion.status import Status
 
@@ -28,6 +28,8 @@ def solve(args: Namespace, log: Progress) -> VerbResult:
         raise ArgumentError(
             "--robustness: given without --report, expected also --report DIR, because the table is part of the report"
         )
+    if args.no_verify:
+        alone(args, "--no-verify", "accuracy", "robustness")
     several = len(args.move or ()) > 1
     outputs = [(_named(args.out, name), _below(args.report, name)) for name in args.move] if several else []
     for out, report in outputs or [(args.out, args.report)]:

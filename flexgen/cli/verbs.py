@@ -111,6 +111,14 @@ def writing(path: Path) -> Iterator[None]:
         raise ArgumentError(f"output: cannot write {str(path)!r} ({error.strerror or error})") from None
 
 
+def alone(args: Namespace, option: str, *others: str) -> None:
+    """ArgumentError for options that have no effect beside this one."""
+    given = [name for name in others if getattr(args, name) != args.parser.get_default(name)]
+    if given:
+        names = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+        raise ArgumentError(f"{option}: given with {names}, expected without: beside {option} that has no effect")
+
+
 def check_report(directory: Path | None) -> None:
     """Refuse a folder of a report that cannot be written, or that has the page of another program."""
     from flexgen.reports.folder import check_folder

@@ -22,6 +22,8 @@ class Method:
         Keeps bounds on torque and speed.
     refines : bool
         More accurate on a finer mesh.
+    algebraic : bool
+        Computes each sample of the path by itself: no mesh, and no motion before the path.
     any_coupling : bool
         Solves models whose rotors turn with their carriers.
     """
@@ -32,6 +34,7 @@ class Method:
     function: str = "solve"
     keeps_limits: bool = False
     refines: bool = True
+    algebraic: bool = False
     any_coupling: bool = False
 
 
@@ -43,6 +46,7 @@ METHODS = {
             "algebraic, for models without non-actuated coordinates",
             "closed_form",
             refines=False,
+            algebraic=True,
         ),
         Method(
             "lq",
@@ -73,14 +77,25 @@ METHODS = {
         Method("bdf", "BDF with constant steps on the original DAE of high index", "bdf"),
         Method("reduced", "index reduction by dummy derivatives, SUNDIALS", "dummy_derivatives", refines=False),
         Method("kunkel-mehrmann", "regularized DAE, Radau IIA", "kunkel_mehrmann"),
-        Method("rigid", "baseline: all springs stiff", "baselines", "rigid", refines=False, any_coupling=True),
-        Method("fjm", "baseline: elastic gears only", "baselines", "fjm", refines=False, any_coupling=True),
+        Method(
+            "rigid",
+            "baseline: all springs stiff",
+            "baselines",
+            "rigid",
+            refines=False,
+            algebraic=True,
+            any_coupling=True,
+        ),
+        Method(
+            "fjm", "baseline: elastic gears only", "baselines", "fjm", refines=False, algebraic=True, any_coupling=True
+        ),
         Method(
             "quasistatic",
             "baseline: deflections in equilibrium with their loads",
             "baselines",
             "quasistatic",
             refines=False,
+            algebraic=True,
             any_coupling=True,
         ),
     )

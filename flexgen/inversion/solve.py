@@ -24,7 +24,7 @@ from flexgen.inversion.method_table import AUTO, METHODS, Method
 from flexgen.inversion.problem import HELD, INTERVALS, InversionProblem
 from flexgen.inversion.reached import Reached, stage_of
 from flexgen.inversion.solution import Solution, exceeded, relative_residual, residual_rows
-from flexgen.inversion.solve_arguments import check_arguments
+from flexgen.inversion.solve_arguments import check_arguments, without_effect
 from flexgen.inversion.status import Status
 from flexgen.inversion.verification import verify_by_simulation
 from flexgen.mechanics.equations import Equations, derive
@@ -128,6 +128,7 @@ def solve(
             solution = _within_limits(solution, ignore_limits or fastest)
         except (Exception, KeyboardInterrupt) as error:
             solution = reached.ended(stage_of(error, deadline.interrupted), time_limit)
+    solution = replace(solution, warnings=(*solution.warnings, *without_effect(solution.method, preview, mesh)))
     return replace(solution, wall_s=time.perf_counter() - began[0], cpu_s=time.process_time() - began[1])
 
 

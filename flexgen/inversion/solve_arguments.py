@@ -8,7 +8,7 @@ import numpy as np
 
 from flexgen.errors import ArgumentError
 from flexgen.inversion.bounds import Limits
-from flexgen.inversion.method_table import NAMES
+from flexgen.inversion.method_table import METHODS, NAMES
 
 
 def check_arguments(
@@ -35,3 +35,13 @@ def check_arguments(
             raise ArgumentError(f"{name}: given {value!r}, expected {expected[name]}")
     if limits is not None and not isinstance(limits, Limits):
         raise ArgumentError(f"limits: given {limits!r}, expected flexgen.Limits(torque=..., speed=...)")
+
+
+def without_effect(method: str, preview: float | None, mesh: float | None) -> tuple[str, ...]:
+    """Warnings about arguments that the method which found the solution does not use."""
+    given = {"preview": preview, "mesh": mesh} if METHODS[method].algebraic else {}
+    return tuple(
+        f"{name}: given {value:g} s, which has no effect: method {method} computes each sample of the path by itself"
+        for name, value in given.items()
+        if value is not None
+    )

@@ -96,4 +96,4 @@ def test_the_command_line_prints_changes(tmp_path, capsys):
         main(["identify", "planar5_nmp", str(tmp_path / "frf.npz"), "--structure", "--out", str(tmp_path / "x.toml")])
         == 1
     )
-    assert "expected alone" in capsys.readouterr().err
+    assert "expected without" in capsys.readouterr().err

@@ -128,3 +128,30 @@ def test_a_wrong_argument_gets_a_hint_that_fits(words, hint):
     with pytest.raises(UsageError) as caught:
         parse(words)
     assert hint in str(caught.value).partition("\n")[0]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("identify elbow x.npz --rigid --starts 5", "--rigid: given with --starts, expected without"),
+        (
+            "identify elbow x.npz --rigid --residual lls --report r",
+            "--rigid: given with --residual, --report, expected",
+        ),
+        ("identify elbow x.npz --segments 1 --free a --floor 0.1", "--segments: given with --floor, expected without"),
+        ("identify elbow x.npz --truth elbow", "--truth: given without --move"),
+        ("kinematics manutec_r3 --joints 0 0 0 0 0 0 --rotation 1 2 3", "--joints: given with --rotation"),
+        ("solve elbow --no-verify --accuracy 1e-9", "--no-verify: given with --accuracy, expected without"),
+    ],
+)
+def test_options_without_effect_are_refused(words, message, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main([*words.split(), "-q"]) == 1
+    assert message in capsys.readouterr().err and not list(tmp_path.iterdir())
+
+
+def test_a_method_names_arguments_that_it_does_not_use(capsys):
+    assert main(["solve", "elbow", "--mesh", "0.01", "--preview", "0.2", "--json", "-q", "--no-verify"]) == 0
+    warnings = json.loads(capsys.readouterr().out)["warnings"]
+    assert [text.split(",")[0] for text in warnings] == ["preview: given 0.2 s", "mesh: given 0.01 s"]
+    assert all("no effect: method closed-form" in text for text in warnings)
