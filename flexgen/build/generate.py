@@ -160,9 +160,42 @@ def generate(
     return _generated(request, target, build, log, start)
 
 
+def generate_parts(
+    model: RobotModel,
+    directory: Path,
+    functions: Sequence[str],
+    solvers: Sequence[str],
+    *,
+    parameters: Sequence[str] = (),
+    per_point: bool = False,
+    native: bool = False,
+    progress: Callable[[str], None],
+) -> Generated:
+    """`generate` for flexgen itself, which compiles only what it calls.
+
+    Parameters
+    ----------
+    model : RobotModel
+    directory : Path
+    functions : sequence of str
+        Names of emitted functions.
+    solvers : sequence of str
+        Names of the hand-written sources: ``invert``, ``bvp``, ``stream`` and others.
+    parameters, per_point, native, progress
+        See `generate`.
+    """
+    options = {"native": native, "openmp": False, "isa": "native"}
+    names = chosen_functions(functions, model)
+    request = _Request(model, None, names, "double", tuple(parameters), False, per_point, options, False, solvers)
+    return _generated(request, directory, True, progress, time.perf_counter())
+
+
 @dataclass(frozen=True)
 class _Request:
-    """What a library is made from. ``equations``: None to derive them; ``options``: of the build."""
+    """What a library is made from.
+
+    ``equations``: None to derive them; ``options``: of the build; ``solvers``: None for all hand-written sources.
+    """
 
     model: RobotModel
     equations: Any
@@ -173,6 +206,7 @@ class _Request:
     per_point: bool
     options: dict[str, Any]
     force: bool
+    solvers: Sequence[str] | None = None
 
 
 def _generated(request: _Request, target: Path, build: bool, log: Callable[[str], None], start: float) -> Generated:
@@ -250,7 +284,10 @@ def _written(request: _Request, digest: str, log: Callable[[str], None]) -> tupl
     from flexgen.codegen.emit import emit, function_texts
 
     spec = library_spec(equations, request.names, precision=request.precision, per_point=request.per_point)
-    if spec.inverts:
+    if request.solvers is not None:
+        wanted = {f"{solver}.c" for solver in request.solvers}
+        spec = replace(spec, c_functions=tuple(f for f in spec.c_functions if f.file in wanted))
+    if any(f.file == "stream.c" for f in spec.c_functions):
         from flexgen.build.stream_defaults import stream_defaults
 
         spec = replace(spec, stream=stream_defaults(request.model, spec))
@@ -291,6 +328,7 @@ def _content_digest(request: _Request) -> str:
     """
     own = request.equations is not None
     choices = [request.names, request.precision, list(request.parameters), own, request.amalgamate, request.per_point]
+    choices += [] if request.solvers is None else [list(request.solvers)]
     root = Path(__file__).resolve().parent.parent
     sources = [root / "ports.py", root / "model" / "digest.py", root / "model" / "elements.py"]
     for folder in ("analysis", "build", "codegen", "expressions", "mechanics", "numerics", "recursion"):

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
-from flexgen.build.generate import MANIFEST, Generated, generate
+from flexgen.build.generate import MANIFEST, Generated, generate_parts
 from flexgen.build.library_cache import mark_used, prune
 from flexgen.build.object_cache import cache_folder
 from flexgen.codegen.spec import library_name
@@ -27,6 +27,7 @@ KEPT = 32  # loaded libraries
 def library_with(
     model: RobotModel,
     functions: Sequence[str],
+    solvers: Sequence[str] = (),
     *,
     parameters: Sequence[str] = (),
     per_point: bool = False,
@@ -40,6 +41,8 @@ def library_with(
     model : RobotModel
     functions : sequence of str
         Names of the functions.
+    solvers : sequence of str
+        Names of hand-written sources, such as ``invert``; those that are not named are not compiled.
     parameters : sequence of str
         Numbers of the model that are arguments of the functions.
     per_point : bool
@@ -55,7 +58,7 @@ def library_with(
         There is no compiler, or it fails.
     """
     with paused():
-        what = _What(tuple(functions), tuple(parameters), native, per_point)
+        what = _What(tuple(functions), tuple(solvers), tuple(parameters), native, per_point)
         return _loaded(_Key(model), what, progress if progress is not None else _silent)
 
 
@@ -78,19 +81,21 @@ class _Key:
 
 @dataclass(frozen=True)
 class _What:
-    """What a library has: names of functions and run-time parameters, and whether it is for this processor only."""
+    """What a library has: names of functions, solvers and parameters, and whether it is for this processor only."""
 
     functions: tuple[str, ...]
+    solvers: tuple[str, ...]
     parameters: tuple[str, ...]
     native: bool
     per_point: bool = False
 
     def generate(self, model: RobotModel, folder: Path, progress: Callable[[str], None]) -> Generated:
         """Generate the library, or find that it is there."""
-        return generate(
+        return generate_parts(
             model,
             folder,
-            functions=self.functions,
+            self.functions,
+            self.solvers,
             parameters=self.parameters,
             per_point=self.per_point,
             native=self.native,

@@ -204,7 +204,7 @@ class _Solver:
         for name, value in fixed.items():
             self.base[self.i_g[names.index(name)]] = value
         self.rotary = np.array([model.coordinates[i].unit == "rad" for i in self.free])
-        self.library = library_with(model, ("forward_kinematics", "jacobian"))
+        self.library = library_with(model, ("forward_kinematics", "jacobian"), ("inverse_kinematics",))
         self.length = self._reach()
         self._at = [self.i_g.index(i) for i in self.free]
 

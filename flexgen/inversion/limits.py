@@ -24,12 +24,12 @@ from flexgen.deadline import check_time
 from flexgen.errors import SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.method_result import MethodResult
+from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import from_library
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
-from flexgen.runtime.library import Library
 from flexgen.runtime.limited_inversion import LimitsInfeasibleError
 from flexgen.runtime.path_inversion import Inversion
 
@@ -80,7 +80,7 @@ class _Bounds:
 
 
 def enforce_limits(
-    problem: InversionProblem, unlimited: Inversion, library: Library, samples_per_interval: int, tolerance: float
+    problem: InversionProblem, unlimited: Inversion, samples_per_interval: int, tolerance: float
 ) -> MethodResult:
     """The result that keeps the limits: that of the path where no limit is active, else that of a modified path.
 
@@ -90,8 +90,6 @@ def enforce_limits(
         With limits.
     unlimited : Inversion
         Of the path itself.
-    library : Library
-        Of the model.
     samples_per_interval, tolerance : int, float
         Arguments of the inversion, see `flexgen.runtime.path_inversion.Inverter`.
 
@@ -107,7 +105,7 @@ def enforce_limits(
     bounds.check_equilibrium(problem)
     check_time("limits")
     problem.log("limits: finding the smallest path deviation")
-    before, found = _modified(problem, bounds, unlimited, library, samples_per_interval, tolerance)
+    before, found = _modified(problem, bounds, unlimited, samples_per_interval, tolerance)
     result, pose = from_library(found), problem.path.pose
     meters, angle = found.deviation_m, found.deviation_rad
     size = f"{meters:.3g} m" + (f" and {angle:.3g} rad" if pose else "")
@@ -131,7 +129,6 @@ def _modified(
     problem: InversionProblem,
     bounds: _Bounds,
     unlimited: Inversion,
-    library: Library,
     samples_per_interval: int,
     tolerance: float,
 ) -> tuple[int, Inversion]:
@@ -143,6 +140,9 @@ def _modified(
     after = int(np.ceil((LATE * duration + SUPPORT * spacing) / period))
     t = (np.arange(before + round(duration / period) + after + 1) - before) * period
     sample = path.sample(t)
+    native = bool(problem.options.get("native", False))
+    solvers = ("invert", "invert_limited")  # the second one calls the first one
+    library = inversion_library(problem.equations, "lq", solvers, native=native, progress=problem.progress)
     try:
         found = library.invert_limited(
             Reduction(problem.equations).targets(sample),

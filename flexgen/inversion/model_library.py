@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from flexgen.build.compiler import find_compiler
 from flexgen.build.model_library import library_with
@@ -12,6 +12,8 @@ from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.signatures import INVERSION
 from flexgen.runtime.library import Library
 
+SOLVERS = {"lq": "invert", "bvp": "bvp"}  # hand-written sources of the methods
+
 
 def has_compiler() -> bool:
     """Whether there is a C compiler."""
@@ -19,9 +21,14 @@ def has_compiler() -> bool:
 
 
 def inversion_library(
-    equations: Equations, method: str, *, native: bool = False, progress: Callable[[str], None] | None = None
+    equations: Equations,
+    method: str,
+    solvers: Sequence[str] = (),
+    *,
+    native: bool = False,
+    progress: Callable[[str], None] | None = None,
 ) -> Library:
-    """The library of a model with its inversion functions.
+    """The library of a model with what a method calls.
 
     It is made once for each model; the time that this takes does not count in a time limit.
 
@@ -29,7 +36,9 @@ def inversion_library(
     ----------
     equations : Equations
     method : str
-        Name of the method, for error messages.
+        ``"lq"`` or ``"bvp"``; also for error messages.
+    solvers : sequence of str
+        The hand-written sources that it calls; default: the one of the method.
     native : bool
         Compile for this processor: often faster, and the last digits depend on the processor.
     progress : callable, optional
@@ -48,4 +57,4 @@ def inversion_library(
         raise ArgumentError(f"method {method}: {reason}; use --method full")
     check_time(f"method {method}")
     functions = tuple(name for name in INVERSION if name != "inversion_jacobians" or model.n_e)
-    return library_with(model, functions, native=native, progress=progress)
+    return library_with(model, functions, solvers or (SOLVERS[method],), native=native, progress=progress)

@@ -37,6 +37,7 @@ pytestmark = needs_compiler
 PERIOD, N, PRE, AFTER, EACH = 1e-3, 401, 20, 6000, 5  # s, samples; samples of an interval
 SLOW = {"tool": (0.1, 0.02), "joints": (0.1, 0.3)}  # of stiffness and damping of a joint: zeros that decay in 0.35 s
 ALLOWED = 1e-7  # m or rad
+SOLVERS = ("invert", "invert_limited")  # one library for all tests
 
 
 def test_the_c_has_the_times_of_solve() -> None:
@@ -86,7 +87,7 @@ def check_end(size: np.ndarray, n_post: int) -> None:
 @pytest.mark.parametrize("output", ["tool", pytest.param("joints", marks=pytest.mark.slow)])
 def test_the_motion_ends_where_it_has_settled(output: str) -> None:
     equations = arm(output)
-    given, library = arguments(equations), inversion_library(equations, "lq")
+    given, library = arguments(equations), inversion_library(equations, "lq", SOLVERS)
     whole, found = library.invert(**given), library.invert(**given, settled=ALLOWED)
     rows = PRE + N + found.n_post
     assert whole.n_post == AFTER and found.n_post < AFTER / 2 and found.q_a.shape == (rows, 3)
@@ -104,7 +105,7 @@ def test_the_motion_ends_where_it_has_settled(output: str) -> None:
 
 def test_the_last_sample_and_all_after_it_are_the_equilibrium() -> None:
     equations = arm("tool")
-    found = inversion_library(equations, "lq").invert(**arguments(equations), settled=ALLOWED)
+    found = inversion_library(equations, "lq", SOLVERS).invert(**arguments(equations), settled=ALLOWED)
     rest = equilibrium_at(equations, found.q_a[-1])
     for name in ("q_a", "tau_g", "q_m", "tau_m"):
         last, expected = getattr(found, name)[-1], getattr(rest, name)
@@ -118,7 +119,7 @@ def test_the_last_sample_and_all_after_it_are_the_equilibrium() -> None:
 
 def test_a_motion_that_does_not_settle_has_all_samples() -> None:
     equations = arm("tool")
-    given, library = {**arguments(equations), "n_post": 300}, inversion_library(equations, "lq")
+    given, library = {**arguments(equations), "n_post": 300}, inversion_library(equations, "lq", SOLVERS)
     whole, found = library.invert(**given), library.invert(**given, settled=ALLOWED)
     assert found.n_post == 300 and len(found.q_a) == PRE + N + 300
     assert (found.tau_m == whole.tau_m).all()
@@ -126,7 +127,7 @@ def test_a_motion_that_does_not_settle_has_all_samples() -> None:
 
 def test_the_torque_that_is_held_is_that_of_the_equilibrium() -> None:
     equations = arm("tool")
-    given, library = arguments(equations), inversion_library(equations, "lq")
+    given, library = arguments(equations), inversion_library(equations, "lq", SOLVERS)
     whole = library.invert(**given, hold="zoh", delay=1.5)
     found = library.invert(**given, hold="zoh", delay=1.5, settled=ALLOWED)
     kept = PRE + N + found.n_post - 8  # the torque of a held sample depends on later ones
@@ -135,7 +136,7 @@ def test_the_torque_that_is_held_is_that_of_the_equilibrium() -> None:
 
 def test_limits_that_are_not_active_settle_too() -> None:
     equations = arm("tool")
-    given, library = {**arguments(equations), "n_post": 4000}, inversion_library(equations, "lq")
+    given, library = {**arguments(equations), "n_post": 4000}, inversion_library(equations, "lq", SOLVERS)
     found = library.invert(**given, settled=ALLOWED)
     limited = library.invert_limited(**given, torque_max=1e4 * np.ones(2), settled=ALLOWED)
     assert limited.n_post == found.n_post < 4000 and not limited.limits_active
@@ -159,7 +160,7 @@ def test_an_end_that_later_steps_show_to_be_early_is_corrected(tmp_path, monkeyp
     early = f"end->allowed *= 50.0;\n            {cut}\n            end->allowed /= 50.0;"
     wrong = planted("tool", "lq_path.h", cut, early, tmp_path, monkeypatch)
     equations = arm("tool")
-    given, right = arguments(equations), inversion_library(equations, "lq")
+    given, right = arguments(equations), inversion_library(equations, "lq", SOLVERS)
     found, expected = wrong.invert(**given, settled=ALLOWED), right.invert(**given, settled=ALLOWED)
     assert found.n_post == expected.n_post and found.intervals > expected.intervals
     assert np.abs(found.tau_m - expected.tau_m).max() < 1e-8 * np.abs(expected.tau_m).max()
@@ -180,7 +181,7 @@ def test_the_momentum_of_joints_whose_torque_is_held_counts(tmp_path, monkeypatc
 def test_a_size_that_is_none_is_refused(settled: float) -> None:
     equations = arm("tool")
     with pytest.raises(ArgumentError, match="settled: given"):
-        inversion_library(equations, "lq").invert(**arguments(equations), settled=settled)
+        inversion_library(equations, "lq", SOLVERS).invert(**arguments(equations), settled=settled)
 
 
 def test_bvp_refuses_it() -> None:

@@ -14,6 +14,7 @@ from toolchain import needs_compiler
 from flexgen.build import library_cache
 from flexgen.build import model_library as inverters
 from flexgen.build.library_cache import IN_USE, mark_used, prune
+from flexgen.errors import ArgumentError
 from flexgen.inversion.model_library import inversion_library
 from flexgen.mechanics.equations import derive
 
@@ -146,3 +147,15 @@ def test_a_library_that_vanishes_while_it_is_loaded_is_rebuilt(tmp_path, monkeyp
 
     monkeypatch.setattr(inverters, "load", late)
     assert inversion_library(equations, "lq").directory == first.directory and len(calls) == 2
+
+
+@needs_compiler
+@pytest.mark.parametrize(("method", "solver"), [("lq", "invert"), ("bvp", "bvp")])
+def test_the_library_of_a_method_has_the_solver_that_it_calls_and_no_other(method, solver) -> None:
+    """The others would be most of what a first solution waits for."""
+    library = inversion_library(derive("planar5_nmp"), method)
+    solvers = {f"planar5_nmp_{name}.c" for name in ("invert", "bvp", "invert_limited", "stream", "path_sampler")}
+    assert {path.name for path in library.directory.glob("src/*.c")} & solvers == {f"planar5_nmp_{solver}.c"}
+    assert getattr(library, solver) is not None
+    with pytest.raises(ArgumentError, match="given a library without streams"):
+        library.stream(np.zeros(2), np.zeros(5), period=5e-3, intervals=10)

@@ -50,5 +50,5 @@ def solve(problem: InversionProblem, h: float) -> MethodResult:
     )
     found, warnings = settled(problem, found)
     if problem.limits is not None:
-        return enforce_limits(problem, found, library, samples_per_interval, TOLERANCE)
+        return enforce_limits(problem, found, samples_per_interval, TOLERANCE)
     return from_library(found, warnings)
