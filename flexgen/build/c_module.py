@@ -14,7 +14,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from flexgen.build.compiler import Compiler, find_compiler
-from flexgen.build.object_cache import cache_folder
+from flexgen.build.object_cache import cache_folder, one_at_a_time
 from flexgen.errors import BuildError
 from flexgen.runtime.files import private_copy, trusted_content, trusted_file, trusted_library
 
@@ -76,15 +76,24 @@ def compiled(
     kept = root / "modules" if root is not None else Path(_temporary().name)
     kept.mkdir(mode=0o700, exist_ok=True)
     made = kept / f"{name}-{mark}.so"
-    with suppress(OSError, BuildError):  # what is missing, cut or open to others is made again
-        trusted_content(made)
-        os.utime(made)
+    if _is_there(made):
         return made
     if before is not None:
         before()
-    _compile(name, text, made, compiler, level)
+    with one_at_a_time(kept, name):
+        if not _is_there(made):
+            _compile(name, text, made, compiler, level)
     _prune(kept, made)
     return made
+
+
+def _is_there(made: Path) -> bool:
+    """Whether a module is in the cache, which marks it as used; what is cut or open to others is made again."""
+    with suppress(OSError, BuildError):
+        trusted_content(made)
+        os.utime(made)
+        return True
+    return False
 
 
 @lru_cache(maxsize=1)

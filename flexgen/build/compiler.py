@@ -19,7 +19,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from flexgen.build.object_cache import Objects
+from flexgen.build.object_cache import Objects, one_at_a_time
 from flexgen.errors import BuildError
 from flexgen.runtime.processor import INSTRUCTION_SETS
 
@@ -255,22 +255,8 @@ def build_libraries(
         return [*compiler.functions] if _body(Path(file)).name in bodies else []
 
     stored = Objects(compiler.identity, {file: (folder / file).read_bytes() for file in headers}, flags_of)
-    missing = [file for file in sources if fresh or not stored.fetch(folder / file)]
-    workers = max(2, os.cpu_count() or 1)
-    known = f", {len(sources) - len(missing)} known" * (len(missing) < len(sources))
-    log(f"compiling {len(missing)} files{known}{_expected_time(folder, missing, workers)}")
-    with ThreadPoolExecutor(max_workers=workers) as pool:
-        jobs = {}
-        for file in sorted(missing, key=lambda file: -_effort(folder, file)):  # the longest first
-            words = [*compiler.command, *compiler.flags, *flags_of(file), "-c", file, "-o", _object(file)]
-            jobs[file] = pool.submit(_run, "C compiler", words, folder, _object(file))
-        try:
-            for file, job in jobs.items():
-                job.result()
-                stored.keep(folder / file)
-        except BuildError:
-            pool.shutdown(cancel_futures=True)
-            raise
+    with one_at_a_time(stored.folder, name, log):
+        _compile(stored, folder, sources, compiler, flags_of, log, fresh=fresh)
     log("linking")
     objects = [_object(file) for file in sources]
     suffix = "dylib" if sys.platform == "darwin" else "so"
@@ -292,6 +278,35 @@ def build_libraries(
         "identity": compiler.identity,
         "instruction_sets": list(compiler.instruction_sets),
     }
+
+
+def _compile(
+    stored: Objects,
+    folder: Path,
+    sources: Sequence[str],
+    compiler: Compiler,
+    flags_of: Callable[[str], Sequence[str]],
+    log: Callable[[str], None],
+    *,
+    fresh: bool,
+) -> None:
+    """The object of each source in a folder beside it: from the cache, or compiled."""
+    missing = [file for file in sources if fresh or not stored.fetch(folder / file)]
+    workers = max(2, os.cpu_count() or 1)
+    known = f", {len(sources) - len(missing)} known" * (len(missing) < len(sources))
+    log(f"compiling {len(missing)} files{known}{_expected_time(folder, missing, workers)}")
+    with ThreadPoolExecutor(max_workers=workers) as pool:
+        jobs = {}
+        for file in sorted(missing, key=lambda file: -_effort(folder, file)):  # the longest first
+            words = [*compiler.command, *compiler.flags, *flags_of(file), "-c", file, "-o", _object(file)]
+            jobs[file] = pool.submit(_run, "C compiler", words, folder, _object(file))
+        try:
+            for file, job in jobs.items():
+                job.result()
+                stored.keep(folder / file)
+        except BuildError:
+            pool.shutdown(cancel_futures=True)
+            raise
 
 
 def _body(source: Path) -> Path:

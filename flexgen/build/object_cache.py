@@ -13,11 +13,16 @@ import os
 import re
 import stat
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path, PurePosixPath
 
 from flexgen.errors import BuildError
 from flexgen.runtime.files import trusted_bytes, trusted_folder
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 LIMIT = 256 * 2**20  # bytes of objects; the entries that were used least lately go first
 
@@ -102,6 +107,41 @@ class Objects:
 
 def _mark(key: str, data: bytes) -> bytes:
     return hashlib.sha256(key.encode() + data).hexdigest().encode()
+
+
+@contextlib.contextmanager
+def one_at_a_time(folder: Path | None, name: str, log: Callable[[str], None] | None = None) -> Iterator[None]:
+    """Let one process at a time compile what has this name: the others find it in the cache when their turn comes.
+
+    Without a cache, and where files cannot be locked, all compile at once.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        Of the cache.
+    name : str
+        Of what is compiled.
+    log : callable, optional
+        Called with one line of text before waiting.
+    """
+    file = None
+    try:
+        if folder is not None and fcntl is not None:
+            with contextlib.suppress(OSError):
+                locks = folder / "locks"
+                locks.mkdir(mode=0o700, exist_ok=True)
+                file = open(locks / name, "ab")  # noqa: SIM115
+                try:
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    if log is not None:
+                        log(f"waiting for another process that compiles {name}")
+                    fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+    finally:
+        if file is not None and fcntl is not None:
+            with file, contextlib.suppress(OSError):
+                fcntl.flock(file, fcntl.LOCK_UN)  # also where a child process has inherited the file
 
 
 def _prune(folder: Path) -> None:

@@ -8,6 +8,7 @@ import os
 import platform
 import shutil
 import stat
+import subprocess
 import sys
 from pathlib import Path
 
@@ -20,7 +21,7 @@ import flexgen
 from flexgen import errors
 from flexgen.build.compiler import find_compiler
 from flexgen.build.generate import generate
-from flexgen.build.object_cache import Objects, cache_folder
+from flexgen.build.object_cache import Objects, cache_folder, one_at_a_time
 from flexgen.codegen.emit import emit
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.equations import derive
@@ -272,7 +273,23 @@ def test_objects_are_compiled_once_for_all_directories(tmp_path, objects):
     assert compiled(tmp_path / "c", native=True) == "compiling 2 files"
     assert compiled(tmp_path / "d", precision="single") == "compiling 2 files"
     assert stat.S_IMODE(objects.stat().st_mode) == 0o700
-    assert all(len(path.stem) == 64 and path.suffix == ".o" for path in objects.iterdir())
+    assert all(len(path.stem) == 64 and path.suffix == ".o" for path in objects.iterdir() if path.name != "locks")
+
+
+def test_two_processes_that_need_the_same_library_compile_it_once(tmp_path, objects):
+    code = "import sys; from flexgen.build.generate import generate\n"
+    code += "generate('elbow', sys.argv[1], functions=['gravity'], progress=print)"
+    with one_at_a_time(cache_folder(), "elbow"):  # until both of them are there
+        processes = [
+            subprocess.Popen(
+                [sys.executable, "-u", "-c", code, str(tmp_path / name)], stdout=subprocess.PIPE, text=True
+            )
+            for name in "ab"
+        ]
+        waited = [[process.stdout.readline() for _ in range(3)] for process in processes]
+    assert all(said[-1] == "waiting for another process that compiles elbow\n" for said in waited)
+    said = sorted(process.communicate(timeout=60)[0].splitlines()[0] for process in processes)
+    assert said == ["compiling 0 files, 2 known", "compiling 2 files"]
 
 
 def keys(folder: Path, headers: dict[str, bytes], text: str = '#include "a.h"\n  # include "sub/b.h"\n') -> str:
@@ -298,7 +315,7 @@ def test_an_object_depends_on_what_its_source_includes(tmp_path, objects):
 @pytest.mark.parametrize("spoil", ["cut", "changed", "swapped", "empty"])
 def test_spoiled_objects_are_not_believed(spoil, tmp_path, objects):
     compiled(tmp_path / "a")
-    one, two = sorted(objects.iterdir())
+    one, two = sorted(objects.glob("*.o"))
     first, second = one.read_bytes(), two.read_bytes()
     one.write_bytes({"cut": first[:-9], "changed": first[:-1] + b"\1", "swapped": second, "empty": b""}[spoil])
     assert compiled(tmp_path / "b") == "compiling 1 files, 1 known"
@@ -339,22 +356,22 @@ def test_without_a_home_there_is_no_cache(tmp_path, monkeypatch):
 
 def test_the_cache_does_not_grow_for_ever(tmp_path, objects, monkeypatch):
     compiled(tmp_path / "a")
-    size = sum(path.stat().st_size for path in objects.iterdir())
-    for path in objects.iterdir():
+    size = sum(path.stat().st_size for path in objects.glob("*.o"))
+    for path in objects.glob("*.o"):
         os.utime(path, (1e9, 1e9))
-    old = set(objects.iterdir())
+    old = set(objects.glob("*.o"))
     monkeypatch.setattr("flexgen.build.object_cache.LIMIT", size)
     compiled(tmp_path / "b", precision="single")
-    kept = set(objects.iterdir())
+    kept = set(objects.glob("*.o"))
     assert sum(path.stat().st_size for path in kept) <= size and not kept >= old
 
 
 def test_folders_in_the_cache_of_objects_stay(tmp_path, objects, monkeypatch):
     """The libraries of the solvers are in there as well; the objects beside them are removed all the same."""
     compiled(tmp_path / "a")
-    for path in objects.iterdir():
+    for path in objects.glob("*.o"):
         os.utime(path, (1e9, 1e9))
-    old = set(objects.iterdir())
+    old = set(objects.glob("*.o"))
     library = objects / "libraries" / "elbow"
     library.mkdir(parents=True)
     (library / "manifest.json").write_text("{}")
