@@ -102,7 +102,7 @@ def stream_rows(builds: Builds, quick: bool, say: Callable[[str], None]) -> list
     given = np.concatenate([start, there.path.q_start, np.hstack(samples).ravel()]).tobytes()
     rows: list[StreamRow] = []
     for native in (True, False):
-        library = inversion_library(equations, "lq", native=native)
+        library = inversion_library(equations, "lq", ("stream",), native=native)
         sizes = [library.sizes[key] for key in ("n_t", "n_y", "n_a", "n_g", "n_m")]
         numbers = [INTERVALS, PARTS, PERIOD, TOLERANCE, updates, *sizes]
         command = [str(program), str(library_file(library)), ROBOT, *map(str, numbers)]

@@ -57,7 +57,7 @@ def case(name: str, move: str = "line", period: float = 1e-3) -> Case:
     sample = path.sample(t)
     options = {"period": period, "q_start": path.q_start, "n_pre": 200, "n_post": 300, "samples_per_interval": 5}
     return Case(
-        inversion_library(equations, "test"),
+        inversion_library(equations, "test", ("invert", "invert_limited")),
         Reduction(equations).targets(sample),
         sample.derivative(1),
         sample.derivative(2),

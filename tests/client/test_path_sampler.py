@@ -77,7 +77,7 @@ def robot_moves(start: tuple[float, ...]) -> dict[str, Move]:
 
 @cache
 def library(name: str) -> Library:
-    return inversion_library(flexgen.derive(name), "test")
+    return inversion_library(flexgen.derive(name), "test", ("path_sampler", "stream"))
 
 
 def case(name: str, move: str) -> Path:

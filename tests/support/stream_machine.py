@@ -31,7 +31,7 @@ class Machine:
     def __init__(self, name: str | RobotModel, move: str | None, library: Library | None = None) -> None:
         self.equations: Equations = derive(name)
         self.path = Path(self.equations, self.equations.model.move(move))
-        self.library: Library = library or inversion_library(self.equations, "lq")
+        self.library: Library = library or inversion_library(self.equations, "lq", ("invert", "stream"))
         self._reduction = Reduction(self.equations)
 
     def samples(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -118,7 +118,7 @@ def streamed(model: str = "planar5_nmp", move: int = 0, ahead: int = AHEAD, **li
     equations = flexgen.derive(model)
     path = Path(equations, equations.model.moves[move])
     y, dy, ddy = given(model, move, ahead)
-    library = inversion_library(equations, "lq", ["stream"])
+    library = inversion_library(equations, "lq", ("invert", "stream"))
     stream = library.stream(y[0], path.q_start, period=PERIOD, intervals=ahead, samples_per_interval=5)
     if limits:
         stream.limit(**limits)
