@@ -7,6 +7,7 @@ only); motor coordinates ``q_m`` are on the motor side of the gears.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -16,7 +17,7 @@ import numpy as np
 from flexgen.display import table_html
 from flexgen.errors import ArgumentError
 from flexgen.model.moves import Move as Move
-from flexgen.model.moves import Program, unknown_move
+from flexgen.model.moves import Program, check_name, unknown_move
 from flexgen.model.sensors import Sensor
 
 Vector = tuple[float, ...]
@@ -302,6 +303,22 @@ class RobotModel:
     programs: tuple[Program, ...] = ()
     text: str = ""  # canonical text of the data; caches use its hash
     sensors: tuple[Sensor, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse names that files, C, XML and pages are not made for; those of moves are checked by themselves."""
+        check_name("model.name", self.name)
+        if self.variant:
+            check_name("model.variant", self.variant)
+        dofs = tuple(dof for element in self.elements for dof in element.dofs)
+        kinds: dict[str, Sequence[Any]] = {
+            "element": self.elements,
+            "coordinate": dofs,
+            "motor": self.motors,
+            "sensor": self.sensors,
+        }
+        for kind, named in kinds.items():
+            for one in named:
+                check_name(f"{kind}.name", one.name)
 
     def __repr__(self) -> str:
         return f"<RobotModel {self.title}: {self._size_text()}>"

@@ -9,12 +9,15 @@ from typing import Any, ClassVar
 
 from flexgen.counts import shown
 from flexgen.display import short_repr
+from flexgen.errors import ArgumentError
+from flexgen.ports import identifier_problem
 
 Vector = tuple[float, ...]
 Matrix = tuple[tuple[float, ...], ...]
 
 NO_ROTATION: Vector = (0.0, 0.0, 0.0)
 DEGREES = (5, 7, 9, 11)  # of a spline through samples
+LONGEST_NAME = 100
 RADIUS = 0.25  # m: a rotation by an angle is counted as a path length of RADIUS times the angle
 
 
@@ -160,6 +163,11 @@ class Move:
 
     __repr__ = short_repr
 
+    def __post_init__(self) -> None:
+        if not (isinstance(self.name, str) and 0 < len(self.name) <= LONGEST_NAME and self.name.isprintable()):
+            expected = f"a printable text of 1 to {LONGEST_NAME} characters"
+            raise ArgumentError(f"move.name: given {shown(self.name)}, expected {expected}")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Program(Move):
@@ -178,6 +186,13 @@ class Program(Move):
     joint_profile: Vector = ()
 
     __repr__ = short_repr
+
+
+def check_name(what: str, text: object) -> None:
+    """ArgumentError where ``text`` may not be a name in a model file."""
+    problem = identifier_problem(text) if isinstance(text, str) else "a text"
+    if problem:
+        raise ArgumentError(f"{what}: given {shown(text)}, expected {problem}")
 
 
 def unknown_move(model: str, names: Sequence[str], given: Any) -> str:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from bad_models import GOOD
 from emitted import ROOT
 from toolchain import CC, needs_compiler
+from unchecked import unchecked
 
 from flexgen.build.generate import generate
 from flexgen.errors import ArgumentError, BuildError, FlexgenError, ModelError
+from flexgen.model.moves import Program
 from flexgen.model.reader import read
+from flexgen.model.sensors import Sensor
 
 pytestmark = needs_compiler
 
@@ -103,6 +108,35 @@ def test_hostile_names_of_variants_are_refused(tmp_path):
             read(path, name.encode().decode("unicode_escape") if name.isascii() else name)
 
 
+def test_hostile_names_of_objects_made_in_python_are_refused():
+    """Exporters, reports and C take names from these objects only."""
+    model = read("planar5_nmp")
+    plain = Sensor("acc", "accelerometer", "tool", (0.0,) * 3, ((1.0, 0.0, 0.0),), ("x",), 0.0, None, 0.0, "m/s^2")
+    first, dof = model.elements[0], model.elements[0].dofs[0]
+    makers = (
+        lambda name: replace(model, name=name),
+        lambda name: replace(model, variant=name or " "),
+        lambda name: replace(model, motors=(replace(model.motors[0], name=name), *model.motors[1:])),
+        lambda name: replace(model, elements=(replace(first, name=name), *model.elements[1:])),
+        lambda name: replace(model, elements=(replace(first, dofs=(replace(dof, name=name),)), *model.elements[1:])),
+        lambda name: replace(model, sensors=(replace(plain, name=name),)),
+    )
+    for name in [*HOSTILE, "a\nb", "a\0b", "a\x1b[2J", "a\n"]:
+        for made in makers:
+            with pytest.raises(ArgumentError, match=r"(name|variant): given"):
+                made(name)
+    assert all(made("fine") for made in makers)
+
+
+@pytest.mark.parametrize("name", [None, 1, b"arm", ["arm"], "", "a\nb", "a\0b", "a\x1b[2J", "a\u202e", "a" * 101])
+def test_names_of_moves_are_printable_texts(name):
+    with pytest.raises(ArgumentError, match=r"move.name: given .* expected a printable text"):
+        replace(read("elbow").moves[0], name=name)
+    with pytest.raises(ArgumentError, match=r"move.name: given .* expected a printable text"):
+        Program(name=name, start=(0.0, 0.0))
+    assert replace(read("elbow").moves[0], name="two words, 1/2").name
+
+
 @pytest.mark.parametrize(
     "name",
     ["math", "stdio", "string", "Math", "omp", "m", "c", "pthread", "gcc", "example", "con", "aux", "nul"],
@@ -126,13 +160,11 @@ def test_a_name_with_its_variant_is_not_too_long(tmp_path):
 
 
 def test_the_gate_is_the_only_way_to_a_file(tmp_path):
-    """A model made in Python with a path for its name writes nothing anywhere."""
-    import dataclasses
-
+    """A model made in Python with a path for its name, past the constructor's check, writes nothing anywhere."""
     model = read("elbow")
     for name in ("../evil", "/evil", "a/b", "..", "a\0b"):
         with pytest.raises(BuildError, match="name of the model"):
-            generate(dataclasses.replace(model, name=name), tmp_path / "out", functions=["gravity"], build=False)
+            generate(unchecked(model, name=name), tmp_path / "out", functions=["gravity"], build=False)
     assert list(tmp_path.iterdir()) == []
 
 

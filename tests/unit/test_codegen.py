@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from emitted import ROOT, SMALL, STRICT, loaded, machine, made, random_states, run, sources
 from toolchain import CC, needs_compiler, tool
+from unchecked import unchecked
 
 from flexgen.build.generate import generate
 from flexgen.codegen.emit import emit, symbols
@@ -280,12 +281,10 @@ def test_names_unfit_for_c_are_refused(name):
         function = staticmethod(equations.function)
 
     renamed = Renamed()
-    renamed.model = dataclasses.replace(model, name=name)
+    renamed.model = unchecked(model, name=name)
     with pytest.raises(BuildError, match="expected a"):
         library_spec(renamed)
-    renamed.model = dataclasses.replace(
-        model, motors=(dataclasses.replace(model.motors[0], name=name), *model.motors[1:])
-    )
+    renamed.model = unchecked(model, motors=(unchecked(model.motors[0], name=name), *model.motors[1:]))
     reserved = name in ("int", "sin")  # fine names of motors and coordinates: they are no identifiers of their own
     spec = library_spec(equations, ["gravity"])
     if reserved:

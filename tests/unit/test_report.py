@@ -15,6 +15,7 @@ from types import SimpleNamespace
 import matplotlib
 import numpy as np
 import pytest
+from unchecked import unchecked
 
 import flexgen
 from flexgen.errors import ArgumentError
@@ -168,8 +169,8 @@ def test_report_of_a_limited_solution_with_warnings_and_library(tmp_path):
 def test_text_of_a_model_cannot_become_markup(tmp_path):
     equations, solution = solved("planar5_nmp", "line", verify=False)
     evil = "<script>alert('x')</script><img src=x onerror=y>\" onload=\"z $\\frac$ </svg>"
-    model = dataclasses.replace(equations.model, description=evil, source=evil, variant=evil)
-    move = dataclasses.replace(solution.move, name=evil)
+    model = unchecked(equations.model, description=evil, source=evil, variant=evil)
+    move = unchecked(solution.move, name=evil)
     trajectory = dataclasses.replace(solution.trajectory, meta={**solution.trajectory.meta, "move": evil})
     hostile = dataclasses.replace(solution, model=model, move=move, trajectory=trajectory, verdict=evil, method=evil)
     page, text = read_page(write_report(flexgen.derive(model), hostile, tmp_path))
