@@ -38,9 +38,11 @@ KINEMATIC_FUNCTIONS = (
         "position far from the origin). Nearest: the largest difference of a coordinate decides. With starts = 1 only "
         "q_start is tried, in bounded time: the solution that continues a motion. Rotations are within half a turn of "
         "q_start; limits of the joints are not checked. Where the arm is singular at a configuration, its joints are "
-        "accurate to about 1e-6. q is written with OK only. UNREACHABLE: nothing was found. NOT_CONVERGED: more than "
-        "16 configurations, as the arm is singular at the pose. BAD_ARGUMENT also means that R is no rotation, that an "
-        "entry of q_start is larger than 1000, or that free does not list six different coordinates with a motor.",
+        "accurate to about 1e-6. Configurations closer than about 1e-5 rad to a singular one can be missing or found "
+        "twice, and no status says so. q is written with OK only. UNREACHABLE: nothing was found. NOT_CONVERGED: more "
+        "than 16 configurations, as the arm is singular at the pose. BAD_ARGUMENT also means that R is no rotation, "
+        "that an entry of q_start is larger than 1000, or that free does not list six different coordinates with a "
+        "motor.",
         (
             Field("p", "const real *", ("3",), "m", "position of the tool in the world"),
             Field("R", "const real *", ("9",), "1", "its rotation matrix by columns"),

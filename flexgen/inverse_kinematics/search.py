@@ -24,6 +24,7 @@ from flexgen.numerics.rotations import turn_angle
 
 SINGULAR = 1e-4  # smallest singular value of the scaled Jacobian over the largest
 FAMILY = 1e-12  # the same, of a pose that a family of configurations reaches: the error that is left
+ROUNDING = 1e-14  # error of a pose by rounding: over the distance, that of the joints along the direction that is lost
 TURNED = 2e-3  # rad: rotation of the goal beside which the search is not singular
 NEAR = 0.05  # distance from singularity of a configuration at the turned goal that is refined at the goal
 REFINED = 1e-11  # largest error of a refined configuration
@@ -180,7 +181,8 @@ def _turn_of(vector: np.ndarray) -> np.ndarray:
     return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)
 
 
-_TURN = _turn_of(TURNED * np.array([0.48, -0.64, 0.6]))
+_TURNS = [_turn_of(TURNED * np.array(axis)) for axis in ((0.48, -0.64, 0.6), (0.8, 0.6, 0.0))]
+_TURNS += [turn.T for turn in _TURNS]
 
 
 @lru_cache(maxsize=16)
@@ -218,17 +220,20 @@ class _Solver:
     def all_at(self, goal: np.ndarray, home: np.ndarray) -> list[np.ndarray]:
         """All solutions (n_g,), also beside singularities, where the search in C finds copies or nothing.
 
-        Those of a goal that is turned by `TURNED` are refined at the goal itself; of a family of solutions, one
-        remains, the nearest to ``home``.
+        Those of four goals that are turned by `TURNED`, about two axes there and back, are refined at the goal itself:
+        at the edge of the workspace some of them can be out of reach. Of a family of solutions, one remains, the
+        nearest to ``home``.
         """
-        turned = self.solve(np.concatenate([goal[:3], (_TURN @ goal[3:].reshape(3, 3)).ravel()]))
+        R = goal[3:].reshape(3, 3)
+        each = [self.solve(np.concatenate([goal[:3], (turn @ R).ravel()])) for turn in _TURNS]
+        turned = [q for found in each for q in found]
         close = [q for q in turned if self._distance(q) < NEAR]
         try:
             found = self.solve(goal)
-        except SolverError:
+        except SolverError:  # copies of a few configurations, in which the others are lost
             if not close:
                 raise
-            found = []
+            found, close = [], turned
         if not close:
             return found
         out = [q for q in found if self._distance(q) >= SINGULAR]
@@ -236,7 +241,7 @@ class _Solver:
         starts = [q + shift * self._null(q) for q in close for shift in SHIFTS]
         refined = [self._refined(goal, q, home) for q in starts]
         for q in sorted((q for q in refined if q is not None), key=lambda q: float(np.abs(q - home).max())):
-            if not any(self._same(q, other) for other in out):
+            if not any(self._same(goal, q, other) for other in out):
                 out.append(q)
         return out
 
@@ -258,21 +263,27 @@ class _Solver:
         sizes = np.linalg.svd(self._jacobian(q), compute_uv=False)
         return float(sizes[-1] / sizes[0])
 
-    def _same(self, q: np.ndarray, other: np.ndarray) -> bool:
-        """Whether two configurations are one, or of one family."""
-        change = q - other
+    def _same(self, goal: np.ndarray, q: np.ndarray, other: np.ndarray) -> bool:
+        """Whether two configurations at a goal are one, or of one family."""
         rotary = np.array([self.model.coordinates[i].unit == "rad" for i in self.i_g])
-
-        def size(x: np.ndarray) -> float:
-            return float(np.abs(np.where(rotary, (x + np.pi) % (2 * np.pi) - np.pi, x)).max())
-
-        if size(change) < SAME:
+        change = np.where(rotary, (q - other + np.pi) % (2 * np.pi) - np.pi, q - other)
+        if np.abs(change).max() < SAME:
             return True
-        if max(self._distance(q), self._distance(other)) >= FAMILY:
+        distance = max(self._distance(q), self._distance(other))
+        along, null = np.inf if distance < FAMILY else ROUNDING / distance, self._null(q)
+        if along < SAME:
             return False
-        null = self._null(q)
         k = int(np.argmax(np.abs(null)))
-        return any(size(change - null * (change[k] + turn) / null[k]) < SAME for turn in (-2 * np.pi, 0.0, 2 * np.pi))
+        for turn in (-2 * np.pi, 0.0, 2 * np.pi):  # a straight family
+            move = change[k] + turn
+            left = change - null * move / null[k]
+            left = np.where(rotary, (left + np.pi) % (2 * np.pi) - np.pi, left)
+            if abs(move) < along and np.abs(left).max() < SAME:
+                return True
+        if distance >= FAMILY:
+            return False
+        moved = self._refined(goal, q - change, q)  # along a curved one, as near as it comes
+        return moved is not None and float(np.abs(moved - q).max()) < SAME
 
     def _refined(self, goal: np.ndarray, q: np.ndarray, home: np.ndarray) -> np.ndarray | None:
         """A solution by Newton's method with the singular values of the Jacobian; None: it is not found.

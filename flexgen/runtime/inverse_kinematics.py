@@ -76,7 +76,8 @@ class InverseKinematics:
         -------
         ndarray (k, n_a) [rad or m]
             Rotations within half a turn of ``q_start``; limits of the joints are not checked. Empty where the pose
-            cannot be reached.
+            cannot be reached. Configurations closer than about 1e-5 rad to a singular one can be missing or found
+            twice; `flexgen.kinematics` finds each of them once.
 
         Raises
         ------

@@ -34,3 +34,28 @@ def test_configuration_beside_a_wrist_singularity_is_found_once_among_those_of_i
         else:  # a family: the sum of the fourth and sixth angle is what the pose determines
             rows = [np.r_[c.q[:3] - q[:3], c.q[4], c.q[3] + c.q[5] - q[3] - q[5]] for c in found if c.singular]
             assert sum(np.abs(wrapped(row)).max() < 1e-6 for row in rows) == 1
+
+
+# The elbow is 0.0124 rad from stretched, so that small rotations of the goal one way are out of reach.
+STRETCHED = (0.759149969559, -0.182313203717, 0.265140327935, -1.117924583519, 0.0, -0.659752793832)
+
+
+@pytest.mark.parametrize("q5", [1e-7, 1e-6])
+def test_configuration_beside_a_wrist_singularity_is_found_where_the_elbow_is_nearly_stretched_too(q5):
+    equations = flexgen.derive("manutec_r3")
+    q = np.array(STRETCHED)
+    q[4] = q5
+    p, R = evaluate(equations.function("forward_kinematics"), q[None])
+    found = flexgen.kinematics(equations.model, p.ravel(), R.reshape(3, 3))
+    assert sum(np.abs(wrapped(c.q - q)).max() < 1e-5 for c in found) == 1 and max(c.error for c in found) < 1e-11
+
+
+def test_configurations_that_rounding_cannot_separate_are_found_once():
+    """1e-10 rad beside the singular wrist: four or eight configurations, or one of a family that is flagged."""
+    equations = flexgen.derive("manutec_r3")
+    rng = np.random.default_rng(0)
+    for q in rng.uniform(-1.5, 1.5, (12, 6)):
+        q[4] = 1e-10
+        p, R = evaluate(equations.function("forward_kinematics"), q[None])
+        found = flexgen.kinematics(equations.model, p.ravel(), R.reshape(3, 3))
+        assert len(found) in (4, 8) or any(c.singular for c in found), len(found)
