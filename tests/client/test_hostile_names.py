@@ -6,15 +6,18 @@ from dataclasses import replace
 
 import pytest
 from bad_models import GOOD
-from emitted import ROOT
+from emitted import ROOT, run
 from toolchain import CC, needs_compiler
 from unchecked import unchecked
 
 from flexgen.build.generate import generate
+from flexgen.codegen.path_header import path_header
 from flexgen.errors import ArgumentError, BuildError, FlexgenError, ModelError
 from flexgen.model.moves import Program
 from flexgen.model.reader import read
 from flexgen.model.sensors import Sensor
+from flexgen.paths.path import plan
+from flexgen.reports.view import view
 
 pytestmark = needs_compiler
 
@@ -135,6 +138,28 @@ def test_names_of_moves_are_printable_texts(name):
     with pytest.raises(ArgumentError, match=r"move.name: given .* expected a printable text"):
         Program(name=name, start=(0.0, 0.0))
     assert replace(read("elbow").moves[0], name="two words, 1/2").name
+
+
+@pytest.mark.parametrize(
+    "name", ["*/ int evil; /*", '"><script>evil()</script>', "--><script>evil()</script>", "a\\", "??/"]
+)
+def test_names_of_moves_are_escaped_in_c_and_pages(name, tmp_path):
+    model = read("elbow")
+    path = plan(model, replace(model.moves[0], name=name))
+    (tmp_path / "path.h").write_text(path_header(model, path.move.name, path.table(), path.duration))
+    (tmp_path / "use.c").write_text('#include "path.h"\nint main(void) { return 0; }\n')
+    words = [
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-Wno-unused",
+        "-trigraphs",
+        f"-I{ROOT / 'generated' / 'elbow'}",
+    ]
+    run(CC, *words, "use.c", folder=tmp_path)
+    view(model, tmp_path / "page.html", move=path.move)
+    assert "<script>evil" not in (tmp_path / "page.html").read_text()
 
 
 @pytest.mark.parametrize(

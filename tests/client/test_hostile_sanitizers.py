@@ -13,6 +13,7 @@ from hostile import OUTPUTS, SPOILERS, Target, call_of, invert, target
 from hostile_client import SANITIZE, begin, bound, can_sanitize, statuses, text, update, whole_path
 from toolchain import CC, needs_compiler, tools
 
+from flexgen.build.generate import generate
 from flexgen.codegen.spec import library_name
 
 pytestmark = needs_compiler
@@ -26,7 +27,8 @@ LEVELS = ("-O0", "-O1", "-O2")
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hostile")
-    options = {"manutec_r3": {"move": "line", "singular": 4}, "planar5_nmp": {"singular": 1}, "elbow": {"singular": 1}}
+    line = {"move": "line", "singular": 4}
+    options = {"manutec_r3": line, "manutec_r3_18": line, "planar5_nmp": {"singular": 1}, "elbow": {"singular": 1}}
 
     @cache
     def one(name: str) -> Target:
@@ -35,12 +37,12 @@ def made(tmp_path_factory):
     return one
 
 
-def corpus(one: Target) -> tuple[list[list[float]], list[int | None]]:
+def corpus(one: Target, rounds: int) -> tuple[list[list[float]], list[int | None]]:
     """Calls, and the statuses that the library of every day gives them; None where it was not asked."""
     rng = np.random.default_rng(SEED)
     records: list[list[float]] = []
     expected: list[int | None] = []
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         for spoil in SPOILERS:
             call, _ = spoil(one, rng)
             records.append(whole_path(call))
@@ -78,23 +80,29 @@ def corpus(one: Target) -> tuple[list[list[float]], list[int | None]]:
     return records, expected
 
 
-@pytest.mark.parametrize("name", ["planar5_nmp", "elbow", "manutec_r3"])
-def test_sanitizers_are_silent(made, name, tmp_path):
+@pytest.mark.parametrize(
+    ("name", "rounds", "files"),
+    [
+        ("planar5_nmp", ROUNDS, "many"),
+        ("elbow", ROUNDS, "many"),
+        ("elbow", 1, "one"),
+        ("manutec_r3", ROUNDS, "many"),
+        ("manutec_r3_18", 1, "many"),
+    ],
+)
+def test_sanitizers_are_silent(made, name, rounds, files, tmp_path):
     if not can_sanitize(tmp_path):
         pytest.skip("the compiler has no sanitizers; install the Debian package gcc")
     one = made(name)
     symbol = library_name(one.equations.model)
-    (tmp_path / "client.c").write_text(text(symbol), encoding="ascii")
-    command = [
-        str(CC),
-        *STRICT,
-        *SANITIZE,
-        f"-I{one.directory}",
-        "client.c",
-        *map(str, sources(one.directory)),
-    ]
+    folder, client, parts = one.directory, text(symbol), sources(one.directory)
+    if files == "one":
+        folder = generate(name, tmp_path / "merged", amalgamate=True, build=False).directory
+        client, parts = client.replace(f"{symbol}_inversion.h", f"{symbol}.h"), [folder / f"{symbol}.c"]
+    (tmp_path / "client.c").write_text(client, encoding="ascii")
+    command = [str(CC), *STRICT, *SANITIZE, f"-I{folder}", "client.c", *map(str, parts)]
     run(*command, "-lm", "-o", "client", folder=tmp_path)
-    records, expected = corpus(one)
+    records, expected = corpus(one, rounds)
     got = statuses([str(tmp_path / "client")], records, tmp_path)
     assert len(got) == len(expected)
     assert [g for g, e in zip(got, expected, strict=True) if e is not None] == [e for e in expected if e is not None]

@@ -111,7 +111,7 @@ FULL_CASES = {
         "planar5_nmp-double",
     },
     "client/test_fmu_import.py": {"manutec_r3_24"},
-    "client/test_hostile_sanitizers.py": {"manutec_r3"},
+    "client/test_hostile_sanitizers.py": {"manutec_r3", "manutec_r3_18"},
     "client/test_gallery.py": {"feedback_linearization", "minimum_phase", "models_compared"},
     "client/test_motion_control.py": {"gcc with sanitizers"},
     "client/test_notebooks.py": {"benchmark_f", "feedback_study", "identify", "learning"},
