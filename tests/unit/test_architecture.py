@@ -87,33 +87,54 @@ class Import:
     late: bool
 
 
+@dataclass(frozen=True)
+class Source:
+    """What the rules need to know of a source.
+
+    Parameters
+    ----------
+    imports : list of tuple
+        As written: module, name (empty for ``import module``), line, and whether it is late.
+    functions : list of tuple
+        Name, first line, number of lines.
+    """
+
+    imports: list[tuple[str, str, int, bool]]
+    functions: list[tuple[str, int, int]]
+
+
 @cache
-def written_imports(text: str) -> list[tuple[str, str, int, bool]]:
-    """Imports of a source as written: module, name (empty for ``import module``), line, and whether it is late."""
+def source(text: str) -> Source:
+    """One pass through the syntax tree of a source, which is made once for all tests."""
     out: list[tuple[str, str, int, bool]] = []
+    functions: list[tuple[str, int, int]] = []
 
     def walk(node: ast.AST, late: bool) -> None:
+        if isinstance(node, ast.expr):
+            return  # there is no statement in it
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            functions.append((node.name, node.lineno, (node.end_lineno or node.lineno) - node.lineno + 1))
         if isinstance(node, ast.Import):
             out.extend((alias.name, "", node.lineno, late) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"line {node.lineno}: relative import of {node.module}"
             assert node.module is not None
             out.extend((node.module, alias.name, node.lineno, late) for alias in node.names)
-        inside = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        inside = isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
         guard = isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
         for child in ast.iter_child_nodes(node):
             guarded = guard and isinstance(node, ast.If) and child in node.body
             walk(child, late or inside or guarded)
 
     walk(ast.parse(text), False)
-    return out
+    return Source(out, functions)
 
 
 def imports_of(module: str, text: str, known: Container[str]) -> list[Import]:
     """All imports of a module's source; names that are modules among the ``known`` ones are targets themselves."""
     return [
         Import(module, f"{base}.{name}" if name and f"{base}.{name}" in known else base, line, late)
-        for base, name, line, late in written_imports(text)
+        for base, name, line, late in source(text).imports
     ]
 
 
@@ -218,16 +239,6 @@ def files(root: Path = ROOT) -> dict[str, str]:
     return {path.relative_to(root).as_posix(): path.read_text(encoding="utf-8") for path in found}
 
 
-@cache
-def functions(text: str) -> list[tuple[str, int, int]]:
-    """Functions of a source: name, first line, number of lines."""
-    return [
-        (node.name, node.lineno, (node.end_lineno or node.lineno) - node.lineno + 1)
-        for node in ast.walk(ast.parse(text))
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-    ]
-
-
 def size_violations(texts: dict[str, str]) -> list[str]:
     """Folders, files and functions with more lines than `FOLDER`, `FILE` and `FUNCTION`."""
     out = []
@@ -240,7 +251,7 @@ def size_violations(texts: dict[str, str]) -> list[str]:
             out.append(f"{path}: {lines} lines, at most {FILE} in a file")
         out += [
             f"{path}:{line}: {name} has {length} lines, at most {FUNCTION} in a function"
-            for name, line, length in functions(text)
+            for name, line, length in source(text).functions
             if length > FUNCTION
         ]
     out += [f"{folder}: {n} lines, at most {FOLDER} in a folder" for folder, n in folders.items() if n > FOLDER]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,7 @@ def quick_files() -> list[Path]:
     """Test files with a test that no table and no mark of the file makes slow."""
     out = []
     for path in sorted(TESTS.glob("*/test_*.py")):
-        tests = [node for node in ast.parse(path.read_text(encoding="utf-8")).body if isinstance(node, ast.FunctionDef)]
+        tests = [node for node in tree(path).body if isinstance(node, ast.FunctionDef)]
         marks = [[ast.unparse(mark) for mark in node.decorator_list] for node in tests if node.name.startswith("test_")]
         quick = any("pytest.mark.slow" not in mark and "pytest.mark.full" not in mark for mark in marks)
         if quick and not slow(path.relative_to(TESTS).as_posix(), ""):
@@ -31,22 +32,35 @@ def quick_files() -> list[Path]:
     return out
 
 
+@cache
+def tree(path: Path) -> ast.Module:
+    """The syntax tree of a file, which nobody changes."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
+def imported_names(path: Path) -> frozenset[str]:
+    """All dotted names that a file imports."""
+    out: set[str] = set()
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.Import):
+            out |= {alias.name for alias in node.names}
+        if isinstance(node, ast.ImportFrom) and node.module:
+            out |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return frozenset(out)
+
+
 def imported_rooms(path: Path) -> set[str]:
     """The rooms that a test file imports from, itself and through the helpers in tests/support."""
     out: set[str] = set()
+    helpers = {file.stem: file for file in (TESTS / "support").glob("*.py")}
     seen, todo = set(), [path]
     while todo:
         file = todo.pop()
         seen.add(file)
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            names = []
-            if isinstance(node, ast.Import):
-                names = [alias.name for alias in node.names]
-            if isinstance(node, ast.ImportFrom) and node.module:
-                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-            out |= {name.split(".")[1] for name in names if name.startswith("flexgen.")}
-            helpers = [TESTS / "support" / f"{name}.py" for name in names]
-            todo += [helper for helper in helpers if helper.exists() and helper not in seen]
+        names = imported_names(file)
+        out |= {name.split(".")[1] for name in names if name.startswith("flexgen.")}
+        todo += [helpers[name] for name in names if name in helpers and helpers[name] not in seen]
     return out & rooms()
 
 
@@ -93,6 +107,6 @@ def test_no_module_of_tests_imports_another():
     """Helpers live in tests/support."""
     names = {path.stem for path in TESTS.glob("*/test_*.py")}
     for path in TESTS.glob("*/*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree(path)):
             found = node.module if isinstance(node, ast.ImportFrom) else None
             assert found not in names, f"{path.name} imports {found}; move the helper to tests/support"
