@@ -16,6 +16,10 @@ TEST_CACHE := build/test-cache
 # Two workers use both cores: BLAS with threads of its own would make them wait for each other.
 RUN_TESTS = FLEXGEN_TEST_CACHE=$(CURDIR)/$(TEST_CACHE) OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
+# Python keeps what it compiles, whatever the environment says: tests and examples start hundreds of processes, and each
+# would compile all that it imports again (2 s instead of 0.5 s).
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: run help setup setup-test setup-lint setup-dev test test-slow test-full robots fuzz lint format types docs gallery bench dist sbom golden clean
 
 run: $(VENV)/.installed            ## solve the example planar5_nmp (the default target)
