@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
 GIVEN, MESSAGE = 600, 4000  # characters of what was given, and of a message, that are shown
 
@@ -37,6 +38,16 @@ class FlexgenError(Exception):
 
     def __init__(self, *args: object) -> None:
         super().__init__(*(message_of(x) if isinstance(x, str) else x for x in args))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickled with its text and fields: errors of worker processes reach the user, whatever `__init__` takes."""
+        return _restored, (type(self), self.args, self.__dict__)
+
+
+def _restored(kind: type[FlexgenError], args: tuple[Any, ...], fields: dict[str, Any]) -> FlexgenError:
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(fields)
+    return error
 
 
 class ModelError(FlexgenError):

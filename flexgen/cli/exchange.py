@@ -6,7 +6,7 @@ import json
 from argparse import Namespace
 
 from flexgen.atomic_files import write_text
-from flexgen.cli.verbs import Progress, VerbResult, check_writable, read_model, title, writing
+from flexgen.cli.verbs import Progress, VerbResult, check_writable, read_model, writing
 from flexgen.errors import ArgumentError
 
 
@@ -19,7 +19,7 @@ def mujoco(args: Namespace, log: Progress) -> VerbResult:
     with writing(args.out):
         path = export_mujoco(model, args.out, friction=args.friction)
     data = {"model": model.name, "variant": model.variant, "friction": args.friction, "out": str(path)}
-    return VerbResult(data, f"wrote {path}: {title(model)}, {model.dof} joints, {model.n_m} motors")
+    return VerbResult(data, f"wrote {path}: {model.title}, {model.dof} joints, {model.n_m} motors")
 
 
 def urdf(args: Namespace, log: Progress) -> VerbResult:
@@ -31,7 +31,7 @@ def urdf(args: Namespace, log: Progress) -> VerbResult:
     with writing(args.out):
         paths = [str(path) for path in export_urdf(model, args.out)]
     data = {"model": model.name, "variant": model.variant, "out": paths[0], "overlay": paths[1]}
-    return VerbResult(data, f"wrote {paths[0]}: {title(model)}, rigid\nwrote {paths[1]}: gears, motors, springs, moves")
+    return VerbResult(data, f"wrote {paths[0]}: {model.title}, rigid\nwrote {paths[1]}: gears, motors, springs, moves")
 
 
 def schema(args: Namespace, log: Progress) -> VerbResult:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from flexgen.cli.argument_parser import Parser
-from flexgen.cli.verbs import Progress, VerbResult, check_writable, read_model, title
+from flexgen.cli.verbs import Progress, VerbResult, check_writable, read_model
 
 LATE = 2e-3  # s: sample time and delay of the gains that are proposed, one update of 1 ms each
 
@@ -18,7 +18,7 @@ def selftest(args: Namespace, log: Progress) -> VerbResult:
 
     check_writable(args.out, folder=True)
     robot = read_model(args)
-    log(f"writing the self-test of {title(robot)}")
+    log(f"writing the self-test of {robot.title}")
     precision = "single" if args.single else "double"
     options: dict[str, Any] = {"precision": precision, "move": args.move, "motion": not args.no_motion}
     return _result(robot, export_selftest(robot, args.out, force=args.force, **options))
@@ -30,7 +30,7 @@ def ros2(args: Namespace, log: Progress) -> VerbResult:
 
     check_writable(args.out, folder=True)
     robot = read_model(args)
-    log(f"writing the ROS 2 package of {title(robot)}")
+    log(f"writing the ROS 2 package of {robot.title}")
     gains = None if args.no_controller or args.no_gains else _gains(robot)
     names = {"maintainer": args.maintainer, "email": args.email, "license_name": args.license}
     options: dict[str, Any] = {"package": args.package, "controller": not args.no_controller, "gains": gains, **names}
@@ -43,7 +43,7 @@ def mex(args: Namespace, log: Progress) -> VerbResult:
 
     check_writable(args.out, folder=True)
     robot = read_model(args)
-    log(f"writing the functions of {title(robot)}")
+    log(f"writing the functions of {robot.title}")
     return _result(robot, export_mex(robot, args.out, force=args.force))
 
 
@@ -53,7 +53,7 @@ def simulink(args: Namespace, log: Progress) -> VerbResult:
 
     check_writable(args.out, folder=True)
     robot = read_model(args)
-    log(f"writing the blocks of {title(robot)}")
+    log(f"writing the blocks of {robot.title}")
     return _result(robot, export_simulink(robot, args.out, stream=not args.no_stream, force=args.force))
 
 
@@ -63,7 +63,7 @@ def plcopen(args: Namespace, log: Progress) -> VerbResult:
 
     check_writable(args.out, folder=True)
     robot = read_model(args)
-    log(f"writing the function blocks of {title(robot)}")
+    log(f"writing the function blocks of {robot.title}")
     return _result(robot, export_plcopen(robot, args.out, stream=not args.no_stream, force=args.force))
 
 
@@ -94,7 +94,7 @@ def _result(robot: Any, made: Any) -> VerbResult:
         "directory": str(made.directory),
         "files": [str(path) for path in made.files],
     }
-    lines = [f"{title(robot)}: {made.kind} in {made.directory}", "", *(f"wrote {path}" for path in made.files)]
+    lines = [f"{robot.title}: {made.kind} in {made.directory}", "", *(f"wrote {path}" for path in made.files)]
     return VerbResult(data, "\n".join(lines))
 
 

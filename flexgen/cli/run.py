@@ -17,7 +17,6 @@ from flexgen.cli.verbs import (
     derived,
     generated_dict,
     read_model,
-    title,
     writing,
 )
 
@@ -43,7 +42,7 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     from flexgen.reports.html import write_report
     from flexgen.runtime import load
 
-    log(f"describe: {title(robot)}, {one_line(robot.description)}")
+    log(f"describe: {robot.title}, {one_line(robot.description)}")
     equations = derived(args)
     log("analyze: modes, poles and zeros at the home pose")
     analysis = analyze_model(equations)
@@ -66,7 +65,7 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     solved["trajectory"] = str(trajectory)
     slowest = facts["unstable_time_constant_s"]
     rows: list[tuple[str, Any, str]] = [
-        ("model", title(robot), ""),
+        ("model", robot.title, ""),
         ("motors, degrees of freedom", f"{robot.n_m}, {robot.dof}", ""),
         ("lowest mode", facts["modes_hz"][0] if facts["modes_hz"] else None, "Hz"),
         ("phase of the output", facts["phase"], ""),

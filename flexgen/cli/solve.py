@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexgen.cli.printing import duration, figure_rows, figures, paragraph, plain, suggestion
-from flexgen.cli.verbs import Progress, VerbResult, alone, check_report, check_writable, derived, title, writing
+from flexgen.cli.verbs import Progress, VerbResult, alone, check_report, check_writable, derived, writing
 from flexgen.errors import ArgumentError
 from flexgen.inversion.status import Status
 
@@ -124,7 +124,7 @@ def _solve_one(
 
         equations = derive(solution.model)
     data = solution.to_dict()
-    lines = [f"{title(equations.model)}, move {solution.move.name}\n\n{figures(figure_rows(solution))}\n"]
+    lines = [f"{equations.model.title}, move {solution.move.name}\n\n{figures(figure_rows(solution))}\n"]
     lines += [f"tried before: {text}" for text in solution.details.get("attempts", ())]
     if out is not None:
         with writing(out):
@@ -272,7 +272,7 @@ def simulate(args: Namespace, log: Progress) -> VerbResult:
     simulation = simulate_model(equations, args.trajectory, progress=log)
     shown = {figure.key: figure.value for figure in simulation.figures()}
     data: dict[str, Any] = {"model": equations.model.name, **shown, "trajectory": None}
-    text = f"{title(equations.model)} under the motor torques of {args.trajectory}\n\n" + figures(
+    text = f"{equations.model.title} under the motor torques of {args.trajectory}\n\n" + figures(
         figure_rows(simulation)
     )
     if args.out is not None:

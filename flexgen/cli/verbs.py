@@ -65,7 +65,7 @@ def derived(args: Namespace, log: Progress | None = None) -> Equations:
 
     robot = read_model(args)
     if log is not None:
-        log(f"deriving {title(robot)}")
+        log(f"deriving {robot.title}")
     return derive(robot)
 
 
@@ -155,11 +155,6 @@ def describe(args: Namespace, log: Progress) -> VerbResult:
     return VerbResult(data, description_text(data))
 
 
-def title(robot: RobotModel) -> str:
-    """Name and variant of a model."""
-    return robot.name + (f"@{robot.variant}" if robot.variant else "")
-
-
 # --- derive, analyze, generate ----------------------------------------------------------------------------------------
 
 
@@ -223,7 +218,7 @@ def analyze(args: Namespace, log: Progress) -> VerbResult:
         path = ToolPath(equations, named_move(equations.model, args.move))
     analysis = analyze_model(equations, args.pose, path)
     data = analysis.to_dict()
-    text = title(analysis.model) + " in equilibrium\n\n" + _analysis_text(analysis)
+    text = analysis.model.title + " in equilibrium\n\n" + _analysis_text(analysis)
     if args.report is not None:
         from flexgen.reports.analysis_page import write_analysis
 
@@ -262,7 +257,7 @@ def generate(args: Namespace, log: Progress) -> VerbResult:
         force=args.force,
     )
     done = f"built in {library.seconds:.1f} s" if not library.cached else "written, not compiled"
-    lines = [f"{title(robot)}: {done if library.written else 'nothing has changed'} in {library.directory}"]
+    lines = [f"{robot.title}: {done if library.written else 'nothing has changed'} in {library.directory}"]
     lines += ["", paragraph("functions: " + ", ".join(library.functions))]
     reason = inversion_reason(robot, library.functions)
     if reason is not None:

@@ -107,7 +107,7 @@ class _Writer:
         """The document."""
         model = self.model
         root = ElementTree.Element("mujoco", {"model": model.name})
-        chosen = f"{model.name}@{model.variant}" if model.variant else model.name
+        chosen = model.title
         note = "" if self.friction == "exact" else f", friction {self.friction}"
         root.append(ElementTree.Comment(f" {chosen}{note}, written by flexgen {__version__} "))
         add(root, "compiler", angle="radian", autolimits="false", inertiafromgeom="false")

@@ -219,7 +219,7 @@ def _new_name(stem: str, taken: Iterable[str]) -> str:
 def urdf_text(model: RobotModel, steps: list[Step]) -> str:
     """The URDF file."""
     root = ElementTree.Element("robot", {"name": model.name})
-    root.append(ElementTree.Comment(f" rigid part of {_title(model)}, written by flexgen {__version__} "))
+    root.append(ElementTree.Comment(f" rigid part of {model.title}, written by flexgen {__version__} "))
     parent = _ground(steps)
     add(root, "link", name=parent)
     efforts = _efforts(model)
@@ -270,10 +270,6 @@ def _ground(steps: list[Step]) -> str:
     return _new_name("base_link", {step.link for step in steps})
 
 
-def _title(model: RobotModel) -> str:
-    return f"{model.name}@{model.variant}" if model.variant else model.name
-
-
 # --- the overlay ------------------------------------------------------------------------------------------------------
 
 
@@ -287,7 +283,7 @@ def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) 
     if model.payload.mass:
         data["payload"] = body_table(model.payload)
     data["output"] = output_table(model)
-    lines = [f"# {_title(model)}{_WRITTEN_BY}{__version__}: what {file} cannot contain"]
+    lines = [f"# {model.title}{_WRITTEN_BY}{__version__}: what {file} cannot contain"]
     lines += [f"{key} = {toml(value)}" for key, value in data.items() if value not in ({}, ())]
     ends = {"file": file, "base": _ground(steps), "tip": steps[-1].link, "limits": False, "dynamics": False}
     lines += ["", "[urdf]", *(f"{key} = {toml(value)}" for key, value in ends.items())]

@@ -56,5 +56,5 @@ def check(model: str | Path | RobotModel | Equations, *, motions: bool = True) -
         findings.append(overdamped(poles(linearize(equations, rest)), SLOW))
     if motions:
         findings += moves(equations)
-    title = f"{robot.name}@{robot.variant}" if robot.variant else robot.name
+    title = robot.title
     return Check(title, tuple(findings))

@@ -30,7 +30,7 @@ def zeros_along(model: RobotModel, path: ZeroPath) -> Figure:
         raise ArgumentError(
             "zeros along the path: given only zeros on the imaginary axis, expected at least one off it"
         )
-    title = f"{cv.title_of(model)}: zeros along the path"
+    title = f"{model.title}: zeros along the path"
     figure = cv.new_figure(cv.WIDTH, 0.6 + 2.3 * len(drawn), title)
     times = np.broadcast_to(path.t[:, None], path.zeros.shape)
     for ax, (name, label, here) in zip(figure.subplots(len(drawn), 1, squeeze=False)[:, 0], drawn, strict=True):
@@ -67,7 +67,7 @@ def errors_of_methods(model: RobotModel, solutions: tuple[Solution, ...]) -> Fig
     one = solutions[0]
     first = min(float(t[0]) for t, _ in found.values())
     window = max(first, -0.06 * one.move.duration), one.move.duration, max(float(t[-1]) for t, _ in found.values())
-    title = f"{cv.title_of(model)}, move {one.move.name}: tool error by method, start on the path"
+    title = f"{model.title}, move {one.move.name}: tool error by method, start on the path"
     figure = cv.new_figure(cv.WIDTH, 0.6 + 2.5 * len(units), title)
     for ax, unit in zip(figure.subplots(len(units), 1, squeeze=False)[:, 0], units, strict=True):
         top = max(float(errors[unit].max()) for _, errors in found.values() if unit in errors)

@@ -24,7 +24,6 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from flexgen.atomic_files import atomic_file, write_text
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
-from flexgen.model.elements import RobotModel
 from flexgen.trajectory import Trajectory
 
 BLUE: str = "#0072B2"
@@ -113,11 +112,6 @@ def save(figure: Figure, path: str | Path, dpi: float = 150.0) -> Path:
 
 
 # --- helpers ----------------------------------------------------------------------------------------------------------
-
-
-def title_of(model: RobotModel) -> str:
-    """Name of a model with its variant: ``name@variant``."""
-    return f"{model.name}@{model.variant}" if model.variant else model.name
 
 
 def power(x: float, _: Any = None) -> str:

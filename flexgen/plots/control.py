@@ -20,7 +20,7 @@ COLORS = (cv.BLUE, cv.RED, cv.GREEN, cv.ORANGE, cv.PURPLE, cv.SKY, cv.GREY)
 @cv.styled
 def plot_control(run: ControlRun) -> Figure:
     """Distance of the output from its reference in time, all robots; below it the motor torques of the model."""
-    title = f"{cv.title_of(run.model)}: move {run.solution.move.name} under controller {run.controller}"
+    title = f"{run.model.title}: move {run.solution.move.name} under controller {run.controller}"
     figure = cv.new_figure(cv.WIDTH, 5.4, title)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1.0))
     time = run.reference.time
@@ -56,7 +56,7 @@ def plot_loops(run: ControlRun) -> Figure | None:
     loops = run.loops()
     if not loops:
         return None
-    title = f"{cv.title_of(run.model)}: linear loops under {run.controller}"
+    title = f"{run.model.title}: linear loops under {run.controller}"
     figure = cv.new_figure(cv.WIDTH, 3.8, title)
     bode, nyquist = figure.subplots(1, 2)
     for k, (name, loop) in enumerate(loops.items()):
@@ -136,7 +136,7 @@ def _bars(ax: Any, score: Score) -> None:
 def plot_learned(learned: Learned) -> Figure:
     """Largest error of every iteration, errors in time without correction and in the best one, and the correction."""
     first, best = learned.runs[0], learned.runs[learned.best]
-    figure = cv.new_figure(cv.WIDTH, 6.0, f"{cv.title_of(first.model)}: learning of move {first.solution.move.name}")
+    figure = cv.new_figure(cv.WIDTH, 6.0, f"{first.model.title}: learning of move {first.solution.move.name}")
     top, middle, bottom = figure.subplots(3, 1, height_ratios=(1.0, 1.2, 1.0))
     errors, unit = 1e3 * np.array(learned.errors), f"m{learned.unit}"
     top.semilogy(np.arange(len(errors)), errors, "o-", color=cv.BLUE)

@@ -16,7 +16,7 @@ COLORS = dict(zip(FAMILIES, (cv.GREY, cv.ORANGE, cv.RED, cv.PURPLE, cv.BLUE), st
 def plot_feedback_study(study: FeedbackStudy) -> Figure:
     """Worst error of the six robots over torque noise of all tunings, a panel for each setting with measured angles."""
     settings = [s for s in study.settings if not s.exact] or list(study.settings)
-    title = f"{cv.title_of(study.model)}: worst error of {len(study.plants)} robots, every tuning of each feedback"
+    title = f"{study.model.title}: worst error of {len(study.plants)} robots, every tuning of each feedback"
     figure = cv.new_figure(cv.WIDTH, 3.8, title)
     panels = figure.subplots(1, len(settings), sharey=True, squeeze=False)[0]
     for ax, setting in zip(panels, settings, strict=True):

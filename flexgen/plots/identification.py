@@ -115,7 +115,7 @@ def parameter_plot(identified: Identified) -> Figure:
     groups = [g for g in _split([u.name for u in unknowns]) if g]
     rows = [max(len(g), 3) for g in groups]
     height = 0.19 * sum(rows) + 0.7 * len(groups) + 0.5
-    figure = cv.new_figure(cv.WIDTH, height, f"{cv.title_of(identified.vector.model)}: identified over the model file")
+    figure = cv.new_figure(cv.WIDTH, height, f"{identified.vector.model.title}: identified over the model file")
     axes = figure.subplots(len(groups), 1, squeeze=False, gridspec_kw={"height_ratios": rows})[:, 0]
     in_file = {u.name: u.parameter.value for u in unknowns}
     for ax, names in zip(axes, groups, strict=True):
@@ -155,7 +155,7 @@ def correlation_plot(identified: Identified) -> Figure:
     """Correlations of the identified parameters."""
     names = identified.vector.names
     size = max(4.0, 0.19 * len(names) + 1.8)
-    figure = cv.new_figure(size + 0.8, size, f"{cv.title_of(identified.vector.model)}: correlations of parameters")
+    figure = cv.new_figure(size + 0.8, size, f"{identified.vector.model.title}: correlations of parameters")
     ax = figure.add_subplot()
     image = ax.imshow(identified.correlation, cmap="RdBu_r", vmin=-1, vmax=1)
     ax.set_xticks(range(len(names)), names, rotation=90)

@@ -82,7 +82,7 @@ def pole_zero_map(analysis: Analysis) -> Figure:
     analysis : Analysis
         From `flexgen.analyze`.
     """
-    figure = cv.new_figure(cv.WIDTH, 5.2, f"{cv.title_of(analysis.model)}: poles and zeros")
+    figure = cv.new_figure(cv.WIDTH, 5.2, f"{analysis.model.title}: poles and zeros")
     _draw_roots(figure, analysis)
     return figure
 
@@ -152,7 +152,7 @@ def frequency_response(analysis: Analysis) -> Figure:
     analysis : Analysis
         From `flexgen.analyze`. For several output directions, the norm of the vector is drawn.
     """
-    figure = cv.new_figure(cv.WIDTH, 6.0, f"{cv.title_of(analysis.model)}: frequency response")
+    figure = cv.new_figure(cv.WIDTH, 6.0, f"{analysis.model.title}: frequency response")
     _draw_response(figure, analysis)
     return figure
 
@@ -160,7 +160,7 @@ def frequency_response(analysis: Analysis) -> Figure:
 @cv.styled
 def plot_analysis(analysis: Analysis) -> Figure:
     """`pole_zero_map` above `frequency_response` in one figure, see `Analysis.plot`."""
-    figure = cv.new_figure(cv.WIDTH, 10.6, f"{cv.title_of(analysis.model)}: {phase_summary(analysis)}")
+    figure = cv.new_figure(cv.WIDTH, 10.6, f"{analysis.model.title}: {phase_summary(analysis)}")
     upper, lower = figure.subfigures(2, 1, height_ratios=[4.9, 5.7])
     _draw_roots(upper, analysis)
     _draw_response(lower, analysis)

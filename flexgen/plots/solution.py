@@ -47,7 +47,7 @@ ZERO = 1e-6  # of the largest value of all motors; a smaller signal is drawn as 
 
 def _title(equations: Equations, trajectory: Trajectory, text: str) -> str:
     move = trajectory.meta.get("move")
-    return f"{cv.title_of(equations.model)}{f', move {move}' if move else ''}: {text}"
+    return f"{equations.model.title}{f', move {move}' if move else ''}: {text}"
 
 
 def _window(equations: Equations, trajectory: Trajectory, end: float | None) -> tuple[float, float, float]:

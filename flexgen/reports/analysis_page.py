@@ -45,7 +45,7 @@ def write_analysis(analysis: Analysis, directory: str | Path) -> Path:
     figures = "".join(figure_element(picture, directory) for picture in drawn)
     for picture in drawn:
         canvas.save(picture.figure, directory / f"{picture.name}.png")
-    title = f"{canvas.title_of(model)}: analysis of an equilibrium"
+    title = f"{model.title}: analysis of an equilibrium"
     notes = "".join(f"<li>{html.escape(line)}</li>" for line in analysis.solvability.warnings)
     parts = [
         head(title),
@@ -64,7 +64,7 @@ def write_analysis(analysis: Analysis, directory: str | Path) -> Path:
 
 def tables(analysis: Analysis) -> str:
     """The title, and tables of the equilibrium, the modes and the zeros."""
-    title = html.escape(f"{canvas.title_of(analysis.model)}: analysis of an equilibrium")
+    title = html.escape(f"{analysis.model.title}: analysis of an equilibrium")
     return f"<h3>{title}</h3>\n{_equilibrium(analysis)}{dynamics_tables(analysis)}"
 
 

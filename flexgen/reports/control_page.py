@@ -48,7 +48,7 @@ def write_control(run: ControlRun, directory: str | Path) -> Path:
                 "distance from the cross is that from instability.",
             )
         )
-    title = f"{canvas.title_of(run.model)}: closed loop"
+    title = f"{run.model.title}: closed loop"
     bad = "" if run.status == "done" else " bad"
     facts = [
         ("status", f'<span class="status{bad}">{html.escape(run.status)}</span>', ""),
@@ -177,7 +177,7 @@ def write_learned(learned: Learned, directory: str | Path) -> Path:
         The folder has files of another program under these names, or cannot be written.
     """
     run, unit = learned.runs[0], learned.unit
-    title = f"{canvas.title_of(run.model)}: learning of move {run.solution.move.name}"
+    title = f"{run.model.title}: learning of move {run.solution.move.name}"
     rows = []
     for k, (r, correction) in enumerate(zip(learned.runs, learned.corrections, strict=True)):
         f = r.figures(r[learned.plant])

@@ -22,7 +22,7 @@ from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import Friction, Motor, RobotModel
 from flexgen.plots import solution as plots
-from flexgen.plots.canvas import measure, title_of
+from flexgen.plots.canvas import measure
 from flexgen.reports.folder import PAGE, check_folder, foot
 from flexgen.reports.motion import write_motion
 from flexgen.reports.pictures import Picture, pictures
@@ -298,7 +298,7 @@ def write_report(
     drawn = pictures(equations, solution, analysis, limits or Limits(), verified)
     check_folder(directory, (PAGE, *(f"{picture.name}.svg" for picture in drawn)))
     motion = write_motion(equations, solution.trajectory, solution.simulation, directory, solution.move.duration)
-    title = f"{title_of(model)}, move {solution.move.name}"
+    title = f"{model.title}, move {solution.move.name}"
     parts = [
         head(title),
         _introduction(title, model, solution),

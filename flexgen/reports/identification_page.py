@@ -59,7 +59,7 @@ def write_identification(identified: Identified, directory: str | Path) -> Path:
         ),
         Picture("correlations", plots.correlation_plot(identified), "Correlations of the identified parameters."),
     ]
-    title = f"{canvas.title_of(model)}: identification"
+    title = f"{model.title}: identification"
     parts = [
         head(title),
         f'<h1>{html.escape(title)}</h1>\n<p class="sub">{html.escape(model.description)}.</p>\n',

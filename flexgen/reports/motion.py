@@ -21,7 +21,7 @@ import numpy as np
 from flexgen.atomic_files import write_text
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
-from flexgen.plots.canvas import begin, title_of
+from flexgen.plots.canvas import begin
 from flexgen.plots.stick_figure import chain_parts, scene
 from flexgen.reports.folder import check_folder, foot
 from flexgen.simulation.result import Simulation
@@ -69,7 +69,7 @@ def write_motion(
 def motion_title(equations: Equations, trajectory: Trajectory) -> str:
     """Robot and move."""
     move = trajectory.meta.get("move")
-    return f"{title_of(equations.model)}{f', move {move}' if move else ''}"
+    return f"{equations.model.title}{f', move {move}' if move else ''}"
 
 
 def motion_text(data: dict[str, Any], title: str) -> str:

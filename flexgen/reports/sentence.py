@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.status import Status
-from flexgen.plots.canvas import title_of
 from flexgen.simulation.figures import both_measured, measured
 
 NUMERICAL = 1e-7  # m or rad: smaller errors are those of the computation, no accuracy of a robot
@@ -21,7 +20,7 @@ _BEGIN = {
 def in_words(solution: Solution) -> str:
     """One paragraph: what the motor torques do, by how much the output is off, with which feedback, for which robot."""
     model = solution.model
-    what = f"the {'output' if model.output.type == 'combination' else 'tool'} of {title_of(model)}"
+    what = f"the {'output' if model.output.type == 'combination' else 'tool'} of {model.title}"
     path = f"the move {solution.move.name} of {solution.move.duration:.4g} s"
     reason = " ".join(solution.warnings[0].split()).rstrip(".") if solution.warnings else "limits are exceeded"
     begin = _BEGIN[solution.status].format(what=what, path=path, reason=reason, method=solution.method)

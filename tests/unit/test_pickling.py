@@ -11,11 +11,13 @@ import pytest
 
 import flexgen
 from flexgen.analysis.analyze import analyze
+from flexgen.errors import ArgumentError, ChannelError, ModelError
 from flexgen.mechanics.equations import BUILDERS, Equations, derive
 from flexgen.mechanics.signatures import FUNCTIONS, offered_functions
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.reader import read
 from flexgen.paths.path import Path
+from flexgen.runtime.limited_inversion import LimitsInfeasibleError
 
 
 def copied(x: Any) -> Any:
@@ -43,6 +45,15 @@ def results(equations: Equations, name: str) -> list[np.ndarray]:
     numbers = 1.1 * np.array([parameter.value for parameter in equations.parameters])
     given = {port: rng.normal(size=function.numel_in(port)) for port in function.name_in()} | {"parameters": numbers}
     return [np.array(x) for x in function.call([given[port] for port in function.name_in()])]
+
+
+def test_errors_keep_text_and_fields():
+    errors: list[Any] = [ModelError("arm.toml", 3, "motor.m1.ratio", "'x'", "a number")]
+    errors += [ArgumentError("move: given 1"), LimitsInfeasibleError("not kept", 0.3), ChannelError("no channel")]
+    for error in errors:
+        other = copied(error)
+        assert type(other) is type(error) and str(other) == str(error) and vars(other) == vars(error)
+    assert copied(errors[0]).line == 3 and copied(errors[2]).excess == 0.3
 
 
 @pytest.mark.parametrize(
