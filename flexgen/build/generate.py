@@ -281,18 +281,22 @@ def _written(request: _Request, digest: str, log: Callable[[str], None]) -> tupl
         log(f"deriving {name}")
         equations = derive(request.model, request.parameters)
     log(f"writing {name}")
-    from flexgen.codegen.emit import emit, function_texts
+    from flexgen.codegen.emit import emit, function_texts, inversion_header
 
-    spec = library_spec(equations, request.names, precision=request.precision, per_point=request.per_point)
+    spec = offered = library_spec(equations, request.names, precision=request.precision, per_point=request.per_point)
     if request.solvers is not None:
         wanted = {f"{solver}.c" for solver in request.solvers}
         spec = replace(spec, c_functions=tuple(f for f in spec.c_functions if f.file in wanted))
-    if any(f.file == "stream.c" for f in spec.c_functions):
+    elif spec.inverts:
         from flexgen.build.stream_defaults import stream_defaults
 
         spec = replace(spec, stream=stream_defaults(request.model, spec))
     written = function_texts(spec)
     texts = emit(spec, written)
+    if (
+        request.solvers is not None and spec.inverts
+    ):  # one header, so that other choices of solvers take the same objects
+        texts[f"{name}_inversion.h"] = inversion_header(offered, written)
     texts = amalgamated(name, texts) if request.amalgamate else texts
     return _manifest(spec, digest, {f: text.work > 0 for f, text in written.items()}), texts
 

@@ -159,3 +159,15 @@ def test_the_library_of_a_method_has_the_solver_that_it_calls_and_no_other(metho
     assert getattr(library, solver) is not None
     with pytest.raises(ArgumentError, match="given a library without streams"):
         library.stream(np.zeros(2), np.zeros(5), period=5e-3, intervals=10)
+
+
+@needs_compiler
+def test_the_objects_of_one_choice_of_solvers_are_those_of_another() -> None:
+    """What a solver includes does not depend on the others, so that its object is in the cache."""
+    equations = derive("planar5_nmp")
+    choices = (["invert"], ["invert", "invert_limited"])
+    folders = [inversion_library(equations, "lq", solvers).directory for solvers in choices]
+    texts = [{path.name: path.read_bytes() for path in folder.rglob("*.[ch]")} for folder in folders]
+    both = (set(texts[0]) & set(texts[1])) - {"planar5_nmp.c", "example.c"}  # the digest of all; not compiled
+    assert {"planar5_nmp_invert.c", "planar5_nmp_inversion.h", "planar5_nmp.h"} <= both
+    assert {name for name in both if texts[0][name] != texts[1][name]} == set()
