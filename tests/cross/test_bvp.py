@@ -256,6 +256,7 @@ def test_planted_bugs_are_caught(bug: str, tmp_path: FilePath) -> None:
 
 # --- compilers --------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("compiler", ["gcc", "clang", "g++", "clang++"])
+@pytest.mark.slow
 def test_strict_compilers_have_nothing_to_say(compiler: str, tmp_path: FilePath) -> None:
     flags = STRICT_CPP if compiler.endswith("++") else [*STRICT, "-O2"]
     file = made("planar5_nmp").directory / "src" / "planar5_nmp_bvp.c"

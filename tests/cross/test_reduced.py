@@ -153,6 +153,7 @@ def test_six_axes(move: str) -> None:
     assert (solution.tool_error_max_m or 1) < TOLD and (solution.tool_error_max_rad or 1) < TOLD
 
 
+@pytest.mark.slow
 def test_a_wrong_derivative_of_the_path_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: the third derivative of the target is one percent off."""
     right = InverseDae.targets

@@ -279,6 +279,7 @@ def test_complete_coupling_depends_on_the_motors():
     assert not any(closed("arm-simplified").S)
 
 
+@pytest.mark.slow
 def test_is_small_and_quick():
     start = time.process_time()
     found = symbolic(model_of("planar5_mp"))

@@ -183,6 +183,7 @@ def gain(s: Scenario, known: Scenario, seed: int, other: int) -> float:
     return 1.0 - float(nominal_scores(s, PythonController(cheat), other).mean())
 
 
+@pytest.mark.slow
 def test_a_table_of_the_disturbances_gains_nothing_in_new_draws():
     """Less than 2 %; planted: with the draw of the table, more than 30 %. Four segments of seven."""
     s = shorter()

@@ -54,6 +54,7 @@ def test_learning_of_an_angle_is_in_radians(turning, tmp_path):
     assert "error, mrad" in page and ", mm" not in page
 
 
+@pytest.mark.slow
 def test_vibration_of_an_angle_is_in_radians(turning):
     found = flexgen.fastest(turning, coefficients=4, progress=False)
     assert found.unit == "rad" and found.vibration_m == {} and found.vibration["soft"] > 0

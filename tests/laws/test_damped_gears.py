@@ -63,7 +63,9 @@ def error_at_the_end(solution: flexgen.Solution) -> float:
     return worst
 
 
-@pytest.mark.parametrize("method", ["closed-form", pytest.param("lq", marks=needs_compiler), "auto"])
+@pytest.mark.parametrize(
+    "method", ["closed-form", pytest.param("lq", marks=[needs_compiler, pytest.mark.slow]), "auto"]
+)
 @pytest.mark.parametrize("move", ["fast", "four_bounds"])
 def test_a_gantry_stops_where_it_should(method: str, move: str) -> None:
     """95 and 11 mm off when the torques ended with the path."""

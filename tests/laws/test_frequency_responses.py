@@ -63,6 +63,7 @@ def test_the_noise_is_the_one_predicted():
     assert not 0.8 < np.median(scatter / wrong) < 1.25
 
 
+@pytest.mark.slow
 def test_averages_of_realizations_agree_and_show_distortion():
     model = flexgen.read("manutec_r3")
     plan = small_plan(model, poses_of(model, 1), realizations=4, speed_rms=0.02, lines=12)

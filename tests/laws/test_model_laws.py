@@ -108,6 +108,7 @@ def test_the_loop_finds_the_bound_of_four_integrators(tmp_path, delay):
 FL = flexgen.FeedbackLinearisation
 
 
+@pytest.mark.slow
 def test_the_error_of_the_nominal_arm_vanishes_with_the_sample_time():
     """Without damping of the gears: first order in the sample time, second with the predicted state; no noise."""
     model = arm(damped=False)
@@ -206,6 +207,7 @@ def test_motors_that_drive_several_joints():
             assert runs[0].tool_error_max_m < 1e-4
 
 
+@pytest.mark.slow
 def test_stiff_springs_make_feedback_linearisation_the_computed_torque():
     """At states whose spring torque is that of the rigid robot both laws give one torque; the rest falls with K."""
     w = 2 * np.pi * 4.0

@@ -110,6 +110,7 @@ def test_held_out_recordings_show_a_wrong_model(truth: RobotModel, tmp_path: Pat
     assert min(stuck.white) < min(found.white)
 
 
+@pytest.mark.slow
 def test_segments_are_those_of_another_integrator() -> None:
     model = flexgen.read("planar5_nmp")
     local = LocalModel(model, ["q1.stiffness"])

@@ -73,6 +73,7 @@ def test_a_planted_mistake_is_seen(case, mistake):
     assert difference(ekf, ekf.run(y, u), twin, y, u) > 1e-4
 
 
+@pytest.mark.slow
 def test_for_this_processor_it_is_the_same_filter():
     _, y, u = noisy_record(*CASES[1])
     runs = []
@@ -297,6 +298,7 @@ def test_constant_gains_in_c_are_the_equations(solution, outputs, native):
         assert np.allclose(found[k], np.concatenate([x_ref[k] + x, d]), rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_the_filter_comes_to_the_constant_gains():
     """At rest, where the constant gains have the exponential as transition: measured 1.7e-4 of a deviation."""
     model, found = "four_mass@high", []

@@ -82,6 +82,7 @@ def test_lq_and_bvp_drift_less_than_estimated(arm, method: str, smoothness: int)
     assert "(less with methods lq, bvp and closed-form)" in report.lines()[0]
 
 
+@pytest.mark.slow
 def test_kinks_of_the_torque_are_reported(monkeypatch) -> None:
     """C3 with 1 ms: the corners of the torque fall between its samples; the exact derivatives there drift."""
     robot = flexgen.derive("manutec_r3")

@@ -73,6 +73,7 @@ def moved(target: PoseTarget, start: np.ndarray = START) -> Program:
     return Program("there", start=tuple(start), steps=(MoveJ(target=target),), **BOUNDS)
 
 
+@pytest.mark.slow
 def test_a_configuration_leads_to_its_joints() -> None:
     """Random joints: the pose of Lagrange's kinematics with their signs and turns gives them back."""
     checked = 0

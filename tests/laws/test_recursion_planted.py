@@ -104,6 +104,7 @@ def frames_far_away(monkeypatch):
         (wrong_sign_of_a_frames_angle, dense_chain(4, 1)),
     ],
 )
+@pytest.mark.slow
 def test_robots_that_fail_before_use_have_no_fast_path(planted, bug, model):
     equations = derive(model)
     assert all(fast_function(equations, name) is not None for name in FUNCTIONS)

@@ -63,6 +63,7 @@ def recorded(model, seed: int = 0, noise: float = 0.0) -> Motion:
     return Motion(t, q, tau + noise * rng.standard_normal(tau.shape))
 
 
+@pytest.mark.slow
 def test_another_robot_is_found_and_its_bodies_are_possible():
     """Torques on motions that were not used; bodies that no matter could have would be refused by the reader."""
     model = flexgen.read("kr300")

@@ -196,6 +196,7 @@ def stiffening() -> Machine:
 
 
 @pytest.mark.parametrize("samples_per_interval", [2, 5])  # deciding anew at each update was 8e4 and 8e-3 off
+@pytest.mark.slow
 def test_gears_that_stiffen_are_the_same_in_a_stream(samples_per_interval):
     one, fine = stiffening(), UPDATE / samples_per_interval
     t, results = one.followed(samples_per_interval=samples_per_interval)

@@ -24,6 +24,7 @@ def measured(truth: RobotModel, model: RobotModel, seed: int = 0, **changes: obj
     return flexgen.frf(flexgen.measure(plan, truth, seed=seed, progress=False))
 
 
+@pytest.mark.slow
 def test_no_spring_is_added_to_a_complete_model_and_none_is_removed():
     model = without_coulomb("planar5_nmp")
     found = structure(model, measured(another(model, 1), model), progress=False)

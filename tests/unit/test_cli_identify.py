@@ -37,6 +37,7 @@ def run(capsys, *words):
     return status, capsys.readouterr()
 
 
+@pytest.mark.slow
 def test_a_spring_is_found_and_written(folder, capsys, tmp_path):
     out, report = tmp_path / "new.toml", tmp_path / "report"
     words = ["identify", "planar5_nmp", folder / "frf.npz", "--free", "stiffness,damping", "--out", out, "--json", "-q"]
@@ -99,6 +100,7 @@ def test_responses_for_python_control(folder):
         data.to_control(3)
 
 
+@pytest.mark.slow
 def test_measured_responses_have_a_report(folder, capsys, tmp_path):
     words = ["frf", folder / "data.npz", "--out", tmp_path / "frf.npz", "--report", tmp_path / "report", "-q"]
     assert run(capsys, *words)[0] == 0

@@ -84,6 +84,7 @@ def test_rigid_bodies_from_the_command_line(tmp_path, capsys):
     assert "only combinations of these numbers are determined" in text and text.count(": sd ") > 20
 
 
+@pytest.mark.slow
 def test_segments_from_the_command_line(tmp_path, capsys):
     model = flexgen.read("planar5_nmp")
     text = Path(model.file).read_text()

@@ -110,12 +110,20 @@ def static_library(folder: Path) -> Path:
     return library
 
 
-@pytest.mark.parametrize("name", ["elbow", pytest.param("planar5_nmp", marks=pytest.mark.slow)])
-def test_sources_are_strict_c99_and_pure(name, tmp_path):
+@pytest.mark.parametrize(
+    ("name", "level"),
+    [  # with optimization compilers see more, such as variables without a value
+        ("elbow", "-O0"),
+        pytest.param("elbow", "-O1", marks=pytest.mark.slow),
+        pytest.param("planar5_nmp", "-O1", marks=pytest.mark.slow),
+    ],
+)
+def test_sources_are_strict_c99_and_pure(name, level, tmp_path):
     folder = made(name).directory
     run(
         CC,
         *STRICT,
+        level,
         "-Wshadow",
         folder / "example.c",
         *sources(folder),

@@ -62,6 +62,7 @@ def test_deflections_are_bounded() -> None:
     assert 1e-6 < (solution.tool_error_max_m or 0) < 1e-2
 
 
+@pytest.mark.slow
 def test_collocation_keeps_bounds_too() -> None:
     equations = flexgen.derive("planar5_nmp")
     limits = limits_for(equations.model, torque=22.0)

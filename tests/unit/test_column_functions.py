@@ -106,6 +106,7 @@ def accelerations(equations: Equations, given: dict[str, np.ndarray]) -> dict[st
     return {"a_a": a_a.ravel(), "a_m": a_m.ravel()}
 
 
+@pytest.mark.slow
 def test_short_arms_and_changing_payloads_are_not_in_loops():
     short = derive(dense_chain(column_functions.LONG_CHAIN - 1, 2))
     assert long_chain(short) is None
@@ -147,6 +148,7 @@ def lost_body(monkeypatch):
 @pytest.mark.parametrize(
     "bug", [no_linear_rate, *(pytest.param(x, marks=pytest.mark.slow) for x in (transposed_moment, lost_body))]
 )
+@pytest.mark.slow
 def test_robots_that_fail_before_use_are_not_in_loops(bug, monkeypatch):
     """A planted error: the check before use sees it, and the function is the recursion's."""
     bug(monkeypatch)

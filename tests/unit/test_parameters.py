@@ -70,6 +70,7 @@ def test_run_time_values_of_some_functions_are_as_good_as_baked_ones(tmp_path):
 
 
 @needs_compiler
+@pytest.mark.slow
 def test_frictions_that_the_file_does_not_have_are_parameters(tmp_path):
     check_run_time_values(*CASES[2], tmp_path, functions=["forward_dynamics", "motor_friction"])
 

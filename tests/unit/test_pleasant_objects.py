@@ -168,7 +168,7 @@ def test_columns_have_units_of_their_own(tmp_path):
         Trajectory(t, channels, ports, mixed.labels, {}, {"q_a": ("rad", "m", "rad")})
 
 
-@pytest.mark.parametrize("model", ["elbow", "beam_arm", "four_mass@high"])
+@pytest.mark.parametrize("model", ["elbow", pytest.param("beam_arm", marks=pytest.mark.slow), "four_mass@high"])
 def test_units_of_a_solution_are_those_of_the_model(model):
     robot = flexgen.read(model)
     trajectory = flexgen.solve(robot, verify=False).trajectory

@@ -114,6 +114,7 @@ smoothness = 5
 """
 
 
+@pytest.mark.slow
 def test_move_beyond_the_range_of_a_joint_is_refused_and_more_time_is_not_advised(tmp_path, capsys):
     file = tmp_path / "gantry.toml"
     file.write_text(GANTRY)

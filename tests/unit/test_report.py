@@ -426,6 +426,7 @@ def test_an_error_after_the_samples_is_explained():
     assert _after_the_samples(flexgen.solve("manutec_r3", "line", verify=False, progress=False)) == ""
 
 
+@pytest.mark.slow
 def test_the_picture_of_the_readme_is_the_overview_of_today():
     """After a change: ``canvas.save(flexgen.solve("planar5_nmp@soft", "line").plot(), path)`` writes it again."""
 

@@ -67,6 +67,7 @@ def test_flexible_joint_closed_form_against_the_textbook() -> None:
     assert np.abs(torque - solution.trajectory["tau_m"])[inner].max() < 1e-6 * np.abs(torque).max()
 
 
+@pytest.mark.slow
 def test_drives_with_a_nonlinear_damped_gear_against_an_integrator() -> None:
     equations = flexgen.derive("four_mass")
     t = np.linspace(0, 0.2, 201)

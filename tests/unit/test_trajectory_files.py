@@ -70,6 +70,7 @@ def test_the_unit_of_the_time_is_checked(tmp_path, trajectory, header, expected)
         Trajectory.load(path)
 
 
+@pytest.mark.slow
 def test_other_programs_read_the_csv(tmp_path, trajectory):
     path = trajectory.save(tmp_path / "a.csv")
     table = np.genfromtxt(path, delimiter=",", skip_header=2)

@@ -138,6 +138,7 @@ def test_sharp_friction_of_a_light_rotor_is_integrated_implicitly() -> None:
     assert simulation.evaluations < 30_000
 
 
+@pytest.mark.slow
 def test_the_implicit_method_sees_a_wrong_torque() -> None:
     equations = derive(ROBOTS / "light_rotor.toml")
     trajectory = flexgen.solve(equations, verify=False).trajectory
