@@ -10,8 +10,8 @@ from flexgen.cli.argument_types import file_path, names, not_negative, positive,
 from flexgen.cli.identify import excite, frf, identify, measure
 
 FREE = (
-    "parameters: stiffness, damping, q1.stiffness, m1.viscous, delay, torque_constant, ...; default: stiffness, "
-    "damping and the viscous frictions of the model"
+    "parameters: stiffness, damping, q1.stiffness, m1.viscous, delay, sensor_delay, torque_constant, ...; default: "
+    "stiffness, damping and the viscous frictions of the model"
 )
 
 

@@ -226,6 +226,8 @@ def frf(experiment: Experiment, *, average: AverageName = "arithmetic", transien
         )
     elif not transients:
         warnings = _check_repeats(Y[..., :n, :], experiment.source)
+    if experiment.lines_by_torque:
+        warnings = (*warnings, _torque_lines(plan.lines))
     noise = None
     if transients:
         U, Y, noise, spread = _settled(experiment, U, Y)
@@ -379,6 +381,14 @@ def _average(each: np.ndarray, average: str) -> np.ndarray:
         return np.linalg.inv(np.linalg.inv(each).mean(axis=1))
     reference = each.mean(axis=1, keepdims=True)
     return np.exp(np.log(each / reference).mean(axis=1)) * reference[:, 0]
+
+
+def _torque_lines(lines: np.ndarray) -> str:
+    """The warning where torques alone tell which lines were excited."""
+    return (
+        f"the {len(lines)} lines are those where the torques are large: distortion by friction cannot be told from "
+        "excitation by torques alone; state line_numbers, or the [[reference]] of each motor"
+    )
 
 
 def _check_repeats(Y: np.ndarray, source: str) -> tuple[str, ...]:

@@ -20,7 +20,7 @@ from flexgen.counts import STARTS, count_of, shown
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.plan import default_free
 from flexgen.identification.frequency_response import Frf
-from flexgen.identification.parameters import ParameterVector
+from flexgen.identification.parameters import SENSOR_DELAY, ParameterVector, is_of_sensor
 from flexgen.identification.residuals import RESIDUALS, ResidualName, Residuals, over_lines
 from flexgen.identification.result import WEAK, FitStatus, Identified, with_coulomb
 from flexgen.model.elements import RobotModel
@@ -63,7 +63,8 @@ def identify(
     model : RobotModel, str or Path
     data : Frf
     free : sequence of str, optional
-        Names of the parameters; see `flexgen.mechanics.parameters`, and ``delay``, ``torque_constant``. Default:
+        Names of the parameters; see `flexgen.mechanics.parameters`, and ``delay``, ``torque_constant``,
+        ``sensor_delay`` (of one sensor: ``acc.delay``). Default:
         stiffness, damping, and the viscous frictions that the model has.
     fixed, start, bounds, priors, ties
         See `flexgen.identification.parameters.ParameterVector`.
@@ -114,6 +115,10 @@ def _fitted(
 ) -> Identified:
     """The fit: element by element from several starts, then with a model error or with the structure of the noise."""
     began = time.perf_counter()
+    recorded = {sensor.name for sensor in vector.model.sensors if set(sensor.channels) & set(data.sensors)}
+    for name in vector.names:
+        if is_of_sensor(name) and name.removesuffix(SENSOR_DELAY) not in recorded:
+            raise ArgumentError(f"free: given {name!r}, expected a sensor of the data: {', '.join(recorded) or 'none'}")
     residuals = Residuals(vector, data, residual, floor or 0.0)
     residuals.average_springs(vector.start)
     degrees = max(residuals.count - len(vector) / 2, 1.0)  # complex residuals, real parameters

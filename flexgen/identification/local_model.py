@@ -21,24 +21,22 @@ W. Vander Velde, Multiple-Input Describing Functions, 1968 (statistical lineariz
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 
 import casadi as ca
 import numpy as np
 
 from flexgen.errors import SolverError
+from flexgen.identification.mean_friction import is_linear, mean_viscous_change, normal_nodes
 from flexgen.identification.outputs import OutputRows
 from flexgen.mechanics.equations import Equations
-from flexgen.mechanics.force_laws import friction_torque, spring_torque
+from flexgen.mechanics.force_laws import spring_torque
 from flexgen.mechanics.lagrangian import gears
-from flexgen.model.elements import Friction, LinearSpring, RobotModel, Spring
+from flexgen.model.elements import LinearSpring, RobotModel, Spring
 from flexgen.numerics.evaluate import evaluate
 
 NEWTON_STEPS = 50
-# Panels of the integral over a Gaussian speed in units of its deviation, fine near zero where friction has its step.
-_PANELS, _NODES = (0.0, 1e-4, 1e-3, 1e-2, 0.1, 0.5, 1.0, 2.0, 4.0, 8.0), 6
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,7 @@ class Response:
 
 @dataclass(frozen=True)
 class Drive:
-    """What lies between the commanded torque and the motor.
+    """What lies between the commanded torque and the motor, and between motion and samples of sensors.
 
     Parameters
     ----------
@@ -70,11 +68,14 @@ class Drive:
         Delay of the torque behind the measurement of the motor angles [s].
     torque_constants : tuple of float
         Torque of each motor over the recorded one; empty: 1.
+    sensor_delays : mapping
+        Name of a sensor -> delay [s] instead of that of the model.
     """
 
     sample_s: float = 0.0
     delay_s: float = 0.0
     torque_constants: tuple[float, ...] = ()
+    sensor_delays: Mapping[str, float] = field(default_factory=dict)
 
     def transfer(self, w: np.ndarray, n_m: int) -> np.ndarray:
         """``h(w) exp(-j w t_d) k_t`` (lines, n_m)."""
@@ -150,7 +151,7 @@ class LocalModel:
             d = ca.mtimes(ca.SX(ca.DM(row)).T, y)
             change = sum(
                 weight * (spring_torque(spring, d + sd[k] * node) - spring_torque(spring, d))
-                for node, weight in zip(*_normal(), strict=True)
+                for node, weight in zip(*normal_nodes(), strict=True)
             )
             residual = residual + ca.SX(ca.DM(row)) * change
         return residual
@@ -260,7 +261,7 @@ class LocalModel:
             if coordinate.dof is not None:
                 laws.append((coordinate.dof.friction, np.eye(model.dof)[i], speed_sd[model.n_m + i]))
         for friction, row, sd in laws:
-            if not _is_linear(friction):
+            if not is_linear(friction):
                 D += mean_viscous_change(friction, sd) * ca.SX(ca.DM(np.outer(row, row)))
         return D
 
@@ -350,7 +351,8 @@ class LocalModel:
         function, by, _ = self._matrices
         n = self.model.dof
         M, D, K, B = (x.reshape(len(q_m), n, -1) for x in evaluate(function, rest.y, values, speeds))
-        inward, outward = drive.transfer(w, self.model.n_m)[:, None, :], self.outputs.transfer(w)[:, :, None]
+        inward = drive.transfer(w, self.model.n_m)[:, None, :]
+        outward = self.outputs.transfer(w, drive.sensor_delays)[:, :, None]
         rows, drows = self.outputs.at(rest.y, rest.dy)
         s = 1j * w[:, None, None]
         G, dG = [], []
@@ -403,48 +405,10 @@ class LocalModel:
         return out + directions @ dy[used]
 
 
-def mean_viscous_change(friction: Friction, sd: ca.SX) -> ca.SX:
-    """``E[f(w) w]/sd^2 - f'(0)`` for a Gaussian speed w with deviation ``sd``; zero at ``sd`` = 0."""
-    w = ca.SX.sym("w")
-    torque = friction_torque(friction, w)
-    others = [x for x in ca.symvar(torque) if not ca.is_equal(x, w)]
-    law = ca.Function("law", [w, *others], [torque, ca.gradient(torque, w)])
-    at_rest = law(0.0, *others)[1]
-    x, weights = _half_normal()
-    mean = ca.SX(0)
-    for node, weight in zip(x, weights, strict=True):
-        up, down = law(node * sd, *others)[0], law(-node * sd, *others)[0]
-        mean += weight * node * (up - down) / 2
-    safe = ca.if_else(sd > 0, sd, 1.0)
-    return ca.if_else(sd > 0, mean / safe - at_rest, 0.0)
-
-
-def _normal() -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights for the mean over a standard Gaussian."""
-    nodes, weights = np.polynomial.hermite_e.hermegauss(15)
-    return nodes, weights / weights.sum()
-
-
-def _half_normal() -> tuple[np.ndarray, np.ndarray]:
-    """Nodes and weights for the mean of an even function of a standard Gaussian: Gauss-Legendre on panels."""
-    t, a = np.polynomial.legendre.leggauss(_NODES)
-    x = np.concatenate([(lo + hi) / 2 + (hi - lo) / 2 * t for lo, hi in pairwise(_PANELS)])
-    weights = np.concatenate([(hi - lo) / 2 * a for lo, hi in pairwise(_PANELS)])
-    return x, weights * np.sqrt(2 / np.pi) * np.exp(-(x**2) / 2)
-
-
-def _is_linear(friction: Friction) -> bool:
-    """Whether a friction law is viscous, with an offset at most."""
-    return all(
-        not isinstance(x, ca.SX) and x == 0.0
-        for name, x in vars(friction).items()
-        if name not in ("viscous", "offset", "alpha", "beta")
-    )
-
-
 def with_drive(drive: Drive, changes: Mapping[str, float], motors: Sequence[str]) -> Drive:
-    """The drive with another delay (``delay``) or torque constants (``<motor>.torque_constant``)."""
+    """The drive with other delays (``delay``, ``<sensor>.delay``) or torque constants (``<motor>.torque_constant``)."""
     constants = list(drive.torque_constants or (1.0,) * len(motors))
     for j, name in enumerate(motors):
         constants[j] = changes.get(f"{name}.torque_constant", constants[j])
-    return Drive(drive.sample_s, changes.get("delay", drive.delay_s), tuple(constants))
+    late = {name.removesuffix(".delay"): value for name, value in changes.items() if name.endswith(".delay")}
+    return Drive(drive.sample_s, changes.get("delay", drive.delay_s), tuple(constants), {**drive.sensor_delays, **late})

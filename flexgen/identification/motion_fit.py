@@ -29,7 +29,7 @@ from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.experiment import largest_rate
 from flexgen.identification.graybox import SMALL_ERROR, weak_directions
 from flexgen.identification.local_model import Drive, LocalModel
-from flexgen.identification.parameters import DELAY, ParameterVector
+from flexgen.identification.parameters import DELAY, ParameterVector, is_of_sensor
 from flexgen.identification.recordings.description import Description, Recording, read_description
 from flexgen.identification.result import Estimated, FitStatus
 from flexgen.identification.segments import Segments
@@ -151,10 +151,12 @@ class _Shooting:
         for row, c in zip(links, used, strict=True):
             row[names.index(of[data.sensors[c]].place)] = 1.0
         rows = np.vstack([self.local.motor_rows, links])
-        return rows, [np.hstack([run.q_m, run.signals[:, used]]) for run in recordings]
+        delays = np.array([of[data.sensors[c]].delay_s for c in used])
+        self.late = math.ceil(delays.max(initial=0.0) / self.sample_s - 1e-9)  # samples that the last segment leaves
+        return rows, [np.hstack([run.q_m, _undelayed(run.t, run.signals[:, used], delays)]) for run in recordings]
 
     def _begins(self, run: _Run) -> range:
-        return range(0, min(run.own, len(run.t) - self.samples), self.samples)
+        return range(0, min(run.own, len(run.t) - self.samples - self.late), self.samples)
 
     def _curve(self, run: _Run) -> object:
         """The torques between the samples: held, or a quintic spline."""
@@ -269,6 +271,14 @@ class _Shooting:
         return float((r**2).sum()), np.einsum("snk,sn->k", J, r), np.einsum("snk,snl->kl", J, J)
 
 
+def _undelayed(t: np.ndarray, signals: np.ndarray, delays: np.ndarray) -> np.ndarray:
+    """The signals (samples, channels) at the times of the motion: each is read its delay later."""
+    if not delays.any():
+        return signals
+    later = np.minimum(t[:, None] + delays, t[-1])
+    return np.stack([make_interp_spline(t, x, k=3)(at) for x, at in zip(signals.T, later.T, strict=True)], axis=1)
+
+
 def _basis(Jz: np.ndarray) -> np.ndarray:
     """Orthonormal columns (segments, residuals, n_z) that span those of Jz; zero where Jz has less rank."""
     U, values, _ = np.linalg.svd(Jz / np.maximum(np.linalg.norm(Jz, axis=1), 1e-300)[:, None, :], full_matrices=False)
@@ -316,6 +326,11 @@ def fit_motion(
     data = read_description(recordings)
     robot = data.model if model is None else model if isinstance(model, RobotModel) else read(model)
     vector = ParameterVector(robot, free, fixed=fixed, start=start, bounds=bounds, priors=priors)
+    if any(is_of_sensor(name) for name in vector.names):
+        raise ArgumentError(
+            "free: given the delay of a sensor, which frequency responses can show: take 'flexgen frf' and 'identify' "
+            "without --segments, and state it as delay_s of the [[sensor]]"
+        )
     shooting = _Shooting(vector, data, segment_s)
     fit = _minimized(shooting, vector, progress if callable(progress) else None)
     x = fit.x

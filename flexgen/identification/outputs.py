@@ -12,7 +12,7 @@ tilt of an accelerometer in the gravity field.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import casadi as ca
 import numpy as np
@@ -73,17 +73,23 @@ class OutputRows:
         known = channels(model)
         self._index = [known.index(name) for name in self.names]
         self.orders = output_orders(model, self.names)
-        late = {name: sensor.delay_s for sensor in model.sensors for name in sensor.channels}
-        self.delays = np.array([0.0] * model.n_m + [late[name] for name in self.names])
+        late = {name: sensor for sensor in model.sensors for name in sensor.channels}
+        self.sensors = ("",) * model.n_m + tuple(late[name].name for name in self.names)  # of each output
+        self.delays = np.array([0.0] * model.n_m + [late[name].delay_s for name in self.names])
         self._equations = equations
 
     def __len__(self) -> int:
         return len(self.orders)
 
-    def transfer(self, w: np.ndarray) -> np.ndarray:
-        """``(j w)^m exp(-j w t_o)`` (lines, outputs)."""
+    def transfer(self, w: np.ndarray, delays: Mapping[str, float]) -> np.ndarray:
+        """``(j w)^m exp(-j w t_o)`` (lines, outputs); ``delays``: name of a sensor -> t_o instead of its own."""
         s = 1j * w[:, None]
-        return np.asarray(s**self.orders * np.exp(-s * self.delays))
+        late = [delays.get(name, own) for name, own in zip(self.sensors, self.delays, strict=True)]
+        return np.asarray(s**self.orders * np.exp(-s * np.array(late)))
+
+    def of(self, sensor: str) -> np.ndarray:
+        """Whether each output belongs to a sensor, (outputs,)."""
+        return np.array([name == sensor for name in self.sensors])
 
     def _function(self) -> ca.Function:
         """y -> C2, C1, C0 (channels, n) each, and their derivatives in y, (3 * channels * n, n)."""

@@ -3,7 +3,8 @@
     theta = exp(x) (scale "log"), theta = x (scale "linear")
 
 Names are those of `flexgen.mechanics.parameters`, and those of the drives: ``delay`` [s], ``<motor>.torque_constant``
-(torque of the motor over the recorded one), and the gains of `flexgen.loop.controllers.Cascade`:
+(torque of the motor over the recorded one), ``<sensor>.delay`` [s] (from the motion to the sample, beside that of the
+motors' angles; ``sensor_delay``: of all sensors), and the gains of `flexgen.loop.controllers.Cascade`:
 ``<motor>.position_gain``, ``.speed_gain``, ``.integral_gain``, for fits in closed loop.
 """
 
@@ -25,6 +26,7 @@ from flexgen.model.elements import RobotModel
 PRIOR_SD = 2.0  # of the logarithm, about the start: so weak that only directions without information feel it
 DELAY = "delay"
 CONSTANT = ".torque_constant"
+SENSOR_DELAY, SENSOR_DELAYS = ".delay", "sensor_delay"  # of one sensor, and of all
 GAINS = {".position_gain": "1/s", ".speed_gain": "N m s/rad", ".integral_gain": "1/s"}
 
 
@@ -182,8 +184,19 @@ class ParameterVector:
 
 
 def is_of_drive(name: str) -> bool:
-    """Whether a parameter belongs to the drives and not to the model; also names of groups, without a motor."""
-    return name == DELAY or f".{name}".endswith((CONSTANT, *GAINS))
+    """Whether a parameter belongs to drives or sensors, not to the equations of motion; also names of groups."""
+    return is_of_sensor(name) or name == DELAY or f".{name}".endswith((CONSTANT, *GAINS))
+
+
+def is_of_sensor(name: str) -> bool:
+    """Whether a parameter is the delay of a sensor, or of all sensors."""
+    return name == SENSOR_DELAYS or name.endswith(SENSOR_DELAY)
+
+
+def with_sensor_delays(model: RobotModel, delays: Mapping[str, float]) -> RobotModel:
+    """The model whose sensors have the delays ``<sensor>.delay`` [s]."""
+    sensors = (replace(s, delay_s=delays.get(s.name + SENSOR_DELAY, s.delay_s)) for s in model.sensors)
+    return replace(model, sensors=tuple(sensors)) if delays else model
 
 
 def cascade_at(controller: Cascade, values: Mapping[str, float], motors: Sequence[str]) -> Cascade:
@@ -196,11 +209,13 @@ def cascade_at(controller: Cascade, values: Mapping[str, float], motors: Sequenc
 
 
 def _drive_parameters(model: RobotModel, names: Sequence[str], controller: Cascade | None) -> list[Parameter]:
-    """Delay, torque constants and gains."""
-    out = []
+    """Delay, torque constants, gains, and the delays of sensors."""
+    out = [p for name in names if is_of_sensor(name) for p in sensor_delays(model, name)]
     motors = [motor.name for motor in model.motors]
     known = {f"{motor}{kind}": (motor, kind) for kind in (CONSTANT, *GAINS) for motor in motors}
     for name in names:
+        if is_of_sensor(name):
+            continue
         if name == DELAY:
             out.append(Parameter(DELAY, 0.0, "s", "delay of the torques behind the measured angles"))
             continue
@@ -220,6 +235,26 @@ def _drive_parameters(model: RobotModel, names: Sequence[str], controller: Casca
     return out
 
 
+def sensor_delays(model: RobotModel, name: str) -> list[Parameter]:
+    """The delay of one sensor (``<sensor>.delay``), or of all (``sensor_delay``).
+
+    Raises
+    ------
+    ArgumentError
+        There is no such sensor.
+    """
+    doc = "from the motion to the sample of sensor"
+    found = [
+        Parameter(s.name + SENSOR_DELAY, s.delay_s, "s", f"{doc} {s.name}", f"sensor.{s.name}.delay_s")
+        for s in model.sensors
+        if name in (SENSOR_DELAYS, s.name + SENSOR_DELAY)
+    ]
+    if not found:
+        known = ", ".join(s.name + SENSOR_DELAY for s in model.sensors) or "no delay: the model file has no [[sensor]]"
+        raise ArgumentError(f"free: given {name!r}, expected {'one of ' if model.sensors else ''}{known}")
+    return found
+
+
 def _unknown(
     parameter: Parameter,
     start: Mapping[str, float],
@@ -229,7 +264,8 @@ def _unknown(
 ) -> Unknown:
     name = parameter.name
     first = float(start.get(name, parameter.value))
-    signed = name == DELAY or ".com_" in name or name.endswith(".offset")
+    late = name == DELAY or is_of_sensor(name)
+    signed = late or ".com_" in name or name.endswith(".offset")
     scale = "linear" if signed else "log"
     if not math.isfinite(first) or (scale == "log" and first <= 0.0):
         raise ArgumentError(
@@ -242,7 +278,7 @@ def _unknown(
             f"bounds of {name}: given {lower!r} to {upper!r} {parameter.unit}, expected an interval that contains the "
             f"start {first!r}" + ", above 0" * (scale == "log")
         )
-    usual = PRIOR_SD if scale == "log" else 1e-2 if name == DELAY else 1e3
+    usual = PRIOR_SD if scale == "log" else 1e-2 if late else 1e3
     sd = float(priors.get(name, usual))
     if not sd > 0.0:
         raise ArgumentError(f"prior of {name}: given a standard deviation of {sd!r}, expected a number > 0")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,16 @@ from flexgen.atomic_files import write_text
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.explained_status import ExplainedStatus
 from flexgen.identification.frequency_response import Frf
-from flexgen.identification.parameters import ParameterVector, is_of_drive
+from flexgen.identification.parameters import (
+    SENSOR_DELAY,
+    ParameterVector,
+    is_of_drive,
+    is_of_sensor,
+    sensor_delays,
+    with_sensor_delays,
+)
 from flexgen.inversion.robustness import ControlName
-from flexgen.mechanics.parameters import select, with_values
+from flexgen.mechanics.parameters import Parameter, select, with_values
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import parse_file, read
 from flexgen.model.templates.number_edit import with_numbers
@@ -104,6 +111,7 @@ class Estimated:
     formal_covariance: np.ndarray
     status: FitStatus
     source: str = field(default="", kw_only=True)  # of the data, for the new model file
+    found_delays: Mapping[str, float] = field(default_factory=dict, kw_only=True)  # of sensors, by an earlier fit
 
     @property
     def values(self) -> dict[str, float]:
@@ -146,9 +154,14 @@ class Estimated:
         return out
 
     @property
+    def sensor_delays(self) -> dict[str, float]:
+        """``<sensor>.delay`` -> identified delay of a sensor [s]."""
+        return dict(self.found_delays) | {name: x for name, x in self.values.items() if is_of_sensor(name)}
+
+    @property
     def model(self) -> RobotModel:
         """The model with the identified values; weak parameters as they were."""
-        return with_values(self.vector.model, self.used())
+        return with_sensor_delays(with_values(self.vector.model, self.used()), self.sensor_delays)
 
     def write(self, path: str | Path, model_file: str | Path | None = None) -> Path:
         """Write the new model file: the text of the old one with other numbers, and their standard deviations.
@@ -166,7 +179,8 @@ class Estimated:
         """
         note = "" if self.status.has_deviations else f"{self.status}, no standard deviations"
         sd = {name: value for name, value in self.sd.items() if value is not None}
-        return write_model(path, self.vector.model, self.used(), sd, self.source, model_file, note=note)
+        values = self.used() | self.sensor_delays
+        return write_model(path, self.vector.model, values, sd, self.source, model_file, note=note)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -323,7 +337,7 @@ def write_model(
     text = head + written(old.read_text(encoding="utf-8"), model, values, sd, source, str(old), note)
     with tempfile.TemporaryDirectory() as folder:  # what cannot be read again is not written
         again = read(write_text(Path(folder) / "model.toml", text), model.variant or None)
-    for parameter in select(again, sorted(values)):
+    for parameter in _numbers(again, values):
         if parameter.value != values[parameter.name]:
             raise ModelError(
                 str(old), 0, parameter.key, f"a number that the variant {model.variant!r} sets to another one",
@@ -345,12 +359,18 @@ def written(
 
     Comments of an earlier identification on the same parameters are removed: they are of the old values.
     """
-    chosen = select(model, sorted(values))
+    chosen = _numbers(model, values)
     numbers = {p.key: values[p.name] for p in chosen}
     notes = {p.key: f"{p.name}: sd {_percent(sd[p.name], p.name)}" for p in chosen if p.name in sd}
     shown = "".join(x if x.isprintable() else "?" for x in source)[:200] or "measurement"  # one line of a comment
     head = f"# Identified parameters ({shown}): {note or 'each has its standard deviation in a comment'}.\n"
     return head + with_numbers(_without_notes(text, {p.name for p in chosen}), numbers, file, notes)
+
+
+def _numbers(model: RobotModel, names: Iterable[str]) -> list[Parameter]:
+    """The numbers of the model with these names, and the delays of its sensors."""
+    late = [name for name in names if is_of_sensor(name)]
+    return [*select(model, sorted(set(names) - set(late))), *(p for name in late for p in sensor_delays(model, name))]
 
 
 def _without_notes(text: str, names: set[str]) -> str:
@@ -371,5 +391,5 @@ def deviation_text(sd: float | None, relative: bool) -> str:
 def _percent(sd: float | str, name: str) -> str:
     if isinstance(sd, str):
         return sd
-    signed = ".com_" in name or name.endswith(".offset")
+    signed = ".com_" in name or name.endswith((".offset", SENSOR_DELAY))
     return deviation_text(sd, not signed)

@@ -31,7 +31,7 @@ from flexgen.identification.experiments.experiment import Experiment, faded, lar
 from flexgen.identification.experiments.spectra import spectrum
 from flexgen.identification.graybox import COST_MOST, SMALL_ERROR, weak_directions
 from flexgen.identification.local_model import LocalModel, Rest
-from flexgen.identification.parameters import CONSTANT, DELAY, ParameterVector, cascade_at, is_of_drive
+from flexgen.identification.parameters import CONSTANT, DELAY, ParameterVector, cascade_at, is_of_drive, is_of_sensor
 from flexgen.identification.result import TIME_DOMAIN, FitStatus, Identified
 from flexgen.loop.closed_loop import ClosedLoop, Snapshot, integration_steps
 from flexgen.mechanics.parameters import select
@@ -214,7 +214,10 @@ def refine(
     plan, model = experiment.plan, found.vector.model
     _check(found, experiment, runs)
     names = list(found.vector.names) + _frictions(found) if free is None else list(free)
-    unknown = [name for name in dict.fromkeys(names) if name != DELAY and not f".{name}".endswith(CONSTANT)]
+    if any(is_of_sensor(name) for name in free or ()):
+        raise ArgumentError("free: given the delay of a sensor, which the motors do not show: 'identify' can fit it")
+    held = [name for name in names if is_of_sensor(name) or name == DELAY or f".{name}".endswith(CONSTANT)]
+    unknown = [name for name in dict.fromkeys(names) if name not in held]
     names = [name for name in unknown if not is_of_drive(name)]
     for parameter in select(model, names):
         if parameter.inertia:
@@ -237,6 +240,7 @@ def refine(
         found,
         vector=vector,
         x=fit.x,
+        found_delays=found.sensor_delays,
         formal_covariance=covariance,
         status=_status(fit, cost, simulated),
         cost=cost,

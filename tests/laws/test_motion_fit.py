@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from identification_cases import another, poses_of
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 import flexgen
 from flexgen.errors import ArgumentError
@@ -89,6 +90,21 @@ def test_a_link_encoder_makes_stiffness_more_accurate(truth: RobotModel, tmp_pat
         sds.append(found.sd["q1.stiffness"])
         assert len(found.rms) == 2 + encoder
     assert sds[1] < 0.9 * sds[0]
+
+
+@pytest.mark.slow
+def test_the_stated_delay_of_a_link_encoder_is_taken_out(truth: RobotModel, tmp_path: Path) -> None:
+    """Its samples are two and a half samples old; unless the model file says so, the residuals are no noise."""
+    path = recorded(tmp_path, truth, 1e-4, encoder=True)
+    for file in tmp_path.glob("*.npz"):
+        arrays = dict(np.load(file))
+        t = arrays["t"]
+        arrays["s_1"] = CubicSpline(t, arrays["s_1"])(np.maximum(t - 1.25e-3, t[0]))
+        np.savez(file, **arrays)
+    late = fit_motion(None, path, free=FREE, segment_s=0.05)
+    (tmp_path / "robot.toml").write_text((tmp_path / "robot.toml").read_text() + "delay_s = 1.25e-3\n")
+    stated = fit_motion(None, path, free=FREE, segment_s=0.05)
+    assert stated.rms[-1] < 0.2 * late.rms[-1] and stated.fit_percent[-1] > late.fit_percent[-1]
 
 
 @pytest.mark.slow

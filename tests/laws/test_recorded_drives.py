@@ -86,7 +86,15 @@ def test_lines_of_distortion_are_not_excited_lines(recorded):
     text = every.read_text()
     without = re.sub(r'\n\[\[reference\]\]\n(?:[a-z]+ = "[^"]*"\n?)+', "\n", text)
     every.with_name("without.toml").write_text(without)
-    assert len(read_experiment(every.with_name("without.toml")).plan.lines) > len(experiment.plan.lines)
+    guessed = read_experiment(every.with_name("without.toml"))
+    assert len(guessed.plan.lines) > len(experiment.plan.lines)
+    guessed.save(every.with_name("guessed.npz"))
+    for one in (guessed, Experiment.load(every.with_name("guessed.npz"))):
+        said = flexgen.frf(one).warnings[-1]
+        assert f"the {len(guessed.plan.lines)} lines are those where the torques are large" in said, said
+        assert "line_numbers" in said and "[[reference]]" in said
+    for known in (path, every):
+        assert not any("lines are those" in said for said in flexgen.frf(read_experiment(known)).warnings)
 
 
 def test_scale_turns_a_channel_and_an_offset_shifts_it_in_one_file(recorded):

@@ -208,6 +208,54 @@ def test_recordings_with_sensors_are_those_of_the_experiment(tmp_path: Path) -> 
     assert np.abs(first.G - second.G).max() < 1e-9 * np.abs(first.G).max()
 
 
+def saved_with_sensors(path: Path, delays: dict[str, float]) -> RobotModel:
+    """planar5_nmp in a file of its own whose sensors state these delays."""
+    text = Path(flexgen.read("planar5_nmp").file).read_text()
+    for sensor in TOOL:
+        rows = {**sensor, "delay_s": delays[str(sensor["name"])]}
+        text += "\n[[sensor]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in rows.items())
+    path.write_text(text)
+    return replace(without_coulomb("planar5_nmp"), sensors=flexgen.read(path).sensors, file=str(path))
+
+
+@pytest.mark.slow
+def test_delays_of_sensors_are_found_with_honest_deviations(tmp_path: Path) -> None:
+    """Simulated in time with delays that the model file does not state; without them the fit is a model error."""
+    late = {"acc": 5e-4, "rate": 0.0, "seen": 1.5e-3}
+    truth = saved_with_sensors(tmp_path / "truth.toml", late)
+    model = saved_with_sensors(tmp_path / "robot.toml", {"acc": 0.0, "rate": 0.0, "seen": 1e-3})
+    scores = []
+    for seed in range(3):
+        plan = flexgen.excite(
+            model, poses=poses_of(model, 2), speed_rms=0.02, f_max=100.0, hardware=NOISY, lines=30, period_s=2.0
+        )
+        data = flexgen.frf(flexgen.measure(plan, truth, seed=seed))
+        found = flexgen.identify(model, data, free=["stiffness", "damping", "sensor_delay"], starts=1)
+        assert found.status == FitStatus.FITTED
+        for name, exact in late.items():
+            sd = found.sd[f"{name}.delay"]
+            assert sd is not None and sd < 2e-5
+            scores.append((found.values[f"{name}.delay"] - exact) / sd)
+    assert np.abs(scores).max() < 4 and 0.4 < np.sqrt(np.mean(np.square(scores))) < 2  # nine numbers
+    fixed = flexgen.identify(model, data, free=["stiffness", "damping"], starts=1)
+    assert fixed.status == FitStatus.MODEL_ERROR
+    text = found.write(tmp_path / "new.toml").read_text()
+    again = {sensor.name: sensor.delay_s for sensor in flexgen.read(tmp_path / "new.toml").sensors}
+    assert again["seen"] == found.values["seen.delay"] == found.model.sensors[2].delay_s and "seen.delay: sd " in text
+
+
+def test_a_delay_of_a_sensor_that_is_not_there_is_refused() -> None:
+    model = planar()
+    plan = flexgen.excite(model, poses=poses_of(model, 1), speed_rms=0.02, f_max=100.0, sensors=["acc.x"])
+    data = flexgen.frf(flexgen.measure(plan, model))
+    with pytest.raises(ArgumentError, match=r"free: given 'nose\.delay', expected one of acc\.delay, rate\.delay"):
+        flexgen.identify(model, data, free=["stiffness", "nose.delay"])
+    with pytest.raises(ArgumentError, match=r"free: given 'seen\.delay', expected a sensor of the data: acc"):
+        flexgen.identify(model, data, free=["stiffness", "seen.delay"])
+    with pytest.raises(ArgumentError, match="expected no delay: the model file has no"):
+        flexgen.identify(without_coulomb("planar5_nmp"), data, free=["sensor_delay"])
+
+
 def test_sensors_that_do_not_fit_are_refused() -> None:
     model = planar()
     plan = flexgen.excite(model, poses=poses_of(model, 1), speed_rms=0.02, f_max=100.0)

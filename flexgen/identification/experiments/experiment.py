@@ -66,6 +66,8 @@ class Experiment:
         False: the periods are windowed segments of a motion without period.
     references : array (k, realizations, experiments, samples, n_m) or None
         One period of the reference angles of recordings [rad], motor side; None: those of the plan.
+    lines_by_torque : bool
+        The lines are those where the torques are large: lines of distortion can be among them.
     """
 
     plan: Plan
@@ -81,6 +83,7 @@ class Experiment:
     orders: tuple[int, ...] | None = None
     periodic: bool = True
     references: np.ndarray | None = None
+    lines_by_torque: bool = False
 
     def reference(self, pose: int, realization: int, experiment: int) -> np.ndarray:
         """Reference of the motor angles over one period [rad], (samples, n_m)."""
@@ -109,6 +112,7 @@ class Experiment:
         return arrays | own, {
             **meta,
             "periodic": self.periodic,
+            "lines_by_torque": self.lines_by_torque,
             "orders": None if self.orders is None else list(self.orders),
             "filters": [[type(f).__name__, *vars(f).values()] for f in self.plan.controller.filters],
             "source": self.source,
@@ -152,7 +156,7 @@ class Experiment:
         plan = replace(plan, controller=replace(plan.controller, filters=filters))
         return cls(
             plan, tau_m, q_m, speed_sd, saturated, str(meta["source"]), str(meta["hold"]), signals, offsets, beside,
-            orders, bool(meta.get("periodic", True)), references,
+            orders, bool(meta.get("periodic", True)), references, bool(meta.get("lines_by_torque", False)),
         )  # fmt: skip
 
 

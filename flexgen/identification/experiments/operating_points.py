@@ -22,7 +22,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.local_model import Drive, LocalModel
 from flexgen.identification.outputs import output_orders
-from flexgen.identification.parameters import ParameterVector, is_of_drive
+from flexgen.identification.parameters import SENSOR_DELAY, ParameterVector, is_of_drive, is_of_sensor
 from flexgen.model.elements import RobotModel
 
 FRICTIONS = (".viscous", ".coulomb", ".stribeck", ".alpha", ".beta", ".offset")
@@ -151,6 +151,9 @@ def along_x(
     for i, unknown in enumerate(vector.unknowns):
         if unknown.name == "delay":
             out[..., i] = -1j * w[:, None, None] * G
+        elif is_of_sensor(unknown.name):
+            late = local.outputs.of(unknown.name.removesuffix(SENSOR_DELAY))
+            out[..., i] = -1j * w[:, None, None] * G * late[:, None]
         elif is_of_drive(unknown.name):
             j = motors.index(unknown.name.rpartition(".")[0])
             out[..., :, j, i] = G[..., :, j] / values[unknown.name] * change[i]

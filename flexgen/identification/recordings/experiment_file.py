@@ -132,6 +132,7 @@ def _experiment(found: Description, poses: dict[tuple[float, ...], list[tuple[np
         plan, tau_m, q_m, speed, np.zeros(len(poses), np.int64), str(found.source), hold,
         sensed if sensors else None, offsets, beside, orders, periodic,
         references.mean(axis=2)[:, None] if references.shape[-1] else None,
+        periodic and not references.shape[-1] and "line_numbers" not in root and _choice_of_lines(root) == LINES[0],
     )  # fmt: skip
 
 
@@ -175,6 +176,10 @@ def _beside_lines(x: np.ndarray, lines: np.ndarray) -> tuple[np.ndarray | None, 
     return offsets, whole[:, :, at][:, None]
 
 
+def _choice_of_lines(root: Table) -> str:
+    return root.choice("lines", LINES, LINES[0])
+
+
 def _lines(root: Table, tau: np.ndarray, period: float, least: float) -> np.ndarray:
     """The excited multiples of ``1 / period``: those of torques, or references, with an amplitude above ``least``."""
     samples = tau.shape[3]
@@ -186,7 +191,7 @@ def _lines(root: Table, tau: np.ndarray, period: float, least: float) -> np.ndar
         if not numbers or not all(isinstance(x, int) and 0 < x < samples / 2 for x in numbers):
             raise root.fail("line_numbers", f"whole numbers from 1 to {(samples - 1) // 2}")
         return np.unique(np.array(numbers))
-    which = root.choice("lines", LINES, "excited")
+    which = _choice_of_lines(root)
     low = root.number("f_min", 1.0 / period, above=0.0)
     high = min(root.number("f_max", 0.45 * samples / period, above=low), 0.5 * samples / period)
     lines = np.arange(max(1, int(np.ceil(low * period - 1e-9))), int(high * period + 1e-9) + 1)
