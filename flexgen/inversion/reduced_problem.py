@@ -25,7 +25,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.outputs import OutputMap, output_map
 from flexgen.mechanics.statics import Equilibrium, balance, hold_output
-from flexgen.numerics.evaluate import evaluate
+from flexgen.numerics.evaluate import Evaluator, evaluate
 from flexgen.paths.path import Path, PathSample
 
 SINGULAR = 1e-9  # relative size of the smallest singular value below which rows no longer determine accelerations
@@ -158,14 +158,15 @@ class Reduction:
         error, target = self.output_error
         symbol = self._graph["q"]
         rows = ca.vertcat(error, balance(self.equations)) if self.i_e else error
-        newton = ca.Function("follow", [symbol, target], [rows, ca.densify(ca.jacobian(rows, symbol))])
+        outputs = [ca.densify(rows), ca.densify(ca.jacobian(rows, symbol))]
+        newton = Evaluator(ca.Function("follow", [symbol, target], outputs))
         targets = self.targets(path.sample(times))
         out = np.zeros((len(times), self.model.n_a))
         q = start
         for k, value in enumerate(targets):
             check_time(f"quasi-static motion along the path, at t = {times[k]:.4g} s")
             for _ in range(30):
-                residual, jacobian = (np.array(x) for x in newton(q, value))
+                residual, jacobian = newton(q, value)
                 try:
                     step = np.linalg.solve(jacobian, -residual[:, 0])
                 except np.linalg.LinAlgError:

@@ -7,6 +7,7 @@ import tomllib
 from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 Path = tuple[str | int, ...]
@@ -49,6 +50,12 @@ def parse(text: str, file: str = "") -> Entry:
     TextError
         The text is not valid TOML, or is nested too deeply.
     """
+    return copy(_parsed(text, file))
+
+
+@lru_cache(maxsize=8)  # the same few models are read again and again
+def _parsed(text: str, file: str) -> Entry:
+    """The tree of a text, which nobody changes."""
     text = text.replace("\r\n", "\n")
     for number, row in enumerate(text.split("\n"), 1):
         if len(row) > WIDTH:
