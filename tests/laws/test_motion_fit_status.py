@@ -5,11 +5,13 @@ The recordings are simulated here, by an integrator of two masses that shares no
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from flexgen.cli.main import main
 from flexgen.identification.motion_fit import MotionFit, fit_motion
 from flexgen.identification.result import FitStatus
 
@@ -39,9 +41,16 @@ file = "run.npz"
 
 
 def recorded(
-    folder: Path, k: float, seed: int, *, coulomb: float = 0.0, noise: float = 2e-4, size: float = 1.0
+    folder: Path,
+    k: float,
+    seed: int,
+    *,
+    coulomb: float = 0.0,
+    clamp: float = 0.0,
+    noise: float = 2e-4,
+    size: float = 1.0,
 ) -> Path:
-    """A motion of two masses with a spring k, Coulomb friction of the load, and noise of the encoder."""
+    """A motion of two masses: spring k, Coulomb friction of the load, a spring that clamps the motor, encoder noise."""
     rng = np.random.default_rng(seed)
     t = T * np.arange(SAMPLES)
     hz = np.arange(3.0, 120.0, 6.0)
@@ -50,7 +59,9 @@ def recorded(
     def rate(x: np.ndarray, torque: float) -> np.ndarray:
         q, p, v, w = x
         spring = k * (q - p) + 0.05 * (v - w)
-        return np.array([v, w, (torque - spring - VISCOUS * v) / J_M, (spring - coulomb * np.tanh(w / 0.1)) / J_L])
+        return np.array(
+            [v, w, (torque - spring - clamp * q - VISCOUS * v) / J_M, (spring - coulomb * np.tanh(w / 0.1)) / J_L]
+        )
 
     x, angle, h = np.zeros(4), np.empty(SAMPLES), T / STEPS
     for n, torque in enumerate(tau):
@@ -101,3 +112,21 @@ def test_recordings_that_the_model_does_not_predict_are_a_poor_validation(fits: 
     found = fits["other robot"]
     assert min(found.white) >= 0.85 and found.held_out_percent[0] < fits["right"].held_out_percent[0] - 1
     assert found.status == FitStatus.POORLY_VALIDATED and found.covariance is None
+
+
+def test_a_held_out_fit_of_minus_thousands_of_percent_forbids_the_new_file(
+    fits: dict[str, MotionFit], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A brake that clamps the motor in the other recording, which the model lacks: it predicts far larger motions."""
+    run = recorded(tmp_path / "run", 330.0, 0)
+    clamped = recorded(tmp_path / "clamped", 330.0, 1, clamp=3e4, noise=1e-6)
+    words = ["identify", str(run.parent / "bench.toml"), str(run), "--segments", "0.05", "--free", "stiffness,damping"]
+    words += ["--validate", str(clamped)]
+    main([*words, "-q"])
+    said = capsys.readouterr().out
+    assert "poorly validated" in said and "Do not use the new model file" in said and "Use the new" not in said
+    assert main([*words, "--json", "-q"]) in (0, 1)
+    found = json.loads(capsys.readouterr().out)
+    assert min(found["held_out_percent"]) < -1000 and min(found["fit_percent"]) > 98
+    assert found["status"] == "poorly validated" and {row["sd"] for row in found["parameters"]} == {None}
+    assert fits["right"].status == FitStatus.FITTED  # the same recording, validated by one of the same robot
