@@ -70,7 +70,7 @@ test-full: $(VENV)/.test           ## what takes longer still: large random samp
 	@$(RUN_TESTS) -m full $(PYTEST)
 
 robots: $(VENV)/.test              ## 200 moves of elastic robots made from public URDF files
-	@echo "flexgen: generated robots, about 40 minutes on an idle core"
+	@echo "flexgen: generated robots, about 80 minutes on an idle core"
 	@$(BIN)/python -m pytest -m robots tests/laws/test_generated_robots.py $(PYTEST)
 
 fuzz: $(VENV)/.test                ## 10,000 mutated files for each reader of files

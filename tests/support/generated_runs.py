@@ -4,7 +4,8 @@
 
 A result has the outcome ``confirmed``, ``wrong`` (reported as solved, but the tool does not follow), ``coarse`` (the
 tool follows, but samples differ from their derivatives by more than 1e-4), ``doubted`` (tolerance not met), ``refused``
-(an error with its reason) or ``time`` (no result within the limit).
+(an error with its reason) or ``time`` (no result within the limit). ``claimed`` and ``simulated``: the error that is
+stated, and the same by an independent simulation of the whole move; a solution whose claim does not hold is ``wrong``.
 """
 
 from __future__ import annotations
@@ -20,11 +21,13 @@ from pathlib import Path
 from typing import Any
 
 LIMIT = float(os.environ.get("FLEXGEN_ROBOTS_LIMIT", "120"))  # s: of one solve
+REFEREE = 60  # s: of the simulation of the whole move
 START = 60.0  # s: to import, to write the robot and to derive its equations
 
 
 def solve_moves(number: int, first: int, out: Path) -> None:
     """Solve and confirm the moves of a robot from number ``first``; a line of JSON each."""
+    from claimed_error import claim_holds, claimed_error, simulated_within
     from confirmation import confirm, holds, is_false
     from generated_robots import MOVES, generated_robot, kind_of, robots_folder
 
@@ -58,7 +61,6 @@ def solve_moves(number: int, first: int, out: Path) -> None:
                 "error_m": solution.tool_error_max_m,
                 "error_rad": solution.tool_error_max_rad,
                 "residual": solution.residual_relative,
-                "windows": getattr(simulation, "windows", 1),
                 "growth": getattr(simulation, "growth", None),
                 "evaluations": getattr(simulation, "evaluations", None),
                 "energy": getattr(simulation, "energy_error", None),
@@ -66,9 +68,11 @@ def solve_moves(number: int, first: int, out: Path) -> None:
                 "details": {key: str(value) for key, value in solution.details.items()},
             }
             row["figures"] = confirm(equations.model, solution.trajectory)
+            row["claimed"], row["simulated"] = claimed_error(solution), simulated_within(solution, REFEREE)
             if solution.status == "solved":
-                found = "wrong" if is_false(row["figures"]) else "coarse"
-                row["outcome"] = "confirmed" if holds(row["figures"]) else found
+                holds_it = row["simulated"] is None or claim_holds(row["claimed"], row["simulated"])
+                found = "coarse" if holds_it and not is_false(row["figures"]) else "wrong"
+                row["outcome"] = "confirmed" if holds_it and holds(row["figures"]) else found
             else:
                 row["outcome"] = "doubted"
         say(row)
@@ -87,7 +91,7 @@ def run_robot(number: int, done: set[int], moves: int, limit: float) -> list[dic
         with tempfile.TemporaryDirectory() as folder:
             arguments = [sys.executable, __file__, "--robot", str(number), str(first), folder]
             process = subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True)
-            deadline = [time.monotonic() + START + limit]
+            deadline = [time.monotonic() + START + REFEREE + limit]
             stop = threading.Event()
 
             def watch(process=process, deadline=deadline, stop=stop) -> None:
@@ -103,7 +107,7 @@ def run_robot(number: int, done: set[int], moves: int, limit: float) -> list[dic
             for line in process.stdout:
                 row = json.loads(line)
                 if "begin" in row:
-                    begun, deadline[0] = row["begin"], time.monotonic() + limit + START
+                    begun, deadline[0] = row["begin"], time.monotonic() + limit + START + REFEREE
                     continue
                 rows.append(row)
                 first = row["move"] + 1
