@@ -16,6 +16,8 @@ from flexgen.build.generate import generate
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.model_library import inversion_library
 from flexgen.mechanics.equations import derive
+from flexgen.mechanics.signatures import INVERSION, offered_functions
+from flexgen.model.reader import read
 from flexgen.runtime.library import Library, load
 
 pytestmark = needs_compiler
@@ -37,7 +39,8 @@ _LIBRARIES: dict[str, Library] = {}
 def single(name: str, folder: FilePath) -> Library:
     """The library of a model in single precision."""
     if name not in _LIBRARIES:
-        where = generate(name, folder / FilePath(name).stem, precision="single").directory
+        used = [function for function in INVERSION if function in offered_functions(read(name))]
+        where = generate(name, folder / FilePath(name).stem, functions=used, precision="single").directory
         _LIBRARIES[name] = load(where)
     return _LIBRARIES[name]
 
