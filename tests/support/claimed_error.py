@@ -33,7 +33,7 @@ def simulated_error(solution: Solution, trajectory: Trajectory | None = None) ->
     assert solution.simulation is not None
     feedback, t = solution.simulation.feedback, solution.trajectory if trajectory is None else trajectory
     if feedback is None:
-        return max(errors(solution.model, t))
+        return max(errors(solution.model, t, rtol=1e-12, atol=1e-14))  # 1e-10 was off by 1e-9 rad in a move
     gains = feedback.position_gain, feedback.speed_gain, feedback.integral_gain
     return closed_loop_error(solution.model, t, gains, rtol=RTOL)
 
