@@ -306,9 +306,9 @@ def test_the_file(tmp_path):
     assert np.abs(d.qpos - start).max() < 1e-6
 
 
-def test_names_that_mujoco_or_xml_reserve():
+def test_names_that_mujoco_reserves():
     model = flexgen.read("planar5_nmp")
-    names = ("world", "payload", 'a"<b>&')
+    names = ("world", "payload", "worldbody")
     elements = tuple(replace(element, name=name) for element, name in zip(model.elements, names, strict=True))
     load = Body(3.0, (0.1, 0.0, 0.0), ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1)))
     odd = replace(model, elements=elements, payload=load)
