@@ -10,6 +10,7 @@ import re
 from dataclasses import dataclass
 
 from flexgen.errors import ArgumentError
+from flexgen.type_checks import checked_result
 
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,30}\Z")
 
@@ -59,6 +60,7 @@ def c_name_problem(text: str) -> str | None:
     return problem
 
 
+@checked_result
 @dataclass(frozen=True)
 class Port:
     """One array that crosses an interface.

@@ -13,8 +13,10 @@ import numpy as np
 from flexgen import implementation, trajectory_files
 from flexgen.errors import ArgumentError, ChannelError
 from flexgen.ports import Port
+from flexgen.type_checks import checked_result
 
 
+@checked_result
 @dataclass(frozen=True, repr=False)
 class Trajectory:
     """Channels sampled on one time grid.

@@ -21,8 +21,10 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.quasistatic import OutputPath
 from flexgen.mechanics.statics import Equilibrium, hold_joints
 from flexgen.model.elements import RobotModel
+from flexgen.type_checks import checked_result, checked_types
 
 
+@checked_result
 @dataclass(frozen=True, repr=False)
 class Analysis:
     """Analysis of a robot in a static equilibrium.
@@ -122,6 +124,7 @@ class Analysis:
         }
 
 
+@checked_types(own=("pose",))
 def analyze(
     model: str | Path | RobotModel | Equations,
     pose: Sequence[float] | None = None,

@@ -41,6 +41,8 @@ from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
+from flexgen.type_checks import checked_result, checked_types
+from flexgen.types_of_values import items_of
 
 if TYPE_CHECKING:
     from flexgen.mechanics.equations import Equations
@@ -48,6 +50,7 @@ if TYPE_CHECKING:
 FORMAT = 2
 
 
+@checked_result
 @dataclass(frozen=True)
 class Generated:
     """What `generate` left behind.
@@ -81,6 +84,7 @@ class Generated:
     __repr__ = short_repr
 
 
+@checked_types(own=("model_or_equations", "directory", "parameters"))
 @reported("generate")
 def generate(
     model_or_equations: str | Path | RobotModel | Equations,
@@ -254,7 +258,8 @@ def _check_choices(precision: str, parameters: Sequence[str], isa: str, equation
         raise ArgumentError(f"isa: given {isa!r}, expected one of {', '.join(ISAS)}")
     if precision not in PRECISIONS:
         raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
-    if isinstance(parameters, str) or not all(isinstance(word, str) for word in parameters):
+    names = items_of(parameters)
+    if names is None or not all(isinstance(word, str) for word in names):
         raise ArgumentError(f"parameters: given {parameters!r}, expected a sequence of names")
     if parameters and equations is not None:
         raise ArgumentError("parameters: given beside equations, expected them in derive(model, parameters)")

@@ -36,6 +36,7 @@ from flexgen.mechanics.statics import Equilibrium, hold_joints, reach
 from flexgen.model.elements import Dof, LinearSpring, RobotModel
 from flexgen.model.inertia import mass_matrix
 from flexgen.model.reader import read
+from flexgen.type_checks import checked_types
 
 LEAST = 2e-15  # kg and kg m^2: of a body without mass; MuJoCo takes nothing below 1e-15
 SHARE = 1e-10  # that `LEAST` may be of the inertia of the robot
@@ -45,6 +46,7 @@ STEP_MAX = 1e-3  # s
 _JOINTS = {"rotation": "hinge", "translation": "slide"}
 
 
+@checked_types
 def export_mujoco(model: str | Path | RobotModel, path: str | Path, *, friction: FrictionName = "exact") -> Path:
     """Write a robot as an MJCF file for MuJoCo (3.7 or later for cubic and smooth springs, else 3.3.5).
 

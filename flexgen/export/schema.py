@@ -14,11 +14,13 @@ from flexgen.errors import ArgumentError
 from flexgen.export import schema_robot, schema_tasks
 from flexgen.export.schema_types import IDENTIFIER, Schema, choice, name, picked, ref, string, table, vector, words
 from flexgen.model import reader
+from flexgen.type_checks import checked_types
 
 Kind = Literal["model", "program"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
+@checked_types
 def schema(kind: Kind = "model") -> dict[str, Any]:
     """The JSON schema (draft 7) of model files.
 

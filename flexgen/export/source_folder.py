@@ -17,12 +17,14 @@ from flexgen import __version__
 from flexgen.atomic_files import followed, remove_leftovers, staging_folder
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
+from flexgen.type_checks import checked_result
 
 RECORD = "flexgen_export.json"
 _FILE = re.compile(r"[A-Za-z+][A-Za-z0-9_.+]*(/[A-Za-z+][A-Za-z0-9_.+]*)*\Z")
 _ADVICE = "choose another folder (directory= in Python, --out on the command line)"
 
 
+@checked_result
 @dataclass(frozen=True)
 class Exported:
     """What an export left behind.

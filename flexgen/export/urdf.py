@@ -42,6 +42,7 @@ from flexgen.model.moves import Move, Program
 from flexgen.model.reader import read
 from flexgen.model.urdf_source import source_files
 from flexgen.ports import identifier_problem
+from flexgen.type_checks import checked_types
 
 UNLIMITED = 1e6  # URDF demands limits of some joints: in their place where the model has none
 _WRITTEN_BY = ", written by flexgen "  # in the first line of an overlay
@@ -66,6 +67,7 @@ class Step:
     body: Body
 
 
+@checked_types
 def export_urdf(model: str | Path | RobotModel, path: str | Path) -> tuple[Path, Path]:
     """Write a robot as a URDF file and an overlay beside it.
 

@@ -29,6 +29,7 @@ from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.experiment import Experiment
 from flexgen.identification.experiments.spectra import without_transients
 from flexgen.identification.outputs import ANGLE
+from flexgen.type_checks import checked_result, checked_types
 
 AverageName = Literal["arithmetic", "harmonic", "logarithmic", "h1"]
 AVERAGES: tuple[AverageName, ...] = get_args(AverageName)
@@ -39,6 +40,7 @@ OVERLAP = 1 + 2 / 36  # variance of the mean over half overlapping Hann segments
 LEAST_TOTAL = 3  # realizations for a total covariance
 
 
+@checked_result
 @dataclass(frozen=True, eq=False, repr=False)
 class Frf:
     """Frequency responses from motor torques to accelerations of motors and sensors at k poses, motor side.
@@ -191,6 +193,7 @@ class Frf:
         )  # fmt: skip
 
 
+@checked_types
 def frf(experiment: Experiment, *, average: AverageName = "arithmetic", transients: bool = False) -> Frf:
     """Estimate the frequency responses of an experiment.
 

@@ -27,6 +27,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.numerics.trust_region import Fit, minimize
 from flexgen.progress import Choice, reported
+from flexgen.type_checks import checked_types
 
 COST_LEAST, COST_MOST = 0.5, 2.0  # of a good fit, for one degree of freedom
 AVERAGINGS = 3  # fits with springs averaged over the deflections that follow from the last fit
@@ -36,6 +37,7 @@ SAME = 1e-3  # relative difference of costs at the same minimum
 SPREAD = 1.5  # further starts are off by up to this factor
 
 
+@checked_types
 @reported("identify")
 def identify(
     model: RobotModel | str | Path,

@@ -37,6 +37,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.numerics.trust_region import Fit, Sums, minimize
 from flexgen.progress import Choice, reported
+from flexgen.type_checks import checked_result, checked_types
 
 STEP = 1e-5  # of differences in the parameters, mostly logarithms
 RANK = 1e-7  # of singular values of start states that a segment determines, relative
@@ -50,6 +51,7 @@ WHITE = 0.85  # part of the lags of white residuals within the 99 % band: less h
 WORSE = 2.0  # errors on recordings that were not fitted over those of the fit, from which on the model fails there
 
 
+@checked_result
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionFit(Estimated):
     """Parameters from recorded motions; see also `Estimated`.
@@ -285,6 +287,7 @@ def _basis(Jz: np.ndarray) -> np.ndarray:
     return np.asarray(U * (values > RANK * values[:, :1])[:, None, :])
 
 
+@checked_types
 @reported("fit_motion")
 def fit_motion(
     model: RobotModel | str | Path | None,

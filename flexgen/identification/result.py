@@ -13,6 +13,7 @@ import numpy as np
 
 from flexgen import implementation
 from flexgen.atomic_files import write_text
+from flexgen.counts import shown
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.explained_status import ExplainedStatus
 from flexgen.identification.frequency_response import Frf
@@ -30,6 +31,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.reader import parse_file, read
 from flexgen.model.templates.number_edit import with_numbers
 from flexgen.progress import Choice
+from flexgen.type_checks import checked_result
 
 WEAK = 0.5  # standard deviation of a logarithm above which the model keeps the value of its file
 
@@ -92,6 +94,7 @@ class FitStatus(ExplainedStatus):
         return self in (FitStatus.FITTED, FitStatus.NOISE_TOO_LARGE)
 
 
+@checked_result
 @dataclass(frozen=True, eq=False, repr=False)
 class Estimated:
     """Estimated parameters of a model.
@@ -141,6 +144,8 @@ class Estimated:
 
     def is_weak(self, name: str) -> bool:
         """Whether the data do not determine a parameter: the model keeps the value of its file."""
+        if name not in self.vector.names:
+            raise ArgumentError(f"name: given {shown(name)}, expected one of {', '.join(self.vector.names)}")
         k = self.vector.names.index(name)
         return self.vector.unknowns[k].scale == "log" and bool(self.formal_covariance[k, k] > WEAK**2)
 
@@ -183,6 +188,7 @@ class Estimated:
         return write_model(path, self.vector.model, values, sd, self.source, model_file, note=note)
 
 
+@checked_result
 @dataclass(frozen=True, eq=False, repr=False)
 class Identified(Estimated):
     """Parameters identified from an experiment; see also `Estimated`.

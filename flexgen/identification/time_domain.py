@@ -37,6 +37,7 @@ from flexgen.loop.closed_loop import ClosedLoop, Snapshot, integration_steps
 from flexgen.mechanics.parameters import select
 from flexgen.numerics.trust_region import Fit, Sums, minimize
 from flexgen.progress import Choice, reported
+from flexgen.type_checks import checked_types
 
 STEP = 1e-4  # of forward differences in x, mostly logarithms
 DISTANCE = 0.03  # standard deviations from the minimum where the search ends: forward differences show no more
@@ -174,6 +175,7 @@ class Simulated:
         return cost, np.real(J.conj().T @ r), np.real(J.conj().T @ J)
 
 
+@checked_types
 @reported("refine")
 def refine(
     found: Identified,

@@ -21,6 +21,7 @@ from flexgen.mechanics.statics import gear_deflection
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.rotations import turn_angle
+from flexgen.type_checks import checked_result, checked_types
 
 SINGULAR = 1e-4  # smallest singular value of the scaled Jacobian over the largest
 FAMILY = 1e-12  # the same, of a pose that a family of configurations reaches: the error that is left
@@ -35,6 +36,7 @@ JOINTS = 6
 SAG_STEPS = 20
 
 
+@checked_result
 @dataclass(frozen=True)
 class Configuration:
     """A joint configuration.
@@ -83,6 +85,7 @@ class Configuration:
         return min(self.parts, key=lambda name: abs(self.parts[name])) if self.parts else ""
 
 
+@checked_types
 def kinematics(
     model: str | Path | RobotModel,
     position: np.ndarray,

@@ -14,10 +14,12 @@ from flexgen.counts import shown
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
+from flexgen.type_checks import checked_class
 
 MOST = 10_000  # motors, and non-actuated coordinates
 
 
+@checked_class
 @dataclass(frozen=True)
 class Limits:
     """Bounds on motor torque, motor speed and deflection; None: no bounds of that kind.

@@ -22,10 +22,12 @@ from flexgen.simulation.hold import TorqueCommand
 from flexgen.simulation.result import Simulation, error_figures, error_text
 from flexgen.simulation.torque_curve import torque_curve
 from flexgen.trajectory import Trajectory
+from flexgen.type_checks import checked_result
 
 INTERRUPTED = "interrupted by Ctrl-C"  # why a solution is the best so far
 
 
+@checked_result
 @dataclass(frozen=True, repr=False)
 class Solution:
     """Motor torques along a move, with the figures of their verification.

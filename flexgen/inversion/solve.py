@@ -38,6 +38,7 @@ from flexgen.simulation.hold_names import HoldName
 from flexgen.simulation.simulate import HELD_KEY
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
+from flexgen.type_checks import checked_types
 
 ACCURACY = 1e-5  # rad, and m for each meter of reach: largest verified error of a solved move
 LONGEST = 5e-3  # s: longest interval of a mesh, unless the move takes minutes
@@ -49,6 +50,7 @@ TIME_LIMIT = 120.0  # s
 FURTHER = 60.0  # s: "auto" starts no further method after this time
 
 
+@checked_types(own=("method", "preview", "mesh", "limits", "accuracy", "hold", "sample_time", "delay", "time_limit"))
 @reported("solve")
 def solve(
     model: str | FilePath | RobotModel | Equations,

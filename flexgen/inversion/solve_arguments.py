@@ -29,7 +29,7 @@ def check_arguments(
         "time_limit": "a positive time in s; None or 0: no limit",
     }
     for name, value in zip(expected, (preview, mesh, accuracy, time_limit), strict=True):
-        if value is None or (name in ("preview", "time_limit") and value == 0):
+        if value is None or (name in ("preview", "time_limit") and value == 0 and not isinstance(value, bool)):
             continue
         if not isinstance(value, Real) or isinstance(value, bool) or not (np.isfinite(value) and value > 0):
             raise ArgumentError(f"{name}: given {value!r}, expected {expected[name]}")

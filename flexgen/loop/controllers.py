@@ -19,10 +19,12 @@ from flexgen.counts import shown
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.loop.interface import Compiled, Measurement, Reference, Setup
+from flexgen.type_checks import checked_class, checked_types
 
 SOURCE = Path(__file__).with_name("closed_loop.c")
 
 
+@checked_class
 @dataclass(frozen=True)
 class LowPass:
     """``w^2 / (s^2 + 2 zeta w s + w^2)``; frequency [Hz], damping ratio."""
@@ -33,11 +35,13 @@ class LowPass:
     def __post_init__(self) -> None:
         _check_filter(self)
 
+    @checked_types(own=("sample_s",))
     def section(self, sample_s: float) -> tuple[float, ...]:
         """``b0, b1, b2, a1, a2`` of the sampled filter; ArgumentError beyond half the sample rate."""
         return _bilinear((0.0, 0.0, 1.0), (1.0, 2 * self.damping, 1.0), self.frequency_hz, sample_s)
 
 
+@checked_class
 @dataclass(frozen=True)
 class Notch:
     """``(s^2 + 2 zeta_n w s + w^2) / (s^2 + 2 zeta_d w s + w^2)``; frequency [Hz], damping ratios."""
@@ -49,6 +53,7 @@ class Notch:
     def __post_init__(self) -> None:
         _check_filter(self)
 
+    @checked_types(own=("sample_s",))
     def section(self, sample_s: float) -> tuple[float, ...]:
         """``b0, b1, b2, a1, a2`` of the sampled filter; ArgumentError beyond half the sample rate."""
         zeros, poles = (1.0, 2 * self.zero_damping, 1.0), (1.0, 2 * self.pole_damping, 1.0)
@@ -95,6 +100,7 @@ def _bilinear(
 Filter = LowPass | Notch
 
 
+@checked_class
 @dataclass(frozen=True)
 class Cascade:
     """A drive with position and speed control (P-PI), feedforward torque and filters of the feedback, motor side.
@@ -172,6 +178,7 @@ class Cascade:
         return u
 
 
+@checked_class
 @dataclass(frozen=True)
 class Linear:
     """A linear controller about the reference, with matrices for each part of the motion.

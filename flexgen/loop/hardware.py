@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexgen.errors import ArgumentError
+from flexgen.type_checks import checked_class
 
 
+@checked_class
 @dataclass(frozen=True)
 class DriveHardware:
     """Sampling, sensors and limits of the drives, motor side.

@@ -25,6 +25,7 @@ import numpy as np
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.runtime.files import trusted_file, trusted_library
+from flexgen.type_checks import checked_result
 
 ABI = 1
 HEADER = Path(__file__).with_name("flexgen_controller.h")
@@ -54,6 +55,7 @@ class Setup:
         return self.q_m.shape[1]
 
 
+@checked_result
 @dataclass(frozen=True)
 class Measurement:
     """What the controller sees at a sample: ``q_m`` (n_m) [rad] and ``sensors`` (n_s)."""
@@ -64,6 +66,7 @@ class Measurement:
     __repr__ = short_repr
 
 
+@checked_result
 @dataclass(frozen=True)
 class Reference:
     """The planned motion at a sample.

@@ -15,12 +15,14 @@ from flexgen.mechanics.signatures import PYTHON_TABLE, TABLE, reference
 from flexgen.mechanics.system import Builder, System
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
+from flexgen.type_checks import checked_class, checked_types
 
 BUILDERS: dict[str, Builder] = (
     dynamics.BUILDERS | linearization.BUILDERS | inversion_functions.BUILDERS | flexible_joint.BUILDERS
 )
 
 
+@checked_class
 class Equations(System):  # noqa: D101, its docstring is made from the table
     __doc__ = f"""Equations of motion of one model; each function is built when it is first used.
 
@@ -72,6 +74,7 @@ def robot_of(model: str | Path | RobotModel | Equations) -> RobotModel:
     return model if isinstance(model, RobotModel) else read(model)
 
 
+@checked_types
 def derive(model: str | Path | RobotModel, parameters: Sequence[str] = ()) -> Equations:
     """Equations of motion of a model.
 

@@ -11,16 +11,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import Any
 
 import casadi as ca
 
+from flexgen.counts import shown
+from flexgen.errors import ArgumentError
 from flexgen.mechanics.lagrangian import Lagrangian, equations_of, lagrangian
 from flexgen.mechanics.parameters import parametrized
 from flexgen.model.elements import RobotModel
+from flexgen.type_checks import checked_class
 
 Built = tuple[list[ca.SX], list[str], list[ca.SX], list[str]]
 
 
+@checked_class
 class System:
     """A model with symbols for its coordinates, torques and run-time parameters, and its Lagrangian.
 
@@ -93,6 +98,7 @@ class System:
 
     def acceleration_under(self, more: ca.SX) -> ca.SX:
         """The same with more forces (n,) on y."""
+        more = _column("more", more, self.model.dof)
         bias = ca.substitute(self.left, self.y[2], ca.SX.zeros(self.y[2].shape))
         return solve_symmetric(self.mass, self.lagrangian.forces + more - bias)
 
@@ -105,9 +111,21 @@ class System:
     def motor_accelerations(self, a_a: ca.SX, a_me: ca.SX) -> ca.SX:
         """Accelerations of all motors (n_m,) from those of the arm and of the motors behind elastic gears."""
         model = self.model
+        a_a, a_me = _column("a_a", a_a, model.n_a), _column("a_me", a_me, len(model.i_m))
         geared = ca.mtimes(ca.SX(ca.DM(model.eta)), a_a[list(model.i_g)])
         at = {j: k for k, j in enumerate(model.i_m)}
         return ca.vertcat(*[a_me[at[j]] if j in at else geared[j] for j in range(model.n_m)])
+
+
+def _column(name: str, value: Any, rows: int) -> ca.SX:
+    """A column of expressions; ArgumentError for something else."""
+    try:
+        column = ca.SX(value)
+    except (TypeError, NotImplementedError, RuntimeError):
+        column = ca.SX(0, 0)
+    if column.shape != (rows, 1) and (rows or column.numel()):
+        raise ArgumentError(f"{name}: given {shown(value)}, expected a column of {rows} expressions")
+    return column
 
 
 Builder = Callable[[System], Built]

@@ -10,8 +10,10 @@ from typing import Any
 from flexgen.errors import FlexgenError, ModelError
 from flexgen.model.elements import FRICTION_LAWS, Coordinate, Dof, Friction, Gear, Motor, RobotModel, Spring
 from flexgen.model.reader import model_names, read
+from flexgen.type_checks import checked_types
 
 
+@checked_types
 def models(broken: dict[str, str] | None = None) -> list[dict[str, Any]]:
     """List the models that can be selected by name.
 
@@ -76,6 +78,7 @@ def counts(robot: RobotModel) -> dict[str, int]:
     return {"n_m": robot.n_m, "n_g": robot.n_g, "n_e": robot.n_e, "dof": robot.dof}
 
 
+@checked_types
 def describe(
     model: str | Path | RobotModel, variant: str | None = None, overrides: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:

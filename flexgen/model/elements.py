@@ -19,6 +19,7 @@ from flexgen.errors import ArgumentError
 from flexgen.model.moves import Move as Move
 from flexgen.model.moves import Program, check_name, unknown_move
 from flexgen.model.sensors import Sensor
+from flexgen.type_checks import checked_result, checked_types
 
 Vector = tuple[float, ...]
 Matrix = tuple[tuple[float, ...], ...]
@@ -280,6 +281,7 @@ class Coordinate:
     dof: Dof | None  # None for the modal coordinate of a beam
 
 
+@checked_result
 @dataclass(frozen=True, repr=False)
 class RobotModel:
     """A robot as described in a model file, in SI units."""
@@ -436,6 +438,7 @@ class RobotModel:
         eta.setflags(write=False)
         return eta
 
+    @checked_types(own=("name",))
     def move(self, name: str | None = None) -> Move:
         """The move or program with this name (None: the first one); ArgumentError if there is none."""
         for move in (*self.moves, *self.programs):

@@ -11,6 +11,7 @@ from flexgen.counts import shown
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.ports import identifier_problem
+from flexgen.type_checks import checked_class
 
 Vector = tuple[float, ...]
 Matrix = tuple[tuple[float, ...], ...]
@@ -39,6 +40,7 @@ class Where:
         return f"{self.key}.{key}", self.line
 
 
+@checked_class
 @dataclass(frozen=True)
 class PoseTarget:
     """A pose of the tool as the end of a joint move, for arms with six actuated joints.
@@ -59,6 +61,7 @@ class PoseTarget:
             object.__setattr__(self, name, tuple(int(x) if x == int(x) else x for x in getattr(self, name)))
 
 
+@checked_class
 @dataclass(frozen=True)
 class MoveJ:
     """Straight line in the actuated coordinates to ``end`` [rad or m], or to the pose ``target`` of the tool.
@@ -77,6 +80,7 @@ class MoveJ:
     space: ClassVar[str] = "joint"
 
 
+@checked_class
 @dataclass(frozen=True)
 class MoveL:
     """Straight line of the tool by ``displacement``, or to ``position`` [m, world axes].
@@ -100,6 +104,7 @@ class MoveL:
     space: ClassVar[str] = "tool"
 
 
+@checked_class
 @dataclass(frozen=True)
 class MoveC(MoveL):
     """Arc of the tool through ``via``; all other fields as in `MoveL`.
@@ -114,6 +119,7 @@ class MoveC(MoveL):
 Step = MoveJ | MoveL
 
 
+@checked_class
 @dataclass(frozen=True)
 class Move:
     """A named reference move that starts and ends at rest.
@@ -169,6 +175,7 @@ class Move:
             raise ArgumentError(f"move.name: given {shown(self.name)}, expected {expected}")
 
 
+@checked_class
 @dataclass(frozen=True, kw_only=True)
 class Program(Move):
     """A sequence of ``steps`` (`MoveJ`, `MoveL`, `MoveC`) that starts at the joint position ``start``.

@@ -23,6 +23,7 @@ from flexgen.model.sensors import read_sensors
 from flexgen.model.toml_lines import Entry
 from flexgen.model.urdf_source import from_here, plain_urdf
 from flexgen.ports import c_name_problem, identifier_problem
+from flexgen.type_checks import checked_types
 
 SIZE_MAX = 1_000_000  # bytes
 
@@ -32,6 +33,7 @@ _KEYS = (
 ).split()
 
 
+@checked_types(own=("model",))
 def read(
     model: str | Path,
     variant: str | None = None,

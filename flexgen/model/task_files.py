@@ -12,8 +12,10 @@ from flexgen.model.moves import Move
 from flexgen.model.programs.tables import read_programs
 from flexgen.model.reader import parse_file
 from flexgen.model.urdf_source import from_here
+from flexgen.type_checks import checked_types
 
 
+@checked_types(own=("file",))
 def read_moves(file: str | Path, model: RobotModel) -> tuple[Move, ...]:
     """Read moves and programs from a TOML file with ``[[move]]`` and ``[[program]]`` tables, as in a model file.
 

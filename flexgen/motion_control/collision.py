@@ -24,6 +24,7 @@ from flexgen.build.model_library import library_with
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.model.elements import RobotModel
+from flexgen.type_checks import checked_class, checked_result
 
 SOURCE = Path(__file__).with_name("collision.c")
 BANDWIDTH_HZ = 15.0
@@ -31,6 +32,7 @@ MARGIN = 1.2
 FUNCTIONS = ("mass_matrix", "bias", "motor_friction")
 
 
+@checked_result
 @dataclass(frozen=True)
 class Detection:
     """``residual`` (n, n_m) [N m, motor side]; ``sample``: the first one above a threshold, None: none."""
@@ -41,6 +43,7 @@ class Detection:
     __repr__ = short_repr
 
 
+@checked_class
 class CollisionDetector:
     """Finds contacts in records of a robot's motors.
 
@@ -97,6 +100,7 @@ class CollisionDetector:
     def _terms(self, q_m: np.ndarray, tau_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Momentum and driving torques of the motors at the samples (n, n_m)."""
         model, h, i_g = self.model, self.sample_s, list(self.model.i_g)
+        q_m, tau_m = np.asarray(q_m, dtype=float), np.asarray(tau_m, dtype=float)
         if q_m.shape != tau_m.shape or q_m.ndim != 2 or q_m.shape[1] != model.n_m or len(q_m) < 3:
             raise ArgumentError(f"record: given shapes {q_m.shape}, {tau_m.shape}, expected (n, {model.n_m}) twice")
         v_m = np.diff(q_m, axis=0, prepend=q_m[:1]) / h

@@ -36,6 +36,7 @@ from flexgen.motion_control.reference import MotionReference, motion_reference, 
 from flexgen.motion_control.result import ControlRun, PlantRun, output_errors
 from flexgen.paths.path import Path
 from flexgen.progress import Choice, reported
+from flexgen.type_checks import checked_types
 
 HOLD_S = 2.0  # at rest before the motion: integral parts settle
 AFTER_S = 0.5
@@ -81,6 +82,7 @@ class Case:
         )  # fmt: skip
 
 
+@checked_types(own=("plants",))
 @reported("control")
 def control(
     model: str | FilePath | RobotModel | Equations,
@@ -90,7 +92,7 @@ def control(
     sample_time: float = SAMPLE_S,
     delay: float = 0.0,
     plants: Mapping[str, Mapping[str, float]] | None = None,
-    disturbances: Sequence[Disturbance] | Mapping[str, Sequence[Disturbance]] = (),
+    disturbances: Iterable[Disturbance] | Mapping[str, Iterable[Disturbance]] = (),
     encoder_noise: float = 0.0,
     encoder_resolution: float = 0.0,
     torque_limits: bool = True,
@@ -181,7 +183,7 @@ def control_case(
     sample_time: float = SAMPLE_S,
     delay: float = 0.0,
     plants: Mapping[str, Mapping[str, float]] | None = None,
-    disturbances: Sequence[Disturbance] | Mapping[str, Sequence[Disturbance]] = (),
+    disturbances: Iterable[Disturbance] | Mapping[str, Iterable[Disturbance]] = (),
     encoder_noise: float = 0.0,
     encoder_resolution: float = 0.0,
     torque_limits: bool = True,
@@ -307,7 +309,7 @@ def _channels(robot: RobotModel, sample_s: float) -> SensorChannels:
 
 
 def _of_lanes(
-    given: Sequence[Disturbance] | Mapping[str, Sequence[Disturbance]], names: Sequence[str]
+    given: Iterable[Disturbance] | Mapping[str, Iterable[Disturbance]], names: Sequence[str]
 ) -> dict[int, tuple[Disturbance, ...]]:
     """Disturbances of each robot by its number."""
     if isinstance(given, Mapping):

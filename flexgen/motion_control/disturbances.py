@@ -20,12 +20,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexgen.errors import ArgumentError
+from flexgen.type_checks import checked_class
 
 DISTURBANCES = ("step", "pulse", "ramp", "chirp", "noise")
 TOOL_AXES = ("tool.x", "tool.y", "tool.z", "tool.rx", "tool.ry", "tool.rz")
 LINES = 200  # of band noise, at most
 
 
+@checked_class
 @dataclass(frozen=True)
 class Disturbance:
     """A disturbance; see the table of the module.

@@ -17,12 +17,14 @@ from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, Filter
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import RobotModel
-from flexgen.motion_control.plants import LocalDynamics
+from flexgen.motion_control.plants import LocalDynamics, check_motion
 from flexgen.simulation.motor_feedback import MULTIPLES, RIGID_HZ
+from flexgen.type_checks import checked_class
 
 SAMPLED_GAIN = 0.3  # largest speed gain times sample time and delay, over the inertia with all springs soft
 
 
+@checked_class
 @dataclass(frozen=True)
 class PPI:
     """A P-PI cascade for every motor of a model, by frequencies.
@@ -54,6 +56,7 @@ class PPI:
         given = {name: getattr(self, name) for name in MULTIPLES}
         if None not in given.values():
             return given
+        check_motion(model, motion)
         lowest = lowest_locked_hz(model, motion) or RIGID_HZ
         return {name: MULTIPLES[name] * lowest if value is None else value for name, value in given.items()}
 
@@ -68,6 +71,7 @@ class PPI:
         motion : sequence of arrays (1, ...)
             ``q_a v_a a_a q_m v_m a_m tau_m`` of the pose that the inertias are taken at.
         """
+        check_motion(model, motion)
         stiff, soft = motor_inertias(model, motion)
         own = self.frequencies(model, motion)
         speed = np.minimum(2 * np.pi * own["speed_hz"] * stiff, SAMPLED_GAIN * soft / late_s)
@@ -76,6 +80,7 @@ class PPI:
         return Cascade(position, speed, integral, self.filters, limits)
 
 
+@checked_class
 @dataclass(frozen=True)
 class PID:
     """A PID controller for every motor: the same feedback as `PPI`, stated by its gains.

@@ -51,6 +51,7 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.progress import Choice, reported
 from flexgen.trajectory import Trajectory
+from flexgen.type_checks import checked_result, checked_types
 
 ITERATIONS = 6
 SHARE = 0.7  # of the lowest locked frequency
@@ -63,6 +64,7 @@ TRACKER, ACCELEROMETER = MEASURED_BY = ("tracker", "accelerometer")
 SETTLED = 2e-2  # of the error before learning: changes below it are noise
 
 
+@checked_result
 @dataclass(frozen=True, repr=False)
 class Learned:
     """Result of `flexgen.learn`.
@@ -187,6 +189,7 @@ class Learned:
         return page
 
 
+@checked_types
 @reported("learn")
 def learn(
     model: str | FilePath | RobotModel | Equations,
@@ -247,9 +250,7 @@ def learn(
     if measured_by not in MEASURED_BY:
         raise ArgumentError(f"measured_by: given {measured_by!r}, expected one of {', '.join(MEASURED_BY)}")
     name = "robot"
-    channels = None
-    if measured_by == ACCELEROMETER:
-        channels = _accelerometers(robot_of(model), encoder_noise)
+    channels = _accelerometers(robot_of(model), encoder_noise) if measured_by == ACCELEROMETER else None
     case = control_case(
         model if channels is None else channels.model, move, sample_time=sample_time, delay=delay,
         plants={name: mapping_of("plant", {} if plant is None else plant, "changes such as {'stiffness': 0.8}")},

@@ -25,7 +25,9 @@ from flexgen.display import short_repr
 from flexgen.errors import SolverError
 from flexgen.loop.controllers import Linear
 from flexgen.model.elements import RobotModel
+from flexgen.motion_control.plants import check_design
 from flexgen.motion_control.sampled_model import PoseModel, PoseModels, held, sampled
+from flexgen.type_checks import checked_class
 
 OUTPUT_SCALE = 1e-3  # m or rad: unit of the output in the cost
 SPEED_WEIGHT_S = 0.01
@@ -35,6 +37,7 @@ LEAST_NOISE, NOT_USED = 1e-6, 1e9  # of a channel without noise, and of one that
 REGULAR = 1e-12  # weight of states that the cost does not see, relative
 
 
+@checked_class
 @dataclass(frozen=True)
 class LQG:
     """Linear quadratic control with a Kalman filter, by pose; see the module.
@@ -77,6 +80,7 @@ class LQG:
 
         SolverError where no gain exists at a pose.
         """
+        check_design(self.model or model, sample_s, delay_s, motion)
         design = _Design(self.model or model, sample_s, delay_s, self)
         parts = [design.part([x[k : k + 1] for x in motion]) for k in range(len(motion[0]))]
         A, B, C, D = (np.array(x) for x in zip(*parts, strict=True))

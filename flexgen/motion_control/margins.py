@@ -15,16 +15,22 @@ from typing import Any
 import numpy as np
 
 from flexgen.analysis.second_order import motor_rows
+from flexgen.arguments import is_number
+from flexgen.counts import shown
+from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, Linear
 from flexgen.model.elements import RobotModel
 from flexgen.motion_control.sampled_model import PoseModel, PoseModels, sampled
+from flexgen.type_checks import checked_class, checked_result
 
 LARGEST_GAIN, GAINS = 100.0, 60
 LARGEST_DELAY, DELAYS = 32.0, 128  # samples; in steps of a quarter
+MOST_LATE = 256  # samples of a delay, each of which is a state
 BISECTIONS = 20
-FREQUENCIES = 600
+FREQUENCIES, LEAST_HZ = 600, 1e-6
 
 
+@checked_result
 @dataclass(frozen=True)
 class Margins:
     """Margins of the loop at a pose.
@@ -82,6 +88,7 @@ def as_linear(controller: Any, sample_s: float, n_y: int) -> Linear | None:
     return Linear(A, B, C, D)
 
 
+@checked_class
 class LoopAtPose:
     """The sampled loop of a robot at a pose under a linear controller."""
 
@@ -94,6 +101,10 @@ class LoopAtPose:
 
     def largest_eigenvalue(self, gain: float = 1.0, more_delay_s: float = 0.0) -> float:
         """Of the closed loop, absolute."""
+        if not (is_number(more_delay_s) and 0 <= more_delay_s <= MOST_LATE * self.sample_s):
+            raise ArgumentError(
+                f"more_delay_s: given {shown(more_delay_s)}, expected 0 to {MOST_LATE * self.sample_s} s"
+            )
         m, h = self.model, self.sample_s
         F, G = sampled(m.A, m.B, h, self.delay_s + more_delay_s)
         A, B, C, D = (x[0] for x in self.controller.matrices)
@@ -116,6 +127,8 @@ class LoopAtPose:
     def response(self, low_hz: float) -> LoopResponse:
         """Loop gain from ``low_hz`` to half the sample rate."""
         m, h = self.model, self.sample_s
+        if not (is_number(low_hz) and LEAST_HZ <= low_hz < 0.499 / h):
+            raise ArgumentError(f"low_hz: given {shown(low_hz)}, expected {LEAST_HZ:g} to {0.499 / h:.4g} Hz")
         hz = np.geomspace(low_hz, 0.499 / h, FREQUENCIES)
         z = np.exp(2j * np.pi * hz * h)[:, None, None]
         F, G = sampled(m.A, m.B, h, self.delay_s)

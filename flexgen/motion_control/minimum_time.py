@@ -33,11 +33,13 @@ from flexgen.motion_control.rigid_time import rigid_time
 from flexgen.motion_control.time_search import TimeSearch
 from flexgen.paths.path import Path, check_range, named_move
 from flexgen.progress import Choice, reported
+from flexgen.type_checks import checked_result, checked_types
 
 COEFFICIENTS = 16
 TIME_LIMIT = 600.0  # s, of a search
 
 
+@checked_result
 @dataclass(frozen=True, repr=False)
 class Fastest:
     """Result of `flexgen.fastest`.
@@ -146,6 +148,7 @@ class Fastest:
         }
 
 
+@checked_types(own=("time_limit",))
 @reported("fastest")
 def fastest(
     model: str | FilePath | RobotModel | Equations,
@@ -201,7 +204,7 @@ def fastest(
         raise ArgumentError(f"limits: given {limits!r}, expected an object of flexgen.Limits")
     robot = robot_of(model)
     chosen = move if isinstance(move, Move) else named_move(robot, move)
-    check_not_negative("time_limit", time_limit or 0.0, "a time >= 0 in s; None or 0: no limit")
+    check_not_negative("time_limit", 0.0 if time_limit is None else time_limit, "a time >= 0 in s; None or 0: no limit")
     try:
         with running(time_limit or None):
             return _fastest(robot, chosen, limits, torque_rate, vibration, coefficients, progress)

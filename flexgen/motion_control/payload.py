@@ -27,6 +27,7 @@ from flexgen.mechanics.statics import gear_deflection
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
 from flexgen.trajectory import Trajectory
+from flexgen.type_checks import checked_result, checked_types
 
 LOW_PASS_HZ = 8.0
 STEPS, CLOSE = 20, 1e-9
@@ -36,6 +37,7 @@ ENDS = 0.5  # s at both ends of a record that the low pass spoils
 FEWEST = 200  # samples
 
 
+@checked_result
 @dataclass(frozen=True)
 class Load:
     """A load: ``mass`` [kg] and ``com`` (3,) [m] in the frame that the tool is attached to, with standard deviations.
@@ -60,6 +62,7 @@ class Load:
         return f"load {self.mass:.3f} +- {self.mass_sd:.3f} kg, center of mass {com} mm in the frame of the last tip"
 
 
+@checked_types
 def identify_load(
     model: str | FilePath | RobotModel | Equations,
     record: Trajectory,

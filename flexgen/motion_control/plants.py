@@ -20,7 +20,8 @@ import casadi as ca
 import numpy as np
 
 from flexgen.analysis import second_order
-from flexgen.arguments import is_number, mapping_of
+from flexgen.arguments import check_not_negative, check_positive, is_number, mapping_of
+from flexgen.counts import shown
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.linearization import second_order_matrices
@@ -171,3 +172,21 @@ class LocalDynamics:
 
     def _given(self, function: ca.Function, values: np.ndarray) -> tuple[np.ndarray, ...]:
         return (values,) if "parameters" in function.name_in() else ()
+
+
+def check_design(model: RobotModel, sample_s: float, delay_s: float, motion: Sequence[np.ndarray]) -> None:
+    """ArgumentError unless a sampled controller can be designed at points of a motion."""
+    check_positive("sample_s", sample_s, "a time > 0 in s")
+    check_not_negative("delay_s", delay_s, "a time >= 0 in s")
+    check_motion(model, motion)
+
+
+def check_motion(model: RobotModel, motion: Sequence[np.ndarray]) -> None:
+    """ArgumentError unless the arrays are points of a motion of the model, see `LocalDynamics.matrices`."""
+    widths = [*[model.n_a] * 3, *[model.n_m] * 4]
+    shapes = [np.shape(x) for x in motion]
+    if not shapes or [(len(motion[0]), n) for n in widths] != shapes or not all(np.isfinite(x).all() for x in motion):
+        raise ArgumentError(
+            f"motion: given arrays of shapes {shown(shapes)}, expected finite q_a, v_a, a_a (k, {model.n_a}) and q_m, "
+            f"v_m, a_m, tau_m (k, {model.n_m}) of {model.name}"
+        )

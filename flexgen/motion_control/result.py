@@ -23,11 +23,13 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.rotations import turn_angle
 from flexgen.ports import Port
 from flexgen.trajectory import Trajectory
+from flexgen.type_checks import checked_result
 
 UNITS = ("m", "rad")
 SHOWN = 20  # robots in the printed text
 
 
+@checked_result
 @dataclass(frozen=True, repr=False)
 class PlantRun:
     """One robot in the loop.
@@ -72,6 +74,7 @@ class PlantRun:
         return f"<PlantRun {self.name}: {len(self.error)} samples, {how}>"
 
 
+@checked_result
 @dataclass(frozen=True, repr=False)
 class ControlRun:
     """Result of `flexgen.control`: the model and the other robots under one controller.

@@ -19,12 +19,14 @@ from flexgen.paths.move_planner import plan_move
 from flexgen.paths.path_table import path_table
 from flexgen.paths.reference import PathSample, Reference
 from flexgen.paths.timed_segments import TimedSegment
+from flexgen.type_checks import checked_class, checked_types
 
 __all__ = ["ORDER", "Path", "PathSample", "chain_rule", "named_move", "plan"]
 
 CHECKED = 101  # instants at which `plan` solves the inverse kinematics
 
 
+@checked_class
 class Path:
     """The reference of one move (or program) of one model at any instant; constant before 0 and after `duration`.
 
@@ -81,6 +83,7 @@ class Path:
         """
         return path_table(self.reference, self.segments, self.duration, self.q_start, self.move.name)
 
+    @checked_types(own=("t",))
     def sample(self, t: np.ndarray) -> PathSample:
         """The reference at the instants ``t`` [s], shape (n,); ArgumentError where they are none."""
         t = _instants(t)
@@ -107,15 +110,16 @@ class Path:
 
 def _instants(t: Any) -> np.ndarray:
     try:
-        found = np.asarray(t, dtype=float)
+        found = np.zeros((0, 0)) if isinstance(t, bytes | bytearray) else np.asarray(t, dtype=float)
     except (TypeError, ValueError, OverflowError):
         found = np.zeros((0, 0))
-    if found.ndim != 1:
-        given = f"shape {np.shape(t)}" if isinstance(t, np.ndarray) else shown(t)
+    if found.ndim != 1 or not np.isfinite(found).all():
+        given = f"shape {np.shape(t)}" if isinstance(t, np.ndarray) and found.ndim != 1 else shown(t)
         raise ArgumentError(f"t: given {given}, expected instants in s, shape (n,)")
     return found
 
 
+@checked_types
 def plan(
     model: str | FilePath | RobotModel | Equations, move: str | Move | None = None, *, ignore_limits: bool = False
 ) -> Path:

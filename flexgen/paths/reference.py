@@ -8,12 +8,17 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
+from flexgen.arguments import is_whole
+from flexgen.counts import shown
 from flexgen.display import short_repr
+from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.jets import JET, ORDER, Attitude
+from flexgen.type_checks import checked_result, checked_types
 
 
+@checked_result
 @dataclass(frozen=True)
 class PathSample:
     """Reference at n instants.
@@ -30,8 +35,12 @@ class PathSample:
 
     __repr__ = short_repr
 
+    @checked_types(own=("k",))
     def derivative(self, k: int) -> np.ndarray:
         """k-th derivative (k >= 1) of the output, (n, n_y); of a pose, the (k - 1)-th derivative of its twist."""
+        least, most = 0 if self.w is None else 1, self.y.shape[2] - 1
+        if not is_whole(k, least, most):
+            raise ArgumentError(f"k: given {shown(k)}, expected the order of a derivative, {least} to {most}")
         if self.w is None:
             return self.y[:, :, k]
         return np.hstack([self.y[:, :, k], self.w[:, :, k - 1]])

@@ -42,7 +42,7 @@ def numbers_of(value: Any, text: str) -> np.ndarray:
     """The value as an array; ArgumentError with the text where it is none of finite numbers."""
     try:
         array = np.asarray(value, float)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ArgumentError(text) from None
     if not np.isfinite(array).all():
         raise ArgumentError(text)

@@ -13,10 +13,12 @@ from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.numerics.evaluate import evaluate
 from flexgen.planning.arguments import numbers_of
+from flexgen.type_checks import checked_class
 
 SAME = 1e-9  # m: corners of the chain that are as close are one point
 
 
+@checked_class
 @dataclass(frozen=True)
 class Sphere:
     """A ball that the arm stays out of: ``center`` (3,) [m], world axes, and ``radius`` [m]."""
@@ -30,6 +32,7 @@ class Sphere:
         check_positive("radius", self.radius)
 
 
+@checked_class
 @dataclass(frozen=True)
 class HalfSpace:
     """A wall: the arm stays where ``normal . p >= offset``; ``normal`` (3,) is normalized, ``offset`` [m]."""

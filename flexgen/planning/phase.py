@@ -16,6 +16,7 @@ from flexgen.mechanics.equations import Equations
 from flexgen.numerics.transcription import Transcription
 from flexgen.planning.arguments import numbers_of
 from flexgen.planning.signals import Signals, compared
+from flexgen.type_checks import checked_class, checked_types
 
 WHERE = ("path", "start", "end")
 DURATIONS = (1e-3, 1e3)  # s: bounds of a free duration where none are given
@@ -67,6 +68,7 @@ class Content:
     nodal: list[Nodal] = field(default_factory=list)
 
 
+@checked_class
 class Phase:
     """A part of a planned motion with a mesh and a duration of its own.
 
@@ -256,10 +258,12 @@ class Phase:
         self.duration_bounds = (float(lower), float(upper))
         self.given_duration = float(np.clip(self.given_duration if guess is None else guess, lower, upper))
 
+    @checked_types(own=("q_a",))
     def start_at(self, q_a: Sequence[float] | None) -> None:
         """Start at rest in the equilibrium at ``q_a`` (n_a); None: the start is free."""
         self.y_start = None if q_a is None else self._rest(q_a, "start_at")
 
+    @checked_types(own=("q_a",))
     def end_at(self, q_a: Sequence[float] | None) -> None:
         """End at rest in the equilibrium at ``q_a`` (n_a); None: the end is free."""
         self.y_end = None if q_a is None else self._rest(q_a, "end_at")
@@ -305,8 +309,8 @@ class Phase:
 
 def _expression(value: Any, what: str) -> ca.SX:
     try:
-        made = ca.densify(ca.SX(value))
-    except (NotImplementedError, TypeError):
+        made = ca.densify(ca.SX(None if isinstance(value, bool | np.bool_) else value))
+    except (NotImplementedError, TypeError, RuntimeError):
         raise ArgumentError(f"{what}: given {type(value).__name__}, expected an expression of signals") from None
     numbers = [x for x in ca.vertsplit(ca.vec(made)) if x.is_constant()]
     if any(not np.isfinite(float(x)) for x in numbers):
@@ -326,8 +330,8 @@ def _bounds(lower: Any, upper: Any, count: int, what: str) -> tuple[np.ndarray, 
         try:
             array = np.asarray(none if value is None else value, float)
             array = np.broadcast_to(array.ravel() if array.ndim else array, count).copy()
-        except (TypeError, ValueError):
-            raise ArgumentError(f"{what}: given {value!r}, expected a number or {count} numbers") from None
+        except (TypeError, ValueError, OverflowError):
+            raise ArgumentError(f"{what}: given {shown(value)}, expected a number or {count} numbers") from None
         if np.isnan(array).any():
             raise ArgumentError(f"{what}: given NaN, expected a number or {count} numbers")
         out.append(array)

@@ -45,6 +45,7 @@ from flexgen.planning.start import Parameter, check_rest, scales, start_of
 from flexgen.planning.transcribe import Layout, blocks_of, links
 from flexgen.progress import Choice, reported
 from flexgen.trajectory import Trajectory
+from flexgen.type_checks import checked_class, checked_types
 
 SchemeName = Literal["gauss3", "radau", "hermite-simpson"]
 SCHEMES: dict[SchemeName, Callable[[], Tableau]] = {
@@ -64,6 +65,7 @@ SAME = 1e-9  # rad or m: ends of two phases that are as close are one
 BETWEEN = 0.1  # of the tolerance of a path: left for what the output does between the collocation points
 
 
+@checked_class
 class PlanProblem(Phase):
     """An optimal control problem of a robot; made by `flexgen.plan_problem`.
 
@@ -119,6 +121,7 @@ class PlanProblem(Phase):
             state(phase)
         return phase
 
+    @checked_types(own=("lower", "upper", "guess"))
     def parameter(self, name: str, lower: float = -np.inf, upper: float = np.inf, guess: float = 0.0) -> ca.SX:
         """An unknown number within bounds, for costs and constraints."""
         known = [unknown.name().removeprefix("p:") for unknown in self.unknowns]
@@ -151,6 +154,7 @@ class PlanProblem(Phase):
         """Output less target (n_y,), of the first phase; of a pose the sine of the angle times the axis comes last."""
         return self.error_of(self)
 
+    @checked_types
     def error_of(self, phase: Phase) -> ca.SX:
         """Output less target (n_y,) at an instant of a phase."""
         check_phase(phase)
@@ -235,6 +239,7 @@ class PlanProblem(Phase):
 
     # --- solution ---------------------------------------------------------------------------------------------------
     @reported("plan")
+    @checked_types(own=("guess", "hessian", "accuracy", "max_iterations", "time_limit", "compiled"))
     def solve(
         self,
         *,
@@ -315,6 +320,7 @@ class PlanProblem(Phase):
                 self._warm, self._warm_x = found, x
             return planned_solution(self, layout, made, found, x, accuracy, verify, began, told)
 
+    @checked_types
     def reference_at(self, phase: Phase) -> Callable[[np.ndarray], np.ndarray]:
         """Targets (k, n_t) of the output at relative times of a phase, by its given duration."""
         check_phase(phase)
@@ -378,6 +384,7 @@ def _or(value: np.ndarray | None, other: np.ndarray) -> np.ndarray:
     return other if value is None else value
 
 
+@checked_types
 def plan_problem(
     model: str | FilePath | RobotModel | Equations,
     move: str | Move | None = None,

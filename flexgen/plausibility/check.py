@@ -15,10 +15,12 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.plausibility.finding import ERROR, Check, Finding
 from flexgen.plausibility.moves import moves
 from flexgen.plausibility.numbers import bodies, drives, overdamped, springs
+from flexgen.type_checks import checked_types
 
 SLOW = 2.0 * np.pi  # 1/s: slower real poles are friction of the free joints
 
 
+@checked_types
 def check(model: str | Path | RobotModel | Equations, *, motions: bool = True) -> Check:
     """Compare the numbers of a model with those of real robots: units, powers of ten, moves within their limits.
 

@@ -6,6 +6,8 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from flexgen.type_checks import checked_result
+
 OK, UNUSUAL, ERROR = "ok", "unusual", "error"
 MARKS = (OK, UNUSUAL, ERROR)
 
@@ -38,6 +40,7 @@ class Usual:
         return f"at least {self.low:.4g}" if math.isinf(self.high) else f"{self.low:.4g} to {self.high:.4g}"
 
 
+@checked_result
 @dataclass(frozen=True)
 class Finding:
     """One number that was checked.
@@ -67,6 +70,7 @@ def judged(key: str, quantity: str, value: float, unit: str, usual: Usual, advic
     return Finding(mark, key, quantity, text, expected, advice if mark != OK else "", usual.distance(value))
 
 
+@checked_result
 @dataclass(frozen=True, repr=False)
 class Check:
     """The result of `check`: ``model``, its name and variant, and ``findings``, all numbers that were checked."""

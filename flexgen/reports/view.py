@@ -17,10 +17,12 @@ from flexgen.reports.motion import motion_data, motion_text, motion_title
 from flexgen.reports.video import check_video, write_video
 from flexgen.simulation.result import Simulation
 from flexgen.trajectory import Trajectory
+from flexgen.type_checks import checked_types
 
 TRAJECTORIES = (".npz", ".csv")
 
 
+@checked_types
 def view(
     what: str | Path | RobotModel | Equations | Solution | Trajectory,
     path: str | Path | None = None,

@@ -30,6 +30,7 @@ from flexgen.runtime.arguments import (
     stored,
 )
 from flexgen.runtime.files import AGAIN
+from flexgen.type_checks import checked_types
 
 _MOST_POINTS = 2 ** (8 * ctypes.sizeof(ctypes.c_int) - 1) - 1
 _ARRAY = np.ndarray
@@ -182,6 +183,7 @@ class Function:
         pool.append(buffers)
         return result
 
+    @checked_types
     def close(self, library: str) -> None:
         """Refuse every call from now on; calls under way end as usual."""
         self._pool = _Closed(library)

@@ -26,6 +26,7 @@ from flexgen.runtime.path_inversion import Inverter, inverter_of
 from flexgen.runtime.path_sampler import PathSampler, SamplerEntries, samplers_of
 from flexgen.runtime.processor import missing_instruction_sets
 from flexgen.runtime.stream import Stream, StreamEntries, streams_of
+from flexgen.type_checks import checked_methods, checked_types
 
 _LIBRARY_FILE = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib)\Z")
 _INVERTERS = {"invert": Inverter, "bvp": Inverter, "invert_limited": LimitedInverter}
@@ -35,6 +36,7 @@ _INVERTS = (
 )
 
 
+@checked_methods
 class Library:
     """A loaded library: its functions are attributes, such as ``library.mass_matrix(q_a)``.
 
@@ -147,6 +149,7 @@ class Library:
             raise ArgumentError(f"{self.name}: given a library without path_sample, expected {_INVERTS}")
         return PathSampler(self.samplers, table, parameters)
 
+    @checked_types(own=("hold", "delay"))
     def stream(
         self,
         y: Any,
@@ -279,6 +282,7 @@ class Library:
         return f"<Library {self.name}: {state}{len(self.functions)} function{plural}, {self.precision} precision>"
 
 
+@checked_types
 def load(directory: str | os.PathLike[str]) -> Library:
     """Load a generated library.
 

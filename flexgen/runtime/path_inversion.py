@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.counts import shown
 from flexgen.errors import ArgumentError, BuildError, FlexgenError
 from flexgen.runtime.arguments import address
 from flexgen.runtime.files import AGAIN
@@ -284,7 +285,8 @@ class Inverter:
 
     def _samples(self, y: Any, dy: Any, ddy: Any) -> dict[str, np.ndarray]:
         """The samples of the path, checked."""
-        n = len(y) if np.ndim(y) == 2 else -1
+        y = array_of(self._function, "y", y, None, self._real)
+        n = len(y) if y.ndim == 2 else -1
         n_y, n_t = self._sizes["n_y"], self._sizes["n_t"]
         columns = {"y": (y, n_t), "dy": (dy, n_y), "ddy": (ddy, n_y)}
         return {key: array_of(self._function, key, x, (n, width), self._real) for key, (x, width) in columns.items()}
@@ -356,15 +358,15 @@ def tolerance_of(real: np.dtype[Any]) -> float:
     return TOLERANCE if real == np.float64 else SINGLE_TOLERANCE
 
 
-def array_of(function: str, name: str, x: Any, shape: tuple[int, ...], real: np.dtype[Any]) -> np.ndarray:
-    """An argument as C reads it: numbers of the library's precision, row after row."""
+def array_of(function: str, name: str, x: Any, shape: tuple[int, ...] | None, real: np.dtype[Any]) -> np.ndarray:
+    """An argument as C reads it: numbers of the library's precision, row after row; ``shape``: None where free."""
     try:
         array = np.asarray(x)
     except (ValueError, TypeError) as error:
         raise ArgumentError(f"{function}, {name}: given {error}, expected real numbers") from error
     if array.dtype.kind not in "iuf":
         raise ArgumentError(f"{function}, {name}: given entries of type {array.dtype}, expected real numbers")
-    if array.shape != shape:
+    if shape is not None and array.shape != shape:
         expected = ("n", *shape[1:]) if shape[0] < 0 else shape
         raise ArgumentError(
             f"{function}, {name}: given shape {array.shape}, expected ({', '.join(map(str, expected))})"
@@ -397,7 +399,10 @@ def number_of(function: str, name: str, x: Any) -> float:
     """An argument that is a number in C."""
     if isinstance(x, bool) or not isinstance(x, int | float | np.integer | np.floating):
         raise ArgumentError(f"{function}, {name}: given {x!r}, expected a number")
-    return float(x)
+    try:
+        return float(x)
+    except OverflowError:
+        raise ArgumentError(f"{function}, {name}: given {shown(x)}, expected a number") from None
 
 
 def pointer(x: np.ndarray) -> ctypes.c_void_p:

@@ -24,6 +24,7 @@ from flexgen.runtime.path_inversion import (
     whole_of,
 )
 from flexgen.runtime.structs import REAL, filled, structs_of
+from flexgen.type_checks import checked_types
 
 _TOLERANCE_NOT_MET = 1  # a status
 _CAUSES = ("", "residual", "kinematic mismatch", "horizon")  # of a tolerance that is not met, in the order of C
@@ -289,6 +290,7 @@ class Stream:
         finally:
             self._lock.release()
 
+    @checked_types
     def limit(self, *, torque: Any = None, speed: Any = None, deviation: float = 0.05) -> None:
         """Set limits of the motors: from the next update on the path ahead is modified where one would be exceeded.
 

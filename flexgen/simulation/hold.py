@@ -46,6 +46,7 @@ from flexgen.simulation.torque_curve import (
     torque_curve,
 )
 from flexgen.trajectory import Trajectory
+from flexgen.type_checks import checked_result
 
 SAMPLE_TIME = 1e-3  # s
 MOST = 1_000_000  # ticks
@@ -53,6 +54,7 @@ SAME = 1e-9  # share of the sample time: instants that are as close are the same
 GAUSS = 4  # points on each piece: exact for polynomials of degree 7
 
 
+@checked_result
 @dataclass(frozen=True, repr=False)
 class TorqueCommand:
     """Motor torques that a controller sends, one row for each tick.

@@ -8,8 +8,10 @@ from flexgen.simulation.after_end import AFTER
 from flexgen.simulation.figures import Figure, both_measured
 from flexgen.simulation.motor_feedback import MotorFeedback
 from flexgen.trajectory import Trajectory
+from flexgen.type_checks import checked_result
 
 
+@checked_result
 @dataclass(frozen=True, repr=False)
 class Simulation:
     """Motion of the robot under the torque.

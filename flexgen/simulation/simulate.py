@@ -46,6 +46,7 @@ from flexgen.simulation.start import start_state
 from flexgen.simulation.torque_curve import side_by_side, spline, then_constant, torque_curve
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
+from flexgen.type_checks import checked_types
 
 HELD_KEY = "held_s"  # of the meta data: how long the verification of a solution holds its last torque
 RTOL_OPEN = 1e-9  # for a robot that is far off anyway
@@ -104,6 +105,7 @@ def _checked(
     return found, tuple(warnings)
 
 
+@checked_types
 @reported("simulate")
 def simulate(
     model: str | FilePath | RobotModel | Equations,

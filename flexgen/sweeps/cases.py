@@ -23,6 +23,7 @@ from flexgen.model.digest import model_digest
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.reader import read
 from flexgen.paths.time_laws import TimeLaw
+from flexgen.type_checks import checked_class, checked_types
 
 OPTIONS = (
     "preview",
@@ -39,6 +40,7 @@ SPAN = {"rad": np.pi, "m": 0.5}  # largest coordinate of random moves where the 
 MARGIN = 1e-3  # relative distance of random moves from limits of speed and acceleration
 
 
+@checked_class
 @dataclass(frozen=True)
 class RandomMove:
     """A joint move drawn at random within the model's limits of position, speed and acceleration.
@@ -81,6 +83,7 @@ def _peaks(smoothness: int) -> tuple[float, float]:
     return float(s[:, 1].max()), float(s[:, 2].max())
 
 
+@checked_types(own=("count",))
 def random_moves(count: int, seed: int = 0, duration: float = 1.0, smoothness: int = 5) -> tuple[RandomMove, ...]:
     """``count`` random joint moves, at most a million."""
     count = count_of("count", count, RANDOM_MOVES, 0)
@@ -112,6 +115,7 @@ class Case:
         return self.model
 
 
+@checked_class
 @dataclass(frozen=True)
 class Grid:
     """Grid of a sweep: all combinations, models slowest, then parameter sets, moves and, fastest, methods.
@@ -195,6 +199,7 @@ class Grid:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
+@checked_types(own=("values",))
 def combinations(values: Mapping[str, Sequence[Any]]) -> tuple[dict[str, Any], ...]:
     """All combinations of the listed values as parameter sets, the last key fastest."""
     for key, listed in mapping_of("values", values, "a mapping of names to lists of values").items():

@@ -24,8 +24,10 @@ from flexgen.sweeps.jobs import Job, Rows, Shard
 from flexgen.sweeps.table import RESULTS, TIMES, Table, table_of
 from flexgen.sweeps.version import code_version, wants_native
 from flexgen.sweeps.worker import run_shard
+from flexgen.type_checks import checked_result, checked_types
 
 
+@checked_result
 @dataclass(frozen=True, repr=False)
 class SweepResult:
     """Tables of a sweep, one row for each case: the results, and the times, which differ from run to run."""
@@ -42,6 +44,7 @@ class SweepResult:
         return np.asarray(self.results["case"][self.results["status"] == "failed"])
 
 
+@checked_types(own=("grid", "workers", "shard_size", "in_flight"))
 @reported("sweep")
 def sweep(
     grid: Grid,

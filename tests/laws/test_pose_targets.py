@@ -193,12 +193,14 @@ def test_arms_without_six_joints_and_bad_values_are_refused() -> None:
         plan("planar5_nmp", planar)
     wrong_steps = [
         MoveJ(end=tuple(START), target=target),
-        MoveJ(target=PoseTarget((0.5, np.nan, 0.0), target.orientation)),
+        MoveJ(target=PoseTarget((0.5, np.inf, 0.0), target.orientation)),
         MoveJ(target=PoseTarget(target.position, ((2, 0, 0), (0, 1, 0), (0, 0, 1)))),
         MoveJ(target=PoseTarget(target.position, target.orientation, (1, 1))),
         MoveJ(target=PoseTarget(target.position, target.orientation, (), (1, 2))),
         MoveL((0.02, 0.0, 0.0), configuration=(1, 0, 1)),
     ]
+    with pytest.raises(ArgumentError, match=r"PoseTarget, position: given \(0\.5, nan, 0\.0\), expected a sequence"):
+        PoseTarget((0.5, np.nan, 0.0), target.orientation)
     for step in wrong_steps:
         with pytest.raises(ArgumentError, match="there, step 1"):
             plan(robot(), Program("there", start=tuple(START), steps=(step,), **BOUNDS))

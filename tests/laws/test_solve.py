@@ -304,7 +304,7 @@ def test_coupled_motors(name: str, method: str) -> None:
         (Move("x", "toolline", (0.3, -1.1), 0.5, 5), "given type 'toolline'"),
         (Move("x", "tool_line", (0.3,), 0.5, 5, displacement=(0.1, 0.0, 0.0)), "expected 2 finite numbers"),
         (Move("x", "tool_line", (0.3, -1.1), 0.5, 5), "given displacement"),
-        (Move("x", "joint", (0.3, -1.1), 0.5, 5, end=(float("nan"), 0.0)), "given end"),
+        (Move("x", "joint", (0.3, -1.1), 0.5, 5, end=(float("inf"), 0.0)), "given end"),
     ],
 )
 def test_wrong_moves_are_refused(move: Move, message: str) -> None:

@@ -37,6 +37,8 @@ FLOORS = {
     "progress": 0,
     "trajectory": 0,
     "trajectory_files": 0,
+    "type_checks": 0,
+    "types_of_values": 0,
     "numerics": 1,
     "expressions": 1,
     "clib": 1,
@@ -70,7 +72,7 @@ SIBLINGS = ["identification", "motion_control", "export"]  # applications on top
 WITHOUT_CASADI = ["errors", "ports", "trajectory", "model", "clib", "runtime", "cli", "__main__"]
 INSTANT = ["cli", "__main__"]  # behind --help: the standard library only
 HEAVY = {"casadi", "numpy", "scipy", "sympy", "matplotlib", "mujoco"}
-RUNTIME_NEEDS = {"runtime", "errors", "ports", ""}
+RUNTIME_NEEDS = {"runtime", "arguments", "counts", "errors", "ports", "type_checks", "types_of_values", ""}
 
 # Largest sizes in lines: all Python files directly in a folder, one file, one function (docstring included).
 FOLDER, FILE, FUNCTION = 4000, 450, 80

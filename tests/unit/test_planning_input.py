@@ -34,7 +34,7 @@ def planar():
         (lambda p: p.free_time(2, 1), "lower bound below the upper one"),
         (lambda p: p.free_time(-1, 1), "positive time"),
         (lambda p: p.follow(0.0), "tolerance: given 0.0"),
-        (lambda p: p.avoid("ball"), "expected a Sphere or a HalfSpace"),
+        (lambda p: p.avoid("ball"), "expected a flexgen.Sphere or a flexgen.HalfSpace"),
         (lambda p: p.avoid(flexgen.Sphere((0, 0, 0), -1)), "radius"),
         (lambda p: p.start_at([1.0]), "expected 3 finite numbers"),
         (lambda p: p.then(0.0), "duration: given 0.0"),

@@ -246,18 +246,15 @@ BAD = {
     "no joint profile": ({"joint_profile": ()}, "given joint_profile none"),
     "one bound": ({"profile": (1.0,)}, r"given profile \[1\.0\], expected two or more positive"),
     "negative bound": ({"joint_profile": (1.0, -1.0)}, "expected two or more positive"),
-    "nan bound": ({"profile": (1.0, np.nan)}, "expected two or more positive"),
     "smoothness": ({"smoothness": 1}, "given smoothness 1, expected 0 for trapezoids, or 2 to 9"),
     "start": ({"start": (0.3,)}, "expected 2 finite numbers"),
     "type": ({"type": "programme"}, "given type 'programme'"),
-    "no step": ({"steps": ("MoveJ",)}, "step 1: given 'MoveJ', expected a MoveJ, MoveL or MoveC"),
     "zone between spaces": (
         {"steps": (replace(J, zone=0.1), L)},
         "step 1: given zone 0.1, expected 0 between a MoveJ and",
     ),
     "zone at the end": ({"steps": (J, replace(L, zone=0.1))}, "step 2: given zone 0.1, expected 0 at the end"),
     "negative zone": ({"steps": (replace(J, zone=-0.1), L)}, "given zone -0.1, expected a zone >= 0"),
-    "nan zone": ({"steps": (J, replace(L, zone=np.nan), L)}, "given zone nan"),
     "zone too large": ({"steps": (replace(L, zone=0.2), L)}, "step 1: given zone 0 and 0.2, expected zones that fit"),
     "there and back": ({"steps": (replace(L, zone=0.05), MoveL((0.1, 0, 0)))}, "because the path reverses here"),
     "pause": ({"steps": (replace(J, pause=-1.0), L)}, "given pause -1.0, expected a time >= 0"),
@@ -267,7 +264,6 @@ BAD = {
     ),
     "speed": ({"steps": (J, replace(L, speed=0.0))}, "step 2: given speed 0.0, expected a speed > 0"),
     "joints": ({"steps": (MoveJ((1.0,)), L)}, "step 1: given end"),
-    "nan joints": ({"steps": (MoveJ((1.0, np.nan)), L)}, "step 1: given end"),
     "stays": (
         {"steps": (MoveJ((0.3, -1.1)), L)},
         "step 1: given end .* expected an end different from the start of the step",
@@ -284,6 +280,23 @@ BAD = {
         "a rotation matrix",
     ),
 }
+
+
+NONSENSE = {
+    "nan bound": (lambda: replace(GOOD, profile=(1.0, np.nan)), "Program, profile: given"),
+    "no step": (lambda: replace(GOOD, steps=("MoveJ",)), "Program, steps: given .*'MoveJ'"),
+    "nan zone": (lambda: replace(L, zone=np.nan), "MoveL, zone: given nan, expected a finite number"),
+    "nan joints": (lambda: MoveJ((1.0, np.nan)), "MoveJ, end: given"),
+    "nan end": (lambda: Move("x", "joint", (0.3,), 0.5, 5, end=(np.nan,)), r"Move, end: given \(nan,\)"),
+    "text": (lambda: MoveC(via="x"), "MoveC, via: given 'x', expected a sequence"),
+}
+
+
+@pytest.mark.parametrize("what", NONSENSE)
+def test_nonsense_in_a_program_is_refused_where_it_enters(what: str) -> None:
+    call, message = NONSENSE[what]
+    with pytest.raises(ArgumentError, match=message):
+        call()
 
 
 @pytest.mark.parametrize("what", BAD)

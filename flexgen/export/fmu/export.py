@@ -28,6 +28,7 @@ from flexgen.export.fmu.variables import Variable
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
+from flexgen.type_checks import checked_result, checked_types
 
 FmiVersion = Literal["2.0", "3.0"]
 VERSIONS: tuple[FmiVersion, ...] = get_args(FmiVersion)
@@ -47,6 +48,7 @@ _MACHINES = {"x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64", "arm64
 _LICENSE = "flexgen: MIT. fmi2*.h and fmi3*.h: Modelica Association, 2-clause BSD, see these files.\n"
 
 
+@checked_result
 @dataclass(frozen=True)
 class ExportedFmu:
     """What `export_fmu` wrote.
@@ -78,6 +80,7 @@ class ExportedFmu:
     __repr__ = short_repr
 
 
+@checked_types
 @reported("export_fmu")
 def export_fmu(
     model: str | Path | RobotModel,

@@ -13,6 +13,7 @@ from flexgen.errors import BuildError
 from flexgen.export.emitted import Emitted, ModelLike, emitted
 from flexgen.export.source_folder import Exported, folder_of, write_folder
 from flexgen.export.template import template
+from flexgen.type_checks import checked_types
 
 PACKAGE = "flexgen.export.mex"
 WIDTH = 92  # of the help
@@ -27,6 +28,7 @@ KEYWORDS = frozenset(
 )
 
 
+@checked_types(own=("model", "directory"))
 def export_mex(model: ModelLike, directory: str | os.PathLike[str] | None = None, *, force: bool = False) -> Exported:
     """Write the emitted library as a package of functions for MATLAB and GNU Octave.
 

@@ -12,10 +12,12 @@ from flexgen.export.plcopen.blocks import Block, blocks, struct
 from flexgen.export.plcopen.text import structured_text, xml
 from flexgen.export.source_folder import Exported, folder_of, write_folder
 from flexgen.export.template import template
+from flexgen.type_checks import checked_types
 
 PACKAGE = "flexgen.export.plcopen"
 
 
+@checked_types(own=("model", "directory"))
 def export_plcopen(
     model: ModelLike, directory: str | os.PathLike[str] | None = None, *, stream: bool = True, force: bool = False
 ) -> Exported:

@@ -17,6 +17,7 @@ from flexgen.export.source_folder import Exported, folder_of, write_folder
 from flexgen.export.template import template, xml_text, yaml_text
 from flexgen.loop.controllers import Cascade
 from flexgen.numerics.evaluate import evaluate
+from flexgen.type_checks import checked_types
 
 PACKAGE = "flexgen.export.ros2"
 START_TOLERANCE = 0.01  # rad or m, arm side: largest distance from the start of the stream
@@ -38,6 +39,7 @@ _RESERVED = frozenset(
 _NEEDED = frozenset({*_ROS, "controller_manager", "eigen", "inverse_dynamics_interface", "pluginlib", "rclcpp"})
 
 
+@checked_types(own=("model", "directory", "package"))
 def export_ros2(
     model: ModelLike,
     directory: str | os.PathLike[str] | None = None,

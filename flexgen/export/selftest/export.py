@@ -13,10 +13,12 @@ from flexgen.export.selftest.golden import at_rest, expected, states
 from flexgen.export.selftest.motion import motion_of
 from flexgen.export.source_folder import Exported, folder_of, write_folder
 from flexgen.export.template import template
+from flexgen.type_checks import checked_types
 
 PACKAGE = "flexgen.export.selftest"
 
 
+@checked_types(own=("model", "directory"))
 def export_selftest(
     model: ModelLike,
     directory: str | os.PathLike[str] | None = None,

@@ -8,10 +8,12 @@ from flexgen.codegen.c_text import comment
 from flexgen.export.emitted import Emitted, ModelLike, emitted
 from flexgen.export.source_folder import Exported, folder_of, write_folder
 from flexgen.export.template import template
+from flexgen.type_checks import checked_types
 
 PACKAGE = "flexgen.export.simulink"
 
 
+@checked_types(own=("model", "directory"))
 def export_simulink(
     model: ModelLike, directory: str | os.PathLike[str] | None = None, *, stream: bool = True, force: bool = False
 ) -> Exported:

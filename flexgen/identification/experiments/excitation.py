@@ -21,14 +21,17 @@ import numpy as np
 
 from flexgen import array_files
 from flexgen.atomic_files import write_text
+from flexgen.counts import count_of
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware
 from flexgen.model.elements import RobotModel
+from flexgen.type_checks import checked_result
 
 MOST_SAMPLES, MOST_PERIODS = 10_000_000, 100_000  # in a period; of one experiment
 
 
+@checked_result
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan:
     """An experiment: poses, references and drives.
@@ -113,6 +116,8 @@ class Plan:
 
     def reference(self, realization: int, experiment: int) -> np.ndarray:
         """Deviation of the motor angles from the pose over one period [rad], (samples, n_m)."""
+        realization = count_of("realization", realization, self.realizations - 1, 0)
+        experiment = count_of("experiment", experiment, self.experiments - 1, 0)
         w = 2 * np.pi * self.frequencies
         t = np.arange(self.samples) * self.hardware.sample_s
         turn = 2 * np.pi * np.arange(len(self.motors)) * experiment / self.experiments

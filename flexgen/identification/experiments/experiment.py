@@ -31,12 +31,14 @@ from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
+from flexgen.type_checks import checked_result, checked_types
 
 LARGEST = 1e100  # of a spectrum in a file
 HOLDS = ("zoh", "none")
 LANES = 48  # robots that are simulated together
 
 
+@checked_result
 @dataclass(frozen=True, eq=False, repr=False)
 class Experiment:
     """Spectra of an experiment.
@@ -87,6 +89,9 @@ class Experiment:
 
     def reference(self, pose: int, realization: int, experiment: int) -> np.ndarray:
         """Reference of the motor angles over one period [rad], (samples, n_m)."""
+        pose = count_of("pose", pose, len(self.plan.poses) - 1, 0)
+        realization = count_of("realization", realization, self.plan.realizations - 1, 0)
+        experiment = count_of("experiment", experiment, self.plan.experiments - 1, 0)
         if self.references is not None:
             return np.asarray(self.references[pose, realization, experiment])
         return np.asarray(self.plan.poses[pose] + self.plan.reference(realization, experiment))
@@ -160,6 +165,7 @@ class Experiment:
         )  # fmt: skip
 
 
+@checked_types(own=("steps",))
 @reported("measure")
 def measure(
     plan: Plan,

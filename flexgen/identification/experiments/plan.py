@@ -25,6 +25,7 @@ from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
+from flexgen.type_checks import checked_types
 
 BANDWIDTH = 8.0  # Hz, of the speed control
 POSITION_GAIN = 8.0  # 1/s
@@ -34,6 +35,7 @@ FREE = ("stiffness", "damping")
 OPTIMAL = "optimal"
 
 
+@checked_types(own=("period_s", "periods", "realizations"))
 @reported("excite")
 def excite(
     model: RobotModel | str | Path,

@@ -17,6 +17,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.motion_control.benchmarks.content import content_hash
 from flexgen.motion_control.disturbances import Disturbance
 from flexgen.motion_control.plants import Plants
+from flexgen.type_checks import checked_class
 
 # What was published never changes: the hash of the content of each version, and the hash that it is known by where it
 # is another one (of version 1 that of the file).
@@ -47,6 +48,7 @@ class Output:
     scale: float
 
 
+@checked_class
 @dataclass(frozen=True)
 class Window:
     """A part of the run [s] and the weights of the measures that are taken in it."""
@@ -57,6 +59,7 @@ class Window:
     weights: Mapping[str, float]
 
 
+@checked_class
 @dataclass(frozen=True)
 class Segment:
     """A part of a run with its disturbances, whose times count from its begin, and the weights of its measures."""
@@ -91,6 +94,7 @@ class Accept:
     rest: float
 
 
+@checked_class
 @dataclass(frozen=True, eq=False)
 class Scenario:
     """A benchmark; see the module. Its hash is that of what it holds, also after `dataclasses.replace`.

@@ -33,6 +33,7 @@ from flexgen.motion_control.benchmarks.scenario import Scenario
 from flexgen.motion_control.benchmarks.scenario_file import scenario
 from flexgen.motion_control.plants import NOMINAL
 from flexgen.progress import Choice, reported
+from flexgen.type_checks import checked_result, checked_types
 
 
 def robot_scores(measures: Sequence[Measure], values: np.ndarray, reference: np.ndarray) -> np.ndarray:
@@ -48,6 +49,7 @@ def draw_totals(chosen: Scenario, each: np.ndarray) -> np.ndarray:
     return np.asarray(total)
 
 
+@checked_result
 @dataclass(frozen=True, repr=False)
 class Score:
     """What a controller reaches in a scenario.
@@ -204,6 +206,7 @@ class Score:
         return page
 
 
+@checked_types
 @reported("score")
 def score(
     name: str | Path | Scenario,

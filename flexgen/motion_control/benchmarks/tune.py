@@ -32,12 +32,14 @@ from flexgen.motion_control.benchmarks.scenario_file import scenario
 from flexgen.motion_control.benchmarks.score import Score, draw_totals, reference_measures, robot_scores, score
 from flexgen.progress import Choice, reported
 from flexgen.sweeps.executors import with_executor
+from flexgen.type_checks import checked_result, checked_types
 
 REFUSED = 10.0  # value of a refused controller, and more for every reason
 SPREAD, FIRST = 0.6, 0.25  # of the logarithms: distance of other starts, size of the first simplex
 MOST = 20_000  # evaluations
 
 
+@checked_result
 @dataclass(frozen=True, repr=False)
 class Tuned:
     """A tuned controller: ``controller``, its ``score``, and that of the start; ``history``: best value so far.
@@ -65,6 +67,7 @@ class Tuned:
         return target
 
 
+@checked_types
 @reported("tune")
 def tune(
     name: str | Path | Scenario,

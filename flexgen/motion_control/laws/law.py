@@ -7,8 +7,10 @@ from abc import ABC, abstractmethod
 from flexgen.errors import ArgumentError
 from flexgen.loop.interface import Compiled, Controller, Setup
 from flexgen.motion_control.laws.motion import LawMotion
+from flexgen.type_checks import checked_methods
 
 
+@checked_methods
 class ModelLaw(ABC):
     """A feedback law with parameters; `bound` makes the controller for one motion of one model."""
 

@@ -29,6 +29,7 @@ from flexgen.motion_control.laws.law import ModelLaw
 from flexgen.motion_control.laws.motion import LawMotion
 from flexgen.motion_control.laws.stability import check_pose_loop
 from flexgen.numerics.evaluate import evaluate
+from flexgen.type_checks import checked_class
 
 HIGHEST_HZ = 1e5
 
@@ -39,6 +40,7 @@ def check_frequency(value: float, name: str = "frequency_hz") -> None:
         raise ArgumentError(f"controller, {name}: given {value!r}, expected more than 0, up to {HIGHEST_HZ:g} Hz")
 
 
+@checked_class
 @dataclass(frozen=True)
 class FeedbackLinearisation(ModelLaw):
     """Feedback linearization of a robot whose arm coordinates are all driven through springs.
@@ -100,6 +102,7 @@ class FeedbackLinearisation(ModelLaw):
         )  # fmt: skip
 
 
+@checked_class
 @dataclass(frozen=True)
 class ComputedTorque(ModelLaw):
     """Computed torque of the rigid robot from the motor angles, the limit of feedback linearization for stiff springs.

@@ -31,13 +31,15 @@ from flexgen.mechanics.equations import derive
 from flexgen.model.elements import RobotModel
 from flexgen.motion_control.gains import motor_inertias
 from flexgen.motion_control.margins import LoopAtPose
-from flexgen.motion_control.plants import LocalDynamics
+from flexgen.motion_control.plants import LocalDynamics, check_design
 from flexgen.motion_control.sampled_model import PoseModels
+from flexgen.type_checks import checked_class
 
 LOWER, LOWERINGS = 0.8, 30  # factors of the crossover frequency that are tried where a loop is unstable
 System = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # A, B, C, D
 
 
+@checked_class
 @dataclass(frozen=True)
 class LoopShaping:
     """H-infinity loop shaping for the motors of a model; see the module.
@@ -75,6 +77,7 @@ class LoopShaping:
         ``motion``: ``q_a v_a a_a q_m v_m a_m tau_m`` (1, ...) of the pose. SolverError where there is no controller.
         """
         robot = self.model or model
+        check_design(robot, sample_s, delay_s, motion)
         shape = self._shape(motor_inertias(robot, motion)[0])
         plant = series(series(shape, pade(delay_s + sample_s / 2, robot.n_m)), linear_plant(robot, motion))
         central, gamma = coprime_controller(plant, self.factor)
@@ -89,6 +92,7 @@ class LoopShaping:
         The design knows the hold and the delay by an approximation, the tested loop exactly.
         """
         robot = self.model or model
+        check_design(robot, sample_s, delay_s, motion)
         pose = PoseModels(robot).at(motion)
         pose = replace(pose, C=pose.C[: robot.n_m])  # motor angles
 

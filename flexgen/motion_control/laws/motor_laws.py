@@ -24,6 +24,7 @@ from flexgen.motion_control.laws.linearising import check_frequency
 from flexgen.motion_control.laws.motion import LawMotion
 from flexgen.motion_control.laws.stability import check_pose_loop
 from flexgen.numerics.evaluate import evaluate
+from flexgen.type_checks import checked_class
 
 POSES = 40  # of the motion where Tomei's condition is tested
 
@@ -51,6 +52,7 @@ def _refuse(model_reason: str | None, law: str) -> None:
         raise ArgumentError(f"controller {law}: {model_reason}")
 
 
+@checked_class
 @dataclass(frozen=True)
 class TomeiPD(ModelLaw):
     """Passivity-based PD control of the motors with gravity compensation, stable at every pose for elastic joints.
@@ -145,6 +147,7 @@ def _check_gravity(motion: LawMotion, k_p: np.ndarray) -> None:
         )
 
 
+@checked_class
 @dataclass(frozen=True)
 class JointTorqueFeedback(ModelLaw):
     """State feedback of motor angle, motor speed, joint torque and its rate, about the feedforward.

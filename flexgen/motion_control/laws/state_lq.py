@@ -20,10 +20,12 @@ from flexgen.motion_control.laws.law import ModelLaw
 from flexgen.motion_control.laws.motion import LawMotion
 from flexgen.motion_control.lq import regulator, torque_scale
 from flexgen.motion_control.sampled_model import PoseModels, sampled
+from flexgen.type_checks import checked_class
 
 PARTS = 40  # of the motion with gains of their own
 
 
+@checked_class
 @dataclass(frozen=True)
 class LQ(ModelLaw):
     """Linear quadratic control on the state: motor and arm angles with their differences, or the exact state.

@@ -37,6 +37,7 @@ from flexgen.motion_control.laws.linearising import FeedbackLinearisation
 from flexgen.motion_control.laws.state_lq import LQ
 from flexgen.motion_control.result import unit_of
 from flexgen.progress import Choice, reported
+from flexgen.type_checks import checked_class, checked_result, checked_types
 
 ARM = Path(__file__).with_name("three_axis_arm.toml")
 MOTOR_NOISE = 1e-4  # rad; that of the arm angles is in the model file
@@ -53,6 +54,7 @@ FAMILIES = (PD, PID, FL, PREDICTED, STATE_LQ)
 REST_S = 1.0  # before the motion: torque noise is measured there
 
 
+@checked_class
 @dataclass(frozen=True)
 class Setting:
     """Sample time and delay [s], and whether the state is exact or made of noisy angles."""
@@ -72,6 +74,7 @@ SETTINGS = (
 )  # fmt: skip
 
 
+@checked_result
 @dataclass(frozen=True)
 class Trial:
     """One tuning under one setting.
@@ -97,6 +100,7 @@ class Trial:
         return float(max(self.error_m)) if self.error_m and np.isfinite(self.error_m).all() else float("inf")
 
 
+@checked_result
 @dataclass(frozen=True, repr=False)
 class FeedbackStudy:
     """Result of `flexgen.feedback_study`.
@@ -208,6 +212,7 @@ class FeedbackStudy:
         return implementation("FeedbackStudy.plot")(self)
 
 
+@checked_types
 @reported("feedback_study")
 def feedback_study(
     model: str | Path | RobotModel | None = None,

@@ -37,6 +37,7 @@ from flexgen.motion_control.observers.design import (
     state_names,
 )
 from flexgen.motion_control.sampled_model import PoseModel, PoseModels, held
+from flexgen.type_checks import checked_class, checked_types
 
 SOURCE = Path(__file__).with_name("constant_gain.c")
 PARTS = 40  # of the motion
@@ -44,6 +45,7 @@ PANEL, DENSE = 24, 4  # rows side by side in C
 FLAGS = "-O3 -ftree-vectorize"  # no sum changes its order
 
 
+@checked_class
 class ConstantGainObserver:
     """Observer about a planned motion; see the module.
 
@@ -165,6 +167,7 @@ class ConstantGainObserver:
         self._head, self._begin = _ConstantGain.from_buffer(self._memory.data), own
         self.reset()
 
+    @checked_types(own=("sample",))
     def reset(self, sample: int = 0) -> None:
         """Begin on the reference, at a sample; ArgumentError where it is not a whole number from 0 on."""
         if isinstance(sample, bool) or not isinstance(sample, int | np.integer) or not 0 <= sample < 2**62:
@@ -180,10 +183,12 @@ class ConstantGainObserver:
         other._head = _ConstantGain.from_buffer(other._memory.data)
         return other
 
+    @checked_types(own=("y", "u"))
     def step(self, y: np.ndarray, u: np.ndarray) -> np.ndarray:
         """The state (n_z,) after one more sample: ``y`` (n_y,) measured now, ``u`` (n_m,) acted since the last one."""
         return np.asarray(self.run(np.asarray(y, dtype=float)[None], np.asarray(u, dtype=float)[None])[0])
 
+    @checked_types(own=("y", "u"))
     def run(self, y: np.ndarray, u: np.ndarray) -> np.ndarray:
         """The states (n, n_z) of a record ``y`` (n, n_y), ``u`` (n, n_m); see `ExtendedKalmanFilter.run`.
 

@@ -41,6 +41,7 @@ from flexgen.motion_control.observers.design import (
 from flexgen.motion_control.plants import LocalDynamics
 from flexgen.motion_control.sampled_model import PoseModels
 from flexgen.runtime.calls import Function
+from flexgen.type_checks import checked_class, checked_result, checked_types
 
 SOURCE = Path(__file__).with_name("extended_kalman.c")
 STATUSES = (
@@ -57,6 +58,7 @@ TILE = 8  # columns of a tile in C
 START = {"position": 1e-3, "speed": 1e-2, "torque": 0.1}  # rad or m, rad/s or m/s, of the largest torque
 
 
+@checked_result
 @dataclass(frozen=True)
 class Estimate:
     """Estimates of one sample, or of n samples with a first axis.
@@ -88,6 +90,7 @@ class Estimate:
     __repr__ = short_repr
 
 
+@checked_class
 class ExtendedKalmanFilter:
     """Extended Kalman filter with disturbance torques; see the module.
 
@@ -219,6 +222,7 @@ class ExtendedKalmanFilter:
         return np.concatenate(parts)[: 2 * n + self.n_d]
 
     # --- samples -----------------------------------------------------------------------------------------------------
+    @checked_types(own=("y", "u"))
     def step(self, y: np.ndarray, u: np.ndarray) -> Estimate:
         """The estimate after one more sample; the first one after `reset` only corrects the start.
 
@@ -237,6 +241,7 @@ class ExtendedKalmanFilter:
         found = self.run(np.asarray(y, dtype=float)[None], np.asarray(u, dtype=float)[None])
         return Estimate(*(getattr(found, name)[0] for name in found.__dataclass_fields__))
 
+    @checked_types(own=("y", "u"))
     def run(self, y: np.ndarray, u: np.ndarray) -> Estimate:
         """The same for a record: ``y`` (n, n_y), ``u`` (n, n_m); ``u[k]`` acted from sample k - 1 to sample k.
 
