@@ -20,12 +20,11 @@ import casadi as ca
 from flexgen.mechanics import dynamics
 from flexgen.mechanics.system import System
 from flexgen.model.output_columns import output_labels, output_units
-from flexgen.type_checks import checked_methods
+from flexgen.type_checks import checked_result
 
 
-@checked_methods
+@checked_result
 @dataclass(frozen=True)
-@checked_methods
 class ImplicitDae:
     """A DAE with the names and units of its variables and rows.
 
