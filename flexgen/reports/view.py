@@ -11,7 +11,7 @@ from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.model.elements import RobotModel
+from flexgen.model.elements import Move, RobotModel
 from flexgen.progress import Choice
 from flexgen.reports.motion import motion_data, motion_text, motion_title
 from flexgen.reports.video import check_video, write_video
@@ -28,7 +28,7 @@ def view(
     path: str | Path | None = None,
     *,
     model: str | Path | RobotModel | Equations | None = None,
-    move: str | None = None,
+    move: str | Move | None = None,
     video: str | Path | None = None,
     progress: Choice = None,
 ) -> Path:
@@ -45,7 +45,7 @@ def view(
         The page, a name that ends in ``.html``. Required without a video.
     model : str, Path, RobotModel or Equations, optional
         The robot of a trajectory; default: the name in the trajectory.
-    move : str, optional
+    move : str or Move, optional
         The move of a robot; default: the first.
     video : str or Path, optional
         Also write a video, a name that ends in ``.gif`` or ``.mp4`` (needs the program ffmpeg).
@@ -89,7 +89,7 @@ def view(
 def _motion(
     what: str | Path | RobotModel | Equations | Solution | Trajectory,
     model: str | Path | RobotModel | Equations | None,
-    move: str | None,
+    move: str | Move | None,
     progress: Choice,
 ) -> tuple[Equations, Trajectory, Simulation | None, float]:
     """The robot, its trajectory, the simulation if there is one, and the end of the path [s]."""

@@ -13,6 +13,7 @@ from flexgen.export.selftest.golden import at_rest, expected, states
 from flexgen.export.selftest.motion import motion_of
 from flexgen.export.source_folder import Exported, folder_of, write_folder
 from flexgen.export.template import template
+from flexgen.model.moves import Move
 from flexgen.type_checks import checked_types
 
 PACKAGE = "flexgen.export.selftest"
@@ -24,7 +25,7 @@ def export_selftest(
     directory: str | os.PathLike[str] | None = None,
     *,
     precision: PrecisionName = "double",
-    move: str | None = None,
+    move: str | Move | None = None,
     motion: bool = True,
     force: bool = False,
 ) -> Exported:
@@ -44,7 +45,7 @@ def export_selftest(
         Where to write; default: ``exports/<name>_selftest``.
     precision : str
         ``"double"`` or ``"single"``.
-    move : str, optional
+    move : str or Move, optional
         The move that the stream follows; default: the first of the model file.
     motion : bool
         False: without the move, which takes the time of a verified solution.

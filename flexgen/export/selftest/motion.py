@@ -12,6 +12,7 @@ from flexgen.export.emitted import StreamOptions
 from flexgen.inversion.solve import solve
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
+from flexgen.model.moves import Move
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path, PathSample, named_move
 from flexgen.simulation.interpolation import interpolate
@@ -46,7 +47,7 @@ class Motion:
     options: StreamOptions
 
 
-def motion_of(equations: Equations, options: StreamOptions, move: str | None = None) -> Motion:
+def motion_of(equations: Equations, options: StreamOptions, move: str | Move | None = None) -> Motion:
     """The first move of a model, or the named one.
 
     The torques are those of the method "collocation" on the definition, which shares no code with the stream (without
