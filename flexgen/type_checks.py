@@ -1,9 +1,9 @@
 """Types of arguments, checked against the annotations at every public function, constructor and method.
 
-The order of checks: a constructor first checks itself, since its own sentences say more of values and ranges; then its
-arguments are compared with the annotations. A function or a method compares first, so that nothing is written or
-computed for an argument of a wrong type, except of the parameters that it checks itself as its first step, with a
-sentence that says more: ``own`` of `checked_types` names them.
+The order of checks: a constructor first checks itself, since its own messages are more specific; then its arguments, as
+a data class stored them, are compared with the annotations. A function or a method compares first, so that nothing is
+written or computed for an argument of a wrong type, except of the parameters that it checks itself as its first step,
+with a more specific message: ``own`` of `checked_types` names them.
 """
 
 from __future__ import annotations
@@ -129,6 +129,11 @@ class _Entrance:
             if check is not None and not check.passes(value):
                 self.refuse(name, value, check)
 
+    def stored(self, args: tuple[Any, ...], kwargs: dict[str, Any]) -> tuple[tuple[()], dict[str, Any]]:
+        """The arguments of a data class as it stored them: its `__post_init__` may have made a tuple of an array."""
+        given = dict(zip(self.plan().names[1:], args[1:], strict=False)) | kwargs
+        return (), {name: getattr(args[0], name, value) for name, value in given.items()}
+
     def refuse(self, name: str, value: Any, check: Check) -> NoReturn:
         """State what was given and what was expected."""
         words = UNWRITABLE if isinstance(value, str) and not is_text(value) else WORDS.get(name, check.words)
@@ -138,7 +143,7 @@ class _Entrance:
 def _wrapped(function: Any, *, cls: type | None = None, result: bool = False, own: tuple[str, ...] = ()) -> Any:
     head = "" if cls is None else f"{cls.__name__}, "
     entrance = _Entrance(function, head, cls, result, own)
-    check, check_all = entrance.check, replace(entrance, own=()).check
+    check, check_all, stored = entrance.check, replace(entrance, own=()).check, entrance.stored
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
@@ -165,7 +170,7 @@ def _wrapped(function: Any, *, cls: type | None = None, result: bool = False, ow
         except Exception:
             check(args, kwargs)
             raise
-        check(args, kwargs)
+        check(*stored(args, kwargs) if is_dataclass(cls) else (args, kwargs))
 
     door: Any = construct if cls is not None else call_with_own if own else call
     door.__checks__ = entrance
