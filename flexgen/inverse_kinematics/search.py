@@ -16,7 +16,7 @@ import numpy as np
 from flexgen.build.model_library import library_with
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.mechanics.equations import derive, robot_of
+from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.mechanics.statics import gear_deflection
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate
@@ -87,7 +87,7 @@ class Configuration:
 
 @checked_types
 def kinematics(
-    model: str | Path | RobotModel,
+    model: str | Path | RobotModel | Equations,
     position: np.ndarray,
     rotation: np.ndarray,
     *,

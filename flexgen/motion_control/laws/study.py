@@ -27,7 +27,7 @@ from flexgen.inversion.solve import solve
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.interface import Controller
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
-from flexgen.mechanics.equations import robot_of
+from flexgen.mechanics.equations import Equations, robot_of
 from flexgen.model.elements import RobotModel
 from flexgen.motion_control.control import Case, case_controller, control_case, run_case
 from flexgen.motion_control.disturbances import Disturbance
@@ -215,7 +215,7 @@ class FeedbackStudy:
 @checked_types
 @reported("feedback_study")
 def feedback_study(
-    model: str | Path | RobotModel | None = None,
+    model: str | Path | RobotModel | Equations | None = None,
     *,
     settings: Sequence[Setting] = SETTINGS,
     families: Sequence[str] = FAMILIES,

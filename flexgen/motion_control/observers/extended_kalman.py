@@ -26,7 +26,7 @@ from flexgen.build.c_module import c_module
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.model_library import library_with
-from flexgen.mechanics.equations import derive, robot_of
+from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import RobotModel
 from flexgen.motion_control.observers.channels import MOTORS, Channels, Noise, channels_of
 from flexgen.motion_control.observers.design import (
@@ -131,7 +131,7 @@ class ExtendedKalmanFilter:
 
     def __init__(
         self,
-        model: str | Path | RobotModel,
+        model: str | Path | RobotModel | Equations,
         outputs: str | Sequence[str] = MOTORS,
         *,
         sample_time: float = 1e-3,
