@@ -13,7 +13,6 @@ import sysconfig
 import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -127,7 +126,7 @@ def reference_run(cascade, samples, positions, missing=()):
     rest = interval.q_m[0].copy()
     cascade.begin(PERIOD / PARTS)
     cascade.reset()
-    held, out = y0, []
+    held, out, none = y0, [], np.zeros(0)
     for k, offset in enumerate(positions):
         if k % PARTS == 0:
             y, dy, ddy = (x[k // PARTS] for x in samples)
@@ -138,8 +137,10 @@ def reference_run(cascade, samples, positions, missing=()):
         part = k % PARTS
         q_m, tau_m = interval.q_m[part], interval.tau_m[part]
         if k == 0:  # at rest, where the stream starts
-            cascade.step(0, SimpleNamespace(q_m=rest), SimpleNamespace(q_m=rest, tau_m=tau_m))
-        u = cascade.step(k, SimpleNamespace(q_m=rest + offset), SimpleNamespace(q_m=q_m, tau_m=tau_m))
+            cascade.step(0, flexgen.Measurement(rest, none), flexgen.Reference(rest, none, tau_m, none, none, none))
+        u = cascade.step(
+            k, flexgen.Measurement(rest + offset, none), flexgen.Reference(q_m, none, tau_m, none, none, none)
+        )
         most = cascade.torque_max
         out.append(np.clip(u, -most, most) if most is not None and (most > 0).all() else u)
     return np.array(out), rest

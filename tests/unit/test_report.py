@@ -169,7 +169,7 @@ def test_report_of_a_limited_solution_with_warnings_and_library(tmp_path):
 def test_text_of_a_model_cannot_become_markup(tmp_path):
     equations, solution = solved("planar5_nmp", "line", verify=False)
     evil = "<script>alert('x')</script><img src=x onerror=y>\" onload=\"z $\\frac$ </svg>"
-    model = unchecked(equations.model, description=evil, source=evil, variant=evil)
+    model = dataclasses.replace(equations.model, description=evil, source=evil)
     move = unchecked(solution.move, name=evil)
     trajectory = dataclasses.replace(solution.trajectory, meta={**solution.trajectory.meta, "move": evil})
     hostile = dataclasses.replace(solution, model=model, move=move, trajectory=trajectory, verdict=evil, method=evil)
