@@ -113,7 +113,8 @@ def kinematics(
     Returns
     -------
     tuple of Configuration
-        Empty where the pose cannot be reached.
+        Empty where the pose cannot be reached. Known gap: within 1e-6 rad of a wrist singularity of an arm with three
+        parallel axes before it (UR), a configuration of which only a part of the family is in reach can be missing.
 
     Raises
     ------
