@@ -298,9 +298,8 @@ def _written(request: _Request, digest: str, log: Callable[[str], None]) -> tupl
         spec = replace(spec, stream=stream_defaults(request.model, spec))
     written = function_texts(spec)
     texts = emit(spec, written)
-    if (
-        request.solvers is not None and spec.inverts
-    ):  # one header, so that other choices of solvers take the same objects
+    if request.solvers is not None and spec.inverts:
+        # one header, so that other choices of solvers take the same objects
         texts[f"{name}_inversion.h"] = inversion_header(offered, written)
     texts = amalgamated(name, texts) if request.amalgamate else texts
     return _manifest(spec, digest, {f: text.work > 0 for f, text in written.items()}), texts
