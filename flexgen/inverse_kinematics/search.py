@@ -26,12 +26,13 @@ from flexgen.type_checks import checked_result, checked_types
 SINGULAR = 1e-4  # smallest singular value of the scaled Jacobian over the largest
 FAMILY = 1e-12  # the same, of a pose that a family of configurations reaches: the error that is left
 ROUNDING = 1e-14  # error of a pose by rounding: over the distance, that of the joints along the direction that is lost
-TURNED = 2e-3  # rad: rotation of the goal beside which the search is not singular
+TURNED = 2e-3  # rad: rotation of the goal to where the search is not singular
+TURNS = 16  # number of such rotations, about axes spread over the plane across the sixth axis
 NEAR = 0.05  # distance from singularity of a configuration at the turned goal that is refined at the goal
-REFINED = 1e-11  # largest error of a refined configuration
+REFINED = 1e-14  # largest error of a refined configuration
 SAME = 1e-5  # rad or m: configurations that are as close are one
 REFINEMENTS = 40
-SHIFTS = (0.0, 1.2, -1.2, 2.4)  # rad: along the family, where a refinement begins
+POLISHED = 3  # last refinements, across the direction that is lost: along it, rounding moves the joints without an end
 JOINTS = 6
 SAG_STEPS = 20
 
@@ -113,8 +114,7 @@ def kinematics(
     Returns
     -------
     tuple of Configuration
-        Empty where the pose cannot be reached. Known gap: within 1e-6 rad of a wrist singularity of an arm with three
-        parallel axes before it (UR), a configuration of which only a part of the family is in reach can be missing.
+        Empty where the pose cannot be reached.
 
     Raises
     ------
@@ -177,16 +177,12 @@ def _next_to(c: np.ndarray, z: np.ndarray, other: np.ndarray, direction: np.ndar
     return np.asarray(c + z * float(np.cross(other - c, direction) @ across) / square)
 
 
-def _turn_of(vector: np.ndarray) -> np.ndarray:
-    """The rotation matrix of a small rotation vector."""
+def _rotation_about(vector: np.ndarray) -> np.ndarray:
+    """The rotation matrix of a rotation vector that is not zero."""
     angle = float(np.linalg.norm(vector))
     x, y, z = vector / angle
     K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.asarray(np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K)
-
-
-_TURNS = [_turn_of(TURNED * np.array(axis)) for axis in ((0.48, -0.64, 0.6), (0.8, 0.6, 0.0))]
-_TURNS += [turn.T for turn in _TURNS]
 
 
 @lru_cache(maxsize=16)
@@ -222,14 +218,14 @@ class _Solver:
         return float(max(np.linalg.norm(p[1:] - p[0], axis=1).max(), 2e-3)) / 2
 
     def all_at(self, goal: np.ndarray, home: np.ndarray) -> list[np.ndarray]:
-        """All solutions (n_g,), also beside singularities, where the search in C finds copies or nothing.
+        """All solutions (n_g,), also next to singularities, where the search in C finds copies or nothing.
 
-        Those of four goals that are turned by `TURNED`, about two axes there and back, are refined at the goal itself:
-        at the edge of the workspace some of them can be out of reach. Of a family of solutions, one remains, the
-        nearest to ``home``.
+        Those of `TURNS` goals that are rotated by `TURNED` are refined at the goal itself: at the edge of the workspace
+        some of them can be out of reach. With parallel axes before the wrist (UR) the rotation determines the place
+        along a family, of which only an arc is in reach. Of a family, one remains, the nearest to ``home``.
         """
         R = goal[3:].reshape(3, 3)
-        each = [self.solve(np.concatenate([goal[:3], (turn @ R).ravel()])) for turn in _TURNS]
+        each = [self.solve(np.concatenate([goal[:3], (turn @ R).ravel()])) for turn in self._turns(R)]
         turned = [q for found in each for q in found]
         close = [q for q in turned if self._distance(q) < NEAR]
         try:
@@ -242,12 +238,19 @@ class _Solver:
             return found
         out = [q for q in found if self._distance(q) >= SINGULAR]
         close += [q for q in found if self._distance(q) < SINGULAR]
-        starts = [q + shift * self._null(q) for q in close for shift in SHIFTS]
-        refined = [self._refined(goal, q, home) for q in starts]
+        refined = [self._refined(goal, q, home) for q in close]
         for q in sorted((q for q in refined if q is not None), key=lambda q: float(np.abs(q - home).max())):
             if not any(self._same(goal, q, other) for other in out):
                 out.append(q)
         return out
+
+    def _turns(self, R: np.ndarray) -> list[np.ndarray]:
+        """Small rotations (3, 3) about axes across the sixth axis, where the tool has the rotation R (3, 3)."""
+        at_zero = np.asarray(self.library.forward_kinematics(self.base).R)
+        sixth = R @ at_zero.T @ self._jacobian(self.base[self.i_g])[3:, -1]
+        across = np.linalg.svd(sixth[None])[2][1:]  # two directions; where the sixth joint slides, any two
+        angles = 2 * np.pi * (np.arange(TURNS) + 0.5) / TURNS
+        return [_rotation_about(TURNED * (np.cos(a) * across[0] + np.sin(a) * across[1])) for a in angles]
 
     def _jacobian(self, q: np.ndarray) -> np.ndarray:
         full = self.base.copy()
@@ -294,7 +297,7 @@ class _Solver:
 
         Of a family, the one nearest to ``home``.
         """
-        q, at = q.copy(), self._at
+        q, at, family = q.copy(), self._at, False
         for k in range(REFINEMENTS):
             full = self.base.copy()
             full[self.i_g] = q
@@ -303,8 +306,9 @@ class _Solver:
             turn = np.array([E[2, 1] - E[1, 2], E[0, 2] - E[2, 0], E[1, 0] - E[0, 1]]) / 2
             e = np.concatenate([(p - goal[:3]) / self.length, turn])
             U, sizes, V = np.linalg.svd(self._jacobian(q))
-            family = sizes[-1] < FAMILY * sizes[0]
-            step = -(V[: 6 - family].T @ ((U.T @ e)[: 6 - family] / sizes[: 6 - family]))
+            family = bool(sizes[-1] < FAMILY * sizes[0])
+            rank = 6 - (family or k >= REFINEMENTS - POLISHED)
+            step = -(V[:rank].T @ ((U.T @ e)[:rank] / sizes[:rank]))
             if family and k < REFINEMENTS // 2:
                 step += V[-1] * (V[-1] @ (home[at] - q[at]))
             q[at] += step * min(1.0, 1.0 / max(float(np.abs(step).max()), 1e-300))
@@ -312,7 +316,7 @@ class _Solver:
                 break
         full = self.base.copy()
         full[self.i_g] = q
-        return q if self._miss(goal, full) < REFINED else None
+        return q if self._miss(goal, full) < (10 * FAMILY if family else REFINED) else None
 
     def solve(self, goal: np.ndarray) -> list[np.ndarray]:
         """All solutions (n_g,), rotations within half a turn of zero; ``goal``: position, rotation by rows."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from toolchain import needs_compiler
@@ -10,6 +12,8 @@ import flexgen
 from flexgen.numerics.evaluate import evaluate
 
 pytestmark = needs_compiler
+
+UR5 = str(Path(__file__).resolve().parents[1] / "support" / "robots" / "ur5.toml")
 
 
 def wrapped(x: np.ndarray) -> np.ndarray:
@@ -59,3 +63,22 @@ def test_configurations_that_rounding_cannot_separate_are_found_once():
         p, R = evaluate(equations.function("forward_kinematics"), q[None])
         found = flexgen.kinematics(equations.model, p.ravel(), R.reshape(3, 3))
         assert len(found) in (4, 8) or any(c.singular for c in found), len(found)
+
+
+# Three parallel axes before the wrist: a small rotation of the goal fixes the sum of their angles, and of the family of
+# configurations only an arc is in reach.
+ARCS = [
+    (-0.3381, -1.8977, -0.0776, -2.25, 1e-10, -2.7236),
+    (0.0819, 1.2251, -0.405, -0.5508, 1e-10, -2.0703),
+    (1.5237, -0.6454, -0.1128, -1.8711, 1e-8, -1.7425),
+    (-1.8641, -0.4126, -2.3539, -0.5632, 1e-10, 1.0378),
+]
+
+
+@pytest.mark.parametrize("q", ARCS)
+def test_configuration_of_an_arm_with_parallel_axes_is_found_once_beside_a_wrist_singularity(q):
+    equations = flexgen.derive(UR5)
+    p, R = evaluate(equations.function("forward_kinematics"), np.array([q]))
+    found = flexgen.kinematics(equations.model, p.ravel(), R.reshape(3, 3))
+    assert sum(not c.singular for c in found) <= 8 and max(c.error for c in found) < 1e-11
+    assert any(c.singular for c in found) or sum(np.abs(wrapped(c.q - q)).max() < 1e-3 for c in found) == 1
