@@ -112,10 +112,11 @@ dist: $(VENV)/.test                ## write sdist and wheel to dist/; the same s
 sbom: $(VENV)/.installed           ## write the bill of materials dist/sbom.cdx.json: what running needs, CycloneDX
 	$(BIN)/python .ci/sbom.py dist/sbom.cdx.json
 
-golden: $(VENV)/.installed         ## write generated/elbow, the stub and tests/golden/face again; tests compare them
+golden: $(VENV)/.installed         ## write generated/elbow, the stub and tests/golden again; tests compare them
 	$(BIN)/python cli.py generate elbow --no-build --force
 	$(BIN)/python tests/support/public_stub.py
 	$(BIN)/python tests/support/public_face.py
+	$(BIN)/python tests/golden/test_model_files.py
 
 clean:                             ## remove what was built (not .venv)
 	rm -rf build dist reports *.egg-info .pytest_cache .mypy_cache .ruff_cache

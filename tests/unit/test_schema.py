@@ -10,6 +10,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+from model_files import everything, overlay
 
 import flexgen
 from flexgen.cli.main import main
@@ -23,119 +24,6 @@ from flexgen.ports import identifier_problem
 ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted([*(ROOT / "models").glob("*.toml"), *(ROOT / "tests" / "support" / "robots").glob("*.toml")])
 PROGRAM = ROOT / "examples" / "program.toml"
-
-# Kinds of tables that no file in models/ has, so that every table of the schema is compared with the reader.
-EVERYTHING = """
-name = "everything"
-gravity = [0, 0, -9.81]
-motor_coupling = "complete"
-home_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
-[base]
-position = [0, 0, 0]
-rotation = [1, 0, 0, 0, 1, 0, 0, 0, 1]
-{elements}
-[tool]
-position = [0.1, 0, 0]
-rpy_deg = [0, 0, 90]
-[payload]
-mass = 1
-com = [0, 0, 0.1]
-inertia = [0.1, 0.1, 0.1, 0, 0, 0]
-[output]
-type = "tool_pose"
-[[move]]
-name = "arc"
-type = "tool_circle"
-start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
-center = [0.1, 0, 0]
-axis = [0, 0, 1]
-angle_deg = 30
-rotation_deg = [0, 0, 5]
-duration = 1
-smoothness = 5
-[[move]]
-name = "corner"
-type = "tool_polyline"
-start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
-legs = [{{ displacement = [0.1, 0, 0], zone = 0.01, speed = 0.1 }}, {{ displacement = [0, 0.1, 0], via = [0.1, 0, 0] }}]
-profile = [0.5, 5, 50]
-[[move]]
-name = "track"
-type = "sampled"
-file = "track.csv"
-degree = 7
-[[sensor]]
-name = "acc"
-type = "accelerometer"
-element = "e0"
-unit = "g"
-[[sensor]]
-name = "rate"
-type = "gyro"
-element = "tool"
-axes = ["x", [0, 1, 1]]
-unit = "deg/s"
-[[sensor]]
-name = "enc"
-type = "link_encoder"
-coordinate = "q0"
-unit = "mrad"
-[[sensor]]
-name = "laser"
-type = "tracker"
-unit = "mm"
-[[program]]
-name = "tour"
-start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
-profile = [0.5, 5, 50]
-joint_profile_rad = [2, 9, 150]
-step = [
-  {{ type = "MoveJ", end_rad = [0, 0.2, 0.3, 0.4, 0.5, 0.0], speed_rad = 1 }},
-  {{ type = "MoveL", displacement = [0.1, 0, 0], rpy_deg = [0, 0, 0] }},
-  {{ type = "MoveC", position = [0.1, 0, 0], via = [0.1, 0.1, 0.0], pause = 0.1 }},
-]
-[variant.other]
-description = "x"
-set = {{ "payload.mass" = 2 }}
-remove = ["base"]
-"""
-SPRINGS = [
-    '{ type = "linear", stiffness = 1e5 }',
-    '{ type = "cubic", stiffness = 1e5, cubic = 0.0 }',
-    '{ type = "smooth", low = 1e5, high = 2e5, break_at = 1e-3 }',
-    '{ type = "piecewise", low = 1e5, high = 2e5, break_at = 1e-3 }',
-    '{ type = "backlash", stiffness = 1e5, gap = 0, smoothing = 1e-4 }',
-]
-
-
-def everything(folder: Path) -> Path:
-    """A file with every kind of table."""
-    (folder / "track.csv").write_text("t,x,y,z,rx,ry,rz\n" + "".join(f"{k},{k},0,0,0,0,0\n" for k in range(20)))
-    text = ""
-    for k in range(6):
-        gear = (
-            f'{{ type = "elastic", side = "arm", spring = {SPRINGS[k]}, damping = 1 }}'
-            if k < 5
-            else '{ type = "rigid" }'
-        )
-        kind = "rotation" if k < 5 else "translation"
-        text += f'[[element]]\nname = "e{k}"\nbody = {{ mass = 2, inertia = [1, 1, 1] }}\n'
-        text += f'[[element.dof]]\nname = "q{k}"\ntype = "{kind}"\naxis = [0, 0, 1]\ngear = {gear}\n'
-        text += "friction = { viscous = 1, coulomb = 1, beta = 10 }\n"
-        text += "counterbalance = { sin = [1.0, 2.0], cos = [0.5] }\n" if kind == "rotation" else ""
-    for k, spring in enumerate(SPRINGS):
-        kind = "translation" if k == 0 else "rotation"
-        text += f'[[element]]\nname = "s{k}"\nbody = {{ mass = 2 }}\n[[element.dof]]\nname = "p{k}"\n'
-        text += f'type = "{kind}"\naxis = [1, 0, 0]\nspring = {spring}\ndamping = 1\n'
-    text += '[[element]]\nname = "b"\n[element.beam]\nlength = 1\nmass_per_length = 2\n'
-    text += '[[element.beam.bending]]\ndirection = "y"\nstiffness = 100\nmodes = 1\n'
-    for k in range(6):
-        text += f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 100\ninertia = 1e-3\n'
-        text += 'axis = [0, 0, 1]\ncarrier = "base"\n'
-    path = folder / "everything.toml"
-    path.write_text(EVERYTHING.format(elements=text))
-    return path
-
 
 # --- a walk through a file and the schema at once ---------------------------------------------------------------------
 
@@ -227,16 +115,6 @@ def all_tables(schema: dict) -> dict[int, dict]:
         elif isinstance(here, list):
             todo += here
     return out
-
-
-def overlay(folder: Path) -> Path:
-    """An overlay with a link of its own."""
-    text = (ROOT / "models" / "urdf_arm.toml").read_text()
-    text = text.replace('"urdf_arm.urdf"', f'"{ROOT / "models" / "urdf_arm.urdf"}"')
-    text += '\n[link.boom]\nrename = "jib"\nbody = { mass = 20, com = [0.4, 0, 0], inertia = [0.1, 2, 2] }\n'
-    path = folder / "overlay.toml"
-    path.write_text(text)
-    return path
 
 
 def test_every_key_of_the_reader_and_no_other(recorded, tmp_path):

@@ -1,0 +1,244 @@
+"""Model files with every kind of table, their mutations by key and value, and what reading a file gives as one line."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import random
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from flexgen.errors import FlexgenError
+from flexgen.model.checked_table import bare
+
+ROOT = Path(__file__).resolve().parents[2]
+
+# Kinds of tables that no file in models/ has, so that every table of the schema is compared with the reader.
+EVERYTHING = """
+name = "everything"
+gravity = [0, 0, -9.81]
+motor_coupling = "complete"
+home_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
+[base]
+position = [0, 0, 0]
+rotation = [1, 0, 0, 0, 1, 0, 0, 0, 1]
+{elements}
+[tool]
+position = [0.1, 0, 0]
+rpy_deg = [0, 0, 90]
+[payload]
+mass = 1
+com = [0, 0, 0.1]
+inertia = [0.1, 0.1, 0.1, 0, 0, 0]
+[output]
+type = "tool_pose"
+[[move]]
+name = "arc"
+type = "tool_circle"
+start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
+center = [0.1, 0, 0]
+axis = [0, 0, 1]
+angle_deg = 30
+rotation_deg = [0, 0, 5]
+duration = 1
+smoothness = 5
+[[move]]
+name = "corner"
+type = "tool_polyline"
+start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
+legs = [{{ displacement = [0.1, 0, 0], zone = 0.01, speed = 0.1 }}, {{ displacement = [0, 0.1, 0], via = [0.1, 0, 0] }}]
+profile = [0.5, 5, 50]
+[[move]]
+name = "track"
+type = "sampled"
+file = "track.csv"
+degree = 7
+[[sensor]]
+name = "acc"
+type = "accelerometer"
+element = "e0"
+unit = "g"
+[[sensor]]
+name = "rate"
+type = "gyro"
+element = "tool"
+axes = ["x", [0, 1, 1]]
+unit = "deg/s"
+[[sensor]]
+name = "enc"
+type = "link_encoder"
+coordinate = "q0"
+unit = "mrad"
+[[sensor]]
+name = "laser"
+type = "tracker"
+unit = "mm"
+[[program]]
+name = "tour"
+start_rad = [0.1, 0.2, 0.3, 0.4, 0.5, 0.0]
+profile = [0.5, 5, 50]
+joint_profile_rad = [2, 9, 150]
+step = [
+  {{ type = "MoveJ", end_rad = [0, 0.2, 0.3, 0.4, 0.5, 0.0], speed_rad = 1 }},
+  {{ type = "MoveL", displacement = [0.1, 0, 0], rpy_deg = [0, 0, 0] }},
+  {{ type = "MoveC", position = [0.1, 0, 0], via = [0.1, 0.1, 0.0], pause = 0.1 }},
+]
+[variant.other]
+description = "x"
+set = {{ "payload.mass" = 2 }}
+remove = ["base"]
+"""
+SPRINGS = [
+    '{ type = "linear", stiffness = 1e5 }',
+    '{ type = "cubic", stiffness = 1e5, cubic = 0.0 }',
+    '{ type = "smooth", low = 1e5, high = 2e5, break_at = 1e-3 }',
+    '{ type = "piecewise", low = 1e5, high = 2e5, break_at = 1e-3 }',
+    '{ type = "backlash", stiffness = 1e5, gap = 0, smoothing = 1e-4 }',
+]
+
+
+def everything(folder: Path) -> Path:
+    """A file with every kind of table, but one kind of an output."""
+    (folder / "track.csv").write_text("t,x,y,z,rx,ry,rz\n" + "".join(f"{k},{k},0,0,0,0,0\n" for k in range(20)))
+    text = ""
+    for k in range(6):
+        gear = (
+            f'{{ type = "elastic", side = "arm", spring = {SPRINGS[k]}, damping = 1 }}'
+            if k < 5
+            else '{ type = "rigid" }'
+        )
+        kind = "rotation" if k < 5 else "translation"
+        text += f'[[element]]\nname = "e{k}"\nbody = {{ mass = 2, inertia = [1, 1, 1] }}\n'
+        text += f'[[element.dof]]\nname = "q{k}"\ntype = "{kind}"\naxis = [0, 0, 1]\ngear = {gear}\n'
+        text += "friction = { viscous = 1, coulomb = 1, beta = 10 }\n"
+        text += "counterbalance = { sin = [1.0, 2.0], cos = [0.5] }\n" if kind == "rotation" else ""
+    for k, spring in enumerate(SPRINGS):
+        kind = "translation" if k == 0 else "rotation"
+        text += f'[[element]]\nname = "s{k}"\nbody = {{ mass = 2 }}\n[[element.dof]]\nname = "p{k}"\n'
+        text += f'type = "{kind}"\naxis = [1, 0, 0]\nspring = {spring}\ndamping = 1\n'
+    text += '[[element]]\nname = "b"\n[element.beam]\nlength = 1\nmass_per_length = 2\n'
+    text += '[[element.beam.bending]]\ndirection = "y"\nstiffness = 100\nmodes = 1\n'
+    for k in range(6):
+        text += f'[[motor]]\nname = "m{k}"\ndrives = "q{k}"\nratio = 100\ninertia = 1e-3\n'
+        text += 'axis = [0, 0, 1]\ncarrier = "base"\n'
+    path = folder / "everything.toml"
+    path.write_text(EVERYTHING.format(elements=text))
+    return path
+
+
+def overlay(folder: Path) -> Path:
+    """An overlay with a link of its own."""
+    text = (ROOT / "models" / "urdf_arm.toml").read_text()
+    text = text.replace('"urdf_arm.urdf"', f'"{ROOT / "models" / "urdf_arm.urdf"}"')
+    text += '\n[link.boom]\nrename = "jib"\nbody = { mass = 20, com = [0.4, 0, 0], inertia = [0.1, 2, 2] }\n'
+    path = folder / "overlay.toml"
+    path.write_text(text)
+    return path
+
+
+# --- mutations by key and value ---------------------------------------------------------------------------------------
+
+VALUES: tuple[Any, ...] = (
+    *(-1, 0, 1, 2, 1.5, -0.3, 100, 1e-19, 2.5e13, True, False, "", "x", "q1", "base", "rotation", "rigid", "tool"),
+    *([], [1], [0, 0, 0], [1, 2, 3], [0.1, "a", 1], ["q1"], ["q1", "q1"], [1, 2, 3, 4, 5, 6], [0.0] * 9, [-1, 1, 1]),
+    *(
+        [{}],
+        {},
+        {"type": "rigid"},
+        {"type": "linear", "stiffness": 0.0},
+        {"mass": 1},
+        {"x": 1},
+        "m",
+        "deg",
+        [[1, 0, 0]],
+    ),
+)
+
+
+def tables_of(data: Any) -> list[Any]:
+    """Every table and list of tables in plain data, outermost first."""
+    inner = list(data.values()) if isinstance(data, dict) else data if isinstance(data, list) else []
+    own = [data] if isinstance(data, dict) or (data and isinstance(data[0], dict)) else []
+    return own + [found for item in inner if isinstance(item, dict | list) for found in tables_of(item)]
+
+
+def mutate_data(rng: random.Random, data: dict[str, Any]) -> None:
+    """One key or entry of a random table: removed, renamed, copied from elsewhere, or with another value."""
+    tables = tables_of(data)
+    table = rng.choice(tables)
+    if isinstance(table, list):
+        k, kind = rng.randrange(len(table)), rng.randrange(3)
+        if kind == 0:
+            table.append(json.loads(json.dumps(table[k])))
+        elif kind == 1 and len(table) > 1:
+            del table[k]
+        else:
+            table.reverse()
+        return
+    keys, kind = list(table), rng.randrange(10)
+    other = rng.choice([one for one in tables if isinstance(one, dict)])
+    if kind == 9 and other:
+        key = rng.choice(list(other))
+        table[key] = json.loads(json.dumps(other[key]))
+    elif keys and kind == 0:
+        del table[rng.choice(keys)]
+    elif keys and kind == 1:
+        key = rng.choice(keys)
+        swapped = key.replace("_deg", "_RAD").replace("_rad", "_deg").replace("_RAD", "_rad")
+        value = table[key] if rng.random() < 0.3 else table.pop(key)
+        table[rng.choice([key + "s", key[:-1], key.partition("_")[0], swapped, swapped])] = value
+    elif keys:
+        key = rng.choice(keys)
+        value = rng.choice(VALUES)
+        if isinstance(table[key], list) and table[key] and rng.random() < 0.4:
+            table[key] = [*table[key][:-1], value]
+        else:
+            table[key] = json.loads(json.dumps(value))
+
+
+def toml_text(data: dict[str, Any]) -> str:
+    """Plain data in TOML, an entry of a list of tables in a line of its own."""
+
+    def show(value: Any) -> str:
+        if isinstance(value, dict):
+            return "{ " + ", ".join(f"{bare(key)} = {show(item)}" for key, item in value.items()) + " }"
+        if isinstance(value, list):
+            line = "\n" if value and isinstance(value[0], dict) else ""
+            return f"[{line}" + ", ".join(show(item) + line for item in value) + "]"
+        return repr(value) if isinstance(value, float) else json.dumps(value)
+
+    return "".join(f"{bare(key)} = {show(value)}\n" for key, value in data.items())
+
+
+def mutated(name: str, number: int, valid: dict[str, Any]) -> str:
+    """Mutation of a model file; the same name and number give the same text."""
+    rng, data = random.Random(f"{name} {number}"), json.loads(json.dumps(valid))
+    for _ in range(rng.choice([1, 1, 1, 1, 2, 3])):
+        mutate_data(rng, data)
+    return toml_text(data)
+
+
+# --- what reading gives -----------------------------------------------------------------------------------------------
+
+
+def dump(value: Any) -> Any:
+    """Plain data with every field, class and bit of a number."""
+    if dataclasses.is_dataclass(value):
+        fields = {field.name: dump(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        return [type(value).__name__, fields]
+    if isinstance(value, list | tuple):
+        return [dump(item) for item in value]
+    return value
+
+
+def outcome(read: Callable[[Path], Any], path: Path) -> str:
+    """The message of an error, or a hash of all that is read; without the folder of the file."""
+    try:
+        found = json.dumps(dump(read(path)))
+    except FlexgenError as error:
+        text = " ".join(str(error).replace(str(path.parent), "FOLDER").split())
+        return re.sub(r"(text that is not (?:TOML|XML)) \(.*?\), expected", r"\1, expected", text)  # words of a parser
+    return "read " + hashlib.sha256(found.replace(str(path.parent), "FOLDER").encode()).hexdigest()[:16]
