@@ -114,6 +114,7 @@ sbom: $(VENV)/.installed           ## write the bill of materials dist/sbom.cdx.
 
 golden: $(VENV)/.installed         ## write generated/elbow, the stub and tests/golden again; tests compare them
 	$(BIN)/python cli.py generate elbow --no-build --force
+	$(BIN)/python tests/support/emitted_hashes.py
 	$(BIN)/python tests/support/public_stub.py
 	$(BIN)/python tests/support/public_face.py
 	$(BIN)/python tests/golden/test_model_files.py

@@ -31,6 +31,7 @@ SLOW = (
 )
 # Files that read or analyze each model in some milliseconds.
 ANY_MODEL = (
+    "golden/test_emitted_hashes.py",
     "published/test_analysis.py",
     "unit/test_reader.py",
     "unit/test_solvability.py",

@@ -1,0 +1,52 @@
+"""Hashes of all files that flexgen emits for six models: run this file to write ``tests/golden/emitted.txt`` anew."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from flexgen.build.generate import generate
+
+GOLDEN = Path(__file__).parents[1] / "golden" / "emitted.txt"
+# The models differ in output, gears and number of joints; each has another choice of `generate`.
+CHOICES: dict[str, dict[str, Any]] = {
+    "elbow": {"amalgamate": True},
+    "planar5_nmp": {},
+    "four_mass": {"precision": "single"},
+    "beam_arm": {"parameters": ["payload"]},
+    "abb_arm": {"per_point": True, "parameters": ["payload"]},
+    "manutec_r3": {},
+}
+_OF_TODAY = ("digest", "generator", "casadi", "files", "build")  # of the manifest: versions and other hashes
+
+
+def hashes(model: str) -> dict[str, str]:
+    """SHA-256 by file of the library of a model; of the manifest without what each version of flexgen changes."""
+    with tempfile.TemporaryDirectory() as folder:
+        made = generate(model, folder, build=False, progress=False, **CHOICES[model])
+        texts = {path.relative_to(made.directory).as_posix(): path.read_bytes() for path in made.files}
+    manifest = json.loads(texts.pop("manifest.json"))
+    kept = {key: value for key, value in manifest.items() if key not in _OF_TODAY}
+    texts["manifest.json"] = json.dumps(kept, sort_keys=True).encode()
+    return {file: hashlib.sha256(text).hexdigest() for file, text in sorted(texts.items())}
+
+
+def table(models: dict[str, dict[str, str]]) -> str:
+    """One line for each file: model, file and hash."""
+    return "".join(f"{model} {file} {found}\n" for model, files in models.items() for file, found in files.items())
+
+
+def read() -> dict[str, dict[str, str]]:
+    """The hashes in the golden file, by model and file."""
+    found: dict[str, dict[str, str]] = {}
+    for line in GOLDEN.read_text(encoding="ascii").splitlines():
+        model, file, value = line.split()
+        found.setdefault(model, {})[file] = value
+    return found
+
+
+if __name__ == "__main__":
+    GOLDEN.write_text(table({model: hashes(model) for model in CHOICES}), encoding="ascii")
