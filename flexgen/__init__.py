@@ -8,7 +8,8 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-__version__ = "0.2.0"
+from flexgen import registry
+from flexgen.version import __version__ as __version__
 
 _VERBS = {
     "models": "flexgen.model.catalogue",
@@ -138,7 +139,7 @@ _NOUNS = {
 }
 _ERRORS = dict.fromkeys(["FlexgenError", "ModelError", "ArgumentError", "SolverError", "BuildError"], "flexgen.errors")
 _PUBLIC = _VERBS | _NOUNS | _ERRORS
-# Methods of classes in lower packages that upper packages implement: imported when they are called.
+# What objects of lower rooms call in upper ones: pictures, reports, searches; imported when they are called.
 _METHODS = {
     "Analysis._repr_html_": ("flexgen.reports.analysis_page", "tables"),
     "Analysis.plot": ("flexgen.plots.linear", "plot_analysis"),
@@ -156,8 +157,9 @@ _METHODS = {
     "Score.report": ("flexgen.reports.control_page", "write_score"),
     "Solution.plot": ("flexgen.plots.solution", "plot_solution"),
     "Solution.report": ("flexgen.reports.html", "report_solution"),
-    "Trajectory.at": ("flexgen.simulation.interpolation", "interpolate"),
 }
+
+registry.register(_METHODS)
 
 __all__ = [*_PUBLIC, "__version__"]
 
@@ -166,12 +168,6 @@ def __getattr__(name: str) -> Any:
     if name in _PUBLIC:
         return getattr(importlib.import_module(_PUBLIC[name]), name)
     raise AttributeError(f"module 'flexgen' has no attribute {name!r}")
-
-
-def implementation(method: str) -> Any:
-    """The function that implements a method of a class in a lower package, such as ``Solution.plot``."""
-    module, name = _METHODS[method]
-    return getattr(importlib.import_module(module), name)
 
 
 def __dir__() -> list[str]:

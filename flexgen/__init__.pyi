@@ -1,7 +1,5 @@
 """The public names for type checkers, from the tables in `__init__.py`; `make golden` writes this file."""
 
-from typing import Any
-
 from flexgen.analysis.analyze import Analysis as Analysis
 from flexgen.analysis.analyze import analyze as analyze
 from flexgen.build.generate import Generated as Generated
@@ -131,5 +129,3 @@ from flexgen.sweeps.sweep import sweep as sweep
 from flexgen.trajectory import Trajectory as Trajectory
 
 __version__: str
-
-def implementation(method: str) -> Any: ...

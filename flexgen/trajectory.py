@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from flexgen import implementation, trajectory_files
+from flexgen import trajectory_files
 from flexgen.errors import ArgumentError, ChannelError
 from flexgen.ports import Port
 from flexgen.type_checks import checked_result
@@ -128,8 +128,9 @@ class Trajectory:
         ArgumentError
             An instant is outside of the trajectory.
         """
-        result: dict[str, np.ndarray] = implementation("Trajectory.at")(self, t)
-        return result
+        from flexgen.interpolation import interpolate
+
+        return interpolate(self.time, self.channels, self.meta, t)
 
     def to_dataframe(self) -> Any:
         """A pandas.DataFrame: one column per scalar, named ``name[label] unit``; the index is the time [s].

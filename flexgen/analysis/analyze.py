@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from flexgen import implementation
 from flexgen.analysis.linear import LinearModel, linearize, modes, poles
 from flexgen.analysis.solvability import Solvability, SolvabilityPath, solvability, solvability_path
 from flexgen.analysis.zeros import ZeroReport, motor_zeros, zero_report
@@ -21,6 +20,7 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.quasistatic import OutputPath
 from flexgen.mechanics.statics import Equilibrium, hold_joints
 from flexgen.model.elements import RobotModel
+from flexgen.registry import registered
 from flexgen.type_checks import checked_result, checked_types
 
 
@@ -60,12 +60,12 @@ class Analysis:
 
     def _repr_html_(self) -> str:
         """Tables of the equilibrium, the modes and the zeros, for notebooks."""
-        text: str = implementation("Analysis._repr_html_")(self)
+        text: str = registered("Analysis._repr_html_")(self)
         return text
 
     def plot(self) -> Any:
         """A matplotlib Figure: poles and zeros, and the frequency response; a notebook shows it."""
-        return implementation("Analysis.plot")(self)
+        return registered("Analysis.plot")(self)
 
     def report(self, folder: str | Path) -> Path:
         """Write ``index.html`` and the plots to a folder, as ``flexgen analyze --report`` does; return the page.
@@ -75,7 +75,7 @@ class Analysis:
         ArgumentError
             The folder has files of another program under these names, or cannot be written.
         """
-        page: Path = implementation("Analysis.report")(self, folder)
+        page: Path = registered("Analysis.report")(self, folder)
         return page
 
     def to_control(self, *, units: bool = False) -> Any:
@@ -90,7 +90,7 @@ class Analysis:
         ArgumentError
             The package control is not installed.
         """
-        return implementation("Analysis.to_control")(self, units)
+        return registered("Analysis.to_control")(self, units)
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON types, SI units; complex numbers as ``[re, im]``."""

@@ -17,7 +17,6 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from flexgen import __version__
 from flexgen.atomic_files import followed
 from flexgen.build.compiler import ISAS, Compiler, IsaName, build_libraries, find_compiler
 from flexgen.build.directory import MANIFEST, check_owned, clean, install, libraries, read_manifest, staging, unchanged
@@ -43,6 +42,7 @@ from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
 from flexgen.type_checks import checked_result, checked_types
 from flexgen.types_of_values import items_of
+from flexgen.version import __version__
 
 if TYPE_CHECKING:
     from flexgen.mechanics.equations import Equations

@@ -18,12 +18,12 @@ from collections.abc import Iterator, Sequence
 from datetime import datetime
 from typing import Any, NoReturn
 
-from flexgen import __version__
 from flexgen.atomic_files import followed
 from flexgen.cli.own_robot.check import implausible
 from flexgen.cli.parser import UsageError, build_parser, parse
 from flexgen.cli.printing import as_json, fitted, terminal_width
 from flexgen.errors import ArgumentError, FlexgenError, SolverError, message_of, printable
+from flexgen.version import __version__
 
 PACKAGES = ("casadi", "numpy", "scipy", "sympy", "matplotlib")
 

@@ -11,7 +11,6 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-from flexgen import __version__
 from flexgen.cli import (
     completion,
     control_arguments,
@@ -27,6 +26,7 @@ from flexgen.cli.argument_parser import MESSAGES, Once, Parser, UsageError
 from flexgen.cli.argument_types import file_path, isa, names, numbers, setting
 from flexgen.cli.own_robot import check, new
 from flexgen.mechanics.signatures import TABLE
+from flexgen.version import __version__
 
 __all__ = ["EXAMPLES", "UsageError", "build_parser", "parse"]
 

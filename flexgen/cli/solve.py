@@ -100,6 +100,10 @@ def _solve_one(
     from flexgen.inversion.solve import solve as solve_move
 
     out, report = outputs
+    if args.fastest:
+        from flexgen.motion_control.minimum_time import fastest
+
+        move, limits = fastest(equations, move, limits=limits, time_limit=args.time, progress=log).move, None
     accuracy = ACCURACY if args.accuracy is None else args.accuracy
     solution = solve_move(
         equations,
@@ -114,9 +118,8 @@ def _solve_one(
         sample_time=args.sample_time,
         delay=args.delay,
         time_limit=args.time,
-        ignore_limits=args.ignore_limits,
+        ignore_limits=args.ignore_limits or args.fastest,
         fixed_joint=args.fixed_joint,
-        fastest=args.fastest,
         progress=log,
     )
     if solution.model.output != equations.model.output:  # all joints, of an arm with more motors than outputs

@@ -22,7 +22,6 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from flexgen import __version__
 from flexgen.analysis.linear import linearize, poles
 from flexgen.atomic_files import write_text
 from flexgen.errors import ArgumentError, SolverError
@@ -37,6 +36,7 @@ from flexgen.model.elements import Dof, LinearSpring, RobotModel
 from flexgen.model.inertia import mass_matrix
 from flexgen.model.reader import read
 from flexgen.type_checks import checked_types
+from flexgen.version import __version__
 
 LEAST = 2e-15  # kg and kg m^2: of a body without mass; MuJoCo takes nothing below 1e-15
 SHARE = 1e-10  # that `LEAST` may be of the inertia of the robot

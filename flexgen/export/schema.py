@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from typing import Any, Literal, get_args
 
-from flexgen import __version__
 from flexgen.errors import ArgumentError
 from flexgen.export import schema_robot, schema_tasks
 from flexgen.export.schema_types import IDENTIFIER, Schema, choice, name, picked, ref, string, table, vector, words
 from flexgen.model import reader
 from flexgen.type_checks import checked_types
+from flexgen.version import __version__
 
 Kind = Literal["model", "program"]
 KINDS: tuple[Kind, ...] = get_args(Kind)

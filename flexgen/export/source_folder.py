@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flexgen import __version__
 from flexgen.atomic_files import followed, remove_leftovers, staging_folder
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.type_checks import checked_result
+from flexgen.version import __version__
 
 RECORD = "flexgen_export.json"
 _FILE = re.compile(r"[A-Za-z+][A-Za-z0-9_.+]*(/[A-Za-z+][A-Za-z0-9_.+]*)*\Z")

@@ -22,7 +22,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from flexgen import __version__
 from flexgen.atomic_files import followed, staging_folder, unwritable, write_text
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.export.overlay_tables import (
@@ -43,6 +42,7 @@ from flexgen.model.reader import read
 from flexgen.model.urdf_source import source_files
 from flexgen.ports import identifier_problem
 from flexgen.type_checks import checked_types
+from flexgen.version import __version__
 
 UNLIMITED = 1e6  # URDF demands limits of some joints: in their place where the model has none
 _WRITTEN_BY = ", written by flexgen "  # in the first line of an overlay

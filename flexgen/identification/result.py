@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from flexgen import implementation
 from flexgen.atomic_files import write_text
 from flexgen.counts import shown
 from flexgen.errors import ArgumentError, ModelError
@@ -31,6 +30,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.reader import parse_file, read
 from flexgen.model.templates.number_edit import with_numbers
 from flexgen.progress import Choice
+from flexgen.registry import registered
 from flexgen.type_checks import checked_result
 
 WEAK = 0.5  # standard deviation of a logarithm above which the model keeps the value of its file
@@ -280,7 +280,7 @@ class Identified(Estimated):
 
     def report(self, directory: str | Path) -> Path:
         """Write a self-contained HTML page with tables and pictures into a folder; returns the page."""
-        page: Path = implementation("Identified.report")(self, directory)
+        page: Path = registered("Identified.report")(self, directory)
         return page
 
     def verdict(
@@ -293,7 +293,7 @@ class Identified(Estimated):
         progress: Choice = None,
     ) -> Any:
         """Tool errors of feedforward with this model; see `flexgen.identification.verdict.verdict`."""
-        return implementation("Identified.verdict")(
+        return registered("Identified.verdict")(
             self, move, truth=truth, samples=samples, control=control, progress=progress
         )
 

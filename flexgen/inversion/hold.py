@@ -12,7 +12,7 @@ from flexgen.inversion.verification import verify_by_simulation
 from flexgen.simulation.figures import both_measured
 from flexgen.simulation.hold import SAMPLE_TIME, TorqueCommand, check_hold, held_torque
 from flexgen.simulation.hold_names import HoldName
-from flexgen.simulation.torque_curve import stated_degree
+from flexgen.torque_curve import stated_degree
 from flexgen.trajectory import Trajectory
 
 

@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from flexgen import implementation
 from flexgen.display import table_html
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.status import Status
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Move, PiecewiseSpring, RobotModel
 from flexgen.numerics.evaluate import evaluate
+from flexgen.registry import registered
 from flexgen.simulation.figures import Figure, both_measured, measured
 from flexgen.simulation.hold import TorqueCommand
 from flexgen.simulation.result import Simulation, error_figures, error_text
-from flexgen.simulation.torque_curve import torque_curve
+from flexgen.torque_curve import torque_curve
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result
 
@@ -159,7 +159,7 @@ class Solution:
 
         `savefig` of the figure writes it to a file.
         """
-        return implementation("Solution.plot")(self)
+        return registered("Solution.plot")(self)
 
     def report(self, folder: str | Path) -> Path:
         """Write the report to a folder, as ``flexgen solve --report`` does; return the path of its page.
@@ -169,7 +169,7 @@ class Solution:
         ArgumentError
             The folder has files of another program under these names, or cannot be written.
         """
-        page: Path = implementation("Solution.report")(self, folder)
+        page: Path = registered("Solution.report")(self, folder)
         return page
 
     def to_dataframe(self) -> Any:

@@ -11,9 +11,9 @@ from typing import Any, overload
 
 import numpy as np
 
-from flexgen import implementation
 from flexgen.codegen.spec import STATUSES
 from flexgen.deadline import check_time, running
+from flexgen.deprecation import warn_of_old
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.choice import check_applies, default_method, further_methods
@@ -34,6 +34,7 @@ from flexgen.paths.path import named_move
 from flexgen.paths.redundancy import problem_of_move
 from flexgen.ports import Port
 from flexgen.progress import Choice, reported
+from flexgen.registry import registered
 from flexgen.simulation.hold_names import HoldName
 from flexgen.simulation.simulate import HELD_KEY
 from flexgen.trajectory import Trajectory
@@ -108,7 +109,7 @@ def solve(
     fixed_joint : str, optional
         Keeps its value in a move of the tool, of an arm with more motors than outputs: see `flexgen.paths.redundancy`.
     fastest : bool
-        With the fastest time law within ``limits``; `flexgen.fastest` has further options and figures.
+        Old (a DeprecationWarning): the fastest time law within ``limits``; now ``solve(model, fastest(model).move)``.
     progress : callable or bool, optional
         Called with one line of text now and then; default: messages on a terminal and in a notebook; False: none.
     options : mapping, optional
@@ -152,7 +153,8 @@ def _problem(
     preview, mesh, limits, verify, accuracy, log, options = given
     equations = _derived(model, log)
     if fastest:
-        move, limits = implementation("Move.fastest")(equations.model, move, limits, log or False), None
+        warn_of_old("solve: given fastest=True, expected the move of flexgen.fastest: fastest(model, move).move")
+        move, limits = registered("Move.fastest")(equations.model, move, limits, log or False), None
     equations, path = problem_of_move(equations, named_move(equations.model, move), fixed_joint, log)
     return InversionProblem(equations, path, preview, mesh, limits, verify, accuracy, log, options)
 

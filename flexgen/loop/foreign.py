@@ -29,10 +29,10 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ArgumentError
+from flexgen.loop import foreign_process
+from flexgen.loop.foreign_process import BEGIN
 from flexgen.loop.interface import INTERRUPTED, Compiled, PlugIn, PythonController, Setup
 
-BEGIN = -1
-WORKER = "flexgen.loop.foreign_process"
 INSIDE = "FLEXGEN_CONTROLLER_PROCESS"  # set in the environment of the process
 STEP_S, BEGIN_S, TOTAL_S = 5.0, 60.0, 1800.0  # longest answer for a sample, longest begin, all answers together
 _TOGETHER = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
@@ -154,7 +154,7 @@ class ForeignController:
         package = Path(__file__).resolve().parents[2]
         path = os.pathsep.join(filter(None, [str(package), os.environ.get("PYTHONPATH", "")]))
         own = os.environ | {"PYTHONPATH": path, "OPENBLAS_NUM_THREADS": "1", INSIDE: "1"}
-        command = [sys.executable, "-m", WORKER]
+        command = [sys.executable, "-m", foreign_process.__name__]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=own)
         threading.Thread(target=_watch, args=(self, self._process), name="controller", daemon=True).start()
 

@@ -16,9 +16,10 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from flexgen.errors import FlexgenError
-from flexgen.loop.foreign import BEGIN
 from flexgen.loop.interface import STEP, Measurement, PlugIn, PythonController, Setup, checked_step, reference_of
 from flexgen.loop.python_files import is_python, module_of_file, object_of_file
+
+BEGIN = -1  # in the place of the number of a sample: the controller and the robots follow
 
 Steps = Callable[[int], dict[int, str]]  # from the number of a sample: what is wrong with robots, by their number
 

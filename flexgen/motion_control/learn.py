@@ -28,7 +28,6 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, filtfilt
 from scipy.spatial.transform import Rotation
 
-from flexgen import implementation
 from flexgen.arguments import is_number, is_whole, mapping_of, seed_of
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.inversion.model_library import inversion_library
@@ -50,6 +49,7 @@ from flexgen.motion_control.result import ControlRun, output_errors
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path
 from flexgen.progress import Choice, reported
+from flexgen.registry import registered
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result, checked_types
 
@@ -181,11 +181,11 @@ class Learned:
 
     def plot(self) -> Any:
         """A matplotlib Figure: errors of the iterations, and the correction of the path."""
-        return implementation("Learned.plot")(self)
+        return registered("Learned.plot")(self)
 
     def report(self, folder: str | FilePath) -> FilePath:
         """Write a page with the figures and pictures to a folder; return its path."""
-        page: FilePath = implementation("Learned.report")(self, folder)
+        page: FilePath = registered("Learned.report")(self, folder)
         return page
 
 

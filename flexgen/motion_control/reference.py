@@ -18,7 +18,7 @@ from flexgen.ports import Port
 from flexgen.runtime.library import Library
 from flexgen.runtime.path_inversion import Inversion
 from flexgen.simulation.hold import held_torque
-from flexgen.simulation.torque_curve import stated_degree
+from flexgen.torque_curve import stated_degree
 from flexgen.trajectory import Trajectory
 
 MOTION = ("q_a", "v_a", "a_a", "q_m", "v_m", "a_m", "tau_m")

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from flexgen import implementation
 from flexgen.errors import ArgumentError
 from flexgen.inversion.solution import Solution, measured
 from flexgen.loop.hardware import DriveHardware
@@ -22,6 +21,7 @@ from flexgen.motion_control.reference import MotionReference
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.rotations import turn_angle
 from flexgen.ports import Port
+from flexgen.registry import registered
 from flexgen.trajectory import Trajectory
 from flexgen.type_checks import checked_result
 
@@ -282,11 +282,11 @@ class ControlRun:
 
     def plot(self) -> Any:
         """A matplotlib Figure: output errors and torques of all robots."""
-        return implementation("ControlRun.plot")(self)
+        return registered("ControlRun.plot")(self)
 
     def report(self, folder: str | Path) -> Path:
         """Write a page with the figures and pictures to a folder; return its path."""
-        page: Path = implementation("ControlRun.report")(self, folder)
+        page: Path = registered("ControlRun.report")(self, folder)
         return page
 
 

@@ -29,7 +29,7 @@ from flexgen.ports import Port
 from flexgen.simulation.figures import both_measured
 from flexgen.simulation.hold import command_in
 from flexgen.simulation.simulate import simulate
-from flexgen.simulation.torque_curve import POLYNOMIALS, SAMPLES
+from flexgen.torque_curve import POLYNOMIALS, SAMPLES
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 

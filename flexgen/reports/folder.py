@@ -11,8 +11,8 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from flexgen import __version__
 from flexgen.errors import ArgumentError
+from flexgen.version import __version__
 
 PAGE = "index.html"
 

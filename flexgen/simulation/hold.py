@@ -35,7 +35,7 @@ from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError
 from flexgen.ports import Port
 from flexgen.simulation.hold_names import HOLDS, HoldName
-from flexgen.simulation.torque_curve import (
+from flexgen.torque_curve import (
     POLYNOMIALS,
     SAMPLES,
     constant,

@@ -43,7 +43,7 @@ from flexgen.simulation.motor_feedback import MotorFeedback, default_feedback
 from flexgen.simulation.result import Simulation
 from flexgen.simulation.run import Input, Run, run
 from flexgen.simulation.start import start_state
-from flexgen.simulation.torque_curve import side_by_side, spline, then_constant, torque_curve
+from flexgen.torque_curve import side_by_side, spline, then_constant, torque_curve
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 from flexgen.type_checks import checked_types

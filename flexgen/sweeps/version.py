@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import flexgen
+import flexgen.version
 from flexgen.build.compiler import find_compiler
 from flexgen.errors import BuildError
 
@@ -33,7 +33,7 @@ def code_version(native: bool = False) -> str:
     for package in NUMERICAL:
         digest.update(f"{package} {_installed(package)}\n".encode())
     digest.update(f"compiler {_compiler(native)}\n".encode())
-    return f"{flexgen.__version__}+{digest.hexdigest()[:16]}"
+    return f"{flexgen.version.__version__}+{digest.hexdigest()[:16]}"
 
 
 def wants_native(options: Mapping[str, Any]) -> bool:

@@ -97,8 +97,10 @@ def test_a_bound_of_the_rates_is_kept_and_costs_time(planar):
 
 
 @pytest.mark.slow
-def test_solve_takes_the_fastest_time_law(planar):
-    solution = flexgen.solve("planar5_nmp", fastest=True, progress=False)
+def test_solve_with_fastest_warns_and_takes_the_fastest_time_law(planar):
+    with pytest.warns(DeprecationWarning, match="expected the move of flexgen.fastest") as caught:
+        solution = flexgen.solve("planar5_nmp", fastest=True, progress=False)
+    assert [Path(warning.filename).name for warning in caught] == [Path(__file__).name]
     assert solution.status == flexgen.Status.SOLVED and solution.move.timing == planar.move.timing
 
 

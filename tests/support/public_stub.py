@@ -9,13 +9,9 @@ import flexgen
 STUB = Path(flexgen.__file__).with_suffix(".pyi")
 HEAD = '''"""The public names for type checkers, from the tables in `__init__.py`; `make golden` writes this file."""
 
-from typing import Any
-
 '''
 END = """
 __version__: str
-
-def implementation(method: str) -> Any: ...
 """
 
 

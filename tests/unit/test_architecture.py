@@ -1,16 +1,18 @@
 """The architecture: floors, no import circles, rooms without CasADi, nothing heavy behind --help, limits of size.
 
-Imports and sizes are read from the syntax tree of the source; nothing is imported. A planted violation of each rule
-shows that the test sees it.
+Imports and sizes are read from the syntax tree of the source; nothing is imported. A text that is the name of a module
+counts as an import of it: such texts are imported when a function is called. A planted violation of each rule shows
+that the test sees it.
 """
 
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Container, Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -23,22 +25,26 @@ ROOT = Path(__file__).resolve().parents[2]
 # A room (module or package below flexgen) imports from its own room and from rooms on lower floors only; rooms on the
 # ground floor may use each other.
 FLOORS = {
-    "": 0,
     "arguments": 0,
     "array_files": 0,
     "atomic_files": 0,
     "counts": 0,
     "deadline": 0,
+    "deprecation": 0,
     "display": 0,
     "errors": 0,
     "explained_status": 0,
+    "interpolation": 0,
     "npz_files": 0,
     "ports": 0,
     "progress": 0,
+    "registry": 0,
+    "torque_curve": 0,
     "trajectory": 0,
     "trajectory_files": 0,
     "type_checks": 0,
     "types_of_values": 0,
+    "version": 0,
     "numerics": 1,
     "expressions": 1,
     "clib": 1,
@@ -66,27 +72,40 @@ FLOORS = {
     "reports": 13,
     "cli": 14,
     "__main__": 15,
+    "": 15,  # the front room: tables of public names; no room imports it
 }
 SIBLINGS = ["identification", "motion_control", "export"]  # applications on top of inversion: none imports another
 
 WITHOUT_CASADI = ["errors", "ports", "trajectory", "model", "clib", "runtime", "cli", "__main__"]
 INSTANT = ["cli", "__main__"]  # behind --help: the standard library only
 HEAVY = {"casadi", "numpy", "scipy", "sympy", "matplotlib", "mujoco"}
-RUNTIME_NEEDS = {"runtime", "arguments", "counts", "errors", "ports", "type_checks", "types_of_values", ""}
+RUNTIME_NEEDS = {"runtime", "arguments", "counts", "errors", "ports", "type_checks", "types_of_values"}
+RUNTIME_NEEDS |= {"", "registry", "version"}  # the package itself, which is imported with its modules
+
+# Modules that import what a variable names: a name from a table that another module has handed down, or a user's file.
+IMPORT_BY_NAME = {"flexgen", "flexgen.registry"}
 
 # Largest sizes in lines: all Python files directly in a folder, one file, one function (docstring included).
 FOLDER, FILE, FUNCTION = 4000, 450, 80
 MEASURED = ["flexgen", "benchmarks", "examples"]
 
 
+NAMED = re.compile(r"flexgen(\.\w+)+[.:]?(\w+)?\Z")
+IMPORTERS = ("import_module", "__import__")
+
+
 @dataclass(frozen=True)
 class Import:
-    """``module`` imports ``target`` (dotted names); ``late``: inside a function, or for type checking only."""
+    """``module`` imports ``target`` (dotted names).
+
+    ``late``: inside a function, or for type checking only; ``text``: the name is in a text, imported when it is needed.
+    """
 
     module: str
     target: str
     line: int
     late: bool
+    text: bool = False
 
 
 @dataclass(frozen=True)
@@ -99,10 +118,16 @@ class Source:
         As written: module, name (empty for ``import module``), line, and whether it is late.
     functions : list of tuple
         Name, first line, number of lines.
+    texts : list of tuple
+        Texts that may name a module, of f-strings the part before the first brace, and their lines.
+    unnamed : list of int
+        Lines of imports of what a variable names.
     """
 
     imports: list[tuple[str, str, int, bool]]
     functions: list[tuple[str, int, int]]
+    texts: list[tuple[str, int]]
+    unnamed: list[int]
 
 
 @cache
@@ -110,10 +135,19 @@ def source(text: str) -> Source:
     """One pass through the syntax tree of a source, which is made once for all tests."""
     out: list[tuple[str, str, int, bool]] = []
     functions: list[tuple[str, int, int]] = []
+    texts: list[tuple[str, int]] = []
+    unnamed: list[int] = []
 
     def walk(node: ast.AST, late: bool) -> None:
-        if isinstance(node, ast.expr):
-            return  # there is no statement in it
+        if isinstance(node, ast.expr):  # there is no statement in it
+            for part in ast.walk(node):
+                if isinstance(part, ast.Constant) and isinstance(part.value, str) and NAMED.match(part.value):
+                    texts.append((part.value, part.lineno))
+                elif isinstance(part, ast.Call) and part.args and ast.unparse(part.func).endswith(IMPORTERS):
+                    first = part.args[0]
+                    first = first.values[0] if isinstance(first, ast.JoinedStr) else first
+                    unnamed.extend([] if isinstance(first, ast.Constant) else [part.lineno])
+            return
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             functions.append((node.name, node.lineno, (node.end_lineno or node.lineno) - node.lineno + 1))
         if isinstance(node, ast.Import):
@@ -129,15 +163,25 @@ def source(text: str) -> Source:
             walk(child, late or inside or guarded)
 
     walk(ast.parse(text), False)
-    return Source(out, functions)
+    return Source(out, functions, texts, unnamed)
 
 
-def imports_of(module: str, text: str, known: Container[str]) -> list[Import]:
+def imports_of(module: str, text: str, known: Collection[str]) -> list[Import]:
     """All imports of a module's source; names that are modules among the ``known`` ones are targets themselves."""
-    return [
+    found = [
         Import(module, f"{base}.{name}" if name and f"{base}.{name}" in known else base, line, late)
         for base, name, line, late in source(text).imports
     ]
+    for name, line in source(text).texts:
+        head = name.partition(":")[0]  # of "module:function"
+        if head.endswith("."):  # the beginning of an f-string: each module of that package may be meant
+            targets = [other for other in known if other.startswith(head)]
+        else:
+            parts = head.split(".")
+            names = [".".join(parts[:k]) for k in range(len(parts), 1, -1)]  # "module.function" too
+            targets = [other for other in names if other in known][:1]
+        found += [Import(module, target, line, True, True) for target in targets]
+    return found
 
 
 def sources(root: Path = ROOT) -> dict[str, str]:
@@ -164,7 +208,7 @@ def floor_violations(imports: Iterable[Import]) -> list[str]:
     out = []
     for found in inner(imports):
         here, there = room(found.module), room(found.target)
-        if here == there or not there:
+        if here == there:
             continue
         if FLOORS[there] > FLOORS[here] or (FLOORS[there] == FLOORS[here] and FLOORS[here] > 0):
             out.append(f"{found.module}:{found.line} imports {found.target}")
@@ -225,6 +269,11 @@ def reached(start: str, imports: Iterable[Import]) -> set[str]:
     return {module if module.startswith("flexgen") else module.partition(".")[0] for module in seen}
 
 
+def unnamed_imports(texts: dict[str, str]) -> list[str]:
+    """Modules that import what a variable names."""
+    return [module for module, text in texts.items() if source(text).unnamed]
+
+
 def modules_of(names: Iterable[str], texts: dict[str, str]) -> list[str]:
     return [module for module in texts if room(module) in set(names) and room(module)]
 
@@ -274,6 +323,10 @@ def test_no_circles():
     assert circles(all_imports(sources())) == []
 
 
+def test_no_module_imports_what_only_a_variable_names():
+    assert set(unnamed_imports(sources())) == IMPORT_BY_NAME
+
+
 def test_applications_do_not_import_one_another():
     assert sibling_violations(all_imports(sources())) == []
 
@@ -298,7 +351,7 @@ def test_nothing_heavy_behind_help():
 
 def test_runtime_needs_numpy_and_the_ground_floor_only():
     texts = sources()
-    imports = [Import(i.module, i.target, i.line, False) for i in all_imports(texts)]  # late ones too
+    imports = [Import(i.module, i.target, i.line, False) for i in all_imports(texts) if not i.text]  # late ones too
     needs = reached("flexgen.runtime", imports)
     assert {room(m) for m in needs if m.startswith("flexgen")} <= RUNTIME_NEEDS
     assert needs & HEAVY == {"numpy"}
@@ -349,6 +402,10 @@ def test_verbs_are_public_and_not_hidden_by_modules_of_the_same_name():
         ("flexgen.runtime", "from flexgen.codegen import spec"),
         ("flexgen.analysis.linear", "from flexgen.paths.path import Path"),
         ("flexgen.paths.path", "if TYPE_CHECKING:\n    from flexgen.inversion.solution import Solution"),
+        ("flexgen.paths.path", "PLOT = 'flexgen.plots.solution'"),
+        ("flexgen.paths.path", "PLOT = {'Path.plot': 'flexgen.plots.solution:plot_solution'}"),
+        ("flexgen.paths.path", "def late():\n    return import_module('flexgen.plots.solution').plot_solution"),
+        ("flexgen.paths.path", "from flexgen import solve"),
     ],
 )
 def test_planted_import_upwards_is_seen(module, line):
@@ -372,12 +429,28 @@ def test_planted_import_upwards_is_seen(module, line):
             "def late():\n    from flexgen.recursion.functions import fast_function",
             "flexgen.recursion.functions",
         ),
+        (
+            "flexgen.mechanics.outputs",
+            "TABLE = {'derive': 'flexgen.mechanics.equations'}",
+            "flexgen.mechanics.equations",
+        ),
+        (
+            "flexgen.inversion.methods.lq",
+            "def late(name):\n    return import_module(f'flexgen.inversion.{name}').solve",
+            "flexgen.inversion.solve",
+        ),
     ],
 )
 def test_planted_circle_is_seen(module, line, other):
     texts = sources()
     texts[module] += f"\n{line}\n"
     assert any({module, other} <= set(circle) for circle in circles(all_imports(texts)))
+
+
+def test_planted_import_of_a_variable_is_seen():
+    planted = "from importlib import import_module\n\ndef late(name):\n    return import_module(name)\n"
+    texts = sources() | {"flexgen.paths.planted": planted}
+    assert set(unnamed_imports(texts)) == {*IMPORT_BY_NAME, "flexgen.paths.planted"}
 
 
 @pytest.mark.parametrize(

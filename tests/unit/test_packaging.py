@@ -31,7 +31,7 @@ def test_name_and_version():
     project = SETTINGS["project"]
     assert project["name"] == "flexgen-robotics" and project["scripts"] == {"flexgen": "flexgen.cli.main:main"}
     assert "version" not in project and SETTINGS["tool"]["setuptools"]["dynamic"] == {
-        "version": {"attr": "flexgen.__version__"}
+        "version": {"attr": "flexgen.version.__version__"}
     }
     assert re.fullmatch(r"\d+\.\d+\.\d+", flexgen.__version__)
 

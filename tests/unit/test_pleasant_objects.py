@@ -140,7 +140,7 @@ def test_interpolation_meets_the_samples_and_the_equations(solution):
 
 
 def test_the_torque_between_samples_is_that_of_the_simulation(solution):
-    from flexgen.simulation.torque_curve import torque_curve
+    from flexgen.torque_curve import torque_curve
 
     limited = replace(solution.trajectory, meta={**solution.trajectory.meta, "torque": "limited"})
     t = np.linspace(0.01, 0.2, 7)

@@ -17,7 +17,6 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from flexgen import __version__
 from flexgen.atomic_files import atomic_file
 from flexgen.build.compiler import Compiler, find_compiler
 from flexgen.display import short_repr
@@ -29,6 +28,7 @@ from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
 from flexgen.type_checks import checked_result, checked_types
+from flexgen.version import __version__
 
 FmiVersion = Literal["2.0", "3.0"]
 VERSIONS: tuple[FmiVersion, ...] = get_args(FmiVersion)

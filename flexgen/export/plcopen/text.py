@@ -5,9 +5,9 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Sequence
 
-from flexgen import __version__
 from flexgen.export.plcopen.blocks import Block, Variable
 from flexgen.export.template import xml_text
+from flexgen.version import __version__
 
 _XML_SECTIONS = {"VAR_INPUT": "inputVars", "VAR_OUTPUT": "outputVars", "VAR": "localVars"}
 DATE = "2000-01-01T00:00:00"  # of every file: the same model gives the same bytes

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from flexgen import __version__
 from flexgen.codegen.c_text import quoted
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.export.emitted import Emitted, ModelLike, emitted
@@ -18,6 +17,7 @@ from flexgen.export.template import template, xml_text, yaml_text
 from flexgen.loop.controllers import Cascade
 from flexgen.numerics.evaluate import evaluate
 from flexgen.type_checks import checked_types
+from flexgen.version import __version__
 
 PACKAGE = "flexgen.export.ros2"
 START_TOLERANCE = 0.01  # rad or m, arm side: largest distance from the start of the stream

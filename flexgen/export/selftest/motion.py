@@ -15,7 +15,6 @@ from flexgen.mechanics.equations import Equations
 from flexgen.model.moves import Move
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path, PathSample, named_move
-from flexgen.simulation.interpolation import interpolate
 
 SMALL = 8  # coordinates of a robot for which collocation takes seconds
 UPDATES = 120  # of the stream beyond its horizon, at most
@@ -76,7 +75,7 @@ def motion_of(equations: Equations, options: StreamOptions, move: str | Move | N
     trajectory = found.trajectory
     # update k takes sample k, which is the end of the horizon; the interval that begins is `intervals` updates earlier
     t = (np.arange(1, n + 1) - options.intervals) * options.period
-    at = interpolate(trajectory, np.clip(t, trajectory.time[0], trajectory.time[-1]))
+    at = trajectory.at(np.clip(t, trajectory.time[0], trajectory.time[-1]))
     _refuse_singular(equations, at["q_a"], chosen.name)
     tau = at["tau_m"]
     return Motion(targets(sample), sample.derivative(1), sample.derivative(2), path.q_start, tau, options)

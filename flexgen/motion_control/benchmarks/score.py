@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from flexgen import implementation
 from flexgen.arguments import is_whole, seed_of
 from flexgen.errors import ArgumentError
 from flexgen.loop.foreign import INSIDE, ForeignController
@@ -33,6 +32,7 @@ from flexgen.motion_control.benchmarks.scenario import Scenario
 from flexgen.motion_control.benchmarks.scenario_file import scenario
 from flexgen.motion_control.plants import NOMINAL
 from flexgen.progress import Choice, reported
+from flexgen.registry import registered
 from flexgen.type_checks import checked_result, checked_types
 
 
@@ -198,11 +198,11 @@ class Score:
 
     def plot(self) -> Any:
         """A matplotlib Figure: the nominal run, the measures against the reference, the scores of all robots."""
-        return implementation("Score.plot")(self)
+        return registered("Score.plot")(self)
 
     def report(self, folder: str | Path) -> Path:
         """Write a page with tables and pictures to a folder; return its path."""
-        page: Path = implementation("Score.report")(self, folder)
+        page: Path = registered("Score.report")(self, folder)
         return page
 
 

@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from flexgen import implementation
 from flexgen.deadline import check_time
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
@@ -37,6 +36,7 @@ from flexgen.motion_control.laws.linearising import FeedbackLinearisation
 from flexgen.motion_control.laws.state_lq import LQ
 from flexgen.motion_control.result import unit_of
 from flexgen.progress import Choice, reported
+from flexgen.registry import registered
 from flexgen.type_checks import checked_class, checked_result, checked_types
 
 ARM = Path(__file__).with_name("three_axis_arm.toml")
@@ -209,7 +209,7 @@ class FeedbackStudy:
 
     def plot(self) -> Any:
         """A matplotlib Figure: worst error over torque noise of all tunings, measured angles."""
-        return implementation("FeedbackStudy.plot")(self)
+        return registered("FeedbackStudy.plot")(self)
 
 
 @checked_types

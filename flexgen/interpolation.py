@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -9,19 +10,24 @@ from scipy.interpolate import PPoly, make_interp_spline
 
 from flexgen.counts import shown
 from flexgen.errors import ArgumentError
-from flexgen.simulation.torque_curve import interval_polynomials, stated_degree, torque_curve
-from flexgen.trajectory import Trajectory
+from flexgen.torque_curve import interval_polynomials, stated_degree, torque_curve
 
 MOTIONS = (("q_a", "v_a", "a_a"), ("q_m", "v_m", "a_m"))  # channels that are derivatives of each other
 DEGREE = 5
 
 
-def interpolate(trajectory: Trajectory, t: Any) -> dict[str, np.ndarray]:
+def interpolate(
+    grid: np.ndarray, channels: Mapping[str, np.ndarray], meta: Mapping[str, Any], t: Any
+) -> dict[str, np.ndarray]:
     """All channels of a trajectory at other instants; see `flexgen.trajectory.Trajectory.at`.
 
     Parameters
     ----------
-    trajectory : Trajectory
+    grid : array (n,) [s]
+        Instants of the samples.
+    channels : mapping of str to array (n, width)
+    meta : mapping
+        Meta data of the trajectory, which state how the motor torque was sampled.
     t : float or array (k,) [s]
 
     Returns
@@ -34,7 +40,6 @@ def interpolate(trajectory: Trajectory, t: Any) -> dict[str, np.ndarray]:
     ArgumentError
         An instant is no number or outside of the trajectory.
     """
-    grid = trajectory.time
     try:
         at = np.asarray(t, dtype=float)
     except (TypeError, ValueError, OverflowError):
@@ -43,20 +48,20 @@ def interpolate(trajectory: Trajectory, t: Any) -> dict[str, np.ndarray]:
         what = f"shape {at.shape}" if at.ndim > 1 else "an instant that is outside" if at.ndim else shown(t)
         raise ArgumentError(f"t: given {what}, expected one or more instants from {grid[0]:g} to {grid[-1]:g} s")
     found: dict[str, np.ndarray] = {}
-    degree = stated_degree(trajectory.meta)
+    degree = stated_degree(meta)
     for names in MOTIONS:
-        given = [name for name in names if name in trajectory]
+        given = [name for name in names if name in channels]
         if given[:1] == [names[0]] and given == list(names[: len(given)]):
-            samples = [trajectory[name] for name in given]
+            samples = [channels[name] for name in given]
             curve = _hermite(grid, samples) if degree is None or len(given) < 3 else _integrated(grid, samples, degree)
             found |= {name: np.asarray(curve(at, order)) for order, name in enumerate(given)}
-    for name in trajectory:
+    for name in channels:
         if name == "tau_m":
-            limited = trajectory.meta.get("torque") == "limited"
-            found[name] = np.asarray(torque_curve(grid, trajectory[name], limited=limited, degree=degree)(at))
+            limited = meta.get("torque") == "limited"
+            found[name] = np.asarray(torque_curve(grid, channels[name], limited=limited, degree=degree)(at))
         elif name not in found:
-            found[name] = np.asarray(make_interp_spline(grid, trajectory[name], k=min(DEGREE, len(grid) - 1))(at))
-    return {name: found[name] for name in trajectory}
+            found[name] = np.asarray(make_interp_spline(grid, channels[name], k=min(DEGREE, len(grid) - 1))(at))
+    return {name: found[name] for name in channels}
 
 
 def _integrated(t: np.ndarray, x: list[np.ndarray], degree: int) -> PPoly:
