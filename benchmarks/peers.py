@@ -26,7 +26,8 @@ from peers_builds import AVX2, HERE, NATIVE, REPRODUCIBLE, Builds, Mujoco, Pinoc
 from peers_robots import ROBOTS, pinocchio_text, write_mujoco
 
 import flexgen
-from flexgen.codegen.spec import ABI_VERSION, FUNCTIONS, FunctionSpec, library_spec
+from flexgen.codegen.interface import ABI_VERSION
+from flexgen.codegen.spec import FUNCTIONS, FunctionSpec, library_spec
 from flexgen.expressions.routine import Expressions
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import RobotModel

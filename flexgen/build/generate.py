@@ -22,12 +22,11 @@ from flexgen.build.compiler import ISAS, Compiler, IsaName, build_libraries, fin
 from flexgen.build.directory import MANIFEST, check_owned, clean, install, libraries, read_manifest, staging, unchanged
 from flexgen.build.packaging import packaging
 from flexgen.codegen.amalgamation import amalgamated
-from flexgen.codegen.clib_table import STRUCTS
+from flexgen.codegen.c_functions import check_parts
 from flexgen.codegen.clib_types import signature_of
+from flexgen.codegen.interface import ABI_VERSION, PARTS, STATUSES, STRUCTS
 from flexgen.codegen.spec import (
-    ABI_VERSION,
     PRECISIONS,
-    STATUSES,
     LibrarySpec,
     PrecisionName,
     chosen_functions,
@@ -84,7 +83,7 @@ class Generated:
     __repr__ = short_repr
 
 
-@checked_types(own=("model_or_equations", "directory", "parameters"))
+@checked_types(own=("model_or_equations", "directory", "parameters", "parts"))
 @reported("generate")
 def generate(
     model_or_equations: str | Path | RobotModel | Equations,
@@ -99,6 +98,7 @@ def generate(
     isa: IsaName = "native",
     amalgamate: bool = False,
     per_point: bool = False,
+    parts: Sequence[str] = (),
     progress: Choice = None,
     force: bool = False,
 ) -> Generated:
@@ -116,8 +116,7 @@ def generate(
         Only these functions; default: all that the model has. Inverse dynamics along paths and streams come
         with all of them.
     precision : str
-        ``"double"`` or ``"single"``: the type of every number in the library. `bvp` is only in libraries in double
-        precision.
+        ``"double"`` or ``"single"``: the type of every number in the library.
     parameters : sequence of str
         Numbers of the model that shall be arguments of the functions: ``payload``, ``stiffness``, ``q2.damping`` and
         others, see `flexgen.mechanics.parameters`. Equations that are given bring their own.
@@ -134,6 +133,8 @@ def generate(
     per_point : bool
         True: functions for many points take one vector of parameters for each point, and not one for all. Such a
         library has no inverse dynamics along paths and no streams.
+    parts : sequence of str
+        Optional parts: ``"bvp"``, for whole paths by another method than `invert`, to check it (in double precision).
     progress : callable or bool, optional
         Called with one line of text before each step; default: messages on a terminal and in a notebook; False: none.
     force : bool
@@ -156,10 +157,12 @@ def generate(
     model, equations = _resolve(model_or_equations)
     names = chosen_functions(functions, model)
     _check_choices(precision, parameters, isa, equations)
+    parts = tuple(dict.fromkeys(_names("parts", parts)))
+    check_parts(parts, model, names, precision)
     target = Path("generated", library_name(model)) if directory is None else _folder(directory)
     options = {"native": bool(native), "openmp": bool(openmp), "isa": isa}
     request = _Request(
-        model, equations, names, precision, tuple(parameters), bool(amalgamate), bool(per_point), options, force
+        model, equations, names, precision, tuple(parameters), bool(amalgamate), bool(per_point), options, force, parts
     )
     return _generated(request, target, build, log, start)
 
@@ -190,7 +193,10 @@ def generate_parts(
     """
     options = {"native": native, "openmp": False, "isa": "native"}
     names = chosen_functions(functions, model)
-    request = _Request(model, None, names, "double", tuple(parameters), False, per_point, options, False, solvers)
+    parts = tuple(part for part in PARTS if part in solvers)
+    request = _Request(
+        model, None, names, "double", tuple(parameters), False, per_point, options, False, parts, solvers
+    )
     return _generated(request, directory, True, progress, time.perf_counter())
 
 
@@ -198,7 +204,8 @@ def generate_parts(
 class _Request:
     """What a library is made from.
 
-    ``equations``: None to derive them; ``options``: of the build; ``solvers``: None for all hand-written sources.
+    ``equations``: None to derive them; ``options``: of the build; ``parts``: optional hand-written sources;
+    ``solvers``: None for all hand-written sources.
     """
 
     model: RobotModel
@@ -210,6 +217,7 @@ class _Request:
     per_point: bool
     options: dict[str, Any]
     force: bool
+    parts: tuple[str, ...]
     solvers: Sequence[str] | None = None
 
 
@@ -258,11 +266,17 @@ def _check_choices(precision: str, parameters: Sequence[str], isa: str, equation
         raise ArgumentError(f"isa: given {isa!r}, expected one of {', '.join(ISAS)}")
     if precision not in PRECISIONS:
         raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
-    names = items_of(parameters)
-    if names is None or not all(isinstance(word, str) for word in names):
-        raise ArgumentError(f"parameters: given {parameters!r}, expected a sequence of names")
+    _names("parameters", parameters)
     if parameters and equations is not None:
         raise ArgumentError("parameters: given beside equations, expected them in derive(model, parameters)")
+
+
+def _names(argument: str, given: Any) -> list[Any]:
+    """An argument that is a sequence of names; ArgumentError where it is not."""
+    names = items_of(given)
+    if names is None or not all(isinstance(word, str) for word in names):
+        raise ArgumentError(f"{argument}: given {given!r}, expected a sequence of names")
+    return list(names)
 
 
 def _sources(texts: Mapping[str, str]) -> list[str]:
@@ -288,7 +302,9 @@ def _written(request: _Request, digest: str, log: Callable[[str], None]) -> tupl
     log(f"writing {name}")
     from flexgen.codegen.emit import emit, function_texts, inversion_header
 
-    spec = offered = library_spec(equations, request.names, precision=request.precision, per_point=request.per_point)
+    spec = offered = library_spec(
+        equations, request.names, precision=request.precision, per_point=request.per_point, parts=request.parts
+    )
     if request.solvers is not None:
         wanted = {f"{solver}.c" for solver in request.solvers}
         spec = replace(spec, c_functions=tuple(f for f in spec.c_functions if f.file in wanted))
@@ -336,6 +352,7 @@ def _content_digest(request: _Request) -> str:
     """
     own = request.equations is not None
     choices = [request.names, request.precision, list(request.parameters), own, request.amalgamate, request.per_point]
+    choices += [list(request.parts)]
     choices += [] if request.solvers is None else [list(request.solvers)]
     root = Path(__file__).resolve().parent.parent
     sources = [root / "ports.py", root / "model" / "digest.py", root / "model" / "elements.py"]

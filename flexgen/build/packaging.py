@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from string import Template
 
 from flexgen.build.compiler import NATIVE, OPENMP, REPRODUCIBLE, SOLVER_FLAGS, SOLVERS
-from flexgen.codegen.spec import ABI_VERSION
+from flexgen.codegen.interface import ABI_VERSION
 
 
 def packaging(name: str, sources: Sequence[str], headers: Sequence[str], *, openmp: bool = False) -> dict[str, str]:

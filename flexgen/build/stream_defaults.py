@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from flexgen.analysis.zeros import PREVIEW_SHARE, pencil_zeros, preview, time_constants
-from flexgen.codegen.clib_table import INTERVALS_MAX, TOLERANCES
+from flexgen.codegen.interface import INTERVALS_MAX, TOLERANCES
 from flexgen.codegen.spec import LibrarySpec, StreamDefaults
 from flexgen.expressions.routine import Expressions
 from flexgen.model.elements import RobotModel

@@ -176,6 +176,14 @@ def _add_generate_arguments(parser: Parser) -> None:
         help="model parameters that become arguments of the functions: payload, stiffness, damping, friction, "
         "q2.stiffness, ...",
     )
+    content.add_argument(
+        "--with",
+        dest="parts",
+        metavar="NAME,NAME,...",
+        type=names,
+        default=(),
+        help="optional parts: bvp, another method for whole paths, to check invert",
+    )
     content.add_argument("--single", action="store_true", help="single precision (float); default: double")
     build.add_argument(
         "--native", action="store_true", help="contract products and sums: a little faster, results differ by rounding"

@@ -239,7 +239,7 @@ def generate(args: Namespace, log: Progress) -> VerbResult:
     """Write and compile the C library."""
     check_writable(args.out, folder=True)
     from flexgen.build.generate import generate as generate_library
-    from flexgen.codegen.clib_table import inversion_reason
+    from flexgen.codegen.c_functions import inversion_reason
 
     robot = read_model(args)
     library = generate_library(
@@ -253,6 +253,7 @@ def generate(args: Namespace, log: Progress) -> VerbResult:
         openmp=args.openmp,
         isa=args.isa,
         amalgamate=args.amalgamate,
+        parts=args.parts,
         progress=log,
         force=args.force,
     )
@@ -261,9 +262,7 @@ def generate(args: Namespace, log: Progress) -> VerbResult:
     lines += ["", paragraph("functions: " + ", ".join(library.functions))]
     reason = inversion_reason(robot, library.functions)
     if reason is not None:
-        lines += ["", paragraph(f"not in this library: invert, bvp and stream, because {reason}")]
-    elif args.single and robot.n_e:
-        lines += ["", "not in this library: bvp, because it is in double precision only"]
+        lines += ["", paragraph(f"not in this library: invert and stream, because {reason}")]
     if library.written:
         lines += ["", *_written_files(library.files)]
     files = "\n".join(f"{path.stat().st_size:>9} bytes  {path}" for path in library.files)

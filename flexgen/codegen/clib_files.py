@@ -11,7 +11,9 @@ from functools import cache
 from importlib.resources import files
 
 from flexgen.codegen.c_text import comment, declaration, macro, size_macro
-from flexgen.codegen.clib_table import (
+from flexgen.codegen.clib_types import CFunction, Field, Struct
+from flexgen.codegen.header import works
+from flexgen.codegen.interface import (
     DELAY_MAX,
     HOLDS,
     INTERVALS_MAX,
@@ -19,8 +21,6 @@ from flexgen.codegen.clib_table import (
     START_SAMPLES,
     STRUCTS,
 )
-from flexgen.codegen.clib_types import CFunction, Field, Struct
-from flexgen.codegen.header import works
 from flexgen.codegen.motor_constants import MotorConstants
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.codegen.stream_bounds import BLOCK, CALL, Linear, stream_operations, stream_size

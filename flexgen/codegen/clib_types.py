@@ -1,8 +1,18 @@
-"""Functions of the hand-written C: their structs and arguments, as they are listed in `flexgen.codegen.clib_table`."""
+"""The kinds of rows of `flexgen.codegen.interface`: statuses, structs, and functions of the hand-written C."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Status:
+    """What an emitted function returns: its name and value in C, its meaning, and the exception that Python raises."""
+
+    name: str
+    code: int
+    text: str
+    exception: str = ""  # a class of flexgen.errors; none for success, and for warnings, whose codes are positive
 
 
 @dataclass(frozen=True)
@@ -58,6 +68,8 @@ class CFunction:
         True: only for libraries with run-time parameters.
     double : bool
         True: only for libraries in double precision.
+    part : str
+        The optional part of the library that it belongs to; empty: it comes with every library.
     header : str
         The public header that declares it: ``"inversion"`` or ``"inverse_kinematics"``.
     """
@@ -71,6 +83,7 @@ class CFunction:
     elastic: bool = False
     parametrized: bool = False
     double: bool = False
+    part: str = ""
     header: str = "inversion"
 
     @property

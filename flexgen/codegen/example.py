@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from flexgen.codegen.c_text import count_of, macro, quoted, size_macro
-from flexgen.codegen.clib_table import TOLERANCES
+from flexgen.codegen.interface import TOLERANCES
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.expressions.function_text import FunctionText
 from flexgen.expressions.literals import literal

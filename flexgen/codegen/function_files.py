@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from flexgen.codegen.c_text import batch_head, batch_prototype, count_of, macro, prototype, quoted, size_macro
 from flexgen.codegen.header import tile
-from flexgen.codegen.spec import ABI_VERSION, STATUSES, FunctionSpec, LibrarySpec
+from flexgen.codegen.interface import ABI_VERSION, STATUSES
+from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.expressions.function_text import FunctionText
 from flexgen.expressions.literals import literal
 from flexgen.ports import Port

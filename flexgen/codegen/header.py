@@ -8,7 +8,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from flexgen.codegen.c_text import batch_prototype, comment, macro, numbered, port_table, prototype, size_macro
-from flexgen.codegen.spec import STATUSES, FunctionSpec, LibrarySpec, Status
+from flexgen.codegen.clib_types import Status
+from flexgen.codegen.interface import STATUSES
+from flexgen.codegen.spec import FunctionSpec, LibrarySpec
 from flexgen.expressions.function_text import FunctionText
 from flexgen.expressions.literals import literal
 

@@ -1,4 +1,4 @@
-"""Inverse kinematics in the hand-written C: functions, for `flexgen.codegen.clib_table`, and numbers of the model."""
+"""Inverse kinematics in the hand-written C: functions, for `flexgen.codegen.c_functions`, and numbers of the model."""
 
 from __future__ import annotations
 

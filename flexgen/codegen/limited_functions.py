@@ -1,4 +1,4 @@
-"""Inverse dynamics within limits in the hand-written C: its struct and functions, for `flexgen.codegen.clib_table`."""
+"""Inverse dynamics within limits in the hand-written C: its struct and functions, for `flexgen.codegen.c_functions`."""
 
 from __future__ import annotations
 

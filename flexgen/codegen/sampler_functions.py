@@ -1,4 +1,4 @@
-"""The sampler of planned paths in the hand-written C: its functions, for `flexgen.codegen.clib_table`."""
+"""The sampler of planned paths in the hand-written C: its functions, for `flexgen.codegen.c_functions`."""
 
 from __future__ import annotations
 

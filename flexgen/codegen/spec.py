@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from flexgen.codegen.clib_table import STRUCTS, offered_c_functions
+from flexgen.codegen.c_functions import offered_c_functions
 from flexgen.codegen.clib_types import CFunction, signature_of
+from flexgen.codegen.interface import STRUCTS
 from flexgen.codegen.kinematic_functions import FREE, KinematicConstants, kinematic_constants
 from flexgen.codegen.motor_constants import MotorConstants, motor_constants
 from flexgen.errors import ArgumentError, BuildError
@@ -27,88 +28,8 @@ if TYPE_CHECKING:
     from flexgen.expressions.routine import Routine
     from flexgen.mechanics.parameters import Parameter
 
-ABI_VERSION = 4
 PrecisionName = Literal["double", "single"]
 PRECISIONS: tuple[PrecisionName, ...] = get_args(PrecisionName)
-
-
-@dataclass(frozen=True)
-class Status:
-    """What an emitted function returns: its name and value in C, its meaning, and the exception that Python raises."""
-
-    name: str
-    code: int
-    text: str
-    exception: str = ""  # a class of flexgen.errors; none for success, and for warnings, whose codes are positive
-
-
-STATUSES = (
-    Status("OK", 0, "success"),
-    Status("NULL_ARGUMENT", -1, "an argument is a null pointer", "ArgumentError"),
-    Status("INPUT_NOT_FINITE", -2, "an input is not finite; the outputs are NaN", "ArgumentError"),
-    Status(
-        "RESULT_NOT_FINITE",
-        -3,
-        "a result is not finite: the system of equations is singular, or a number overflows",
-        "SolverError",
-    ),
-    Status("BAD_COUNT", -4, "the number of points is negative, or above the stride", "ArgumentError"),
-    Status(
-        "BAD_ARGUMENT",
-        -5,
-        "a size, a time or a rotation matrix is out of range, or the path does not begin and end at zero velocity",
-        "ArgumentError",
-    ),
-    Status("WORK_TOO_SMALL", -6, "the workspace is too small", "ArgumentError"),
-    Status(
-        "UNREACHABLE",
-        -7,
-        "the path leaves the workspace of the robot or passes a singular pose",
-        "SolverError",
-    ),
-    Status("NOT_CONVERGED", -8, "the iteration did not converge", "SolverError"),
-    Status("NOT_STARTED", -9, "the stream was not started, or has failed", "ArgumentError"),
-    Status(
-        "ZERO_AT_INFINITY",
-        -10,
-        "a zero of the zero dynamics goes through infinity on the path; use invert (method lq)",
-        "SolverError",
-    ),
-    Status(
-        "ZEROS_CHANGE",
-        -11,
-        "the number of unstable zeros differs between start and end; use invert (method lq)",
-        "SolverError",
-    ),
-    Status(
-        "ZERO_ON_AXIS",
-        -12,
-        "a zero is on the imaginary axis at an end of the path; use invert (method lq)",
-        "SolverError",
-    ),
-    Status(
-        "HORIZON_TOO_SHORT",
-        -13,
-        "the horizon is too short to keep limits: use at least 4 intervals, and 1.5 times the preview of the zeros",
-        "ArgumentError",
-    ),
-    Status(
-        "LIMITS_INFEASIBLE",
-        -14,
-        "the limits cannot be kept; increase them, slow down the path or give the motion more time",
-        "SolverError",
-    ),
-    Status(
-        "TOLERANCE_NOT_MET",
-        1,
-        "residual, kinematic mismatch or torque step above its tolerance (see the info): use a shorter period",
-    ),
-    Status(
-        "LIMITS_ACTIVE",
-        2,
-        "the limits move the output away from its path, or are exceeded; the info says how far",
-    ),
-)
 
 
 @dataclass(frozen=True)
@@ -329,7 +250,12 @@ def chosen_functions(names: Sequence[str] | None, model: RobotModel) -> tuple[st
 
 
 def library_spec(
-    equations: Any, functions: Sequence[str] | None = None, *, precision: str = "double", per_point: bool = False
+    equations: Any,
+    functions: Sequence[str] | None = None,
+    *,
+    precision: str = "double",
+    per_point: bool = False,
+    parts: Sequence[str] = (),
 ) -> LibrarySpec:
     """What the library of a model offers.
 
@@ -343,6 +269,8 @@ def library_spec(
         ``"double"`` or ``"single"``.
     per_point : bool
         Batches take one vector of parameters for each point.
+    parts : sequence of str
+        Optional parts, of `flexgen.codegen.interface.PARTS`.
 
     Returns
     -------
@@ -357,19 +285,8 @@ def library_spec(
         raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
     model: RobotModel = equations.model
     names = chosen_functions(functions, model)
-    sizes = {"n_a": model.n_a, "n_g": model.n_g, "n_e": model.n_e, "n_m": model.n_m, "n_x": 2 * model.dof}
-    for what in ("n_a", "n_m"):
-        if sizes[what] == 0:
-            raise BuildError(f"model {model.name}: given {what} = 0, expected at least one coordinate and one motor")
     parameters: tuple[Parameter, ...] = tuple(getattr(equations, "parameters", ()))
-    if model.inversion_obstacle() is None:
-        sizes |= {"n_y": model.output.size, "n_t": model.output.target_size}
-    if model.sensors:
-        sizes["n_s"] = sum(len(sensor.channels) for sensor in model.sensors)
-    if parameters:
-        sizes["n_p"] = len(parameters)
-    if "mass_matrix_packed" in names:
-        sizes["n_packed"] = model.n_a * (model.n_a + 1) // 2
+    sizes = _sizes(model, names, len(parameters))
     coordinates = tuple(c.name for c in model.coordinates)
     units = tuple(c.unit for c in model.coordinates)
     motors = tuple(m.name for m in model.motors)
@@ -380,7 +297,7 @@ def library_spec(
     q_a = np.zeros(model.n_a)
     q_a[list(model.i_g)] = model.home
     q_m = model.eta @ q_a[list(model.i_g)]
-    c_functions = () if per_point else offered_c_functions(model, names, parameters, precision)
+    c_functions = () if per_point else offered_c_functions(model, names, parameters, precision, parts)
     inverts = _inverts(c_functions, parameters)
     half = [*coordinates, *(motors[j] for j in model.i_m)]
     return LibrarySpec(
@@ -404,6 +321,23 @@ def library_spec(
         kinematic_constants=kinematic_constants(model) if model.n_g >= FREE else None,
         constants=_constants(model),
     )
+
+
+def _sizes(model: RobotModel, functions: Sequence[str], parameters: int) -> dict[str, int]:
+    """The sizes of the library, by name; BuildError for a model without coordinates or motors."""
+    sizes = {"n_a": model.n_a, "n_g": model.n_g, "n_e": model.n_e, "n_m": model.n_m, "n_x": 2 * model.dof}
+    for what in ("n_a", "n_m"):
+        if sizes[what] == 0:
+            raise BuildError(f"model {model.name}: given {what} = 0, expected at least one coordinate and one motor")
+    if model.inversion_obstacle() is None:
+        sizes |= {"n_y": model.output.size, "n_t": model.output.target_size}
+    if model.sensors:
+        sizes["n_s"] = sum(len(sensor.channels) for sensor in model.sensors)
+    if parameters:
+        sizes["n_p"] = parameters
+    if "mass_matrix_packed" in functions:
+        sizes["n_packed"] = model.n_a * (model.n_a + 1) // 2
+    return sizes
 
 
 def _inverts(c_functions: Sequence[CFunction], parameters: Sequence[Parameter]) -> bool:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from flexgen.build.generate import generate
-from flexgen.codegen.clib_table import inversion_reason
+from flexgen.codegen.c_functions import inversion_reason
 from flexgen.codegen.spec import PrecisionName, library_name
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations, derive

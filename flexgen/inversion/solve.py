@@ -11,7 +11,7 @@ from typing import Any, overload
 
 import numpy as np
 
-from flexgen.codegen.spec import STATUSES
+from flexgen.codegen.interface import STATUSES
 from flexgen.deadline import check_time, running
 from flexgen.deprecation import warn_of_old
 from flexgen.errors import ArgumentError, SolverError

@@ -30,10 +30,7 @@ from flexgen.type_checks import checked_methods, checked_types
 
 _LIBRARY_FILE = re.compile(r"lib(?P<name>[A-Za-z][A-Za-z0-9_]*)-(?P<hash>[0-9a-f]{16})\.(so|dylib)\Z")
 _INVERTERS = {"invert": Inverter, "bvp": Inverter, "invert_limited": LimitedInverter}
-_INVERTS = (
-    "one with all functions (bvp: in double precision), of a model with as many outputs as motors and simplified "
-    "motor coupling"
-)
+_INVERTS = "one with all functions, of a model with as many outputs as motors and simplified motor coupling"
 
 
 @checked_methods
@@ -115,7 +112,7 @@ class Library:
     @property
     def bvp(self) -> Inverter:
         """The same as a two-point boundary value problem; ArgumentError where the library has none."""
-        return self._inverter("bvp", f"{_INVERTS}, of a model with coordinates without motor")
+        return self._inverter("bvp", "one that was generated with parts=['bvp'] (--with bvp)")
 
     @property
     def invert_limited(self) -> LimitedInverter:

@@ -69,7 +69,8 @@ def library(tmp_path_factory):
         missing = processor.missing_instruction_sets(compiler.instruction_sets)
         if missing:
             pytest.skip(f"this processor has no {', '.join(missing)}")
-        made = flexgen.generate(model, tmp_path_factory.mktemp("isa") / model, isa=isa, **options)
+        parts = ["bvp"] * bool(flexgen.read(model).n_e)
+        made = flexgen.generate(model, tmp_path_factory.mktemp("isa") / model, isa=isa, parts=parts, **options)
         return flexgen.load(made.directory)
 
     return make

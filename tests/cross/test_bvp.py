@@ -164,8 +164,17 @@ def test_near_the_flat_point_it_still_works() -> None:
 def test_it_needs_coordinates_without_motor() -> None:
     with pytest.raises(ArgumentError, match=r"no non-actuated coordinates.*use closed-form"):
         bvp.solve(question("elbow"), 5e-3)
-    with pytest.raises(ArgumentError, match=r"without bvp, expected .* in double precision"):
-        _ = loaded("elbow").bvp
+    with pytest.raises(ArgumentError, match=r"parts: given 'bvp', but model elbow has no coordinates without motor"):
+        made("elbow", "bvp")
+
+
+def test_a_library_has_it_only_where_it_was_asked_for() -> None:
+    names = {path.name for path in made("planar5_nmp").files}
+    assert "planar5_nmp_bvp.c" not in names and "bvp" not in (made("planar5_nmp").directory / "example.c").read_text()
+    with pytest.raises(ArgumentError, match=r"without bvp, expected one .* with parts=\['bvp'\] \(--with bvp\)"):
+        _ = loaded("planar5_nmp").bvp
+    with pytest.raises(ArgumentError, match="parts: given 'lq', expected some of bvp"):
+        made("planar5_nmp", "lq")
 
 
 def test_options_that_it_does_not_know_are_refused() -> None:
@@ -174,7 +183,7 @@ def test_options_that_it_does_not_know_are_refused() -> None:
 
 
 def test_the_library_offers_it() -> None:
-    library = loaded("planar5_nmp")
+    library = loaded("planar5_nmp", "bvp")
     answer = library.bvp(**given())
     assert (
         (answer.unstable_zeros_start, answer.unstable_zeros_end) == (1, 1)
@@ -192,7 +201,7 @@ def test_the_library_offers_it() -> None:
         library.bvp(**given(dy=np.zeros((3, 2))))
     with pytest.raises(ArgumentError, match="an input is not finite"):
         library.bvp(**given(q_start=np.full(3, np.nan)))
-    closed = load(made("planar5_nmp").directory)
+    closed = load(made("planar5_nmp", "bvp").directory)
     kept = closed.bvp
     closed.close()
     with pytest.raises(ArgumentError, match="closed"):
@@ -241,7 +250,7 @@ def call(folder: FilePath) -> tuple[int, np.ndarray]:
 
 @pytest.mark.parametrize("bug", PLANTED)
 def test_planted_bugs_are_caught(bug: str, tmp_path: FilePath) -> None:
-    folder = FilePath(shutil.copytree(made("planar5_nmp").directory, tmp_path / "planted"))
+    folder = FilePath(shutil.copytree(made("planar5_nmp", "bvp").directory, tmp_path / "planted"))
     right = loaded("planar5_nmp").invert(**given())
     size = np.abs(right.tau_m).max()
     file = folder / "src" / "planar5_nmp_bvp.c"
@@ -259,5 +268,5 @@ def test_planted_bugs_are_caught(bug: str, tmp_path: FilePath) -> None:
 @pytest.mark.slow
 def test_strict_compilers_have_nothing_to_say(compiler: str, tmp_path: FilePath) -> None:
     flags = STRICT_CPP if compiler.endswith("++") else [*STRICT, "-O2"]
-    file = made("planar5_nmp").directory / "src" / "planar5_nmp_bvp.c"
+    file = made("planar5_nmp", "bvp").directory / "src" / "planar5_nmp_bvp.c"
     run(tool(compiler), *flags, "-c", file, "-o", "bvp.o", folder=tmp_path)

@@ -6,7 +6,7 @@ import pytest
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.codegen.spec import STATUSES
+from flexgen.codegen.interface import STATUSES
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction

@@ -10,7 +10,7 @@ import pytest
 from stream_machine import AFTER, AHEAD, PARTS, UPDATE, Machine, error
 from toolchain import needs_compiler
 
-from flexgen.codegen import clib_table
+from flexgen.codegen import interface
 from flexgen.errors import ArgumentError
 from flexgen.runtime.stream import START_SAMPLES, Interval, Stream
 
@@ -116,7 +116,7 @@ def test_it_starts_at_rest_too_and_can_be_copied():
 
 def test_the_number_of_samples_is_that_of_the_c():
     """Stated twice, because the runtime does not import the code generation."""
-    assert START_SAMPLES == clib_table.START_SAMPLES
+    assert START_SAMPLES == interface.START_SAMPLES
 
 
 def test_what_is_refused():

@@ -28,13 +28,13 @@ def _folder() -> Path:
 
 
 @cache
-def made(name: str) -> Generated:
-    """The library of a model; nobody changes it."""
-    return generate(name, _folder() / name)
+def made(name: str, *parts: str) -> Generated:
+    """The library of a model, with optional parts; nobody changes it."""
+    return generate(name, _folder() / "-".join([name, *parts]), parts=parts)
 
 
-def loaded(name: str) -> Library:
-    return load(made(name).directory)
+def loaded(name: str, *parts: str) -> Library:
+    return load(made(name, *parts).directory)
 
 
 def library_of(folder: Path) -> Path:

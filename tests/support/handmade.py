@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from toolchain import CC
 
-from flexgen.codegen.spec import STATUSES
+from flexgen.codegen.interface import STATUSES
 
 PORTS = {"q_a": [2], "K": [2, 2], "parameters": [2], "s": [2], "S": [2, 3]}
 FUNCTIONS = {"twist": ("q_a K parameters", "s S"), "square": ("q_a", "s")}

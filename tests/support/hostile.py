@@ -13,7 +13,8 @@ import numpy as np
 from emitted import library_of
 
 from flexgen.build.generate import generate
-from flexgen.codegen.spec import STATUSES, library_name
+from flexgen.codegen.interface import STATUSES
+from flexgen.codegen.spec import library_name
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.signatures import INVERSION
 from flexgen.numerics.evaluate import evaluate
@@ -65,10 +66,10 @@ class Target:
 
 
 def target(model: Any, folder: FilePath, move: str | None = None, singular: int = -1) -> Target:
-    """The target of a model; its library holds no more than the inversion."""
+    """The target of a model; its library has the inversion, with bvp, and nothing else."""
     equations = derive(model)
     names = [name for name in INVERSION if name != "inversion_jacobians" or equations.model.n_e]
-    made = generate(model, folder, functions=names)
+    made = generate(model, folder, functions=names, parts=["bvp"] * bool(equations.model.n_e))
     library = load(made.directory)
     path = Path(equations, equations.model.move(move))
     t = np.linspace(0.0, path.duration, SAMPLES)

@@ -39,7 +39,7 @@ CHANNELS = ("q_a", "v_a", "a_a", "tau_g", "q_m", "v_m")
 
 @pytest.fixture(scope="module")
 def library() -> flexgen.runtime.library.Library:
-    return loaded(MODEL)
+    return loaded(MODEL, "bvp")
 
 
 @pytest.fixture(scope="module")

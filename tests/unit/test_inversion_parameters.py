@@ -38,13 +38,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> FilePath:
 
 @pytest.fixture(scope="module")
 def flexible(folder: FilePath) -> Library:
-    flexgen.generate(MODEL, directory=folder / "flexible", parameters=["payload", "stiffness", "damping"])
+    flexgen.generate(
+        MODEL, directory=folder / "flexible", parameters=["payload", "stiffness", "damping"], parts=["bvp"]
+    )
     return flexgen.load(folder / "flexible")
 
 
 @pytest.fixture(scope="module")
 def baked(folder: FilePath) -> Library:
-    flexgen.generate(flexgen.read(MODEL, overrides=CHANGES), directory=folder / "baked")
+    flexgen.generate(flexgen.read(MODEL, overrides=CHANGES), directory=folder / "baked", parts=["bvp"])
     return flexgen.load(folder / "baked")
 
 

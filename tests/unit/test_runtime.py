@@ -14,7 +14,7 @@ from toolchain import needs_compiler
 
 from flexgen.build.generate import generate
 from flexgen.codegen.function_files import PAST_CACHE
-from flexgen.codegen.spec import STATUSES
+from flexgen.codegen.interface import STATUSES
 from flexgen.errors import ArgumentError, BuildError, SolverError
 from flexgen.model.reader import read
 from flexgen.runtime import load

@@ -10,7 +10,7 @@ from inversion_cases import question
 from selection import ROOT
 
 import flexgen
-from flexgen.codegen.spec import STATUSES
+from flexgen.codegen.interface import STATUSES
 from flexgen.errors import SolverError
 from flexgen.inversion import solve as solve_module
 from flexgen.inversion.method_result import MethodResult

@@ -9,9 +9,9 @@ import numpy as np
 
 from flexgen.build.stream_defaults import stream_defaults
 from flexgen.codegen.amalgamation import amalgamated
-from flexgen.codegen.clib_table import INTERVALS_MAX
 from flexgen.codegen.emit import emit, function_texts
-from flexgen.codegen.spec import STATUSES, StreamDefaults, library_name, library_spec
+from flexgen.codegen.interface import INTERVALS_MAX, STATUSES
+from flexgen.codegen.spec import StreamDefaults, library_name, library_spec
 from flexgen.errors import ArgumentError
 from flexgen.export.fmu.block import Block, time_variable
 from flexgen.export.fmu.plant import payload_variables

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from flexgen.codegen.c_text import comment, quoted
-from flexgen.codegen.clib_table import TOLERANCES
+from flexgen.codegen.interface import TOLERANCES
 from flexgen.errors import BuildError
 from flexgen.export.emitted import Emitted, ModelLike, emitted
 from flexgen.export.source_folder import Exported, folder_of, write_folder

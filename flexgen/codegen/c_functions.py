@@ -1,9 +1,8 @@
-"""The hand-written functions of the library: their structs, arguments and descriptions.
+"""The hand-written functions of the library: their arguments and descriptions.
 
-They come with every library of a model that can be inverted, with all functions of `INVERSION`; `bvp` only in double
-precision. With run-time parameters they have one more argument. Inverse kinematics comes with arms of six motors or
-more. Their C is in ``flexgen/clib/``, see
-`flexgen.codegen.clib_files`.
+They come with every library of a model that can be inverted, with all functions of `INVERSION`; those of `PARTS` only
+where they are asked for, `bvp` in double precision only. With run-time parameters they have one more argument. Inverse
+kinematics comes with arms of six motors or more. Their C is in ``flexgen/clib/``, see `flexgen.codegen.clib_files`.
 """
 
 from __future__ import annotations
@@ -11,183 +10,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from flexgen.codegen.clib_types import CFunction, Field, Struct
+from flexgen.codegen.clib_types import CFunction, Field
+from flexgen.codegen.interface import OUTPUT, PARTS, RATE, SECOND
 from flexgen.codegen.kinematic_functions import kinematic_functions
-from flexgen.codegen.limited_functions import LIMITED_FUNCTIONS, LIMITS_STRUCT
+from flexgen.codegen.limited_functions import LIMITED_FUNCTIONS
 from flexgen.codegen.sampler_functions import SAMPLER_FUNCTIONS
+from flexgen.errors import ArgumentError
 from flexgen.mechanics.signatures import INVERSION, offered_functions
 from flexgen.model.elements import RobotModel
 
-INTERVALS_MAX, SAMPLES_MAX = 10_000, 1_000  # of a stream: intervals of its horizon, samples per interval
-DELAY_MAX = 4  # of the drive, in samples
-TOLERANCES = {"double": 1e-6, "single": 1e-3}  # recommended relative residuals
-START_SAMPLES = 16  # that a stream needs beyond those of its horizon to start in motion
-HOLDS = ("spline", "linear", "zoh")  # what the drive does between two samples, numbered in C
-
-_OUTPUT = "output; for a pose the position, then the rotation matrix by columns"
-_RATE = "its first time derivative; for a pose linear and angular velocity, world axes"
-_SECOND = "its second time derivative; for a pose linear and angular acceleration"
-_TOLERANCE = (
-    "largest residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or 0.01 m; 1e-6 is "
-    "what flexgen solve uses (single precision: 1e-3)"
-)
 _N = "n_pre + n + n_post"
-_HOLD = (
-    Field(
-        "hold",
-        "int",
-        (),
-        "1",
-        "what the drive does between two samples of tau_m, one of the enum; tau_m is then what to send at the samples",
-    ),
-    Field(
-        "delay",
-        "real",
-        (),
-        "1",
-        f"from a sample until the motor has its torque, in samples, 0 to {DELAY_MAX}",
-    ),
-)
 _PARAMETERS = "run-time parameters, listed in the header of the functions"
 _BEHIND_PARAMETERS = (("q_start", "const real *"), ("t", "real"))
 _GIVEN = Field("parameters", "const real *", ("n_p",), "mixed", _PARAMETERS)
-
-STRUCTS: tuple[Struct, ...] = (
-    Struct(
-        "path",
-        "Samples of the output, one period apart. The output is at rest at the first and at the last sample.",
-        (
-            Field("n", "int", (), "1", "number of samples, at least 2"),
-            Field("period", "real", (), "s", "time between two samples"),
-            Field("y", "const real *", ("n", "n_t"), "mixed", _OUTPUT),
-            Field("dy", "const real *", ("n", "n_y"), "mixed", _RATE),
-            Field("ddy", "const real *", ("n", "n_y"), "mixed", _SECOND),
-        ),
-    ),
-    Struct(
-        "inversion_options",
-        "Options of invert and bvp.",
-        (
-            Field("n_pre", "int", (), "1", "samples before the path, for the motion that unstable zeros require"),
-            Field(
-                "n_post",
-                "int",
-                (),
-                "1",
-                "samples after the path, in which stable zeros and the deflections of damped gears decay",
-            ),
-            Field("samples_per_interval", "int", (), "1", "samples per interval of the mesh"),
-            Field("tolerance", "real", (), "1", _TOLERANCE),
-            *_HOLD,
-            Field(
-                "settled",
-                "real",
-                (),
-                "1",
-                "0: the motion after the path is computed at all n_post samples. invert, invert_limited: where what is "
-                "left of it moves the output by less than this [m or rad], at least 0.05 s and 20 D / K of the slowest "
-                "gear after the path, the samples from there on are the equilibrium. bvp: 0",
-            ),
-        ),
-    ),
-    Struct(
-        "motion",
-        "Arrays of the caller for the results, N samples each. A null member is not written.",
-        (
-            Field("q_a", "real *", ("N", "n_a"), "mixed", "arm coordinates"),
-            Field("v_a", "real *", ("N", "n_a"), "mixed", "arm velocities"),
-            Field("a_a", "real *", ("N", "n_a"), "mixed", "arm accelerations; not written by a stream"),
-            Field("tau_g", "real *", ("N", "n_g"), "mixed", "gear torques, arm side"),
-            Field("q_m", "real *", ("N", "n_m"), "rad", "motor angles"),
-            Field("v_m", "real *", ("N", "n_m"), "rad/s", "motor speeds"),
-            Field("tau_m", "real *", ("N", "n_m"), "N m", "motor torques"),
-        ),
-    ),
-    Struct(
-        "inversion_info",
-        "What invert and bvp report.",
-        (
-            Field(
-                "residual", "real", (), "1", "residual of the unactuated rows on the mesh, relative as the tolerance"
-            ),
-            Field("residual_at_samples", "real", (), "1", "the same at the samples of the results"),
-            Field(
-                "kinematic_mismatch",
-                "real",
-                (),
-                "1",
-                "largest difference between velocities and accelerations and the numerical derivatives of positions "
-                "and velocities at the samples, relative to their largest value",
-            ),
-            Field("iterations", "int", (), "1", "Newton iterations"),
-            Field("intervals", "int", (), "1", "intervals of the mesh"),
-            Field("deviation_m", "real", (), "m", "invert_limited: largest distance from the given path; else 0"),
-            Field("deviation_rad", "real", (), "rad", "the same of angles"),
-            Field("limit_excess", "real", (), "1", "invert_limited: largest violation of a limit, relative; else 0"),
-            Field("programs", "int", (), "1", "invert_limited: quadratic programs; else 0"),
-            Field("unstable_zeros_start", "int", (), "1", "bvp: unstable zeros at the start of the path; else 0"),
-            Field("unstable_zeros_end", "int", (), "1", "bvp: unstable zeros at its end; else 0"),
-            Field(
-                "n_post",
-                "int",
-                (),
-                "1",
-                "samples after the path until the motion has settled; the last of them, and all after it, are the "
-                "equilibrium. n_post of the options where it has not settled, or settled is 0",
-            ),
-        ),
-    ),
-    LIMITS_STRUCT,
-    Struct(
-        "stream_options",
-        "Options of a stream.",
-        (
-            Field("intervals", "int", (), "1", f"intervals of the horizon, 1 to {INTERVALS_MAX}"),
-            Field("samples_per_interval", "int", (), "1", f"samples of the results per update, 1 to {SAMPLES_MAX}"),
-            Field("period", "real", (), "s", "time between two updates: the length of an interval"),
-            Field("tolerance", "real", (), "1", _TOLERANCE),
-            *_HOLD,
-        ),
-    ),
-    Struct(
-        "stream_info",
-        "What stream_update reports.",
-        (
-            Field("residual", "real", (), "1", "residual of the unactuated rows, relative as the tolerance"),
-            Field("kinematic_mismatch", "real", (), "1", "as in inversion_info, limit 0.02 (single precision: 0.25)"),
-            Field(
-                "torque_step",
-                "real",
-                (),
-                "1",
-                "largest step of a motor torque from the interval before, relative to its largest value; limit 2e-4 "
-                "(single precision: 5e-3)",
-            ),
-            Field(
-                "output_step_m",
-                "real",
-                (),
-                "m",
-                "distance by which the output leaves the plan before because the horizon is too short. No estimate of "
-                "the error where it is long enough: mesh, samples and hold are not in it, only a simulation has them",
-            ),
-            Field("output_step_rad", "real", (), "rad", "the same of angles"),
-            Field("deviation_m", "real", (), "m", "distance of the modified path from the given one"),
-            Field("deviation_rad", "real", (), "rad", "angle between both"),
-            Field("iterations", "int", (), "1", "iterations of the solver: 1"),
-            Field("intervals", "int", (), "1", "intervals of the horizon"),
-            Field(
-                "cause",
-                "int",
-                (),
-                "1",
-                "of TOLERANCE_NOT_MET: 1 residual, 2 kinematic mismatch (samples too far apart, or a path that is not "
-                "smooth), 3 torque step (horizon too short); else 0",
-            ),
-            Field("limits_active", "int", (), "1", "1 where limits modify the path or are exceeded, else 0"),
-        ),
-    ),
-)
 
 _WHOLE = (
     Field("path", "const path *", (), "", "samples of the output"),
@@ -243,6 +78,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         returns="size",
         elastic=True,
         double=True,
+        part="bvp",
     ),
     CFunction(
         "bvp",
@@ -256,6 +92,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         (*_WHOLE, _size("bvp")),
         elastic=True,
         double=True,
+        part="bvp",
     ),
     CFunction(
         "stream_work",
@@ -275,7 +112,7 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
             Field("stream", "real *", ("stream_size",), "", "memory of the stream"),
             Field("stream_size", "int64_t", (), "1", "its length, at least stream_work"),
             Field("options", "const stream_options *", (), "", ""),
-            Field("y", "const real *", ("n_t",), "mixed", _OUTPUT),
+            Field("y", "const real *", ("n_t",), "mixed", OUTPUT),
             Field("q_start", "const real *", ("n_a",), "mixed", "initial guess of the equilibrium"),
         ),
     ),
@@ -297,9 +134,9 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "with zero derivatives until the results are at rest, at least for a whole horizon.",
         (
             Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
-            Field("y", "const real *", ("n_t",), "mixed", _OUTPUT),
-            Field("dy", "const real *", ("n_y",), "mixed", _RATE),
-            Field("ddy", "const real *", ("n_y",), "mixed", _SECOND),
+            Field("y", "const real *", ("n_t",), "mixed", OUTPUT),
+            Field("dy", "const real *", ("n_y",), "mixed", RATE),
+            Field("ddy", "const real *", ("n_y",), "mixed", SECOND),
             Field("motion", "motion *", (), "", "results; N = samples_per_interval"),
             Field("info", "stream_info *", (), "", "what the solver reports"),
         ),
@@ -315,9 +152,9 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
         "stream_finish stream_update, stream_limits and stream_parameters return it too.",
         (
             Field("stream", "real *", ("stream_work",), "", "memory of the stream"),
-            Field("y", "const real *", ("n_t",), "mixed", _OUTPUT),
-            Field("dy", "const real *", ("n_y",), "mixed", _RATE),
-            Field("ddy", "const real *", ("n_y",), "mixed", _SECOND),
+            Field("y", "const real *", ("n_t",), "mixed", OUTPUT),
+            Field("dy", "const real *", ("n_y",), "mixed", RATE),
+            Field("ddy", "const real *", ("n_y",), "mixed", SECOND),
         ),
     ),
     CFunction(
@@ -408,17 +245,31 @@ C_FUNCTIONS: tuple[CFunction, ...] = (
 
 
 def offered_c_functions(
-    model: RobotModel, functions: Sequence[str], parameters: Sequence[object], precision: str
+    model: RobotModel, functions: Sequence[str], parameters: Sequence[object], precision: str, parts: Sequence[str] = ()
 ) -> tuple[CFunction, ...]:
-    """The hand-written functions of a library with these functions and run-time parameters, in this precision."""
+    """The hand-written functions of a library with these functions, run-time parameters, precision and `PARTS`."""
     kinematic = kinematic_functions(model, functions, precision)
     if inversion_reason(model, functions) is not None:
         return kinematic
     offered = [f for f in C_FUNCTIONS if model.n_e or not f.elastic]
-    offered = [f for f in offered if precision == "double" or not f.double]
+    offered = [f for f in offered if (precision == "double" or not f.double) and (not f.part or f.part in parts)]
     if not parameters:
         return (*(function for function in offered if not function.parametrized), *kinematic)
     return (*(_with_parameters(function) for function in offered), *kinematic)
+
+
+def check_parts(parts: Sequence[str], model: RobotModel, functions: Sequence[str], precision: str) -> None:
+    """ArgumentError for an optional part that is unknown, or that a library with these functions cannot have."""
+    for part in parts:
+        if part not in PARTS:
+            raise ArgumentError(f"parts: given {part!r}, expected some of {', '.join(PARTS)}")
+        if not any(f.part == part for f in offered_c_functions(model, functions, (), precision, parts)):
+            reason = inversion_reason(model, functions) or (
+                "it is in double precision only"
+                if precision != "double"
+                else f"model {model.name} has no coordinates without motor"
+            )
+            raise ArgumentError(f"parts: given {part!r}, but {reason}; leave it out")
 
 
 def inversion_reason(model: RobotModel, functions: Sequence[str]) -> str | None:
