@@ -109,10 +109,10 @@ from flexgen.plausibility.finding import Check as Check
 from flexgen.plausibility.finding import Finding as Finding
 from flexgen.ports import Port as Port
 from flexgen.reports.view import view as view
-from flexgen.runtime import Library as Library
-from flexgen.runtime import load as load
 from flexgen.runtime.calls import Function as Function
 from flexgen.runtime.inverse_kinematics import InverseKinematics as InverseKinematics
+from flexgen.runtime.library import Library as Library
+from flexgen.runtime.library import load as load
 from flexgen.runtime.limited_inversion import LimitedInverter as LimitedInverter
 from flexgen.runtime.path_inversion import Inverter as Inverter
 from flexgen.runtime.path_sampler import PathSampler as PathSampler

@@ -20,9 +20,7 @@ from typing import Any, BinaryIO, TextIO
 
 import numpy as np
 
-from flexgen.atomic_files import atomic_file
 from flexgen.errors import ArgumentError
-from flexgen.npz_files import NpzError, read_npz
 from flexgen.ports import Port
 
 LARGEST = 2**30  # bytes of a file, and of the numbers in it, at most
@@ -78,6 +76,8 @@ def write(
     ArgumentError
         The name has another ending, the path is no regular file, or it cannot be written.
     """
+    from flexgen.atomic_files import atomic_file
+
     if path.suffix not in (".npz", ".csv", ".mat"):
         raise ArgumentError(f"trajectory file: given {path.name!r}, expected a name that ends in .npz, .csv or .mat")
     if os.path.exists(path) and not path.is_file():
@@ -140,6 +140,8 @@ def read(path: Path) -> Content:
     ArgumentError
         There is no such file, or it is no trajectory, damaged, or too large; the text names the file.
     """
+    from flexgen.npz_files import NpzError
+
     if not os.path.exists(path):
         raise ArgumentError(f"trajectory: given {str(path)!r}, which does not exist; {_WRITE}")
     if not path.is_file():
@@ -171,6 +173,8 @@ def read(path: Path) -> Content:
 
 
 def _read_npz(path: Path) -> Content:
+    from flexgen.npz_files import read_npz
+
     def check(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
         if name == "head":
             if dtype.kind != "U" or shape:

@@ -19,9 +19,6 @@ from datetime import datetime
 from typing import Any, NoReturn
 
 from flexgen.atomic_files import followed
-from flexgen.cli.own_robot.check import implausible
-from flexgen.cli.parser import UsageError, build_parser, parse
-from flexgen.cli.printing import as_json, fitted, terminal_width
 from flexgen.errors import ArgumentError, FlexgenError, SolverError, message_of, printable
 from flexgen.version import __version__
 
@@ -168,6 +165,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _main(words: list[str]) -> int:
     """Parse the command line; run the verb, or print help or the usage error."""
+    if words == ["--version"]:  # without the parser of all verbs
+        _print(f"flexgen {__version__}")
+        return SUCCESS
+    from flexgen.cli.parser import UsageError, build_parser, parse
+    from flexgen.cli.printing import as_json
+
     try:
         args = parse(words)
     except UsageError as error:
@@ -201,6 +204,9 @@ def _main(words: list[str]) -> int:
 
 def _run(args: argparse.Namespace, messages: _Messages) -> int:
     """Run the verb, print its result, return the exit status."""
+    from flexgen.cli.own_robot.check import implausible
+    from flexgen.cli.printing import as_json, fitted, terminal_width
+
     result, problem, status = None, "", SUCCESS
     interrupts: list[int] = []
     try:

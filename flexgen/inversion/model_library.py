@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
-from flexgen.build.compiler import find_compiler
-from flexgen.build.model_library import library_with
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.signatures import INVERSION
-from flexgen.runtime.library import Library
+
+if TYPE_CHECKING:
+    from flexgen.runtime.library import Library
 
 SOLVERS = {"lq": "invert", "bvp": "bvp"}  # hand-written sources of the methods
 
 
 def has_compiler() -> bool:
     """Whether there is a C compiler."""
+    from flexgen.build.compiler import find_compiler
+
     return find_compiler() is not None
 
 
@@ -51,6 +54,8 @@ def inversion_library(
     BuildError
         There is no compiler, or it fails.
     """
+    from flexgen.build.model_library import library_with
+
     model = equations.model
     reason = model.inversion_obstacle()
     if reason is not None:

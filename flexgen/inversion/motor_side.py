@@ -16,13 +16,11 @@ import casadi as ca
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from flexgen.inversion.gear_lag import gear_lag
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.statics import gear_damping, gear_deflection
 from flexgen.model.elements import LinearSpring
 from flexgen.numerics.evaluate import evaluate
-from flexgen.numerics.tableaus import radau
 
 INSTANT = 5e-3  # of a sampling interval: gears with a time constant D / K below it are nearly algebraic
 
@@ -65,6 +63,8 @@ def motor_motion(
 
 def deflections(equations: Equations, t: np.ndarray, tau_g: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Gear deflections p, p', p'' on the arm side, each (n, n_g); zero for rigid gears."""
+    from flexgen.inversion.gear_lag import gear_lag
+
     spring = equations.function("gear_law")
     D = gear_damping(equations)
     elastic = np.array([not gear.rigid for gear, _ in gears(equations.model)])
@@ -126,6 +126,8 @@ def _damped_deflections(
     spring: ca.Function, D: np.ndarray, t: np.ndarray, tau_g: np.ndarray, start: np.ndarray
 ) -> np.ndarray:
     """Integrate ``D p' + spring(p) = tau_g(t)`` from ``start`` (n_g) by Radau IIA, with quintic Hermite torque."""
+    from flexgen.numerics.tableaus import radau
+
     table = radau(3)
     n, n_g = tau_g.shape[:2]
     out = np.empty((n, n_g))

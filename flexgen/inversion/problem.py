@@ -5,24 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexgen.analysis.linear import linearize
-from flexgen.analysis.zeros import inner_zeros, preview, time_constants
-from flexgen.analysis.zeros_along_path import zero_path
 from flexgen.errors import ArgumentError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.statics import Equilibrium, equilibrium_at, gear_lag_times
 from flexgen.paths.path import Path
-from flexgen.paths.smoothness import SmoothnessReport, smoothness_report
+
+if TYPE_CHECKING:
+    from flexgen.paths.smoothness import SmoothnessReport
 
 STEP = 1e-3  # s: longest sampling interval of the torque; a short move has 400 of them
 INTERVALS = 20_000  # of a mesh, at most: more do not fit into memory for large robots
-DECAY = preview(1.0)  # time constants before the path
 RESOLVED = 3.0  # zero times interval up to which three Gauss points resolve a zero; from 4.6 on it alternates in sign
 GRADING = 1.5  # ratio of adjacent intervals before the path
 SETTLING = 15.0  # time constants after the path; the solution is cut where the motion has decayed, see `settling`
@@ -62,6 +60,8 @@ class InversionProblem:
     @cached_property
     def windows(self) -> tuple[float, float]:
         """Default durations before and after the path [s]: pre-actuation and settling."""
+        from flexgen.analysis.zeros import preview, time_constants
+
         scale = min(self.path.duration, 0.5)
         if self.equations.model.n_e == 0:
             return 0.1 * scale, max(0.1 * scale, self.gear_settling)
@@ -69,7 +69,7 @@ class InversionProblem:
         for _, zeros in self.zeros:
             unstable, stable = time_constants(zeros)
             before, after = max(before, unstable), max(after, stable)
-        preactuation = np.clip(DECAY * before, 0.04 * scale, 2.0)
+        preactuation = np.clip(preview(1.0) * before, 0.04 * scale, 2.0)
         settling = np.clip(SETTLING * after, 0.1 * scale, LONGEST_SETTLING)
         return float(preactuation), max(float(settling), self.gear_settling)
 
@@ -81,6 +81,9 @@ class InversionProblem:
     @cached_property
     def unstable_zero(self) -> UnstableZero | None:
         """The fastest unstable zero along the path; None where there is none."""
+        from flexgen.analysis.zeros import time_constants
+        from flexgen.analysis.zeros_along_path import zero_path
+
         if self.equations.model.n_e == 0:
             return None
         along = zero_path(self.equations, self.path)
@@ -98,6 +101,9 @@ class InversionProblem:
 
         Computed in simplified motor coupling: complete coupling moves the zeros only a little.
         """
+        from flexgen.analysis.linear import linearize
+        from flexgen.analysis.zeros import inner_zeros
+
         equations, path = self.equations, self.path
         if equations.model.n_e == 0:
             return []
@@ -116,6 +122,8 @@ class InversionProblem:
     @cached_property
     def smoothness(self) -> SmoothnessReport:
         """The smoothness of the path against that which the model requires."""
+        from flexgen.paths.smoothness import smoothness_report
+
         return smoothness_report(self.equations, self.path, self.step)
 
     @cached_property
@@ -149,14 +157,18 @@ class InversionProblem:
     @property
     def resolving(self) -> float:
         """Longest interval [s] that resolves every unstable zero before the path; infinite without any."""
+        from flexgen.analysis.zeros import time_constants
+
         zeros = self.zeros[0][1] if self.zeros else np.zeros(0)
         fastest = max((float(z.real) for z in zeros if time_constants(np.array([z]))[0] > 0), default=0.0)
         return RESOLVED / fastest if fastest > 0 else np.inf
 
     def nodes(self, h: float) -> tuple[float, np.ndarray]:
         """Pre-actuation [s] and nodes of a mesh with intervals of ``h`` [s] on the path."""
+        from flexgen.analysis.zeros import preview
+
         preactuation, settling = self.windows
-        early = max(2 * preactuation / DECAY, h / 5)  # two time constants of the unstable zero dynamics
+        early = max(2 * preactuation / preview(1.0), h / 5)  # two time constants of the unstable zero dynamics
         if self.preview is not None:
             preactuation = float(self.preview)
         return preactuation, _mesh(preactuation, early, self.path.duration, settling, h, self.resolving)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from flexgen.errors import ArgumentError, SolverError
@@ -11,7 +13,9 @@ from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.model.elements import LinearSpring
 from flexgen.paths.path import Path
-from flexgen.runtime.path_inversion import Inversion
+
+if TYPE_CHECKING:
+    from flexgen.runtime.path_inversion import Inversion
 
 SAMPLES = 900_000  # at most
 

@@ -15,6 +15,7 @@ Deflections of damped gears decay with D / K; the last sample is not before thei
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,7 +23,9 @@ from flexgen.inversion.problem import HELD, LAGS, LONGEST_SETTLING, InversionPro
 from flexgen.mechanics.statics import Equilibrium, equilibrium_at, gear_lag_times
 from flexgen.model.output_columns import output_units
 from flexgen.numerics.evaluate import evaluate
-from flexgen.runtime.path_inversion import Inversion
+
+if TYPE_CHECKING:
+    from flexgen.runtime.path_inversion import Inversion
 
 SETTLED = 1e-3  # of the accuracy: what may be left at the end
 NOTED = 1e-2  # of the accuracy: what is left at the end with a warning

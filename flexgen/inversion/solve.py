@@ -11,14 +11,11 @@ from typing import Any, overload
 
 import numpy as np
 
-from flexgen.codegen.interface import STATUSES
 from flexgen.deadline import check_time, running
-from flexgen.deprecation import warn_of_old
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.inversion.choice import check_applies, default_method, further_methods
 from flexgen.inversion.hold import Hold, with_hold
-from flexgen.inversion.limits import check_limits_at_rest
 from flexgen.inversion.method_result import MethodResult
 from flexgen.inversion.method_table import AUTO, METHODS, Method
 from flexgen.inversion.problem import HELD, INTERVALS, InversionProblem
@@ -31,7 +28,6 @@ from flexgen.mechanics.equations import Equations, derive
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.output_columns import output_labels, output_units
 from flexgen.paths.path import named_move
-from flexgen.paths.redundancy import problem_of_move
 from flexgen.ports import Port
 from flexgen.progress import Choice, reported
 from flexgen.registry import registered
@@ -150,6 +146,9 @@ def _problem(
     given: tuple[Any, ...],
 ) -> InversionProblem:
     """The problem of a move, or of its fastest time law, which keeps the limits; ``given``: from ``preview`` on."""
+    from flexgen.deprecation import warn_of_old
+    from flexgen.paths.redundancy import problem_of_move
+
     preview, mesh, limits, verify, accuracy, log, options = given
     equations = _derived(model, log)
     if fastest:
@@ -229,6 +228,8 @@ def _raise_path_error(problem: InversionProblem) -> None:
 
     Then the arm has no equilibrium along the path, or the limits do not let it rest at an end of the path.
     """
+    from flexgen.inversion.limits import check_limits_at_rest
+
     for checked in ("windows", "equilibrium"):  # computed on the first use
         getattr(problem, checked)
     check_limits_at_rest(problem)
@@ -236,6 +237,8 @@ def _raise_path_error(problem: InversionProblem) -> None:
 
 def _is_unreachable(problem: InversionProblem, failures: list[tuple[str, SolverError]]) -> bool:
     """Whether a method found on all its meshes that the path of the tool is out of reach or passes a singular pose."""
+    from flexgen.codegen.interface import STATUSES
+
     text = next(status.text for status in STATUSES if status.name == "UNREACHABLE")
     tool = problem.equations.model.output.type != "combination"  # joints and their combinations have no singular poses
     return tool and len(failures) == ATTEMPTS and all(text in str(error) for _, error in failures)

@@ -14,7 +14,6 @@ from flexgen.mechanics.statics import reach
 from flexgen.model.output_columns import output_units
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.rotations import turn_angle
-from flexgen.paths.path_distance import distance_from_path
 from flexgen.simulation.hold import TorqueCommand
 from flexgen.simulation.result import Simulation
 from flexgen.simulation.simulate import AUTO, NONE, simulate
@@ -77,6 +76,8 @@ def plan_error(equations: Equations, solution: Solution, simulation: Simulation)
 
 def path_distance(equations: Equations, solution: Solution, simulation: Simulation) -> float | None:
     """Largest distance [m] of the simulated tool from the path, whatever the time; None for other outputs."""
+    from flexgen.paths.path_distance import distance_from_path
+
     if equations.model.output.type == "combination":
         return None
     y = evaluate(equations.function("output"), simulation.trajectory["q_a"])[0]

@@ -13,7 +13,6 @@ import casadi as ca
 
 from flexgen.mechanics.force_laws import friction_torque, spring_torque
 from flexgen.mechanics.lagrangian import gears
-from flexgen.mechanics.sensors import sensor_signals
 from flexgen.mechanics.system import Builder, Built, System, solve_symmetric
 
 STATE = ["q_a", "v_a", "q_m", "v_m", "tau_m"]
@@ -188,6 +187,8 @@ def tool_motion(system: System) -> Built:
 
 def sensors(system: System) -> Built:
     """Signals of the model's sensors."""
+    from flexgen.mechanics.sensors import sensor_signals
+
     names = ["q_a", "v_a", "a_a"]
     return symbols_of(system, names), names, [sensor_signals(system)], ["y_s"]
 

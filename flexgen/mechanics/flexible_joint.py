@@ -17,7 +17,6 @@ import casadi as ca
 import numpy as np
 
 from flexgen.errors import ArgumentError
-from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.mechanics.force_laws import friction_torque, spring_torque
 from flexgen.mechanics.lagrangian import gears
 from flexgen.mechanics.system import Builder, Built, System, solve_symmetric
@@ -32,6 +31,8 @@ def _arm_torque(system: System) -> ca.SX:
 
 def _springs(system: System) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     """``T``, ``k``, ``k'`` and ``d'``, (n_a,) each, in the symbols of angles and speeds."""
+    from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
+
     lag, model = system.lagrangian, system.with_symbols
     reason = flexible_joint_obstacle(system.model)
     if reason is not None:

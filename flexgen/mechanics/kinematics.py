@@ -12,12 +12,15 @@ Source: R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 2-4.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
 
-from flexgen.mechanics.beam import ModalBeam, modal_beam
 from flexgen.model.elements import Body, Element, Matrix, Placement, RobotModel
+
+if TYPE_CHECKING:
+    from flexgen.mechanics.beam import ModalBeam
 
 
 @dataclass(frozen=True)
@@ -154,6 +157,8 @@ def _slide(frame: Frame, axis: np.ndarray, q: ca.SX, v: ca.SX) -> Frame:
 
 def kinematics(model: RobotModel) -> Kinematics:
     """Build the `Kinematics` of a model from its data."""
+    from flexgen.mechanics.beam import modal_beam
+
     q_a, v_a = ca.SX.sym("q_a", model.n_a), ca.SX.sym("v_a", model.n_a)
     gravity = ca.SX(ca.DM(model.gravity))
     frame = place(Frame(ca.SX.zeros(3), ca.SX.eye(3), ca.SX.zeros(3), ca.SX.zeros(3)), model.base)

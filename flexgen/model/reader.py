@@ -17,7 +17,6 @@ from flexgen.model import component_tables, task_tables, toml_lines
 from flexgen.model.checked_table import Table, closest, entry_name, show
 from flexgen.model.elements import Body, Output, Placement, RobotModel
 from flexgen.model.inertia import massless_coordinates
-from flexgen.model.overlay import expand
 from flexgen.model.programs.tables import read_programs
 from flexgen.model.sensors import read_sensors
 from flexgen.model.toml_lines import Entry
@@ -78,6 +77,8 @@ def read(
         root, folder, again = parse_file(path, shown), path.parent, shown
     urdf = "urdf" in root.value
     if urdf:
+        from flexgen.model.overlay import expand
+
         expand(root, folder, shown)
     variants = _variants(root, shown)
     if chosen and chosen not in variants:

@@ -12,7 +12,6 @@ from pathlib import Path
 from flexgen.errors import ArgumentError
 from flexgen.model.checked_table import Table, show
 from flexgen.model.toml_lines import Entry, wrap
-from flexgen.model.urdf import Urdf
 
 PACKAGE = "package://"
 SEARCHED = "ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and the share folders of this Python"
@@ -122,6 +121,8 @@ def plain_urdf(model: object, base: str | None, tip: str | None) -> tuple[Entry,
         where = f" below {SEARCHED}" if file.startswith(PACKAGE) else ""
         raise ArgumentError(f"model: given {file!r}, which is not a file{where}, expected the path of a .urdf file")
     if not base or not tip:
+        from flexgen.model.urdf import Urdf
+
         urdf = Urdf(path, from_here(path))
         inner = {joint.parent for joint in urdf.joints.values()}
         first = ", ".join(show(name) for name in urdf.links if name not in urdf.parent_joint)

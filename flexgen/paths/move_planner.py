@@ -5,21 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from flexgen.errors import ArgumentError, ModelError, SolverError
-from flexgen.inverse_kinematics.targets import Failure, check_configuration, joints_of_target
 from flexgen.model.moves import DEGREES, Move, MoveC, MoveJ, MoveL, Program, Step, Where
 from flexgen.paths.blended_curve import MIN_CORNER_SPEED, BlendedCurve
 from flexgen.paths.jets import axis_angle, quaternion, rotation_matrices, rotation_vector
 from flexgen.paths.joint_limits import InverseKinematics
 from flexgen.paths.reference import Reference
-from flexgen.paths.sample_files import read_samples
 from flexgen.paths.segments import Arc, Line, Segment, circle_through
-from flexgen.paths.spline import SplineCurve
 from flexgen.paths.time_laws import Clock, Law, SplineLaw, TimeLaw
 from flexgen.paths.timed_segments import Curve, JointMotion, TimedSegment, bounded_law, configuration_at_end
+
+if TYPE_CHECKING:
+    from flexgen.inverse_kinematics.targets import Failure
 
 TYPES = ("tool_line", "tool_circle", "tool_polyline", "sampled", "joint", "output_line", "program")
 NO_ROTATION = np.zeros(3)
@@ -187,6 +188,8 @@ class _Planner:
 
     def _end(self, step: Move | MoveJ, fail: Failure, before: np.ndarray) -> np.ndarray:
         """The actuated coordinates (n_g,) at the end of a joint move, which may be given by the pose of the tool."""
+        from flexgen.inverse_kinematics.targets import joints_of_target
+
         if step.target is not None:
             if step.end:
                 raise fail("end", step.end, "either end or target")
@@ -225,6 +228,9 @@ class _Planner:
 
     def _sampled(self) -> TimedSegment:
         """The segment of a path through the samples of a file; sets the joint configuration at the start."""
+        from flexgen.paths.sample_files import read_samples
+        from flexgen.paths.spline import SplineCurve
+
         move, reference = self.move, self.reference
         if move.degree not in DEGREES:
             raise wrong(move.where, self.name, "degree", move.degree, "one of " + ", ".join(map(str, DEGREES)))
@@ -348,6 +354,8 @@ class _Planner:
 
     def _program(self, program: Program) -> list[TimedSegment]:
         """The segments of a program: one for all steps between two stops."""
+        from flexgen.inverse_kinematics.targets import check_configuration
+
         if not program.steps:
             raise wrong(program.where, self.name, "step", "none", "one or more steps")
         segments: list[TimedSegment] = []

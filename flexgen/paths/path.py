@@ -16,7 +16,6 @@ from flexgen.model.moves import Move
 from flexgen.paths.jets import ORDER, chain_rule
 from flexgen.paths.joint_limits import InverseKinematics, beyond_range
 from flexgen.paths.move_planner import plan_move
-from flexgen.paths.path_table import path_table
 from flexgen.paths.reference import PathSample, Reference
 from flexgen.paths.timed_segments import TimedSegment
 from flexgen.type_checks import checked_class, checked_types
@@ -81,6 +80,8 @@ class Path:
         ArgumentError
             A part of the path is a spline through samples.
         """
+        from flexgen.paths.path_table import path_table
+
         return path_table(self.reference, self.segments, self.duration, self.q_start, self.move.name)
 
     @checked_types(own=("t",))

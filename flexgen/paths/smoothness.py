@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import factorial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.linalg import expm
 
-from flexgen.analysis.linear import LinearModel, linearize, poles
 from flexgen.dae.signature import structural_index
 from flexgen.errors import FlexgenError
 from flexgen.mechanics.equations import Equations
@@ -16,6 +16,9 @@ from flexgen.mechanics.statics import hold_joints
 from flexgen.paths.jets import ORDER
 from flexgen.paths.joint_limits import InverseKinematics
 from flexgen.paths.path import Path
+
+if TYPE_CHECKING:
+    from flexgen.analysis.linear import LinearModel
 
 NEAR = 1e-7  # of the duration; distance from an instant at which the derivatives are evaluated
 JUMP = 1e-4  # of the largest value of a derivative on the path; a larger change is a jump
@@ -188,6 +191,8 @@ def _with_effect(
     remaining: float,
 ) -> Jump:
     """The jump with its torque and the drift of the tool, from the linearization at a joint configuration."""
+    from flexgen.analysis.linear import linearize, poles
+
     try:
         linear = linearize(equations, hold_joints(equations, q_g))
         fast = ABOVE * float(np.abs(poles(linear)).max())

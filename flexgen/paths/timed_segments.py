@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -13,8 +13,10 @@ from flexgen.paths.blended_curve import BlendedCurve
 from flexgen.paths.jets import JET, Attitude
 from flexgen.paths.joint_limits import InverseKinematics
 from flexgen.paths.reference import Reference
-from flexgen.paths.speed_planning import SpeedLaw, Stretch, speed_law
 from flexgen.paths.time_laws import Law
+
+if TYPE_CHECKING:
+    from flexgen.paths.speed_planning import SpeedLaw, Stretch
 
 INSTANTS = 801  # equidistant instants at which bounds are checked
 BETWEEN = 17  # more instants between two breaks of a law
@@ -109,6 +111,8 @@ def _stretches(
     space: str, curve: Curve, bounds: tuple[float, ...], radius: float, speeds: list[float] | None
 ) -> list[Stretch]:
     """Stretches of a curve with the speed that their curvature allows; ``speeds``: bounds of the curve's segments."""
+    from flexgen.paths.speed_planning import Stretch
+
     if isinstance(curve, BlendedCurve):
         lengths = [section.length for section in curve.sections]
         each = speeds or [bounds[0]] * len(curve.segments)
@@ -167,6 +171,8 @@ def bounded_law(
     SolverError
         The path leaves the workspace or passes a singular pose.
     """
+    from flexgen.paths.speed_planning import speed_law
+
     stretches = _stretches(space, curve, bounds, radius, speeds)
     law = speed_law(stretches, (max(s.speed for s in stretches), *bounds[1:]), smoothness)
     x, attitude = curve(law(np.linspace(0.0, law.duration, INSTANTS // 2 + 1)))

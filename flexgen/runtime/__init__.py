@@ -7,8 +7,20 @@ Many points are fastest as a structure of arrays, and fastest of all with memory
     robot.mass_matrix(q_a, out=M)  # the work of C and a few microseconds
 """
 
-from flexgen.runtime.calls import Function
-from flexgen.runtime.identity import ABI_VERSION, FORMAT
-from flexgen.runtime.library import Library, load
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from flexgen.runtime.calls import Function
+    from flexgen.runtime.identity import ABI_VERSION, FORMAT
+    from flexgen.runtime.library import Library, load
 
 __all__ = ["ABI_VERSION", "FORMAT", "Function", "Library", "load"]
+
+
+def __getattr__(name: str) -> Any:
+    """The names of the package; imported here, since compilers of modules need only a part of the package."""
+    if name not in __all__:
+        raise AttributeError(f"module 'flexgen.runtime' has no attribute {name!r}")
+    from flexgen.runtime import library
+
+    return getattr(library, name)

@@ -20,9 +20,6 @@ import numpy as np
 from scipy.integrate import DOP853
 from scipy.interpolate import PPoly
 
-from flexgen.build.c_module import c_module, load_module
-from flexgen.build.casadi_module import casadi_module, external
-from flexgen.build.compiler import find_compiler
 from flexgen.errors import BuildError
 from flexgen.simulation.motor_feedback import MotorFeedback
 
@@ -71,6 +68,10 @@ class CompiledRate:
 
 def compiled_rate(rate: ca.Function, progress: Callable[[str], None] | None) -> CompiledRate | None:
     """A CasADi function with the name ``rate`` in C; None where there is no C compiler that works."""
+    from flexgen.build.c_module import load_module
+    from flexgen.build.casadi_module import casadi_module, external
+    from flexgen.build.compiler import find_compiler
+
     try:
         if find_compiler() is None:
             return None
@@ -189,6 +190,8 @@ class CompiledDop853:
 
 @lru_cache(maxsize=1)
 def _advance() -> Any:
+    from flexgen.build.c_module import c_module
+
     function = c_module(SOURCE).simulation_advance
     function.restype = ctypes.c_int
     pointer, integer = ctypes.c_void_p, ctypes.c_int64

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexgen.analysis.second_order import lowest_locked_hz, motor_inertias, motor_rows
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.linearization import second_order_matrices
 from flexgen.numerics.evaluate import evaluate
@@ -70,6 +69,8 @@ def default_feedback(equations: Equations, q_a: np.ndarray, q_m: np.ndarray, tau
 
     ``q_a`` (n_a,), ``q_m`` (n_m,), ``tau_m`` (n_m,).
     """
+    from flexgen.analysis.second_order import lowest_locked_hz, motor_inertias, motor_rows
+
     model = equations.model
     arm, motors = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
     motion = (q_a[None], arm, arm, q_m[None], motors, motors, tau_m[None])

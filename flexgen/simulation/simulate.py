@@ -23,7 +23,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,8 +36,6 @@ from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.rotations import turn_angle
 from flexgen.ports import Port
 from flexgen.progress import Choice, reported
-from flexgen.simulation.after_end import errors_after_end
-from flexgen.simulation.growth import Motion, growth_along
 from flexgen.simulation.hold import SAME, TorqueCommand, command_in
 from flexgen.simulation.motor_feedback import MotorFeedback, default_feedback
 from flexgen.simulation.result import Simulation
@@ -47,6 +45,9 @@ from flexgen.torque_curve import side_by_side, spline, then_constant, torque_cur
 from flexgen.trajectory import Trajectory
 from flexgen.trajectory_files import common_unit
 from flexgen.type_checks import checked_types
+
+if TYPE_CHECKING:
+    from flexgen.simulation.growth import Motion
 
 HELD_KEY = "held_s"  # of the meta data: how long the verification of a solution holds its last torque
 RTOL_OPEN = 1e-9  # for a robot that is far off anyway
@@ -156,6 +157,8 @@ def simulate(
     SolverError
         The integration failed; the text gives the time.
     """
+    from flexgen.simulation.growth import growth_along
+
     equations = model if isinstance(model, Equations) else derive(model)
     _check_choices(trajectory, rtol, held, feedback)
     data = trajectory if isinstance(trajectory, Trajectory) else Trajectory.load(trajectory)
@@ -242,6 +245,8 @@ def _later_errors(
     task: _Task, found: Run, before: tuple[float | None, float | None]
 ) -> tuple[float | None, float | None]:
     """Largest errors of the output until `AFTER` after the end [m], [rad], with those until ``held`` after it."""
+    from flexgen.simulation.after_end import errors_after_end
+
     if task.held <= 0.0 or "y_ref" not in task.given:
         return None, None
     n_a = task.equations.model.n_a
@@ -346,6 +351,8 @@ def _growth_warning(growth: float, feedback: MotorFeedback) -> str:
 
 def _motion(robot: RobotModel, data: Trajectory, t: np.ndarray, given: dict[str, np.ndarray]) -> Motion | None:
     """The motion of a trajectory at the instants ``t``, at rest after its end; None without speeds or accelerations."""
+    from flexgen.simulation.growth import Motion
+
     names = {"a": tuple(c.name for c in robot.coordinates), "m": tuple(m.name for m in robot.motors)}
     found = {"q_a": given["q_a"], "q_m": given["q_m"], "tau_m": given["tau_m"]}
     for name in ("v_a", "a_a", "v_m", "a_m"):

@@ -90,6 +90,8 @@ FOLDER, FILE, FUNCTION = 4000, 450, 80
 MEASURED = ["flexgen", "benchmarks", "examples"]
 
 
+MODULES_OF_SOLVE, MODULES_OF_VERSION = 90, 8  # loaded by `flexgen.solve`, before a call, and by `flexgen --version`
+
 NAMED = re.compile(r"flexgen(\.\w+)+[.:]?(\w+)?\Z")
 IMPORTERS = ("import_module", "__import__")
 
@@ -375,6 +377,35 @@ def test_import_of_the_command_line_loads_nothing_heavy():
     out = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     assert not HEAVY & set(out.split())
     assert "argparse" in out.split()
+
+
+def modules_loaded(code: str) -> set[str]:
+    """The modules of flexgen that a new interpreter has loaded after these lines."""
+    lines = f"import sys\n{code}\nprint('\\n' + ' '.join(name for name in sys.modules))"
+    out = subprocess.run([sys.executable, "-c", lines], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return {name for name in out.splitlines()[-1].split() if name.partition(".")[0] == "flexgen"}
+
+
+def test_solve_loads_at_most_90_modules_and_the_count_from_the_source_is_that_of_the_interpreter():
+    found = modules_loaded("import flexgen; flexgen.solve")
+    reached_here = reached("flexgen.inversion.solve", all_imports(sources()))
+    assert found == {name for name in reached_here if name.partition(".")[0] == "flexgen"}
+    assert len(found) <= MODULES_OF_SOLVE, "import what only some calls need in the function that needs it"
+
+
+def test_version_loads_no_verb_and_describe_no_solver():
+    version = modules_loaded("from flexgen.cli.main import main; main(['--version'])")
+    described = modules_loaded("from flexgen.cli.main import main; main(['describe', 'elbow'])")
+    assert len(version) <= MODULES_OF_VERSION and "flexgen.cli.parser" not in version
+    assert {room(name) for name in described} & {"inversion", "simulation", "codegen", "analysis"} <= {
+        "inversion", "simulation",  # the names of methods and of holds, for the options of solve
+    } and not described & {"flexgen.inversion.solve", "flexgen.simulation.simulate"}  # fmt: skip
+
+
+def test_planted_import_is_in_the_count_of_solve():
+    texts = sources()
+    texts["flexgen.numerics.evaluate"] += "\nfrom flexgen.codegen.emit import emit\n"
+    assert len(reached("flexgen.inversion.solve", all_imports(texts))) > MODULES_OF_SOLVE
 
 
 def test_verbs_are_public_and_not_hidden_by_modules_of_the_same_name():

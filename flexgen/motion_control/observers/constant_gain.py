@@ -21,9 +21,9 @@ from scipy.linalg import expm
 from flexgen.analysis.second_order import motor_rows
 from flexgen.arguments import is_whole
 from flexgen.build.c_module import c_module
+from flexgen.build.model_library import library_with
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.model_library import library_with
 from flexgen.inversion.solution import Solution
 from flexgen.motion_control.control import control_case
 from flexgen.motion_control.lq import riccati

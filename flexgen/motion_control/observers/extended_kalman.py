@@ -23,9 +23,9 @@ import numpy as np
 
 from flexgen.arguments import is_number
 from flexgen.build.c_module import c_module
+from flexgen.build.model_library import library_with
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.model_library import library_with
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import RobotModel
 from flexgen.motion_control.observers.channels import MOTORS, Channels, Noise, channels_of

@@ -16,8 +16,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import expm
 
+from flexgen.build.model_library import library_with
 from flexgen.deadline import check_time
-from flexgen.inversion.model_library import library_with
 from flexgen.motion_control.lq import riccati
 from flexgen.motion_control.observers.channels import Channels
 from flexgen.motion_control.observers.design import Noises
