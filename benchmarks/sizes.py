@@ -277,11 +277,11 @@ def stream_costs(folder: Path, name: str, samples: int, target: Target) -> list[
     text = STREAM_PROGRAM.replace("@", name).replace("$", name.upper())
     text = text.replace("%INTERVALS", str(INTERVALS)).replace("%SAMPLES", str(samples))
     text = text.replace("int main(void)", f"{home}\nint main(void)")
-    used = (f"src/{name}_{f}.c" for f in ("stream", "forward_kinematics", *INVERSION))
+    used = (f"src/{name}_{f}.c" for f in ("inversion", "forward_kinematics", *INVERSION))
     sources = [folder / file for file in (f"src/{name}.c", *used) if (folder / file).exists()]
     with tempfile.TemporaryDirectory() as work:
         (Path(work) / "stream.c").write_text(text, encoding="ascii")
-        options = (*REPRODUCIBLE, f"-I{folder}")
+        options = (*REPRODUCIBLE, f"-D{name.upper()}_WITHOUT_INVERT", f"-I{folder}")
         run(*target.compiler, *options, "-c", *sources, folder=Path(work))
         objects = sorted(Path(work).glob("*.o"))
         code = int(run("size", "-t", *objects, folder=Path(work)).splitlines()[-1].split()[0])

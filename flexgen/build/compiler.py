@@ -30,8 +30,8 @@ from flexgen.runtime.processor import INSTRUCTION_SETS
 REPRODUCIBLE = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-tree-vectorize", "-fno-math-errno")
 NATIVE = ("-std=c99", "-O3", "-march=native", "-ffp-contract=fast", "-fno-math-errno")
 # Solvers with unrolled loops take a tenth less time: as little as with -O3, which takes half as long again to compile.
-SOLVERS, SOLVER_FLAGS = ("invert.c", "bvp.c", "stream.c"), ("-funroll-loops",)
-# Without these passes of GCC the solvers compile in a fifth less time, and are as fast.
+SOLVERS, SOLVER_FLAGS = ("inversion.c",), ("-funroll-loops",)
+# Without these passes of GCC the hand-written sources compile in a fifth less time, and are as fast.
 QUICK_FLAGS = ("-fira-region=one", "-fno-gcse", "-fno-tree-pre", "-fno-rename-registers", "-fno-web")
 # The emitted mathematics is straight on and in good order: what GCC does beyond this level takes a third of the time of
 # the compilation and makes nothing faster (other compilers inline less at it).
@@ -86,9 +86,9 @@ class Compiler:
         processor), and the system's headers.
     instruction_sets : tuple of str
         Vector instruction sets of x86-64 that the output uses; names as in `flexgen.runtime.processor`.
-    straight, functions, solvers : tuple of str
+    straight, functions, solvers, others : tuple of str
         More flags, for sources with emitted mathematics beside other C, for those with the mathematics of a function
-        alone, and for `SOLVERS`.
+        alone, for `SOLVERS`, and for the other hand-written sources.
     """
 
     command: tuple[str, ...]
@@ -99,6 +99,7 @@ class Compiler:
     straight: tuple[str, ...] = ()
     functions: tuple[str, ...] = ()
     solvers: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
 
 
 def find_compiler(*, native: bool = False, openmp: bool = False, isa: str = "native") -> Compiler | None:
@@ -157,10 +158,11 @@ def _found(native: bool, openmp: bool, isa: str, cc: str | None, path: str | Non
     gcc = "__GNUC__" in world.stdout and not any(word in world.stdout for word in _LIKE_GCC)
     straight = STRAIGHT_FLAGS if gcc and not native else ()
     functions = (*straight, *LEAN_FLAGS) if straight else ()
-    solvers = (*SOLVER_FLAGS, *QUICK_FLAGS) if gcc else SOLVER_FLAGS
+    others = QUICK_FLAGS if gcc else ()
+    solvers = (*SOLVER_FLAGS, *others)
     identity = hashlib.sha256("\0".join((version, *flags, *solvers, *functions, world.stdout)).encode()).hexdigest()
     used = tuple(INSTRUCTION_SETS[word] for word in _DEFINED.findall(world.stdout) if word in INSTRUCTION_SETS)
-    return Compiler(program, version, tuple(flags), identity, used, straight, functions, solvers)
+    return Compiler(program, version, tuple(flags), identity, used, straight, functions, solvers, others)
 
 
 def _chosen() -> list[str] | None:
@@ -252,7 +254,7 @@ def build_libraries(
     def flags_of(file: str) -> list[str]:
         if Path(file).name in [f"{name}_{solver}" for solver in SOLVERS]:
             return [*compiler.solvers]
-        return [*compiler.functions] if _body(Path(file)).name in bodies else []
+        return [*(compiler.functions if _body(Path(file)).name in bodies else compiler.others)]
 
     stored = Objects(compiler.identity, {file: (folder / file).read_bytes() for file in headers}, flags_of)
     with one_at_a_time(stored.folder, name, log):

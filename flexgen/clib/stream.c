@@ -292,7 +292,7 @@ static void give(const real *from, ptrdiff_t size, real *to)
 model_status model_stream_finish(real *stream, model_motion *motion, model_stream_info *info)
 {
     layout l;
-    interval out;
+    interval_results out;
     ptrdiff_t n;
     int status;
     if (stream == NULL || motion == NULL || info == NULL) {

@@ -117,10 +117,10 @@ static inline int cost_from(const real *s, const layout *l, update_part p)
 }
 
 /* Arrays of the results in the memory of the stream. */
-static inline interval results_in(real *s, const layout *l)
+static inline interval_results results_in(real *s, const layout *l)
 {
     const ptrdiff_t n = (ptrdiff_t)s[SAMPLES_PER_INTERVAL];
-    interval out;
+    interval_results out;
     out.q_a = s + l->output;
     out.v_a = out.q_a + n * NA;
     out.tau_g = out.v_a + n * NA;
@@ -131,7 +131,7 @@ static inline interval results_in(real *s, const layout *l)
 }
 
 /* Limits of the motors: what they do now, and the change of the path ahead. */
-static inline int limits_part(real *s, const layout *l, const interval *out)
+static inline int limits_part(real *s, const layout *l, const interval_results *out)
 {
     real off[2] = {0.0, 0.0};
     int ends;
@@ -144,7 +144,7 @@ static inline int limits_part(real *s, const layout *l, const interval *out)
 }
 
 /* Motors in the interval. */
-static inline int motors_part(real *s, const layout *l, const interval *out)
+static inline int motors_part(real *s, const layout *l, const interval_results *out)
 {
     real step = 0.0, output_step[2] = {0.0, 0.0};
     const int status = motors_in_interval(s, l, out, &step, output_step);
@@ -159,7 +159,7 @@ static inline int motors_part(real *s, const layout *l, const interval *out)
 /* Do the part p. */
 static inline int do_part(real *s, const layout *l, update_part p)
 {
-    const interval out = results_in(s, l);
+    const interval_results out = results_in(s, l);
     switch (p.part) {
 #if MODEL_NE > 0
     case PART_SHIFT:

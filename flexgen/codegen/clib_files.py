@@ -30,6 +30,7 @@ from flexgen.expressions.literals import literal
 from flexgen.mechanics.signatures import INVERSION
 
 FOLDER = "flexgen.clib"
+SOLVERS = ("bvp.c", "invert.c", "stream.c")  # parts of one source, so that they share their functions
 KERNEL = ("kernel.h", "kernel_functions.h", "private.h", "point.h", "lanes.h", "undefine.h")  # of every library
 _HOLD = (
     "What the drive does between two samples of the motor torque: HOLD_SPLINE follows a spline through them, "
@@ -88,8 +89,23 @@ def inversion_files(spec: LibrarySpec, written: Mapping[str, FunctionText]) -> d
     if not spec.inverts or spec.motor_constants is None:
         return {}
     names = sorted(_included({function.file for function in spec.declared_in("inversion")}))
-    out = {f"{spec.name}_{name}": render(fixed_files()[name], spec.name, spec.precision) for name in names}
-    return {f"{spec.name}_motor_constants.h": constants_header(spec, spec.motor_constants, written), **out}
+    texts = {name: render(fixed_files()[name], spec.name, spec.precision) for name in names}
+    solvers = {name: texts.pop(name) for name in SOLVERS if name in texts}
+    texts |= {"inversion.c": _together(spec, solvers)} if solvers else {}
+    texts["motor_constants.h"] = constants_header(spec, spec.motor_constants, written)
+    return {f"{spec.name}_{name}": text for name, text in sorted(texts.items())}
+
+
+def _together(spec: LibrarySpec, solvers: Mapping[str, str]) -> str:
+    """The source of these solvers, from which a compiler can be told to leave parts out."""
+    parts = {macro(spec, f"WITHOUT_{name.removesuffix('.c')}"): text for name, text in solvers.items()}
+    head = comment(
+        f"{spec.name}: the solvers of inverse dynamics along paths, in one source, so that they share their functions. "
+        f"With {' or '.join(f'-D{flag}' for flag in parts)} it is compiled without this part. Written by flexgen; see "
+        f"{spec.name}_inversion.h."
+    )
+    body = "".join(f"\n#ifndef {flag}\n{text}#endif\n" for flag, text in parts.items())
+    return f"/*\n{head} */\n{body}"
 
 
 def _included(names: set[str]) -> set[str]:

@@ -141,7 +141,7 @@ def test_the_stack_is_as_small_as_the_header_says(made, tmp_path):
         rows = [line.split("\t") for line in file.read_text(encoding="ascii").splitlines()]
         assert all(kind != "dynamic" for _, _, kind in rows), rows
         frames[file.stem] = sorted((int(size) for _, size, _ in rows), reverse=True)
-    cores = {f"{name}_invert", f"{name}_stream", f"{name}_bvp"}
+    cores = {f"{name}_inversion"}
     below = max(sum(sizes[:3]) for key, sizes in frames.items() if key not in cores)
     assert cores <= set(frames)
     assert all(sum(frames[core][:4]) + below <= said[0] for core in cores), (frames, said)

@@ -169,8 +169,8 @@ def test_it_needs_coordinates_without_motor() -> None:
 
 
 def test_a_library_has_it_only_where_it_was_asked_for() -> None:
-    names = {path.name for path in made("planar5_nmp").files}
-    assert "planar5_nmp_bvp.c" not in names and "bvp" not in (made("planar5_nmp").directory / "example.c").read_text()
+    texts = "".join(path.read_text() for path in made("planar5_nmp").files if path.suffix in (".c", ".h"))
+    assert "planar5_nmp_bvp" not in texts
     with pytest.raises(ArgumentError, match=r"without bvp, expected one .* with parts=\['bvp'\] \(--with bvp\)"):
         _ = loaded("planar5_nmp").bvp
     with pytest.raises(ArgumentError, match="parts: given 'lq', expected some of bvp"):
@@ -225,7 +225,7 @@ PLANTED = {
 
 def call(folder: FilePath) -> tuple[int, np.ndarray]:
     """Status and motor torques of ``planar5_nmp_bvp`` in a folder's sources."""
-    files = [f"src/planar5_nmp_{name}.c" for name in (*INVERSION, "bvp")]
+    files = [f"src/planar5_nmp_{name}.c" for name in (*INVERSION, "inversion")]
     run(CC, "-std=c99", "-O1", "-fPIC", "-shared", *files, "-lm", "-o", "planted.so", folder=folder)
     library = ctypes.CDLL(str(folder / "planted.so"))
     structs = structs_of(json.loads((folder / "manifest.json").read_text()))
@@ -253,7 +253,7 @@ def test_planted_bugs_are_caught(bug: str, tmp_path: FilePath) -> None:
     folder = FilePath(shutil.copytree(made("planar5_nmp", "bvp").directory, tmp_path / "planted"))
     right = loaded("planar5_nmp").invert(**given())
     size = np.abs(right.tau_m).max()
-    file = folder / "src" / "planar5_nmp_bvp.c"
+    file = folder / "src" / "planar5_nmp_inversion.c"
     text = file.read_text()
     for old, new in PLANTED[bug]:
         assert text.count(old) == 1
@@ -268,5 +268,5 @@ def test_planted_bugs_are_caught(bug: str, tmp_path: FilePath) -> None:
 @pytest.mark.slow
 def test_strict_compilers_have_nothing_to_say(compiler: str, tmp_path: FilePath) -> None:
     flags = STRICT_CPP if compiler.endswith("++") else [*STRICT, "-O2"]
-    file = made("planar5_nmp", "bvp").directory / "src" / "planar5_nmp_bvp.c"
-    run(tool(compiler), *flags, "-c", file, "-o", "bvp.o", folder=tmp_path)
+    file = made("planar5_nmp", "bvp").directory / "src" / "planar5_nmp_inversion.c"
+    run(tool(compiler), *flags, "-c", file, "-o", "inversion.o", folder=tmp_path)

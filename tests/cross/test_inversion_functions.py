@@ -264,7 +264,7 @@ def test_hand_written_c_has_the_librarys_name():
     spec = library_spec(derive("planar5_nmp"))
     texts = emit(spec)
     constants = texts["src/planar5_nmp_motor_constants.h"].splitlines()
-    assert {"src/planar5_nmp_invert.c", "planar5_nmp_inversion.h"} <= set(texts)
+    assert {"src/planar5_nmp_inversion.c", "planar5_nmp_inversion.h"} <= set(texts)
     for name, text in texts.items():
         assert "model_" not in text and "MODEL_" not in text, name
     for line in (

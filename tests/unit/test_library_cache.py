@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import time
 from pathlib import Path
@@ -154,8 +155,10 @@ def test_a_library_that_vanishes_while_it_is_loaded_is_rebuilt(tmp_path, monkeyp
 def test_the_library_of_a_method_has_the_solver_that_it_calls_and_no_other(method, solver) -> None:
     """The others would be most of what a first solution waits for."""
     library = inversion_library(derive("planar5_nmp"), method)
-    solvers = {f"planar5_nmp_{name}.c" for name in ("invert", "bvp", "invert_limited", "stream", "path_sampler")}
-    assert {path.name for path in library.directory.glob("src/*.c")} & solvers == {f"planar5_nmp_{solver}.c"}
+    solvers = {f"planar5_nmp_{name}.c" for name in ("inversion", "invert_limited", "path_sampler")}
+    assert {path.name for path in library.directory.glob("src/*.c")} & solvers == {"planar5_nmp_inversion.c"}
+    text = (library.directory / "src" / "planar5_nmp_inversion.c").read_text()
+    assert set(re.findall(r"#ifndef PLANAR5_NMP_WITHOUT_(\w+)", text)) == {solver.upper()}
     assert getattr(library, solver) is not None
     with pytest.raises(ArgumentError, match="given a library without streams"):
         library.stream(np.zeros(2), np.zeros(5), period=5e-3, intervals=10)
@@ -169,5 +172,5 @@ def test_the_objects_of_one_choice_of_solvers_are_those_of_another() -> None:
     folders = [inversion_library(equations, "lq", solvers).directory for solvers in choices]
     texts = [{path.name: path.read_bytes() for path in folder.rglob("*.[ch]")} for folder in folders]
     both = (set(texts[0]) & set(texts[1])) - {"planar5_nmp.c", "example.c"}  # the digest of all; not compiled
-    assert {"planar5_nmp_invert.c", "planar5_nmp_inversion.h", "planar5_nmp.h"} <= both
+    assert {"planar5_nmp_inversion.c", "planar5_nmp_inversion.h", "planar5_nmp.h"} <= both
     assert {name for name in both if texts[0][name] != texts[1][name]} == set()

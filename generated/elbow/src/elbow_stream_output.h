@@ -18,10 +18,10 @@ static const real negligible_motion = PRECISE(3e-8, 1e-5), negligible_step = PRE
 /* Results of an update, sample after sample. */
 typedef struct {
     real *q_a, *v_a, *tau_g, *q_m, *v_m, *tau_m;
-} interval;
+} interval_results;
 
 /* Motion and gear torques of the arm in the window around the interval; worst: the largest residual in the interval. */
-static inline int arm_in_window(real *s, const layout *l, const interval *out, real *worst)
+static inline int arm_in_window(real *s, const layout *l, const interval_results *out, real *worst)
 {
     const int samples_per_interval = (int)s[SAMPLES_PER_INTERVAL], intervals = (int)s[INTERVALS],
               end = (int)l->past + intervals;
@@ -166,7 +166,8 @@ static inline void hold_interval(real *s, const layout *l, real *tau_m)
  * Motors in the interval; the deflections of the gears are carried on from update to update. step, output_step: of the
  * motor torques and of the output at its start; steps at rest are not counted.
  */
-static inline int motors_in_interval(real *s, const layout *l, const interval *out, real *step, real output_step[2])
+static inline int motors_in_interval(
+    real *s, const layout *l, const interval_results *out, real *step, real output_step[2])
 {
     const ptrdiff_t samples_per_interval = (ptrdiff_t)s[SAMPLES_PER_INTERVAL];
     const int is_first = !(s[l->expected] > 0.0);
