@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from flexgen.cli.main import main, parse
+from flexgen.cli.main import main
+from flexgen.cli.parser import parse
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

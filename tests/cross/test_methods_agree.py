@@ -86,7 +86,7 @@ def test_a_torque_that_is_late_does_not_agree() -> None:
 
 
 def test_every_method_is_in_the_command_line_and_has_its_function() -> None:
-    from flexgen.cli.main import build_parser
+    from flexgen.cli.parser import build_parser
 
     for name in (AUTO, *METHODS):
         assert build_parser().parse_args(["solve", "elbow", "--method", name]).method == name

@@ -71,7 +71,7 @@ def test_the_old_name_of_out_is_accepted_with_a_warning(verb, monkeypatch, capsy
     seen = []
     parser = build_parser()
     words = [*words_of(verb, "--directory", str(tmp_path)), "--json"]
-    monkeypatch.setattr("flexgen.cli.main.parse", lambda words: with_action(parse(words), seen))
+    monkeypatch.setattr("flexgen.cli.parser.parse", lambda words: with_action(parse(words), seen))
     assert "--out" in VERBS[verb].options() and "--directory" not in parser.format_help()
     assert main(words) == 0
     out, err = capsys.readouterr()
