@@ -16,7 +16,7 @@ from control_parts.observers import learned_errors, observer_errors, observer_ti
 from control_parts.robots import collisions, halved_steps, learning_settings, loads, time_settings
 
 import flexgen
-from flexgen.motion_control.benchmarks.leaderboard import shipped
+from flexgen.benchmarks.leaderboard import shipped
 
 TARGET = Path(__file__).with_suffix(".md")
 ROBOTS = ("planar5_nmp", "manutec_r3_18", "manutec_r3_24")

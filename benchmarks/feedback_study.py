@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 import flexgen
-from flexgen.motion_control.control import Case, case_controller, control_case, run_case
-from flexgen.motion_control.laws.chain import Timing, largest_frequency
-from flexgen.motion_control.laws.study import ARM, FAMILIES, FeedbackStudy, feedback_study
+from flexgen.laws.chain import largest_frequency
+from flexgen.laws.study import ARM, FAMILIES, FeedbackStudy, feedback_study
+from flexgen.loop.control import Case, case_controller, control_case, run_case
+from flexgen.loop.timing import Timing
 
 TARGET = Path(__file__).with_suffix(".md")
 PICTURE = Path(__file__).resolve().parent.parent / "docs" / "pictures" / "feedback_study.svg"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from flexgen.closed_form.equations import symbolic
+from flexgen.equations_text.equations import symbolic
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.model.output_columns import output_labels

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from flexgen.build import compiler
+from flexgen.library import compiler
 
 # The flags of our two builds, for CasADi's C too.
 REPRODUCIBLE = (*compiler.REPRODUCIBLE, "-fPIC", "-shared")

@@ -20,8 +20,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from flexgen.build.compiler import REPRODUCIBLE
-from flexgen.build.generate import generate
+from flexgen.library.compiler import REPRODUCIBLE
+from flexgen.library.generate import generate
 from flexgen.mechanics.signatures import INVERSION
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from selection import ROOT, full, slow
 
-from flexgen.build.object_cache import cache_folder
 from flexgen.errors import BuildError
+from flexgen.library.object_cache import cache_folder
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 import flexgen
-from flexgen.build.c_module import compiled
 from flexgen.inversion.model_library import library_with
+from flexgen.library.c_module import compiled
 from flexgen.mechanics.equations import derive
-from flexgen.motion_control.observers.smoother import acting
 from flexgen.numerics.evaluate import evaluate
+from flexgen.performance.smoother import acting
 
 ACCELEROMETER = {"name": "acc", "type": "accelerometer", "element": "tool", "unit": "m/s^2", "noise": 0.05}
 OUTPUTS = ("motors", ("motors", "tool_accelerometer"))

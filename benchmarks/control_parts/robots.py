@@ -8,9 +8,9 @@ import numpy as np
 
 import flexgen
 from flexgen.inversion.bounds import Limits
+from flexgen.loop.control import control_case, run_case
 from flexgen.loop.interface import Measurement, Reference
-from flexgen.motion_control.control import control_case, run_case
-from flexgen.motion_control.controllers import controller_of
+from flexgen.loop.named_controllers import controller_of
 
 SAMPLE_S = 1e-3
 Row = tuple[object, ...]

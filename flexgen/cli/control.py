@@ -17,9 +17,9 @@ def control(args: Namespace, log: Progress) -> VerbResult:
     """Simulate a move in the closed loop with feedforward, for the model and robots that differ from it."""
     check_report(args.report)
     check_writable(args.out)
-    from flexgen.motion_control.control import control as simulate
-    from flexgen.motion_control.disturbances import Disturbance
-    from flexgen.motion_control.result import UNITS, columns_in
+    from flexgen.loop.control import control as simulate
+    from flexgen.loop.disturbances import Disturbance
+    from flexgen.loop.result import UNITS, columns_in
 
     model = read_model(args)
     names = [name for name, _ in args.plant or ()]
@@ -85,7 +85,7 @@ def learn(args: Namespace, log: Progress) -> VerbResult:
     """Learn the path of a robot that differs from its model, in simulation, from its measured tool error."""
     check_report(args.report)
     check_writable(args.out)
-    from flexgen.motion_control.learn import learn as iterate
+    from flexgen.performance.learn import learn as iterate
 
     model = read_model(args)
     learned = iterate(
@@ -120,9 +120,9 @@ def learn(args: Namespace, log: Progress) -> VerbResult:
 def score(args: Namespace, log: Progress) -> VerbResult:
     """Score controllers in a benchmark: one axis with four masses, or an arm with two links."""
     check_report(args.report)
-    from flexgen.motion_control.benchmarks.leaderboard import shipped
-    from flexgen.motion_control.benchmarks.scenario_file import scenario
-    from flexgen.motion_control.benchmarks.score import score as compute
+    from flexgen.benchmarks.leaderboard import shipped
+    from flexgen.benchmarks.scenario_file import scenario
+    from flexgen.benchmarks.score import score as compute
 
     chosen = scenario(args.scenario)
     given: list[str] = []
@@ -179,7 +179,7 @@ def tune(args: Namespace, log: Progress) -> VerbResult:
     if out.suffix != ".toml":
         raise ArgumentError(f"--out: given {str(out)!r}, expected a file .toml")
     check_writable(out)
-    from flexgen.motion_control.benchmarks.tune import tune as improve
+    from flexgen.benchmarks.tune import tune as improve
 
     log(f"tune: {args.starts * args.evaluations} evaluations, about two seconds each")
     began = time.perf_counter()
@@ -214,7 +214,7 @@ def fastest(args: Namespace, log: Progress) -> VerbResult:
     check_report(args.report)
     check_writable(args.out)
     from flexgen.inversion.bounds import limits_for
-    from flexgen.motion_control.minimum_time import fastest as search
+    from flexgen.performance.minimum_time import fastest as search
 
     model = read_model(args)
     own = {"torque": args.torque, "speed": args.speed}
@@ -256,7 +256,7 @@ def kinematics(args: Namespace, log: Progress) -> VerbResult:
         alone(args, "--joints", "rotation")
         if len(args.joints) != len(joints):
             raise ArgumentError(f"--joints: given {len(args.joints)} numbers, expected {len(joints)}")
-        from flexgen.build.model_library import library_with
+        from flexgen.library.model_library import library_with
 
         library = library_with(model, ("forward_kinematics", "jacobian"), progress=log)
         full = np.zeros(model.n_a)

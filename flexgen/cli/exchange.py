@@ -13,7 +13,7 @@ from flexgen.errors import ArgumentError
 def mujoco(args: Namespace, log: Progress) -> VerbResult:
     """Write the elastic robot as an MJCF file for MuJoCo, with the same accelerations."""
     check_writable(args.out)
-    from flexgen.export.mujoco import export_mujoco
+    from flexgen.exports.mujoco import export_mujoco
 
     model = read_model(args)
     with writing(args.out):
@@ -25,7 +25,7 @@ def mujoco(args: Namespace, log: Progress) -> VerbResult:
 def urdf(args: Namespace, log: Progress) -> VerbResult:
     """Write the rigid robot as a URDF file, and an overlay of flexgen with all that URDF cannot contain."""
     check_writable(args.out)
-    from flexgen.export.urdf import export_urdf
+    from flexgen.exports.urdf import export_urdf
 
     model = read_model(args)
     with writing(args.out):
@@ -37,7 +37,7 @@ def urdf(args: Namespace, log: Progress) -> VerbResult:
 def schema(args: Namespace, log: Progress) -> VerbResult:
     """Print the JSON schema of model files, for completion and explanations in an editor."""
     check_writable(args.out)
-    from flexgen.export.schema import schema as model_schema
+    from flexgen.exports.schema import schema as model_schema
 
     data = model_schema(args.kind)
     text = json.dumps(data, indent=1)

@@ -14,7 +14,7 @@ LATE = 2e-3  # s: sample time and delay of the gains that are proposed, one upda
 
 def selftest(args: Namespace, log: Progress) -> VerbResult:
     """Write a C program that tests the library on its target, with results of Lagrange's equations: PASS or FAIL."""
-    from flexgen.export.selftest.export import export_selftest
+    from flexgen.exports.selftest.export import export_selftest
 
     check_writable(args.out, folder=True)
     robot = read_model(args)
@@ -26,7 +26,7 @@ def selftest(args: Namespace, log: Progress) -> VerbResult:
 
 def ros2(args: Namespace, log: Progress) -> VerbResult:
     """Write a ROS 2 package: a plugin of inverse dynamics, and a controller with a stream and P-PI control."""
-    from flexgen.export.ros2.export import export_ros2
+    from flexgen.exports.ros2.export import export_ros2
 
     check_writable(args.out, folder=True)
     robot = read_model(args)
@@ -39,7 +39,7 @@ def ros2(args: Namespace, log: Progress) -> VerbResult:
 
 def mex(args: Namespace, log: Progress) -> VerbResult:
     """Write functions for MATLAB and GNU Octave: functions of a point, inversion of a path, and a stream."""
-    from flexgen.export.mex.export import export_mex
+    from flexgen.exports.mex.export import export_mex
 
     check_writable(args.out, folder=True)
     robot = read_model(args)
@@ -49,7 +49,7 @@ def mex(args: Namespace, log: Progress) -> VerbResult:
 
 def simulink(args: Namespace, log: Progress) -> VerbResult:
     """Write blocks for Simulink: functions for C Caller, and S-functions of a stream and of inverse dynamics."""
-    from flexgen.export.simulink.export import export_simulink
+    from flexgen.exports.simulink.export import export_simulink
 
     check_writable(args.out, folder=True)
     robot = read_model(args)
@@ -59,7 +59,7 @@ def simulink(args: Namespace, log: Progress) -> VerbResult:
 
 def plcopen(args: Namespace, log: Progress) -> VerbResult:
     """Write function blocks of IEC 61131-3 (ST and PLCopen XML) with their bodies in C."""
-    from flexgen.export.plcopen.export import export_plcopen
+    from flexgen.exports.plcopen.export import export_plcopen
 
     check_writable(args.out, folder=True)
     robot = read_model(args)
@@ -72,9 +72,9 @@ def _gains(robot: Any) -> Any:
     import numpy as np
 
     from flexgen.errors import SolverError
+    from flexgen.loop.gains import PPI
     from flexgen.mechanics.equations import derive
     from flexgen.mechanics.statics import hold_joints
-    from flexgen.motion_control.gains import PPI
 
     try:
         rest = hold_joints(derive(robot), np.asarray(robot.home, dtype=float))

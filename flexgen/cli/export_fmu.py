@@ -62,7 +62,7 @@ def fmu(args: Namespace, log: Progress) -> VerbResult:
     """Write a Functional Mock-up Unit (FMI 2.0 or 3.0) for simulation programs."""
     check_writable(args.out)
     from flexgen.errors import ArgumentError
-    from flexgen.export.fmu.export import export_fmu
+    from flexgen.exports.fmu.export import export_fmu
 
     for option, block in OF_BLOCK.items():
         if getattr(args, option) is not None and args.block != block:
@@ -71,8 +71,8 @@ def fmu(args: Namespace, log: Progress) -> VerbResult:
             )
     given: Any = None
     if args.block == "controller":
-        from flexgen.motion_control.controller_files import file_controller
-        from flexgen.motion_control.gains import PPI
+        from flexgen.loop.controller_files import file_controller
+        from flexgen.loop.gains import PPI
 
         if args.controller is not None and not Path(args.controller.partition(".py:")[0]).exists():
             raise ArgumentError(f"--controller: given {args.controller!r}, which does not exist, expected a file .toml")

@@ -35,10 +35,10 @@ def run(args: Namespace, log: Progress) -> VerbResult:
     check_writable(args.out, folder=True)
 
     from flexgen.analysis.analyze import analyze as analyze_model
-    from flexgen.build.generate import generate as generate_library
     from flexgen.inversion.comparison import compare_methods
     from flexgen.inversion.solve import ACCURACY
     from flexgen.inversion.solve import solve as solve_move
+    from flexgen.library.generate import generate as generate_library
     from flexgen.reports.html import write_report
     from flexgen.runtime import load
 

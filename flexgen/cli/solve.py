@@ -101,7 +101,7 @@ def _solve_one(
 
     out, report = outputs
     if args.fastest:
-        from flexgen.motion_control.minimum_time import fastest
+        from flexgen.performance.minimum_time import fastest
 
         move, limits = fastest(equations, move, limits=limits, time_limit=args.time, progress=log).move, None
     accuracy = ACCURACY if args.accuracy is None else args.accuracy

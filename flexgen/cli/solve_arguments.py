@@ -9,10 +9,10 @@ from flexgen.cli.argument_parser import Once, Parser
 from flexgen.cli.argument_types import file_path, not_negative, positive, trajectory_file
 from flexgen.cli.path import path
 from flexgen.cli.solve import simulate, solve
-from flexgen.inversion.method_table import NAMES as METHOD_NAMES
+from flexgen.inversion.method_table import method_names
 from flexgen.simulation.hold_names import HOLDS
 
-METHOD = f"method of inverse dynamics: {', '.join(METHOD_NAMES)}; default: auto"
+METHOD = f"method of inverse dynamics: {', '.join(method_names())}; default: auto"
 
 
 def add_verbs(group: Any, add_verb: Callable[..., Any]) -> None:
@@ -40,7 +40,7 @@ def _add_solve_arguments(parser: Parser) -> None:
         "FILE_NAME and DIR/NAME as outputs",
     )
     motion.add_argument("--moves", metavar="FILE", type=file_path, help="read moves and programs from this TOML file")
-    method.add_argument("--method", choices=METHOD_NAMES, metavar="NAME", default="auto", help=METHOD)
+    method.add_argument("--method", choices=method_names(), metavar="NAME", default="auto", help=METHOD)
     files.add_argument(
         "--out", metavar="FILE", type=trajectory_file, help="write the trajectory to this file (.npz, .csv or .mat)"
     )
@@ -132,7 +132,7 @@ def add_run_arguments(parser: Parser) -> None:
     motion.add_argument(
         "--move", metavar="NAME", action=Once, help="a move or program of the model file; default: the first"
     )
-    method.add_argument("--method", choices=METHOD_NAMES, metavar="NAME", default="auto", help=METHOD)
+    method.add_argument("--method", choices=method_names(), metavar="NAME", default="auto", help=METHOD)
     _add_bounds_arguments(method)
     parser.add_folder("folder of the C library; default: generated/MODEL")
     files.add_argument("--report", metavar="DIR", type=file_path, help="of the report; default: reports/MODEL")

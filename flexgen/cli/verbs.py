@@ -27,7 +27,7 @@ from flexgen.errors import ArgumentError
 
 if TYPE_CHECKING:
     from flexgen.analysis.analyze import Analysis
-    from flexgen.build.generate import Generated
+    from flexgen.library.generate import Generated
     from flexgen.mechanics.equations import Equations
     from flexgen.model.elements import RobotModel
 
@@ -178,7 +178,7 @@ def derive(args: Namespace, log: Progress) -> VerbResult:
     warnings: list[str] = []
     text = ""
     if form or not args.json:
-        from flexgen.closed_form.equations import symbolic
+        from flexgen.equations_text.equations import symbolic
 
         try:
             sheet = symbolic(robot)
@@ -238,8 +238,8 @@ def _analysis_text(analysis: Analysis) -> str:
 def generate(args: Namespace, log: Progress) -> VerbResult:
     """Write and compile the C library."""
     check_writable(args.out, folder=True)
-    from flexgen.build.generate import generate as generate_library
     from flexgen.codegen.c_functions import inversion_reason
+    from flexgen.library.generate import generate as generate_library
 
     robot = read_model(args)
     library = generate_library(

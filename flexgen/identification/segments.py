@@ -9,10 +9,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from flexgen.build.c_module import c_module, load_module
-from flexgen.build.casadi_module import casadi_module
 from flexgen.errors import SolverError
 from flexgen.identification.local_model import LocalModel
+from flexgen.library.c_module import c_module, load_module
+from flexgen.library.casadi_module import casadi_module
 
 SOURCE = Path(__file__).with_name("segments.c")
 

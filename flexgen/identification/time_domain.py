@@ -23,7 +23,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexgen.build.model_library import library_with
 from flexgen.deadline import check_time
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
@@ -33,6 +32,7 @@ from flexgen.identification.graybox import COST_MOST, SMALL_ERROR, weak_directio
 from flexgen.identification.local_model import LocalModel, Rest
 from flexgen.identification.parameters import CONSTANT, DELAY, ParameterVector, cascade_at, is_of_drive, is_of_sensor
 from flexgen.identification.result import TIME_DOMAIN, FitStatus, Identified
+from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop, Snapshot, integration_steps
 from flexgen.mechanics.parameters import select
 from flexgen.numerics.trust_region import Fit, Sums, minimize

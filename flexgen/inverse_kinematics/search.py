@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from flexgen.build.model_library import library_with
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.library.model_library import library_with
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.mechanics.statics import gear_deflection
 from flexgen.model.elements import RobotModel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flexgen.errors import ArgumentError
 from flexgen.inversion.bounds import Limits
-from flexgen.inversion.method_table import METHODS, Method
+from flexgen.inversion.method_table import Method, methods
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.solution import has_kinks
 from flexgen.model.elements import RobotModel
@@ -39,18 +39,18 @@ def further_methods(problem: InversionProblem, method: Method) -> tuple[Method, 
         names += ["bvp", "collocation"]
     if method.name != "full" and robot.n_a <= FULL_LARGEST:
         names.append("full")
-    return tuple(METHODS[name] for name in names if problem.limits is None or METHODS[name].keeps_limits)
+    return tuple(methods()[name] for name in names if problem.limits is None or methods()[name].keeps_limits)
 
 
 def check_applies(method: Method, robot: RobotModel, limits: Limits | None) -> None:
     """ArgumentError where a method cannot keep the limits, or does not solve the motor coupling of the model."""
     if limits is not None and not method.keeps_limits:
-        able = ", ".join(m.name for m in METHODS.values() if m.keeps_limits)
+        able = ", ".join(m.name for m in methods().values() if m.keeps_limits)
         raise ArgumentError(
             f"limits: method {method.name!r} tracks the path exactly and cannot keep limits, expected one of {able}"
         )
     if robot.motor_coupling != "simplified" and not method.any_coupling:
-        able = ", ".join(m.name for m in METHODS.values() if m.any_coupling)
+        able = ", ".join(m.name for m in methods().values() if m.any_coupling)
         raise ArgumentError(
             f"method {method.name}: model {robot.name} has motor_coupling {robot.motor_coupling!r}, expected "
             f"'simplified', or one of the methods {able}"

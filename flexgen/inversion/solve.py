@@ -17,7 +17,7 @@ from flexgen.inversion.bounds import Limits
 from flexgen.inversion.choice import check_applies, default_method, further_methods
 from flexgen.inversion.hold import Hold, with_hold
 from flexgen.inversion.method_result import MethodResult
-from flexgen.inversion.method_table import AUTO, METHODS, Method
+from flexgen.inversion.method_table import AUTO, Method, methods
 from flexgen.inversion.problem import HELD, INTERVALS, InversionProblem
 from flexgen.inversion.reached import Reached, stage_of
 from flexgen.inversion.solution import Solution, exceeded, relative_residual, residual_rows
@@ -77,7 +77,7 @@ def solve(
     move : str or Move, optional
         A move of the model file; default: its first.
     method : str
-        A name of `flexgen.inversion.method_table.METHODS`, or ``"auto"``: "full" for complete motor coupling and for
+        A name of `flexgen.inversion.method_table.methods()`, or ``"auto"``: "full" for complete motor coupling and for
         springs with a kink; "lq" with limits ("full" without a C compiler); else "closed-form" without non-actuated
         coordinates, and "lq" with them ("collocation" without a C compiler). If it fails, finer meshes are tried, and
         for a minute further methods: "lq" after "closed-form", "bvp" and "collocation" after "lq", and "full" up to 8
@@ -170,7 +170,7 @@ def _derived(model: str | FilePath | RobotModel | Equations, log: Callable[[str]
 def _found(problem: InversionProblem, method: str, reached: Reached) -> Solution:
     """The solution by a method, or by the default method and what it falls back to."""
     robot = problem.equations.model
-    chosen = METHODS[default_method(robot, problem.limits) if method == AUTO else method]
+    chosen = methods()[default_method(robot, problem.limits) if method == AUTO else method]
     check_applies(chosen, robot, problem.limits)
     find = _automatic_solution if method == AUTO else _refined
     try:
@@ -246,7 +246,7 @@ def _is_unreachable(problem: InversionProblem, failures: list[tuple[str, SolverE
 
 def run_method(method: Method, problem: InversionProblem, h: float) -> MethodResult:
     """The result of a method on intervals of ``h`` [s]."""
-    module = import_module(f"flexgen.inversion.methods.{method.module}")
+    module = import_module(method.module)
     solver: Callable[[InversionProblem, float], MethodResult] = getattr(module, method.function)
     return solver(problem, h)
 

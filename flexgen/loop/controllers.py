@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from flexgen.arguments import check_positive, is_number, is_whole
-from flexgen.build.c_module import c_module
 from flexgen.counts import shown
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
+from flexgen.library.c_module import c_module
 from flexgen.loop.interface import Compiled, Measurement, Reference, Setup
 from flexgen.type_checks import checked_class, checked_types
 

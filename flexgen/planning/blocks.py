@@ -13,8 +13,8 @@ import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 
-from flexgen.build.casadi_module import in_c
 from flexgen.errors import ArgumentError
+from flexgen.library.casadi_module import in_c
 
 SMALLEST = 1e-300
 SMALL = 1e-12  # of the gradient of the cost where the search starts: below it the cost is not scaled

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from flexgen.benchmarks.draws import draws_of
+from flexgen.benchmarks.score import Score
+from flexgen.loop.result import ControlRun
 from flexgen.model.output_columns import output_units
-from flexgen.motion_control.benchmarks.draws import draws_of
-from flexgen.motion_control.benchmarks.score import Score
-from flexgen.motion_control.learn import Learned
-from flexgen.motion_control.result import ControlRun
+from flexgen.performance.learn import Learned
 from flexgen.plots import canvas as cv
 
 COLORS = (cv.BLUE, cv.RED, cv.GREEN, cv.ORANGE, cv.PURPLE, cv.SKY, cv.GREY)

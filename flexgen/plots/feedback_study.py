@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from flexgen.motion_control.laws.study import FAMILIES, FeedbackStudy
+from flexgen.laws.study import FAMILIES, FeedbackStudy
 from flexgen.plots import canvas as cv
 
 LARGEST_M, LOUDEST_NM = 0.03, 1e3  # what is shown

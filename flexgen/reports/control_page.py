@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from flexgen.atomic_files import write_text
-from flexgen.motion_control.benchmarks.score import Score
-from flexgen.motion_control.learn import Learned
-from flexgen.motion_control.plants import NOMINAL
-from flexgen.motion_control.result import UNITS, ControlRun, columns_in
+from flexgen.benchmarks.score import Score
+from flexgen.loop.plants import NOMINAL
+from flexgen.loop.result import UNITS, ControlRun, columns_in
+from flexgen.performance.learn import Learned
 from flexgen.plots import canvas
 from flexgen.plots import control as plots
 from flexgen.reports.folder import PAGE, check_folder, foot

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flexgen.build.generate import generate
 from flexgen.dae.signature import structural_index
 from flexgen.errors import BuildError, FlexgenError
 from flexgen.inversion.solution import exceeded
 from flexgen.inversion.status import Status
+from flexgen.library.generate import generate
 from flexgen.mechanics.equations import Equations
 from flexgen.model.elements import Move, RobotModel
 from flexgen.paths.time_laws import TimeLaw

@@ -1,29 +1,22 @@
-"""Executors of shards: this process, a process pool, or any executor with ``submit``, such as one of a cluster."""
+"""Executors of shards: this process and a process pool; `flexgen.executors` has those of others."""
 
 from __future__ import annotations
 
 import multiprocessing
 import signal
 import threading
-import time
 from collections.abc import Callable, Generator, Iterable
 from concurrent import futures
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from itertools import islice
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
-from flexgen.errors import FlexgenError, SolverError
+from flexgen.errors import SolverError
 from flexgen.sweeps.jobs import Rows, Shard, failed
 
 Work = Callable[[Shard], Rows]
 Done = Generator[tuple[Shard, Rows], None, None]
-JobT = TypeVar("JobT", bound="Numbered")
-ResultT = TypeVar("ResultT")
-
-IN_FLIGHT = 32  # shards submitted at once to an executor of unknown size
-ATTEMPTS = 2  # of a shard whose worker was lost
-POLL = 0.05  # s: interval of polling futures that are not of concurrent.futures
 
 
 def in_process(shards: Iterable[Shard], work: Work) -> Done:
@@ -62,61 +55,6 @@ def in_pool(shards: Iterable[Shard], workers: int, work: Work) -> Done:
                     suspects.append(shard)
         for shard in suspects:
             yield shard, _isolated(shard, work)
-
-
-class Numbered(Protocol):
-    """What is submitted: it has a number."""
-
-    @property
-    def number(self) -> int:
-        """For messages."""
-        ...
-
-
-def with_executor(
-    shards: Iterable[JobT], executor: Any, in_flight: int | None, work: Callable[[JobT], ResultT]
-) -> Generator[tuple[JobT, ResultT], None, None]:
-    """With ``executor.submit(work, shard)``, which returns futures with ``done``, ``result`` and ``cancel``."""
-    if hasattr(executor, "get_executor"):  # a Client of dask.distributed
-        executor = executor.get_executor()
-    most = in_flight or 2 * (getattr(executor, "_max_workers", None) or IN_FLIGHT // 2)
-    todo = iter(shards)
-    running: dict[Any, tuple[JobT, int]] = {}
-    try:
-        while True:
-            running |= {executor.submit(work, shard): (shard, 1) for shard in islice(todo, most - len(running))}
-            if not running:
-                return
-            for future in _first(list(running)):
-                shard, attempt = running.pop(future)
-                try:
-                    rows = future.result()
-                except FlexgenError:
-                    raise
-                except Exception as error:  # the worker or its result is lost
-                    if attempt == ATTEMPTS or isinstance(error, futures.BrokenExecutor):
-                        raise SolverError(
-                            f"sweep: shard {shard.number} was lost {attempt} times ({type(error).__name__}: {error}); "
-                            "finished shards are kept; check the workers, then resume"
-                        ) from error
-                    running[executor.submit(work, shard)] = (shard, attempt + 1)
-                    continue
-                yield shard, rows
-    finally:
-        for future in running:
-            future.cancel()
-
-
-def _first(running: list[Any]) -> list[Any]:
-    """The futures that are done; waits for at least one."""
-    if all(isinstance(future, futures.Future) for future in running):
-        done = futures.wait(running, return_when=futures.FIRST_COMPLETED).done
-        return [future for future in running if future in done]
-    while True:
-        found = [future for future in running if future.done()]
-        if found:
-            return found
-        time.sleep(POLL)
 
 
 class _Pool:

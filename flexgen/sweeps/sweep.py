@@ -14,11 +14,12 @@ import numpy as np
 
 from flexgen.counts import CASES, count_of
 from flexgen.errors import ArgumentError, FlexgenError
+from flexgen.executors import with_executor
 from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.progress import Choice, reported
 from flexgen.sweeps.cases import Case, Grid
-from flexgen.sweeps.executors import Done, Work, in_pool, in_process, with_executor
+from flexgen.sweeps.executors import Done, Work, in_pool, in_process
 from flexgen.sweeps.folder import Folder, default_size
 from flexgen.sweeps.jobs import Job, Rows, Shard
 from flexgen.sweeps.table import RESULTS, TIMES, Table, table_of

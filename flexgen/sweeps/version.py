@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import flexgen.version
-from flexgen.build.compiler import find_compiler
 from flexgen.errors import BuildError
+from flexgen.library.compiler import find_compiler
 
 NUMERICAL = ("casadi", "numpy", "scipy")  # their versions affect the last bits
 X86 = platform.machine().lower() in ("x86_64", "amd64")

@@ -13,7 +13,7 @@ import pytest
 from emitted import _folder, made, random_states, run, sources
 from toolchain import needs_compiler, tools
 
-from flexgen.build.generate import generate
+from flexgen.library.generate import generate
 from flexgen.model.reader import read
 from flexgen.runtime import load
 

@@ -18,7 +18,7 @@ from fmpy.validation import validate_fmu
 from toolchain import tool
 
 import flexgen
-from flexgen.export.fmu.variables import INPUT, OUTPUT, STATE
+from flexgen.exports.fmu.variables import INPUT, OUTPUT, STATE
 
 SUPPORT = Path(__file__).resolve().parents[1] / "support" / "programs"
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror")

@@ -10,9 +10,9 @@ from emitted import ROOT, run
 from toolchain import CC, needs_compiler
 from unchecked import unchecked
 
-from flexgen.build.generate import generate
 from flexgen.codegen.path_header import path_header
 from flexgen.errors import ArgumentError, BuildError, FlexgenError, ModelError
+from flexgen.library.generate import generate
 from flexgen.model.moves import Program
 from flexgen.model.reader import read
 from flexgen.model.sensors import Sensor

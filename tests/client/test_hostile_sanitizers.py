@@ -13,8 +13,8 @@ from hostile import OUTPUTS, SPOILERS, Target, call_of, invert, target
 from hostile_client import SANITIZE, begin, bound, can_sanitize, statuses, text, update, whole_path
 from toolchain import CC, needs_compiler, tools
 
-from flexgen.build.generate import generate
 from flexgen.codegen.spec import library_name
+from flexgen.library.generate import generate
 
 pytestmark = needs_compiler
 

@@ -12,10 +12,10 @@ import pytest
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.build.compiler import ISAS, find_compiler
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import samples
+from flexgen.library.compiler import ISAS, find_compiler
 from flexgen.mechanics.equations import derive
 from flexgen.paths.path import Path as ToolPath
 from flexgen.runtime import processor

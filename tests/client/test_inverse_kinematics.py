@@ -13,9 +13,9 @@ from hostile_client import SANITIZE, can_sanitize
 from toolchain import CC, STRICT, STRICT_CPP, needs_compiler, tool
 
 import flexgen
-from flexgen.build.compiler import find_compiler
 from flexgen.codegen import kinematics_header
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.library.compiler import find_compiler
 from flexgen.runtime import processor
 from flexgen.runtime.library import Library
 

@@ -21,10 +21,10 @@ SOURCE = Path(flexgen.runtime.files.__file__).parents[1]
 MODULES = [
     "identification/segments.c",
     "loop/closed_loop.c",
-    "motion_control/collision.c",
-    "motion_control/laws/model_laws.c",
-    "motion_control/observers/constant_gain.c",
-    "motion_control/observers/extended_kalman.c",
+    "observers/collision.c",
+    "laws/model_laws.c",
+    "observers/constant_gain.c",
+    "observers/extended_kalman.c",
     "simulation/dop853.c",
 ]
 SHIM = """#define _GNU_SOURCE

@@ -13,11 +13,11 @@ from toolchain import CC, needs_compiler, tool
 
 from flexgen.analysis.analyze import analyze
 from flexgen.analysis.zeros import preview
-from flexgen.build.generate import Generated, generate
-from flexgen.build.stream_defaults import stream_defaults
 from flexgen.codegen.spec import LibrarySpec, library_spec
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import samples
+from flexgen.library.generate import Generated, generate
+from flexgen.library.stream_defaults import stream_defaults
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.signatures import INVERSION
 from flexgen.paths.path import Path

@@ -21,7 +21,7 @@ from toolchain import STRICT, needs_compiler, tool
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.export.selftest.motion import targets
+from flexgen.exports.selftest.motion import targets
 
 NAME = "planar5_nmp"
 TC6, XHTML = "{http://www.plcopen.org/xml/tc6_0201}", "{http://www.w3.org/1999/xhtml}"

@@ -24,9 +24,9 @@ import flexgen
 from flexgen.cli.main import main
 from flexgen.codegen.clib_files import render
 from flexgen.errors import ArgumentError, BuildError
-from flexgen.export.emitted import emitted
-from flexgen.export.selftest.golden import output_at
-from flexgen.export.selftest.motion import targets
+from flexgen.exports.emitted import emitted
+from flexgen.exports.selftest.golden import output_at
+from flexgen.exports.selftest.motion import targets
 from flexgen.loop.controllers import Cascade
 
 STUBS = Path(__file__).resolve().parents[1] / "support" / "ros2_stubs"
@@ -348,7 +348,7 @@ def test_no_name_is_taken_for_a_name_of_the_templates(tmp_path):
     given = emitted(NAME, streams=True)
     library = replace(given, name="flexgen_model", header=renamed(given.header), source=renamed(given.source))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("flexgen.export.ros2.export.emitted", lambda *_, **__: library)
+        patch.setattr("flexgen.exports.ros2.export.emitted", lambda *_, **__: library)
         flexgen.export_ros2(NAME, tmp_path / "a", package="model", maintainer="flexgen_model @RATE@")
     flexgen.export_ros2(NAME, tmp_path / "b", package="zzz", maintainer="somebody")
     for path in (p for p in (tmp_path / "a").rglob("*") if p.is_file() and p.name != "flexgen_export.json"):

@@ -18,7 +18,7 @@ from toolchain import STRICT, needs_compiler, tool
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, BuildError, SolverError
-from flexgen.export.source_folder import RECORD, write_folder
+from flexgen.exports.source_folder import RECORD, write_folder
 
 
 def program(folder: Path, library: Path, *flags: str, strict: bool = True) -> subprocess.CompletedProcess[str]:
@@ -252,7 +252,7 @@ def test_a_file_in_the_place_of_a_folder_leaves_the_folder_as_it_was(tmp_path):
 
 
 def test_a_move_through_a_singular_pose_is_refused(monkeypatch, tmp_path):
-    from flexgen.export.selftest import motion
+    from flexgen.exports.selftest import motion
 
     monkeypatch.setattr(motion, "SINGULAR", 1e3)  # every pose counts as one
     with pytest.raises(SolverError, match=r"singular pose.*motion=False"):

@@ -14,8 +14,8 @@ from toolchain import STRICT, needs_compiler, tool
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError
-from flexgen.export.selftest.golden import output_at
-from flexgen.export.selftest.motion import targets
+from flexgen.exports.selftest.golden import output_at
+from flexgen.exports.selftest.motion import targets
 from flexgen.mechanics.signatures import TABLE
 
 STUBS = Path(__file__).resolve().parents[1] / "support" / "simulink_stubs"

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flexgen.build.generate import generate
 from flexgen.codegen.emit import emit
 from flexgen.codegen.spec import chosen_functions, library_spec
 from flexgen.errors import ArgumentError
+from flexgen.library.generate import generate
 from flexgen.mechanics import inversion_functions
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.signatures import FUNCTIONS, INVERSION, offered_functions

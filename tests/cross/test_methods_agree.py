@@ -15,7 +15,7 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.inversion.method_table import AUTO, METHODS
+from flexgen.inversion.method_table import AUTO, methods
 from flexgen.mechanics.equations import derive
 
 # of the largest torque of the motor; the first differences of tau_g in the C methods are good to some 1e-5, the torque
@@ -88,9 +88,9 @@ def test_a_torque_that_is_late_does_not_agree() -> None:
 def test_every_method_is_in_the_command_line_and_has_its_function() -> None:
     from flexgen.cli.parser import build_parser
 
-    for name in (AUTO, *METHODS):
+    for name in (AUTO, *methods()):
         assert build_parser().parse_args(["solve", "elbow", "--method", name]).method == name
-    for method in METHODS.values():
+    for method in methods().values():
         module = import_module(f"flexgen.inversion.methods.{method.module}")
         assert callable(getattr(module, method.function))
 

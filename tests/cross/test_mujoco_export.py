@@ -20,8 +20,8 @@ from random_robots import Case, cases
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.export.mujoco import mjcf
-from flexgen.export.mujoco_checks import with_friction
+from flexgen.exports.mujoco import mjcf
+from flexgen.exports.mujoco_checks import with_friction
 from flexgen.model.elements import Body, CubicSpring, PiecewiseSpring, RobotModel, SmoothSpring
 from flexgen.model.reader import model_names
 from flexgen.numerics.evaluate import evaluate

@@ -9,13 +9,13 @@ from causal_cases import InitialValueCase, problem, reference, relative
 from numpy.polynomial import Chebyshev
 
 import flexgen
-from flexgen.dae.dummy_derivatives import Choice, DummyDerivatives
 from flexgen.dae.system import InverseDae
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.methods import dummy_derivatives
-from flexgen.inversion.methods.dummy_derivatives import POOR, integrate, offsets, solve
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.status import Status
+from flexgen.lab import reduced as dummy_derivatives
+from flexgen.lab.dummy_derivatives import Choice, DummyDerivatives
+from flexgen.lab.reduced import POOR, integrate, offsets, solve
 
 TOLD = 5e-7  # m and rad: what is reached with the default tolerance
 EXACT = 1e-4  # relative: torques against the exact methods

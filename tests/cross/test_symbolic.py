@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 from unchecked import unchecked
 
 import flexgen
-from flexgen.closed_form.equations import SymbolicEquations, symbolic
-from flexgen.closed_form.printing import escape_latex
-from flexgen.closed_form.trigonometric import TrigonometricRing, chained
+from flexgen.equations_text.equations import SymbolicEquations, symbolic
+from flexgen.equations_text.printing import escape_latex
+from flexgen.equations_text.trigonometric import TrigonometricRing, chained
 from flexgen.errors import ArgumentError
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import (

@@ -18,9 +18,9 @@ import flexgen
 from flexgen.atomic_files import write_text
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.export import urdf as urdf_module
-from flexgen.export.poses import roll_pitch_yaw
-from flexgen.export.urdf import export_urdf
+from flexgen.exports import urdf as urdf_module
+from flexgen.exports.poses import roll_pitch_yaw
+from flexgen.exports.urdf import export_urdf
 from flexgen.model.component_tables import rotation_matrix
 from flexgen.model.elements import (
     BacklashSpring,

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 import flexgen
-from flexgen.build import generate
-from flexgen.build.directory import read_manifest
 from flexgen.identification.recordings.experiment_file import read_experiment
+from flexgen.library import generate
+from flexgen.library.directory import read_manifest
 from flexgen.paths.sample_files import read_samples
 from flexgen.ports import Port
 

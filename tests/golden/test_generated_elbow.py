@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from emitted import ROOT
 
-from flexgen.build.generate import generate
+from flexgen.library.generate import generate
 
 GOLDEN = ROOT / "generated" / "elbow"
 GOLDEN_CASADI = "3.8"  # another CasADi may order the operations of the same mathematics otherwise

@@ -17,21 +17,21 @@ from emitted import run
 from toolchain import CC, needs_compiler
 
 import flexgen
+from flexgen.benchmarks import scenario_file
+from flexgen.benchmarks.bench import Bench
+from flexgen.benchmarks.draws import draws_of, secret_seed
+from flexgen.benchmarks.measures import measured, measures_of
+from flexgen.benchmarks.scenario import Output, Scenario, Window
+from flexgen.benchmarks.scenario_file import FOLDER, scenario
+from flexgen.benchmarks.score import reference_measures
 from flexgen.errors import ArgumentError
 from flexgen.loop import interface
 from flexgen.loop.closed_loop import ClosedLoop
+from flexgen.loop.disturbances import disturbance_table
 from flexgen.loop.foreign import ForeignController
 from flexgen.loop.hardware import DriveHardware
 from flexgen.loop.interface import PythonController
 from flexgen.model.reader import packaged_models
-from flexgen.motion_control.benchmarks import scenario_file
-from flexgen.motion_control.benchmarks.bench import Bench
-from flexgen.motion_control.benchmarks.draws import draws_of, secret_seed
-from flexgen.motion_control.benchmarks.measures import measured, measures_of
-from flexgen.motion_control.benchmarks.scenario import Output, Scenario, Window
-from flexgen.motion_control.benchmarks.scenario_file import FOLDER, scenario
-from flexgen.motion_control.benchmarks.score import reference_measures
-from flexgen.motion_control.disturbances import disturbance_table
 
 pytestmark = needs_compiler
 

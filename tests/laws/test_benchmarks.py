@@ -11,15 +11,15 @@ import pytest
 from toolchain import needs_compiler
 
 import flexgen
+from flexgen.benchmarks import scenario_file as scenarios
+from flexgen.benchmarks.leaderboard import shipped
+from flexgen.benchmarks.measures import measured, measures_of
+from flexgen.benchmarks.scenario import FROZEN, NAMES
+from flexgen.benchmarks.scenario_file import FOLDER, scenario
+from flexgen.benchmarks.tune import cascade_table, numbers_of, with_numbers
 from flexgen.errors import ArgumentError
 from flexgen.loop.controllers import Cascade, LowPass, Notch
 from flexgen.mechanics.equations import derive
-from flexgen.motion_control.benchmarks import scenario_file as scenarios
-from flexgen.motion_control.benchmarks.leaderboard import shipped
-from flexgen.motion_control.benchmarks.measures import measured, measures_of
-from flexgen.motion_control.benchmarks.scenario import FROZEN, NAMES
-from flexgen.motion_control.benchmarks.scenario_file import FOLDER, scenario
-from flexgen.motion_control.benchmarks.tune import cascade_table, numbers_of, with_numbers
 
 pytestmark = needs_compiler
 
@@ -212,7 +212,7 @@ def test_numbers_of_a_cascade_go_there_and_back(tmp_path):
     assert np.allclose(other.position_gain, law.position_gain) and other.filters[1].frequency_hz == pytest.approx(20.0)
     path = Path(tmp_path / "law.toml")
     path.write_text(cascade_table(law, 'a "name"'))
-    from flexgen.motion_control.controller_files import file_controller
+    from flexgen.loop.controller_files import file_controller
 
     back = file_controller(str(path))
     assert np.array_equal(back.speed_gain, law.speed_gain) and back.filters == law.filters

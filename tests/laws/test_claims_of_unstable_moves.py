@@ -12,9 +12,9 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.cli.main import main
+from flexgen.loop.gains import PPI
 from flexgen.mechanics.equations import derive
 from flexgen.model.reader import read
-from flexgen.motion_control.gains import PPI
 from flexgen.simulation.motor_feedback import default_feedback
 from flexgen.simulation.result import Simulation
 from flexgen.simulation.simulate import UNSTABLE, simulate

@@ -11,10 +11,10 @@ from scipy.linalg import expm
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.build.model_library import library_with
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.experiments.plan import default_cascade
 from flexgen.identification.local_model import LocalModel
+from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop
 from flexgen.loop.controllers import Cascade, Linear
 from flexgen.loop.hardware import DriveHardware, SensorChannels

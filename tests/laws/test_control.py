@@ -9,18 +9,18 @@ import pytest
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.build.model_library import library_with
 from flexgen.errors import ArgumentError
+from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop
+from flexgen.loop.control import control_case, run_case
 from flexgen.loop.controllers import Cascade
+from flexgen.loop.gains import lowest_locked_hz
 from flexgen.loop.hardware import DriveHardware
 from flexgen.loop.interface import PythonController
+from flexgen.loop.margins import LoopAtPose, as_linear
+from flexgen.loop.named_controllers import controller_of
+from flexgen.loop.sampled_model import PoseModels
 from flexgen.mechanics.equations import derive
-from flexgen.motion_control.control import control_case, run_case
-from flexgen.motion_control.controllers import controller_of
-from flexgen.motion_control.gains import lowest_locked_hz
-from flexgen.motion_control.margins import LoopAtPose, as_linear
-from flexgen.motion_control.sampled_model import PoseModels
 
 pytestmark = needs_compiler
 

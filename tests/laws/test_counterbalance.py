@@ -10,10 +10,10 @@ import pytest
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.closed_form.equations import symbolic
+from flexgen.equations_text.equations import symbolic
 from flexgen.errors import ArgumentError, FlexgenError, ModelError
-from flexgen.export.mujoco import export_mujoco
-from flexgen.export.schema import schema
+from flexgen.exports.mujoco import export_mujoco
+from flexgen.exports.schema import schema
 from flexgen.mechanics.parameters import select
 from flexgen.model.elements import RobotModel
 from flexgen.numerics.evaluate import evaluate

@@ -11,7 +11,7 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.motion_control.laws.study import ARM, FL, MOTOR_NOISE, PLANTS, SETTINGS, STATE_LQ, Setting
+from flexgen.laws.study import ARM, FL, MOTOR_NOISE, PLANTS, SETTINGS, STATE_LQ, Setting
 
 pytestmark = needs_compiler
 

@@ -11,12 +11,12 @@ from scipy.integrate import solve_ivp
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.build.model_library import library_with
 from flexgen.errors import ArgumentError
+from flexgen.laws.study import ARM
+from flexgen.library.model_library import library_with
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import BacklashSpring
-from flexgen.motion_control.laws.study import ARM
 
 STEP = 2.5e-4  # s, of the differences: their error is STEP^6 times an eighth derivative, rounding 1e-13 / STEP^2
 # second and first derivative by central differences of order six

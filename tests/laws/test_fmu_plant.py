@@ -13,8 +13,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import flexgen
-from flexgen.export.fmu import plant as plant_module
-from flexgen.export.fmu.variables import INPUT, OUTPUT, RATE, STATE
+from flexgen.exports.fmu import plant as plant_module
+from flexgen.exports.fmu.variables import INPUT, OUTPUT, RATE, STATE
 from flexgen.model.elements import Body
 
 # the first is quick: it compiles in a second

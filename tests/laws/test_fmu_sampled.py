@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import flexgen
-from flexgen.export.fmu.variables import INPUT, OUTPUT
+from flexgen.exports.fmu.variables import INPUT, OUTPUT
 from flexgen.loop.interface import Measurement, Reference
 
 VERSIONS = ["2.0", pytest.param("3.0", marks=pytest.mark.slow)]

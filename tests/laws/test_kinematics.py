@@ -120,8 +120,8 @@ def test_eight_configurations_have_eight_flags(name):
 @pytest.mark.slow
 def test_the_elastic_robot_reaches_the_pose_at_rest():
     """Motors at the found joints: the robot at rest, from its equations of motion, has its tool at the pose."""
+    from flexgen.loop.plants import LocalDynamics
     from flexgen.mechanics.equations import derive
-    from flexgen.motion_control.plants import LocalDynamics
 
     model = flexgen.read("manutec_r3_18")
     q = np.array([0.3, -1.1, 1.0, 0.4, 0.8, -0.2])

@@ -10,7 +10,7 @@ from toolchain import needs_compiler
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError
-from flexgen.motion_control.learn import _left_jacobian
+from flexgen.performance.learn import _left_jacobian
 
 pytestmark = needs_compiler
 

@@ -62,7 +62,7 @@ def test_records_that_do_not_fit_are_refused():
 def test_a_search_that_has_not_ended_is_no_result(monkeypatch):
     """Were the last step not looked at, the load after one step would be returned: 1 kg beside the right one."""
     data = record("manutec_r3", {"payload": 8.0})
-    monkeypatch.setattr("flexgen.motion_control.payload.STEPS", 1)
+    monkeypatch.setattr("flexgen.performance.payload.STEPS", 1)
     with pytest.raises(SolverError, match=r"no solution in 1 steps.*manutec_r3"):
         flexgen.identify_load("manutec_r3", data)
 

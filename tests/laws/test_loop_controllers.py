@@ -16,9 +16,9 @@ from closed_loops import T, loop_of, moving
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.build.compiler import find_compiler
 from flexgen.errors import ArgumentError, BuildError, SolverError
 from flexgen.identification.experiments.plan import default_cascade
+from flexgen.library.compiler import find_compiler
 from flexgen.loop.controllers import Linear, LowPass, Notch
 from flexgen.loop.hardware import DriveHardware
 from flexgen.loop.interface import HEADER, PlugIn, PythonController

@@ -10,11 +10,11 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError
+from flexgen.laws.loop_shaping import coprime_controller, linear_plant, pade, series
+from flexgen.loop.control import case_controller, control_case, run_case
+from flexgen.loop.controller_files import file_controller
+from flexgen.loop.plants import LocalDynamics
 from flexgen.mechanics.equations import derive
-from flexgen.motion_control.control import case_controller, control_case, run_case
-from flexgen.motion_control.controller_files import file_controller
-from flexgen.motion_control.laws.loop_shaping import coprime_controller, linear_plant, pade, series
-from flexgen.motion_control.plants import LocalDynamics
 
 
 def system(*matrices):

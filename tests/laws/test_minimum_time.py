@@ -12,9 +12,9 @@ import flexgen
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.bounds import Limits
 from flexgen.mechanics.equations import derive
-from flexgen.motion_control.rigid_time import rigid_time
 from flexgen.paths import path as paths
 from flexgen.paths.time_laws import SplineLaw
+from flexgen.performance.rigid_time import rigid_time
 
 pytestmark = needs_compiler
 

@@ -12,13 +12,14 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError
+from flexgen.laws.bound import BoundLaw
+from flexgen.laws.chain import chain_gains, largest_eigenvalue, largest_frequency
+from flexgen.laws.study import ARM
+from flexgen.loop.control import case_controller, control_case, run_case
 from flexgen.loop.interface import PythonController
+from flexgen.loop.margins import loops_at
+from flexgen.loop.timing import Timing
 from flexgen.model.elements import Gear
-from flexgen.motion_control.control import case_controller, control_case, run_case
-from flexgen.motion_control.laws.bound import BoundLaw
-from flexgen.motion_control.laws.chain import Timing, chain_gains, largest_eigenvalue, largest_frequency
-from flexgen.motion_control.laws.study import ARM
-from flexgen.motion_control.margins import loops_at
 from flexgen.numerics.evaluate import evaluate
 
 pytestmark = needs_compiler

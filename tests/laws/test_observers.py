@@ -14,11 +14,11 @@ from toolchain import needs_compiler
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.motion_control.control import control_case
-from flexgen.motion_control.observers.channels import channels_of
-from flexgen.motion_control.observers.design import process_noise
-from flexgen.motion_control.observers.smoother import PathSmoother, acting
-from flexgen.motion_control.sampled_model import PoseModels
+from flexgen.loop.channels import channels_of
+from flexgen.loop.control import control_case
+from flexgen.loop.sampled_model import PoseModels
+from flexgen.observers.design import process_noise
+from flexgen.performance.smoother import PathSmoother, acting
 
 pytestmark = needs_compiler
 

@@ -7,11 +7,12 @@ import pytest
 from scipy.linalg import expm
 
 from flexgen.errors import SolverError
+from flexgen.laws.lq import LQG
 from flexgen.loop.controllers import Cascade, LowPass, Notch
 from flexgen.loop.interface import Measurement, Reference
-from flexgen.motion_control.lq import LQG, riccati
-from flexgen.motion_control.margins import as_linear
-from flexgen.motion_control.sampled_model import held, sampled
+from flexgen.loop.margins import as_linear
+from flexgen.loop.sampled_model import held, sampled
+from flexgen.numerics.riccati import riccati
 
 H = 1e-3
 

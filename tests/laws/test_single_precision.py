@@ -12,9 +12,9 @@ from inversion_cases import given, samples
 from stream_machine import Machine, error
 from toolchain import needs_compiler
 
-from flexgen.build.generate import generate
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.model_library import inversion_library
+from flexgen.library.generate import generate
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.signatures import INVERSION, offered_functions
 from flexgen.model.reader import read

@@ -9,9 +9,9 @@ from causal_cases import observed_order, problem, reference, relative
 import flexgen
 from flexgen.dae.system import InverseDae
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.methods.bdf import COEFFICIENTS, extrapolated, march, solve, stable_order
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.status import Status
+from flexgen.lab.bdf import COEFFICIENTS, extrapolated, march, solve, stable_order
 from flexgen.model.reader import read
 
 SMOOTH = 9  # continuous derivatives of a path on which an order can be seen

@@ -10,10 +10,10 @@ from scipy.interpolate import make_interp_spline
 
 import flexgen
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.methods import discretized
-from flexgen.inversion.methods.discretized import Discretized, discretize
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.status import Status
+from flexgen.lab import discretized
+from flexgen.lab.discretized import Discretized, discretize
 from flexgen.mechanics.equations import Equations
 from flexgen.model.reader import read
 from flexgen.paths.path import Path

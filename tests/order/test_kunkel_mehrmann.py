@@ -13,11 +13,11 @@ from numpy.polynomial import Chebyshev, Polynomial
 
 import flexgen
 from flexgen.dae.derivative_array import DerivativeArray
-from flexgen.dae.strangeness_free import StrangenessFree
 from flexgen.errors import ArgumentError, SolverError
-from flexgen.inversion.methods.kunkel_mehrmann import Regular, integrate, regularized, solve
 from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.status import Status
+from flexgen.lab.kunkel_mehrmann import Regular, integrate, regularized, solve
+from flexgen.lab.strangeness_free import StrangenessFree
 from flexgen.numerics.tableaus import Tableau, radau
 
 ORDER = 2 * 3 - 1  # of Radau IIA with three stages

@@ -10,8 +10,8 @@ from scipy.interpolate import make_interp_spline
 
 import flexgen
 from flexgen.dae.system import InverseDae
-from flexgen.inversion.methods.initial_value import dae_of
 from flexgen.inversion.problem import InversionProblem
+from flexgen.lab.initial_value import dae_of
 from flexgen.model.reader import read
 from flexgen.paths.path import Path
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from flexgen.build.model_library import library_with
 from flexgen.identification.experiments.experiment import largest_rate
 from flexgen.identification.experiments.plan import default_cascade
 from flexgen.identification.local_model import LocalModel
+from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import ClosedLoop
 from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware

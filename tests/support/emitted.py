@@ -12,7 +12,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from flexgen.build.generate import Generated, generate
+from flexgen.library.generate import Generated, generate
 from flexgen.runtime import Library, load
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O1", "-ffp-contract=off"]

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from flexgen.build.generate import generate
+from flexgen.library.generate import generate
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "emitted.txt"
 # The models differ in output, gears and number of joints; each has another choice of `generate`.

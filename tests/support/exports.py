@@ -13,7 +13,7 @@ from pathlib import Path
 from toolchain import tool
 
 import flexgen
-from flexgen.export.emitted import Emitted, emitted
+from flexgen.exports.emitted import Emitted, emitted
 from flexgen.model.elements import RobotModel
 
 PLAIN = ["-std=c99", "-O0", "-ffp-contract=off", "-fPIC"]  # the library's own warnings are tested elsewhere

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import flexgen
-from flexgen.export.fmu.variables import INPUT, OUTPUT, STATE
+from flexgen.exports.fmu.variables import INPUT, OUTPUT, STATE
 
 FORCE = np.array([30.0, -20.0, 10.0, 1.0, 2.0, 3.0])  # on the tool [N, N m]
 COMMUNICATION = 1e-3  # s
@@ -27,7 +27,7 @@ def folder() -> Path:
 @cache
 def exported(
     model: str, version: str, block: str = "plant", **options: object
-) -> flexgen.export.fmu.export.ExportedFmu:
+) -> flexgen.exports.fmu.export.ExportedFmu:
     given = dict(options)
     if block == "controller":
         given["controller"] = cascade(flexgen.read(model).n_m)

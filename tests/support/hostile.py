@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from emitted import library_of
 
-from flexgen.build.generate import generate
 from flexgen.codegen.interface import STATUSES
 from flexgen.codegen.spec import library_name
+from flexgen.library.generate import generate
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.signatures import INVERSION
 from flexgen.numerics.evaluate import evaluate

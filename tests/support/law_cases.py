@@ -7,9 +7,9 @@ from functools import cache
 from pathlib import Path
 
 import flexgen
+from flexgen.laws.study import ARM
+from flexgen.loop.control import Case, control_case
 from flexgen.model.elements import CubicSpring, Friction, RobotModel
-from flexgen.motion_control.control import Case, control_case
-from flexgen.motion_control.laws.study import ARM
 
 ONE_JOINT = """
 name = "soft_joint"

@@ -13,12 +13,12 @@ from emitted import ROOT, SMALL, STRICT, loaded, machine, made, random_states, r
 from toolchain import CC, needs_compiler, tool
 from unchecked import unchecked
 
-from flexgen.build.generate import generate
 from flexgen.codegen.emit import emit, symbols
 from flexgen.codegen.routines import checked
 from flexgen.codegen.spec import library_spec
 from flexgen.errors import BuildError
 from flexgen.expressions.graph import read_graph
+from flexgen.library.generate import generate
 from flexgen.mechanics.dynamics import MOTION
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.signatures import offered_functions

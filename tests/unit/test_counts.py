@@ -14,7 +14,7 @@ from flexgen.identification import graybox
 from flexgen.identification.experiments.experiment import measure
 from flexgen.identification.experiments.plan import excite
 from flexgen.identification.verdict import verdict
-from flexgen.motion_control import minimum_time
+from flexgen.performance import minimum_time
 from flexgen.sweeps.cases import Grid, random_moves
 from flexgen.sweeps.sweep import sweep
 

@@ -16,8 +16,8 @@ import pytest
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, BuildError, ModelError
-from flexgen.export.fmu import export as export_module
-from flexgen.export.fmu.description import element
+from flexgen.exports.fmu import export as export_module
+from flexgen.exports.fmu.description import element
 
 
 def files_of(path):

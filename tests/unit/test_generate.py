@@ -19,11 +19,11 @@ from toolchain import CC, needs_compiler
 
 import flexgen
 from flexgen import errors
-from flexgen.build.compiler import find_compiler
-from flexgen.build.generate import generate
-from flexgen.build.object_cache import Objects, cache_folder, one_at_a_time
 from flexgen.codegen.emit import emit
 from flexgen.errors import ArgumentError, BuildError
+from flexgen.library.compiler import find_compiler
+from flexgen.library.generate import generate
+from flexgen.library.object_cache import Objects, cache_folder, one_at_a_time
 from flexgen.mechanics.equations import derive
 from flexgen.model.reader import read
 from flexgen.runtime import load
@@ -277,7 +277,7 @@ def test_objects_are_compiled_once_for_all_directories(tmp_path, objects):
 
 
 def test_two_processes_that_need_the_same_library_compile_it_once(tmp_path, objects):
-    code = "import sys; from flexgen.build.generate import generate\n"
+    code = "import sys; from flexgen.library.generate import generate\n"
     code += "generate('elbow', sys.argv[1], functions=['gravity'], progress=print)"
     with one_at_a_time(cache_folder(), "elbow"):  # until both of them are there
         processes = [
@@ -360,7 +360,7 @@ def test_the_cache_does_not_grow_for_ever(tmp_path, objects, monkeypatch):
     for path in objects.glob("*.o"):
         os.utime(path, (1e9, 1e9))
     old = set(objects.glob("*.o"))
-    monkeypatch.setattr("flexgen.build.object_cache.LIMIT", size)
+    monkeypatch.setattr("flexgen.library.object_cache.LIMIT", size)
     compiled(tmp_path / "b", precision="single")
     kept = set(objects.glob("*.o"))
     assert sum(path.stat().st_size for path in kept) <= size and not kept >= old
@@ -376,7 +376,7 @@ def test_folders_in_the_cache_of_objects_stay(tmp_path, objects, monkeypatch):
     library.mkdir(parents=True)
     (library / "manifest.json").write_text("{}")
     os.utime(objects / "libraries", (1e8, 1e8))  # before everything else
-    monkeypatch.setattr("flexgen.build.object_cache.LIMIT", 1)
+    monkeypatch.setattr("flexgen.library.object_cache.LIMIT", 1)
     compiled(tmp_path / "b", precision="single")
     assert not any(path.exists() for path in old) and (library / "manifest.json").exists()
 

@@ -15,9 +15,9 @@ import pytest
 from toolchain import needs_compiler
 
 from flexgen.atomic_files import FOLDER, GRACE
-from flexgen.build.directory import read_manifest
-from flexgen.build.generate import generate
 from flexgen.errors import BuildError
+from flexgen.library.directory import read_manifest
+from flexgen.library.generate import generate
 from flexgen.runtime import load
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -132,7 +132,7 @@ def test_a_full_disk_leaves_the_directory(tmp_path, monkeypatch):
 def test_the_staging_folder_of_a_killed_run_is_removed_by_the_next(tmp_path):
     program = (
         "import sys, time\n"
-        "from flexgen.build import generate as module\n"
+        "from flexgen.library import generate as module\n"
         "module.install = lambda *given: (print('ready', flush=True), time.sleep(100))\n"
         "module.generate('elbow', sys.argv[1], functions=['gravity'], build=False)\n"
     )

@@ -15,8 +15,8 @@ import scipy.sparse as sp
 from clib_shim import SHIM
 from toolchain import needs_compiler
 
-from flexgen.build.compiler import find_compiler
 from flexgen.codegen.clib_files import fixed_files
+from flexgen.library.compiler import find_compiler
 
 pytestmark = needs_compiler
 CLOSE = 1e-6  # of OSQP with tolerances of 1e-9, relative

@@ -143,7 +143,7 @@ def test_c_refuses_null_and_too_little_memory(library):
 
 
 def test_a_library_without_it_says_so(tmp_path):
-    from flexgen.build.generate import generate
+    from flexgen.library.generate import generate
 
     few = load(generate(MODEL, tmp_path / "few", functions=["gravity"]).directory)
     with pytest.raises(ArgumentError, match="without invert, expected one with all functions"):

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from toolchain import needs_compiler
 
-from flexgen.build import library_cache
-from flexgen.build import model_library as inverters
-from flexgen.build.library_cache import IN_USE, mark_used, prune
 from flexgen.errors import ArgumentError
 from flexgen.inversion.model_library import inversion_library
+from flexgen.library import library_cache
+from flexgen.library import model_library as inverters
+from flexgen.library.library_cache import IN_USE, mark_used, prune
 from flexgen.mechanics.equations import derive
 
 

@@ -16,14 +16,14 @@ from clib_shim import SHIM
 from toolchain import needs_compiler
 
 import flexgen
-from flexgen.build import model_library as built
-from flexgen.build.compiler import find_compiler
 from flexgen.codegen import clib_files
 from flexgen.codegen.clib_files import fixed_files
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.sampling import samples
+from flexgen.library import model_library as built
+from flexgen.library.compiler import find_compiler
 from flexgen.model.output_columns import output_labels
 from flexgen.numerics.evaluate import evaluate
 from flexgen.paths.path import Path

@@ -16,12 +16,12 @@ import pytest
 from toolchain import CC, needs_compiler
 
 import flexgen.runtime.files
-from flexgen.build.c_module import compiled, load_module
-from flexgen.build.casadi_module import casadi_module, external
-from flexgen.build.object_cache import Objects, cache_folder
 from flexgen.errors import ArgumentError, BuildError
+from flexgen.library.c_module import compiled, load_module
+from flexgen.library.casadi_module import casadi_module, external
+from flexgen.library.object_cache import Objects, cache_folder
+from flexgen.loop.controller_files import file_controller
 from flexgen.loop.interface import HEADER, PlugIn
-from flexgen.motion_control.controller_files import file_controller
 
 pytestmark = [pytest.mark.skipif(os.name != "posix", reason="needs POSIX permissions"), needs_compiler]
 SOURCE = Path(flexgen.runtime.files.__file__).parents[1]

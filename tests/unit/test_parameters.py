@@ -9,8 +9,8 @@ import pytest
 from emitted import random_states
 from toolchain import needs_compiler
 
-from flexgen.build.generate import generate
 from flexgen.errors import ArgumentError, BuildError
+from flexgen.library.generate import generate
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.parameters import parametrized
 from flexgen.model.elements import Dof, Element, Gear, LinearSpring

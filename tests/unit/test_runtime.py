@@ -12,10 +12,10 @@ from emitted import SMALL, loaded, made, random_states
 from handmade import VALUES, compiled, install, twist
 from toolchain import needs_compiler
 
-from flexgen.build.generate import generate
 from flexgen.codegen.function_files import PAST_CACHE
 from flexgen.codegen.interface import STATUSES
 from flexgen.errors import ArgumentError, BuildError, SolverError
+from flexgen.library.generate import generate
 from flexgen.model.reader import read
 from flexgen.runtime import load
 

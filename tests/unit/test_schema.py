@@ -15,7 +15,7 @@ from model_files import everything, overlay
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.export.schema_types import IDENTIFIER
+from flexgen.exports.schema_types import IDENTIFIER
 from flexgen.model import reader, task_files
 from flexgen.model.checked_table import Table
 from flexgen.model.toml_lines import Entry

@@ -10,7 +10,7 @@ import pytest
 from unchecked import unchecked
 
 import flexgen
-from flexgen.motion_control.benchmarks.scenario_file import scenario
+from flexgen.benchmarks.scenario_file import scenario
 
 PROTOCOLS = ("Controller",)  # have no objects
 MANY = np.random.default_rng(0).normal(size=(400, 2, 6))

@@ -14,8 +14,9 @@ import pytest
 from sweep_grids import batch_grid, sources_stay
 
 from flexgen.errors import ArgumentError, SolverError
+from flexgen.executors import with_executor
 from flexgen.sweeps import sweep as sweeps
-from flexgen.sweeps.executors import in_pool, in_process, with_executor
+from flexgen.sweeps.executors import in_pool, in_process
 from flexgen.sweeps.jobs import Job, Rows, Shard
 from flexgen.sweeps.sweep import sweep
 from flexgen.sweeps.version import code_version

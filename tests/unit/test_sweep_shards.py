@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from sweep_grids import ONE, QUICK, batch_grid, real_grid, sources_stay
 
-from flexgen.build.compiler import Compiler
 from flexgen.errors import ArgumentError, BuildError
+from flexgen.library.compiler import Compiler
 from flexgen.model.elements import Move
 from flexgen.model.reader import read
 from flexgen.sweeps import folder as folders

@@ -17,7 +17,6 @@ import numpy as np
 from flexgen import array_files
 from flexgen.analysis import second_order
 from flexgen.arguments import seed_of
-from flexgen.build.model_library import library_with
 from flexgen.counts import count_of
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
@@ -25,6 +24,7 @@ from flexgen.identification.experiments.sensor_simulation import SensorSignals
 from flexgen.identification.experiments.spectra import line_offsets, spectra_beside, spectrum
 from flexgen.identification.local_model import LocalModel
 from flexgen.identification.outputs import output_orders
+from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import MOST_STEPS, ClosedLoop, Samples
 from flexgen.loop.controllers import LowPass, Notch
 from flexgen.model.digest import model_digest

@@ -5,10 +5,10 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from flexgen.build.casadi_module import in_c
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.outputs import channels, checked
+from flexgen.library.casadi_module import in_c
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.sensors import sensor_signals
 from flexgen.model.elements import RobotModel

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 import flexgen
-import flexgen.build.c_module as c_module
-import flexgen.build.generate as generate_module
-from flexgen.build.compiler import Compiler, find_compiler
+import flexgen.library.c_module as c_module
+import flexgen.library.generate as generate_module
 from flexgen.errors import FlexgenError
+from flexgen.library.compiler import Compiler, find_compiler
 
 SANITIZE = ("-g", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-fno-omit-frame-pointer")
 PLANTED = ("sum[j] += w * c->sample_s", "sum[j + 2] += w * c->sample_s")  # writes behind the memory of the cascade

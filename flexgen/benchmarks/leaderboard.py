@@ -1,0 +1,72 @@
+"""The controllers that come with the benchmarks, and the table of their scores."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.benchmarks.scenario import Scenario
+from flexgen.benchmarks.scenario_file import FOLDER
+from flexgen.errors import ArgumentError
+from flexgen.loop.controller_files import is_system
+from flexgen.loop.controllers import Cascade, Linear
+from flexgen.loop.foreign import ForeignController
+from flexgen.loop.gains import PID, PPI
+from flexgen.loop.interface import Controller
+from flexgen.loop.model_law import LinearDesign, ModelLaw
+from flexgen.loop.named_controllers import FeedforwardOnly, controller_of
+from flexgen.loop.python_files import LIBRARIES, is_python
+
+OURS = (PPI, PID, Cascade, Linear, FeedforwardOnly, ModelLaw)
+LAWS = "flexgen.laws."  # designs from there, not those of others, run in the process of the benchmark
+
+
+def shipped(scenario: str, version: int = 2) -> dict[str, Path]:
+    """The files of the controllers that come with a benchmark, by name; those for later versions replace the first."""
+    found: dict[str, Path] = {}
+    for path in sorted((FOLDER / "controllers").glob(f"{scenario}-*.toml")):
+        name = path.stem.removeprefix(f"{scenario}-")
+        head, _, rest = name.partition("-")
+        number, name = (int(head), rest) if head.isdecimal() else (1, name)
+        if number <= version and (name not in found or number > 1):
+            found[name] = path
+    return found
+
+
+def scenario_controller(given: Any, chosen: Scenario, motion: Sequence[np.ndarray]) -> tuple[Controller, str]:
+    """A controller for a scenario, and its name; see `flexgen.score`. Code of others comes as a `ForeignController`."""
+    title = ""
+    if isinstance(given, str) and given == "reference":
+        given, title = chosen.reference, given
+    if isinstance(given, str):
+        files = shipped(chosen.name, chosen.version)
+        if given in files:
+            given, title = files[given], given
+        elif "." not in given:
+            known = ", ".join(["reference", *files])
+            raise ArgumentError(
+                f"controller: given {given!r}, expected one of {known}, a file .toml, .py (file.py:Class) or a "
+                "shared library"
+            )
+    if is_foreign(given):
+        made = ForeignController(given)
+        return made, made.name
+    built, name = controller_of(given, chosen.model, chosen.sample_s, chosen.delay_s, motion)
+    if type(built) not in (Cascade, Linear, FeedforwardOnly):
+        raise ArgumentError(
+            f"controller: given {name}, expected one that regulates without the planned motion: PPI, PID, LQG, "
+            "LoopShaping, Cascade, Linear, a file or an object with reset() and step(k, y, ref)"
+        )
+    return built, title or name
+
+
+def is_foreign(given: Any) -> bool:
+    """Whether a controller is code of others: a file of Python, a shared library, an object with a step of its own."""
+    if isinstance(given, (str, Path)):
+        return is_python(str(given)) or str(given).endswith(LIBRARIES)
+    if isinstance(given, LinearDesign):
+        return not any(base.__module__.startswith(LAWS) for base in type(given).__mro__)
+    return not isinstance(given, OURS) and not is_system(given)

@@ -1,0 +1,258 @@
+"""Tuning of a controller on the score of a benchmark, without derivatives.
+
+The numbers of a cascade and its filters are changed in logarithms by the simplex method of Nelder and Mead, from
+several starts, which other processes can take; what is refused counts as worse the more robots fail.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize
+
+from flexgen.arguments import seed_of
+from flexgen.atomic_files import write_text
+from flexgen.benchmarks.bench import Bench
+from flexgen.benchmarks.leaderboard import scenario_controller
+from flexgen.benchmarks.measures import measures_of
+from flexgen.benchmarks.scenario import Scenario
+from flexgen.benchmarks.scenario_file import scenario
+from flexgen.benchmarks.score import Score, draw_totals, reference_measures, robot_scores, score
+from flexgen.deadline import check_time
+from flexgen.errors import ArgumentError, FlexgenError
+from flexgen.executors import with_executor
+from flexgen.loop.controllers import Cascade, Linear, LowPass, Notch
+from flexgen.progress import Choice, reported
+from flexgen.type_checks import checked_result, checked_types
+
+REFUSED = 10.0  # value of a refused controller, and more for every reason
+SPREAD, FIRST = 0.6, 0.25  # of the logarithms: distance of other starts, size of the first simplex
+MOST = 20_000  # evaluations
+
+
+@checked_result
+@dataclass(frozen=True, repr=False)
+class Tuned:
+    """A tuned controller: ``controller``, its ``score``, and that of the start; ``history``: best value so far.
+
+    ``evaluations``: how often the score was computed.
+    """
+
+    controller: Cascade
+    score: Score
+    start: Score
+    history: tuple[float, ...]
+    evaluations: int
+
+    def __repr__(self) -> str:
+        return f"<Tuned {self.score.scenario.name}: {self.evaluations} evaluations, score {self.score.total:.4f}>"
+
+    def __str__(self) -> str:
+        before = "refused" if not self.start.accepted else f"{self.start.total:.4f}"
+        return f"{self.score}\n  from {before} in {self.evaluations} evaluations"
+
+    def save(self, path: str | Path) -> Path:
+        """Write the controller as a table in TOML, which `flexgen.score` takes."""
+        target = Path(path)
+        write_text(target, cascade_table(self.controller, f"tuned on {self.score.scenario.title_line}"))
+        return target
+
+
+@checked_types
+@reported("tune")
+def tune(
+    name: str | Path | Scenario,
+    controller: Any = "reference",
+    *,
+    version: int | None = None,
+    evaluations: int = 200,
+    starts: int = 1,
+    workers: int = 1,
+    executor: Any = None,
+    seed: int = 0,
+    progress: Choice = None,
+) -> Tuned:
+    """Improve the numbers of a cascade on the score of a benchmark.
+
+    Parameters
+    ----------
+    name : str, Path or Scenario
+    controller : str or object
+        The start: a P-PI cascade with filters, see `flexgen.score`.
+    version : int, optional
+        Of the benchmark; default: the newest.
+    evaluations : int
+        Of the score, from each start.
+    starts : int
+        Simplices: the first begins at the controller, the others at random beside it.
+    workers : int
+        Processes.
+    executor : optional
+        Computes the starts in place of own processes, as in `flexgen.sweep`: one of concurrent.futures, or a Client of
+        dask.distributed.
+    seed : int
+        Of the other starts.
+    progress : callable or bool, optional
+
+    Raises
+    ------
+    ArgumentError
+        The controller is no cascade, a number is out of range, or the executor has no ``submit``.
+    """
+    tell = progress if callable(progress) else None
+    for key, value, most in (("evaluations", evaluations, MOST), ("starts", starts, 1000), ("workers", workers, 512)):
+        if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
+            raise ArgumentError(f"{key}: given {value!r}, expected 1 to {most}")
+    if executor is not None and not hasattr(executor, "submit") and not hasattr(executor, "get_executor"):
+        raise ArgumentError(f"executor: given {executor!r}, expected an object with submit(function, argument)")
+    chosen = name if isinstance(name, Scenario) else scenario(name, version)
+    bench = Bench(chosen)
+    made, _ = scenario_controller(controller, chosen, bench.motion)
+    if not isinstance(made, Cascade):
+        raise ArgumentError(
+            f"controller: given {type(made).__name__}, expected a P-PI cascade with its filters to tune"
+        )
+    x = numbers_of(made)
+    if not len(x):
+        raise ArgumentError(
+            "controller: given a cascade whose gains are all zero and that has no filter, expected one to tune"
+        )
+    rng = np.random.default_rng(seed_of(seed))
+    begins = [x, *(x + SPREAD * rng.standard_normal(len(x)) for _ in range(starts - 1))]
+    jobs = [_Job(k, chosen, made, begin, evaluations) for k, begin in enumerate(begins)]
+    if executor is None and min(workers, starts) == 1:
+        found = [job.search(tell) for job in jobs]
+    else:
+        found = _in_parallel(jobs, min(workers, starts), executor, tell)
+    best = min(found, key=lambda f: f[1])
+    controller = with_numbers(made, best[0])
+    done = score(chosen, controller, progress=False)
+    done = replace(done, controller="tuned")
+    return Tuned(controller, done, score(chosen, made, progress=False), tuple(best[2]), sum(f[3] for f in found))
+
+
+Found = tuple[np.ndarray, float, list[float], int]  # best numbers, their value, the history, evaluations
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One start."""
+
+    number: int
+    scenario: Scenario
+    controller: Cascade
+    begin: np.ndarray
+    evaluations: int
+
+    def search(self, tell: Callable[[str], None] | None) -> Found:
+        return _search(self.scenario, self.controller, self.begin, self.evaluations, tell)
+
+
+def _work(job: _Job) -> Found:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    return job.search(None)
+
+
+def _in_parallel(jobs: list[_Job], workers: int, executor: Any, tell: Callable[[str], None] | None) -> list[Found]:
+    """The starts in the order of their numbers, in other processes."""
+    found: dict[int, Found] = {}
+    with ExitStack() as stack:
+        if executor is None:
+            executor = stack.enter_context(ProcessPoolExecutor(workers, mp_context=get_context("spawn")))
+        for job, result in stack.enter_context(closing(with_executor(jobs, executor, None, _work))):
+            found[job.number] = result
+            if tell is not None:
+                tell(f"{len(found)} of {len(jobs)} starts, best {min(f[1] for f in found.values()):.4f}")
+    return [found[job.number] for job in jobs]
+
+
+def _search(
+    chosen: Scenario, made: Cascade, begin: np.ndarray, evaluations: int, tell: Callable[[str], None] | None
+) -> Found:
+    """The best of a simplex from a start."""
+    bench, units, measures = Bench(chosen), reference_measures(chosen, chosen.seed), measures_of(chosen)
+    history: list[float] = []
+    best, least = begin, math.inf
+
+    def value(x: np.ndarray) -> float:
+        nonlocal best, least
+        check_time("tune")
+        try:
+            trial = bench.run(with_numbers(made, x))
+        except FlexgenError:  # a filter beyond half the sample rate
+            result = 10 * REFUSED
+        else:
+            each = robot_scores(measures, trial.values, units)
+            result = float(draw_totals(chosen, np.nan_to_num(each, nan=REFUSED, posinf=REFUSED)).mean())
+            result += (REFUSED + len(trial.refused) / len(bench.draws)) if trial.refused else 0.0
+        if result < least:
+            best, least = x.copy(), result
+        history.append(least)
+        if tell is not None:
+            tell(f"{len(history)} of {evaluations} evaluations, best {least:.4f}")
+        return result
+
+    simplex = np.vstack([begin, begin + FIRST * np.eye(len(begin))])
+    minimize(
+        value,
+        begin,
+        method="Nelder-Mead",
+        options={"maxfev": evaluations, "initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-4, "adaptive": True},
+    )
+    return best, least, history, len(history)
+
+
+def numbers_of(cascade: Cascade) -> np.ndarray:
+    """Logarithms of the numbers that are tuned: gains above zero of all motors, then those of the filters."""
+    gains = [x for part in _gains(cascade) for x in part if x > 0]
+    return np.log(np.array([*gains, *(x for f in cascade.filters for x in _fields(f))]))
+
+
+def with_numbers(cascade: Cascade, x: np.ndarray) -> Cascade:
+    """The cascade with other numbers, the inverse of `numbers_of`."""
+    values = iter(np.exp(np.clip(x, -50, 50)).tolist())
+    gains = [np.array([next(values) if old > 0 else old for old in part]) for part in _gains(cascade)]
+    filters = tuple(type(f)(*(next(values) for _ in _fields(f))) for f in cascade.filters)
+    return Cascade(gains[0], gains[1], gains[2], filters, cascade.torque_max)
+
+
+def _gains(cascade: Cascade) -> list[np.ndarray]:
+    return [np.asarray(x, float) for x in (cascade.position_gain, cascade.speed_gain, cascade.integral_gain)]
+
+
+def _fields(f: LowPass | Notch) -> Sequence[float]:
+    return [getattr(f, name) for name in f.__dataclass_fields__]
+
+
+def cascade_table(cascade: Cascade | Linear, description: str) -> str:
+    """A controller as a table in TOML."""
+
+    def row(values: Any) -> str:
+        return "[" + ", ".join(repr(float(x)) for x in values) + "]"
+
+    lines = [f"description = {_quoted(description)}"]
+    if isinstance(cascade, Linear):
+        lines.append('type = "linear"')
+        for name, x in zip("ABCD", cascade.matrices, strict=True):
+            lines.append(f"{name} = [{', '.join(row(line) for line in x[0])}]")
+        return "\n".join(lines) + "\n"
+    lines.append('type = "cascade"')
+    for name, part in zip(("position_gain", "speed_gain", "integral_gain"), _gains(cascade), strict=True):
+        lines.append(f"{name} = {row(part)}")
+    for f in cascade.filters:
+        lines += ["", "[[low_pass]]" if isinstance(f, LowPass) else "[[notch]]"]
+        lines += [f"{name} = {getattr(f, name)!r}" for name in f.__dataclass_fields__]
+    return "\n".join(lines) + "\n"
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

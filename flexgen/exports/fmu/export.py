@@ -1,0 +1,344 @@
+"""A robot as a Functional Mock-up Unit: sources, binary and description in one file with reproducible bytes."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import re
+import subprocess
+import sys
+import tempfile
+import time
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from flexgen.atomic_files import atomic_file
+from flexgen.display import short_repr
+from flexgen.errors import ArgumentError, BuildError
+from flexgen.exports.fmu.block import Block, config
+from flexgen.exports.fmu.description import build_description, description_2, description_3
+from flexgen.exports.fmu.variables import Variable
+from flexgen.library.compiler import Compiler, find_compiler
+from flexgen.model.elements import RobotModel
+from flexgen.model.reader import read
+from flexgen.progress import Choice, reported
+from flexgen.type_checks import checked_result, checked_types
+from flexgen.version import __version__
+
+FmiVersion = Literal["2.0", "3.0"]
+VERSIONS: tuple[FmiVersion, ...] = get_args(FmiVersion)
+BlockName = Literal["plant", "feedforward", "controller"]
+BLOCKS: tuple[BlockName, ...] = get_args(BlockName)
+_FOLDER = Path(__file__).parent
+_PREFIX = "flexgen_fmu_"  # of all files that are the same for every model, and of the configuration
+_FIXED = {"FMU_PLANT": "plant.h", "FMU_FEEDFORWARD": "feedforward.h", "FMU_CONTROLLER": "controller.h"}
+_OF_BLOCK = {"method": "plant", "step": "plant", "controller": "controller", "sample_time": "controller",
+             "look_ahead": "feedforward"}  # fmt: skip
+_FLAGS = ("-Werror=implicit-function-declaration",)
+SOURCE = "all.c"  # the only one
+_INCLUDE = re.compile(r'\s*#\s*include "([^"]+)"')
+_MACRO = re.compile(r"^\s*#\s*define (\w+)", re.MULTILINE)
+_WORD = re.compile(r"[A-Za-z_]\w*")
+_MACHINES = {"x86_64": "x86_64", "amd64": "x86_64", "aarch64": "aarch64", "arm64": "aarch64"}
+_LICENSE = "flexgen: MIT. fmi2*.h and fmi3*.h: Modelica Association, 2-clause BSD, see these files.\n"
+
+
+@checked_result
+@dataclass(frozen=True)
+class ExportedFmu:
+    """What `export_fmu` wrote.
+
+    Parameters
+    ----------
+    path : Path
+        The FMU.
+    block, version : str
+        What is in it, and the version of FMI.
+    token : str
+        GUID (FMI 2.0) or instantiation token (FMI 3.0): SHA-256 of what it was made from.
+    variables : tuple of Variable
+        Names, value references, units and start values.
+    binary : str or None
+        The platform of the binary in it, such as ``"linux64"``; None: sources only.
+    seconds : float
+        Time taken [s].
+    """
+
+    path: Path
+    block: str
+    version: str
+    token: str
+    variables: tuple[Variable, ...]
+    binary: str | None
+    seconds: float
+
+    __repr__ = short_repr
+
+
+@checked_types
+@reported("export_fmu")
+def export_fmu(
+    model: str | Path | RobotModel,
+    path: str | os.PathLike[str] | None = None,
+    *,
+    version: FmiVersion = "2.0",
+    block: BlockName = "plant",
+    binary: bool = True,
+    method: Literal["rk4", "sdirk4"] | None = None,
+    step: float | None = None,
+    controller: Any = None,
+    sample_time: float | None = None,
+    look_ahead: float | None = None,
+    progress: Choice = None,
+) -> ExportedFmu:
+    """Write a Functional Mock-up Unit (FMU): a robot, its feedforward or a controller, for other simulation programs.
+
+    It has both interfaces, Model Exchange and Co-Simulation, the sources in C99 and a binary for this platform. The
+    same arguments give the same bytes with the same compiler. Several instances may run at the same time, each in its
+    own thread; memory is allocated when an instance is made, and for saved states.
+
+    Parameters
+    ----------
+    model : str, Path or RobotModel
+        A name in models/, a path (either with ``@variant``), or a model.
+    path : str or Path, optional
+        Where to write; default: ``generated/<name>.fmu``, with ``_feedforward`` or ``_controller`` behind the name.
+    version : str
+        Of FMI: ``"2.0"`` or ``"3.0"``.
+    block : str
+        ``"plant"``: the elastic robot, motor torques and tool forces in, motor angles, tool pose and deflections out.
+        ``"feedforward"``: inverse dynamics on a moving horizon, path samples in, torques and references out.
+        ``"controller"``: a P-PI cascade, measured angles and references in, motor torques out.
+    binary : bool
+        False: sources only, which need no compiler here.
+    method : str, optional
+        Of the plant in Co-Simulation: ``"rk4"`` (default), the explicit Runge-Kutta method of order 4, or ``"sdirk4"``,
+        an implicit L-stable method of order 4 for stiff springs. ``integration.method`` changes it before a simulation.
+    step : float, optional
+        Its largest step [s]; default: from the fastest pole of the robot at home. A communication step is divided into
+        equal steps that are not longer.
+    controller : Cascade or PPI
+        For the block ``"controller"``. A `PPI` gets its gains at the home pose, with one sample time of delay.
+    sample_time : float, optional
+        Of a controller [s]; default: 0.001.
+    look_ahead : float, optional
+        Of the feedforward [s]: the time from a path sample to the output that reaches it. Default: that of the
+        generated library.
+    progress : callable or bool, optional
+        Called with one line of text before each step; default: messages on a terminal and in a notebook; False: none.
+
+    Returns
+    -------
+    ExportedFmu
+
+    Raises
+    ------
+    ArgumentError
+        An argument is out of range or of another block, or the model has no inverse dynamics for the feedforward.
+    BuildError
+        There is no C compiler, or it fails, or the name of the model is taken in C; nothing is written then.
+    ModelError
+        The model cannot be read.
+
+    Source: Functional Mock-up Interface for Model Exchange and Co-Simulation, 2.0.5 and 3.0.2, Modelica Association.
+    """
+    began, log = time.perf_counter(), progress if callable(progress) else lambda line: None
+    given = dict(method=method, step=step, controller=controller, sample_time=sample_time, look_ahead=look_ahead)
+    _check(version, block, given)
+    if path is not None and not (isinstance(path, str | os.PathLike) and Path(path).suffix == ".fmu"):
+        shown = os.fspath(path) if isinstance(path, os.PathLike) else path
+        raise ArgumentError(f"path: given {shown!r}, expected the path of a file that ends in .fmu")
+    robot = model if isinstance(model, RobotModel) else read(model)
+    compiler = _compiler() if binary else None
+    log(f"deriving {robot.name}")
+    made = _block(robot, block, given)
+    target = Path("generated", f"{made.name}.fmu") if path is None else Path(path)
+    content, token, where = _content(made, version, compiler, log)
+    with atomic_file(target) as out:
+        out.write(content)
+    return ExportedFmu(target, block, version, token, made.variables, where, time.perf_counter() - began)
+
+
+def _content(
+    block: Block, version: str, compiler: Compiler | None, log: Callable[[str], None]
+) -> tuple[bytes, str, str | None]:
+    """The file, its token, and the platform of its binary (None without a compiler)."""
+    texts, token = _texts(block, version)
+    files = {name: text.encode() for name, text in texts.items()}
+    if compiler is None:
+        return _zipped(files), token, None
+    log(f"compiling {block.name}")
+    where, suffix = _platform(version)
+    files[f"binaries/{where}/{block.name}{suffix}"] = _compiled(block, texts, compiler)
+    return _zipped(files), token, where
+
+
+def _check(version: str, block: str, given: Mapping[str, Any]) -> None:
+    method = "rk4" if given["method"] is None else given["method"]
+    for name, value, expected in (
+        ("version", version, VERSIONS), ("block", block, BLOCKS), ("method", method, ("rk4", "sdirk4"))
+    ):  # fmt: skip
+        if value not in expected:
+            raise ArgumentError(f"{name}: given {value!r}, expected one of {', '.join(expected)}")
+    for name, of in _OF_BLOCK.items():
+        if given[name] is not None and block != of:
+            raise ArgumentError(f"{name}: given one for the block {block!r}, expected it with block={of!r} only")
+    for name in ("step", "sample_time", "look_ahead"):
+        value = given[name]
+        if value is not None and not (isinstance(value, int | float) and 1e-9 <= value <= 1e3):
+            raise ArgumentError(f"{name}: given {value!r}, expected a time between 1e-9 and 1000 s")
+
+
+def _block(model: RobotModel, block: str, given: Mapping[str, Any]) -> Block:
+    if block == "plant":
+        from flexgen.exports.fmu.plant import plant
+
+        return plant(model, given["method"] or "rk4", given["step"])
+    if block == "feedforward":
+        from flexgen.exports.fmu.feedforward import feedforward
+
+        return feedforward(model, given["look_ahead"])
+    from flexgen.exports.fmu.controller import controller as cascade
+
+    return cascade(model, given["controller"], 1e-3 if given["sample_time"] is None else given["sample_time"])
+
+
+def _compiler() -> Compiler:
+    """The compiler, for every computer with a processor of this kind."""
+    x86 = _MACHINES.get(platform.machine().lower()) == "x86_64"
+    found = find_compiler(isa="x86-64" if x86 else "native")
+    if found is None:
+        raise BuildError(
+            "C compiler: given none, expected cc, gcc or clang on the PATH or $CC; install one (such as the package "
+            "gcc), or write the sources only: binary=False in Python, --sources-only on the command line"
+        )
+    return found
+
+
+def _platform(version: str) -> tuple[str, str]:
+    """Name of the folder of the binary, and the end of its name."""
+    machine = _MACHINES.get(platform.machine().lower())
+    system = {"linux": "linux", "darwin": "darwin"}.get(sys.platform)
+    if machine is None or system is None:
+        raise BuildError(
+            f"platform: given {sys.platform} on {platform.machine()}, expected Linux or macOS on x86-64 or ARM; write "
+            "the sources only (binary=False) and compile them with the importing program"
+        )
+    suffix = ".dylib" if system == "darwin" else ".so"
+    return (f"{system}64" if version == "2.0" and machine == "x86_64" else f"{machine}-{system}"), suffix
+
+
+def _texts(block: Block, version: str) -> tuple[dict[str, str], str]:
+    """All text files of the FMU by name, and the token."""
+    interface = _interface(version)
+    headers = sorted(path.name for path in (_FOLDER / "standard").glob(f"fmi{version[0]}*.h"))
+    own = [interface, *(_PREFIX + name for name in ("core.h", "warnings.h", _FIXED[block.macro]))]
+    texts = {name: (_FOLDER / "c" / name).read_text(encoding="ascii") for name in own}
+    texts |= {name: (_FOLDER / "standard" / name).read_text(encoding="ascii") for name in headers}
+    _check_name(block, texts)
+    top = f'#include "{_PREFIX}warnings.h"\n\n'
+    texts |= {name: top * name.endswith(".c") + text for name, text in block.sources.items()}
+
+    def described(token: str) -> str:
+        return description_2(block, token, [SOURCE]) if version == "2.0" else description_3(block, token)
+
+    parts = [__version__, described(""), config(block, ""), *(f"{name}\n{texts[name]}" for name in sorted(texts))]
+    token = "{" + hashlib.sha256("\0".join(parts).encode()).hexdigest() + "}"
+    texts[f"{_PREFIX}config.h"] = config(block, token)
+    files = {f"sources/{name}": texts[name] for name in headers}
+    files[f"sources/{SOURCE}"] = _merged(block, texts, interface, set(headers))
+    files["modelDescription.xml"] = described(token)
+    files["documentation/licenses/license.txt"] = _LICENSE
+    if version == "3.0":
+        files["sources/buildDescription.xml"] = build_description(block, [SOURCE])
+    return files, token
+
+
+def _merged(block: Block, texts: Mapping[str, str], interface: str, standard: set[str]) -> str:
+    """One C file: the interface with its headers put in, then the model, which must not see macros of the former."""
+    seen: set[str] = set()
+
+    def put_in(name: str) -> str:
+        if name in seen:
+            return ""
+        seen.add(name)
+        lines = []
+        for line in texts[name].splitlines(keepends=True):
+            found = _INCLUDE.match(line)
+            if found is None or found[1] in standard:
+                lines.append(line)
+            elif found[1] in texts:
+                lines.append(put_in(found[1]))
+            else:  # of another block
+                lines.append(f"/* {found[1]} */\n")
+        return "".join(lines)
+
+    first = put_in(f"{_PREFIX}warnings.h") + put_in(interface)
+    kept = set(_MACRO.findall(texts.get(block.header, "")))
+    macros = [name for name in dict.fromkeys(_MACRO.findall(first)) if name not in kept and not name.endswith("_H")]
+    undefined = "".join(f"#undef {name}\n" for name in macros)
+    model = "".join(put_in(name) for name in sorted(block.sources) if name.endswith(".c"))
+    return f"{first}\n/* The model. */\n{undefined}\n{model}"
+
+
+def _interface(version: str) -> str:
+    return f"{_PREFIX}fmi{version[0]}.c"
+
+
+def _check_name(block: Block, fixed: Mapping[str, str]) -> None:
+    """Refuse a model whose files or names in C are those of the fixed files: BuildError."""
+    taken = {file.lower(): file for file in fixed}
+    files = [file for file in block.sources if file.lower() in taken or file.lower().startswith(_PREFIX)]
+    words = {word for text in fixed.values() for word in _WORD.findall(text)}
+    stem = Path(block.header).stem
+    header = _WORD.findall(block.sources.get(block.header, ""))
+    own = {word for word in header if stem and word.lower().startswith(f"{stem}_".lower())}
+    if found := sorted([*files, *(own & words)]):
+        raise BuildError(
+            f"name of the model, with its variant: given {stem!r}, which gives {found[0]}, a name of the fixed "
+            "files of an FMU; expected another name"
+        )
+
+
+def _compiled(block: Block, texts: Mapping[str, str], compiler: Compiler) -> bytes:
+    """The shared library of the source."""
+    with tempfile.TemporaryDirectory(prefix="flexgen-fmu-") as name:
+        folder = Path(name)
+        for file, text in texts.items():
+            if file.startswith("sources/"):
+                (folder / Path(file).name).write_text(text, encoding="utf-8", newline="\n")
+        straight = compiler.straight if block.straight else ()
+        _run([*compiler.command, *compiler.flags, *_FLAGS, *straight, "-c", SOURCE, "-o", "all.o"], folder)
+        # calls within the library stay there, whatever other libraries the program has loaded
+        own = [] if sys.platform == "darwin" else ["-Wl,-Bsymbolic"]
+        _run([*compiler.command, *compiler.flags, "-shared", *own, "-o", "fmu.bin", "all.o", "-lm"], folder)
+        return (folder / "fmu.bin").read_bytes()
+
+
+def _run(command: Sequence[str], folder: Path) -> None:
+    try:
+        done = subprocess.run(
+            list(command), cwd=folder, capture_output=True, text=True, errors="replace", check=False,
+            env={**os.environ, "LC_ALL": "C"},
+        )  # fmt: skip
+    except OSError as error:
+        raise BuildError(f"C compiler: {command[0]!r} cannot be run: {error.strerror}") from error
+    if done.returncode != 0:
+        raise BuildError(f"the C compiler failed on the sources of the FMU:\n  {done.stderr.strip()[:1000]}")
+
+
+def _zipped(files: Mapping[str, bytes]) -> bytes:
+    """A zip file without times: the same files give the same bytes. modelDescription.xml comes first."""
+    out = BytesIO()
+    with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for name in sorted(files, key=lambda name: (name != "modelDescription.xml", name)):
+            info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+            info.create_system, info.compress_type = 3, zipfile.ZIP_DEFLATED
+            info.external_attr = (0o755 if name.startswith("binaries/") else 0o644) << 16
+            archive.writestr(info, files[name], compresslevel=9)
+    return out.getvalue()

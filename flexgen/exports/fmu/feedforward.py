@@ -1,0 +1,166 @@
+"""Inverse dynamics on a moving horizon as a block: path samples in, torques and references of the motors out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from flexgen.codegen.amalgamation import amalgamated
+from flexgen.codegen.emit import emit, function_texts
+from flexgen.codegen.interface import INTERVALS_MAX, STATUSES
+from flexgen.codegen.spec import StreamDefaults, library_name, library_spec
+from flexgen.errors import ArgumentError
+from flexgen.exports.fmu.block import Block, time_variable
+from flexgen.exports.fmu.plant import payload_variables
+from flexgen.exports.fmu.variables import INPUT, OUTPUT, STATUS, Variable
+from flexgen.library.stream_defaults import stream_defaults
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.mechanics.signatures import INVERSION, offered_functions
+from flexgen.mechanics.statics import Equilibrium, hold_joints
+from flexgen.model.elements import RobotModel
+from flexgen.numerics.evaluate import evaluate
+
+# Numbers of a figure of the stream: its name, unit and meaning.
+_FIGURES = (
+    (
+        "quality.residual",
+        "1",
+        "residual of the unactuated rows, relative to the torques of a deflection of 0.01 rad or m",
+    ),
+    ("quality.output_step", "m", "distance by which the output leaves the plan before: the horizon is too short"),
+    ("quality.output_turn", "rad", "the same of angles"),
+)
+
+
+def feedforward(model: RobotModel, look_ahead: float | None) -> Block:
+    """The block of a model; ArgumentError where it has no inverse dynamics.
+
+    Parameters
+    ----------
+    model : RobotModel
+    look_ahead : float or None
+        Length of the horizon [s]; None: that of the generated library.
+    """
+    obstacle = model.inversion_obstacle()
+    if obstacle is not None:
+        raise ArgumentError(
+            f"block 'feedforward': {obstacle}; the blocks plant and controller need no inverse dynamics"
+        )
+    equations = derive(model, ("payload",))
+    offered = offered_functions(model)
+    spec = library_spec(equations, [name for name in INVERSION if name in offered])
+    options = stream_defaults(model, spec)
+    if options is None:
+        raise ArgumentError(
+            f"block 'feedforward': model {model.name} has no equilibrium at its home pose, or a singular one; expected "
+            "a home pose that the tool can leave in all directions of the output"
+        )
+    options = options if look_ahead is None else _with(options, look_ahead)
+    spec = replace(spec, stream=options, c_functions=tuple(f for f in spec.c_functions if f.file == "stream.c"))
+    texts = amalgamated(spec.name, emit(spec, function_texts(spec)))
+    held = hold_joints(derive(model), np.array(model.home))
+    name, prefix = f"{library_name(model)}_feedforward", spec.name
+    sizes = {"N_A": model.n_a, "N_M": model.n_m, "N_OUT": model.output.size, "N_T": model.output.target_size}
+    results = options.samples_per_interval * (2 * model.n_a + 3 * model.n_m) + len(_FIGURES)
+    memory = f"(int)({prefix.upper()}_STREAM_SIZE(INTERVALS, SAMPLES))"
+    return Block(
+        name=name,
+        title=name,
+        text=f"feedforward: {model.description}",
+        macro="FMU_FEEDFORWARD",
+        variables=tuple(_variables(model, equations, held, options)),
+        sources={file: text for file, text in texts.items() if file != "example.c"},
+        header=f"{prefix}.h",
+        defines={
+            **{key: str(size) for key, size in sizes.items()},
+            "INTERVALS": str(options.intervals),
+            "SAMPLES": str(options.samples_per_interval),
+            "PERIOD": repr(options.period),
+            "TOLERANCE": repr(options.tolerance),
+            "N_STREAM": memory,
+            "P_MASS": "0",
+            "MODEL(name)": f"{prefix}_##name",
+            "REFUSED_NOT_FINITE": f"{prefix.upper()}_INPUT_NOT_FINITE",
+            "REFUSED_ARGUMENT": f"{prefix.upper()}_BAD_ARGUMENT",
+            "REFUSED_UNREACHABLE": f"{prefix.upper()}_UNREACHABLE",
+        },
+        constants={"SETTING_LEAST": [], "SETTING_MOST": [], "Q_START": list(held.q_a)},
+        sample_time=options.period / options.samples_per_interval,
+        step=options.period / options.samples_per_interval,
+        memory=f"N_STREAM + {results}",
+        work="0",
+        derivatives=False,
+    )
+
+
+def _with(options: StreamDefaults, look_ahead: float) -> StreamDefaults:
+    """The options with another horizon."""
+    intervals = round(look_ahead / options.period)
+    if not 1 <= intervals <= INTERVALS_MAX or not math.isclose(intervals * options.period, look_ahead, rel_tol=1e-6):
+        raise ArgumentError(
+            f"look_ahead: given {look_ahead} s, expected 1 to {INTERVALS_MAX} times the period of {options.period:g} s"
+        )
+    return replace(options, look_ahead=intervals * options.period, intervals=intervals)
+
+
+def home_output(model: RobotModel, equations: Equations, q_a: np.ndarray) -> np.ndarray:
+    """The output at a pose, (n_t,): for a pose of the tool its position, then the rotation matrix by columns."""
+    p, R = (x[0] for x in evaluate(equations.function("forward_kinematics"), q_a))
+    if model.output.type == "tool_pose":
+        return np.concatenate([p.ravel(), R.reshape(3, 3).T.ravel()])
+    if model.output.type == "tool_position":
+        return np.array([p.ravel()["xyz".index(axis)] for axis in model.output.axes])
+    found: np.ndarray = np.array(model.output.weights) @ q_a
+    return found
+
+
+def _variables(model: RobotModel, equations: Equations, held: Equilibrium, options: StreamDefaults) -> list[Variable]:
+    """All variables."""
+    return [
+        time_variable(),
+        *_inputs(model, equations, held, options),
+        *_outputs(model, held),
+        Variable("quality.status", STATUS, 0, "", "of the last update: " + "; ".join(
+            f"{status.code} {status.text}" for status in STATUSES if status.code >= 0), 0),
+        *payload_variables(equations),
+    ]  # fmt: skip
+
+
+def _inputs(model: RobotModel, equations: Equations, held: Equilibrium, options: StreamDefaults) -> list[Variable]:
+    n_y, n_t, unit = model.output.size, model.output.target_size, model.output.unit
+    ahead = f"of the path, {options.look_ahead:g} s ahead"
+    start = home_output(model, equations, held.q_a)
+    pose = model.output.type == "tool_pose"
+    units = ["m"] * 3 + ["1"] * 9 if pose else [unit if model.output.type == "combination" else "m"] * n_t
+    rates = ["m"] * 3 + ["rad"] * 3 if pose else units
+    out = []
+    for k in range(n_t):
+        text = f"position {ahead}" if k < 3 or not pose else f"rotation matrix by columns {ahead}"
+        out.append(Variable(f"path.position[{k + 1}]", INPUT, k, units[k], text, float(start[k]), sampled=True))
+    for k in range(n_y):
+        text = f"velocity {ahead}"
+        out.append(Variable(f"path.velocity[{k + 1}]", INPUT, n_t + k, f"{rates[k]}/s", text, 0.0, sampled=True))
+    for k in range(n_y):
+        text = f"acceleration {ahead}"
+        name = f"path.acceleration[{k + 1}]"
+        out.append(Variable(name, INPUT, n_t + n_y + k, f"{rates[k]}/s2", text, 0.0, sampled=True))
+    return out
+
+
+def _outputs(model: RobotModel, held: Equilibrium) -> list[Variable]:
+    rows: list[tuple[str, str, str, float]] = []
+    for k, m in enumerate(model.motors):
+        rows.append((f"motor.{m.name}.torque", "N.m", "feedforward torque, motor side", held.tau_m[k]))
+    for k, m in enumerate(model.motors):
+        rows.append((f"motor.{m.name}.reference_angle", "rad", "motor angle of the planned motion", held.q_m[k]))
+    rows += [(f"motor.{m.name}.reference_speed", "rad/s", "its speed", 0.0) for m in model.motors]
+    for k, c in enumerate(model.coordinates):
+        rows.append((f"arm.{c.name}.reference_position", c.unit, "arm coordinate of the planned motion", held.q_a[k]))
+    rows += [(f"arm.{c.name}.reference_speed", f"{c.unit}/s", "its speed", 0.0) for c in model.coordinates]
+    rows += [(name, unit, text, 0.0) for name, unit, text in _FIGURES]
+    return [
+        Variable(name, OUTPUT, k, unit, text, float(start), sampled=True, depends=())
+        for k, (name, unit, text, start) in enumerate(rows)
+    ]

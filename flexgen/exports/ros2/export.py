@@ -1,0 +1,232 @@
+"""`export_ros2`: a ROS 2 package with the library, a plugin of inverse dynamics and a controller."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from flexgen.codegen.c_text import quoted
+from flexgen.errors import ArgumentError, BuildError
+from flexgen.exports.emitted import Emitted, ModelLike, emitted
+from flexgen.exports.selftest.golden import output_at
+from flexgen.exports.source_folder import Exported, folder_of, write_folder
+from flexgen.exports.template import template, xml_text, yaml_text
+from flexgen.loop.controllers import Cascade
+from flexgen.numerics.evaluate import evaluate
+from flexgen.type_checks import checked_types
+from flexgen.version import __version__
+
+PACKAGE = "flexgen.exports.ros2"
+START_TOLERANCE = 0.01  # rad or m, arm side: largest distance from the start of the stream
+_NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*\Z")
+_EMAIL = re.compile(r"[A-Za-z0-9._%+-]+@[A-Za-z0-9.-]+\Z")
+_ROS = ("controller_interface", "hardware_interface", "rclcpp_lifecycle", "std_msgs")
+# Keywords of C++20, and names that no namespace of a package can have: linux and unix are macros of some compilers.
+_RESERVED = frozenset(
+    (
+        "alignas alignof and and_eq asm auto bitand bitor bool break case catch char char8_t char16_t char32_t "
+        "class compl concept const consteval constexpr constinit const_cast continue co_await co_return co_yield "
+        "decltype default delete do double dynamic_cast else enum explicit export extern false float for friend "
+        "goto if inline int long mutable namespace new noexcept not not_eq nullptr operator or or_eq private "
+        "protected public register reinterpret_cast requires return short signed sizeof static static_assert "
+        "static_cast struct switch template this thread_local throw true try typedef typeid typename union unsigned "
+        "using virtual void volatile wchar_t while xor xor_eq linux std unix"
+    ).split()
+)
+_NEEDED = frozenset({*_ROS, "controller_manager", "eigen", "inverse_dynamics_interface", "pluginlib", "rclcpp"})
+
+
+@checked_types(own=("model", "directory", "package"))
+def export_ros2(
+    model: ModelLike,
+    directory: str | os.PathLike[str] | None = None,
+    *,
+    package: str | None = None,
+    controller: bool = True,
+    gains: Cascade | None = None,
+    maintainer: str = "maintainer",
+    email: str = "maintainer@example.com",
+    license_name: str = "MIT",
+    force: bool = False,
+) -> Exported:
+    """Write a ROS 2 package (ament_cmake, C++17, Jazzy or later) around the emitted library.
+
+    It has a plugin of ``inverse_dynamics_interface`` whose torques have the bits of the library, and a chainable
+    controller of ``ros2_control``: the samples of a path in, motor torques out, by a stream with P-PI control of the
+    motors around it. The controller allocates nothing in its updates.
+
+    Parameters
+    ----------
+    model : str, Path, RobotModel or Equations
+    directory : str or Path, optional
+        Where to write; default: ``exports/<package>``.
+    package : str, optional
+        Name of the package: small letters, digits and single underscores, no word of C++; default:
+        ``flexgen_<name>``.
+    controller : bool
+        False: the plugin only, for models without streams.
+    gains : Cascade, optional
+        Gains for ``config/controller.yaml``, motor side, as of ``flexgen.PPI().cascade(...)``; without them the
+        parameters are empty, and the controller refuses to start until they are set.
+    maintainer, email, license_name : str
+        For ``package.xml``.
+    force : bool
+        True: also replace files that were changed since the last export.
+
+    Returns
+    -------
+    Exported
+
+    Raises
+    ------
+    ModelError, ArgumentError, BuildError
+        The model cannot be read, or has no streams; a name is not allowed; the folder holds other files.
+    """
+    library = emitted(model, streams=controller)
+    name = library.name
+    chosen = f"flexgen_{name.lower()}" if package is None else package
+    if not isinstance(chosen, str) or not _NAME.match(chosen) or len(chosen) > 60:
+        raise BuildError(
+            f"package: given {chosen!r}, expected small letters, digits and single underscores, beginning with a "
+            "letter; choose it with package= (--package)"
+        )
+    if chosen in _RESERVED or chosen in _NEEDED:
+        reason = "a word of C++" if chosen in _RESERVED else "a package that this one needs"
+        raise BuildError(
+            f"package: given {chosen!r}, which is {reason}, expected another name, such as {chosen + '_dynamics'!r}; "
+            "choose it with package= (--package)"
+        )
+    if not _EMAIL.match(email):
+        raise ArgumentError(f"email: given {email!r}, expected an address such as name@example.com")
+    if gains is not None and not controller:
+        raise ArgumentError("gains: given without a controller, expected none; they are parameters of the controller")
+    words = _words(library, chosen, controller, gains)
+    words |= {
+        "VERSION": __version__,
+        "MODEL": name,
+        "LIBRARY": name,
+        "EMAIL": xml_text(email),
+        "MAINTAINER": xml_text(maintainer),
+        "LICENSE": xml_text(license_name),
+    }
+    texts = {
+        f"src/{name}.c": library.source,
+        f"include/{chosen}/{name}.h": library.header,
+    }
+    for file, path in _files(chosen, controller).items():
+        texts[path] = _rendered(file, chosen, name, words)
+    return write_folder(folder_of(directory, chosen), "ros2", name, texts, force=force)
+
+
+def _files(package: str, controller: bool) -> dict[str, str]:
+    """Path in the package by the name of the template."""
+    files = {
+        "CMakeLists.txt": "CMakeLists.txt",
+        "package.xml": "package.xml",
+        "README.template.md": "README.md",
+        "inverse_dynamics_plugin.xml": "inverse_dynamics_plugin.xml",
+        "arm.hpp": f"include/{package}/arm.hpp",
+        "inverse_dynamics.hpp": f"include/{package}/inverse_dynamics.hpp",
+        "inverse_dynamics.cpp": "src/inverse_dynamics.cpp",
+        "test_plugin.cpp": "test/test_plugin.cpp",
+    }
+    if controller:
+        files |= {
+            "controller_plugin.xml": "controller_plugin.xml",
+            "controller.yaml": "config/controller.yaml",
+            "stream_controller.launch.in": "launch/stream_controller.launch.py",
+            "stream_controller.cpp": "src/stream_controller.cpp",
+        }
+        headers = ("cascade.hpp", "sample_queue.hpp", "stream_controller.hpp")
+        files |= {header: f"include/{package}/{header}" for header in headers}
+    return files
+
+
+def _rendered(file: str, package: str, name: str, words: Mapping[str, str]) -> str:
+    """A template with the names of the library, of the package and of its namespace.
+
+    The namespace begins with flexgen_, so that a package may be called as a function of C, such as div or signal.
+    """
+    space = package if package.startswith("flexgen_") else f"flexgen_{package}"
+    names = {"flexgen_model": package, "FLEXGEN_MODEL": package.upper(), "flexgen_space": space}
+    return template(PACKAGE, file, name, words, names)
+
+
+def _words(library: Emitted, package: str, controller: bool, gains: Cascade | None) -> dict[str, str]:
+    """The numbers and names of the templates."""
+    model, equations = library.model, library.equations
+    home = np.zeros(model.n_a)
+    home[list(model.i_g)] = model.home
+    zero = np.zeros(model.n_a)
+    torques = evaluate(equations.function("inverse_dynamics"), home, zero, zero)[0][0]
+    words = {
+        "ACTUATED": ", ".join(str(i) for i in model.i_g),
+        "MOTORS": ", ".join(quoted(motor.name) for motor in model.motors),
+        "HOME_TORQUES": numbers(torques),
+        "STREAM": "",
+        "DEPENDS": "",
+        "CONTROLLER": "",
+        "README_CONTROLLER": "",
+    }
+    if not controller:
+        return words
+    options = library.stream
+    if options is None:
+        raise ArgumentError(
+            f"model {model.name}: given a home pose at which no stream can start (singular, or without equilibrium), "
+            "expected another one; change `home` in the model file, or leave the controller out: controller=False "
+            "(--no-controller)"
+        )
+    start, tolerance = output_at(equations, home), START_TOLERANCE * float(np.abs(model.eta).max())
+    n = model.n_m
+    largest = [motor.torque_max or 0.0 for motor in model.motors]
+    stream = f"""
+// Of the stream controller, where its parameters say nothing else: the output at home, and the largest difference of a
+// motor angle from the start of the stream [rad].
+inline constexpr std::array<double, {len(start)}> START_OUTPUT = {{{numbers(start)}}};
+inline constexpr double START_TOLERANCE = {tolerance!r};
+"""
+    return words | {
+        "STREAM": stream,
+        "DEPENDS": "".join(f"  <depend>{dependency}</depend>\n" for dependency in _ROS)
+        + "  <exec_depend>controller_manager</exec_depend>\n",
+        "CONTROLLER": _rendered("controller.cmake", package, library.name, {}),
+        "README_CONTROLLER": f"- `{package}/StreamController`: a chainable controller of ros2_control; its "
+        "parameters are in `config/`,\n  `launch/` starts it.\n",
+        "RATE": str(round(options.samples_per_interval / options.period)),
+        "JOINTS": ", ".join(yaml_text(motor.name) for motor in model.motors),
+        "ONES": numbers([1.0] * n),
+        "ZEROS": numbers([0.0] * n),
+        "GAINS": _gains_text(gains, n),
+        "TORQUE_MAX": numbers(largest),
+        "START_OUTPUT": numbers(start),
+        "START_TOLERANCE": repr(tolerance),
+        "PERIOD": repr(options.period),
+        "INTERVALS": str(options.intervals),
+        "SAMPLES": str(options.samples_per_interval),
+    }
+
+
+def _gains_text(gains: Cascade | None, n: int) -> str:
+    """The lines of the gains: comments where there are none."""
+    units = {"position_gain": "[1/s]", "speed_gain": "[N m s/rad]", "integral_gain": "[1/s]"}
+    if gains is None:
+        lines = [f"    # {key}: [{', '.join(['...'] * n)}]  # {unit}\n" for key, unit in units.items()]
+        return "    # P-PI control; the controller refuses to start until these are set.\n" + "".join(lines)
+    if not isinstance(gains, Cascade) or len(gains.filters) > 0:
+        raise ArgumentError(f"gains: given {type(gains).__name__}, expected a Cascade without filters")
+    text = "    # P-PI control.\n"
+    for key, unit in units.items():
+        x = np.asarray(getattr(gains, key), dtype=float)
+        if x.shape != (n,) or not np.isfinite(x).all() or (x < 0).any():
+            raise ArgumentError(f"gains, {key}: given {x}, expected {n} numbers >= 0, one for each motor")
+        text += f"    {key}: [{numbers(x)}]  # {unit}\n"
+    return text
+
+
+def numbers(x: Iterable[float]) -> str:
+    """Numbers with commas between them, which C++ and YAML read back to the same bits."""
+    return ", ".join(re.sub(r"^(-?\d+)(e)", r"\1.0\2", repr(float(value))) for value in x)

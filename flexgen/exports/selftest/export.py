@@ -1,0 +1,82 @@
+"""`export_selftest`: the emitted library with a program that compares it with the definition on its target."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from flexgen.codegen.spec import PrecisionName
+from flexgen.errors import SolverError
+from flexgen.exports.emitted import ModelLike, emitted
+from flexgen.exports.selftest.cases import cases
+from flexgen.exports.selftest.golden import at_rest, expected, states
+from flexgen.exports.selftest.motion import motion_of
+from flexgen.exports.source_folder import Exported, folder_of, write_folder
+from flexgen.exports.template import template
+from flexgen.model.moves import Move
+from flexgen.type_checks import checked_types
+
+PACKAGE = "flexgen.exports.selftest"
+
+
+@checked_types(own=("model", "directory"))
+def export_selftest(
+    model: ModelLike,
+    directory: str | os.PathLike[str] | None = None,
+    *,
+    precision: PrecisionName = "double",
+    move: str | Move | None = None,
+    motion: bool = True,
+    force: bool = False,
+) -> Exported:
+    """Write a program in ISO C99 that tests the emitted library on the computer that it runs on.
+
+    The program calls every function of one point at two states and compares the results with those of the definition,
+    Lagrange's equations, which CasADi evaluates while it is exported. Where the model has streams, one stays at the
+    home pose, and one follows a move; the torques are those of the static equations, and of a solution that a
+    simulation of the definition verifies. It prints PASS or FAIL and the largest error, and returns 0 or 1. It opens no
+    file and allocates nothing. The largest error of a point function is 1e-9 of an entry plus 1e-3 of the largest entry
+    of its array (single precision: 2e-2 and 1e-1).
+
+    Parameters
+    ----------
+    model : str, Path, RobotModel or Equations
+    directory : str or Path, optional
+        Where to write; default: ``exports/<name>_selftest``.
+    precision : str
+        ``"double"`` or ``"single"``.
+    move : str or Move, optional
+        The move that the stream follows; default: the first of the model file.
+    motion : bool
+        False: without the move, which takes the time of a verified solution.
+    force : bool
+        True: also replace files that were changed since the last export.
+
+    Returns
+    -------
+    Exported
+
+    Raises
+    ------
+    ModelError, ArgumentError, BuildError, SolverError
+        The model cannot be read or has a name that C does not allow; the folder holds other files; the torques of the
+        move are not found.
+    """
+    library = emitted(model, precision=precision)
+    name, equations = library.name, library.equations
+    target = folder_of(directory, f"{name}_selftest")
+    given = states(equations, precision, library.functions)
+    results = expected(equations, library.functions, given)
+    rest, moving = None, None
+    if library.streams and library.stream is not None:
+        try:
+            rest = at_rest(equations)
+        except SolverError:  # the home pose has no equilibrium
+            rest = None
+        if motion and equations.model.moves:
+            moving = motion_of(equations, library.stream, move)
+    texts = library.texts() | {
+        f"{name}_selftest.c": template(PACKAGE, "selftest.c", name),
+        f"{name}_selftest_cases.h": cases(library, given, results, rest, moving),
+    }
+    return write_folder(Path(target), "selftest", name, texts, force=force)

@@ -1,0 +1,363 @@
+"""The robot as a URDF file, the rigid part, and an overlay of flexgen with all that URDF cannot contain.
+
+An element of the chain is a link. Its frame is at the joints of the element, with the axes of the body frame: the
+rotation of the placement ``link`` is moved in front of the joints,
+
+    R(a, q) R_link = R_link R(R_link' a, q),
+
+so that axes of bodies, rotors and sensors keep their directions. One degree of freedom of an element is a joint of the
+URDF file (the actuated one, if there is one); the others are additional degrees of freedom in the overlay and are rigid
+in the URDF file.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from flexgen.atomic_files import followed, staging_folder, unwritable, write_text
+from flexgen.errors import ArgumentError, ModelError
+from flexgen.exports.overlay_tables import (
+    beam_or_drag,
+    dof_table,
+    motor_table,
+    output_table,
+    pose_table,
+    sensor_table,
+    toml,
+)
+from flexgen.exports.poses import roll_pitch_yaw
+from flexgen.exports.xml_text import add, document
+from flexgen.model.checked_table import show
+from flexgen.model.elements import Body, Dof, Element, RobotModel
+from flexgen.model.moves import Move, Program
+from flexgen.model.reader import read
+from flexgen.model.urdf_source import source_files
+from flexgen.ports import identifier_problem
+from flexgen.type_checks import checked_types
+from flexgen.version import __version__
+
+UNLIMITED = 1e6  # URDF demands limits of some joints: in their place where the model has none
+_WRITTEN_BY = ", written by flexgen "  # in the first line of an overlay
+
+
+@dataclass(frozen=True)
+class Step:
+    """A link of the URDF file and the joint in front of it.
+
+    ``dof``: the joint (its axis in the axes of the link), None for a fixed one; ``before``, ``after``: degrees of
+    freedom that are in the overlay only; ``position``, ``rotation``: pose of the joint in the link before;
+    ``body``: in the frame of the link.
+    """
+
+    link: str
+    joint: str
+    dof: Dof | None
+    before: tuple[Dof, ...]
+    after: tuple[Dof, ...]
+    position: np.ndarray
+    rotation: np.ndarray
+    body: Body
+
+
+@checked_types
+def export_urdf(model: str | Path | RobotModel, path: str | Path) -> tuple[Path, Path]:
+    """Write a robot as a URDF file and an overlay beside it.
+
+    The URDF file is the rigid robot, for other programs: links, joints, inertias, limits, frictions. Elastic degrees
+    of freedom beside a motor joint are rigid in it; those without a motor joint beside them are joints. The overlay,
+    with the ending ``.toml``, adds gears, motors, springs, moves and sensors: `flexgen.read` of the overlay gives the
+    same equations. Joints of the URDF file have the names of the coordinates, links those of the elements. The files
+    that the robot was read from are never replaced, nor is an overlay that flexgen did not write.
+
+    Parameters
+    ----------
+    model : str, Path or RobotModel
+        As for `flexgen.derive`.
+    path : str or Path
+        A name that ends in ``.urdf``.
+
+    Returns
+    -------
+    tuple of Path
+        The URDF file and the overlay.
+
+    Raises
+    ------
+    ModelError
+        An overlay cannot contain a part of the robot: a beam, a drag on a body, a sensor or motor on an element that
+        does not move relative to the one before, a coordinate that moves no mass.
+    ArgumentError
+        There is no such model, its moves were changed in Python, or a file cannot be written or must not be replaced.
+    """
+    path = Path(path)
+    if path.suffix != ".urdf":
+        raise ArgumentError(f"path: given {path.name!r}, expected a name that ends in .urdf")
+    robot = model if isinstance(model, RobotModel) else read(model)
+    overlay = path.with_suffix(".toml")
+    try:
+        _check_targets(robot, path, overlay)
+        steps = _steps(robot)
+        text = urdf_text(robot, steps)
+        followed(path.parent).mkdir(parents=True, exist_ok=True)
+        with staging_folder(path.parent) as folder:  # read back what is written before it takes the place of others
+            (folder / path.name).write_text(text, encoding="utf-8")
+            tables = overlay_text(robot, steps, path.name, folder)
+            (folder / overlay.name).write_text(tables, encoding="utf-8")
+            try:
+                again = read(folder / overlay.name)
+            except ModelError as error:
+                file = str(path.with_name(Path(error.file).name))
+                raise ModelError(file, error.line, error.key, error.given, error.expected) from None
+            _check_moves(robot, again)
+    except OSError as error:
+        raise unwritable(path, error) from error
+    write_text(overlay, overlay_text(robot, steps, path.name, path.parent))
+    return write_text(path, text), overlay
+
+
+def _check_targets(model: RobotModel, path: Path, overlay: Path) -> None:
+    """Refuse two files that cannot both be written, or that would replace a file of the user."""
+    sources = source_files(model.file)
+    for target, what in ((path, "URDF file"), (overlay, "overlay")):
+        given = f"path: given {str(path)!r}, whose {what} would be {str(target)!r}"
+        if target.is_dir():
+            raise ArgumentError(f"{given}, which is a directory; choose another name")
+        if any(target.exists() and target.samefile(source) for source in sources):
+            raise ArgumentError(
+                f"{given}, from which the robot was read; expected another name or folder, as this file would be lost"
+            )
+        folder = Path(os.path.realpath(target)).parent
+        if folder.is_dir() and not os.access(folder, os.W_OK | os.X_OK):
+            raise ArgumentError(f"{given}, in a folder that cannot be written; choose a folder that you may write")
+    if os.path.lexists(overlay) and not _is_ours(overlay):
+        raise ArgumentError(
+            f"path: given {str(path)!r}, whose overlay would replace {str(overlay)!r}, a file that flexgen did not "
+            "write; choose another name, or move that file away"
+        )
+
+
+def _is_ours(overlay: Path) -> bool:
+    """Whether the first line of a file says that flexgen wrote it."""
+    try:
+        with overlay.open("rb") as stream:
+            line = stream.readline(4096)
+    except OSError:
+        return False
+    return line.startswith(b"#") and _WRITTEN_BY.encode() in line
+
+
+# --- the chain --------------------------------------------------------------------------------------------------------
+
+
+def _steps(model: RobotModel) -> list[Step]:
+    """The links after the ground, and the tip if its frame is not that of the last link."""
+    beam_or_drag(model)
+    for kind, named in (("element", model.elements), ("dof", model.coordinates), ("motor", model.motors)):
+        for name in (one.name for one in named):
+            if problem := identifier_problem(name):
+                raise ModelError(model.file, 0, f"{kind}.name", show(name), problem)
+    names = {element.name for element in model.elements}
+    coordinates = {coordinate.name for coordinate in model.coordinates}
+    out: list[Step] = []
+    shift = np.zeros(3)  # of the body frame in the link frame
+    for element in model.elements:
+        turn = np.array(element.link.rotation)
+        position = shift + np.array(element.origin.position)
+        rotation = np.array(element.origin.rotation) @ turn
+        groups = _groups(element)
+        for k, (before, dof, after) in enumerate(groups):
+            last = k + 1 == len(groups)
+            link = element.name if last else _new_name(f"{element.name}_{dof.name if dof else k}", names)
+            names.add(link)
+            shift = turn.T @ np.array(element.link.position)
+            body = replace(element.body, com=tuple((shift + np.array(element.body.com)).tolist())) if last else Body()
+            joint = dof.name if dof is not None else _new_name(f"{element.name}_mount", coordinates)
+            coordinates.add(joint)
+            parts = [tuple(_turned(d, turn) for d in group) for group in (before, (dof,) if dof else (), after)]
+            out.append(Step(link, joint, parts[1][0] if dof else None, parts[0], parts[2], position, rotation, body))
+            position, rotation = np.zeros(3), np.eye(3)
+    if shift.any():
+        joint, link = _new_name("tip_mount", coordinates), _new_name("tip", names)
+        out.append(Step(link, joint, None, (), (), shift, np.eye(3), Body()))
+    return out
+
+
+def _groups(element: Element) -> list[tuple[tuple[Dof, ...], Dof | None, tuple[Dof, ...]]]:
+    """Degrees of freedom in groups with one joint of the URDF file each: (before, joint, after)."""
+    if not element.dofs:
+        return [((), None, ())]
+    actuated = [k for k, dof in enumerate(element.dofs) if dof.actuated] or [0]
+    out: list[tuple[tuple[Dof, ...], Dof | None, tuple[Dof, ...]]] = []
+    for n, k in enumerate(actuated):
+        start = 0 if n == 0 else k
+        end = actuated[n + 1] if n + 1 < len(actuated) else len(element.dofs)
+        out.append((element.dofs[start:k], element.dofs[k], element.dofs[k + 1 : end]))
+    return out
+
+
+def _turned(dof: Dof, turn: np.ndarray) -> Dof:
+    return replace(dof, axis=tuple((turn.T @ np.array(dof.axis) + 0.0).tolist()))
+
+
+def _new_name(stem: str, taken: Iterable[str]) -> str:
+    """An identifier that is not taken."""
+    name, k = stem[:27].rstrip("_").replace("__", "_"), 2
+    while name in taken or name == "base" or identifier_problem(name):
+        name, k = f"{stem[:24].rstrip('_')}{k}", k + 1
+    return name
+
+
+# --- the URDF file ----------------------------------------------------------------------------------------------------
+
+
+def urdf_text(model: RobotModel, steps: list[Step]) -> str:
+    """The URDF file."""
+    root = ElementTree.Element("robot", {"name": model.name})
+    root.append(ElementTree.Comment(f" rigid part of {model.title}, written by flexgen {__version__} "))
+    parent = _ground(steps)
+    add(root, "link", name=parent)
+    efforts = _efforts(model)
+    for step in steps:
+        _joint(root, step, parent, efforts)
+        link = add(root, "link", name=step.link)
+        if step.body.mass > 0.0:
+            inertial = add(link, "inertial")
+            add(inertial, "origin", xyz=step.body.com)
+            add(inertial, "mass", value=step.body.mass)
+            (xx, xy, xz), (_, yy, yz), (_, _, zz) = step.body.inertia
+            add(inertial, "inertia", ixx=xx, ixy=xy, ixz=xz, iyy=yy, iyz=yz, izz=zz)
+        parent = step.link
+    return '<?xml version="1.0"?>\n' + document(root)
+
+
+def _joint(root: ElementTree.Element, step: Step, parent: str, efforts: Mapping[str, float]) -> None:
+    dof = step.dof
+    turns = dof is not None and dof.type == "rotation"
+    ends = None if dof is None or dof.lower is None or dof.upper is None else (dof.lower, dof.upper)
+    kind = "fixed" if dof is None else ("revolute" if ends else "continuous") if turns else "prismatic"
+    joint = add(root, "joint", name=step.joint, type=kind)
+    add(joint, "parent", link=parent)
+    add(joint, "child", link=step.link)
+    add(joint, "origin", xyz=step.position, rpy=roll_pitch_yaw(step.rotation))
+    if dof is None:
+        return
+    add(joint, "axis", xyz=dof.axis)
+    limit = add(joint, "limit", effort=efforts.get(dof.name, UNLIMITED), velocity=dof.speed_max or UNLIMITED)
+    if kind != "continuous":
+        lower, upper = ends or (-UNLIMITED, UNLIMITED)
+        limit.set("lower", repr(lower))
+        limit.set("upper", repr(upper))
+    if dof.friction.viscous or dof.friction.coulomb:
+        add(joint, "dynamics", damping=dof.friction.viscous, friction=dof.friction.coulomb)
+
+
+def _efforts(model: RobotModel) -> dict[str, float]:
+    """Largest torque of each joint that one motor drives alone [N m or N]."""
+    return {
+        motor.drives[0]: motor.torque_max * abs(motor.ratio[0])
+        for motor in model.motors
+        if len(motor.drives) == 1 and motor.torque_max is not None
+    }
+
+
+def _ground(steps: list[Step]) -> str:
+    return _new_name("base_link", {step.link for step in steps})
+
+
+# --- the overlay ------------------------------------------------------------------------------------------------------
+
+
+def overlay_text(model: RobotModel, steps: list[Step], file: str, folder: Path) -> str:
+    """The overlay of a URDF file in the same folder."""
+    data: dict[str, Any] = {"name": model.name}
+    data |= {key: value for key in ("description", "source") if (value := getattr(model, key))}
+    data |= {"gravity": model.gravity, "motor_coupling": model.motor_coupling, "home_rad": model.home}
+    data["base"] = pose_table(model.base)
+    data["tool"] = pose_table(model.tool)
+    if model.payload.mass:
+        data["payload"] = body_table(model.payload)
+    data["output"] = output_table(model)
+    lines = [f"# {model.title}{_WRITTEN_BY}{__version__}: what {file} cannot contain"]
+    lines += [f"{key} = {toml(value)}" for key, value in data.items() if value not in ({}, ())]
+    ends = {"file": file, "base": _ground(steps), "tip": steps[-1].link, "limits": False, "dynamics": False}
+    lines += ["", "[urdf]", *(f"{key} = {toml(value)}" for key, value in ends.items())]
+    for step in steps:
+        if step.dof is not None:
+            lines += ["", f"[joint.{step.dof.name}]"]
+            table = {key: value for key, value in dof_table(step.dof).items() if key not in ("name", "type", "axis")}
+            table |= {key: [dof_table(d) for d in group] for key, group in _more(step) if group}
+            lines += [f"{key} = {toml(value)}" for key, value in table.items()]
+        if _reduced(step.body):
+            lines += ["", f"[link.{step.link}]", "inertia_reduced = true"]
+    shifts = {element.name: _shift(element) for element in model.elements}
+    fixed = {step.link for step in steps if step.dof is None}
+    for kind, tables in (
+        ("motor", [motor_table(motor) for motor in model.motors]),
+        ("sensor", [sensor_table(sensor, shifts) for sensor in model.sensors]),
+        *_tasks(model, folder).items(),
+    ):
+        for table in tables:
+            place = table.get("carrier", table.get("element"))
+            if place in fixed:
+                given = f"{table['name']} on {place}, which does not move relative to the element before"
+                raise ModelError(model.file, 0, f"{kind}.{table['name']}", given, "for URDF a moving element")
+            lines += ["", f"[[{kind}]]", *(f"{key} = {toml(value)}" for key, value in table.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _more(step: Step) -> tuple[tuple[str, tuple[Dof, ...]], ...]:
+    return (("before", step.before), ("after", step.after))
+
+
+def _shift(element: Element) -> np.ndarray:
+    """The body frame in the frame of the link of the URDF file."""
+    return np.array(element.link.rotation).T @ np.array(element.link.position)
+
+
+def body_table(body: Body) -> dict[str, Any]:
+    """A body as a table of a model file."""
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = body.inertia
+    moments = [xx, yy, zz, xy, yz, xz]
+    table: dict[str, Any] = {"mass": body.mass, "com": body.com}
+    if any(moments):
+        table["inertia"] = moments
+    return table | ({"inertia_reduced": True} if _reduced(body) else {})
+
+
+def _reduced(body: Body) -> bool:
+    low, middle, high = np.linalg.eigvalsh(np.array(body.inertia))
+    return bool(low + middle < high * (1.0 - 1e-9))
+
+
+def _tasks(model: RobotModel, folder: Path) -> dict[str, list[dict[str, Any]]]:
+    """Moves and programs as they stand in the model file; files of samples relative to a folder."""
+    data = json.loads(model.text) if model.text else {}
+    out: dict[str, list[dict[str, Any]]] = {key: data.get(key, []) for key in ("move", "program")}
+    files = {move.name: move.file for move in model.moves if move.file}
+    for table in out["move"]:
+        if table["name"] in files:
+            table["file"] = os.path.relpath(files[table["name"]], folder)
+    return out
+
+
+def _check_moves(model: RobotModel, again: RobotModel) -> None:
+    """Refuse moves that are not those of the model file: they were changed in Python."""
+    ours, theirs = ([_placed(task) for task in (*robot.moves, *robot.programs)] for robot in (model, again))
+    if ours != theirs:
+        raise ArgumentError(
+            f"model {model.name}: given moves that are not those of its file, expected the model as flexgen.read "
+            "returns it"
+        )
+
+
+def _placed(task: Move | Program) -> Move | Program:
+    """A move without its file, whose path depends on the folder."""
+    return replace(task, file="") if isinstance(task, Move) else task

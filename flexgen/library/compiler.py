@@ -1,0 +1,335 @@
+"""The C compiler: find it, read its version, target and macros, and run it on the sources of a library.
+
+No shell is involved, and of the flags in ``$CC`` only those that change speed or the kind of machine are accepted.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from flexgen.errors import BuildError
+from flexgen.library.object_cache import Objects, one_at_a_time
+from flexgen.runtime.processor import INSTRUCTION_SETS
+
+# The same bits with every compiler, processor and width of its vectors: products and sums are not contracted, and GCC's
+# vectorizer is off, because it contracts nevertheless where the processor has fused instructions. That loses nothing:
+# the sources have their own vectors, and what GCC makes of the rest is slower in the sum (benchmarks/sizes.md). A sqrt
+# without errno is one instruction and needs no library.
+REPRODUCIBLE = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-tree-vectorize", "-fno-math-errno")
+NATIVE = ("-std=c99", "-O3", "-march=native", "-ffp-contract=fast", "-fno-math-errno")
+# Solvers with unrolled loops take a tenth less time: as little as with -O3, which takes half as long again to compile.
+SOLVERS, SOLVER_FLAGS = ("inversion.c",), ("-funroll-loops",)
+# Without these passes of GCC the hand-written sources compile in a fifth less time, and are as fast.
+QUICK_FLAGS = ("-fira-region=one", "-fno-gcse", "-fno-tree-pre", "-fno-rename-registers", "-fno-web")
+# The emitted mathematics is straight on and in good order: what GCC does beyond this level takes a third of the time of
+# the compilation and makes nothing faster (other compilers inline less at it).
+STRAIGHT_FLAGS = ("-O1", "-fschedule-insns2")
+# It computes nothing twice and nothing in vain: without the passes of GCC that look for this, the functions of the
+# library compile in a seventh less time, and are as fast.
+LEAN_FLAGS = (
+    "-fno-tree-ccp",
+    "-fno-tree-copy-prop",
+    "-fno-tree-dominator-opts",
+    "-fno-tree-dse",
+    "-fno-tree-fre",
+)
+# Instruction sets that a library can be compiled for; all give the same bits.
+IsaName = Literal["native", "x86-64", "x86-64-v2", "x86-64-v3", "x86-64-v4"]
+ISAS: tuple[IsaName, ...] = get_args(IsaName)
+SHARED = ("-fPIC", "-fvisibility=hidden")
+OPENMP = "-fopenmp"
+
+SECONDS_PER_BYTE = 7e-6  # of one core, to compile a source
+LONG = 20.0  # s; the expected time of a longer compilation is reported
+
+_COMPILERS = ("cc", "gcc", "clang")
+_ARCHIVERS = ("ar", "gcc-ar", "llvm-ar")
+_ALLOWED_FLAG = re.compile(r"-(O[0-3]|pipe|m32|m64|m(arch|tune)=[a-z0-9.-]+|ffp-contract=(off|on|fast))\Z")
+# All that the sources include: the compiler's macros, which depend on its version and target, and these headers.
+_OUTSIDE = (
+    "#include <float.h>\n#include <math.h>\n#include <stddef.h>\n#include <stdint.h>\n"
+    "#ifdef _OPENMP\n#include <omp.h>\n#endif\n"
+)
+
+
+_WORLD = ("DBL_EPSILON", "size_t")  # words of the preprocessed text of _OUTSIDE
+_LIKE_GCC = ("__clang__", "__INTEL_COMPILER", "__NVCOMPILER")  # macros of compilers that also define GCC's
+_DEFINED = re.compile(r"^#define (__\w+__) 1$", re.MULTILINE)
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A C compiler with its flags.
+
+    Parameters
+    ----------
+    command : tuple of str
+        The words to run it with.
+    version : str
+        First line of its version text.
+    flags : tuple of str
+        All flags, those of ``$CC`` first.
+    identity : str
+        SHA-256 of what its output depends on beside the sources: version, flags, target (with ``-march=native`` the
+        processor), and the system's headers.
+    instruction_sets : tuple of str
+        Vector instruction sets of x86-64 that the output uses; names as in `flexgen.runtime.processor`.
+    straight, functions, solvers, others : tuple of str
+        More flags, for sources with emitted mathematics beside other C, for those with the mathematics of a function
+        alone, for `SOLVERS`, and for the other hand-written sources.
+    """
+
+    command: tuple[str, ...]
+    version: str
+    flags: tuple[str, ...]
+    identity: str
+    instruction_sets: tuple[str, ...] = ()
+    straight: tuple[str, ...] = ()
+    functions: tuple[str, ...] = ()
+    solvers: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
+
+
+def find_compiler(*, native: bool = False, openmp: bool = False, isa: str = "native") -> Compiler | None:
+    """The compiler of $CC, or else the first of cc, gcc and clang; None where there is none.
+
+    Parameters
+    ----------
+    native : bool
+        True: the fastest flags for this processor, which contract products and sums; else those for the same bits
+        everywhere.
+    openmp : bool
+        True: batches on all cores.
+    isa : str
+        One of `ISAS`: the instruction set; "native": that of this processor. A ``-march`` in $CC has priority.
+
+    Raises
+    ------
+    BuildError
+        Where $CC cannot be used, or the compiler does not know a flag.
+    """
+    if isa not in ISAS:
+        raise BuildError(f"isa: given {isa!r}, expected one of {', '.join(ISAS)}")
+    return _found(native, openmp, isa, os.environ.get("CC"), os.environ.get("PATH"))
+
+
+@lru_cache(maxsize=16)  # asking the compiler takes longer than many a computation
+def _found(native: bool, openmp: bool, isa: str, cc: str | None, path: str | None) -> Compiler | None:
+    """The compiler in this environment."""
+    chosen = _chosen()
+    if chosen is None:
+        return None
+    program = tuple(word for word in chosen if not word.startswith("-"))
+    own = [word for word in chosen if word.startswith("-")]
+    flags = [*own, *(NATIVE if native else REPRODUCIBLE), *SHARED, *[OPENMP] * openmp]
+    target = [] if native or any(word.startswith("-m") for word in own) else [f"-march={isa}"]
+    try:
+        version = _output([*chosen, "--version"], "").stdout.strip().partition("\n")[0]
+        world = _output([*program, *flags, *target, "-E", "-dD", "-x", "c", "-"], _OUTSIDE)
+        if world.returncode != 0 and isa == "native":  # a compiler for another processor: its own default
+            target = []
+            world = _output([*program, *flags, "-E", "-dD", "-x", "c", "-"], _OUTSIDE)
+        flags += target
+    except OSError as error:
+        raise BuildError(f"C compiler: given {chosen[0]!r}, which cannot be run ({error.strerror})") from None
+    if world.returncode != 0:
+        message = _errors(world)
+        hint = "; it has no OpenMP: leave openmp (--openmp) out, or install it (libomp)" if openmp else ""
+        raise BuildError(
+            f"C compiler: given {shlex.join(chosen)!r} with {shlex.join(flags)}, which fails:\n  {message}{hint}"
+        )
+    if not all(word in world.stdout for word in _WORLD):
+        raise BuildError(
+            f"C compiler: given {shlex.join(chosen)!r}, which does not preprocess C, expected gcc, clang or another "
+            "C compiler; change CC or unset it"
+        )
+    gcc = "__GNUC__" in world.stdout and not any(word in world.stdout for word in _LIKE_GCC)
+    straight = STRAIGHT_FLAGS if gcc and not native else ()
+    functions = (*straight, *LEAN_FLAGS) if straight else ()
+    others = QUICK_FLAGS if gcc else ()
+    solvers = (*SOLVER_FLAGS, *others)
+    identity = hashlib.sha256("\0".join((version, *flags, *solvers, *functions, world.stdout)).encode()).hexdigest()
+    used = tuple(INSTRUCTION_SETS[word] for word in _DEFINED.findall(world.stdout) if word in INSTRUCTION_SETS)
+    return Compiler(program, version, tuple(flags), identity, used, straight, functions, solvers, others)
+
+
+def _chosen() -> list[str] | None:
+    """The words of $CC, or of the first compiler found."""
+    given = os.environ.get("CC", "")
+    try:
+        chosen = shlex.split(given)
+    except ValueError as error:
+        raise BuildError(f"$CC: given {given!r}, expected a command ({str(error).lower()})") from None
+    if not chosen:
+        found = next((name for name in _COMPILERS if shutil.which(name)), None)
+        return None if found is None else [found]
+    for word in chosen:
+        if word.startswith("-") and not _ALLOWED_FLAG.match(word):
+            raise BuildError(f"$CC: given the flag {word!r}, expected optimization, -m32, -m64 or -march=... only")
+        if not word.startswith("-") and shutil.which(word) is None:
+            raise BuildError(f"$CC: given {word!r}, expected a program that can be found; unset CC or install it")
+    return chosen
+
+
+def _output(command: Sequence[str], text: str, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run a program on a text; by default in the root, so that its output does not depend on the folder."""
+    return subprocess.run(
+        list(command),
+        cwd=folder or Path(os.sep),
+        input=text,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
+        env={**os.environ, "LC_ALL": "C", "ZERO_AR_DATE": "1"},
+    )
+
+
+def _errors(result: subprocess.CompletedProcess[str]) -> str:
+    """The first lines of the errors of a program."""
+    lines = [line for line in result.stderr.splitlines() if line.strip()]
+    errors = [line for line in lines if "error" in line.lower()] or lines
+    return "\n  ".join(errors[:5]) or f"exit status {result.returncode}, without a message"
+
+
+def _run(what: str, command: Sequence[str], folder: Path, written: str) -> None:
+    answer = _output(command, "", folder)
+    if answer.returncode != 0:
+        raise BuildError(f"the {what} failed; the directory is as it was before:\n  {_errors(answer)}")
+    if not (folder / written).is_file():
+        raise BuildError(
+            f"the {what} {command[0]!r} reported success but wrote no {written}; the directory is as it was before; "
+            "check CC and the programs on the PATH"
+        )
+
+
+def build_libraries(
+    folder: Path,
+    name: str,
+    sources: Sequence[str],
+    headers: Sequence[str],
+    compiler: Compiler,
+    log: Callable[[str], None],
+    *,
+    fresh: bool = False,
+) -> dict[str, Any]:
+    """Compile the sources in a folder, link the shared library and make the static one.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the sources are and the libraries go to.
+    name : str
+        Of the library.
+    sources, headers : sequence of str
+        Names of the files.
+    compiler : Compiler
+    log : callable
+        Called with a line of text before each step.
+    fresh : bool
+        True: also compile what is in the cache of objects.
+
+    Returns
+    -------
+    dict
+        The part of the manifest that describes the build.
+    """
+    archiver = next((found for found in _ARCHIVERS if shutil.which(found)), None)
+    if archiver is None:
+        raise BuildError(f"ar: given none, expected one of {', '.join(_ARCHIVERS)} on the PATH; install binutils")
+    bodies = {Path(file).name for file in headers}
+
+    def flags_of(file: str) -> list[str]:
+        if Path(file).name in [f"{name}_{solver}" for solver in SOLVERS]:
+            return [*compiler.solvers]
+        return [*(compiler.functions if _body(Path(file)).name in bodies else compiler.others)]
+
+    stored = Objects(compiler.identity, {file: (folder / file).read_bytes() for file in headers}, flags_of)
+    with one_at_a_time(stored.folder, name, log):
+        _compile(stored, folder, sources, compiler, flags_of, log, fresh=fresh)
+    log("linking")
+    objects = [_object(file) for file in sources]
+    suffix = "dylib" if sys.platform == "darwin" else "so"
+    linked, static = f"linked.{suffix}", f"lib{name}.a"
+    _run("linker", [*compiler.command, *compiler.flags, "-shared", "-o", linked, *objects, "-lm"], folder, linked)
+    _run("archiver", [archiver, "rcs" if sys.platform == "darwin" else "rcsD", static, *objects], folder, static)
+    digest = hashlib.sha256((folder / linked).read_bytes()).hexdigest()
+    library = f"lib{name}-{digest[:16]}.{suffix}"
+    (folder / linked).rename(folder / library)
+    for file in objects:
+        (folder / file).unlink()
+    return {
+        "library": library,
+        "sha256": digest,
+        "static": static,
+        "static_sha256": hashlib.sha256((folder / static).read_bytes()).hexdigest(),
+        "compiler": compiler.version,
+        "flags": list(compiler.flags),
+        "identity": compiler.identity,
+        "instruction_sets": list(compiler.instruction_sets),
+    }
+
+
+def _compile(
+    stored: Objects,
+    folder: Path,
+    sources: Sequence[str],
+    compiler: Compiler,
+    flags_of: Callable[[str], Sequence[str]],
+    log: Callable[[str], None],
+    *,
+    fresh: bool,
+) -> None:
+    """The object of each source in a folder beside it: from the cache, or compiled."""
+    missing = [file for file in sources if fresh or not stored.fetch(folder / file)]
+    workers = max(2, os.cpu_count() or 1)
+    known = f", {len(sources) - len(missing)} known" * (len(missing) < len(sources))
+    log(f"compiling {len(missing)} files{known}{_expected_time(folder, missing, workers)}")
+    with ThreadPoolExecutor(max_workers=workers) as pool:
+        jobs = {}
+        for file in sorted(missing, key=lambda file: -_effort(folder, file)):  # the longest first
+            words = [*compiler.command, *compiler.flags, *flags_of(file), "-c", file, "-o", _object(file)]
+            jobs[file] = pool.submit(_run, "C compiler", words, folder, _object(file))
+        try:
+            for file, job in jobs.items():
+                job.result()
+                stored.keep(folder / file)
+        except BuildError:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _body(source: Path) -> Path:
+    """Where the mathematics of a source would be."""
+    return source.with_name(f"{source.stem}_body.h")
+
+
+def _object(source: str) -> str:
+    return str(Path(source).with_suffix(".o"))
+
+
+def _expected_time(folder: Path, sources: Sequence[str], workers: int) -> str:
+    """``, about 2 min`` where compiling takes long; else an empty text."""
+    efforts = [_effort(folder, source) for source in sources]
+    seconds = SECONDS_PER_BYTE * max(max(efforts, default=0), sum(efforts) / workers)
+    if seconds < LONG:
+        return ""
+    return f", about {seconds:.0f} s" if seconds < 100 else f", about {seconds / 60:.0f} min"
+
+
+def _effort(folder: Path, source: str) -> int:
+    """Bytes of a source and of the mathematics that it includes."""
+    body = _body(folder / source)
+    return (folder / source).stat().st_size + (body.stat().st_size if body.exists() else 0)

@@ -1,0 +1,451 @@
+"""From a model to a directory with its C library: written, compiled and described by ``manifest.json``.
+
+A directory is complete or as it was before: everything is written and compiled aside, then moved into place, the
+manifest last. The manifest holds the digest of all that the sources depend on and the identity of the compiler that
+made the library; where both are unchanged nothing is done, where the digest is nothing is derived.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from flexgen.atomic_files import followed
+from flexgen.codegen.amalgamation import amalgamated
+from flexgen.codegen.c_functions import check_parts
+from flexgen.codegen.clib_types import signature_of
+from flexgen.codegen.interface import ABI_VERSION, PARTS, STATUSES, STRUCTS
+from flexgen.codegen.spec import (
+    PRECISIONS,
+    LibrarySpec,
+    PrecisionName,
+    chosen_functions,
+    library_name,
+    library_spec,
+)
+from flexgen.display import short_repr
+from flexgen.errors import ArgumentError, BuildError
+from flexgen.library.compiler import ISAS, Compiler, IsaName, build_libraries, find_compiler
+from flexgen.library.directory import (
+    MANIFEST,
+    check_owned,
+    clean,
+    install,
+    libraries,
+    read_manifest,
+    staging,
+    unchanged,
+)
+from flexgen.library.packaging import packaging
+from flexgen.model.digest import model_digest
+from flexgen.model.elements import RobotModel
+from flexgen.model.reader import read
+from flexgen.progress import Choice, reported
+from flexgen.type_checks import checked_result, checked_types
+from flexgen.types_of_values import items_of
+from flexgen.version import __version__
+
+if TYPE_CHECKING:
+    from flexgen.mechanics.equations import Equations
+
+FORMAT = 2
+
+
+@checked_result
+@dataclass(frozen=True)
+class Generated:
+    """What `generate` left behind.
+
+    Parameters
+    ----------
+    directory : Path
+        Where the library is; `flexgen.load` takes it.
+    files : tuple of Path
+        Everything in it: header, sources, CMake and pkg-config files, manifest, shared and static library.
+    functions : tuple of str
+        Names of the functions.
+    digest : str
+        SHA-256 of everything that the sources depend on.
+    seconds : float
+        Time taken [s].
+    cached : bool
+        True where nothing had to be compiled or linked.
+    written : bool
+        False where nothing had changed, so that nothing was written either.
+    """
+
+    directory: Path
+    files: tuple[Path, ...]
+    functions: tuple[str, ...]
+    digest: str
+    seconds: float
+    cached: bool
+    written: bool
+
+    __repr__ = short_repr
+
+
+@checked_types(own=("model_or_equations", "directory", "parameters", "parts"))
+@reported("generate")
+def generate(
+    model_or_equations: str | Path | RobotModel | Equations,
+    directory: str | os.PathLike[str] | None = None,
+    *,
+    build: bool = True,
+    functions: Sequence[str] | None = None,
+    precision: PrecisionName = "double",
+    parameters: Sequence[str] = (),
+    native: bool = False,
+    openmp: bool = False,
+    isa: IsaName = "native",
+    amalgamate: bool = False,
+    per_point: bool = False,
+    parts: Sequence[str] = (),
+    progress: Choice = None,
+    force: bool = False,
+) -> Generated:
+    """Write the C library of a model: header, sources, example, manifest, CMake and pkg-config files, libraries.
+
+    Parameters
+    ----------
+    model_or_equations : str, Path, RobotModel or Equations
+        A name in models/, a path (either with ``@variant``), a model, or equations that were derived before.
+    directory : str or Path, optional
+        Where to write; ``generated/<name>`` (``<name>_<variant>``) below the current directory where not given.
+    build : bool
+        False: write the sources, compile nothing.
+    functions : sequence of str, optional
+        Only these functions; default: all that the model has. Inverse dynamics along paths and streams come
+        with all of them.
+    precision : str
+        ``"double"`` or ``"single"``: the type of every number in the library.
+    parameters : sequence of str
+        Numbers of the model that shall be arguments of the functions: ``payload``, ``stiffness``, ``q2.damping`` and
+        others, see `flexgen.mechanics.parameters`. Equations that are given bring their own.
+    native : bool
+        True: contract products and sums; a little faster, and the results differ by rounding from those of the
+        default flags, which give the same bits with every compiler and on every processor.
+    openmp : bool
+        True: batches use all cores.
+    isa : str
+        Instruction set of the compiled libraries, with the same bits for each: ``"native"``, that of this processor, or
+        ``"x86-64"``, ``"x86-64-v2"``, ``"x86-64-v3"`` (AVX2), ``"x86-64-v4"`` (AVX-512), for other computers.
+    amalgamate : bool
+        True: one header ``<name>.h`` and one source ``<name>.c`` instead of many files; the results have the same bits.
+    per_point : bool
+        True: functions for many points take one vector of parameters for each point, and not one for all. Such a
+        library has no inverse dynamics along paths and no streams.
+    parts : sequence of str
+        Optional parts: ``"bvp"``, for whole paths by another method than `invert`, to check it (in double precision).
+    progress : callable or bool, optional
+        Called with one line of text before each step; default: messages on a terminal and in a notebook; False: none.
+    force : bool
+        True: derive, write and compile even where nothing has changed.
+
+    Returns
+    -------
+    Generated
+
+    Raises
+    ------
+    BuildError
+        Where something cannot be written in C, the compiler is missing or fails, the directory cannot be written, or it
+        holds another library or files that flexgen did not write; the directory stays as it was.
+    ModelError, ArgumentError
+        Where the model cannot be read or a function is unknown.
+    """
+    start = time.perf_counter()
+    log = progress if callable(progress) else (lambda line: None)
+    model, equations = _resolve(model_or_equations)
+    names = chosen_functions(functions, model)
+    _check_choices(precision, parameters, isa, equations)
+    parts = tuple(dict.fromkeys(_names("parts", parts)))
+    check_parts(parts, model, names, precision)
+    target = Path("generated", library_name(model)) if directory is None else _folder(directory)
+    options = {"native": bool(native), "openmp": bool(openmp), "isa": isa}
+    request = _Request(
+        model, equations, names, precision, tuple(parameters), bool(amalgamate), bool(per_point), options, force, parts
+    )
+    return _generated(request, target, build, log, start)
+
+
+def generate_parts(
+    model: RobotModel,
+    directory: Path,
+    functions: Sequence[str],
+    solvers: Sequence[str],
+    *,
+    parameters: Sequence[str] = (),
+    per_point: bool = False,
+    native: bool = False,
+    progress: Callable[[str], None],
+) -> Generated:
+    """`generate` for flexgen itself, which compiles only what it calls.
+
+    Parameters
+    ----------
+    model : RobotModel
+    directory : Path
+    functions : sequence of str
+        Names of emitted functions.
+    solvers : sequence of str
+        Names of the hand-written sources: ``invert``, ``bvp``, ``stream`` and others.
+    parameters, per_point, native, progress
+        See `generate`.
+    """
+    options = {"native": native, "openmp": False, "isa": "native"}
+    names = chosen_functions(functions, model)
+    parts = tuple(part for part in PARTS if part in solvers)
+    request = _Request(
+        model, None, names, "double", tuple(parameters), False, per_point, options, False, parts, solvers
+    )
+    return _generated(request, directory, True, progress, time.perf_counter())
+
+
+@dataclass(frozen=True)
+class _Request:
+    """What a library is made from.
+
+    ``equations``: None to derive them; ``options``: of the build; ``parts``: optional hand-written sources;
+    ``solvers``: None for all hand-written sources.
+    """
+
+    model: RobotModel
+    equations: Any
+    names: tuple[str, ...]
+    precision: str
+    parameters: tuple[str, ...]
+    amalgamate: bool
+    per_point: bool
+    options: dict[str, Any]
+    force: bool
+    parts: tuple[str, ...]
+    solvers: Sequence[str] | None = None
+
+
+def _generated(request: _Request, target: Path, build: bool, log: Callable[[str], None], start: float) -> Generated:
+    """The library in the folder ``target``: what is there where nothing has changed, else written and compiled."""
+    name, options = library_name(request.model), request.options
+    followed(target)
+    clean(target)
+    digest = _content_digest(request)
+    compiler = find_compiler(**options) if build else None
+    old = read_manifest(target, name)
+    known = not request.force and old is not None and old.get("digest") == digest and _intact(target, old)
+    if known and old is not None and (not build or _built(target, old, options, compiler)):
+        return _result(target, old, start, cached=True, written=False)
+    if build and compiler is None:
+        raise BuildError(
+            "C compiler: given none, expected cc, gcc or clang on the PATH or $CC; "
+            "install one (such as the package gcc or build-essential), or write the sources only: "
+            "build=False in Python, --no-build on the command line"
+        )
+    if known and old is not None:
+        manifest, texts = dict(old), {file: (target / file).read_text(encoding="ascii") for file in old["files"]}
+    else:
+        manifest, texts = _written(request, digest, log)
+    public = [file for file in texts if file.endswith(".h") and "/" not in file]
+    texts |= packaging(name, _sources(texts), public, openmp=options["openmp"])
+    manifest["files"] = {file: hashlib.sha256(text.encode("ascii")).hexdigest() for file, text in texts.items()}
+    manifest["build"] = None
+    if not request.force and old is not None and old["files"] == manifest["files"] and _intact(target, old):
+        manifest["build"] = old["build"] if not build or _built(target, old, options, compiler) else None
+    check_owned(target, name, texts, old)
+    compiled = manifest["build"] is None and compiler is not None
+    with staging(target) as folder:
+        _write(folder, texts)
+        if compiled and compiler is not None:
+            headers = [file for file in texts if file.endswith(".h")]
+            built = build_libraries(folder, name, _sources(texts), headers, compiler, log, fresh=request.force)
+            manifest["build"] = options | built
+        install(folder, target, manifest, old)
+    return _result(target, manifest, start, cached=not compiled, written=True)
+
+
+def _check_choices(precision: str, parameters: Sequence[str], isa: str, equations: Any) -> None:
+    """ArgumentError for a choice that is not offered."""
+    if isa not in ISAS:
+        raise ArgumentError(f"isa: given {isa!r}, expected one of {', '.join(ISAS)}")
+    if precision not in PRECISIONS:
+        raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
+    _names("parameters", parameters)
+    if parameters and equations is not None:
+        raise ArgumentError("parameters: given beside equations, expected them in derive(model, parameters)")
+
+
+def _names(argument: str, given: Any) -> list[Any]:
+    """An argument that is a sequence of names; ArgumentError where it is not."""
+    names = items_of(given)
+    if names is None or not all(isinstance(word, str) for word in names):
+        raise ArgumentError(f"{argument}: given {given!r}, expected a sequence of names")
+    return list(names)
+
+
+def _sources(texts: Mapping[str, str]) -> list[str]:
+    """The files that the library is compiled from."""
+    return [file for file in texts if file.endswith(".c") and file != "example.c"]
+
+
+def _write(folder: Path, texts: Mapping[str, str]) -> None:
+    """Write the texts to the folder."""
+    for file, text in texts.items():
+        (folder / file).parent.mkdir(exist_ok=True)
+        (folder / file).write_text(text, encoding="ascii", newline="\n")
+
+
+def _written(request: _Request, digest: str, log: Callable[[str], None]) -> tuple[dict[str, Any], dict[str, str]]:
+    """The manifest and the sources, derived where no equations are given."""
+    name, equations = library_name(request.model), request.equations
+    if equations is None:
+        from flexgen.mechanics.equations import derive
+
+        log(f"deriving {name}")
+        equations = derive(request.model, request.parameters)
+    log(f"writing {name}")
+    from flexgen.codegen.emit import emit, function_texts, inversion_header
+
+    spec = offered = library_spec(
+        equations, request.names, precision=request.precision, per_point=request.per_point, parts=request.parts
+    )
+    if request.solvers is not None:
+        wanted = {f"{solver}.c" for solver in request.solvers}
+        spec = replace(spec, c_functions=tuple(f for f in spec.c_functions if f.file in wanted))
+    elif spec.inverts:
+        from flexgen.library.stream_defaults import stream_defaults
+
+        spec = replace(spec, stream=stream_defaults(request.model, spec))
+    written = function_texts(spec)
+    texts = emit(spec, written)
+    if request.solvers is not None and spec.inverts:
+        # one header, so that other choices of solvers take the same objects
+        texts[f"{name}_inversion.h"] = inversion_header(offered, written)
+    texts = amalgamated(name, texts) if request.amalgamate else texts
+    return _manifest(spec, digest, {f: text.work > 0 for f, text in written.items()}), texts
+
+
+def _resolve(given: Any) -> tuple[RobotModel, Any]:
+    """The model, and the equations where they were given."""
+    if isinstance(given, RobotModel):
+        return given, None
+    if isinstance(given, str | os.PathLike):
+        return read(given if isinstance(given, str) else Path(given)), None
+    if isinstance(getattr(given, "model", None), RobotModel) and callable(getattr(given, "function", None)):
+        return given.model, given
+    raise ArgumentError(
+        f"model_or_equations: given {type(given).__name__}, expected a model's name or path, a RobotModel or Equations"
+    )
+
+
+def _folder(given: Any) -> Path:
+    """The directory to write to."""
+    if not isinstance(given, str | os.PathLike) or not isinstance(os.fspath(given), str) or "\0" in os.fspath(given):
+        raise ArgumentError(f"directory: given {given!r}, expected the path of a folder")
+    return Path(given)
+
+
+# --- digest and manifest ----------------------------------------------------------------------------------------------
+
+
+def _content_digest(request: _Request) -> str:
+    """SHA-256 of all that the sources depend on, known without deriving them.
+
+    Equations that a caller brings may differ from those of `derive`: they never share a digest, and the emitted text
+    decides whether there is something to compile.
+    """
+    own = request.equations is not None
+    choices = [request.names, request.precision, list(request.parameters), own, request.amalgamate, request.per_point]
+    choices += [list(request.parts)]
+    choices += [] if request.solvers is None else [list(request.solvers)]
+    root = Path(__file__).resolve().parent.parent
+    sources = [root / "ports.py", root / "model" / "digest.py", root / "model" / "elements.py"]
+    for folder in ("analysis", "build", "codegen", "expressions", "mechanics", "numerics", "recursion"):
+        sources += sorted((root / folder).glob("*.py"))
+    sources += sorted(path for path in (root / "clib").glob("*") if path.suffix in (".c", ".h"))
+    code = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
+    parts = [FORMAT, ABI_VERSION, model_digest(request.model), __version__, _casadi_version(), code, *choices]
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+
+
+def _casadi_version() -> str:
+    """Version of CasADi, found without importing it."""
+    try:
+        return version("casadi")
+    except PackageNotFoundError:
+        return "unknown"
+
+
+def _manifest(spec: LibrarySpec, digest: str, needs_work: Mapping[str, bool]) -> dict[str, Any]:
+    """What the Python loader and other tools need to know of the library."""
+    return {
+        "format": FORMAT,
+        "generator": f"flexgen {__version__}",
+        "casadi": _casadi_version(),
+        "name": spec.name,
+        "digest": digest,
+        "model_digest": spec.digest,
+        "abi_version": ABI_VERSION,
+        "precision": spec.precision,
+        "sizes": spec.sizes,
+        "coordinates": [
+            {"name": name, "unit": unit} for name, unit in zip(spec.coordinates, spec.coordinate_units, strict=True)
+        ],
+        "motors": list(spec.motors),
+        "states": list(spec.states),
+        "per_point": spec.per_point,
+        "parameters": [asdict(parameter) for parameter in spec.parameters],
+        "statuses": [asdict(status) for status in STATUSES],
+        "functions": [
+            {
+                "name": f.name,
+                "work": needs_work[f.name],
+                "summary": f.summary,
+                "equation": f.equation,
+                "inputs": [{**asdict(p), "shape": list(p.shape)} for p in f.inputs],
+                "outputs": [{**asdict(p), "shape": list(p.shape)} for p in f.outputs],
+            }
+            for f in spec.functions
+        ],
+        "structs": [
+            {"name": struct.name, "signature": signature_of(struct), "fields": [asdict(f) for f in struct.fields]}
+            for struct in (STRUCTS if spec.inverts else ())
+        ],
+        "c_functions": [{**asdict(f), "signature": f.signature} for f in spec.c_functions],
+        "files": {},
+        "build": None,
+    }
+
+
+def _intact(directory: Path, manifest: dict[str, Any]) -> bool:
+    """True where every text is there as recorded."""
+    return unchanged(directory, manifest["files"])
+
+
+def _built(directory: Path, manifest: dict[str, Any], options: dict[str, Any], compiler: Compiler | None) -> bool:
+    """True where the libraries are there as recorded and as this compiler makes them."""
+    built: Any = manifest.get("build")
+    try:
+        made_so = {key: built[key] for key in options} == options
+        if not made_so or (compiler is not None and built["identity"] != compiler.identity):
+            return False
+        return unchanged(directory, {built["library"]: built["sha256"], built["static"]: built["static_sha256"]})
+    except (KeyError, TypeError):
+        return False
+
+
+def _result(directory: Path, manifest: dict[str, Any], start: float, *, cached: bool, written: bool) -> Generated:
+    return Generated(
+        directory=directory,
+        files=tuple(directory / file for file in (*manifest["files"], MANIFEST, *libraries(manifest))),
+        functions=tuple(f["name"] for f in manifest["functions"]),
+        digest=manifest["digest"],
+        seconds=time.perf_counter() - start,
+        cached=cached,
+        written=written,
+    )

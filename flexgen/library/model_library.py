@@ -1,0 +1,146 @@
+"""C libraries of models that flexgen calls itself: generated once for each model, kept in the user's cache."""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from flexgen.codegen.spec import library_name
+from flexgen.deadline import paused
+from flexgen.errors import BuildError
+from flexgen.library.generate import MANIFEST, Generated, generate_parts
+from flexgen.library.library_cache import mark_used, prune
+from flexgen.library.object_cache import cache_folder
+from flexgen.model.digest import model_digest
+from flexgen.model.elements import RobotModel
+from flexgen.runtime import load
+from flexgen.runtime.library import Library
+from flexgen.runtime.processor import instruction_sets
+
+KEPT = 32  # loaded libraries
+
+
+def library_with(
+    model: RobotModel,
+    functions: Sequence[str],
+    solvers: Sequence[str] = (),
+    *,
+    parameters: Sequence[str] = (),
+    per_point: bool = False,
+    native: bool = False,
+    progress: Callable[[str], None] | None = None,
+) -> Library:
+    """The library of a model with some functions of the C library, made once for each model and kept in the cache.
+
+    Parameters
+    ----------
+    model : RobotModel
+    functions : sequence of str
+        Names of the functions.
+    solvers : sequence of str
+        Names of hand-written sources, such as ``invert``; those that are not named are not compiled.
+    parameters : sequence of str
+        Numbers of the model that are arguments of the functions.
+    per_point : bool
+        Batches take one vector of them for each point.
+    native : bool
+        Compile for this processor: often faster, and the last digits depend on the processor.
+    progress : callable, optional
+        Called with one line of text before a long step.
+
+    Raises
+    ------
+    BuildError
+        There is no compiler, or it fails.
+    """
+    with paused():
+        what = _What(tuple(functions), tuple(solvers), tuple(parameters), native, per_point)
+        return _loaded(_Key(model), what, progress if progress is not None else _silent)
+
+
+def _silent(line: str) -> None:
+    """Do not log."""
+
+
+class _Key:
+    """A model, equal to another with the same data."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model, self.digest = model, model_digest(model)
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and other.digest == self.digest
+
+
+@dataclass(frozen=True)
+class _What:
+    """What a library has: names of functions, solvers and parameters, and whether it is for this processor only."""
+
+    functions: tuple[str, ...]
+    solvers: tuple[str, ...]
+    parameters: tuple[str, ...]
+    native: bool
+    per_point: bool = False
+
+    def generate(self, model: RobotModel, folder: Path, progress: Callable[[str], None]) -> Generated:
+        """Generate the library, or find that it is there."""
+        return generate_parts(
+            model,
+            folder,
+            self.functions,
+            self.solvers,
+            parameters=self.parameters,
+            per_point=self.per_point,
+            native=self.native,
+            progress=progress,
+        )
+
+
+@lru_cache(maxsize=KEPT)
+def _built(key: _Key, what: _What) -> list[Library]:
+    """Holder of the library of a model, kept by this process."""
+    return []
+
+
+def _loaded(key: _Key, what: _What, progress: Callable[[str], None]) -> Library:
+    holder = _built(key, what)
+    if not holder:
+        model = key.model
+        root = cache_folder()
+        processor = " ".join(sorted(instruction_sets() or ()))  # computers that share the cache can differ
+        mark = hashlib.sha256(f"{key.digest} {what} {processor}".encode()).hexdigest()[:16]
+        if root is None:
+            with tempfile.TemporaryDirectory() as folder:
+                made = what.generate(model, Path(folder) / "library", progress)
+                holder.append(load(made.directory))
+        else:
+            target = root / "libraries" / f"{library_name(model)}-{mark}"
+            holder.append(_kept(model, target, what, progress))
+    else:
+        mark_used(holder[0].directory)
+    return holder[0]
+
+
+def _kept(model: RobotModel, target: Path, what: _What, progress: Callable[[str], None]) -> Library:
+    """The library in a folder of the cache; generated where it is missing."""
+    there = (target / MANIFEST).exists()
+    mark_used(target)
+    try:
+        made = what.generate(model, target, progress)
+        library = load(made.directory)
+    except (BuildError, OSError):
+        if not there or (target / MANIFEST).exists():
+            raise
+        # another process removed it meanwhile; a new one is not removed
+        made = what.generate(model, target, progress)
+        library = load(made.directory)
+    if made.written:
+        prune(target.parent)
+    return library

@@ -1,0 +1,130 @@
+"""Controllers by frequencies: gains of a P-PI cascade from the inertias of a model.
+
+position_gain = 2 pi f_p,   speed_gain = 2 pi f_v J,   integral_gain = 2 pi f_i,    J = J_m + M_jj / eta^2
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flexgen.analysis import second_order
+from flexgen.arguments import is_number
+from flexgen.display import short_repr
+from flexgen.errors import ArgumentError
+from flexgen.loop.controllers import Cascade, Filter
+from flexgen.loop.plants import LocalDynamics, check_motion
+from flexgen.mechanics.equations import derive
+from flexgen.model.elements import RobotModel
+from flexgen.simulation.motor_feedback import MULTIPLES, RIGID_HZ
+from flexgen.type_checks import checked_class
+
+SAMPLED_GAIN = 0.3  # largest speed gain times sample time and delay, over the inertia with all springs soft
+
+
+@checked_class
+@dataclass(frozen=True)
+class PPI:
+    """A P-PI cascade for every motor of a model, by frequencies.
+
+    Parameters
+    ----------
+    position_hz, speed_hz, integral_hz : float or None [Hz]
+        Bandwidths of position and speed control, corner of the integral part; None: 0.5, 3 and 0.1 times the lowest
+        natural frequency with locked motors.
+    filters : tuple of LowPass and Notch
+        Of the feedback torque.
+    """
+
+    position_hz: float | None = None
+    speed_hz: float | None = None
+    integral_hz: float | None = None
+    filters: tuple[Filter, ...] = ()
+
+    def __post_init__(self) -> None:
+        for name in MULTIPLES:
+            value = getattr(self, name)
+            if value is not None and not (is_number(value) and 0 <= value <= 1e5):
+                raise ArgumentError(f"controller, {name}: given {value!r}, expected 0 to 1e5 Hz")
+        if not isinstance(self.filters, Sequence) or not all(hasattr(each, "section") for each in self.filters):
+            raise ArgumentError(f"controller, filters: given {self.filters!r}, expected filters such as flexgen.Notch")
+
+    def frequencies(self, model: RobotModel, motion: Sequence[np.ndarray]) -> dict[str, float]:
+        """The three frequencies for a model at a pose [Hz]."""
+        given = {name: getattr(self, name) for name in MULTIPLES}
+        if None not in given.values():
+            return given
+        check_motion(model, motion)
+        lowest = lowest_locked_hz(model, motion) or RIGID_HZ
+        return {name: MULTIPLES[name] * lowest if value is None else value for name, value in given.items()}
+
+    def cascade(self, model: RobotModel, late_s: float, motion: Sequence[np.ndarray]) -> Cascade:
+        """The gains for a model.
+
+        Parameters
+        ----------
+        model : RobotModel
+        late_s : float [s]
+            Sample time and delay together: they limit the speed gain.
+        motion : sequence of arrays (1, ...)
+            ``q_a v_a a_a q_m v_m a_m tau_m`` of the pose that the inertias are taken at.
+        """
+        check_motion(model, motion)
+        stiff, soft = motor_inertias(model, motion)
+        own = self.frequencies(model, motion)
+        speed = np.minimum(2 * np.pi * own["speed_hz"] * stiff, SAMPLED_GAIN * soft / late_s)
+        position, integral = (np.full(model.n_m, 2 * np.pi * own[name]) for name in ("position_hz", "integral_hz"))
+        limits = np.array([motor.torque_max or 0.0 for motor in model.motors])
+        return Cascade(position, speed, integral, self.filters, limits)
+
+
+@checked_class
+@dataclass(frozen=True)
+class PID:
+    """A PID controller for every motor: the same feedback as `PPI`, stated by its gains.
+
+        u = tau_ff + k_p e + k_i int e dt + k_d (v_ref - v),    e = q_ref - q
+
+    Parameters
+    ----------
+    k_p, k_i, k_d : array (n_m,) [N m/rad, N m/(rad s), N m s/rad]
+    filters : tuple of LowPass and Notch
+    """
+
+    k_p: np.ndarray
+    k_i: np.ndarray
+    k_d: np.ndarray
+    filters: tuple[Filter, ...] = ()
+
+    __repr__ = short_repr
+
+    def cascade(self) -> Cascade:
+        """Position and integral gain w_p, w_i with ``w_p + w_i = k_p/k_d``, ``w_p w_i = k_i/k_d``.
+
+        ArgumentError where they are not real: the integral part is too large for a cascade.
+        """
+        k_p, k_i, k_d = (np.asarray(x, dtype=float) for x in (self.k_p, self.k_i, self.k_d))
+        if not np.all(k_d > 0):
+            raise ArgumentError(f"controller, k_d: given {k_d}, expected gains > 0")
+        half, product = k_p / k_d / 2, k_i / k_d
+        root = half**2 - product
+        if np.any(root < 0):
+            raise ArgumentError(
+                f"controller, k_i: given {k_i}, expected at most k_p^2/(4 k_d) = {k_p**2 / (4 * k_d)}: with more the "
+                "zeros of the controller are complex"
+            )
+        return Cascade(half + np.sqrt(root), k_d, half - np.sqrt(root), self.filters)
+
+
+def motor_inertias(model: RobotModel, motion: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Inertias that the motors move at a pose: with all springs stiff, and soft, (n_m,) each [kg m^2]."""
+    M, _, _, B = (x[0] for x in LocalDynamics(derive(model)).matrices(motion, np.zeros(0)))
+    return second_order.motor_inertias(model, M, B, second_order.motor_rows(model))
+
+
+def lowest_locked_hz(model: RobotModel, motion: Sequence[np.ndarray]) -> float:
+    """Lowest natural frequency with the motors locked at a pose [Hz]; 0 where nothing is elastic then."""
+    M, _, K, _ = (x[0] for x in LocalDynamics(derive(model)).matrices(motion, np.zeros(0)))
+    return second_order.lowest_locked_hz(model, M, K)

@@ -1,0 +1,189 @@
+"""Stability margins of a linear controller at poses: the sampled loop as a linear system.
+
+largest gain      of the whole feedback, from 1 on, before an eigenvalue of the loop leaves the unit circle
+largest delay     beside the one that is there [s]
+L(z)              loop gain from torques to torques; Nyquist: det(1 + L) circles the origin as often as L has
+                  unstable poles
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from flexgen.analysis.second_order import motor_rows
+from flexgen.arguments import is_number
+from flexgen.counts import shown
+from flexgen.errors import ArgumentError
+from flexgen.loop.controllers import Cascade, Linear
+from flexgen.loop.sampled_model import PoseModel, PoseModels, sampled
+from flexgen.model.elements import RobotModel
+from flexgen.type_checks import checked_class, checked_result
+
+LARGEST_GAIN, GAINS = 100.0, 60
+LARGEST_DELAY, DELAYS = 32.0, 128  # samples; in steps of a quarter
+MOST_LATE = 256  # samples of a delay, each of which is a state
+BISECTIONS = 20
+FREQUENCIES, LEAST_HZ = 600, 1e-6
+
+
+@checked_result
+@dataclass(frozen=True)
+class Margins:
+    """Margins of the loop at a pose.
+
+    ``stable``; ``largest_eigenvalue``: of the sampled loop; ``gain``: largest factor, ``delay_s``: largest delay more
+    [s]; both infinite where none was found, zero for an unstable loop.
+    """
+
+    stable: bool
+    largest_eigenvalue: float
+    gain: float
+    delay_s: float
+
+
+@dataclass(frozen=True)
+class LoopResponse:
+    """``hz`` (k,); ``gains`` (k, n_m): singular values of the loop gain; ``nyquist`` (k,): det(1 + L)."""
+
+    hz: np.ndarray
+    gains: np.ndarray
+    nyquist: np.ndarray
+
+
+def as_linear(controller: Any, sample_s: float, n_y: int) -> Linear | None:
+    """A cascade or linear controller (of its first part) as ``A, B, C, D`` from ``y_ref - y``; None for others."""
+    if isinstance(controller, Linear):
+        A, B, C, D = (x[0] for x in controller.matrices)
+        return Linear(A, B, C, D)
+    if not isinstance(controller, Cascade):
+        return None
+    n, sections = len(controller.speed_gain), [f.section(sample_s) for f in controller.filters]
+    own = 2 + 2 * len(sections)  # states of a motor: last error, integral, filters
+    A, B = np.zeros((n * own, n * own)), np.zeros((n * own, n_y))
+    C, D = np.zeros((n, n * own)), np.zeros((n, n_y))
+    for j in range(n):
+        k_p, k_v, k_i = (
+            float(x[j]) for x in (controller.position_gain, controller.speed_gain, controller.integral_gain)
+        )
+        at = slice(j * own, (j + 1) * own)
+        # Rows in the states of this motor and its error e: the speed error w, the integral, the feedback.
+        last, total, error = np.eye(own + 1)[[0, 1, own]]
+        w = (error - last) / sample_s + k_p * error
+        total = total + w * sample_s
+        x = k_v * (w + k_i * total)
+        rows = np.zeros((own, own + 1))
+        rows[0], rows[1] = error, total
+        for i, (b0, b1, b2, a1, a2) in enumerate(sections):
+            s1, s2 = np.eye(own + 1)[[2 + 2 * i, 3 + 2 * i]]
+            out = b0 * x + s1
+            rows[2 + 2 * i] = b1 * x - a1 * out + s2
+            rows[3 + 2 * i] = b2 * x - a2 * out
+            x = out
+        A[at, at], B[at, j] = rows[:, :own], rows[:, own]
+        C[j, at], D[j, j] = x[:own], x[own]
+    return Linear(A, B, C, D)
+
+
+@checked_class
+class LoopAtPose:
+    """The sampled loop of a robot at a pose under a linear controller."""
+
+    def __init__(self, model: PoseModel, controller: Linear, sample_s: float, delay_s: float) -> None:
+        self.model, self.controller, self.sample_s, self.delay_s = model, controller, sample_s, delay_s
+
+    def __repr__(self) -> str:
+        sizes = f"{len(self.model.A)} states of the robot, {self.controller.order} of the controller"
+        return f"<LoopAtPose: {sizes}, samples of {1e3 * self.sample_s:.4g} ms, delay {1e3 * self.delay_s:.4g} ms>"
+
+    def largest_eigenvalue(self, gain: float = 1.0, more_delay_s: float = 0.0) -> float:
+        """Of the closed loop, absolute."""
+        if not (is_number(more_delay_s) and 0 <= more_delay_s <= MOST_LATE * self.sample_s):
+            raise ArgumentError(
+                f"more_delay_s: given {shown(more_delay_s)}, expected 0 to {MOST_LATE * self.sample_s} s"
+            )
+        m, h = self.model, self.sample_s
+        F, G = sampled(m.A, m.B, h, self.delay_s + more_delay_s)
+        A, B, C, D = (x[0] for x in self.controller.matrices)
+        Y = np.zeros((len(m.C), len(F)))
+        Y[:, : len(m.A)] = m.C
+        loop = np.block([[F - gain * G @ D @ Y, gain * G @ C], [-B @ Y, A]])
+        return float(np.abs(np.linalg.eigvals(loop)).max())
+
+    def margins(self) -> Margins:
+        """Gain and delay margin."""
+        largest = self.largest_eigenvalue()
+        if not largest < 1.0:
+            return Margins(False, largest, 0.0, 0.0)
+        gains = np.geomspace(1.0, LARGEST_GAIN, GAINS)
+        delays = self.sample_s * LARGEST_DELAY * np.arange(1, DELAYS + 1) / DELAYS
+        gain = _first(lambda x: self.largest_eigenvalue(x) < 1.0, 1.0, gains[1:])
+        delay = _first(lambda x: self.largest_eigenvalue(1.0, x) < 1.0, 0.0, delays)
+        return Margins(True, largest, gain, delay)
+
+    def response(self, low_hz: float) -> LoopResponse:
+        """Loop gain from ``low_hz`` to half the sample rate."""
+        m, h = self.model, self.sample_s
+        if not (is_number(low_hz) and LEAST_HZ <= low_hz < 0.499 / h):
+            raise ArgumentError(f"low_hz: given {shown(low_hz)}, expected {LEAST_HZ:g} to {0.499 / h:.4g} Hz")
+        hz = np.geomspace(low_hz, 0.499 / h, FREQUENCIES)
+        z = np.exp(2j * np.pi * hz * h)[:, None, None]
+        F, G = sampled(m.A, m.B, h, self.delay_s)
+        Y = np.zeros((len(m.C), len(F)))
+        Y[:, : len(m.A)] = m.C
+        plant = Y @ np.linalg.solve(z * np.eye(len(F)) - F, np.broadcast_to(G.astype(complex), (len(hz), *G.shape)))
+        A, B, C, D = (x[0] for x in self.controller.matrices)
+        feedback = np.broadcast_to(D.astype(complex), (len(hz), *D.shape))
+        if len(A):
+            right = np.broadcast_to(B.astype(complex), (len(hz), *B.shape))
+            feedback = feedback + C @ np.linalg.solve(z * np.eye(len(A)) - A, right)
+        loop = feedback @ plant
+        return LoopResponse(hz, np.linalg.svd(loop, compute_uv=False), np.linalg.det(np.eye(loop.shape[1]) + loop))
+
+
+def _first(stable: Callable[[float], bool], start: float, values: Sequence[float] | np.ndarray) -> float:
+    """Largest value up to which the loop is stable; infinite where it is at all of them."""
+    low = start
+    for value in values:
+        if not stable(float(value)):
+            high = float(value)
+            for _ in range(BISECTIONS):
+                middle = (low + high) / 2
+                low, high = (middle, high) if stable(middle) else (low, middle)
+            return low
+        low = float(value)
+    return float("inf")
+
+
+def state_rows(model: RobotModel) -> np.ndarray:
+    """The channels ``q_a, v_a, q_m, v_m`` of the exact state from dx = (dy, dy'), y as in `motor_rows`."""
+    angles = (np.eye(model.n_a, model.dof), motor_rows(model))
+    return np.vstack([np.kron(part, rows) for rows in angles for part in np.eye(2)[:, None]])
+
+
+def loops_at(
+    model: RobotModel,
+    controller: Any,
+    sample_s: float,
+    delay_s: float,
+    motion: Sequence[np.ndarray],
+    samples: np.ndarray,
+) -> list[LoopAtPose]:
+    """The linear loops at points of a motion (k, ...), its samples (k,); empty for a controller that is not linear."""
+    poses = PoseModels(model)
+    out = []
+    for k in range(len(motion[0])):
+        at = poses.at([x[k : k + 1] for x in motion])
+        linear = as_linear(controller, sample_s, len(at.C))
+        if linear is None:
+            return []
+        if isinstance(controller, Linear):
+            A, B, C, D = (x[min(int(samples[k]) // controller.samples, len(x) - 1)] for x in controller.matrices)
+            linear = Linear(A, B, C, D)
+            if D.shape[1] > len(at.C):
+                at = replace(at, C=np.vstack([at.C, state_rows(model)]))
+        out.append(LoopAtPose(at, linear, sample_s, delay_s))
+    return out

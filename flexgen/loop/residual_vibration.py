@@ -1,0 +1,88 @@
+"""Vibration of the tool after a move, of robots whose stiffness differs from the model, under a P-PI cascade."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from flexgen.library.model_library import library_with
+from flexgen.loop.closed_loop import ClosedLoop
+from flexgen.loop.controllers import Cascade
+from flexgen.loop.gains import PPI
+from flexgen.loop.hardware import DriveHardware
+from flexgen.loop.plants import LocalDynamics, plants_of
+from flexgen.loop.reference import held_torques, time_grid
+from flexgen.loop.result import columns_in, unit_of
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.numerics.evaluate import evaluate
+from flexgen.trajectory import Trajectory
+
+SAMPLE_S = 1e-3
+BEFORE_S, WINDOW_S = 0.05, 0.4  # at rest before the motion; after the path
+STRIDE = 2  # samples between two values
+PLANTS = {"soft": {"stiffness": 0.9}, "stiff": {"stiffness": 1.1}}
+
+
+class ResidualVibration:
+    """Simulated error of the tool after a move less its static part.
+
+    Parameters
+    ----------
+    equations : Equations
+    plants : mapping
+        Changes of the robots, see `flexgen.loop.plants`; default: stiffness 10 % lower and higher.
+    tell : callable
+    """
+
+    def __init__(
+        self,
+        equations: Equations,
+        plants: Mapping[str, Mapping[str, float]] | None = None,
+        tell: Callable[[str], None] | None = None,
+    ) -> None:
+        self.equations, self.model = equations, equations.model
+        self.plants = plants_of(self.model, PLANTS if plants is None else plants)
+        names = tuple(p.name for p in self.plants.parameters)
+        self._library = library_with(self.model, ("forward_dynamics",), parameters=names, per_point=True, progress=tell)
+        self._local = LocalDynamics(derive(self.model, names))
+        self._rows = columns_in(self.model, unit_of(self.model))
+        self._law: Cascade | None = None
+        self._rate = 0.0
+
+    def __call__(self, trajectory: Trajectory, path_end: float) -> np.ndarray:
+        """Errors (robots, instants, rows) [m, or rad] from the end of the path on, as many for every motion."""
+        first, last = float(trajectory.time[0]), float(trajectory.time[-1])
+        end = path_end + WINDOW_S + 10 * SAMPLE_S
+        time = time_grid(first, end, SAMPLE_S, BEFORE_S, 0.0)
+        m = trajectory.at(np.clip(time, first, last))
+        held = held_torques(trajectory, time, SAMPLE_S, 0.0)
+        lanes, model = len(self.plants.names), self.model
+        if self._law is None:
+            still_a, still_m = np.zeros((1, model.n_a)), np.zeros((1, model.n_m))
+            motion = (m["q_a"][:1], still_a, still_a, m["q_m"][:1], still_m, still_m, m["tau_m"][:1])
+            self._law = PPI().cascade(model, SAMPLE_S, motion)
+            self._rate = 1.2 * max(self._local.largest_rate(motion, values) for values in self.plants.values)
+        rests = [self._local.rest(m["q_m"][0], values, m["q_a"][0]) for values in self.plants.values]
+        q_a, tau = (np.array(x) for x in zip(*rests, strict=True))
+        loop = ClosedLoop(
+            model, self._library, DriveHardware(SAMPLE_S), self._law, q_a, np.tile(m["q_m"][0], (lanes, 1)), self._rate,
+            parameters=self.plants.values,
+        )  # fmt: skip
+        loop.hold(tau)
+        rows = np.hstack([m["q_m"], held])
+        found = loop.run(np.repeat(rows[:, None], lanes, axis=1), len(time), motion=True, check=False)
+        assert found.motion is not None
+        out = []
+        instants = path_end + STRIDE * SAMPLE_S * np.arange(round(WINDOW_S / (STRIDE * SAMPLE_S)))
+        for lane, values in enumerate(self.plants.values):
+            arm = np.ascontiguousarray(found.motion[:, : model.n_a, lane])
+            ended, _ = self._local.rest(m["q_m"][-1], values, m["q_a"][-1])
+            at_rest, moving = self._output(ended[None]), self._output(arm)
+            error = moving - at_rest
+            out.append(CubicSpline(time, error[:, self._rows])(instants))  # smooth in the duration, for slopes
+        return np.array(out)
+
+    def _output(self, q_a: np.ndarray) -> np.ndarray:
+        return evaluate(self.equations.function("output"), q_a)[0].reshape(len(q_a), -1)

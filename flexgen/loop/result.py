@@ -1,0 +1,317 @@
+"""What a closed loop did: the motion of every robot, its output errors and torques."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flexgen.errors import ArgumentError
+from flexgen.inversion.solution import Solution, measured
+from flexgen.loop.hardware import DriveHardware
+from flexgen.loop.interface import Controller
+from flexgen.loop.margins import LoopAtPose, Margins, loops_at
+from flexgen.loop.plants import NOMINAL
+from flexgen.loop.reference import MotionReference
+from flexgen.mechanics.equations import Equations
+from flexgen.model.elements import RobotModel
+from flexgen.model.output_columns import output_labels, output_units
+from flexgen.numerics.evaluate import evaluate
+from flexgen.numerics.rotations import turn_angle
+from flexgen.ports import Port
+from flexgen.registry import registered
+from flexgen.trajectory import Trajectory
+from flexgen.type_checks import checked_result
+
+UNITS = ("m", "rad")
+SHOWN = 20  # robots in the printed text
+
+
+@checked_result
+@dataclass(frozen=True, repr=False)
+class PlantRun:
+    """One robot in the loop.
+
+    Attributes
+    ----------
+    name : str
+    q_a, q_m : arrays (n, n_a), (n, n_m) [rad, m]
+        At the samples.
+    tau_m : array (n, n_m) [N m]
+        Commanded torques.
+    error : array (n, n_y) [m, or rad for rotations of a combination]
+        Output minus reference.
+    turn : array (n,) or None [rad]
+        Angle between tool and reference, where the output is a pose.
+    saturated : int
+        Samples at a torque limit.
+    failure : str
+        Why it stopped; empty: it did not.
+    measured : array (n, n_m) [rad]
+        What the encoders showed.
+    sensors : array (n, n_s)
+        What the sensors of the model file showed.
+    load : str
+        Mass that was added to the payload, and where; empty: none.
+    """
+
+    name: str
+    q_a: np.ndarray
+    q_m: np.ndarray
+    tau_m: np.ndarray
+    error: np.ndarray
+    turn: np.ndarray | None
+    saturated: int
+    failure: str
+    measured: np.ndarray
+    sensors: np.ndarray
+    load: str = ""
+
+    def __repr__(self) -> str:
+        how = self.failure or f"error up to {np.abs(self.error).max(initial=0.0):.3g}, {self.saturated} saturated"
+        return f"<PlantRun {self.name}: {len(self.error)} samples, {how}>"
+
+
+@checked_result
+@dataclass(frozen=True, repr=False)
+class ControlRun:
+    """Result of `flexgen.control`: the model and the other robots under one controller.
+
+    Attributes
+    ----------
+    model : RobotModel
+    solution : Solution
+        The feedforward.
+    controller : str
+        Its name.
+    law : Controller
+    reference : MotionReference
+    hardware : DriveHardware
+    delay_samples : int
+        Whole samples of the delay; the rest is ``hardware.delay_s``.
+    runs : tuple of PlantRun
+        The first is the model.
+    steps : int
+        Integration steps in a sample.
+    wall_s : float [s]
+        Of the simulation.
+    """
+
+    model: RobotModel
+    solution: Solution
+    controller: str
+    law: Controller
+    reference: MotionReference
+    hardware: DriveHardware
+    delay_samples: int
+    runs: tuple[PlantRun, ...]
+    steps: int
+    wall_s: float
+
+    def __repr__(self) -> str:
+        return f"<ControlRun {self.model.name}, {self.controller}: {len(self.runs)} robots, {self.status}>"
+
+    def __str__(self) -> str:
+        """One line for each robot, of 20 at most."""
+        late = f", delay {1e3 * self.delay_s:.4g} ms" if self.delay_s else ""
+        lines = [
+            f"{self.model.name}, move {self.solution.move.name}: controller {self.controller} at "
+            f"{1e3 * self.hardware.sample_s:.4g} ms{late}: {self.status}"
+        ]
+        for run in self.runs[:SHOWN]:
+            row = self.figures(run)
+            found = {key: [(row[f"{key}_{u}"], u) for u in UNITS] for key in ("error_max", "dynamic_error_max")}
+            whole, dynamic = (" and ".join(measured(x, u) for x, u in each if x is not None) for each in found.values())
+            text = run.failure or (
+                f"error up to {whole}, dynamic {dynamic}, torque up to {row['torque_max_Nm']:.4g} N m"
+            )
+            full = f", {run.saturated} samples at the torque limit" if run.saturated and not run.failure else ""
+            lines.append(f"  {run.name}: {text}{full}{f', load {run.load}' if run.load else ''}")
+        more = len(self.runs) - SHOWN
+        return "\n".join([*lines, *([f"  and {more} more robots in .runs"] if more > 0 else [])])
+
+    @property
+    def status(self) -> str:
+        """``done``, or that of the first robot that failed."""
+        return next((f"failed: {run.name}: {run.failure}" for run in self.runs if run.failure), "done")
+
+    @property
+    def nominal(self) -> PlantRun:
+        """The robot that is as the model says."""
+        return self.runs[0]
+
+    def __getitem__(self, name: str) -> PlantRun:
+        for run in self.runs:
+            if run.name == name:
+                return run
+        raise ArgumentError(f"plant: given {name!r}, expected one of {', '.join(run.name for run in self.runs)}")
+
+    @property
+    def tool_error_max_m(self) -> float | None:
+        """Largest distance of the model's output from its reference [m]; None without lengths, NaN where it failed."""
+        found: float | None = self.figures(self.nominal)["error_max_m"]
+        return found
+
+    @property
+    def tool_error_max_rad(self) -> float | None:
+        """Largest angle of the model's output from its reference [rad]; None without angles, NaN where it failed."""
+        found: float | None = self.figures(self.nominal)["error_max_rad"]
+        return found
+
+    @property
+    def unit(self) -> str:
+        """``"m"``, or ``"rad"`` where the output has no lengths."""
+        return unit_of(self.model)
+
+    @property
+    def worst(self) -> PlantRun:
+        """The robot with the largest dynamic error; the first that failed where one did."""
+        failed = [run for run in self.runs if run.failure]
+        key = f"dynamic_error_max_{self.unit}"
+        return failed[0] if failed else max(self.runs, key=lambda run: self.figures(run)[key])
+
+    def distance(self, run: PlantRun, unit: str | None = None) -> np.ndarray:
+        """Distance of a robot's output from its reference at the samples (n,), of its columns in m or rad.
+
+        ``unit``: default `unit`.
+        """
+        return np.asarray(np.linalg.norm(run.error[:, columns_in(self.model, unit or self.unit)], axis=1))
+
+    def dynamic(self, run: PlantRun, unit: str | None = None) -> np.ndarray:
+        """The same without the static errors at start and end, (n,) [m or rad]."""
+        reference, e = self.reference, run.error[:, columns_in(self.model, unit or self.unit)]
+        start = int(np.searchsorted(reference.time, reference.begin)) - 1
+        share = np.clip(reference.time / max(reference.path_end, 1e-12), 0.0, 1.0)[:, None]
+        static = (1 - share) * e[max(start, 0)] + share * e[-1]
+        moving = reference.time >= reference.begin
+        return np.asarray(np.linalg.norm(e - static, axis=1) * moving)
+
+    def figures(self, run: PlantRun) -> dict[str, Any]:
+        """Largest errors and torques of a robot, SI units; NaN where it failed, None where the output has no such part.
+
+        Angles of a pose: ``error_max_rad`` and ``turn_max_rad``, the largest between tool and reference.
+        """
+        moving = self.reference.time >= self.reference.begin
+        start = max(int(np.searchsorted(self.reference.time, self.reference.begin)) - 1, 0)
+        values: dict[str, float | None] = {}
+        for unit in UNITS:
+            found: list[float | None] = [None] * 4
+            if columns_in(self.model, unit):
+                far, dynamic = self.distance(run, unit), self.dynamic(run, unit)
+                found = [float(far[moving].max()), float(far[-1]), float(far[start]), float(dynamic.max())]
+            keys = ("error_max", "error_end", "static_error_start", "dynamic_error_max")
+            values |= {f"{key}_{unit}": x for key, x in zip(keys, found, strict=True)}
+        values["turn_max_rad"] = turn = None if run.turn is None else float(run.turn[moving].max())
+        values["error_max_rad"] = turn if run.turn is not None else values["error_max_rad"]
+        values["torque_max_Nm"] = float(np.abs(run.tau_m).max())
+        if run.failure:
+            values = {key: None if x is None else float("nan") for key, x in values.items()}
+        return {
+            "plant": run.name,
+            **values,
+            "saturated_samples": run.saturated,
+            "failure": run.failure,
+            "load": run.load,
+        }
+
+    def trajectory(self, name: str = NOMINAL) -> Trajectory:
+        """Motion, torques and errors of a robot at the samples of the controller."""
+        run, robot = self[name], self.model
+        coordinates, motors = tuple(c.name for c in robot.coordinates), tuple(m.name for m in robot.motors)
+        units = output_units(robot)
+        rows = {
+            "q_a": (run.q_a, coordinates, "rad or m", "arm coordinates", tuple(c.unit for c in robot.coordinates)),
+            "q_m": (run.q_m, motors, "rad", "motor angles, motor side", ()),
+            "tau_m": (run.tau_m, motors, "N m", "commanded torques, motor side", ()),
+            "tau_ff": (self.reference.held, motors, "N m", "feedforward torques, motor side", ()),
+            "error": (
+                run.error,
+                output_labels(robot)["y_ref"],
+                "rad or m",
+                "output minus reference",
+                tuple(units),
+            ),
+        }
+        ports = {}
+        for key, (x, _, unit, doc, own) in rows.items():
+            ports[key] = Port(key, (x.shape[1],), own[0] if len(set(own)) == 1 else unit, doc)
+        meta = {"model": robot.name, "variant": robot.variant, "kind": "closed loop", "controller": self.controller}
+        return Trajectory(
+            self.reference.time,
+            {key: row[0] for key, row in rows.items()},
+            ports,
+            {key: row[1] for key, row in rows.items()},
+            meta | {"plant": name},
+            {key: row[4] for key, row in rows.items() if row[4]},
+        )
+
+    @property
+    def delay_s(self) -> float:
+        """From a measurement to its torque [s]."""
+        return self.delay_samples * self.hardware.sample_s + self.hardware.delay_s
+
+    def loops(self) -> dict[str, LoopAtPose]:
+        """The linear loops where the motion begins, half way and where it ends; empty for a law that is not linear."""
+        reference = self.reference
+        times = {"begin": reference.begin, "middle": reference.path_end / 2, "end": reference.end}
+        at = np.searchsorted(reference.time, list(times.values())).clip(0, len(reference.time) - 1)
+        found = loops_at(self.model, self.law, self.hardware.sample_s, self.delay_s, reference.points(at), at)
+        return dict(zip(times, found, strict=False))
+
+    def margins(self) -> dict[str, Margins]:
+        """Stability margins at these poses."""
+        return {name: loop.margins() for name, loop in self.loops().items()}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures as JSON types, SI units."""
+        return {
+            "model": self.model.name,
+            "variant": self.model.variant,
+            "move": self.solution.move.name,
+            "controller": self.controller,
+            "sample_time_s": self.hardware.sample_s,
+            "delay_s": self.delay_s,
+            "integration_steps": self.steps,
+            "simulated_s": float(self.reference.time[-1] - self.reference.time[0]),
+            "wall_s": self.wall_s,
+            "status": self.status,
+            "plants": [{k: _plain(v) for k, v in self.figures(run).items()} for run in self.runs],
+        }
+
+    def plot(self) -> Any:
+        """A matplotlib Figure: output errors and torques of all robots."""
+        return registered("ControlRun.plot")(self)
+
+    def report(self, folder: str | Path) -> Path:
+        """Write a page with the figures and pictures to a folder; return its path."""
+        page: Path = registered("ControlRun.report")(self, folder)
+        return page
+
+
+def unit_of(model: RobotModel) -> str:
+    """The unit of the errors of an output: ``"m"``, or ``"rad"`` where it has no lengths."""
+    return "m" if "m" in output_units(model) else "rad"
+
+
+def columns_in(model: RobotModel, unit: str) -> list[int]:
+    """Columns of the output with this unit."""
+    return [k for k, own in enumerate(output_units(model)) if own == unit]
+
+
+def _plain(value: Any) -> Any:
+    """None for NaN, which JSON does not have."""
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def output_errors(
+    equations: Equations, reference: MotionReference, q_a: np.ndarray
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Output minus reference (n, n_y), and the angle between tool and reference (n,) for a pose."""
+    y = evaluate(equations.function("output"), q_a)[0].reshape(len(q_a), -1)
+    turn = None
+    if reference.R_ref is not None:
+        R = evaluate(equations.function("forward_kinematics"), q_a)[1]
+        turn = turn_angle(R, reference.R_ref.reshape(-1, 3, 3))
+    return y - reference.y_ref, turn

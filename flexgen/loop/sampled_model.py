@@ -1,0 +1,133 @@
+"""Linear models of a robot at a pose, sampled with the hold and the delay of a controller.
+
+dx' = A dx + B u,    y = C dx,    dx = (dy, dy'),  y = (q_a, motors behind elastic gears)
+x_(k+1) = F x_k + G u_k,    x_k = (dx, torques under way, the oldest first)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import expm
+
+from flexgen.analysis.second_order import motor_rows
+from flexgen.loop.plants import LocalDynamics
+from flexgen.mechanics.equations import Equations, derive
+from flexgen.model.elements import RobotModel
+from flexgen.numerics.evaluate import evaluate
+
+
+@dataclass(frozen=True)
+class PoseModel:
+    """The linear model at a pose.
+
+    ``A`` (n, n), ``B`` (n, n_m), ``push`` (n, 3): force on the tool, ``arm`` (n, n_a + n_k): forces on the arm's
+    coordinates, then torques of the n_k elastic gears on arm and motor; ``C`` (n_m + n_s, n): motor angles and sensors,
+    ``D`` (n_m + n_s, n_m), ``D_arm`` (n_m + n_s, n_a + n_k): what the torques and forces themselves do to
+    accelerometers; ``W`` (n_y, n): output.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    push: np.ndarray
+    arm: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    D_arm: np.ndarray
+    W: np.ndarray
+
+
+class PoseModels:
+    """Linear models of a robot at points of a motion."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model = model
+        equations = derive(model)
+        self._local = LocalDynamics(equations)
+        self._output, self._tool = _output_jacobian(equations), equations.function("jacobian")
+        self._sensors = equations.function("sensor_derivatives") if model.sensors else None
+
+    def at(self, motion: Sequence[np.ndarray]) -> PoseModel:
+        """The model at one point ``q_a v_a a_a q_m v_m a_m tau_m`` (1, ...) of a motion."""
+        model, n, n_a = self.model, self.model.dof, self.model.n_a
+        M, D, K, F = (x[0] for x in self._local.matrices(motion, np.zeros(0)))
+        inverse = np.linalg.inv(M)
+        A = np.block([[np.zeros((n, n)), np.eye(n)], [-inverse @ K, -inverse @ D]])
+        B = np.vstack([np.zeros((n, model.n_m)), inverse @ F])
+        J = np.zeros((3, n))
+        J[:, :n_a] = evaluate(self._tool, motion[0])[0].reshape(6, n_a)[:3]
+        push = np.vstack([np.zeros((n, 3)), inverse @ J.T])
+        geared, twist = elastic_gears(model), np.linalg.inv(model.eta)[:, list(model.i_m)]
+        which = [model.i_g.index(i) for i in geared]
+        pairs = inverse[:, geared] - inverse[:, n_a:] @ twist[which].T  # deflection: eta^-1 q_m - q_a
+        arm = np.vstack([np.zeros((n, n_a + len(geared))), np.hstack([inverse[:, :n_a], pairs])])
+        C = np.hstack([motor_rows(model), np.zeros((model.n_m, n))])
+        D, D_arm = np.zeros((model.n_m, model.n_m)), np.zeros((model.n_m, arm.shape[1]))
+        if self._sensors is not None:
+            by_q, by_v, by_a = (x.reshape(-1, n_a) for x in evaluate(self._sensors, *motion[:3]))
+            rows = np.zeros((len(by_q), 2 * n))
+            rows[:, :n_a], rows[:, n : n + n_a] = by_q, by_v
+            C = np.vstack([C, rows + by_a @ A[n : n + n_a]])
+            D, D_arm = np.vstack([D, by_a @ B[n : n + n_a]]), np.vstack([D_arm, by_a @ arm[n : n + n_a]])
+        W = np.zeros((model.output.size, n))
+        W[:, :n_a] = evaluate(self._output, motion[0])[0].reshape(model.output.size, n_a)
+        return PoseModel(A, B, push, arm, C, D, D_arm, W)
+
+
+def elastic_gears(model: RobotModel) -> list[int]:
+    """Arm coordinates that are driven through elastic gears."""
+    twist = np.linalg.inv(model.eta)[:, list(model.i_m)]
+    return [i for i, row in zip(model.i_g, twist, strict=True) if np.any(row)]
+
+
+def held(A: np.ndarray, B: np.ndarray, sample_s: float, rest_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Effect on the next sample of an input that acts until ``rest_s``, and of one that acts from there on."""
+    n, m = B.shape
+
+    def constant(h: float) -> tuple[np.ndarray, np.ndarray]:
+        whole = expm(np.block([[A, B], [np.zeros((m, n + m))]]) * h)
+        return whole[:n, :n], whole[:n, n:]
+
+    phi, after = constant(sample_s - rest_s)
+    return phi @ constant(rest_s)[1], after
+
+
+def sampled(A: np.ndarray, B: np.ndarray, sample_s: float, delay_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """``F`` and ``G`` of the model with torques under way; see the text of this module."""
+    n, n_m = B.shape
+    whole = int(delay_s / sample_s + 1e-9)
+    rest = delay_s - whole * sample_s
+    rest = rest if rest > 1e-9 * sample_s else 0.0
+    before, after = held(A, B, sample_s, rest)
+    late = whole + (1 if rest > 0 else 0)
+    size = n + late * n_m
+    F, G = np.zeros((size, size)), np.zeros((size, n_m))
+    F[:n, :n] = expm(A * sample_s)
+    if late == 0:
+        G[:n] = after
+        return F, G
+    for k in range(late - 1):
+        F[n + k * n_m : n + (k + 1) * n_m, n + (k + 1) * n_m : n + (k + 2) * n_m] = np.eye(n_m)
+    G[n + (late - 1) * n_m :] = np.eye(n_m)
+    if rest == 0:
+        F[:n, n : n + n_m] = after
+        return F, G
+    F[:n, n : n + n_m] = before  # the oldest acts until `rest`, the next one after it
+    if late == 1:
+        G[:n] = after
+    else:
+        F[:n, n + n_m : n + 2 * n_m] = after
+    return F, G
+
+
+def _output_jacobian(equations: Equations) -> ca.Function:
+    """W(q_a) (n_y, n_a): from arm velocities to rates of the output, of a pose its spatial velocity."""
+    model, q = equations.model, ca.SX.sym("q_a", equations.model.n_a)
+    if model.output.type == "combination":
+        return ca.Function("W", [q], [ca.SX(ca.DM(model.output.weights))])
+    J = equations.function("jacobian")(q)
+    rows = list(range(6)) if model.output.type == "tool_pose" else ["xyz".index(x) for x in model.output.axes]
+    return ca.Function("W", [q], [ca.densify(J[rows, :])])

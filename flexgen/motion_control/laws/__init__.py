@@ -1,1 +1,0 @@
-"""Feedback laws that are designed from a model of the robot."""

@@ -1,1 +1,0 @@
-"""Observers of an elastic robot's state: extended Kalman filter, constant gains by pose, smoother along a path."""

@@ -1,0 +1,450 @@
+"""Iterative learning of a path: the commanded path is corrected by the measured error, and inverted again.
+
+    y_cmd <- y_cmd - gain Q e,      e = y - y_ref of the robot, Q a low pass forwards and backwards
+
+Every iteration inverts the whole corrected path with the model: feedforward torques and references of the motors change
+together. The window of learning begins before the path and ends after it, since the motion of elastic robots does. Q is
+blended to constants at both ends of the window, where the robot is at rest. A correction beyond the natural frequencies
+of the robot makes learning diverge: the default frequency of Q is 0.7 of the lowest one of the model with locked
+motors. The best iteration is kept; learning ends when the error grows.
+
+The error is measured by a tracker of the tool, or estimated from accelerometers and motor angles by a smoother along
+the path. Estimates are noisy: the gain of iteration k is divided by k + 1, so that all of them are averaged.
+Accelerometers do not show the error that the robot has at rest before the path, the sag of its springs.
+
+Source: cf. S. Arimoto et al., J. Robotic Systems 1(2), 1984; S. Moberg, Modeling and Control of Flexible Manipulators,
+2010.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, filtfilt
+from scipy.spatial.transform import Rotation
+
+from flexgen.arguments import is_number, is_whole, mapping_of, seed_of
+from flexgen.errors import ArgumentError, FlexgenError
+from flexgen.inversion.model_library import inversion_library
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.sampling import grid, time_derivative
+from flexgen.inversion.solution import Solution, measured
+from flexgen.loop.channels import ACCELEROMETER as TOOL_ACCELEROMETER
+from flexgen.loop.channels import MOTORS, Channels, channels_of
+from flexgen.loop.control import AFTER_S, HOLD_S, SAMPLE_S, Case, control_case, run_case
+from flexgen.loop.gains import lowest_locked_hz
+from flexgen.loop.named_controllers import controller_of
+from flexgen.loop.plants import LocalDynamics
+from flexgen.loop.reference import motion_reference, time_grid, trajectory_of
+from flexgen.loop.result import ControlRun, output_errors
+from flexgen.mechanics.equations import Equations, derive, robot_of
+from flexgen.model.elements import Move, RobotModel
+from flexgen.numerics.evaluate import evaluate
+from flexgen.paths.path import Path
+from flexgen.performance.smoother import PathSmoother, acting
+from flexgen.progress import Choice, reported
+from flexgen.registry import registered
+from flexgen.trajectory import Trajectory
+from flexgen.type_checks import checked_result, checked_types
+
+ITERATIONS = 6
+SHARE = 0.7  # of the lowest locked frequency
+EARLY_S, BLEND_S = 0.15, 0.1  # begin of the window before the path; its ends, where Q becomes constant
+LATE_S = 1.5  # end of the window after the path: integral parts have settled under another load
+DEGREE = 7  # of the spline through the corrections
+MESH_S = 1e-2  # of the inversion
+GROWS = 1.05  # an error that is that much larger than the best ends learning
+TRACKER, ACCELEROMETER = MEASURED_BY = ("tracker", "accelerometer")
+SETTLED = 2e-2  # of the error before learning: changes below it are noise
+
+
+@checked_result
+@dataclass(frozen=True, repr=False)
+class Learned:
+    """Result of `flexgen.learn`.
+
+    Attributes
+    ----------
+    runs : tuple of ControlRun
+        Of each iteration, the first without correction.
+    corrections : tuple of arrays (n, n_y)
+        Of the commanded path in each iteration [m, rad], at ``time``.
+    time : array (n,) [s]
+        Zero where the path begins.
+    best : int
+        The iteration with the smallest error.
+    frequency_hz, gain : float
+        Of Q, and of the correction.
+    plant : str
+    stopped : str
+        Why it ended before the last iteration; empty: it did not.
+    measured_by : str
+        ``"tracker"`` or ``"accelerometer"``.
+    measured_errors : tuple of float
+        Largest measured error of each iteration, in `unit`; of the tracker ``errors``. It decides on the best
+        iteration.
+    """
+
+    runs: tuple[ControlRun, ...]
+    corrections: tuple[np.ndarray, ...]
+    time: np.ndarray
+    best: int
+    frequency_hz: float
+    gain: float
+    plant: str
+    stopped: str
+    measured_by: str
+    measured_errors: tuple[float, ...]
+
+    @property
+    def unit(self) -> str:
+        """Of the errors: ``"m"``, or ``"rad"`` where the output has no lengths."""
+        return self.runs[0].unit
+
+    @property
+    def dynamic_errors(self) -> tuple[float, ...]:
+        """The same without the errors at rest at start and end, in `unit`."""
+        found = [run.figures(run[self.plant])[f"dynamic_error_max_{self.unit}"] for run in self.runs]
+        return tuple(float(x) if np.isfinite(x) else float("inf") for x in found)
+
+    @property
+    def errors(self) -> tuple[float, ...]:
+        """Largest error of each iteration, at rest included, in `unit`."""
+        return tuple(_largest(run, self.plant) for run in self.runs)
+
+    @property
+    def errors_m(self) -> tuple[float, ...]:
+        """``errors`` [m]; empty where the output has no lengths."""
+        return self.errors if self.unit == "m" else ()
+
+    @property
+    def dynamic_errors_m(self) -> tuple[float, ...]:
+        """``dynamic_errors`` [m]; empty where the output has no lengths."""
+        return self.dynamic_errors if self.unit == "m" else ()
+
+    @property
+    def measured_m(self) -> tuple[float, ...]:
+        """``measured_errors`` [m]; empty where the output has no lengths."""
+        return self.measured_errors if self.unit == "m" else ()
+
+    def __repr__(self) -> str:
+        errors = self.errors
+        first, best = (measured(e, self.unit) for e in (errors[0], errors[self.best]))
+        return f"<Learned {self.runs[0].model.name}: {first} -> {best}>"
+
+    def __str__(self) -> str:
+        """The errors of all iterations."""
+        rows = [
+            f"  {k}: {measured(e, self.unit)}{' (best)' if k == self.best else ''}" for k, e in enumerate(self.errors)
+        ]
+        if self.measured_by != TRACKER:
+            parts = zip(self.dynamic_errors, self.measured_errors, strict=True)
+            u = self.unit
+            more = [f", dynamic {measured(d, u)}, estimated {measured(e, u)}" for d, e in parts]
+            rows = [row + text for row, text in zip(rows, more, strict=True)]
+        head = (
+            f"{self.runs[0].model.name}, move {self.runs[0].solution.move.name}: largest error of "
+            f"each iteration, Q {self.frequency_hz:.3g} Hz, gain {self.gain:g}"
+        )
+        load = self.runs[0][self.plant].load
+        head += f", load {load}" if load else ""
+        return "\n".join([head, *rows, *([f"  {self.stopped}"] if self.stopped else [])])
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Motion and torques of the best iteration, of the robot that learned."""
+        return self.runs[self.best].trajectory(self.plant)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures as JSON types, SI units."""
+        return {
+            "model": self.runs[0].model.name,
+            "move": self.runs[0].solution.move.name,
+            "plant": self.plant,
+            "load": self.runs[0][self.plant].load,
+            "controller": self.runs[0].controller,
+            "frequency_hz": self.frequency_hz,
+            "gain": self.gain,
+            "measured_by": self.measured_by,
+            f"errors_max_{self.unit}": list(self.errors),
+            f"dynamic_errors_max_{self.unit}": list(self.dynamic_errors),
+            f"measured_errors_max_{self.unit}": list(self.measured_errors),
+            "best": self.best,
+            "stopped": self.stopped,
+        }
+
+    def plot(self) -> Any:
+        """A matplotlib Figure: errors of the iterations, and the correction of the path."""
+        return registered("Learned.plot")(self)
+
+    def report(self, folder: str | FilePath) -> FilePath:
+        """Write a page with the figures and pictures to a folder; return its path."""
+        page: FilePath = registered("Learned.report")(self, folder)
+        return page
+
+
+@checked_types
+@reported("learn")
+def learn(
+    model: str | FilePath | RobotModel | Equations,
+    move: str | Move | None = None,
+    *,
+    plant: Mapping[str, float] | None = None,
+    iterations: int = ITERATIONS,
+    gain: float = 1.0,
+    frequency_hz: float | None = None,
+    measured_by: str = TRACKER,
+    controller: Any = "ppi",
+    sample_time: float = SAMPLE_S,
+    delay: float = 0.0,
+    encoder_noise: float = 0.0,
+    seed: int = 0,
+    solution: Solution | None = None,
+    progress: Choice = None,
+) -> Learned:
+    """Learn the path of a robot that differs from its model, in simulation, from its measured tool error.
+
+    Parameters
+    ----------
+    model : name, path, RobotModel or Equations
+    move : str or Move, optional
+        A move of the model file; default: its first.
+    plant : mapping, optional
+        Changes of the robot, such as ``{"stiffness": 0.8}``, see `flexgen.loop.plants`; default: none.
+    iterations : int
+        At most.
+    gain : float
+        Of the correction; 0.5 learns more slowly and bears larger differences.
+    frequency_hz : float, optional [Hz]
+        Of Q; default: 0.7 of the lowest natural frequency of the model with locked motors.
+    measured_by : str
+        ``"tracker"``: of the tool, without error; ``"accelerometer"``: those of the model file, or one at the tool
+        with noise of 0.05 m/s^2, and motor angles. The errors at rest are not learned then.
+    controller, sample_time, delay, encoder_noise, seed, solution
+        As for `flexgen.control`; every iteration has other noise.
+    progress : callable or bool, optional
+
+    Returns
+    -------
+    Learned
+
+    Raises
+    ------
+    ArgumentError
+        An argument is out of range, or the model has no inversion in C.
+    SolverError
+        The move has no solution, or the robot fails in the first iteration.
+    """
+    tell = progress if callable(progress) else (lambda line: None)
+    seed = seed_of(seed)
+    if not is_whole(iterations, 1, 1000):
+        raise ArgumentError(f"iterations: given {iterations!r}, expected 1 to 1000")
+    if not (is_number(gain) and 0 < gain <= 2):
+        raise ArgumentError(f"gain: given {gain!r}, expected more than 0, at most 2")
+    if measured_by not in MEASURED_BY:
+        raise ArgumentError(f"measured_by: given {measured_by!r}, expected one of {', '.join(MEASURED_BY)}")
+    name = "robot"
+    channels = _accelerometers(robot_of(model), encoder_noise) if measured_by == ACCELEROMETER else None
+    case = control_case(
+        model if channels is None else channels.model, move, sample_time=sample_time, delay=delay,
+        plants={name: mapping_of("plant", {} if plant is None else plant, "changes such as {'stiffness': 0.8}")},
+        encoder_noise=encoder_noise, seed=seed, solution=solution, progress=progress if callable(progress) else None,
+    )  # fmt: skip
+    commanded = _Commanded(case, sample_time, delay, tell)
+    motion = case.reference.points(np.array([0]))
+    low = frequency_hz if frequency_hz is not None else SHARE * (lowest_locked_hz(case.model, motion) or 10.0)
+    if not (is_number(low) and 0 < low < 0.45 / commanded.period):
+        most = 0.45 / commanded.period
+        raise ArgumentError(f"frequency_hz: given {low!r}, expected more than 0, below {most:.4g} Hz")
+    law, title = controller_of(controller, case.model, sample_time, delay, motion)
+    seen = _plain if channels is None else _Smoothed(case, channels, name)
+    runs, corrections, best, stopped, shown = _iterated(
+        commanded, lambda corrected: run_case(corrected, law, title), seen, name, iterations, gain, low, seed, tell
+    )  # fmt: skip
+    return Learned(runs, corrections, commanded.time, best, float(low), float(gain), name, stopped, measured_by, shown)
+
+
+def _iterated(
+    commanded: _Commanded,
+    run: Callable[[Case], ControlRun],
+    seen: Callable[[ControlRun], ControlRun],
+    name: str,
+    iterations: int,
+    gain: float,
+    low: float,
+    seed: int,
+    tell: Callable[[str], None],
+) -> tuple[tuple[ControlRun, ...], tuple[np.ndarray, ...], int, str, tuple[float, ...]]:
+    """Runs, corrections, best iteration, why they ended before the last, and errors as they were measured."""
+    runs: list[ControlRun] = []
+    errors: list[float] = []
+    corrections = [np.zeros((len(commanded.time), commanded.outputs))]
+    best, stopped, noisy = 0, "", seen is not _plain
+    for k in range(iterations + 1):
+        try:
+            corrected = commanded.case(corrections[-1], seed + k)
+        except FlexgenError as failure:
+            if k == 0:
+                raise
+            stopped = f"iteration {k}: the corrected path cannot be inverted ({failure})"
+            break
+        runs.append(run(corrected))
+        shown = seen(runs[-1])
+        errors.append(_largest(shown, name))
+        tell(f"iteration {k}: largest error {measured(errors[-1], runs[-1].unit)}")
+        if k == 0 and not np.isfinite(errors[0]):
+            stopped = "the robot fails without correction"
+            break
+        if errors[-1] < errors[best]:
+            best = k
+        grown = errors[-1] > GROWS * errors[0] if noisy else errors[-1] - GROWS * errors[best] > SETTLED * errors[0]
+        if not np.isfinite(errors[-1]) or grown:
+            stopped = f"iteration {k}: the error grows; the best iteration is {best}"
+            break
+        if k < iterations:
+            error = commanded.error(shown, name)
+            share = gain / (k + 1) if noisy else gain
+            corrections.append(corrections[-1] - share * commanded.filtered(error, low))
+    return tuple(runs), tuple(corrections[: len(runs)]), best, stopped, tuple(errors)
+
+
+def _accelerometers(model: RobotModel, encoder_noise: float) -> Channels:
+    """Motor angles and all accelerometers of a model; one at the tool where it has none."""
+    own = [sensor.name for sensor in model.sensors if sensor.type == "accelerometer"]
+    noise = {MOTORS: encoder_noise} if encoder_noise > 0 else {}
+    found = channels_of(model, (MOTORS, *(own or [TOOL_ACCELEROMETER])), noise)
+    return found if not own else replace(found, model=model, index=_places(model, found))
+
+
+def _places(model: RobotModel, channels: Channels) -> np.ndarray:
+    """Numbers of the channels among motors and all sensors of a model."""
+    names = [*(m.name for m in model.motors), *(channel for sensor in model.sensors for channel in sensor.channels)]
+    return np.array([names.index(name) for name in channels.names])
+
+
+def _plain(run: ControlRun) -> ControlRun:
+    """What a tracker of the tool measures: the error itself."""
+    return run
+
+
+class _Smoothed:
+    """What accelerometers and motor angles tell of a run: the arm's motion by the smoother, and its error."""
+
+    def __init__(self, case: Case, channels: Channels, name: str) -> None:
+        self._case, self._channels, self._name = case, channels, name
+        self._smoother = PathSmoother(channels, case.reference, case.hardware.sample_s)
+
+    def __call__(self, run: ControlRun) -> ControlRun:
+        robot, reference, hardware = run[self._name], run.reference, run.hardware
+        if robot.failure:
+            return run
+        dy = np.hstack([robot.measured - reference.motion["q_m"], robot.sensors - reference.y_s])
+        late = run.delay_samples, hardware.delay_s / hardware.sample_s
+        du = acting(robot.tau_m - reference.held, *late)
+        q_a = reference.motion["q_a"] + self._smoother.deviation(dy[:, self._channels.index], du)
+        error, turn = output_errors(self._case.equations, reference, np.ascontiguousarray(q_a))
+        shown = replace(robot, q_a=q_a, error=error, turn=turn)
+        return replace(run, runs=tuple(shown if r is robot else r for r in run.runs))
+
+
+def _largest(run: ControlRun, plant: str) -> float:
+    """Largest error of a robot [m, or rad where the output has no lengths]; infinite where it failed."""
+    found = run.figures(run[plant])[f"error_max_{run.unit}"]
+    return float(found) if np.isfinite(found) else float("inf")
+
+
+class _Commanded:
+    """Corrected paths of a move and their feedforward."""
+
+    def __init__(self, case: Case, sample_s: float, delay_s: float, tell: Callable[[str], None]) -> None:
+        self._case, self.sample_s, self.delay_s = case, sample_s, delay_s
+        self.equations, self.outputs = case.equations, case.model.output.size
+        self.path = Path(self.equations, case.solution.move)
+        problem = InversionProblem(self.equations, self.path)
+        _, self.period, self.samples_per_interval, self.n_pre, self.n_post = grid(problem, MESH_S)
+        self.library = inversion_library(self.equations, "lq", progress=tell)
+        count = int(np.ceil((self.path.duration + EARLY_S + LATE_S) / self.period)) + 1
+        self.time = -EARLY_S + self.period * np.arange(count)
+        self._reduction = Reduction(self.equations)
+        sample = self.path.sample(self.time)
+        self._y = self._reduction.targets(sample)
+        self._rates = sample.derivative(1), sample.derivative(2)
+        self._R = sample.R
+        self._local = LocalDynamics(derive(case.model, tuple(p.name for p in case.plants.parameters)))
+        first, last = self.time[0] - self.n_pre * self.period, self.time[-1] + self.n_post * self.period
+        before = self.sample_s * np.ceil(HOLD_S / self.sample_s)
+        self._grid = time_grid(first, last, self.sample_s, before, AFTER_S)
+
+    def case(self, correction: np.ndarray, seed: int) -> Case:
+        """The case with the feedforward of a corrected path; its errors are those from the path itself."""
+        case = self._case
+        y, dy, ddy = self._corrected(correction)
+        found = self.library.invert(
+            y, dy, ddy, period=self.period, q_start=self.path.q_start, n_pre=self.n_pre, n_post=self.n_post,
+            samples_per_interval=self.samples_per_interval,
+        )  # fmt: skip
+        trajectory = trajectory_of(found, self.time[0], case.model.name)
+        reference = motion_reference(trajectory, self.path, self.sample_s, self.delay_s, case.library, self._grid)
+        start, at = reference.motion["q_m"][0], reference.motion["q_a"][0]
+        rests = tuple(self._local.rest(start, values, at) for values in case.plants.values)
+        return replace(case, reference=reference, rests=rests, seed=seed)
+
+    def _corrected(self, correction: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Samples of the corrected path and of its rates."""
+        zero = [(order, np.zeros(correction.shape[1])) for order in range(1, (DEGREE + 1) // 2)]
+        spline = make_interp_spline(self.time, correction, k=DEGREE, bc_type=(zero, zero))
+        d, dd, ddd = (np.asarray(spline(self.time, order)) for order in range(3))
+        dy, ddy = self._rates
+        if self._R is None:
+            return tuple(np.ascontiguousarray(x) for x in (self._y + d, dy + dd, ddy + ddd))  # type: ignore[return-value]
+        turn = Rotation.from_rotvec(d[:, 3:])
+        R = turn.as_matrix() @ self._R
+        w = _left_jacobian(d[:, 3:], dd[:, 3:]) + turn.apply(dy[:, 3:])
+        y = np.hstack([self._y[:, :3] + d[:, :3], R.transpose(0, 2, 1).reshape(len(R), 9)])
+        dw = time_derivative(w, self.period)
+        return (
+            np.ascontiguousarray(y),
+            np.ascontiguousarray(np.hstack([dy[:, :3] + dd[:, :3], w])),
+            np.ascontiguousarray(np.hstack([ddy[:, :3] + ddd[:, :3], dw])),
+        )
+
+    def error(self, run: ControlRun, plant: str) -> np.ndarray:
+        """Error of a robot's output at the samples of the path (n, n_y); of a pose the rotation vector too."""
+        r = run[plant]
+        e = r.error
+        if run.reference.R_ref is not None:
+            R = evaluate(self.equations.function("forward_kinematics"), r.q_a)[1]
+            off = R @ run.reference.R_ref.reshape(-1, 3, 3).transpose(0, 2, 1)
+            e = np.hstack([e, Rotation.from_matrix(off).as_rotvec()])
+        return np.stack([np.interp(self.time, run.reference.time, x) for x in e.T], axis=1)
+
+    def filtered(self, error: np.ndarray, frequency_hz: float) -> np.ndarray:
+        """``Q e``: low pass forwards and backwards, constant at both ends of the window."""
+        b, a = butter(2, 2 * frequency_hz * self.period)
+        pad = min(len(error) - 1, round(1.0 / (frequency_hz * self.period)))
+        smooth = filtfilt(b, a, error, axis=0, padlen=pad)
+        blend = max(2, round(BLEND_S / self.period))
+        ramp = np.linspace(0.0, 1.0, blend)
+        ramp = ramp**4 * (35 - 84 * ramp + 70 * ramp**2 - 20 * ramp**3)
+        weight = np.ones(len(error))
+        weight[:blend], weight[-blend:] = ramp, ramp[::-1]
+        first, last = error[: blend // 2].mean(axis=0), error[-(blend // 2) :].mean(axis=0)
+        ends = np.where((np.arange(len(error)) < len(error) // 2)[:, None], first, last)
+        return np.asarray(weight[:, None] * smooth + (1 - weight[:, None]) * ends)
+
+
+def _left_jacobian(r: np.ndarray, dr: np.ndarray) -> np.ndarray:
+    """Angular velocity (n, 3) in the fixed frame of the rotation with rotation vector r and its rate dr (n, 3)."""
+    angle = np.linalg.norm(r, axis=1)[:, None]
+    small = angle < 1e-4
+    safe = np.where(small, 1.0, angle)
+    a = np.where(small, 0.5 - angle**2 / 24, (1 - np.cos(safe)) / safe**2)
+    b = np.where(small, 1 / 6 - angle**2 / 120, (safe - np.sin(safe)) / safe**3)
+    once = np.cross(r, dr)
+    return dr + a * once + b * np.cross(r, once)

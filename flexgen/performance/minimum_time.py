@@ -1,0 +1,252 @@
+"""The fastest motion along a path: a time law whose exact torques keep all limits.
+
+    minimize T  subject to  |tau_m| <= tau_max,  |v_m| <= v_max,  |dtau_m/dt| <= rate_max,  |deflection| <= limit
+
+over T and the inner coefficients c of a spline time law (`flexgen.paths.time_laws.SplineLaw`). Torques and motion are
+those of the exact inversion of the elastic robot in C, before, on and after the path. A sequence of linear programs
+with a trust region: slopes by differences of inversions, violations by an exact penalty,
+
+    min dT + w sigma,   |g + G dx| <= 1 + sigma,   c does not decrease,   |dx| <= trust
+
+Lower bound: the same robot with rigid gears and links and torques that may jump, by the method of reachable speeds.
+
+Source: H. Pham, Q.-C. Pham, IEEE Trans. Robotics 34(3), 2018 (reachable squared speeds along a path).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from time import perf_counter, process_time
+from typing import Any
+
+from flexgen.arguments import check_not_negative, check_positive, is_whole
+from flexgen.deadline import OutOfTime, running
+from flexgen.errors import ArgumentError, SolverError
+from flexgen.inversion.bounds import Limits
+from flexgen.inversion.solution import Solution, measured
+from flexgen.inversion.solve import solve
+from flexgen.loop.result import unit_of
+from flexgen.mechanics.equations import Equations, derive, robot_of
+from flexgen.model.elements import Move, RobotModel
+from flexgen.paths.path import Path, check_range, named_move
+from flexgen.performance.rigid_time import rigid_time
+from flexgen.performance.time_search import TimeSearch
+from flexgen.progress import Choice, reported
+from flexgen.type_checks import checked_result, checked_types
+
+COEFFICIENTS = 16
+TIME_LIMIT = 600.0  # s, of a search
+
+
+@checked_result
+@dataclass(frozen=True, repr=False)
+class Fastest:
+    """Result of `flexgen.fastest`.
+
+    Attributes
+    ----------
+    solution : Solution
+        The move with its new time law, solved and verified.
+    default : Solution
+        The move as it was given.
+    limits : Limits
+    duration_s, default_s, rigid_s : float [s]
+        Of the path, of the path as given, and the lower bound of a rigid robot.
+    vibration : dict
+        Largest vibration after the path of robots with less and more stiffness, of the new motion, by name, in
+        `unit`.
+    default_vibration : dict
+        The same of the move as it was given.
+    excess : float
+        Largest excess of a limit, relative to it.
+    coefficients : int
+    programs, inversions : int
+        Linear programs, and inversions of the path.
+    cpu_s, wall_s : float [s]
+        Time of the search.
+    history : tuple of float
+        Duration after each step [s].
+    """
+
+    solution: Solution
+    default: Solution
+    limits: Limits
+    duration_s: float
+    default_s: float
+    rigid_s: float
+    vibration: dict[str, float]
+    default_vibration: dict[str, float]
+    excess: float
+    coefficients: int
+    programs: int
+    inversions: int
+    cpu_s: float
+    wall_s: float
+    history: tuple[float, ...]
+
+    @property
+    def unit(self) -> str:
+        """Of the vibrations: ``"m"``, or ``"rad"`` where the output has no lengths."""
+        return unit_of(self.solution.model)
+
+    @property
+    def vibration_m(self) -> dict[str, float]:
+        """``vibration`` [m]; empty where the output has no lengths."""
+        return self.vibration if self.unit == "m" else {}
+
+    @property
+    def default_vibration_m(self) -> dict[str, float]:
+        """``default_vibration`` [m]; empty where the output has no lengths."""
+        return self.default_vibration if self.unit == "m" else {}
+
+    @property
+    def move(self) -> Move:
+        """The move with its new time law."""
+        return self.solution.move
+
+    def __repr__(self) -> str:
+        return f"<Fastest {self.solution.model.name}: {self.default_s:.4g} -> {self.duration_s:.4g} s>"
+
+    def __str__(self) -> str:
+        """Durations, limits and effort."""
+        shorter = 100 * (1 - self.duration_s / self.default_s)
+        return "\n".join(
+            [
+                f"{self.solution.model.name}, move {self.move.name}: {self.duration_s:.4f} s instead of "
+                f"{self.default_s:.4f} s ({shorter:.0f} % less)",
+                f"  a rigid robot whose torques may jump needs {self.rigid_s:.4f} s",
+                f"  limits kept to {max(self.excess, 0):.1e}, {self.programs} programs, {self.inversions} inversions, "
+                f"{self.cpu_s:.2g} s of processor time",
+                "  vibration after the path, "
+                + ", ".join(
+                    f"{name}: {measured(x, self.unit)} ({measured(self.default_vibration[name], self.unit)} as given)"
+                    for name, x in self.vibration.items()
+                ),
+                f"  {str(self.solution).splitlines()[1].strip()}",
+            ]
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures as JSON types, SI units."""
+        return {
+            "model": self.solution.model.name,
+            "move": self.move.name,
+            "duration_s": self.duration_s,
+            "default_s": self.default_s,
+            "rigid_s": self.rigid_s,
+            f"vibration_{self.unit}": self.vibration,
+            f"default_vibration_{self.unit}": self.default_vibration,
+            "excess": self.excess,
+            "coefficients": self.coefficients,
+            "timing": list(self.move.timing),
+            "programs": self.programs,
+            "inversions": self.inversions,
+            "cpu_s": self.cpu_s,
+            "history_s": list(self.history),
+            "solution": self.solution.to_dict(),
+        }
+
+
+@checked_types(own=("time_limit",))
+@reported("fastest")
+def fastest(
+    model: str | FilePath | RobotModel | Equations,
+    move: str | Move | None = None,
+    *,
+    limits: Limits | None = None,
+    torque_rate: float | None = None,
+    vibration: float | None = None,
+    coefficients: int = COEFFICIENTS,
+    time_limit: float | None = TIME_LIMIT,
+    progress: Choice = None,
+) -> Fastest:
+    """Find the fastest time law of a move that keeps the limits of torque, speed and deflection exactly.
+
+    Parameters
+    ----------
+    model : name, path, RobotModel or Equations
+    move : str or Move, optional
+        A move of the model file, not a program; default: its first.
+    limits : Limits, optional
+        Default: those of the model file; a motor without torque limit there gets the largest torque of the move as it
+        is given.
+    torque_rate : float, optional
+        Bound of the torques' rates, as a multiple of the largest rate of the move as it is given. It lowers the
+        vibration of robots that differ from the model, and costs time.
+    vibration : float, optional [m, or rad where the output has no lengths]
+        Bound of the tool's vibration after the path, of robots with 10 % less and more stiffness under a P-PI cascade:
+        see `flexgen.loop.residual_vibration`. The robots are simulated in every step.
+    coefficients : int
+        Inner coefficients of the time law, 4 to 60: more are faster and take longer.
+    time_limit : float or None [s]
+        Of the whole search; None or 0: unlimited.
+    progress : callable or bool, optional
+
+    Returns
+    -------
+    Fastest
+
+    Raises
+    ------
+    ArgumentError
+        An argument is out of range, or the move has several segments.
+    SolverError
+        The move has no solution, the limits cannot be kept at any speed, or the time limit is over.
+    """
+    if not is_whole(coefficients, 4, 60):
+        raise ArgumentError(f"coefficients: given {coefficients!r}, expected 4 to 60")
+    if torque_rate is not None:
+        check_positive("torque_rate", torque_rate)
+    if vibration is not None:
+        check_positive("vibration", vibration, "a size > 0 in m, or rad where the output has no lengths")
+    if limits is not None and not isinstance(limits, Limits):
+        raise ArgumentError(f"limits: given {limits!r}, expected an object of flexgen.Limits")
+    robot = robot_of(model)
+    chosen = move if isinstance(move, Move) else named_move(robot, move)
+    check_not_negative("time_limit", 0.0 if time_limit is None else time_limit, "a time >= 0 in s; None or 0: no limit")
+    try:
+        with running(time_limit or None):
+            return _fastest(robot, chosen, limits, torque_rate, vibration, coefficients, progress)
+    except OutOfTime as error:
+        raise SolverError(
+            f"fastest: the time limit of {time_limit:g} s is over ({error}); allow more with time_limit= "
+            "(--time SECONDS), or take fewer coefficients"
+        ) from None
+
+
+def _fastest(
+    robot: RobotModel,
+    chosen: Move,
+    limits: Limits | None,
+    torque_rate: float | None,
+    vibration: float | None,
+    coefficients: int,
+    progress: Choice,
+) -> Fastest:
+    """The fastest time law; the arguments are those of `fastest`, checked."""
+    tell = progress if callable(progress) else (lambda line: None)
+    tell("solving the move as it is given")
+    default = solve(robot, chosen, progress=progress if callable(progress) else None)
+    check_range(Path(derive(robot), default.move))
+    search = TimeSearch(robot, default, limits, torque_rate, vibration, coefficients, tell)
+    began, cpu = perf_counter(), process_time()
+    x, history = search.run()
+    if search.swings is not None:
+        x = search.calm(x, history)
+    seconds = perf_counter() - began, process_time() - cpu
+    timed = search.move(x)
+    tell(f"verifying {timed.duration:.4f} s")
+    found = solve(robot, timed, ignore_limits=True, progress=progress if callable(progress) else None)
+    return Fastest(
+        found, default, search.limits, float(x[0]), search.path.duration, rigid_time(search.path, *search.bounds),
+        search.vibrations(found), search.vibrations(default), search.excess(x), coefficients, search.programs,
+        search.inversions, seconds[1], seconds[0], tuple(history),
+    )  # fmt: skip
+
+
+def fastest_move(
+    model: str | FilePath | RobotModel | Equations, move: str | Move | None, limits: Limits | None, progress: Choice
+) -> Move:
+    """The move with its fastest time law; `flexgen.solve` calls it."""
+    return fastest(model, move, limits=limits, progress=progress).move

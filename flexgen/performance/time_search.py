@@ -1,0 +1,334 @@
+"""The search of `flexgen.performance.minimum_time`: sequences of linear programs with a trust region."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from scipy.interpolate import BSpline
+from scipy.optimize import linprog
+
+from flexgen.deadline import check_time
+from flexgen.errors import ArgumentError, FlexgenError, SolverError
+from flexgen.inversion.bounds import Limits
+from flexgen.inversion.model_library import inversion_library
+from flexgen.inversion.problem import InversionProblem
+from flexgen.inversion.reduced_problem import Reduction
+from flexgen.inversion.solution import Solution
+from flexgen.loop.reference import trajectory_of
+from flexgen.loop.residual_vibration import ResidualVibration
+from flexgen.mechanics.equations import derive
+from flexgen.model.elements import Move, RobotModel
+from flexgen.paths.path import Path
+from flexgen.paths.time_laws import SplineLaw, TimeLaw
+
+SAMPLES = 300  # on the path
+MESH_S = 5e-3  # of the inversion
+AFTER_S = 0.3  # of the motion after the path that counts
+SLOWER = 1.02  # of the first law against the given one
+PENALTY, EXACT = 5.0, 2.0  # of violations in the program and in the merit, in units of T
+TRUST, GROW, SHRINK, SMALLEST = 0.08, 1.5, 1 / 3, 5e-4
+LAZY = 1e-3  # weight of changes of the coefficients
+CLOSE = 0.6  # of a limit: samples below it cannot become active within a step
+STEP = 1e-5  # of differences
+FINER = 3  # samples and mesh of the last check
+MOST = 60  # programs
+NEARLY = 2e-4  # gain of a step below which it hardly helps
+CALM, CALMER, CALM_STEP = 30.0, 12, 1e-4  # penalty of limits, programs and differences where vibration is reduced
+LONGER = (1.01, 1.02, 1.03, 1.045, 1.06, 1.08, 1.1, 1.13, 1.17, 1.22, 1.3, 1.4, 1.6, 2.0)  # times the shortest duration
+KEPT = 4e-4  # relative excess of a limit that is kept
+
+
+class TimeSearch:
+    """Constraints of a time law and the sequence of linear programs; x: T and the inner coefficients."""
+
+    def __init__(
+        self,
+        model: RobotModel,
+        default: Solution,
+        limits: Limits | None,
+        torque_rate: float | None,
+        vibration: float | None,
+        coefficients: int,
+        tell: Callable[[str], None],
+    ) -> None:
+        self.model, self.tell, self.n = model, tell, coefficients
+        equations = derive(model)
+        self.path = Path(equations, default.move)
+        if len(self.path.segments) != 1:
+            raise ArgumentError(f"move {default.move.name}: given one of several segments, expected a single one")
+        if default.move.type in ("sampled", "program"):
+            raise ArgumentError(
+                f"move {default.move.name}: given a {default.move.type} move, expected a line, arc or joint"
+            )
+        self.library = inversion_library(equations, "lq", progress=tell)
+        self._reduction = Reduction(equations)
+        before, after = InversionProblem(equations, self.path).windows
+        self._before, self._after = before, min(after, AFTER_S)
+        tau, self.limits = default.trajectory["tau_m"], self._limits(default, limits)
+        self._bounds = [*self.bounds, self.limits.deflections(model.n_e)]
+        rate = np.abs(np.gradient(tau, default.trajectory.time, axis=0)).max(axis=0)
+        self._rate = np.full(model.n_m, np.inf) if torque_rate is None else torque_rate * rate
+        self.swings = vibration
+        self._vibration: ResidualVibration | None = None
+        self.programs = self.inversions = 0
+
+    def _limits(self, default: Solution, given: Limits | None) -> Limits:
+        """Those given, else those of the model file; every motor has one of its torque."""
+        motors = self.model.motors
+        torque = np.array([motor.torque_max or np.inf for motor in motors])
+        speed = np.array([motor.speed_max or np.inf for motor in motors])
+        if given is not None:
+            own = given.arrays(self.model.n_m)
+            torque = torque if given.torque is None else own[0]
+            speed = speed if given.speed is None else own[1]
+        largest = np.abs(default.trajectory["tau_m"]).max(axis=0)
+        self.bounds = np.where(np.isfinite(torque), torque, largest), speed
+        return Limits(
+            tuple(map(float, self.bounds[0])),
+            tuple(map(float, speed)) if np.isfinite(speed).all() else None,
+            None if given is None else given.deflection,
+        )
+
+    def law(self, x: np.ndarray) -> SplineLaw:
+        """The time law."""
+        return SplineLaw(float(x[0]), tuple(map(float, x[1:])), self.path.segments[0].law(np.array([1e9]), 0)[0, 0])
+
+    def move(self, x: np.ndarray) -> Move:
+        """The move with this time law."""
+        move = self.path.move
+        return replace(move, duration=float(x[0]), timing=tuple(map(float, x[1:])), profile=(), smoothness=5)
+
+    def start(self) -> np.ndarray:
+        """The polynomial law of smoothness 5, a little slower than given."""
+        spline = SplineLaw(1.0, tuple(np.linspace(0, 1, self.n + 2)[1:-1])).spline
+        u = np.linspace(0, 1, 20 * self.n + 1)
+        basis = BSpline.design_matrix(u, spline.t, spline.k).toarray()
+        ends = SplineLaw.DEGREE - 1
+        target = TimeLaw(1.0, 5)(u, 0)[:, 0] - basis[:, -ends:].sum(axis=1)
+        inner = np.linalg.lstsq(basis[:, ends:-ends], target, rcond=None)[0]
+        return np.concatenate([[SLOWER * self.path.duration], np.maximum.accumulate(np.clip(inner, 0.0, 1.0))])
+
+    def constraints(self, x: np.ndarray, finer: int = 1) -> np.ndarray:
+        """All quantities over their limits (k,): torques, speeds, deflections, rates of torques.
+
+        ``finer``: this many times as many samples and intervals of the mesh.
+        """
+        self.inversions += 1
+        timed, count = self._timed(x), finer * SAMPLES
+        period = timed.duration / count
+        sample = timed.sample(np.arange(count + 1) * period)
+        y = self._reduction.targets(sample), sample.derivative(1), sample.derivative(2)
+        found = self.library.invert(
+            *(np.ascontiguousarray(a) for a in y), period=period, q_start=self.path.q_start,
+            n_pre=int(np.ceil(self._before / period)), n_post=int(np.ceil(self._after / period)),
+            samples_per_interval=max(1, round(MESH_S / finer / period)),
+        )  # fmt: skip
+        parts = [(found.tau_m, self._bounds[0]), (found.v_m, self._bounds[1])]
+        parts.append((found.q_a[:, list(self.model.i_e)], self._bounds[2]))
+        parts.append((np.diff(found.tau_m, axis=0) / period, self._rate))
+        every = slice(None)  # the last check looks at all samples
+        at = every if finer > 1 else self._instants(len(found.tau_m), found.n_pre)
+        values = [(a[at][:, np.isfinite(b)] / b[np.isfinite(b)]).ravel() for a, b in parts]
+        self._found = found
+        return np.concatenate(values)
+
+    def swing(self, x: np.ndarray) -> np.ndarray:
+        """Vibration after the path of the last inversion over what is allowed (k,)."""
+        if self._vibration is None:
+            self._vibration = ResidualVibration(self._reduction.equations, tell=self.tell)
+        values = self._vibration(trajectory_of(self._found, 0.0, self.model.name), float(x[0]))
+        return np.nan_to_num(values.ravel() / (self.swings or 1.0), nan=1e3)
+
+    def _timed(self, x: np.ndarray) -> Path:
+        """The path with this time law."""
+        timed = copy.copy(self.path)
+        timed.segments = (replace(self.path.segments[0], law=self.law(x)),)
+        timed.duration = float(x[0])
+        return timed
+
+    def _instants(self, samples: int, n_pre: int) -> np.ndarray:
+        """As many samples for every duration: those of the path, and half as many before and after it."""
+        half = SAMPLES // 2
+        return np.clip(np.arange(n_pre - half, n_pre + SAMPLES + 1 + half), 0, samples - 2)
+
+    def vibrations(self, solution: Solution) -> dict[str, float]:
+        """Largest vibration after the path of robots with less and more stiffness [m]."""
+        measure = self._vibration or ResidualVibration(self._reduction.equations, tell=self.tell)
+        self._vibration = measure
+        swings = measure(solution.trajectory, float(solution.move.duration))
+        sizes = np.linalg.norm(swings, axis=2).max(axis=1)
+        return dict(zip(measure.plants.names, map(float, sizes), strict=True))
+
+    def excess(self, x: np.ndarray) -> float:
+        """Largest excess of a limit, relative."""
+        return float(np.abs(self.constraints(x, FINER)).max() - 1.0)
+
+    def run(self) -> tuple[np.ndarray, list[float]]:
+        """The best time law, and the duration after each step."""
+        x = self.start()
+        g = self._tried(x)
+        if g is None:
+            raise SolverError("fastest: the first time law cannot be inverted; take another move")
+        trust, idle, history = TRUST, 0, [float(x[0])]
+        scale = float(x[0])
+
+        def merit(x: np.ndarray, g: np.ndarray) -> float:
+            return float(x[0] / scale + EXACT * max(np.abs(g).max() - 1.0, 0.0))
+
+        G: np.ndarray | None = None
+        while self.programs < MOST and trust > SMALLEST and idle < 3:
+            check_time("fastest")
+            G = self._slopes(x, g) if G is None else G
+            step = self._program(x, g, G, trust, scale)
+            self.programs += 1
+            if step is None:
+                trust *= SHRINK
+                continue
+            other = x + step
+            tried = self._tried(other)
+            gain = -np.inf if tried is None else merit(x, g) - merit(other, tried)
+            if tried is not None and gain > 0:
+                x, g, G = other, tried, None
+                history.append(float(x[0]))
+                trust = min(trust * GROW, 0.5)
+                idle = idle + 1 if gain < NEARLY else 0
+                self.tell(f"{x[0]:.4f} s, limits exceeded by {max(np.abs(g).max() - 1, 0):.1e}")
+            else:
+                trust *= SHRINK
+        return self._kept(x), history
+
+    def _kept(self, x: np.ndarray) -> np.ndarray:
+        """The time law slowed down until the limits are kept between the samples of the search too."""
+        excess = np.inf
+        for _ in range(400):
+            try:
+                excess = self.excess(x)
+            except FlexgenError:
+                break
+            if excess <= KEPT:
+                return x
+            x = np.concatenate([[x[0] * (1 + max(0.3 * excess, 1e-4))], x[1:]])
+        raise SolverError(
+            "fastest: the limits cannot be kept on this path at any speed; increase them: holding the robot needs "
+            f"{1 + excess:.3g} of a limit"
+        )
+
+    def calm(self, x: np.ndarray, history: list[float]) -> np.ndarray:
+        """From the fastest time law to longer ones with the least vibration, until it is small enough."""
+        for longer in LONGER:
+            x = np.concatenate([[longer * history[-1]], x[1:]])
+            x, worst = self._calmest(x)
+            self.tell(f"{x[0]:.4f} s: vibration {worst:.2f} times the allowed one")
+            if worst <= 1.0:
+                return self._kept(x)
+        raise SolverError(
+            f"fastest: vibration stays above {self.swings:.3g} m with {LONGER[-1]:g} times the shortest duration; "
+            "allow more vibration"
+        )
+
+    def _calmest(self, x: np.ndarray) -> tuple[np.ndarray, float]:
+        """The time law of the same duration with less vibration, and how large it is over the allowed one."""
+        g, s = self.constraints(x), self.swing(x)
+        trust = TRUST
+
+        def merit(g: np.ndarray, s: np.ndarray) -> float:
+            return float(np.abs(s).max() + CALM * max(np.abs(g).max() - 1.0 - KEPT / 2, 0.0))
+
+        for _ in range(CALMER):
+            check_time("fastest")
+            if np.abs(s).max() <= 1.0 and np.abs(g).max() <= 1.0 + KEPT:
+                break
+            columns = []
+            for k in range(1, len(x)):
+                moved = x + CALM_STEP * (np.arange(len(x)) == k)
+                columns.append(np.concatenate([self.constraints(moved) - g, self.swing(moved) - s]) / CALM_STEP)
+            G = np.stack(columns, axis=1)
+            better = False
+            while trust > SMALLEST and not better:
+                step = self._calm_program(x, g, s, G, trust)
+                self.programs += 1
+                other = x + np.concatenate([[0.0], step])
+                tried = self._tried(other)
+                if tried is not None:
+                    swing = self.swing(other)
+                    better = merit(tried, swing) < merit(g, s) - 1e-4
+                if better and tried is not None:
+                    x, g, s, trust = other, tried, swing, min(trust * GROW, 0.5)
+                else:
+                    trust *= SHRINK
+            if not better:
+                break
+        kept = np.abs(g).max() <= 1.0 + KEPT
+        return x, float(np.abs(s).max()) if kept else float("inf")
+
+    def _calm_program(self, x: np.ndarray, g: np.ndarray, s: np.ndarray, G: np.ndarray, trust: float) -> np.ndarray:
+        """The step dc of one linear program: unknown dc, the vibration v and the excess sigma of limits."""
+        n, near = len(x) - 1, np.abs(g) > CLOSE
+        A, B = G[: len(g)][near], G[len(g) :]
+        one, none = np.ones((len(A), 1)), np.zeros((len(A), 1))
+        rows = [np.hstack([A, none, -one]), np.hstack([-A, none, -one])]
+        right = [1 - g[near], 1 + g[near]]
+        one, none = np.ones((len(B), 1)), np.zeros((len(B), 1))
+        rows += [np.hstack([B, -one, none]), np.hstack([-B, -one, none])]
+        right += [-s, s]
+        order = np.zeros((n + 1, n + 2))
+        for k in range(n):
+            order[k, k], order[k + 1, k] = -1.0, 1.0
+        rows.append(order)
+        right.append(np.diff(np.concatenate([[0.0], x[1:], [1.0]])))
+        cost = np.concatenate([np.zeros(n), [1.0, CALM]])
+        bounds = [(-trust, trust)] * n + [(0, None)] * 2
+        found = linprog(cost, A_ub=np.vstack(rows), b_ub=np.concatenate(right), bounds=bounds, method="highs")
+        return np.zeros(n) if found.x is None else np.asarray(found.x[:n])
+
+    def _tried(self, x: np.ndarray) -> np.ndarray | None:
+        try:
+            g = self.constraints(x)
+        except FlexgenError:
+            return None
+        return g if np.isfinite(g).all() else None
+
+    def _slopes(self, x: np.ndarray, g: np.ndarray) -> np.ndarray:
+        """Derivatives of the constraints (k, 1 + n) by differences."""
+        columns = []
+        for k in range(len(x)):
+            h = STEP * (x[0] if k == 0 else 1.0)
+            for step in (h, -h):
+                moved = self._tried(x + step * (np.arange(len(x)) == k))
+                if moved is not None:
+                    break
+            columns.append(np.zeros_like(g) if moved is None else (moved - g) / step)
+        return np.stack(columns, axis=1)
+
+    def _program(self, x: np.ndarray, g: np.ndarray, G: np.ndarray, trust: float, scale: float) -> np.ndarray | None:
+        """The step of one linear program: unknown dT/T, dc, sigma."""
+        n, A = len(x), G * np.concatenate([[scale], np.ones(len(x) - 1)])
+        near = np.abs(g) > CLOSE
+        A, b = A[near], g[near]
+        sigma = -np.ones((len(b), 1))
+        rows = np.vstack([np.hstack([A, sigma]), np.hstack([-A, sigma])])
+        right = np.concatenate([1 - b, 1 + b])
+        order = np.zeros((n, n + 1))  # 0 <= c_1 <= ... <= c_n <= 1
+        for k in range(n):
+            if k > 0:
+                order[k, k] = 1.0
+            if k < n - 1:
+                order[k, k + 1] = -1.0
+        c = np.concatenate([[0.0], x[1:], [1.0]])
+        rows, right = np.vstack([rows, order]), np.concatenate([right, np.diff(c)])
+        # Small weights on |dc|: where no limit is near, the law stays as it is.
+        size = np.hstack([np.zeros((n - 1, 1)), np.eye(n - 1), np.zeros((n - 1, 1)), -np.eye(n - 1)])
+        mirrored = np.hstack([-size[:, : n + 1], -np.eye(n - 1)])
+        rows = np.vstack([np.hstack([rows, np.zeros((len(rows), n - 1))]), size, mirrored])
+        right = np.concatenate([right, np.zeros(2 * (n - 1))])
+        cost = np.concatenate([[1.0], np.zeros(n - 1), [PENALTY], np.full(n - 1, LAZY)])
+        bounds = [(-trust, trust)] * n + [(0, None)] * n
+        found = linprog(cost, A_ub=rows, b_ub=right, bounds=bounds, method="highs")
+        if found.x is None:
+            return None
+        step = found.x[:n].copy()
+        step[0] *= scale
+        return np.asarray(step)
