@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from flexgen import extensions, registry
+from flexgen import registry
 from flexgen.version import __version__ as __version__
 
 _VERBS = {
@@ -140,28 +140,26 @@ _NOUNS = {
 _ERRORS = dict.fromkeys(["FlexgenError", "ModelError", "ArgumentError", "SolverError", "BuildError"], "flexgen.errors")
 _PUBLIC = _VERBS | _NOUNS | _ERRORS
 # What objects of lower rooms call in upper ones: pictures, reports, searches; imported when they are called.
-_METHODS = {
-    "Analysis._repr_html_": ("flexgen.reports.analysis_page", "tables"),
-    "Analysis.plot": ("flexgen.plots.linear", "plot_analysis"),
-    "Analysis.report": ("flexgen.reports.analysis_page", "write_analysis"),
-    "Analysis.to_control": ("flexgen.analysis.control_system", "control_system"),
-    "ControlRun.plot": ("flexgen.plots.control", "plot_control"),
-    "ControlRun.report": ("flexgen.reports.control_page", "write_control"),
-    "FeedbackStudy.plot": ("flexgen.plots.feedback_study", "plot_feedback_study"),
-    "Identified.verdict": ("flexgen.identification.verdict", "verdict"),
-    "Identified.report": ("flexgen.reports.identification_page", "write_identification"),
-    "Learned.plot": ("flexgen.plots.control", "plot_learned"),
-    "Learned.report": ("flexgen.reports.control_page", "write_learned"),
-    "Move.fastest": ("flexgen.performance.minimum_time", "fastest_move"),
-    "Score.plot": ("flexgen.plots.control", "plot_score"),
-    "Score.report": ("flexgen.reports.control_page", "write_score"),
-    "Solution.plot": ("flexgen.plots.solution", "plot_solution"),
-    "Solution.report": ("flexgen.reports.html", "report_solution"),
+_RESULTS = {
+    "Analysis._repr_html_": "flexgen.reports.analysis_page:tables",
+    "Analysis.plot": "flexgen.plots.linear:plot_analysis",
+    "Analysis.report": "flexgen.reports.analysis_page:write_analysis",
+    "Analysis.to_control": "flexgen.analysis.control_system:control_system",
+    "ControlRun.plot": "flexgen.plots.control:plot_control",
+    "ControlRun.report": "flexgen.reports.control_page:write_control",
+    "FeedbackStudy.plot": "flexgen.plots.feedback_study:plot_feedback_study",
+    "Identified.verdict": "flexgen.identification.verdict:verdict",
+    "Identified.report": "flexgen.reports.identification_page:write_identification",
+    "Learned.plot": "flexgen.plots.control:plot_learned",
+    "Learned.report": "flexgen.reports.control_page:write_learned",
+    "Move.fastest": "flexgen.performance.minimum_time:fastest_move",
+    "Score.plot": "flexgen.plots.control:plot_score",
+    "Score.report": "flexgen.reports.control_page:write_score",
+    "Solution.plot": "flexgen.plots.solution:plot_solution",
+    "Solution.report": "flexgen.reports.html:report_solution",
 }
-
-registry.register(_METHODS)
-
 for _group, _targets in {
+    "results": _RESULTS,
     "methods": {
         "discretized": "flexgen.lab.methods:DISCRETIZED",
         "bdf": "flexgen.lab.methods:BDF",
@@ -178,7 +176,7 @@ for _group, _targets in {
         "lq": "flexgen.laws.state_lq:LQ",
     },
 }.items():
-    extensions.register(_group, _targets)
+    registry.register(_group, _targets)
 
 __all__ = [*_PUBLIC, "__version__"]
 

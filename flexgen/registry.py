@@ -1,24 +1,72 @@
-"""Functions of upper rooms that objects of lower rooms call, by name: pictures, reports, searches.
+"""What upper rooms and other packages add to the rooms below them, by group and name; imported when it is first used.
 
-The front room, `flexgen`, hands down a table of names, such as ``Solution.plot``, and of the functions behind them. A
-function is imported when it is called for the first time. No room below names a room above.
+============  ===================================================  ===================================================
+group         what a name refers to                                used by
+============  ===================================================  ===================================================
+``results``   a function: pictures, reports, searches              methods of results, such as ``Solution.plot``
+``methods``   a `flexgen.inversion.method_table.Method`            `flexgen.solve`
+``laws``      a class of feedback laws, `flexgen.loop.model_law`   `flexgen.control`, controller files
+============  ===================================================  ===================================================
+
+The front room, `flexgen`, hands down the tables of flexgen itself; no room below names a room above. Another package
+declares an entry point of the group ``flexgen.methods`` or ``flexgen.laws``:
+
+    [project.entry-points."flexgen.methods"]
+    my_method = "my_package.method:METHOD"
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from importlib import import_module
+from importlib.metadata import entry_points
 from typing import Any
 
-_TARGETS: dict[str, tuple[str, str]] = {}
+from flexgen.errors import ArgumentError
+
+_TARGETS: dict[str, dict[str, str]] = {}
 
 
-def register(functions: Mapping[str, tuple[str, str]]) -> None:
-    """Register functions by name, each as its module and its name there; a later entry replaces an earlier one."""
-    _TARGETS.update(functions)
+def register(group: str, targets: Mapping[str, str]) -> None:
+    """Add to a group: ``module:object`` by name; a later entry replaces an earlier one."""
+    _TARGETS.setdefault(group, {}).update(targets)
+
+
+def imported(target: str) -> Any:
+    """The object ``module:object``."""
+    module, _, name = target.partition(":")
+    return getattr(import_module(module), name)
 
 
 def registered(name: str) -> Any:
-    """The function that was registered under a name."""
-    module, function = _TARGETS[name]
-    return getattr(import_module(module), function)
+    """The function of the group ``results`` with a name."""
+    return imported(_TARGETS["results"][name])
+
+
+def own_names(group: str) -> tuple[str, ...]:
+    """The names of a group that flexgen itself has registered."""
+    return tuple(_TARGETS.get(group, {}))
+
+
+@cache
+def names(group: str) -> tuple[str, ...]:
+    """All names of a group: those of flexgen first, then those of other packages by their names."""
+    own = _TARGETS.get(group, {})
+    return (*own, *sorted({point.name for point in entry_points(group=f"flexgen.{group}")} - set(own)))
+
+
+@cache
+def extension(group: str, name: str) -> Any:
+    """The object of a name; ArgumentError where it cannot be imported."""
+    target = _TARGETS.get(group, {}).get(name)
+    if target is not None:
+        return imported(target)
+    found = {point.name: point for point in entry_points(group=f"flexgen.{group}")}[name]
+    try:
+        return found.load()
+    except Exception as error:  # code of others
+        raise ArgumentError(
+            f"entry point {name} = {found.value!r} of flexgen.{group}: {type(error).__name__}: {error}; repair or "
+            "uninstall that package"
+        ) from error

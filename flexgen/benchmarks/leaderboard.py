@@ -19,9 +19,9 @@ from flexgen.loop.interface import Controller
 from flexgen.loop.model_law import LinearDesign, ModelLaw
 from flexgen.loop.named_controllers import FeedforwardOnly, controller_of
 from flexgen.loop.python_files import LIBRARIES, is_python
+from flexgen.registry import extension, own_names
 
 OURS = (PPI, PID, Cascade, Linear, FeedforwardOnly, ModelLaw)
-LAWS = "flexgen.laws."  # designs from there, not those of others, run in the process of the benchmark
 
 
 def shipped(scenario: str, version: int = 2) -> dict[str, Path]:
@@ -68,5 +68,5 @@ def is_foreign(given: Any) -> bool:
     if isinstance(given, (str, Path)):
         return is_python(str(given)) or str(given).endswith(LIBRARIES)
     if isinstance(given, LinearDesign):
-        return not any(base.__module__.startswith(LAWS) for base in type(given).__mro__)
+        return not isinstance(given, tuple(extension("laws", name) for name in own_names("laws")))
     return not isinstance(given, OURS) and not is_system(given)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cache
 
 from flexgen.errors import ArgumentError
-from flexgen.extensions import extension, names
+from flexgen.registry import extension, names
 
 AUTO = "auto"  # the method that `flexgen.solve` chooses by itself
 
@@ -110,7 +110,7 @@ def method_names() -> tuple[str, ...]:
 
 @cache
 def methods() -> dict[str, Method]:
-    """All methods by name: those of this table, and those that are registered, see `flexgen.extensions`."""
+    """All methods by name: those of this table, and those that are registered, see `flexgen.registry`."""
     own = {method.name: method for method in (*SOLVERS, *BASELINES)}
     return {name: own[name] if name in own else _registered(name) for name in method_names()[1:]}
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path as FilePath
 from typing import Any, overload
 
@@ -30,7 +29,7 @@ from flexgen.model.output_columns import output_labels, output_units
 from flexgen.paths.path import named_move
 from flexgen.ports import Port
 from flexgen.progress import Choice, reported
-from flexgen.registry import registered
+from flexgen.registry import imported, registered
 from flexgen.simulation.hold_names import HoldName
 from flexgen.simulation.simulate import HELD_KEY
 from flexgen.trajectory import Trajectory
@@ -246,8 +245,7 @@ def _is_unreachable(problem: InversionProblem, failures: list[tuple[str, SolverE
 
 def run_method(method: Method, problem: InversionProblem, h: float) -> MethodResult:
     """The result of a method on intervals of ``h`` [s]."""
-    module = import_module(method.module)
-    solver: Callable[[InversionProblem, float], MethodResult] = getattr(module, method.function)
+    solver: Callable[[InversionProblem, float], MethodResult] = imported(f"{method.module}:{method.function}")
     return solver(problem, h)
 
 

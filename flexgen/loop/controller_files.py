@@ -20,13 +20,13 @@ import numpy as np
 
 from flexgen.arguments import is_number
 from flexgen.errors import ArgumentError
-from flexgen.extensions import extension, names
 from flexgen.loop.controllers import Cascade, Filter, Linear, LowPass, Notch
 from flexgen.loop.gains import PPI
 from flexgen.loop.interface import PlugIn, PythonController
 from flexgen.loop.model_law import FLAG, GAINS, NUMBER, TEXT, LinearDesign, ModelLaw
 from flexgen.loop.python_files import LIBRARIES, is_python, object_of_file
 from flexgen.model.toml_lines import TextError, plain_table
+from flexgen.registry import extension, names
 
 TABLES = ("ppi", "cascade", "linear")
 LARGEST_FILE = 2**24  # bytes

@@ -49,7 +49,6 @@ FLOORS = {
     "errors": 0,
     "executors": 0,
     "explained_status": 0,
-    "extensions": 0,
     "interpolation": 0,
     "npz_files": 0,
     "ports": 0,

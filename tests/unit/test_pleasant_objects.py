@@ -91,7 +91,8 @@ def test_a_solution_writes_its_report(solution, tmp_path):
 
 
 def test_every_method_of_an_upper_package_is_there():
-    for method, (module, name) in flexgen._METHODS.items():
+    for method, target in flexgen._RESULTS.items():
+        module, name = target.split(":")
         assert callable(getattr(importlib.import_module(module), name)), method
         if method == "Move.fastest":  # (of `flexgen.solve`, not a method)
             continue
