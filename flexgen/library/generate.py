@@ -22,14 +22,7 @@ from flexgen.codegen.amalgamation import amalgamated
 from flexgen.codegen.c_functions import check_parts
 from flexgen.codegen.clib_types import signature_of
 from flexgen.codegen.interface import ABI_VERSION, PARTS, STATUSES, STRUCTS
-from flexgen.codegen.spec import (
-    PRECISIONS,
-    LibrarySpec,
-    PrecisionName,
-    chosen_functions,
-    library_name,
-    library_spec,
-)
+from flexgen.codegen.spec import PRECISIONS, LibrarySpec, PrecisionName, chosen_functions, library_name, library_spec
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.library.compiler import ISAS, Compiler, IsaName, build_libraries, find_compiler
