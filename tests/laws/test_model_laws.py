@@ -403,7 +403,7 @@ def test_a_law_needs_a_planned_motion():
         ),
         ('type = "lq"\nrho = "big"', "rho: given 'big', expected a number"),
         ('type = "tomei_pd"\nk_p = [1.0, true]\nk_d = [1.0, 1.0]', "k_p: given .*, expected numbers in brackets"),
-        ('type = "fuzzy"', "given 'fuzzy', expected one of ppi, cascade, .*, linear, feedback_linearisation"),
+        ('type = "fuzzy"', "given 'fuzzy', expected one of ppi, cascade, linear, lqg, .*, feedback_linearisation"),
     ],
 )
 def test_wrong_files_are_refused(tmp_path, text, words):
