@@ -18,7 +18,7 @@ SOLVERS = {"lq": "invert", "bvp": "bvp"}  # hand-written sources of the methods
 
 def has_compiler() -> bool:
     """Whether there is a C compiler."""
-    from flexgen.build.compiler import find_compiler
+    from flexgen.library.compiler import find_compiler
 
     return find_compiler() is not None
 
@@ -54,7 +54,7 @@ def inversion_library(
     BuildError
         There is no compiler, or it fails.
     """
-    from flexgen.build.model_library import library_with
+    from flexgen.library.model_library import library_with
 
     model = equations.model
     reason = model.inversion_obstacle()

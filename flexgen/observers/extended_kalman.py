@@ -26,6 +26,9 @@ from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.library.c_module import c_module
 from flexgen.library.model_library import library_with
+from flexgen.loop.channels import MOTORS, Channels, Noise, channels_of
+from flexgen.loop.plants import LocalDynamics
+from flexgen.loop.sampled_model import PoseModels
 from flexgen.mechanics.equations import Equations, derive, robot_of
 from flexgen.model.elements import RobotModel
 from flexgen.observers.design import (

@@ -18,11 +18,11 @@ from scipy.linalg import expm
 
 from flexgen.deadline import check_time
 from flexgen.library.model_library import library_with
-from flexgen.motion_control.lq import riccati
-from flexgen.motion_control.observers.channels import Channels
-from flexgen.motion_control.observers.design import Noises
-from flexgen.motion_control.reference import MotionReference
-from flexgen.motion_control.sampled_model import PoseModel, PoseModels, elastic_gears, held
+from flexgen.loop.channels import Channels
+from flexgen.loop.noises import Noises
+from flexgen.loop.reference import MotionReference
+from flexgen.loop.sampled_model import PoseModel, PoseModels, elastic_gears, held
+from flexgen.numerics.riccati import riccati
 
 PARTS = 40  # of the motion, each with gains of its own
 MODEL_ERROR, LOAD_ERROR, MODEL_TIME = 0.2, 0.02, 0.3  # of the arm's forces: of springs, others; s

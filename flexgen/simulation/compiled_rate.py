@@ -68,9 +68,9 @@ class CompiledRate:
 
 def compiled_rate(rate: ca.Function, progress: Callable[[str], None] | None) -> CompiledRate | None:
     """A CasADi function with the name ``rate`` in C; None where there is no C compiler that works."""
-    from flexgen.build.c_module import load_module
-    from flexgen.build.casadi_module import casadi_module, external
-    from flexgen.build.compiler import find_compiler
+    from flexgen.library.c_module import load_module
+    from flexgen.library.casadi_module import casadi_module, external
+    from flexgen.library.compiler import find_compiler
 
     try:
         if find_compiler() is None:
@@ -190,7 +190,7 @@ class CompiledDop853:
 
 @lru_cache(maxsize=1)
 def _advance() -> Any:
-    from flexgen.build.c_module import c_module
+    from flexgen.library.c_module import c_module
 
     function = c_module(SOURCE).simulation_advance
     function.restype = ctypes.c_int
