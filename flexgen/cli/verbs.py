@@ -285,8 +285,7 @@ def generated_dict(robot: RobotModel, library: Generated) -> dict[str, Any]:
 
 def _written_files(files: tuple[Path, ...]) -> list[str]:
     """The written files a user needs by name, and the number of sources."""
-    private = ("_body.h", "_kernel.h", "_private.h")
-    sources = [path for path in files if path.suffix == ".c" or path.name.endswith(private)]
+    sources = [path for path in files if path.suffix == ".c" or path.parent.name == "src"]
     shown = [f"wrote {path}" for path in files if path not in sources]
     return [*shown, f"wrote {sources[0].parent} ({len(sources)} sources)"] if sources else shown
 

@@ -2,11 +2,10 @@
 #ifndef MODEL_INVERSION_COMMON_H
 #define MODEL_INVERSION_COMMON_H
 
-#include "model_private.h"
-
 #include "model_inversion.h"
 
 #include "model_motor_constants.h"
+#include "model_private.h"
 
 enum {
     NA = MODEL_NA,
@@ -126,6 +125,125 @@ static inline void keep_parameters(const real *parameters, real *space)
 static inline int64_t padded(int64_t n)
 {
     return (n + BLOCK - 1) / BLOCK * BLOCK;
+}
+
+/*
+ * --- Small dense systems of equations by elimination.
+ *
+ * Matrices by rows, `width` numbers from row to row.
+ */
+
+/*
+ * Gauss elimination with pivots on the diagonal, n rows: of the matrix in columns 0 ... n - 1, and of the right sides
+ * in the columns after it, which become the solutions. 0 where a pivot is zero: its unknown becomes zero.
+ */
+static inline int solve_plain(real *a, int n, int width)
+{
+    int regular = 1;
+    for (int k = 0; k < n; ++k) {
+        const real *top = a + k * width;
+        const int is_pivot = fabs_1(top[k]) > 0.0;
+        regular = regular && is_pivot;
+        for (int i = k + 1; i < n; ++i) {
+            real *row = a + i * width;
+            const real f = is_pivot ? row[k] / top[k] : 0.0;
+            for (int j = k + 1; j < width; ++j) {
+                row[j] -= f * top[j];
+            }
+        }
+    }
+    for (int k = n - 1; k >= 0; --k) {
+        real *row = a + k * width;
+        for (int c = n; c < width; ++c) {
+            for (int j = k + 1; j < n; ++j) {
+                row[c] -= row[j] * a[j * width + c];
+            }
+            row[c] = fabs_1(row[k]) > 0.0 ? row[c] / row[k] : 0.0;
+        }
+    }
+    return regular;
+}
+
+/* The row of the largest entry in column k, of the rows from k on. */
+static inline int pivot_row(const real *a, int height, int width, int k)
+{
+    int best = k;
+    for (int i = k + 1; i < height; ++i) {
+        if (fabs_1(a[i * width + k]) > fabs_1(a[best * width + k])) {
+            best = i;
+        }
+    }
+    return best;
+}
+
+static inline void swap_rows(real *one, real *other, int columns)
+{
+    for (int j = 0; j < columns; ++j) {
+        const real t = one[j];
+        one[j] = other[j];
+        other[j] = t;
+    }
+}
+
+/*
+ * --- Derivatives of a sampled motion by differences.
+ */
+
+enum { MARGIN = 3 }; /* samples on either side that a derivative needs */
+
+/* largest kinematic mismatch of a status OK: beyond rounding and the corner of a filter */
+static const real mismatch_max = PRECISE(2e-2, 2.5e-1);
+
+/* First and second derivative by seven samples, `stride` apart and `period` seconds; order six. */
+static inline real sixty_differences(const real *x, ptrdiff_t stride)
+{
+    return 45.0 * (x[stride] - x[-stride]) - 9.0 * (x[2 * stride] - x[-2 * stride]) + (x[3 * stride] - x[-3 * stride]);
+}
+
+/* The same of LANES samples that follow each other from `x` on. */
+static inline lanes sixty_differences_v(const real *x, ptrdiff_t stride)
+{
+    return 45.0 * (load_v(x + stride) - load_v(x - stride)) - 9.0 * (load_v(x + 2 * stride) - load_v(x - 2 * stride)) +
+           (load_v(x + 3 * stride) - load_v(x - 3 * stride));
+}
+
+static inline real derivative_of(const real *x, ptrdiff_t stride, real period)
+{
+    return sixty_differences(x, stride) / (60.0 * period);
+}
+
+static inline lanes derivative_v(const real *x, real period)
+{
+    return sixty_differences_v(x, 1) / (60.0 * period);
+}
+
+static inline real second_derivative_of(const real *x, ptrdiff_t stride, real period)
+{
+#if BYTES == 8
+    return (270.0 * (x[stride] + x[-stride]) - 27.0 * (x[2 * stride] + x[-2 * stride]) +
+               2.0 * (x[3 * stride] + x[-3 * stride]) - 490.0 * x[0]) /
+           (180.0 * period * period);
+#else /* from differences: a large value that they share does not cost digits */
+    const real one = (x[stride] - x[0]) + (x[-stride] - x[0]);
+    const real two = (x[2 * stride] - x[0]) + (x[-2 * stride] - x[0]);
+    const real three = (x[3 * stride] - x[0]) + (x[-3 * stride] - x[0]);
+    return (270.0 * one - 27.0 * two + 2.0 * three) / (180.0 * period * period);
+#endif
+}
+
+static inline lanes second_derivative_v(const real *x, real period)
+{
+    const lanes now = load_v(x);
+#if BYTES == 8
+    return (270.0 * (load_v(x + 1) + load_v(x - 1)) - 27.0 * (load_v(x + 2) + load_v(x - 2)) +
+               2.0 * (load_v(x + 3) + load_v(x - 3)) - 490.0 * now) /
+           (180.0 * period * period);
+#else
+    const lanes one = (load_v(x + 1) - now) + (load_v(x - 1) - now);
+    const lanes two = (load_v(x + 2) - now) + (load_v(x - 2) - now);
+    const lanes three = (load_v(x + 3) - now) + (load_v(x - 3) - now);
+    return (270.0 * one - 27.0 * two + 2.0 * three) / (180.0 * period * period);
+#endif
 }
 
 #endif

@@ -1,9 +1,235 @@
 /* model: inverse dynamics along a whole path. Written by flexgen; see model_inversion.h. */
 #include "model_inversion.h"
 
-#include "model_equilibrium.h"
-#include "model_lq_path.h"
+#include "model_inversion_common.h"
+#include "model_lq_step.h"
+#include "model_reduced_problem.h"
 #include "model_whole_path.h"
+
+/*
+ * --- The end of a motion along a path, where what is left of it moves the output no more.
+ *
+ * After the path the motion of the unactuated coordinates decays to the equilibrium. What is left of it moves the
+ * output by about
+ *
+ *     max over X in {W_e, D} of max(|X (q_e - q_e,end)|, HELD |X v_e|),    dy/dt = W v_a,
+ *
+ * while the joints stand still or, D = W_g M_gg^-1 M_ge - W_e, while the torque is held and they keep their momentum.
+ * It does not end before the deflections of damped gears have decayed, see `shortest_motion_after`.
+ */
+
+#if MODEL_NE > 0
+
+static const real held_time = 0.5; /* s: HELD */
+
+typedef struct {
+    real allowed;       /* what may be left [m or rad]; 0: the motion is not cut */
+    real q[NA];         /* the equilibrium */
+    real X[2 * NY][NE]; /* W_e and D there */
+    real shortest;      /* motion after the path, at least [s] */
+    int intervals;      /* with motion */
+} settling;
+
+/* The matrices at the equilibrium, M by inverse dynamics of unit accelerations. */
+static inline int settling_at(const real *target, problem_points *arm, settling *s, real *space)
+{
+    real M[NG][NG + NE], at_rest[NG];
+    for (int i = 0; i < NT; ++i) {
+        for (int l = 0; l < POINTS; ++l) {
+            arm->target[i][l] = target[i];
+        }
+    }
+    for (int begin = 0; begin <= NA; begin += POINTS) {
+        int status;
+        for (int i = 0; i < NA; ++i) {
+            for (int l = 0; l < POINTS; ++l) {
+                arm->q[i][l] = s->q[i];
+                arm->v[i][l] = 0.0;
+                arm->a[i][l] = begin + l == i + 1 ? 1.0 : 0.0; /* the first: at rest */
+            }
+        }
+        status = evaluate_rows(arm, space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int i = 0; i < NG; ++i) {
+            at_rest[i] = begin == 0 ? arm->tau_g[i][0] : at_rest[i];
+            for (int j = 0; j < NG + NE; ++j) {
+                const int l = (j < NG ? i_g[j] : i_e[j - NG]) + 1 - begin;
+                if (l >= 0 && l < POINTS) {
+                    M[i][j] = arm->tau_g[i][l] - at_rest[i];
+                }
+            }
+        }
+    }
+    (void)solve_plain(&M[0][0], NG, NG + NE);
+    evaluate_constraint(arm, space);
+    for (int i = 0; i < NY; ++i) {
+        for (int j = 0; j < NE; ++j) {
+            s->X[i][j] = arm->W[i_e[j]][i][0];
+            s->X[NY + i][j] = -s->X[i][j];
+            for (int k = 0; k < NG; ++k) {
+                s->X[NY + i][j] += arm->W[i_g[k]][i][0] * M[k][NG + j];
+            }
+        }
+    }
+    return MODEL_OK;
+}
+
+/* Whether what is left of the motion at node k of the mesh moves the output by more than `allowed`. */
+static inline int moves_at(const mesh *m, const settling *s, ptrdiff_t k, real allowed)
+{
+    const real *y = m->y + k * STATES;
+    for (int part = 0; part < 2; ++part) {
+        real squares[2] = {0.0, 0.0};
+        for (int i = part * NY; i < (part + 1) * NY; ++i) {
+            real q = 0.0, v = 0.0;
+            for (int j = 0; j < NE; ++j) {
+                q += s->X[i][j] * (y[j] - m->equilibrium[j]);
+                v += s->X[i][j] * held_time * y[NE + j];
+            }
+            squares[0] += q * q;
+            squares[1] += v * v;
+        }
+        if (!(fmax_1(squares[0], squares[1]) <= allowed * allowed)) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/*
+ * Leave out the intervals after the motion, but for those that its last derivatives need. Half of what is allowed: the
+ * next steps change the motion, and a vibration can be larger between two nodes.
+ */
+static inline void cut_mesh(mesh *m, int samples_per_interval, settling *s)
+{
+    const int margin = (BEYOND + samples_per_interval - 1) / samples_per_interval;
+    int k = m->N;
+    while ((real)(k - m->varying) * m->h > s->shortest && !moves_at(m, s, k, 0.5 * s->allowed)) {
+        --k;
+    }
+    if (k + 1 + margin < m->N) {
+        m->N = k + 1 + margin;
+        s->intervals = k + 1;
+    }
+}
+
+/* Whether the motion that has been found moves after its end, which was chosen before its last steps. */
+static inline int is_cut_early(const mesh *m, const settling *s)
+{
+    for (int k = s->intervals; s->intervals < m->N && k <= m->N; ++k) {
+        if (moves_at(m, s, k, s->allowed)) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+#endif
+
+/*
+ * --- Gauss-Newton steps of the inversion along a whole path.
+ *
+ * A step is the solution of a linear-quadratic problem (see lq_step.h). Its factors hold for later steps too where the
+ * motion has changed little: then only the linear terms are computed again. The intervals after the path are all close
+ * to the same equilibrium: they share its Jacobians, and the factor of an endless one. Where the cost of that one is
+ * not exact, as unstable zeros of very different size hide each other, each has a factor of its own.
+ */
+
+#if MODEL_NE > 0
+
+enum { MORE_STEPS = 2 };
+
+static const real unchanged = PRECISE(1e-7, 1e-4);
+
+/* The factors of all intervals that have their own, from the cost of an endless equilibrium after them. */
+static inline int lq_path_factor(mesh *m, real *point, const lq_data *c, lq_space *w, real *space)
+{
+    int status;
+    copy(m->end, STATES * STATES, w->P);
+    for (int i = 0; i < STATES; ++i) {
+        w->p[i] = 0.0;
+    }
+    status = m->factored > m->varying ? lq_factor_alike(m, m->varying, c->steady_point, w) : MODEL_OK;
+    return status == MODEL_OK ? lq_factor_before(m, m->varying, point, w, space) : status;
+}
+
+/* The residuals before the first step: those of the factors; the intervals after the path are at equilibrium. */
+static inline void lq_path_first_rows(mesh *m, const lq_data *c)
+{
+    const ptrdiff_t at = (ptrdiff_t)m->varying * STAGES, all = (ptrdiff_t)m->N * STAGES;
+    for (ptrdiff_t k = 0; k < at; ++k) {
+        copy(c->point + k * POINT + NE * TRIPLE, NE, c->row + k * NE);
+    }
+    for (ptrdiff_t i = at * NE; i < all * NE; ++i) {
+        c->row[i] = 0.0;
+    }
+}
+
+/*
+ * The motion on the mesh by Gauss-Newton steps. The factors are computed again where a step with those of an earlier
+ * motion gains less than a factor of ten. Where the residual is small enough, up to MORE_STEPS follow until the next
+ * one would change the motion by less than the share `unchanged` of the first: factors of another motion leave an error
+ * of the motion that the residual hardly shows. cut: the motion ends where it has settled after the first step, which
+ * is nearly the last one.
+ */
+static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const model_inversion_options *o, int cut,
+    settling *end, model_inversion_info *info, lq_space *w, real *space)
+{
+    const real tolerance = o->tolerance;
+    newton progress = {-1.0, 0, 0};
+    real first = 0.0, last = 0.0; /* sizes of steps */
+    int must_factor = 1, more = 0;
+    for (;;) {
+        const real before = progress.before;
+        real size, next;
+        int state, status = MODEL_OK;
+        info->iterations = progress.steps + 1;
+        if (must_factor) {
+            status = lq_path_factor(m, point, c, w, space);
+        }
+        if (status == MODEL_OK && progress.steps == 0) {
+            lq_path_first_rows(m, c);
+        }
+        if (status == MODEL_OK && !lq_linear(m, c)) {
+            status = MODEL_NOT_CONVERGED;
+        }
+        if (status != MODEL_OK) {
+            return status;
+        }
+        {
+            real d[STATES] = {0.0};
+            size = lq_data_step(m, c, d);
+        }
+        if (progress.steps == 0 && cut) {
+            cut_mesh(m, o->samples_per_interval, end);
+        }
+        status = evaluate_residual(m, c->row, w, space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        state = newton_state(&progress, m->residual, tolerance, 1e-2);
+        first = fmax_1(first, size);
+        next = last > 0.0 ? (must_factor ? 0.0 : size * (size / last)) : m->varying < m->N ? size : 0.0;
+        if (state == NEWTON_CONTINUES && last > 0.0 && !must_factor && m->residual <= tolerance &&
+            next <= unchanged * first) {
+            state = NEWTON_CONVERGED; /* what is left is the regularization, which no step changes */
+        }
+        if (state == NEWTON_FAILED ||
+            (state == NEWTON_CONVERGED && (!(next > unchanged * first) || more == MORE_STEPS))) {
+            return state == NEWTON_CONVERGED ? MODEL_OK : MODEL_NOT_CONVERGED;
+        }
+        more += state == NEWTON_CONVERGED;
+        must_factor = state == NEWTON_CONTINUES && before >= 0.0 && m->residual > 0.1 * before;
+        progress.before = m->residual;
+        last = size;
+    }
+}
+
+#endif
+
+/* --- The function invert. */
 
 #if MODEL_NE > 0
 enum { SWEEPS = 40, SWEEP = 8 }; /* sweeps for the cost of an endless equilibrium; their intervals */

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import PurePosixPath
 
+from flexgen.codegen.function_files import MATHEMATICS
+
 _INCLUDE = '#include "'
 
 
@@ -61,7 +63,7 @@ class _Merged:
     """
 
     def __init__(self, texts: Mapping[str, str], public: set[str]) -> None:
-        self._texts, self._public = texts, public
+        self._texts, self._public = dict(texts), public
         self._seen: set[str] = set()
 
     def text(self, file: str) -> str:
@@ -69,6 +71,11 @@ class _Merged:
         text = self._texts[file]
         if file in self._seen:
             return ""
+        if f'#include "{file}"' in text:  # the file of a function, which includes its second part
+            head, mathematics = text.split(f"{MATHEMATICS}\n")
+            first, _, rest = head.partition("\n#ifndef T")
+            self._texts[file] = mathematics.removesuffix("#endif\n")
+            text = f"{first}\n{rest.partition(chr(10))[2]}"
         if any(line.startswith("#ifndef ") and line.rstrip().endswith("_H") for line in text.splitlines()):
             self._seen.add(file)
         out = []

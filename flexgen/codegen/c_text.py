@@ -62,11 +62,7 @@ def prototype(spec: LibrarySpec, f: FunctionSpec, work: int) -> str:
 
 def batch_prototype(spec: LibrarySpec, f: FunctionSpec, strided: bool = False) -> str:
     """The head of the function that evaluates many points; ``strided``: whose entries may be further apart."""
-    return batch_head(spec, f, f"{spec.name}_{f.name}_batch{'_strided' * strided}", strided)
-
-
-def batch_head(spec: LibrarySpec, f: FunctionSpec, name: str, strided: bool) -> str:
-    """The head of a function of many points with any name."""
+    name = f"{spec.name}_{f.name}_batch{'_strided' * strided}"
     real = f"{spec.name}_real"
     arguments = [f"const {real} *{p.name}" for p in f.inputs] + [f"{real} *{p.name}" for p in f.outputs]
     counts = ["int n", *(["int stride"] if strided else [])]

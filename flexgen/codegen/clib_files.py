@@ -31,7 +31,15 @@ from flexgen.mechanics.signatures import INVERSION
 
 FOLDER = "flexgen.clib"
 SOLVERS = ("bvp.c", "invert.c", "stream.c")  # parts of one source, so that they share their functions
-KERNEL = ("kernel.h", "kernel_functions.h", "private.h", "point.h", "lanes.h", "undefine.h")  # of every library
+KERNEL = (
+    "kernel.h",
+    "kernel_functions.h",
+    "private.h",
+    "point.h",
+    "lanes.h",
+    "function.h",
+    "undefine.h",
+)  # of every library
 _HOLD = (
     "What the drive does between two samples of the motor torque: HOLD_SPLINE follows a spline through them, "
     "HOLD_LINEAR goes on a straight line to the next one, HOLD_ZOH holds each of them until the next one (zero-order "

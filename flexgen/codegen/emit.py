@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 from flexgen.codegen.clib_files import inversion_files, inversion_header, kernel_files
 from flexgen.codegen.example import example
-from flexgen.codegen.function_files import body, facade, source
+from flexgen.codegen.function_files import facade, source
 from flexgen.codegen.header import batch_header, header
 from flexgen.codegen.kinematics_header import kinematics_files, kinematics_header
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
@@ -64,7 +64,6 @@ def emit(spec: LibrarySpec, written: Mapping[str, FunctionText] | None = None) -
     private = {f"{spec.name}.c": facade(spec)} | kernel_files(spec.name, spec.precision)
     for f in spec.functions:
         private[f"{spec.name}_{f.name}.c"] = source(spec, f, written[f.name])
-        private[f"{spec.name}_{f.name}_body.h"] = body(spec, f, written[f.name])
     private |= inversion_files(spec, written) | kinematics_files(spec, written)
     for public in list(files):  # so that no compiler needs to be told where they are
         private = {name: text.replace(f'"{public}"', f'"../{public}"') for name, text in private.items()}

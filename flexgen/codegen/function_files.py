@@ -1,10 +1,10 @@
-"""The C files of the library: checks and entry points around the mathematics, the facade, the example."""
+"""The C files of the library: the functions, and the facade."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import textwrap
 
-from flexgen.codegen.c_text import batch_head, batch_prototype, count_of, macro, prototype, quoted, size_macro
+from flexgen.codegen.c_text import count_of, macro, prototype, quoted, size_macro
 from flexgen.codegen.header import tile
 from flexgen.codegen.interface import ABI_VERSION, STATUSES
 from flexgen.codegen.spec import FunctionSpec, LibrarySpec
@@ -12,7 +12,6 @@ from flexgen.expressions.function_text import FunctionText
 from flexgen.expressions.literals import literal
 from flexgen.ports import Port
 
-PAST_CACHE = 2**23  # bytes of results that are written past the cache
 WAYS = 24  # lines that a set of the first cache may hold, about; more results at once push each other out
 
 
@@ -74,136 +73,68 @@ int {spec.name}_batch_work(void)
 """
 
 
-def body(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
-    """Text of ``<name>_<function>_body.h``: the mathematics, without a guard, as it is included twice."""
-    return (
-        f"/* {spec.name}: {f.name}, the mathematics; included for T a real and for T lanes of reals. "
-        f"Written by flexgen. */\n{written.text}"
-    )
+MATHEMATICS = "#else /* the mathematics */"  # the line of a source after which it is
 
 
 def source(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
-    """Text of ``<name>_<function>.c``: the checks around the mathematics, for one point and for many."""
-    name = f"{spec.name}_{f.name}"
+    """Text of ``<name>_<function>.c``: entry points for one point and for many, and the mathematics.
+
+    The mathematics is compiled twice, for one point and for lanes of points: the file includes itself.
+    """
+    file = f"{spec.name}_{f.name}.c"
+    arrays = " ".join(
+        f"{'SHARED' if _shared(spec, p) else 'INPUT' if p in f.inputs else 'OUTPUT'}({p.name}, {count_of(spec, f, p)})"
+        for p in (*f.inputs, *f.outputs)
+    )
+    results = sum(port.size for port in f.outputs)
     return f"""\
 /* {spec.name}: {f.name}. Written by flexgen; see {spec.name}.h. */
+#ifndef T /* the file includes itself: the mathematics with T a number, and with T lanes of numbers */
 #include "{spec.name}_batch.h"
 
 #include "{spec.name}_private.h"
 
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 #include "{spec.name}_point.h"
-#include "{name}_body.h"
+#include "{file}"
 
 #include "{spec.name}_lanes.h"
-#include "{name}_body.h"
+#include "{file}"
 
-{_failed(spec, f, _counts(spec, f))}
+#define NAME(suffix) {f.name}_##suffix
+#define PUBLIC(suffix) {spec.name}_{f.name}_##suffix
+#define ARRAYS(INPUT, SHARED, OUTPUT) \\
+{_continued(arrays)}
+#define WORK {written.work}
+#define TILE {tile(f, spec.precision)}
+#define RESULTS {results}
+#define COLLIDE {int(results > WAYS)}
+#include "{spec.name}_function.h"
+
 {_one_point(spec, f, written)}
-{_many_points(spec, f, written)}
 #include "{spec.name}_undefine.h"
+{MATHEMATICS}
+{written.text}#endif
 """
 
 
-def _counts(spec: LibrarySpec, f: FunctionSpec) -> dict[str, str]:
-    """Number of entries of each port, in C."""
-    return {port.name: count_of(spec, f, port) for port in (*f.inputs, *f.outputs)}
-
-
-def _null(names: Sequence[str]) -> str:
-    """The condition that one of the pointers is null."""
-    return " || ".join(f"{name} == NULL" for name in names)
+def _continued(text: str) -> str:
+    """A long line of a macro, in lines that go on."""
+    lines = textwrap.wrap(text.replace(", ", ",\0"), 112, break_long_words=False, break_on_hyphens=False)
+    return " \\\n".join(f"    {line}" for line in lines).replace("\0", " ")
 
 
 def _one_point(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
     """The function for one point."""
     names = [port.name for port in (*f.inputs, *f.outputs)]
-    work = ["work"] if written.work else []
+    given = ", ".join([*names, *["work"] * (written.work > 0)])
+    missing = given.replace(",", " == NULL ||")
     return f"""\
 {prototype(spec, f, written.work)}
 {{
-    if ({_null([*names, *work])}) {{
+    if ({missing} == NULL) {{
         return {macro(spec, "NULL_ARGUMENT")};
     }}
-    if ({f.name}_evaluate_1({", ".join([*names, *work])}) == 0) {{
-        return {macro(spec, "OK")};
-    }}
-    return {f.name}_failed({", ".join(names)}, 1, 1);
-}}
-"""
-
-
-def _many_points(spec: LibrarySpec, f: FunctionSpec, written: FunctionText) -> str:
-    """The functions for many points."""
-    ports = (*f.inputs, *f.outputs)
-    given = ", ".join([*(port.name for port in ports), "work"])
-    names, sizes = [port.name for port in ports], _counts(spec, f)
-    stored = [port for port in ports if not _shared(spec, port)]  # one for each point
-    points = tile(f, spec.precision)
-    arguments = [f"at_{port.name} + k" if port in stored else port.name for port in ports]
-    arguments += ["(lanes *)space"] if written.work else []
-    return f"""\
-/* Points of arrays whose entries are `stride` apart. */
-static SEPARATE {batch_head(spec, f, f"{f.name}_many", True)}
-{{
-    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
-       points. */
-    const int past = (size_t)n * sizeof(real) > {PAST_CACHE // sum(port.size for port in f.outputs)};
-    const int collide = {_collide(f, spec)};
-    const int groups = n < 0 ? 0 : n / {points} + (n % {points} != 0);
-    int bad = 0;
-    if (n < 0) {{
-        return {macro(spec, "BAD_COUNT")};
-    }}
-    if ({_null([*names, "work"])}) {{
-        return {macro(spec, "NULL_ARGUMENT")};
-    }}
-#ifdef _OPENMP
-#pragma omp parallel reduction(+ : bad) if (groups > 8 && omp_get_level() == 0)
-#endif
-    {{
-#ifdef _OPENMP
-        real *const space = work + omp_get_thread_num() * (ptrdiff_t){macro(spec, "BATCH_WORK")};
-#else
-        real *const space = work;
-#endif
-        lanes zero = splat_v(0);
-        int group;
-#ifdef _OPENMP
-#pragma omp for schedule(static)
-#endif
-        for (group = 0; group < groups; ++group) {{
-            const int first = group * {points};
-            const int count = n - first < {points} ? n - first : {points};
-            const int copied = collide || count % LANES != 0;
-            ptrdiff_t apart = stride;
-{_pointers(stored, f.outputs)}            if (copied) {{
-                real *at = space + {written.work} * LANES;
-                apart = {points};
-{_gather(spec, f, sizes)}            }}
-            for (int k = 0; k < count; k += LANES) {{
-                zero += {f.name}_evaluate_v({", ".join(arguments)}, apart);
-            }}
-            if (copied) {{
-{_scatter(spec, f, sizes)}            }}
-        }}
-        end_scatter(past);
-        bad += sum_v(zero) == 0 ? 0 : 1;
-    }}
-    return bad == 0 ? {macro(spec, "OK")} : {f.name}_failed({", ".join(names)}, n, stride);
-}}
-
-{batch_prototype(spec, f)}
-{{
-    return {f.name}_many(n, n, {given});
-}}
-
-{batch_prototype(spec, f, True)}
-{{
-    return stride < n ? {macro(spec, "BAD_COUNT")} : {f.name}_many(n, stride, {given});
+    return {f.name}_evaluate_1({given}) == 0 ? {macro(spec, "OK")} : {f.name}_failed({", ".join(names)}, 1, 1);
 }}
 """
 
@@ -211,68 +142,3 @@ static SEPARATE {batch_head(spec, f, f"{f.name}_many", True)}
 def _shared(spec: LibrarySpec, port: Port) -> bool:
     """True of the parameters where one array is for all points."""
     return bool(spec.parameters) and not spec.per_point and port.name == "parameters"
-
-
-def _failed(spec: LibrarySpec, f: FunctionSpec, sizes: Mapping[str, str]) -> str:
-    """The function that finds the points that failed, sets their results to NaN and returns the first status."""
-
-    def finite(ports: tuple[Port, ...]) -> str:
-        return " && ".join(
-            f"all_finite({p.name}, {sizes[p.name]}, 1)"
-            if _shared(spec, p)
-            else f"all_finite({p.name} + k, {sizes[p.name]}, stride)"
-            for p in ports
-        )
-
-    parameters = [f"const real *{p.name}" for p in f.inputs] + [f"real *{p.name}" for p in f.outputs]
-    spoils = "".join(f"        set_nan({p.name} + k, {sizes[p.name]}, stride);\n" for p in f.outputs)
-    return f"""\
-/* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE {spec.name}_status {f.name}_failed({", ".join(parameters)}, int n, ptrdiff_t stride)
-{{
-    {spec.name}_status first = {macro(spec, "OK")};
-    for (int k = 0; k < n; ++k) {{
-        const int known = {finite(f.inputs)};
-        if (known && {finite(f.outputs)}) {{
-            continue;
-        }}
-        if (first == {macro(spec, "OK")}) {{
-            first = known ? {macro(spec, "RESULT_NOT_FINITE")} : {macro(spec, "INPUT_NOT_FINITE")};
-        }}
-{spoils}    }}
-    return first;
-}}
-"""
-
-
-def _collide(f: FunctionSpec, spec: LibrarySpec) -> str:
-    """When to copy: a power of two of points, and more columns of results than a set of the first cache has ways."""
-    if sum(port.size for port in f.outputs) <= WAYS:
-        return "past"
-    return f"past || (n > {tile(f, spec.precision)} && (size_t)stride * sizeof(real) % 1024 == 0)"
-
-
-def _pointers(stored: list[Port], outputs: tuple[Port, ...]) -> str:
-    return "".join(
-        f"            {'' if p in outputs else 'const '}real *at_{p.name} = {p.name} + first;\n" for p in stored
-    )
-
-
-def _gather(spec: LibrarySpec, f: FunctionSpec, sizes: Mapping[str, str]) -> str:
-    """Lines that copy the inputs of a group of points, and have the results written beside them."""
-    points, indent = tile(f, spec.precision), " " * 16
-    stored = [p for p in f.inputs if not _shared(spec, p)]
-    lines = [f"{indent}gather_points(at_{p.name}, {sizes[p.name]}, count, stride, at, {points});\n" for p in stored]
-    places = [f"{indent}at_{p.name} = at;\n{indent}at += {sizes[p.name]} * {points};\n" for p in stored]
-    text = "".join(line + place for line, place in zip(lines, places, strict=True))
-    text += "".join(f"{indent}at_{p.name} = at;\n{indent}at += {sizes[p.name]} * {points};\n" for p in f.outputs)
-    return text[: text.rindex(f"{indent}at +=")]
-
-
-def _scatter(spec: LibrarySpec, f: FunctionSpec, sizes: Mapping[str, str]) -> str:
-    """Lines that copy the results of a group of points where they belong."""
-    points, indent = tile(f, spec.precision), " " * 16
-    return "".join(
-        f"{indent}scatter_points(at_{p.name}, {sizes[p.name]}, count, {points}, {p.name} + first, stride, past);\n"
-        for p in f.outputs
-    )

@@ -249,12 +249,12 @@ def build_libraries(
     archiver = next((found for found in _ARCHIVERS if shutil.which(found)), None)
     if archiver is None:
         raise BuildError(f"ar: given none, expected one of {', '.join(_ARCHIVERS)} on the PATH; install binutils")
-    bodies = {Path(file).name for file in headers}
+    functions = {file for file in sources if _includes_itself(folder / file)}
 
     def flags_of(file: str) -> list[str]:
         if Path(file).name in [f"{name}_{solver}" for solver in SOLVERS]:
             return [*compiler.solvers]
-        return [*(compiler.functions if _body(Path(file)).name in bodies else compiler.others)]
+        return [*(compiler.functions if file in functions else compiler.others)]
 
     stored = Objects(compiler.identity, {file: (folder / file).read_bytes() for file in headers}, flags_of)
     with one_at_a_time(stored.folder, name, log):
@@ -311,9 +311,9 @@ def _compile(
             raise
 
 
-def _body(source: Path) -> Path:
-    """Where the mathematics of a source would be."""
-    return source.with_name(f"{source.stem}_body.h")
+def _includes_itself(source: Path) -> bool:
+    """Whether a source has the mathematics of a function, see `flexgen.codegen.function_files`."""
+    return f'#include "{source.name}"' in source.read_text(encoding="ascii")
 
 
 def _object(source: str) -> str:
@@ -330,6 +330,5 @@ def _expected_time(folder: Path, sources: Sequence[str], workers: int) -> str:
 
 
 def _effort(folder: Path, source: str) -> int:
-    """Bytes of a source and of the mathematics that it includes."""
-    body = _body(folder / source)
-    return (folder / source).stat().st_size + (body.stat().st_size if body.exists() else 0)
+    """Bytes of a source, which count twice where it includes itself."""
+    return (folder / source).stat().st_size * (1 + _includes_itself(folder / source))

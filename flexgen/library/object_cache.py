@@ -85,18 +85,20 @@ class Objects:
         """Hash of everything that the object depends on; the name too, as objects hold it."""
         text = source.read_bytes()
         digest = hashlib.sha256("\0".join([self.identity, *self.flags_of(source.name)]).encode())
-        for name in sorted(self._included(text)):
+        for name in sorted(self._included(text, source.name)):
             digest.update(name.encode() + b"\0" + hashlib.sha256(self.headers[name]).digest())
         digest.update(source.name.encode() + b"\0" + text)
         return digest.hexdigest()
 
-    def _included(self, text: bytes) -> set[str]:
+    def _included(self, text: bytes, source: str) -> set[str]:
         """Names of the headers that a text includes, by way of others too; all of them where one is not known."""
         names: set[str] = set()
         texts = [text]
         while texts:
             for found in _INCLUDE.findall(texts.pop()):
                 name = PurePosixPath(found.decode(errors="replace")).name
+                if name == source:
+                    continue
                 if name not in self.headers:
                     return set(self.headers)
                 if name not in names:

@@ -274,7 +274,7 @@ def test_sanitizers_find_nothing_in_damaged_tables(tmp_path, bug: str | None) ->
     client = client.replace("@_N", "MANUTEC_R3_N").replace("@", "manutec_r3")
     (tmp_path / "client.c").write_text(client, encoding="ascii")
     if bug is not None:
-        header = made.directory / "src" / "manutec_r3_path_laws.h"
+        header = made.directory / "src" / "manutec_r3_path_sampler.c"
         text = header.read_text(encoding="ascii")
         assert text.count("n > r->end - r->at") == 1
         header.write_text(text.replace("n > r->end - r->at", "n > r->end - r->at + 1"), encoding="ascii")

@@ -43,8 +43,8 @@ SOLVERS = ("invert", "invert_limited")  # one library for all tests
 def test_the_c_has_the_times_of_solve() -> None:
     """How long the last torque is held, the shortest motion after the path [s], and that of the gears."""
     files = clib_files.fixed_files()
-    assert f"held_time = {HELD:g};" in files["settling.h"] and f"shortest_end = {SHORTEST:g};" in files["whole_path.h"]
-    assert f"lags = {LAGS:.1f};" in files["gear_deflection.h"]
+    assert f"held_time = {HELD:g};" in files["invert.c"] and f"shortest_end = {SHORTEST:g};" in files["whole_path.h"]
+    assert f"lags = {LAGS:.1f};" in files["motors.h"]
 
 
 def arm(output: str) -> Equations:
@@ -158,7 +158,7 @@ def test_an_end_that_later_steps_show_to_be_early_is_corrected(tmp_path, monkeyp
     """The first step is made to end the motion where fifty times too much is left."""
     cut = "cut_mesh(m, o->samples_per_interval, end);"
     early = f"end->allowed *= 50.0;\n            {cut}\n            end->allowed /= 50.0;"
-    wrong = planted("tool", "lq_path.h", cut, early, tmp_path, monkeypatch)
+    wrong = planted("tool", "invert.c", cut, early, tmp_path, monkeypatch)
     equations = arm("tool")
     given, right = arguments(equations), inversion_library(equations, "lq", SOLVERS)
     found, expected = wrong.invert(**given, settled=ALLOWED), right.invert(**given, settled=ALLOWED)
@@ -169,7 +169,7 @@ def test_an_end_that_later_steps_show_to_be_early_is_corrected(tmp_path, monkeyp
 @pytest.mark.slow
 def test_the_momentum_of_joints_whose_torque_is_held_counts(tmp_path, monkeypatch) -> None:
     """A planted error: where the joints are the output, only their momentum after the motion moves it."""
-    wrong = planted("joints", "settling.h", "s->X[NY + i][j] += ", "s->X[NY + i][j] += 0.0 * ", tmp_path, monkeypatch)
+    wrong = planted("joints", "invert.c", "s->X[NY + i][j] += ", "s->X[NY + i][j] += 0.0 * ", tmp_path, monkeypatch)
     equations = arm("joints")
     given = arguments(equations)
     size = left_over(equations, wrong.invert(**given))

@@ -19,7 +19,7 @@ from flexgen.mechanics.equations import derive
 
 CLIB = ROOT / "flexgen" / "clib"
 FILES = sorted(path.name for path in CLIB.iterdir() if path.suffix in (".c", ".h"))
-MACROS = {"kernel_functions.h", "precision_double.h", "precision_single.h"}  # parts of kernel.h
+MACROS = {"kernel_functions.h", "precision_double.h", "precision_single.h", "function.h"}  # parts of other files
 PRIVATE_WORDS = re.compile(
     r"\b(twists?|twisted|fades?|fading|bends?|bent|told|tells?|uneven(ness)?|slopes?|felt|dear|calm|spoil(s|ed)?|drawn|"
     r"judged?|referee|crowd|stranger|slow motion|non-actuated|metres?|neighbours?|lineari[s]e|minimi[s]e)\b",

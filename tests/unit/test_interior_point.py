@@ -12,10 +12,10 @@ import numpy as np
 import osqp
 import pytest
 import scipy.sparse as sp
+from clib_sections import section
 from clib_shim import SHIM
 from toolchain import needs_compiler
 
-from flexgen.codegen.clib_files import fixed_files
 from flexgen.library.compiler import find_compiler
 
 pytestmark = needs_compiler
@@ -51,12 +51,13 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Callable[[bool], Callab
     @cache
     def made(wrong: bool) -> Callable[..., np.ndarray]:
         folder: Path = tmp_path_factory.mktemp("program")
-        text = fixed_files()["interior_point.h"]
+        text = section("invert_limited.c", "A quadratic program")
         assert text.count(BUG[0]) == 1
         (folder / "model_inversion_common.h").write_text(SHIM + VECTORS + "static inline real sum_v(lanes v)\n{\n"
             "    return v[0] + v[1] + v[2] + v[3];\n}\n")  # fmt: skip
-        (folder / "model_qp.h").write_text(fixed_files()["qp.h"])
-        (folder / "model_interior_point.h").write_text(text.replace(*BUG) if wrong else text)
+        qp = section("limits.h", "A small quadratic program")
+        text = "\n".join(['#include "model_inversion_common.h"', qp, text.replace(*BUG) if wrong else text])
+        (folder / "model_interior_point.h").write_text(text)
         (folder / "call.c").write_text(CALL)
         compiler = find_compiler()
         assert compiler is not None

@@ -12,12 +12,12 @@ import numpy as np
 import osqp
 import pytest
 import scipy.sparse as sp
+from clib_sections import section
 from clib_shim import SHIM
 from toolchain import needs_compiler
 
 import flexgen
 from flexgen.codegen import clib_files
-from flexgen.codegen.clib_files import fixed_files
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.inversion.model_library import inversion_library
 from flexgen.inversion.reduced_problem import Reduction
@@ -62,7 +62,8 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., np.ndarra
     """The program in C, compiled by itself."""
     folder: FilePath = tmp_path_factory.mktemp("program")
     (folder / "model_inversion_common.h").write_text(SHIM)
-    (folder / "model_qp.h").write_text(fixed_files()["qp.h"])
+    qp = section("limits.h", "A small quadratic program")
+    (folder / "model_qp.h").write_text(f'#include "model_inversion_common.h"\n{qp}')
     (folder / "call.c").write_text(CALL)
     compiler = find_compiler()
     assert compiler is not None
@@ -189,9 +190,9 @@ def test_six_axes_keep_torque_limits_that_bind_in_all_motors(model: str, move: i
 def test_bends_that_come_too_soon_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """A planted bug: the path is bent right ahead, where zeros ask the motion that is under way to have known."""
     texts = clib_files.fixed_files()
-    wrong = texts["limit_lookahead.h"].replace("preview_share = 1e-3;", "preview_share = 1e9;")
-    assert wrong != texts["limit_lookahead.h"]
-    monkeypatch.setattr(clib_files, "fixed_files", lambda: {**texts, "limit_lookahead.h": wrong})
+    wrong = texts["stream_update.h"].replace("preview_share = 1e-3;", "preview_share = 1e9;")
+    assert wrong != texts["stream_update.h"]
+    monkeypatch.setattr(clib_files, "fixed_files", lambda: {**texts, "stream_update.h": wrong})
     monkeypatch.setenv("FLEXGEN_CACHE", "")
     built._built.cache_clear()
     try:

@@ -1,34 +1,24 @@
 /* elbow: arm_forward_dynamics. Written by flexgen; see elbow.h. */
+#ifndef T /* the file includes itself: the mathematics with T a number, and with T lanes of numbers */
 #include "../elbow_batch.h"
 
 #include "elbow_private.h"
 
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 #include "elbow_point.h"
-#include "elbow_arm_forward_dynamics_body.h"
+#include "elbow_arm_forward_dynamics.c"
 
 #include "elbow_lanes.h"
-#include "elbow_arm_forward_dynamics_body.h"
+#include "elbow_arm_forward_dynamics.c"
 
-/* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status arm_forward_dynamics_failed(const real *q_a, const real *v_a, const real *tau_a, real *a_a, int n, ptrdiff_t stride)
-{
-    elbow_status first = ELBOW_OK;
-    for (int k = 0; k < n; ++k) {
-        const int known = all_finite(q_a + k, ELBOW_NA, stride) && all_finite(v_a + k, ELBOW_NA, stride) && all_finite(tau_a + k, ELBOW_NA, stride);
-        if (known && all_finite(a_a + k, ELBOW_NA, stride)) {
-            continue;
-        }
-        if (first == ELBOW_OK) {
-            first = known ? ELBOW_RESULT_NOT_FINITE : ELBOW_INPUT_NOT_FINITE;
-        }
-        set_nan(a_a + k, ELBOW_NA, stride);
-    }
-    return first;
-}
+#define NAME(suffix) arm_forward_dynamics_##suffix
+#define PUBLIC(suffix) elbow_arm_forward_dynamics_##suffix
+#define ARRAYS(INPUT, SHARED, OUTPUT) \
+    INPUT(q_a, ELBOW_NA) INPUT(v_a, ELBOW_NA) INPUT(tau_a, ELBOW_NA) OUTPUT(a_a, ELBOW_NA)
+#define WORK 0
+#define TILE 64
+#define RESULTS 2
+#define COLLIDE 0
+#include "elbow_function.h"
 
 elbow_status elbow_arm_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
     const elbow_real tau_a[ELBOW_NA], elbow_real a_a[ELBOW_NA])
@@ -36,88 +26,62 @@ elbow_status elbow_arm_forward_dynamics(const elbow_real q_a[ELBOW_NA], const el
     if (q_a == NULL || v_a == NULL || tau_a == NULL || a_a == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (arm_forward_dynamics_evaluate_1(q_a, v_a, tau_a, a_a) == 0) {
-        return ELBOW_OK;
-    }
-    return arm_forward_dynamics_failed(q_a, v_a, tau_a, a_a, 1, 1);
-}
-
-/* Points of arrays whose entries are `stride` apart. */
-static SEPARATE elbow_status arm_forward_dynamics_many(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
-    const elbow_real *tau_a, elbow_real *a_a, elbow_real *work)
-{
-    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
-       points. */
-    const int past = (size_t)n * sizeof(real) > 4194304;
-    const int collide = past;
-    const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
-    int bad = 0;
-    if (n < 0) {
-        return ELBOW_BAD_COUNT;
-    }
-    if (q_a == NULL || v_a == NULL || tau_a == NULL || a_a == NULL || work == NULL) {
-        return ELBOW_NULL_ARGUMENT;
-    }
-#ifdef _OPENMP
-#pragma omp parallel reduction(+ : bad) if (groups > 8 && omp_get_level() == 0)
-#endif
-    {
-#ifdef _OPENMP
-        real *const space = work + omp_get_thread_num() * (ptrdiff_t)ELBOW_BATCH_WORK;
-#else
-        real *const space = work;
-#endif
-        lanes zero = splat_v(0);
-        int group;
-#ifdef _OPENMP
-#pragma omp for schedule(static)
-#endif
-        for (group = 0; group < groups; ++group) {
-            const int first = group * 64;
-            const int count = n - first < 64 ? n - first : 64;
-            const int copied = collide || count % LANES != 0;
-            ptrdiff_t apart = stride;
-            const real *at_q_a = q_a + first;
-            const real *at_v_a = v_a + first;
-            const real *at_tau_a = tau_a + first;
-            real *at_a_a = a_a + first;
-            if (copied) {
-                real *at = space + 0 * LANES;
-                apart = 64;
-                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
-                at_q_a = at;
-                at += ELBOW_NA * 64;
-                gather_points(at_v_a, ELBOW_NA, count, stride, at, 64);
-                at_v_a = at;
-                at += ELBOW_NA * 64;
-                gather_points(at_tau_a, ELBOW_NA, count, stride, at, 64);
-                at_tau_a = at;
-                at += ELBOW_NA * 64;
-                at_a_a = at;
-            }
-            for (int k = 0; k < count; k += LANES) {
-                zero += arm_forward_dynamics_evaluate_v(at_q_a + k, at_v_a + k, at_tau_a + k, at_a_a + k, apart);
-            }
-            if (copied) {
-                scatter_points(at_a_a, ELBOW_NA, count, 64, a_a + first, stride, past);
-            }
-        }
-        end_scatter(past);
-        bad += sum_v(zero) == 0 ? 0 : 1;
-    }
-    return bad == 0 ? ELBOW_OK : arm_forward_dynamics_failed(q_a, v_a, tau_a, a_a, n, stride);
-}
-
-elbow_status elbow_arm_forward_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
-    const elbow_real *tau_a, elbow_real *a_a, elbow_real *work)
-{
-    return arm_forward_dynamics_many(n, n, q_a, v_a, tau_a, a_a, work);
-}
-
-elbow_status elbow_arm_forward_dynamics_batch_strided(int n, int stride, const elbow_real *q_a,
-    const elbow_real *v_a, const elbow_real *tau_a, elbow_real *a_a, elbow_real *work)
-{
-    return stride < n ? ELBOW_BAD_COUNT : arm_forward_dynamics_many(n, stride, q_a, v_a, tau_a, a_a, work);
+    return arm_forward_dynamics_evaluate_1(q_a, v_a, tau_a, a_a) == 0 ? ELBOW_OK : arm_forward_dynamics_failed(q_a, v_a, tau_a, a_a, 1, 1);
 }
 
 #include "elbow_undefine.h"
+#else /* the mathematics */
+static T F(arm_forward_dynamics_evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT tau_a, real *RESTRICT a_a STRIDE(ptrdiff_t n))
+{
+    const T t3 = IN(q_a, 1);
+    const T t9 = IN(q_a, 0);
+    const T angle3[ANGLES(2)] = {t3, t9};
+    T sine3[ANGLES(2)], cosine3[ANGLES(2)];
+    F(sincos)(angle3, sine3, cosine3, 2);
+    const T t4 = sine3[0];
+    const T t7 = cosine3[0];
+    const T t10 = cosine3[1];
+    const T t17 = sine3[1];
+    const T t12 = IN(v_a, 0);
+    const T t13 = 1.15 * t12;
+    const T t11 = 9.81 * t10;
+    const T t18 = 9.81 * t4;
+    const T t25 = IN(v_a, 1);
+    const T t26 = t12 + t25;
+    const T t23 = 0.9854020620164352 * t4;
+    const T t33 = 3613.4097102000005 * t17;
+    const T t0 = IN(tau_a, 0);
+    const T t1 = IN(tau_a, 1);
+    const T t34 = t0 - t1;
+    const T t38 = 115.28870628581926 * t4;
+    const T t47 = 101.7361875 * t4;
+    const T t14 = t12 * t13;
+    const T t19 = t17 * t18;
+    const T t27 = 88.46625 * t26;
+    const T t35 = t33 + t34;
+    const T t39 = t4 * t38;
+    const T t15 = t11 - t14;
+    const T t28 = t26 * t27;
+    const T t41 = t39 - 406.22802171999996;
+    const T t16 = t7 * t15;
+    const T t29 = t7 * t28;
+    const T t20 = t16 - t19;
+    const T t21 = 88.46625 * t20;
+    const T t22 = t1 + t21;
+    const T t24 = t22 * t23;
+    const T t30 = t24 + t29;
+    const T t31 = 1.15 * t30;
+    const T t36 = t31 + t35;
+    const T t42 = t36 / t41;
+    const T t44 = F(guarded)(t42, -t41, F(splat)(1.1368683772161603e-13));
+    OUT(a_a, 0, -t44);
+    const T t48 = t44 * t47;
+    const T t50 = 89.77680625 * t44;
+    const T t51 = t22 - t48;
+    const T t52 = t50 + t51;
+    const T t53 = 0.011138734398897152 * t52;
+    OUT(a_a, 1, t53);
+    const T z54 = 0.0 * t44 + 0.0 * t53;
+    return z54;
+}
+#endif

@@ -1,117 +1,67 @@
 /* elbow: bias. Written by flexgen; see elbow.h. */
+#ifndef T /* the file includes itself: the mathematics with T a number, and with T lanes of numbers */
 #include "../elbow_batch.h"
 
 #include "elbow_private.h"
 
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 #include "elbow_point.h"
-#include "elbow_bias_body.h"
+#include "elbow_bias.c"
 
 #include "elbow_lanes.h"
-#include "elbow_bias_body.h"
+#include "elbow_bias.c"
 
-/* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status bias_failed(const real *q_a, const real *v_a, real *h, int n, ptrdiff_t stride)
-{
-    elbow_status first = ELBOW_OK;
-    for (int k = 0; k < n; ++k) {
-        const int known = all_finite(q_a + k, ELBOW_NA, stride) && all_finite(v_a + k, ELBOW_NA, stride);
-        if (known && all_finite(h + k, ELBOW_NA, stride)) {
-            continue;
-        }
-        if (first == ELBOW_OK) {
-            first = known ? ELBOW_RESULT_NOT_FINITE : ELBOW_INPUT_NOT_FINITE;
-        }
-        set_nan(h + k, ELBOW_NA, stride);
-    }
-    return first;
-}
+#define NAME(suffix) bias_##suffix
+#define PUBLIC(suffix) elbow_bias_##suffix
+#define ARRAYS(INPUT, SHARED, OUTPUT) \
+    INPUT(q_a, ELBOW_NA) INPUT(v_a, ELBOW_NA) OUTPUT(h, ELBOW_NA)
+#define WORK 0
+#define TILE 64
+#define RESULTS 2
+#define COLLIDE 0
+#include "elbow_function.h"
 
 elbow_status elbow_bias(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA], elbow_real h[ELBOW_NA])
 {
     if (q_a == NULL || v_a == NULL || h == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (bias_evaluate_1(q_a, v_a, h) == 0) {
-        return ELBOW_OK;
-    }
-    return bias_failed(q_a, v_a, h, 1, 1);
-}
-
-/* Points of arrays whose entries are `stride` apart. */
-static SEPARATE elbow_status bias_many(int n, int stride, const elbow_real *q_a, const elbow_real *v_a, elbow_real *h,
-    elbow_real *work)
-{
-    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
-       points. */
-    const int past = (size_t)n * sizeof(real) > 4194304;
-    const int collide = past;
-    const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
-    int bad = 0;
-    if (n < 0) {
-        return ELBOW_BAD_COUNT;
-    }
-    if (q_a == NULL || v_a == NULL || h == NULL || work == NULL) {
-        return ELBOW_NULL_ARGUMENT;
-    }
-#ifdef _OPENMP
-#pragma omp parallel reduction(+ : bad) if (groups > 8 && omp_get_level() == 0)
-#endif
-    {
-#ifdef _OPENMP
-        real *const space = work + omp_get_thread_num() * (ptrdiff_t)ELBOW_BATCH_WORK;
-#else
-        real *const space = work;
-#endif
-        lanes zero = splat_v(0);
-        int group;
-#ifdef _OPENMP
-#pragma omp for schedule(static)
-#endif
-        for (group = 0; group < groups; ++group) {
-            const int first = group * 64;
-            const int count = n - first < 64 ? n - first : 64;
-            const int copied = collide || count % LANES != 0;
-            ptrdiff_t apart = stride;
-            const real *at_q_a = q_a + first;
-            const real *at_v_a = v_a + first;
-            real *at_h = h + first;
-            if (copied) {
-                real *at = space + 0 * LANES;
-                apart = 64;
-                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
-                at_q_a = at;
-                at += ELBOW_NA * 64;
-                gather_points(at_v_a, ELBOW_NA, count, stride, at, 64);
-                at_v_a = at;
-                at += ELBOW_NA * 64;
-                at_h = at;
-            }
-            for (int k = 0; k < count; k += LANES) {
-                zero += bias_evaluate_v(at_q_a + k, at_v_a + k, at_h + k, apart);
-            }
-            if (copied) {
-                scatter_points(at_h, ELBOW_NA, count, 64, h + first, stride, past);
-            }
-        }
-        end_scatter(past);
-        bad += sum_v(zero) == 0 ? 0 : 1;
-    }
-    return bad == 0 ? ELBOW_OK : bias_failed(q_a, v_a, h, n, stride);
-}
-
-elbow_status elbow_bias_batch(int n, const elbow_real *q_a, const elbow_real *v_a, elbow_real *h, elbow_real *work)
-{
-    return bias_many(n, n, q_a, v_a, h, work);
-}
-
-elbow_status elbow_bias_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
-    elbow_real *h, elbow_real *work)
-{
-    return stride < n ? ELBOW_BAD_COUNT : bias_many(n, stride, q_a, v_a, h, work);
+    return bias_evaluate_1(q_a, v_a, h) == 0 ? ELBOW_OK : bias_failed(q_a, v_a, h, 1, 1);
 }
 
 #include "elbow_undefine.h"
+#else /* the mathematics */
+static T F(bias_evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, real *RESTRICT h STRIDE(ptrdiff_t n))
+{
+    const T t1 = IN(q_a, 0);
+    const T t5 = IN(q_a, 1);
+    const T angle1[ANGLES(2)] = {t1, t5};
+    T sine1[ANGLES(2)], cosine1[ANGLES(2)];
+    F(sincos)(angle1, sine1, cosine1, 2);
+    const T t2 = sine1[0];
+    const T t8 = cosine1[0];
+    const T t6 = cosine1[1];
+    const T t16 = sine1[1];
+    const T t11 = IN(v_a, 0);
+    const T t12 = 1.15 * t11;
+    const T t9 = 9.81 * t8;
+    const T t21 = IN(v_a, 1);
+    const T t22 = t11 + t21;
+    const T t17 = 9.81 * t16;
+    const T t3 = 3613.4097102000005 * t2;
+    const T t13 = t11 * t12;
+    const T t24 = 101.7361875 * t22;
+    const T t18 = t2 * t17;
+    const T t14 = t9 - t13;
+    const T t25 = t22 * t24;
+    const T t15 = t6 * t14;
+    const T t26 = t6 * t25;
+    const T t19 = t15 - t18;
+    const T t27 = t3 + t26;
+    const T t20 = 88.46625 * t19;
+    OUT(h, 1, -t20);
+    const T t28 = t20 + t27;
+    OUT(h, 0, -t28);
+    const T z29 = 0.0 * t20 + 0.0 * t28;
+    return z29;
+}
+#endif

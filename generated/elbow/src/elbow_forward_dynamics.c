@@ -1,35 +1,25 @@
 /* elbow: forward_dynamics. Written by flexgen; see elbow.h. */
+#ifndef T /* the file includes itself: the mathematics with T a number, and with T lanes of numbers */
 #include "../elbow_batch.h"
 
 #include "elbow_private.h"
 
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 #include "elbow_point.h"
-#include "elbow_forward_dynamics_body.h"
+#include "elbow_forward_dynamics.c"
 
 #include "elbow_lanes.h"
-#include "elbow_forward_dynamics_body.h"
+#include "elbow_forward_dynamics.c"
 
-/* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status forward_dynamics_failed(const real *q_a, const real *v_a, const real *q_m, const real *v_m, const real *tau_m, real *a_a, real *a_m, int n, ptrdiff_t stride)
-{
-    elbow_status first = ELBOW_OK;
-    for (int k = 0; k < n; ++k) {
-        const int known = all_finite(q_a + k, ELBOW_NA, stride) && all_finite(v_a + k, ELBOW_NA, stride) && all_finite(q_m + k, ELBOW_NM, stride) && all_finite(v_m + k, ELBOW_NM, stride) && all_finite(tau_m + k, ELBOW_NM, stride);
-        if (known && all_finite(a_a + k, ELBOW_NA, stride) && all_finite(a_m + k, ELBOW_NM, stride)) {
-            continue;
-        }
-        if (first == ELBOW_OK) {
-            first = known ? ELBOW_RESULT_NOT_FINITE : ELBOW_INPUT_NOT_FINITE;
-        }
-        set_nan(a_a + k, ELBOW_NA, stride);
-        set_nan(a_m + k, ELBOW_NM, stride);
-    }
-    return first;
-}
+#define NAME(suffix) forward_dynamics_##suffix
+#define PUBLIC(suffix) elbow_forward_dynamics_##suffix
+#define ARRAYS(INPUT, SHARED, OUTPUT) \
+    INPUT(q_a, ELBOW_NA) INPUT(v_a, ELBOW_NA) INPUT(q_m, ELBOW_NM) INPUT(v_m, ELBOW_NM) INPUT(tau_m, ELBOW_NM) \
+    OUTPUT(a_a, ELBOW_NA) OUTPUT(a_m, ELBOW_NM)
+#define WORK 0
+#define TILE 64
+#define RESULTS 4
+#define COLLIDE 0
+#include "elbow_function.h"
 
 elbow_status elbow_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
     const elbow_real q_m[ELBOW_NM], const elbow_real v_m[ELBOW_NM], const elbow_real tau_m[ELBOW_NM],
@@ -38,103 +28,90 @@ elbow_status elbow_forward_dynamics(const elbow_real q_a[ELBOW_NA], const elbow_
     if (q_a == NULL || v_a == NULL || q_m == NULL || v_m == NULL || tau_m == NULL || a_a == NULL || a_m == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (forward_dynamics_evaluate_1(q_a, v_a, q_m, v_m, tau_m, a_a, a_m) == 0) {
-        return ELBOW_OK;
-    }
-    return forward_dynamics_failed(q_a, v_a, q_m, v_m, tau_m, a_a, a_m, 1, 1);
-}
-
-/* Points of arrays whose entries are `stride` apart. */
-static SEPARATE elbow_status forward_dynamics_many(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
-    const elbow_real *q_m, const elbow_real *v_m, const elbow_real *tau_m, elbow_real *a_a, elbow_real *a_m,
-    elbow_real *work)
-{
-    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
-       points. */
-    const int past = (size_t)n * sizeof(real) > 2097152;
-    const int collide = past;
-    const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
-    int bad = 0;
-    if (n < 0) {
-        return ELBOW_BAD_COUNT;
-    }
-    if (q_a == NULL || v_a == NULL || q_m == NULL || v_m == NULL || tau_m == NULL || a_a == NULL || a_m == NULL || work == NULL) {
-        return ELBOW_NULL_ARGUMENT;
-    }
-#ifdef _OPENMP
-#pragma omp parallel reduction(+ : bad) if (groups > 8 && omp_get_level() == 0)
-#endif
-    {
-#ifdef _OPENMP
-        real *const space = work + omp_get_thread_num() * (ptrdiff_t)ELBOW_BATCH_WORK;
-#else
-        real *const space = work;
-#endif
-        lanes zero = splat_v(0);
-        int group;
-#ifdef _OPENMP
-#pragma omp for schedule(static)
-#endif
-        for (group = 0; group < groups; ++group) {
-            const int first = group * 64;
-            const int count = n - first < 64 ? n - first : 64;
-            const int copied = collide || count % LANES != 0;
-            ptrdiff_t apart = stride;
-            const real *at_q_a = q_a + first;
-            const real *at_v_a = v_a + first;
-            const real *at_q_m = q_m + first;
-            const real *at_v_m = v_m + first;
-            const real *at_tau_m = tau_m + first;
-            real *at_a_a = a_a + first;
-            real *at_a_m = a_m + first;
-            if (copied) {
-                real *at = space + 0 * LANES;
-                apart = 64;
-                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
-                at_q_a = at;
-                at += ELBOW_NA * 64;
-                gather_points(at_v_a, ELBOW_NA, count, stride, at, 64);
-                at_v_a = at;
-                at += ELBOW_NA * 64;
-                gather_points(at_q_m, ELBOW_NM, count, stride, at, 64);
-                at_q_m = at;
-                at += ELBOW_NM * 64;
-                gather_points(at_v_m, ELBOW_NM, count, stride, at, 64);
-                at_v_m = at;
-                at += ELBOW_NM * 64;
-                gather_points(at_tau_m, ELBOW_NM, count, stride, at, 64);
-                at_tau_m = at;
-                at += ELBOW_NM * 64;
-                at_a_a = at;
-                at += ELBOW_NA * 64;
-                at_a_m = at;
-            }
-            for (int k = 0; k < count; k += LANES) {
-                zero += forward_dynamics_evaluate_v(at_q_a + k, at_v_a + k, at_q_m + k, at_v_m + k, at_tau_m + k, at_a_a + k, at_a_m + k, apart);
-            }
-            if (copied) {
-                scatter_points(at_a_a, ELBOW_NA, count, 64, a_a + first, stride, past);
-                scatter_points(at_a_m, ELBOW_NM, count, 64, a_m + first, stride, past);
-            }
-        }
-        end_scatter(past);
-        bad += sum_v(zero) == 0 ? 0 : 1;
-    }
-    return bad == 0 ? ELBOW_OK : forward_dynamics_failed(q_a, v_a, q_m, v_m, tau_m, a_a, a_m, n, stride);
-}
-
-elbow_status elbow_forward_dynamics_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
-    const elbow_real *q_m, const elbow_real *v_m, const elbow_real *tau_m, elbow_real *a_a, elbow_real *a_m,
-    elbow_real *work)
-{
-    return forward_dynamics_many(n, n, q_a, v_a, q_m, v_m, tau_m, a_a, a_m, work);
-}
-
-elbow_status elbow_forward_dynamics_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
-    const elbow_real *q_m, const elbow_real *v_m, const elbow_real *tau_m, elbow_real *a_a, elbow_real *a_m,
-    elbow_real *work)
-{
-    return stride < n ? ELBOW_BAD_COUNT : forward_dynamics_many(n, stride, q_a, v_a, q_m, v_m, tau_m, a_a, a_m, work);
+    return forward_dynamics_evaluate_1(q_a, v_a, q_m, v_m, tau_m, a_a, a_m) == 0 ? ELBOW_OK : forward_dynamics_failed(q_a, v_a, q_m, v_m, tau_m, a_a, a_m, 1, 1);
 }
 
 #include "elbow_undefine.h"
+#else /* the mathematics */
+static T F(forward_dynamics_evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT q_m, const real *RESTRICT v_m, const real *RESTRICT tau_m, real *RESTRICT a_a, real *RESTRICT a_m STRIDE(ptrdiff_t n))
+{
+    const T t4 = IN(q_a, 0);
+    const T t18 = IN(q_a, 1);
+    const T angle4[ANGLES(2)] = {t4, t18};
+    T sine4[ANGLES(2)], cosine4[ANGLES(2)];
+    F(sincos)(angle4, sine4, cosine4, 2);
+    const T t34 = cosine4[0];
+    const T t40 = sine4[0];
+    const T t29 = sine4[1];
+    const T t32 = cosine4[1];
+    const T t10 = IN(v_a, 0);
+    const T t36 = 1.15 * t10;
+    const T t35 = 9.81 * t34;
+    const T t16 = IN(q_m, 1);
+    const T t17 = 0.003963011889035667 * t16;
+    const T t22 = IN(v_m, 1);
+    const T t23 = 0.003963011889035667 * t22;
+    const T t41 = 9.81 * t29;
+    const T t2 = IN(q_m, 0);
+    const T t3 = 0.003739316239316239 * t2;
+    const T t8 = IN(v_m, 0);
+    const T t9 = 0.003739316239316239 * t8;
+    const T t24 = IN(v_a, 1);
+    const T t48 = t10 + t24;
+    const T t46 = 0.9854020620164352 * t29;
+    const T t55 = 3613.4097102000005 * t40;
+    const T t60 = 115.28870628581926 * t29;
+    const T t69 = 101.7361875 * t29;
+    const T t37 = t10 * t36;
+    const T t19 = t17 - t18;
+    const T t25 = t23 - t24;
+    const T t42 = t40 * t41;
+    const T t5 = t3 - t4;
+    const T t11 = t9 - t10;
+    const T t49 = 88.46625 * t48;
+    const T t61 = t29 * t60;
+    const T t38 = t35 - t37;
+    const T t20 = 4099900.0 * t19;
+    const T t26 = 600.0 * t25;
+    const T t6 = 7518900.0 * t5;
+    const T t12 = 1400.0 * t11;
+    const T t50 = t48 * t49;
+    const T t63 = t61 - 406.22802171999996;
+    const T t39 = t32 * t38;
+    const T t27 = t20 + t26;
+    const T t13 = t6 + t12;
+    const T t51 = t32 * t50;
+    const T t43 = t39 - t42;
+    const T t82 = 0.003963011889035667 * t27;
+    const T t56 = t13 - t27;
+    const T t78 = 0.003739316239316239 * t13;
+    const T t44 = 88.46625 * t43;
+    const T t81 = IN(tau_m, 1);
+    const T t83 = t81 - t82;
+    const T t57 = t55 + t56;
+    const T t77 = IN(tau_m, 0);
+    const T t79 = t77 - t78;
+    const T t45 = t27 + t44;
+    const T t84 = 84.74576271186442 * t83;
+    OUT(a_m, 1, t84);
+    const T t80 = 84.74576271186442 * t79;
+    OUT(a_m, 0, t80);
+    const T t47 = t45 * t46;
+    const T t52 = t47 + t51;
+    const T t53 = 1.15 * t52;
+    const T t58 = t53 + t57;
+    const T t64 = t58 / t63;
+    const T t66 = F(guarded)(t64, -t63, F(splat)(1.1368683772161603e-13));
+    OUT(a_a, 0, -t66);
+    const T t70 = t66 * t69;
+    const T t72 = 89.77680625 * t66;
+    const T t73 = t45 - t70;
+    const T t74 = t72 + t73;
+    const T t75 = 0.011138734398897152 * t74;
+    OUT(a_a, 1, t75);
+    const T z85 = 0.0 * t80 + 0.0 * t84;
+    const T z86 = z85 + 0.0 * t66;
+    const T z87 = z86 + 0.0 * t75;
+    return z87;
+}
+#endif

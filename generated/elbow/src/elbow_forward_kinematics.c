@@ -1,119 +1,68 @@
 /* elbow: forward_kinematics. Written by flexgen; see elbow.h. */
+#ifndef T /* the file includes itself: the mathematics with T a number, and with T lanes of numbers */
 #include "../elbow_batch.h"
 
 #include "elbow_private.h"
 
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 #include "elbow_point.h"
-#include "elbow_forward_kinematics_body.h"
+#include "elbow_forward_kinematics.c"
 
 #include "elbow_lanes.h"
-#include "elbow_forward_kinematics_body.h"
+#include "elbow_forward_kinematics.c"
 
-/* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status forward_kinematics_failed(const real *q_a, real *p, real *R, int n, ptrdiff_t stride)
-{
-    elbow_status first = ELBOW_OK;
-    for (int k = 0; k < n; ++k) {
-        const int known = all_finite(q_a + k, ELBOW_NA, stride);
-        if (known && all_finite(p + k, 3, stride) && all_finite(R + k, 3 * 3, stride)) {
-            continue;
-        }
-        if (first == ELBOW_OK) {
-            first = known ? ELBOW_RESULT_NOT_FINITE : ELBOW_INPUT_NOT_FINITE;
-        }
-        set_nan(p + k, 3, stride);
-        set_nan(R + k, 3 * 3, stride);
-    }
-    return first;
-}
+#define NAME(suffix) forward_kinematics_##suffix
+#define PUBLIC(suffix) elbow_forward_kinematics_##suffix
+#define ARRAYS(INPUT, SHARED, OUTPUT) \
+    INPUT(q_a, ELBOW_NA) OUTPUT(p, 3) OUTPUT(R, 3 * 3)
+#define WORK 0
+#define TILE 64
+#define RESULTS 12
+#define COLLIDE 0
+#include "elbow_function.h"
 
 elbow_status elbow_forward_kinematics(const elbow_real q_a[ELBOW_NA], elbow_real p[3], elbow_real R[3 * 3])
 {
     if (q_a == NULL || p == NULL || R == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (forward_kinematics_evaluate_1(q_a, p, R) == 0) {
-        return ELBOW_OK;
-    }
-    return forward_kinematics_failed(q_a, p, R, 1, 1);
-}
-
-/* Points of arrays whose entries are `stride` apart. */
-static SEPARATE elbow_status forward_kinematics_many(int n, int stride, const elbow_real *q_a, elbow_real *p, elbow_real *R,
-    elbow_real *work)
-{
-    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
-       points. */
-    const int past = (size_t)n * sizeof(real) > 699050;
-    const int collide = past;
-    const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
-    int bad = 0;
-    if (n < 0) {
-        return ELBOW_BAD_COUNT;
-    }
-    if (q_a == NULL || p == NULL || R == NULL || work == NULL) {
-        return ELBOW_NULL_ARGUMENT;
-    }
-#ifdef _OPENMP
-#pragma omp parallel reduction(+ : bad) if (groups > 8 && omp_get_level() == 0)
-#endif
-    {
-#ifdef _OPENMP
-        real *const space = work + omp_get_thread_num() * (ptrdiff_t)ELBOW_BATCH_WORK;
-#else
-        real *const space = work;
-#endif
-        lanes zero = splat_v(0);
-        int group;
-#ifdef _OPENMP
-#pragma omp for schedule(static)
-#endif
-        for (group = 0; group < groups; ++group) {
-            const int first = group * 64;
-            const int count = n - first < 64 ? n - first : 64;
-            const int copied = collide || count % LANES != 0;
-            ptrdiff_t apart = stride;
-            const real *at_q_a = q_a + first;
-            real *at_p = p + first;
-            real *at_R = R + first;
-            if (copied) {
-                real *at = space + 0 * LANES;
-                apart = 64;
-                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
-                at_q_a = at;
-                at += ELBOW_NA * 64;
-                at_p = at;
-                at += 3 * 64;
-                at_R = at;
-            }
-            for (int k = 0; k < count; k += LANES) {
-                zero += forward_kinematics_evaluate_v(at_q_a + k, at_p + k, at_R + k, apart);
-            }
-            if (copied) {
-                scatter_points(at_p, 3, count, 64, p + first, stride, past);
-                scatter_points(at_R, 3 * 3, count, 64, R + first, stride, past);
-            }
-        }
-        end_scatter(past);
-        bad += sum_v(zero) == 0 ? 0 : 1;
-    }
-    return bad == 0 ? ELBOW_OK : forward_kinematics_failed(q_a, p, R, n, stride);
-}
-
-elbow_status elbow_forward_kinematics_batch(int n, const elbow_real *q_a, elbow_real *p, elbow_real *R,
-    elbow_real *work)
-{
-    return forward_kinematics_many(n, n, q_a, p, R, work);
-}
-
-elbow_status elbow_forward_kinematics_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *p,
-    elbow_real *R, elbow_real *work)
-{
-    return stride < n ? ELBOW_BAD_COUNT : forward_kinematics_many(n, stride, q_a, p, R, work);
+    return forward_kinematics_evaluate_1(q_a, p, R) == 0 ? ELBOW_OK : forward_kinematics_failed(q_a, p, R, 1, 1);
 }
 
 #include "elbow_undefine.h"
+#else /* the mathematics */
+static T F(forward_kinematics_evaluate)(const real *RESTRICT q_a, real *RESTRICT p, real *RESTRICT R STRIDE(ptrdiff_t n))
+{
+    const T t1 = IN(q_a, 0);
+    const T t5 = IN(q_a, 1);
+    const T t6 = t1 + t5;
+    const T angle1[ANGLES(2)] = {t1, t6};
+    T sine1[ANGLES(2)], cosine1[ANGLES(2)];
+    F(sincos)(angle1, sine1, cosine1, 2);
+    const T t2 = sine1[0];
+    const T t11 = cosine1[0];
+    const T t7 = cosine1[1];
+    const T t13 = sine1[1];
+    OUT(R, 0, t7);
+    OUT(R, 8, t7);
+    OUT(R, 2, -t13);
+    OUT(R, 6, t13);
+    const T t3 = 1.15 * t2;
+    const T t8 = 1.241 * t7;
+    const T t12 = 1.15 * t11;
+    const T t14 = 1.241 * t13;
+    const T t9 = t3 + t8;
+    OUT(p, 0, t9);
+    const T t15 = t12 - t14;
+    OUT(p, 2, t15);
+    OUT(p, 1, F(splat)(0.0));
+    OUT(R, 1, F(splat)(0.0));
+    OUT(R, 3, F(splat)(0.0));
+    OUT(R, 5, F(splat)(0.0));
+    OUT(R, 7, F(splat)(0.0));
+    OUT(R, 4, F(splat)(1.0));
+    const T z17 = 0.0 * t7 + 0.0 * t13;
+    const T z18 = z17 + 0.0 * t9;
+    const T z19 = 0.0 * t15 + z18;
+    return z19;
+}
+#endif

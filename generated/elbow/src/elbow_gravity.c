@@ -1,111 +1,51 @@
 /* elbow: gravity. Written by flexgen; see elbow.h. */
+#ifndef T /* the file includes itself: the mathematics with T a number, and with T lanes of numbers */
 #include "../elbow_batch.h"
 
 #include "elbow_private.h"
 
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 #include "elbow_point.h"
-#include "elbow_gravity_body.h"
+#include "elbow_gravity.c"
 
 #include "elbow_lanes.h"
-#include "elbow_gravity_body.h"
+#include "elbow_gravity.c"
 
-/* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status gravity_failed(const real *q_a, real *g, int n, ptrdiff_t stride)
-{
-    elbow_status first = ELBOW_OK;
-    for (int k = 0; k < n; ++k) {
-        const int known = all_finite(q_a + k, ELBOW_NA, stride);
-        if (known && all_finite(g + k, ELBOW_NA, stride)) {
-            continue;
-        }
-        if (first == ELBOW_OK) {
-            first = known ? ELBOW_RESULT_NOT_FINITE : ELBOW_INPUT_NOT_FINITE;
-        }
-        set_nan(g + k, ELBOW_NA, stride);
-    }
-    return first;
-}
+#define NAME(suffix) gravity_##suffix
+#define PUBLIC(suffix) elbow_gravity_##suffix
+#define ARRAYS(INPUT, SHARED, OUTPUT) \
+    INPUT(q_a, ELBOW_NA) OUTPUT(g, ELBOW_NA)
+#define WORK 0
+#define TILE 64
+#define RESULTS 2
+#define COLLIDE 0
+#include "elbow_function.h"
 
 elbow_status elbow_gravity(const elbow_real q_a[ELBOW_NA], elbow_real g[ELBOW_NA])
 {
     if (q_a == NULL || g == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (gravity_evaluate_1(q_a, g) == 0) {
-        return ELBOW_OK;
-    }
-    return gravity_failed(q_a, g, 1, 1);
-}
-
-/* Points of arrays whose entries are `stride` apart. */
-static SEPARATE elbow_status gravity_many(int n, int stride, const elbow_real *q_a, elbow_real *g, elbow_real *work)
-{
-    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
-       points. */
-    const int past = (size_t)n * sizeof(real) > 4194304;
-    const int collide = past;
-    const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
-    int bad = 0;
-    if (n < 0) {
-        return ELBOW_BAD_COUNT;
-    }
-    if (q_a == NULL || g == NULL || work == NULL) {
-        return ELBOW_NULL_ARGUMENT;
-    }
-#ifdef _OPENMP
-#pragma omp parallel reduction(+ : bad) if (groups > 8 && omp_get_level() == 0)
-#endif
-    {
-#ifdef _OPENMP
-        real *const space = work + omp_get_thread_num() * (ptrdiff_t)ELBOW_BATCH_WORK;
-#else
-        real *const space = work;
-#endif
-        lanes zero = splat_v(0);
-        int group;
-#ifdef _OPENMP
-#pragma omp for schedule(static)
-#endif
-        for (group = 0; group < groups; ++group) {
-            const int first = group * 64;
-            const int count = n - first < 64 ? n - first : 64;
-            const int copied = collide || count % LANES != 0;
-            ptrdiff_t apart = stride;
-            const real *at_q_a = q_a + first;
-            real *at_g = g + first;
-            if (copied) {
-                real *at = space + 0 * LANES;
-                apart = 64;
-                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
-                at_q_a = at;
-                at += ELBOW_NA * 64;
-                at_g = at;
-            }
-            for (int k = 0; k < count; k += LANES) {
-                zero += gravity_evaluate_v(at_q_a + k, at_g + k, apart);
-            }
-            if (copied) {
-                scatter_points(at_g, ELBOW_NA, count, 64, g + first, stride, past);
-            }
-        }
-        end_scatter(past);
-        bad += sum_v(zero) == 0 ? 0 : 1;
-    }
-    return bad == 0 ? ELBOW_OK : gravity_failed(q_a, g, n, stride);
-}
-
-elbow_status elbow_gravity_batch(int n, const elbow_real *q_a, elbow_real *g, elbow_real *work)
-{
-    return gravity_many(n, n, q_a, g, work);
-}
-
-elbow_status elbow_gravity_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *g, elbow_real *work)
-{
-    return stride < n ? ELBOW_BAD_COUNT : gravity_many(n, stride, q_a, g, work);
+    return gravity_evaluate_1(q_a, g) == 0 ? ELBOW_OK : gravity_failed(q_a, g, 1, 1);
 }
 
 #include "elbow_undefine.h"
+#else /* the mathematics */
+static T F(gravity_evaluate)(const real *RESTRICT q_a, real *RESTRICT g STRIDE(ptrdiff_t n))
+{
+    const T t1 = IN(q_a, 0);
+    const T t5 = IN(q_a, 1);
+    const T t6 = t1 + t5;
+    const T angle1[ANGLES(2)] = {t1, t6};
+    T sine1[ANGLES(2)], cosine1[ANGLES(2)];
+    F(sincos)(angle1, sine1, cosine1, 2);
+    const T t2 = sine1[0];
+    const T t7 = cosine1[1];
+    const T t3 = 3613.4097102000005 * t2;
+    const T t8 = 867.8539125000001 * t7;
+    OUT(g, 1, -t8);
+    const T t9 = t3 + t8;
+    OUT(g, 0, -t9);
+    const T z10 = 0.0 * t8 + 0.0 * t9;
+    return z10;
+}
+#endif

@@ -1,36 +1,25 @@
 /* elbow: inverse_dynamics_derivatives. Written by flexgen; see elbow.h. */
+#ifndef T /* the file includes itself: the mathematics with T a number, and with T lanes of numbers */
 #include "../elbow_batch.h"
 
 #include "elbow_private.h"
 
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 #include "elbow_point.h"
-#include "elbow_inverse_dynamics_derivatives_body.h"
+#include "elbow_inverse_dynamics_derivatives.c"
 
 #include "elbow_lanes.h"
-#include "elbow_inverse_dynamics_derivatives_body.h"
+#include "elbow_inverse_dynamics_derivatives.c"
 
-/* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status inverse_dynamics_derivatives_failed(const real *q_a, const real *v_a, const real *a_a, real *dtau_dq, real *dtau_dv, real *dtau_da, int n, ptrdiff_t stride)
-{
-    elbow_status first = ELBOW_OK;
-    for (int k = 0; k < n; ++k) {
-        const int known = all_finite(q_a + k, ELBOW_NA, stride) && all_finite(v_a + k, ELBOW_NA, stride) && all_finite(a_a + k, ELBOW_NA, stride);
-        if (known && all_finite(dtau_dq + k, ELBOW_NA * ELBOW_NA, stride) && all_finite(dtau_dv + k, ELBOW_NA * ELBOW_NA, stride) && all_finite(dtau_da + k, ELBOW_NA * ELBOW_NA, stride)) {
-            continue;
-        }
-        if (first == ELBOW_OK) {
-            first = known ? ELBOW_RESULT_NOT_FINITE : ELBOW_INPUT_NOT_FINITE;
-        }
-        set_nan(dtau_dq + k, ELBOW_NA * ELBOW_NA, stride);
-        set_nan(dtau_dv + k, ELBOW_NA * ELBOW_NA, stride);
-        set_nan(dtau_da + k, ELBOW_NA * ELBOW_NA, stride);
-    }
-    return first;
-}
+#define NAME(suffix) inverse_dynamics_derivatives_##suffix
+#define PUBLIC(suffix) elbow_inverse_dynamics_derivatives_##suffix
+#define ARRAYS(INPUT, SHARED, OUTPUT) \
+    INPUT(q_a, ELBOW_NA) INPUT(v_a, ELBOW_NA) INPUT(a_a, ELBOW_NA) OUTPUT(dtau_dq, ELBOW_NA * ELBOW_NA) \
+    OUTPUT(dtau_dv, ELBOW_NA * ELBOW_NA) OUTPUT(dtau_da, ELBOW_NA * ELBOW_NA)
+#define WORK 0
+#define TILE 64
+#define RESULTS 12
+#define COLLIDE 0
+#include "elbow_function.h"
 
 elbow_status elbow_inverse_dynamics_derivatives(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
     const elbow_real a_a[ELBOW_NA], elbow_real dtau_dq[ELBOW_NA * ELBOW_NA],
@@ -39,97 +28,82 @@ elbow_status elbow_inverse_dynamics_derivatives(const elbow_real q_a[ELBOW_NA], 
     if (q_a == NULL || v_a == NULL || a_a == NULL || dtau_dq == NULL || dtau_dv == NULL || dtau_da == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (inverse_dynamics_derivatives_evaluate_1(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da) == 0) {
-        return ELBOW_OK;
-    }
-    return inverse_dynamics_derivatives_failed(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, 1, 1);
-}
-
-/* Points of arrays whose entries are `stride` apart. */
-static SEPARATE elbow_status inverse_dynamics_derivatives_many(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
-    const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv, elbow_real *dtau_da, elbow_real *work)
-{
-    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
-       points. */
-    const int past = (size_t)n * sizeof(real) > 699050;
-    const int collide = past;
-    const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
-    int bad = 0;
-    if (n < 0) {
-        return ELBOW_BAD_COUNT;
-    }
-    if (q_a == NULL || v_a == NULL || a_a == NULL || dtau_dq == NULL || dtau_dv == NULL || dtau_da == NULL || work == NULL) {
-        return ELBOW_NULL_ARGUMENT;
-    }
-#ifdef _OPENMP
-#pragma omp parallel reduction(+ : bad) if (groups > 8 && omp_get_level() == 0)
-#endif
-    {
-#ifdef _OPENMP
-        real *const space = work + omp_get_thread_num() * (ptrdiff_t)ELBOW_BATCH_WORK;
-#else
-        real *const space = work;
-#endif
-        lanes zero = splat_v(0);
-        int group;
-#ifdef _OPENMP
-#pragma omp for schedule(static)
-#endif
-        for (group = 0; group < groups; ++group) {
-            const int first = group * 64;
-            const int count = n - first < 64 ? n - first : 64;
-            const int copied = collide || count % LANES != 0;
-            ptrdiff_t apart = stride;
-            const real *at_q_a = q_a + first;
-            const real *at_v_a = v_a + first;
-            const real *at_a_a = a_a + first;
-            real *at_dtau_dq = dtau_dq + first;
-            real *at_dtau_dv = dtau_dv + first;
-            real *at_dtau_da = dtau_da + first;
-            if (copied) {
-                real *at = space + 0 * LANES;
-                apart = 64;
-                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
-                at_q_a = at;
-                at += ELBOW_NA * 64;
-                gather_points(at_v_a, ELBOW_NA, count, stride, at, 64);
-                at_v_a = at;
-                at += ELBOW_NA * 64;
-                gather_points(at_a_a, ELBOW_NA, count, stride, at, 64);
-                at_a_a = at;
-                at += ELBOW_NA * 64;
-                at_dtau_dq = at;
-                at += ELBOW_NA * ELBOW_NA * 64;
-                at_dtau_dv = at;
-                at += ELBOW_NA * ELBOW_NA * 64;
-                at_dtau_da = at;
-            }
-            for (int k = 0; k < count; k += LANES) {
-                zero += inverse_dynamics_derivatives_evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_dtau_dq + k, at_dtau_dv + k, at_dtau_da + k, apart);
-            }
-            if (copied) {
-                scatter_points(at_dtau_dq, ELBOW_NA * ELBOW_NA, count, 64, dtau_dq + first, stride, past);
-                scatter_points(at_dtau_dv, ELBOW_NA * ELBOW_NA, count, 64, dtau_dv + first, stride, past);
-                scatter_points(at_dtau_da, ELBOW_NA * ELBOW_NA, count, 64, dtau_da + first, stride, past);
-            }
-        }
-        end_scatter(past);
-        bad += sum_v(zero) == 0 ? 0 : 1;
-    }
-    return bad == 0 ? ELBOW_OK : inverse_dynamics_derivatives_failed(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, n, stride);
-}
-
-elbow_status elbow_inverse_dynamics_derivatives_batch(int n, const elbow_real *q_a, const elbow_real *v_a,
-    const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv, elbow_real *dtau_da, elbow_real *work)
-{
-    return inverse_dynamics_derivatives_many(n, n, q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, work);
-}
-
-elbow_status elbow_inverse_dynamics_derivatives_batch_strided(int n, int stride, const elbow_real *q_a,
-    const elbow_real *v_a, const elbow_real *a_a, elbow_real *dtau_dq, elbow_real *dtau_dv, elbow_real *dtau_da,
-    elbow_real *work)
-{
-    return stride < n ? ELBOW_BAD_COUNT : inverse_dynamics_derivatives_many(n, stride, q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, work);
+    return inverse_dynamics_derivatives_evaluate_1(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da) == 0 ? ELBOW_OK : inverse_dynamics_derivatives_failed(q_a, v_a, a_a, dtau_dq, dtau_dv, dtau_da, 1, 1);
 }
 
 #include "elbow_undefine.h"
+#else /* the mathematics */
+static T F(inverse_dynamics_derivatives_evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT a_a, real *RESTRICT dtau_dq, real *RESTRICT dtau_dv, real *RESTRICT dtau_da STRIDE(ptrdiff_t n))
+{
+    const T t1 = IN(q_a, 1);
+    const T t4 = IN(q_a, 0);
+    const T angle1[ANGLES(2)] = {t1, t4};
+    T sine1[ANGLES(2)], cosine1[ANGLES(2)];
+    F(sincos)(angle1, sine1, cosine1, 2);
+    const T t2 = cosine1[0];
+    const T t8 = sine1[0];
+    const T t5 = sine1[1];
+    const T t9 = cosine1[1];
+    const T t18 = IN(v_a, 0);
+    const T t19 = IN(v_a, 1);
+    const T t20 = t18 + t19;
+    const T t34 = 1.15 * t18;
+    const T t6 = 9.81 * t5;
+    const T t10 = 9.81 * t9;
+    const T t24 = IN(a_a, 0);
+    const T t25 = IN(a_a, 1);
+    const T t26 = t24 + t25;
+    const T t31 = 1.15 * t24;
+    const T t43 = 203.472375 * t18;
+    const T t15 = 3613.4097102000005 * t9;
+    const T t54 = 203.472375 * t8;
+    const T t63 = 101.7361875 * t8;
+    const T t21 = 88.46625 * t20;
+    const T t35 = t18 * t34;
+    const T t7 = t2 * t6;
+    const T t11 = t8 * t10;
+    const T t27 = 88.46625 * t26;
+    const T t32 = t6 - t31;
+    const T t46 = 203.472375 * t20;
+    const T t44 = t2 * t43;
+    OUT(dtau_dv, 1, t44);
+    const T t61 = t54 - 496.00482796999995;
+    OUT(dtau_da, 0, -t61);
+    const T t65 = t63 - 89.77680625;
+    OUT(dtau_da, 1, -t65);
+    OUT(dtau_da, 2, -t65);
+    const T t22 = t20 * t21;
+    const T t36 = t10 - t35;
+    const T t12 = t7 + t11;
+    const T t28 = t2 * t27;
+    const T t33 = t2 * t32;
+    const T t47 = t2 * t46;
+    OUT(dtau_dv, 2, -t47);
+    const T t23 = t8 * t22;
+    const T t37 = t8 * t36;
+    const T t13 = 88.46625 * t12;
+    OUT(dtau_dq, 1, t13);
+    const T t48 = t44 - t47;
+    OUT(dtau_dv, 0, t48);
+    const T t29 = t23 - t28;
+    const T t38 = t33 + t37;
+    const T t16 = t13 - t15;
+    OUT(dtau_dq, 0, t16);
+    const T t30 = 1.15 * t29;
+    const T t39 = 88.46625 * t38;
+    OUT(dtau_dq, 3, t39);
+    const T t40 = t30 + t39;
+    OUT(dtau_dq, 2, t40);
+    OUT(dtau_dv, 3, F(splat)(0.0));
+    OUT(dtau_da, 3, F(splat)(89.77680625));
+    const T z66 = 0.0 * t44 + 0.0 * t47;
+    const T z67 = 0.0 * t48 + 0.0 * t61;
+    const T z68 = 0.0 * t65 + z66;
+    const T z69 = z67 + z68;
+    const T z70 = 0.0 * t13 + z69;
+    const T z71 = 0.0 * t16 + 0.0 * t39;
+    const T z72 = z70 + 0.0 * t40;
+    const T z73 = z71 + z72;
+    return z73;
+}
+#endif

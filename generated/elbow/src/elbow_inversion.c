@@ -8,9 +8,235 @@
 /* elbow: inverse dynamics along a whole path. Written by flexgen; see elbow_inversion.h. */
 #include "../elbow_inversion.h"
 
-#include "elbow_equilibrium.h"
-#include "elbow_lq_path.h"
+#include "elbow_inversion_common.h"
+#include "elbow_lq_step.h"
+#include "elbow_reduced_problem.h"
 #include "elbow_whole_path.h"
+
+/*
+ * --- The end of a motion along a path, where what is left of it moves the output no more.
+ *
+ * After the path the motion of the unactuated coordinates decays to the equilibrium. What is left of it moves the
+ * output by about
+ *
+ *     max over X in {W_e, D} of max(|X (q_e - q_e,end)|, HELD |X v_e|),    dy/dt = W v_a,
+ *
+ * while the joints stand still or, D = W_g M_gg^-1 M_ge - W_e, while the torque is held and they keep their momentum.
+ * It does not end before the deflections of damped gears have decayed, see `shortest_motion_after`.
+ */
+
+#if ELBOW_NE > 0
+
+static const real held_time = 0.5; /* s: HELD */
+
+typedef struct {
+    real allowed;       /* what may be left [m or rad]; 0: the motion is not cut */
+    real q[NA];         /* the equilibrium */
+    real X[2 * NY][NE]; /* W_e and D there */
+    real shortest;      /* motion after the path, at least [s] */
+    int intervals;      /* with motion */
+} settling;
+
+/* The matrices at the equilibrium, M by inverse dynamics of unit accelerations. */
+static inline int settling_at(const real *target, problem_points *arm, settling *s, real *space)
+{
+    real M[NG][NG + NE], at_rest[NG];
+    for (int i = 0; i < NT; ++i) {
+        for (int l = 0; l < POINTS; ++l) {
+            arm->target[i][l] = target[i];
+        }
+    }
+    for (int begin = 0; begin <= NA; begin += POINTS) {
+        int status;
+        for (int i = 0; i < NA; ++i) {
+            for (int l = 0; l < POINTS; ++l) {
+                arm->q[i][l] = s->q[i];
+                arm->v[i][l] = 0.0;
+                arm->a[i][l] = begin + l == i + 1 ? 1.0 : 0.0; /* the first: at rest */
+            }
+        }
+        status = evaluate_rows(arm, space);
+        if (status != ELBOW_OK) {
+            return status;
+        }
+        for (int i = 0; i < NG; ++i) {
+            at_rest[i] = begin == 0 ? arm->tau_g[i][0] : at_rest[i];
+            for (int j = 0; j < NG + NE; ++j) {
+                const int l = (j < NG ? i_g[j] : i_e[j - NG]) + 1 - begin;
+                if (l >= 0 && l < POINTS) {
+                    M[i][j] = arm->tau_g[i][l] - at_rest[i];
+                }
+            }
+        }
+    }
+    (void)solve_plain(&M[0][0], NG, NG + NE);
+    evaluate_constraint(arm, space);
+    for (int i = 0; i < NY; ++i) {
+        for (int j = 0; j < NE; ++j) {
+            s->X[i][j] = arm->W[i_e[j]][i][0];
+            s->X[NY + i][j] = -s->X[i][j];
+            for (int k = 0; k < NG; ++k) {
+                s->X[NY + i][j] += arm->W[i_g[k]][i][0] * M[k][NG + j];
+            }
+        }
+    }
+    return ELBOW_OK;
+}
+
+/* Whether what is left of the motion at node k of the mesh moves the output by more than `allowed`. */
+static inline int moves_at(const mesh *m, const settling *s, ptrdiff_t k, real allowed)
+{
+    const real *y = m->y + k * STATES;
+    for (int part = 0; part < 2; ++part) {
+        real squares[2] = {0.0, 0.0};
+        for (int i = part * NY; i < (part + 1) * NY; ++i) {
+            real q = 0.0, v = 0.0;
+            for (int j = 0; j < NE; ++j) {
+                q += s->X[i][j] * (y[j] - m->equilibrium[j]);
+                v += s->X[i][j] * held_time * y[NE + j];
+            }
+            squares[0] += q * q;
+            squares[1] += v * v;
+        }
+        if (!(fmax_1(squares[0], squares[1]) <= allowed * allowed)) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/*
+ * Leave out the intervals after the motion, but for those that its last derivatives need. Half of what is allowed: the
+ * next steps change the motion, and a vibration can be larger between two nodes.
+ */
+static inline void cut_mesh(mesh *m, int samples_per_interval, settling *s)
+{
+    const int margin = (BEYOND + samples_per_interval - 1) / samples_per_interval;
+    int k = m->N;
+    while ((real)(k - m->varying) * m->h > s->shortest && !moves_at(m, s, k, 0.5 * s->allowed)) {
+        --k;
+    }
+    if (k + 1 + margin < m->N) {
+        m->N = k + 1 + margin;
+        s->intervals = k + 1;
+    }
+}
+
+/* Whether the motion that has been found moves after its end, which was chosen before its last steps. */
+static inline int is_cut_early(const mesh *m, const settling *s)
+{
+    for (int k = s->intervals; s->intervals < m->N && k <= m->N; ++k) {
+        if (moves_at(m, s, k, s->allowed)) {
+            return 1;
+        }
+    }
+    return 0;
+}
+
+#endif
+
+/*
+ * --- Gauss-Newton steps of the inversion along a whole path.
+ *
+ * A step is the solution of a linear-quadratic problem (see lq_step.h). Its factors hold for later steps too where the
+ * motion has changed little: then only the linear terms are computed again. The intervals after the path are all close
+ * to the same equilibrium: they share its Jacobians, and the factor of an endless one. Where the cost of that one is
+ * not exact, as unstable zeros of very different size hide each other, each has a factor of its own.
+ */
+
+#if ELBOW_NE > 0
+
+enum { MORE_STEPS = 2 };
+
+static const real unchanged = PRECISE(1e-7, 1e-4);
+
+/* The factors of all intervals that have their own, from the cost of an endless equilibrium after them. */
+static inline int lq_path_factor(mesh *m, real *point, const lq_data *c, lq_space *w, real *space)
+{
+    int status;
+    copy(m->end, STATES * STATES, w->P);
+    for (int i = 0; i < STATES; ++i) {
+        w->p[i] = 0.0;
+    }
+    status = m->factored > m->varying ? lq_factor_alike(m, m->varying, c->steady_point, w) : ELBOW_OK;
+    return status == ELBOW_OK ? lq_factor_before(m, m->varying, point, w, space) : status;
+}
+
+/* The residuals before the first step: those of the factors; the intervals after the path are at equilibrium. */
+static inline void lq_path_first_rows(mesh *m, const lq_data *c)
+{
+    const ptrdiff_t at = (ptrdiff_t)m->varying * STAGES, all = (ptrdiff_t)m->N * STAGES;
+    for (ptrdiff_t k = 0; k < at; ++k) {
+        copy(c->point + k * POINT + NE * TRIPLE, NE, c->row + k * NE);
+    }
+    for (ptrdiff_t i = at * NE; i < all * NE; ++i) {
+        c->row[i] = 0.0;
+    }
+}
+
+/*
+ * The motion on the mesh by Gauss-Newton steps. The factors are computed again where a step with those of an earlier
+ * motion gains less than a factor of ten. Where the residual is small enough, up to MORE_STEPS follow until the next
+ * one would change the motion by less than the share `unchanged` of the first: factors of another motion leave an error
+ * of the motion that the residual hardly shows. cut: the motion ends where it has settled after the first step, which
+ * is nearly the last one.
+ */
+static inline int lq_path_solve(mesh *m, real *point, lq_data *c, const elbow_inversion_options *o, int cut,
+    settling *end, elbow_inversion_info *info, lq_space *w, real *space)
+{
+    const real tolerance = o->tolerance;
+    newton progress = {-1.0, 0, 0};
+    real first = 0.0, last = 0.0; /* sizes of steps */
+    int must_factor = 1, more = 0;
+    for (;;) {
+        const real before = progress.before;
+        real size, next;
+        int state, status = ELBOW_OK;
+        info->iterations = progress.steps + 1;
+        if (must_factor) {
+            status = lq_path_factor(m, point, c, w, space);
+        }
+        if (status == ELBOW_OK && progress.steps == 0) {
+            lq_path_first_rows(m, c);
+        }
+        if (status == ELBOW_OK && !lq_linear(m, c)) {
+            status = ELBOW_NOT_CONVERGED;
+        }
+        if (status != ELBOW_OK) {
+            return status;
+        }
+        {
+            real d[STATES] = {0.0};
+            size = lq_data_step(m, c, d);
+        }
+        if (progress.steps == 0 && cut) {
+            cut_mesh(m, o->samples_per_interval, end);
+        }
+        status = evaluate_residual(m, c->row, w, space);
+        if (status != ELBOW_OK) {
+            return status;
+        }
+        state = newton_state(&progress, m->residual, tolerance, 1e-2);
+        first = fmax_1(first, size);
+        next = last > 0.0 ? (must_factor ? 0.0 : size * (size / last)) : m->varying < m->N ? size : 0.0;
+        if (state == NEWTON_CONTINUES && last > 0.0 && !must_factor && m->residual <= tolerance &&
+            next <= unchanged * first) {
+            state = NEWTON_CONVERGED; /* what is left is the regularization, which no step changes */
+        }
+        if (state == NEWTON_FAILED ||
+            (state == NEWTON_CONVERGED && (!(next > unchanged * first) || more == MORE_STEPS))) {
+            return state == NEWTON_CONVERGED ? ELBOW_OK : ELBOW_NOT_CONVERGED;
+        }
+        more += state == NEWTON_CONVERGED;
+        must_factor = state == NEWTON_CONTINUES && before >= 0.0 && m->residual > 0.1 * before;
+        progress.before = m->residual;
+        last = size;
+    }
+}
+
+#endif
+
+/* --- The function invert. */
 
 #if ELBOW_NE > 0
 enum { SWEEPS = 40, SWEEP = 8 }; /* sweeps for the cost of an endless equilibrium; their intervals */
@@ -211,9 +437,414 @@ elbow_status elbow_invert(const elbow_path *p, PARAMETERS_ARGUMENT const real q_
 /* elbow: inverse dynamics on a moving horizon. Written by flexgen; see elbow_inversion.h. */
 #include "../elbow_inversion.h"
 
-#include "elbow_stream_moving.h"
-#include "elbow_stream_parts.h"
-#include "elbow_equilibrium.h"
+#include "elbow_reduced_problem.h"
+#include "elbow_stream_update.h"
+
+/*
+ * --- The start of a stream in motion, from samples of the path before now and ahead.
+ *
+ * The first state of the horizon is not known. In stable directions it is the quasi-static motion of the past: what the
+ * zero dynamics remembers of older motion has decayed. In unstable directions it follows from the path ahead, where the
+ * cost to go P, p of the first node is least,
+ *
+ *     min over d   d' P d / 2 + p' d + w |y_0 + d - y_quasi-static|^2 / 2
+ *
+ * with a weight w far above the cost of stable directions and far below that of unstable ones.
+ */
+
+/* Path nodes before now, as far back as the differences of any stream; updates whose results are not given. */
+enum { PAST_NODES = 7, SILENT_UPDATES = ELBOW_STREAM_START_SAMPLES(0) - 1 - PAST_NODES };
+
+/* Copy sample k of a path. */
+static inline void sample_of(const elbow_path *p, ptrdiff_t k, real *out)
+{
+    copy(p->y + k * NT, NT, out);
+    copy(p->dy + k * NY, NY, out + NT);
+    copy(p->ddy + k * NY, NY, out + NT + NY);
+}
+
+/* The path of the horizon and before it: node 0 of the horizon is sample `now`. */
+static inline void set_path(real *s, const layout *l, const elbow_path *p, ptrdiff_t now)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    real *nodes = s + l->nodes;
+    for (ptrdiff_t j = 0; j <= l->past + N; ++j) {
+        sample_of(p, now - l->past + j, nodes + j * REFERENCE);
+    }
+    for (ptrdiff_t k = 0; k < N * STAGES; ++k) {
+        const real *left = nodes + (l->past + k / STAGES) * REFERENCE;
+        between_samples(left, s[PERIOD], gauss_c[k % STAGES], s + l->reference + k * REFERENCE);
+    }
+    copy(nodes + (l->past + N) * REFERENCE, REFERENCE, s + l->last);
+}
+
+/* Joints that follow the path of the horizon from those at its start, with the deflections of the equilibrium q. */
+static inline int set_joints(real *s, const layout *l, const real *q)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    real *q_g = s + l->q_g, last[NG];
+    problem_points *arm = arm_of(l, s);
+#if ELBOW_NE > 0
+    static const real zero[NE] = {0.0};
+    real q_e[NE];
+    for (int i = 0; i < NE; ++i) {
+        q_e[i] = q[i_e[i]];
+    }
+#endif
+    for (int i = 0; i < NG; ++i) {
+        q_g[N * STAGES * NG + i] = last[i] = q[i_g[i]];
+    }
+    begin_points(arm);
+    for (ptrdiff_t k = 0; k < N * STAGES; ++k) { /* one after the other: each is the guess of the next */
+        int status;
+        for (int point = 0; point < POINTS; ++point) {
+            load_reference(arm, point, s + l->reference + k * REFERENCE);
+            load_joints(arm, point, last);
+#if ELBOW_NE > 0
+            load_elastic(arm, point, q_e, zero, zero);
+#endif
+        }
+        status = solve_kinematics(arm, s + l->space);
+        if (status != ELBOW_OK) {
+            return status;
+        }
+        if (!(arm->side[0] * (k > 0 ? s[SIDE] : arm->side[0]) > 0.0)) {
+            return ELBOW_UNREACHABLE; /* it passed a singular pose */
+        }
+        s[SIDE] = arm->side[0];
+        for (int i = 0; i < NG; ++i) {
+            q_g[k * NG + i] = last[i] = arm->q[i_g[i]][0];
+        }
+    }
+    return ELBOW_OK;
+}
+
+#if ELBOW_NE > 0
+
+enum { MOVING_STEPS = 6 }; /* Gauss-Newton steps; the problem is almost linear in the deflections */
+
+static const real first_state_weight = PRECISE(1e-6, 1e-3);
+
+/* The quasi-static motion at all nodes as target states, and a motion close to it in the mesh. */
+static inline int set_quasistatic(real *s, const layout *l)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS], guess_at = (N * STAGES - 1) * NG;
+    mesh m = mesh_of(l, s);
+    real last[NG], *y = s + l->y, *a = s + l->a, *newest = m.target_state + N * STATES;
+    copy(s + l->q_g + guess_at, NG, last);
+    for (ptrdiff_t j = LAST - 1; j <= l->past + N; ++j) { /* the first one twice: Newton's method converges */
+        for (int again = j == LAST - 1 ? 2 : 1; again > 0; --again) {
+            const ptrdiff_t k = j < l->past ? 0 : j - l->past < N ? j - l->past : N - 1;
+            int status;
+            copy(s + l->q_g + k * STAGES * NG, NG, s + l->q_g + guess_at);
+            status = quasistatic_motion(
+                &m, (lq_space *)(void *)(s + l->lq), s + l->levels, s + l->nodes + j * REFERENCE, s + l->space);
+            if (status != ELBOW_OK) {
+                return status;
+            }
+        }
+        copy(newest, STATES, y + j * STATES);
+        if (j >= l->past) {
+            copy(newest, STATES, m.target_state + (j - l->past) * STATES);
+        }
+    }
+    copy(last, NG, s + l->q_g + guess_at);
+    for (ptrdiff_t j = 0; j < LAST - 1; ++j) {
+        copy(y + (LAST - 1) * STATES, STATES, y + j * STATES);
+    }
+    for (ptrdiff_t j = 0; j < l->past + N; ++j) {
+        for (int i = 0; i < CONTROLS; ++i) {
+            const real *speed = y + j * STATES + NE + i % NE;
+            a[j * CONTROLS + i] = (speed[STATES] - speed[0]) / m.h;
+        }
+    }
+    for (ptrdiff_t k = 0; k < N; ++k) {
+        next_node(m.y + k * STATES, m.a + k * CONTROLS, m.h, m.y + (k + 1) * STATES);
+    }
+    return ELBOW_OK;
+}
+
+/* The best change of the first state, scaled, from its cost to go. */
+static inline int first_state(const mesh *m, const lq_space *w, real d[STATES])
+{
+    real M[STATES][STATES + 1]; /* and the right side */
+    for (int i = 0; i < STATES; ++i) {
+        for (int j = 0; j < STATES; ++j) {
+            M[i][j] = w->P[i * STATES + j];
+        }
+        M[i][i] += first_state_weight;
+        M[i][STATES] = -w->p[i] - first_state_weight * target_distance(m, 0, i);
+    }
+    if (!solve_plain(&M[0][0], STATES, STATES + 1)) { /* positive definite */
+        return ELBOW_NOT_CONVERGED;
+    }
+    for (int i = 0; i < STATES; ++i) {
+        d[i] = M[i][STATES];
+    }
+    return is_finite(d, STATES) ? ELBOW_OK : ELBOW_NOT_CONVERGED;
+}
+
+/* The motion of the horizon from its quasi-static motion. */
+static inline int solve_horizon(real *s, const layout *l)
+{
+    mesh m = mesh_of(l, s);
+    lq_space *w = (lq_space *)(void *)(s + l->lq);
+    int status = ELBOW_OK;
+    for (int step = 0; step < MOVING_STEPS && status == ELBOW_OK; ++step) {
+        real d[STATES];
+        status = lq_factor(&m, w, s + l->space);
+        if (status == ELBOW_OK) {
+            status = first_state(&m, w, d);
+        }
+        if (status == ELBOW_OK) {
+            lq_step(&m, d);
+        }
+    }
+    copy(w->P, STATES * STATES, s + l->cost);
+    s[STALE] = 1.0; /* only the factors are known */
+    return status;
+}
+
+#endif
+
+/* The arm's coordinates at the equilibrium at which a stream was started. */
+static inline void joints_at_start(const real *s, const layout *l, real q[NA])
+{
+    for (int i = 0; i < NG; ++i) {
+        q[i_g[i]] = s[l->q_g + i];
+    }
+#if ELBOW_NE > 0
+    for (int i = 0; i < NE; ++i) {
+        q[i_e[i]] = s[l->y + i];
+    }
+#endif
+}
+
+/* The stream, at equilibrium now, is on the path instead. */
+static inline int set_moving(real *s, const layout *l, const elbow_path *p, ptrdiff_t now, const real *q)
+{
+    int status;
+    set_path(s, l, p, now);
+    status = set_joints(s, l, q);
+#if ELBOW_NE > 0
+    if (status == ELBOW_OK) {
+        status = set_quasistatic(s, l);
+    }
+    if (status == ELBOW_OK) {
+        status = solve_horizon(s, l);
+    }
+#endif
+    return status;
+}
+
+/*
+ * --- The parts of an update, one after the other.
+ *
+ * An update that has begun may be interrupted after each part: all that the next part needs is in the memory of the
+ * stream. The results do not depend on where it was interrupted.
+ */
+
+/*
+ * Kinds of parts, in their order. PART_RESIDUAL: for each POINTS Gauss points; PART_POINTS: for each GROUP intervals
+ * whose factors are computed again, then PART_FACTOR for each of them.
+ */
+enum {
+    NO_UPDATE,
+#if ELBOW_NE > 0
+    PART_SHIFT,
+    PART_RESIDUAL,
+    PART_POINTS,
+    PART_FACTOR,
+    PART_LINEAR,
+    PART_STEP,
+#endif
+    PART_ARM,
+    PART_MOTORS,
+    PART_LIMITS,
+    PARTS_END
+};
+
+/* The part that is next. at: Gauss point, or intervals before those of the group; within: interval in the group. */
+typedef struct {
+    int part, at, within;
+} update_part;
+
+static inline update_part next_part_of(const real *s)
+{
+    const update_part p = {(int)s[PART], (int)s[AT], (int)s[WITHIN]};
+    return p;
+}
+
+#if ELBOW_NE > 0
+/* Intervals of the group from `next` on; `*next` becomes that after it. */
+static inline int group_from(const real *s, int *next, int *list)
+{
+    return refreshed((int)s[INTERVALS], s[STALE] > 0.0, next, list);
+}
+#endif
+
+/*
+ * Approximate cost of a part: microseconds with 6 motors and 12 coordinates without motor on a processor with vectors
+ * of 8 numbers. Only the distribution of the work depends on it.
+ */
+static inline int cost_of_part(const real *s, const layout *l, update_part p)
+{
+    static const int cost[PARTS_END] = {0,
+#if ELBOW_NE > 0
+        47, 4, 5, 7, 15, 15,
+#endif
+        20, 5, 60};
+#if ELBOW_NE > 0
+    if (p.part == PART_POINTS) { /* for each interval */
+        int list[GROUP], next = p.at;
+        return cost[p.part] * group_from(s, &next, list);
+    }
+#endif
+    return p.part == PART_LIMITS && !(s[l->limits] > 0.0) ? 0 : cost[p.part];
+}
+
+/* The part after p. */
+static inline update_part part_after(const real *s, update_part p)
+{
+#if ELBOW_NE > 0
+    if (p.part == PART_RESIDUAL && p.at + POINTS < (int)s[INTERVALS] * STAGES) {
+        p.at += POINTS;
+        return p;
+    }
+    if (p.part == PART_FACTOR) {
+        int list[GROUP], next = p.at;
+        const int count = group_from(s, &next, list);
+        if (p.within + 1 < count) {
+            p.within += 1;
+            return p;
+        }
+        if (count == GROUP && next < (int)s[INTERVALS]) {
+            p.part = PART_POINTS;
+            p.at = next;
+            p.within = 0;
+            return p;
+        }
+    }
+#else
+    (void)s;
+#endif
+    p.part += 1;
+    if (p.part != PARTS_END
+#if ELBOW_NE > 0
+        && p.part != PART_FACTOR
+#endif
+    ) {
+        p.at = p.within = 0;
+    }
+    return p;
+}
+
+/* Cost of all parts from p to the end of the update. */
+static inline int cost_from(const real *s, const layout *l, update_part p)
+{
+    int cost = 0;
+    for (; p.part != PARTS_END; p = part_after(s, p)) {
+        cost += cost_of_part(s, l, p);
+    }
+    return cost;
+}
+
+/* Arrays of the results in the memory of the stream. */
+static inline interval_results results_in(real *s, const layout *l)
+{
+    const ptrdiff_t n = (ptrdiff_t)s[SAMPLES_PER_INTERVAL];
+    interval_results out;
+    out.q_a = s + l->output;
+    out.v_a = out.q_a + n * NA;
+    out.tau_g = out.v_a + n * NA;
+    out.q_m = out.tau_g + n * NG;
+    out.v_m = out.q_m + n * NM;
+    out.tau_m = out.v_m + n * NM;
+    return out;
+}
+
+/* Limits of the motors: what they do now, and the change of the path ahead. */
+static inline int limits_part(real *s, const layout *l, const interval_results *out)
+{
+    real off[2] = {0.0, 0.0};
+    int ends;
+    if (!(s[l->limits] > 0.0)) {
+        return ELBOW_OK;
+    }
+    s[LIMITED] = (real)is_limited(s, l, out->v_m, out->tau_m, off, &ends);
+    copy(off, 2, s + OFF);
+    return ends ? ELBOW_LIMITS_INFEASIBLE : apply_limits(s, l);
+}
+
+/* Motors in the interval. */
+static inline int motors_part(real *s, const layout *l, const interval_results *out)
+{
+    real step = 0.0, output_step[2] = {0.0, 0.0};
+    const int status = motors_in_interval(s, l, out, &step, output_step);
+    if (status == ELBOW_OK) {
+        s[TORQUE_STEP] = step;
+        copy(output_step, 2, s + OUTPUT_STEP);
+        s[MISMATCH] = kinematic_mismatch_now(s, l);
+    }
+    return status;
+}
+
+/* Do the part p. */
+static inline int do_part(real *s, const layout *l, update_part p)
+{
+    const interval_results out = results_in(s, l);
+    switch (p.part) {
+#if ELBOW_NE > 0
+    case PART_SHIFT:
+        return shift_motion(s, l);
+    case PART_RESIDUAL:
+        return residual_part(s, l, p.at);
+    case PART_POINTS:
+    case PART_FACTOR: {
+        int list[GROUP], next = p.at;
+        const int count = group_from(s, &next, list);
+        if (p.part == PART_FACTOR) {
+            return refresh_factor(s, l, list[p.within]);
+        }
+        if (p.at == 0) {
+            begin_points(arm_of(l, s));
+        }
+        return refresh_points(s, l, list, count);
+    }
+    case PART_LINEAR:
+        return linear_part(s, l);
+    case PART_STEP:
+        step_part(s, l);
+        return ELBOW_OK;
+#endif
+    case PART_ARM:
+        return arm_in_window(s, l, &out, s + RESIDUAL);
+    case PART_MOTORS:
+        return motors_part(s, l, &out);
+    default:
+        return limits_part(s, l, &out);
+    }
+}
+
+/* Do about 1/parts of what is left of the update; all of it where parts is 1. */
+static inline int do_parts(real *s, const layout *l, int parts)
+{
+    update_part p = next_part_of(s);
+    const int share = parts > 1 ? cost_from(s, l, p) / parts : 0;
+    int done = 0, status = ELBOW_OK;
+    while (status == ELBOW_OK && p.part != PARTS_END &&
+           (parts == 1 || done == 0 || 2 * done + cost_of_part(s, l, p) <= 2 * share)) {
+        status = do_part(s, l, p);
+        done += cost_of_part(s, l, p);
+        p = part_after(s, p);
+        s[PART] = (real)p.part;
+        s[AT] = (real)p.at;
+        s[WITHIN] = (real)p.within;
+    }
+    return status;
+}
+
+/* --- The functions of a stream. */
 
 enum { SETTLING_SWEEPS = 10 }; /* sweeps after which the cost of an endless equilibrium has converged */
 #if ELBOW_NE > 0

@@ -1,112 +1,52 @@
 /* elbow: mass_matrix. Written by flexgen; see elbow.h. */
+#ifndef T /* the file includes itself: the mathematics with T a number, and with T lanes of numbers */
 #include "../elbow_batch.h"
 
 #include "elbow_private.h"
 
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 #include "elbow_point.h"
-#include "elbow_mass_matrix_body.h"
+#include "elbow_mass_matrix.c"
 
 #include "elbow_lanes.h"
-#include "elbow_mass_matrix_body.h"
+#include "elbow_mass_matrix.c"
 
-/* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status mass_matrix_failed(const real *q_a, real *M, int n, ptrdiff_t stride)
-{
-    elbow_status first = ELBOW_OK;
-    for (int k = 0; k < n; ++k) {
-        const int known = all_finite(q_a + k, ELBOW_NA, stride);
-        if (known && all_finite(M + k, ELBOW_NA * ELBOW_NA, stride)) {
-            continue;
-        }
-        if (first == ELBOW_OK) {
-            first = known ? ELBOW_RESULT_NOT_FINITE : ELBOW_INPUT_NOT_FINITE;
-        }
-        set_nan(M + k, ELBOW_NA * ELBOW_NA, stride);
-    }
-    return first;
-}
+#define NAME(suffix) mass_matrix_##suffix
+#define PUBLIC(suffix) elbow_mass_matrix_##suffix
+#define ARRAYS(INPUT, SHARED, OUTPUT) \
+    INPUT(q_a, ELBOW_NA) OUTPUT(M, ELBOW_NA * ELBOW_NA)
+#define WORK 0
+#define TILE 64
+#define RESULTS 4
+#define COLLIDE 0
+#include "elbow_function.h"
 
 elbow_status elbow_mass_matrix(const elbow_real q_a[ELBOW_NA], elbow_real M[ELBOW_NA * ELBOW_NA])
 {
     if (q_a == NULL || M == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (mass_matrix_evaluate_1(q_a, M) == 0) {
-        return ELBOW_OK;
-    }
-    return mass_matrix_failed(q_a, M, 1, 1);
-}
-
-/* Points of arrays whose entries are `stride` apart. */
-static SEPARATE elbow_status mass_matrix_many(int n, int stride, const elbow_real *q_a, elbow_real *M, elbow_real *work)
-{
-    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
-       points. */
-    const int past = (size_t)n * sizeof(real) > 2097152;
-    const int collide = past;
-    const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
-    int bad = 0;
-    if (n < 0) {
-        return ELBOW_BAD_COUNT;
-    }
-    if (q_a == NULL || M == NULL || work == NULL) {
-        return ELBOW_NULL_ARGUMENT;
-    }
-#ifdef _OPENMP
-#pragma omp parallel reduction(+ : bad) if (groups > 8 && omp_get_level() == 0)
-#endif
-    {
-#ifdef _OPENMP
-        real *const space = work + omp_get_thread_num() * (ptrdiff_t)ELBOW_BATCH_WORK;
-#else
-        real *const space = work;
-#endif
-        lanes zero = splat_v(0);
-        int group;
-#ifdef _OPENMP
-#pragma omp for schedule(static)
-#endif
-        for (group = 0; group < groups; ++group) {
-            const int first = group * 64;
-            const int count = n - first < 64 ? n - first : 64;
-            const int copied = collide || count % LANES != 0;
-            ptrdiff_t apart = stride;
-            const real *at_q_a = q_a + first;
-            real *at_M = M + first;
-            if (copied) {
-                real *at = space + 0 * LANES;
-                apart = 64;
-                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
-                at_q_a = at;
-                at += ELBOW_NA * 64;
-                at_M = at;
-            }
-            for (int k = 0; k < count; k += LANES) {
-                zero += mass_matrix_evaluate_v(at_q_a + k, at_M + k, apart);
-            }
-            if (copied) {
-                scatter_points(at_M, ELBOW_NA * ELBOW_NA, count, 64, M + first, stride, past);
-            }
-        }
-        end_scatter(past);
-        bad += sum_v(zero) == 0 ? 0 : 1;
-    }
-    return bad == 0 ? ELBOW_OK : mass_matrix_failed(q_a, M, n, stride);
-}
-
-elbow_status elbow_mass_matrix_batch(int n, const elbow_real *q_a, elbow_real *M, elbow_real *work)
-{
-    return mass_matrix_many(n, n, q_a, M, work);
-}
-
-elbow_status elbow_mass_matrix_batch_strided(int n, int stride, const elbow_real *q_a, elbow_real *M,
-    elbow_real *work)
-{
-    return stride < n ? ELBOW_BAD_COUNT : mass_matrix_many(n, stride, q_a, M, work);
+    return mass_matrix_evaluate_1(q_a, M) == 0 ? ELBOW_OK : mass_matrix_failed(q_a, M, 1, 1);
 }
 
 #include "elbow_undefine.h"
+#else /* the mathematics */
+static T F(mass_matrix_evaluate)(const real *RESTRICT q_a, real *RESTRICT M STRIDE(ptrdiff_t n))
+{
+    const T t0 = IN(q_a, 1);
+    const T angle0[ANGLES(1)] = {t0};
+    T sine0[ANGLES(1)], cosine0[ANGLES(1)];
+    F(sincos)(angle0, sine0, cosine0, 1);
+    const T t1 = sine0[0];
+    const T t7 = 203.472375 * t1;
+    const T t17 = 101.7361875 * t1;
+    const T t14 = t7 - 496.00482796999995;
+    OUT(M, 0, -t14);
+    const T t19 = t17 - 89.77680625;
+    OUT(M, 1, -t19);
+    OUT(M, 2, -t19);
+    OUT(M, 3, F(splat)(89.77680625));
+    const T z21 = 0.0 * IN(q_a, 0) + 0.0 * t14;
+    const T z22 = 0.0 * t19 + z21;
+    return z22;
+}
+#endif

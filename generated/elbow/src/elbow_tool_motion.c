@@ -1,35 +1,24 @@
 /* elbow: tool_motion. Written by flexgen; see elbow.h. */
+#ifndef T /* the file includes itself: the mathematics with T a number, and with T lanes of numbers */
 #include "../elbow_batch.h"
 
 #include "elbow_private.h"
 
-#ifdef _OPENMP
-#include <omp.h>
-#endif
-
 #include "elbow_point.h"
-#include "elbow_tool_motion_body.h"
+#include "elbow_tool_motion.c"
 
 #include "elbow_lanes.h"
-#include "elbow_tool_motion_body.h"
+#include "elbow_tool_motion.c"
 
-/* Status of the first of n points that failed; the results of all that did become NaN. */
-static SEPARATE elbow_status tool_motion_failed(const real *q_a, const real *v_a, const real *a_a, real *v_tool, real *a_tool, int n, ptrdiff_t stride)
-{
-    elbow_status first = ELBOW_OK;
-    for (int k = 0; k < n; ++k) {
-        const int known = all_finite(q_a + k, ELBOW_NA, stride) && all_finite(v_a + k, ELBOW_NA, stride) && all_finite(a_a + k, ELBOW_NA, stride);
-        if (known && all_finite(v_tool + k, 6, stride) && all_finite(a_tool + k, 6, stride)) {
-            continue;
-        }
-        if (first == ELBOW_OK) {
-            first = known ? ELBOW_RESULT_NOT_FINITE : ELBOW_INPUT_NOT_FINITE;
-        }
-        set_nan(v_tool + k, 6, stride);
-        set_nan(a_tool + k, 6, stride);
-    }
-    return first;
-}
+#define NAME(suffix) tool_motion_##suffix
+#define PUBLIC(suffix) elbow_tool_motion_##suffix
+#define ARRAYS(INPUT, SHARED, OUTPUT) \
+    INPUT(q_a, ELBOW_NA) INPUT(v_a, ELBOW_NA) INPUT(a_a, ELBOW_NA) OUTPUT(v_tool, 6) OUTPUT(a_tool, 6)
+#define WORK 0
+#define TILE 64
+#define RESULTS 12
+#define COLLIDE 0
+#include "elbow_function.h"
 
 elbow_status elbow_tool_motion(const elbow_real q_a[ELBOW_NA], const elbow_real v_a[ELBOW_NA],
     const elbow_real a_a[ELBOW_NA], elbow_real v_tool[6], elbow_real a_tool[6])
@@ -37,92 +26,74 @@ elbow_status elbow_tool_motion(const elbow_real q_a[ELBOW_NA], const elbow_real 
     if (q_a == NULL || v_a == NULL || a_a == NULL || v_tool == NULL || a_tool == NULL) {
         return ELBOW_NULL_ARGUMENT;
     }
-    if (tool_motion_evaluate_1(q_a, v_a, a_a, v_tool, a_tool) == 0) {
-        return ELBOW_OK;
-    }
-    return tool_motion_failed(q_a, v_a, a_a, v_tool, a_tool, 1, 1);
-}
-
-/* Points of arrays whose entries are `stride` apart. */
-static SEPARATE elbow_status tool_motion_many(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
-    const elbow_real *a_a, elbow_real *v_tool, elbow_real *a_tool, elbow_real *work)
-{
-    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
-       points. */
-    const int past = (size_t)n * sizeof(real) > 699050;
-    const int collide = past;
-    const int groups = n < 0 ? 0 : n / 64 + (n % 64 != 0);
-    int bad = 0;
-    if (n < 0) {
-        return ELBOW_BAD_COUNT;
-    }
-    if (q_a == NULL || v_a == NULL || a_a == NULL || v_tool == NULL || a_tool == NULL || work == NULL) {
-        return ELBOW_NULL_ARGUMENT;
-    }
-#ifdef _OPENMP
-#pragma omp parallel reduction(+ : bad) if (groups > 8 && omp_get_level() == 0)
-#endif
-    {
-#ifdef _OPENMP
-        real *const space = work + omp_get_thread_num() * (ptrdiff_t)ELBOW_BATCH_WORK;
-#else
-        real *const space = work;
-#endif
-        lanes zero = splat_v(0);
-        int group;
-#ifdef _OPENMP
-#pragma omp for schedule(static)
-#endif
-        for (group = 0; group < groups; ++group) {
-            const int first = group * 64;
-            const int count = n - first < 64 ? n - first : 64;
-            const int copied = collide || count % LANES != 0;
-            ptrdiff_t apart = stride;
-            const real *at_q_a = q_a + first;
-            const real *at_v_a = v_a + first;
-            const real *at_a_a = a_a + first;
-            real *at_v_tool = v_tool + first;
-            real *at_a_tool = a_tool + first;
-            if (copied) {
-                real *at = space + 0 * LANES;
-                apart = 64;
-                gather_points(at_q_a, ELBOW_NA, count, stride, at, 64);
-                at_q_a = at;
-                at += ELBOW_NA * 64;
-                gather_points(at_v_a, ELBOW_NA, count, stride, at, 64);
-                at_v_a = at;
-                at += ELBOW_NA * 64;
-                gather_points(at_a_a, ELBOW_NA, count, stride, at, 64);
-                at_a_a = at;
-                at += ELBOW_NA * 64;
-                at_v_tool = at;
-                at += 6 * 64;
-                at_a_tool = at;
-            }
-            for (int k = 0; k < count; k += LANES) {
-                zero += tool_motion_evaluate_v(at_q_a + k, at_v_a + k, at_a_a + k, at_v_tool + k, at_a_tool + k, apart);
-            }
-            if (copied) {
-                scatter_points(at_v_tool, 6, count, 64, v_tool + first, stride, past);
-                scatter_points(at_a_tool, 6, count, 64, a_tool + first, stride, past);
-            }
-        }
-        end_scatter(past);
-        bad += sum_v(zero) == 0 ? 0 : 1;
-    }
-    return bad == 0 ? ELBOW_OK : tool_motion_failed(q_a, v_a, a_a, v_tool, a_tool, n, stride);
-}
-
-elbow_status elbow_tool_motion_batch(int n, const elbow_real *q_a, const elbow_real *v_a, const elbow_real *a_a,
-    elbow_real *v_tool, elbow_real *a_tool, elbow_real *work)
-{
-    return tool_motion_many(n, n, q_a, v_a, a_a, v_tool, a_tool, work);
-}
-
-elbow_status elbow_tool_motion_batch_strided(int n, int stride, const elbow_real *q_a, const elbow_real *v_a,
-    const elbow_real *a_a, elbow_real *v_tool, elbow_real *a_tool, elbow_real *work)
-{
-    return stride < n ? ELBOW_BAD_COUNT : tool_motion_many(n, stride, q_a, v_a, a_a, v_tool, a_tool, work);
+    return tool_motion_evaluate_1(q_a, v_a, a_a, v_tool, a_tool) == 0 ? ELBOW_OK : tool_motion_failed(q_a, v_a, a_a, v_tool, a_tool, 1, 1);
 }
 
 #include "elbow_undefine.h"
+#else /* the mathematics */
+static T F(tool_motion_evaluate)(const real *RESTRICT q_a, const real *RESTRICT v_a, const real *RESTRICT a_a, real *RESTRICT v_tool, real *RESTRICT a_tool STRIDE(ptrdiff_t n))
+{
+    const T t2 = IN(q_a, 0);
+    const T t6 = IN(q_a, 1);
+    const T t7 = t2 + t6;
+    const T angle2[ANGLES(2)] = {t2, t7};
+    T sine2[ANGLES(2)], cosine2[ANGLES(2)];
+    F(sincos)(angle2, sine2, cosine2, 2);
+    const T t3 = cosine2[0];
+    const T t16 = sine2[0];
+    const T t8 = sine2[1];
+    const T t18 = cosine2[1];
+    const T t0 = IN(v_a, 0);
+    const T t12 = IN(v_a, 1);
+    const T t24 = t0 + t12;
+    OUT(v_tool, 4, t24);
+    const T t4 = 1.15 * t3;
+    const T t9 = 1.241 * t8;
+    const T t17 = 1.15 * t16;
+    const T t19 = 1.241 * t18;
+    const T t27 = t0 * t0;
+    const T t25 = IN(a_a, 0);
+    const T t29 = IN(a_a, 1);
+    const T t30 = t25 + t29;
+    OUT(a_tool, 4, t30);
+    const T t32 = t24 * t24;
+    const T t26 = t4 * t25;
+    const T t10 = t4 - t9;
+    const T t39 = t17 * t25;
+    const T t20 = t17 + t19;
+    const T t28 = t17 * t27;
+    const T t31 = t9 * t30;
+    const T t38 = t19 * t30;
+    const T t40 = t4 * t27;
+    const T t13 = t9 * t12;
+    const T t22 = t12 * t19;
+    const T t33 = t19 * t32;
+    const T t37 = t9 * t32;
+    const T t11 = t0 * t10;
+    const T t21 = t0 * t20;
+    const T t34 = t26 - t28;
+    const T t41 = t39 + t40;
+    const T t35 = t31 + t33;
+    const T t42 = t37 - t38;
+    const T t14 = t11 - t13;
+    OUT(v_tool, 0, t14);
+    const T t23 = t21 + t22;
+    OUT(v_tool, 2, -t23);
+    const T t36 = t34 - t35;
+    OUT(a_tool, 0, t36);
+    const T t43 = t41 - t42;
+    OUT(a_tool, 2, -t43);
+    OUT(v_tool, 1, F(splat)(0.0));
+    OUT(v_tool, 3, F(splat)(0.0));
+    OUT(v_tool, 5, F(splat)(0.0));
+    OUT(a_tool, 1, F(splat)(0.0));
+    OUT(a_tool, 3, F(splat)(0.0));
+    OUT(a_tool, 5, F(splat)(0.0));
+    const T z44 = 0.0 * t24 + 0.0 * t30;
+    const T z45 = z44 + 0.0 * t14;
+    const T z46 = 0.0 * t23 + 0.0 * t36;
+    const T z47 = 0.0 * t43 + z45;
+    const T z48 = z46 + z47;
+    return z48;
+}
+#endif

@@ -1,4 +1,4 @@
-/* elbow: removes the macros of point.h and lanes.h. No include guard. Written by flexgen. */
+/* elbow: removes the macros of point.h, lanes.h and function.h. No include guard. Written by flexgen. */
 #undef T
 #undef F
 #undef IN
@@ -19,3 +19,26 @@
 #undef ROW_OF_COLUMN
 #undef ROW_FOURS
 #undef ROW_SUM
+#undef NAME
+#undef PUBLIC
+#undef ARRAYS
+#undef WORK
+#undef TILE
+#undef RESULTS
+#undef COLLIDE
+#undef CACHE
+#undef NOTHING
+#undef INPUT_ARGUMENT
+#undef OUTPUT_ARGUMENT
+#undef PASS
+#undef IS_NULL_OR
+#undef IS_FINITE_AND
+#undef IS_FINITE_ONCE_AND
+#undef SET_NAN
+#undef INPUT_AT
+#undef OUTPUT_AT
+#undef PASS_AT
+#undef GATHER
+#undef PLACE
+#undef SCATTER
+#undef PASS_WORK

@@ -1,0 +1,122 @@
+/*
+ * model: the entry points of an emitted function, for one point and for many; included at the end of its source,
+ * without an include guard. Written by flexgen; see model.h.
+ *
+ * The source defines NAME(suffix) and PUBLIC(suffix), names of private and public functions; ARRAYS(INPUT, SHARED,
+ * OUTPUT), which applies a macro to the name and the size of each argument; WORK, lanes of workspace of the
+ * mathematics; TILE, points that are copied together; RESULTS, numbers of results of a point; and COLLIDE: 1 where so
+ * many results share the same cache lines.
+ */
+#ifdef _OPENMP
+#include <omp.h>
+#endif
+
+#define CACHE 8388608 /* bytes of results that are written past the cache */
+
+#define NOTHING(x, size)
+#define INPUT_ARGUMENT(x, size) const real *x,
+#define OUTPUT_ARGUMENT(x, size) real *x,
+#define PASS(x, size) x,
+#define IS_NULL_OR(x, size) x == NULL ||
+#define IS_FINITE_AND(x, size) all_finite(x + k, size, stride) &&
+#define IS_FINITE_ONCE_AND(x, size) all_finite(x, size, 1) &&
+#define SET_NAN(x, size) set_nan(x + k, size, stride);
+#define INPUT_AT(x, size) const real *at_##x = x + first;
+#define OUTPUT_AT(x, size) real *at_##x = x + first;
+#define PASS_AT(x, size) at_##x + k,
+#define GATHER(x, size) \
+    gather_points(at_##x, size, count, stride, at, TILE); \
+    at_##x = at; \
+    at += (size) * TILE;
+#define PLACE(x, size) \
+    at_##x = at; \
+    at += (size) * TILE;
+#define SCATTER(x, size) scatter_points(at_##x, size, count, TILE, x + first, stride, past);
+#if WORK > 0
+#define PASS_WORK (lanes *)space,
+#else
+#define PASS_WORK
+#endif
+
+/* Status of the first of n points that failed; the results of all that did become NaN. */
+static SEPARATE model_status NAME(failed)(
+    ARRAYS(INPUT_ARGUMENT, INPUT_ARGUMENT, OUTPUT_ARGUMENT) int n, ptrdiff_t stride)
+{
+    model_status first = MODEL_OK;
+    for (int k = 0; k < n; ++k) {
+        const int known = ARRAYS(IS_FINITE_AND, IS_FINITE_ONCE_AND, NOTHING) 1;
+        if (known && ARRAYS(NOTHING, NOTHING, IS_FINITE_AND) 1) {
+            continue;
+        }
+        if (first == MODEL_OK) {
+            first = known ? MODEL_RESULT_NOT_FINITE : MODEL_INPUT_NOT_FINITE;
+        }
+        ARRAYS(NOTHING, NOTHING, SET_NAN)
+    }
+    return first;
+}
+
+/* Points of arrays whose entries are `stride` apart. */
+static SEPARATE model_status NAME(many)(
+    int n, int stride, ARRAYS(INPUT_ARGUMENT, INPUT_ARGUMENT, OUTPUT_ARGUMENT) real *work)
+{
+    /* Arrays are copied where columns of results share the same cache lines or do not fit the cache, and for the last
+       points. */
+    const int past = (size_t)n * sizeof(real) > CACHE / RESULTS;
+    const int collide = past || (COLLIDE && n > TILE && (size_t)stride * sizeof(real) % 1024 == 0);
+    const int groups = n < 0 ? 0 : n / TILE + (n % TILE != 0);
+    int bad = 0;
+    if (n < 0) {
+        return MODEL_BAD_COUNT;
+    }
+    if (ARRAYS(IS_NULL_OR, IS_NULL_OR, IS_NULL_OR) work == NULL) {
+        return MODEL_NULL_ARGUMENT;
+    }
+#ifdef _OPENMP
+#pragma omp parallel reduction(+ : bad) if (groups > 8 && omp_get_level() == 0)
+#endif
+    {
+#ifdef _OPENMP
+        real *const space = work + omp_get_thread_num() * (ptrdiff_t)MODEL_BATCH_WORK;
+#else
+        real *const space = work;
+#endif
+        lanes zero = splat_v(0);
+        int group;
+#ifdef _OPENMP
+#pragma omp for schedule(static)
+#endif
+        for (group = 0; group < groups; ++group) {
+            const int first = group * TILE;
+            const int count = n - first < TILE ? n - first : TILE;
+            const int copied = collide || count % LANES != 0;
+            ptrdiff_t apart = stride;
+            ARRAYS(INPUT_AT, NOTHING, OUTPUT_AT)
+            if (copied) {
+                real *at = space + WORK * LANES;
+                apart = TILE;
+                ARRAYS(GATHER, NOTHING, PLACE)
+            }
+            for (int k = 0; k < count; k += LANES) {
+                zero += NAME(evaluate_v)(ARRAYS(PASS_AT, PASS, PASS_AT) PASS_WORK apart);
+            }
+            if (copied) {
+                ARRAYS(NOTHING, NOTHING, SCATTER)
+            }
+        }
+        end_scatter(past);
+        bad += sum_v(zero) == 0 ? 0 : 1;
+    }
+    return bad == 0 ? MODEL_OK : NAME(failed)(ARRAYS(PASS, PASS, PASS) n, stride);
+}
+
+model_status PUBLIC(batch)(int n, ARRAYS(INPUT_ARGUMENT, INPUT_ARGUMENT, OUTPUT_ARGUMENT) real *work)
+{
+    return NAME(many)(n, n, ARRAYS(PASS, PASS, PASS) work);
+}
+
+model_status PUBLIC(batch_strided)(
+    int n, int stride, ARRAYS(INPUT_ARGUMENT, INPUT_ARGUMENT, OUTPUT_ARGUMENT) real *work)
+{
+    return stride < n ? MODEL_BAD_COUNT : NAME(many)(n, stride, ARRAYS(PASS, PASS, PASS) work);
+}

@@ -1,0 +1,977 @@
+/*
+ * model: memory of a stream, and the parts of an update; private.
+ */
+#ifndef MODEL_STREAM_UPDATE_H
+#define MODEL_STREAM_UPDATE_H
+
+#include "model_inversion.h"
+
+#include "model_limits.h"
+#include "model_lq_step.h"
+#include "model_mesh.h"
+#include "model_motors.h"
+#include "model_path.h"
+
+/*
+ * --- The memory of a stream.
+ *
+ * An array of numbers of the caller: a head, then arrays. Between two updates it holds the planned motion over the
+ * horizon. An update shifts it by one interval, takes the next sample of the path at its end and makes one Gauss-Newton
+ * step.
+ */
+
+enum {
+    BACK = 2 * MARGIN,             /* samples before and after those of an update that its derivatives need */
+    LEVELS = 3,                    /* levels of the quasi-static motion */
+    LAST = 5,                      /* last nodes of the path, for differences */
+    JOINT = 3 * NG,                /* position, speed and acceleration of the joints with motor */
+    OUTPUT = 2 * NA + NG + 3 * NM, /* numbers of the results at a sample */
+    /* scales of the kinematic mismatch: accelerations of joints and motors, speeds, torques of the rotors */
+    MEASURES = 4
+};
+
+/* Values of STATE. */
+enum {
+    IS_EMPTY = 0,
+    IS_RUNNING = 20231, /* a number that memory hardly holds by chance */
+    HAS_FAILED = 2
+};
+
+/* The head. */
+/* BASE: see mesh; STALE: 1 where the model or the motion has changed, so that no factor holds any more */
+/* PART, AT, WITHIN: what an update that has begun does next, see stream.c; the rest: its results so far */
+enum {
+    STATE,
+    INTERVALS,
+    SAMPLES_PER_INTERVAL,
+    PERIOD,
+    TOLERANCE,
+    SIDE,
+    HOLD,
+    DELAY,
+    BASE,
+    STALE,
+    PART,
+    AT,
+    WITHIN,
+    RESIDUAL,
+    MISMATCH,
+    TORQUE_STEP,
+    OUTPUT_STEP,           /* [m], then [rad] */
+    OFF = OUTPUT_STEP + 2, /* deviation from the given path [m], then [rad] */
+    LIMITED = OFF + 2,
+    HEAD
+};
+
+/* Positions of the arrays. */
+typedef struct {
+    ptrdiff_t window; /* samples: before, of this update and its end, ahead */
+    ptrdiff_t ahead;  /* samples after those of this update that held torques depend on */
+    ptrdiff_t past;   /* past intervals that are kept */
+    ptrdiff_t limits; /* limits of the motors, and the deviation */
+    ptrdiff_t output; /* results of an update that the caller does not want */
+    ptrdiff_t last, tau, deflection, lagged, now, joint, most, expected, q_g, reference, nodes, lq, space, end;
+    ptrdiff_t torque; /* motor torques that held ones depend on: HOLD_BEFORE samples, those of this update, ahead */
+    ptrdiff_t y, a, a_node, factor, point, costs, row, linear, scale, target_state, cost, levels;
+} layout;
+
+static inline layout laid_out(int intervals, int samples_per_interval, real hold, real delay)
+{
+    layout l;
+    ptrdiff_t at = (ptrdiff_t)padded(HEAD);
+    l.ahead = is_held(hold, delay) ? HOLD_AFTER - 1 + (int)delay : 0;
+    l.window = BACK + (ptrdiff_t)samples_per_interval + 1 + BACK + l.ahead;
+    l.past = (BACK + samples_per_interval - 1) / samples_per_interval + 1;
+    l.past = l.past < LAST - 1 ? LAST - 1 : l.past;
+#define PLACE(name, size) \
+    l.name = at; \
+    at += (ptrdiff_t)padded(size)
+    PLACE(limits, limits_laid_out(intervals).end);
+    PLACE(output, (ptrdiff_t)samples_per_interval * OUTPUT);
+    PLACE(last, REFERENCE);
+    PLACE(tau, l.window * NG);
+    PLACE(deflection, l.window * NG);
+    PLACE(lagged, l.window * NG);
+    PLACE(now, NG);
+    PLACE(joint, l.window * JOINT);
+    PLACE(most, MEASURES + NM);
+    /* 1 where there is a prediction; predicted motor torques and gear deflections at the end of the interval before */
+    PLACE(expected, 1 + NM + NG);
+    PLACE(q_g, ((ptrdiff_t)intervals * STAGES + 1) * NG); /* the last ones: joints at the start of the horizon */
+    PLACE(reference, (ptrdiff_t)intervals * STAGES * REFERENCE);
+    PLACE(nodes, (l.past + intervals + 1) * REFERENCE);
+#if MODEL_NE > 0
+    PLACE(y, (l.past + intervals + 1) * STATES);
+    PLACE(a, (l.past + intervals) * CONTROLS);
+    PLACE(a_node, (l.past + intervals + 1) * NE);
+    PLACE(factor, (ptrdiff_t)intervals * CONTROLS * WIDTH);
+    PLACE(point, (ptrdiff_t)intervals * STAGES * POINT + BLOCK); /* data of the factors, in the same order */
+    PLACE(costs, (ptrdiff_t)intervals * STATES * STATES);        /* costs to go of their first nodes */
+    PLACE(row, (ptrdiff_t)intervals * STAGES * NE);              /* residuals */
+    PLACE(linear, (ptrdiff_t)intervals * CONTROLS);              /* right sides of the factors */
+    PLACE(scale, NE);
+    PLACE(levels, LEVELS * LAST * NE);
+    PLACE(cost, STATES * STATES);
+    PLACE(target_state, ((ptrdiff_t)intervals + 1) * STATES);
+    PLACE(lq, (ptrdiff_t)(sizeof(lq_space) / sizeof(real)));
+#else
+    l.point = l.costs = l.row = l.linear = 0;
+    l.y = l.a = l.a_node = l.factor = l.scale = l.target_state = l.cost = l.levels = 0;
+    PLACE(lq, (ptrdiff_t)(sizeof(problem_points) / sizeof(real)));
+#endif
+    PLACE(space, function_work());
+    PLACE(torque, l.ahead > 0 ? (HOLD_BEFORE + samples_per_interval + l.ahead + 1) * NM : 0);
+#undef PLACE
+    l.end = at;
+    return l;
+}
+
+static inline int stream_sizes_fit(const model_stream_options *o)
+{
+    return o->intervals >= 1 && o->intervals <= MODEL_STREAM_INTERVALS_MAX && o->samples_per_interval >= 1 &&
+           o->samples_per_interval <= MODEL_STREAM_SAMPLES_MAX && hold_fits((real)o->hold, o->delay);
+}
+
+/* Whether memory holds a stream that was started and has not failed; it may hold anything. */
+static inline int is_running(const real *stream)
+{
+    return stream[STATE] == IS_RUNNING && stream[INTERVALS] >= 1.0 && stream[INTERVALS] <= MODEL_STREAM_INTERVALS_MAX &&
+           stream[SAMPLES_PER_INTERVAL] >= 1.0 && stream[SAMPLES_PER_INTERVAL] <= MODEL_STREAM_SAMPLES_MAX &&
+           hold_fits(stream[HOLD], stream[DELAY]);
+}
+
+/* The layout of a running stream. */
+static inline layout layout_of(const real *stream)
+{
+    return laid_out((int)stream[INTERVALS], (int)stream[SAMPLES_PER_INTERVAL], stream[HOLD], stream[DELAY]);
+}
+
+#if MODEL_NE > 0
+/* The horizon as a mesh; past nodes are stored before its first node. */
+static inline mesh mesh_of(const layout *l, real *s)
+{
+    mesh m;
+    m.N = (int)s[INTERVALS];
+    m.h = s[PERIOD];
+    m.y = s + l->y + l->past * STATES;
+    m.a = s + l->a + l->past * CONTROLS;
+    m.q_g = s + l->q_g;
+    m.reference = s + l->reference;
+    m.target_state = s + l->target_state;
+    m.equilibrium = NULL;
+    m.varying = m.factored = m.N;
+    m.factor = s + l->factor;
+    m.base = (int)s[BASE];
+    m.scale = s + l->scale;
+    /*
+     * The first node of the horizon cannot be changed. Its error grows like the unstable zeros and must have a cost at
+     * the end: the cost to go of the horizon before, which is close to zero for stable errors.
+     */
+    m.end = s + l->cost;
+    m.residual = 0.0;
+    return m;
+}
+#endif
+
+/* POINTS instants of the arm, which only serve within a call. */
+static inline problem_points *arm_of(const layout *l, real *s)
+{
+#if MODEL_NE > 0
+    return &((lq_space *)(void *)(s + l->lq))->arm;
+#else
+    return (problem_points *)(void *)(s + l->lq);
+#endif
+}
+
+/*
+ * --- Predict the motors over the horizon and modify the path where limits would be exceeded.
+ */
+
+enum { LEAST_INTERVALS = 4 }; /* least intervals of a horizon with limits */
+
+#if MODEL_NE > 0
+static const real preview_share = 1e-3; /* part of a change of the path that the present motion may still respond to */
+#endif
+static const real infeasible_factor = 2.5; /* times a limit: a stream that exceeds it more fails */
+
+/* Time constant with which a deviation decays [s]. */
+static inline real decay_time(const real *s)
+{
+    return s[PERIOD] * s[INTERVALS] / DECAYS;
+}
+
+/*
+ * Start to keep limits, without a deviation. 0 where the horizon is too short: the path may only be modified beyond the
+ * preview of the unstable zeros, so that the present motion need not change.
+ */
+static inline int start_limits(real *s, const layout *l)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const limits_layout w = limits_laid_out(N);
+    real *b = s + l->limits;
+    ptrdiff_t fixed = 1;
+#if MODEL_NE > 0
+    const mesh m = mesh_of(l, s);
+    const int ahead = lq_preview(&m, s + l->cost, preview_share, b + w.x);
+    fixed = ahead > fixed ? ahead : fixed;
+#endif
+    if (N < LEAST_INTERVALS || 2 * N < 3 * fixed) {
+        return 0;
+    }
+    b[w.fixed] = (real)fixed;
+    copy(s + l->nodes + l->past * REFERENCE, (N + 1) * REFERENCE, b + w.plan);
+    for (ptrdiff_t i = 0; i < (N + 1) * DEVIATION; ++i) {
+        b[w.deviation + i] = 0.0;
+    }
+    for (ptrdiff_t i = 0; i < (N + 1) * BOUNDED; ++i) {
+        b[w.dual + i] = 0.0;
+    }
+    b[w.on] = 1.0;
+    return 1;
+}
+
+/* The deviation at a new sample: the decay of the deviation at the end of the horizon. */
+static inline void next_deviation(const real *s, const layout *l, const real *own, real *deviation, real *next)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    decay_step(s + l->limits + limits_laid_out(N).deviation + N * DEVIATION, (real)DECAYS / (real)N, deviation);
+    add_deviation(own, deviation, decay_time(s), next);
+}
+
+/* Shift by one interval, with the given sample of the path and its deviation. */
+static inline void shift_limits(real *s, const layout *l, const real *own, const real *deviation)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const limits_layout w = limits_laid_out(N);
+    real *b = s + l->limits;
+    copy(b + w.plan + REFERENCE, N * REFERENCE, b + w.plan);
+    copy(own, REFERENCE, b + w.plan + N * REFERENCE);
+    copy(b + w.deviation + DEVIATION, N * DEVIATION, b + w.deviation);
+    copy(deviation, DEVIATION, b + w.deviation + N * DEVIATION);
+    copy(b + w.dual + BOUNDED, N * BOUNDED, b + w.dual);
+}
+
+/*
+ * Whether limits are active in the interval that begins now: its path is modified, or a limit is exceeded. off:
+ * distance and angle from the given path, if larger than before; ends: 1 where a limit is exceeded so far that the
+ * stream fails.
+ */
+static inline int is_limited(const real *s, const layout *l, const real *v_m, const real *tau_m, real off[2], int *ends)
+{
+    const limits_layout w = limits_laid_out((ptrdiff_t)s[INTERVALS]);
+    const real *b = s + l->limits;
+    int limited, deviated;
+    *ends = 0;
+    for (int k = 0; k < 2; ++k) {
+        real size[2];
+        size_of_deviation(b + w.deviation + k * DEVIATION, size);
+        off[0] = fmax_1(off[0], size[0]);
+        off[1] = fmax_1(off[1], size[1]);
+    }
+    limited = deviated = off[0] > deviation_zero || off[1] > deviation_zero;
+    for (ptrdiff_t i = 0; i < (ptrdiff_t)s[SAMPLES_PER_INTERVAL] * NM; ++i) {
+        const real torque = b[w.bound + i % NM], speed = b[w.bound + NM + i % NM];
+        if (fabs_1(tau_m[i]) > torque || fabs_1(v_m[i]) > speed) { /* an exceeded limit is reported */
+            limited = 1;
+        }
+        if (fabs_1(tau_m[i]) > infeasible_factor * torque || fabs_1(v_m[i]) > infeasible_factor * speed) {
+            *ends = deviated; /* modifications that cause one another */
+        }
+    }
+    return limited;
+}
+
+/* Node k of the horizon, 0 ... N, into a point of `arm`, with guesses of the joints. */
+static inline void load_node(real *s, const layout *l, ptrdiff_t k, const real *joints, problem_points *arm, int lane)
+{
+    const ptrdiff_t node = l->past + k;
+    load_reference(arm, lane, s + l->nodes + node * REFERENCE);
+    load_joints(arm, lane, joints);
+#if MODEL_NE > 0
+    {
+        const real *y = s + l->y + node * STATES;
+        load_elastic(arm, lane, y, y + NE, s + l->a_node + node * NE);
+    }
+#endif
+}
+
+/* Planned motion and torques of the arm at the nodes, and the torques and speeds of the motors there. */
+static inline int predict_motors(real *s, const layout *l, const limits_layout *w)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    real *b = s + l->limits, joints[NG];
+    problem_points *arm = arm_of(l, s);
+    copy(s + l->q_g + N * STAGES * NG, NG, joints);
+    for (ptrdiff_t at = 0; at <= N; at += POINTS) {
+        const ptrdiff_t used = N + 1 - at < POINTS ? N + 1 - at : (ptrdiff_t)POINTS;
+        int status;
+        for (int lane = 0; lane < POINTS; ++lane) {
+            load_node(s, l, at + (lane < used ? lane : used - 1), joints, arm, lane);
+        }
+        status = evaluate_torques(arm, s + l->space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int lane = 0; lane < used; ++lane) {
+            for (int i = 0; i < NG; ++i) {
+                const ptrdiff_t to = (at + lane) * NG + i;
+                b[w->q + to] = joints[i] = arm->q[i_g[i]][lane];
+                b[w->v + to] = arm->v[i_g[i]][lane];
+                b[w->a + to] = arm->a[i_g[i]][lane];
+                b[w->tau + to] = arm->tau_g[i][lane];
+            }
+        }
+    }
+    return motors_at_nodes(b, w, N, s[PERIOD], s + l->space) ? MODEL_OK : MODEL_RESULT_NOT_FINITE;
+}
+
+/* The path of the horizon becomes the given one with its deviation. */
+static inline void modify_path(real *s, const layout *l, const limits_layout *w)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const real *b = s + l->limits;
+    real *nodes = s + l->nodes + l->past * REFERENCE;
+    for (ptrdiff_t k = 1; k <= N; ++k) {
+        add_deviation(
+            b + w->plan + k * REFERENCE, b + w->deviation + k * DEVIATION, decay_time(s), nodes + k * REFERENCE);
+    }
+    for (ptrdiff_t k = 1; k < N; ++k) {
+        for (int g = 0; g < STAGES; ++g) {
+            real *to = s + l->reference + (k * STAGES + g) * REFERENCE;
+            between_samples(nodes + k * REFERENCE, s[PERIOD], gauss_c[g], to);
+        }
+    }
+    copy(nodes + N * REFERENCE, REFERENCE, s + l->last);
+}
+
+/* Check whether the motors will exceed their limits, and modify the path beyond the fixed nodes. */
+static inline int apply_limits(real *s, const layout *l)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    const limits_layout w = limits_laid_out(N);
+    real *b = s + l->limits, *space = s + l->space, worst = 0.0, deviated;
+    const ptrdiff_t fixed = (ptrdiff_t)b[w.fixed];
+    ptrdiff_t where = fixed + 1;
+    int status = predict_motors(s, l, &w);
+    if (status != MODEL_OK) {
+        return status;
+    }
+    for (ptrdiff_t k = fixed + 1; k <= N; ++k) {
+        const real here = largest(b + w.value + k * BOUNDED, MOTORS);
+        if (here > worst) {
+            worst = here;
+            where = k;
+        }
+    }
+    deviated = largest(b + w.deviation, (int)((N + 1) * DEVIATION));
+    if (worst * (1.0 + limit_margin) <= 1.0 && deviated < deviation_decayed) {
+        for (ptrdiff_t i = 0; i < (N + 1) * DEVIATION && deviated < deviation_removed; ++i) {
+            b[w.deviation + i] = 0.0;
+        }
+    } else { /* with the Jacobians at the worst node */
+        problem_points *arm = arm_of(l, s);
+        jacobian_ahead jacobian;
+        for (int lane = 0; lane < POINTS; ++lane) {
+            load_node(s, l, where, b + w.q + where * NG, arm, lane);
+        }
+        status = evaluate_torques(arm, space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        if (!jacobian_at(arm, b + w.tau + where * NG, b + w.bound, &jacobian, space)) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+        if (!change_deviation(b, &w, N, decay_time(s), &jacobian)) {
+            return MODEL_OK; /* the present deviations are kept */
+        }
+    }
+    modify_path(s, l, &w);
+    return MODEL_OK;
+}
+
+/* --- The quasi-static motion, the target of the end of the horizon. */
+
+#if MODEL_NE > 0
+
+/* One Newton step of R(q, v, a) = 0 in q at the last nodes of the path, newest first; changes q. */
+static inline int balance(
+    const mesh *m, lq_space *w, const real *newest, real v[LAST][NE], real a[LAST][NE], real *q, real *space)
+{
+    int status;
+    for (int l = 0; l < POINTS; ++l) {
+        const int node = l < LAST ? l : LAST - 1;
+        load_reference(&w->arm, l, newest - node * (ptrdiff_t)REFERENCE);
+        load_elastic(&w->arm, l, q + node * NE, v[node], a[node]);
+        load_joints(&w->arm, l, m->q_g + ((ptrdiff_t)m->N * STAGES - 1) * NG);
+    }
+    begin_points(&w->arm);
+    status = solve_kinematics(&w->arm, space);
+    if (status == MODEL_OK) {
+        status = reduced_jacobians(&w->arm, space);
+    }
+    if (status != MODEL_OK) {
+        return status;
+    }
+    for (int node = 0; node < LAST; ++node) {
+        real K[NE][NE + 1]; /* and the right side */
+        for (int i = 0; i < NE; ++i) {
+            for (int j = 0; j < NE; ++j) {
+                K[i][j] = w->arm.K[j][i][node];
+            }
+            K[i][NE] = w->arm.row[i][node];
+        }
+        (void)solve_plain(&K[0][0], NE, NE + 1); /* no pivoting: stiffness dominates; where it is zero nothing moves */
+        for (int i = 0; i < NE; ++i) {
+            q[node * NE + i] -= fabs_1(K[i][NE]) < 1.0 ? K[i][NE] : 0.0;
+        }
+    }
+    return MODEL_OK;
+}
+
+/*
+ * The target of the end of the horizon: the quasi-static motion, deflections in balance with gravity and the path.
+ * First without motion of the deflections; then with the velocities and accelerations of this motion, by differences of
+ * its last values; and so on. Each level reduces the error by the ratio of the time constants of zeros and path. All
+ * nodes are balanced again with the present path: where limits modify it, differences to older values would be wrong.
+ */
+static inline int quasistatic_motion(mesh *m, lq_space *w, real *levels, const real *newest, real *space)
+{
+    static const real once[LAST][LAST] = {{25.0, -48.0, 36.0, -16.0, 3.0}, {3.0, 10.0, -18.0, 6.0, -1.0},
+        {-1.0, 8.0, 0.0, -8.0, 1.0}, {1.0, -6.0, 18.0, -10.0, -3.0}, {-3.0, 16.0, -36.0, 48.0, -25.0}};
+    static const real twice[LAST][LAST] = {{35.0, -104.0, 114.0, -56.0, 11.0}, {11.0, -20.0, 6.0, 4.0, -1.0},
+        {-1.0, 16.0, -30.0, 16.0, -1.0}, {-1.0, 4.0, 6.0, -20.0, 11.0}, {11.0, -56.0, 114.0, -104.0, 35.0}};
+    real v[LAST][NE] = {{0.0}}, a[LAST][NE] = {{0.0}};
+    real *x = levels;
+    for (int scale_rows = 0; scale_rows < LEVELS; ++scale_rows) {
+        int status;
+        x = levels + (ptrdiff_t)scale_rows * LAST * NE;
+        for (int k = LAST - 1; k > 0; --k) {
+            copy(x + (k - 1) * NE, NE, x + k * NE);
+        }
+        status = balance(m, w, newest, v, a, x, space);
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int k = 0; k < LAST; ++k) {
+            for (int i = 0; i < NE; ++i) {
+                v[k][i] = a[k][i] = 0.0;
+                for (int j = 0; j < LAST; ++j) {
+                    v[k][i] += once[k][j] * x[j * NE + i] / (12.0 * m->h);
+                    a[k][i] += twice[k][j] * x[j * NE + i] / (12.0 * m->h * m->h);
+                }
+            }
+        }
+    }
+    {
+        real *target_state = m->target_state + m->N * (ptrdiff_t)STATES;
+        copy(x, NE, target_state);
+        copy(v[0], NE, target_state + NE);
+    }
+    return MODEL_OK;
+}
+
+#endif
+
+/* --- How a stream advances by one interval, to the next sample of the path. */
+
+/* The new interval: path and joints at its Gauss points, and its side of singular poses. */
+typedef struct {
+    real reference[STAGES][REFERENCE], joints[STAGES][NG], side;
+} next_interval;
+
+/* Whether the arm can reach the next sample; if not, nothing has changed. */
+static inline int reach_next_sample(real *s, const layout *l, const real *next, next_interval *to)
+{
+    const real *joint = s + l->q_g + ((ptrdiff_t)s[INTERVALS] * STAGES - 1) * NG;
+    real both[2][REFERENCE];
+    problem_points *arm = arm_of(l, s);
+    int status;
+    copy(s + l->last, REFERENCE, both[0]);
+    copy(next, REFERENCE, both[1]);
+    for (int point = 0; point < POINTS; ++point) {
+        const int stage = point < STAGES ? point : STAGES - 1;
+        const real onward = (1.0 + gauss_c[stage] - gauss_c[2]) / (gauss_c[2] - gauss_c[1]);
+        real guess[NG];
+        if (point < STAGES) {
+            between_samples(both[0], s[PERIOD], gauss_c[stage], to->reference[stage]);
+        }
+        for (int i = 0; i < NG; ++i) { /* extrapolated: through a singular pose rather than back from it */
+            guess[i] = joint[i] + onward * (joint[i] - joint[i - NG]);
+        }
+        load_reference(arm, point, to->reference[stage]);
+        load_joints(arm, point, guess);
+#if MODEL_NE > 0
+        {
+            static const real zero[NE] = {0.0};
+            const real *y = s + l->y + (ptrdiff_t)s[INTERVALS] * STATES;
+            real q[NE];
+            for (int i = 0; i < NE; ++i) {
+                q[i] = y[i] + gauss_c[stage] * s[PERIOD] * y[NE + i];
+            }
+            load_elastic(arm, point, q, y + NE, zero);
+        }
+#endif
+    }
+    begin_points(arm);
+    status = solve_kinematics(arm, s + l->space);
+    if (status != MODEL_OK) {
+        return status;
+    }
+    to->side = arm->side[0];
+    for (int stage = 0; stage < STAGES; ++stage) {
+        if (!(arm->side[stage] * (fabs_1(s[SIDE]) > 0.0 ? s[SIDE] : to->side) > 0.0)) {
+            return MODEL_UNREACHABLE; /* on the other side of a singular pose */
+        }
+        for (int i = 0; i < NG; ++i) {
+            to->joints[stage][i] = arm->q[i_g[i]][stage];
+        }
+    }
+    return MODEL_OK;
+}
+
+/*
+ * Shift the path and the joints by one interval; the joints at the start of the horizon are stored after those of the
+ * Gauss points.
+ */
+static inline void shift_path(real *s, const layout *l, const real *next, const next_interval *arrived)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS], stages = (N - 1) * STAGES;
+    real *q_g = s + l->q_g, *reference = s + l->reference, *nodes = s + l->nodes;
+    s[SIDE] = arrived->side;
+    copy(q_g + STAGES * NG, stages * NG, q_g);
+    copy(arrived->joints[0], STAGES * NG, q_g + stages * NG);
+    copy(reference + STAGES * REFERENCE, stages * REFERENCE, reference);
+    copy(arrived->reference[0], STAGES * REFERENCE, reference + stages * REFERENCE);
+    copy(nodes + REFERENCE, (l->past + N) * REFERENCE, nodes);
+    copy(next, REFERENCE, nodes + (l->past + N) * REFERENCE);
+    copy(next, REFERENCE, s + l->last);
+}
+
+/*
+ * --- One Gauss-Newton step of the motion over the horizon, in parts.
+ *
+ * Between two updates most intervals of the horizon only become one interval older: their Jacobians, factors and costs
+ * to go are kept, and only those of some intervals are computed again, of more at the end of the horizon, where the
+ * motion still changes. The residuals are computed everywhere.
+ */
+
+#if MODEL_NE > 0
+
+enum { END = 6 }; /* intervals at the end of the horizon that are computed again in any case, at least */
+
+static const real stale_share = 0.1; /* of the tolerance: a larger residual in the near half asks for all factors */
+
+/* The largest residual of the intervals before `end`. */
+static inline real residual_before(const real *row, ptrdiff_t end)
+{
+    real most = 0.0;
+    for (ptrdiff_t k = 0; k < end; ++k) {
+        most = fmax_1(most, largest(row + k * STAGES * NE, STAGES * NE));
+    }
+    return most;
+}
+
+/*
+ * The intervals whose factors are computed again, the last one first: those at the end of the horizon, whose costs to
+ * go follow from each other without a gap, then at distances from the end that grow by a factor of three. All where
+ * `all`. They are returned in groups of GROUP from `*next` on; the number of them.
+ */
+static inline int refreshed(int N, int all, int *next, int *list)
+{
+    int count = 0;
+    while (*next < N && count < GROUP) {
+        list[count++] = N - 1 - *next;
+        *next = all || *next < (N > 3 * END ? N / 3 : END) ? *next + 1 : 3 * *next;
+    }
+    return count;
+}
+
+/* Residuals and Jacobians of the intervals in `list`. */
+static inline int refresh_points(real *s, const layout *l, const int *list, int count)
+{
+    mesh m = mesh_of(l, s);
+    return evaluate_group(&m, 0, list, count, s + l->point, (lq_space *)(void *)(s + l->lq), s + l->space);
+}
+
+/* The factor and the cost to go of interval k whose Jacobians are known. */
+static inline int refresh_factor(real *s, const layout *l, int k)
+{
+    lq_space *w = (lq_space *)(void *)(s + l->lq);
+    const mesh m = mesh_of(l, s);
+    const ptrdiff_t slot = slot_of(&m, k);
+    copy(k == m.N - 1 ? m.end : s + l->costs + slot_of(&m, k + 1) * STATES * STATES, STATES * STATES, w->P);
+    for (int j = 0; j < STATES; ++j) {
+        w->p[j] = 0.0;
+    }
+    sum_of_rows(&m, s + l->point + slot * STAGES * POINT, w->J, w->H);
+    if (!factor_interval(&m, k, w, m.factor + slot * CONTROLS * WIDTH) || !is_finite(w->p, STATES)) {
+        return MODEL_NOT_CONVERGED;
+    }
+    copy(w->P, STATES * STATES, s + l->costs + slot * STATES * STATES);
+    return MODEL_OK;
+}
+
+/* Shift the motion by one interval, with the quasi-static motion at its new end. */
+static inline int shift_motion(real *s, const layout *l)
+{
+    const ptrdiff_t N = (ptrdiff_t)s[INTERVALS];
+    lq_space *w = (lq_space *)(void *)(s + l->lq);
+    mesh m;
+    s[BASE] = s[BASE] + 1.0 < s[INTERVALS] ? s[BASE] + 1.0 : 0.0;
+    m = mesh_of(l, s);
+    copy(s + l->y + STATES, (l->past + N) * STATES, s + l->y);
+    copy(s + l->target_state + STATES, N * STATES, s + l->target_state);
+    copy(s + l->a + CONTROLS, (l->past + N - 1) * CONTROLS, s + l->a);
+    for (int i = 0; i < CONTROLS; ++i) {
+        m.a[(N - 1) * CONTROLS + i] = 0.0;
+    }
+    next_node(m.y + (N - 1) * STATES, m.a + (N - 1) * CONTROLS, m.h, m.y + N * STATES);
+    return quasistatic_motion(&m, w, s + l->levels, s + l->nodes + (l->past + N) * REFERENCE, s + l->space);
+}
+
+/* Residuals of POINTS Gauss points of the horizon; after the last ones, whether all factors are computed again. */
+static inline int residual_part(real *s, const layout *l, int at)
+{
+    lq_space *w = (lq_space *)(void *)(s + l->lq);
+    mesh m = mesh_of(l, s);
+    int status;
+    if (at == 0) {
+        begin_points(&w->arm);
+    }
+    status = evaluate_residual_at(&m, at, s + l->row, w, s + l->space);
+    if (status == MODEL_OK && at + POINTS >= m.N * STAGES &&
+        !(residual_before(s + l->row, m.N / 2) <= stale_share * s[TOLERANCE])) {
+        s[STALE] = 1.0;
+    }
+    return status;
+}
+
+/* The linear terms of the step, backwards, with the factors as they are now. */
+static inline int linear_part(real *s, const layout *l)
+{
+    const lq_data data = {s + l->point, NULL, NULL, s + l->row, s + l->linear};
+    const mesh m = mesh_of(l, s);
+    s[STALE] = 0.0;
+    return lq_linear(&m, &data) ? MODEL_OK : MODEL_NOT_CONVERGED;
+}
+
+/* The step, forwards. */
+static inline void step_part(real *s, const layout *l)
+{
+    const lq_data data = {s + l->point, NULL, NULL, s + l->row, s + l->linear};
+    real first[STATES] = {0.0};
+    mesh m = mesh_of(l, s);
+    (void)lq_data_step(&m, &data, first);
+    copy(s + l->costs + slot_of(&m, 0) * STATES * STATES, STATES * STATES, s + l->cost);
+}
+
+#endif
+
+/* --- Motion and torques of the interval that begins now, and their kinematic mismatch. */
+
+enum { MEMORY_DECAYS = 4 }; /* time constants of the memory of the largest values, per horizon */
+
+/* of a motor torque from one interval to the next, relative to its largest value */
+static const real torque_step_max = PRECISE(2e-4, 5e-3);
+
+/* m or rad: joints that move less within an interval are at rest; a smaller step of the output is none */
+static const real negligible_motion = PRECISE(3e-8, 1e-5), negligible_step = PRECISE(1e-8, 1e-6);
+
+/* Results of an update, sample after sample. */
+typedef struct {
+    real *q_a, *v_a, *tau_g, *q_m, *v_m, *tau_m;
+} interval_results;
+
+/* Motion and gear torques of the arm in the window around the interval; worst: the largest residual in the interval. */
+static inline int arm_in_window(real *s, const layout *l, const interval_results *out, real *worst)
+{
+    const int samples_per_interval = (int)s[SAMPLES_PER_INTERVAL], intervals = (int)s[INTERVALS],
+              end = (int)l->past + intervals;
+    real *joints_now = s + l->q_g + (ptrdiff_t)intervals * STAGES * NG;
+    const real fine = s[PERIOD] / (real)samples_per_interval;
+    joint_motion last;
+    real time[POINTS];
+    problem_points *arm = arm_of(l, s);
+#if MODEL_NE > 0
+    mesh m = mesh_of(l, s);
+    interpolant f;
+    m.y = s + l->y; /* with the past */
+    m.a = s + l->a;
+    m.N += (int)l->past;
+    prepare(&f);
+    nodal_accelerations(&m, s + l->a_node);
+#endif
+    *worst = 0.0;
+    /* All samples from the present plan, the past too: derivatives must not contain steps between plans. */
+    joints_at_rest(joints_now, &last);
+    begin_points(arm);
+    for (int at = 0; at < l->window; at += POINTS) {
+        const int used = (int)(l->window - at < POINTS ? l->window - at : (ptrdiff_t)POINTS);
+        int status;
+        for (int point = 0; point < POINTS; ++point) {
+            const int k = at + (point < used ? point : used - 1) - BACK + (int)l->past * samples_per_interval;
+            const int node = k / samples_per_interval < end ? k / samples_per_interval : end - 1;
+            const real x = k / samples_per_interval < end ?
+                               (real)(k - node * samples_per_interval) / (real)samples_per_interval :
+                               1.0;
+            real reference[REFERENCE];
+            between_samples(s + l->nodes + node * (ptrdiff_t)REFERENCE, s[PERIOD], x, reference);
+            load_reference(arm, point, reference);
+            time[point] = (real)(at + (point < used ? point : used - 1)) * fine;
+#if MODEL_NE > 0
+            {
+                real weight[3 * TERMS];
+                weights_at(&f, m.h, x, weight);
+                load_between(&m, s + l->a_node, weight, node, arm, point);
+            }
+#endif
+        }
+        status = follow_kinematics(arm, &last, time, s + l->space);
+        status = status == MODEL_OK ? evaluate_rows(arm, s + l->space) : status;
+        if (status != MODEL_OK) {
+            return status;
+        }
+        for (int point = 0; point < used; ++point) {
+            const int k = at + point - BACK;
+            real *tau = s + l->tau + (at + point) * (ptrdiff_t)NG;
+            real *joint = s + l->joint + (at + point) * (ptrdiff_t)JOINT;
+            if (!(arm->side[point] * s[SIDE] > 0.0)) {
+                return MODEL_UNREACHABLE; /* deflections brought it to the other side of a singular pose */
+            }
+            for (int i = 0; i < NG; ++i) {
+                tau[i] = arm->tau_g[i][point];
+                joint[i] = arm->q[i_g[i]][point];
+                joint[NG + i] = arm->v[i_g[i]][point];
+                joint[2 * NG + i] = arm->a[i_g[i]][point];
+            }
+            if (k < 0 || k >= samples_per_interval) {
+                continue;
+            }
+            for (int i = 0; i < NA; ++i) {
+                out->q_a[k * NA + i] = arm->q[i][point];
+                out->v_a[k * NA + i] = arm->v[i][point];
+            }
+            copy(tau, NG, out->tau_g + k * NG);
+            if (k == samples_per_interval - 1) {
+                copy(joint, NG, joints_now);
+            }
+#if MODEL_NE > 0
+            for (int i = 0; i < NE; ++i) {
+                *worst = fmax_1(*worst, fabs_1(arm->row[i][point]) / m.scale[i]);
+            }
+#endif
+        }
+        if (used > 1) {
+            keep_joints(arm, used - 1, (real)(at + used - 1) * fine, (real)(used - 1) * fine, &last);
+        }
+    }
+    return MODEL_OK;
+}
+
+/*
+ * Step of the output [m], [rad]: the static deflections of the gears step from those that the plan before predicted,
+ * and the joints follow, since the motors cannot step.
+ */
+static inline void output_step_of(real *s, const layout *l, const real *deflection, real size[2])
+{
+    const problem_points *arm = arm_of(l, s);
+    const real *expected = s + l->expected + 1 + NM;
+    real step[NY] = {0.0};
+    for (int i = 0; i < NG && s[l->expected] > 0.0; ++i) {
+        for (int k = 0; k < NY; ++k) {
+            step[k] += arm->W[i_g[i]][k][0] * (deflection[i] - expected[i]);
+        }
+    }
+    size_of_deviation(step, size);
+}
+
+/*
+ * The largest step of a motor torque from the value that the plan before predicted, relative to the largest of that
+ * motor within about a horizon, or to a hundredth of that of all motors. A step is no motion, although each plan is
+ * smooth.
+ */
+static inline real torque_step_of(real *s, const layout *l, const real *tau_m)
+{
+    const real N = s[INTERVALS], kept = N / (N + MEMORY_DECAYS);
+    const real *expected = s + l->expected + 1;
+    real *most = s + l->most + MEASURES, all = 1e-12, worst = 0.0;
+    for (int i = 0; i < NM; ++i) {
+        most[i] = fmax_1(fabs_1(tau_m[i]), kept * most[i]);
+        all = fmax_1(all, most[i]);
+    }
+    for (int i = 0; i < NM && s[l->expected] > 0.0; ++i) {
+        worst = fmax_1(worst, fabs_1(tau_m[i] - expected[i]) / fmax_1(most[i], 0.01 * all));
+    }
+    return worst;
+}
+
+/* The torques to send in the interval from those of the motors, of which the last are kept for the next update. */
+static inline void hold_interval(real *s, const layout *l, real *tau_m)
+{
+    const ptrdiff_t samples_per_interval = (ptrdiff_t)s[SAMPLES_PER_INTERVAL];
+    const real *sample = s + l->torque + (int)s[DELAY] * NM;
+    real weight[HOLD_TAPS];
+    hold_weights(s[HOLD], s[DELAY], s[l->limits] > 0.0, weight);
+    for (ptrdiff_t k = 0; k < samples_per_interval; ++k) {
+        for (int j = 0; j < NM; ++j) {
+            real sum = 0.0;
+            for (int i = 0; i < HOLD_TAPS; ++i) {
+                sum += weight[i] * sample[(k + i) * NM + j];
+            }
+            tau_m[k * NM + j] = sum;
+        }
+    }
+    copy(s + l->torque + samples_per_interval * NM, HOLD_BEFORE * NM, s + l->torque);
+}
+
+/*
+ * Motors in the interval; the deflections of the gears are carried on from update to update. step, output_step: of the
+ * motor torques and of the output at its start; steps at rest are not counted.
+ */
+static inline int motors_in_interval(
+    real *s, const layout *l, const interval_results *out, real *step, real output_step[2])
+{
+    const ptrdiff_t samples_per_interval = (ptrdiff_t)s[SAMPLES_PER_INTERVAL];
+    const int is_first = !(s[l->expected] > 0.0);
+    real *space = s + l->space, *torque = s + l->torque, last_stiffness[NG];
+    gears g;
+    if (!begin_gears(&g, s[PERIOD] / (real)samples_per_interval, s + l->now, space) ||
+        !static_deflections(s + l->tau, l->window, s + l->now, s + l->deflection, last_stiffness, space)) {
+        return MODEL_RESULT_NOT_FINITE;
+    }
+    for (ptrdiff_t k = MARGIN; k + MARGIN < l->window; ++k) {
+        real value[NG], stiffness[NG];
+        if (k >= BACK && k <= BACK + samples_per_interval + l->ahead &&
+            !advance_gears(&g, k == BACK, s + l->tau + k * NG, 1, NG, space)) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+        if (g.slow && k == BACK + samples_per_interval) {
+            copy(g.now, NG, s + l->now);
+        }
+        if (evaluate_gear_law(s + l->deflection + k * NG, value, stiffness, space) != MODEL_OK) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+        lagged_deflections(&g, s + l->deflection + k * NG, stiffness, s + l->lagged + k * NG, space);
+    }
+#if MODEL_PARAMETERS > 0
+    for (int i = 0; i < NG;
+        ++i) { /* after a change of its damping the deflection of a gear may have to be integrated */
+        if (g.quick[i]) {
+            s[l->now + i] = s[l->lagged + (BACK + samples_per_interval) * NG + i];
+        }
+    }
+#endif
+    for (ptrdiff_t k = 0; k <= samples_per_interval + l->ahead; ++k) {
+        const real *tau = s + l->tau + (k + BACK) * NG, *deflection = s + l->lagged + (k + BACK) * NG;
+        const real *joint = s + l->joint + (k + BACK) * JOINT;
+        real q[NG], v[NG], a[NG], q_m[NM], v_m[NM], tau_m[NM];
+        copy(joint, NG, q);
+        copy(joint + NG, NG, v);
+        copy(joint + 2 * NG, NG, a);
+        if (!motors_at_sample(&g, tau, deflection, q, v, a, q_m, v_m, tau_m, space)) {
+            return MODEL_RESULT_NOT_FINITE;
+        }
+        if (k == 0) {
+            *step = torque_step_of(s, l, tau_m);
+            output_step_of(s, l, s + l->deflection + BACK * NG, output_step);
+            *step = fmax_1(output_step[0], output_step[1]) > negligible_step ? *step : 0.0;
+        }
+        if (k < samples_per_interval) {
+            copy(q_m, NM, out->q_m + k * NM);
+            copy(v_m, NM, out->v_m + k * NM);
+            copy(tau_m, NM, out->tau_m + k * NM);
+        } else if (k == samples_per_interval) {
+            s[l->expected] = 1.0;
+            copy(tau_m, NM, s + l->expected + 1);
+            copy(s + l->deflection + (k + BACK) * NG, NG, s + l->expected + 1 + NM);
+        }
+        if (l->ahead > 0) {
+            copy(tau_m, NM, torque + (HOLD_BEFORE + k) * NM);
+        }
+        for (int i = 0; i < HOLD_BEFORE && k == 0 && is_first && l->ahead > 0; ++i) {
+            copy(tau_m, NM, torque + i * NM); /* at equilibrium before */
+        }
+    }
+    if (l->ahead > 0) {
+        hold_interval(s, l, out->tau_m);
+    }
+    return MODEL_OK;
+}
+
+/*
+ * Kinematic mismatch of joints and motors in this interval, and at the samples after it that held torques depend on, by
+ * finite differences, as for a whole path. It is relative to the largest values within about a horizon: past values,
+ * which are forgotten gradually, present ones, and the planned ones of the joints. Deflections without damping: damping
+ * makes them smoother. Differences and torques that need more than the horizon are wrong, and appear here.
+ */
+static inline real kinematic_mismatch_now(real *s, const layout *l)
+{
+    const ptrdiff_t samples_per_interval = (ptrdiff_t)s[SAMPLES_PER_INTERVAL], N = (ptrdiff_t)s[INTERVALS];
+    const real h = s[PERIOD], fine = h / (real)samples_per_interval, sixty = 60.0 * fine;
+    const real slow = negligible_motion / (mismatch_max * h), acceleration = slow / h;
+    /* smallest scales: at rest there is only rounding */
+    real most[MEASURES] = {fmax_1(1e-4, acceleration), 1e-2, fmax_1(1e-7, slow), 1e-4};
+    real off[MEASURES] = {0.0}, worst = 0.0;
+    for (int j = 0; j < NM; ++j) {
+        real ratio = 0.0;
+        for (int i = 0; i < NG; ++i) {
+            ratio = fmax_1(ratio, fabs_1(eta[j][i]));
+        }
+        most[1] = fmax_1(most[1], ratio * acceleration);
+        most[3] = fmax_1(most[3], rotor_inertia[j] * ratio * acceleration);
+    }
+    for (ptrdiff_t k = 0; k < samples_per_interval + l->ahead; ++k) {
+        real a_of[NG], miss[NG];
+        for (int i = 0; i < NG; ++i) {
+            const real *q = s + l->joint + (k + BACK) * JOINT + i, *v = q + NG, a = q[2 * NG];
+            const real *deflection = s + l->deflection + (k + BACK) * NG + i;
+            real speed[2 * MARGIN + 1];
+            for (ptrdiff_t j = -MARGIN; j <= MARGIN; ++j) {
+                speed[j + MARGIN] = v[j * JOINT] + derivative_of(deflection + j * NG, NG, fine);
+            }
+            a_of[i] = a + second_derivative_of(deflection, NG, fine);
+            miss[i] = sixty_differences(speed + MARGIN, 1) - sixty * a_of[i];
+            most[0] = fmax_1(most[0], fabs_1(a));
+            most[2] = fmax_1(most[2], fabs_1(v[0]));
+            off[0] = fmax_1(off[0], fabs_1(sixty_differences(v, JOINT) - sixty * a));
+            off[2] = fmax_1(off[2], fabs_1(sixty_differences(q, JOINT) - sixty * v[0]));
+        }
+        for (int j = 0; j < NM; ++j) {
+            real a = 0.0, b = 0.0;
+            for (int i = 0; i < NG; ++i) {
+                a += eta[j][i] * a_of[i];
+                b += eta[j][i] * miss[i];
+            }
+            most[1] = fmax_1(most[1], fabs_1(a));
+            most[3] = fmax_1(most[3], rotor_inertia[j] * fabs_1(a));
+            off[1] = fmax_1(off[1], fabs_1(b));
+            off[3] = fmax_1(off[3], rotor_inertia[j] * fabs_1(b));
+        }
+    }
+    for (ptrdiff_t k = 1; k + 1 < N; ++k) {
+        const real *q = s + l->q_g + k * STAGES * NG;
+        real a[NG];
+        for (int i = 0; i < NG; ++i) {
+            const real before = q[i - STAGES * NG], after = q[i + STAGES * NG];
+            a[i] = (after - 2.0 * q[i] + before) / (h * h);
+            most[0] = fmax_1(most[0], fabs_1(a[i]));
+            most[2] = fmax_1(most[2], fabs_1(after - before) / (2.0 * h));
+        }
+        for (int j = 0; j < NM; ++j) {
+            real sum = 0.0;
+            for (int i = 0; i < NG; ++i) {
+                sum += eta[j][i] * a[i];
+            }
+            most[1] = fmax_1(most[1], fabs_1(sum));
+            most[3] = fmax_1(most[3], rotor_inertia[j] * fabs_1(sum));
+        }
+    }
+    for (int i = 0; i < MEASURES; ++i) {
+        most[i] = fmax_1(most[i], s[l->most + i] * (real)N / (real)(N + MEMORY_DECAYS));
+        s[l->most + i] = most[i];
+        worst = fmax_1(worst, off[i] / (sixty * most[i]));
+    }
+    return worst;
+}
+
+#endif
