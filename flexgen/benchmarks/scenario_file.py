@@ -20,7 +20,7 @@ from flexgen.loop.plants import NOMINAL, Plants
 from flexgen.mechanics.parameters import select
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import packaged_models, read
-from flexgen.model.toml_lines import TextError, plain_table
+from flexgen.spec.toml_lines import TextError, plain_table
 
 FOLDER = Path(__file__).resolve().parent
 FORMATS = (1, 2)  # 2: what is drawn, and the version of the measures

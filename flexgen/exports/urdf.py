@@ -35,12 +35,12 @@ from flexgen.exports.overlay_tables import (
 )
 from flexgen.exports.poses import roll_pitch_yaw
 from flexgen.exports.xml_text import add, document
-from flexgen.model.checked_table import show
 from flexgen.model.elements import Body, Dof, Element, RobotModel
 from flexgen.model.moves import Move, Program
 from flexgen.model.reader import read
 from flexgen.model.urdf_source import source_files
 from flexgen.ports import identifier_problem
+from flexgen.spec.tables import show
 from flexgen.type_checks import checked_types
 from flexgen.version import __version__
 

@@ -25,8 +25,8 @@ from flexgen.loop.gains import PPI
 from flexgen.loop.interface import PlugIn, PythonController
 from flexgen.loop.model_law import FLAG, GAINS, NUMBER, TEXT, LinearDesign, ModelLaw
 from flexgen.loop.python_files import LIBRARIES, is_python, object_of_file
-from flexgen.model.toml_lines import TextError, plain_table
 from flexgen.registry import extension, names
+from flexgen.spec.toml_lines import TextError, plain_table
 
 TABLES = ("ppi", "cascade", "linear")
 LARGEST_FILE = 2**24  # bytes

@@ -87,13 +87,13 @@ class BacklashSpring:
 Spring = LinearSpring | CubicSpring | SmoothSpring | PiecewiseSpring | BacklashSpring
 
 
-def friction_key(unit: str, *, signed: bool = False, needs: str = "") -> Any:
+def friction_key(unit: str, doc: str = "", *, signed: bool = False, needs: str = "") -> Any:
     """A number of a friction law, which is also a key of the model file, 0 by default.
 
-    ``unit`` is that of a rotation. A number that is not ``signed`` must be >= 0. ``needs`` names another number that
-    must be > 0 where this one is not 0.
+    ``unit`` is that of a rotation; ``[]`` in the text stands for it. A number that is not ``signed`` must be >= 0.
+    ``needs`` names another number that must be > 0 where this one is not 0.
     """
-    return field(default=0.0, metadata={"unit": unit, "signed": signed, "needs": needs})
+    return field(default=0.0, metadata={"unit": unit, "doc": doc, "signed": signed, "needs": needs})
 
 
 @dataclass(frozen=True)
@@ -104,12 +104,14 @@ class Friction:
     The base of all friction laws.
     """
 
-    viscous: float = friction_key("N m s/rad")
-    coulomb: float = friction_key("N m", needs="beta")
-    stribeck: float = friction_key("N m", needs="beta alpha")
-    alpha: float = friction_key("s/rad")
-    beta: float = friction_key("s/rad")
-    offset: float = friction_key("N m", signed=True)
+    viscous: float = friction_key("N m s/rad", "viscous friction")
+    coulomb: float = friction_key("N m", "Coulomb friction [], smoothed by tanh(beta speed)", needs="beta")
+    stribeck: float = friction_key(
+        "N m", "Stribeck friction at low speed []: stribeck / cosh(alpha speed)", needs="beta alpha"
+    )
+    alpha: float = friction_key("s/rad", "decay of the Stribeck friction with the speed")
+    beta: float = friction_key("s/rad", "steepness of the Coulomb friction at zero speed")
+    offset: float = friction_key("N m", "constant torque against positive motion", signed=True)
 
 
 NO_FRICTION = Friction()
@@ -121,24 +123,17 @@ FRICTION_LAWS: dict[str, type[Friction]] = {"smooth": Friction}
 
 @dataclass(frozen=True)
 class Gear:
-    """Gear between a motor and an actuated degree of freedom.
+    """Gear between a motor and an actuated degree of freedom."""
 
-    Parameters
-    ----------
-    rigid : bool
-        A rigid gear has no spring: the motor angle is the joint angle times the ratio.
-    side : str
-        ``"arm"`` or ``"motor"``: the side of the gear to which spring and damping refer.
-    spring : Spring or None
-        None for a rigid gear.
-    damping : float
-        Damping in parallel with the spring [N m s/rad or N s/m], on the same side.
-    """
+    rigid: bool  # without a spring: the motor angle is the joint angle times the ratio
+    side: str = "arm"  # or "motor": the side of the gear to which spring and damping refer
+    spring: Spring | None = None  # None for a rigid gear
+    damping: float = 0.0  # in parallel with the spring [N m s/rad or N s/m]
 
-    rigid: bool
-    side: str = "arm"
-    spring: Spring | None = None
-    damping: float = 0.0
+    @property
+    def type(self) -> str:
+        """Kind of the gear in a model file."""
+        return "rigid" if self.rigid else "elastic"
 
 
 @dataclass(frozen=True)
@@ -281,6 +276,19 @@ class Coordinate:
     dof: Dof | None  # None for the modal coordinate of a beam
 
 
+def coordinates_of(elements: Sequence[Element]) -> tuple[Coordinate, ...]:
+    """The arm coordinates of a chain, in its order."""
+    out: list[Coordinate] = []
+    for element in elements:
+        for dof in element.dofs:
+            unit = "rad" if dof.type == "rotation" else "m"
+            out.append(Coordinate(dof.name, unit, dof.actuated, element.name, dof))
+        for bending in element.beam.bendings if element.beam is not None else ():
+            names = (f"{element.name}_{bending.direction}{k + 1}" for k in range(bending.modes))
+            out += [Coordinate(name, "m", False, element.name, None) for name in names]
+    return tuple(out)
+
+
 @checked_result
 @dataclass(frozen=True, repr=False)
 class RobotModel:
@@ -354,17 +362,7 @@ class RobotModel:
     @cached_property
     def coordinates(self) -> tuple[Coordinate, ...]:
         """The arm coordinates q_a in chain order."""
-        out: list[Coordinate] = []
-        for element in self.elements:
-            for dof in element.dofs:
-                unit = "rad" if dof.type == "rotation" else "m"
-                out.append(Coordinate(dof.name, unit, dof.actuated, element.name, dof))
-            if element.beam is not None:
-                for bending in element.beam.bendings:
-                    for k in range(bending.modes):
-                        name = f"{element.name}_{bending.direction}{k + 1}"
-                        out.append(Coordinate(name, "m", False, element.name, None))
-        return tuple(out)
+        return coordinates_of(self.elements)
 
     @cached_property
     def i_g(self) -> tuple[int, ...]:

@@ -11,6 +11,7 @@ from flexgen.counts import shown
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError
 from flexgen.ports import identifier_problem
+from flexgen.spec.tables import Where as Where
 from flexgen.type_checks import checked_class
 
 Vector = tuple[float, ...]
@@ -20,24 +21,6 @@ NO_ROTATION: Vector = (0.0, 0.0, 0.0)
 DEGREES = (5, 7, 9, 11)  # of a spline through samples
 LONGEST_NAME = 100
 RADIUS = 0.25  # m: a rotation by an angle is counted as a path length of RADIUS times the angle
-
-
-@dataclass(frozen=True)
-class Where:
-    """Position of a table: the file as the user named it, its line and dotted path, and the lines of its keys."""
-
-    file: str
-    line: int
-    key: str
-    lines: tuple[tuple[str, int], ...] = ()
-
-    def found(self, key: str) -> tuple[str, int]:
-        """Dotted path and line of a key, with its unit suffix; those of the table if the key is missing."""
-        lines = dict(self.lines)
-        for name in (key, f"{key}_rad", f"{key}_deg"):
-            if name in lines:
-                return f"{self.key}.{name}", lines[name]
-        return f"{self.key}.{key}", self.line
 
 
 @checked_class

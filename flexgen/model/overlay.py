@@ -13,34 +13,18 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import ModelError
-from flexgen.model import component_tables
-from flexgen.model.checked_table import Table, as_number, bare, show
+from flexgen.model.elements import Body
+from flexgen.model.format import DOF, JOINT, LINK, URDF
 from flexgen.model.templates.joint_defaults import EVERY, merged
-from flexgen.model.toml_lines import Entry, wrap
 from flexgen.model.urdf import Inertial, Link, Pose, Urdf, among, key, zero_tiny
 from flexgen.model.urdf_chain import MOVING, Chain, Segment, find_chain
 from flexgen.model.urdf_source import find_urdf
 from flexgen.ports import c_name_problem, identifier_problem
+from flexgen.spec.keys import Context
+from flexgen.spec.tables import Table, as_number, bare, show
+from flexgen.spec.toml_lines import Entry, wrap
 
-_URDF = ("file", "base", "tip", "lock", "drop", "limits", "dynamics")
-_LIMITS = (
-    "lower upper lower_rad lower_deg upper_rad upper_deg speed_max acceleration_max"  # keys of a degree of freedom
-).split()
-_JOINT = (
-    "rename",
-    "gear",
-    "spring",
-    "damping",
-    "friction",
-    "counterbalance",
-    "limits",
-    "motor",
-    "before",
-    "after",
-    *_LIMITS,
-)
-_EVERY = [name for name in _JOINT if name not in ("rename", "before", "after")]  # of the table [joint."*"]
-_LINK = ("rename", "body", "inertia_reduced")
+_EVERY = JOINT.without("rename", "before", "after").names  # of the table [joint."*"]
 _FROM_URDF = ("element",)  # keys of a model file that the URDF file replaces
 
 
@@ -90,16 +74,16 @@ class _Overlay:
         table = top.table("urdf")
         assert table is not None
         self.table = table
-        table.only(*_URDF)
+        table.only(*URDF.names)
         path, shown = find_urdf(table, folder)
         self.urdf = Urdf(path, shown)
-        self.limits = table.flag("limits") if "limits" in table else True
-        self.dynamics = table.flag("dynamics") if "dynamics" in table else True
-        self.joints = self._tables("joint", [*self.urdf.joints, EVERY], _JOINT)
+        self.limits = URDF["limits"].read(table, Context())
+        self.dynamics = URDF["dynamics"].read(table, Context())
+        self.joints = self._tables("joint", [*self.urdf.joints, EVERY], JOINT.names)
         self.every = self.joints.pop(EVERY, None)
         if self.every is not None:
             self.every.only(*_EVERY)
-        self.links = self._tables("link", list(self.urdf.links), _LINK)
+        self.links = self._tables("link", list(self.urdf.links), LINK.names)
         self.ends = tuple(self._end(name) for name in ("base", "tip"))
 
     def _tables(self, kind: str, known: list[str], keys: Sequence[str]) -> dict[str, Table]:
@@ -167,15 +151,8 @@ class _Overlay:
         return out
 
     def _locked(self) -> dict[str, float]:
-        """Positions of the joints under ``lock``: a table of positions, or a list of joints fixed at zero."""
-        if "lock" not in self.table:
-            return {}
-        if isinstance(self.table.entries["lock"].value, dict):
-            table = self.table.table("lock")
-            assert table is not None
-            locked = {name: table.number(name) for name in table.entries}
-        else:
-            locked = dict.fromkeys(self.table.words("lock"), 0.0)
+        """Positions of the joints under ``lock``."""
+        locked: dict[str, float] = URDF["lock"].read(self.table, Context())
         movable = [joint.name for joint in self.urdf.joints.values() if joint.type in MOVING]
         for name in locked:
             if name not in movable:
@@ -183,7 +160,7 @@ class _Overlay:
         return locked
 
     def _dropped(self) -> frozenset[str]:
-        names = self.table.words("drop") if "drop" in self.table else []
+        names = URDF["drop"].read(self.table, Context())
         for name in names:
             if name not in self.urdf.joints:
                 raise self.table.fail("drop", f"{among(name, self.urdf.joints)} instead of {show(name)}")
@@ -197,8 +174,7 @@ class _Overlay:
             return self.urdf.inertial(link, reduced)
         inner = table.table("body")
         assert inner is not None
-        inner.only("mass", "com", "inertia", "inertia_reduced")
-        body = component_tables.read_body(inner)
+        body: Body = LINK["body"].read(table, Context())
         if body.mass == 0.0:
             return None
         reduced = reduced or inner.flag("inertia_reduced")
@@ -250,8 +226,8 @@ class _Overlay:
         if table is None or not ("gear" in table or "spring" in table):
             value["gear"] = {"type": "rigid"}
         if table is not None:
-            for name in ("gear", "spring", "damping", "friction", "counterbalance", *_LIMITS):
-                if name in table:
+            for name in JOINT.names:
+                if name in DOF.names and name in table:
                     value[name] = table.entries[name]
         return self._here(value, joint.node.line)
 

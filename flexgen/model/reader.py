@@ -13,23 +13,18 @@ from typing import Any
 import numpy as np
 
 from flexgen.errors import CHANGED, ArgumentError, ModelError
-from flexgen.model import component_tables, task_tables, toml_lines
-from flexgen.model.checked_table import Table, closest, entry_name, show
-from flexgen.model.elements import Body, Output, Placement, RobotModel
-from flexgen.model.inertia import massless_coordinates
-from flexgen.model.programs.tables import read_programs
-from flexgen.model.sensors import read_sensors
-from flexgen.model.toml_lines import Entry
+from flexgen.model.elements import RobotModel
+from flexgen.model.format import MODEL, VARIANT
 from flexgen.model.urdf_source import from_here, plain_urdf
-from flexgen.ports import c_name_problem, identifier_problem
+from flexgen.ports import identifier_problem
+from flexgen.spec import toml_lines
+from flexgen.spec.keys import Context
+from flexgen.spec.keys import read as read_table
+from flexgen.spec.tables import Table, closest, entry_name, show
+from flexgen.spec.toml_lines import Entry
 from flexgen.type_checks import checked_types
 
 SIZE_MAX = 1_000_000  # bytes
-
-_KEYS = (
-    "name description source gravity motor_coupling home_rad home_deg base element motor tool payload output move "
-    "program sensor"
-).split()
 
 
 @checked_types(own=("model",))
@@ -223,10 +218,8 @@ class _Variant:
     """The changes of a variant."""
 
     def __init__(self, table: Table) -> None:
-        table.only("description", "set", "remove")
-        table.text("description", "")
-        self.table, self.sets = table, table.table("set")
-        self.removes = table.words("remove") if "remove" in table else []
+        values = read_table(table, VARIANT, Context())
+        self.table, self.sets, self.removes = table, values["set"], values["remove"]
 
     def apply(self, root: Entry) -> None:
         """Apply the removals, then the new values."""
@@ -273,46 +266,14 @@ def _override(root: Entry, shown: str, key: Any, value: Any) -> None:
 
 
 def _robot(root: Table, variant: str, variants: tuple[str, ...]) -> RobotModel:
-    root.only(*_KEYS)
-    tool = root.build("tool", component_tables.read_placement, Placement())
-    coupling = root.choice("motor_coupling", ("simplified", "complete"), "simplified")
-    chain, where = component_tables.read_elements(root)
-    draft = RobotModel(
-        name=root.name(problem_of=c_name_problem),
-        description=root.text("description", ""),
-        source=root.text("source", ""),
-        gravity=root.vector("gravity", 3, what="m/s^2, world axes"),
-        base=root.build("base", component_tables.read_placement, Placement()),
-        elements=chain,
-        motors=component_tables.read_motors(root, chain, where, coupling),
-        tool=tool,
-        payload=root.build("payload", lambda t: component_tables.read_body(t, tool.position), Body(com=tool.position)),
-        output=Output("tool_pose"),
-        home=(),
-        moves=(),
-        motor_coupling=coupling,
-        variant=variant,
-        variants=variants,
-        file=root.file,
-    )
-    actuated = [draft.coordinates[i] for i in draft.i_g]
-    target = root.build("output", lambda table: task_tables.read_output(table, draft.coordinates))
-    if target is None:
-        raise root.fail("output", "a table: the output that a reference prescribes")
-    given = task_tables.read_moves(root, target, actuated)
-    return replace(
-        draft,
-        output=target,
-        home=task_tables.read_joint_position(root, "home", actuated),
-        moves=given,
-        sensors=read_sensors(root, [element.name for element in chain], [(c.name, c.unit) for c in draft.coordinates]),
-        programs=read_programs(root, target, actuated, [move.name for move in given]),
-        text=_canonical(root),
-    )
+    found = read_table(root, MODEL, Context())
+    return RobotModel(**found, variant=variant, variants=variants, file=root.file, text=_canonical(root))
 
 
 def _check_inertia(root: Entry, robot: RobotModel) -> None:
     """Raise an error for a coordinate of a URDF chain that moves no inertia: the inertia matrix is singular."""
+    from flexgen.model.inertia import massless_coordinates
+
     massless = massless_coordinates(robot)
     for element in root.value["element"].value if massless else ():
         for dof in element.value["dof"].value if "dof" in element.value else ():

@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from flexgen.errors import ArgumentError
-from flexgen.model import task_tables
-from flexgen.model.checked_table import Table
 from flexgen.model.elements import RobotModel
+from flexgen.model.format import PROGRAMS
 from flexgen.model.moves import Move
-from flexgen.model.programs.tables import read_programs
 from flexgen.model.reader import parse_file
 from flexgen.model.urdf_source import from_here
+from flexgen.spec.keys import Context, read
+from flexgen.spec.tables import Table
 from flexgen.type_checks import checked_types
 
 
@@ -46,10 +46,7 @@ def read_moves(file: str | Path, model: RobotModel) -> tuple[Move, ...]:
         raise ArgumentError(f"moves: given {str(file)!r}, which is not a file, expected the path of a .toml file")
     shown = from_here(path)
     root = Table(shown, parse_file(path, shown), "")
-    root.only("move", "program")
-    actuated = [model.coordinates[i] for i in model.i_g]
-    moves = task_tables.read_moves(root, model.output, actuated)
-    listed = read_programs(root, model.output, actuated, [move.name for move in moves])
-    if not moves and not listed:
+    found = read(root, PROGRAMS, Context({"output": model.output, "element": model.elements}))
+    if not found["moves"] and not found["programs"]:
         raise root.fail("program", "one or more [[move]] or [[program]] tables")
-    return (*moves, *listed)
+    return (*found["moves"], *found["programs"])

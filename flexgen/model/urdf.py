@@ -19,10 +19,10 @@ from typing import Any, NoReturn
 import numpy as np
 
 from flexgen.errors import ModelError
-from flexgen.model.checked_table import LARGEST, SMALLEST, bare, show
-from flexgen.model.component_tables import rotation_matrix
-from flexgen.model.toml_lines import WIDTH
-from flexgen.model.xml_lines import MarkupError, Node, parse
+from flexgen.model.format_robot import rotation_matrix
+from flexgen.spec.tables import LARGEST, SMALLEST, bare, show
+from flexgen.spec.toml_lines import WIDTH
+from flexgen.spec.xml_lines import MarkupError, Node, parse
 
 SIZE_MAX = 2_000_000  # bytes
 TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from flexgen.errors import ModelError
-from flexgen.model.checked_table import bare, show
 from flexgen.model.urdf import Inertial, Joint, Link, Pose, Urdf, identity_pose, key
+from flexgen.spec.tables import bare, show
 
 MOVING = ("revolute", "continuous", "prismatic")
 

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from flexgen.errors import ArgumentError
-from flexgen.model.checked_table import Table, show
-from flexgen.model.toml_lines import Entry, wrap
+from flexgen.spec.tables import Table, show
+from flexgen.spec.toml_lines import Entry, wrap
 
 PACKAGE = "package://"
 SEARCHED = "ROS_PACKAGE_PATH, AMENT_PREFIX_PATH and the share folders of this Python"

@@ -12,10 +12,10 @@ from typing import Any, NoReturn
 import numpy as np
 
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.model.checked_table import closest
 from flexgen.model.elements import RobotModel
 from flexgen.npz_files import NpzError, read_npz
 from flexgen.paths.jets import axis_angle
+from flexgen.spec.tables import closest
 
 ROWS_MAX = 200_000
 SIZE_MAX = 200_000_000  # bytes

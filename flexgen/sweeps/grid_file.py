@@ -8,7 +8,7 @@ from typing import Any
 
 from flexgen.counts import RANDOM_MOVES, count_of, seconds_of
 from flexgen.errors import ArgumentError
-from flexgen.model.toml_lines import TextError, plain_table
+from flexgen.spec.toml_lines import TextError, plain_table
 from flexgen.sweeps.cases import Grid, MoveChoice, combinations, random_moves
 
 KEYS = ("models", "methods", "moves", "random", "parameters", "set", "options")

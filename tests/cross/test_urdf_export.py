@@ -21,7 +21,6 @@ from flexgen.errors import ArgumentError, ModelError
 from flexgen.exports import urdf as urdf_module
 from flexgen.exports.poses import roll_pitch_yaw
 from flexgen.exports.urdf import export_urdf
-from flexgen.model.component_tables import rotation_matrix
 from flexgen.model.elements import (
     BacklashSpring,
     Body,
@@ -32,6 +31,7 @@ from flexgen.model.elements import (
     RobotModel,
     SmoothSpring,
 )
+from flexgen.model.format_robot import rotation_matrix
 from flexgen.model.reader import model_names
 from flexgen.numerics.evaluate import evaluate
 

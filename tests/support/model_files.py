@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from flexgen.errors import FlexgenError
-from flexgen.model.checked_table import bare
+from flexgen.spec.tables import bare
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -52,6 +52,7 @@ FLOORS = {
     "interpolation": 0,
     "npz_files": 0,
     "ports": 0,
+    "spec": 0,
     "progress": 0,
     "registry": 0,
     "torque_curve": 0,

@@ -13,9 +13,9 @@ from bad_models import GOOD
 
 from flexgen.errors import ArgumentError, ModelError
 from flexgen.model import elements as nouns
-from flexgen.model.component_tables import rotation_matrix
+from flexgen.model.format_robot import rotation_matrix
 from flexgen.model.reader import model_names, read
-from flexgen.model.toml_lines import parse, unwrap
+from flexgen.spec.toml_lines import parse, unwrap
 
 MODELS = Path(__file__).parents[2] / "models"
 

@@ -15,11 +15,12 @@ from model_files import everything, overlay
 import flexgen
 from flexgen.cli.main import main
 from flexgen.errors import ArgumentError, ModelError
-from flexgen.exports.schema_types import IDENTIFIER
+from flexgen.model import overlay as overlay_module
 from flexgen.model import reader, task_files
-from flexgen.model.checked_table import Table
-from flexgen.model.toml_lines import Entry
+from flexgen.model.format import MODEL
 from flexgen.ports import identifier_problem
+from flexgen.spec.tables import IDENTIFIER, Table
+from flexgen.spec.toml_lines import Entry
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted([*(ROOT / "models").glob("*.toml"), *(ROOT / "tests" / "support" / "robots").glob("*.toml")])
@@ -78,7 +79,7 @@ def recorded(monkeypatch):
     """What `Table.only` is called with by the identity of the table; the trees of the files that were read."""
     known: dict[int, tuple] = {}
     trees: list[Entry] = []
-    only, parse, expand = Table.only, reader.parse_file, reader.expand
+    only, parse, expand = Table.only, reader.parse_file, overlay_module.expand
 
     def recording(self, *keys):
         before = known.get(id(self.entries), (keys,))[0]
@@ -98,7 +99,7 @@ def recorded(monkeypatch):
     monkeypatch.setattr(Table, "only", recording)
     monkeypatch.setattr(reader, "parse_file", parsed)
     monkeypatch.setattr(task_files, "parse_file", parsed)
-    monkeypatch.setattr(reader, "expand", expanded)
+    monkeypatch.setattr(overlay_module, "expand", expanded)
     return known, trees
 
 
@@ -127,7 +128,7 @@ def test_every_key_of_the_reader_and_no_other(recorded, tmp_path):
         compare(trees[-1], root, root, known, seen)
         if len(trees) > 1:  # of an overlay the tree before it was expanded, and its variants
             compare(trees[0], root, root, known, seen)
-    assert set(root["properties"]) == {*reader._KEYS, "urdf", "joint", "link", "variant"}
+    assert set(root["properties"]) == {*MODEL.names, "urdf", "joint", "link", "variant"}
     # the motor of a joint of a URDF file is read as one of the list, without the key drives
     motor = root["properties"]["joint"]["additionalProperties"]["properties"]["motor"]
     assert set(motor["properties"]) == set(root["properties"]["motor"]["items"]["properties"]) - {"drives"}

@@ -17,8 +17,8 @@ from flexgen.identification.outputs import output_orders
 from flexgen.identification.recordings.description import Description, Recording, read_description
 from flexgen.loop.controllers import Cascade, LowPass, Notch
 from flexgen.loop.hardware import DriveHardware
-from flexgen.model.checked_table import Table
 from flexgen.model.digest import model_digest
+from flexgen.spec.tables import Table
 
 LINES = ("excited", "odd", "all")
 EXCITED = 0.02  # part of the largest amplitude of the torques

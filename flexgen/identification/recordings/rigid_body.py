@@ -33,8 +33,8 @@ from flexgen.identification.recordings.counterbalances import fitted_balances, h
 from flexgen.identification.recordings.feasible_bodies import Feasible, body_of, numbers_of, scales
 from flexgen.identification.recordings.rigid_accuracy import RigidStatus
 from flexgen.mechanics.equations import Equations
-from flexgen.model.component_tables import HARMONICS
 from flexgen.model.elements import Body, Friction, Motor, RobotModel
+from flexgen.model.format_robot import HARMONICS
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate
 from flexgen.numerics.trust_region import Sums, minimize

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from flexgen.model.toml_lines import Entry
+from flexgen.spec.toml_lines import Entry
 
 EVERY = "*"
 

@@ -12,7 +12,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from flexgen.errors import ArgumentError
-from flexgen.model.checked_table import bare
 from flexgen.model.elements import Coordinate, RobotModel
 from flexgen.model.inertia import mass_matrix
 from flexgen.model.reader import read
@@ -20,6 +19,7 @@ from flexgen.model.urdf import Urdf
 from flexgen.model.urdf_chain import MOVING
 from flexgen.model.urdf_source import PACKAGE, located
 from flexgen.ports import c_name_problem
+from flexgen.spec.tables import bare
 
 TEMPLATES = ("planar", "gantry", "scara", "six-axis")
 FREQUENCY, DAMPING = 20.0, 0.03  # Hz with locked motors and damping ratio of the gears of an overlay

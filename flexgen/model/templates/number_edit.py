@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 from flexgen.errors import ModelError
-from flexgen.model.checked_table import entry_name
-from flexgen.model.toml_lines import Entry, Path, Scanner, parse
+from flexgen.spec.tables import entry_name
+from flexgen.spec.toml_lines import Entry, Path, Scanner, parse
 
 LONGEST = 6  # entries of a list of numbers: an inertia tensor
 

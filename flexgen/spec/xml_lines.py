@@ -9,7 +9,7 @@ from xml.etree.ElementTree import ParseError
 from defusedxml import DefusedXmlException, DTDForbidden
 from defusedxml.ElementTree import DefusedXMLParser
 
-from flexgen.model.checked_table import show
+from flexgen.spec.tables import show
 
 DEPTH = 64  # levels of nesting; those of URDF are four
 

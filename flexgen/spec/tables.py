@@ -7,12 +7,14 @@ import math
 import re
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from flexgen.errors import ModelError
-from flexgen.model.toml_lines import Entry, unwrap
 from flexgen.ports import identifier_problem
+from flexgen.spec.toml_lines import Entry, unwrap
 
+IDENTIFIER = "^(?!.*__)[A-Za-z][A-Za-z0-9_]{0,30}$"  # as identifier_problem
 UNITS = ("_rad", "_deg")
 SMALLEST, LARGEST = 1e-18, 1e12  # range of numbers in SI units; their powers stay in the range of double precision
 MAGNITUDE = "of magnitude 1e-18 to 1e12 (or 0)"
@@ -70,6 +72,24 @@ def closest(word: str, known: Iterable[str]) -> str:
     return f"{bare(near[0])} (there are: {listed})" if near else f"one of {listed}"
 
 
+@dataclass(frozen=True)
+class Where:
+    """Position of a table: the file as the user named it, its line and dotted path, and the lines of its keys."""
+
+    file: str
+    line: int
+    key: str
+    lines: tuple[tuple[str, int], ...] = ()
+
+    def found(self, key: str) -> tuple[str, int]:
+        """Dotted path and line of a key, with its unit suffix; those of the table if the key is missing."""
+        lines = dict(self.lines)
+        for name in (key, f"{key}_rad", f"{key}_deg"):
+            if name in lines:
+                return f"{self.key}.{name}", lines[name]
+        return f"{self.key}.{key}", self.line
+
+
 class Table:
     """A table of a model file; its methods return checked values or raise ModelError.
 
@@ -105,6 +125,10 @@ class Table:
             given = "nothing" if entry is None else show(unwrap(entry))
         file, line = (self.file, self.line) if entry is None else (entry.file or self.file, entry.line)
         return ModelError(file, line, self.path(key), given, expected)
+
+    def where(self) -> Where:
+        """Position of the table in its file, for later messages."""
+        return Where(self.file, self.line, self.key, tuple((key, e.line) for key, e in self.entries.items()))
 
     def only(self, *known: str) -> None:
         """Raise an error for a key that is not among the known ones."""
@@ -157,7 +181,7 @@ class Table:
         if default is not None and key not in self.entries:
             return tuple(default)
         lengths = (lengths,) if isinstance(lengths, int) else lengths
-        sizes = f"{lengths[0]} to {lengths[-1]}" if isinstance(lengths, range) else " or ".join(map(str, lengths))
+        sizes = f"{lengths[0]} to {lengths[-1]}" if len(lengths) > 2 else " or ".join(map(str, lengths))
         expected = f"a list of {sizes} number{'s' if tuple(lengths) != (1,) else ''}"
         expected += f" ({what})" if what else ""
         value = self._get(key, expected)

@@ -1,0 +1,167 @@
+"""Rows of a model file: its root, variants, and the tables of an overlay on a URDF file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from flexgen.model.elements import Body, Placement
+from flexgen.model.format_devices import MOST, MOTOR, SENSOR, check_motors
+from flexgen.model.format_programs import PROGRAM
+from flexgen.model.format_robot import (
+    BALANCE,
+    BODY,
+    COUNTERBALANCE,
+    DOF,
+    ELEMENT,
+    FRICTION,
+    GEAR,
+    JOINT_SPRING,
+    PLACEMENT,
+    RATES,
+    REDUCED,
+    SPRING,
+    UNIT_OF_DAMPING,
+    check_size,
+    friction,
+    limits,
+)
+from flexgen.model.format_tasks import MOVE, OUTPUT, joint_position
+from flexgen.ports import c_name_problem
+from flexgen.spec.keys import (
+    Context,
+    Format,
+    Key,
+    Schema,
+    Type,
+    angle,
+    choice,
+    flag,
+    listed,
+    name,
+    number,
+    sub,
+    text,
+    vector,
+    words,
+)
+from flexgen.spec.schema import table_schema
+from flexgen.spec.tables import IDENTIFIER, Table
+
+# --- the file ---------------------------------------------------------------------------------------------------------
+
+
+_COMPLETE = "complete: rotors also turn with the bodies that carry them"
+_LOAD = "load, in the frame of the tip of the last element; com: by default at the tool"
+_SENSORS = "sensors beside the motor encoders"
+MODEL = Format(
+    "robot model of flexgen",  # keys in the order of reading
+    (
+        Key("tool", sub(PLACEMENT), "pose of the tool frame, from the tip of the last element", default=Placement()),
+        Key("motor_coupling", choice("simplified", "complete"), _COMPLETE, default="simplified"),
+        Key("element", listed(ELEMENT), "the chain, from the base to the tool", check=check_size),
+        Key("name", name(problem_of=c_name_problem), "name of the robot, the prefix of every C symbol"),
+        Key("description", text(), "one line", default=""),
+        Key("source", text(), "where the numbers come from", default=""),
+        Key("gravity", vector(3), "gravity, world axes", "m/s^2", note="m/s^2, world axes"),
+        Key("base", sub(PLACEMENT), "pose of the base in the world", default=Placement()),
+        Key("motor", listed(MOTOR), "motors, as many as actuated coordinates", check=check_motors),
+        Key("payload", sub(BODY), _LOAD, default=lambda table, here: Body(com=here.values["tool"].position)),
+        Key("output", sub(OUTPUT), OUTPUT.doc, note="the output that a reference prescribes"),
+        Key("move", listed(MOVE, least=0), "reference moves that start and end at rest", default=()),
+        joint_position("home", "home position"),
+        Key("sensor", listed(SENSOR, most=MOST), _SENSORS, default=(), note="sensors"),
+        Key("program", listed(PROGRAM, least=0), "sequences of steps", default=()),
+    ),
+)
+PROGRAMS = Format("moves and programs of flexgen", (MODEL["move"], MODEL["program"]))
+_SET = Type(lambda table, key, here: table.table(key.name), {"type": "object"})
+VARIANT = Format(
+    "changes",
+    (
+        Key("description", text(), "one line", default=""),
+        Key("set", _SET, 'new values by dotted path, such as "element.arm1.dof.q1.gear.damping" = 0.0', default=None),
+        Key("remove", words(), "dotted paths of keys that are removed before", default=()),
+    ),
+)
+
+# --- overlays on URDF files -------------------------------------------------------------------------------------------
+
+
+def _read_lock(table: Table, key: Key, here: Context) -> dict[str, float]:
+    """Positions of joints: a table of positions, or a list of joints fixed at zero."""
+    if isinstance(table.entries[key.name].value, dict):
+        inner = table.table(key.name)
+        return {joint: inner.number(joint) for joint in inner.entries} if inner is not None else {}
+    return dict.fromkeys(table.words(key.name), 0.0)
+
+
+NOTHING: dict[str, float] = {}
+_FIXED = "joints fixed at a position [rad or m]"
+_POSITION = number().schema | {"description": "position [rad or m]"}
+_LOCK = {"anyOf": [words().schema, {"type": "object", "additionalProperties": _POSITION}]}
+_LIMITS = Key("limits", flag(), "use the limits of the URDF file", default=True)
+URDF = Format(
+    "the chain is in a URDF file",
+    (
+        Key("file", text(), "path of the URDF file, relative to the folder of this file, or package://NAME/PATH"),
+        Key("base", text(), "the link that is the ground"),
+        Key("tip", text(), "the link that carries the tool"),
+        Key("lock", Type(_read_lock, _LOCK), f"{_FIXED}, or a list of joints fixed at zero", default=NOTHING),
+        Key("drop", words(), "joints outside the chain, left out with all links behind them", default=()),
+        _LIMITS,
+        replace(_LIMITS, name="dynamics", doc="use the friction of the URDF file"),
+    ),
+)
+_EXTRA = "degrees of freedom {} the joint, at the same point"
+JOINT = Format(
+    "joint of the URDF file",
+    (
+        Key("rename", name(), "name of the coordinate", default=None),
+        Key("gear", sub(GEAR), "gear of the joint; default: rigid", default=None),
+        Key("spring", sub(JOINT_SPRING), "spring instead of a gear: no motor", default=None),
+        Key("damping", number(least=0.0), "damping in parallel with the spring", UNIT_OF_DAMPING, default=0.0),
+        replace(FRICTION, doc="instead of <dynamics>"),
+        replace(BALANCE, doc="torque by the angle, of a rotation"),
+        _LIMITS,
+        Key("motor", sub(MOTOR.without("drives").optional()), "motor of the joint", default=None),
+        Key("before", listed(DOF, least=0), _EXTRA.format("before"), default=()),
+        Key("after", listed(DOF, least=0), _EXTRA.format("after"), default=()),
+        *limits(number(), "m"),
+        *limits(angle(), "rad"),
+        *RATES,
+    ),
+)
+LINK = Format(
+    "link of the URDF file",
+    (
+        Key("rename", name(), "name of the element", default=None),
+        Key("body", sub(BODY.without("rotational_drag")), "instead of <inertial>", default=None),
+        Key("inertia_reduced", flag(), REDUCED, default=False),
+    ),
+)
+
+
+# --- JSON schema ------------------------------------------------------------------------------------------------------
+
+
+def model_schema() -> Schema:
+    """The JSON schema of model files and overlays."""
+
+    def named(doc: str, form: Format) -> Schema:
+        return {"type": "object", "description": doc, "additionalProperties": table_schema(form)}
+
+    root = table_schema(MODEL)
+    root["properties"] |= {
+        "urdf": table_schema(URDF),
+        "joint": named("what a URDF file cannot contain, for each moving joint by its name there", JOINT),
+        "link": named("changes of links, by their name in the URDF file", LINK),
+        "variant": named("named sets of changes, selected with MODEL@variant", VARIANT)
+        | {"propertyNames": {"pattern": IDENTIFIER}},
+    }
+    needed = root.pop("required")
+    root["oneOf"] = [
+        {"required": needed, "not": {"required": ["urdf"]}},
+        {"required": ["urdf"], "not": {"required": ["element"]}},
+    ]
+    forms = (PLACEMENT, BODY, SPRING, JOINT_SPRING, friction(), COUNTERBALANCE, GEAR, DOF)
+    return root | {"definitions": {form.definition: table_schema(form) for form in forms}}

@@ -1,0 +1,219 @@
+"""Rows of the tables of motors and sensors, and checks of all motors together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from flexgen.model.elements import ZERO, Gear, Motor, Vector, coordinates_of
+from flexgen.model.format_robot import FRICTION
+from flexgen.model.sensors import TOOL, UNITS, Sensor
+from flexgen.spec.keys import (
+    Context,
+    Format,
+    Key,
+    Kinds,
+    Type,
+    choice,
+    direction,
+    known,
+    list_of,
+    name,
+    number,
+    vector,
+    words,
+)
+from flexgen.spec.tables import LARGEST, Table, closest
+
+MOST = 64  # sensors
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+# --- motors -----------------------------------------------------------------------------------------------------------
+
+
+def _gears(here: Context) -> dict[str, Gear | None]:
+    """The gear of each degree of freedom."""
+    return {dof.name: dof.gear for element in here.of_file("element") for dof in element.dofs}
+
+
+def _check_drives(table: Table, here: Context) -> None:
+    """Raise an error for a motor that drives what it cannot."""
+    gears = _gears(here)
+    actuated = [joint for joint, gear in gears.items() if gear is not None]
+    for joint in here.values["drives"]:
+        if joint not in gears:
+            raise table.fail("drives", closest(joint, actuated))
+        if joint not in actuated:
+            raise table.fail("drives", "degrees of freedom with a gear", f"{joint}, which has none")
+    if len(_rigid(here)) > 1:
+        raise table.fail("drives", "driven joints whose gears are all elastic or all rigid")
+
+
+def _rigid(here: Context) -> set[bool]:
+    """Whether the gears of a motor are rigid."""
+    return {gear.rigid for joint in here.values["drives"] if (gear := _gears(here)[joint]) is not None}
+
+
+def _check_rotor(table: Table, here: Context) -> None:
+    if here.values["inertia"] == 0.0 and _rigid(here) != {True}:
+        raise table.fail("inertia", "a number > 0 behind an elastic gear")
+    if here.of_file("motor_coupling") == "complete":
+        for key in ("axis", "carrier"):
+            if key not in table:
+                raise table.fail(key, f'{key}, because motor_coupling = "complete"')
+
+
+def _read_ratio(table: Table, key: Key, here: Context) -> Vector:
+    count = len(here.values["drives"])
+    value = table.entries["ratio"].value if "ratio" in table else None
+    if isinstance(value, list):
+        ratio = table.vector("ratio", count, what="one for each driven joint")
+    elif count == 1:
+        ratio = (table.number("ratio"),)
+    else:
+        raise table.fail("ratio", f"a list of {count} numbers (one for each driven joint)")
+    if min(map(abs, ratio)) < 1.0 / LARGEST:
+        raise table.fail("ratio", "a ratio that is not 0")
+    return ratio
+
+
+_RATIO = Type(_read_ratio, {"anyOf": [number().schema, vector().schema]})
+MOTOR = Format(
+    "motor",
+    (
+        Key("name", name("motor"), "name of the motor"),
+        Key(
+            "drives",
+            words(),
+            "the degree of freedom that it drives, or a list of them (coupled wrist)",
+            check=_check_drives,
+        ),
+        Key("inertia", number(least=0.0), "rotor inertia, motor side", "kg m^2", check=_check_rotor),
+        Key(
+            "ratio",
+            _RATIO,
+            "gear ratio, motor speed / joint speed, one for each driven joint; of a translation",
+            "rad/m",
+        ),
+        replace(FRICTION, doc="friction on the motor side"),
+        Key("axis", direction(), "axis of the rotor in the frame of its carrier (complete coupling)", default=None),
+        Key(
+            "carrier",
+            choice(of=lambda here: ["base", *here.names["element"]]),
+            "the element that carries the motor, or base (complete coupling)",
+            default=None,
+        ),
+        Key("torque_max", number(above=0.0), "limit of the torque, motor side", "N m", None),
+        Key("speed_max", number(above=0.0), "limit of the speed, motor side", "rad/s", None),
+    ),
+    make=lambda drives, **values: Motor(drives=tuple(drives), **values),
+)
+
+
+def check_motors(table: Table, here: Context) -> None:
+    """Raise an error for joints without a motor, a wrong number of motors or a singular matrix of gear ratios."""
+    found: tuple[Motor, ...] = here.values["motor"]
+    gears: dict[str, Gear] = {joint: gear for joint, gear in _gears(here).items() if gear is not None}
+    for joint, gear in gears.items():
+        place, drivers = here.names["coordinate"][joint], [motor for motor in found if joint in motor.drives]
+        if not drivers:
+            raise place.fail("gear", f"a motor that drives {joint}", "a gear that no motor drives")
+        if not gear.rigid and gear.side == "motor" and [motor.drives for motor in drivers] != [(joint,)]:
+            given = 'side = "motor" on a joint that is not driven by one motor of its own'
+            raise place.fail("gear", 'side = "arm"', given)
+    if len(found) != len(gears):
+        expected = f"as many motors as actuated degrees of freedom, {len(gears)}"
+        raise table.fail("motor", expected, f"{len(found)} motors")
+    eta = np.array([[dict(zip(m.drives, m.ratio, strict=True)).get(joint, 0.0) for joint in gears] for m in found])
+    singular = np.linalg.svd(eta / np.abs(eta).max(axis=1, keepdims=True), compute_uv=False)
+    if singular[-1] < 1e-9 * singular[0]:
+        raise table.fail("motor", "a regular matrix of gear ratios", "a singular matrix of gear ratios")
+
+
+# --- sensors ----------------------------------------------------------------------------------------------------------
+
+
+def _read_axes(table: Table, key: Key, here: Context) -> tuple[tuple[tuple[float, ...], ...], tuple[str, ...]]:
+    """Unit vectors and labels of the measured directions."""
+    entries = table.entries["axes"].value
+    if not isinstance(entries, list) or not 1 <= len(entries) <= 3:
+        raise table.fail("axes", "one to three of x, y, z, or vectors of three numbers")
+    axes, labels = [], []
+    for k, entry in enumerate(entries):
+        if isinstance(entry.value, str) and entry.value in _AXES:
+            axes.append(_AXES[entry.value])
+            labels.append(entry.value)
+            continue
+        numbers = [one.value for one in entry.value] if isinstance(entry.value, list) else []
+        good = len(numbers) == 3 and all(isinstance(x, int | float) and not isinstance(x, bool) for x in numbers)
+        length = sum(x * x for x in numbers) ** 0.5 if good else 0.0
+        if not 1e-9 < length < 1e9:
+            raise table.fail("axes", "one to three of x, y, z, or vectors of three numbers")
+        axes.append(tuple(x / length for x in numbers))
+        labels.append(str(k + 1))
+    if len(set(labels)) != len(labels):
+        raise table.fail("axes", "different directions")
+    return tuple(axes), tuple(labels)
+
+
+def _units(here: Context) -> tuple[str, ...]:
+    """Units that a link encoder can send, by its coordinate."""
+    units = {coordinate.name: coordinate.unit for coordinate in coordinates_of(here.of_file("element"))}
+    return ("rad", "mrad", "deg") if units[here.values["coordinate"]] == "rad" else ("m", "mm")
+
+
+def _sensor(type: str, unit: str, noise: float, axes: Any = ((), ("",)), **values: Any) -> Sensor:
+    """A sensor in SI units."""
+    place = values.pop("coordinate", None) or values.pop("element", TOOL)
+    family = ("m", "mm") if type == "link_encoder" and unit in ("m", "mm") else UNITS[type]
+    si = next(one for one in family if UNITS[type][one] == 1.0)
+    values = {"position": ZERO} | values
+    noise *= UNITS[type][unit]
+    return Sensor(type=type, place=place, axes=axes[0], labels=axes[1], noise=noise, unit=si, **values)
+
+
+_AXIS = {"anyOf": [{"enum": [*_AXES]}, list_of({"type": "number"}, 3)]}
+_DIRECTIONS = Type(_read_axes, {"type": "array", "items": _AXIS, "minItems": 1, "maxItems": 3})
+_ALL = (tuple(_AXES.values()), tuple(_AXES))
+_DIRECTIONS_KEY = Key("axes", _DIRECTIONS, "measured directions: x, y, z or vectors; default all three", default=_ALL)
+_COORDINATE = Key(
+    "coordinate",
+    known(lambda here: [coordinate.name for coordinate in coordinates_of(here.of_file("element"))]),
+    "the arm coordinate that the encoder measures",
+)
+_ELEMENT = Key(
+    "element",
+    known(lambda here: [*here.names["element"], TOOL]),
+    f'the element whose body carries the sensor, or "{TOOL}"',
+)
+_POSITION = Key("position", vector(3), "in the frame of that body (of a tracker: of the tool)", "m", ZERO)
+
+
+def _kind(kind: str, doc: str, own: tuple[Key, ...], *place: Key) -> Format:
+    """The table of a kind of sensor: its own keys, the unit, the position, and the keys of all kinds."""
+    units = choice(*UNITS[kind], of=_units if kind == "link_encoder" else None)
+    shared = (
+        Key("noise", number(least=0.0), "standard deviation of a sample, in this unit", default=0.0),
+        Key("sample_s", number(above=0.0), "sample time []; default: that of the drives", "s", None),
+        Key("delay_s", number(least=0.0), "time from the motion to the sample", "s", 0.0),
+    )
+    return Format(doc, (*own, Key("unit", units, "unit of what the sensor sends"), *place, *shared), _sensor)
+
+
+_ACCELERATION = "acceleration minus gravity at a point of a body"
+_TRACKER = "position of a point of the tool in the world"
+SENSOR = Kinds(
+    "sensor",
+    {
+        "accelerometer": _kind("accelerometer", _ACCELERATION, (_DIRECTIONS_KEY, _ELEMENT), _POSITION),
+        "gyro": _kind("gyro", "angular velocity of a body", (_DIRECTIONS_KEY, _ELEMENT)),
+        "link_encoder": _kind("link_encoder", "an arm coordinate", (_COORDINATE,)),
+        "tracker": _kind("tracker", _TRACKER, (_DIRECTIONS_KEY,), _POSITION),
+    },
+    shared=(Key("name", name("sensor"), "name of the sensor"),),
+    strict=False,
+    typed=True,
+)

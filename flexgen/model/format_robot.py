@@ -1,0 +1,432 @@
+"""Rows of the tables that describe the robot: placements, bodies, springs, degrees of freedom, beams, motors."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from flexgen.model.elements import (
+    FRICTION_LAWS,
+    IDENTITY,
+    NO_FRICTION,
+    ZERO,
+    BacklashSpring,
+    Beam,
+    Bending,
+    Body,
+    CubicSpring,
+    Dof,
+    Element,
+    Friction,
+    Gear,
+    LinearSpring,
+    Matrix,
+    PiecewiseSpring,
+    Placement,
+    SmoothSpring,
+    Vector,
+)
+from flexgen.ports import identifier_problem
+from flexgen.spec.keys import (
+    Context,
+    Format,
+    Key,
+    Kinds,
+    Type,
+    angle,
+    choice,
+    direction,
+    flag,
+    listed,
+    name,
+    number,
+    sub,
+    vector,
+    whole,
+)
+from flexgen.spec.tables import Table
+
+HARMONICS = 6  # of a counterbalance
+COORDINATES_MAX = 64  # of the arm; the effort to derive and compile grows faster than their number
+_INERTIA_TOLERANCE = 1e-9  # relative to the largest principal moment
+_ROUNDING_ERROR = 1e-15  # of a sine or cosine
+_ROTATION_TOLERANCE = 1e-9  # of a rotation matrix: its columns are orthogonal and of length 1
+
+
+# --- placements -------------------------------------------------------------------------------------------------------
+
+
+def _snap(x: float) -> float:
+    """The number, rounded to 0, 1 or -1 if it is equal to it within rounding errors."""
+    for exact in (0.0, 1.0, -1.0):
+        if abs(x - exact) < _ROUNDING_ERROR:
+            return exact
+    return x
+
+
+def _cos_sin(angle: float, degrees: bool) -> tuple[float, float]:
+    """Cosine and sine of an angle, exact at multiples of 90 degrees."""
+    if not degrees:
+        return _snap(math.cos(angle)), _snap(math.sin(angle))
+    turns = round(angle / 90.0)
+    remainder = math.radians(angle - 90.0 * turns)
+    c, s = math.cos(remainder), math.sin(remainder)
+    return ((c, s), (-s, c), (-c, -s), (s, -c))[turns % 4]
+
+
+def rotation_matrix(rpy: tuple[float, ...], degrees: bool) -> Matrix:
+    """Rotation matrix ``Rz(yaw) Ry(pitch) Rx(roll)``, exact at multiples of 90 degrees."""
+    (cr, sr), (cp, sp), (cy, sy) = (_cos_sin(angle, degrees) for angle in rpy)
+    rows = (
+        (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
+        (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
+        (-sp, cp * sr, cp * cr),
+    )
+    return tuple(tuple(_snap(x) for x in row) for row in rows)
+
+
+def _read_rpy(table: Table, key: Key, here: Context) -> Matrix:
+    full = table.unit_key(key.name)
+    assert full is not None
+    return rotation_matrix(table.vector(full, 3, what="roll, pitch, yaw"), full.endswith("_deg"))
+
+
+def _read_rotation(table: Table, key: Key, here: Context) -> Matrix:
+    other = table.unit_key("rpy", required=False)
+    if other is not None:
+        raise table.fail("rotation", "one of the two", f"both {other} and rotation")
+    matrix = np.array(table.vector("rotation", 9, what="a rotation matrix, row by row")).reshape(3, 3)
+    off = np.abs(matrix.T @ matrix - np.eye(3)).max()
+    if not off <= _ROTATION_TOLERANCE or np.linalg.det(matrix) < 0.0:
+        raise table.fail("rotation", "a rotation matrix: orthogonal columns of length 1, determinant 1")
+    return tuple(map(tuple, matrix.tolist()))
+
+
+RPY = Type(_read_rpy, vector(3).schema, angle=True)
+_ROTATION = Type(_read_rotation, vector(9).schema, write=lambda matrix: [x for row in matrix for x in row])
+
+
+def _placement(position: Vector, rotation: Matrix, rpy: Matrix | None) -> Placement:
+    return Placement(position, rotation if rpy is None else rpy)
+
+
+PLACEMENT = Format(
+    "constant pose",
+    (
+        Key("position", vector(3), "position", "m", ZERO),
+        Key("rotation", _ROTATION, "rotation matrix, row by row", default=IDENTITY),
+        Key("rpy", RPY, "rotations about the fixed x, y, z axes, in this order", "rad", None),
+    ),
+    make=_placement,
+    definition="placement",
+)
+
+
+# --- bodies -----------------------------------------------------------------------------------------------------------
+
+
+def _read_inertia(table: Table, key: Key, here: Context) -> Matrix:
+    entries = table.vector(key.name, (3, 6), what="xx, yy, zz, optionally xy, yz, xz")
+    xx, yy, zz, xy, yz, xz = entries if len(entries) == 6 else (*entries, 0.0, 0.0, 0.0)
+    return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
+
+
+def _write_inertia(inertia: Matrix) -> list[float]:
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia
+    return [xx, yy, zz, xy, yz, xz]
+
+
+def _check_inertia(table: Table, here: Context) -> None:
+    """Raise an error for a tensor that no body has."""
+    inertia = np.array(here.values["inertia"])
+    largest = np.abs(inertia).max()
+    if largest == 0.0:
+        return
+    if here.values["mass"] == 0.0:
+        raise table.fail("inertia", "no inertia where the mass is 0")
+    low, middle, high = np.linalg.eigvalsh(inertia / largest).tolist()
+    given = f"a tensor with principal moments {', '.join(f'{x * largest:.6g}' for x in (low, middle, high))}"
+    if low < -_INERTIA_TOLERANCE:
+        raise table.fail("inertia", "principal moments >= 0", given)
+    if not here.values["inertia_reduced"] and low + middle < high * (1.0 - _INERTIA_TOLERANCE):
+        expected = "no principal moment larger than the sum of the other two (or inertia_reduced = true)"
+        raise table.fail("inertia", expected, given)
+
+
+def _default_com(table: Table, here: Context) -> Vector:
+    """The center of mass of a body that states none: that of the payload is at the tool."""
+    com: Vector = here.of_file("tool").position if table.key == "payload" else ZERO
+    return com
+
+
+def _body(inertia_reduced: bool, **values: Any) -> Body:
+    return Body(**values)
+
+
+REDUCED = "the largest principal moment may exceed the sum of the others"
+BODY = Format(
+    "rigid body",
+    (
+        Key("mass", number(least=0.0), "mass", "kg"),
+        Key(
+            "inertia",
+            Type(_read_inertia, vector(3, 6).schema, write=_write_inertia),
+            "inertia about the center of mass []: xx, yy, zz, optionally xy, yz, xz",
+            "kg m^2",
+            Body().inertia,
+        ),
+        Key("inertia_reduced", flag(), f"{REDUCED} (regrouped tensors)", default=False, check=_check_inertia),
+        Key("com", vector(3), "center of mass in the body frame", "m", _default_com),
+        Key("rotational_drag", number(least=0.0), "damping of the absolute rotation", "N m s/rad", 0.0),
+    ),
+    make=_body,
+    definition="body",
+)
+
+
+# --- springs, friction, gears -----------------------------------------------------------------------------------------
+
+
+def _either(unit: str) -> str:
+    """A unit of a rotation, and that of a translation."""
+    return f"{unit} or {unit.replace('N m', 'N').replace('rad', 'm')}"
+
+
+UNIT_OF_DAMPING = _either("N m s/rad")
+_STIFFNESS = Key("stiffness", number(above=0.0), "stiffness", _either("N m/rad"))
+_TWO = (
+    Key("low", number(above=0.0), "stiffness at small deflections", _either("N m/rad")),
+    Key("high", number(above=0.0), "stiffness at large deflections", _either("N m/rad")),
+    Key("break_at", number(above=0.0), "deflection at which the stiffness is the high one", _either("rad")),
+)
+_CUBIC = Key("cubic", number(least=0.0), "cubic coefficient", _either("N m/rad^3"))
+_GAP = Key("gap", number(least=0.0), "half width of the dead band", _either("rad"))
+_SMOOTHING = Key("smoothing", number(above=0.0), "width of the rounded corners", _either("rad"))
+_SPRINGS = {
+    "linear": Format("torque = stiffness d", (_STIFFNESS,), LinearSpring),
+    "cubic": Format("torque = stiffness d + cubic d^3", (_STIFFNESS, _CUBIC), CubicSpring),
+    "smooth": Format("stiffness low at zero, growing to high at the deflection break_at", _TWO, SmoothSpring),
+    "piecewise": Format("stiffness low up to the deflection break_at, high beyond", _TWO, PiecewiseSpring),
+    "backlash": Format(
+        "dead band of half width gap, with rounded corners", (_STIFFNESS, _GAP, _SMOOTHING), BacklashSpring
+    ),
+}
+_SOFT = replace(_STIFFNESS, type=number(least=0.0))  # without a gear
+SPRING = Kinds("spring with a stiffness > 0", _SPRINGS, strict=False, definition="spring")
+JOINT_SPRING = Kinds(
+    "spring",
+    _SPRINGS | {"linear": replace(_SPRINGS["linear"], keys=(_SOFT,))},
+    strict=False,
+    definition="joint_spring",
+)
+
+
+def _check_law(law: type[Friction], table: Table, here: Context) -> None:
+    """Raise an error for a number of a friction law that needs another one."""
+    keys = dataclasses.fields(law)
+    for key in keys:
+        for needed in key.metadata["needs"].split():
+            if here.values[key.name] and not here.values[needed]:
+                users = [other.name for other in keys if needed in other.metadata["needs"].split()]
+                raise table.fail(needed, f"a number > 0 beside {' or '.join(users)}")
+
+
+def _law(law: type[Friction]) -> Format:
+    """The table of a friction law: its keys are the fields of its class."""
+    rows = []
+    for one in dataclasses.fields(law):
+        about = one.metadata
+        kind = number(least=None if about["signed"] else 0.0)
+        rows.append(Key(one.name, kind, about["doc"], _either(about["unit"]), 0.0))
+    rows[-1] = replace(rows[-1], check=partial(_check_law, law))
+    return Format("friction torque against the speed", tuple(rows), law)
+
+
+def friction() -> Kinds:
+    """The friction laws."""
+    laws = {kind: _law(law) for kind, law in FRICTION_LAWS.items()}
+    return Kinds("friction law", laws, default=next(iter(laws)), strict=False, definition="friction")
+
+
+_RIGID = Format("no elasticity", (), lambda type: Gear(rigid=True))
+_ELASTIC = Format(
+    "a spring between motor and joint",
+    (
+        Key("side", choice("arm", "motor"), "the side of the gear to which spring and damping refer"),
+        Key("spring", sub(SPRING), "spring of the gear", note="the spring of the elastic gear"),
+        Key("damping", number(least=0.0), "damping in parallel with the spring", UNIT_OF_DAMPING, 0.0),
+    ),
+    make=lambda type, **values: Gear(False, **values),
+)
+GEAR = Kinds(
+    "gear",
+    {"rigid": _RIGID, "elastic": _ELASTIC},
+    foreign='type = "elastic", or a rigid gear without {}',
+    definition="gear",
+    typed=True,
+)
+
+
+# --- degrees of freedom -----------------------------------------------------------------------------------------------
+
+
+def _read_balance(table: Table, here: Context) -> None:
+    if not (here.values["sin"] or here.values["cos"]):
+        raise table.fail("sin", "lists sin and cos of torques of the harmonics 1, 2, ... of the angle [N m], or one")
+
+
+def _balance(sin: Vector, cos: Vector) -> tuple[tuple[float, float], ...]:
+    count = max(len(sin), len(cos))
+    padded = (row + (0.0,) * (count - len(row)) for row in (sin, cos))
+    return tuple(zip(*padded, strict=True))
+
+
+_HARMONIC = Key("sin", vector(range(1, HARMONICS + 1)), "torques of sin(k q), k = 1, 2, ...", "N m", ())
+COUNTERBALANCE = Format(
+    "counterbalance: torque on the arm by the angle",
+    (_HARMONIC, replace(_HARMONIC, name="cos", doc="torques of cos(k q), k = 1, 2, ...", check=_read_balance)),
+    make=_balance,
+    definition="counterbalance",
+)
+
+
+def _check_dof(table: Table, here: Context) -> None:
+    """Raise an error for crossed limits, and for a joint that is not either actuated or elastic."""
+    lower, upper = here.values["lower"], here.values["upper"]
+    if lower is not None and upper is not None and lower >= upper:
+        key = next(key for key in ("lower", "lower_rad", "lower_deg") if key in table)
+        raise table.fail(key, "a lower limit below the upper one")
+    if "gear" in table and "spring" in table:
+        raise table.fail("spring", "either a gear (actuated) or a spring (non-actuated)", "a spring beside a gear")
+    if "gear" not in table and "spring" not in table:
+        raise table.fail("gear", "either a gear (actuated) or a spring (non-actuated)")
+    if "gear" in table and "damping" in table:
+        raise table.fail("damping", "the key damping inside the gear", "damping beside a gear")
+
+
+def limits(kind: Type, unit: str) -> tuple[Key, Key]:
+    """Limits of the position of a joint."""
+    return Key("lower", kind, "lower limit", unit, None), Key("upper", kind, "upper limit", unit, None)
+
+
+FRICTION = Key("friction", sub(friction), "friction on the arm side", default=NO_FRICTION)
+RATES = (
+    Key("speed_max", number(above=0.0), "limit of the speed", "rad/s or m/s", None),
+    Key("acceleration_max", number(above=0.0), "limit of the acceleration", "rad/s^2 or m/s^2", None),
+)
+BALANCE = Key("counterbalance", sub(COUNTERBALANCE), "torque by the angle", default=())
+
+
+def _dof(kind: str, ends: tuple[Key, Key], unit: str, *more: Key) -> Format:
+    gear = "gear between the coordinate and its motor: the coordinate is actuated"
+    spring = "spring instead of a gear: the coordinate has no motor"
+    return Format(
+        f"a {kind}",
+        (
+            ends[0],
+            replace(ends[1], check=_check_dof),
+            Key("axis", direction(), "direction of the axis, any length"),
+            Key("gear", sub(GEAR), gear, default=None),
+            Key("spring", sub(JOINT_SPRING), spring, default=None),
+            Key("damping", number(least=0.0), "damping in parallel with the spring", unit, 0.0),
+            FRICTION,
+            *RATES,
+            *more,
+        ),
+        make=Dof,
+        either={"gear": (), "spring": ("damping",)},
+    )
+
+
+DOF = Kinds(
+    "degree of freedom",
+    {
+        "rotation": _dof("rotation", limits(angle(), "rad"), "N m s/rad", BALANCE),
+        "translation": _dof("translation", limits(number(), "m"), "N s/m"),
+    },
+    shared=(Key("name", name("coordinate"), "name of the coordinate"),),
+    definition="dof",
+    typed=True,
+)
+
+
+# --- elements ---------------------------------------------------------------------------------------------------------
+
+
+def _check_direction(table: Table, here: Context) -> None:
+    if any(other.direction == here.values["direction"] for other in here.before):
+        raise table.fail("direction", "each direction at most once")
+
+
+def _name_modes(table: Table, here: Context) -> None:
+    """Add the names of modal coordinates; ModelError where one cannot be a name."""
+    taken, element = here.names["coordinate"], list(here.names["element"])[-1]
+    for k in range(here.values["modes"]):
+        name = f"{element}_{here.values['direction']}{k + 1}"
+        problem = "a name that is not taken yet" if name in taken else identifier_problem(name)
+        if problem is not None:
+            raise table.fail("modes", problem, f"a modal coordinate {name}")
+        taken[name] = table
+
+
+def _check_ratio_of_damping(table: Table, here: Context) -> None:
+    if here.values["damping_ratio"] >= 1.0:
+        raise table.fail("damping_ratio", "a number >= 0 and below 1")
+
+
+BENDING = Format(
+    "bending",
+    (
+        Key("direction", choice("y", "z"), "axis of the deflection, across the beam", check=_check_direction),
+        Key("modes", whole(1, 8), "number of modes", check=_name_modes),
+        Key(
+            "damping_ratio",
+            number(least=0.0),
+            "damping ratio of each mode, below 1",
+            default=0.0,
+            check=_check_ratio_of_damping,
+        ),
+        Key("stiffness", number(above=0.0), "flexural stiffness EI", "N m^2"),
+    ),
+    make=Bending,
+)
+BEAM = Format(
+    "slender elastic link, clamped at the body frame",
+    (
+        Key("length", number(above=0.0), "length along the x axis of the body", "m"),
+        Key("mass_per_length", number(above=0.0), "mass per length", "kg/m"),
+        Key("bending", listed(BENDING), "bending in one direction"),
+    ),
+    make=Beam,
+)
+
+
+def _check_name(table: Table, here: Context) -> None:
+    if here.values["name"] == "base":
+        raise table.fail("name", "another name (base is the ground)")
+
+
+ELEMENT = Format(
+    "a link of the chain, from the base to the tool",
+    (
+        Key("name", name("element"), "name of the element", check=_check_name),
+        Key("dof", listed(DOF, least=0), "degrees of freedom, in their order", default=()),
+        Key("origin", sub(PLACEMENT), "from the tip of the previous element", default=Placement()),
+        Key("link", sub(PLACEMENT), "from the last degree of freedom to the body frame", default=Placement()),
+        Key("body", sub(BODY), "rigid body, in the body frame", default=Body()),
+        Key("beam", sub(BEAM), BEAM.doc, default=None),
+    ),
+    make=Element,
+)
+
+
+def check_size(table: Table, here: Context) -> None:
+    """Raise an error for a chain with too many coordinates."""
+    count = len(here.names["coordinate"])
+    if count > COORDINATES_MAX:
+        raise table.fail("element", f"at most {COORDINATES_MAX} coordinates", f"{count} coordinates")

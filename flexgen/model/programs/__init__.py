@@ -1,1 +1,0 @@
-"""Programs of moves in model files."""
