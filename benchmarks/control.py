@@ -20,7 +20,7 @@ from flexgen.benchmarks.leaderboard import shipped
 
 TARGET = Path(__file__).with_suffix(".md")
 ROBOTS = ("planar5_nmp", "manutec_r3_18", "manutec_r3_24")
-LOOPS = "One robot, P-PI in C at 0.5 ms, no noise; beside it a proportional controller as an object of Python."
+LOOPS = "One robot, P-PI in C at 0.5 ms, no noise; for comparison a proportional controller as an object of Python."
 
 
 def scores() -> str:

@@ -247,7 +247,7 @@ def spectra(quick: bool) -> str:
 
 
 def sensors(quick: bool) -> str:
-    """Sensors beside the motor encoders."""
+    """Sensors in addition to the motor encoders."""
     model = without_coulomb(ROBOT)
     options = {"poses": 2 if quick else POSES, "hardware": NOISE, "progress": False, **BAND}
     several = f"{options['poses']} poses"

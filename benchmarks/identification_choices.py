@@ -46,7 +46,7 @@ def spectra(model: RobotModel, options: dict[str, Any]) -> list[list[Any]]:
 
 
 def sensors(model: RobotModel, name: str, options: dict[str, Any]) -> list[list[Any]]:
-    """Predicted deviations with sensors beside the motor encoders, one pose and many."""
+    """Predicted deviations with sensors in addition to the motor encoders, one pose and many."""
     robot = replace(model, sensors=flexgen.read(name, overrides={"sensor": TOOL}).sensors)
     links = [f"link{k}" for k in range(1, 7)]
     rows = []

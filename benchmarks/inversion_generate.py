@@ -26,7 +26,7 @@ class GenerateRow:
 
 
 def generate_rows(quick: bool, say: Callable[[str], None]) -> list[GenerateRow]:
-    """Both builds, each in a process of its own with a cache of its own."""
+    """Both builds, each in a separate process with its own cache."""
     rows = []
     robot = QUICK_ROBOT if quick else ROBOT
     for native in (False, True):

@@ -35,7 +35,7 @@ class SolveRow:
 
 
 def solve_rows(quick: bool, say: Callable[[str], None]) -> list[SolveRow]:
-    """Each robot in a process of its own: its C is compiled before the first of the timed calls."""
+    """Each robot in a separate process: its C is compiled before the first of the timed calls."""
     import json
 
     rows = []

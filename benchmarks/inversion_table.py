@@ -194,7 +194,7 @@ after the path, gears and motors. Samples of the path are given. The mesh is the
 torques, of the default build, move the tool of the full model within 1 um and 1 urad of its path. The status is that
 of the C at its default tolerance. The last column is the largest difference of the torques of the native build from
 them, relative to the largest torque. The motion begins before the path where zeros are unstable. That of lq ends as in
-`solve`, where what is left of it moves the tool by less than 10 nm; that of bvp after fifteen time constants of the
+`solve`, once the remaining motion moves the tool by less than 10 nm; that of bvp after fifteen time constants of the
 slowest stable zero: slow vibrations of six axes take
 seconds, which are inverted too. The targets were set for motions of about 1.5 s per s of path.
 
@@ -221,7 +221,7 @@ everything.
 {peers(peer_rows)}
 ## Generating
 
-`flexgen.generate` with all functions, inversion and streaming, with an empty cache, in a process of its own; target: at
+`flexgen.generate` with all functions, inversion and streaming, with an empty cache, in a separate process; target: at
 most {WANTED_S:g} s on two cores. Processor time is that of all processes.
 
 {generated(generate_rows)}

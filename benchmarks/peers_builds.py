@@ -77,7 +77,7 @@ class Builds:
 
 
 def _with_headers(sources: list[Path]) -> list[Path]:
-    """The sources and the headers beside them that they include."""
+    """The sources and the headers of their folders that they include."""
     found = list(sources)
     for path in found:  # grows while it is read
         for name in re.findall(r'^#include "(.+)"', path.read_text(), re.MULTILINE):

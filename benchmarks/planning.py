@@ -1,4 +1,4 @@
-"""Planned motions beside other programs: writes benchmarks/planning.md (ten minutes).
+"""Planned motions compared with other programs: writes benchmarks/planning.md (ten minutes).
 
 ``python benchmarks/planning.py [INTERPRETER]``: an interpreter with opty for the rows of opty. Processor times of one
 thread, the least of several runs in this process.

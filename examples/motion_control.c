@@ -13,7 +13,7 @@
  *
  *   nominal        the robot is as its model; its motion is written to motion.csv
  *   saturated      the motors have less torque than the path needs at times
- *   windup         the same, and the integral parts of the feedback go on: a planted mistake
+ *   windup         the same, and the integral parts of the feedback continue: a planted mistake
  *   contact        a force of 100 N on the tool, against its motion; thresholds from the nominal run
  *   ignored        the same without a reaction: a planted mistake
  *

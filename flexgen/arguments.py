@@ -11,17 +11,17 @@ from flexgen.errors import ArgumentError
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a finite real number; true, false and texts are none, an array without dimensions is one."""
+    """Whether a value is a finite real number; true, false and texts are not, an array without dimensions is."""
     if getattr(value, "shape", None) == () and callable(getattr(value, "item", None)):
         value = value.item()
     try:
         return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-    except OverflowError:  # an integer that is no float
+    except OverflowError:  # an integer too large for a float
         return False
 
 
 def is_whole(value: Any, least: int = 1, most: int = 2**31 - 1) -> bool:
-    """Whether a value is a whole number in a range; true and false are none."""
+    """Whether a value is a whole number in a range; true and false are not."""
     return isinstance(value, Integral) and not isinstance(value, bool) and least <= int(value) <= most
 
 

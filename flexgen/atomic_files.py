@@ -1,6 +1,6 @@
 """Files that are written completely or not at all, and temporary files of killed processes.
 
-A file is written beside its target under a temporary name, forced to the disk (fsync) and then renamed: at any instant
+A file is written next to its target under a temporary name, forced to the disk (fsync) and then renamed: at any instant
 the target is the old file or the new one. A full disk or a killed process leaves the old file as it was.
 
 The process that owns a temporary file or folder holds a lock on it (flock), which the system releases when the process
@@ -99,8 +99,8 @@ def atomic_file(path: str | Path) -> Iterator[BinaryIO]:
 def followed(path: str | Path) -> Path:
     """What a path to be written leads to, without symbolic links.
 
-    A link in a folder that everybody may write (such as /tmp) is followed only where it belongs to the user or to root:
-    another user could have it lead to any file of this user.
+    A link in a folder that every user may write (such as /tmp) is followed only where it belongs to the user or to
+    root: another user could have it lead to any file of this user.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def followed(path: str | Path) -> Path:
         if folder.st_mode & stat.S_IWOTH and found.st_uid not in (0, os.geteuid()):
             raise ArgumentError(
                 f"output: given {str(path)!r}, on whose way {str(here)!r} is a symbolic link of the user "
-                f"{found.st_uid} in a folder that everybody may write, expected no link or one of your own; "
+                f"{found.st_uid} in a folder that every user may write, expected no link or one of your own; "
                 "choose another path"
             )
         links += 1

@@ -98,7 +98,7 @@ def time_left() -> float:
 
 @contextmanager
 def _interrupts_recorded(deadline: Deadline) -> Iterator[None]:
-    """Within: Ctrl-C is recorded in the deadline, beside what its handler does."""
+    """Within: Ctrl-C is recorded in the deadline, and its handler is called."""
     handler = signal.getsignal(signal.SIGINT)
     if not callable(handler) or threading.current_thread() is not threading.main_thread():
         yield

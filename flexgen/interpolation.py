@@ -38,7 +38,7 @@ def interpolate(
     Raises
     ------
     ArgumentError
-        An instant is no number or outside of the trajectory.
+        An instant is not a number or outside of the trajectory.
     """
     try:
         at = np.asarray(t, dtype=float)

@@ -1,7 +1,7 @@
 """Arrays of ``.npz`` files, whose sizes are checked before memory is taken for them.
 
 An npz file is a zip archive of npy files. Neither the sizes in the archive nor the shapes in the headers of the arrays
-are believed: an array is read only where its header, its size in the archive and the limits of the caller agree, and
+are trusted: an array is read only where its header, its size in the archive and the limits of the caller agree, and
 nothing is unpickled.
 """
 
@@ -29,7 +29,7 @@ _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # those of numpy; others 
 
 
 class NpzError(ValueError):
-    """The file is no npz file, or larger than allowed: what was given and what was expected."""
+    """The file is not an npz file, or larger than allowed: what was given and what was expected."""
 
     def __init__(self, given: str, expected: str) -> None:
         self.given, self.expected = given, expected
@@ -77,7 +77,7 @@ def read_npz(
 
 
 def _check_directory(path: Path, size_max: int) -> None:
-    """Refuse what is no zip archive, or one whose table of contents is too long to be read."""
+    """Refuse a file that is not a zip archive, or one whose table of contents is too long to be read."""
     size = path.stat().st_size
     if size > size_max:
         raise NpzError(f"a file of {size} bytes", f"at most {size_max}")

@@ -51,8 +51,8 @@ def identifier_problem(text: str) -> str | None:
 def c_name_problem(text: str) -> str | None:
     """Why ``text`` may not be an identifier in the emitted C, or None where it may.
 
-    For the names of libraries, functions and arrays: an identifier that is no keyword of C or C++ and no name of the C
-    library.
+    For the names of libraries, functions and arrays: an identifier that is neither a keyword of C or C++ nor a name of
+    the C library.
     """
     problem = identifier_problem(text)
     if problem is None and text in _RESERVED:

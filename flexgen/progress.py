@@ -25,7 +25,7 @@ _inside: ContextVar[bool] = ContextVar("inside", default=False)  # a call that r
 
 
 def is_interactive() -> bool:
-    """Whether somebody watches: standard error is a terminal, or this is a notebook."""
+    """Whether messages are seen: standard error is a terminal, or this is a notebook."""
     if _in_notebook():
         return True
     with suppress(AttributeError, ValueError, OSError):  # no stream, or a closed one

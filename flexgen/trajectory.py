@@ -186,7 +186,7 @@ class Trajectory:
 
     @staticmethod
     def load(path: str | Path) -> Trajectory:
-        """Read a file that `save` wrote; ArgumentError where the file is no trajectory or was cut."""
+        """Read a file that `save` wrote; ArgumentError where the file is not a trajectory or was cut."""
         path = Path(path)
         content = trajectory_files.read(path)
         try:

@@ -74,7 +74,7 @@ def write(
     Raises
     ------
     ArgumentError
-        The name has another ending, the path is no regular file, or it cannot be written.
+        The name has another ending, the path is not a regular file, or it cannot be written.
     """
     from flexgen.atomic_files import atomic_file
 
@@ -138,7 +138,7 @@ def read(path: Path) -> Content:
     Raises
     ------
     ArgumentError
-        There is no such file, or it is no trajectory, damaged, or too large; the text names the file.
+        There is no such file, or it is not a trajectory, damaged, or too large; the text names the file.
     """
     from flexgen.npz_files import NpzError
 
@@ -156,7 +156,7 @@ def read(path: Path) -> Content:
         raise ArgumentError(f"{path}: {error}") from None
     except NpzError as error:
         raise ArgumentError(
-            f"{path}: given a file that is no trajectory of flexgen ({error.given}), expected {error.expected}"
+            f"{path}: given a file that is not a trajectory of flexgen ({error.given}), expected {error.expected}"
         ) from None
     except OSError as error:
         raise ArgumentError(
@@ -164,7 +164,7 @@ def read(path: Path) -> Content:
         ) from None
     except (ValueError, TypeError, KeyError, csv.Error, RecursionError) as error:
         raise ArgumentError(
-            f"{path}: given a file that is no trajectory of flexgen ({type(error).__name__}), "
+            f"{path}: given a file that is not a trajectory of flexgen ({type(error).__name__}), "
             "expected a file that 'flexgen solve MODEL --out FILE' wrote"
         ) from error
 
@@ -197,13 +197,13 @@ def _read_npz(path: Path) -> Content:
         if name not in arrays:
             raise ArgumentError(f"channel {name}: given no array of this name, expected one")
         if not (isinstance(unit, str) and isinstance(doc, str) and all(type(n) is int for n in shape)):
-            raise ArgumentError(f"channel {name}: given a port that is none, expected [shape, unit, meaning]")
+            raise ArgumentError(f"channel {name}: invalid port description, expected [shape, unit, meaning]")
         ports[name] = Port(name, tuple(shape), unit, doc)
     units = _object("units", head.get("units", {}))
     for what, lists in (("labels", labels), ("units", units)):
         for name, words in lists.items():
             if not (isinstance(words, list) and all(isinstance(word, str) for word in words)):
-                raise ArgumentError(f"channel {name}: given {what} that are none, expected a list of texts")
+                raise ArgumentError(f"channel {name}: given {what} that are not a list of texts, expected one")
     numbers = {name: np.asarray(values, dtype=float) for name, values in arrays.items()}
     channels = {k: numbers[k] for k in ports}
     texts = [{k: tuple(v) for k, v in lists.items()} for lists in (labels, units)]
@@ -235,7 +235,7 @@ def _read_csv(path: Path) -> Content:
         first = _line(stream, 1)
         if not first.startswith("#"):
             raise ArgumentError(
-                "line 1: given a file that is no trajectory of flexgen (no comment), expected '# {...}' with the meta "
+                "line 1: given a file that is not a trajectory of flexgen (no comment), expected '# {...}' with meta "
                 "data in JSON"
             )
         meta = _object("line 1", json.loads(first.removeprefix("#")))
@@ -254,7 +254,7 @@ def _read_csv(path: Path) -> Content:
             if len(row) != len(header):
                 raise ArgumentError(f"line {number}: given {len(row)} columns, expected {len(header)}")
             try:
-                if "_" in line:  # Python reads 1_000 as a number, nobody else does
+                if "_" in line:  # only Python reads 1_000 as a number
                     raise ValueError
                 numbers.extend([float(x) for x in row])
             except ValueError:

@@ -13,7 +13,7 @@ from typing import Any, Union
 
 from flexgen.arguments import is_number, is_whole
 
-LARGEST = 2**63 - 1  # whole numbers beyond are no count and no seed
+LARGEST = 2**63 - 1  # largest whole number accepted as a count or seed
 UNWRITABLE = "a text in UTF-8 without the character 0"
 
 
@@ -158,7 +158,7 @@ def _union(parts: Sequence[Check | None]) -> Check | None:
 
 # --- arrays and collections -------------------------------------------------------------------------------------------
 def _is_array(value: Any) -> bool:
-    """Whether a value is an array of numbers, or becomes one; infinite ones are no bounds."""
+    """Whether a value is an array of numbers, or becomes one; infinite values are not accepted as bounds."""
     import numpy as np
 
     if isinstance(value, str | bytes | bytearray | Mapping):

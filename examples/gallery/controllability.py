@@ -8,7 +8,7 @@ import flexgen
 QUESTION = "Do the motors reach every vibration of the arm, in every pose?"
 LITERATURE = """
 M. Hautus, Indag. Math. 31, 1969: a linear system is controllable where [s - A, B] has full rank at every eigenvalue
-s. The table has the smallest singular value of this matrix, scaled, and beside it the rank of Kalman's matrix,
+s. The table has the smallest singular value of this matrix, scaled, and the rank of Kalman's matrix,
 another route: it is the number of states where the robot is controllable. Regular: the inverse dynamics exists at the
 pose. The picture shows that the two differ: where the arm is stretched or folded it is controllable, but no torque
 gives the tool every acceleration.

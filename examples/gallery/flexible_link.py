@@ -25,7 +25,7 @@ def beam(modes: int) -> Equations:
 
 
 def show(page: Page) -> None:
-    """Frequencies with a clamped hub beside the exact ones; zeros from the hub's motor to the tip."""
+    """Frequencies with a clamped hub compared with the exact ones; zeros from the hub's motor to the tip."""
     rows, zeros = [], []
     exact = EXACT**2 / 0.8**2 * np.sqrt(200.0 / 1.0) / (2 * np.pi)  # length 0.8 m, EI 200 N m^2, 1 kg/m
     for n in MODES:

@@ -17,7 +17,7 @@ RATIO = 220.0  # of the gear of four_mass: the law is given on the motor side
 
 
 def show(page: Page) -> None:
-    """Modes of the linear variants beside the published ones; gear torque and friction torque as curves."""
+    """Modes of the linear variants compared with the published ones; gear torque and friction torque as curves."""
     rows = []
     for name in ("four_mass@low", "four_mass@high", "four_mass"):
         modes = [f for f, _ in flexgen.analyze(name).modes]

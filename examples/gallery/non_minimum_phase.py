@@ -17,7 +17,7 @@ CONSTANTS = (2.0, 4.0, 6.0, 8.0)  # time constants before the path
 
 
 def show(page: Page) -> None:
-    """The torque before the path, beside the exponential that the unstable zero predicts."""
+    """The torque before the path, compared with the exponential that the unstable zero predicts."""
     model = flexgen.read("planar5_nmp@soft")
     report = flexgen.analyze(model, model.move("line").start).zeros
     constant = report.unstable_time_constant_s

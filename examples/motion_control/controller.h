@@ -28,7 +28,8 @@ enum {
 
 typedef enum { RUNNING, BRAKING, HOLDING } controller_state;
 
-/* Status of a cycle, beside those of the library and NOT_IN_BUFFER: below OK the robot stops, AT_LIMIT is a warning. */
+/* Status of a cycle, in addition to those of the library and NOT_IN_BUFFER: below OK the robot stops, AT_LIMIT is a
+ * warning. */
 enum {
     BAD_READING = NOT_IN_BUFFER - 1,
     MISSED_CYCLES = NOT_IN_BUFFER - 2,

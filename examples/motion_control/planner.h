@@ -26,7 +26,7 @@ enum {
     RING = READY + 2 * PARTS, /* samples of the buffer */
     MEMORY = (int)SIZE(STREAM_SIZE)(INTERVALS, PARTS),
     WORK = 2 * SIZE(BATCH_WORK), /* enough for the interpolator and for all functions of one point */
-    NOT_IN_BUFFER = -1000        /* a status of this program, beside those of the library */
+    NOT_IN_BUFFER = -1000        /* a status of this program, not of the library */
 };
 
 static const double CYCLE = 1e-3; /* s */

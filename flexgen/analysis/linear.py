@@ -92,7 +92,7 @@ def sort_roots(values: np.ndarray) -> np.ndarray:
 def modes(values: np.ndarray) -> list[tuple[float, float]]:
     """(natural frequency [Hz], damping ratio) of each oscillatory pair among the poles, rising.
 
-    A double pole at the origin that rounding has split is no mode.
+    A double pole at the origin that rounding has split is not a mode.
     """
     fastest = max((abs(z) for z in values), default=0.0)
     pairs = [z for z in values if z.imag > 1e-6 * abs(z) and abs(z) > 1e-7 * fastest]

@@ -202,7 +202,7 @@ def controllability(linear: LinearModel) -> float:
 def _drive(equations: Equations, stiffness: np.ndarray) -> tuple[np.ndarray, tuple[int, ...]]:
     """G (n_g, n_g) and the relative degree of each gear; ``stiffness`` (n_g,): of the gear springs.
 
-    The columns of rigid gears stand for the motors behind them, in their order.
+    The columns of rigid gears are those of the motors behind them, in their order.
     """
     model, damping = equations.model, gear_damping(equations)
     G, degree = np.zeros((model.n_g, model.n_g)), []

@@ -180,7 +180,7 @@ def preview(time_constant: float, share: float = PREVIEW_SHARE) -> float:
 
         exp(-T / tau) = share,    T = tau ln(1 / share),
 
-    so that what lies beyond T changes the present motion by a ``share`` of itself: 14 time constants for 1e-6.
+    so that the effect of inputs beyond T is reduced by the factor ``share``: 14 time constants for 1e-6.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ def draws_of(scenario: Scenario, seed: int) -> tuple[Draw, ...]:
 
 
 def secret_seed() -> int:
-    """A seed that nobody knows before the run: from the entropy of the operating system."""
+    """A seed that is unknown before the run: from the entropy of the operating system."""
     return secrets.randbits(62)
 
 

@@ -226,7 +226,7 @@ def score(
     controller : str or object
         ``"reference"``, the name of a controller of the benchmark (see `leaderboard`), a path of a ``.toml`` or ``.py``
         file (``file.py:Class``) or of a shared library, or an object as `flexgen.control` takes. Python and shared
-        libraries run in a process of their own.
+        libraries run in a separate process.
     version : int, optional
         Of the benchmark; default: the newest. ``"four_mass@1"`` is version 1 too.
     seed, steps : int, optional

@@ -93,7 +93,7 @@ def tune(
     evaluations : int
         Of the score, from each start.
     starts : int
-        Simplices: the first begins at the controller, the others at random beside it.
+        Simplices: the first begins at the controller, the others at random points near it.
     workers : int
         Processes.
     executor : optional
@@ -106,7 +106,7 @@ def tune(
     Raises
     ------
     ArgumentError
-        The controller is no cascade, a number is out of range, or the executor has no ``submit``.
+        The controller is not a cascade, a number is out of range, or the executor has no ``submit``.
     """
     tell = progress if callable(progress) else None
     for key, value, most in (("evaluations", evaluations, MOST), ("starts", starts, 1000), ("workers", workers, 512)):

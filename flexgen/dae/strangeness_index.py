@@ -15,7 +15,7 @@ shows that
     a = rank [N M] - rank M,      d = rank [N M; F_x' 0] - rank [N M]
 
 where every entry is exact but for rounding. Each rank comes with the gap in the singular values that it rests on; a
-rank without a clear gap is no rank, and the verdict is "undecided".
+rank without a clear gap is not accepted, and the verdict is "undecided".
 
 Source: P. Kunkel, V. Mehrmann, Differential-Algebraic Equations, EMS 2006, section 4.3 (the hypothesis).
 """

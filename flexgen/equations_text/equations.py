@@ -52,7 +52,7 @@ class SymbolicEquations:
         Inertia (n_a, n_a), coupling to the rotors (n_a, n_m); velocity terms, gravity, joint friction, drag of the
         bodies (n_a, 1).
     deflections : dict
-        Twist symbols of nonlinear gear springs and what they stand for.
+        Twist symbols of nonlinear gear springs and their expressions.
     torques : tuple of Expr or None
         Spring and damper torques of elastic gears and non-actuated elements, as they act on the arm.
     motor_equations : tuple of Expr

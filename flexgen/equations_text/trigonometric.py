@@ -28,7 +28,7 @@ Rows = Sequence[Sequence[int]]
 Levels = Sequence[Sequence[sp.Symbol] | None]
 Waves = dict[tuple[int, ...], list[Element]]
 
-MAX_TERMS = 3000  # in one polynomial: beyond, nobody reads the result
+MAX_TERMS = 3000  # in one polynomial: longer expressions are not readable
 MAX_TERMS_TIDIED = 250  # up to here all forms are tried and factored
 MAX_TERMS_FACTORED = 24
 
@@ -160,7 +160,7 @@ class TrigonometricRing:
         return _times(common, min(found, key=sp.count_ops))
 
     def _best(self, p: Element, orders: Sequence[Levels]) -> sp.Expr:
-        """The shortest form of ``p``, collected in one of the orders; None in an order stands for sines and cosines."""
+        """The shortest form of ``p``, collected in one of the orders; None in an order means sines and cosines."""
         if len(p) <= 1 and not any(any(m[self.n :]) for m in p):
             return p.as_expr()
         found = []
@@ -172,7 +172,7 @@ class TrigonometricRing:
         return min(found, key=sp.count_ops)
 
     def _forms(self, p: Element) -> Iterator[tuple[Element, dict[sp.Dummy, sp.Expr]]]:
-        """Equal forms of ``p``: polynomials with dummies, and what the dummies stand for."""
+        """Equal forms of ``p``: polynomials with dummies, and the expressions of the dummies."""
         if len(p) > MAX_TERMS_TIDIED:
             yield p, self._functions(self._bases[0][0])
             return
@@ -209,7 +209,7 @@ class TrigonometricRing:
             yield q, self._functions(basis)
 
     def _functions(self, basis: Rows) -> dict[sp.Dummy, sp.Expr]:
-        """What the generators of cosines and sines stand for where they mean sums of the angles."""
+        """Expressions of the generators of cosines and sines where they mean sums of the angles."""
         angles = [sum((k * a for k, a in zip(row, self.angles, strict=True)), sp.Integer(0)) for row in basis]
         values = [f(angle) for angle in angles for f in (sp.cos, sp.sin)]
         return dict(zip(self._trig, values, strict=True))

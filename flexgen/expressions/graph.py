@@ -1,6 +1,6 @@
 """The operations of a function as a graph without repetition, read from CasADi's instruction list.
 
-Every value is computed once (also ``b + a`` beside ``a + b``, and ``b - a`` beside ``a - b``), signs are moved out of
+Every value is computed once (``b + a`` counts as ``a + b``, and ``b - a`` as ``-(a - b)``), signs are moved out of
 products, constants are folded. None of this changes a result by more than rounding.
 """
 
@@ -100,7 +100,7 @@ class Graph:
         return 2 * found + (1 if x < 0 else 0)
 
     def number(self, r: Reference) -> float | None:
-        """The number that a reference stands for, or None where it is computed at run time."""
+        """The value of a reference, or None where it is computed at run time."""
         x = self.value.get(r >> 1)
         return None if x is None else (-x if r & 1 else x)
 

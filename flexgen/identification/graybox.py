@@ -229,7 +229,7 @@ def _with_model_error(
     """The size of the model error, the residuals with it in their weights, and their fit.
 
     First one part of ``|G|`` for all elements, for which the cost is 1 for each degree of freedom. Then, for each
-    element by itself, what its residuals have beside the noise, averaged over neighboring lines: friction and missing
+    element by itself, the part of its residuals above the noise, averaged over neighboring lines: friction and missing
     springs do not disturb all channels in the same way.
     """
     residual, averaged = plain.kind, plain.deflection_sd
@@ -267,7 +267,7 @@ def _status(fit: Fit, cost: float, error: float, data: Frf) -> FitStatus:
 
 
 def _hidden(vector: ParameterVector) -> tuple[str, ...]:
-    """A sentence on viscous frictions that stand beside Coulomb friction."""
+    """A sentence on viscous frictions of joints that have Coulomb friction."""
     names = [name for name in with_coulomb(vector.model) if name in vector.names]
     if not names:
         return ()

@@ -417,7 +417,7 @@ def _validated(
 
 
 def _percent(y: np.ndarray, errors: np.ndarray) -> tuple[float, ...]:
-    """``100 (1 - |e| / |y - straight line|)`` of each output: slow motion is no merit of the model."""
+    """``100 (1 - |e| / |y - straight line|)`` of each output: slow motion does not count for the model."""
     n = np.arange(y.shape[1], dtype=float)
     A = np.stack([np.ones_like(n), n], axis=1)
     away = y - np.einsum("ab,sbj->saj", A @ np.linalg.pinv(A), y)

@@ -3,7 +3,7 @@
     theta = exp(x) (scale "log"), theta = x (scale "linear")
 
 Names are those of `flexgen.mechanics.parameters`, and those of the drives: ``delay`` [s], ``<motor>.torque_constant``
-(torque of the motor over the recorded one), ``<sensor>.delay`` [s] (from the motion to the sample, beside that of the
+(torque of the motor over the recorded one), ``<sensor>.delay`` [s] (from the motion to the sample, added to that of the
 motors' angles; ``sensor_delay``: of all sensors), and the gains of `flexgen.loop.controllers.Cascade`:
 ``<motor>.position_gain``, ``.speed_gain``, ``.integral_gain``, for fits in closed loop.
 """

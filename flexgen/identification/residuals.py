@@ -41,7 +41,7 @@ class Residuals:
     floor : float
         Model error: part of ``|G|`` that is added to the standard deviations.
     extra : array (k, lines, n_m, n_m), optional
-        Variance of each element beside its noise.
+        Variance of each element in addition to its noise.
     deflection_sd : array (k, springs), optional
         Deviations over which springs that are not linear are averaged; see `average_springs`.
     """

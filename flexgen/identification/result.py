@@ -240,7 +240,7 @@ class Identified(Estimated):
         """Whether the data do not determine a parameter: the model keeps the value of its file.
 
         By its standard deviation, or because frequency responses show the mean slope of a friction law only: the
-        viscous friction beside Coulomb friction takes what is wrong in the latter.
+        viscous friction, fitted together with Coulomb friction, absorbs the errors of the latter.
         """
         hidden = self.weights != TIME_DOMAIN and name in with_coulomb(self.vector.model)
         return hidden or super().is_weak(name)

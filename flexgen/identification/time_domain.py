@@ -236,7 +236,7 @@ def refine(
     cost = fit.cost / degrees
     prior = np.diag(vector.prior_sd**-2.0)
     inverse = np.linalg.inv(fit.A + prior)
-    # A cost above one: what is left is no noise; the standard deviations grow with it.
+    # A cost above one: the residual is not only noise; the standard deviations grow with it.
     covariance = inverse @ (0.5 * max(cost, 1.0) * fit.A + prior) @ inverse
     return replace(
         found,

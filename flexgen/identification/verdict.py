@@ -1,4 +1,4 @@
-"""What an identification is worth: the tool error of feedforward with the identified model.
+"""Tool error of feedforward with the identified model.
 
 The torques of a move are computed with several models and sent to a robot whose motors are controlled. The robot is
 the true one, where it is known (a simulated experiment), or robots that are drawn from the covariance of the

@@ -128,7 +128,9 @@ def kinematics(
     if p.shape != (3,) or R.shape != (3, 3) or not (np.isfinite(p).all() and np.isfinite(R).all()):
         raise ArgumentError(f"pose: given shapes {p.shape}, {R.shape}, expected (3,) and (3, 3), finite")
     if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0:
-        raise ArgumentError("rotation: given a matrix that is no rotation, expected orthogonal columns, right-handed")
+        raise ArgumentError(
+            "rotation: given a matrix that is not a rotation, expected orthogonal columns, right-handed"
+        )
     names = [robot.coordinates[i].name for i in robot.i_g]
     for name in fixed or {}:
         if name not in names:

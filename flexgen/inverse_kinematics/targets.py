@@ -83,7 +83,7 @@ def check_configuration(model: RobotModel, q_g: np.ndarray, configuration: Seque
 
 
 def _check(model: RobotModel, target: PoseTarget, wrong: Failure) -> None:
-    """Raise the error of a target that is none."""
+    """Raise the error of an invalid target."""
     if len(model.i_g) != JOINTS:
         raise wrong("position", target.position, "end, because the arm has not six actuated coordinates")
     if len(target.position) != 3 or not np.isfinite(target.position).all():

@@ -1,7 +1,7 @@
 """The end of a solution: at equilibrium, where the motion after the path has decayed.
 
 After the path the output rests and the torques follow the motion of the stable zeros until it has decayed. The last
-sample is the equilibrium, whose torque a controller holds from there on. What is left of the motion moves the tool: by
+sample is the equilibrium, whose torque a controller holds from there on. The remaining motion moves the tool: by
 about the displacement of the output that the deflections still make, and by the velocity that they have, over the time
 that the torque is held. Joints whose torque is held keep their momentum: their mean velocity is that of D v_e, even
 where the output does not depend on the deflections, as where the joints are the output.

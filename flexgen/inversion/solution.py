@@ -47,7 +47,7 @@ class Solution:
     trajectory : Trajectory
         Channels ``q_a v_a a_a q_m v_m a_m tau_m tau_g y_ref (R_ref)``.
     residual_max_Nm : float [N m, or N for translations]
-        Largest residual of the full equations of motion half way between the samples.
+        Largest residual of the full equations of motion at the midpoints between the samples.
     residual_relative : float
         The same, each row relative to the largest torque in it.
     iterations : int
@@ -269,7 +269,7 @@ class Solution:
 
 
 def residual_rows(equations: Equations, trajectory: Trajectory) -> np.ndarray:
-    """Largest residual of each equation of motion, (dof,), half way between the samples [N m or N].
+    """Largest residual of each equation of motion, (dof,), at the midpoints between the samples [N m or N].
 
     Motion by quintic Hermite interpolation of each channel with its speed and acceleration, torque as in `simulate`,
     independent of the solver. Rows: arm coordinates, then the motors behind elastic gears.
@@ -304,7 +304,7 @@ def _residual_rows(
 
 
 def _half_way(h: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The quintic Hermite interpolant of samples and its two derivatives half way between them, (n - 1, n_q) each."""
+    """Quintic Hermite interpolant of samples and its two derivatives at the midpoints, (n - 1, n_q) each."""
     q0, q1, v0, v1, a0, a1 = q[:-1], q[1:], v[:-1], v[1:], a[:-1], a[1:]
     return (
         (q0 + q1) / 2 + 5 * h / 32 * (v0 - v1) + h**2 / 64 * (a0 + a1),

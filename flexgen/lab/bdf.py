@@ -80,7 +80,7 @@ def march(
     Raises
     ------
     SolverError
-        Newton's method did not converge; the text says when.
+        Newton's method did not converge; the text names the instant.
     """
     c = np.array((coefficients or COEFFICIENTS)[order])
     h, n = float(t[-1] - t[0]) / (len(t) - 1), dae.n

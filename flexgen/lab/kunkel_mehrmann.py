@@ -72,7 +72,7 @@ def integrate(
     Raises
     ------
     SolverError
-        Newton's iteration does not converge, or a rank changes; the text says when.
+        Newton's iteration does not converge, or a rank changes; the text names the instant.
     """
     table = table or radau(STAGES)
     dae, mu, n, s = system.dae, system.mu, system.n, len(table.c)

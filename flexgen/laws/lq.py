@@ -7,8 +7,8 @@
 
 Everything is sampled with the hold and the delay of the controller; the torques under way are states. The filter's
 noises: torques of a twentieth of the largest, disturbances that grow by the largest torque in a second, a force of 50 N
-on the tool, the noise of the encoders, and ten times the noise of the sensors (a filter that believes an accelerometer
-becomes unstable where the stiffness is another one).
+on the tool, the noise of the encoders, and ten times the noise of the sensors (low accelerometer noise
+makes the filter sensitive to stiffness errors).
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ def _vector(given: Sequence[float] | np.ndarray, name: str, n: int, signed: bool
 
 
 def _check_vector(given: Any, name: str, signed: bool = False) -> None:
-    """ArgumentError for gains that are not numbers in a row; None stands for no gains."""
+    """ArgumentError for gains that are not numbers in a row; None means no gains."""
     if given is None:
         return
     row = isinstance(given, list | tuple) or (isinstance(given, np.ndarray) and given.ndim == 1)

@@ -80,8 +80,8 @@ class Trial:
     """One tuning under one setting.
 
     ``family``: of `FAMILIES`; ``tuning``; ``error_m`` of each robot, NaN where it failed; ``dynamic_error_m``: the same
-    without static errors; ``torque_noise_Nm``: largest peak-to-peak torque of a motor at rest; ``refused``: why there
-    was no run.
+    without static errors; ``torque_noise_Nm``: largest peak-to-peak torque of a motor at rest; ``refused``: reason
+    why there was no run.
     """
 
     setting: Setting

@@ -33,10 +33,10 @@ NATIVE = ("-std=c99", "-O3", "-march=native", "-ffp-contract=fast", "-fno-math-e
 SOLVERS, SOLVER_FLAGS = ("inversion.c",), ("-funroll-loops",)
 # Without these passes of GCC the hand-written sources compile in a fifth less time, and are as fast.
 QUICK_FLAGS = ("-fira-region=one", "-fno-gcse", "-fno-tree-pre", "-fno-rename-registers", "-fno-web")
-# The emitted mathematics is straight on and in good order: what GCC does beyond this level takes a third of the time of
-# the compilation and makes nothing faster (other compilers inline less at it).
+# The emitted mathematics is straight-line code in good order: what GCC does beyond this level takes a third of the time
+# of the compilation and makes nothing faster (other compilers inline less at it).
 STRAIGHT_FLAGS = ("-O1", "-fschedule-insns2")
-# It computes nothing twice and nothing in vain: without the passes of GCC that look for this, the functions of the
+# The emitted code has no common subexpressions and no dead code: without GCC's passes for these, the functions of the
 # library compile in a seventh less time, and are as fast.
 LEAN_FLAGS = (
     "-fno-tree-ccp",
@@ -82,12 +82,12 @@ class Compiler:
     flags : tuple of str
         All flags, those of ``$CC`` first.
     identity : str
-        SHA-256 of what its output depends on beside the sources: version, flags, target (with ``-march=native`` the
+        SHA-256 of what its output depends on besides the sources: version, flags, target (with ``-march=native`` the
         processor), and the system's headers.
     instruction_sets : tuple of str
         Vector instruction sets of x86-64 that the output uses; names as in `flexgen.runtime.processor`.
     straight, functions, solvers, others : tuple of str
-        More flags, for sources with emitted mathematics beside other C, for those with the mathematics of a function
+        More flags, for sources with emitted mathematics and other C, for those with the mathematics of a function
         alone, for `SOLVERS`, and for the other hand-written sources.
     """
 
@@ -292,7 +292,7 @@ def _compile(
     *,
     fresh: bool,
 ) -> None:
-    """The object of each source in a folder beside it: from the cache, or compiled."""
+    """The object of each source, in the source's folder: from the cache, or compiled."""
     missing = [file for file in sources if fresh or not stored.fetch(folder / file)]
     workers = max(2, os.cpu_count() or 1)
     known = f", {len(sources) - len(missing)} known" * (len(missing) < len(sources))

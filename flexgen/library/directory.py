@@ -1,7 +1,8 @@
 """The directory of a library: only files that flexgen wrote there are replaced or removed, all of them or none.
 
-Files belong to flexgen where the manifest of the same library lists them, where they say that flexgen wrote them, or
-where they have the very bytes that are to be written. Everything else is somebody's own: it is refused, not replaced.
+Files belong to flexgen where the manifest of the same library lists them, where they state that flexgen wrote them, or
+where they have exactly the bytes that are to be written. All other files belong to the user: they are refused, not
+replaced.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from flexgen.atomic_files import remove_leftovers, staging_folder
 from flexgen.errors import BuildError
 
 MANIFEST = "manifest.json"
-OPEN = 0o775  # largest rights of files and folders, whatever the umask: what everybody may write is not loaded
+OPEN = 0o775  # largest rights of files and folders, whatever the umask: what every user may write is not loaded
 SOURCES = "src"  # folder of the private files
 MANIFEST_MAX = 20_000_000  # bytes
 
@@ -97,7 +98,7 @@ def unchanged(directory: Path, files: Mapping[str, str]) -> bool:
 
 
 def check_owned(directory: Path, name: str, texts: Mapping[str, str], old: Mapping[str, Any] | None) -> None:
-    """Refuse to replace files that are somebody's own.
+    """Refuse to replace files that flexgen did not write.
 
     Parameters
     ----------
@@ -134,7 +135,7 @@ def check_owned(directory: Path, name: str, texts: Mapping[str, str], old: Mappi
 
 
 def _is_marked(path: Path, name: str) -> bool:
-    """Whether a file says at its top that flexgen wrote it for this library."""
+    """Whether a file states at its top that flexgen wrote it for this library."""
     try:
         with path.open("rb") as stream:
             head = stream.read(_HEAD)

@@ -270,7 +270,7 @@ def _check_choices(precision: str, parameters: Sequence[str], isa: str, equation
         raise ArgumentError(f"precision: given {precision!r}, expected one of {', '.join(PRECISIONS)}")
     _names("parameters", parameters)
     if parameters and equations is not None:
-        raise ArgumentError("parameters: given beside equations, expected them in derive(model, parameters)")
+        raise ArgumentError("parameters: given together with equations, expected them in derive(model, parameters)")
 
 
 def _names(argument: str, given: Any) -> list[Any]:

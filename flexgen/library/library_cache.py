@@ -19,7 +19,7 @@ IN_USE = 3600.0  # s: what was used that lately stays, whatever the limits
 
 
 def mark_used(library: Path) -> None:
-    """Say that a library is in use now; nothing where there is none yet."""
+    """Mark a library as in use now; without effect where it does not exist yet."""
     with suppress(OSError):
         os.utime(library)
 
@@ -45,8 +45,8 @@ def prune(folder: Path) -> None:
 def _removed(path: Path) -> bool:
     """Remove a library unless it is in use.
 
-    It is taken away under another name first, so that nobody finds half of it, and put back where somebody said in
-    that moment that it is in use; by then there may be a new one in its place.
+    It is renamed first, so that no process finds half of it, and restored if another process marks it as in use in the
+    meantime; by then there may be a new one in its place.
     """
     if _in_use(path):
         return False

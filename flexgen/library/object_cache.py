@@ -1,8 +1,9 @@
 """The user's cache of compiled objects: what was compiled before, for whatever directory, is not compiled again.
 
-An entry is named by the hash of all it depends on and begins with a hash of its own bytes, so that one that is torn,
-spoiled or renamed is not believed. The folder is the user's alone (mode 0700, below folders that no stranger can
-write to); where that cannot be had there is no cache. ``FLEXGEN_CACHE`` names another folder; empty: none.
+An entry is named by the hash of all it depends on and begins with a hash of its own bytes, so that a
+truncated, corrupted or renamed entry is rejected. Only the user can write to the folder (mode 0700, below folders that
+no other user can write to); where this is not possible there is no cache. ``FLEXGEN_CACHE`` names another folder;
+empty: none.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ class Objects:
     Parameters
     ----------
     identity : str
-        What the output depends on beside the text.
+        What the output depends on, apart from the text.
     headers : mapping of str to bytes
         Name and text of everything that the sources may include in quotation marks.
     flags_of : callable, optional
@@ -51,7 +52,7 @@ class Objects:
         self.headers = {PurePosixPath(name).name: text for name, text in headers.items()}
 
     def fetch(self, source: Path) -> bool:
-        """Put the object of a source beside it; False where it is not known."""
+        """Copy the object of a source from the cache into the source's folder; False where the cache has none."""
         if self.folder is None:
             return False
         key = self._key(source)
@@ -67,7 +68,7 @@ class Objects:
         return True
 
     def keep(self, source: Path) -> None:
-        """Keep the object beside a source for the next time; a full or vanished disk is not the user's problem."""
+        """Store the object of a source in the cache; errors of the cache directory are ignored."""
         if self.folder is None:
             return
         key, data = self._key(source), source.with_suffix(".o").read_bytes()

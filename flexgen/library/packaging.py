@@ -24,7 +24,7 @@ def packaging(name: str, sources: Sequence[str], headers: Sequence[str], *, open
     headers : sequence of str
         Names of its public headers.
     openmp : bool
-        Whether the library beside them is built with OpenMP, as its users then have to link it.
+        Whether their library is built with OpenMP, as its users then have to link it.
 
     Returns
     -------

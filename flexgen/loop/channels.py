@@ -113,7 +113,7 @@ def _motors(name: str, motors: list[str], model: RobotModel) -> list[str]:
 
 
 def _sensors(model: RobotModel, name: str) -> list[Sensor]:
-    """The sensors that a name stands for; none for motors."""
+    """The sensors of a name; none for motors."""
     found = [sensor for sensor in model.sensors if name in (sensor.name, *sensor.channels)]
     if found or name in (MOTORS, *(motor.name for motor in model.motors)):
         return found
@@ -141,7 +141,7 @@ def _own(noise: object, given: Sequence[str]) -> dict[str, float]:
 
 
 def _channels(sensor: Sensor, name: str) -> tuple[str, ...]:
-    """The channels of a sensor that a name stands for."""
+    """The channels of a sensor that a name means."""
     return (name,) if name in sensor.channels else sensor.channels
 
 

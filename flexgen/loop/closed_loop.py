@@ -85,7 +85,7 @@ class ClosedLoop:
     sensors : SensorChannels, optional
         The robot's sensors are measured too; the library has ``sensors``.
     delay_samples : int or array (lanes,)
-        Whole samples from a measurement to its torque, beside ``hardware.delay_s``.
+        Whole samples from a measurement to its torque, in addition to ``hardware.delay_s``.
     arm_reference : bool
         References hold ``v_m, q_a, v_a`` too.
     gain : array (lanes,), optional
@@ -253,7 +253,7 @@ class ClosedLoop:
         return Snapshot(self.sample, {name: self._arrays[name].copy() for name in _CHANGING})
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Go on where another loop was; parameters of the robots and gains stay those of this one."""
+        """Continue from the state of another loop; parameters of the robots and gains stay those of this one."""
         self.sample = snapshot.sample
         fixed = self._controller.fixed
         for name, array in snapshot.arrays.items():
@@ -284,7 +284,7 @@ class ClosedLoop:
         disturbances: np.ndarray | None = None,
         check: bool = True,
     ) -> Samples:
-        """Go on for some samples.
+        """Run some more samples.
 
         Parameters
         ----------
@@ -336,7 +336,7 @@ class ClosedLoop:
         return Samples(y[:, :, :n_m], tau_m, recorded, y[:, :, n_m:])
 
     def _watched(self, arguments: tuple[Any, ...], used: tuple[Any, ...]) -> int:
-        """The run in a thread of its own: a controller that does not return is left there, with all arrays ``used``."""
+        """The run in a separate thread: a controller that does not return is left there, with all arrays ``used``."""
         result: list[int] = []
 
         def run(kept: tuple[Any, ...] = (self, used)) -> None:  # they live as long as the thread
@@ -353,7 +353,7 @@ class ClosedLoop:
                 elif time.monotonic() - since > LONGEST_STEP_S and thread.is_alive():
                     raise SolverError(
                         f"closed loop: the plug-in has not returned from its step {seen} for {LONGEST_STEP_S:g} s; its "
-                        "thread cannot be stopped and goes on until this program ends"
+                        "thread cannot be stopped and continues until this program ends"
                     )
         except BaseException:  # Ctrl-C too
             self._robots.stop = 1

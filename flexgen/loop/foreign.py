@@ -1,4 +1,4 @@
-"""Controllers that are code of others, in a process of their own: Python files, objects of Python, shared libraries.
+"""Controllers that are code of others, in a separate process: Python files, objects of Python, shared libraries.
 
 The process knows neither the scorer's memory nor the draws: it gets the measurements of all robots of a sample over a
 pipe and returns their torques. What it returns is checked here: its length, and that the numbers are finite. A process
@@ -39,7 +39,7 @@ _TOGETHER = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_void_p, ctypes.c_voi
 
 
 class ForeignController:
-    """A controller in a process of its own.
+    """A controller in a separate process.
 
     Parameters
     ----------
@@ -204,14 +204,14 @@ def _pickled(given: Any) -> str:
         if importlib.util.find_spec("cloudpickle") is None:
             raise ArgumentError(
                 f"controller: given an object of {kind.__name__}, which no file has, expected a class in a file: "
-                f"controllers run in a process of their own; give 'file.py:{kind.__name__}'"
+                f"controllers run in a separate process; give 'file.py:{kind.__name__}'"
             )
         dumps = importlib.import_module("cloudpickle").dumps
     try:
         return base64.b64encode(dumps(given)).decode("ascii")
     except Exception as error:
         raise ArgumentError(
-            f"controller: given an object of {kind.__name__} that cannot be sent to a process of its own "
+            f"controller: given an object of {kind.__name__} that cannot be sent to a separate process "
             f"({type(error).__name__}: {error}), expected one that pickle takes, or 'file.py:{kind.__name__}'"
         ) from error
 

@@ -58,7 +58,7 @@ def _loaded(told: dict[str, Any]) -> PlugIn | PythonController:
         return PythonController(pickle.loads(base64.b64decode(told["object"])))
     except Exception as error:
         raise ValueError(
-            f"its class cannot be found in a process of its own ({type(error).__name__}: {error}): put it into a file "
+            f"its class cannot be found in a separate process ({type(error).__name__}: {error}): put it into a file "
             "and give 'file.py:Class'"
         ) from error
 

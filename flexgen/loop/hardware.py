@@ -49,7 +49,7 @@ class DriveHardware:
 
 @dataclass(frozen=True)
 class SensorChannels:
-    """The sensors beside the encoders, channel by channel, (n_s,) each.
+    """The sensors other than the encoders, channel by channel, (n_s,) each.
 
     ``noise``: standard deviation of a sample; ``bias``; ``resolution``: smallest difference, 0: none;
     ``delay_samples``: whole samples from the motion to the measurement. Units of the channels.

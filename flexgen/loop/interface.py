@@ -8,7 +8,7 @@ A controller that is written in Python is any object with these two methods:
             return ref.tau_m + 20.0 * (ref.q_m - y.q_m)
 
 ``y`` is a `Measurement`, ``ref`` a `Reference`; the result are the torques of the motors [N m], one for each. The loop
-copies the object once for each robot. Plug-ins in C: `flexgen_controller.h` beside this file.
+copies the object once for each robot. Plug-ins in C: `flexgen_controller.h` in this folder.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The controller that a name, a file or an object stands for."""
+"""The controller of a name, a file or an object."""
 
 from __future__ import annotations
 

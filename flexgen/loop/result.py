@@ -253,7 +253,7 @@ class ControlRun:
         return self.delay_samples * self.hardware.sample_s + self.hardware.delay_s
 
     def loops(self) -> dict[str, LoopAtPose]:
-        """The linear loops where the motion begins, half way and where it ends; empty for a law that is not linear."""
+        """The linear loops at the start, middle and end of the motion; empty for a law that is not linear."""
         reference = self.reference
         times = {"begin": reference.begin, "middle": reference.path_end / 2, "end": reference.end}
         at = np.searchsorted(reference.time, list(times.values())).clip(0, len(reference.time) - 1)

@@ -78,10 +78,10 @@ def modal_beam(beam: Beam) -> ModalBeam:
             zeta.append(bending.damping_ratio)
             group.append(n)
     shapes, curvatures = np.array(phi), np.array(bend)
-    # modes of one bending are orthogonal: what quadrature leaves off the diagonal is dust; modes of two bendings are
+    # modes of one bending are orthogonal: quadrature errors off the diagonal are set to zero; modes of two bendings are
     # not, and their products enter the products of inertia
-    dust = np.equal.outer(group, group) & ~np.eye(len(group), dtype=bool)
-    m2 = np.where(dust, 0.0, (shapes * dm) @ shapes.T)
+    zero = np.equal.outer(group, group) & ~np.eye(len(group), dtype=bool)
+    m2 = np.where(zero, 0.0, (shapes * dm) @ shapes.T)
     stiffness = np.diag(np.sum(curvatures**2 * dm, axis=1))
     damping = np.diag(2 * np.array(zeta) * np.sqrt(np.diag(stiffness) * np.diag(m2)))
     return ModalBeam(

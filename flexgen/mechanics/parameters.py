@@ -81,7 +81,7 @@ def parametrized(model: RobotModel, names: Sequence[str]) -> Parametrized:
 
 
 def select(model: RobotModel, names: Sequence[str]) -> tuple[Parameter, ...]:
-    """The numbers of a model that ``names`` stand for, in the order of the model; see the table above.
+    """The numbers of a model with these ``names``, in the order of the model; see the table above.
 
     Raises
     ------

@@ -73,7 +73,7 @@ def poses_along(equations: Equations, reference: OutputPath, times: np.ndarray) 
     Raises
     ------
     SolverError
-        There is no such pose, or a singular one.
+        There is no such pose, or it is singular.
     """
     out, symbol = output_map(equations), equations.lagrangian.chain.q_a
     rows = ca.vertcat(out.error, balance(equations))

@@ -73,7 +73,7 @@ def check_observable(at: PoseModel, channels: Channels, states: tuple[str, ...],
             parts = np.abs(vector)
             hidden += [states[i] for i in np.flatnonzero(parts > SHARE * parts.max())]
     if hidden:
-        names = [name for name in states if name in hidden]  # which null vector comes first is a matter of rounding
+        names = [name for name in states if name in hidden]  # which null vector comes first depends on rounding
         more = f" and {len(names) - 8} more" if len(names) > 8 else ""
         raise ArgumentError(
             f"outputs: given {', '.join(channels.names)}, which do not determine {', '.join(names[:8])}{more}; "

@@ -69,7 +69,7 @@ class Estimate:
     q_m, v_m : arrays (n_m,) [rad, rad/s]
         Motor side; behind rigid gears those of the arm.
     disturbance : array (n_m,) [N m]
-        Torques beside the commanded ones; zero where the filter has none.
+        Torques in addition to the commanded ones; zero where the filter has none.
     innovation : array (n_y,)
         Measurement minus prediction.
     normalized : float or array

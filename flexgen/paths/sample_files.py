@@ -118,7 +118,7 @@ class _File:
 
     def _number(self, line: int, name: str, cell: str) -> float:
         try:
-            number = np.nan if "_" in cell else float(cell)  # Python reads 1_000 as a number, nobody else does
+            number = np.nan if "_" in cell else float(cell)  # only Python reads 1_000 as a number
         except ValueError:
             number = np.nan
         if not abs(number) <= LARGEST:

@@ -109,7 +109,7 @@ class Learned:
 
     @property
     def dynamic_errors(self) -> tuple[float, ...]:
-        """The same without the errors at rest at start and end, in `unit`."""
+        """Largest dynamic errors: static errors at both ends subtracted, in `unit`."""
         found = [run.figures(run[self.plant])[f"dynamic_error_max_{self.unit}"] for run in self.runs]
         return tuple(float(x) if np.isfinite(x) else float("inf") for x in found)
 

@@ -43,7 +43,7 @@ class Load:
     """A load: ``mass`` [kg] and ``com`` (3,) [m] in the frame that the tool is attached to, with standard deviations.
 
     ``total_mass``, ``total_com``: of the load together with the payload of the model file. ``residual_Nm``: root mean
-    square of what is left of the gear torques (n_g,), arm side.
+    square of the residual gear torques (n_g,), arm side.
     """
 
     mass: float

@@ -39,7 +39,7 @@ def check_parameter(name: Any, known: list[str], lower: Any, upper: Any, guess: 
 
 
 def numbers_of(value: Any, text: str) -> np.ndarray:
-    """The value as an array; ArgumentError with the text where it is none of finite numbers."""
+    """The value as an array; ArgumentError with the text where it is not an array of finite numbers."""
     try:
         array = np.asarray(value, float)
     except (TypeError, ValueError, OverflowError):

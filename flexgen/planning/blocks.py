@@ -137,7 +137,7 @@ def program(
     scale_x, guess : arrays (size,)
         The true unknowns are ``scale_x x``; ``guess``: a true point at which the rows are scaled.
     general : callable, optional
-        Cost and constraints in the true unknowns that are no blocks, differentiated by CasADi.
+        Cost and constraints in the true unknowns outside of blocks, differentiated by CasADi.
     general_bounds : (lower, upper, names), optional
     compile_from : float
         Operations times instants from which on a function is compiled.

@@ -65,7 +65,7 @@ def curve(path: Path, s: ca.SX) -> ca.SX:
             break
     else:
         raise ArgumentError(
-            f"move {path.move.name}: its curve is no smooth function of the path parameter, expected one without "
+            f"move {path.move.name}: its curve is not a smooth function of the path parameter, expected one without "
             "corners; use one phase for each smooth part"
         )
     coefficients[np.abs(coefficients) < 1e-14 * max(1.0, float(np.abs(values).max()))] = 0.0

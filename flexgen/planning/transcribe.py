@@ -137,7 +137,7 @@ def _kind(phase: Phase, band: Band) -> str | None:
 
 
 def _path_rows(phase: Phase, *, states_only: bool) -> tuple[list[ca.SX], np.ndarray, np.ndarray, list[str]]:
-    """Rows of constraints and of bounds that are no polynomials; ``states_only``: inequalities in states alone."""
+    """Rows of constraints and of bounds that are not polynomials; ``states_only``: inequalities in states alone."""
     rows = [(row.name, row.value, row.lower, row.upper) for row in phase.content.rows["path"]]
     bands = [band for band in phase.content.bands.values() if _kind(phase, band) is None]
     rows += [(f"bound of {band.name}", band.value, band.lower, band.upper) for band in bands]
@@ -175,7 +175,7 @@ def _motion(layout: Layout, phase: Phase, reference: Any, curvature: bool) -> Bl
 
 
 def _path(layout: Layout, phase: Phase, reference: Any, curvature: bool, *, nodes: bool) -> list[Block]:
-    """Constraints at the collocation points, or inequalities of the states at the nodes that are no such points."""
+    """Constraints at the collocation points, or inequalities of the states at the other nodes."""
     values, low, high, names = _path_rows(phase, states_only=nodes)
     mesh, c = phase.mesh, phase.mesh.table.c
     if nodes:

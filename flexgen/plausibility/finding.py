@@ -1,4 +1,4 @@
-"""One number of a model beside what is usual for robots, and the list of all of them."""
+"""One number of a model compared with what is usual for robots, and the list of all of them."""
 
 from __future__ import annotations
 

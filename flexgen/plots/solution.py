@@ -391,7 +391,7 @@ def plot_solution(solution: Solution) -> Figure:
 
 
 def _visible_early_torque(trajectory: Trajectory) -> bool:
-    """Whether the torque before the path is worth a panel of its own."""
+    """Whether the torque before the path gets its own panel."""
     away, span = cv.hold(trajectory)
     return bool((away[trajectory.time <= 0] > VISIBLE * np.maximum(span, 1e-12)).any())
 

@@ -115,7 +115,7 @@ class _Yield:
         return force, moment
 
     def left_of(self, body: Articulated) -> Articulated:
-        """What is left of the body's resistance when the joint gives way; along the axis, of its own inertia only."""
+        """Inertia of the body as seen through the free joint; along the axis only the rotor inertia remains."""
         about, linear = [x * self.ease for x in self.about], [x * self.ease for x in self.linear]
         J, H, M = ([row[:] for row in A] for A in (body.J, body.H, body.M))
         for k in (X, Y, Z):

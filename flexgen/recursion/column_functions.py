@@ -125,12 +125,12 @@ def _agrees(equations: Equations, chain: Chain) -> bool:
 
 @dataclass(frozen=True)
 class AroundTheArm:
-    """What the whole robot has beside its arm: forces left without acceleration, and shares in M_y and R_y.
+    """Rotor inertias and friction, added to the arm's equations: forces without acceleration, terms of M_y and R_y.
 
     Parameters
     ----------
     left : Expressions
-        From the ports and the arm's ``bias`` to the forces left, ``row_left`` (1, n).
+        From the ports and the arm's ``bias`` to the remaining forces, ``row_left`` (1, n).
     rotors, changes : Expressions
         To be added to ``M_y`` and to ``R_y``.
     """

@@ -29,7 +29,7 @@ import numpy as np
 
 from flexgen.expressions.routine import Columns, Expressions, Products, Rows, Selected, Step, Sums
 from flexgen.recursion.composite_body import combined
-from flexgen.recursion.dh_chain import DUST, Chain
+from flexgen.recursion.dh_chain import ROUNDING, Chain
 from flexgen.recursion.newton_euler import turn_of
 from flexgen.recursion.tape import Scalar, Tape
 
@@ -53,7 +53,7 @@ def derivatives(chain: Chain, by_q: Target, by_v: Target, by_a: str) -> list[Ste
 def bias(chain: Chain, M: str) -> list[Step]:
     """Steps from ``q_a, v_a`` to the mass matrix of the bodies and to the ``bias`` (1, n), forces without acceleration.
 
-    `derivatives_after` goes on with their arrays.
+    `derivatives_after` continues with their arrays.
     """
     known = [*_kinematics(chain, ["q_a", "v_a"]), *_masses(chain, M), *_motion(chain), *_forces(chain, at_rest=True)]
     axis, force = ca.SX.sym("axis", 6), ca.SX.sym("force", 6)
@@ -67,7 +67,7 @@ def derivatives_after(chain: Chain, by_q: Target, by_v: Target) -> list[Step]:
 
 
 def bodies_of(chain: Chain) -> tuple[int, ...]:
-    """Joints that carry matter."""
+    """Joints whose body has mass."""
     inertias = [joint.inertia for joint in chain.joints]
     return tuple(k for k, own in enumerate(inertias) if own.mass or own.first.any() or own.second.any())
 
@@ -83,7 +83,7 @@ def _kinematics(chain: Chain, names: Sequence[str]) -> list[Step]:
         cosine, sine = joint.twist
         axes = [axes[0], combined(axes, [0.0, cosine, sine]), combined(axes, [0.0, -sine, cosine])]
         place = _about_x(joint.twist).T @ joint.place
-        way: list[Scalar] = [x if abs(x) > DUST * np.abs(place).max() else 0.0 for x in place.tolist()]
+        way: list[Scalar] = [x if abs(x) > ROUNDING * np.abs(place).max() else 0.0 for x in place.tolist()]
         ways.append(combined(axes, way if joint.revolute else [way[0], way[1], way[2] + q]))
         turn = turn_of(tape, joint, q)
         c, s = turn.cosine, turn.sine

@@ -132,7 +132,8 @@ class _Step:
     """A joint seen from axes that do not turn with it, nor with the neighbors before it whose axes are parallel.
 
     ``turn``: from those axes to the joint's own. ``way``: from the joint before, in the shared axes, or in that one's
-    own axes where nothing is shared; there the twist follows. ``slide``: along z. ``last``: nobody behind shares them.
+    own axes where nothing is shared; there the twist follows. ``slide``: along z. ``last``: no later joint uses these
+    axes.
     """
 
     turn: tuple[Scalar, Scalar]

@@ -179,7 +179,7 @@ def _seen_before(
     v: Sequence[Scalar],
     j: int,
 ) -> _Beyond:
-    """The same matter in the frame before joint j."""
+    """The same bodies in the frame before joint j."""
     joint = chain.joints[j]
     body, momentum, moment = beyond.body, beyond.momentum, beyond.moment
     if not joint.revolute:

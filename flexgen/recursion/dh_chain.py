@@ -23,9 +23,9 @@ import numpy as np
 
 from flexgen.model.elements import Body, Dof, Placement, RobotModel
 
-# Rounding of the changes of frame leaves entries of about 1e-16 where there should be none; what is below this fraction
-# of its neighbors is taken as zero. A chain of tens of joints stays within 1e-12 of the torques of the model.
-DUST = 1e-14
+# Rounding of the changes of frame leaves entries of about 1e-16 that should be zero; what is below this fraction of its
+# neighbors is set to zero. A chain of tens of joints stays within 1e-12 of the torques of the model.
+ROUNDING = 1e-14
 NEARLY_PARALLEL = 0.1  # sine of the angle between axes below which frames are not moved to where the axes are closest
 
 Pose = tuple[np.ndarray, np.ndarray]  # rotation, position: p_parent = position + rotation @ p_child
@@ -46,14 +46,14 @@ class Inertia:
         return Inertia(self.mass + other.mass, self.first + other.first, self.second + other.second)
 
     def moved(self, pose: Pose) -> Inertia:
-        """The same matter seen from the frame in which this one has the pose."""
+        """Inertia expressed in the frame in which this frame has the given pose."""
         rotation, position = pose
         first, cross = rotation @ self.first, np.outer(position, rotation @ self.first)
         second = rotation @ self.second @ rotation.T + cross + cross.T + self.mass * np.outer(position, position)
         return Inertia(self.mass, first + self.mass * position, second)
 
     def scaled(self, factor: float) -> Inertia:
-        """So many times the matter."""
+        """Inertia multiplied by a factor."""
         return Inertia(factor * self.mass, factor * self.first, factor * self.second)
 
 
@@ -111,7 +111,7 @@ def compose(a: Pose, b: Pose) -> Pose:
 
 
 def inverse(a: Pose) -> Pose:
-    """The pose that leads back."""
+    """Inverse of a pose."""
     return a[0].T, -a[0].T @ a[1]
 
 
@@ -193,17 +193,17 @@ def _about_x(cosine: float, sine: float) -> np.ndarray:
     return np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
 
 
-def snapped(x: np.ndarray, scale: float = 1.0, dust: float = DUST) -> np.ndarray:
-    """An array with what is dust beside ``scale`` set to zero, and what is ``scale`` but for dust set to it."""
-    out = np.where(np.abs(x) <= dust * scale, 0.0, x)
-    return np.where(np.abs(np.abs(out) - scale) <= dust * scale, np.sign(out) * scale, out)
+def snapped(x: np.ndarray, scale: float = 1.0, tolerance: float = ROUNDING) -> np.ndarray:
+    """An array with entries below ``tolerance * scale`` set to zero, and entries that near to ``scale`` set to it."""
+    out = np.where(np.abs(x) <= tolerance * scale, 0.0, x)
+    return np.where(np.abs(np.abs(out) - scale) <= tolerance * scale, np.sign(out) * scale, out)
 
 
 def _split(rotation: np.ndarray) -> tuple[float, tuple[float, float], float]:
     """``(g, (cos t, sin t), h)`` with ``rotation = Rz(g) Rx(t) Rz(h)``; g is zero where the z axes are parallel."""
     rotation = snapped(rotation)
     sine = float(np.hypot(rotation[0, 2], rotation[1, 2]))
-    if sine <= DUST:
+    if sine <= ROUNDING:
         cosine = float(np.sign(rotation[2, 2]))
         return 0.0, (cosine, 0.0), float(np.arctan2(rotation[1, 0] * cosine, rotation[0, 0]))
     g = float(np.arctan2(rotation[0, 2], -rotation[1, 2]))
@@ -215,23 +215,23 @@ def _split(rotation: np.ndarray) -> tuple[float, tuple[float, float], float]:
 
 
 def _quarter(angle: float) -> tuple[int, float]:
-    """Quarter turns (0 to 3) and the rest of an angle, zero where it is dust."""
+    """Quarter turns (0 to 3) and the rest of an angle, zero where it is below `ROUNDING`."""
     quarters = round(angle / (np.pi / 2))
     rest = angle - quarters * (np.pi / 2)
-    return quarters % 4, 0.0 if abs(rest) <= DUST * max(1.0, abs(angle)) else rest
+    return quarters % 4, 0.0 if abs(rest) <= ROUNDING * max(1.0, abs(angle)) else rest
 
 
 def _tidy(inertia: Inertia, *parts: Inertia) -> Inertia:
-    """Inertia without dust, as seen beside the parts it was made of; diagonal entries equal but for dust are equal."""
+    """Inertia with entries below `ROUNDING` of its parts set to zero; diagonal entries that close become equal."""
     largest = max(float(np.abs(x.second).max()) for x in (inertia, *parts))
     heavy = max(abs(x.mass) for x in (inertia, *parts))
     reach = max(*(float(np.abs(x.first).max()) for x in (inertia, *parts)), float(np.sqrt(heavy * largest)))
-    second = np.where(np.abs(inertia.second) <= DUST * largest, 0.0, (inertia.second + inertia.second.T) / 2)
+    second = np.where(np.abs(inertia.second) <= ROUNDING * largest, 0.0, (inertia.second + inertia.second.T) / 2)
     for i, k in ((0, 1), (0, 2), (1, 2)):
-        if abs(second[i, i] - second[k, k]) <= DUST * largest:
+        if abs(second[i, i] - second[k, k]) <= ROUNDING * largest:
             second[k, k] = second[i, i]
-    first = np.where(np.abs(inertia.first) <= DUST * reach, 0.0, inertia.first)
-    return Inertia(0.0 if abs(inertia.mass) <= DUST * heavy else inertia.mass, first, second)
+    first = np.where(np.abs(inertia.first) <= ROUNDING * reach, 0.0, inertia.first)
+    return Inertia(0.0 if abs(inertia.mass) <= ROUNDING * heavy else inertia.mass, first, second)
 
 
 def _share(pose: Pose, before_turns: bool) -> tuple[Pose, np.ndarray, tuple[float, float], float]:
@@ -246,7 +246,7 @@ def _share(pose: Pose, before_turns: bool) -> tuple[Pose, np.ndarray, tuple[floa
     if not before_turns:
         return (_about_z(g), position), np.zeros(3), twist, h
     if twist[1] == 0.0 and position[0] and position[1]:
-        # parallel axes may be turned as one likes: the next one is reached along x
+        # frames on parallel axes can be rotated freely: the next axis is reached along x
         g = float(np.arctan2(position[1], position[0]))
         h = h - g * twist[0]
     turn = _about_z(g)
@@ -260,8 +260,8 @@ def _share(pose: Pose, before_turns: bool) -> tuple[Pose, np.ndarray, tuple[floa
 def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose, to_mass: bool) -> Chain:
     """Lay the frames of all joints, from the last to the first: `Chain` without regrouping.
 
-    Each pose is split in what the joint before cannot tell from its own pose, and what is left. The last frame may be
-    turned as one likes.
+    Each pose is split in a part that can be moved into the frame of the joint before, and the rest. The last frame can
+    be rotated freely.
     """
     n = len(raws)
     gauges: list[Pose] = [AT_REST] * n  # the frame that is used, in the raw one
@@ -286,7 +286,7 @@ def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose, to_mass: bool) -> Ch
 
 
 def _ground(pose: Pose, gravity: np.ndarray, turns: bool) -> tuple[Pose, np.ndarray, float]:
-    """The frame under the first joint, gravity in it with at most two components, and the angle that is left."""
+    """The frame under the first joint, gravity in it with at most two components, and the remaining angle."""
     size = float(np.linalg.norm(gravity)) or 1.0
     down = snapped(pose[0].T @ gravity, size)
     if not (turns and down[0] and down[1]):

@@ -1,8 +1,8 @@
 """The functions of `flexgen.mechanics.inversion_functions` by recursion.
 
 The order of derivatives in time and in coordinates may be changed: the derivative of the tool's velocity in a
-coordinate is the time derivative of that column of the Jacobian, and so on. Angular velocities are no derivatives of
-coordinates, which adds a term:
+coordinate is the time derivative of that column of the Jacobian, and so on. Angular velocities are not derivatives
+of coordinates, which adds a term:
 
     d(W v)/dq = W' - (0, w x z),    d(W a + W' v)/dq = W'' - (0, w' x z + w x z'),    d(W' v)/dv = 2 W' - (0, w x z)
 """

@@ -39,7 +39,7 @@ def operations(plan: Plan) -> int:
 
 @lru_cache(maxsize=16)
 def plans(model: RobotModel) -> tuple[Plan, ...]:
-    """Plans worth comparing for a model without beams, the one with the shortest inverse dynamics first."""
+    """Candidate plans for a model without beams, the one with the shortest inverse dynamics first."""
     chain = laid(model)
     n = len(chain.joints)
     # moments of inertia stay where they would end up on the empty bodies between joints on one point

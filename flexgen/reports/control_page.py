@@ -43,7 +43,7 @@ def write_control(run: ControlRun, directory: str | Path) -> Path:
             Picture(
                 "loops",
                 loops,
-                "The sampled loop linearized where the motion begins, half way and where it ends. Left: singular "
+                "The sampled loop linearized at the start, middle and end of the motion. Left: singular "
                 "values of the loop gain from motor torques to motor torques. Right: Nyquist plot of det(1 + L); the "
                 "distance from the cross is that from instability.",
             )

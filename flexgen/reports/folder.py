@@ -1,7 +1,7 @@
 """The folder of a report: files of another program are not replaced.
 
 Files of flexgen are known by a mark: the last line of a page, the second line of an svg picture, the field Software of
-a png picture. Pictures beside a page of flexgen are of flexgen too.
+a png picture. Pictures in the folder of a page of flexgen are also of flexgen.
 """
 
 from __future__ import annotations

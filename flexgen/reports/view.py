@@ -99,12 +99,12 @@ def _motion(
         what = Trajectory.load(what)
     if not isinstance(what, Trajectory):
         if model is not None:
-            raise ArgumentError("view: given a robot and model, expected model beside a trajectory only")
+            raise ArgumentError("view: given a robot and model, expected model together with a trajectory only")
         equations = what if isinstance(what, Equations) else derive(what)
         solution = solve(equations, move, progress=progress)
         return equations, solution.trajectory, solution.simulation, solution.move.duration
     if move is not None:
-        raise ArgumentError("view: given a trajectory and move, expected move beside a robot only")
+        raise ArgumentError("view: given a trajectory and move, expected move together with a robot only")
     equations = _robot_of(what, model)
     missing = [name for name in ("q_a", "q_m") if name not in what]
     n_a, n_m = equations.model.n_a, equations.model.n_m

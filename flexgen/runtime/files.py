@@ -1,11 +1,12 @@
-"""Files that are loaded as code: nobody else may have changed them, and what is loaded is what was verified.
+"""Files that are loaded as code: no other user may have changed them, and what is loaded is what was verified.
 
 All code that flexgen loads comes through here: libraries of models, modules in the user's cache, controllers of a user.
 
-What is refused, on systems with POSIX permissions: a folder, manifest or library that everybody may write, or that
-belongs to neither the user nor root; the same for all folders above them, where a folder that everybody may write needs
-its sticky bit; a manifest or library that is a symbolic link or no regular file. A group may write: groups are chosen,
-and where the umask is 002 every user is alone in one. Whoever may write as the user can of course load anything.
+What is refused, on systems with POSIX permissions: a folder, manifest or library that every user may write, or that
+belongs to neither the user nor root; the same for all folders above them, where a folder that every user may write
+needs its sticky bit; a manifest or library that is a symbolic link or no regular file. A group may write: groups are
+chosen, and where the umask is 002 every user is alone in one. Whoever may write as the user can of course load
+anything.
 
 What is loaded is a private copy of the content that was verified: on Linux in memory, without a name in any folder. So
 nobody can replace the file between the check and the load.
@@ -54,8 +55,8 @@ def trusted_folder(folder: Path) -> Path:
             )
         if _POSIX and mode & stat.S_IWOTH and not mode & stat.S_ISVTX:
             raise BuildError(
-                f"{above}: given a folder that everybody may write (mode {stat.S_IMODE(mode):o}), expected one in "
-                f"which nobody else can replace {resolved}; take the right away (chmod o-w) or use another folder"
+                f"{above}: given a folder that every user may write (mode {stat.S_IMODE(mode):o}), expected one in "
+                f"which no other user can replace {resolved}; take the right away (chmod o-w) or use another folder"
             )
     return resolved
 
@@ -67,7 +68,7 @@ def trusted_file(path: Path) -> Path:
 
 
 def trusted_bytes(path: Path, advice: str = AGAIN) -> bytes:
-    """Content of a regular file that nobody else may write; OSError where it cannot be read, else BuildError."""
+    """Content of a regular file that no other user may write; OSError where it cannot be read, else BuildError."""
     with _opened(path, advice) as descriptor, open(descriptor, "rb", closefd=False) as file:
         return file.read()
 
@@ -85,7 +86,7 @@ def trusted_content(path: Path, sha256: str | None = None, advice: str = AGAIN) 
 
 
 def trusted_library(path: Path, sha256: str | None = None, advice: str = AGAIN) -> ctypes.CDLL:
-    """Load a shared library that nobody else could have changed.
+    """Load a shared library that no other user could have changed.
 
     The file is opened once: its owner, rights and content are those of the open file. Its parts must lie within it, as
     a cut file would kill the process. A copy of the verified content is loaded. The same content is loaded once.
@@ -121,7 +122,7 @@ def trusted_library(path: Path, sha256: str | None = None, advice: str = AGAIN) 
 
 @contextmanager
 def private_copy(name: str, content: bytes) -> Iterator[str]:
-    """The path of a copy of a shared library that nobody else can write, for a loader; it ends with the block."""
+    """The path of a copy of a shared library that no other user can write, for a loader; it ends with the block."""
     if not hasattr(os, "memfd_create"):
         with tempfile.TemporaryDirectory(prefix="flexgen-", ignore_cleanup_errors=True) as folder:  # of mode 700
             copy = Path(folder, name)
@@ -168,12 +169,12 @@ def _opened(path: Path, advice: str) -> Iterator[int]:
 
 
 def _refuse_others(path: Path, found: os.stat_result) -> None:
-    """BuildError where somebody else owns the file or folder, or everybody may write it."""
+    """BuildError where another user owns the file or folder, or every user may write it."""
     if not _POSIX:
         return
     if found.st_mode & stat.S_IWOTH:
         raise BuildError(
-            f"{path}: given mode {stat.S_IMODE(found.st_mode):o}, which lets everybody write it, expected that only "
+            f"{path}: given mode {stat.S_IMODE(found.st_mode):o}, which lets every user write it, expected that only "
             f"its owner or group may; if you trust its content: chmod o-w {path}"
         )
     if found.st_uid not in (0, os.geteuid()):

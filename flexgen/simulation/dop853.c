@@ -208,7 +208,7 @@ static int all_finite(int64_t n, const double *x)
 }
 
 /* Integrate to the last of `count` instants and write the states there; `done`: how many of them are written already.
-   Returns MORE after about `most` evaluations: call again to go on. */
+   Returns MORE after about `most` evaluations: call again to continue. */
 EXPORT int simulation_advance(
     const problem *p, position *s, int64_t count, const double *instants, double *out, int64_t *done, int64_t most)
 {

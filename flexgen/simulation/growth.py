@@ -6,7 +6,7 @@ along the motion
 
     d/dt dx = A(t) dx,     A from M(q) dq'' + D dq' + K dq = 0,     Phi(t, s) its transition matrix
 
-tells by how much: the growth from s to t is the norm of the block of ``Phi`` that takes positions to positions (motors
+gives the factor: the growth from s to t is the norm of the block of ``Phi`` that takes positions to positions (motors
 on the arm side). ``A`` is constant on each interval of a grid.
 """
 

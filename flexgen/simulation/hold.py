@@ -4,7 +4,7 @@ A controller sends one torque at each tick ``t_k``, a multiple of its sample tim
 trajectory. The motor has this torque from ``s_k = t_k + delay`` on. Between ``s_k`` and ``s_(k+1)`` the drive
 
 * ``"zoh"`` holds it (zero-order hold),
-* ``"linear"`` goes on a straight line to the next one,
+* ``"linear"`` follows a straight line to the next one,
 * ``"spline"`` follows the quintic spline through all of them.
 
 Samples of the continuous torque tau are the wrong values for the first two: a held sample is late by ``T / 2``, and a

@@ -2,7 +2,7 @@
 
 The explicit Runge-Kutta method of order 8 needs steps as short as the fastest decaying part, also where that part has
 decayed long ago: sharp friction of a light rotor makes it take millions of evaluations. Where it needs more than `RATE`
-evaluations for each second of motion, LSODA goes on from the state that was reached; it changes by itself between
+evaluations for each second of motion, LSODA continues from the state that was reached; it changes by itself between
 Adams methods and backward differentiation formulas, whose steps follow the motion alone.
 
 With a C compiler the explicit method and the right-hand side run in C, else in scipy and CasADi; the steps are the

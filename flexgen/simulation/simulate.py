@@ -369,7 +369,7 @@ def _energy_error(equations: Equations, motion: tuple[np.ndarray, ...], work: np
     energies = [x.reshape(len(work)) for x in evaluate(equations.function("energy"), *motion)]
     total = energies[0] + energies[1]
     imbalance = total - total[0] - work + loss
-    # rounding of constant energies is no violation
+    # rounding of constant energies is not a violation
     exchanged = max(np.ptp(energies[0]), np.ptp(energies[1]), np.ptp(work), 1e-6 * np.abs(total).max(), 1e-9)
     return float(np.abs(imbalance).max() / exchanged)
 

@@ -41,7 +41,7 @@ def read_grid(path: str | Path) -> Grid:
     except OSError as error:
         raise ArgumentError(f"grid: given {str(path)!r}, which cannot be read ({error.strerror or error})") from None
     except UnicodeError as error:
-        raise ArgumentError(f"{path}: given a file that is no TOML ({error})") from None
+        raise ArgumentError(f"{path}: given a file that is not TOML ({error})") from None
     except TextError as error:
         where = f"{path}, line {error.line}" if error.line else f"{path}"
         raise ArgumentError(f"{where}: given {error.given}, expected {error.expected}") from None

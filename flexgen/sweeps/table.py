@@ -117,7 +117,7 @@ class Table:
         problem, columns = _columns(arrays)
         if problem:
             raise ArgumentError(
-                f"{path}: given a file that is no table of flexgen ({problem}), expected a table that a sweep wrote"
+                f"{path}: given a file that is not a table of flexgen ({problem}), expected a table that a sweep wrote"
             )
         return Table(columns, {c.name: arrays[c.name] for c in columns})
 

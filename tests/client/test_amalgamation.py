@@ -21,7 +21,7 @@ SMALL = ["elbow", "planar5_nmp"]
 
 @cache
 def merged(name: str, precision: str = "double") -> Generated:
-    """The amalgamated library of a model; nobody changes it."""
+    """The amalgamated library of a model; not to be changed."""
     return generate(name, _folder() / f"{name}_merged_{precision}", amalgamate=True, precision=precision)
 
 

@@ -52,7 +52,7 @@ def differences(folder: Path, a: bytes, b: bytes) -> list[str]:
 
 # --- bits -------------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(("name", "precision"), LIBRARIES)
-def test_the_same_bits_everywhere(name, precision, tmp_path):
+def test_every_target_gives_the_same_bits(name, precision, tmp_path):
     """Every function at random states, one by one and in batches of odd sizes (the program compares the two itself)."""
     folder = folder_of(name, precision)
     given = clients.inputs_of(clients.manifest_of(folder), states(name))
@@ -74,7 +74,7 @@ def test_the_same_bits_everywhere(name, precision, tmp_path):
         pytest.skip("one compiler only; install the Debian package clang")
 
 
-def test_contraction_would_be_noticed(tmp_path):
+def test_planted_contraction_changes_the_bits(tmp_path):
     """The planted bug: with fused multiply-adds the bits are others, where the processor has them."""
     tools("aarch64-linux-gnu-gcc", "qemu-aarch64")
     folder = folder_of("planar5_nmp", "double")
@@ -147,7 +147,7 @@ TARGETS = {
 
 
 @pytest.mark.parametrize("name", ["elbow", "four_mass", "manutec_r3"])
-def test_a_machine_without_double_precision_needs_none(name, tmp_path):
+def test_single_precision_code_has_no_double_operations(name, tmp_path):
     tools("arm-none-eabi-gcc", "arm-none-eabi-nm")
     files = sources(folder_of(name, "single"))
     run("arm-none-eabi-gcc", *M7, "-std=c99", "-O2", "-Wdouble-promotion", "-Werror", "-c", *files, folder=tmp_path)
@@ -161,7 +161,7 @@ def test_a_machine_without_double_precision_needs_none(name, tmp_path):
 @pytest.mark.parametrize(
     ("name", "precision"), [("planar5_nmp", "double"), ("four_mass", "single"), ("manutec_r3", "single")]
 )
-def test_the_headers_stack_is_enough(name, precision, target, tmp_path):
+def test_the_stack_of_the_header_is_sufficient(name, precision, target, tmp_path):
     """What the compiler says each function of a point needs, its callees included, is at most what the header says."""
     compiler, flags = TARGETS[target]
     tools(compiler)
@@ -192,7 +192,7 @@ def test_the_headers_stack_is_enough(name, precision, target, tmp_path):
     assert max(used.values()) > 0
 
 
-def test_a_board_has_its_memory():
+def test_the_board_has_a_linker_script_and_start_code_that_compiles():
     assert {path.name for path in MACHINE.iterdir()} == {"memory.ld", "start.c"}
     if not missing("arm-none-eabi-gcc"):
         subprocess.run(["arm-none-eabi-gcc", *M7, "-fsyntax-only", "-Wall", str(MACHINE / "start.c")], check=True)

@@ -233,7 +233,7 @@ def test_casadi_imports_the_plant(case):
 
 
 @slow
-def test_a_function_out_of_turn_is_an_error():
+def test_a_function_called_in_the_wrong_state_is_an_error():
     """States of the call sequence, NaN, wrong value references, wrong token, a step back in time."""
     written = fmus.exported("four_mass", "2.0")
     instance = fmus.Instance(written)

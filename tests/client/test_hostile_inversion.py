@@ -46,7 +46,7 @@ pytestmark = needs_compiler
 SEED = 20261120
 CALLS, UPDATES = 700, 300
 STEPS = 25  # of the solver, at most
-ON_PATH = 1e-8  # m, rad: of the tool at the samples, beside the size of the y
+ON_PATH = 1e-8  # m, rad: of the tool at the samples, relative to the size of y
 SAMPLED = 1e2  # tolerances that OK allows at the samples, where the mesh meets one
 UNEVEN = 2e-2  # what OK allows, see `unevenness`
 OTHER_SCALE = 1.5  # the torques at rest that residuals are relative to, found in another way
@@ -170,7 +170,7 @@ def check_refusal(target: Target, call: Call, status: str, kind: str) -> None:
     assert kind not in ("plain", "tolerances") or status == "NOT_CONVERGED"
 
 
-def test_hostile_paths(made):
+def test_invalid_paths_are_refused_or_have_a_failure_status(made):
     rng = np.random.default_rng(SEED)
     seen: Counter[str] = Counter()
     wrong = []
@@ -205,7 +205,7 @@ def test_hostile_paths(made):
     assert {"OK", "TOLERANCE_NOT_MET", "UNREACHABLE", "NOT_CONVERGED", "RESULT_NOT_FINITE"} <= set(seen)
 
 
-def test_the_judge_sees_a_wrong_answer(made):
+def test_the_check_finds_a_planted_wrong_torque(made):
     """Planted: another path, a jump of the joints by a turn, a torque that is too small."""
     one = made("elbow")
     call = call_of(one)
@@ -222,7 +222,7 @@ def test_the_judge_sees_a_wrong_answer(made):
         check_results(one, call, replace(answer, results=turned))
 
 
-def test_the_same_bits_again(made):
+def test_repeated_calls_give_the_same_bits(made):
     for name in ("planar5_nmp", "elbow"):
         call = call_of(made(name))
         first, second = (invert(made(name), call) for _ in range(2))
@@ -258,7 +258,7 @@ def refused(one: Target, k: int, rng: np.random.Generator) -> tuple[list[np.ndar
     return given, kind
 
 
-def test_hostile_streams(made):
+def test_invalid_samples_of_streams_are_refused(made):
     rng = np.random.default_rng(SEED)
     streams = {name: (begun(made(name)), begun(made(name))) for name in ("planar5_nmp", "elbow", "manutec_r3")}
     for k in range(1, UPDATES // (2 * len(streams)) + 1):
@@ -286,14 +286,14 @@ def test_hostile_streams(made):
 
 
 @pytest.mark.parametrize("fill", [0.0, 1.0, 2.0, -1.0, 1e300, np.nan, np.inf])
-def test_a_stream_that_was_not_started(made, fill):
+def test_a_stream_that_was_not_started_refuses_calls(made, fill):
     one = made("elbow")
     stream = Streamed(one, INTERVALS, PARTS, fill=fill)
     assert NAMES[stream.update(*sample(one, 1))] == "NOT_STARTED"
     assert untouched(stream.block)
 
 
-def test_starts_that_fail_and_starts_again(made):
+def test_a_failed_stream_can_be_started_again(made):
     one = made("planar5_nmp")
     y, q = one.path["y"][0], one.path["q_start"]
     stream = begun(one)
@@ -396,8 +396,8 @@ def test_streams_of_strange_periods_and_rough_samples(made, period):
 
 
 @pytest.mark.parametrize("name", ["planar5_nmp", "elbow", "four_mass"])
-def test_hostile_limits(made, name):
-    """Bounds that are none are refused; those that cannot be kept are passed, and that is said."""
+def test_invalid_limits_are_refused(made, name):
+    """Invalid bounds are refused; bounds that cannot be kept are exceeded, and the status reports it."""
     rng = np.random.default_rng(SEED)
     one = made(name)
     n = one.sizes["n_m"]
@@ -430,7 +430,7 @@ def test_hostile_limits(made, name):
 
 
 # --- from Python ------------------------------------------------------------------------------------------------------
-def test_errors_of_the_loaded_library_are_sentences(made):
+def test_errors_in_python_are_messages_with_given_and_expected(made):
     one = made("elbow")
     given = {**one.path, "period": one.period}
     for changes, error, words in (
@@ -446,7 +446,7 @@ def test_errors_of_the_loaded_library_are_sentences(made):
 @pytest.mark.parametrize(
     "move", [{"displacement": (5.0, 0.0, 0.0)}, {"duration": 1e-6}, {"duration": 1e-3}, {"smoothness": 0}]
 )
-def test_hostile_moves_end_with_a_sentence_or_a_true_status(made, move):
+def test_invalid_moves_end_with_a_message_or_a_correct_status(made, move):
     model = read("planar5_nmp")
     try:
         changed = replace(model.move("line"), **move)

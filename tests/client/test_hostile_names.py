@@ -92,7 +92,7 @@ PLACES = {
 def test_hostile_names_in_a_model_file_are_refused(place, tmp_path):
     path = tmp_path / "hostile.toml"
     assert len(HOSTILE + RESERVED) >= 40
-    for name in HOSTILE + RESERVED * (place == "model"):  # the others are no identifiers in C
+    for name in HOSTILE + RESERVED * (place == "model"):  # the others are not identifiers in C
         path.write_text(GOOD.replace(PLACES[place], f'name = "{name}"', 1), encoding="utf-8")
         with pytest.raises(ModelError) as caught:
             read(path)
@@ -166,7 +166,7 @@ def test_names_of_moves_are_escaped_in_c_and_pages(name, tmp_path):
     "name",
     ["math", "stdio", "string", "Math", "omp", "m", "c", "pthread", "gcc", "example", "con", "aux", "nul"],
 )
-def test_a_model_named_like_what_lies_beside_it_is_refused(name, tmp_path):
+def test_a_model_with_the_name_of_an_emitted_file_is_refused(name, tmp_path):
     """Its header or its library would be found instead of the system's, its file would be another's."""
     path = tmp_path / "model.toml"
     path.write_text((ROOT / "models" / "elbow.toml").read_text().replace('name = "elbow"', f'name = "{name}"', 1))
@@ -184,7 +184,7 @@ def test_a_name_with_its_variant_is_not_too_long(tmp_path):
         generate(read(path, variant), tmp_path / "out", functions=["gravity"], build=False)
 
 
-def test_the_gate_is_the_only_way_to_a_file(tmp_path):
+def test_names_reach_file_names_only_after_the_check(tmp_path):
     """A model made in Python with a path for its name, past the constructor's check, writes nothing anywhere."""
     model = read("elbow")
     for name in ("../evil", "/evil", "a/b", "..", "a\0b"):

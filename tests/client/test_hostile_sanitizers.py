@@ -90,7 +90,7 @@ def corpus(one: Target, rounds: int) -> tuple[list[list[float]], list[int | None
         ("manutec_r3_18", 1, "many"),
     ],
 )
-def test_sanitizers_are_silent(made, name, rounds, files, tmp_path):
+def test_invalid_calls_under_sanitizers_report_nothing(made, name, rounds, files, tmp_path):
     if not can_sanitize(tmp_path):
         pytest.skip("the compiler has no sanitizers; install the Debian package gcc")
     one = made(name)

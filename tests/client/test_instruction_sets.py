@@ -97,7 +97,7 @@ def test_every_instruction_set_gives_the_bits_of_the_baseline(library, baseline,
 
 
 @pytest.mark.slow
-def test_contraction_is_seen(library, baseline):
+def test_planted_contraction_changes_the_bits(library, baseline):
     """Planted: a library whose products and sums are contracted has other bits."""
     compiler = find_compiler()
     if compiler is None or "fma" not in compiler.instruction_sets:

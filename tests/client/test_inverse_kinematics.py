@@ -175,8 +175,8 @@ def test_wrong_arguments_are_refused():
         poses(p, R)
 
 
-def test_straight_elbows_are_no_obstacle():
-    """Beside a fold each step only halves the way: the true joints are found, once, with an error below 1e-12."""
+def test_poses_with_a_stretched_elbow_are_solved():
+    """Near a singularity convergence is linear: the true joints are found, once, with an error below 1e-12."""
     lib, rng = library("ur5"), np.random.default_rng(4)
     for k in range(60):
         q = rng.uniform(-np.pi, np.pi, 6)
@@ -192,7 +192,7 @@ def test_straight_elbows_are_no_obstacle():
 
 
 @pytest.mark.parametrize("output", ["tool_pose", "tool_position"])
-def test_arms_whose_output_does_not_determine_the_joints_have_it_too(output, tmp_path):
+def test_the_function_exists_for_outputs_that_do_not_determine_the_joints(output, tmp_path):
     """Seven joints for a pose, six for a position: no inverse dynamics of a path, but configurations."""
     given = ROBOTS / "panda.toml" if output == "tool_pose" else "manutec_r3"
     model = flexgen.read(given, overrides={"output": {"type": output}})
@@ -212,7 +212,7 @@ home_rad = [0.0, 0.0, 0.0, 0.0, 0.5, 0.0]
 """
 
 
-def test_translations_reach_far(tmp_path):
+def test_translations_of_many_meters_are_solved(tmp_path):
     text = GANTRY
     for k, (kind, axis) in enumerate([*(("translation", a) for a in "xyz"), *(("rotation", a) for a in "zyz")]):
         text += f'[[element]]\nname = "link{k}"\nbody = {{ mass = 1.0, inertia = [0.1, 0.1, 0.1] }}\n'
@@ -229,7 +229,7 @@ def test_translations_reach_far(tmp_path):
 
 
 @pytest.mark.slow
-def test_no_call_is_wrongly_a_success(tmp_path):
+def test_random_calls_with_status_ok_reach_their_pose(tmp_path):
     """4,000 calls with damaged poses, starts and indices, under sanitizers: what is found is at the pose."""
     if not can_sanitize(tmp_path):
         pytest.skip("no sanitizers; install the Debian package gcc")

@@ -116,7 +116,7 @@ def test_the_deviation_is_that_of_the_optimization_of_the_whole_motion(torque: f
     assert abs(found.deviation_m - price) < NEAR * price
 
 
-def test_speeds_and_deflections_are_kept_too() -> None:
+def test_limits_of_speed_and_deflection_are_kept() -> None:
     one = case("planar5_nmp")
     motion = free(one)
     speed = 0.97 * np.abs(motion.v_m).max(axis=0)
@@ -137,14 +137,14 @@ def test_wide_limits_change_nothing() -> None:
         assert np.array_equal(found.tau_m, expected.tau_m)
 
 
-def test_a_hold_changes_what_is_sent_and_nothing_else() -> None:
+def test_a_hold_changes_the_sent_torques_only() -> None:
     one = case("planar5_nmp")
     plain, held = (one.invert(torque_max=[22.0, 22.0], hold=hold) for hold in ("spline", "zoh"))
     assert np.array_equal(plain.q_a, held.q_a) and np.array_equal(plain.deviation, held.deviation)
     assert 1e-4 < np.abs(plain.tau_m - held.tau_m).max() < 1.0
 
 
-def test_what_cannot_be_kept_is_refused() -> None:
+def test_limits_that_cannot_be_kept_are_refused() -> None:
     one = case("planar5_nmp")
     with pytest.raises(SolverError, match=r"limits cannot be kept.*exceeded by"):
         one.invert(torque_max=[5.0, 30.0])  # 8.6 N m hold the arm
@@ -170,7 +170,7 @@ def test_bad_arguments_are_named(limits: dict, message: str) -> None:
         one.library.invert_limited(one.y, one.dy, one.ddy, **options)
 
 
-def test_it_pickles_and_closes() -> None:
+def test_the_function_survives_pickling_and_refuses_calls_after_close() -> None:
     one = case("planar5_nmp")
     again = pickle.loads(pickle.dumps(one.library.invert_limited))
     found = again(one.y, one.dy, one.ddy, torque_max=[22.0, 22.0], **one.options)
@@ -187,7 +187,7 @@ BUGS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("bug", BUGS)
-def test_planted_bugs_are_corrected_or_seen(bug: str, tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_planted_bug_is_corrected_by_iterations_or_found(bug: str, tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Responses with an error of a fifth: repeated programs correct it, a single one does not. Limits that are never
     compared with the motion are exceeded, which the tests above would see."""
     texts = dict(clib_files.fixed_files())

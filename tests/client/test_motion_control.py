@@ -95,7 +95,7 @@ def check_motion(name: str, file: Path, tolerance: float) -> None:
 
 @pytest.fixture(scope="module")
 def planar(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The program for the planar arm, beside its trajectory and what it printed."""
+    """The program for the planar arm, its trajectory and what it printed."""
     at, folder = tmp_path_factory.mktemp("planar"), Path(made("planar5_nmp").directory)
     program = build("planar5_nmp", at, folder, "-O1", linked=(library_of(folder),))
     (at / "printed.txt").write_text(run(program, "motion.csv", 0, folder=at), encoding="ascii")
@@ -112,7 +112,7 @@ def test_a_program_runs_on_its_plant(planar: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_held_torque_that_is_read_as_a_curve_is_seen(planar: Path, tmp_path: Path) -> None:
+def test_a_plant_that_interpolates_held_torques_fails_the_test(planar: Path, tmp_path: Path) -> None:
     """Planted: the meta data without the hold; and instants that are not those of the sample time."""
     text = (planar.parent / "motion.csv").read_text(encoding="ascii")
     (tmp_path / "curve.csv").write_text(text.replace('"hold": "zoh", ', ""), encoding="ascii")

@@ -69,7 +69,9 @@ def figures(program: Path, fault: str) -> list[float]:
         ("push", AT_LIMIT),
     ],
 )
-def test_a_fault_is_told_at_once_and_torques_stay_finite_and_limited(program: Path, fault: str, expected: int) -> None:
+def test_a_fault_is_reported_at_once_and_torques_stay_finite_and_limited(
+    program: Path, fault: str, expected: int
+) -> None:
     """A cycle moves the reference by 0.104 rad at most; an old sample of the buffer by 0.26 rad and more."""
     cycles, status, finite, share, step, speed = figures(program, fault)
     assert status == expected and finite == 1 and share <= 1.0

@@ -88,7 +88,7 @@ def case(name: str, move: str) -> Path:
 
 
 def instants(path: Path) -> np.ndarray:
-    """Equidistant ones, those of laws and corners and beside them, and some outside."""
+    """Equidistant ones, those of laws and corners and near them, and some outside."""
     breaks = path.breaks
     return np.sort(np.r_[np.linspace(-0.1, path.duration + 0.1, 301), breaks, breaks - 1e-9, breaks + 1e-9])
 
@@ -139,7 +139,7 @@ def test_duration_and_start_are_those_of_the_path() -> None:
 
 
 @pytest.mark.parametrize("bug", ["law", "corner", "sine"])
-def test_another_operation_is_seen(bug: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_planted_change_of_an_operation_changes_the_bits(bug: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted: the last bit of the law's coefficients, the smoothness of the corners, the sine of the C library."""
     path = case("manutec_r3", "arc" if bug == "sine" else "corner")
     t = np.linspace(0.0, path.duration, 301)
@@ -154,7 +154,7 @@ def test_another_operation_is_seen(bug: str, monkeypatch: pytest.MonkeyPatch) ->
     assert not all(np.array_equal(a, b) for a, b in zip(found, changed, strict=True))
 
 
-def test_sine_and_cosine_are_right() -> None:
+def test_sine_and_cosine_agree_with_the_c_library() -> None:
     """Against those of the C library, which err by less than one unit in the last place."""
     rng = np.random.default_rng(7)
     x = np.r_[rng.uniform(-10, 10, 20_000), rng.uniform(-1e6, 1e6, 20_000), np.arange(-40, 41) * np.pi / 4, 0.0]
@@ -163,7 +163,7 @@ def test_sine_and_cosine_are_right() -> None:
     assert np.isnan(sine_cosine(np.array([2e6, np.nan, np.inf]))).all()
 
 
-def test_square_roots_are_right() -> None:
+def test_square_roots_are_exact_to_two_units_in_the_last_place() -> None:
     x = np.random.default_rng(8).lognormal(0.0, 20.0, 20_000)
     assert np.abs(root(x) / np.sqrt(x) - 1.0).max() <= 4.5e-16  # two units in the last place
     assert root(np.array([0.0, 1.0, 4.0])).tolist() == [0.0, 1.0, 2.0]
@@ -185,7 +185,7 @@ def test_a_stream_follows_the_samples_of_c() -> None:
         assert np.array_equal(found.tau_m, expected.update(y, dy, ddy).tau_m)
 
 
-def test_what_is_no_table_of_the_model_is_refused() -> None:
+def test_tables_of_other_models_or_formats_are_refused() -> None:
     path = case("planar5_nmp", "line")
     emitted, table = library("planar5_nmp"), path.table()
     for wrong in (table[:-1], np.r_[table, 0.0], np.zeros(5), np.full(50, np.nan), np.r_[table[0], 2, table[2:]]):
@@ -249,7 +249,7 @@ def test_a_table_with_a_negative_duration_is_refused() -> None:
 
 
 @pytest.mark.parametrize("move", ["corner", "program"])
-def test_damaged_tables_do_no_harm(move: str) -> None:
+def test_damaged_tables_are_refused_without_a_crash(move: str) -> None:
     """An error or finite results."""
     path = case("manutec_r3", move)
     emitted, refused = library("manutec_r3"), 0
@@ -260,7 +260,7 @@ def test_damaged_tables_do_no_harm(move: str) -> None:
             refused += 1
         else:
             assert all(np.isfinite(x).all() for x in results)
-    assert refused > 30  # what cannot be read; another length of a line is no error
+    assert refused > 30  # what cannot be read; another length of a line is not an error
 
 
 @pytest.mark.slow

@@ -32,7 +32,7 @@ BY_ITSELF = {"memset", "memcpy", "memmove"}
 
 @cache
 def single(name: str) -> Generated:
-    """The library of a model in single precision; nobody changes it."""
+    """The library of a model in single precision; not to be changed."""
     return generate(name, _folder() / f"{name}_single", precision="single")
 
 
@@ -159,7 +159,7 @@ def test_bytes_depend_on_no_folder(tmp_path, monkeypatch):
 @pytest.mark.parametrize("level", ["-O0", "-O2"])
 @pytest.mark.parametrize("compiler", ["gcc", pytest.param("clang", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", SMALL)
-def test_nothing_else_is_exported_and_nothing_else_is_needed(name, compiler, level, tmp_path):
+def test_the_library_exports_its_functions_and_needs_libc_only(name, compiler, level, tmp_path):
     nm, compiler = tool("nm"), tool(compiler)
     run(
         compiler,
@@ -191,7 +191,7 @@ def test_the_static_library_has_the_same_symbols():
 @pytest.mark.slow
 @pytest.mark.parametrize("precision", ["double", "single"])
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
-def test_no_compiler_finds_a_word_to_say(compiler, precision, tmp_path):
+def test_sources_compile_without_warnings(compiler, precision, tmp_path):
     for name in ("planar5_nmp", "elbow", *(("four_mass", "abb_arm") if precision == "double" else ())):
         folder = (made(name) if precision == "double" else single(name)).directory
         run(tool(compiler), *STRICT, "-fsyntax-only", folder / "example.c", *sources(folder), folder=tmp_path)
@@ -201,7 +201,7 @@ def test_no_compiler_finds_a_word_to_say(compiler, precision, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("compiler", ["g++", "clang++"])
-def test_the_sources_are_cpp_too(compiler, tmp_path):
+def test_sources_compile_as_cpp(compiler, tmp_path):
     for folder in (made("four_mass").directory, single("planar5_nmp").directory):
         run(tool(compiler), *STRICT_CPP, "-fsyntax-only", folder / "example.c", *sources(folder), folder=tmp_path)
 
@@ -223,7 +223,7 @@ SANITIZED = [("planar5_nmp", "double"), ("four_mass", "single"), ("elbow", "sing
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "precision"), SANITIZED)
-def test_sanitizers_see_nothing(name, precision, tmp_path):
+def test_a_run_under_sanitizers_reports_nothing(name, precision, tmp_path):
     """Every function and its batch in odd numbers, exact and ill-aligned buffers, wrong calls, entries not finite."""
     gcc = tool("gcc")
     flags = ["-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
@@ -255,7 +255,7 @@ def test_parameters_are_shared_by_all_points(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_buffer_that_is_too_small_would_be_seen(tmp_path):
+def test_sanitizers_find_a_planted_overflow(tmp_path):
     gcc = tool("gcc")
     has_sanitizer(gcc, "-fsanitize=address", tmp_path)
     folder = Path(shutil.copytree(made("elbow").directory, tmp_path / "elbow"))

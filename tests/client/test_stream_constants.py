@@ -55,7 +55,7 @@ def library(name: str, precision: str = "double") -> Generated:
 def printed(
     name: str, body: str, tmp_path, compiler: str = CC, language: str = "-std=c99", precision: str = "double"
 ) -> list[list[int]]:
-    """The numbers that a program prints, line by line; ``@`` stands for the name in capitals, ``$`` for it."""
+    """The numbers that a program prints, line by line; ``@`` is replaced by the name in capitals, ``$`` by the name."""
     text = f'#include "{name}.h"\n#include <stdio.h>\n\nint main(void)\n{{\n{body}    return 0;\n}}\n'
     file = tmp_path / ("main.cpp" if "++" in language else "main.c")
     file.write_text(text.replace("@", name.upper()).replace("$", name))
@@ -86,7 +86,7 @@ def test_no_recommendation_at_a_singular_pose():
     ("name", "precision"),
     [("elbow", "double"), ("planar5_nmp", "double"), ("beam_arm", "double"), ("planar5_nmp", "single")],
 )
-def test_the_memory_is_enough_and_not_much_more(name, precision, tmp_path):
+def test_the_stated_memory_is_sufficient_and_at_most_slightly_too_large(name, precision, tmp_path):
     lines = "".join(
         f"    {{\n        const $_stream_options o = {{{n}, {s}, 0.005, 1e-6, {hold}}};\n"
         f'        printf("%lld %lld\\n", (long long)$_stream_work(&o), (long long)@_STREAM_SIZE({n}, {s}));\n    }}\n'

@@ -31,7 +31,7 @@ def _error(solution: Solution) -> float:
 
 
 @pytest.mark.parametrize("name", ["planar5_mp", "urdf_arm", "abb_arm"])
-def test_the_more_a_baseline_knows_the_nearer_it_comes(name: str) -> None:
+def test_each_richer_baseline_has_a_smaller_tool_error(name: str) -> None:
     equations = flexgen.derive(name)
     rigid, fjm, slow = (_error(flexgen.solve(equations, method=method)) for method in BASELINES)
     better = _error(flexgen.solve(equations, method="quasistatic", options={"rounds": 1}))
@@ -137,7 +137,7 @@ def test_a_wrong_sign_of_the_deflection_is_seen(monkeypatch: pytest.MonkeyPatch)
     assert _error(flexgen.solve("planar5_nmp", method="quasistatic")) > 30 * good
 
 
-def test_a_forgotten_rotor_is_seen() -> None:
+def test_an_omitted_rotor_is_seen() -> None:
     """Planted bug: rigid torque without the inertia of the rotors, on a machine that is rigid."""
     equations = flexgen.derive("elbow@rigid")
     trajectory = flexgen.solve(equations, method="rigid", verify=False).trajectory
@@ -154,7 +154,7 @@ def test_joint_moves_need_no_inverse_kinematics() -> None:
     assert np.isfinite(motion.tau_g).all() and np.abs(motion.q[:, 1]).min() < 1e-12
 
 
-def test_wrong_questions_are_refused() -> None:
+def test_models_without_the_baseline_are_refused() -> None:
     with pytest.raises(ArgumentError, match="given rounds 2, expected 0 to 1"):
         flexgen.solve("planar5_mp", method="quasistatic", options={"rounds": 2})
     with pytest.raises(ArgumentError, match="was given 'rounds', expected none"):

@@ -115,7 +115,7 @@ def test_it_is_a_method_of_solve() -> None:
 
 
 @pytest.mark.parametrize("name", PLANAR)
-def test_the_ends_are_bound_by_what_fades_and_grows(name: str) -> None:
+def test_boundary_conditions_select_stable_and_unstable_subspaces(name: str) -> None:
     """As many unstable zeros as another algorithm finds; at the ends the motion is the one that belongs to them."""
     problem = question(name)
     answer = bvp.solve(problem, usual(problem))
@@ -145,7 +145,7 @@ def test_the_ends_are_bound_by_what_fades_and_grows(name: str) -> None:
     ],
     ids=["flat", "undamped", "zeros change"],
 )
-def test_what_lq_solves_and_it_does_not(model, words: str) -> None:
+def test_moves_that_bvp_refuses_are_solved_by_lq(model, words: str) -> None:
     problem = question(model())
     with pytest.raises(SolverError, match=words):
         bvp.solve(problem, usual(problem))
@@ -153,7 +153,7 @@ def test_what_lq_solves_and_it_does_not(model, words: str) -> None:
 
 
 @pytest.mark.slow
-def test_near_the_flat_point_it_still_works() -> None:
+def test_bvp_solves_near_the_flat_point() -> None:
     """With zeros at some +-10^5 1/s, a tool a few micrometres further out."""
     model = flat_arm()
     problem = question(replace(model, tool=Placement(((1 + 1e-5) * model.tool.position[0], 0.0, 0.0))))
@@ -266,7 +266,7 @@ def test_planted_bugs_are_caught(bug: str, tmp_path: FilePath) -> None:
 # --- compilers --------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("compiler", ["gcc", "clang", "g++", "clang++"])
 @pytest.mark.slow
-def test_strict_compilers_have_nothing_to_say(compiler: str, tmp_path: FilePath) -> None:
+def test_strict_compilers_report_no_warning(compiler: str, tmp_path: FilePath) -> None:
     flags = STRICT_CPP if compiler.endswith("++") else [*STRICT, "-O2"]
     file = made("planar5_nmp", "bvp").directory / "src" / "planar5_nmp_inversion.c"
     run(tool(compiler), *flags, "-c", file, "-o", "inversion.o", folder=tmp_path)

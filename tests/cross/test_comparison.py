@@ -1,4 +1,4 @@
-"""Side by side: the torque of simpler models leaves the tool beside the path, each by less than the one before."""
+"""Models compared: the torque of simpler models leaves the tool off the path, each by less than the one before."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from flexgen.reports.html import write_report
 
 
 @pytest.fixture(scope="module")
-def beside():
+def compared():
     equations = derive("planar5_nmp")
     said: list[str] = []
     solutions = compare_methods(equations, flexgen.solve(equations), said.append)
@@ -28,8 +28,8 @@ def beside():
     return equations, solutions
 
 
-def test_each_model_is_better_than_the_simpler_one(beside) -> None:
-    rows = error_rows(beside[1])
+def test_each_model_is_better_than_the_simpler_one(compared) -> None:
+    rows = error_rows(compared[1])
     assert [row["method"] for row in rows] == ["rigid", "fjm", "quasistatic", "lq"]
     largest = [row["largest_m"] for row in rows]
     assert largest[0] > 1e-4 and largest[1] > 1e-5  # m
@@ -43,8 +43,8 @@ def test_a_machine_without_elastic_coordinates_has_one_baseline() -> None:
 
 
 @pytest.mark.slow
-def test_report_shows_them_together(beside, tmp_path) -> None:
-    equations, solutions = beside
+def test_report_shows_them_together(compared, tmp_path) -> None:
+    equations, solutions = compared
     named = {solution.method: solution for solution in solutions}
     rows = compare_plants(equations, named, plants=(Plant("stiffness -5 %", stiffness=0.95),))
     page = write_report(equations, solutions[-1], tmp_path, compared=solutions, robustness=rows).read_text("utf-8")
@@ -63,7 +63,7 @@ def joints_of_both_units():
 
 
 @pytest.mark.parametrize("name", ["joints of both units", "abb_arm", "planar5_nmp", "manutec_r3_18"])
-def test_errors_are_told_by_unit(name: str) -> None:
+def test_errors_are_reported_by_unit(name: str) -> None:
     """Those of the simulation, of the comparison and of the plants are the same."""
     equations = derive(joints_of_both_units() if name.startswith("joints") else name)
     solution = flexgen.solve(equations, next(m for m in equations.model.moves if m.type == "joint"), "rigid")
@@ -79,7 +79,7 @@ def test_errors_are_told_by_unit(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_distance_from_a_plan_keeps_metres_and_angles_apart() -> None:
+def test_the_distance_from_a_plan_separates_meters_and_angles() -> None:
     equations = derive("manutec_r3")
     solution = flexgen.solve(equations)
     simulation = solution.simulation

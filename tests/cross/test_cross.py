@@ -99,7 +99,7 @@ CHECKS = (check_newton_euler, check_mujoco, check_kinematics, check_full_model)
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__[6:])
 @pytest.mark.parametrize("name", ALL_MODELS)
-def test_agreement(name, check):
+def test_functions_agree_with_the_reference_of_another_program(name, check):
     check(answers(name), name)
 
 
@@ -138,7 +138,7 @@ MORE = [
 
 
 @pytest.mark.parametrize(("seed", "coupling", "gears", "beam"), MORE)
-def test_more_synthetic_chains(seed, coupling, gears, beam):
+def test_functions_of_many_synthetic_chains_agree(seed, coupling, gears, beam):
     model = random_model(seed, coupling, gears, beam)
     a, judge, rng = Answers(derive(model)), Referee(model), np.random.default_rng(seed)
     for _ in range(4):
@@ -151,7 +151,7 @@ def test_more_synthetic_chains(seed, coupling, gears, beam):
             assert_close(found, expected, ACCELERATION)
 
 
-def test_synthetic_chains_have_everything():
+def test_synthetic_chains_cover_every_kind_of_element():
     """The agreement above is worth what the chains contain."""
     models: list[RobotModel] = [random_model(*case) for case in MORE]
     dofs = [c.dof for model in models for c in model.coordinates if c.dof is not None]

@@ -213,8 +213,8 @@ def test_the_controller_refuses_another_start_pose(driver):
 
 @needs_compiler
 @pytest.mark.slow
-def test_a_difference_at_the_start_is_no_speed(driver):
-    """The robot rests beside the planned start: u - tau_ff = -k_s k_p d (1 + k_i t), t since the activation."""
+def test_an_offset_of_the_start_pose_gives_no_speed(driver):
+    """The robot rests next to the planned start: u - tau_ff = -k_s k_p d (1 + k_i t), t since the activation."""
     cascade, n, away = gains(), 130, np.array([4e-4, -7e-4])
     samples, offsets = path_samples(n), np.zeros((n * PARTS, N_M))
     expected, rest = reference_run(cascade, samples, offsets)
@@ -339,7 +339,7 @@ def test_words_of_cpp_and_needed_packages_are_refused(package, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_no_name_is_taken_for_a_name_of_the_templates(tmp_path):
+def test_names_equal_to_words_of_the_templates_are_kept(tmp_path):
     """Names as in the templates give the same files as other names, but for the names."""
 
     def renamed(text: str) -> str:
@@ -350,12 +350,12 @@ def test_no_name_is_taken_for_a_name_of_the_templates(tmp_path):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("flexgen.exports.ros2.export.emitted", lambda *_, **__: library)
         flexgen.export_ros2(NAME, tmp_path / "a", package="model", maintainer="flexgen_model @RATE@")
-    flexgen.export_ros2(NAME, tmp_path / "b", package="zzz", maintainer="somebody")
+    flexgen.export_ros2(NAME, tmp_path / "b", package="zzz", maintainer="maintainer")
     for path in (p for p in (tmp_path / "a").rglob("*") if p.is_file() and p.name != "flexgen_export.json"):
         relative = path.relative_to(tmp_path / "a").as_posix()
         other = relative.replace("include/model", "include/zzz").replace("flexgen_model", NAME)
         text = renamed((tmp_path / "b" / other).read_text("ascii")).replace("zzz", "model").replace("ZZZ", "MODEL")
-        assert path.read_text("ascii") == text.replace("somebody", "flexgen_model @RATE@"), relative
+        assert path.read_text("ascii") == text.replace("maintainer", "flexgen_model @RATE@"), relative
 
 
 def test_wrong_arguments(tmp_path):

@@ -39,7 +39,7 @@ def exported(tmp_path_factory):
 
 
 @needs_compiler
-def test_it_passes(exported):
+def test_the_selftest_passes(exported):
     library, compiled = library_object("planar5_nmp")
     assert (exported / "planar5_nmp.c").read_text(encoding="ascii") == library.source
     run = program(exported, compiled)
@@ -52,7 +52,7 @@ def test_it_passes(exported):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["elbow", "beam_arm", "four_mass"])
 @pytest.mark.parametrize("precision", ["double", "single"])
-def test_it_passes_in_both_precisions(name, precision, tmp_path):
+def test_the_selftest_passes_in_both_precisions(name, precision, tmp_path):
     flexgen.export_selftest(name, tmp_path, precision=precision)
     run = program(tmp_path, library_object(name, precision)[1])
     assert run.returncode == 0 and run.stdout.startswith("PASS"), run.stdout
@@ -141,7 +141,7 @@ def test_a_planted_error_of_the_library_is_seen(exported, tmp_path):
 
 
 @needs_compiler
-def test_it_is_a_function_of_a_program_of_ones_own(exported, tmp_path):
+def test_the_selftest_is_a_function_for_other_programs(exported, tmp_path):
     flags = ["-DPLANAR5_NMP_SELFTEST_NO_MAIN", "-DPLANAR5_NMP_SELFTEST_NO_PRINT"]
     (tmp_path / "own.c").write_text(
         "int planar5_nmp_selftest(double *largest);\n"

@@ -1,4 +1,4 @@
-"""What inverse dynamics along an output asks of a model: recursion, Lagrangian and differences; and who has it."""
+"""Functions for inverse dynamics along an output: recursion, Lagrangian and differences; which models have them."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_the_recursion_is_the_lagrangian(name):
 
 
 @pytest.mark.parametrize("name", INVERTING)
-def test_the_lagrangian_is_what_differences_give(name):
+def test_the_lagrangian_agrees_with_central_differences(name):
     equations = equations_of(name)
     given = state(equations.model)
     n_a, e = equations.model.n_a, list(equations.model.i_e)
@@ -172,7 +172,7 @@ def test_the_gear_law_is_that_of_the_springs():
 
 # --- planted errors ---------------------------------------------------------------------------------------------------
 def test_a_planted_error_in_the_turning_is_seen(monkeypatch):
-    """Angular velocities are no derivatives of coordinates: without that term the test must fail."""
+    """Angular velocities are not derivatives of coordinates: without that term the test must fail."""
     equations = derive(read("manutec_r3"))
     monkeypatch.setattr(by_recursion, "cross", lambda a, b: [0.0] * 3)
     fast = recursive_function(equations, "inversion_jacobians")
@@ -199,13 +199,13 @@ def test_a_planted_error_in_the_springs_is_seen(monkeypatch):
     assert disagreement(values(recursive_function(equations, "inversion_jacobians"), given), expected) > 1e-3
 
 
-# --- who has them -----------------------------------------------------------------------------------------------------
+# --- where they exist--------------------------------------------------------------------------------------------------
 def complete(model: RobotModel) -> RobotModel:
     """The same with rotors that turn with their carriers, but for their axes and carriers."""
     return dataclasses.replace(model, motor_coupling="complete")
 
 
-def test_who_has_which_functions():
+def test_models_have_the_functions_that_their_structure_allows():
     plain = tuple(name for name in FUNCTIONS[: -len(INVERSION)] if not name.startswith(("sensor", "flexible")))
     elastic = [name for name in FUNCTIONS if not name.startswith("sensor")]  # of arms with elastic joints
     assert offered_functions(read("planar5_nmp")) == (*plain, *INVERSION)
@@ -289,7 +289,7 @@ def test_motor_constants_are_those_of_the_model():
     assert pose.pose and all(pose.gear_is_rigid) and not any(pose.gear_damping)
 
 
-def test_who_has_the_hand_written_functions(tmp_path):
+def test_models_have_the_hand_written_functions_of_their_structure(tmp_path):
     equations = derive("planar5_nmp")
     assert [function.name for function in library_spec(equations).c_functions][:2] == ["invert_work", "invert"]
     assert library_spec(equations, INVERSION).c_functions

@@ -72,7 +72,7 @@ def test_lq_and_bvp_agree_on_six_axes() -> None:
     assert difference(one, replace(other, time=other.time + 1e-4), end) > 10 * SIX_AXES
 
 
-def test_a_torque_that_is_late_does_not_agree() -> None:
+def test_a_torque_delayed_by_a_sample_does_not_agree() -> None:
     """The control: one sample of delay is 100 times what the methods differ by."""
     solution = flexgen.solve("planar5_nmp", method="lq", verify=False)
     t, tau = solution.trajectory.time, solution.trajectory["tau_m"]

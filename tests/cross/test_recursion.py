@@ -32,7 +32,7 @@ from flexgen.recursion.functions import agrees, fast_function, operations_of, re
 
 
 @pytest.mark.parametrize("name", [*ALL_MODELS, *ROBOTS, *MADE], ids=lambda name: Path(name).stem)
-def test_agreement(name):
+def test_recursion_agrees_with_the_lagrangian(name):
     equations = equations_of(name)
     rng = np.random.default_rng(5)
     states = [arguments(s, rng) for s in some_states(equations.model)]
@@ -50,7 +50,7 @@ def test_agreement(name):
 
 
 @pytest.mark.slow
-def test_who_has_no_fast_path():
+def test_recursion_exists_without_beams_and_complete_coupling():
     """Beams; the whole machine where rotors turn with their carriers; everything else has one."""
     for name in ALL_MODELS:
         model = model_of(name)
@@ -100,7 +100,7 @@ def nothing_resists() -> dict[str, RobotModel]:
 
 @pytest.mark.parametrize("parameters", [(), ("payload",)])
 @pytest.mark.parametrize("name", nothing_resists())
-def test_where_nothing_resists_the_lagrangian_tells(name, parameters):
+def test_without_inertia_the_lagrangian_is_used(name, parameters):
     """No division by the number zero while functions are made; what exists of them is right."""
     equations = derive(nothing_resists()[name], parameters)
     given = arguments(some_states(equations.model, 1)[0], np.random.default_rng(4))

@@ -51,7 +51,7 @@ def test_degrees_of_freedom_are_those_of_the_theory(name: str, freedom: int) -> 
 
 
 @pytest.mark.parametrize("name", ["planar5_mp", "planar5_mp@undamped", "manutec_r3"])
-def test_equations_are_differentiated_as_polynomials_are(name: str) -> None:
+def test_derivatives_of_equations_agree_with_those_of_polynomials(name: str) -> None:
     """Along some motion that solves nothing, sampled, the equations' derivatives are those of a fitted polynomial."""
     here = problem(name)
     dae, dummies, rng = here.dae, dummies_of(here), np.random.default_rng(7)
@@ -171,7 +171,7 @@ def test_a_wrong_derivative_of_the_path_is_seen(monkeypatch: pytest.MonkeyPatch)
     assert relative(tau, reference("planar5_mp")(t)) > 5 * EXACT  # type: ignore[operator]
 
 
-def test_the_tolerance_works() -> None:
+def test_the_error_falls_with_the_tolerance() -> None:
     here, exact = problem("planar5_mp"), reference("planar5_mp")
     t = np.linspace(0.0, here.path.duration, 251)
     found = dummies_of(here)
@@ -189,7 +189,7 @@ def test_where_the_structure_hides_the_index_another_method_is_named() -> None:
 
 
 @pytest.mark.parametrize("rtol", [1e-20, 1.0, "tight"])
-def test_wrong_options_are_told(rtol: object) -> None:
+def test_wrong_options_are_refused(rtol: object) -> None:
     given = problem("planar5_mp").problem
     with pytest.raises(ArgumentError, match="rtol"):
         solve(InversionProblem(given.equations, given.path, options={"rtol": rtol}), 5e-3)

@@ -1,6 +1,6 @@
 """Random robots before two outside referees: MuJoCo and Pinocchio.
 
-Whatever flexgen computes of the mechanics is compared on robots that nobody chose, on each of its routes: Lagrange's
+Whatever flexgen computes of the mechanics is compared on random robots, on each of its routes: Lagrange's
 equations (`Equations.function`) and the recursive code of `flexgen.recursion.functions`. A sample of robots always
 runs; a thousand run under the marker ``full``. Bugs planted in flexgen's robots and answers must be seen by each
 referee.
@@ -71,18 +71,18 @@ def on_robots(check: Callable[[Case], None], count: int, start: int, **fixed) ->
 
 
 @pytest.mark.parametrize(("start", "linear", "coupling"), KINDS)
-def test_sample(start, linear, coupling):
+def test_functions_of_a_sample_of_random_robots_agree(start, linear, coupling):
     on_robots(check_robot, SAMPLE, start, linear=linear, coupling=coupling)
 
 
 @pytest.mark.full
 @pytest.mark.parametrize(("start", "linear", "coupling"), KINDS)
-def test_full(start, linear, coupling):
+def test_functions_of_all_random_robots_agree(start, linear, coupling):
     on_robots(check_robot, FULL, 100 + start, linear=linear, coupling=coupling)
 
 
 @pytest.mark.slow
-def test_the_sample_has_everything():
+def test_the_sample_covers_every_kind_of_element():
     """The agreement above is worth what its robots contain."""
     models: list[RobotModel] = []
     for parameters in KINDS:
@@ -148,7 +148,7 @@ def test_one_motor_behind_a_rigid_gear():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["parallel", "chain"])
-def test_robots_that_once_were_wrong(name):
+def test_robots_that_failed_before_agree(name):
     """Random robots on which an earlier version of the recursive route lost all digits; one in a hundred did that."""
     model, rng = read(HERE / "drawn" / f"{name}.toml"), np.random.default_rng(6)
     check_robot(Case(model, tuple(state(model, rng, pose) for pose in ("anywhere", "square")), is_linear(model)))
@@ -158,7 +158,7 @@ def test_robots_that_once_were_wrong(name):
 
 
 @pytest.mark.parametrize("name", ["ur5", "ur5_elastic", "panda"])
-def test_known_robots(name):
+def test_functions_of_public_robots_agree(name):
     """Overlays on URDF files; tests of the URDF reader hold them against the files themselves."""
     try:
         model = read(HERE / "robots" / f"{name}.toml")

@@ -178,13 +178,13 @@ def test_the_momentum_of_joints_whose_torque_is_held_counts(tmp_path, monkeypatc
 
 
 @pytest.mark.parametrize("settled", [-1e-9, 1.0, np.nan, np.inf])
-def test_a_size_that_is_none_is_refused(settled: float) -> None:
+def test_an_invalid_size_is_refused(settled: float) -> None:
     equations = arm("tool")
     with pytest.raises(ArgumentError, match="settled: given"):
         inversion_library(equations, "lq", SOLVERS).invert(**arguments(equations), settled=settled)
 
 
-def test_bvp_refuses_it() -> None:
+def test_bvp_refuses_the_option_settled() -> None:
     equations = derive("planar5_nmp")
     library = inversion_library(equations, "bvp")
     with pytest.raises(ArgumentError, match="settled: given 1e-07, expected 0: all samples are computed"):
@@ -192,7 +192,7 @@ def test_bvp_refuses_it() -> None:
 
 
 @pytest.mark.slow
-def test_solve_computes_only_what_it_keeps() -> None:
+def test_solve_computes_few_samples_that_it_does_not_return() -> None:
     solution = flexgen.solve(last_joint(read("planar5_mp"), *SLOW["tool"]), "joints", "lq")
     assert solution.simulation is not None and solution.simulation.tool_error_max_m is not None
     assert solution.simulation.tool_error_max_m < 1e-6

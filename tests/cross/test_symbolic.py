@@ -262,7 +262,7 @@ def test_a_wrong_sign_would_be_seen():
         assert_close(wrong, found.numeric(q, v)[0])
 
 
-def test_shares_no_code_with_the_casadi_equations():
+def test_symbolic_equations_share_no_code_with_the_casadi_equations():
     own = {"equations", "chain", "elements", "trigonometric", "printing"}
     for name in own:
         source = (Path(flexgen.__file__).parent / "closed_form" / f"{name}.py").read_text(encoding="utf-8")
@@ -281,7 +281,7 @@ def test_complete_coupling_depends_on_the_motors():
 
 
 @pytest.mark.slow
-def test_is_small_and_quick():
+def test_symbolic_equations_of_planar5_mp_are_short_and_take_at_most_10_seconds():
     start = time.process_time()
     found = symbolic(model_of("planar5_mp"))
     assert time.process_time() - start < 10.0
@@ -383,7 +383,7 @@ def test_refusals():
         symbolic(read("manutec_r3"))
 
 
-def test_a_hopeless_model_is_refused_soon():
+def test_a_model_too_large_is_refused_within_seconds():
     rng = np.random.default_rng(1)
     elements = [
         Element(

@@ -251,7 +251,7 @@ def test_changed_moves_are_refused(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_names_that_are_no_identifiers_are_refused(tmp_path):
+def test_names_that_are_not_identifiers_are_refused(tmp_path):
     model = flexgen.read("elbow")
     first = replace(model.elements[0], name='a"<b>&')
     with pytest.raises(ModelError, match=r"element\.name: given .*expected a letter followed by"):

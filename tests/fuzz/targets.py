@@ -18,7 +18,7 @@ from flexgen.paths.sample_files import read_samples
 from flexgen.ports import Port
 
 ROOT = Path(__file__).resolve().parents[2]
-BESIDE = "beside"  # a folder among the seeds: what lies beside a mutated file, unchanged
+LINKED = "linked"  # a folder among the seeds: what a mutated file refers to, unchanged
 
 SENSORS = """
 [[sensor]]
@@ -81,16 +81,16 @@ def _model_seeds(folder: Path) -> None:
         shutil.copy(path, folder)
     planar = (ROOT / "models" / "planar5_nmp.toml").read_text(encoding="utf-8")
     (folder / "planar5_sensors.toml").write_text(planar + SENSORS, encoding="utf-8")
-    (folder / BESIDE).mkdir()
-    shutil.copy(ROOT / "models" / "urdf_arm.urdf", folder / BESIDE)
+    (folder / LINKED).mkdir()
+    shutil.copy(ROOT / "models" / "urdf_arm.urdf", folder / LINKED)
 
 
 def _urdf_seeds(folder: Path) -> None:
     shutil.copy(ROOT / "tests/support/urdf/two_link.urdf", folder)
     shutil.copy(ROOT / "models" / "urdf_arm.urdf", folder)
-    (folder / BESIDE).mkdir()
+    (folder / LINKED).mkdir()
     overlay = (ROOT / "models" / "urdf_arm.toml").read_text(encoding="utf-8")
-    (folder / BESIDE / "overlay.toml").write_text(overlay.replace("urdf_arm.urdf", "mutated.urdf"), encoding="utf-8")
+    (folder / LINKED / "overlay.toml").write_text(overlay.replace("urdf_arm.urdf", "mutated.urdf"), encoding="utf-8")
 
 
 def _urdf(path: Path) -> None:
@@ -145,7 +145,7 @@ def _trajectory_seeds(folder: Path) -> None:
 
 
 def _manifest_seeds(folder: Path) -> None:
-    made = flexgen.generate("elbow", folder / BESIDE)
+    made = flexgen.generate("elbow", folder / LINKED)
     (made.directory / "manifest.json").rename(folder / "mutated.json")
 
 
@@ -214,18 +214,18 @@ def _identification(path: Path) -> None:
 
 
 def _recording_seeds(folder: Path) -> None:
-    (folder / BESIDE).mkdir()
+    (folder / LINKED).mkdir()
     bench = ROOT / "examples" / "motor_bench"
-    shutil.copy(bench / "bench.toml", folder / BESIDE)
+    shutil.copy(bench / "bench.toml", folder / LINKED)
     t = np.arange(4000) * 1e-3
     torque = np.cos(2 * np.pi * 11 * t) + np.sin(2 * np.pi * 20 * t)
-    np.savez(folder / BESIDE / "run.npz", time=1e6 * t, iq_adx=torque, theta_mx=0.01 * np.roll(torque, 3))
+    np.savez(folder / LINKED / "run.npz", time=1e6 * t, iq_adx=torque, theta_mx=0.01 * np.roll(torque, 3))
     text = (bench / "recordings.toml").read_text().replace("MultisineTypeA.mat", "run.npz").replace("250.0", "100.0")
     (folder / "mutated.toml").write_text(text)
     link = '\n[[sensor]]\nname = "link"\ntype = "link_encoder"\ncoordinate = "q1"\nunit = "rad"\n'
-    (folder / BESIDE / "linked.toml").write_text((bench / "bench.toml").read_text() + link)
+    (folder / LINKED / "linked.toml").write_text((bench / "bench.toml").read_text() + link)
     signal = '[[signal]]\nsensor = "link"\nname = "both"\nindex = 1\nunit = "mrad"\noffset = 2.0\n\n[[recording]]'
-    np.savez(folder / BESIDE / "run.npz", time=1e6 * t, iq_adx=torque, theta_mx=0.01 * np.roll(torque, 3),
+    np.savez(folder / LINKED / "run.npz", time=1e6 * t, iq_adx=torque, theta_mx=0.01 * np.roll(torque, 3),
              both=np.stack([torque, np.roll(torque, 4)]))  # fmt: skip
     text = text.replace("bench.toml", "linked.toml").replace("[[recording]]", signal)
     (folder / "signals.toml").write_text(

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from campaign import HERE, KEPT, run_cases, run_files
 from mutations import mutate
-from targets import BESIDE, TARGETS
+from targets import LINKED, TARGETS
 
 QUICK, SLOW, MANY = 60, 1000, 10_000
 COMPILER = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
@@ -41,14 +41,14 @@ def show(findings) -> str:
 
 
 @pytest.mark.parametrize("target", TARGETS)
-def test_a_few(target, seeds):
+def test_few_mutations_are_read_or_refused(target, seeds):
     findings = run_cases(target, seeds(target), 0, QUICK)
     assert not findings, show(findings)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("target", TARGETS)
-def test_a_thousand(target, seeds):
+def test_a_thousand_mutations_are_read_or_refused(target, seeds):
     findings = run_cases(target, seeds(target), QUICK, SLOW)
     assert not findings, show(findings)
 
@@ -56,13 +56,13 @@ def test_a_thousand(target, seeds):
 @pytest.mark.full
 @pytest.mark.fuzz
 @pytest.mark.parametrize("target", TARGETS)
-def test_ten_thousand(target, seeds):
+def test_ten_thousand_mutations_are_read_or_refused(target, seeds):
     findings = run_cases(target, seeds(target), 0, MANY)
     assert not findings, show(findings)
 
 
 @pytest.mark.parametrize("target", [target for target in TARGETS if any((KEPT / target).glob("*"))])
-def test_what_was_wrong_once(target, seeds):
+def test_mutations_that_failed_before_are_refused(target, seeds):
     findings = run_files(target, seeds(target), sorted((KEPT / target).iterdir()))
     assert not findings, show(findings)
 
@@ -72,8 +72,8 @@ def test_valid_files_are_read(target, seeds, tmp_path):
     """The mutations begin with files that are read without an error."""
     folder = tmp_path / "cases"
     folder.mkdir()
-    if (seeds(target) / BESIDE).is_dir():
-        shutil.copytree(seeds(target) / BESIDE, folder, dirs_exist_ok=True)
+    if (seeds(target) / LINKED).is_dir():
+        shutil.copytree(seeds(target) / LINKED, folder, dirs_exist_ok=True)
     read = TARGETS[target].begin(seeds(target))
     for path in (path for path in seeds(target).iterdir() if path.is_file()):
         shutil.copy(path, folder / f"mutated{path.suffix}")

@@ -26,7 +26,7 @@ NOT_MADE = {
 
 @pytest.fixture(autouse=True)
 def quiet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """An empty folder below another one, for the files of calls that succeed; warnings are no results."""
+    """An empty folder below another one, for the files of calls that succeed; warnings are not results."""
     folder = tmp_path / "a" / "b"
     folder.mkdir(parents=True)
     monkeypatch.chdir(folder)
@@ -119,7 +119,7 @@ def test_a_planted_constructor_that_accepts_nonsense_is_seen(objects) -> None:
         (lambda: flexgen.solve("elbow", hold="cubic"), "hold: given 'cubic', expected one of spline, linear, zoh"),
     ],
 )
-def test_nonsense_is_refused_where_it_enters_with_what_was_given_and_expected(call, message: str) -> None:
+def test_invalid_values_are_refused_with_what_was_given_and_expected(call, message: str) -> None:
     with pytest.raises(ArgumentError, match=f"^{message}"):
         call()
 

@@ -22,7 +22,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from mutations import mutate
-from targets import BESIDE, TARGETS, Target
+from targets import LINKED, TARGETS, Target
 
 from flexgen.errors import FlexgenError
 
@@ -74,8 +74,8 @@ def main(name: str, seeds: Path, words: list[str]) -> None:
     with tempfile.TemporaryDirectory() as above:
         folder = Path(above) / "cases"
         folder.mkdir()
-        if (seeds / BESIDE).is_dir():
-            shutil.copytree(seeds / BESIDE, folder, dirs_exist_ok=True)
+        if (seeds / LINKED).is_dir():
+            shutil.copytree(seeds / LINKED, folder, dirs_exist_ok=True)
         read = target.begin(seeds)
         for path in sorted(path for path in seeds.iterdir() if path.is_file()):
             shutil.copy(path, folder / f"mutated{path.suffix}")

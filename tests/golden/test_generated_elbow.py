@@ -14,7 +14,7 @@ GOLDEN = ROOT / "generated" / "elbow"
 GOLDEN_CASADI = "3.8"  # another CasADi may order the operations of the same mathematics otherwise
 
 
-def test_the_sources_in_the_repository_are_those_of_today(tmp_path):
+def test_the_sources_in_the_repository_are_those_emitted_now(tmp_path):
     """``make golden`` writes them again; read the difference before you commit it."""
     if not version("casadi").startswith(f"{GOLDEN_CASADI}."):
         pytest.skip(f"written with CasADi {GOLDEN_CASADI}; run: pip install 'casadi~={GOLDEN_CASADI}.0'")

@@ -98,8 +98,8 @@ def test_numbers_that_give_no_score_are_refused(change):
         dataclasses.replace(scenario("four_mass"), **change)
 
 
-def test_a_score_that_is_no_number_is_refused():
-    """A measure of the reference that is zero has no ratio; a NaN in the measures is no accepted score."""
+def test_a_score_that_is_not_a_number_is_refused():
+    """A measure of the reference that is zero has no ratio; a NaN in the measures is not accepted as a score."""
     s = shorter()
     with pytest.raises(
         ArgumentError, match=r"settling time: the reference controller has 0\.0 s, expected a number > 0"
@@ -323,7 +323,7 @@ def test_objects_and_libraries_run_in_a_process_too(tmp_path, monkeypatch):
 
 def test_a_class_that_no_file_has_is_refused_with_what_to_do():
     made = type("Here", (Cheat,), {"__module__": "nowhere", "__init__": object.__init__})()
-    with pytest.raises(ArgumentError, match=r"cannot be sent to a process of its own .* or 'file.py:Here'"):
+    with pytest.raises(ArgumentError, match=r"cannot be sent to a separate process .* or 'file.py:Here'"):
         ForeignController(made)
     inherited = type("Mine", (type(scenario("four_mass").reference),), {})
     with pytest.raises(ArgumentError, match="expected one that regulates without the planned motion"):
@@ -332,7 +332,7 @@ def test_a_class_that_no_file_has_is_refused_with_what_to_do():
 
 @pytest.mark.full
 def test_code_has_new_draws_in_every_score_and_says_where_it_has_not(tmp_path):
-    """Two scores of one file differ by the draws only; a given seed, an object and version 1 are no fair scores."""
+    """Two scores of one file differ by the draws only; given seeds, objects and version 1 do not give fair scores."""
     given = f"{tmp_path / 'mine.py'}:Mine"
     (tmp_path / "mine.py").write_text(CASCADE)
     s = shorter()

@@ -206,7 +206,7 @@ def test_wrong_controller_files_are_refused(tmp_path, text, words):
         flexgen.score("four_mass", str(path), version=1, progress=False)
 
 
-def test_numbers_of_a_cascade_go_there_and_back(tmp_path):
+def test_numbers_of_a_cascade_survive_writing_and_reading(tmp_path):
     law = Cascade(np.array([3.0, 0.0]), np.array([2.0, 1.0]), np.zeros(2), (LowPass(50.0, 0.7), Notch(20.0, 0.1, 0.5)))
     other = with_numbers(law, numbers_of(law))
     assert np.allclose(other.position_gain, law.position_gain) and other.filters[1].frequency_hz == pytest.approx(20.0)

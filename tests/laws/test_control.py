@@ -69,7 +69,7 @@ class TorqueAtTheSample(ExactSpeed):
 
 
 @pytest.mark.parametrize("planted", [ExactSpeed, TorqueAtTheSample])
-def test_a_wrong_reference_is_seen(case, planted):
+def test_a_planted_error_of_the_reference_is_seen(case, planted):
     found = run_case(case, PythonController(planted(law_of(case))), "planted")
     assert found.tool_error_max_m > 1e-6
 
@@ -238,7 +238,7 @@ def test_disturbances_have_their_shapes():
     assert np.array_equal(noise, D("noise", "m1", 3.0, 0.0, 4.0, (5.0, 50.0)).values(t, 1))
 
 
-def test_an_unstable_loop_is_told_and_not_an_error(case):
+def test_an_unstable_loop_is_reported_without_an_exception(case):
     wild = flexgen.PPI(50.0, 5000.0, 0.0).cascade(case.model, 1e-9, case.reference.points(np.array([0])))
     found = run_case(case, wild, "wild")
     assert found.status.startswith("failed: nominal:") and np.isnan(found.tool_error_max_m)

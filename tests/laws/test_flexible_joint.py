@@ -137,7 +137,7 @@ def test_the_three_axis_arm_is_the_manutec_with_a_locked_wrist():
         assert np.allclose(p, derive(whole).function("forward_kinematics")(six)[0].full(), atol=1e-13)
 
 
-def test_models_that_are_no_arms_with_elastic_joints_say_why():
+def test_other_models_are_refused_with_the_reason():
     assert flexible_joint_obstacle(flexgen.read("elbow")) is None
     assert "coordinates without motor (q3)" in flexible_joint_obstacle(flexgen.read("planar5_nmp"))
     assert "a rigid gear in q4" in flexible_joint_obstacle(flexgen.read("manutec_r3"))

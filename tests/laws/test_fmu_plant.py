@@ -193,7 +193,7 @@ def test_the_payload_is_a_tunable_parameter():
 
 
 @pytest.mark.slow
-def test_it_rests_at_the_start_values():
+def test_the_plant_rests_at_the_start_values():
     """Start values are an equilibrium: the integrator keeps it."""
     written = fmus.exported("planar5_nmp", "2.0")
     inputs = np.tile(fmus.starts(written, INPUT), (20, 1))
@@ -203,10 +203,10 @@ def test_it_rests_at_the_start_values():
 
 def test_a_wrong_sign_of_the_gear_torque_is_found(monkeypatch, tmp_path):
     """The deflection of the gears is turned around in the exported mathematics: the law must fail."""
-    honest = plant_module.mathematics_of
+    exact = plant_module.mathematics_of
 
     def planted(equations, name):
-        function = honest(equations, name)
+        function = exact(equations, name)
         if name != "forward_dynamics_tool_force":
             return function
         m = equations.model

@@ -227,5 +227,5 @@ def test_a_step_of_more_samples_than_can_be_computed_is_discarded_at_once(block,
         fmu.fmu.doStep(1e-3, 1e9)
     assert perf_counter() - began < 1.0
     assert np.array_equal(fmu.get(fmus.references(written, OUTPUT)), before)
-    fmu.step(1, 1e-3)  # and it goes on
+    fmu.step(1, 1e-3)  # and it continues
     fmu.close()

@@ -1,4 +1,4 @@
-"""Robots that nobody shaped for these solvers: solved, and confirmed by Pinocchio and numpy.
+"""Robots that were not chosen for these solvers: solved, and confirmed by Pinocchio and numpy.
 
 `make robots` runs the 200 moves of 40 robots. ``FLEXGEN_ROBOTS=10-20`` runs robots 10 to 19 only; the file
 ``FLEXGEN_ROBOTS_RESULTS`` keeps the results, and those in it are not computed again.
@@ -38,7 +38,7 @@ needs_robots = pytest.mark.skipif(FOLDER is None, reason="the Python package exa
 
 
 @needs_robots
-def test_a_number_gives_one_robot(tmp_path: Path) -> None:
+def test_a_seed_gives_one_robot(tmp_path: Path) -> None:
     assert FOLDER is not None
     one, same, other = (
         generated_robot(number, FOLDER, tmp_path / str(k)).read_text(encoding="utf-8")
@@ -49,7 +49,7 @@ def test_a_number_gives_one_robot(tmp_path: Path) -> None:
 
 
 @needs_robots
-def test_the_robots_have_everything(tmp_path: Path) -> None:
+def test_the_robots_cover_every_kind_of_element(tmp_path: Path) -> None:
     """The share of solved moves is worth what the robots contain."""
     assert FOLDER is not None
     numbers = range(0, ROBOTS, 3)
@@ -120,7 +120,7 @@ def test_generated_robots() -> None:
 @needs_robots
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [7, 10])
-def test_inversion_in_c_doubts_none_that_solve_verifies(number: int, tmp_path: Path) -> None:
+def test_moves_that_solve_verifies_have_status_ok_in_c(number: int, tmp_path: Path) -> None:
     """With its default tolerance, on the grid of solve."""
     assert FOLDER is not None
     equations = derive(read(generated_robot(number, FOLDER, tmp_path)))

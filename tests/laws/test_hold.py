@@ -152,7 +152,7 @@ def test_straight_lines_are_the_nearest_ones() -> None:
         assert abs(np.trapezoid(miss * hat, fine)) < 1e-9 * 4.1 * T
 
 
-def test_samples_instead_of_the_right_values_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_drive_that_gets_the_samples_exceeds_the_error(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: the status is not "solved", and a warning has the error."""
 
     def samples(t: np.ndarray, tau: np.ndarray, *arguments: object, **options: object) -> tuple[np.ndarray, np.ndarray]:
@@ -193,7 +193,7 @@ def test_an_unstable_open_loop_is_verified_under_feedback_with_its_hold() -> Non
     assert run.feedback.title in str(solution)
 
 
-def test_what_no_controller_does_is_refused(planar: tuple[Equations, flexgen.Solution]) -> None:
+def test_invalid_holds_and_delays_are_refused(planar: tuple[Equations, flexgen.Solution]) -> None:
     for options, text in (
         ({"hold": "foh"}, "hold: given 'foh', expected one of spline, linear, zoh"),
         ({"hold": "zoh", "sample_time": 0.0}, "sample_time: given 0.0, expected a positive time in s"),

@@ -128,7 +128,7 @@ def test_a_parameter_at_its_bound_is_named():
     assert found.status == FitStatus.AT_BOUND and found.at_bound == ("q1.stiffness",)
 
 
-def test_what_the_data_do_not_show_is_said_and_left_alone(tmp_path):
+def test_parameters_that_the_data_do_not_show_are_reported_and_kept(tmp_path):
     """A motor friction far below what the band can show."""
     truth = without_coulomb("planar5_nmp")
     tiny = with_values(truth, {"m1.viscous": 1e-9})
@@ -295,7 +295,7 @@ def test_coulomb_friction_is_found_in_the_time_domain(name):
 
 @needs_compiler
 @pytest.mark.slow
-def test_a_drive_that_is_not_known_well():
+def test_wrong_drive_gains_are_seen_in_the_cost_and_identified():
     """Wrong gains are seen in the cost; as parameters they are found, and are not written to the model."""
     model = with_friction("planar5_nmp")
     plan = small_plan(model, poses_of(model, 3), hardware=NOISY, periods=3, speed_rms=0.1)
@@ -374,7 +374,7 @@ def test_feedforward_with_the_identified_model_is_as_good_as_with_the_true_one()
         found.verdict("line", samples=0, progress=False)
 
 
-def test_of_a_group_what_is_zero_stays_zero():
+def test_zeros_of_a_group_of_parameters_stay_zero():
     """The cubic part of the springs of abb_arm is zero: a group leaves it, its name frees it."""
     model = flexgen.read("abb_arm")
     names = ParameterVector(model, FREE).names

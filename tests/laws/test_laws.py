@@ -254,7 +254,7 @@ CHECKS = (
 
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__[6:])
 @pytest.mark.parametrize("name", ALL_MODELS)
-def test_law(name, check):
+def test_every_model_obeys_the_law(name, check):
     model = model_of(name)
     check(answers(name), model, states(model))
 

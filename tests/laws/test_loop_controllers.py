@@ -162,8 +162,8 @@ def test_a_plug_in_gives_the_bits_of_its_python_twin(tmp_path):
     assert np.array_equal(*runs)
 
 
-def test_a_plug_in_that_does_not_return_is_left(tmp_path, monkeypatch):
-    """Its step waits at sample 7 for half a minute; the run ends with a sentence after 0.3 s, other loops go on."""
+def test_a_plug_in_that_does_not_return_ends_the_run(tmp_path, monkeypatch):
+    """Its step waits at sample 7 for half a minute; the run ends with a sentence after 0.3 s, other loops continue."""
     source, made = tmp_path / "slow.c", tmp_path / "slow.so"
     text = EXAMPLE.read_text().replace("(void)k;", "if (k == 7) sleep(30);")
     source.write_text(f"#include <unistd.h>\n{text}")

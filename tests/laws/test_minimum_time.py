@@ -48,7 +48,7 @@ def test_two_masses_against_their_minimum_time():
 
 
 @pytest.mark.slow
-def test_a_rigid_robot_needs_what_its_closed_form_says():
+def test_a_rigid_robot_needs_the_time_of_the_closed_form():
     """A speed limit: acceleration, constant speed, deceleration."""
     model = flexgen.read(TWO_MASS)
     path = paths.Path(derive(model), model.moves["turn"] if isinstance(model.moves, dict) else model.moves[0])

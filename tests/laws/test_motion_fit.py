@@ -94,7 +94,7 @@ def test_a_link_encoder_makes_stiffness_more_accurate(truth: RobotModel, tmp_pat
 
 @pytest.mark.slow
 def test_the_stated_delay_of_a_link_encoder_is_taken_out(truth: RobotModel, tmp_path: Path) -> None:
-    """Its samples are two and a half samples old; unless the model file says so, the residuals are no noise."""
+    """Its samples are two and a half samples old; unless the model file says so, the residuals are not noise."""
     path = recorded(tmp_path, truth, 1e-4, encoder=True)
     for file in tmp_path.glob("*.npz"):
         arrays = dict(np.load(file))

@@ -100,7 +100,7 @@ def test_white_residuals_and_equal_errors_elsewhere_are_fitted(fits: dict[str, M
 
 
 def test_residuals_that_are_not_white_are_a_model_error(fits: dict[str, MotionFit], tmp_path: Path) -> None:
-    """Friction that the model lacks: the fit explains most of the motion, but what is left is no noise."""
+    """Friction that the model lacks: the fit explains most of the motion, but the residual is not noise."""
     found = fits["friction"]
     assert min(found.fit_percent) > 60 and max(found.white) < 0.5
     assert found.status == FitStatus.MODEL_ERROR and set(found.sd.values()) == {None}

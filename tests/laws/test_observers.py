@@ -184,7 +184,7 @@ def test_innovations_are_as_large_as_the_filter_claims(factor):
 
 
 def test_estimates_follow_a_disturbance():
-    """A torque that nobody commanded is found within two of its deviations."""
+    """A torque that was not commanded is found within two of its deviations."""
     ekf = flexgen.ExtendedKalmanFilter("planar5_nmp", ("motors", "link_encoders"), sample_time=1e-3)
     twin = KalmanTwin(ekf)
     hold = ekf._at_rest(ekf.model.eta @ np.array(ekf.model.home))[6][0]
@@ -203,7 +203,7 @@ def test_estimates_follow_a_disturbance():
     assert np.all(np.abs(found.disturbance[-1] - [0.5, -0.3]) < 0.1)
 
 
-def test_copies_are_filters_of_their_own():
+def test_copies_of_a_filter_are_independent():
     ekf, y, u = noisy_record(*CASES[1])
     ekf.run(y[:5], u[:5])
     other = copy.deepcopy(ekf)
@@ -253,7 +253,7 @@ def solution():
 
 @pytest.mark.parametrize("outputs", ["motors", ("tool_accelerometer", "m2", "tool_gyro", "m1")])
 def test_constant_gains_are_the_limit_of_the_filter(solution, outputs):
-    """The recursion of the covariance itself, 4000 samples: what is left of its start is below rounding."""
+    """The recursion of the covariance itself, 4000 samples: the remaining effect of its start is below rounding."""
     observer = flexgen.ConstantGainObserver(solution, outputs, parts=3)
     case = control_case(solution.model, solution=solution, sample_time=1e-3)
     motion = case.reference.parts(observer.samples)
@@ -333,7 +333,7 @@ def test_observers_agree_along_a_motion(solution):
 
 
 # --- smoother ---------------------------------------------------------------------------------------------------------
-def test_a_smoother_is_not_late_and_finds_what_moves(solution):
+def test_a_smoother_reconstructs_a_deviation_without_delay(solution):
     """A deviation of the arm that follows from a force, seen without noise: found forwards as backwards."""
     channels = channels_of(solution.model, ("motors", "tool_accelerometer"))
     case = control_case(channels.model, solution=solution, sample_time=1e-3)
@@ -416,7 +416,7 @@ def test_wrong_arrays_are_refused():
         ekf.reset(covariance=np.eye(3))
 
 
-def test_a_filter_that_fails_says_so_until_it_begins_again():
+def test_a_failed_filter_raises_errors_until_it_is_reset():
     ekf = flexgen.ExtendedKalmanFilter("planar5_nmp")
     good = ekf.model.eta @ np.array(ekf.model.home)
     ekf.step(good, np.zeros(2))

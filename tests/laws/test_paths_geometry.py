@@ -159,17 +159,17 @@ def test_corners_have_unit_speed_and_join_smoothly(robot, start) -> None:
     x = curve(s)[0]
     assert np.abs(np.linalg.norm(x[:, :, 1], axis=1) - 1).max() < 1e-13
     edges = np.cumsum([section.length for section in curve.sections])[:-1]
-    for order in range(6):  # fifth derivative included: the change beside an edge is that of a slope
-        beside = [np.zeros((2, 6)), np.zeros((2, 6))]
-        for side, shift in zip(beside, (-1e-9, 1e-9), strict=True):
+    for order in range(6):  # fifth derivative included: the change next to an edge is that of a slope
+        around = [np.zeros((2, 6)), np.zeros((2, 6))]
+        for side, shift in zip(around, (-1e-9, 1e-9), strict=True):
             side[:, 0], side[:, 1] = edges + shift, 1.0
-        change = np.abs(curve(beside[1])[0][:, :, order] - curve(beside[0])[0][:, :, order]).max()
+        change = np.abs(curve(around[1])[0][:, :, order] - curve(around[0])[0][:, :, order]).max()
         assert change < 1e-5 * max(1.0, np.abs(x[:, :, order]).max()), order
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_zones_are_kept(robot, start, seed: int) -> None:
-    """Random chains of lines and arcs: beside the corners they are the segments, inside within the zone."""
+    """Random chains of lines and arcs: outside of the corners they are the segments, inside within the zone."""
     rng = np.random.default_rng(seed)
     legs, corner, ends = [], np.zeros(3), []
     count = 5
@@ -206,7 +206,7 @@ def test_zones_are_kept(robot, start, seed: int) -> None:
     assert np.abs(np.linalg.norm(x[:, :, 1], axis=1) - 1).max() < 1e-12
 
 
-def test_a_turn_longer_than_the_way_sets_the_pace(robot, start) -> None:
+def test_a_rotation_longer_than_the_translation_sets_the_speed(robot, start) -> None:
     bounds = (0.5, 5.0, 100.0, 4000.0)
     quick = Move("quick", "tool_line", start, 0.0, 0, (0.01, 0.0, 0.0), profile=bounds)
     turned = replace(quick, rotation=(0.0, 0.0, 1.0), radius=0.25)
@@ -232,7 +232,7 @@ def test_circle_through_three_points(robot) -> None:
         assert circle_through(np.array(via), np.array(end)) is None
 
 
-def test_arcs_in_a_polyline_end_where_they_say(robot, start) -> None:
+def test_arcs_in_a_polyline_end_at_their_stated_points(robot, start) -> None:
     legs = (
         MoveL((0.1, 0.0, 0.0), zone=0.02),
         MoveC((0.0, 0.1, 0.0), via=(0.05, 0.05, 0.0), zone=0.02),

@@ -15,7 +15,7 @@ from flexgen.paths.path import Path
 from flexgen.paths.smoothness import SmoothnessReport, smoothness_report
 from flexgen.paths.time_laws import TimeLaw
 
-# Estimates of the linear machine at one pose, beside a simulation that moves on along the path.
+# Estimates of the linear machine at one pose, compared with a simulation that moves on along the path.
 FACTOR = 2.0
 
 

@@ -146,7 +146,7 @@ def test_rounded_corners():
 
 
 @pytest.mark.slow
-def test_what_is_refused():
+def test_invalid_requests_for_redundant_arms_are_refused():
     with pytest.raises(ArgumentError, match="fixed_joint: given 'elbow', expected one of panda_joint1, "):
         solve(panda(), LINE, fixed_joint="elbow")
     with pytest.raises(ArgumentError, match=r"fixed_joint: given 'q1' for model elbow, expected None"):

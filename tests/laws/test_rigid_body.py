@@ -65,7 +65,7 @@ def recorded(model, seed: int = 0, noise: float = 0.0) -> Motion:
 
 @pytest.mark.slow
 def test_another_robot_is_found_and_its_bodies_are_possible():
-    """Torques on motions that were not used; bodies that no matter could have would be refused by the reader."""
+    """Torques on motions that were not used; the reader refuses bodies that are not physically consistent."""
     model = flexgen.read("kr300")
     rng = np.random.default_rng(3)
     heavier = tuple(replace(e, body=_scaled(e.body, rng.uniform(0.7, 1.4))) for e in model.elements)

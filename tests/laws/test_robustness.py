@@ -39,7 +39,7 @@ def test_the_table_of_a_planar_arm() -> None:
     # an exact torque leaves the feedback nothing to do
     assert table["nominal", "feedback", "collocation"]["error_max_m"] < SAME
     rigid = table["nominal", "feedback", "rigid"]
-    # held motors under an arm that sags: the rigid method begins beside the path
+    # held motors under an arm that sags: the rigid method begins off the path
     assert rigid["error_start_m"] > 1e-3 and rigid["error_moved_m"] < rigid["error_max_m"]
 
 

@@ -219,7 +219,7 @@ def saved_with_sensors(path: Path, delays: dict[str, float]) -> RobotModel:
 
 
 @pytest.mark.slow
-def test_delays_of_sensors_are_found_with_honest_deviations(tmp_path: Path) -> None:
+def test_delays_of_sensors_are_found_within_their_deviations(tmp_path: Path) -> None:
     """Simulated in time with delays that the model file does not state; without them the fit is a model error."""
     late = {"acc": 5e-4, "rate": 0.0, "seen": 1.5e-3}
     truth = saved_with_sensors(tmp_path / "truth.toml", late)

@@ -127,7 +127,9 @@ def explosion(x: ca.SX, u: ca.SX) -> ca.SX:
 
 
 @pytest.mark.parametrize(("law", "start"), [(no_root, 0.0), (explosion, 1.0)])
-def test_where_the_state_leaves_all_bounds_the_time_is_told(law: Callable[[ca.SX, ca.SX], ca.SX], start: float) -> None:
+def test_a_state_beyond_all_bounds_is_an_error_with_its_time(
+    law: Callable[[ca.SX, ca.SX], ca.SX], start: float
+) -> None:
     x, u = ca.SX.sym("x", 1), ca.SX.sym("u", 1)
     rate = ca.Function("rate", [x, u], [law(x, u)])
     torque = PPoly(np.full((1, 1, 1), 0.1), [0.0, 5.0])

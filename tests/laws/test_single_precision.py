@@ -122,7 +122,7 @@ def test_numbers_too_large_for_single_precision(folder):
         single("planar5_nmp", folder).invert(**arguments)
 
 
-def test_a_tolerance_below_rounding_is_no_success(folder):
+def test_a_tolerance_below_rounding_is_not_met(folder):
     with pytest.raises(SolverError, match="did not converge"):
         single("planar5_nmp", folder).invert(**arguments_of("planar5_nmp", tolerance=1e-12))
 

@@ -1,4 +1,4 @@
-"""Inverse kinematics beside and at a wrist singularity, against forward kinematics by Lagrange's equations."""
+"""Inverse kinematics near and at a wrist singularity, against forward kinematics by Lagrange's equations."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def wrapped(x: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("q5", [0.0, 1e-9, 1e-6, 1e-3])
-def test_configuration_beside_a_wrist_singularity_is_found_once_among_those_of_its_pose(q5):
+def test_a_configuration_near_a_wrist_singularity_is_found_once(q5):
     equations = flexgen.derive("manutec_r3")
     rng = np.random.default_rng(7)
     for q in rng.uniform(-1.5, 1.5, (12, 6)):
@@ -45,7 +45,7 @@ STRETCHED = (0.759149969559, -0.182313203717, 0.265140327935, -1.117924583519, 0
 
 
 @pytest.mark.parametrize("q5", [1e-7, 1e-6])
-def test_configuration_beside_a_wrist_singularity_is_found_where_the_elbow_is_nearly_stretched_too(q5):
+def test_a_configuration_near_singular_wrist_and_elbow_is_found(q5):
     equations = flexgen.derive("manutec_r3")
     q = np.array(STRETCHED)
     q[4] = q5
@@ -55,7 +55,7 @@ def test_configuration_beside_a_wrist_singularity_is_found_where_the_elbow_is_ne
 
 
 def test_configurations_that_rounding_cannot_separate_are_found_once():
-    """1e-10 rad beside the singular wrist: four or eight configurations, or one of a family that is flagged."""
+    """1e-10 rad from the singular wrist: four or eight configurations, or one of a family that is flagged."""
     equations = flexgen.derive("manutec_r3")
     rng = np.random.default_rng(0)
     for q in rng.uniform(-1.5, 1.5, (12, 6)):
@@ -76,7 +76,7 @@ ARCS = [
 
 
 @pytest.mark.parametrize("q", ARCS)
-def test_configuration_of_an_arm_with_parallel_axes_is_found_once_beside_a_wrist_singularity(q):
+def test_a_configuration_of_parallel_axes_near_a_wrist_singularity_is_found_once(q):
     equations = flexgen.derive(UR5)
     p, R = evaluate(equations.function("forward_kinematics"), np.array([q]))
     found = flexgen.kinematics(equations.model, p.ravel(), R.reshape(3, 3))

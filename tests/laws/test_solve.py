@@ -33,8 +33,8 @@ COUPLED = {"motor.m2.drives": ["q1", "q2"], "motor.m2.ratio": [30.0, 100.0]}
 def errors_on_path(solution: flexgen.Solution) -> tuple[float, float]:
     """Largest error [m] and [rad] while the reference moves.
 
-    The claimed error covers the time after it too, without feedback, in which the arm drifts by what is left of its
-    motion; a solved move keeps the accuracy there.
+    The claimed error covers the time after it too, without feedback, in which the arm drifts by its
+    remaining motion; a solved move keeps the accuracy there.
     """
     assert solution.simulation is not None
     run, y_ref = solution.simulation.trajectory, solution.trajectory["y_ref"]
@@ -155,14 +155,14 @@ def test_a_move_of_no_length_is_solved() -> None:
 
 
 @pytest.mark.slow
-def test_an_output_that_no_motor_moves_is_told() -> None:
+def test_an_output_that_no_motor_moves_is_refused() -> None:
     weights = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     model = dataclasses.replace(read("planar5_nmp"), output=Output("combination", "", weights, "rad"))
     with pytest.raises(SolverError, match="does not determine the actuated coordinates"):
         flexgen.solve(model, "joints")
 
 
-def test_too_rough_a_move_is_warned_of() -> None:
+def test_a_move_that_is_not_smooth_enough_is_warned_of() -> None:
     model = read("planar5_nmp@undamped", overrides={"move.line.smoothness": 3})
     solution = flexgen.solve(model, method="collocation", mesh=0.005)
     assert any("smoothness 3 makes the torque jump" in warning for warning in solution.warnings)
@@ -200,7 +200,7 @@ def test_wrong_arguments_are_refused(arguments: dict[str, object], message: str)
         flexgen.solve("planar5_mp", **arguments)  # type: ignore[arg-type]
 
 
-def test_a_path_out_of_reach_is_told() -> None:
+def test_a_path_out_of_reach_is_an_error() -> None:
     move = Move("away", "tool_line", (0.3, -1.1), 0.5, 5, displacement=(0.5, 0.0, 0.0))
     with pytest.raises(SolverError, match="leaves the workspace or passes a singular pose"):
         flexgen.solve("planar5_mp", move)
@@ -278,7 +278,7 @@ def test_fast_moves_of_light_machines(factor: float) -> None:
     assert largest[0] * factor**2 == pytest.approx(largest[1], rel=1e-4)
 
 
-def test_small_arms_are_judged_by_their_size() -> None:
+def test_the_accuracy_of_small_arms_is_relative_to_their_size() -> None:
     assert reach(flexgen.derive("planar5_nmp")) == pytest.approx(1.6, rel=1e-3)
     assert reach(flexgen.derive("four_mass")) == 1.0
     small = {"element.arm2.origin.position": [8e-4, 0, 0], "element.arm3.origin.position": [3.5e-4, 0, 0]}

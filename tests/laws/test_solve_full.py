@@ -37,7 +37,7 @@ def test_full_and_reduced_agree() -> None:
     assert np.abs(torques[0] - torques[1]).max() < 1e-2 * np.abs(torques[0]).max()
 
 
-def test_torque_limits_are_kept_and_their_price_is_told() -> None:
+def test_torque_limits_are_kept_and_the_deviation_is_reported() -> None:
     equations = flexgen.derive("planar5_nmp")
     free = flexgen.solve(equations, verify=False)
     bound = tuple(0.9 * np.abs(free.trajectory["tau_m"]).max(axis=0))
@@ -71,7 +71,7 @@ def test_limits_of_the_model_file() -> None:
         flexgen.solve("planar5_mp", method="full", limits=Limits(torque=(1.0, -2.0)))
 
 
-def test_limits_below_gravity_are_told() -> None:
+def test_limits_below_gravity_are_refused() -> None:
     with pytest.raises(SolverError, match=r"motor m1 needs 8\.57 N m to hold the arm"):
         flexgen.solve("planar5_nmp", method="full", limits=Limits(torque=(5.0, 6.0)))
 

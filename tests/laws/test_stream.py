@@ -115,7 +115,7 @@ def test_a_short_horizon_is_reported_with_its_error(share: float) -> None:
 
 
 @pytest.mark.slow
-def test_the_steps_of_a_sufficient_horizon_are_no_estimate_of_the_error() -> None:
+def test_steps_of_a_sufficient_horizon_do_not_estimate_the_error() -> None:
     """What the documentation says: errors of mesh and samples are not in the steps of the output."""
     soft, preview = soft_machine()
     ahead = int(np.ceil(1.3 * preview / UPDATE))
@@ -125,7 +125,7 @@ def test_the_steps_of_a_sufficient_horizon_are_no_estimate_of_the_error() -> Non
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ahead", [20, 30])
-def test_no_alarm_near_rest(ahead: int) -> None:
+def test_near_rest_no_warning_is_reported(ahead: int) -> None:
     """A polynomial of degree 9: its fifth derivative jumps at both ends."""
     model = read("manutec_r3_24")
     slow = Machine(replace(model, moves=(replace(model.move("line"), smoothness=4),)), "line")
@@ -214,7 +214,7 @@ def test_gears_that_stiffen_are_the_same_in_a_stream(samples_per_interval):
 
 
 # --- limits ----------------------------------------------------------------------------------------------------------
-def test_what_limits_do_is_told_whatever_else_is_wrong():
+def test_active_limits_are_reported_with_an_unmet_tolerance():
     """With a tolerance that no step reaches every interval is inexact, and those that pass a bound are limited, too."""
     one = machine()
     all_samples = list(zip(*one.samples(UPDATE * np.arange(1, 121)), strict=True))
@@ -233,7 +233,7 @@ def test_what_limits_do_is_told_whatever_else_is_wrong():
 
 
 # --- rest, refusals, end ----------------------------------------------------------------------------------------------
-def test_it_starts_at_rest_and_holds_at_the_end():
+def test_a_stream_starts_at_rest_and_holds_at_the_end():
     stream = machine().begun()
     y, still = machine().samples(np.array([machine().path.duration]))[0][0], np.zeros(2)
     begin = machine().samples(np.zeros(1))[0][0]
@@ -253,7 +253,7 @@ def test_it_starts_at_rest_and_holds_at_the_end():
         assert np.abs(ratio.T @ tau_g - torque[-1]).max() < STILL and np.abs(row).max() < STILL
 
 
-def test_a_refused_sample_leaves_no_trace():
+def test_a_refused_sample_does_not_change_later_torques():
     refused, spared = machine().begun(), machine().begun()
     all_samples = list(zip(*machine().samples(UPDATE * np.arange(1, 61)), strict=True))
     wrong = [
@@ -274,7 +274,7 @@ def test_a_refused_sample_leaves_no_trace():
 
 @pytest.mark.parametrize("samples_per_interval", [1, PARTS, 2 * PARTS])
 @pytest.mark.parametrize("name", [PLANAR, "elbow"])
-def test_a_jump_of_the_path_is_never_called_exact(name, samples_per_interval):
+def test_a_jump_of_the_path_is_reported_as_not_converged(name, samples_per_interval):
     """No torque follows it. What comes of it fades, and the stream is exact again at the new y."""
     stream, still = machine(name).begun(samples_per_interval=samples_per_interval), np.zeros(2)
     y = machine(name).samples(np.zeros(1))[0][0]

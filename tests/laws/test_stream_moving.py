@@ -59,7 +59,7 @@ def updates(stream: Stream, name: str, move: str | None, first: int, count: int)
     ],
 )
 @pytest.mark.parametrize("first", [0, 10, 60])
-def test_it_gives_what_a_stream_from_rest_gives(name, move, allowed, first):
+def test_a_stream_from_motion_gives_the_torques_of_one_from_rest(name, move, allowed, first):
     _, expected = from_rest(name, move)
     found = updates(moving(name, move, first), name, move, first, 10)
     largest = np.abs(np.vstack([x.tau_m for x in expected])).max(axis=0)
@@ -69,7 +69,7 @@ def test_it_gives_what_a_stream_from_rest_gives(name, move, allowed, first):
 
 
 @pytest.mark.parametrize("hold", ["zoh", "linear"])
-def test_held_torques_know_those_before(hold):
+def test_held_torques_from_motion_agree_with_those_from_rest(hold):
     _, expected = from_rest("planar5_nmp", None, hold)
     found = updates(moving("planar5_nmp", None, 20, hold=hold), "planar5_nmp", None, 20, 3)
     largest = np.abs(np.vstack([x.tau_m for x in expected])).max(axis=0)
@@ -102,7 +102,7 @@ def test_a_short_horizon_is_reported():
     assert not first[0].converged and not first[1].converged
 
 
-def test_it_starts_at_rest_too_and_can_be_copied():
+def test_a_stream_from_motion_starts_at_rest_and_can_be_copied():
     samples, expected = from_rest("planar5_nmp", None)
     one = machine("planar5_nmp", None)
     y, dy, ddy = (np.repeat(x[:1], AHEAD + START_SAMPLES, axis=0) for x in samples)
@@ -119,7 +119,7 @@ def test_the_number_of_samples_is_that_of_the_c():
     assert START_SAMPLES == interface.START_SAMPLES
 
 
-def test_what_is_refused():
+def test_invalid_starts_from_motion_are_refused():
     samples, _ = from_rest("planar5_nmp", None)
     library, q = machine("planar5_nmp", None).library, machine("planar5_nmp", None).path.q_start
     n = AHEAD + START_SAMPLES

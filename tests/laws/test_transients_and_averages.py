@@ -35,7 +35,7 @@ def unsettled(hardware: DriveHardware, periods: int = 4, seed: int = 0) -> tuple
 
 
 def test_transients_are_removed() -> None:
-    """What is left of the error is below one percent of the error without the removal."""
+    """The remaining error is below one percent of the error without the removal."""
     experiment, truth = unsettled(DriveHardware(5e-4))
     removed = np.abs(flexgen.frf(experiment, transients=True).G - truth)
     with_transients = flexgen.frf(experiment)

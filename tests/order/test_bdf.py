@@ -89,13 +89,13 @@ def test_richardson_on_request() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("move", ["line", "joints"])
 def test_six_axes(move: str) -> None:
-    """The joint move passes a singular pose of the wrist: where all coordinates are actuated that is no obstacle."""
+    """The joint move passes a singular pose of the wrist: no obstacle where all coordinates are actuated."""
     solution = flexgen.solve("manutec_r3", move, method="bdf")
     assert solution.status == Status.SOLVED
     assert (solution.tool_error_max_m or 1) < TOLD and (solution.tool_error_max_rad or 1) < 2 * TOLD
 
 
-def test_a_tool_that_passes_a_singular_pose_is_told() -> None:
+def test_a_path_through_a_singular_pose_is_an_error() -> None:
     here = problem("manutec_r3", None, "joints")
     dae = InverseDae(here.problem.equations)  # the tool instead of the joints
     t = np.linspace(0.0, here.path.duration, 101)

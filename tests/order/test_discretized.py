@@ -124,7 +124,7 @@ def test_a_wrong_difference_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     assert wrong.status == Status.TOLERANCE_NOT_MET and (wrong.tool_error_max_m or 0) > 10 * MICRON
 
 
-def test_without_the_cost_of_the_torque_there_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_weight_of_the_start_the_tolerance_is_not_met(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: a start that is as good as any other, so that motions of the machine itself are let in."""
     monkeypatch.setattr(discretized, "START", 0.0)
     wrong = flexgen.solve("four_mass", method="discretized", mesh=2e-3)
@@ -139,12 +139,12 @@ def test_without_the_cost_of_the_torque_there_is_no_answer(monkeypatch: pytest.M
         ({"mesh": 1e-8}, "expected at most 20000"),
     ],
 )
-def test_wrong_questions_are_refused(arguments: dict[str, object], message: str) -> None:
+def test_wrong_options_are_refused(arguments: dict[str, object], message: str) -> None:
     with pytest.raises(ArgumentError, match=message):
         flexgen.solve("planar5_mp", method="discretized", **arguments)  # type: ignore[arg-type]
 
 
-def test_no_convergence_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_convergence_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(discretized, "STEPS", 1)
     with pytest.raises(SolverError, match="no convergence in 1 steps"):
         flexgen.solve("four_mass", method="discretized")

@@ -53,7 +53,7 @@ def order(model: str | RobotModel, method: str, meshes: tuple[float, ...] = (2e-
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("speed", MODELS)
-def test_it_has_its_order(method: str, speed: str) -> None:
+def test_each_method_has_its_stated_order(method: str, speed: str) -> None:
     stiffness, damping, least, most = MODELS[speed]
     assert least < order(last_joint(read("planar5_nmp"), stiffness, damping), method) < most
 

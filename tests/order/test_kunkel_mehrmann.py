@@ -96,7 +96,7 @@ def test_the_array_holds_the_derivatives_of_the_equations(name: str) -> None:
         assert np.allclose(np.hstack([N, M]), slopes, rtol=1e-12, atol=1e-9 * np.abs(slopes).max())
 
 
-def test_the_split_selects_what_it_says() -> None:
+def test_the_split_selects_the_stated_equations() -> None:
     here, found = problem("planar5_mp"), system("planar5_mp")
     t = np.linspace(0.0, 0.25, 126)
     state = marched("planar5_mp", 125, 0.25)
@@ -184,7 +184,7 @@ def test_six_axes() -> None:
     assert (solution.tool_error_max_m or 1) < TOLD and (solution.tool_error_max_rad or 1) < TOLD
 
 
-def test_options_are_told() -> None:
+def test_options_are_reported() -> None:
     given = problem("planar5_mp").problem
     with pytest.raises(ArgumentError, match="'order', expected none"):
         solve(InversionProblem(given.equations, given.path, options={"order": 3}), 5e-3)

@@ -28,7 +28,7 @@ def bench(tmp_path_factory):
     if not BENCH.exists():
         pytest.skip(f"no recording {BENCH.name}: a data set of the Hori-Fujimoto laboratory")
     folder = tmp_path_factory.mktemp("bench")
-    for file in (ROOT / "examples" / "motor_bench").glob("*.*"):  # but not what Python keeps beside a script
+    for file in (ROOT / "examples" / "motor_bench").glob("*.*"):  # but not the compiled files of Python
         shutil.copy(file, folder)
     shutil.copy(BENCH, folder)
     return folder
@@ -45,7 +45,7 @@ def test_the_motor_bench_has_its_known_parameters(bench, residual):
     assert 0.08e-3 < found.values["delay"] < 0.14e-3
     assert (
         found.status == FitStatus.MODEL_ERROR and 0.01 < found.model_error < 0.2
-    )  # friction, a coupling that is no spring
+    )  # friction, a coupling that is not a spring
     assert found.agreed == found.starts
     assert data.warnings and "period 7 differs" in data.warnings[0]  # it does
 

@@ -158,7 +158,7 @@ def expected_phase(inertia: float) -> str:
 
 
 @pytest.mark.parametrize("variant", ["", *read(FAMILY).variants])
-def test_variants_lie_where_their_descriptions_say(variant: str) -> None:
+def test_variants_have_the_zeros_of_their_descriptions(variant: str) -> None:
     model = read(FAMILY, variant or None)
     equations = flexgen.derive(model)
     rest, linear = at_rest(equations, np.array(model.home))

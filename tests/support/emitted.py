@@ -29,7 +29,7 @@ def _folder() -> Path:
 
 @cache
 def made(name: str, *parts: str) -> Generated:
-    """The library of a model, with optional parts; nobody changes it."""
+    """The library of a model, with optional parts; not to be changed."""
     return generate(name, _folder() / "-".join([name, *parts]), parts=parts)
 
 

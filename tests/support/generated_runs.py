@@ -1,4 +1,4 @@
-"""Runs of generated robots: each robot is a process of its own, whose moves are solved and confirmed one by one.
+"""Runs of generated robots: each robot is a separate process, whose moves are solved and confirmed one by one.
 
     python tests/support/generated_runs.py FIRST LAST RESULTS.json    robots FIRST ... LAST-1; those in the file stay
 
@@ -84,7 +84,7 @@ def say(row: dict[str, Any]) -> None:
 
 
 def run_robot(number: int, done: set[int], moves: int, limit: float) -> list[dict[str, Any]]:
-    """Results of the moves of a robot; a process that takes too long over one is ended and goes on with the next."""
+    """Results of the moves of a robot; a process that takes too long over one is ended, and the next one is solved."""
     rows: list[dict[str, Any]] = []
     first = next((k for k in range(moves) if k not in done), moves)
     while first < moves:

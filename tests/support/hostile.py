@@ -183,7 +183,7 @@ def guarded_struct(structure: type[ctypes.Structure], **members: Any) -> tuple[n
 
 
 class Streamed:
-    """A stream of C in memory of the exact size, or of what is left of it."""
+    """A stream of C in memory of the exact size, or smaller."""
 
     def __init__(
         self, target: Target, intervals: int, samples_per_interval: int, short: int = 0, fill: float = 0.0

@@ -34,7 +34,7 @@ def clone_at(folder: Path) -> Path:
 
 
 def built(clone: Path, folder: Path, umask: int = 0o022) -> Path:
-    """The wheel that `.ci/dist.py` writes, beside the sdist."""
+    """The wheel that `.ci/dist.py` writes, in addition to the sdist."""
     environment = os.environ | {"SOURCE_DATE_EPOCH": "1700000000"}
     command = [sys.executable, clone / ".ci" / "dist.py", folder]
     done = subprocess.run(command, env=environment, umask=umask, capture_output=True, text=True, check=False)

@@ -8,7 +8,7 @@ its carrier (complete coupling) or on the world (simplified). It knows no beams.
 
 `MujocoReferee` leaves springs, frictions and gears outside and answers for the rigid-body part alone. `MujocoMachine`
 has them: elastic gears are fixed tendons between rotors and joints, the other springs and the viscous frictions those
-of the joints. Rigid gears are no soft constraints there but the projection ``(q_a, q_m) = P y``.
+of the joints. Rigid gears are not soft constraints there but the projection ``(q_a, q_m) = P y``.
 """
 
 from __future__ import annotations

@@ -162,7 +162,7 @@ def check(equations: Equations, name: str, given: dict[str, np.ndarray], found: 
         return
     scales = [largest(x) for x in expected]
     if name in ("bias", "gravity", "inverse_dynamics_derivatives"):
-        # these may vanish: beside them stand the torques of the same state, and the mass matrix
+        # these may vanish: compared with the torques of the same state, and the mass matrix
         torque = values(equations.function("inverse_dynamics"), {**given, "v_a": 0 * given["v_a"]})[0]
         inertia = values(equations.function("mass_matrix"), given)[0]
         besides = [torque, inertia, inertia] if len(expected) == 3 else [torque]

@@ -21,7 +21,7 @@ from flexgen.simulation.simulate import simulate
 from flexgen.trajectory import Trajectory
 
 UPDATE, AHEAD, PARTS = 5e-3, 20, 5  # s, intervals, samples in each
-AFTER = 0.1  # s: how long a stream goes on behind the end of its path
+AFTER = 0.1  # s: how long a stream continues after the end of its path
 DIFFERENCES = 6  # samples beyond an interval that derivatives need
 
 

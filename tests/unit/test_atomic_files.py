@@ -46,7 +46,7 @@ def test_the_old_file_is_replaced_and_keeps_its_mode(tmp_path):
     (tmp_path / "link").symlink_to(path)
     with open(path) as reader:
         write_text(tmp_path / "link", "two\n")
-        assert reader.read() == "one\n"  # whoever has it open keeps what was there
+        assert reader.read() == "one\n"  # an open file keeps its content
     assert path.read_text() == "two\n" and stat.S_IMODE(path.stat().st_mode) == 0o600
     assert (tmp_path / "link").is_symlink() and [p.name for p in path.parent.iterdir()] == ["a.txt"]
 
@@ -63,7 +63,7 @@ def stranger(path) -> None:
 
 @pytest.mark.parametrize("mode", [STICKY, 0o777])
 @pytest.mark.parametrize("way", ["file", "folder", "chain"])
-def test_a_link_of_another_user_in_a_folder_open_to_everybody_is_not_followed(tmp_path, mode, way):
+def test_a_link_of_another_user_in_a_folder_open_to_every_user_is_not_followed(tmp_path, mode, way):
     mine, shared = tmp_path / "mine", tmp_path / "shared"
     mine.mkdir()
     shared.mkdir()
@@ -76,7 +76,7 @@ def test_a_link_of_another_user_in_a_folder_open_to_everybody_is_not_followed(tm
         (tmp_path / "own").symlink_to(link)
     path = {"file": link, "folder": link / "keys", "chain": tmp_path / "own"}[way]
     with pytest.raises(
-        ArgumentError, match=f"'{link}' is a symbolic link of the user 65534 in a folder that everybody"
+        ArgumentError, match=f"'{link}' is a symbolic link of the user 65534 in a folder that every user"
     ):
         write_text(path, "changed\n")
     assert victim.read_text() == "secret\n" and [p.name for p in mine.iterdir()] == ["keys"]
@@ -150,7 +150,7 @@ def umask() -> int:
 
 
 @pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
-def test_what_fails_leaves_the_old_file(tmp_path, error):
+def test_a_failed_write_leaves_the_old_file(tmp_path, error):
     path = write_text(tmp_path / "a.txt", "one\n")
     expected = ArgumentError if isinstance(error, OSError) else KeyboardInterrupt
     with pytest.raises(expected) as caught, atomic_file(path) as stream:

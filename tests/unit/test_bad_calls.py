@@ -1,4 +1,4 @@
-"""Calls of methods and constructors with arguments that are none: an ArgumentError that says what was expected."""
+"""Calls of methods and constructors with invalid arguments: an ArgumentError that names the expected value."""
 
 from __future__ import annotations
 

@@ -216,7 +216,7 @@ def test_negative_pose(ask, words):
 
 
 @pytest.mark.parametrize("pose", ["a,b", "", "0.3,", "nan,1", "1,inf", "-x", "1;2"])
-def test_pose_that_is_no_list_of_numbers(run, pose):
+def test_a_pose_that_is_not_a_list_of_numbers_is_refused(run, pose):
     status, out, err = run("analyze", "planar5_nmp", "--pose", pose)
     assert status == 2 and out == "" and "--pose" in err
 
@@ -349,7 +349,7 @@ def test_active_limits_are_not_a_missed_tolerance():
         ["--method", "closed-form", "--limits"],
     ],
 )
-def test_solve_that_cannot_be_done(ask, words):
+def test_solve_of_an_impossible_move_fails_with_a_message(ask, words):
     status, data, err = ask("solve", "elbow", *words)
     assert status == 1 and err.strip().endswith(data["error"])
 

@@ -116,7 +116,7 @@ def test_poses_with_spaces_or_commas(words):
         assert args.pose == [0.3, -1.1, 0.0] and args.model == "planar5_nmp"
 
 
-def test_a_second_number_after_other_options_is_no_part_of_them(run):
+def test_a_second_number_after_other_options_is_refused(run):
     status, _, err = run("solve", "elbow", "--mesh", "0.01", "0.02")
     assert status == 2 and "unknown arguments 0.02" in err
 

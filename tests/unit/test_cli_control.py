@@ -52,7 +52,7 @@ def test_an_unstable_loop_fails(tmp_path, capsys):
         (["--controller", "best"], "given 'best', expected one of ppi"),
     ],
 )
-def test_wrong_words_are_told(words, said, capsys):
+def test_wrong_words_are_refused_with_a_message(words, said, capsys):
     assert main(["control", "planar5_nmp", "-q", *words]) in (1, 2)
     assert said in capsys.readouterr().err
 

@@ -29,7 +29,7 @@ PRIVATE_WORDS = re.compile(
 
 @cache
 def library(name: str) -> Path:
-    """The sources of a library; its files stand for the fixed ones with the name put in."""
+    """The sources of a library; its files are the fixed ones with the name put in."""
     folder = _folder() / f"{name}_clib"
     for file, text in emit(library_spec(derive(name), parts=PARTS)).items():
         (folder / file).parent.mkdir(parents=True, exist_ok=True)

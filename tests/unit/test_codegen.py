@@ -295,7 +295,7 @@ def test_names_unfit_for_c_are_refused(name):
     with pytest.raises(BuildError, match="expected a"):
         library_spec(renamed)
     renamed.model = unchecked(model, motors=(unchecked(model.motors[0], name=name), *model.motors[1:]))
-    reserved = name in ("int", "sin")  # fine names of motors and coordinates: they are no identifiers of their own
+    reserved = name in ("int", "sin")  # fine names of motors and coordinates: they are not identifiers in C
     spec = library_spec(equations, ["gravity"])
     if reserved:
         emit(dataclasses.replace(spec, coordinates=(name, "q2"), motors=(name, "m2")))
@@ -353,7 +353,7 @@ IN, OUT = (Port("x", (2,), "1", ""),), (Port("y", (2,), "1", ""),)
         (ca.Function("f", [X], [ca.SX(2, 1)], ["x"], ["y"]), r"f, y: given a sparse"),
     ],
 )
-def test_functions_that_are_not_what_their_ports_say(function, told):
+def test_functions_that_contradict_their_ports_are_refused(function, told):
     with pytest.raises(BuildError, match=told):
         checked("f", function, IN, OUT)
 

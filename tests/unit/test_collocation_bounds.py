@@ -139,6 +139,6 @@ def test_limits_of_a_model() -> None:
 
 
 @pytest.mark.slow
-def test_a_deflection_below_that_of_gravity_is_told() -> None:
+def test_a_deflection_limit_below_that_of_gravity_is_refused() -> None:
     with pytest.raises(SolverError, match=r"coordinate q3 is deflected by .* at rest"):
         flexgen.solve("planar5_nmp", limits=Limits(deflection=(1e-4,)))

@@ -115,7 +115,7 @@ def test_short_arms_and_changing_payloads_are_not_in_loops():
     assert long_chain(loaded) is None
 
 
-def test_arms_without_matter_and_with_parallel_axes_are_not_in_loops():
+def test_arms_with_massless_bodies_or_parallel_axes_are_not_in_loops():
     """Where there is nothing to add up, and where one expression for each entry is short."""
     empty = replace(dense_chain(12, 2), elements=tuple(replace(x, body=Body()) for x in dense_chain(12, 2).elements))
     assert long_chain(derive(empty)) is None
@@ -157,7 +157,7 @@ def test_robots_that_fail_before_use_are_not_in_loops(bug, monkeypatch):
     assert not in_loops(program_of(equations, "inverse_dynamics_derivatives"))
 
 
-def test_what_was_asked_before_changes_nothing():
+def test_earlier_requests_do_not_change_the_functions():
     """The route to accelerations is chosen once: the text does not depend on the order of the functions."""
     model = elastic(5, 6)
     texts = []

@@ -134,7 +134,7 @@ def test_single_precision(flags, tmp_path):
 
 
 @needs_compiler
-def test_a_singular_matrix_of_a_factor_is_told(tmp_path):
+def test_a_singular_matrix_of_a_factor_has_an_error_status(tmp_path):
     """Without what the rotors add, the matrix has rank three."""
     program, inputs, outputs = made(9)
     library = Small(spec_of(program, inputs, outputs), tmp_path)
@@ -150,7 +150,7 @@ def test_a_singular_matrix_of_a_factor_is_told(tmp_path):
     assert status == -3 and all(np.isnan(x).all() for x in results)
 
 
-def test_what_makes_something_of_nothing_is_refused():
+def test_functions_with_nonzero_values_at_zero_are_refused():
     """Columns beyond the last one are zeros, and must stay so."""
     x = ca.SX.sym("x", 2)
     with pytest.raises(ValueError, match="zeros"):

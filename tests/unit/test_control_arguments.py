@@ -54,7 +54,7 @@ def call(verb: str, name: str, value: object) -> None:
 @pytest.mark.parametrize(
     ("verb", "name"), [(verb, name) for verb, names in ARGUMENTS.items() for name in names.split()]
 )
-def test_what_is_no_such_value_is_refused_with_the_name_of_the_argument(verb, name):
+def test_wrong_values_are_refused_with_the_name_of_the_argument(verb, name):
     for value in BAD:
         with pytest.raises(FlexgenError, match=r"given .*expected") as caught:
             call(verb, name, value)

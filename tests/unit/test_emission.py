@@ -76,7 +76,7 @@ def worst(function: ca.Function, rng: np.random.Generator) -> float:
 
 # --- the graph --------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize("seed", range(40))
-def test_the_graph_means_what_the_function_means(seed):
+def test_the_graph_evaluates_to_the_values_of_the_function(seed):
     rng = np.random.default_rng(seed)
     assert worst(random_function(rng), rng) < ROUNDING * 1e3  # products of products amplify what rounding does
 
@@ -129,7 +129,7 @@ def test_long_sums_are_short_chains():
     assert np.allclose(value(graph, values)[:, 0], values @ signs, rtol=0, atol=1e-13)
 
 
-def test_what_is_late_is_added_last():
+def test_summands_that_are_ready_late_are_added_last():
     slow = ca.exp(A)
     graph = simplified(read_graph(function_of(slow + B + C + D)))
     assert max(graph.depth) == graphs.LATENCY["exp"] + graphs.LATENCY["add"]
@@ -230,7 +230,7 @@ def test_literals_read_back_to_the_same_bits():
 @needs_compiler
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("chunk", [1000, 3])
-def test_whatever_is_not_finite_is_noticed(bad, chunk, tmp_path, monkeypatch):
+def test_results_that_are_not_finite_have_an_error_status(bad, chunk, tmp_path, monkeypatch):
     """An input that no result depends on, one behind a comparison, and a result that overflows."""
     monkeypatch.setattr("flexgen.expressions.function_text.CHUNK", chunk)
     monkeypatch.setattr("flexgen.expressions.function_text.MARGIN", 0)
@@ -322,7 +322,7 @@ def test_products_fill_a_symmetric_matrix(n, flags, tmp_path):
 
 
 @needs_compiler
-def test_a_singular_matrix_is_told(tmp_path):
+def test_a_singular_matrix_has_an_error_status(tmp_path):
     program, inputs, outputs = solve_program(2, 3, False, False)
     f = program.steps[0].function
     q, r = ca.SX.sym("q", 2, 2), ca.SX.sym("r", 2, 3)
@@ -335,8 +335,8 @@ def test_a_singular_matrix_is_told(tmp_path):
 
 @needs_compiler
 @pytest.mark.parametrize("rows", [((0.1, 0.7), (0.3, 2.1)), ((0.7, 0.1), (0.7, 0.1 + 1e-17))])
-def test_a_pivot_of_rounding_is_told(rows, tmp_path):
-    """In exact arithmetic the second pivot is zero; what is left of it is no number to divide by."""
+def test_a_pivot_of_the_size_of_rounding_has_an_error_status(rows, tmp_path):
+    """In exact arithmetic the second pivot is zero; its rounding error must not be a divisor."""
     program, inputs, outputs = solve_program(2, 3, False, False)
     q, r = ca.SX.sym("q", 2, 2), ca.SX.sym("r", 2, 3)
     square = ca.Function("g", [q, r], [ca.densify(ca.mtimes(q, q.T)), r], ["q", "r"], ["M", "R"])
@@ -351,7 +351,7 @@ def test_a_pivot_of_rounding_is_told(rows, tmp_path):
 
 @needs_compiler
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_quotient_of_rounding_is_told(sign, tmp_path):
+def test_a_divisor_of_the_size_of_rounding_has_an_error_status(sign, tmp_path):
     pivot = sign * (B * B + C * C - 2 * D * B * C)  # positive, or always negative, for |D| < 1
     function = function_of(A / pivot, A + 1)
     inputs, outputs = ports_of(function)
@@ -362,7 +362,7 @@ def test_a_quotient_of_rounding_is_told(sign, tmp_path):
 
 
 @needs_compiler
-def test_a_result_that_is_never_finite_is_told(tmp_path):
+def test_a_result_that_is_never_finite_has_an_error_status(tmp_path):
     library = small(function_of(ca.SX.inf(), A), tmp_path)
     status, (y,) = library.point([1.0, 2.0, 3.0, 4.0])
     assert status == -3 and np.isnan(y).all()

@@ -32,7 +32,7 @@ def test_sparse_results_are_full_arrays(n: int) -> None:
     assert (diagonal == points[:, :, None] * np.eye(3)).all() and (product == points[:, :1] * points).all()
 
 
-def test_a_function_that_is_called_again_forgets_the_last_call() -> None:
+def test_repeated_calls_do_not_depend_on_the_last_call() -> None:
     function = derive("elbow").function("mass_matrix")
     again = Evaluator(function)
     first = again(np.array([0.3, -1.1, *[0.0] * (function.nnz_in(0) - 2)]))[0]

@@ -52,8 +52,8 @@ def test_with_a_binary_too(block, tmp_path):
     assert str(tmp_path).encode() not in b"".join(files_of(paths[0]).values())
 
 
-def test_what_is_in_it(tmp_path):
-    """One C file beside the headers of the standard."""
+def test_the_fmu_contains_one_c_file_headers_and_description(tmp_path):
+    """One C file and the headers of the standard."""
     files = sources_of(tmp_path)
     standard = {f"sources/fmi2{name}.h" for name in ("Functions", "FunctionTypes", "TypesPlatform")}
     fixed = {"modelDescription.xml", "documentation/licenses/license.txt"}

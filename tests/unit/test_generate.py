@@ -34,7 +34,7 @@ pytestmark = needs_compiler
 
 
 @pytest.mark.slow
-def test_the_second_time_nothing_is_done():
+def test_a_second_generation_writes_and_compiles_nothing():
     first = made("planar5_nmp")
     times = [path.stat().st_mtime_ns for path in first.files]
     again = generate("planar5_nmp", first.directory)
@@ -227,7 +227,7 @@ def test_options_of_the_build_are_kept_apart(tmp_path):
     for wrong in ("payload", [3]):
         with pytest.raises(ArgumentError, match=r"parameters: given .*, expected a sequence of names"):
             generate("elbow", tmp_path, parameters=wrong)
-    with pytest.raises(ArgumentError, match="parameters: given beside equations"):
+    with pytest.raises(ArgumentError, match="parameters: given together with equations"):
         generate(derive("elbow"), tmp_path, parameters=["payload"])
     with pytest.raises(ArgumentError, match="precision: given 'half', expected one of double, single"):
         generate("elbow", tmp_path, precision="half")
@@ -313,7 +313,7 @@ def test_an_object_depends_on_what_its_source_includes(tmp_path, objects):
 
 
 @pytest.mark.parametrize("spoil", ["cut", "changed", "swapped", "empty"])
-def test_spoiled_objects_are_not_believed(spoil, tmp_path, objects):
+def test_corrupted_objects_are_rejected(spoil, tmp_path, objects):
     compiled(tmp_path / "a")
     one, two = sorted(objects.glob("*.o"))
     first, second = one.read_bytes(), two.read_bytes()
@@ -333,7 +333,7 @@ def test_a_cache_that_others_can_write_to_is_refused(tmp_path, objects, monkeypa
     below.mkdir()
     below.chmod(0o777)
     monkeypatch.setenv("FLEXGEN_CACHE", str(below / "objects"))
-    with pytest.raises(BuildError, match=r"a folder that everybody may write \(mode 777\)"):
+    with pytest.raises(BuildError, match=r"a folder that every user may write \(mode 777\)"):
         compiled(tmp_path / "a")
     below.chmod(0o700)
     assert compiled(tmp_path / "a") == "compiling 2 files"
@@ -354,7 +354,7 @@ def test_without_a_home_there_is_no_cache(tmp_path, monkeypatch):
     assert cache_folder() == (tmp_path / "cache" / "flexgen").resolve()
 
 
-def test_the_cache_does_not_grow_for_ever(tmp_path, objects, monkeypatch):
+def test_the_size_of_the_cache_is_bounded(tmp_path, objects, monkeypatch):
     compiled(tmp_path / "a")
     size = sum(path.stat().st_size for path in objects.glob("*.o"))
     for path in objects.glob("*.o"):
@@ -367,7 +367,7 @@ def test_the_cache_does_not_grow_for_ever(tmp_path, objects, monkeypatch):
 
 
 def test_folders_in_the_cache_of_objects_stay(tmp_path, objects, monkeypatch):
-    """The libraries of the solvers are in there as well; the objects beside them are removed all the same."""
+    """The libraries of the solvers are in there as well; the objects next to them are removed nevertheless."""
     compiled(tmp_path / "a")
     for path in objects.glob("*.o"):
         os.utime(path, (1e9, 1e9))
@@ -381,7 +381,7 @@ def test_folders_in_the_cache_of_objects_stay(tmp_path, objects, monkeypatch):
     assert not any(path.exists() for path in old) and (library / "manifest.json").exists()
 
 
-def test_a_new_choice_of_functions_removes_what_was_left(tmp_path):
+def test_a_new_choice_of_functions_removes_old_files(tmp_path):
     many = generate("elbow", tmp_path, functions=["gravity", "bias"])
     few = generate("elbow", tmp_path, functions=["gravity"])
     assert many.functions == ("bias", "gravity") and few.functions == ("gravity",)
@@ -392,7 +392,7 @@ def test_a_new_choice_of_functions_removes_what_was_left(tmp_path):
             generate("elbow", tmp_path, functions=wrong)
 
 
-def test_equations_and_models_are_both_welcome(tmp_path, monkeypatch):
+def test_equations_and_models_are_accepted(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     equations = derive("elbow")
     first = generate(equations, functions=["gravity"])

@@ -46,7 +46,7 @@ def test_files_of_others_are_not_replaced(tmp_path, name):
     assert (tmp_path / "notes.txt").read_text() == "mine, too\n"
 
 
-def test_a_file_beside_the_library_is_not_replaced_later(tmp_path):
+def test_a_file_next_to_the_library_is_not_replaced_later(tmp_path):
     """The manifest lists what is flexgen's: a file that comes later under the name of one more source is not."""
     sources(tmp_path)
     (tmp_path / "src" / "elbow_bias.c").write_text("mine\n")

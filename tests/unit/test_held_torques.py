@@ -117,7 +117,7 @@ def test_a_spline_without_delay_changes_no_bit(library, plain):
     assert np.array_equal(stream_of(library, hold="spline", delay=0.0)[0], stream_of(library)[0])
 
 
-def test_bvp_holds_too(library, plain):
+def test_bvp_gives_held_torques(library, plain):
     found, same = (library.bvp(**given(), **options).tau_m for options in ({"hold": "zoh", "delay": 0.5}, {}))
     size = np.abs(same).max()
     assert np.abs(found - expected(plain.t, same, "zoh", 0.5)).max() < SAME * size
@@ -189,7 +189,7 @@ def test_the_tool_follows_under_the_torques_of_c(library, plain, hold, largest):
         ({"hold": "zoh", "delay": "1"}, "delay: given '1', expected a number"),
     ],
 )
-def test_what_no_drive_does_is_refused(library, changes, words):
+def test_invalid_holds_and_delays_are_refused(library, changes, words):
     with pytest.raises(ArgumentError, match=words):
         library.invert(**given(), **changes)
     with pytest.raises(ArgumentError, match=words):
@@ -212,7 +212,7 @@ def test_what_no_drive_does_is_refused(library, changes, words):
         (0, -float("inf")),
     ],
 )
-def test_c_refuses_it_too(library, hold, delay):
+def test_c_refuses_invalid_holds_and_delays(library, hold, delay):
     """A status, and nothing is written."""
     entries, sizes = library.streams, library.sizes
     options = {"intervals": 20, "samples_per_interval": 5, "period": 5e-3, "tolerance": 1e-6}

@@ -146,7 +146,7 @@ def test_parameters_of_a_stream_change_at_rest(flexible, baked, values):
     assert np.abs(updates(stream, 1)[-1] - before[-1]).max() < 1e-9
 
 
-def test_what_is_no_set_of_parameters_is_refused(flexible, baked, values):
+def test_invalid_sets_of_parameters_are_refused(flexible, baked, values):
     for bad, words in ((values[:-1], "parameters: given shape"), (["a"] * len(values), "parameters: given")):
         with pytest.raises(ArgumentError, match=words):
             flexible.invert(**given(), parameters=bad)
@@ -174,7 +174,7 @@ def test_a_stream_of_a_closed_library_is_closed(folder, flexible):
             call()
 
 
-def test_generate_names_what_is_missing(tmp_path, capfd):
+def test_generate_names_missing_functions(tmp_path, capfd):
     model = ["generate", "planar5_nmp", "--no-build"]
     assert main([*model, "--single", "--out", str(tmp_path / "single")]) == 0
     assert "not in this library: bvp, because it is in double precision only" in capfd.readouterr().out

@@ -63,13 +63,13 @@ def test_the_torques_are_those_of_the_arm(library, answer):
     assert np.abs(row).max() < BETWEEN * np.abs(tau_g).max()
 
 
-def test_the_same_bits_again_and_from_threads(library, answer):
+def test_repeated_and_parallel_calls_give_the_same_bits(library, answer):
     with ThreadPoolExecutor(4) as pool:
         for other in pool.map(lambda _: library.invert(**given()), range(8)):
             assert np.array_equal(other.tau_m, answer.tau_m)
 
 
-def test_it_travels(answer):
+def test_an_inverter_survives_pickling(answer):
     invert = pickle.loads(pickle.dumps(loaded(MODEL).invert))
     assert np.array_equal(invert(**given()).tau_m, answer.tau_m)
     assert copy.copy(invert) is invert and copy.deepcopy(invert) is invert
@@ -98,17 +98,17 @@ def test_it_travels(answer):
         ({"n_post": 2**31}, ArgumentError, "n_post: given"),
     ],
 )
-def test_what_is_refused(library, changes, error, words):
+def test_invalid_paths_and_options_are_refused(library, changes, error, words):
     with pytest.raises(error, match=words):
         library.invert(**given(**changes))
 
 
-def test_a_path_out_of_reach_is_no_answer(library):
+def test_a_path_out_of_reach_has_an_error_status(library):
     with pytest.raises(SolverError, match="leaves the workspace of the robot or passes a singular pose"):
         library.invert(**given(y=10.0 * samples()["y"]))
 
 
-def test_c_refuses_null_and_too_little_memory(library):
+def test_c_refuses_null_pointers_and_too_little_memory(library):
     directory = made(MODEL).directory
     c = ctypes.CDLL(str(library_of(directory)))
     structs = structs_of(json.loads((directory / "manifest.json").read_text()))
@@ -142,7 +142,7 @@ def test_c_refuses_null_and_too_little_memory(library):
         assert (tau_m == expected.tau_m).all() and info.kinematic_mismatch == expected.kinematic_mismatch
 
 
-def test_a_library_without_it_says_so(tmp_path):
+def test_a_library_without_inversion_raises_an_error_that_names_it(tmp_path):
     from flexgen.library.generate import generate
 
     few = load(generate(MODEL, tmp_path / "few", functions=["gravity"]).directory)
@@ -152,7 +152,7 @@ def test_a_library_without_it_says_so(tmp_path):
         few.stream(np.zeros(2), np.zeros(3), period=5e-3, intervals=10)
 
 
-def test_closed_is_closed():
+def test_a_closed_inverter_refuses_calls():
     mine = load(made(MODEL).directory)
     invert = mine.invert
     mine.close()
@@ -215,7 +215,7 @@ def test_a_stream_gives_the_torques_of_the_path(library):
     assert np.abs(tau[:count] - whole.tau_m[:count]).max() < 1e-3 * np.abs(whole.tau_m).max()
 
 
-def test_a_copied_stream_goes_on_by_itself(library):
+def test_a_copied_stream_is_independent(library):
     stream = begun(library)
     updates(stream, 1, 30)
     others = [copy.copy(stream), copy.deepcopy(stream), pickle.loads(pickle.dumps(stream))]
@@ -247,7 +247,7 @@ def test_a_refused_sample_changes_nothing(library):
         ({"tolerance": 2.0}, "a size, a time"),
     ],
 )
-def test_what_a_stream_refuses(library, changes, words):
+def test_invalid_calls_of_a_stream_are_refused(library, changes, words):
     s = samples()
     with pytest.raises(ArgumentError, match=words):
         library.stream(s["y"][0], s["q_start"], **{"period": 5e-3, "intervals": 10, **changes})

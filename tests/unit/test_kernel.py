@@ -69,7 +69,7 @@ def error_near_quarters(precision: str, edits: tuple[tuple[str, str], ...] = ())
 
 @pytest.mark.slow
 @both
-def test_polynomials_are_the_best(precision):
+def test_polynomials_have_the_minimax_error(precision):
     p = PRECISIONS[precision]
     with mp.workdps(DIGITS):
         margin = 1 + MARGIN[precision]
@@ -85,7 +85,7 @@ def test_polynomials_are_the_best(precision):
         for literals, series, weight, low, high in cases:
             best, worst = minimax(lambda x, c=series[::-1]: mp.polyval(c, x), weight, low, high, len(literals))
             assert [TYPES[precision](c) for c in literals] == [TYPES[precision](float(c)) for c in best]
-            assert worst < 2.0 ** -(p.digits + 5)  # small beside the rounding errors
+            assert worst < 2.0 ** -(p.digits + 5)  # small relative to the rounding errors
 
 
 @both
@@ -104,7 +104,7 @@ def test_parts_of_constants_are_exact(precision):
     assert [float(TYPES[precision](x)) for x in (*p.half_pi, *p.log_2)] == pytest.approx(p.half_pi + p.log_2, rel=1e-7)
 
 
-def test_text():
+def test_kernel_files_are_ascii_with_short_lines():
     for precision in PRECISIONS:
         for text in kernel_files(NAME, precision).values():
             assert text.isascii() and text.endswith("\n") and "model" not in text.replace("the model", "")

@@ -1,4 +1,4 @@
-"""Strangeness index, a, d, v of the inverse dynamics: the theory's table, the general rule, and honest refusals."""
+"""Strangeness index, a, d, v of the inverse dynamics: the theory's table, the general rule, and refusals."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def numbers(found: KunkelMehrmann) -> tuple[str, int | None, int | None, int | N
 def along(name: str) -> tuple[KunkelMehrmann, ...]:
     equations = flexgen.derive(name)
     moves = {move.name: move for move in equations.model.moves}
-    # the joint move of manutec_r3 passes a singular pose of the wrist half way
+    # the joint move of manutec_r3 passes a singular pose of the wrist in the middle
     return kunkel_mehrmann(equations, Path(equations, moves.get("line") or equations.model.move()))
 
 
@@ -187,7 +187,7 @@ def test_fewer_outputs_than_motors_leave_an_unknown_free() -> None:
     assert rule(equations) is None
 
 
-def test_a_repeated_output_says_nothing_new() -> None:
+def test_a_repeated_output_adds_no_rank() -> None:
     model = read("four_mass@high")
     row = model.output.weights[0]
     equations = Equations(replace(model, output=replace(model.output, weights=(row, row))))

@@ -53,7 +53,7 @@ def test_too_large_libraries_go(tmp_path, monkeypatch) -> None:
     assert sorted(tmp_path.iterdir()) == libraries[4:]
 
 
-def test_what_is_in_use_stays_and_what_is_no_library_too(tmp_path, monkeypatch) -> None:
+def test_libraries_in_use_and_other_files_stay(tmp_path, monkeypatch) -> None:
     kept(tmp_path, [1.0, IN_USE - 60.0, IN_USE + 60.0])
     elsewhere = kept(tmp_path / "elsewhere" / "far", [IN_USE + 999.0])[0]
     (tmp_path / "file").write_text("")
@@ -66,7 +66,7 @@ def test_what_is_in_use_stays_and_what_is_no_library_too(tmp_path, monkeypatch) 
     mark_used(tmp_path / "missing")
 
 
-def test_one_that_is_marked_while_it_is_taken_away_comes_back(tmp_path, monkeypatch) -> None:
+def test_a_library_marked_as_used_during_its_removal_is_restored(tmp_path, monkeypatch) -> None:
     library = kept(tmp_path, OLD[:1])[0]
     rename = Path.rename
 

@@ -88,7 +88,7 @@ def test_wide_limits_change_nothing() -> None:
 
 @pytest.mark.slow
 @needs_compiler
-def test_limits_that_cannot_be_kept_are_told() -> None:
+def test_limits_that_cannot_be_kept_are_refused() -> None:
     with pytest.raises(SolverError, match=r"motor m1 needs 8\.57 N m to hold the arm"):
         bounded("lq", torque=5.0)
     with pytest.raises(SolverError, match="no path deviation keeps them"):

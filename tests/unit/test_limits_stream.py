@@ -44,7 +44,7 @@ SIX_AXES = [
     pytest.param("manutec_r3_24", 0, 40, id="24, line, 200 ms"),
     pytest.param("manutec_r3_24", 3, 40, id="24, circle, 200 ms", marks=pytest.mark.slow),
 ]
-FOLLOWED = 2e-6  # m: of the simulated tool; a thousandth of a deviation may act on the motion of now
+FOLLOWED = 2e-6  # m: of the simulated tool; a thousandth of a deviation may act on the current motion
 
 CALL = """\
 #include "model_qp.h"

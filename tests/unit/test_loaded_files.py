@@ -96,10 +96,10 @@ def test_code_below_a_folder_of_another_user_is_refused(path_and_load, kind, giv
 
 
 @KINDS
-def test_code_of_another_user_or_open_to_everybody_is_refused(path_and_load, kind, monkeypatch):
+def test_code_of_another_user_or_open_to_every_user_is_refused(path_and_load, kind, monkeypatch):
     path, load = path_and_load
     path.chmod(0o777)
-    with pytest.raises(NAMED[kind], match=rf"{path}: given mode 777, which lets everybody write it"):
+    with pytest.raises(NAMED[kind], match=rf"{path}: given mode 777, which lets every user write it"):
         load()
     path.chmod(0o700)
     real = os.fstat
@@ -109,10 +109,10 @@ def test_code_of_another_user_or_open_to_everybody_is_refused(path_and_load, kin
 
 
 @KINDS
-def test_code_in_a_folder_that_everybody_may_write_is_refused(path_and_load, kind):
+def test_code_in_a_folder_that_every_user_may_write_is_refused(path_and_load, kind):
     path, load = path_and_load
     path.parents[1].chmod(0o777)
-    with pytest.raises(NAMED[kind], match=r"a folder that everybody may write \(mode 777\)"):
+    with pytest.raises(NAMED[kind], match=r"a folder that every user may write \(mode 777\)"):
         load()
     path.parents[1].chmod(0o1777)
     load()
@@ -195,7 +195,7 @@ def test_an_object_of_another_user_is_not_taken_from_the_cache(tmp_path, monkeyp
 
 @pytest.mark.parametrize("kind", ["python"])
 def test_a_planted_cache_of_bytecode_does_not_run(path_and_load, tmp_path):
-    """Python would run what ``__pycache__`` holds, whoever wrote it."""
+    """Python would run what ``__pycache__`` holds, also where another user wrote it."""
     path, load = path_and_load
     stranger = tmp_path / "stranger.py"
     stranger.write_text("raise SystemExit('the code of a stranger')\n")

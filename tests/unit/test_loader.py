@@ -44,7 +44,7 @@ def change(folder: Path, **changes) -> None:
 
 
 def python(program: str, *args: object) -> subprocess.CompletedProcess[str]:
-    """Run a program in a process of its own, which may die."""
+    """Run a program in a separate process, which may crash."""
     command = [sys.executable, "-W", "error", "-c", program, *map(str, args)]
     paths = os.pathsep.join([str(Path(__file__).parents[2]), str(Path(__file__).parent)])
     environment = {**os.environ, "PYTHONPATH": paths}
@@ -77,7 +77,7 @@ def test_a_library_that_differs_from_its_manifest_is_refused(tmp_path, built, to
         load(install(tmp_path / "hand", compiled(**built), **told_to))
 
 
-def test_every_refusal_says_what_to_do_next(tmp_path):
+def test_every_refusal_has_an_advice(tmp_path):
     with pytest.raises(BuildError, match="generate it again"):
         load(install(tmp_path / "hand", compiled(abi=1)))
 
@@ -93,7 +93,7 @@ def test_a_file_name_with_the_hash_of_another_content_is_refused(folder):
         load(folder)
 
 
-def test_a_manifest_that_is_no_manifest_is_refused(folder):
+def test_an_invalid_manifest_is_refused(folder):
     for text in ("{", "[" * 100_000, "[]", "\xff", "{}", '{"format": 1, "abi_version": 2, "build": 5}'):
         (folder / "manifest.json").write_text(text, encoding="latin-1")
         with pytest.raises(BuildError):
@@ -163,11 +163,11 @@ def test_cut_and_garbled_libraries_with_a_matching_hash_do_not_crash(tmp_path):
 
 # --- files that others may change -------------------------------------------------------------------------------------
 @posix
-def test_what_everybody_may_write_is_refused(folder):
+def test_files_that_every_user_may_write_are_refused(folder):
     for path in (folder, folder / "manifest.json", library_file(folder)):
         mode = stat.S_IMODE(path.stat().st_mode)
         path.chmod(mode | stat.S_IWOTH)
-        with pytest.raises(BuildError, match=rf"{path.name}: given mode .* lets everybody write .* chmod o-w"):
+        with pytest.raises(BuildError, match=rf"{path.name}: given mode .* lets every user write .* chmod o-w"):
             load(folder)
         path.chmod(mode | stat.S_IWGRP)  # a group is chosen
         load(folder)
@@ -175,9 +175,9 @@ def test_what_everybody_may_write_is_refused(folder):
 
 
 @posix
-def test_a_folder_above_that_everybody_may_write_is_refused_without_its_sticky_bit(folder):
+def test_a_folder_above_that_every_user_may_write_is_refused_without_its_sticky_bit(folder):
     folder.parent.chmod(0o777)
-    with pytest.raises(BuildError, match=r"a folder that everybody may write \(mode 777\)"):
+    with pytest.raises(BuildError, match=r"a folder that every user may write \(mode 777\)"):
         load(folder)
     folder.parent.chmod(0o1777)
     load(folder)
@@ -216,7 +216,7 @@ def test_symbolic_links_are_refused_but_to_folders(folder, tmp_path):
 
 
 @posix
-def test_what_is_no_file_is_refused_and_does_not_block(folder):
+def test_pipes_and_devices_are_refused_without_blocking(folder):
     for name in (library_file(folder).name, "manifest.json"):
         (folder / name).unlink()
         os.mkfifo(folder / name)
@@ -249,7 +249,7 @@ def test_a_file_that_is_swapped_after_the_check_is_not_loaded(folder, monkeypatc
 
 
 @pytest.mark.parametrize("in_memory", [True, False])
-def test_many_libraries_are_told_apart(folder, monkeypatch, in_memory):
+def test_many_libraries_are_distinguished(folder, monkeypatch, in_memory):
     """Descriptors are used again, and the system's loader knows libraries by name."""
     if not in_memory:
         monkeypatch.delattr(os, "memfd_create", raising=False)

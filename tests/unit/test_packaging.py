@@ -1,4 +1,4 @@
-"""The distribution: its name and version, the files beside the modules, the extras of the Makefile."""
+"""The distribution: its name and version, the data files of the package, the extras of the Makefile."""
 
 from __future__ import annotations
 

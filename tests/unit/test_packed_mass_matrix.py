@@ -29,7 +29,7 @@ def test_it_is_the_lower_triangle_by_columns(name, parameters, tmp_path):
     assert f"#define {name.upper()}_NPACKED {n * (n + 1) // 2}" in text and "lower triangle" in text
 
 
-def test_it_is_left_out_where_nobody_asks():
+def test_it_is_left_out_where_it_is_not_asked_for():
     model = flexgen.read("elbow")
     assert "mass_matrix_packed" not in chosen_functions(None, model)
     assert chosen_functions(NAMES[::-1], model) == NAMES

@@ -125,7 +125,7 @@ def test_names_units_and_groups():
     assert made.given is model or made.given == model  # the model keeps its numbers
 
 
-def test_every_parameter_says_what_it_is():
+def test_every_parameter_has_a_description():
     said = {p.name: p.doc for p in parametrized(read("manutec_r3"), ["stiffness", "damping", "friction"]).parameters}
     said |= {p.name: p.doc for p in parametrized(read("elbow"), ["stiffness", "payload"]).parameters}
     said |= {p.name: p.doc for p in parametrized(read("abb_arm"), ["stiffness"]).parameters}
@@ -190,6 +190,6 @@ def changed_model(model, numbers):
 
 
 @pytest.mark.parametrize("names", [["weight"], ["q9.stiffness"], "payload", [""], ["payload.mass", "m1.friktion"]])
-def test_unknown_names_are_told_with_those_that_exist(names):
+def test_an_unknown_name_is_refused_with_the_existing_ones(names):
     with pytest.raises(ArgumentError, match=r"parameters: given .*, expected"):
         derive("planar5_nmp", names)

@@ -42,7 +42,7 @@ def test_time_law_derivatives() -> None:
     assert derivatives_agree(t, TimeLaw(0.5, 7)(t)) < DIFFERENCE
 
 
-def test_time_law_refuses_nonsense() -> None:
+def test_a_time_law_refuses_invalid_arguments() -> None:
     with pytest.raises(ArgumentError, match="duration: given 0"):
         TimeLaw(0.0, 5)
     with pytest.raises(ArgumentError, match="smoothness: given 12"):
@@ -103,7 +103,7 @@ def test_tool_line_with_rotation_turns_about_its_axis() -> None:
     assert np.allclose(sample.y[1, :, 0] - sample.y[0, :, 0], [0.1, 0, 0], atol=1e-15)
 
 
-def test_joint_move_ends_where_the_joints_say() -> None:
+def test_a_joint_move_ends_at_its_joint_angles() -> None:
     equations = flexgen.derive("manutec_r3")
     move = equations.model.move("joints")
     sample = Path(equations, move).sample(np.array([0.0, move.duration]))

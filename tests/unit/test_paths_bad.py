@@ -233,14 +233,14 @@ def folder(tmp_path: FilePath, robot) -> FilePath:
 
 
 @pytest.mark.parametrize("name", TEXTS)
-def test_the_good_ones_are_good(robot, folder: FilePath, name: str) -> None:
+def test_valid_moves_are_read(robot, folder: FilePath, name: str) -> None:
     (folder / "tasks.toml").write_text(TEXTS[name])
     move = flexgen.read_moves(folder / "tasks.toml", robot.model)[0]
     assert move.name == name and Path(robot, move).duration > 0.1
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_bad_ones_are_reported(robot, folder: FilePath, what: str) -> None:
+def test_invalid_moves_are_refused_with_file_line_and_key(robot, folder: FilePath, what: str) -> None:
     text, old, new, key, message = BAD[what]
     assert old in text
     text = text.replace(old, new, 1)
@@ -256,11 +256,11 @@ def test_bad_ones_are_reported(robot, folder: FilePath, what: str) -> None:
         assert written in text.split("\n")[error.line - 1]
 
 
-def test_there_are_enough() -> None:
+def test_there_are_at_least_as_many_invalid_moves_as_required() -> None:
     assert len(BAD) >= 60
 
 
-def test_files_that_are_none(robot, tmp_path: FilePath) -> None:
+def test_files_that_are_missing_or_not_readable_are_refused(robot, tmp_path: FilePath) -> None:
     for wrong in (tmp_path / "none.toml", tmp_path, "a\0b.toml"):
         with pytest.raises(ArgumentError, match="which is not a file"):
             flexgen.read_moves(wrong, robot.model)

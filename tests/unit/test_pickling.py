@@ -122,7 +122,7 @@ def test_verified_solution_and_its_simulation(model: str) -> None:
     ],
     ids=lambda noun: type(noun).__name__,
 )
-def test_nouns(noun: Any) -> None:
+def test_public_result_classes_survive_pickling(noun: Any) -> None:
     assert same(noun, copied(noun)) and copied(noun) == noun
 
 

@@ -103,7 +103,7 @@ def test_such_names_make_the_same_library(tmp_path):
     assert np.array_equal(library.gravity(q), usual.gravity(q))
 
 
-def test_the_name_of_the_robot_is_no_word_of_c(tmp_path):
+def test_reserved_words_of_c_are_refused_as_names_of_robots(tmp_path):
     path = tmp_path / "model.toml"
     path.write_text(GOOD.replace('"robot"', '"double"'))
     with pytest.raises(ModelError, match='name: given "double", expected a name that is not reserved by C'):

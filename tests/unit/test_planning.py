@@ -350,7 +350,7 @@ def test_obstacles_and_paths_hold_in_phases_that_are_added_afterwards(planar):
 
 # --- what must not be called a solution -------------------------------------------------------------------------------
 def test_a_mesh_that_is_too_coarse_is_seen_by_the_simulation():
-    """On 20 intervals the program has a solution that is none of the robot: IPOPT succeeds, the simulation does not."""
+    """On 20 intervals IPOPT finds a solution that is not a motion of the robot: the simulation rejects it."""
     found = least_torque("planar5_nmp@soft", 20, "joints").solve()
     assert found.verdict == "Solve_Succeeded" and found.status == Status.TOLERANCE_NOT_MET
     assert found.plan_error_max > 0.1 and "finer mesh" in found.warnings[-1]

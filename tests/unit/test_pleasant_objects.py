@@ -156,7 +156,7 @@ def test_instants_outside_are_refused(solution, t):
         solution.trajectory.at(t)
 
 
-def test_columns_have_units_of_their_own(tmp_path):
+def test_each_column_has_its_unit(tmp_path):
     t = np.linspace(0.0, 1.0, 11)
     ports = {"q_a": Port("q_a", (2,), "rad or m", "arm")}
     channels = {"q_a": np.column_stack([t, t**2])}

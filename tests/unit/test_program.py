@@ -43,7 +43,7 @@ def tour(robot):
 
 
 def roughness(path: Path) -> float:
-    """Largest jump of a derivative up to the path's smoothness, beside all breaks, relative to its size."""
+    """Largest jump of a derivative up to the path's smoothness, at all breaks, relative to its size."""
     d = 1e-9 * path.duration
     every = path.sample(np.linspace(0, path.duration, 2001))
     left, right = path.sample(path.breaks - d), path.sample(path.breaks + d)
@@ -293,7 +293,7 @@ NONSENSE = {
 
 
 @pytest.mark.parametrize("what", NONSENSE)
-def test_nonsense_in_a_program_is_refused_where_it_enters(what: str) -> None:
+def test_invalid_steps_of_a_program_are_refused_by_their_constructors(what: str) -> None:
     call, message = NONSENSE[what]
     with pytest.raises(ArgumentError, match=message):
         call()

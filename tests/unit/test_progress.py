@@ -94,7 +94,7 @@ def test_a_notebook_shows_it_on_standard_output(monkeypatch):
     )
 
 
-def test_a_closed_stream_is_no_error(monkeypatch):
+def test_a_closed_stream_does_not_raise(monkeypatch):
     monkeypatch.setattr(sys, "stderr", None)
     assert not progress.is_interactive()
     with progress.reporting(True, "solve") as show:

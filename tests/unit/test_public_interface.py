@@ -30,7 +30,7 @@ def test_verbs_are_functions(name):
     assert inspect.isfunction(verb) and verb.__name__ == name and verb.__doc__
 
 
-def test_an_unknown_name_is_no_attribute():
+def test_an_unknown_name_raises_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'invert'"):
         _ = flexgen.invert
 

@@ -359,12 +359,12 @@ def test_byte_order_mark_and_size(good):
 
 
 @pytest.mark.parametrize("x", [4.3e-5, 5e-6, 1e7, 257.0, 1e-12, 1e12])
-def test_sensible_numbers_pass(good, x):
+def test_plausible_numbers_are_accepted(good, x):
     assert read(good, overrides={"motor.m1.inertia": x}).motors[0].inertia == x
     assert read(good, overrides={"payload.com": [x, 0, -x]}).payload.com == (x, 0.0, -x)
 
 
-def test_rounding_dust_in_a_vector_passes(good):
+def test_rounding_errors_in_a_vector_are_accepted(good):
     gravity = (6e-17, 0.0, -9.81)
     assert read(good, overrides={"gravity": gravity}).gravity == gravity
 

@@ -1,4 +1,4 @@
-"""The steps of the fast path's specialization, each alone: frames, regrouping, dust, massless bodies."""
+"""The steps of the fast path's specialization, each alone: frames, regrouping, rounding, massless bodies."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_regrouping_empties_what_it_can():
 
 
 @pytest.mark.parametrize("name", ["manutec_r3_efjm", "synthetic_mixed", "dense7", "sliding8", "six_axes"])
-def test_frames(name):
+def test_frames_are_modified_denavit_hartenberg(name):
     """Modified Denavit-Hartenberg: no way across the axes' normals, one angle about x; the tool is where it was."""
     equations = equations_of(name)
     chain = laid(equations.model)
@@ -112,7 +112,7 @@ def two_joints(angle: float) -> RobotModel:
     return robot(elements, motors)
 
 
-def test_dust():
+def test_entries_below_rounding_are_set_to_zero():
     """A right angle typed with 15 digits is one; one typed with 8 digits is an angle of its own."""
     assert laid(two_joints(1.57079632679490)).joints[1].twist == (0.0, 1.0)
     assert laid(two_joints(-np.pi / 2 + 3e-16)).joints[1].twist == (0.0, 1.0)
@@ -172,7 +172,7 @@ def counts(model: RobotModel) -> list[int]:
     return [operations_of(fast_function(equations, name)) for name in names]
 
 
-def test_bodies_that_are_not_there_cost_nothing():
+def test_massless_bodies_add_no_operations():
     """Massless bodies, bodies in several parts, rigid elements and the payload: all merged."""
     rng = np.random.default_rng(12)
     places = [random_placement(rng) for _ in range(4)]

@@ -301,7 +301,7 @@ def test_tick_labels(x, text):
         (2e-6, "N m", "< 0.001 N m"),
     ],
 )
-def test_sizes_for_people(value, unit, text):
+def test_sizes_are_printed_with_units(value, unit, text):
     assert " ".join(canvas.measure(value, unit)) == text
 
 

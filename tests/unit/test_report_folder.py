@@ -43,7 +43,7 @@ def test_files_of_others_are_not_replaced(tmp_path, solved, name):
 
 
 @pytest.mark.slow
-def test_pictures_of_an_analysis_beside_a_report(tmp_path, solved):
+def test_pictures_of_an_analysis_are_accepted_in_the_folder_of_a_report(tmp_path, solved):
     analysis = flexgen.analyze(solved[0])
     write_analysis(analysis, tmp_path)
     write_report(*solved, tmp_path)

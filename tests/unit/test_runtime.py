@@ -335,7 +335,7 @@ def test_wrong_arguments_are_refused(planar, arguments, told):
     assert planar.mass_matrix(np.zeros(3)).shape == (3, 3)  # and do no harm
 
 
-def test_directories_that_are_no_paths_are_refused():
+def test_directories_that_are_not_paths_are_refused():
     for wrong in (None, 5, b"folder", "a\0b"):
         with pytest.raises(ArgumentError, match="directory: given"):
             load(wrong)
@@ -354,7 +354,7 @@ def test_wrong_names_and_counts_are_refused(planar):
         planar.mass  # noqa: B018
 
 
-def test_integers_lists_and_strided_arrays_are_welcome(planar):
+def test_integers_lists_and_strided_arrays_are_accepted(planar):
     expected = planar.gravity(np.array([1.0, 2.0, 3.0]))
     for q_a in ([1, 2, 3], np.arange(1, 4), np.arange(1, 7, dtype=np.float32)[:3], np.array([3.0, 2.0, 1.0])[::-1]):
         assert np.array_equal(planar.gravity(q_a), expected)
@@ -396,13 +396,13 @@ def test_a_result_that_is_not_finite_is_an_error(planar, hand):
     assert np.array_equal(hand.square(np.ones(2)), np.ones(2))
 
 
-def test_a_status_that_nobody_knows_is_an_error(hand, monkeypatch):
+def test_an_unknown_status_is_an_error(hand, monkeypatch):
     monkeypatch.setattr(hand.square, "_single", lambda *where: -77)
     with pytest.raises(BuildError, match="square: unknown status -77; generate it again"):
         hand.square(np.zeros(2))
 
 
-def test_c_returns_a_status_and_spoils_what_failed(planar):
+def test_c_returns_a_status_and_sets_failed_results_to_nan(planar):
     library = ctypes.CDLL(str(next(path for path in made("planar5_nmp").files if path.suffix in (".so", ".dylib"))))
     function, batch = library.planar5_nmp_gravity, library.planar5_nmp_gravity_batch
     function.argtypes, batch.argtypes = [ctypes.c_void_p] * 2, [ctypes.c_int] + [ctypes.c_void_p] * 3

@@ -66,12 +66,12 @@ def test_too_many_rows_are_refused(joints, robot, monkeypatch):
     refused(joints, robot, "csv:13:file: given more than 11 rows")
 
 
-def test_bytes_that_are_no_text_are_refused(joints, robot):
+def test_bytes_that_are_not_text_are_refused(joints, robot):
     joints.write_bytes(joints.read_bytes() + b"\xff\n")
     refused(joints, robot, "text that is not UTF-8")
 
 
-def test_npz_files_that_lie_are_refused(tmp_path, robot, monkeypatch):
+def test_npz_files_with_wrong_sizes_are_refused(tmp_path, robot, monkeypatch):
     monkeypatch.setattr(zipfile.ZipExtFile, "readinto", None, raising=False)
     file = packed(tmp_path / "a.npz", {"q_g": claiming("(1000000000, 2)")})
     refused(file, robot, r"'q_g' of shape \(1000000000, 2\) and 0 bytes, expected 16000000000 bytes")

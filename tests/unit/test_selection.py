@@ -34,7 +34,7 @@ def quick_files() -> list[Path]:
 
 @cache
 def tree(path: Path) -> ast.Module:
-    """The syntax tree of a file, which nobody changes."""
+    """The syntax tree of a file, not to be changed."""
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
@@ -79,7 +79,7 @@ def test_a_room_without_a_quick_test_is_seen():
     assert untouched(path for path in quick_files() if "plots" not in imported_rooms(path)) == ["plots"]
 
 
-def test_the_tables_name_what_is_there():
+def test_the_tables_name_existing_folders_and_files():
     for entry in (*SLOW, *ANY_MODEL, *SLOW_CASES):
         assert (TESTS / entry).exists(), entry
     assert set(model_names()) >= QUICK_MODELS

@@ -77,7 +77,7 @@ def test_a_run_of_many_robots_prints_twenty(robot, solution):
     assert len(many) == 22 and many[-1] == f"  and {50 * len(run.runs) - 20} more robots in .runs"
 
 
-def test_every_public_class_has_a_text_of_its_own():
+def test_every_public_class_has_its_own_text():
     classes = [getattr(flexgen, name) for name in flexgen._NOUNS if name not in PROTOCOLS]
     plain = [c.__name__ for c in classes if inspect.isclass(c) and c.__repr__ is object.__repr__]
     assert not plain

@@ -42,7 +42,7 @@ def test_trajectories_survive_a_file(tmp_path, suffix: str) -> None:  # type: ig
         assert np.array_equal(again[name], values)
     assert simulate(equations, path).tool_error_max_m == simulate(equations, solution.trajectory).tool_error_max_m
     path.write_text("no trajectory")
-    with pytest.raises(ArgumentError, match="no trajectory of flexgen"):
+    with pytest.raises(ArgumentError, match="not a trajectory of flexgen"):
         Trajectory.load(path)
 
 

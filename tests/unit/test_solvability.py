@@ -81,7 +81,7 @@ def test_coupled_rigid_and_elastic_gears() -> None:
     assert found.regular
 
 
-def test_determinant_tells_why() -> None:
+def test_the_determinant_explains_the_verdict() -> None:
     """det(W M^-1 S_g) = +-det(W_g) det(A) / det(M): the regular matrix fails with either factor."""
     for distance in (0.3, -0.3, 1e-3):
         arm = planar_arm(np.random.default_rng(8), distance)
@@ -146,7 +146,7 @@ def test_elasticity_beyond_the_last_of_six_axes() -> None:
     assert any("elasticity beyond the last actuator (flange)" in text for text in found.warnings)
 
 
-def test_a_gear_that_passes_on_nothing() -> None:
+def test_a_dead_band_gear_without_slope_transmits_no_torque() -> None:
     model = read("elbow")
     upper = model.elements[0]
     # without smoothing the dead band has no slope at all at its center, where gravity is off
@@ -217,7 +217,7 @@ def test_along_a_path() -> None:
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["t"][-1] == path.duration
 
 
-def test_a_path_through_a_singular_pose_is_told() -> None:
+def test_a_path_through_a_singular_pose_is_reported() -> None:
     equations = flexgen.derive("manutec_r3")
     joints = next(move for move in equations.model.moves if move.type == "joint")
     found = solvability_path(equations, Path(equations, joints))
@@ -239,7 +239,7 @@ def test_refusals_along_a_path() -> None:
     assert at_pose(complete, (0.3, -1.1)).regular is None
 
 
-def test_the_analysis_has_it_all() -> None:
+def test_the_analysis_contains_the_verdict_and_its_matrix() -> None:
     equations = flexgen.derive("planar5_nmp")
     plain = flexgen.analyze(equations, (0.3, -1.1)).to_dict()
     assert plain["zeros_along_path"] is None

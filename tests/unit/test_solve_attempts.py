@@ -64,7 +64,9 @@ def test_further_methods_are_tried(equations: Equations, calls) -> None:  # type
 
 
 @pytest.mark.slow  # compiles a library
-def test_lq_is_tried_after_a_closed_form_that_misses_and_the_reason_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lq_is_tried_after_a_closed_form_that_misses_and_the_reason_is_reported(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Planted: the closed form ends with the path, although the deflections of damped gears decay after it."""
     monkeypatch.setattr(closed_form, "instants", lambda duration, step, settling: instants(duration, step, 0.0))
     messages: list[str] = []

@@ -119,7 +119,7 @@ def test_tableaus_keep_their_order_conditions(stages: int) -> None:
         dataclasses.replace(gauss(stages), b=gauss(stages).b * 1.001)
 
 
-def test_residual_catches_an_answer_that_is_none() -> None:
+def test_the_residual_rejects_a_wrong_solution() -> None:
     equations = flexgen.derive("planar5_mp")
     trajectory = flexgen.solve(equations, verify=False).trajectory
     wrong = dict(trajectory.channels, tau_m=trajectory["tau_m"] + 0.1)

@@ -67,7 +67,7 @@ def test_the_table_of_the_planar_arm(
 
 
 @pytest.mark.parametrize("name", model_names())
-def test_structure_agrees_with_the_numbers_or_says_that_it_lies(name: str) -> None:
+def test_structure_agrees_with_the_numbers_or_is_marked_as_wrong(name: str) -> None:
     """Index and degrees of freedom against the general rule, and the verdict against Kunkel and Mehrmann's numbers."""
     equations = flexgen.derive(name)
     rest = hold_joints(equations, np.array(equations.model.home))
@@ -90,7 +90,7 @@ def test_the_verdict_along_a_path() -> None:
 
 
 @pytest.mark.parametrize(("distance", "holds"), [(0.0, False), (1e-3, True), (-1e-3, True)])
-def test_the_structure_lies_at_the_flat_point(distance: float, holds: bool) -> None:
+def test_the_structural_index_is_wrong_at_the_flat_point(distance: float, holds: bool) -> None:
     equations = Equations(planar_arm(np.random.default_rng(3), distance).model)
     found, check = check_at_rest(equations, hold_joints(equations, np.array(equations.model.home)))
     assert (found.index, found.dof) == (4, 4)

@@ -112,7 +112,7 @@ def test_figures_are_those_of_the_torques() -> None:
     assert peaks.acceleration[2] == pytest.approx(np.abs(one["a_a"]).max(axis=0), rel=1e-5)
 
 
-def test_no_neighbour_changes_a_bit() -> None:
+def test_other_cases_of_the_batch_do_not_change_a_bit() -> None:
     mover = JointMoves(derive(ELBOW), TimeLaw(1.0, 5), step=5e-3)
     _, starts, ends = moves_of(ELBOW, closed_form_batch.WIDTH + 5)
     both = mover.torques(starts, ends)
@@ -135,7 +135,7 @@ def test_friction_and_its_derivatives_against_casadi() -> None:
     assert closed_form_batch.friction(law, speeds) == pytest.approx(expected[0], rel=1e-13)
 
 
-def test_what_does_not_fit_is_refused() -> None:
+def test_models_without_the_closed_form_are_refused() -> None:
     law = TimeLaw(1.0, 5)
     for name, why in (("planar5_mp", "non-actuated"), ("four_mass", "non-actuated")):
         assert why in unfit(read(name))
@@ -166,7 +166,7 @@ def test_the_bits_of_one_two_and_seven_shards() -> None:
 
 
 @pytest.mark.slow
-def test_what_goes_many_at_once_and_what_does_not() -> None:
+def test_batched_and_single_cases_are_chosen_by_model_and_method() -> None:
     start, end = (0.1, 0.2), (0.4, -0.3)
     moves = (
         Move("plain", "joint", start, 1.0, 5, end=end),
@@ -183,7 +183,7 @@ def test_what_goes_many_at_once_and_what_does_not() -> None:
     alone = sweep(Grid(["elbow"], moves[:1], ["closed-form"], options={"verify": False}), workers=0).results
     for name in ("torque_max", "torque_rms", "speed_max", "energy"):
         assert table[name][0] == pytest.approx(alone[name][0], rel=1e-9), name
-    # whoever asks for a verification gets one
+    # a verification that is asked for is done
     verified = sweep(Grid(["elbow"], moves[:1], ["closed-form"], options={"batch": True}), workers=0).results
     assert verified["tool_error_max"][0] < 1e-6
 
@@ -200,7 +200,7 @@ def test_a_bad_move_has_no_neighbours() -> None:
     assert len({table.digest for table in tables}) == 1
 
 
-def test_limits_are_told_in_the_same_words() -> None:
+def test_limits_have_the_same_messages_as_in_solve() -> None:
     model = read("manutec_r3", overrides={"motor.m1.torque_max": 0.5, "motor.m2.speed_max": 1.0})
     move = Move("fast", "joint", model.home, 0.5, 5, end=tuple(q + 1.0 for q in model.home))
     texts = [

@@ -1,4 +1,4 @@
-"""Who does the shards: this process, pools, threads and executors of any kind give the same bits, and lose nothing."""
+"""Shards in this process, pools, threads and executors of any kind give the same bits, and lose nothing."""
 
 from __future__ import annotations
 
@@ -162,7 +162,7 @@ def test_equations_are_built_by_one_thread_at_a_time() -> None:
         ({"resume": True}, "without a folder"),
     ],
 )
-def test_wrong_arguments_are_told(arguments, text) -> None:
+def test_wrong_arguments_are_refused(arguments, text) -> None:
     with pytest.raises(ArgumentError, match=text):
         sweep(batch_grid(1), **arguments)
     with pytest.raises(ArgumentError, match="expected a Grid"):

@@ -93,7 +93,7 @@ def test_random_moves_keep_the_limits() -> None:
         ({"options": {"speed": 1}}, "expected some of preview"),
     ],
 )
-def test_grids_that_make_no_sense(change, text) -> None:
+def test_invalid_grids_are_refused(change, text) -> None:
     with pytest.raises(ArgumentError, match=text):
         Grid(**({"models": ["elbow"]} | change))
 
@@ -159,7 +159,7 @@ def test_grid_files(tmp_path) -> None:
         ('models = ["a"]\nx = ' + "[" * 3000 + "]" * 3000, "nested too deeply"),
     ],
 )
-def test_wrong_grid_files_are_told(tmp_path, text, reason) -> None:
+def test_wrong_grid_files_are_refused(tmp_path, text, reason) -> None:
     file = tmp_path / "grid.toml"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(ArgumentError, match=reason) as error:

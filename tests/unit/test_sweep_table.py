@@ -52,9 +52,9 @@ DAMAGED = {
     "numbers for texts": ([["x", "text", "", ""]], {"x": np.zeros(2)}),
     "an unknown kind": ([["x", "real", "", ""]], {"x": np.zeros(2)}),
     "a column of five": ([["x", "float", "", "", ""]], {"x": np.zeros(2)}),
-    "columns that are none": (5, {"x": np.zeros(2)}),
+    "columns that are not a list": (5, {"x": np.zeros(2)}),
     "no column": ([], {}),
-    "a name that is none": ([[5, "float", "", ""]], {"x": np.zeros(2)}),
+    "a name that is not text": ([[5, "float", "", ""]], {"x": np.zeros(2)}),
 }
 
 
@@ -64,7 +64,7 @@ def test_a_damaged_table_is_an_error_that_names_the_file(tmp_path, damage) -> No
     path = tmp_path / "a.npz"
     np.savez(path, columns=np.array(json.dumps(head)), **arrays)
     with pytest.raises(
-        ArgumentError, match=rf"{path}: given a file that is no table of flexgen \(.*\), expected a table"
+        ArgumentError, match=rf"{path}: given a file that is not a table of flexgen \(.*\), expected a table"
     ):
         Table.load(path)
 
@@ -92,7 +92,7 @@ def test_parquet_has_types_and_units(tmp_path) -> None:
     assert str(found.schema.field("case").type) == "int64" and found["status"].to_pylist() == ["solved", "failed"]
 
 
-def test_parquet_without_pyarrow_is_told(tmp_path, monkeypatch) -> None:
+def test_parquet_without_pyarrow_is_an_error_that_names_it(tmp_path, monkeypatch) -> None:
     import flexgen.sweeps.table as tables
 
     def missing(name: str) -> None:

@@ -24,7 +24,7 @@ LIGHT = {"motor.m1.torque_max": 5.0}  # N m; the move of planar5_nmp needs 24
 
 
 class Clock:
-    """A clock that goes on by one second whenever it is read, and can be stopped."""
+    """A clock that advances by one second whenever it is read, and can be stopped."""
 
     def __init__(self) -> None:
         self.now, self.step = 0.0, 1.0
@@ -81,14 +81,14 @@ def test_a_solve_ends_at_its_time_limit_whenever_that_is(method: str, clock: Clo
 
 
 @needs_compiler
-def test_without_a_time_limit_nothing_ends(clock: Clock) -> None:
+def test_without_a_time_limit_a_solve_is_not_ended(clock: Clock) -> None:
     clock.step = 1e6
     for unlimited in (None, 0):
         assert flexgen.solve("planar5_nmp", time_limit=unlimited, progress=False).status is flexgen.Status.SOLVED
 
 
 @pytest.mark.parametrize("given", [-1.0, float("nan"), float("inf"), "60", True])
-def test_what_is_no_time_is_refused(given: object) -> None:
+def test_invalid_time_limits_are_refused(given: object) -> None:
     with pytest.raises(ArgumentError, match=r"time_limit: given .*, expected a positive time in s"):
         flexgen.solve("elbow", time_limit=given, progress=False)
 

@@ -16,7 +16,7 @@ from flexgen.paths.time_laws import TimeLaw
 from flexgen.paths.velocity_profiles import TrapezoidStep, box_times
 
 ROUNDING = 1e-12  # relative; a step is a sum over at most 32 pieces, each evaluated in Taylor form
-BESIDE = 1e-9  # of the duration, beside a break
+OFFSET = 1e-9  # of the duration, from a break
 BOUNDS = [(0.5, 4.0), (0.5, 4.0, 60.0), (0.5, 4.0, 60.0, 2000.0), (0.5, 4.0, 60.0, 2000.0, 1e5)]
 
 
@@ -60,7 +60,7 @@ def test_a_wrong_taylor_coefficient_would_be_seen(monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize("size", [1e-5, 0.02, 0.5, 3.0, 50.0])
 def test_steps_keep_all_bounds_and_reach_the_highest(bounds: tuple[float, ...], size: float) -> None:
     step = TrapezoidStep(box_times(size, bounds))
-    t = np.sort(np.concatenate([np.linspace(0, step.duration, 4001), step.breaks * (1 - BESIDE)]))
+    t = np.sort(np.concatenate([np.linspace(0, step.duration, 4001), step.breaks * (1 - OFFSET)]))
     values = size * step.with_integral(t, len(bounds) + 1)
     reached = np.abs(values[:, 2:]).max(axis=0) / bounds
     assert (reached < 1 + ROUNDING).all() and reached[-1] > 1 - ROUNDING
@@ -83,7 +83,7 @@ def test_seven_and_fifteen_segments_last_as_the_textbooks_say() -> None:
 def law_errors(law: SpeedLaw, bounds: tuple[float, ...], stretches: list[Stretch]) -> list[str]:
     """What is wrong with a law."""
     wrong = []
-    t = np.sort(np.concatenate([np.linspace(0, law.duration, 20001), law.breaks * (1 - BESIDE)]))
+    t = np.sort(np.concatenate([np.linspace(0, law.duration, 20001), law.breaks * (1 - OFFSET)]))
     values = law(t, 6)
     if abs(values[-1, 0] - sum(s.length for s in stretches)) > ROUNDING:
         wrong.append("length")
@@ -97,7 +97,7 @@ def law_errors(law: SpeedLaw, bounds: tuple[float, ...], stretches: list[Stretch
         on = (values[:, 0] > ends[k] - stretch.length + 1e-9) & (values[:, 0] < ends[k] - 1e-9)
         if values[on, 1].max() > stretch.speed * (1 + 1e-9):
             wrong.append(f"speed of stretch {k}")
-    h = BESIDE * law.duration
+    h = OFFSET * law.duration
     inner = law.breaks
     for k in range(min(law.smoothness, 6) + 1):
         change = np.abs(law(inner + h, 6)[:, k] - law(inner - h, 6)[:, k]).max()
@@ -172,7 +172,7 @@ def test_polynomial_steps_know_their_integral() -> None:
         assert np.abs(step.with_integral(u)[:, 0] - right).max() < 1e-15
 
 
-def test_nonsense_is_refused() -> None:
+def test_invalid_arguments_are_refused() -> None:
     for bounds in ((1.0,), (), (1.0, -1.0), (1.0, np.nan), (np.inf, 1.0)):
         with pytest.raises(ArgumentError, match="two or more positive bounds"):
             speed_law([Stretch(1.0, 1.0)], bounds)

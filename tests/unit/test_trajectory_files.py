@@ -88,7 +88,7 @@ def test_other_programs_read_the_csv(tmp_path, trajectory):
         ("0.05,", "0.05," + 200_000 * "9", "line 4: given more than 100000 characters"),
         ("tau_m[m1] N m", "tau_m", r"given the column 'tau_m', expected 'name\[label\] unit'"),
         ("q_a[b] rad or m", "q_a[b] " + "x" * 50_000, "given the column .{60,80}, expected 'name"),
-        ('{"model": "none"}', "[" * 50_000, "no trajectory of flexgen"),
+        ('{"model": "none"}', "[" * 50_000, "not a trajectory of flexgen"),
         ('{"model": "none"}', "[1]", "line 1: given list, expected an object of JSON"),
     ],
 )
@@ -122,7 +122,7 @@ def test_a_zip_bomb_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("method", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED])
 @pytest.mark.parametrize("field", [20, 24], ids=["packed", "unpacked"])
-def test_an_archive_that_lies_about_sizes_is_refused(tmp_path, method, field):
+def test_an_archive_with_wrong_sizes_is_refused(tmp_path, method, field):
     path = tmp_path / "a.npz"
     with zipfile.ZipFile(path, "w", method) as archive:
         archive.writestr("time.npy", array_bytes(np.arange(1000.0)))
@@ -139,7 +139,7 @@ def test_an_archive_that_lies_about_sizes_is_refused(tmp_path, method, field):
 def test_other_files_named_npz_are_refused(tmp_path, content):
     path = tmp_path / "a.npz"
     path.write_bytes(content)
-    with pytest.raises(ArgumentError, match=r"a\.npz: given a file that is no trajectory of flexgen \("):
+    with pytest.raises(ArgumentError, match=r"a\.npz: given a file that is not a trajectory of flexgen \("):
         Trajectory.load(path)
 
 
@@ -213,7 +213,7 @@ def test_a_mat_file_has_channels_names_and_units(tmp_path, trajectory):
         for key, words in (("labels", trajectory.labels), ("units", trajectory.units)):
             assert [str(cell[0]) for cell in data[key][name][0, 0][0]] == list(words[name])
     assert json.loads(str(data["meta"][0])) == trajectory.meta
-    with pytest.raises(ArgumentError, match="no trajectory of flexgen"):
+    with pytest.raises(ArgumentError, match="not a trajectory of flexgen"):
         type(trajectory).load(path)
 
 

@@ -147,7 +147,7 @@ def test_the_implicit_method_sees_a_wrong_torque() -> None:
     assert wrong.tool_error_max_rad is not None and wrong.tool_error_max_rad > 1e-4
 
 
-def test_what_stays_stiff_ends_with_a_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_system_that_stays_stiff_is_an_error_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(integrators, "EVALUATIONS_STIFF", 1_000)
     equations = derive(ROBOTS / "light_rotor.toml")
     trajectory = flexgen.solve(equations, verify=False).trajectory

@@ -321,7 +321,7 @@ def test_joints_of_the_chain_can_be_locked(arm):
         close(found, expected, POSE, 1.0)
 
 
-def test_what_hangs_on_the_ground_does_not_matter(arm):
+def test_bodies_fixed_to_the_ground_do_not_change_the_torques(arm):
     hung = '<joint name="other" type="floating"><parent link="foot"/><child link="x"/></joint><link name="x"/>'
     before = read(arm)
     edit(arm.with_name("arm.urdf"), ('<link name="foot"/>', '<link name="foot"/>' + hung))

@@ -63,14 +63,14 @@ def test_a_trajectory_of_a_robot_that_is_not_in_the_models(tmp_path):
         ({}, r"given no file"),
         ({"path": "a.htm"}, r"ends in \.html"),
         ({"path": "a.html", "video": "a.avi"}, r"ends in \.gif or \.mp4"),
-        ({"path": "a.html", "model": "elbow"}, "model beside a trajectory only"),
+        ({"path": "a.html", "model": "elbow"}, "model together with a trajectory only"),
     ],
 )
 def test_wrong_arguments(arguments, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ArgumentError, match=words):
         flexgen.view("elbow", **arguments)
-    with pytest.raises(ArgumentError, match="move beside a robot only"):
+    with pytest.raises(ArgumentError, match="move together with a robot only"):
         flexgen.view(solution().trajectory, "a.html", move="line")
     assert list(tmp_path.iterdir()) == []
 

@@ -91,7 +91,7 @@ def information(
         All but its poses is used.
     poses : array (k, n_m) [rad]
     every : int
-        Use every second, third ... line and count it so many times.
+        Use every second, third ... line and weight it by this number.
     progress : callable, optional
 
     Returns
@@ -179,7 +179,7 @@ def choose(
     F : array (k, n, n)
         Information of each candidate.
     count : int
-        No pose is taken twice: the information of a pose that the model has wrong is not worth more of it.
+        No pose is taken twice: repeating a pose does not reduce its model error.
     vector : ParameterVector
     criterion : str
         ``"A"``: least sum of variances; ``"D"``: least determinant of the covariance.

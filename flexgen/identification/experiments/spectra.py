@@ -1,4 +1,4 @@
-"""Spectra of samples at the excited lines, and at the frequencies beside them.
+"""Spectra of samples at the excited lines, and at the frequencies next to them.
 
     X(l) = 2/N sum_k x(t_k) exp(-j w_l t_k)          one period of N samples
 

@@ -1,6 +1,6 @@
 """Recordings of a real robot: read from files that a TOML file describes, checked, and turned into an experiment.
 
-    model = "bench.toml"                       as `flexgen.read` takes it; or a file beside this one
+    model = "bench.toml"                       as `flexgen.read` takes it; or a file next to this one
     period_s = 1.0                             of the excitation
     hold = "zoh"                               of the torques between samples: "zoh" or "none"
     segment_s = 2.0                            instead of period_s, of a motion without period: of its segments
@@ -38,7 +38,7 @@
     integral_gain = [0.0]                      1/s, optional
     low_pass = { frequency_hz = 400.0 }        optional, of the torque of the control; damping = 0.7
     notch = { frequency_hz = 80.0 }            optional; zero_damping = 0.1, pole_damping = 0.7
-    encoder_noise_rad = 0.0                    optional, motor side: what moves the motors beside the reference
+    encoder_noise_rad = 0.0                    optional, motor side: what moves the motors in addition to the reference
     torque_noise_Nm = 0.0
 
     [[signal]]                                 optional, one for each channel of the model's sensors

@@ -185,7 +185,7 @@ def _lines(root: Table, tau: np.ndarray, period: float, least: float) -> np.ndar
     samples = tau.shape[3]
     if "line_numbers" in root:
         if "lines" in root or "f_min" in root or "f_max" in root:
-            raise root.fail("line_numbers", "no lines, f_min or f_max beside it")
+            raise root.fail("line_numbers", "no lines, f_min or f_max in addition to it")
         given = root.entries["line_numbers"].value
         numbers = [entry.value for entry in given] if isinstance(given, list) else []
         if not numbers or not all(isinstance(x, int) and 0 < x < samples / 2 for x in numbers):

@@ -1,4 +1,4 @@
-"""Bodies that matter can have: their ten numbers, their pseudo-inertia, and parameters under which it is positive.
+"""Physically consistent bodies: their ten numbers, their pseudo-inertia, and parameters under which it is positive.
 
 The ten numbers of a body are mass, mass x center of mass, and inertia about the origin of its frame.
 
@@ -49,7 +49,7 @@ class Feasible:
         return out
 
     def x(self, pi: np.ndarray) -> np.ndarray:
-        """Parameters of bodies; one that no matter can have is made a little larger first."""
+        """Parameters of bodies; one that is not physically consistent is made a little larger first."""
         out = []
         for row in pi.reshape(-1, 10):
             P = pseudo_inertia(row)

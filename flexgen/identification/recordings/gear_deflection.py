@@ -28,7 +28,7 @@ class GearDeflection:
 
     ``stiffness`` [N m/rad or N/m], or None where it is not determined; ``interval``: 90 % interval, the upper end
     infinite where the record allows a rigid gear; ``skew_s`` [s]: lag of the link encoder; ``explained``: part of the
-    variance of the deflection that the torque explains beside skew and offset.
+    variance of the deflection that the torque explains in addition to skew and offset.
     """
 
     stiffness: float | None

@@ -4,8 +4,8 @@
 
 of each body (10 numbers, the payload in the last body); F: viscous friction, Coulomb friction, a constant and a change
 of the rotor's inertia for each motor, and functions of chosen joints for a counterbalance. The torques are linear in
-pi; only some combinations, the base parameters, can be determined. A fit by itself gives bodies that no matter can
-have: here the pseudo-inertia
+pi; only some combinations, the base parameters, can be determined. An unconstrained fit gives bodies that are
+not physically consistent: here the pseudo-inertia
 
     P = [[tr(I)/2 1 - I, h], [h', m]] = L L'
 
@@ -221,7 +221,7 @@ def identify_rigid(
     motions : sequence of Motion
     counterbalance : mapping, optional
         Name of a joint -> number of harmonics of its angle, from the second one, that the torque of its motor may have
-        beside gravity, which has the first. Harmonics of the file that are not fitted stay.
+        in addition to gravity, which has the first. Harmonics of the file that are not fitted stay.
     prior : float
         Relative standard deviation of the bodies of the file.
     parts : int
@@ -315,7 +315,7 @@ def _covariance(columns: _Columns, file: np.ndarray, error: np.ndarray, sd: np.n
 
 
 def _motors(model: RobotModel, friction: np.ndarray) -> tuple[Motor, ...]:
-    """The motors with the friction and the inertia that were found; less than zero is no result."""
+    """The motors with the friction and the inertia that were found; a number below zero is not a valid result."""
     out = []
     for j, motor in enumerate(model.motors):
         ratio = float(np.abs(model.eta[j]).max())

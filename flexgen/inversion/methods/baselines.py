@@ -119,8 +119,8 @@ def quasistatic_motion(reduction: Reduction, path: Path, t: np.ndarray, rounds: 
         The path leaves the workspace, or the springs cannot carry the loads.
     """
     step = t[1] - t[0]
-    beside = step * np.arange(1, MARGIN + 1)
-    wide = np.r_[t[0] - beside[::-1], t, t[-1] + beside]
+    margin = step * np.arange(1, MARGIN + 1)
+    wide = np.r_[t[0] - margin[::-1], t, t[-1] + margin]
     inside = slice(MARGIN, MARGIN + len(t))
     sample = path.sample(wide)
     q = reduction.follow(path, wide, reduction.start(path).q_a)

@@ -1,6 +1,6 @@
 /*
  * The controller of examples/motion_control under faults, in the loop with its plant: control(NAME) plants the fault at
- * cycle AT and goes on for LAST cycles. It prints NAME, cycles from the fault (of a push: from the first torque at its
+ * cycle AT and continues for LAST cycles. It prints NAME, cycles from the fault (of a push: from the first torque at its
  * limit) to the first status that is not OK, that status, whether all torques were finite, the largest torque over its
  * limit, the largest step of the reference [rad], and the largest speed of a motor in the last 100 cycles [rad/s].
  */
@@ -58,7 +58,7 @@ int main(int argc, char **argv)
     memcpy(last, c.q_ref, sizeof last);
     for (int64_t cycle = 0; cycle < LAST; ++cycle, ++k) {
         double q_m[NM];
-        for (int i = 0; cycle == AT && i < missed; ++i, ++k) { /* the plant goes on, the controller does not */
+        for (int i = 0; cycle == AT && i < missed; ++i, ++k) { /* the plant continues, the controller does not */
             (void)move_plant(&robot, acting);
         }
         k -= cycle == AT && strcmp(name, "repeated") == 0;

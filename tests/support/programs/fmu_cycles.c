@@ -34,7 +34,7 @@ static void *found(void *library, const char *name)
     return symbol;
 }
 
-/* dlsym gives a pointer to data; POSIX has it stand for a function. */
+/* dlsym gives a pointer to data; POSIX lets it point to a function. */
 #define FIND(type, name) \
     type *name; \
     do { \
