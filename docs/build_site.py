@@ -31,7 +31,7 @@ OTHERS = {
 CONTENTS = {
     "Learn": "overview five_minutes concepts theory gallery notebooks not_for",
     "How to": "own_robot identification limits_and_streams in_a_controller motion_control cluster paths control "
-    "planning equations",
+    "planning equations extensions",
     "Other programs": "fmu fmu_tools ros2 matlab plc exchange",
     "Use": "command_line python c_library methods verification",
     "Reference": "python_reference c_reference model_files emitted_library",

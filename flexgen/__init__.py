@@ -39,6 +39,7 @@ _VERBS = {
     "identify_load": "flexgen.performance.payload",
     "kinematics": "flexgen.inverse_kinematics.search",
     "learn": "flexgen.performance.learn",
+    "export": "flexgen.exports.added",
     "export_fmu": "flexgen.exports.fmu.export",
     "score": "flexgen.benchmarks.score",
     "export_mex": "flexgen.exports.mex.export",

@@ -14,6 +14,7 @@ from flexgen.errors import BuildError as BuildError
 from flexgen.errors import FlexgenError as FlexgenError
 from flexgen.errors import ModelError as ModelError
 from flexgen.errors import SolverError as SolverError
+from flexgen.exports.added import export as export
 from flexgen.exports.fmu.export import ExportedFmu as ExportedFmu
 from flexgen.exports.fmu.export import export_fmu as export_fmu
 from flexgen.exports.mex.export import export_mex as export_mex

@@ -6,10 +6,13 @@ group         what a name refers to                                used by
 ``results``   a function: pictures, reports, searches              methods of results, such as ``Solution.plot``
 ``methods``   a `flexgen.inversion.method_table.Method`            `flexgen.solve`
 ``laws``      a class of feedback laws, `flexgen.loop.model_law`   `flexgen.control`, controller files
+``frictions`` a class, see `flexgen.model.friction_laws`           the key ``type`` of friction in model files
+``exports``   a function, see `flexgen.exports.added`              `flexgen.export`, ``flexgen export``
 ============  ===================================================  ===================================================
 
 The front room, `flexgen`, hands down the tables of flexgen itself; no room below names a room above. Another package
-declares an entry point of the group ``flexgen.methods`` or ``flexgen.laws``:
+declares an entry point of the group ``flexgen.methods``, ``flexgen.laws``, ``flexgen.frictions`` or
+``flexgen.exports``:
 
     [project.entry-points."flexgen.methods"]
     my_method = "my_package.method:METHOD"
@@ -50,10 +53,14 @@ def own_names(group: str) -> tuple[str, ...]:
 
 
 @cache
+def added_names(group: str) -> tuple[str, ...]:
+    """The names of a group that other packages have added."""
+    return tuple(sorted({point.name for point in entry_points(group=f"flexgen.{group}")} - set(own_names(group))))
+
+
 def names(group: str) -> tuple[str, ...]:
-    """All names of a group: those of flexgen first, then those of other packages by their names."""
-    own = _TARGETS.get(group, {})
-    return (*own, *sorted({point.name for point in entry_points(group=f"flexgen.{group}")} - set(own)))
+    """All names of a group: those of flexgen first."""
+    return (*own_names(group), *added_names(group))
 
 
 @cache

@@ -34,6 +34,15 @@ def urdf(args: Namespace, log: Progress) -> VerbResult:
     return VerbResult(data, f"wrote {paths[0]}: {model.title}, rigid\nwrote {paths[1]}: gears, motors, springs, moves")
 
 
+def added(args: Namespace, log: Progress) -> VerbResult:
+    """Write the robot by an exporter of another package."""
+    from flexgen.exports.added import export
+
+    model = read_model(args)
+    files = [str(path) for path in export(args.kind, model, args.out).files]
+    return VerbResult({"model": model.name, "variant": model.variant, "files": files}, f"wrote {', '.join(files)}")
+
+
 def schema(args: Namespace, log: Progress) -> VerbResult:
     """Print the JSON schema of model files, for completion and explanations in an editor."""
     check_writable(args.out)

@@ -12,7 +12,6 @@ import numpy as np
 from flexgen.errors import ModelError
 from flexgen.exports.xml_text import numbers
 from flexgen.model.elements import (
-    FRICTION_LAWS,
     IDENTITY,
     ZERO,
     BacklashSpring,
@@ -27,6 +26,7 @@ from flexgen.model.elements import (
     SmoothSpring,
     Spring,
 )
+from flexgen.model.friction_laws import law_name
 from flexgen.model.sensors import TOOL, UNITS, Sensor
 
 _SPRINGS: dict[type, str] = {
@@ -79,7 +79,7 @@ def spring_table(spring: Spring) -> dict[str, Any]:
 
 def friction_table(friction: Friction) -> dict[str, Any]:
     """A friction; empty for none."""
-    kind = next(name for name, law in FRICTION_LAWS.items() if law is type(friction))
+    kind = law_name(friction)
     values = {key: value for key, value in dataclasses.asdict(friction).items() if value}
     return {"type": kind, **values} if values else {}
 

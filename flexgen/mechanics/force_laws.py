@@ -70,9 +70,12 @@ def spring_energy(spring: Spring, d: ca.SX) -> ca.SX:
 def friction_torque(friction: Friction, w: ca.SX) -> ca.SX:
     """Friction torque [N m or N] at the velocity ``w`` [rad/s or m/s]; it acts against the motion.
 
-    The formula is that of the class of ``friction`` in `FRICTION_TORQUES`.
+    The formula is that of the class of ``friction`` in `FRICTION_TORQUES`, or the method ``torque`` of a law of
+    another package, see `flexgen.model.friction_laws`.
     """
-    return FRICTION_TORQUES[type(friction)](friction, w)
+    if type(friction) in FRICTION_TORQUES:
+        return FRICTION_TORQUES[type(friction)](friction, w)
+    return friction.torque(w)  # type: ignore[attr-defined]
 
 
 def _smooth_friction(friction: Friction, w: ca.SX) -> ca.SX:

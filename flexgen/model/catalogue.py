@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from flexgen.errors import FlexgenError, ModelError
-from flexgen.model.elements import FRICTION_LAWS, Coordinate, Dof, Friction, Gear, Motor, RobotModel, Spring
+from flexgen.model.elements import Coordinate, Dof, Friction, Gear, Motor, RobotModel, Spring
+from flexgen.model.friction_laws import law_name
 from flexgen.model.reader import model_names, read
 from flexgen.type_checks import checked_types
 
@@ -166,7 +167,7 @@ def _spring(spring: Spring) -> dict[str, Any]:
 
 def _friction(friction: Friction) -> dict[str, Any] | None:
     given = {key: value for key, value in dataclasses.asdict(friction).items() if value != 0.0}
-    kind = next(name for name, law in FRICTION_LAWS.items() if type(friction) is law)
+    kind = law_name(friction)
     return ({"type": kind} if type(friction) is not Friction else {}) | given if given else None
 
 

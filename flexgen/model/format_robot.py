@@ -31,6 +31,7 @@ from flexgen.model.elements import (
     SmoothSpring,
     Vector,
 )
+from flexgen.model.friction_laws import friction_law, law_names
 from flexgen.ports import identifier_problem
 from flexgen.spec.keys import (
     Context,
@@ -247,10 +248,23 @@ def _law(law: type[Friction]) -> Format:
     return Format("friction torque against the speed", tuple(rows), law)
 
 
+class _Laws(Mapping[str, Format]):
+    """The tables of all friction laws; other packages are asked last, since finding them takes time."""
+
+    def __getitem__(self, kind: str) -> Format:
+        return _law(friction_law(kind))
+
+    def __iter__(self) -> Iterator[str]:
+        yield from FRICTION_LAWS
+        yield from law_names()[len(FRICTION_LAWS) :]
+
+    def __len__(self) -> int:
+        return len(law_names())
+
+
 def friction() -> Kinds:
     """The friction laws."""
-    laws = {kind: _law(law) for kind, law in FRICTION_LAWS.items()}
-    return Kinds("friction law", laws, default=next(iter(laws)), strict=False, definition="friction")
+    return Kinds("friction law", _Laws(), default=next(iter(FRICTION_LAWS)), strict=False, definition="friction")
 
 
 _RIGID = Format("no elasticity", (), lambda type: Gear(rigid=True))

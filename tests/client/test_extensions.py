@@ -1,0 +1,127 @@
+"""A package of others adds a method, a law, an exporter and a friction law, for Python and the command line."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import pytest
+from installations import ROOT, need_setuptools
+from toolchain import needs_compiler
+
+pytestmark = needs_compiler
+
+PROJECT = """
+[build-system]
+requires = ["setuptools"]
+build-backend = "setuptools.build_meta"
+[project]
+name = "stranger"
+version = "1"
+[tool.setuptools]
+py-modules = ["stranger"]
+[project.entry-points]
+"flexgen.methods".softened = "stranger:METHOD"
+"flexgen.exports".inertias = "stranger:write_inertias"
+"flexgen.frictions".quadratic = "stranger:Quadratic"
+"flexgen.laws".quiet = "stranger:Quiet"
+"""
+MODULE = """
+from dataclasses import dataclass
+import casadi as ca
+from flexgen.inversion.method_table import Method
+from flexgen.inversion.methods.lq import solve as lq
+from flexgen.laws.lq import LQG
+from flexgen.model.elements import Friction, friction_key
+
+METHOD = Method("softened", "lq, with a message", "stranger", "softened")
+def softened(problem, h):
+    problem.log("softened")
+    return lq(problem, h)
+
+def write_inertias(model, out):
+    out.write_text(",".join(str(motor.inertia) for motor in model.motors))
+    return out
+
+@dataclass(frozen=True)
+class Quadratic(Friction):
+    quadratic: float = friction_key("N m s^2/rad^2")
+    def torque(self, w):
+        return self.viscous * w + self.quadratic * w * ca.fabs(w)
+
+@dataclass(frozen=True)
+class Quiet(LQG):
+    rho: float = 1e4
+"""
+USED = """
+import numpy as np, flexgen
+s = flexgen.solve("planar5_nmp", method="softened", progress=False)
+twin = flexgen.solve("planar5_nmp", method="lq", progress=False)
+print(s.method, s.status, np.abs(s.trajectory["tau_m"] - twin.trajectory["tau_m"]).max())
+friction = {"type": "quadratic", "viscous": 0.5, "quadratic": 0.25}
+model = flexgen.read("planar5_nmp", overrides={"motor.m1.friction": friction})
+print(np.array(flexgen.derive(model).function("motor_friction")(np.array([-3.0, 2.0]))).ravel()[0])
+print(flexgen.describe(model)["motors"][0]["friction"]["type"], "quadratic" in str(flexgen.schema()))
+print(flexgen.export("inertias", "planar5_nmp", "inertias.csv").files[0])
+"""
+
+
+@pytest.fixture(scope="module")
+def environment(tmp_path_factory):
+    """Where the package is installed next to flexgen."""
+    need_setuptools()
+    folder = tmp_path_factory.mktemp("stranger")
+    (folder / "pyproject.toml").write_text(PROJECT, encoding="utf-8")
+    (folder / "stranger.py").write_text(MODULE, encoding="utf-8")
+    lines = [line for text in (PROJECT, MODULE) for line in text.splitlines() if line.strip()]
+    assert len([line for line in MODULE.splitlines() if line.strip()]) <= 30 and len(lines) <= 40
+    command = "-m pip install --quiet --no-deps --no-index --no-build-isolation --no-compile --target"
+    subprocess.run([sys.executable, *command.split(), str(folder / "site"), str(folder)], check=True)
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(folder / "site"), str(ROOT)])}
+
+
+def run(environment, folder, *arguments, fails=False):
+    done = subprocess.run(
+        [sys.executable, *arguments], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode != 0) == fails, done.stderr
+    return done.stdout + done.stderr
+
+
+def test_extensions_are_used_from_python(environment, tmp_path):
+    lines = run(environment, tmp_path, "-c", USED).splitlines()
+    method, status, difference = lines[0].split()
+    assert (method, status) == ("softened", "solved") and float(difference) == 0.0
+    assert float(lines[1]) == pytest.approx(0.5 * -3.0 - 0.25 * 9.0, rel=1e-15)
+    assert lines[2:] == ["quadratic True", "inertias.csv"]
+    assert (tmp_path / "inertias.csv").read_text(encoding="utf-8").count(",") == 1
+
+
+def test_extensions_are_used_from_the_command_line(environment, tmp_path):
+    cli = [str(ROOT / "cli.py")]
+    assert "softened" in run(environment, tmp_path, *cli, "solve", "planar5_nmp", "--method", "softened")
+    text = run(environment, tmp_path, *cli, "export", "inertias", "planar5_nmp", "--out", "i.csv")
+    assert "wrote i.csv" in text and (tmp_path / "i.csv").is_file()
+    changed = ["--set", 'motor.m1.friction={type="quadratic", viscous=0.5, quadratic=0.25}']
+    assert "quadratic" in run(environment, tmp_path, *cli, "describe", "planar5_nmp", *changed, "--json")
+    wrong = ["--set", 'motor.m1.friction={type="cubic"}']
+    assert "expected one of quadratic, smooth" in run(
+        environment, tmp_path, *cli, "describe", "planar5_nmp", *wrong, fails=True
+    )
+    text = run(environment, tmp_path, *cli, "control", "planar5_nmp", "--controller", "unknown", fails=True)
+    assert "quiet" in text
+
+
+def test_extension_that_cannot_be_imported_is_refused_with_its_name(environment, tmp_path):
+    site = environment["PYTHONPATH"].split(os.pathsep)[0]
+    broken = {**environment, "PYTHONPATH": os.pathsep.join([str(tmp_path / "site"), str(ROOT)])}
+    (tmp_path / "site" / "stranger-1.dist-info").mkdir(parents=True)
+    for name in ("METADATA", "entry_points.txt"):
+        with open(os.path.join(site, "stranger-1.dist-info", name), encoding="utf-8") as file:
+            (tmp_path / "site" / "stranger-1.dist-info" / name).write_text(file.read(), encoding="utf-8")
+    (tmp_path / "site" / "stranger.py").write_text("raise RuntimeError('planted')\n", encoding="utf-8")
+    code = "import flexgen; flexgen.export('inertias', 'elbow', 'x')"
+    text = run(broken, tmp_path, "-c", code, fails=True)
+    assert "entry point inertias = 'stranger:write_inertias'" in text and "planted" in text
+    run(broken, tmp_path, "-c", "import flexgen; flexgen.describe('elbow')")  # what is not used does no harm
