@@ -14,13 +14,13 @@ import numpy as np
 
 from flexgen.codegen.c_functions import offered_c_functions
 from flexgen.codegen.clib_types import CFunction, signature_of
+from flexgen.codegen.digest import model_digest
 from flexgen.codegen.interface import STRUCTS
 from flexgen.codegen.kinematic_functions import FREE, KinematicConstants, kinematic_constants
 from flexgen.codegen.motor_constants import MotorConstants, motor_constants
 from flexgen.errors import ArgumentError, BuildError
 from flexgen.mechanics.elastic_joints import flexible_joint_obstacle
 from flexgen.mechanics.signatures import FLEXIBLE_JOINT, FUNCTIONS, OPTIONAL, PORTS, TABLE, Row, offered_functions, port
-from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.ports import Port, c_name_problem, identifier_problem
 

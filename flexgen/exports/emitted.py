@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from flexgen.codegen.c_functions import inversion_reason
+from flexgen.codegen.digest import model_digest
 from flexgen.codegen.spec import PrecisionName, library_name
 from flexgen.errors import ArgumentError
 from flexgen.library.generate import generate
 from flexgen.mechanics.equations import Equations, derive
-from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 

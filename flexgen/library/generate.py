@@ -21,6 +21,7 @@ from flexgen.atomic_files import followed
 from flexgen.codegen.amalgamation import amalgamated
 from flexgen.codegen.c_functions import check_parts
 from flexgen.codegen.clib_types import signature_of
+from flexgen.codegen.digest import model_digest
 from flexgen.codegen.interface import ABI_VERSION, PARTS, STATUSES, STRUCTS
 from flexgen.codegen.spec import PRECISIONS, LibrarySpec, PrecisionName, chosen_functions, library_name, library_spec
 from flexgen.display import short_repr
@@ -37,8 +38,8 @@ from flexgen.library.directory import (
     unchanged,
 )
 from flexgen.library.packaging import packaging
-from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
+from flexgen.model.friction_laws import added_sources
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported
 from flexgen.type_checks import checked_result, checked_types
@@ -357,9 +358,10 @@ def _content_digest(request: _Request) -> str:
     choices += [list(request.parts)]
     choices += [] if request.solvers is None else [list(request.solvers)]
     root = Path(__file__).resolve().parent.parent
-    sources = [root / "ports.py", root / "model" / "digest.py", root / "model" / "elements.py"]
-    for folder in ("analysis", "build", "codegen", "expressions", "mechanics", "numerics", "recursion"):
-        sources += sorted((root / folder).glob("*.py"))
+    sources = [root / "ports.py", root / "codegen" / "digest.py", root / "model" / "elements.py"]
+    sources += added_sources(request.model)
+    for folder in ("analysis", "codegen", "expressions", "library", "mechanics", "numerics", "recursion"):
+        sources += sorted(path for path in (root / folder).iterdir() if path.suffix == ".py")
     sources += sorted(path for path in (root / "clib").glob("*") if path.suffix in (".c", ".h"))
     code = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
     parts = [FORMAT, ABI_VERSION, model_digest(request.model), __version__, _casadi_version(), code, *choices]

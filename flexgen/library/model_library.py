@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
+from flexgen.codegen.digest import model_digest
 from flexgen.codegen.spec import library_name
 from flexgen.deadline import paused
 from flexgen.errors import BuildError
 from flexgen.library.generate import MANIFEST, Generated, generate_parts
 from flexgen.library.library_cache import mark_used, prune
 from flexgen.library.object_cache import cache_folder
-from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.runtime import load
 from flexgen.runtime.library import Library

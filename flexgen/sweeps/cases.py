@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from flexgen.arguments import mapping_of
+from flexgen.codegen.digest import model_digest
 from flexgen.counts import CASES, RANDOM_MOVES, count_of, shown
 from flexgen.display import short_repr
 from flexgen.errors import ArgumentError, FlexgenError
-from flexgen.model.digest import model_digest
 from flexgen.model.elements import Move, RobotModel
 from flexgen.model.reader import read
 from flexgen.paths.time_laws import TimeLaw

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.codegen.digest import model_digest
 from flexgen.counts import CASES, count_of
 from flexgen.errors import ArgumentError, FlexgenError
 from flexgen.executors import with_executor
-from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.progress import Choice, reported
 from flexgen.sweeps.cases import Case, Grid

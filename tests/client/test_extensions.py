@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 
@@ -111,6 +112,29 @@ def test_extensions_are_used_from_the_command_line(environment, tmp_path):
     )
     text = run(environment, tmp_path, *cli, "control", "planar5_nmp", "--controller", "unknown", fails=True)
     assert "quiet" in text
+
+
+def test_library_is_written_again_after_the_code_of_a_friction_law_has_changed(environment, tmp_path):
+    site = tmp_path / "site"
+    shutil.copytree(environment["PYTHONPATH"].split(os.pathsep)[0], site)
+    changed = {**environment, "PYTHONPATH": os.pathsep.join([str(site), str(ROOT)])}
+    command = [
+        str(ROOT / "cli.py"),
+        "generate",
+        "planar5_nmp",
+        "--no-build",
+        "--out",
+        "lib",
+        "--functions",
+        "motor_friction",
+    ]
+    command += ["--set", 'motor.m1.friction={type="quadratic", viscous=0.5, quadratic=0.25}']
+    texts = []
+    for factor in ("self.quadratic", "2 * self.quadratic"):
+        (site / "stranger.py").write_text(MODULE.replace("self.quadratic * w", f"{factor} * w"), encoding="utf-8")
+        run(changed, tmp_path, *command)
+        texts.append("".join(path.read_text(encoding="utf-8") for path in sorted((tmp_path / "lib").rglob("*.c"))))
+    assert texts[0] != texts[1]
 
 
 def test_extension_that_cannot_be_imported_is_refused_with_its_name(environment, tmp_path):

@@ -16,10 +16,10 @@ from referee import Answers
 
 import flexgen
 from flexgen.cli.main import main
+from flexgen.codegen.digest import model_digest
 from flexgen.errors import ArgumentError, FlexgenError, ModelError
 from flexgen.mechanics.equations import derive
 from flexgen.model import elements as nouns
-from flexgen.model.digest import model_digest
 from flexgen.model.inertia import mass_matrix, massless_coordinates
 from flexgen.model.reader import read
 

@@ -17,6 +17,7 @@ import numpy as np
 from flexgen import array_files
 from flexgen.analysis import second_order
 from flexgen.arguments import seed_of
+from flexgen.codegen.digest import model_digest
 from flexgen.counts import count_of
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
@@ -27,7 +28,6 @@ from flexgen.identification.outputs import output_orders
 from flexgen.library.model_library import library_with
 from flexgen.loop.closed_loop import MOST_STEPS, ClosedLoop, Samples
 from flexgen.loop.controllers import LowPass, Notch
-from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported

@@ -10,6 +10,7 @@ import numpy as np
 
 from flexgen.analysis.linear import linearize
 from flexgen.analysis.second_order import motor_inertias
+from flexgen.codegen.digest import model_digest
 from flexgen.counts import PERIODS, SAMPLES, count_of, seconds_of
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments import operating_points
@@ -21,7 +22,6 @@ from flexgen.loop.controllers import Cascade
 from flexgen.loop.hardware import DriveHardware
 from flexgen.mechanics.equations import derive
 from flexgen.mechanics.statics import hold_joints
-from flexgen.model.digest import model_digest
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import read
 from flexgen.progress import Choice, reported

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from flexgen.codegen.digest import model_digest
 from flexgen.errors import ArgumentError
 from flexgen.identification.experiments.excitation import Plan
 from flexgen.identification.experiments.experiment import HOLDS, Experiment
@@ -17,7 +18,6 @@ from flexgen.identification.outputs import output_orders
 from flexgen.identification.recordings.description import Description, Recording, read_description
 from flexgen.loop.controllers import Cascade, LowPass, Notch
 from flexgen.loop.hardware import DriveHardware
-from flexgen.model.digest import model_digest
 from flexgen.spec.tables import Table
 
 LINES = ("excited", "odd", "all")
