@@ -32,7 +32,6 @@ from flexgen.model.elements import (
     SmoothSpring,
     Vector,
 )
-from flexgen.model.friction_laws import friction_law, law_names
 from flexgen.ports import identifier_problem
 from flexgen.spec.keys import (
     Context,
@@ -250,17 +249,21 @@ def _law(law: type[Friction]) -> Format:
 
 
 class _Laws(Mapping[str, Format]):
-    """The tables of all friction laws; other packages are asked last, since finding them takes time."""
+    """The tables of all friction laws; other packages are asked last, since that takes time."""
 
     def __getitem__(self, kind: str) -> Format:
-        return _law(friction_law(kind))
+        from flexgen.model.friction_laws import friction_law
+
+        return _law(FRICTION_LAWS.get(kind) or friction_law(kind))
 
     def __iter__(self) -> Iterator[str]:
         yield from FRICTION_LAWS
+        from flexgen.model.friction_laws import law_names
+
         yield from law_names()[len(FRICTION_LAWS) :]
 
     def __len__(self) -> int:
-        return len(law_names())
+        return sum(1 for _ in self)
 
 
 def friction() -> Kinds:
