@@ -5,7 +5,7 @@ from exhibit import Page, exhibit
 
 import flexgen
 from flexgen.analysis.linear import linearize
-from flexgen.inversion.robustness import hold_motors
+from flexgen.loop.robustness import hold_motors
 from flexgen.mechanics.parameters import select, with_values
 
 QUESTION = "Are the springs and dampers of a robot found from its motors alone, and how accurately?"

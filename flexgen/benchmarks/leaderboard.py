@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.benchmarks.foreign import ForeignController
 from flexgen.benchmarks.scenario import Scenario
 from flexgen.benchmarks.scenario_file import FOLDER
 from flexgen.errors import ArgumentError
 from flexgen.loop.controller_files import is_system
 from flexgen.loop.controllers import Cascade, Linear
-from flexgen.loop.foreign import ForeignController
 from flexgen.loop.gains import PID, PPI
 from flexgen.loop.interface import Controller
 from flexgen.loop.model_law import LinearDesign, ModelLaw

@@ -23,12 +23,12 @@ import numpy as np
 from flexgen.arguments import is_whole, seed_of
 from flexgen.benchmarks.bench import Bench
 from flexgen.benchmarks.draws import draws_of, secret_seed
+from flexgen.benchmarks.foreign import INSIDE, ForeignController
 from flexgen.benchmarks.leaderboard import scenario_controller
 from flexgen.benchmarks.measures import Measure, measured, measures_of
 from flexgen.benchmarks.scenario import Scenario
 from flexgen.benchmarks.scenario_file import scenario
 from flexgen.errors import ArgumentError
-from flexgen.loop.foreign import INSIDE, ForeignController
 from flexgen.loop.interface import Controller
 from flexgen.loop.plants import NOMINAL
 from flexgen.progress import Choice, reported

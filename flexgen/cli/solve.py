@@ -158,7 +158,7 @@ def _report(
     data: dict[str, Any] = {"comparison": error_rows(compared)}
     rows = None
     if args.robustness:
-        from flexgen.inversion.robustness import CONTROLS, PLANTS, compare_plants
+        from flexgen.loop.robustness import CONTROLS, PLANTS, compare_plants
 
         named = {one.method: one for one in (compared or (solution,))}
         runs = len(PLANTS) * len(CONTROLS) * len(named)

@@ -24,7 +24,7 @@ from flexgen.identification.parameters import (
     sensor_delays,
     with_sensor_delays,
 )
-from flexgen.inversion.robustness import ControlName
+from flexgen.loop.robustness import ControlName
 from flexgen.mechanics.parameters import Parameter, select, with_values
 from flexgen.model.elements import RobotModel
 from flexgen.model.reader import parse_file, read

@@ -16,10 +16,10 @@ import numpy as np
 from flexgen.counts import ROBOTS, count_of
 from flexgen.errors import ArgumentError, SolverError
 from flexgen.identification.result import WEAK, Identified
-from flexgen.inversion.robustness import ControlName, tool_errors
 from flexgen.inversion.solution import Solution
 from flexgen.inversion.solve import solve
 from flexgen.inversion.status import Status
+from flexgen.loop.robustness import ControlName, tool_errors
 from flexgen.mechanics.equations import Equations
 from flexgen.mechanics.parameters import with_values
 from flexgen.model.elements import RobotModel

@@ -176,7 +176,7 @@ def fastest(
         vibration of robots that differ from the model, and costs time.
     vibration : float, optional [m, or rad where the output has no lengths]
         Bound of the tool's vibration after the path, of robots with 10 % less and more stiffness under a P-PI cascade:
-        see `flexgen.loop.residual_vibration`. The robots are simulated in every step.
+        see `flexgen.performance.residual_vibration`. The robots are simulated in every step.
     coefficients : int
         Inner coefficients of the time law, 4 to 60: more are faster and take longer.
     time_limit : float or None [s]

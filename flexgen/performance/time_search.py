@@ -18,11 +18,11 @@ from flexgen.inversion.problem import InversionProblem
 from flexgen.inversion.reduced_problem import Reduction
 from flexgen.inversion.solution import Solution
 from flexgen.loop.reference import trajectory_of
-from flexgen.loop.residual_vibration import ResidualVibration
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import Move, RobotModel
 from flexgen.paths.path import Path
 from flexgen.paths.time_laws import SplineLaw, TimeLaw
+from flexgen.performance.residual_vibration import ResidualVibration
 
 SAMPLES = 300  # on the path
 MESH_S = 5e-3  # of the inversion

@@ -278,7 +278,7 @@ def write_report(
         Solutions of the same move by several methods, this one among them, from
         `flexgen.inversion.comparison.compare_methods`.
     robustness : list of dict, optional
-        Rows from `flexgen.inversion.robustness.compare_plants`.
+        Rows from `flexgen.loop.robustness.compare_plants`.
 
     Returns
     -------

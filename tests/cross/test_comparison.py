@@ -10,8 +10,8 @@ import pytest
 
 import flexgen
 from flexgen.inversion.comparison import compare_methods, error_rows, error_sizes
-from flexgen.inversion.robustness import Plant, compare_plants, output_errors
 from flexgen.inversion.verification import plan_error
+from flexgen.loop.robustness import Plant, compare_plants, output_errors
 from flexgen.mechanics.equations import derive
 from flexgen.model.elements import Output
 from flexgen.model.reader import read

@@ -20,6 +20,7 @@ import flexgen
 from flexgen.benchmarks import scenario_file
 from flexgen.benchmarks.bench import Bench
 from flexgen.benchmarks.draws import draws_of, secret_seed
+from flexgen.benchmarks.foreign import ForeignController
 from flexgen.benchmarks.measures import measured, measures_of
 from flexgen.benchmarks.scenario import Output, Scenario, Window
 from flexgen.benchmarks.scenario_file import FOLDER, scenario
@@ -28,7 +29,6 @@ from flexgen.errors import ArgumentError
 from flexgen.loop import interface
 from flexgen.loop.closed_loop import ClosedLoop
 from flexgen.loop.disturbances import disturbance_table
-from flexgen.loop.foreign import ForeignController
 from flexgen.loop.hardware import DriveHardware
 from flexgen.loop.interface import PythonController
 from flexgen.model.reader import packaged_models

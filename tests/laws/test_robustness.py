@@ -8,7 +8,7 @@ import pytest
 import flexgen
 from flexgen.errors import ArgumentError
 from flexgen.inversion import robustness
-from flexgen.inversion.robustness import PLANTS, Bandwidth, Plant, compare_plants, hold_motors, perturbed
+from flexgen.loop.robustness import PLANTS, Bandwidth, Plant, compare_plants, hold_motors, perturbed
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.reader import read
 from flexgen.numerics.evaluate import evaluate

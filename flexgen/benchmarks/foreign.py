@@ -28,9 +28,9 @@ from typing import Any
 
 import numpy as np
 
+from flexgen.benchmarks import foreign_process
+from flexgen.benchmarks.foreign_process import BEGIN
 from flexgen.errors import ArgumentError
-from flexgen.loop import foreign_process
-from flexgen.loop.foreign_process import BEGIN
 from flexgen.loop.interface import INTERRUPTED, Compiled, PlugIn, PythonController, Setup
 
 INSIDE = "FLEXGEN_CONTROLLER_PROCESS"  # set in the environment of the process
