@@ -17,14 +17,14 @@ from flexgen.expressions.routine import Columns, Products, Rows, Selected, Sums,
 from flexgen.expressions.schedule import written_order
 from flexgen.expressions.simplify import simplified
 
-GROUP = 8  # rows that are summed side by side: their sums stay in registers, and do not wait for each other
+GROUP = 8  # rows that are summed at once: their sums stay in registers and are independent
 
 _INFIX = {"add": "+", "sub": "-", "mul": "*"}
 Literal = Callable[[float], str]
 
 
 def columns_text(name: str, step: Columns, layout: Layout, literal: Literal) -> tuple[str, int, int]:
-    """The C function of `Columns`; how many operations a column takes, and the latency of their longest chain."""
+    """The C function of `Columns`; operations for a column, and the latency of their longest chain."""
     graph = simplified(read_graph(step.function))
     inputs, outputs = step.function.name_in(), step.function.name_out()
     lines, tables = [], []
@@ -169,15 +169,15 @@ def filled_text(name: str, layout: Layout) -> str:
 def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[str, int]) -> str:
     """The C function of `Products`: lines, which are columns of a port or rows of an array, vector by vector.
 
-    The vectors of a place in the lines share what stays in registers; the last place comes first, as for one point
-    what is behind the end of a line is the begin of the next one. The last vector of a port's last line is copied.
+    Vectors at the same place of the lines share registers; the last place is computed first, as for one point
+    the memory after the end of a line is the begin of the next one. The last vector of a port's last line is copied.
     A vector with entries of both triangles is computed for both. Of a symmetric matrix in an array one triangle is
     enough, and for lanes of points it is computed once.
     """
     port, n = step.target in outputs, step.n
     if port and step.first:
         raise ValueError(f"products into {step.target}: given column {step.first}, expected 0 for an output")
-    # columns have what is above the diagonal on their left; rows have it on their right
+    # the part above the diagonal is on the left of columns, and on the right of rows
     left, right = (step.above, step.below) if port else (step.below[::-1], step.above[::-1])
 
     def each(begin: str, end: str, value: str, more: Sequence[str] = ()) -> list[str]:
@@ -204,7 +204,7 @@ def products_text(name: str, step: Products, layout: Layout, outputs: Mapping[st
         f"for (k = ROW_COUNT({n}) - 1; k >= 0; --k) {{",
         *_vectors(right, "right", layout),
     ]
-    ahead = 0 if port or step.symmetric else 1  # the diagonal belongs to what is below it
+    ahead = 0 if port or step.symmetric else 1  # the diagonal belongs to the lower triangle
     whole = f"    const int whole = LESSER({n}, (k + 1) * ROW_LANES - {ahead});"
     if step.symmetric and not port:
         lines += [
@@ -247,7 +247,7 @@ def _vectors(pair: tuple[Rows, Rows], side: str, layout: Layout) -> list[str]:
 
 
 def _total(pair: tuple[Rows, Rows], side: str, layout: Layout) -> str:
-    """Numbers of the second rows times these vectors, added in pairs, so that few of them wait for each other."""
+    """Numbers of the second rows times these vectors, added in pairs, so that few of them depend on each other."""
     rows = range(pair[0].count)
     terms = [f"w[{layout.at(pair[1].array, pair[1].first + k)} + i] * {side}{k}" for k in rows]
     while len(terms) > 1:

@@ -1,4 +1,4 @@
-"""The values of a routine without its C: what the emitted functions compute, step by step in NumPy."""
+"""The values of a routine without C: the steps of the emitted functions in NumPy."""
 
 from __future__ import annotations
 

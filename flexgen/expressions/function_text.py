@@ -106,7 +106,7 @@ def function_text(
     calls: list[str] = []
     work, stack, operations, depth, called = layout.size, 0, 0, 0, 0
     seen: set[tuple[str, int]] = set()  # entries of inputs that show in a result where they are not finite
-    whole = False  # one function does it all
+    whole = False  # one function computes everything
     if layout.size > 0:
         work += WHOLE
         calls.append("w = F(aligned)(w);")
@@ -304,7 +304,7 @@ class _Writer:
         return f"F(splat)({self._operand(r)})" if self.graph.number(r) is not None else self._operand(r)
 
     def _fetch(self, piece: _Piece, node: int) -> None:
-        """Have a value at hand: an input is read, a value of an earlier piece comes from the workspace."""
+        """Load a value: an input is read, a value of an earlier piece comes from the workspace."""
         kind = self.graph.kind[node]
         if node in piece.known or kind == "constant":
             return

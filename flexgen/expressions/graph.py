@@ -14,7 +14,7 @@ import casadi as ca
 
 from flexgen.errors import BuildError
 
-# Cycles of latency, about: what the order of a sum and the longest chain are judged by.
+# Cycles of latency, about, for the order of a sum and the longest chain.
 LATENCY = {
     "add": 4,
     "sub": 4,
@@ -175,7 +175,7 @@ class Graph:
             return self.constant(math.sin(x) if kind == "sin" else math.cos(x)) ^ sign
         return 2 * self._node(kind, tuple(operands)) + sign
 
-    # --- what is there ------------------------------------------------------------------------------------------------
+    # --- queries---------------------------------------------------------------------------------------------
     def arguments(self, node: int) -> tuple[int, ...]:
         """Nodes that a node is computed from."""
         return self._arguments[node]
@@ -270,7 +270,7 @@ def _operation_name(operation: int) -> str:
 
 
 def copied(graph: Graph, new: Graph, node: int, to: dict[int, Reference]) -> Reference:
-    """A node written again in a new graph, its operands being there already."""
+    """A node copied to a new graph that already has its operands."""
     kind = graph.kind[node]
     if kind == "input":
         return new.input(*graph.operands[node])

@@ -1,7 +1,7 @@
-"""Divisions by what is only rounding, seen at run time: a singular system ends with a status, not numbers.
+"""Detection of divisions by rounding errors at run time: a singular system ends with a status, not with numbers.
 
-A pivot of a positive definite system is positive, and of a size that its values at some states tell. One that is
-smaller than its rounding error is noise; the quotient becomes NaN there.
+A pivot of a positive definite system is positive; its size is estimated from its values at some states. One that is
+smaller than its rounding error has no meaning; the quotient becomes NaN there.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from flexgen.expressions.graph import Graph, Reference, copied
 
 EPSILON = {"double": 2.0**-52, "single": 2.0**-23}
-STATES = 64  # random ones, at which the size of a pivot is seen
+STATES = 64  # random ones, at which the size of a pivot is estimated
 
 _CALLS: dict[str, Callable[..., np.ndarray]] = {
     "add": np.add,
@@ -101,5 +101,5 @@ def _values(graph: Graph, names: list[str], given: Mapping[str, np.ndarray]) -> 
 
 
 def _unknown(*arguments: np.ndarray) -> np.ndarray:
-    """What numpy has no function for: a pivot that depends on it is not guarded."""
+    """Operation without a function of NumPy: a pivot that depends on it is not guarded."""
     return np.full(STATES, np.nan)

@@ -1,4 +1,4 @@
-"""What a function of the library computes, step by step: expressions, and loops over columns or for linear systems."""
+"""The steps of a function of the library: expressions, and loops over columns or for linear systems."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Expressions:
 
 @dataclass(frozen=True)
 class Block:
-    """Where a part of a solution goes: columns ``first ... first + count - 1`` into the rows from ``row`` of a port."""
+    """Target of a part of a solution: columns ``first ... first + count - 1`` into the rows from ``row`` of a port."""
 
     port: str
     row: int
@@ -51,7 +51,7 @@ class Zeros:
 
 @dataclass(frozen=True)
 class Factor:
-    """Factors ``A``, symmetric and positive definite, in its place for a later `Solve`, and solves ``A x = b``.
+    """Factors ``A``, symmetric and positive definite, in place for a later `Solve`, and solves ``A x = b``.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Solve:
     profile : tuple of int
         First column of each row of A that is not zero by structure.
     blocks : tuple of Block
-        Where the solution goes. What no block covers is zero, but for ``ones``.
+        Targets of the solution. Entries that no block covers are zero, except for ``ones``.
     ones : tuple of (str, int, int)
         Port, row and column of entries that are one.
     factored : bool
@@ -149,7 +149,7 @@ class Solve:
 
     @property
     def depth(self) -> int:
-        """Latency of the longest chain of operations in cycles, about: a pivot and two products after the other."""
+        """Latency of the longest chain of operations in cycles, about: for each pivot a reciprocal and two products."""
         return 40 * self.n
 
 

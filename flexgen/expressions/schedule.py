@@ -2,7 +2,7 @@
 
 A compiler reorders little over hundreds of statements, and a processor looks some hundred instructions ahead. Functions
 that wait for their longest chain are written with the operations on it first; large ones so that a value is used soon
-after it is made, and need not be kept.
+after it is made, and need not be stored.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Iterable
 
 from flexgen.expressions.graph import LATENCY, OTHER_LATENCY, Graph
 
-PER_CYCLE = 4  # operations that the processor imagined begins at once
+PER_CYCLE = 4  # operations that the assumed processor starts in a cycle
 LARGE = 2500  # operations beyond which keeping values costs more than waiting for them
 WIDE = 3  # operations per cycle of the longest chain beyond which the processor is busy anyway
 
@@ -36,14 +36,14 @@ def ordered(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[int]:
             elif node not in seen:
                 seen.add(node)
                 stack.append((node, True))
-                # the deepest operand first: the shallow ones need not wait in registers
+                # the deepest operand first, so that the shallow ones do not occupy registers
                 below = sorted(set(graph.arguments(node)), key=lambda n: graph.depth[n])
                 stack += [(other, False) for other in below if other not in seen]
     return out
 
 
 def scheduled(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[int]:
-    """Nodes that the roots need and that were not seen before, as a processor would begin them.
+    """Nodes that the roots need and that were not seen before, in the order in which a processor would start them.
 
     Of the operations whose operands are known, those with the longest chain behind them come first.
     """
@@ -88,6 +88,6 @@ def scheduled(graph: Graph, roots: Iterable[int], seen: set[int]) -> list[int]:
 
 
 def _latency(graph: Graph, node: int) -> int:
-    """Cycles until the value of a node is known; sines and cosines are there before."""
+    """Cycles until the value of a node is known; sines and cosines are known before."""
     kind = graph.kind[node]
     return 0 if kind in ("input", "constant", "sin", "cos") else LATENCY.get(kind, OTHER_LATENCY)

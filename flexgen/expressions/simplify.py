@@ -14,9 +14,9 @@ from flexgen.expressions.graph import Graph, Reference, copied
 def simplified(graph: Graph) -> Graph:
     """The graph after all of this.
 
-    Divisions by the same value become one reciprocal. Sine and cosine of a sum of angles whose own are there follow
-    from those. Sums and products of many terms are built so that what is known early is combined first, which shortens
-    the longest chain of operations: the time of a single call.
+    Divisions by the same value become one reciprocal. Sine and cosine of a sum of angles follow from those
+    of the angles, where these are needed anyway. Sums and products of many terms are built so that operands that are
+    known early are combined first, which shortens the longest chain of operations: the time of a single call.
     """
     return _balanced(_reciprocals(_angle_sums(graph)))
 
@@ -79,7 +79,7 @@ def _angle_sums(graph: Graph) -> Graph:
 
 
 def _balanced(graph: Graph) -> Graph:
-    """The graph with its sums and products of more than two terms built anew, what is known first combined first."""
+    """The graph with sums and products of more than two terms rebuilt: operands that are known first are combined first."""
     needed = graph.alive()
     uses = [0] * len(graph.kind)
     for node, used in enumerate(needed):

@@ -16,7 +16,7 @@ def solve_text(name: str, step: Solve, layout: Layout, outputs: Mapping[str, int
 
     A = L' D L with ``d_j = U_jj, L_jk = U_jk / d_j``: row j is taken from those below it, ``U_ik -= L_ji U_jk``. Then
     ``Y_ik = R_ik - sum_j L_ji Y_jk`` for all j < i within the profile and ``X_ik = Y_ik / d_i - sum_j L_ij X_jk`` for
-    all j > i. A pivot d_i below ``rounding`` times A_ii is noise: its reciprocal becomes NaN.
+    all j > i. A pivot d_i below ``rounding`` times A_ii is a rounding error: its reciprocal becomes NaN.
     """
     n = step.n
     ports = [port for port in outputs if port in step.ports]
@@ -82,7 +82,7 @@ def _matrix(step: Solve | Factor, layout: Layout) -> list[str]:
 
 
 def _padded(step: Solve, layout: Layout) -> list[str]:
-    """Lines that fill what is not computed: the unit columns, and the ends of rows that are not whole vectors."""
+    """Lines that fill entries that are not computed: the unit columns, and the ends of rows that are not whole vectors."""
     n, right = step.n, f"w + {layout.places[step.right]} + i * {step.stride}"
     ends = [
         f"    for (j = {n}; j < ROW_COUNT({n}) * ROW_LANES; j += ROW_LANES) {{",
@@ -102,7 +102,7 @@ def _padded(step: Solve, layout: Layout) -> list[str]:
 
 
 def _eliminated(step: Solve | Factor, columns: int, rounding: str) -> list[str]:
-    """Lines that factor the matrix in its place: L in its upper half, reciprocals of pivots in `inverse`.
+    """Lines that factor the matrix in place: L in its upper half, reciprocals of pivots in `inverse`.
 
     Columns behind the matrix are right sides.
     """
@@ -130,7 +130,7 @@ def _eliminated(step: Solve | Factor, columns: int, rounding: str) -> list[str]:
 
 
 def _less(step: Solve, lanes: int, factor: str, others: str, start: str) -> list[str]:
-    """Lines that take multiples of other rows from some vectors of a row: sums that do not wait for each other."""
+    """Lines that take multiples of other rows from some vectors of a row: independent sums."""
     places, row = range(lanes), f"rows + {{}} * ROW_COUNT({step.stride}) + k"
     return [
         f"        ROW *const x = {row.format('i')};",
@@ -145,9 +145,9 @@ def _less(step: Solve, lanes: int, factor: str, others: str, start: str) -> list
 
 
 def _substituted(step: Solve) -> list[str]:
-    """Lines that combine the rows of the right side as the factors demand: some columns of all rows after the others.
+    """Lines that combine the rows of the right side with the factors, block of columns by block of columns.
 
-    So what is combined stays in the first cache.
+    So the rows that are combined stay in the first cache.
     """
     n, stride = step.n, step.matrix_stride
 

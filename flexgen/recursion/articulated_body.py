@@ -1,7 +1,7 @@
 """Forward dynamics over a `Chain`, written on a `Tape`: articulated bodies, or a mass matrix that is factored.
 
-Three joints on one point with nothing between them (a joint and two elastic directions of its bearing) are taken
-together: nothing is left that feels a rotation, so that what feels accelerations turns back after all three.
+Three joints on one point without bodies between them (a joint and two elastic directions of its bearing) are treated as
+a group: only the articulated inertia is rotated at each of them, forces and accelerations once after all three.
 
 Source: R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 7-8.
 """
@@ -40,7 +40,7 @@ def solved(tape: Tape, M: Matrix, right: Sequence[Scalar]) -> list[Scalar]:
 
 @dataclass(frozen=True)
 class Articulated:
-    """What a frame resists with when the joints beyond give way: ``n = J dw + H a``, ``f = H' dw + M a``; (3, 3)."""
+    """Articulated inertia of a frame, all later joints free: ``n = J dw + H a``, ``f = H' dw + M a``; (3, 3) each."""
 
     J: Matrix
     H: Matrix
@@ -95,9 +95,9 @@ def _across(p: Sequence[Scalar], A: Matrix) -> Matrix:
 
 @dataclass(frozen=True)
 class _Yield:
-    """How a joint gives way: the wrench per unit of its acceleration, the inverse of what resists, the torque left.
+    """A joint that is free to move: wrench per unit of its acceleration, inverse of its inertia, remaining torque.
 
-    ``armature``: the part of what resists that acts on the joint alone. ``revolute``: turns, or slides.
+    ``armature``: the part of the inertia that acts on the joint alone. ``revolute``: rotation, else translation.
     """
 
     revolute: bool
@@ -108,7 +108,7 @@ class _Yield:
     armature: float
 
     def passed_on(self, force: Vector3, moment: Vector3, tau: Scalar) -> Wrench:
-        """The wrench on the frame when the joint gives way: along the axis what drives it, less its own inertia."""
+        """The wrench on the frame when the joint is free; along the axis the driving torque less the rotor's."""
         push = self.rest * self.ease
         force, moment = plus(force, [x * push for x in self.linear]), plus(moment, [x * push for x in self.about])
         (moment if self.revolute else force)[Z] = tau - self.armature * push
@@ -154,7 +154,7 @@ def forward_dynamics(
     q : sequence of Scalar
         Coordinates [rad, m].
     loads : sequence of Wrench
-        What each body needs while no joint accelerates, see `recursion.loads`.
+        Wrenches that the bodies need while no joint accelerates, see `flexgen.recursion.newton_euler`.
     turns : sequence of Turn
         Rotations of the joints.
     tau : sequence of Scalar
@@ -182,7 +182,7 @@ def _to_the_base(
     armature: Sequence[float],
     joined: Sequence[bool],
 ) -> list[_Yield]:
-    """Articulated inertias and forces, body by body from the tool to the base: how each joint gives way."""
+    """Articulated inertias and forces, body by body from the tool to the base."""
     body = Articulated(_zero(), _zero(), _zero())
     force: Vector3 = [0.0] * 3
     moment: Vector3 = [0.0] * 3
@@ -201,7 +201,7 @@ def _to_the_base(
         force, moment = yields[0].passed_on(force, moment, tau[i])
         body = yields[0].left_of(body)
         if len(run) == 2:
-            # whatever turns the point, three joints follow
+            # three joints follow on this point
             body = Articulated(_zero(), _zero(), body.M)
         if not joint.revolute:
             body = body.shifted([0.0, 0.0, q[i]])
@@ -245,7 +245,7 @@ def _to_the_tool(
 
 
 def _joined(chain: Chain, armature: Sequence[float]) -> list[bool]:
-    """For each joint whether it belongs to the one before: three on one point that move nothing but what follows."""
+    """For each joint whether it belongs to the one before: three on one point, the first two without a body."""
     n = len(chain.joints)
     out = [False] * n
     for i in reversed(range(2, n)):

@@ -1,4 +1,4 @@
-"""Functions of long arms by the same expressions for each joint: which chain they go over, and whether they agree.
+"""Functions of long arms by the same expressions for each joint: the choice of their chain, and a check of the results.
 
 Loops over the joints are shorter than one expression for each entry where an arm has many of them: `recursion.columns`.
 """
@@ -26,7 +26,7 @@ from flexgen.recursion.tape import Tape
 
 LONG_CHAIN = 12  # coordinates from which loops over joints are shorter
 LANES = 8  # columns that are computed at once
-SHORTER = 0.6  # functions are written so where they take less than this share of the operations
+SHORTER = 0.6  # loops are used where they need less than this fraction of the operations
 
 
 def long_chain(equations: Equations) -> Chain | None:
@@ -75,7 +75,7 @@ def _direct_cost(equations: Equations) -> int:
 
 
 def cost(steps: Sequence[Step]) -> float:
-    """Operations of one point, where those on columns are done several at once."""
+    """Operations for one point, where several columns are computed at once."""
     count = 0.0
     for step in steps:
         match step:
@@ -91,7 +91,7 @@ def cost(steps: Sequence[Step]) -> float:
 
 
 def shorter_mass_matrix(equations: Equations, target: str) -> list[Step] | None:
-    """Steps to the mass matrix in a port, where they are shorter than one expression for each entry."""
+    """Steps to the mass matrix in a port, where loops are shorter than one expression for each entry."""
     chain, direct = long_chain(equations), fast_function(equations, "mass_matrix")
     if chain is None or direct is None:
         return None
@@ -118,7 +118,7 @@ def _agrees(equations: Equations, chain: Chain) -> bool:
         terms = [found[name] @ x for name, x in zip("QVM", way, strict=True)]
         expected = along(*state, *way).full().ravel()
         largest = max(np.max(np.abs(term)) for term in terms)
-        if not np.max(np.abs(sum(terms) - expected)) <= AGREEMENT * largest:  # (what is not a number does not agree)
+        if not np.max(np.abs(sum(terms) - expected)) <= AGREEMENT * largest:  # (NaN does not agree)
             return False
     return True
 

@@ -1,16 +1,16 @@
 """Mass matrix and derivatives of inverse dynamics with the same few expressions for each joint, all in the base's axes.
 
-All points are seen from where the last joint is. Let r be the place of a point and u its velocity. The axis of joint j
-is the spatial vector ``(z, b)``: ``(e, p x e)`` where it turns about the unit vector e through p, ``(0, e)`` where it
-slides. ``(w, v)`` and ``(c, a)`` are the spatial velocity and acceleration of what it moves; a holds gravity. A change
-of the coordinate or of the speed of a joint changes the acceleration of each point beyond it, as seen from what moves
-along, by ``2 s x u + m x r + d`` with
+All positions are relative to the last joint. Let r be the position of a point and u its velocity. The axis of joint j
+is the spatial vector ``(z, b)``: ``(e, p x e)`` for a rotation about the unit vector e through p, ``(0, e)`` for a
+translation. ``(w, v)`` and ``(c, a)`` are the spatial velocity and acceleration of its body; a includes gravity. A
+change of the coordinate or of the speed of a joint changes the acceleration of each point behind it, relative to the
+moved bodies, by ``2 s x u + m x r + d`` with
 
     change of q:   (s, y) = (w, v) x (z, b),        (m, d) = (c, a) x (z, b) + (w, v) x (s, y)
     change of v:   s = z,                           (m, d) = 2 (w, v) x (z, b)
 
-where ``(w, v) x (z, b) = (w x z, w x b + v x z)``. The wrenches (n, f) that this takes follow from the moments of what
-hangs on the joint, ``h = int r dm, H = int r r' dm, k = int u dm, K = int u r' dm``:
+where ``(w, v) x (z, b) = (w x z, w x b + v x z)``. The wrenches (n, f) for this follow from the moments of the bodies
+behind the joint, ``h = int r dm, H = int r r' dm, k = int u dm, K = int u r' dm``:
 
     f = 2 s x k + m x h + mass d,                   n = 2 (tr K 1 - K) s + (tr H 1 - H) m + h x d
 
@@ -36,7 +36,7 @@ from flexgen.recursion.tape import Scalar, Tape
 Target = tuple[str, int]  # a port or an intermediate array, and the column at which a matrix begins
 AXIS = Rows("axis", 0, 6)
 MOMENTUM = Rows("momentum", 0, 6)
-FELT = Rows("felt", 0, 9)  # what the force of a joint feels of (s, m, d) of a change before it
+FELT = Rows("felt", 0, 9)  # effect of (s, m, d) of a change before a joint on its force
 
 
 def mass_matrix(chain: Chain, target: str) -> list[Step]:
@@ -89,7 +89,7 @@ def _kinematics(chain: Chain, names: Sequence[str]) -> list[Step]:
         c, s = turn.cosine, turn.sine
         axes = [combined(axes, [c, s, 0.0]), combined(axes, [-s, c, 0.0]), axes[2]]
         turned.append(axes)
-    # points are seen from the last joint: small inertias are near the end of an arm, and would lose digits elsewhere
+    # positions relative to the last joint: small inertias are near the end of an arm, and would lose digits elsewhere
     places: list[list[Scalar]] = [[0.0] * 3]
     for way in reversed(ways[1:]):
         places.insert(0, [x - y for x, y in zip(places[0], way, strict=True)])
@@ -125,7 +125,7 @@ def _axes(chain: Chain, moving: bool) -> list[Step]:
 
 
 def _masses(chain: Chain, target: str) -> list[Step]:
-    """Moments of mass of what hangs on the joints, and the mass matrix."""
+    """Moments of mass of all bodies behind each joint, and the mass matrix."""
     n, at = len(chain.joints), bodies_of(chain)
     own = [chain.joints[k].inertia for k in at]
     numbers = np.array([[x.mass, *x.first, *(x.second[i, j] for i, j in _HALF)] for x in own], dtype=float).T
@@ -151,7 +151,7 @@ def _masses(chain: Chain, target: str) -> list[Step]:
 
 
 def _motion(chain: Chain) -> list[Step]:
-    """Moments of momentum of what hangs on the joints, and the rates of the axes."""
+    """Moments of momentum of all bodies behind each joint, and the rates of the axes."""
     n, at = len(chain.joints), bodies_of(chain)
     mass, symbols, masses = _mass(chain, beyond=False)
     name = _of_bodies(chain, "speed")
@@ -169,7 +169,7 @@ def _motion(chain: Chain) -> list[Step]:
 
 
 def _forces(chain: Chain, at_rest: bool) -> list[Step]:
-    """Accelerations, and the wrenches of what hangs on the joints; ``at_rest``: no speed changes."""
+    """Accelerations, and the wrenches of all bodies behind each joint; ``at_rest``: all accelerations are zero."""
     n, at = len(chain.joints), bodies_of(chain)
     axis, rate, v, a = (ca.SX.sym(name, rows) for name, rows in (("axis", 6), ("rate", 6), ("v", 1), ("a", 1)))
     inputs = {"rate": rate, "row_v_a": v} | ({} if at_rest else {"axis": axis, "row_a_a": a})
@@ -242,7 +242,7 @@ def _selected(chain: Chain, name: str) -> list[Step]:
 
 
 def _mass(chain: Chain, beyond: bool) -> tuple[ca.SX, dict[str, ca.SX], dict[str, np.ndarray]]:
-    """Masses of bodies, or of all that hangs on the joints, see `_given`."""
+    """Masses of bodies, or of all bodies behind each joint, see `_given`."""
     own = [joint.inertia.mass for joint in chain.joints]
     masses = [sum(own[k:]) for k in range(len(own))] if beyond else [own[k] for k in bodies_of(chain)]
     return _given("masses", np.array([masses], dtype=float))
@@ -254,7 +254,7 @@ def _halves(x: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 
 def _moved(speed: ca.SX, axis: ca.SX) -> ca.SX:
-    """The spatial axis of what moves along with a spatial velocity, its rate: ``(w x z, w x b + v x z)``."""
+    """Rate of a spatial axis that moves with a spatial velocity: ``(w x z, w x b + v x z)``."""
     return ca.vertcat(ca.cross(speed[:3], axis[:3]), ca.cross(speed[:3], axis[3:]) + ca.cross(speed[3:], axis[:3]))
 
 

@@ -1,6 +1,6 @@
 """Mass matrix and potential energy over a `Chain`, written on a `Tape`: composite bodies.
 
-Composite bodies carry moments of mass m, s, S (order zero, one, two); a joint that turns moves all that hangs on it by
+Composite bodies carry moments of mass m, s, S (order zero, one, two); a rotation moves all bodies behind it by
 ``f = e_z x s``, ``n = (-S_xz, -S_yz, S_xx + S_yy)`` per unit of its acceleration.
 
 Source: R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 6.
@@ -20,7 +20,7 @@ Matrix = list[list[Scalar]]
 
 @dataclass(frozen=True)
 class Composite:
-    """Moments of mass of all that hangs on a joint: order zero, one (3) and two (3, 3; symmetric)."""
+    """Moments of mass of all bodies behind a joint: order zero, one (3) and two (3, 3; symmetric)."""
 
     mass: Scalar
     first: Vector3
@@ -32,7 +32,7 @@ class Composite:
         return Composite(self.mass + other.mass, first, second)
 
     def shifted(self, p: Sequence[Scalar]) -> Composite:
-        """The same body seen from where its origin is at p."""
+        """The same body about a point relative to which its origin is at p."""
         m, h, S = self.mass, self.first, self.second
         carried = [m * x for x in p]
         first = plus(h, carried)
@@ -56,7 +56,7 @@ def turned(A: Matrix, i: int, j: int, c: Scalar, s: Scalar) -> Matrix:
         if c == 0.0:
             out[i][i], out[j][j], out[i][j], out[j][i] = A[j][j], A[i][i], -A[j][i], -A[i][j]
     else:
-        # the trace, and the difference of the two entries off the diagonal, do not turn
+        # the trace, and the difference of the two entries off the diagonal, are invariant
         e = s * (A[i][i] - A[j][j]) + c * (A[i][j] + A[j][i])
         out[i][i], out[j][j] = A[i][i] - s * e, A[j][j] + s * e
         out[i][j], out[j][i] = c * e - A[j][i], c * e - A[i][j]
@@ -97,7 +97,8 @@ def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = 
     q : sequence of Scalar
         Coordinates [rad, m].
     together : bool
-        Neighbors with parallel axes share axes that turn with none of them, so that forces pass without turning.
+        Neighbors with parallel axes share a frame that does not rotate with them, so that forces pass without a
+        rotation.
 
     Returns
     -------
@@ -110,7 +111,7 @@ def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = 
     body = EMPTY
     for j in reversed(range(n)):
         own = chain.joints[j].inertia
-        # the moment about the axis does not feel the turning
+        # the moment about the axis is invariant under the rotation
         about = (body + own).second
         body = steps[j].with_own(body, own)
         h, S = body.first, body.second
@@ -129,7 +130,7 @@ def mass_matrix(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool = 
 
 @dataclass(frozen=True)
 class _Step:
-    """A joint seen from axes that do not turn with it, nor with the neighbors before it whose axes are parallel.
+    """A joint in a frame that rotates neither with it nor with the neighbors before it whose axes are parallel.
 
     ``turn``: from those axes to the joint's own. ``way``: from the joint before, in the shared axes, or in that one's
     own axes where nothing is shared; there the twist follows. ``slide``: along z. ``last``: no later joint uses these
@@ -143,7 +144,7 @@ class _Step:
     last: bool
 
     def with_own(self, beyond: Composite, own: Inertia) -> Composite:
-        """What hangs on the joint, in the shared axes; what lies beyond comes in its own where it is the last."""
+        """The joint's body and all behind it in the shared axes; ``beyond`` is in the joint's axes where it is the last."""
         if self.last:
             whole = beyond + own
             return Composite(whole.mass, self._back(whole.first), turned(whole.second, X, Y, *self.turn))
@@ -168,7 +169,7 @@ class _Step:
         return force, plus(untwisted(self.twist, moment), cross(self.way, force))
 
     def arrived(self, force: Vector3, moment: Vector3) -> Wrench:
-        """A wrench that came from behind, in the shared axes."""
+        """A wrench of a later joint, in the shared axes."""
         return (self._back(force), self._back(moment)) if self.last else (force, moment)
 
     def _back(self, v: Vector3) -> Vector3:
@@ -177,7 +178,7 @@ class _Step:
 
 
 def _steps(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool) -> list[_Step]:
-    """The joints of a chain in axes that neighbors with parallel axes share, or each in axes of its own."""
+    """The joints of a chain in axes that neighbors with parallel axes share, or each in its own axes."""
     shared = [together and i > 0 and joint.twist == (1.0, 0.0) for i, joint in enumerate(chain.joints)]
     out: list[_Step] = []
     angle: Scalar = 0.0
@@ -198,7 +199,7 @@ def _steps(tape: Tape, chain: Chain, q: Sequence[Scalar], together: bool) -> lis
 
 
 def height(tape: Tape, chain: Chain, q: Sequence[Scalar]) -> Scalar:
-    """Potential energy of the bodies but for a constant [J]; arguments as for `mass_matrix`."""
+    """Potential energy of the bodies up to a constant [J]; arguments as for `mass_matrix`."""
     mass: Scalar = 0.0
     first: Vector3 = [0.0] * 3
     for joint, x in zip(reversed(chain.joints), reversed(q), strict=True):

@@ -1,18 +1,19 @@
 """Derivatives of inverse dynamics by a recursion over a `Chain`, written on a `Tape`.
 
-A change of one coordinate changes the acceleration of each point beyond its joint by ``da + 2 l x u + m x r``: r is the
-point seen from the joint, u its velocity less that of the joint's origin. In the frame of a joint that turns,
+A change of one coordinate changes the acceleration of each point behind its joint by ``da + 2 l x u + m x r``: r is the
+position of the point relative to the joint, u its velocity relative to the joint's origin. For a rotation, in its
+frame,
 
     change of q:  l = w x e_z,  m = U e_z,        da = a x e_z,  and all forces turn with the joint
     change of v:  l = e_z,      m = 2 w x e_z,    da = 0
 
-and in that of one that slides ``l = m = 0`` with ``da = U e_z`` and ``da = 2 w x e_z``. Forces then follow from moments
-of mass and of momentum of all that hangs on the joint, ``S = int r r' dm`` and ``P = int u r' dm``:
+and for a translation ``l = m = 0`` with ``da = U e_z`` and ``da = 2 w x e_z``. Forces then follow from moments
+of mass and of momentum of all bodies behind the joint, ``S = int r r' dm`` and ``P = int u r' dm``:
 
     df = 2 l x int u dm + m x int r dm + mass da,    dn = 2 (tr P 1 - P) l + (tr S 1 - S) m + int r dm x da
 
-They go back to the base as wrenches (columns of the derivatives above the diagonal); what a joint would feel of any
-change before it goes back as covectors of l, m and da (rows below the diagonal).
+They are passed to the base as wrenches (columns of the derivatives above the diagonal); the effect on a joint of any
+change before it is passed as covectors of l, m and da (rows below the diagonal).
 
 Source: own derivation; the same count of operations as S. Singh, R. Russell, P. Wensing, IEEE RA-L 7(2), 2022.
 """
@@ -53,20 +54,20 @@ class _Change:
     shift: Vector3
 
     def of(self, change: _Change) -> Scalar:
-        """What a change gives in these covectors."""
+        """Value of these covectors for a change."""
         return dot(self.sweep, change.sweep) + dot(self.turn, change.turn) + dot(self.shift, change.shift)
 
 
 @dataclass(frozen=True)
 class _Beyond:
-    """Moments of mass and of momentum of what hangs on a joint: ``int u dm`` (3), ``int u r' dm`` (3, 3)."""
+    """Moments of mass and of momentum of the bodies behind a joint: ``int u dm`` (3), ``int u r' dm`` (3, 3)."""
 
     body: Composite
     momentum: Vector3
     moment: Matrix
 
     def wrench(self, change: _Change) -> tuple[Vector3, Vector3]:
-        """Force and moment that a change of accelerations takes."""
+        """Force and moment of a change of accelerations."""
         twice = [2.0 * x for x in change.sweep]
         s, S, P = self.body.first, self.body.second, self.moment
         force = plus(cross(twice, self.momentum), cross(change.turn, s))
@@ -138,7 +139,7 @@ def derivatives(
 
 
 def _changes(motion: Motion, revolute: bool) -> tuple[_Change, _Change]:
-    """What a change of the coordinate, and one of the speed, do in the frame of a joint."""
+    """Effects of a change of the coordinate and of the speed, in the frame of the joint."""
     still: Vector3 = [0.0] * 3
     sweep, column = cross(motion.w, AXIS), motion.along(AXIS)
     twice = [2.0 * x for x in sweep]
@@ -148,7 +149,7 @@ def _changes(motion: Motion, revolute: bool) -> tuple[_Change, _Change]:
 
 
 def _feeling(beyond: _Beyond, revolute: bool) -> _Change:
-    """Covectors: what the joint's own force feels of l, m and da in its frame."""
+    """Covectors: effect of l, m and da on the joint's own force, in its frame."""
     body, P = beyond.body, beyond.moment
     s, S = body.first, body.second
     if not revolute:
@@ -158,7 +159,7 @@ def _feeling(beyond: _Beyond, revolute: bool) -> _Change:
 
 
 def _carried(beyond: _Beyond, w: Vector3, s: list[float], S: list[list[float]]) -> _Beyond:
-    """With the momentum of the body that a joint carries: velocities are ``w x r``."""
+    """The moments with the momentum of the joint's body: velocities are ``w x r``."""
     momentum = plus(beyond.momentum, cross(w, s))
     own = [cross(w, [S[0][k], S[1][k], S[2][k]]) for k in (X, Y, Z)]
     moment = [[beyond.moment[i][k] + own[k][i] for k in (X, Y, Z)] for i in (X, Y, Z)]
@@ -166,7 +167,7 @@ def _carried(beyond: _Beyond, w: Vector3, s: list[float], S: list[list[float]]) 
 
 
 def _slide(motion: Motion, x: Scalar, speed: Scalar) -> Vector3:
-    """Twice the velocity of the origin of a sliding frame, seen from where it is at rest."""
+    """Twice the velocity of the origin of a frame that is translated by its joint."""
     return [2.0 * y for y in plus(cross(motion.w, [0.0, 0.0, x]), [0.0, 0.0, speed])]
 
 
@@ -195,7 +196,7 @@ def _seen_before(
 def _displaced(
     body: Composite, momentum: Vector3, moment: Matrix, p: Vector3, u: Vector3
 ) -> tuple[Composite, Vector3, Matrix]:
-    """Moments seen from where the origin is at p and moves with the velocity u."""
+    """Moments about a point relative to which the origin is at p and moves with the velocity u."""
     after = body.shifted(p)
     out = [[moment[i][k] + u[i] * after.first[k] + momentum[i] * p[k] for k in (X, Y, Z)] for i in (X, Y, Z)]
     return after, plus(momentum, [body.mass * x for x in u]), out

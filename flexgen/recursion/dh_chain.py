@@ -1,14 +1,14 @@
 """The chain of a robot reduced to numbers: joints with one coordinate each, about or along the z axes of their frames.
 
-Frames are laid so that little is left to compute (modified Denavit-Hartenberg): from the frame of a joint to that of
+Frames are placed so that few operations remain (modified Denavit-Hartenberg): from the frame of a joint to that of
 the next one goes a translation ``place``, a rotation about x by the twist, a rotation about z by the joint's angle (or
 by a constant), and a translation along z by the joint's length.
 
     R = Rx(twist) Rz(q + turn),   p = place              (rotation)
     R = Rx(twist) Rz(turn),       p = place + R e_z q    (translation)
 
-What moves along with a joint whatever it does is regrouped to the body before it: torques and mass matrix are those of
-the robot, forces inside the joints are not.
+Inertia that a joint does not move relative to the body before it is regrouped to that body: torques and mass matrix are
+those of the robot, forces inside the joints are not.
 
 Source: W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, 2002, ch. 3 and 9.
 """
@@ -131,7 +131,7 @@ def _axis_frame(axis: np.ndarray) -> np.ndarray:
     """A rotation that takes z to an axis."""
     largest = int(np.argmax(np.abs(axis)))
     if abs(axis[largest]) == 1.0:
-        # (but for rounding: what the other entries hold below 1e-8 is a tilt all the same)
+        # (except for rounding: other entries below 1e-8 are a tilt nevertheless)
         across = np.eye(3)[(largest + 1) % 3] - axis[(largest + 1) % 3] * axis
     else:
         across = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
@@ -141,7 +141,7 @@ def _axis_frame(axis: np.ndarray) -> np.ndarray:
 
 @dataclass
 class _Raw:
-    """A joint before frames are laid: pose of its frame in the one before, the body in its own."""
+    """A joint before its frame is placed: pose of its frame in the one before, the body in its own."""
 
     revolute: bool
     pose: Pose
@@ -209,7 +209,7 @@ def _split(rotation: np.ndarray) -> tuple[float, tuple[float, float], float]:
     g = float(np.arctan2(rotation[0, 2], -rotation[1, 2]))
     length = float(np.hypot(sine, rotation[2, 2]))
     twist = float(snapped(np.array(rotation[2, 2] / length))), float(snapped(np.array(sine / length)))
-    # from what is left, and not from the entries of the size of the sine: they hold few digits where it is small
+    # from the remaining rotation, not from the entries of the size of the sine: they have few digits where it is small
     left = _about_z(g).T @ rotation
     return g, twist, float(np.arctan2(-left[0, 1], left[0, 0]))
 
@@ -258,7 +258,7 @@ def _share(pose: Pose, before_turns: bool) -> tuple[Pose, np.ndarray, tuple[floa
 
 
 def _lay(raws: list[_Raw], gravity: np.ndarray, tool: Pose, to_mass: bool) -> Chain:
-    """Lay the frames of all joints, from the last to the first: `Chain` without regrouping.
+    """Place the frames of all joints, from the last to the first: `Chain` without regrouping.
 
     Each pose is split in a part that can be moved into the frame of the joint before, and the rest. The last frame can
     be rotated freely.
@@ -297,9 +297,9 @@ def _ground(pose: Pose, gravity: np.ndarray, turns: bool) -> tuple[Pose, np.ndar
 
 @dataclass(frozen=True)
 class Kept:
-    """What stays with the body of a joint of what could go to the body before.
+    """The part of a joint's inertia that is not regrouped to the body before, although it could be.
 
-    ``mass``: "none", "all", or "balance": so much that the body before is balanced along the way to this joint.
+    ``mass``: "none", "all", or "balance": so much that the body before is balanced along the line to this joint.
     ``first``, ``second``: the moments of order one and two along the axis (all of order two for a joint that slides).
     """
 
@@ -309,10 +309,10 @@ class Kept:
 
 
 def regrouped(chain: Chain, kept: Sequence[Kept]) -> Chain:
-    """Move to the body before what a joint does not move against it.
+    """Move the inertia that a joint does not move relative to the body before to that body.
 
-    Of a joint that turns: the mass on its axis (order zero, and one and two along z); of one that slides: the second
-    moments, which feel only rotations. What reaches the base moves nothing.
+    Of a rotation: the mass on its axis (order zero, and one and two along z); of a translation: the second moments,
+    which matter only for rotations. Inertia that reaches the base has no effect.
     """
     joints = list(chain.joints)
     axis, total = np.array([0.0, 0.0, 1.0]), sum(joint.inertia.mass for joint in joints)
@@ -325,7 +325,7 @@ def regrouped(chain: Chain, kept: Sequence[Kept]) -> Chain:
             gone = Inertia(0.0 if keep.mass == "all" else own.mass, line * axis, spread * np.outer(axis, axis))
             if keep.mass == "balance":
                 stays = _balance(ahead + gone.moved((rotation, joint.place)), joint.place)
-                # (a short way would take a large mass, and large masses that cancel would cost digits)
+                # (a short distance would need a large mass, and large masses that cancel would cost digits)
                 gone = replace(gone, mass=gone.mass - (stays if abs(stays) <= total else 0.0))
         else:
             rotation = rotation @ _about_z(joint.turn + joint.quarters * np.pi / 2)
@@ -338,7 +338,7 @@ def regrouped(chain: Chain, kept: Sequence[Kept]) -> Chain:
 
 
 def _balance(together: Inertia, place: np.ndarray) -> float:
-    """The mass at a place that takes away the first moment along the place's largest entry."""
+    """The mass at a place that cancels the first moment along the place's largest entry."""
     k = int(np.argmax(np.abs(place)))
     return float(together.first[k] / place[k]) if place[k] else 0.0
 

@@ -1,7 +1,7 @@
 """Fast functions: the functions of `Equations` by recursions that are specialized to one robot.
 
 The Lagrangian defines and checks the results; here the same arguments give the same results with fewer operations. The
-forces of gears, springs, frictions and drags are the graphs of the Lagrangian themselves. Of several recursions the
+forces of gears, springs, frictions and drags are the graphs of the Lagrangian. Of several recursions the
 shortest for the robot is used. A robot for which recursion and Lagrangian differ uses the Lagrangian.
 """
 
@@ -83,7 +83,7 @@ def recursive_function(equations: Equations, name: str) -> ca.Function | None:
 def agrees(equations: Equations) -> bool:
     """Whether the recursion gives a robot's inverse dynamics, mass matrix and tool pose as the Lagrangian does.
 
-    Asked at fixed random states (rotations and translations within 1 rad or 1 m, speeds and accelerations within 1),
+    Compared at fixed random states (rotations and translations within 1 rad or 1 m, speeds and accelerations within 1),
     parameters at the values of the file; no entry may differ by more than `AGREEMENT` of the largest one.
 
     Parameters
@@ -107,7 +107,7 @@ def agrees(equations: Equations) -> bool:
         for state in states:
             results = [f.call([state[port] for port in f.name_in()]) for f in (fast, slow)]
             a, b = (np.concatenate([x.full().ravel() for x in result]) for result in results)
-            if not np.max(np.abs(a - b)) <= AGREEMENT * np.max(np.abs(b)):  # (what is not a number does not agree)
+            if not np.max(np.abs(a - b)) <= AGREEMENT * np.max(np.abs(b)):  # (NaN does not agree)
                 return False
     return True
 
@@ -201,7 +201,7 @@ def _accelerations(arm: Arm, force: ca.SX, armature: np.ndarray) -> ca.SX:
     coupled = np.any(armature != np.diag(own))
     if coupled:
         return ca.vertcat(*arm.shortest([by_mass_matrix]))
-    if np.any(armature):  # the arm alone decides, whatever is asked for first
+    if np.any(armature):  # the choice depends on the arm only, not on the function that is asked for first
         recursive_function(arm.equations, "arm_forward_dynamics")
     return ca.vertcat(*arm.shortest([by_mass_matrix, by_articulated_bodies], kind="accelerations"))
 

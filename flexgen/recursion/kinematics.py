@@ -1,7 +1,7 @@
 """Pose and Jacobian of the tool over a `Chain`, written on a `Tape`.
 
-Joints whose axes are parallel are taken together: the sum of their angles turns a frame once, and the way from one to
-the next is added up in the plane across their axes.
+Joints with parallel axes form a group: one rotation by the sum of their angles, and the offsets from one joint to the
+next are added up in the plane normal to the axes.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from flexgen.recursion.tape import Scalar, Tape
 
 @dataclass
 class _Group:
-    """Neighbors with parallel axes: a frame before them that turns with none, and the axes of that frame in the world.
+    """Neighbors with parallel axes: a frame before them that rotates with none of them, and its axes in the world.
 
     ``members``: joints by number, with the place of each in the group's frame. ``turn`` (cosine, sine): by all of them.
-    ``step``: from the group's origin to the last of them, in the group's frame; ``place``: from there to what comes
-    next, in the axes that have turned.
+    ``step``: from the group's origin to the last of them, in the group's frame; ``place``: from there to the next
+    group, in the rotated axes.
     """
 
     origin: Vector3
@@ -39,7 +39,7 @@ class _Group:
 
     @property
     def end(self) -> Vector3:
-        """Where it ends, in the world."""
+        """Its end, in the world."""
         return plus(plus(self.origin, combined(self.axes, self.step)), combined(self.turned, self.place))
 
 
@@ -139,7 +139,7 @@ def rates(tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a:
     """The `Rates` at speeds v and accelerations a; arguments otherwise as for `tool_pose`.
 
     An axis z of a body with angular velocity w moves with ``z' = w x z``, ``z'' = w' x z + w x z'``, and so does the
-    way s from one joint to the next; r is the sum of the ways from a joint to the tool:
+    offset s from one joint to the next; r is the sum of the offsets from a joint to the tool:
 
         J = (z x r, z),    J' = (z' x r + z x r', z'),    J'' = (z'' x r + 2 z' x r' + z x r'', z'')
     """
@@ -189,6 +189,6 @@ def rates(tape: Tape, chain: Chain, q: Sequence[Scalar], v: Sequence[Scalar], a:
 
 
 def _carried(s: Vector3, w: Vector3, dw: Vector3) -> tuple[Vector3, Vector3, Vector3]:
-    """A vector that turns with the angular velocity w, and its first two time derivatives."""
+    """A vector that rotates with the angular velocity w, and its first two time derivatives."""
     first = cross(w, s)
     return s, first, plus(cross(dw, s), cross(w, first))

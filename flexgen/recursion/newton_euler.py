@@ -6,8 +6,8 @@ two) then needs
 
     f = m a + U s,            n = s x a + axial(U S),       axial(A) = (A_zy - A_yz, A_xz - A_zx, A_yx - A_xy)
 
-The column ``U e_z`` does not feel the turning of a joint about its own z axis, which saves the gyroscopic terms of the
-angular acceleration where U of the body before is known anyway.
+The column ``U e_z`` is invariant under the rotation of a joint about its own z axis, which saves the gyroscopic terms
+of the angular acceleration where U of the body before is known anyway.
 
 Source: after W. Khalil, E. Dombre, Modeling, Identification and Control of Robots, 2002, sec. 9.6; R. Featherstone,
 Rigid Body Dynamics Algorithms, 2008, ch. 6.
@@ -27,7 +27,7 @@ Vector3 = list[Scalar]
 Wrench = tuple[Vector3, Vector3]  # force, moment about the origin of the frame
 
 
-# --- rotations and crosses -------------------------------------------------------------------------------------------
+# --- rotations, cross products----------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -97,10 +97,10 @@ def plus(a: Sequence[Scalar], b: Sequence[Scalar]) -> Vector3:
 
 @dataclass(frozen=True)
 class _Root:
-    """What neighbors with parallel axes have in common, in the frame before the first that does not turn with it.
+    """Quantities that neighbors with parallel axes share, in the frame before the first of them.
 
-    Of the angular velocity, of ``U e_z`` and of the acceleration (the same for all where nothing turns) only what lies
-    across the axes. ``angle``, ``quarters``: turned since.
+    Of the angular velocity, of ``U e_z`` and of the acceleration (the same for all in a chain of translations) only the
+    components normal to the axes. ``angle``, ``quarters``: rotation since that frame.
     """
 
     w: Vector3
@@ -115,8 +115,8 @@ class Motion:
     """Angular velocity of a frame, acceleration of its origin, and either its angular acceleration or the column.
 
     ``spin``: angular acceleration (3), its first two entries None where ``column`` (2), the upper part of ``U e_z``, is
-    what is known. Everything in the frame's axes; products are shared by the tape. ``root``: where the neighbors with
-    parallel axes begin.
+    known instead. All in the frame's axes; products are shared by the tape. ``root``: start of the neighbors with
+    parallel axes.
     """
 
     w: Vector3
@@ -156,7 +156,7 @@ class Motion:
 
 
 def _any(x: Sequence[Scalar]) -> bool:
-    """True where something is not the number zero."""
+    """True where a value is not the number zero."""
     return any(isinstance(y, Value) or y != 0.0 for y in x)
 
 
@@ -181,7 +181,7 @@ def moved(
         root = _Root(w, column, a, turn.angle, turn.quarters)
 
     def turned(x: Vector3, first: Vector3) -> Vector3:
-        """A vector in the joint's frame; from the root by the sum of the angles, where there is less to turn."""
+        """A vector in the joint's frame; from the root by the sum of the angles, where this takes fewer operations."""
         return [*total.into(first)[:2], turn.into(x)[Z]] if _sparse(first) else turn.into(x)
 
     w = turned(motion.w, root.w)

@@ -1,7 +1,8 @@
-"""How the recursions go over one robot's chain: what is regrouped and what is carried along, chosen by counting.
+"""Choice of the regrouping and of the recursion variables for one robot, by counting operations.
 
-What is least work depends on the robot: masses that go to the body before save operations at one joint and cost some at
-another. Each joint is looked at once, from the last to the first, and what makes inverse dynamics shorter is kept.
+The shortest choice depends on the robot: masses that are regrouped to the body before save operations at one joint and
+cost some at another. Each joint is tried once, from the last to the first; changes that shorten inverse dynamics are
+kept.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ def plans(model: RobotModel) -> tuple[Plan, ...]:
     """Candidate plans for a model without beams, the one with the shortest inverse dynamics first."""
     chain = laid(model)
     n = len(chain.joints)
-    # moments of inertia stay where they would end up on the empty bodies between joints on one point
+    # moments of inertia that would move to the empty bodies between joints on one point are not regrouped
     points = [i > 0 and _on_a_point(chain, i) for i in range(n)]
     groupings = [[Kept()] * n, [KEPT_ALL] * n, [Kept("none", point, point) for point in points]]
     starts = [(tuple(kept), tuple([column] * n)) for kept in groupings for column in (True, False)]
@@ -57,7 +58,7 @@ def plans(model: RobotModel) -> tuple[Plan, ...]:
             count = operations(made(*other))
             if count < least:
                 best, least = other, count
-    # the columns that suit inverse dynamics mostly suit the rest
+    # columns that are best for inverse dynamics are mostly best for the other functions
     choices = [best, *starts, *((kept, best[1]) for kept, _ in starts[::2])]
     return tuple(made(*choice) for choice in dict.fromkeys(choices))
 

@@ -1,7 +1,7 @@
-"""Scalar arithmetic that folds and shares while it is written down: what a recursion costs is known before it is built.
+"""Scalar arithmetic with constant folding and sharing of equal operations: the cost of a recursion is known beforehand.
 
 A value is a Python float, or a `Value`: a signed reference to an operation on a `Tape`. Zeros and ones cost nothing,
-signs move through products and sums, equal operations are found again. A tape counts what its results need, and
+signs move through products and sums, equal operations are shared. A tape counts what its results need, and
 becomes CasADi graphs at the end.
 """
 
@@ -101,7 +101,7 @@ class Tape:
         if alike is not None:
             x, c, d = alike
             return self.scaled(Value(self, x, negative), c - d)
-        # one order is kept, but not against the sign that is asked for: both are looked up
+        # operands are stored in one order, signs are not: both signs are looked up
         if ("-", b, a) in self._known:
             return Value(self, self._node("-", b, a), not negative)
         if negative and ("-", a, b) not in self._known:
@@ -203,7 +203,7 @@ class Tape:
                 add(a, -(w * self.sine(first)) if kind == "cos" else w * self.sine(first, cosine=True))
         return [weight.get(x.node, 0.0) if isinstance(x, Value) else 0.0 for x in symbols]
 
-    # --- what becomes of it ------------------------------------------------------------------------------------------
+    # --- results---------------------------------------------------------------------------------------
 
     def needed(self, results: Iterable[Scalar]) -> list[int]:
         """The operations that results need, operands first."""
