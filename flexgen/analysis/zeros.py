@@ -174,7 +174,7 @@ def time_constants(zeros: np.ndarray) -> tuple[float, float]:
 
 
 def preview(time_constant: float, share: float = PREVIEW_SHARE) -> float:
-    """How long the path must be known ahead [s], and how early a motion must begin before it.
+    """Preview of the path that is needed [s], which is also how early a motion must begin before it.
 
     Backwards in time the response to a change of the path decays like the slowest unstable zero,
 

@@ -43,7 +43,7 @@ def moving_pencil(
     W = evaluate(equations.function("output_constraint"), q, v, target)[1].reshape(k, -1, n_a)
 
     def followed(forced: np.ndarray) -> np.ndarray:
-        """What the actuated coordinates do against ``forced`` (k, n_y, n_e), with the others at rest."""
+        """Actuated motion that cancels ``forced`` (k, n_y, n_e) in the output, the other coordinates at rest."""
         out = np.zeros((k, n_a, n_e))
         out[:, i_g] = -np.linalg.solve(W[:, :, i_g], forced)
         return out

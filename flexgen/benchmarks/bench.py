@@ -28,7 +28,7 @@ Tell = Callable[[str], None] | None
 
 @dataclass(frozen=True)
 class Trial:
-    """What the robots of a scenario did under a controller.
+    """Results of the robots of a scenario under a controller.
 
     ``values`` (draws, robots, measures); ``refused``: why the controller is refused; ``traces``: outputs ``z``
     (n, outputs) and torques ``u`` (n, n_m) of the nominal robot in the first draw.

@@ -21,7 +21,7 @@ from flexgen.mechanics.parameters import Parameter
 from flexgen.model.elements import RobotModel
 
 DIGITS = 12
-# What enters a score, where not all fields do: of a model what the equations of motion are made from, no texts.
+# What enters a score, where not all fields do: of a model the data of the equations of motion, no texts.
 KEPT = {
     RobotModel: ("name", "gravity", "base", "elements", "motors", "tool", "payload", "motor_coupling"),
     Plants: ("names", "parameters", "values"),

@@ -123,7 +123,7 @@ class ForeignController:
         return None if answer is None else answer[8:]
 
     def _kept(self, found: bytes | None, errors: dict[int, str], size: int) -> bool:
-        """Keep what the process says of robots that failed; whether it can be read."""
+        """Store the reports of the process on robots that failed; False where they cannot be read."""
         try:
             told = {int(lane): str(text)[:500] for lane, text in json.loads(found or b"").items()}
         except (ValueError, AttributeError, RecursionError):

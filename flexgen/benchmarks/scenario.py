@@ -72,8 +72,8 @@ class Segment:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is drawn: ``draws`` runs; spans of the time before the first segment, of the waits between, of the factor of
-    the sizes; rest in the end of the run [s].
+    """Random numbers: ``draws`` runs; spans of the time before the first segment, of the waits between, of the factor
+    of the sizes; rest in the end of the run [s].
     """
 
     draws: int
@@ -86,7 +86,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Accept:
-    """What a controller is refused for: motion at rest above ``rest``, also with this delay and gain; torque noise."""
+    """Reasons to refuse a controller: motion at rest above ``rest``, also with this delay and gain; torque noise."""
 
     delay_s: float
     gain: float
@@ -167,7 +167,7 @@ class Scenario:
 
     @property
     def measured(self) -> tuple[Segment | Window, ...]:
-        """Where measures are taken, in their order: the segments, then the windows."""
+        """Parts of a run with measures, in their order: the segments, then the windows."""
         return (*(self.plan.segments if self.plan is not None else ()), *self.windows)
 
     @property

@@ -199,7 +199,7 @@ class _Reader:
         )
 
     def plan(self, t: Mapping[str, Any], model: RobotModel, duration: float) -> Plan:
-        """What is drawn."""
+        """The random numbers."""
         draw = self.get(t, "draw", dict)
         lead, wait, factor = (self.span(draw, key) for key in ("lead_s", "wait_s", "factor"))
         segments = tuple(self.segment(row, model) for row in self.get(t, "segment", list))

@@ -52,7 +52,7 @@ def draw_totals(chosen: Scenario, each: np.ndarray) -> np.ndarray:
 @checked_result
 @dataclass(frozen=True, repr=False)
 class Score:
-    """What a controller reaches in a scenario.
+    """Score of a controller in a scenario.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """Tuning of a controller on the score of a benchmark, without derivatives.
 
 The numbers of a cascade and its filters are changed in logarithms by the simplex method of Nelder and Mead, from
-several starts, which other processes can take; what is refused counts as worse the more robots fail.
+several starts, which other processes can take; a refused controller counts as worse the more robots fail.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ from flexgen.mechanics.statics import Equilibrium, hold_joints
 
 ZERO = 1e-14  # of the largest: a singular value below it is zero; rounding leaves 1e-16
 CLEAR = 1e-11  # of the largest: above it one is not zero; between the two nothing is decided
-FLOOR = 2.2e-16  # rounding: what a smaller one counts as in a ratio
+FLOOR = 2.2e-16  # rounding: lower bound of a singular value in a ratio
 UNITS = (0.3, 0.1, 1.0)  # of time, in units of the springs' own
 HIGHEST = 8  # strangeness index up to which is searched
 
@@ -62,7 +62,7 @@ class Rank:
 def decide_rank(matrices: Sequence[np.ndarray], name: str = "") -> Rank:
     """The rank of a matrix that is given in several scalings of its rows and columns, entries near one.
 
-    What is not zero in one of them is not zero; what is zero has to be so in all.
+    A singular value is nonzero if it is so in one scaling, and zero only if it is so in all.
     """
     best = Rank(name, 0, 1.0, 0.0, 1 / FLOOR, True)
     possible = 0
@@ -157,7 +157,7 @@ def without_definitions(
     found.
 
     Their rows go, and with each of them the column of a derivative: every rank that is asked for falls by the same
-    number. What is left has some half of the rows.
+    number. About half of the rows remain.
     """
     rows, y, u = named
     out = array.copy()

@@ -241,7 +241,8 @@ class Forces:
     """Springs, dampers, frictions and gears of a model in symbols; arguments as in `SymbolicEquations`.
 
     ``torques``: on the arm, None behind a rigid gear. ``deflections``: of nonlinear gear springs. ``friction``: of the
-    joints. ``on_motors``: friction of the motors and what the gears ask of them. ``gear_equations``: of rigid gears.
+    joints. ``on_motors``: friction of the motors and the torques that the gears need. ``gear_equations``: of rigid
+    gears.
     """
 
     def __init__(

@@ -205,7 +205,7 @@ def _subscripts(names: Sequence[Name], coordinates: Sequence[Coordinate]) -> lis
 
 
 def _role(model: RobotModel, coordinate: Coordinate) -> str:
-    """What a coordinate is, for the table of symbols."""
+    """Meaning of a coordinate, for the table of symbols."""
     if coordinate.dof is None or coordinate.dof.gear is None:
         return "arm coordinate without a motor"
     motors = " and ".join(motor.name for motor in model.motors if coordinate.name in motor.drives)

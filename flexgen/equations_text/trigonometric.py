@@ -39,7 +39,7 @@ class TrigonometricRing:
     Parameters
     ----------
     constants : sequence of Symbol
-        What the expressions are polynomials in, speeds included.
+        Variables of the polynomials, speeds included.
     angles : sequence of Symbol
         Symbols that appear inside sines and cosines; one that is also in ``constants`` may be both.
     unit_vectors : sequence of tuple of Symbol

@@ -79,7 +79,7 @@ def _angle_sums(graph: Graph) -> Graph:
 
 
 def _balanced(graph: Graph) -> Graph:
-    """The graph with sums and products of more than two terms rebuilt: operands that are known first are combined first."""
+    """The graph with sums and products of more than two terms rebuilt: operands known first are combined first."""
     needed = graph.alive()
     uses = [0] * len(graph.kind)
     for node, used in enumerate(needed):

@@ -82,7 +82,7 @@ def _matrix(step: Solve | Factor, layout: Layout) -> list[str]:
 
 
 def _padded(step: Solve, layout: Layout) -> list[str]:
-    """Lines that fill entries that are not computed: the unit columns, and the ends of rows that are not whole vectors."""
+    """Lines that fill entries that are not computed: unit columns, and ends of rows that are not whole vectors."""
     n, right = step.n, f"w + {layout.places[step.right]} + i * {step.stride}"
     ends = [
         f"    for (j = {n}; j < ROW_COUNT({n}) * ROW_LANES; j += ROW_LANES) {{",

@@ -58,7 +58,7 @@ class Response:
 
 @dataclass(frozen=True)
 class Drive:
-    """What lies between the commanded torque and the motor, and between motion and samples of sensors.
+    """Delays and filters between the commanded torque and the motor, and between motion and samples of sensors.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ class LocalModel:
         )
 
     def _friction(self, dy: ca.SX, speed_sd: ca.SX) -> ca.SX:
-        """What the mean slope of all friction laws adds to the slope at rest, as a matrix (n, n)."""
+        """Mean slope of all friction laws less the slope at rest, as a matrix (n, n)."""
         model, C = self.equations.with_symbols, self.motor_rows
         D = ca.SX.zeros(model.dof, model.dof)
         laws = [(motor.friction, C[j], speed_sd[j]) for j, motor in enumerate(model.motors)]

@@ -5,7 +5,7 @@
 The record is cut into short segments s. In each of them the nonlinear model is simulated under the recorded torques
 from a start state of its own: errors cannot grow over a long record, the drive need not be known, and unstable or badly
 modeled slow motion does no harm. Start states and constant torques are eliminated segment by segment; constant torques
-take what lies outside of the model, such as the offset of a second encoder. Derivatives are differences.
+take effects outside of the model, such as the offset of a second encoder. Derivatives are differences.
 
 Of a periodic motion the mean of the periods is fitted. Deviations are those of a sandwich over the segments, since
 errors of neighboring samples are alike.

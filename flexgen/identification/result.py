@@ -1,4 +1,4 @@
-"""What an identification found: values with standard deviations, a status, weak directions, and the new model file."""
+"""Result of an identification: values with standard deviations, a status, weak directions, and the new model file."""
 
 from __future__ import annotations
 
@@ -207,7 +207,7 @@ class Identified(Estimated):
     weak : tuple of str
         Sentences on directions that the data do not determine.
     data : Frf
-        What was fitted.
+        The measured responses.
     variance : array (k, lines, n_m, n_m)
         Of the elements of the responses: noise and model error.
     deflection_sd : array (k, springs)
@@ -323,7 +323,7 @@ def write_model(
     head : str
         Lines of comments for the beginning.
     note : str
-        What the first line says instead of where the standard deviations are.
+        First line, instead of the place of the standard deviations.
 
     Raises
     ------

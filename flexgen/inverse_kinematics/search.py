@@ -146,7 +146,7 @@ def kinematics(
 
 
 def configuration_at(model: RobotModel, q_g: np.ndarray) -> Configuration:
-    """What is known about the joints (n_g,) [rad or m] of an arm with six actuated coordinates, without deflections."""
+    """Known values of the joints (n_g,) [rad or m] of an arm with six actuated coordinates, without deflections."""
     solver, full = _solver(model, ()), np.zeros(model.n_a)
     full[list(model.i_g)] = q_g
     p, R = solver.library.forward_kinematics(full)

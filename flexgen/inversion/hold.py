@@ -18,7 +18,7 @@ from flexgen.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Hold:
-    """What a controller does between its ticks.
+    """Output of a controller between its samples.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""MethodResult: what a method of inverse dynamics found, before the verification."""
+"""MethodResult: the motion and torques of a method of inverse dynamics, before the verification."""
 
 from __future__ import annotations
 

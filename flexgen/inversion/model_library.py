@@ -31,7 +31,7 @@ def inversion_library(
     native: bool = False,
     progress: Callable[[str], None] | None = None,
 ) -> Library:
-    """The library of a model with what a method calls.
+    """The library of a model with the functions that a method calls.
 
     It is made once for each model; the time that this takes does not count in a time limit.
 

@@ -1,4 +1,4 @@
-"""What a solve has reached when its time limit ends or Ctrl-C interrupts it."""
+"""Best solution so far when the time limit of a solve ends or Ctrl-C interrupts it."""
 
 from __future__ import annotations
 

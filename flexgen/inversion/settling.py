@@ -27,8 +27,8 @@ from flexgen.numerics.evaluate import evaluate
 if TYPE_CHECKING:
     from flexgen.runtime.path_inversion import Inversion
 
-SETTLED = 1e-3  # of the accuracy: what may be left at the end
-NOTED = 1e-2  # of the accuracy: what is left at the end with a warning
+SETTLED = 1e-3  # of the accuracy: largest residual motion at the end
+NOTED = 1e-2  # of the accuracy: residual motion at the end from which a warning is given
 SHORTEST = 0.05  # s after the path
 
 

@@ -93,7 +93,7 @@ def solve(
     accuracy : float [rad, and m for each meter of reach, at most m]
         Largest verified error of a solved move.
     hold : str
-        What the controller does between its ticks: ``"spline"``, ``"linear"`` or ``"zoh"`` (zero-order hold).
+        Output of the controller between its samples: ``"spline"``, ``"linear"`` or ``"zoh"`` (zero-order hold).
         `Solution.torque_command` has the torques to send, verified with this hold.
     sample_time, delay : float [s]
         Of the controller (default: 1 ms); from its tick to the instant at which the motor has the torque.

@@ -8,8 +8,8 @@ unknowns of their own,
 
 too few to be solved for Y by sum d - sum c: the degrees of freedom. For the k-th derivatives that were added, as many
 unknowns are chosen whose k-th highest derivative is a *dummy*: no longer the rate of the one below it, but just an
-unknown. What has a rate left is a state. The choice is made by QR factorization with column pivoting of the system
-Jacobian ``dF_i^(c_i)/dy_j^(d_j)`` at a point, and holds as long as the chosen block is well conditioned.
+unknown. An unknown that keeps its rate is a state. The choice is made by QR factorization with column pivoting of the
+system Jacobian ``dF_i^(c_i)/dy_j^(d_j)`` at a point, and holds as long as the chosen block is well conditioned.
 
 Source: S. E. Mattsson, G. Soederlind, SIAM J. Sci. Comput. 14(3), 1993; J. D. Pryce, BIT 41(2), 2001.
 """
@@ -162,7 +162,7 @@ class DummyDerivatives:
         return Choice(tuple(int(k) for k in depth), tuple(states), tuple(algebraic), tuple(rates))
 
     def quality(self, choice: Choice, Y: np.ndarray, U: np.ndarray) -> float:
-        """How well conditioned a choice is at a point: 1 where no other would be better, 0 where it is singular.
+        """Conditioning of a choice at a point: 1 for the best choice, 0 for a singular one.
 
         The smallest over all levels of the smallest singular value of the chosen block, relative to that of all
         columns.

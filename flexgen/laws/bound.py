@@ -110,7 +110,7 @@ class BoundLaw:
         return Compiled(address, memory.view(np.uint8), 8, {}, (module, shared, keep))
 
     def _shared(self, setup: Setup) -> tuple[_Shared, tuple[Any, ...]]:
-        """What all robots share, and what must live as long."""
+        """Data that all robots share, and objects that must exist as long."""
         n, (parts, half_steps) = self.model.n_m, self._segments()
         addresses: dict[str, int] = {}
         most = 1

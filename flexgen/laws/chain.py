@@ -70,7 +70,7 @@ def chain_loop(gains: np.ndarray, timing: Timing) -> np.ndarray:
 
 
 def largest_eigenvalue(gains: np.ndarray, timing: Timing) -> float:
-    """Of the sampled loop; stable below 1. The time is scaled by the sample time, which keeps the eigenvalues."""
+    """Spectral radius of the sampled loop; stable below 1. Time in samples, which does not change the eigenvalues."""
     h, n = timing.sample_s, len(gains)
     scaled = Timing(1.0, timing.delay_s / h, timing.predicted, timing.differences)
     return float(np.abs(eigvals(chain_loop(gains * h ** np.arange(n, 0, -1), scaled))).max())

@@ -53,7 +53,7 @@ class LQG(LinearDesign):
     sensors : bool
         The filter uses the sensors of the model file too.
     torque_noise, disturbance_rate : float
-        What the filter expects: noise of the torques relative to the largest one, and growth of disturbances, the
+        Noise model of the filter: noise of the torques relative to the largest one, and growth of disturbances, the
         largest torque in a second.
     model : RobotModel, optional
         That the gains are computed for; default: the model of the robot. For springs that are not linear one with

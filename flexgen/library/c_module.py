@@ -88,7 +88,7 @@ def compiled(
 
 
 def _is_there(made: Path) -> bool:
-    """Whether a module is in the cache, which marks it as used; what is cut or open to others is made again."""
+    """Whether a valid module is in the cache, which marks it as used; neither truncated nor writable by others."""
     with suppress(OSError, BuildError):
         trusted_content(made)
         os.utime(made)

@@ -239,7 +239,7 @@ def build_libraries(
     log : callable
         Called with a line of text before each step.
     fresh : bool
-        True: also compile what is in the cache of objects.
+        True: compile all sources, also those in the cache of objects.
 
     Returns
     -------

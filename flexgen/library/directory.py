@@ -106,7 +106,7 @@ def check_owned(directory: Path, name: str, texts: Mapping[str, str], old: Mappi
     name : str
         The library.
     texts : mapping of str to str
-        What is to be written.
+        Name and text of each file to be written.
     old : mapping, optional
         The manifest of the directory.
 
@@ -174,7 +174,7 @@ def staging(target: Path) -> Iterator[Path]:
         done = True
     except OSError as error:
         raise BuildError(
-            f"directory: given {target}, which cannot be written ({error.strerror or error}); what was there is "
+            f"directory: given {target}, which cannot be written ({error.strerror or error}); the old content is "
             "unchanged; free space or choose another directory"
         ) from error
     finally:
@@ -183,7 +183,7 @@ def staging(target: Path) -> Iterator[Path]:
 
 
 def install(staged: Path, target: Path, manifest: dict[str, Any], old: Mapping[str, Any] | None) -> None:
-    """Move everything into place, the manifest last, then remove what the last generation left over."""
+    """Move everything into place, the manifest last, then remove files of the last generation that are not needed."""
     (staged / MANIFEST).write_text(json.dumps(manifest, indent=2) + "\n", encoding="utf-8", newline="\n")
     built = libraries(manifest)
     for file in [*manifest["files"], *(file for file in built if (staged / file).exists()), MANIFEST]:

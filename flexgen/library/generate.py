@@ -55,7 +55,7 @@ FORMAT = 2
 @checked_result
 @dataclass(frozen=True)
 class Generated:
-    """What `generate` left behind.
+    """Result of `generate`: the folder and its files.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def generate_parts(
     native: bool = False,
     progress: Callable[[str], None],
 ) -> Generated:
-    """`generate` for flexgen itself, which compiles only what it calls.
+    """`generate` for flexgen itself, which compiles only the functions that it calls.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def generate_parts(
 
 @dataclass(frozen=True)
 class _Request:
-    """What a library is made from.
+    """Inputs from which a library is generated.
 
     ``equations``: None to derive them; ``options``: of the build; ``parts``: optional hand-written sources;
     ``solvers``: None for all hand-written sources.
@@ -225,7 +225,7 @@ class _Request:
 
 
 def _generated(request: _Request, target: Path, build: bool, log: Callable[[str], None], start: float) -> Generated:
-    """The library in the folder ``target``: what is there where nothing has changed, else written and compiled."""
+    """The library in the folder ``target``: the existing one where nothing has changed, else written and compiled."""
     name, options = library_name(request.model), request.options
     followed(target)
     clean(target)
@@ -377,7 +377,7 @@ def _casadi_version() -> str:
 
 
 def _manifest(spec: LibrarySpec, digest: str, needs_work: Mapping[str, bool]) -> dict[str, Any]:
-    """What the Python loader and other tools need to know of the library."""
+    """Description of the library for the Python loader and other tools."""
     return {
         "format": FORMAT,
         "generator": f"flexgen {__version__}",

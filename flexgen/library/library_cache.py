@@ -1,7 +1,7 @@
 """The libraries in the user's cache: marked when they are used, and those used least lately removed beyond limits.
 
-Several processes may do so at once. What a process has loaded stays in its memory whatever becomes of the files; a
-library that is missing is built again.
+Several processes may do so at once. A loaded library stays in the memory of its process even if its files are removed;
+a library that is missing is built again.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from pathlib import Path
 
 MOST = 64  # libraries
 LIMIT = 512 * 2**20  # bytes of all of them
-IN_USE = 3600.0  # s: what was used that lately stays, whatever the limits
+IN_USE = 3600.0  # s: a library that was used within this time is not removed
 
 
 def mark_used(library: Path) -> None:

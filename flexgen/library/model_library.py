@@ -81,7 +81,7 @@ class _Key:
 
 @dataclass(frozen=True)
 class _What:
-    """What a library has: names of functions, solvers and parameters, and whether it is for this processor only."""
+    """Content of a library: names of functions, solvers and parameters, and whether it is for this processor only."""
 
     functions: tuple[str, ...]
     solvers: tuple[str, ...]

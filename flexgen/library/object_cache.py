@@ -1,4 +1,4 @@
-"""The user's cache of compiled objects: what was compiled before, for whatever directory, is not compiled again.
+"""The user's cache of compiled objects: a source that was compiled before, for any directory, is not compiled again.
 
 An entry is named by the hash of all it depends on and begins with a hash of its own bytes, so that a
 truncated, corrupted or renamed entry is rejected. Only the user can write to the folder (mode 0700, below folders that
@@ -114,7 +114,7 @@ def _mark(key: str, data: bytes) -> bytes:
 
 @contextlib.contextmanager
 def one_at_a_time(folder: Path | None, name: str, log: Callable[[str], None] | None = None) -> Iterator[None]:
-    """Let one process at a time compile what has this name: the others find it in the cache when their turn comes.
+    """Let one process at a time compile the object of this name: the others then find it in the cache.
 
     Without a cache, and where files cannot be locked, all compile at once.
 
@@ -123,7 +123,7 @@ def one_at_a_time(folder: Path | None, name: str, log: Callable[[str], None] | N
     folder : Path, optional
         Of the cache.
     name : str
-        Of what is compiled.
+        Of the object.
     log : callable, optional
         Called with one line of text before waiting.
     """

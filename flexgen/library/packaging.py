@@ -1,4 +1,4 @@
-"""How other projects find the library: its CMakeLists.txt and its pkg-config file, as text.
+"""Files by which other projects find the library: its CMakeLists.txt and its pkg-config file, as text.
 
 The text depends on the library's name, its sources and whether its batches use OpenMP; no path is in it.
 """

@@ -48,7 +48,7 @@ TOOL_FORCE = "forward_dynamics_tool_force"
 
 @dataclass(frozen=True)
 class Case:
-    """What a closed loop is made from, ready to run with any controller."""
+    """Parts of a closed loop, ready to run with any controller."""
 
     model: RobotModel
     solution: Solution
@@ -75,7 +75,7 @@ class Case:
         return self.delay_samples * self.hardware.sample_s + self.hardware.delay_s
 
     def law_motion(self) -> LawMotion:
-        """What a law that evaluates the model knows of the motion."""
+        """The planned motion for laws that evaluate the model."""
         return LawMotion(
             self.model, self.equations, self.solution.trajectory, self.reference, self.sample_time, self.delay,
             self.exact_state, self.rate,
@@ -192,7 +192,7 @@ def control_case(
     solution: Solution | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Case:
-    """The same without a controller: solve the move, make the robots, find where they rest; see `control`."""
+    """The same without a controller: solve the move, make the robots, find their rest positions; see `control`."""
     tell = progress or (lambda line: None)
     robot = robot_of(model)
     _check_times(sample_time, delay)

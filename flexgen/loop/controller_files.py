@@ -35,7 +35,7 @@ _GAINS = ("position_gain", "speed_gain", "integral_gain")
 
 
 def file_controller(text: str) -> Any:
-    """What a file holds: a `PPI`, `Cascade`, `Linear` or law, an object of Python, a plug-in; None for other names.
+    """The content of a file: a `PPI`, `Cascade`, `Linear` or law, an object of Python, a plug-in; None for other names.
 
     Raises
     ------

@@ -37,7 +37,7 @@ MOST_MEMORY = 2**28  # bytes of a controller
 
 @dataclass(frozen=True)
 class Setup:
-    """What a controller knows of its robots.
+    """Data of the robots for a controller.
 
     ``q_m`` (lanes, n_m): motor angles at the start, at rest [rad]; ``sample_s`` [s]; ``n_a`` arm coordinates; ``n_y``
     measured channels, motor angles first; ``n_ref`` entries of the reference of one sample.
@@ -58,7 +58,7 @@ class Setup:
 @checked_result
 @dataclass(frozen=True)
 class Measurement:
-    """What the controller sees at a sample: ``q_m`` (n_m) [rad] and ``sensors`` (n_s)."""
+    """Measurements at a sample: ``q_m`` (n_m) [rad] and ``sensors`` (n_s)."""
 
     q_m: np.ndarray
     sensors: np.ndarray
@@ -72,7 +72,7 @@ class Reference:
     """The planned motion at a sample.
 
     ``q_m``, ``v_m`` (n_m): motors [rad, rad/s]; ``tau_m`` (n_m): mean of the feedforward torque over the interval in
-    which the new torque will act [N m]; ``sensors`` (n_s): what the sensors show on the planned motion; ``q_a``,
+    which the new torque will act [N m]; ``sensors`` (n_s): sensor signals on the planned motion; ``q_a``,
     ``v_a`` (n_a): arm. Arrays of the loop without the planned motion of the arm are empty.
     """
 
@@ -91,8 +91,8 @@ class Compiled:
     """A controller as the loop in C calls it.
 
     ``address`` of the function ``step``; ``memory`` (lanes, bytes); ``fixed``: bytes at its begin that do not change;
-    ``errors``: why the controller of a lane failed, by lane; ``keep``: what must live as long; ``foreign``: it is
-    compiled code of a user, which may not return. ``together``: address of a function that takes the samples of all
+    ``errors``: why the controller of a lane failed, by lane; ``keep``: objects that must exist as long; ``foreign``: it
+    is compiled code of a user, which may not return. ``together``: address of a function that takes the samples of all
     robots at once, in place of ``address``; 0: none.
     """
 
@@ -106,7 +106,7 @@ class Compiled:
 
 
 class Controller(Protocol):
-    """What every controller of this package has."""
+    """Interface of every controller of this package."""
 
     def compiled(self, setup: Setup) -> Compiled:
         """The controller in C, one for each robot."""
@@ -190,7 +190,7 @@ class PythonController:
 
 
 def checked_step(own: Any, k: int, y: Measurement, ref: Reference, n_m: int) -> np.ndarray | str:
-    """The torques (n_m,) of a controller that is an object of Python, or what is wrong with its step."""
+    """The torques (n_m,) of a controller that is an object of Python, or the error of its step."""
     begin = time.perf_counter()
     try:
         u = np.asarray(own.step(k, y, ref), dtype=float)

@@ -1,4 +1,4 @@
-"""What a model-based law knows: the planned motion of the arm up to its fourth derivative, and what is measured.
+"""Inputs of a model-based law: the planned motion of the arm up to its fourth derivative, and measurements.
 
 Jerk and fourth derivative are those of the quintic spline through the accelerations of the trajectory.
 """

@@ -1,4 +1,4 @@
-"""What a closed loop did: the motion of every robot, its output errors and torques."""
+"""Result of a closed loop: the motion of every robot, its output errors and torques."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ class PlantRun:
     failure : str
         Why it stopped; empty: it did not.
     measured : array (n, n_m) [rad]
-        What the encoders showed.
+        Measured motor angles.
     sensors : array (n, n_s)
-        What the sensors of the model file showed.
+        Signals of the sensors of the model file.
     load : str
         Mass that was added to the payload, and where; empty: none.
     """
@@ -180,7 +180,7 @@ class ControlRun:
         return np.asarray(np.linalg.norm(run.error[:, columns_in(self.model, unit or self.unit)], axis=1))
 
     def dynamic(self, run: PlantRun, unit: str | None = None) -> np.ndarray:
-        """The same without the static errors at start and end, (n,) [m or rad]."""
+        """Dynamic errors: without the static errors at start and end, (n,) [m or rad]."""
         reference, e = self.reference, run.error[:, columns_in(self.model, unit or self.unit)]
         start = int(np.searchsorted(reference.time, reference.begin)) - 1
         share = np.clip(reference.time / max(reference.path_end, 1e-12), 0.0, 1.0)[:, None]

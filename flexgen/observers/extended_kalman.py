@@ -98,7 +98,7 @@ class ExtendedKalmanFilter:
     ----------
     model : name, path, RobotModel or Equations
     outputs : str or sequence of str
-        What is measured: ``"motors"``, motors and sensors of the model file by name, ``"tool_accelerometer"``,
+        Measured signals: ``"motors"``, motors and sensors of the model file by name, ``"tool_accelerometer"``,
         ``"tool_gyro"``, ``"link_encoders"``; see `flexgen.loop.channels`.
     sample_time : float [s]
     noise : float or mapping of str to float, optional

@@ -1,1 +1,1 @@
-"""What a robot can do: minimum time, iterative learning, identification of the load."""
+"""Performance of a robot: minimum time, iterative learning, identification of the load."""

@@ -104,7 +104,7 @@ class Learned:
 
     @property
     def unit(self) -> str:
-        """Of the errors: ``"m"``, or ``"rad"`` where the output has no lengths."""
+        """Unit of the errors: ``"m"``, or ``"rad"`` where the output has no lengths."""
         return self.runs[0].unit
 
     @property
@@ -329,12 +329,12 @@ def _places(model: RobotModel, channels: Channels) -> np.ndarray:
 
 
 def _plain(run: ControlRun) -> ControlRun:
-    """What a tracker of the tool measures: the error itself."""
+    """Measurement of a tracker of the tool: the error itself."""
     return run
 
 
 class _Smoothed:
-    """What accelerometers and motor angles tell of a run: the arm's motion by the smoother, and its error."""
+    """Estimate from accelerometers and motor angles: the arm's motion by the smoother, and its error."""
 
     def __init__(self, case: Case, channels: Channels, name: str) -> None:
         self._case, self._channels, self._name = case, channels, name

@@ -87,7 +87,7 @@ class Fastest:
 
     @property
     def unit(self) -> str:
-        """Of the vibrations: ``"m"``, or ``"rad"`` where the output has no lengths."""
+        """Unit of the vibrations: ``"m"``, or ``"rad"`` where the output has no lengths."""
         return unit_of(self.solution.model)
 
     @property

@@ -37,7 +37,7 @@ class PathSmoother:
     Parameters
     ----------
     channels : Channels
-        What is measured.
+        The measured channels.
     reference : MotionReference
     sample_s : float [s]
 
@@ -73,7 +73,7 @@ class PathSmoother:
         return np.concatenate([share * change, MODEL_ERROR * change[geared]])
 
     def _gains(self, at: PoseModel) -> tuple[np.ndarray, ...]:
-        """Sampled model, gain of the filter, and gain of the smoother at a pose; f in units of what is expected."""
+        """Sampled model, gain of the filter, and gain of the smoother at a pose; f in units of its expected size."""
         n_x, n_m, h, index = len(at.A), self.model.n_m, self.sample_s, self.channels.index
         G, E = (held(at.A, x, h, 0.0)[1] for x in (at.B, at.arm * self._force))
         n_a = E.shape[1]
@@ -104,7 +104,7 @@ class PathSmoother:
         Parameters
         ----------
         dy : array (n, n_y)
-            Measurements minus what they would be on the reference.
+            Measurements minus those on the reference.
         du : array (n, n_m) [N m]
             Torques that acted since the last sample, minus those of the reference.
         """

@@ -136,7 +136,7 @@ class TimeSearch:
         return np.concatenate(values)
 
     def swing(self, x: np.ndarray) -> np.ndarray:
-        """Vibration after the path of the last inversion over what is allowed (k,)."""
+        """Vibration after the path of the last inversion over the allowed one (k,)."""
         if self._vibration is None:
             self._vibration = ResidualVibration(self._reduction.equations, tell=self.tell)
         values = self._vibration(trajectory_of(self._found, 0.0, self.model.name), float(x[0]))

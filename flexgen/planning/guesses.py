@@ -1,4 +1,4 @@
-"""Where the search starts: a slow motion between the ends, an inversion of the move, or another solution."""
+"""Initial guesses: a slow motion between the ends, an inversion of the move, or another solution."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class Nodal:
 
 @dataclass
 class Content:
-    """What the user stated: by place ``"path"``, ``"start"``, ``"end"``, and in the expressions of the nodes."""
+    """Statements of the user: by place ``"path"``, ``"start"``, ``"end"``, and in the expressions of the nodes."""
 
     rows: dict[str, list[Rows]] = field(default_factory=lambda: {where: [] for where in WHERE})
     costs: dict[str, list[ca.SX]] = field(default_factory=lambda: {where: [] for where in WHERE})

@@ -348,7 +348,7 @@ class PlanProblem(Phase):
         return start_of(layout, self.path, ends, guess, self.parameters, free=free)
 
     def _rests(self) -> list[Rest]:
-        """Where the arm is at rest: phase, end, coordinates, and the path parameter at both ends of the problem."""
+        """Positions at rest: phase, end, coordinates, and the path parameter at both ends of the problem."""
         out: list[Rest] = []
         free, last = self.timing == "free", len(self.phases) - 1
         for number, phase in enumerate(self.phases):

@@ -19,7 +19,7 @@ CLOSE = 1e-9  # m, or entries of a rotation matrix: largest error of the polynom
 
 
 def path_by_parameter(path: Path) -> tuple[Path, float]:
-    """The same path with its arc as its time, and the length of that; ArgumentError for several segments."""
+    """The same path with the arc length as its time, and its total length; ArgumentError for several segments."""
     if len(path.segments) != 1:
         raise ArgumentError(
             f"move {path.move.name}: given one of {len(path.segments)} segments, expected a single one; use one phase "

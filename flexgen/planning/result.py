@@ -43,7 +43,7 @@ FAR = 1.5  # times the accuracy: a larger distance from the reference is stated 
 
 
 class Problem(Protocol):
-    """What a solution is made from; see `flexgen.planning.problem.PlanProblem`."""
+    """Data of the problem for its solution; see `flexgen.planning.problem.PlanProblem`."""
 
     equations: Equations
     path: Path

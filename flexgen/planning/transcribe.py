@@ -28,7 +28,7 @@ from flexgen.planning.signals import residual_of
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the unknowns of all phases stand: ``first`` of each phase, then ``theta`` (durations, parameters)."""
+    """Indices of the unknowns of all phases: ``first`` of each phase, then ``theta`` (durations, parameters)."""
 
     phases: tuple[Phase, ...]
     parameters: tuple[ca.SX, ...]

@@ -33,7 +33,7 @@ def check(model: str | Path | RobotModel | Equations, *, motions: bool = True) -
     Returns
     -------
     Check
-        ``print(check)`` shows what is unusual; ``check.findings`` has all numbers.
+        ``print(check)`` shows unusual numbers; ``check.findings`` has all numbers.
 
     Raises
     ------

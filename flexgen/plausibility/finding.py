@@ -1,4 +1,4 @@
-"""One number of a model compared with what is usual for robots, and the list of all of them."""
+"""One number of a model compared with the usual range of robots, and the list of all of them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MARKS = (OK, UNUSUAL, ERROR)
 
 @dataclass(frozen=True)
 class Usual:
-    """What is usual: from ``low`` to ``high``; below ``least`` or above ``most`` it is an error, in the same unit."""
+    """Usual range from ``low`` to ``high``; a number below ``least`` or above ``most`` is an error. All in one unit."""
 
     low: float
     high: float
@@ -47,7 +47,7 @@ class Finding:
 
     ``mark``: ``"ok"``, ``"unusual"`` (look at it) or ``"error"`` (no robot has it); ``key``: its place in the model
     file; ``quantity``, ``value`` and ``usual`` as text with units; ``advice``: what to look at, empty where the mark is
-    ``"ok"``; ``distance``: powers of ten between the value and what is usual.
+    ``"ok"``; ``distance``: powers of ten between the value and the usual range.
     """
 
     mark: str
@@ -80,17 +80,17 @@ class Check:
 
     @property
     def errors(self) -> tuple[Finding, ...]:
-        """The findings with the mark ``"error"``, the farthest from what is usual first."""
+        """The findings with the mark ``"error"``, the farthest from the usual range first."""
         return self._marked(ERROR)
 
     @property
     def warnings(self) -> tuple[Finding, ...]:
-        """The findings with the mark ``"unusual"``, the farthest from what is usual first."""
+        """The findings with the mark ``"unusual"``, the farthest from the usual range first."""
         return self._marked(UNUSUAL)
 
     @property
     def worst(self) -> Finding | None:
-        """Of the place of the largest error, the error that is first in the file; None without errors."""
+        """The first error in the file that has the key of the largest error; None without errors."""
         return next((f for f in self.findings if f.mark == ERROR and f.key == self.errors[0].key), None)
 
     def _marked(self, mark: str) -> tuple[Finding, ...]:

@@ -64,7 +64,7 @@ def drives(robot: RobotModel, M: np.ndarray, rest: Equilibrium) -> Iterator[Find
 
 
 def _ratio_findings(motor: Motor, joint: Coordinate, ratio: float, arm: float) -> Iterator[Finding]:
-    """Of one joint that a motor drives."""
+    """Findings for one joint that a motor drives."""
     translation, size = joint.unit == "m", abs(ratio)
     usual = RATIO_TRANSLATION if translation else RATIO
     unit, kind = ("rad/m", "a translation") if translation else ("rad/rad", "a rotation")
@@ -124,7 +124,7 @@ def springs(robot: RobotModel, M: np.ndarray, rest: Equilibrium) -> Iterator[Fin
 
 
 def _spring(joint: Coordinate, key: str, name: str, numbers: tuple[float, float, float, float]) -> Iterator[Finding]:
-    """Of one spring: stiffness, damping and inertia on the arm side, and the deflection under gravity."""
+    """Findings for one spring: stiffness, damping and inertia on the arm side, and the deflection under gravity."""
     K, D, inertia, deflection = numbers
     unit = "N m/rad" if joint.unit == "rad" else "N/m"
     by_degree = ": 1 N m/deg is 57.3 N m/rad, 1 N m/arcmin is 3438" if joint.unit == "rad" else ": 1 N/um is 1e6"

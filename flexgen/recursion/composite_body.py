@@ -144,7 +144,7 @@ class _Step:
     last: bool
 
     def with_own(self, beyond: Composite, own: Inertia) -> Composite:
-        """The joint's body and all behind it in the shared axes; ``beyond`` is in the joint's axes where it is the last."""
+        """The joint's body and all behind it in shared axes; ``beyond`` is in the joint's axes if it is the last."""
         if self.last:
             whole = beyond + own
             return Composite(whole.mass, self._back(whole.first), turned(whole.second, X, Y, *self.turn))

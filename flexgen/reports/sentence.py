@@ -1,4 +1,4 @@
-"""A solution in words: what the torques do, how sure that is, and under what conditions."""
+"""A solution in words: the effect of the torques, how it was verified, and the conditions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def in_words(solution: Solution) -> str:
 
 
 def _evidence(solution: Solution) -> str:
-    """How the motion was verified, and the largest error."""
+    """Method of the verification, and the largest error."""
     run = solution.simulation
     if run is None:
         size = f"{solution.residual_max_Nm:.3g} N m"

@@ -153,7 +153,7 @@ def _pictures(data: dict[str, Any], title: str, times: np.ndarray) -> Iterator[n
 
 
 def _begin(figure: Figure, data: dict[str, Any], title: str) -> Callable[[float], None]:
-    """Draw what does not move; the function that moves the rest to an instant.
+    """Draw the parts that do not move; returns the function that moves the others to an instant.
 
     The robot with magnified deflections is dark, the robot as it is pale, the path of the tool up to the instant green.
     """

@@ -161,7 +161,7 @@ class CompiledDop853:
 
     @property
     def t(self) -> float:
-        """Where the integration is [s]."""
+        """Current time of the integration [s]."""
         return float(self._position.t)
 
     @property

@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Figure(NamedTuple):
-    """A figure: what it is, its value (None where there is none), its unit, and its key in JSON."""
+    """A figure: its name, its value (None where there is none), its unit, and its key in JSON."""
 
     label: str
     value: str | float | None

@@ -1,4 +1,4 @@
-"""Names of what a controller does between its ticks, and what they mean."""
+"""Names of the holds of a controller, its output between samples, and their meaning."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class MotorFeedback:
         Motor angles from the coordinates ``(q_a, q_m of the motors behind elastic gears)``.
     position_gain, speed_gain, integral_gain : arrays (n_m,) [1/s], [N m s/rad], [1/s]
     frequencies : dict of str to float [Hz]
-        What the gains follow from: ``position_hz``, ``speed_hz``, ``integral_hz``.
+        Frequencies from which the gains follow: ``position_hz``, ``speed_hz``, ``integral_hz``.
     """
 
     rows: np.ndarray

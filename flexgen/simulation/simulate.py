@@ -183,7 +183,7 @@ def simulate(
 
 @dataclass(frozen=True)
 class _Task:
-    """What is simulated: ``t`` and ``given`` with the time after the end; ``begin``: the state at the start."""
+    """Inputs of a simulation: ``t`` and ``given`` with the time after the end; ``begin``: the state at the start."""
 
     equations: Equations
     data: Trajectory
@@ -275,7 +275,7 @@ def _check_choices(trajectory: Any, rtol: float, held: float | None, feedback: s
 def _command(
     robot: RobotModel, data: Trajectory, tau_m: np.ndarray, command: TorqueCommand | None
 ) -> TorqueCommand | None:
-    """What a controller sends: as given, or as the trajectory states; None: the samples themselves."""
+    """Torques that a controller sends: as given, or as the trajectory states; None: the samples."""
     sent = command or command_in(data.time, tau_m, tuple(motor.name for motor in robot.motors), data.meta)
     return None if sent is None else _checked_command(robot, sent)
 

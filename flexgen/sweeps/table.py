@@ -139,7 +139,7 @@ def _is_entry(kind: str | None, value: Any) -> bool:
 
 
 def _columns(arrays: Mapping[str, np.ndarray]) -> tuple[str, tuple[Column, ...]]:
-    """What is wrong with the arrays of a table, empty where nothing is, and its columns."""
+    """Why the arrays of a table are refused, empty where they are valid, and its columns."""
     try:
         rows = json.loads(str(arrays["columns"]))
     except (KeyError, ValueError, RecursionError):

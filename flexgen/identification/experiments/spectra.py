@@ -58,7 +58,7 @@ def line_offsets(lines: np.ndarray, periods: int) -> np.ndarray:
 
 
 def spectra_beside(x: np.ndarray, lines: np.ndarray, offsets: np.ndarray, period: int, periods: int) -> np.ndarray:
-    """What one period (N, n) adds to the spectra (offsets, lines, n) of the whole record beside the lines.
+    """Contribution of one period (N, n) to the spectra (offsets, lines, n) of the whole record beside the lines.
 
     ``period``: its number, from 0, of ``periods``.
     """

@@ -97,7 +97,7 @@ class _Channel:
 
 @dataclass(frozen=True)
 class Description:
-    """What a description says: its tables, the robot, and one entry for each file."""
+    """Content of a description: its tables, the robot, and one entry for each file."""
 
     source: Path
     root: Table

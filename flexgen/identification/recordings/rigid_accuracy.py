@@ -1,4 +1,4 @@
-"""How accurate a fit of a rigid arm is: standard deviations, and errors on parts of the recordings that were left out.
+"""Accuracy of a fit of a rigid arm: standard deviations, and errors on parts of the recordings that were left out.
 
 The normal equations of all numbers theta = (pi, phi) and the scores g_b of blocks b of the recordings give
 
@@ -19,7 +19,7 @@ from flexgen.explained_status import ExplainedStatus
 
 BLOCK_S = 0.5  # s: blocks whose errors are taken as independent
 STEP = 1e-6  # relative, of differences
-WORSE = 2.0  # errors on what was left out over those of the fit, from which on the fit fails there
+WORSE = 2.0  # errors on recordings that were left out over those of the fit, from which on the fit fails there
 SMALL, LARGE = 0.1, 0.5  # errors over the deviation of the torque: too small to fail, and a model error
 
 

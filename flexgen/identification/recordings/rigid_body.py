@@ -85,7 +85,7 @@ class Motion:
 
     @cached_property
     def torques(self) -> np.ndarray:
-        """Torques (n, n_m) through the same filter as the motion: what is faster is not of a rigid body."""
+        """Torques (n, n_m) through the same filter as the motion: faster torques are not those of a rigid body."""
         out: np.ndarray = savgol_filter(self.tau_m, WINDOW, ORDER, axis=0)
         return out
 
