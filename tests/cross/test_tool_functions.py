@@ -9,7 +9,7 @@ from emitted import random_states
 from mujoco_referee import MujocoReferee
 
 import flexgen
-from flexgen.inversion.model_library import library_with
+from flexgen.library.model_library import library_with
 from flexgen.mechanics.equations import Equations, derive
 from flexgen.mechanics.parameters import with_values
 from flexgen.recursion.functions import fast_function, recursive_function

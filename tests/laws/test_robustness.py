@@ -7,7 +7,7 @@ import pytest
 
 import flexgen
 from flexgen.errors import ArgumentError
-from flexgen.inversion import robustness
+from flexgen.loop import robustness
 from flexgen.loop.robustness import PLANTS, Bandwidth, Plant, compare_plants, hold_motors, perturbed
 from flexgen.mechanics.statics import hold_joints
 from flexgen.model.reader import read
